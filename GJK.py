@@ -1,0 +1,849 @@
+"""Convex against convex: who touches whom, how deep, along which normal, and where.
+
+`is_collide` answers for one pair of vertex sets. The kernels below it answer for arrays of pairs
+with the same elementwise formulas, so that a pair's result has the same bits whatever else is in
+the batch: sums of products are written out, minima are taken by `argmin` (the first one wins), and
+nothing goes through BLAS, `einsum` or a pairwise sum.
+
+The picture behind all of it is the Minkowski difference M = A - B of two hulls, each relative to
+its own centre. With t = centreB - centreA the hulls meet exactly when t lies in M, and the least
+translation that parts them is the distance from t to the surface of M:
+
+    depth(t) = min over the facets k of M of  pen_k(t),    pen_k(t) = h_k - n_k · t,
+
+n_k being the outward unit normal of the facet and h_k its distance from the origin. Moving B by
+depth · n_k of the minimal facet parts the pair. A facet of M is a face of A, a face of B turned
+round, or the parallelogram of an edge of A and an edge of B whose arcs on the Gauss map cross.
+
+Three stages share the work. GJK decides whether the hulls are apart and stops at the first
+separating axis [1, 2]. For the rest, the facets of M near t are found among the faces and, with
+the Gauss map [3], among those edge pairs that a bound cannot exclude. At last the two features
+that support the minimal facet give the contact patch and its centre. As n_k and h_k do not depend
+on t, the planes of a pair stay right while its bodies only translate.
+
+Layout: a vector of P pairs is an array (3, P), a table of K vectors for each pair (3, K, P): the
+long axis is the last one. Vectors may also be tuples of three floats wherever only `dot`, `cross`
+and arithmetic are used.
+
+[1] Gilbert, Johnson, Keerthi: A fast procedure for computing the distance between complex objects
+    in three-dimensional space. IEEE J. Robotics and Automation 4(2), 1988.
+[2] van den Bergen: Collision Detection in Interactive 3D Environments, chapter 4. 2003.
+[3] Gregorius: The separating axis test between convex polyhedra. Game Developers Conference 2013.
+"""
+
+import copy
+import itertools
+import math
+from functools import lru_cache
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+EPS = np.finfo(np.float64).eps
+
+# Hulls closer than this, relative to their size, touch: the rounding of a rotation and a
+# translation of the vertices. Larger, and bodies would be held together by it; smaller, and a box
+# that stands exactly on another would lose its contact to rounding.
+TOUCH_TOLERANCE = 64 * EPS
+
+# Vertices this close to a supporting plane, relative to the size of the hulls, belong to the
+# feature that rests on it. It must exceed what rounding tilts a resting face by, and it bounds how
+# far a contact point may lie from the surface.
+FEATURE_TOLERANCE = 1e-10
+
+# Two edges with a sine below this are parallel and span no facet: the neighbouring facets are then
+# within this angle times the edges' length of the truth.
+PARALLEL_SINE = 1e-12
+
+# GJK stops when an iteration brings the origin's distance closer by less than this fraction.
+GJK_PROGRESS = 1e-12
+# GJK ends in a few iterations; rounding can make it cycle. Whatever it has not parted by then goes
+# on to the facets, which settle it.
+GJK_ITERATIONS = 48
+
+# GJK parts a pair by itself only when the gap exceeds this fraction of the size; below it the sign
+# of the facets' least pen_k decides, so that one rule stands behind every touching pair.
+GJK_GAP = 1e-6
+
+# A point set whose extent along a principal axis is below this fraction of the largest one is flat
+# there: closer to rounding than to a thickness.
+FLAT_EXTENT = 1e-13
+# Below this aspect Qhull is given the points stretched to a cube, lest it merge the thin sides.
+THIN_ASPECT = 1e-3
+
+# Table entries (features × features × pairs) worked on at a time: 16 MB for each double array.
+CHUNK_ENTRIES = 2_000_000
+
+
+def dot(a, b):
+    """Scalar product of vectors by component: tuples of floats, or arrays with first axis 3."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a, b):
+    """Vector product by component, as a tuple; arguments as for `dot`."""
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
+
+
+# --------------------------------------------------------------------------------------------------
+# Hulls: what one convex body looks like at rest
+# --------------------------------------------------------------------------------------------------
+
+
+class Hull:
+    """The convex hull of a point set: vertices, face directions and edges, in the points' frame.
+
+    vertices : (V, 3); the extreme points
+    vertexIndex : (V,); their rows in the point set
+    directions : (D, 3), unit; the outward normals of the faces, coplanar triangles merged
+    offsets : (D,); the largest directions[k] · v over the vertices
+    edgeTail : (E,); row in `vertices` of the point where the edge begins
+    edgeVector : (E, 3); from there to its end, along directions[f1] × directions[f2]
+    edgeFaces : (E, 2); the faces f1, f2 that meet there; the arc between their normals holds the
+        edge's normals
+    radius : the largest |v|
+    volume : of the hull; 0 when it is flat
+
+    A flat point set (a polygon, a segment, a point) gets its normals completed, so that the arcs of
+    its edges still cover every normal of the edge: the in-plane normals of a polygon's sides split
+    the half circles from its upper to its lower normal, four perpendiculars those of a segment.
+    """
+
+    def __init__(self, vertices, vertexIndex, directions, edgeTail, edgeVector, edgeFaces, volume):
+        self.vertices = vertices
+        self.vertexIndex = vertexIndex
+        self.directions = directions
+        self.edgeTail = edgeTail
+        self.edgeVector = edgeVector
+        self.edgeFaces = edgeFaces
+        self.volume = volume
+        projections = dot(directions.T[:, :, None], vertices.T[:, None, :])
+        self.offsets = projections.max(axis=1)
+        self.radius = math.sqrt(dot(vertices.T, vertices.T).max())
+
+    def translated(self, shift):
+        """The same hull moved by shift (3,)."""
+        return Hull(
+            self.vertices + shift, self.vertexIndex, self.directions,
+            self.edgeTail, self.edgeVector, self.edgeFaces, self.volume,
+        )  # fmt: skip
+
+
+def build_hull(points):
+    """The `Hull` of points (n, 3), n ≥ 1. Flat sets are hulls too.
+
+    Equal points give the same object: hulls are read only.
+    """
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
+        raise ValueError(f"expected at least one point as rows of 3, got shape {points.shape}")
+    if not np.isfinite(points).all():
+        raise ValueError("a point of the hull is not finite")
+    return _hull_of_bytes(points.tobytes())
+
+
+@lru_cache(maxsize=512)
+def _hull_of_bytes(data):
+    points = np.frombuffer(data, dtype=np.float64).reshape(-1, 3)
+    centred = points - points.mean(axis=0)
+    # three rows of zeros give even one or two points three principal axes
+    axes = np.linalg.svd(np.vstack((centred, np.zeros((3, 3)))), full_matrices=False)[2]
+    if np.linalg.det(axes) < 0:  # keep the handedness: facets keep their orientation
+        axes[2] = -axes[2]
+    principal = centred @ axes.T
+    extents = np.abs(principal).max(axis=0)
+    dimension = int(np.count_nonzero(extents > FLAT_EXTENT * extents.max()))
+    if dimension == 3:
+        thin = extents.min() < THIN_ASPECT * extents.max()
+        try:
+            return _solid_hull(points, principal / extents if thin else points)
+        except QhullError:  # nothing but rounding holds the third dimension up
+            dimension = 2
+    if dimension == 2:
+        return _polygon_hull(points, principal, axes)
+    if dimension == 1:
+        return _segment_hull(points, principal, axes)
+    return _point_hull(points)
+
+
+def _solid_hull(points, stretched):
+    """Hull of a solid point set; `stretched` is a well-conditioned affine image of the points."""
+    qhull = ConvexHull(stretched)
+    triangles = qhull.simplices
+    corners = stretched[triangles]
+    turned = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = (turned * qhull.equations[:, :3]).sum(axis=1) < 0
+    triangles = np.where(inward[:, None], triangles[:, [0, 2, 1]], triangles)
+    neighbours = np.where(inward[:, None], qhull.neighbors[:, [0, 2, 1]], qhull.neighbors)
+
+    # Qhull gives the triangles of one flat facet one equation.
+    face = np.unique(qhull.equations, axis=0, return_inverse=True)[1].reshape(-1)
+    corners = points[triangles]
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros((face.max() + 1, 3))
+    np.add.at(normals, face, areas)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    volume = dot(corners[:, 0].T - points[qhull.vertices[0]][:, None], areas.T).sum() / 6.0
+
+    # Triangle i, counter-clockwise seen from outside, has its side opposite to corner j in common
+    # with neighbours[i, j]; walked that way round, the side points along n_i × n_neighbour.
+    i, j = np.nonzero(
+        (np.arange(len(triangles))[:, None] < neighbours) & (face[:, None] != face[neighbours])
+    )
+    tail, head = triangles[i, (j + 1) % 3], triangles[i, (j + 2) % 3]
+    row = np.full(len(points), -1)
+    vertexIndex = np.sort(qhull.vertices)
+    row[vertexIndex] = np.arange(len(vertexIndex))
+    return Hull(
+        points[vertexIndex], vertexIndex, normals,
+        row[tail], points[head] - points[tail],
+        np.stack((face[i], face[neighbours[i, j]]), axis=1), float(volume),
+    )  # fmt: skip
+
+
+def _polygon_hull(points, principal, axes):
+    """Hull of points in a plane: the two sides, and half circles split at each side's normal."""
+    ring = ConvexHull(principal[:, :2] / np.abs(principal[:, :2]).max(axis=0)).vertices
+    vertices = points[ring]  # counter-clockwise about the third axis
+    up = axes[2]
+    count = len(ring)
+    vectors = np.roll(vertices, -1, axis=0) - vertices
+    outward = np.cross(vectors, up)
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    side = np.arange(count)
+    faces = np.concatenate((
+        np.stack((np.zeros(count, int), side + 2), axis=1),  # from up to outward
+        np.stack((side + 2, np.ones(count, int)), axis=1),  # from outward to down
+    ))
+    return Hull(
+        vertices, ring, np.vstack((up, -up, outward)),
+        np.tile(side, 2), np.tile(vectors, (2, 1)), faces, 0.0,
+    )  # fmt: skip
+
+
+def _segment_hull(points, principal, axes):
+    """Hull of points on a line: two ends, and the circle of normals about it as four arcs."""
+    ends = np.array([principal[:, 0].argmin(), principal[:, 0].argmax()])
+    along, p, q = axes
+    around = np.arange(4)
+    return Hull(
+        points[ends], ends, np.array((p, q, -p, -q, along, -along)),
+        np.zeros(4, int), np.tile(points[ends[1]] - points[ends[0]], (4, 1)),
+        np.stack((around, (around + 1) % 4), axis=1), 0.0,
+    )  # fmt: skip
+
+
+def _point_hull(points):
+    """Hull of a single place: six directions and one edge without length."""
+    return Hull(
+        points[:1], np.zeros(1, int), np.vstack((np.eye(3), -np.eye(3))),
+        np.zeros(1, int), np.zeros((1, 3)), np.zeros((1, 2), int), 0.0,
+    )  # fmt: skip
+
+
+class HullSet:
+    """The hulls of n bodies in flat tables, rotated to where the bodies are.
+
+    Body b has its vertices in the columns vertexStart[b] … + vertexCount[b] of `vertices`, its
+    faces and edges likewise. All tables are relative to the bodies' centres.
+
+    vertices : (3, ΣV), directions : (3, ΣD), edges : (3, ΣE); at rest, or turned by `rotated`
+    offsets : (ΣD,), of the faces
+    edgeTail : (ΣE,), column in `vertices`; edgeFace1, edgeFace2 : (ΣE,), columns in `directions`
+    radius : (n,), of each hull about its centre
+    """
+
+    def __init__(self, hulls):
+        self.vertexCount = np.array([len(h.vertices) for h in hulls], dtype=np.intp)
+        self.faceCount = np.array([len(h.directions) for h in hulls], dtype=np.intp)
+        self.edgeCount = np.array([len(h.edgeTail) for h in hulls], dtype=np.intp)
+        self.vertexStart = np.cumsum(self.vertexCount) - self.vertexCount
+        self.faceStart = np.cumsum(self.faceCount) - self.faceCount
+        self.edgeStart = np.cumsum(self.edgeCount) - self.edgeCount
+
+        def table(name):
+            return np.concatenate([getattr(h, name) for h in hulls])
+
+        self.vertices = np.ascontiguousarray(table("vertices").T)
+        self.directions = np.ascontiguousarray(table("directions").T)
+        self.edges = np.ascontiguousarray(table("edgeVector").T)
+        self.offsets = table("offsets")
+        self.edgeTail = table("edgeTail") + np.repeat(self.vertexStart, self.edgeCount)
+        edgeFaces = table("edgeFaces") + np.repeat(self.faceStart, self.edgeCount)[:, None]
+        self.edgeFace1, self.edgeFace2 = np.ascontiguousarray(edgeFaces.T)
+        self.radius = np.array([h.radius for h in hulls])
+
+    def rotated(self, entries):
+        """These hulls, each turned. entries : (9, n), each body's rotation matrix row by row."""
+        turned = copy.copy(self)
+        turned.vertices = rotate_columns(entries, self.vertices, self.vertexCount)
+        turned.directions = rotate_columns(entries, self.directions, self.faceCount)
+        turned.edges = rotate_columns(entries, self.edges, self.edgeCount)
+        return turned
+
+    def boxes(self):
+        """Least and greatest coordinates (3, n), (3, n) of each hull relative to its centre."""
+        least = np.minimum.reduceat(self.vertices, self.vertexStart, axis=1)
+        return least, np.maximum.reduceat(self.vertices, self.vertexStart, axis=1)
+
+    def body_vertices(self, b):
+        """View (3, V) of the vertices of body b."""
+        return self.vertices[:, self.vertexStart[b] : self.vertexStart[b] + self.vertexCount[b]]
+
+
+def rotate_columns(entries, table, counts):
+    """Table (3, Σcounts) with counts[b] columns turned by the rotation entries[:, b] of body b."""
+    r = np.repeat(entries, counts, axis=1)
+    return np.stack((
+        r[0] * table[0] + r[1] * table[1] + r[2] * table[2],
+        r[3] * table[0] + r[4] * table[1] + r[5] * table[2],
+        r[6] * table[0] + r[7] * table[1] + r[8] * table[2],
+    ))
+
+
+def _slots(start, count, bodies):
+    """Columns (K, P) of each body's entries in a flat table, K the longest of them.
+
+    Shorter lists repeat their last entry, which changes no minimum and, the first of equals being
+    taken, no choice.
+    """
+    count = count[bodies]
+    return start[bodies] + np.minimum(np.arange(count.max(initial=1))[:, None], count - 1)
+
+
+# --------------------------------------------------------------------------------------------------
+# Stage 1: GJK decides
+# --------------------------------------------------------------------------------------------------
+
+# The simplex in play has four slots, unused ones holding copies. Its boundary is made of six
+# segments and four triangles: the slots of each, and whether a slot has a part in it.
+_SEGMENTS = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]).T
+_TRIANGLES = np.array([(1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]).T
+_OPPOSITE = np.arange(4)
+
+
+def _closest_on_simplex(w):
+    """The point of each tetrahedron, given by corners w (3, 4, P), that is nearest to the origin.
+
+    Corners may coincide. Returns `(inside, v, used)`: inside (P,), whether the origin is in the
+    interior; v (3, P), the nearest boundary point; used (4, P), the corners that it is made of.
+    """
+    pairs = w.shape[2]
+    columns = np.arange(pairs)
+    p, q = w[:, _SEGMENTS[0]], w[:, _SEGMENTS[1]]
+    d = q - p
+    length2 = dot(d, d)
+    s = np.clip(-dot(p, d) / np.where(length2 > 0, length2, 1.0), 0.0, 1.0)
+    onSegment = p + s * d
+
+    a, b, c = (w[:, slots] for slots in _TRIANGLES)
+    n = np.stack(cross(b - a, c - a))
+    area2 = dot(n, n)
+    height = dot(a, n)
+    flat = area2 == 0
+    safe = np.where(flat, 1.0, area2)
+    # the weight of a corner is the area that the projected origin spans with the other two
+    within = (dot(cross(b, c), n) > 0) & (dot(cross(c, a), n) > 0) & (dot(cross(a, b), n) > 0)
+    onTriangle = n * (height / safe)
+    # the origin and the opposite corner on the same side of all four faces
+    inside = (height * dot(w[:, _OPPOSITE] - a, n) < 0).all(axis=0)
+
+    points = np.concatenate((onSegment, onTriangle), axis=1)
+    distance2 = dot(points, points)
+    distance2[6:][~within | flat] = np.inf
+    best = distance2.argmin(axis=0)
+    v = points[:, best, columns]
+
+    used = np.zeros((4, pairs), dtype=bool)
+    seg = np.minimum(best, 5)
+    isSegment = best < 6
+    sBest = s[seg, columns]
+    used[_SEGMENTS[0][seg], columns] |= isSegment & (sBest < 1.0)
+    used[_SEGMENTS[1][seg], columns] |= isSegment & (sBest > 0.0)
+    tri = np.maximum(best - 6, 0)
+    for corner in _TRIANGLES:
+        used[corner[tri], columns] |= ~isSegment
+    return inside, v, used
+
+
+def separating_axes(hulls, first, second, translation, gap):
+    """GJK on P pairs: which are further apart than `gap`, and along which axis.
+
+    hulls : HullSet
+    first, second : (P,), the bodies of each pair
+    translation : (3, P), centre of the second minus centre of the first
+    gap : (P,), ≥ 0; distance that has to be exceeded
+
+    Returns `(separated, axis)`: (P,) bool, and (3, P), unit where separated: every vertex of the
+    second lies further along it than every vertex of the first, by more than the gap.
+    """
+    count = len(first)
+    separated = np.zeros(count, dtype=bool)
+    axis = np.zeros((3, count))
+    a = hulls.vertices[:, _slots(hulls.vertexStart, hulls.vertexCount, first)]
+    b = hulls.vertices[:, _slots(hulls.vertexStart, hulls.vertexCount, second)]
+    tiny2 = (TOUCH_TOLERANCE * (hulls.radius[first] + hulls.radius[second])) ** 2
+    active = np.arange(count)
+    # D = A - B - t holds the origin when the pair meets; start from its vertex pair 0
+    t = translation
+    v = a[:, 0] - b[:, 0] - t
+    simplex = np.repeat(v[:, None], 4, axis=1)
+    used = np.zeros((4, count), dtype=bool)
+    for _ in range(GJK_ITERATIONS):
+        # w, the point of D that is least along v: all of D lies beyond it
+        columns = np.arange(len(active))
+        va = dot(v[:, None], a).argmin(axis=0)
+        vb = dot(v[:, None], b).argmax(axis=0)
+        w = a[:, va, columns] - b[:, vb, columns] - t
+        v2, vw = dot(v, v), dot(v, w)
+        length = np.sqrt(v2)
+        apart = vw > gap[active] * length
+        separated[active[apart]] = True
+        axis[:, active[apart]] = -v[:, apart] / length[apart]
+        on = ~apart & (v2 > tiny2[active]) & (v2 - vw > GJK_PROGRESS * v2)
+        simplex = np.where(used, simplex, w[:, None])
+        inside, v, used = _closest_on_simplex(simplex)
+        on &= ~inside
+        if not on.any():
+            break
+        active, t, v, used = active[on], t[:, on], v[:, on], used[:, on]
+        a, b, simplex = a[:, :, on], b[:, :, on], simplex[:, :, on]
+    return separated, axis
+
+
+# --------------------------------------------------------------------------------------------------
+# Stage 2: the facets of the Minkowski difference near the translation
+# --------------------------------------------------------------------------------------------------
+
+
+class FacetPlanes:
+    """Facets of the Minkowski differences of P pairs, those that can be the nearest ones.
+
+    start : (P + 1,); pair p has the columns start[p] … start[p + 1]
+    normal : (3, K), unit; the second body moves along it to part
+    offset : (K,); pen_k(t) = offset_k - normal_k · t
+    complete : (P,) bool; whether the nearest facet is among them for every translation within
+        the reach that was asked for. If not, the planes can only prove that the pair is apart.
+    """
+
+    def __init__(self, start, normal, offset, complete):
+        self.start = start
+        self.normal = normal
+        self.offset = offset
+        self.complete = complete
+
+    @classmethod
+    def gathered(cls, parts, complete):
+        """From a list of `(pair (K,), normal (3, K), offset (K,))`, in this order for each pair."""
+        pair = np.concatenate([np.zeros(0, dtype=np.intp)] + [part[0] for part in parts])
+        order = np.argsort(pair, kind="stable")
+        normal = np.concatenate([np.zeros((3, 0))] + [part[1] for part in parts], axis=1)
+        offset = np.concatenate([np.zeros(0)] + [part[2] for part in parts])
+        start = np.searchsorted(pair[order], np.arange(len(complete) + 1))
+        return cls(start, normal[:, order], offset[order], complete)
+
+    def nearest(self, p, t):
+        """`(pen, normal)` of pair p's nearest facet at the translation t, a tuple of 3 floats.
+
+        pen < 0 proves that the pair is apart.
+        """
+        own = slice(self.start[p], self.start[p + 1])
+        n = self.normal[:, own]
+        pen = self.offset[own] - dot(n, t)
+        k = pen.argmin()
+        return float(pen[k]), tuple(n[:, k].tolist())
+
+
+def contact_planes(hulls, first, second, translation, reach):
+    """GJK, then the facets of the pairs that it does not part: what a simulation step asks for.
+
+    Arguments as for `facet_planes`. A pair that GJK finds further apart than its reach gets one
+    plane, the separating one, and is not complete.
+    """
+    size = hulls.radius[first] + hulls.radius[second]
+    gap = np.maximum(reach, GJK_GAP * size)
+    separated, axis = separating_axes(hulls, first, second, translation, gap)
+    apart = np.flatnonzero(separated)
+    normal = axis[:, apart]
+    offset = support_offsets(hulls, first[apart], second[apart], normal)
+    near = np.flatnonzero(~separated)
+    planes = facet_planes(hulls, first[near], second[near], translation[:, near], reach[near])
+    complete = np.zeros(len(first), dtype=bool)
+    complete[near] = planes.complete
+    ofNear = near[np.repeat(np.arange(len(near)), np.diff(planes.start))]
+    return FacetPlanes.gathered(
+        [(apart, normal, offset), (ofNear, planes.normal, planes.offset)], complete
+    )
+
+
+def support_offsets(hulls, first, second, normal):
+    """Distance (P,) from the origin of the supporting plane of A - B with the normals (3, P)."""
+    slotsA = _slots(hulls.vertexStart, hulls.vertexCount, first)
+    slotsB = _slots(hulls.vertexStart, hulls.vertexCount, second)
+    highest = dot(normal[:, None], hulls.vertices[:, slotsA]).max(axis=0)
+    return highest - dot(normal[:, None], hulls.vertices[:, slotsB]).min(axis=0)
+
+
+def facet_planes(hulls, first, second, translation, reach):
+    """The facet planes of P pairs that can be nearest within `reach` of the given translations.
+
+    hulls, first, second, translation : as for `separating_axes`
+    reach : (P,), ≥ 0; how far the translation may change before the planes have to be made anew.
+        A facet that is nearest at t + Δ has pen ≤ depth(t) + 2 |Δ| at t, hence the rest is dropped.
+
+    Returns `FacetPlanes`, a pair's planes in the order: faces of the first, faces of the second,
+    edge pairs. The order does not depend on the translation, so the same facet wins a tie.
+    """
+    count = len(first)
+    largest = np.maximum(hulls.vertexCount, hulls.faceCount)
+    sizeClass = np.searchsorted((16, 64), largest)
+    group = sizeClass[first] * 3 + sizeClass[second]
+    parts = []
+    complete = np.zeros(count, dtype=bool)
+    for g in range(9):
+        members = np.flatnonzero(group == g)
+        if len(members) == 0:
+            continue
+        entries = largest[first[members]].max() * largest[second[members]].max()
+        step = max(1, CHUNK_ENTRIES // int(entries))
+        for begin in range(0, len(members), step):
+            chunk = members[begin : begin + step]
+            pair, normal, offset, whole = _planes_of_chunk(
+                hulls, first[chunk], second[chunk], translation[:, chunk], reach[chunk]
+            )
+            parts.append((chunk[pair], normal, offset))
+            complete[chunk] = whole
+    return FacetPlanes.gathered(parts, complete)
+
+
+def _planes_of_chunk(hulls, first, second, t, reach):
+    """`facet_planes` for pairs of like sizes: `(pair (K,), normal (3, K), offset (K,), complete)`.
+
+    The columns are grouped by kind, faces before edges, and sorted by pair within a kind.
+    """
+    facesA = _FaceQuery(hulls, first, second, t)
+    facesB = _FaceQuery(hulls, second, first, -t)
+    size = hulls.radius[first] + hulls.radius[second]
+    nearest = np.minimum(facesA.pen.min(axis=0), facesB.pen.min(axis=0))
+    complete = nearest >= -reach - TOUCH_TOLERANCE * size
+    # Ties at rounding level have to survive: FEATURE_TOLERANCE is far above rounding.
+    bound = np.maximum(nearest, 0.0) + 2.0 * reach + FEATURE_TOLERANCE * size
+    pairA, normalA, offsetA = facesA.planes(bound, nearest, complete)
+    pairB, normalB, offsetB = facesB.planes(bound, nearest, complete)
+    pairE, normalE, offsetE = _edge_planes(hulls, facesA, facesB, t, bound, complete)
+    return (
+        np.concatenate((pairA, pairB, pairE)),
+        np.concatenate((normalA, -normalB, normalE), axis=1),
+        np.concatenate((offsetA, offsetB, offsetE)),
+        complete,
+    )
+
+
+class _FaceQuery:
+    """The faces of one side of P pairs against the vertices of the other side.
+
+    t : (3, P), centre of the other side minus centre of this side.
+    slots : (D, P), columns of the faces; normal : (3, D, P); offset, pen : (D, P)
+    deepest : (3, D, P), the other side's vertex that is deepest below each face, relative to the
+        centre of this side
+    """
+
+    def __init__(self, hulls, own, other, t):
+        self.hulls = hulls
+        self.own = own
+        self.other = other
+        self.slots = _slots(hulls.faceStart, hulls.faceCount, own)
+        self.normal = hulls.directions[:, self.slots]
+        vertices = hulls.vertices[:, _slots(hulls.vertexStart, hulls.vertexCount, other)]
+        heights = dot(self.normal[:, :, None], vertices[:, None])  # (D, V, P)
+        lowest = heights.argmin(axis=1)
+        least = np.take_along_axis(heights, lowest[:, None], axis=1)[:, 0]
+        self.offset = hulls.offsets[self.slots] - least
+        self.pen = self.offset - dot(self.normal, t[:, None])
+        self.deepest = vertices[:, lowest, np.arange(len(own))] + t[:, None]
+
+    def planes(self, bound, nearest, complete):
+        """`(pair, normal, offset)` of the faces with pen ≤ bound, sorted by pair then face.
+
+        Of a pair that is not complete, only the face that parts it most.
+        """
+        keep = self.pen <= np.where(complete, bound, nearest)
+        keep &= np.arange(len(keep))[:, None] < self.hulls.faceCount[self.own]  # no repeated slot
+        pair, face = np.nonzero(keep.T)
+        return pair, self.normal[:, face, pair], self.offset[face, pair]
+
+    def edges_within(self, bound, complete):
+        """`(pair, edge)` of the edges, columns in the set, that may span a facet of pen ≤ bound.
+
+        On the arc between the normals n1, n2 of an edge, with any of its points a and any point b
+        of the other side, pen(n) ≥ n · (a - b). With n = (α n1 + β n2)/|…|, α, β ≥ 0, that is at
+        least the smaller of n1 · (a - b) and n2 · (a - b) where both are positive. Taking for b the
+        vertex that is deepest below face 1, n1 · (a - b) is the pen of that face; likewise face 2.
+        """
+        hulls = self.hulls
+        slots = _slots(hulls.edgeStart, hulls.edgeCount, self.own)
+        columns = np.arange(len(self.own))
+        face1 = hulls.edgeFace1[slots] - hulls.faceStart[self.own]
+        face2 = hulls.edgeFace2[slots] - hulls.faceStart[self.own]
+        a = hulls.vertices[:, hulls.edgeTail[slots]]
+        n1, n2 = self.normal[:, face1, columns], self.normal[:, face2, columns]
+        b1, b2 = self.deepest[:, face1, columns], self.deepest[:, face2, columns]
+        least1 = np.minimum(self.pen[face1, columns], dot(n2, a - b1))
+        least2 = np.minimum(self.pen[face2, columns], dot(n1, a - b2))
+        keep = (np.maximum(least1, least2) <= bound) & complete
+        keep &= np.arange(len(keep))[:, None] < hulls.edgeCount[self.own]
+        pair, edge = np.nonzero(keep.T)
+        return pair, slots[edge, pair]
+
+
+def _edge_planes(hulls, facesA, facesB, t, bound, complete):
+    """`(pair, normal, offset)` of the edge-edge facets with pen ≤ bound, sorted by pair and edges.
+
+    An edge of A with the arc α1 α2 and an edge of B with the arc β1 β2 span a facet of A - B when
+    the arcs α1 α2 and -β1 -β2 cross. Each edge vector is the pole of its arc, so with
+    s_i = -eA · β_i and r_i = eB · α_i that is s1 s2 < 0, r1 r2 < 0 and s1 r2 > 0, the last one
+    telling the crossing from its antipode [3]; the normal is eA × eB, turned to the side of r1.
+    """
+    pairA, edgeA = facesA.edges_within(bound, complete)
+    pairB, edgeB = facesB.edges_within(bound, complete)
+    # all combinations of the two lists of each pair, in lexicographic order
+    countB = np.bincount(pairB, minlength=len(bound))
+    startB = np.cumsum(countB) - countB
+    repeats = countB[pairA]
+    row = np.repeat(np.arange(len(pairA)), repeats)
+    within = np.arange(len(row)) - np.repeat(np.cumsum(repeats) - repeats, repeats)
+    pair = pairA[row]
+    edgeA = edgeA[row]
+    edgeB = edgeB[startB[pair] + within]
+
+    vectorA, vectorB = hulls.edges[:, edgeA], hulls.edges[:, edgeB]
+    r1 = dot(vectorB, hulls.directions[:, hulls.edgeFace1[edgeA]])
+    r2 = dot(vectorB, hulls.directions[:, hulls.edgeFace2[edgeA]])
+    s1 = -dot(vectorA, hulls.directions[:, hulls.edgeFace1[edgeB]])
+    s2 = -dot(vectorA, hulls.directions[:, hulls.edgeFace2[edgeB]])
+    cut = (s1 * s2 < 0) & (r1 * r2 < 0) & (s1 * r2 > 0)
+    pair, edgeA, edgeB, r1 = pair[cut], edgeA[cut], edgeB[cut], r1[cut]
+    vectorA, vectorB = vectorA[:, cut], vectorB[:, cut]
+
+    normal = np.stack(cross(vectorA, vectorB))
+    length2 = dot(normal, normal)
+    lengthA2, lengthB2 = dot(vectorA, vectorA), dot(vectorB, vectorB)
+    spans = length2 > PARALLEL_SINE**2 * lengthA2 * lengthB2
+    normal = normal / np.where(spans, np.copysign(np.sqrt(length2), r1), 1.0)
+    # what rounding left along nearly parallel edges is taken out again
+    normal = normal - vectorA * (dot(normal, vectorA) / lengthA2)
+    normal = normal - vectorB * (dot(normal, vectorB) / lengthB2)
+    normal = normal / np.sqrt(np.where(spans, dot(normal, normal), 1.0))
+    corner = hulls.vertices[:, hulls.edgeTail[edgeA]] - hulls.vertices[:, hulls.edgeTail[edgeB]]
+    keep = spans & (dot(normal, corner) - dot(normal, t[:, pair]) <= bound[pair])
+    pair, normal = pair[keep], normal[:, keep]
+    # The offset is that of the supporting plane, not of the two edges: where rounding has let two
+    # arcs cross that only touch, the plane is still one that no vertex lies beyond.
+    return pair, normal, support_offsets(hulls, facesA.own[pair], facesB.own[pair], normal)
+
+
+# --------------------------------------------------------------------------------------------------
+# Stage 3: where they touch
+# --------------------------------------------------------------------------------------------------
+
+
+def contact_point(verticesA, verticesB, t, normal, depth, size):
+    """Centre of the contact patch on B, relative to the centre of B.
+
+    verticesA, verticesB : (3, V), each hull's vertices relative to its centre
+    t : tuple of 3, centre of B minus centre of A; normal : tuple of 3, unit, from A to B
+    depth : float ≥ 0; size : float, sum of the radii
+
+    The patch is where the feature of A that is highest along the normal and the feature of B that
+    is lowest overlap, seen along the normal. Returns a tuple of 3 floats p: p lies on the feature
+    of B, and p + t + depth · normal on that of A.
+    """
+    heightsA = dot(normal, verticesA)
+    heightsB = dot(normal, verticesB)
+    level = float(heightsB.min())
+    tolerance = FEATURE_TOLERANCE * size
+    featureB = verticesB[:, heightsB <= level + tolerance]
+    if featureB.shape[1] == 1:
+        return tuple(featureB[:, 0].tolist())
+    featureA = verticesA[:, heightsA >= heightsA.max() - tolerance]
+    # In the frame of B and in its lowest plane. The axes u, v span that plane.
+    u, v = _tangents(normal)
+    shiftU, shiftV = dot(u, t), dot(v, t)
+    flatA = np.stack((dot(u, featureA) - shiftU, dot(v, featureA) - shiftV), axis=1).tolist()
+    flatB = np.stack((dot(u, featureB), dot(v, featureB)), axis=1).tolist()
+    cu, cv = overlap_centre(flatA, flatB, tolerance)
+    return tuple(u[k] * cu + v[k] * cv + normal[k] * level for k in range(3))
+
+
+def _tangents(normal):
+    """Two unit vectors (tuples) that make a right-handed frame with the unit vector `normal`."""
+    smallest = min(range(3), key=lambda k: abs(normal[k]))
+    u = cross(normal, tuple(float(k == smallest) for k in range(3)))
+    length = math.sqrt(dot(u, u))
+    u = (u[0] / length, u[1] / length, u[2] / length)
+    return u, cross(normal, u)
+
+
+def overlap_centre(pointsA, pointsB, tolerance):
+    """Centre of the overlap of two convex figures in the plane that are known to meet.
+
+    pointsA, pointsB : lists of (u, v), the corners in any order: polygons, segments or points
+    tolerance : below it, lengths count as nothing
+
+    Returns (u, v): the centroid of an overlap with an area, the middle of a segment.
+    """
+    a, b = _convex_order(pointsA, tolerance), _convex_order(pointsB, tolerance)
+    if len(b) == 1:
+        return b[0]
+    if len(a) == 1:
+        return a[0]
+    if len(a) == 2 and len(b) == 2:
+        return _segments_meet(a, b, tolerance)
+    # cut the figure with fewer corners, a segment if there is one, by the sides of the other
+    figure, cutter = (b, a) if len(b) <= len(a) else (a, b)
+    for k, tail in enumerate(cutter):
+        head = cutter[(k + 1) % len(cutter)]
+        clipped = _clip(figure, tail, head)
+        if not clipped:  # they only touch, and rounding has put the contact outside this side
+            clipped = [max(figure, key=lambda point, p=tail, q=head: _left_of(p, q, point))]
+        figure = clipped
+    return _centroid(figure, tolerance)
+
+
+def _left_of(p, q, point):
+    """Twice the area of the triangle p, q, point: positive to the left of the line from p to q."""
+    return (q[0] - p[0]) * (point[1] - p[1]) - (q[1] - p[1]) * (point[0] - p[0])
+
+
+def _convex_order(points, tolerance):
+    """The corners counter-clockwise, points that coincide within the tolerance once."""
+    distinct = []
+    for p in points:
+        if all(abs(p[0] - q[0]) + abs(p[1] - q[1]) > tolerance for q in distinct):
+            distinct.append(p)
+    if len(distinct) < 3:
+        return distinct
+    centreU = sum(p[0] for p in distinct) / len(distinct)
+    centreV = sum(p[1] for p in distinct) / len(distinct)
+    ordered = sorted(distinct, key=lambda p: math.atan2(p[1] - centreV, p[0] - centreU))
+    far = max(ordered, key=lambda p: _distance2(p, ordered[0]))
+    reach = math.sqrt(_distance2(far, ordered[0]))
+    width = max(abs(_left_of(ordered[0], far, p)) for p in ordered) / reach
+    if width <= 2 * tolerance:  # all on a line
+        other = max(ordered, key=lambda p: _distance2(p, far))
+        return [other, far]
+    return ordered
+
+
+def _distance2(p, q):
+    return (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2
+
+
+def _segments_meet(a, b, tolerance):
+    """Where segment b crosses segment a; the middle of what they share when they are parallel."""
+    (au, av), (bu, bv) = a[0], b[0]
+    du, dv = a[1][0] - au, a[1][1] - av
+    eu, ev = b[1][0] - bu, b[1][1] - bv
+    lengthA2, lengthB2 = du * du + dv * dv, eu * eu + ev * ev
+    turn = du * ev - dv * eu  # |a| |b| sin
+    if abs(turn) > tolerance * math.sqrt(max(lengthA2, lengthB2)):
+        # a0 + x d = b0 + s e, times d⊥: s
+        s = ((bu - au) * dv - (bv - av) * du) / turn
+        s = min(max(s, 0.0), 1.0)
+    else:
+        # the ends of a as parameters along b
+        s0 = ((au - bu) * eu + (av - bv) * ev) / lengthB2
+        s1 = s0 + (du * eu + dv * ev) / lengthB2
+        low, high = max(min(s0, s1), 0.0), min(max(s0, s1), 1.0)
+        s = min(max(0.5 * (low + high), 0.0), 1.0)
+    return bu + s * eu, bv + s * ev
+
+
+def _clip(figure, p, q):
+    """What of a convex figure, its corners in order, lies left of the line p q.
+
+    One step of Sutherland and Hodgman: Reentrant polygon clipping. Comm. ACM 17(1), 1974.
+    """
+    sides = [_left_of(p, q, point) for point in figure]
+    kept = []
+    for k, point in enumerate(figure):
+        following = (k + 1) % len(figure)
+        if sides[k] >= 0:
+            kept.append(point)
+        if sides[k] * sides[following] < 0 and not (len(figure) == 2 and k == 1):
+            s = sides[k] / (sides[k] - sides[following])
+            u, v = figure[following]
+            kept.append((point[0] + s * (u - point[0]), point[1] + s * (v - point[1])))
+    return kept
+
+
+def _centroid(figure, tolerance):
+    """Centroid of a convex polygon given by its corners in order; the middle of a thin one."""
+    anchor = figure[0]
+    area = momentU = momentV = 0.0
+    for p, q in itertools.pairwise(figure[1:]):
+        part = _left_of(anchor, p, q)
+        area += part
+        momentU += part * (p[0] + q[0] - 2 * anchor[0])
+        momentV += part * (p[1] + q[1] - 2 * anchor[1])
+    far = max(figure, key=lambda p: _distance2(p, anchor))
+    reach = math.sqrt(_distance2(far, anchor))
+    if abs(area) <= tolerance * reach or area == 0.0:
+        other = max(figure, key=lambda p: _distance2(p, far))
+        return 0.5 * (far[0] + other[0]), 0.5 * (far[1] + other[1])
+    return anchor[0] + momentU / (3 * area), anchor[1] + momentV / (3 * area)
+
+
+# --------------------------------------------------------------------------------------------------
+# One pair
+# --------------------------------------------------------------------------------------------------
+
+
+def is_collide(vertices1, vertices2):
+    """Whether the convex hulls of two point sets meet, and the least translation that parts them.
+
+    vertices1, vertices2 : (n1, 3), (n2, 3), finite; in any order, inner points allowed. Flat sets,
+        down to a single point, are allowed too.
+
+    Returns `(isCollision, depth, intNormal, intPosition)`:
+    isCollision : bool; hulls that touch within rounding collide, with a depth of 0
+    depth : float ≥ 0; the length of the least translation that parts the hulls
+    intNormal : (1, 3), unit; hull 2 moves along it, by depth, to part
+    intPosition : (1, 3); the point of hull 2 that is deepest inside hull 1, the centre of the
+        contact patch where a feature and not a vertex is deepest. intPosition + depth · intNormal
+        lies on the surface of hull 1.
+    Without a collision the last three are zero.
+    """
+    centred = []
+    centres = []
+    reach = 0.0
+    for vertices in (vertices1, vertices2):
+        hull = build_hull(vertices)
+        centre = 0.5 * (hull.vertices.min(axis=0) + hull.vertices.max(axis=0))
+        centres.append(centre)
+        centred.append(hull.translated(-centre))
+        reach = max(reach, float(np.abs(hull.vertices).max()))
+    hulls = HullSet(centred)
+    t = centres[1] - centres[0]
+    size = float(hulls.radius.sum())
+    # coordinates far from the origin are rounded themselves
+    tolerance = TOUCH_TOLERANCE * size + 4 * EPS * reach
+    apart = (False, 0.0, np.zeros((1, 3)), np.zeros((1, 3)))
+
+    bodies = np.array([0]), np.array([1])
+    separated, _ = separating_axes(hulls, *bodies, t[:, None], np.array([tolerance]))
+    if separated[0]:
+        return apart
+    planes = facet_planes(hulls, *bodies, t[:, None], np.array([tolerance]))
+    pen, normal = planes.nearest(0, tuple(t.tolist()))
+    if pen < -tolerance:
+        return apart
+    depth = max(pen, 0.0)
+    point = contact_point(
+        hulls.body_vertices(0), hulls.body_vertices(1), tuple(t.tolist()), normal, depth, size
+    )
+    return True, depth, np.array([normal]), np.array([point]) + centres[1]

@@ -1,0 +1,569 @@
+"""Rigid bodies: their state, the integrator, collisions, and the time step that runs them all.
+
+Units are whatever the scene uses, lengths and masses alike, with seconds and a gravity of 9.8
+length units per second squared along -y. Vectors of one mesh are rows (1, 3), quaternions (1, 4)
+with the scalar part first; (3,) and (4,) are accepted wherever one is passed in or assigned.
+
+A step gathers the meshes' state into arrays with one column per body, works on those, and hands
+the meshes their columns back. The formulas stand once, on components: vectors are tuples of
+floats for a single pair, and arrays (3, n) for many.
+"""
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+import GJK
+from GJK import cross, dot
+from Quaternion import QExp, QRotate, multiply, rotation_entries
+
+# Acceleration of free fall along y, length units / s².
+GRAVITY = -9.8
+
+# A pair's facet planes are kept for translations that change by up to this fraction of the two
+# radii within a step. Larger: more planes are carried along; smaller: more pairs are looked at
+# anew because corrections have moved them further.
+PLANE_REACH = 0.02
+
+
+def _floats(value, count):
+    """`count` Python floats out of an array of any shape with that many entries."""
+    return tuple(np.asarray(value, dtype=np.float64).reshape(count).tolist())
+
+
+def _row(value, count):
+    """A new (1, count) array out of anything with `count` entries."""
+    return np.array(value, dtype=np.float64).reshape(1, count)
+
+
+# --------------------------------------------------------------------------------------------------
+# Formulas, on components: floats for one body, arrays for many
+# --------------------------------------------------------------------------------------------------
+
+
+def _apply(matrix, v):
+    """Matrix, nine entries row by row, times vector."""
+    return (dot(matrix[0:3], v), dot(matrix[3:6], v), dot(matrix[6:9], v))
+
+
+def _rotated_tensor(r, tensor):
+    """R T Rᵀ for a symmetric tensor T, both given as nine entries row by row; symmetric again."""
+    columns = [_apply(r, (tensor[k], tensor[3 + k], tensor[6 + k])) for k in range(3)]  # of R T
+    rows = [tuple(column[k] for column in columns) for k in range(3)]
+    xx, yy, zz = dot(rows[0], r[0:3]), dot(rows[1], r[3:6]), dot(rows[2], r[6:9])
+    xy, xz, yz = dot(rows[0], r[3:6]), dot(rows[0], r[6:9]), dot(rows[1], r[6:9])
+    return (xx, xy, xz, xy, yy, yz, xz, yz, zz)
+
+
+def _moved(v, factor, direction):
+    """v + factor · direction."""
+    return tuple(v[k] + factor * direction[k] for k in range(3))
+
+
+def _velocity_at(linVelocity, angVelocity, arm):
+    """Velocity of the body's point at `arm` from its COM: v + ω × arm."""
+    spin = cross(angVelocity, arm)
+    return tuple(linVelocity[k] + spin[k] for k in range(3))
+
+
+class _BodyState:
+    """What a collision reads and changes of a body: components, as floats or as arrays."""
+
+    __slots__ = ("angVelocity", "invInertia", "invMass", "linVelocity", "position")
+
+    def __init__(self, invMass, invInertia, position, linVelocity, angVelocity):
+        self.invMass = invMass
+        self.invInertia = invInertia  # nine entries, world axes
+        self.position = position
+        self.linVelocity = linVelocity
+        self.angVelocity = angVelocity
+
+    def push(self, impulse, normal, arm):
+        """Applies the impulse `impulse · normal` at `arm` from the COM."""
+        self.linVelocity = _moved(self.linVelocity, impulse * self.invMass, normal)
+        turn = _apply(self.invInertia, cross(arm, normal))
+        self.angVelocity = _moved(self.angVelocity, impulse, turn)
+
+
+def _inverse_mass_along(body, arm, direction):
+    """What a unit impulse along `direction` at `arm` changes the speed there by, along it.
+
+    Linear part m⁻¹; the impulse turns the body by I⁻¹ (r × n), which moves the point by that × r:
+    ((I⁻¹ (r × n)) × r) · n = (r × n) · I⁻¹ (r × n).
+    """
+    lever = cross(arm, direction)
+    return body.invMass + dot(lever, _apply(body.invInertia, lever))
+
+
+def _resolve(body1, body2, depth, normal, penPoint, CRCoeff, closingOnly):
+    """One contact, in place: `resolve_collision` on components. Not both inverse masses are 0."""
+    # Interpenetration: both give way in proportion to their inverse masses.
+    share1 = body1.invMass / (body1.invMass + body2.invMass)
+    share2 = body2.invMass / (body1.invMass + body2.invMass)
+    body1.position = _moved(body1.position, -(share1 * depth), normal)
+    body2.position = _moved(body2.position, share2 * depth, normal)
+    point = _moved(penPoint, share2 * depth, normal)
+    arm1 = tuple(point[k] - body1.position[k] for k in range(3))
+    arm2 = tuple(point[k] - body2.position[k] for k in range(3))
+
+    # Impulse: with the closing speed c = (v1 - v2) · n, restitution asks for c' = -e c. An impulse
+    # -j n on body 1 and +j n on body 2 changes c by -j K, K the sum of the two inverse masses
+    # along n. Hence j = (1 + e) c / K.
+    velocity1 = _velocity_at(body1.linVelocity, body1.angVelocity, arm1)
+    velocity2 = _velocity_at(body2.linVelocity, body2.angVelocity, arm2)
+    closing = dot(tuple(velocity1[k] - velocity2[k] for k in range(3)), normal)
+    inverseMass = _inverse_mass_along(body1, arm1, normal) + _inverse_mass_along(
+        body2, arm2, normal
+    )
+    impulse = (1.0 + CRCoeff) * closing / inverseMass
+    if closingOnly:
+        impulse = impulse * (closing > 0)
+    body1.push(-impulse, normal, arm1)
+    body2.push(impulse, normal, arm2)
+
+
+# --------------------------------------------------------------------------------------------------
+# Mesh
+# --------------------------------------------------------------------------------------------------
+
+
+class Mesh:
+    """A rigid body: a tetrahedral mesh with a density, and where it is and how it moves.
+
+    name : str
+    origVertices : (V, 3); rest vertices. They are translated so that the COM is the origin, and
+        never change afterwards
+    faces : (F, 3) int; boundary triangles, counter-clockwise seen from outside
+    tets : (T, 4) int; tetrahedra that fill the body without overlap, in any orientation
+    density : float > 0, mass per volume
+    position : (1, 3); the COM in the world
+    orientation : (1, 4), not zero; unit quaternion from rest to world, normalised on entry
+    isFixed : bool; a fixed mesh has infinite mass: nothing moves it
+
+    The arrays are copied. Raises ValueError when an array has the wrong shape, an index points
+    nowhere, or vertices come without mass. A mesh with no vertices is the ground: like a fixed one,
+    without shape.
+
+    Further attributes: currVertices (V, 3), the vertices in the world; linVelocity (1, 3), of the
+    COM; angVelocity (1, 3), rad/s, world axes; mass; invMass, 0 if fixed; IT (3, 3), inertia
+    tensor about the COM at rest; invIT (3, 3), its inverse, 0 if fixed; volume, of the tetrahedra;
+    hullVolume, of the convex hull that collides in its stead; hull, a `GJK.Hull`.
+    """
+
+    def __init__(self, name, origVertices, faces, tets, density, position, orientation, isFixed):
+        self.name = name
+        self.origVertices = np.array(origVertices, dtype=np.float64).reshape(-1, 3)
+        self.faces = np.array(faces, dtype=np.int64).reshape(-1, 3)
+        self.tets = np.array(tets, dtype=np.int64).reshape(-1, 4)
+        self.density = float(density)
+        self.isFixed = bool(isFixed)
+        self.position = _row(position, 3)
+        self.orientation = _row(orientation, 4)
+        length = math.sqrt(float((self.orientation**2).sum()))
+        if not 0 < length < math.inf:
+            raise ValueError(f"mesh {name}: the orientation has no direction")
+        self.orientation /= length
+        self.linVelocity = np.zeros((1, 3))
+        self.angVelocity = np.zeros((1, 3))
+
+        self.mass, self.volume, self.hullVolume, self.hull = 0.0, 0.0, 0.0, None
+        self.IT = np.zeros((3, 3))
+        if len(self.origVertices) > 0:
+            self._init_mass_properties()
+        if len(self.origVertices) > 0 and not self.isFixed:
+            self.invMass = 1.0 / self.mass
+            self.invIT = np.linalg.inv(self.IT)
+        else:
+            self.invMass = 0.0
+            self.invIT = np.zeros((3, 3))
+        self._refresh_vertices()
+
+    def _init_mass_properties(self):
+        """Sets volume, mass and IT, moves the rest vertices to their COM, and builds the hull.
+
+        Over a tetrahedron with the corners x_i, the integral of x is V (Σ x_i) / 4, and that of
+        x xᵀ is V/20 (Σ x_i x_iᵀ + (Σ x_i)(Σ x_i)ᵀ). With C the sum of the latter times the
+        density, about the COM, the inertia tensor is tr(C) 1 - C.
+        """
+        for indices, what in ((self.faces, "face"), (self.tets, "tetrahedron")):
+            if indices.size and not 0 <= indices.min() <= indices.max() < len(self.origVertices):
+                raise ValueError(f"mesh {self.name}: a {what} names a vertex that is not there")
+        corners = self.origVertices[self.tets]  # (T, 4, 3)
+        edges = corners[:, 1:] - corners[:, :1]
+        volumes = np.abs((edges[:, 0] * np.cross(edges[:, 1], edges[:, 2])).sum(axis=1)) / 6.0
+        self.volume = float(volumes.sum())
+        self.mass = self.density * self.volume
+        if not 0 < self.mass < math.inf:
+            raise ValueError(
+                f"mesh {self.name}: density {self.density:g} times volume {self.volume:g} "
+                "gives no mass"
+            )
+        centreOfMass = (volumes[:, None] * corners.mean(axis=1)).sum(axis=0) / self.volume
+        self.origVertices -= centreOfMass
+        corners = corners - centreOfMass
+        sums = corners.sum(axis=1)
+        outer = (corners[:, :, :, None] * corners[:, :, None, :]).sum(axis=1)
+        outer += sums[:, :, None] * sums[:, None, :]
+        covariance = self.density * (volumes[:, None, None] / 20.0 * outer).sum(axis=0)
+        self.IT = np.trace(covariance) * np.eye(3) - covariance
+        self.hull = GJK.build_hull(self.origVertices)
+        self.hullVolume = self.hull.volume
+
+    def _refresh_vertices(self):
+        """currVertices from rest vertices, orientation and COM."""
+        if len(self.origVertices) == 0:
+            self.currVertices = np.zeros((0, 3))
+        else:
+            rotated = QRotate(self.orientation, self.origVertices)
+            self.currVertices = rotated + np.reshape(self.position, (1, 3))
+
+    def integrate_timestep(self, timeStep):
+        """Moves the mesh on by timeStep seconds of free flight; a fixed mesh stays as it is.
+
+        Semi-implicit Euler: v ← v + g h, COM ← COM + v h with the new velocity, orientation ←
+        exp(ω h/2) ∘ orientation. The angular velocity stays: the gyroscopic term is left out.
+        """
+        if self.invMass == 0.0:
+            return
+        linVelocity, position, orientation = _integrated(
+            np.array(_floats(self.linVelocity, 3))[:, None],
+            np.array(_floats(self.angVelocity, 3))[:, None],
+            np.array(_floats(self.position, 3))[:, None],
+            np.array(_floats(self.orientation, 4))[:, None],
+            float(timeStep),
+        )
+        self.linVelocity, self.position = linVelocity.T.copy(), position.T.copy()
+        self.orientation = orientation.T.copy()
+        self._refresh_vertices()
+
+    def get_rotated_inv_IT(self):
+        """Inverse inertia tensor in world axes, R I⁻¹ Rᵀ: (3, 3)."""
+        r = rotation_entries(_floats(self.orientation, 4))
+        return np.array(_rotated_tensor(r, _floats(self.invIT, 9))).reshape(3, 3)
+
+    def bounding_box_collision(self, m):
+        """Whether the axis-aligned boxes of currVertices of this mesh and of m overlap or touch."""
+        if len(self.currVertices) == 0 or len(m.currVertices) == 0:
+            return False
+        low, high = self.currVertices.min(axis=0), self.currVertices.max(axis=0)
+        lowM, highM = m.currVertices.min(axis=0), m.currVertices.max(axis=0)
+        return bool((high >= lowM).all() and (highM >= low).all())
+
+    def detect_collision(self, m):
+        """Collision of the convex hulls of this mesh and of m, where currVertices says they are.
+
+        Returns `(isCollision, depth, intNormal, intPosition)` as `GJK.is_collide` does, this mesh
+        being hull 1: m has to move by depth along intNormal (1, 3) to part, and intPosition (1, 3)
+        is the point of m that is deepest inside this mesh. Two fixed meshes never collide.
+        """
+        if (self.isFixed and m.isFixed) or not self.bounding_box_collision(m):
+            return False, 0.0, np.zeros((1, 3)), np.zeros((1, 3))
+        return GJK.is_collide(
+            self.currVertices[self.hull.vertexIndex], m.currVertices[m.hull.vertexIndex]
+        )
+
+    def _body_state(self):
+        return _BodyState(
+            float(self.invMass), _floats(self.get_rotated_inv_IT(), 9), _floats(self.position, 3),
+            _floats(self.linVelocity, 3), _floats(self.angVelocity, 3),
+        )  # fmt: skip
+
+    def _take(self, state):
+        self.position = _row(state.position, 3)
+        self.linVelocity = _row(state.linVelocity, 3)
+        self.angVelocity = _row(state.angVelocity, 3)
+        self._refresh_vertices()
+
+
+def _integrated(linVelocity, angVelocity, position, orientation, timeStep):
+    """Free flight of n bodies: new `(linVelocity, position, orientation)`, one column a body."""
+    linVelocity = linVelocity + np.array([[0.0], [GRAVITY], [0.0]]) * timeStep
+    position = position + linVelocity * timeStep
+    half = np.zeros_like(orientation)
+    half[1:] = angVelocity * (0.5 * timeStep)
+    orientation = np.stack(multiply(QExp(half.T).T, orientation))
+    # a product of unit quaternions drifts from unit length by rounding
+    length = np.sqrt(orientation[0] * orientation[0] + dot(orientation[1:], orientation[1:]))
+    return linVelocity, position, orientation / length
+
+
+def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOnly=False):
+    """Parts two meshes that interpenetrate and lets them bounce, changing both in place.
+
+    depth : length they interpenetrate by. A negative one moves the meshes the other way, as the
+        ground asks for, whose normal points into the mesh
+    contactNormal : (1, 3), unit; m2 moves along it, m1 against it
+    penPoint : (1, 3); the point of m2 that is deepest inside m1
+    CRCoeff : coefficient of restitution, 0 (they stay together) to 1 (they bounce off)
+    closingOnly : when true, a contact that already separates receives no impulse. By default the
+        impulse is applied whatever the sign of the closing velocity, as the coursework's reference
+        does
+
+    The interpenetration is split by inverse mass; one impulse at the contact point, which moves
+    along with m2, reverses the closing speed and scales it by the restitution. Two meshes that
+    cannot move stay as they are.
+    """
+    body1, body2 = m1._body_state(), m2._body_state()
+    if body1.invMass + body2.invMass == 0.0:
+        return
+    depth, normal = _floats(depth, 1)[0], _floats(contactNormal, 3)
+    if depth < 0:
+        depth, normal = -depth, (-normal[0], -normal[1], -normal[2])
+    _resolve(
+        body1, body2, depth, normal, _floats(penPoint, 3), _floats(CRCoeff, 1)[0], closingOnly
+    )
+    m1._take(body1)
+    m2._take(body2)
+
+
+# --------------------------------------------------------------------------------------------------
+# The state of all bodies during a step
+# --------------------------------------------------------------------------------------------------
+
+
+@lru_cache(maxsize=8)
+def _hull_set(hulls):
+    """The `HullSet` of a tuple of hulls; building it costs more than a small scene's step."""
+    return GJK.HullSet(hulls)
+
+
+class _Bodies:
+    """The meshes of one step as arrays, one column a body.
+
+    position, linVelocity, angVelocity : (3, n); orientation : (4, n)
+    invMass : (n,); invInertia : (9, n), world axes, row by row
+    box : (6, n), bounding boxes in the world: least coordinates, then greatest ones negated, so
+        that boxes a and b overlap when box_a ≤ facing_b. A mesh without vertices has none
+    hulls : GJK.HullSet, turned to the orientations
+    vertices : (3, ΣV), all vertices relative to their COM; body b has vertexStart[b] … of them
+    """
+
+    def __init__(self, meshes):
+        self.meshes = meshes
+        count = len(meshes)
+
+        def gathered(name, width):
+            columns = [np.asarray(getattr(m, name), dtype=np.float64).ravel() for m in meshes]
+            return np.ascontiguousarray(np.concatenate(columns).reshape(count, width).T)
+
+        self.position = gathered("position", 3)
+        self.orientation = gathered("orientation", 4)
+        self.linVelocity = gathered("linVelocity", 3)
+        self.angVelocity = gathered("angVelocity", 3)
+        self.invMass = gathered("invMass", 1)[0]
+        self.restInvInertia = gathered("invIT", 9)
+        self.isFixed = self.invMass == 0.0
+        self.vertexCount = np.array([len(m.origVertices) for m in meshes])
+        self.vertexStart = np.cumsum(self.vertexCount) - self.vertexCount
+        self.hasShape = self.vertexCount > 0
+
+    def integrate(self, timeStep):
+        """Free flight of all bodies that are not fixed; then everything that turns with them."""
+        free = ~self.isFixed
+        linVelocity, position, orientation = _integrated(
+            self.linVelocity, self.angVelocity, self.position, self.orientation, timeStep
+        )
+        self.linVelocity = np.where(free, linVelocity, self.linVelocity)
+        self.position = np.where(free, position, self.position)
+        self.orientation = np.where(free, orientation, self.orientation)
+
+        entries = np.stack(rotation_entries(self.orientation))
+        self.invInertia = np.stack(_rotated_tensor(entries, self.restInvInertia))
+        rest = np.concatenate([m.origVertices for m in self.meshes]).T
+        self.vertices = GJK.rotate_columns(entries, rest, self.vertexCount)
+        point = GJK.build_hull(np.zeros((1, 3)))
+        hulls = tuple(point if m.hull is None else m.hull for m in self.meshes)
+        self.hulls = _hull_set(hulls).rotated(entries)
+        low, high = self.hulls.boxes()
+        self.relativeBox = np.where(self.hasShape, np.concatenate((low, -high)), np.inf)
+        self.box = self.relativeBox + np.concatenate((self.position, -self.position))
+
+    def state(self, b):
+        """`_BodyState` of body b, or of an array of bodies."""
+        columns = (self.invMass, self.invInertia, self.position, self.linVelocity, self.angVelocity)
+        return _BodyState(*(np.asarray(c[..., b]).tolist() for c in columns))
+
+    def take(self, b, state):
+        """Sets body b to a state that a collision has changed."""
+        self.position[:, b] = state.position
+        self.linVelocity[:, b] = state.linVelocity
+        self.angVelocity[:, b] = state.angVelocity
+        self.box[:3, b] = self.relativeBox[:3, b] + self.position[:, b]
+        self.box[3:, b] = self.relativeBox[3:, b] - self.position[:, b]
+
+    def write_back(self):
+        """Hands the meshes their state."""
+        current = self.vertices + np.repeat(self.position, self.vertexCount, axis=1)
+        pieces = np.split(np.ascontiguousarray(current.T), self.vertexStart[1:])
+        for b, m in enumerate(self.meshes):
+            m.currVertices = pieces[b]
+            if not self.isFixed[b]:
+                m.position = self.position[:, b : b + 1].T.copy()
+                m.orientation = self.orientation[:, b : b + 1].T.copy()
+                m.linVelocity = self.linVelocity[:, b : b + 1].T.copy()
+                m.angVelocity = self.angVelocity[:, b : b + 1].T.copy()
+
+
+# --------------------------------------------------------------------------------------------------
+# Collisions of a step
+# --------------------------------------------------------------------------------------------------
+
+
+# Boxes to compare with all others at a time when near pairs are looked for: 256 of them make
+# tables of some megabytes with a few thousand bodies.
+BOX_ROWS = 256
+
+
+def _facing(box):
+    """What the box (6, …) of another body has to be at most, in each row, to overlap this one."""
+    return -np.concatenate((box[3:], box[:3]))
+
+
+def _overlapping_pairs(bodies):
+    """Yields the pairs i < j, in that order, whose boxes overlap when their turn comes.
+
+    The boxes may be moved between two pairs. Pairs of two fixed bodies are left out.
+    """
+    for i in range(len(bodies.meshes)):
+        later = i + 1
+        while later < len(bodies.meshes):
+            limit = _facing(bodies.box[:, i])
+            overlap = (bodies.box[:, later:] <= limit[:, None]).all(axis=0)
+            if bodies.isFixed[i]:
+                overlap &= ~bodies.isFixed[later:]
+            following = int(overlap.argmax())
+            if not overlap[following]:
+                break
+            later += following + 1
+            yield i, later - 1
+
+
+def _near_pairs(bodies, reach):
+    """Pairs i < j, `(first, second)`, whose boxes, grown by the bodies' reach (n,), overlap."""
+    box = bodies.box - reach
+    facing = _facing(box)
+    found = []
+    for begin in range(0, len(bodies.meshes), BOX_ROWS):
+        rows = slice(begin, begin + BOX_ROWS)
+        near = box[0, begin:] <= facing[0, rows, None]
+        for k in range(1, 6):
+            near &= box[k, begin:] <= facing[k, rows, None]
+        near &= ~(bodies.isFixed[rows, None] & bodies.isFixed[begin:])
+        found.append(np.argwhere(np.triu(near, 1)) + begin)
+    return np.concatenate(found).T
+
+
+class _NarrowPhase:
+    """Answers, for one pair after the other, whether and where its hulls meet at their turn.
+
+    Resolutions only translate bodies, so what depends on orientations alone, the facet planes of
+    the Minkowski differences, is worked out for all near pairs together at the step's start. At a
+    pair's turn the planes meet its present translation. A pair that nobody expected, or that has
+    moved beyond its reach, is worked out then.
+    """
+
+    def __init__(self, bodies):
+        self.bodies = bodies
+        reach = PLANE_REACH * bodies.hulls.radius
+        first, second = _near_pairs(bodies, reach)
+        self.known = {}
+        self._prepare(first, second)
+
+    def _prepare(self, first, second):
+        bodies = self.bodies
+        reach = PLANE_REACH * (bodies.hulls.radius[first] + bodies.hulls.radius[second])
+        t = bodies.position[:, second] - bodies.position[:, first]
+        planes = GJK.contact_planes(bodies.hulls, first, second, t, reach)
+        pairs = zip(first.tolist(), second.tolist(), strict=True)
+        details = zip(t.T.tolist(), reach.tolist(), planes.complete.tolist(), strict=True)
+        for row, (pair, detail) in enumerate(zip(pairs, details, strict=True)):
+            self.known[pair] = (planes, row, *detail)
+
+    def contact(self, i, j):
+        """`(depth, normal, point)` of the pair i, j in the present positions, or None.
+
+        depth ≥ 0; normal and point as tuples, for body j as the second one.
+        """
+        bodies = self.bodies
+        position1, position2 = bodies.position[:, i].tolist(), bodies.position[:, j].tolist()
+        t = tuple(position2[k] - position1[k] for k in range(3))
+        size = float(bodies.hulls.radius[i] + bodies.hulls.radius[j])
+        while True:
+            if (i, j) in self.known:
+                planes, row, start, reach, complete = self.known[i, j]
+                pen, normal = planes.nearest(row, t)
+                if pen < -GJK.TOUCH_TOLERANCE * size:
+                    return None
+                shift = tuple(t[k] - start[k] for k in range(3))
+                if complete and dot(shift, shift) <= reach * reach:
+                    break
+            self._prepare(np.array([i]), np.array([j]))
+        depth = max(pen, 0.0)
+        vertices1, vertices2 = bodies.hulls.body_vertices(i), bodies.hulls.body_vertices(j)
+        point = GJK.contact_point(vertices1, vertices2, t, normal, depth, size)
+        return depth, normal, tuple(point[k] + position2[k] for k in range(3))
+
+
+def _resolve_pairs(bodies, CRCoeff, closingOnly):
+    """Detects and resolves every pair i < j, in that order, each seeing the earlier corrections."""
+    if len(bodies.meshes) < 2:
+        return
+    narrowPhase = _NarrowPhase(bodies)
+    for i, j in _overlapping_pairs(bodies):
+        contact = narrowPhase.contact(i, j)
+        if contact is not None:
+            body1, body2 = bodies.state(i), bodies.state(j)
+            _resolve(body1, body2, *contact, CRCoeff, closingOnly)
+            bodies.take(i, body1)
+            bodies.take(j, body2)
+
+
+def _resolve_ground(bodies, groundMesh, CRCoeff, closingOnly):
+    """Lets every body that reaches below y = 0 bounce off the ground with its lowest vertex."""
+    heights = bodies.vertices[1] + np.repeat(bodies.position[1], bodies.vertexCount)
+    for b in np.flatnonzero(bodies.hasShape & ~bodies.isFixed).tolist():
+        own = slice(bodies.vertexStart[b], bodies.vertexStart[b] + bodies.vertexCount[b])
+        lowest = heights[own].argmin()
+        depth = -float(heights[own][lowest])
+        if depth < 0:
+            continue
+        body, ground = bodies.state(b), groundMesh._body_state()
+        point = tuple((bodies.vertices[:, own][:, lowest] + bodies.position[:, b]).tolist())
+        _resolve(body, ground, depth, (0.0, -1.0, 0.0), point, CRCoeff, closingOnly)
+        bodies.take(b, body)
+
+
+# --------------------------------------------------------------------------------------------------
+# The step
+# --------------------------------------------------------------------------------------------------
+
+
+def run_timestep(
+    meshes,
+    groundMesh,
+    timeStep,
+    CRCoeff,
+    enforceConstraints=True,
+    constraints=(),
+    maxIterations=1000,
+    tolerance=1e-3,
+    closingOnly=False,
+):
+    """Moves a scene on by one time step, in place.
+
+    meshes : list of Mesh
+    groundMesh : a fixed Mesh without vertices, the half space y ≤ 0; None for free space
+    timeStep : seconds
+    CRCoeff : coefficient of restitution
+    enforceConstraints, constraints, maxIterations, tolerance : see `_project_constraints`
+    closingOnly : see `resolve_collision`
+    """
+    if len(meshes) == 0:
+        return
+    bodies = _Bodies(meshes)
+    bodies.integrate(timeStep)
+    _resolve_pairs(bodies, CRCoeff, closingOnly)
+    if groundMesh is not None:
+        _resolve_ground(bodies, groundMesh, CRCoeff, closingOnly)
+    bodies.write_back()
