@@ -1,0 +1,387 @@
+"""Write the project's own meshes and scenes: `python data/make_data.py [--out DIR]`.
+
+Every file is written beside this script, or into DIR. The numbers depend on nothing but this file:
+two runs, on any two machines, write the same bytes.
+
+Units: metres and kilograms. The y axis points up and the ground is the plane y = 0.
+"""
+
+import argparse
+import itertools
+import math
+import random
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+# Coordinates are rounded to a nanometre: much more than the last-bit differences (about 1e-15 m)
+# between the sines of different C libraries, which therefore never reach a file, and much less
+# than the 5e-2 m or more between any vertex and the plane of a face that it does not belong to.
+COORDINATE_DECIMALS = 9
+
+# MEDIT gives every vertex, triangle and tetrahedron a reference number, for instance its material.
+# All of ours have the same.
+REFERENCE = 1
+
+
+# ---------------------------------------------------------------------------------------------
+# Meshes. A mesh is a tuple (vertices, faces, tets): (V, 3) float coordinates in metres, and lists
+# of (a, b, c) and (a, b, c, d) zero-based vertex indices. Faces are counter-clockwise seen from
+# outside; tetrahedra have det(b - a, c - a, d - a) > 0.
+# ---------------------------------------------------------------------------------------------
+
+def fill_convex(vertices, polygons):
+    """Make a mesh of a convex polyhedron, without adding a vertex to it.
+
+    Every polygon is cut into a fan from its vertex of lowest index, so vertex 0 belongs to every
+    triangle of the flat faces around it, and each other triangle lies in a plane that vertex 0 is
+    strictly inside of. Joining those triangles to vertex 0 fills the body with tetrahedra of
+    positive volume. Every vertex is then a corner, which a contact or a constraint can use;
+    a vertex put inside would be carried along in each step for nothing.
+
+    vertices : (V, 3), metres
+    polygons : lists of vertex indices, counter-clockwise seen from outside
+    Returns (vertices, faces, tets).
+    """
+    faces = []
+    for polygon in polygons:
+        start = polygon.index(min(polygon))
+        apex, *rim = polygon[start:] + polygon[:start]
+        faces += [(apex, a, b) for a, b in itertools.pairwise(rim)]
+    tets = [(0, *face) for face in faces if 0 not in face]
+    # Adding 0.0 turns -0.0 into 0.0.
+    return np.round(vertices, COORDINATE_DECIMALS) + 0.0, faces, tets
+
+
+def make_tetrahedron(width, height, depth):
+    """Four alternate corners of a box with one corner at the origin; sizes in metres.
+
+    Its faces are equal and its principal moments of inertia differ. Unlike the other meshes it is
+    not centred on the origin, so that each scene with it needs the shift to the centre of mass.
+    """
+    vertices = [[width, height, depth], [0, height, 0], [width, 0, 0], [0, 0, depth]]
+    return fill_convex(vertices, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+
+
+def make_box(width, height, depth):
+    """A box centred on the origin; sizes along x, y, z in metres."""
+    # Index = 4 (x > 0) + 2 (y > 0) + (z > 0).
+    vertices = np.array(list(itertools.product([-0.5, 0.5], repeat=3))) * [width, height, depth]
+    return fill_convex(vertices, [[0, 1, 3, 2], [4, 6, 7, 5],     # -x, +x
+                                 [0, 4, 5, 1], [2, 3, 7, 6],     # -y, +y
+                                 [0, 2, 6, 4], [1, 5, 7, 3]])    # -z, +z
+
+
+def make_octahedron(a, b, c):
+    """An octahedron with its tips on the axes, at ±a, ±b and ±c metres."""
+    vertices = [[a, 0, 0], [0, b, 0], [-a, 0, 0], [0, -b, 0], [0, 0, c], [0, 0, -c]]
+    equator = list(itertools.pairwise([0, 1, 2, 3, 0]))
+    return fill_convex(vertices, [[i, j, 4] for i, j in equator] + [[j, i, 5] for i, j in equator])
+
+
+def make_cylinder(radius, length, sides):
+    """A right prism along z on a regular polygon of `sides` corners; sizes in metres.
+
+    The corners stand half a step away from the x axis: with a multiple of four sides, one side
+    faces straight down, and a cylinder that is not turned lies flat on the ground.
+    """
+    angles = [2 * math.pi * (i + 0.5) / sides for i in range(sides)]
+    vertices = [[radius * math.cos(angle), radius * math.sin(angle), z]
+                for z in (-length / 2, length / 2) for angle in angles]
+    bottom, top = list(range(sides)), list(range(sides, 2 * sides))
+    walls = [[i, j, j + sides, i + sides] for i, j in itertools.pairwise(bottom + [0])]
+    return fill_convex(vertices, [bottom[::-1], top] + walls)
+
+
+def make_icosahedron():
+    """The regular icosahedron on the unit sphere: points (12, 3) and 20 outward triangles."""
+    golden = (1 + math.sqrt(5)) / 2
+    # The cyclic permutations of (0, ±1, ±golden) have edges of length 2.
+    points = np.array([np.roll([0.0, y, z], shift)
+                       for shift in range(3) for y in (-1, 1) for z in (-golden, golden)])
+    triangles = []
+    for i, j, k in itertools.combinations(range(12), 3):
+        edges = points[[i, j, k]] - points[[j, k, i]]
+        if np.allclose(np.linalg.norm(edges, axis=1), 2):
+            isOutward = np.linalg.det(points[[i, j, k]]) > 0
+            triangles.append((i, j, k) if isOutward else (i, k, j))
+    return points / math.hypot(1, golden), triangles
+
+
+def subdivide(points, triangles):
+    """Cut each triangle into four, with the middles of its edges lifted onto the unit sphere.
+
+    points : (P, 3); triangles : (i, j, k). Returns the same for the finer surface.
+    """
+    edges = sorted({tuple(sorted(edge)) for i, j, k in triangles
+                    for edge in ((i, j), (j, k), (k, i))})
+    middle = {}     # (i, j) and (j, i) -> index of the middle of that edge
+    for index, (i, j) in enumerate(edges, start=len(points)):
+        middle[i, j] = middle[j, i] = index
+    lifted = points[[i for i, _ in edges]] + points[[j for _, j in edges]]
+    lifted /= np.linalg.norm(lifted, axis=1, keepdims=True)
+
+    pieces = []
+    for i, j, k in triangles:
+        ij, jk, ki = middle[i, j], middle[j, k], middle[k, i]
+        pieces += [(i, ij, ki), (j, jk, ij), (k, ki, jk), (ij, jk, ki)]
+    return np.concatenate([points, lifted]), pieces
+
+
+def make_ellipsoid(a, b, c, subdivisions):
+    """10 · 4ⁿ + 2 points well spread over the unit sphere, scaled to half-axes a, b, c (metres)."""
+    points, triangles = make_icosahedron()
+    for _ in range(subdivisions):
+        points, triangles = subdivide(points, triangles)
+    return fill_convex(points * [a, b, c], triangles)
+
+
+# About the sizes of the coursework's meshes, so that scenes can be adapted from one to the other.
+MESHES = {
+    "tetrahedron": make_tetrahedron(8.0, 7.0, 6.0),
+    "box": make_box(12.0, 6.0, 8.0),
+    "octahedron": make_octahedron(3.4, 3.4, 3.4),
+    "long-octahedron": make_octahedron(10.4, 10.4, 1.4),
+    "cylinder": make_cylinder(radius=5.0, length=20.0, sides=20),
+    "ellipsoid": make_ellipsoid(2.0, 3.0, 5.0, subdivisions=2),
+}
+
+
+# ---------------------------------------------------------------------------------------------
+# Scenes. A scene is a list of bodies.
+# ---------------------------------------------------------------------------------------------
+
+# Orientations (w, x, y, z); a simulation normalises them.
+AS_MODELLED = (1.0, 0.0, 0.0, 0.0)
+Z_TO_VERTICAL = (1.0, 1.0, 0.0, 0.0)        # 90° about x: a cylinder stands on its cap
+QUARTER_YAW = (1.0, 0.0, 1.0, 0.0)          # 90° about y
+
+# A fixed post stands this far above the ground (metres), too little to see: standing on y = 0
+# itself it would be a contact with the ground in every step.
+POST_CLEARANCE = 0.1
+
+
+class Body(NamedTuple):
+    """One line of a scene file."""
+
+    meshFile: str
+    density: float                      # kg / m³
+    position: tuple                     # centre of mass (x, y, z), metres
+    orientation: tuple = AS_MODELLED    # (w, x, y, z), of any length but zero
+    isFixed: bool = False
+
+
+def random_orientation(generator):
+    """A (w, x, y, z) of any direction. `generator`: random.Random, the same on all versions."""
+    return tuple(round(generator.uniform(-1.0, 1.0), 3) for _ in range(4))
+
+
+def turn(orientation, vector):
+    """Turn a (3,) vector by a quaternion q = (w, u): q v q⁻¹ = v + 2 u × (u × v + w v) / |q|²."""
+    w, u = orientation[0], np.array(orientation[1:])
+    return vector + 2 * np.cross(u, np.cross(u, vector) + w * vector) / (w * w + u @ u)
+
+
+def make_posts(places):
+    """Fixed standing cylinders at `places`, a list of (x, z) in metres."""
+    y = 10.0 + POST_CLEARANCE           # half the cylinder's length
+    return [Body("cylinder.mesh", 4000.0, (x, y, z), Z_TO_VERTICAL, isFixed=True)
+            for x, z in places]
+
+
+def single_tet():
+    """A tilted tetrahedron falls, and starts to spin where it lands."""
+    return [Body("tetrahedron.mesh", 60.0, (3.0, 28.0, -4.0), (1.0, 0.3, 0.0, 0.5))]
+
+
+def single_box():
+    """A box, read from a surface without tetrahedra, falls on one of its corners."""
+    return [Body("box.off", 120.0, (0.0, 36.0, 0.0), (1.0, 0.2, 0.0, 0.3))]
+
+
+def single_cylinder():
+    """A long fall, onto the rim of a cap."""
+    return [Body("cylinder.mesh", 120.0, (0.0, 80.0, 0.0), (1.0, 0.6, 0.3, 0.0))]
+
+
+def two_cylinders():
+    """A lying cylinder bounces off the ground into one that lies askew over it."""
+    return [Body("cylinder.mesh", 120.0, (0.0, 22.0, 0.0)),
+            Body("cylinder.mesh", 120.0, (4.0, 38.0, -3.0), (1.0, 0.0, 0.2, 0.0))]
+
+
+def tet_rain():
+    """A square of 5 x 5 tetrahedra. They land one after another and bounce into each other."""
+    generator = random.Random(25)
+    # Less than a tetrahedron's largest diameter, 12.2: nothing but each other pushes them
+    # sideways. Neighbours start 14 m or more apart in height; some diagonal ones only 6 m, and
+    # those are 12.7 m apart along the ground.
+    spacing = 9.0
+    bodies = []
+    for i, (row, column) in enumerate(itertools.product(range(-2, 3), repeat=2)):
+        height = 12.0 + 2.0 * (7 * i % 25)
+        bodies.append(Body("tetrahedron.mesh", 80.0, (spacing * column, height, spacing * row),
+                           random_orientation(generator)))
+    return bodies
+
+
+def mixed_shapes():
+    """One of each shape, and another box, fall onto a wide plate and onto each other."""
+    return [
+        Body("long-octahedron.mesh", 60.0, (0.0, 14.0, 0.0), (1.0, 0.9, 0.0, 0.1)),
+        Body("cylinder.mesh", 60.0, (19.0, 15.0, 4.0), (1.0, 0.2, 0.0, 0.0)),
+        Body("ellipsoid.mesh", 60.0, (-5.0, 26.0, 5.0), (1.0, 0.0, 1.0, 1.0)),
+        Body("box.mesh", 60.0, (8.0, 30.0, -2.0), (1.0, 0.3, 0.0, 0.2)),
+        Body("tetrahedron.mesh", 60.0, (20.0, 34.0, 0.0), (1.0, 0.0, 0.5, 1.0)),
+        Body("octahedron.mesh", 60.0, (-6.0, 37.0, 2.0), (1.0, 0.0, 0.4, 0.2)),
+        Body("box.mesh", 60.0, (4.0, 46.0, 1.0), (1.0, 1.0, 0.0, 0.4)),
+    ]
+
+
+def tower():
+    """A column falls onto itself: boxes, crosswise, then tetrahedra, then octahedra."""
+    return [
+        Body("box.mesh", 2400.0, (0.0, 8.0, 0.0)),
+        Body("box.mesh", 1600.0, (0.0, 20.0, 0.0), QUARTER_YAW),
+        Body("box.mesh", 800.0, (0.0, 32.0, 0.0)),
+        Body("tetrahedron.mesh", 300.0, (0.0, 46.0, 0.0)),
+        Body("tetrahedron.mesh", 200.0, (0.0, 60.0, 0.0), QUARTER_YAW),
+        Body("tetrahedron.mesh", 100.0, (0.0, 74.0, 0.0)),
+        Body("octahedron.mesh", 400.0, (0.0, 88.0, 0.0)),
+        Body("octahedron.mesh", 800.0, (0.0, 102.0, 0.0)),
+        Body("octahedron.mesh", 1200.0, (0.0, 116.0, 0.0)),
+    ]
+
+
+def stress():
+    """25 assorted bodies fall onto 4 x 4 fixed posts."""
+    generator = random.Random(41)
+    shapes = ["box.mesh", "tetrahedron.mesh", "ellipsoid.mesh", "octahedron.mesh",
+              "long-octahedron.mesh", "cylinder.mesh"]
+    bodies = make_posts(itertools.product((-63.0, -21.0, 21.0, 63.0), repeat=2))
+    # A spacing of 28 puts 16 of the bodies about 7 m beside a post along x and along z, so that
+    # most of them graze it, and keeps all of them, whose radii add up to 22 m at most, apart.
+    for i, (column, row) in enumerate(itertools.product(range(-2, 3), repeat=2)):
+        x, z = (round(28.0 * step + generator.uniform(-3.0, 3.0), 2) for step in (column, row))
+        y = round(generator.uniform(42.0, 66.0), 2)
+        bodies.append(Body(shapes[i % len(shapes)], 300.0, (x, y, z),
+                           random_orientation(generator)))
+    return bodies
+
+
+def cube():
+    """Octahedra at the corners of a tilted cube, to be tied to each other."""
+    edge, centre = 11.0, (0.0, 30.0, 0.0)
+    tilt = (4.0, 1.0, 0.0, 1.0)
+    bodies = []
+    for corner in itertools.product((-edge / 2, edge / 2), repeat=3):
+        position = np.round(centre + turn(tilt, np.array(corner)), 3)
+        bodies.append(Body("octahedron.mesh", 900.0, tuple(position), tilt))
+    return bodies
+
+
+def tower_chain():
+    """A leaning column on a fixed foot, each body to be tied to the one below.
+
+    Tied, it buckles, falls past its foot and hangs from it, with its end on the ground.
+    """
+    shapes = 3 * ["box.mesh"] + 3 * ["tetrahedron.mesh"] + 3 * ["octahedron.mesh"]
+    densities = [2400.0, 1800.0, 1200.0, 1500.0, 1000.0, 700.0, 600.0, 900.0, 1400.0]
+    lean, rise = 1.5, 14.0      # metres from one body to the next, along x and y
+    return [Body(shape, density, (lean * i, 70.0 + rise * i, 0.0), isFixed=i == 0)
+            for i, (shape, density) in enumerate(zip(shapes, densities, strict=True))]
+
+
+def two_chains():
+    """Two chains above an alley of fixed posts; small bodies fall onto one of them.
+
+    Nine boxes hang straight down from the first; nine tetrahedra reach out sideways from the
+    first, and swing down into the boxes. Neighbours are to be tied to each other.
+    """
+    height = 136.0
+    hanging = [Body("box.mesh", 2000.0, (0.0, height - 13.5 * i, 0.0), isFixed=i == 0)
+               for i in range(9)]
+    swinging = [Body("tetrahedron.mesh", 2500.0, (20.0 + 14.0 * i, height, 0.0), isFixed=i == 0)
+                for i in range(9)]
+    posts = make_posts(itertools.product((-60.0, -20.0, 20.0, 60.0), (-18.0, 18.0)))
+    shapes = 3 * ["octahedron.mesh", "ellipsoid.mesh"] + ["octahedron.mesh"]
+    falling = [Body(shape, 1000.0, (24.0 + 15.0 * i, height + 16.0 + 4.0 * i, 0.0),
+                    (1.0, 0.3, 0.1, 0.2))
+               for i, shape in enumerate(shapes)]
+    return hanging + swinging + posts + falling
+
+
+SCENES = {
+    "singletet": single_tet,
+    "singlebox": single_box,
+    "single_cylinder": single_cylinder,
+    "two_cylinder": two_cylinders,
+    "tet": tet_rain,
+    "mixed": mixed_shapes,
+    "tower": tower,
+    "stress": stress,
+    "cube": cube,
+    "tower_chain": tower_chain,
+    "two_chain": two_chains,
+}
+
+
+# ---------------------------------------------------------------------------------------------
+# Files
+# ---------------------------------------------------------------------------------------------
+
+def format_numbers(values):
+    """The shortest text that reads back as the same doubles."""
+    return " ".join(repr(float(value)) for value in values)
+
+
+def write_lines(path, lines):
+    """Write text lines, ended by a line feed on every system."""
+    path.write_text("\n".join(lines) + "\n", encoding="ascii", newline="\n")
+
+
+def write_mesh(path, vertices, faces, tets):
+    """Write a mesh as MEDIT text: one-based indices, a reference number after each row."""
+    lines = ["MeshVersionFormatted 1", "Dimension 3", "Vertices", str(len(vertices))]
+    lines += [f"{format_numbers(vertex)} {REFERENCE}" for vertex in vertices]
+    for title, simplices in (("Triangles", faces), ("Tetrahedra", tets)):
+        lines += [title, str(len(simplices))]
+        lines += [" ".join(str(i + 1) for i in simplex) + f" {REFERENCE}" for simplex in simplices]
+    write_lines(path, lines + ["End"])
+
+
+def write_off(path, vertices, faces):
+    """Write the surface of a mesh as OFF: zero-based indices, each face after its length."""
+    lines = ["OFF", f"{len(vertices)} {len(faces)} 0"]
+    lines += [format_numbers(vertex) for vertex in vertices]
+    lines += [" ".join(str(i) for i in (len(face), *face)) for face in faces]
+    write_lines(path, lines)
+
+
+def write_scene(path, bodies):
+    """Write a scene: the number of bodies, then `mesh density isFixed x y z qw qx qy qz` each."""
+    lines = [str(len(bodies))]
+    for body in bodies:
+        lines.append(f"{body.meshFile:<22}{body.density:<8}{int(body.isFixed)}   "
+                     f"{format_numbers(body.position):<24}{format_numbers(body.orientation)}")
+    write_lines(path, lines)
+
+
+def main():
+    parser = argparse.ArgumentParser(description="Write the project's own meshes and scenes.")
+    parser.add_argument("--out", type=Path, metavar="DIR", default=Path(__file__).parent,
+                        help="where to write them (default: beside this script)")
+    folder = parser.parse_args().out
+    folder.mkdir(parents=True, exist_ok=True)
+
+    for name, mesh in MESHES.items():
+        write_mesh(folder / f"{name}.mesh", *mesh)
+    boxVertices, boxFaces, _ = MESHES["box"]
+    write_off(folder / "box.off", boxVertices, boxFaces)
+    for name, makeBodies in SCENES.items():
+        write_scene(folder / f"{name}-scene.txt", makeBodies())
+
+
+if __name__ == "__main__":
+    main()
