@@ -10,6 +10,8 @@ floats for a single pair, and arrays (3, n) for many.
 """
 
 import math
+import time
+from contextlib import contextmanager
 from functools import lru_cache
 
 import numpy as np
@@ -56,15 +58,28 @@ def _rotated_tensor(r, tensor):
     return (xx, xy, xz, xy, yy, yz, xz, yz, zz)
 
 
+def _sum(a, b):
+    """a + b."""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def _difference(a, b):
+    """a - b."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
 def _moved(v, factor, direction):
     """v + factor · direction."""
-    return tuple(v[k] + factor * direction[k] for k in range(3))
+    return (
+        v[0] + factor * direction[0],
+        v[1] + factor * direction[1],
+        v[2] + factor * direction[2],
+    )
 
 
 def _velocity_at(linVelocity, angVelocity, arm):
     """Velocity of the body's point at `arm` from its COM: v + ω × arm."""
-    spin = cross(angVelocity, arm)
-    return tuple(linVelocity[k] + spin[k] for k in range(3))
+    return _sum(linVelocity, cross(angVelocity, arm))
 
 
 class _BodyState:
@@ -96,31 +111,95 @@ def _inverse_mass_along(body, arm, direction):
     return body.invMass + dot(lever, _apply(body.invInertia, lever))
 
 
-def _resolve(body1, body2, depth, normal, penPoint, CRCoeff, closingOnly):
-    """One contact, in place: `resolve_collision` on components. Not both inverse masses are 0."""
-    # Interpenetration: both give way in proportion to their inverse masses.
+def _part(body1, body2, distance, direction):
+    """Moves body 2 along the direction and body 1 against it, by `distance` in all.
+
+    Each gives way in proportion to its inverse mass; not both may be 0. Returns the share of
+    body 2.
+    """
     share1 = body1.invMass / (body1.invMass + body2.invMass)
     share2 = body2.invMass / (body1.invMass + body2.invMass)
-    body1.position = _moved(body1.position, -(share1 * depth), normal)
-    body2.position = _moved(body2.position, share2 * depth, normal)
-    point = _moved(penPoint, share2 * depth, normal)
-    arm1 = tuple(point[k] - body1.position[k] for k in range(3))
-    arm2 = tuple(point[k] - body2.position[k] for k in range(3))
+    body1.position = _moved(body1.position, -(share1 * distance), direction)
+    body2.position = _moved(body2.position, share2 * distance, direction)
+    return share2 * distance
 
-    # Impulse: with the closing speed c = (v1 - v2) · n, restitution asks for c' = -e c. An impulse
-    # -j n on body 1 and +j n on body 2 changes c by -j K, K the sum of the two inverse masses
-    # along n. Hence j = (1 + e) c / K.
+
+def _approach(body1, body2, arm1, arm2, direction):
+    """Speed at which body 1, at arm1, approaches body 2, at arm2, along the direction."""
     velocity1 = _velocity_at(body1.linVelocity, body1.angVelocity, arm1)
     velocity2 = _velocity_at(body2.linVelocity, body2.angVelocity, arm2)
-    closing = dot(tuple(velocity1[k] - velocity2[k] for k in range(3)), normal)
-    inverseMass = _inverse_mass_along(body1, arm1, normal) + _inverse_mass_along(
-        body2, arm2, normal
+    return dot(_difference(velocity1, velocity2), direction)
+
+
+def _slow_down(body1, body2, arm1, arm2, direction, change):
+    """Lowers the approach along the direction by `change`; returns the impulse that does it.
+
+    An impulse -j n on body 1 and +j n on body 2 lowers the approach by j K, with K the sum of both
+    bodies' inverse masses along n. Hence j = change / K.
+    """
+    inverseMass = _inverse_mass_along(body1, arm1, direction) + _inverse_mass_along(
+        body2, arm2, direction
     )
-    impulse = (1.0 + CRCoeff) * closing / inverseMass
+    impulse = change / inverseMass
+    body1.push(-impulse, direction, arm1)
+    body2.push(impulse, direction, arm2)
+    return impulse
+
+
+def _resolve(body1, body2, depth, normal, penPoint, CRCoeff, closingOnly):
+    """One contact, in place: `resolve_collision` on components. Not both inverse masses are 0.
+
+    Returns the impulse that body 2 receives along the normal.
+    """
+    point = _moved(penPoint, _part(body1, body2, depth, normal), normal)
+    arm1 = _difference(point, body1.position)
+    arm2 = _difference(point, body2.position)
+    # Restitution asks that an approach of c become one of -e c.
+    change = (1.0 + CRCoeff) * _approach(body1, body2, arm1, arm2, normal)
     if closingOnly:
-        impulse = impulse * (closing > 0)
-    body1.push(-impulse, normal, arm1)
-    body2.push(impulse, normal, arm2)
+        change = change * (change > 0)
+    return _slow_down(body1, body2, arm1, arm2, normal, change)
+
+
+# When the two points of a constraint coincide, no direction parts them better than another: they
+# are parted along this one.
+COINCIDENT_DIRECTION = (0.0, 1.0, 0.0)
+
+
+def _stretch(point1, point2, refValue):
+    """`(C, n)` of a distance constraint: C = ‖p1 - p2‖ - refValue, n the unit vector of p1 - p2."""
+    d = _difference(point1, point2)
+    squared = dot(d, d)
+    if isinstance(squared, float):
+        length = math.sqrt(squared)
+        if length == 0.0:
+            return -refValue, COINCIDENT_DIRECTION
+        return length - refValue, (d[0] / length, d[1] / length, d[2] / length)
+    length = np.sqrt(squared)
+    safe = np.where(length > 0, length, 1.0)
+    n = tuple(np.where(length > 0, d[k] / safe, COINCIDENT_DIRECTION[k]) for k in range(3))
+    return length - refValue, n
+
+
+def _violates(C, upper, tolerance):
+    """Whether a bound is exceeded: C > tolerance for an upper one, C < -tolerance for a lower."""
+    return (C > tolerance) & upper | (C < -tolerance) & (upper ^ True)
+
+
+def _correct_distance(body1, body2, arm1, arm2, C, n, tolerance):
+    """Corrects a violated bound on the distance of two points, in place: positions, velocities.
+
+    arm1, arm2 : from each COM to its point. Moving a body leaves the arms and, as the points move
+    along the line that joins them, n as they are.
+
+    The COMs move along n until C = 0, and an impulse along n stops the change of the distance,
+    J v = 0, unless |J v| ≤ tolerance. J = [n, r1 × n, -n, -(r2 × n)], so J v is the approach along
+    n and J M⁻¹ Jᵀ the two inverse masses along it: the impulse is a collision's without
+    restitution.
+    """
+    _part(body1, body2, C, n)
+    approach = _approach(body1, body2, arm1, arm2, n)
+    _slow_down(body1, body2, arm1, arm2, n, approach * (abs(approach) > tolerance))
 
 
 # --------------------------------------------------------------------------------------------------
@@ -380,9 +459,18 @@ class _Bodies:
         self.box = self.relativeBox + np.concatenate((self.position, -self.position))
 
     def state(self, b):
-        """`_BodyState` of body b, or of an array of bodies."""
-        columns = (self.invMass, self.invInertia, self.position, self.linVelocity, self.angVelocity)
-        return _BodyState(*(np.asarray(c[..., b]).tolist() for c in columns))
+        """`_BodyState` of body b, in floats."""
+        return _BodyState(
+            float(self.invMass[b]), self.invInertia[:, b].tolist(), self.position[:, b].tolist(),
+            self.linVelocity[:, b].tolist(), self.angVelocity[:, b].tolist(),
+        )  # fmt: skip
+
+    def states(self, b):
+        """`_BodyState` of the bodies b (m,), in arrays."""
+        return _BodyState(
+            self.invMass[b], self.invInertia[:, b], self.position[:, b],
+            self.linVelocity[:, b], self.angVelocity[:, b],
+        )  # fmt: skip
 
     def take(self, b, state):
         """Sets body b to a state that a collision has changed."""
@@ -487,7 +575,7 @@ class _NarrowPhase:
         """
         bodies = self.bodies
         position1, position2 = bodies.position[:, i].tolist(), bodies.position[:, j].tolist()
-        t = tuple(position2[k] - position1[k] for k in range(3))
+        t = _difference(position2, position1)
         size = float(bodies.hulls.radius[i] + bodies.hulls.radius[j])
         while True:
             if (i, j) in self.known:
@@ -495,48 +583,337 @@ class _NarrowPhase:
                 pen, normal = planes.nearest(row, t)
                 if pen < -GJK.TOUCH_TOLERANCE * size:
                     return None
-                shift = tuple(t[k] - start[k] for k in range(3))
+                shift = _difference(t, start)
                 if complete and dot(shift, shift) <= reach * reach:
                     break
             self._prepare(np.array([i]), np.array([j]))
         depth = max(pen, 0.0)
         vertices1, vertices2 = bodies.hulls.body_vertices(i), bodies.hulls.body_vertices(j)
         point = GJK.contact_point(vertices1, vertices2, t, normal, depth, size)
-        return depth, normal, tuple(point[k] + position2[k] for k in range(3))
+        return depth, normal, _sum(point, position2)
 
 
-def _resolve_pairs(bodies, CRCoeff, closingOnly):
+def _resolve_pairs(bodies, CRCoeff, closingOnly, report):
     """Detects and resolves every pair i < j, in that order, each seeing the earlier corrections."""
     if len(bodies.meshes) < 2:
         return
     narrowPhase = _NarrowPhase(bodies)
     for i, j in _overlapping_pairs(bodies):
+        report.candidatePairs += 1
         contact = narrowPhase.contact(i, j)
         if contact is not None:
             body1, body2 = bodies.state(i), bodies.state(j)
-            _resolve(body1, body2, *contact, CRCoeff, closingOnly)
+            impulse = _resolve(body1, body2, *contact, CRCoeff, closingOnly)
             bodies.take(i, body1)
             bodies.take(j, body2)
+            report.contacts.append((i, j, *contact, impulse))
 
 
-def _resolve_ground(bodies, groundMesh, CRCoeff, closingOnly):
-    """Lets every body that reaches below y = 0 bounce off the ground with its lowest vertex."""
+def _resolve_ground(bodies, groundMesh, CRCoeff, closingOnly, report):
+    """Lets every body that reaches down to y = 0 bounce off the ground with its lowest vertex."""
     heights = bodies.vertices[1] + np.repeat(bodies.position[1], bodies.vertexCount)
-    for b in np.flatnonzero(bodies.hasShape & ~bodies.isFixed).tolist():
-        own = slice(bodies.vertexStart[b], bodies.vertexStart[b] + bodies.vertexCount[b])
-        lowest = heights[own].argmin()
-        depth = -float(heights[own][lowest])
-        if depth < 0:
-            continue
+    solid = np.flatnonzero(bodies.hasShape)
+    lowest = np.full(len(bodies.meshes), np.inf)
+    lowest[solid] = np.minimum.reduceat(heights, bodies.vertexStart[solid])
+    for b in np.flatnonzero((lowest <= 0.0) & ~bodies.isFixed).tolist():
+        start = bodies.vertexStart[b]
+        vertex = start + heights[start : start + bodies.vertexCount[b]].argmin()
+        point = _sum(bodies.vertices[:, vertex].tolist(), bodies.position[:, b].tolist())
+        # The ground is hull 2: the body moves up, against the normal, by how deep the vertex is.
+        contact = (-float(lowest[b]), (0.0, -1.0, 0.0), point)
         body, ground = bodies.state(b), groundMesh._body_state()
-        point = tuple((bodies.vertices[:, own][:, lowest] + bodies.position[:, b]).tolist())
-        _resolve(body, ground, depth, (0.0, -1.0, 0.0), point, CRCoeff, closingOnly)
+        impulse = _resolve(body, ground, *contact, CRCoeff, closingOnly)
         bodies.take(b, body)
+        report.contacts.append((b, GROUND, *contact, impulse))
+
+
+# --------------------------------------------------------------------------------------------------
+# Distance constraints
+# --------------------------------------------------------------------------------------------------
+
+
+def resolve_position_constraint(
+    currPositions, currConstPoints, refValue, invMasses, upper, tolerance
+):
+    """Moves two bodies so that a bound on the distance of two of their points holds.
+
+    currPositions : pair of (1, 3), the COMs
+    currConstPoints : pair of (1, 3), p1 and p2; C = ‖p1 - p2‖ - refValue
+    refValue : length ≥ 0, the bound
+    invMasses : pair of inverse masses; 0 for what cannot move
+    upper : bool; an upper bound is valid when C ≤ tolerance, a lower one when C ≥ -tolerance
+
+    Returns `(positionWasValid, correctedPositions)`: a bool and a pair of new (1, 3) arrays, the
+    COMs, moved along p1 - p2 in proportion to the inverse masses until C = 0. Coincident points are
+    parted along y, the first one upwards. Bodies that both cannot move stay where they are.
+    """
+    upper, tolerance = bool(upper), _floats(tolerance, 1)[0]
+    body1, body2 = (
+        _BodyState(_floats(invMasses[k], 1)[0], None, _floats(currPositions[k], 3), None, None)
+        for k in range(2)
+    )
+    points = [_floats(point, 3) for point in currConstPoints]
+    C, n = _stretch(*points, _floats(refValue, 1)[0])
+    violated = _violates(C, upper, tolerance)
+    if violated and body1.invMass + body2.invMass > 0:
+        _part(body1, body2, C, n)
+    return not violated, (_row(body1.position, 3), _row(body2.position, 3))
+
+
+def resolve_velocity_constraint(
+    currPositions,
+    currConstPoints,
+    currLinVelocities,
+    currAngVelocities,
+    invMasses,
+    invInertiaTensors,
+    tolerance,
+):
+    """Stops the change of the distance of two points of two bodies by an impulse between them.
+
+    currPositions, currConstPoints, invMasses : as for `resolve_position_constraint`
+    currLinVelocities, currAngVelocities : pairs of (1, 3)
+    invInertiaTensors : pair of (3, 3), inverse inertia tensors in world axes
+    tolerance : speed; valid when |J v| ≤ tolerance, with J v the rate at which ‖p1 - p2‖ grows
+
+    Returns `(velocityWasValid, correctedLinVelocities, correctedAngVelocities)`: a bool and two
+    pairs of new (1, 3) arrays, with J v = 0 unless it was valid. Δv = -M⁻¹Jᵀ (J M⁻¹ Jᵀ)⁻¹ J v.
+    Bodies that both cannot move keep their velocities.
+    """
+    bodies, arms = [], []
+    points = [_floats(point, 3) for point in currConstPoints]
+    for k in range(2):
+        position = _floats(currPositions[k], 3)
+        arms.append(_difference(points[k], position))
+        bodies.append(
+            _BodyState(
+                _floats(invMasses[k], 1)[0], _floats(invInertiaTensors[k], 9), position,
+                _floats(currLinVelocities[k], 3), _floats(currAngVelocities[k], 3),
+            )  # fmt: skip
+        )
+    n = _stretch(*points, 0.0)[1]
+    approach = _approach(*bodies, *arms, n)
+    wasValid = abs(approach) <= _floats(tolerance, 1)[0]
+    if not wasValid and bodies[0].invMass + bodies[1].invMass > 0:
+        _slow_down(*bodies, *arms, n, approach)
+    return (
+        wasValid,
+        tuple(_row(body.linVelocity, 3) for body in bodies),
+        tuple(_row(body.angVelocity, 3) for body in bodies),
+    )
+
+
+class _Constraints:
+    """The constraints of a step as columns: those that can be corrected at all.
+
+    A constraint whose meshes are both fixed, or between two vertices of one mesh, is never
+    corrected: no motion of the bodies changes its distance.
+
+    index : (C,), place in the caller's list, whose length is `total`
+    body1, body2 : (C,); arm1, arm2 : (3, C), from the COMs to the points, world axes
+    refValue : (C,); upper : (C,) bool
+    """
+
+    def __init__(self, bodies, constraints):
+        self.total = len(constraints)
+        table = np.array([tuple(row) for row in constraints], dtype=np.float64).reshape(-1, 6).T
+        body1, vertex1, body2, vertex2 = table[:4].astype(np.intp)
+        movable = (body1 != body2) & ~(bodies.isFixed[body1] & bodies.isFixed[body2])
+        self.index = np.flatnonzero(movable)
+        self.body1, self.body2 = body1[movable], body2[movable]
+        self.arm1 = bodies.vertices[:, bodies.vertexStart[self.body1] + vertex1[movable]]
+        self.arm2 = bodies.vertices[:, bodies.vertexStart[self.body2] + vertex2[movable]]
+        self.refValue = table[4, movable]
+        self.upper = table[5, movable] != 0
+
+    def rows(self):
+        """The columns as a list of tuples `(body1, body2, arm1, arm2, refValue, upper)`."""
+        columns = (self.body1, self.body2, self.arm1.T, self.arm2.T, self.refValue, self.upper)
+        return list(zip(*(column.tolist() for column in columns), strict=True))
+
+
+def _project_constraints(bodies, constraints, maxIterations, tolerance, scheduling):
+    """Visits the constraints until they hold or the visits are used up; returns their number."""
+    columns = _Constraints(bodies, constraints)
+    allowed = max(int(maxIterations), columns.total)
+    return CONSTRAINT_SCHEDULINGS[scheduling](bodies, columns, allowed, tolerance)
+
+
+class _OneByOne:
+    """The constraints of a step, to be visited one at a time, on floats."""
+
+    def __init__(self, bodies, columns, tolerance):
+        self.rows = dict(zip(columns.index.tolist(), columns.rows(), strict=True))
+        used = np.unique(np.concatenate((columns.body1, columns.body2))).tolist()
+        self.states = {b: bodies.state(b) for b in used}
+        self.tolerance = tolerance
+
+    def visit(self, c):
+        """Looks at constraint c, corrects it if it is violated, and returns whether it was."""
+        b1, b2, arm1, arm2, refValue, upper = self.rows[c]
+        body1, body2 = self.states[b1], self.states[b2]
+        C, n = _stretch(_sum(body1.position, arm1), _sum(body2.position, arm2), refValue)
+        if not _violates(C, upper, self.tolerance):
+            return False
+        _correct_distance(body1, body2, arm1, arm2, C, n, self.tolerance)
+        return True
+
+    def write_back(self, bodies):
+        for b, state in self.states.items():
+            bodies.take(b, state)
+
+
+def _sweep(bodies, columns, allowed, tolerance):
+    """Visits in the list's order, over and over, until as many as there are found nothing.
+
+    A visit of a constraint that cannot be corrected counts as one that found nothing.
+    """
+    work = _OneByOne(bodies, columns, tolerance)
+    visits = idle = 0
+    while idle < columns.total and visits < allowed:
+        c = visits % columns.total
+        idle = 0 if c in work.rows and work.visit(c) else idle + 1
+        visits += 1
+    work.write_back(bodies)
+    return visits
+
+
+def _queue(bodies, columns, allowed, tolerance):
+    """The sweep without the visits that cannot find anything: same result, bit for bit.
+
+    A visit depends on the positions of two bodies, so a constraint that was found to hold is clean
+    until a body of it moves. The dirty ones are the bits of one integer: `dirty & -dirty` is the
+    lowest that is set, the next constraint in the sweep's order, and a body that moves sets those
+    of its constraints with a single `or`. Visits that are left out count as made, so that the
+    allowed number ends at the same constraint.
+    """
+    work = _OneByOne(bodies, columns, tolerance)
+    using = dict.fromkeys(work.states, 0)
+    dirty = 0
+    for c, (b1, b2, *_) in work.rows.items():
+        dirty |= 1 << c
+        using[b1] |= 1 << c
+        using[b2] |= 1 << c
+    visits = begin = c = 0  # visits made; the sweep's count at constraint 0; where it is
+    while dirty:
+        ahead = dirty >> c
+        if not ahead:  # the next dirty one belongs to the next sweep
+            begin, c = begin + columns.total, 0
+            continue
+        c += (ahead & -ahead).bit_length() - 1
+        if begin + c >= allowed:
+            break
+        dirty ^= 1 << c
+        if work.visit(c):
+            b1, b2, *_ = work.rows[c]
+            dirty |= using[b1] | using[b2]
+        visits += 1
+        c += 1
+    work.write_back(bodies)
+    return visits
+
+
+@lru_cache(maxsize=8)
+def _batches(body1, body2, isFixed):
+    """Constraints split into batches in which no two move the same body: arrays of columns.
+
+    body1, body2, isFixed : the bytes of the arrays in `_Constraints` and `_Bodies`. Each constraint
+    joins the first batch that has neither of its bodies; the bits of an integer tell a body's.
+    """
+    body1, body2 = np.frombuffer(body1, np.intp), np.frombuffer(body2, np.intp)
+    isFixed = np.frombuffer(isFixed, bool)
+    taken = [0] * len(isFixed)
+    members = []
+    for column, (b1, b2) in enumerate(zip(body1.tolist(), body2.tolist(), strict=True)):
+        free = ~(taken[b1] | taken[b2])
+        batch = (free & -free).bit_length() - 1
+        for b in (b1, b2):
+            if not isFixed[b]:
+                taken[b] |= 1 << batch
+        if batch == len(members):
+            members.append([])
+        members[batch].append(column)
+    return [np.array(columns) for columns in members]
+
+
+def _batched(bodies, columns, allowed, tolerance):
+    """Visits batch by batch, each a NumPy array of constraints that move no body in common.
+
+    Same visits as the sweep's, in another order, and as many of them: the result differs.
+    """
+    batches = _batches(
+        columns.body1.tobytes(), columns.body2.tobytes(), bodies.isFixed.tobytes()
+    )
+    visits = idle = 0
+    while batches:
+        for batch in batches:
+            batch = batch[: allowed - visits]
+            visits += len(batch)
+            if _visit_batch(bodies, columns, batch, tolerance):
+                idle = 0
+            else:
+                idle += len(batch)
+            if idle >= len(columns.index) or visits >= allowed:
+                return visits
+    return visits
+
+
+def _visit_batch(bodies, columns, batch, tolerance):
+    """Looks at the constraints in the columns `batch`; returns whether one had to be corrected."""
+    b1, b2 = columns.body1[batch], columns.body2[batch]
+    arm1, arm2 = columns.arm1[:, batch], columns.arm2[:, batch]
+    C, n = _stretch(
+        bodies.position[:, b1] + arm1, bodies.position[:, b2] + arm2, columns.refValue[batch]
+    )
+    violated = np.flatnonzero(_violates(C, columns.upper[batch], tolerance))
+    if len(violated) == 0:
+        return False
+    b1, b2 = b1[violated], b2[violated]
+    arm1, arm2, n = arm1[:, violated], arm2[:, violated], [x[violated] for x in n]
+    body1, body2 = bodies.states(b1), bodies.states(b2)
+    _correct_distance(body1, body2, arm1, arm2, C[violated], n, tolerance)
+    for b, body in ((b1, body1), (b2, body2)):
+        bodies.position[:, b] = body.position
+        bodies.linVelocity[:, b] = body.linVelocity
+        bodies.angVelocity[:, b] = body.angVelocity
+    return True
+
+
+CONSTRAINT_SCHEDULINGS = {"sweep": _sweep, "queue": _queue, "batches": _batched}
 
 
 # --------------------------------------------------------------------------------------------------
 # The step
 # --------------------------------------------------------------------------------------------------
+
+# Stands for the ground where a contact names its second body.
+GROUND = -1
+
+
+class StepReport:
+    """What a step did: for the eye and for benchmarks, never read by the simulation.
+
+    contacts : list of `(i, j, depth, normal, point, impulse)` in the order of resolution; j is
+        GROUND for the ground; depth ≥ 0 before the correction; normal (tuple of 3), unit, from body
+        i to body j; point (tuple of 3), deepest point of j in i, of i under the ground; impulse,
+        mass · speed, that body j received along the normal
+    candidatePairs : number of pairs whose boxes overlapped at their turn
+    constraintVisits : number of constraints looked at
+    seconds : dict, the time spent in each phase
+    """
+
+    def __init__(self):
+        self.contacts = []
+        self.candidatePairs = 0
+        self.constraintVisits = 0
+        self.seconds = {}
+
+    @contextmanager
+    def phase(self, name):
+        """Times what is done inside the `with` block."""
+        start = time.perf_counter()
+        yield
+        self.seconds[name] = time.perf_counter() - start
 
 
 def run_timestep(
@@ -549,21 +926,42 @@ def run_timestep(
     maxIterations=1000,
     tolerance=1e-3,
     closingOnly=False,
+    constraintScheduling="sweep",
 ):
-    """Moves a scene on by one time step, in place.
+    """Moves a scene on by one time step, in place, and returns a `StepReport`.
 
     meshes : list of Mesh
     groundMesh : a fixed Mesh without vertices, the half space y ≤ 0; None for free space
-    timeStep : seconds
+    timeStep : seconds > 0
     CRCoeff : coefficient of restitution
-    enforceConstraints, constraints, maxIterations, tolerance : see `_project_constraints`
+    enforceConstraints : whether the constraints are looked at
+    constraints : rows `[m1, v1, m2, v2, refValue, upper]`: the distance between rest vertex v1 of
+        meshes[m1] and rest vertex v2 of meshes[m2] is at most refValue if upper, else at least
+    maxIterations : constraint visits at most, but never less than one of each
+    tolerance : how far, as a length, a constraint may be violated before it is corrected; as a
+        speed, how fast its distance may change when it is
     closingOnly : see `resolve_collision`
+    constraintScheduling : "sweep" visits the constraints in order until as many visits as there are
+        constraints found nothing to correct; "queue" gives the same bits and leaves out visits that
+        cannot find anything; "batches" visits constraints without a common body together, which
+        ends elsewhere within the same bounds, and suits hundreds of constraints
     """
+    report = StepReport()
     if len(meshes) == 0:
-        return
+        return report
     bodies = _Bodies(meshes)
-    bodies.integrate(timeStep)
-    _resolve_pairs(bodies, CRCoeff, closingOnly)
-    if groundMesh is not None:
-        _resolve_ground(bodies, groundMesh, CRCoeff, closingOnly)
-    bodies.write_back()
+    with report.phase("integrate"):
+        bodies.integrate(timeStep)
+    with report.phase("collisions"):
+        _resolve_pairs(bodies, CRCoeff, closingOnly, report)
+    with report.phase("ground"):
+        if groundMesh is not None:
+            _resolve_ground(bodies, groundMesh, CRCoeff, closingOnly, report)
+    with report.phase("constraints"):
+        if enforceConstraints and len(constraints) > 0:
+            report.constraintVisits = _project_constraints(
+                bodies, constraints, maxIterations, tolerance, constraintScheduling
+            )
+    with report.phase("vertices"):
+        bodies.write_back()
+    return report

@@ -145,6 +145,7 @@ MESHES = {
     "long-octahedron": make_octahedron(10.4, 10.4, 1.4),
     "cylinder": make_cylinder(radius=5.0, length=20.0, sides=20),
     "ellipsoid": make_ellipsoid(2.0, 3.0, 5.0, subdivisions=2),
+    "ball": make_ellipsoid(6.0, 6.0, 6.0, subdivisions=1),
 }
 
 
@@ -170,6 +171,20 @@ class Body(NamedTuple):
     position: tuple                     # centre of mass (x, y, z), metres
     orientation: tuple = AS_MODELLED    # (w, x, y, z), of any length but zero
     isFixed: bool = False
+
+
+class Tie(NamedTuple):
+    """One line of a constraint file: the distance of a vertex of one body from one of another.
+
+    The bounds are factors of the distance at the start. A rope has the lower bound 0.
+    """
+
+    body1: int
+    vertex1: int
+    body2: int
+    vertex2: int
+    lower: float
+    upper: float
 
 
 def random_orientation(generator):
@@ -209,6 +224,11 @@ def two_cylinders():
     """A lying cylinder bounces off the ground into one that lies askew over it."""
     return [Body("cylinder.mesh", 120.0, (0.0, 22.0, 0.0)),
             Body("cylinder.mesh", 120.0, (4.0, 38.0, -3.0), (1.0, 0.0, 0.2, 0.0))]
+
+
+def two_cylinders_ties():
+    """A corner of each cap of one to the same corner of the other, elastic by a fifth."""
+    return [Tie(0, vertex, 1, vertex, 0.8, 1.2) for vertex in (0, 39)]
 
 
 def tet_rain():
@@ -281,6 +301,11 @@ def cube():
     return bodies
 
 
+def cube_ties():
+    """Every body to every other one, at the distance that they start with: the cube is rigid."""
+    return [Tie(i, 0, k, 0, 1.0, 1.0) for i, k in itertools.combinations(range(8), 2)]
+
+
 def tower_chain():
     """A leaning column on a fixed foot, each body to be tied to the one below.
 
@@ -291,6 +316,11 @@ def tower_chain():
     lean, rise = 1.5, 14.0      # metres from one body to the next, along x and y
     return [Body(shape, density, (lean * i, 70.0 + rise * i, 0.0), isFixed=i == 0)
             for i, (shape, density) in enumerate(zip(shapes, densities, strict=True))]
+
+
+def tower_chain_ties():
+    """Each body to the next, elastic by a tenth."""
+    return [Tie(i, 0, i + 1, 0, 0.9, 1.1) for i in range(8)]
 
 
 def two_chains():
@@ -312,6 +342,89 @@ def two_chains():
     return hanging + swinging + posts + falling
 
 
+def two_chains_ties():
+    """Each body of a chain to the next, elastic by a tenth."""
+    return [Tie(i, 0, i + 1, 0, 0.9, 1.1) for first in (0, 9) for i in range(first, first + 8)]
+
+
+def rope_bridge():
+    """Planks between two fixed abutments sag, and catch what falls onto them."""
+    height, pitch, planks = 40.0, 9.0, 13
+    # turned a quarter, a plank is 8 m along the bridge and 12 m across it
+    deck = [Body("box.mesh", 500.0, (pitch * (i - (planks + 1) / 2), height, 0.0), QUARTER_YAW,
+                 isFixed=i in (0, planks + 1))
+            for i in range(planks + 2)]
+    falling = [Body("octahedron.mesh", 700.0, (-18.0, height + 18.0, 1.0), (1.0, 0.4, 0.0, 0.2)),
+               Body("ellipsoid.mesh", 700.0, (5.0, height + 30.0, -1.0), (1.0, 0.0, 0.3, 0.8)),
+               Body("box.mesh", 300.0, (24.0, height + 24.0, 0.0), (1.0, 0.2, 0.5, 0.1))]
+    return deck + falling
+
+
+def rope_bridge_ties():
+    """On either side, the lower corner of each plank to the facing one of the next plank."""
+    # The quarter turn takes z to x and x to -z: corners with z > 0 face the next plank, the sign of
+    # x tells the side of the bridge, and a corner's index is 4 (x > 0) + 2 (y > 0) + (z > 0).
+    return [Tie(i, side + 1, i + 1, side, 0.0, 1.2) for i in range(14) for side in (0, 4)]
+
+
+NET_SIDE = 20       # bodies along each side of the net
+
+
+def hanging_net():
+    """A square net of octahedra on its four corners, and three heavy bodies that fall into it."""
+    height, pitch = 90.0, 8.0
+    places = list(itertools.product(range(NET_SIDE), repeat=2))
+    corners = set(itertools.product((0, NET_SIDE - 1), repeat=2))
+    middle = (NET_SIDE - 1) / 2
+    net = [Body("octahedron.mesh", 60.0, (pitch * (i - middle), height, pitch * (k - middle)),
+                isFixed=(i, k) in corners)
+           for i, k in places]
+    falling = [Body("ball.mesh", 40.0, (-20.0, height + 20.0, 8.0), (1.0, 0.3, 0.2, 0.0)),
+               Body("cylinder.mesh", 30.0, (22.0, height + 26.0, -18.0), (1.0, 0.4, 0.3, 0.0)),
+               Body("box.mesh", 60.0, (10.0, height + 34.0, 26.0), (1.0, 0.2, 0.5, 0.1))]
+    return net + falling
+
+
+def hanging_net_ties():
+    """Each body's tip along x, and along z, to the facing tip of the next one."""
+    ties = []
+    for i, k in itertools.product(range(NET_SIDE), repeat=2):
+        here = NET_SIDE * i + k
+        if i + 1 < NET_SIDE:
+            ties.append(Tie(here, 0, here + NET_SIDE, 2, 0.0, 1.1))
+        if k + 1 < NET_SIDE:
+            ties.append(Tie(here, 4, here + 1, 5, 0.0, 1.1))
+    return ties
+
+
+CHAIN_LINKS = 5     # octahedra between the anchor and the ball
+
+
+def wrecking_ball():
+    """A ball on a chain is let go beside a stack of boxes and swings into it."""
+    anchorHeight, pitch = 70.0, 9.0
+    slope = math.radians(25.0)          # of the chain, below the horizontal
+    along = np.array([-math.cos(slope), -math.sin(slope), 0.0])
+    chain = [Body("octahedron.mesh", 600.0, tuple(np.round(
+                  np.array([0.0, anchorHeight, 0.0]) + pitch * i * along, 3)), isFixed=i == 0)
+             for i in range(CHAIN_LINKS + 1)]
+    reach = pitch * CHAIN_LINKS + 11.0
+    ball = Body("ball.mesh", 2000.0, tuple(np.round(
+        np.array([0.0, anchorHeight, 0.0]) + reach * along, 3)))
+    plinth = Body("box.mesh", 1000.0, (14.0, 3.0, 0.0), QUARTER_YAW, isFixed=True)
+    # A hair above one another: boxes that touch from the start would be resolved in the first step.
+    stack = [Body("box.mesh", 150.0, (14.0, 9.0 + 6.01 * i + 0.01, 0.0), QUARTER_YAW)
+             for i in range(4)]
+    return [*chain, ball, plinth, *stack]
+
+
+def wrecking_ball_ties():
+    """From each link's tip at -x to the next one's at +x, the last one to the ball's."""
+    ballTip = int(np.argmax(MESHES["ball"][0][:, 0]))
+    tips = [0] * CHAIN_LINKS + [ballTip]        # vertex 0 of an octahedron is its tip at +x
+    return [Tie(i, 2, i + 1, tip, 0.0, 1.05) for i, tip in enumerate(tips)]
+
+
 SCENES = {
     "singletet": single_tet,
     "singlebox": single_box,
@@ -324,6 +437,20 @@ SCENES = {
     "cube": cube,
     "tower_chain": tower_chain,
     "two_chain": two_chains,
+    "bridge": rope_bridge,
+    "net": hanging_net,
+    "wrecking_ball": wrecking_ball,
+}
+
+# What is tied together in a scene, by the scene's name.
+TIES = {
+    "two_cylinder": two_cylinders_ties,
+    "cube": cube_ties,
+    "tower_chain": tower_chain_ties,
+    "two_chain": two_chains_ties,
+    "bridge": rope_bridge_ties,
+    "net": hanging_net_ties,
+    "wrecking_ball": wrecking_ball_ties,
 }
 
 
@@ -364,8 +491,13 @@ def write_scene(path, bodies):
     lines = [str(len(bodies))]
     for body in bodies:
         lines.append(f"{body.meshFile:<22}{body.density:<8}{int(body.isFixed)}   "
-                     f"{format_numbers(body.position):<24}{format_numbers(body.orientation)}")
+                     f"{format_numbers(body.position):<23} {format_numbers(body.orientation)}")
     write_lines(path, lines)
+
+
+def write_ties(path, ties):
+    """Write a constraint file: the number of ties, then `m1 v1 m2 v2 lower upper` each."""
+    write_lines(path, [str(len(ties))] + [" ".join(map(str, tie)) for tie in ties])
 
 
 def main():
@@ -381,6 +513,8 @@ def main():
     write_off(folder / "box.off", boxVertices, boxFaces)
     for name, makeBodies in SCENES.items():
         write_scene(folder / f"{name}-scene.txt", makeBodies())
+    for name, makeTies in TIES.items():
+        write_ties(folder / f"{name}-constraints.txt", makeTies())
 
 
 if __name__ == "__main__":

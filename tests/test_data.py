@@ -28,6 +28,7 @@ MESHES = {
     "long-octahedron.mesh": (6, {3}, 4 / 3 * 10.4 * 10.4 * 1.4),
     "cylinder.mesh": (40, {4, 20}, 20 * 5**2 / 2 * math.sin(2 * math.pi / 20) * 20),
     "ellipsoid.mesh": (162, {3}, None),
+    "ball.mesh": (42, {3}, None),
 }
 
 # Per scene: the number of bodies, and how many of them are fixed.
@@ -35,9 +36,17 @@ SCENES = {
     "singletet": (1, 0), "singlebox": (1, 0), "single_cylinder": (1, 0), "two_cylinder": (2, 0),
     "tet": (25, 0), "mixed": (7, 0), "tower": (9, 0), "stress": (41, 16), "cube": (8, 0),
     "tower_chain": (9, 1), "two_chain": (33, 10),
+    "bridge": (18, 2), "net": (403, 4), "wrecking_ball": (12, 2),
 }
 
-FILES = [*MESHES, "box.off", *(f"{name}-scene.txt" for name in SCENES)]
+# Per constraint file: the number of ties.
+TIES = {
+    "two_cylinder": 2, "cube": 28, "tower_chain": 8, "two_chain": 16,
+    "bridge": 28, "net": 2 * 20 * 19, "wrecking_ball": 6,
+}
+
+FILES = [*MESHES, "box.off", *(f"{name}-scene.txt" for name in SCENES),
+         *(f"{name}-constraints.txt" for name in TIES)]
 
 # The data's coordinates are rounded to 1e-9 m. On bodies some metres in size this changes a volume
 # by at most about 1e-9 of itself.
@@ -246,3 +255,17 @@ def test_scene(name):
 def test_scenes_use_every_mesh():
     used = {body[0] for name in SCENES for body in read_scene(DATA / f"{name}-scene.txt")}
     assert used == {*MESHES, "box.off"}
+
+
+@pytest.mark.parametrize("name", TIES)
+def test_ties_name_vertices_of_their_scene(name):
+    bodies = read_scene(DATA / f"{name}-scene.txt")
+    count, *lines = (DATA / f"{name}-constraints.txt").read_text().splitlines()
+    assert int(count) == len(lines) == TIES[name]
+    vertexCounts = [len(read_mesh(DATA / body[0])[0]) for body in bodies]
+    for line in lines:
+        body1, vertex1, body2, vertex2, lower, upper = line.split()
+        for body, vertex in ((body1, vertex1), (body2, vertex2)):
+            assert 0 <= int(vertex) < vertexCounts[int(body)]
+        assert body1 != body2
+        assert 0 <= float(lower) <= float(upper)
