@@ -215,10 +215,12 @@ def _polygon_hull(points, principal, axes):
     outward = np.cross(vectors, up)
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
     side = np.arange(count)
-    faces = np.concatenate((
-        np.stack((np.zeros(count, int), side + 2), axis=1),  # from up to outward
-        np.stack((side + 2, np.ones(count, int)), axis=1),  # from outward to down
-    ))
+    faces = np.concatenate(
+        (
+            np.stack((np.zeros(count, int), side + 2), axis=1),  # from up to outward
+            np.stack((side + 2, np.ones(count, int)), axis=1),  # from outward to down
+        )
+    )
     return Hull(
         vertices, ring, np.vstack((up, -up, outward)),
         np.tile(side, 2), np.tile(vectors, (2, 1)), faces, 0.0,
@@ -298,11 +300,13 @@ class HullSet:
 def rotate_columns(entries, table, counts):
     """Table (3, Σcounts) with counts[b] columns turned by the rotation entries[:, b] of body b."""
     r = np.repeat(entries, counts, axis=1)
-    return np.stack((
-        r[0] * table[0] + r[1] * table[1] + r[2] * table[2],
-        r[3] * table[0] + r[4] * table[1] + r[5] * table[2],
-        r[6] * table[0] + r[7] * table[1] + r[8] * table[2],
-    ))
+    return np.stack(
+        (
+            r[0] * table[0] + r[1] * table[1] + r[2] * table[2],
+            r[3] * table[0] + r[4] * table[1] + r[5] * table[2],
+            r[6] * table[0] + r[7] * table[1] + r[8] * table[2],
+        )
+    )
 
 
 def _slots(start, count, bodies):

@@ -86,11 +86,13 @@ def QRotate(q, v):
     """
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation_entries(_components(q, 4))
     x, y, z = _components(v, 3)
-    return _rows((
-        r00 * x + r01 * y + r02 * z,
-        r10 * x + r11 * y + r12 * z,
-        r20 * x + r21 * y + r22 * z,
-    ))
+    return _rows(
+        (
+            r00 * x + r01 * y + r02 * z,
+            r10 * x + r11 * y + r12 * z,
+            r20 * x + r21 * y + r22 * z,
+        )
+    )
 
 
 def QExp(q):

@@ -389,9 +389,7 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     depth, normal = _floats(depth, 1)[0], _floats(contactNormal, 3)
     if depth < 0:
         depth, normal = -depth, (-normal[0], -normal[1], -normal[2])
-    _resolve(
-        body1, body2, depth, normal, _floats(penPoint, 3), _floats(CRCoeff, 1)[0], closingOnly
-    )
+    _resolve(body1, body2, depth, normal, _floats(penPoint, 3), _floats(CRCoeff, 1)[0], closingOnly)
     m1._take(body1)
     m2._take(body2)
 
@@ -687,8 +685,11 @@ def resolve_velocity_constraint(
         arms.append(_difference(points[k], position))
         bodies.append(
             _BodyState(
-                _floats(invMasses[k], 1)[0], _floats(invInertiaTensors[k], 9), position,
-                _floats(currLinVelocities[k], 3), _floats(currAngVelocities[k], 3),
+                _floats(invMasses[k], 1)[0],
+                _floats(invInertiaTensors[k], 9),
+                position,
+                _floats(currLinVelocities[k], 3),
+                _floats(currAngVelocities[k], 3),
             )  # fmt: skip
         )
     n = _stretch(*points, 0.0)[1]
@@ -841,9 +842,7 @@ def _batched(bodies, columns, allowed, tolerance):
 
     Same visits as the sweep's, in another order, and as many of them: the result differs.
     """
-    batches = _batches(
-        columns.body1.tobytes(), columns.body2.tobytes(), bodies.isFixed.tobytes()
-    )
+    batches = _batches(columns.body1.tobytes(), columns.body2.tobytes(), bodies.isFixed.tobytes())
     visits = idle = 0
     while batches:
         for batch in batches:
