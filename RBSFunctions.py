@@ -13,6 +13,7 @@ import math
 import time
 from contextlib import contextmanager
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -131,25 +132,27 @@ def _approach(body1, body2, arm1, arm2, direction):
     return dot(_difference(velocity1, velocity2), direction)
 
 
-def _slow_down(body1, body2, arm1, arm2, direction, change):
+def _slow_down(body1, body2, arm1, arm2, direction, change, limit=None):
     """Lowers the approach along the direction by `change`; returns the impulse that does it.
 
     An impulse -j n on body 1 and +j n on body 2 lowers the approach by j K, with K the sum of both
-    bodies' inverse masses along n. Hence j = change / K.
+    bodies' inverse masses along n. Hence j = change / K, or the limit where that is less.
     """
     inverseMass = _inverse_mass_along(body1, arm1, direction) + _inverse_mass_along(
         body2, arm2, direction
     )
     impulse = change / inverseMass
+    if limit is not None:
+        impulse = min(impulse, limit) if isinstance(impulse, float) else np.minimum(impulse, limit)
     body1.push(-impulse, direction, arm1)
     body2.push(impulse, direction, arm2)
     return impulse
 
 
-def _resolve(body1, body2, depth, normal, penPoint, CRCoeff, closingOnly):
+def _resolve(body1, body2, depth, normal, penPoint, CRCoeff, closingOnly, mu):
     """One contact, in place: `resolve_collision` on components. Not both inverse masses are 0.
 
-    Returns the impulse that body 2 receives along the normal.
+    Returns `(impulse, friction)`: what body 2 receives along the normal, and across it, a vector.
     """
     point = _moved(penPoint, _part(body1, body2, depth, normal), normal)
     arm1 = _difference(point, body1.position)
@@ -158,7 +161,42 @@ def _resolve(body1, body2, depth, normal, penPoint, CRCoeff, closingOnly):
     change = (1.0 + CRCoeff) * _approach(body1, body2, arm1, arm2, normal)
     if closingOnly:
         change = change * (change > 0)
-    return _slow_down(body1, body2, arm1, arm2, normal, change)
+    impulse = _slow_down(body1, body2, arm1, arm2, normal, change)
+    if mu == 0:
+        return impulse, NO_FRICTION
+    return impulse, _rub(body1, body2, arm1, arm2, normal, mu * impulse)
+
+
+NO_FRICTION = (0.0, 0.0, 0.0)
+
+
+def _rub(body1, body2, arm1, arm2, normal, limit):
+    """Coulomb friction at a contact, in place; returns the impulse, a vector, that body 2 receives.
+
+    limit : μ times the normal impulse; none where that is negative, as nothing is pressed there.
+
+    With u the velocity of body 1 relative to body 2 at the contact and t the unit vector of its
+    part across the normal, an impulse -j t on body 1 and +j t on body 2 lowers u · t by j K, K
+    being both bodies' inverse mass along t. The sliding stops at j = u · t / K; friction gives
+    that much or its limit, whichever is less, and so never turns the sliding round. The kinetic
+    energy changes by -j u · t + j² K / 2, which is at most 0 for 0 ≤ j ≤ u · t / K.
+    """
+    velocity1 = _velocity_at(body1.linVelocity, body1.angVelocity, arm1)
+    velocity2 = _velocity_at(body2.linVelocity, body2.angVelocity, arm2)
+    u = _difference(velocity1, velocity2)
+    across = _moved(u, -dot(u, normal), normal)
+    squared = dot(across, across)
+    if isinstance(squared, float):
+        speed = length = math.sqrt(squared)
+        if speed == 0.0 or limit <= 0.0:
+            return NO_FRICTION
+    else:
+        speed = np.sqrt(squared)
+        length = np.where(speed > 0.0, speed, 1.0)
+        limit = np.maximum(limit, 0.0)
+    t = (across[0] / length, across[1] / length, across[2] / length)
+    impulse = _slow_down(body1, body2, arm1, arm2, t, speed, limit)
+    return (impulse * t[0], impulse * t[1], impulse * t[2])
 
 
 # When the two points of a constraint coincide, no direction parts them better than another: they
@@ -367,7 +405,7 @@ def _integrated(linVelocity, angVelocity, position, orientation, timeStep):
     return linVelocity, position, orientation / length
 
 
-def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOnly=False):
+def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOnly=False, mu=0.0):
     """Parts two meshes that interpenetrate and lets them bounce, changing both in place.
 
     depth : length they interpenetrate by. A negative one moves the meshes the other way, as the
@@ -378,6 +416,8 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     closingOnly : when true, a contact that already separates receives no impulse. By default the
         impulse is applied whatever the sign of the closing velocity, as the coursework's reference
         does
+    mu : coefficient of friction ≥ 0. Unless it is 0, a second impulse at the same point, of at most
+        mu times the first one, slows or stops the sliding
 
     The interpenetration is split by inverse mass; one impulse at the contact point, which moves
     along with m2, reverses the closing speed and scales it by the restitution. Two meshes that
@@ -591,7 +631,7 @@ class _NarrowPhase:
         return depth, normal, _sum(point, position2)
 
 
-def _resolve_pairs(bodies, CRCoeff, closingOnly, report):
+def _resolve_pairs(bodies, CRCoeff, closingOnly, mu, report):
     """Detects and resolves every pair i < j, in that order, each seeing the earlier corrections."""
     if len(bodies.meshes) < 2:
         return
@@ -601,13 +641,13 @@ def _resolve_pairs(bodies, CRCoeff, closingOnly, report):
         contact = narrowPhase.contact(i, j)
         if contact is not None:
             body1, body2 = bodies.state(i), bodies.state(j)
-            impulse = _resolve(body1, body2, *contact, CRCoeff, closingOnly)
+            impulses = _resolve(body1, body2, *contact, CRCoeff, closingOnly, mu)
             bodies.take(i, body1)
             bodies.take(j, body2)
-            report.contacts.append((i, j, *contact, impulse))
+            report.contacts.append(Contact(i, j, *contact, *impulses))
 
 
-def _resolve_ground(bodies, groundMesh, CRCoeff, closingOnly, report):
+def _resolve_ground(bodies, groundMesh, CRCoeff, closingOnly, mu, report):
     """Lets every body that reaches down to y = 0 bounce off the ground with its lowest vertex."""
     heights = bodies.vertices[1] + np.repeat(bodies.position[1], bodies.vertexCount)
     solid = np.flatnonzero(bodies.hasShape)
@@ -620,9 +660,9 @@ def _resolve_ground(bodies, groundMesh, CRCoeff, closingOnly, report):
         # The ground is hull 2: the body moves up, against the normal, by how deep the vertex is.
         contact = (-float(lowest[b]), (0.0, -1.0, 0.0), point)
         body, ground = bodies.state(b), groundMesh._body_state()
-        impulse = _resolve(body, ground, *contact, CRCoeff, closingOnly)
+        impulses = _resolve(body, ground, *contact, CRCoeff, closingOnly, mu)
         bodies.take(b, body)
-        report.contacts.append((b, GROUND, *contact, impulse))
+        report.contacts.append(Contact(b, GROUND, *contact, *impulses))
 
 
 # --------------------------------------------------------------------------------------------------
@@ -735,6 +775,9 @@ class _Constraints:
 
 def _project_constraints(bodies, constraints, maxIterations, tolerance, scheduling):
     """Visits the constraints until they hold or the visits are used up; returns their number."""
+    if scheduling not in CONSTRAINT_SCHEDULINGS:
+        names = ", ".join(CONSTRAINT_SCHEDULINGS)
+        raise ValueError(f"no constraint scheduling {scheduling!r}; there are {names}")
     columns = _Constraints(bodies, constraints)
     allowed = max(int(maxIterations), columns.total)
     return CONSTRAINT_SCHEDULINGS[scheduling](bodies, columns, allowed, tolerance)
@@ -889,13 +932,22 @@ CONSTRAINT_SCHEDULINGS = {"sweep": _sweep, "queue": _queue, "batches": _batched}
 GROUND = -1
 
 
+class Contact(NamedTuple):
+    """One contact that a step has resolved. Vectors are tuples of 3 in world axes."""
+
+    body1: int  # index of the mesh
+    body2: int  # likewise, or GROUND
+    depth: float  # ≥ 0, before the correction
+    normal: tuple  # unit, from body 1 to body 2
+    point: tuple  # the point of body 2 that is deepest in body 1; body 1's lowest one on the ground
+    impulse: float  # mass · speed, what body 2 receives along the normal
+    friction: tuple  # mass · speed, what it receives across
+
+
 class StepReport:
     """What a step did: for the eye and for benchmarks, never read by the simulation.
 
-    contacts : list of `(i, j, depth, normal, point, impulse)` in the order of resolution; j is
-        GROUND for the ground; depth ≥ 0 before the correction; normal (tuple of 3), unit, from body
-        i to body j; point (tuple of 3), deepest point of j in i, of i under the ground; impulse,
-        mass · speed, that body j received along the normal
+    contacts : list of `Contact`, in the order of resolution
     candidatePairs : number of pairs whose boxes overlapped at their turn
     constraintVisits : number of constraints looked at
     seconds : dict, the time spent in each phase
@@ -926,6 +978,7 @@ def run_timestep(
     tolerance=1e-3,
     closingOnly=False,
     constraintScheduling="sweep",
+    mu=0.0,
 ):
     """Moves a scene on by one time step, in place, and returns a `StepReport`.
 
@@ -944,6 +997,7 @@ def run_timestep(
         constraints found nothing to correct; "queue" gives the same bits and leaves out visits that
         cannot find anything; "batches" visits constraints without a common body together, which
         ends elsewhere within the same bounds, and suits hundreds of constraints
+    mu : see `resolve_collision`
     """
     report = StepReport()
     if len(meshes) == 0:
@@ -952,10 +1006,10 @@ def run_timestep(
     with report.phase("integrate"):
         bodies.integrate(timeStep)
     with report.phase("collisions"):
-        _resolve_pairs(bodies, CRCoeff, closingOnly, report)
+        _resolve_pairs(bodies, CRCoeff, closingOnly, mu, report)
     with report.phase("ground"):
         if groundMesh is not None:
-            _resolve_ground(bodies, groundMesh, CRCoeff, closingOnly, report)
+            _resolve_ground(bodies, groundMesh, CRCoeff, closingOnly, mu, report)
     with report.phase("constraints"):
         if enforceConstraints and len(constraints) > 0:
             report.constraintVisits = _project_constraints(
