@@ -1,0 +1,1098 @@
+"""Loads scenes, runs them, records them: the program's entry point.
+
+    python RigidBodySimulation.py mixed                 opens a window
+    python RigidBodySimulation.py mixed --headless      needs no display and no OpenGL
+
+From the top: the reading of text files and its errors; meshes, scenes and constraints; the
+`Simulation` that the window and the command line share; the recording; the command line. Nothing
+here draws: `RBSViewer`, and with it Polyscope, is imported only when something is to be seen.
+
+Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
+"""
+
+import argparse
+import errno
+import math
+import os
+import signal
+import statistics
+import sys
+import time
+import warnings
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from Quaternion import QConj, QRotate
+from RBSFunctions import GRAVITY, Mesh, run_timestep
+
+PROGRAM_FOLDER = Path(__file__).resolve().parent
+DATA_FOLDER = PROGRAM_FOLDER / "data"
+SCENE_ENDING = "-scene.txt"
+DEFAULT_SCENE = "mixed"
+
+# Bodies keep half of their closing speed: the first falls visibly bounce and a pile comes to rest
+# within ten seconds. With 1, the other natural choice, nothing in a scene would ever settle.
+DEFAULT_RESTITUTION = 0.5
+# 50 steps a second: what a bounce needs to look smooth, and what the coursework's scenes are
+# laid out for.
+DEFAULT_TIME_STEP = 0.02
+# Ten seconds with the default time step: the falls and the settling of every scene in data/.
+DEFAULT_STEPS = 500
+# Five pictures a second with the default time step.
+DEFAULT_EVERY = 10
+# What the program draws where it was asked for a window and there is no display.
+FALLBACK_PICTURES = 5
+
+# A mesh counts as convex while its hull is larger than itself by no more than this fraction.
+# Coordinates that were written with four decimals make about 1e-5; what a smaller tolerance would
+# report nobody could see, and a dent of 1e-4 shifts a contact by far less than a body's size.
+CONVEXITY_TOLERANCE = 1e-4
+# A point lies inside of a face's plane when it is deeper than this fraction of the mesh's extent:
+# well above the rounding of a distance (1e-15), and below any tetrahedron worth having.
+INSIDE_MARGIN = 1e-9
+
+
+# ---------------------------------------------------------------------------------------------
+# Reading text files
+# ---------------------------------------------------------------------------------------------
+
+
+class SceneError(ValueError):
+    """A file, or a name of one, that cannot be used. Reads "file:line: cause" in one line."""
+
+    def __init__(self, path, lineNumber, cause):
+        """lineNumber : counted from 1, or None where the file as a whole is meant."""
+        place = f"{path}:{lineNumber}" if lineNumber else f"{path}"
+        super().__init__(f"{place}: {cause}")
+
+
+class NonConvexWarning(UserWarning):
+    """A mesh that collides as its convex hull, which is larger than the mesh itself."""
+
+
+class LineReader:
+    """The lines of a text file that hold something, split at blanks, one after the other.
+
+    Anything from a `#` to the end of its line is a comment. Blank lines, tabs, CR-LF and a
+    byte-order mark make no difference. Whatever is wrong is raised as a SceneError that names the
+    file and the line read last.
+    """
+
+    def __init__(self, path):
+        self.path = path
+        self.lineNumber = None
+        text = self._read_text().replace("\r\n", "\n").replace("\r", "\n")
+        self._rest = [
+            (number, fields)
+            for number, line in enumerate(text.split("\n"), start=1)
+            if (fields := line.split("#", 1)[0].split())
+        ]
+        self._rest.reverse()
+        if not self._rest:
+            raise self.error("the file is empty")
+
+    def _read_text(self):
+        if os.path.isdir(self.path):
+            raise self.error("this is a folder, not a file")
+        try:
+            content = Path(self.path).read_bytes()
+        except FileNotFoundError:
+            raise self.error("there is no such file") from None
+        except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+            raise self.error(f"cannot be read ({reason_of(error)})") from None
+        try:
+            if b"\0" in content:
+                raise ValueError("NUL bytes do not occur in text")
+            return content.decode("utf-8-sig")
+        except ValueError:
+            raise self.error("this is not a text file") from None
+
+    def error(self, cause):
+        """The SceneError that stands at the current line. To be raised by the caller."""
+        return SceneError(self.path, self.lineNumber, cause)
+
+    def at_end(self):
+        """Whether no line with something in it is left."""
+        return not self._rest
+
+    def row(self, what, columns=None):
+        """The fields of the next line, a list of str; as many as `columns`, if given.
+
+        what : names the line in the error that is raised where it is missing or has another width
+        """
+        if not self._rest:
+            raise self.error(f"the file ends before {what}")
+        self.lineNumber, fields = self._rest.pop()
+        if columns is not None and len(fields) != columns:
+            width = "1 column" if columns == 1 else f"{columns} columns"
+            raise self.error(f"{what} takes {width}, not {len(fields)}: '{short(*fields)}'")
+        return fields
+
+    def count(self, what, low=0):
+        """A line that holds nothing but a whole number ≥ low, the number of `what`."""
+        (field,) = self.row(f"the number of {what}", columns=1)
+        return self.whole(field, f"the number of {what}", low)
+
+    def rows(self, count, what, columns=None):
+        """The next `count` lines as lists of fields, one at a time."""
+        for index in range(count):
+            yield self.row(f"{what} {index + 1} of {count}", columns)
+
+    def number(self, field, what):
+        """The finite float that `field` spells."""
+        try:
+            value = float(field)
+        except ValueError:
+            raise self.error(f"{what} must be a number, not '{short(field)}'") from None
+        if not math.isfinite(value):
+            raise self.error(f"{what} must be finite, not '{field}'")
+        return value
+
+    def numbers(self, fields, what):
+        """The finite floats that the fields spell, as a list."""
+        return [self.number(field, what) for field in fields]
+
+    def whole(self, field, what, low=0, high=None):
+        """The whole number that `field` spells, low ≤ number and, if `high` is given, ≤ high."""
+        try:
+            value = int(field)
+        except ValueError:
+            raise self.error(f"{what} must be a whole number, not '{short(field)}'") from None
+        if value < low or (high is not None and value > high):
+            allowed = f"between {low} and {high}"
+            if high is None:
+                allowed = f"at least {low}"
+            elif high == low:
+                allowed = f"{low}"
+            raise self.error(f"{what} must be {allowed}, not {value}")
+        return value
+
+    def expect_end(self, announced):
+        """Raises unless all that is left is blank. `announced`: what the count had promised."""
+        if not self.at_end():
+            fields = self.row("the end")
+            raise self.error(f"more lines than the {announced} announced: '{short(*fields)}'")
+
+
+def short(*words, limit=40):
+    """The words as one string that fits into an error line."""
+    text = " ".join(words)
+    return text if len(text) <= limit else text[: limit - 3] + "..."
+
+
+def reason_of(error):
+    """What an OSError says, without the number and the path that str(error) adds."""
+    return getattr(error, "strerror", None) or str(error)
+
+
+# ---------------------------------------------------------------------------------------------
+# Meshes
+# ---------------------------------------------------------------------------------------------
+
+
+def load_mesh_file(path):
+    """Reads a tetrahedral mesh (.mesh, MEDIT text) or a closed surface (.off).
+
+    Faces are turned to be counter-clockwise seen from outside, and tetrahedra to have
+    det(b - a, c - a, d - a) > 0, whichever way the file has them. A surface is filled with the
+    tetrahedra of its faces and one inner point, which becomes the last vertex.
+
+    path : str or Path
+    returns (vertices (V, 3) float64, faces (F, 3) int64, tets (T, 4) int64), indices from 0
+    raises SceneError when the file is missing, malformed, or not a body of some volume
+    """
+    readers = {".mesh": _read_medit, ".off": _read_off}
+    read = readers.get(os.path.splitext(path)[1].lower())
+    if read is None:
+        raise SceneError(path, None, "the name of a mesh file must end in .mesh or .off")
+    reader = LineReader(path)
+    vertices, faces, tets = read(reader)
+    if not np.any(tetrahedron_volumes(vertices, tets) > 0.0):
+        raise SceneError(path, None, "the mesh has no volume")
+    return vertices, faces, tets
+
+
+def tetrahedron_volumes(vertices, tets):
+    """Signed volumes (T,): positive where d lies on the side that a, b, c turn clockwise from."""
+    a, b, c, d = (vertices[tets[:, k]] for k in range(4))
+    return np.sum(np.cross(b - a, c - a) * (d - a), axis=1) / 6.0
+
+
+# The sections of a MEDIT file that are used: the width of their rows without the reference number.
+_MEDIT_SECTIONS = {"Vertices": 3, "Triangles": 3, "Tetrahedra": 4}
+
+
+def _read_medit(reader):
+    """The sections of a .mesh file, in any order as long as the vertices come first.
+
+    Other sections (Edges, Corners, ...) are passed over. `End` or the end of the file ends it.
+    """
+    if reader.row("MeshVersionFormatted")[0] != "MeshVersionFormatted":
+        raise reader.error("a .mesh file starts with MeshVersionFormatted")
+    sections = {}
+    passingOver = False
+    while not reader.at_end():
+        keyword, *fields = reader.row("a section")
+        if keyword == "End":
+            break
+        if keyword == "Dimension":
+            value = (fields or reader.row("the dimension"))[0]
+            reader.whole(value, "the dimension", low=3, high=3)
+        elif keyword in _MEDIT_SECTIONS:
+            passingOver = False
+            if keyword in sections:
+                raise reader.error(f"there is a second section {keyword}")
+            if keyword != "Vertices" and "Vertices" not in sections:
+                raise reader.error(f"the section {keyword} comes before the section Vertices")
+            sections[keyword] = _read_medit_section(reader, keyword, fields, sections)
+        elif keyword[0].isalpha():
+            passingOver = True
+        elif not passingOver:
+            raise reader.error(f"expected the name of a section, not '{short(keyword, *fields)}'")
+    for keyword in _MEDIT_SECTIONS:
+        if not len(sections.get(keyword, ())):
+            raise SceneError(reader.path, None, f"there are no {keyword}")
+    vertices, faces, tets = (sections[keyword] for keyword in _MEDIT_SECTIONS)
+    flipped = tetrahedron_volumes(vertices, tets) < 0.0
+    tets[flipped] = tets[flipped][:, [0, 1, 3, 2]]
+    return vertices, _turn_faces_outward(reader.path, vertices, faces, tets), tets
+
+
+def _read_medit_section(reader, keyword, fields, sections):
+    """The rows of one section, without the reference number: (n, width) floats or indices."""
+    width = _MEDIT_SECTIONS[keyword]
+    if fields:  # the count stands behind the keyword
+        count = reader.whole(fields[0], f"the number of {keyword}")
+    else:
+        count = reader.count(keyword)
+    table = []
+    for row in reader.rows(count, f"row {keyword}", columns=width + 1):
+        reader.number(row[-1], "the reference number")
+        if keyword == "Vertices":
+            table.append(reader.numbers(row[:-1], "a coordinate"))
+        else:
+            table.append(_read_corners(reader, row[:-1], 1, len(sections["Vertices"])))
+    return np.array(table, dtype=np.float64 if keyword == "Vertices" else np.int64)
+
+
+def _read_corners(reader, fields, first, vertexCount):
+    """Vertex indices counted from `first`, as a list counted from 0; no vertex twice."""
+    last = first + vertexCount - 1
+    corners = [reader.whole(field, "a vertex index", first, last) - first for field in fields]
+    if len(set(corners)) < len(corners):
+        raise reader.error(f"a vertex is used twice: '{short(*fields)}'")
+    return corners
+
+
+def _turn_faces_outward(path, vertices, faces, tets):
+    """The faces, each turned so that the tetrahedron that it bounds lies behind it.
+
+    That decides for each face by itself, so a file may mix both directions.
+    """
+    opposite = {}
+    for tet in tets.tolist():
+        for k in range(4):
+            opposite[frozenset(tet[:k] + tet[k + 1 :])] = tet[k]
+    inner = [opposite.get(frozenset(face)) for face in faces.tolist()]
+    if None in inner:
+        row = inner.index(None) + 1
+        raise SceneError(path, None, f"triangle {row} is not a face of any tetrahedron")
+    # The inner vertex of an outward face stands at a negative distance over it.
+    inward = tetrahedron_volumes(vertices, np.column_stack([faces, inner])) > 0.0
+    return np.where(inward[:, None], faces[:, ::-1], faces)
+
+
+def _read_off(reader):
+    """A closed surface of polygons, cut into triangles and filled with tetrahedra."""
+    header, *counts = reader.row("OFF")
+    if header != "OFF":
+        raise reader.error("an .off file starts with OFF")
+    counts = counts or reader.row("the counts")
+    if len(counts) not in (2, 3):  # the number of edges may be left out
+        raise reader.error(f"expected the numbers of vertices and faces: '{short(*counts)}'")
+    vertexCount = reader.whole(counts[0], "the number of vertices", low=4)
+    faceCount = reader.whole(counts[1], "the number of faces", low=4)
+    vertices = np.array([
+        reader.numbers(row, "a coordinate") for row in reader.rows(vertexCount, "vertex", columns=3)
+    ])
+    triangles = []
+    for row in reader.rows(faceCount, "face"):
+        corners = reader.whole(row[0], "the number of a face's corners", low=3)
+        if len(row) <= corners:
+            raise reader.error(f"a face of {corners} corners has only {len(row) - 1}")
+        # What follows the corners is the face's colour.
+        polygon = _read_corners(reader, row[1 : corners + 1], 0, vertexCount)
+        triangles += [[polygon[0], a, b] for a, b in zip(polygon[1:], polygon[2:], strict=False)]
+    reader.expect_end(f"{faceCount} faces")
+    try:
+        faces = orient_surface(vertices, np.array(triangles, dtype=np.int64))
+        return fill_surface(vertices, faces)
+    except ValueError as error:
+        raise SceneError(reader.path, None, str(error)) from None
+
+
+def orient_surface(vertices, faces):
+    """Turns the triangles of a closed surface to be counter-clockwise seen from outside.
+
+    Neighbours are made to agree, starting from one triangle of each connected piece, and a piece
+    with a negative volume is turned as a whole. Works on any closed surface, convex or not.
+
+    vertices (V, 3), faces (F, 3); returns (F, 3)
+    raises ValueError when an edge does not belong to exactly two triangles, or has no sides
+    """
+    facesAtEdge = {}
+    for face, corners in enumerate(faces.tolist()):
+        for tail, head in zip(corners, corners[1:] + corners[:1], strict=True):
+            key = (min(tail, head), max(tail, head))
+            facesAtEdge.setdefault(key, []).append((face, tail < head))
+    neighbours = [[] for _ in faces]
+    for (low, high), owners in facesAtEdge.items():
+        if len(owners) != 2:
+            raise ValueError(
+                f"the surface is not closed: the edge between the vertices {low} and {high} "
+                f"belongs to {len(owners)} triangle{'s' * (len(owners) != 1)}, not to 2"
+            )
+        (one, oneAscends), (other, otherAscends) = owners
+        # Neighbours that agree run along their common edge in opposite directions.
+        neighbours[one].append((other, oneAscends == otherAscends))
+        neighbours[other].append((one, oneAscends == otherAscends))
+
+    result = faces.copy()
+    turned = [None] * len(faces)
+    for start in range(len(faces)):
+        if turned[start] is None:
+            piece = _agree_with(start, neighbours, turned)
+            flips = [face for face in piece if turned[face]]
+            result[flips] = result[flips][:, ::-1]
+            a, b, c = (vertices[result[piece, k]] for k in range(3))
+            if np.sum(a * np.cross(b, c)) < 0.0:  # six times the enclosed volume
+                result[piece] = result[piece][:, ::-1]
+    return result
+
+
+def _agree_with(start, neighbours, turned):
+    """The triangles connected with `start`; notes in `turned` which must turn to agree with it."""
+    turned[start] = False
+    piece = [start]
+    for face in piece:  # grows while it is walked through
+        for other, differs in neighbours[face]:
+            if turned[other] is None:
+                turned[other] = turned[face] ^ differs
+                piece.append(other)
+            elif turned[other] != turned[face] ^ differs:
+                raise ValueError("the surface has no inside: it cannot be turned consistently")
+    return piece
+
+
+def fill_surface(vertices, faces):
+    """Joins every triangle of a closed surface to one inner point.
+
+    vertices (V, 3); faces (F, 3), counter-clockwise seen from outside
+    returns (vertices (V+1, 3) with the inner point as last one, faces, tets (T, 4) of positive
+    volume); a triangle without area gets no tetrahedron
+    raises ValueError when no point sees all faces from behind
+    """
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    lengths = np.sqrt(np.sum(normals * normals, axis=1))
+    extent = np.max(np.ptp(vertices, axis=0))
+    solid = lengths > INSIDE_MARGIN * extent * extent
+    normals = normals[solid] / lengths[solid, None]
+    offsets = np.sum(normals * a[solid], axis=1)
+
+    inner = find_inner_point(vertices, normals, offsets, INSIDE_MARGIN * extent)
+    apex = np.full((np.count_nonzero(solid), 1), len(vertices))
+    return np.vstack([vertices, inner]), faces, np.hstack([apex, faces[solid]])
+
+
+def find_inner_point(vertices, normals, offsets, margin):
+    """A point (3,) more than `margin` behind all planes normals · x = offsets.
+
+    The vertex mean, if it will do: it always does for a convex body. Else the point whose least
+    distance from the planes is largest, which is a linear programme: maximise t under
+    normals · x + t ≤ offsets.
+
+    raises ValueError when there is no such point
+    """
+    mean = np.mean(vertices, axis=0)
+    if np.max(normals @ mean - offsets) < -margin:
+        return mean
+    # Imported here: it takes as long as everything else together, and few files need it.
+    from scipy.optimize import linprog
+
+    best = linprog(
+        c=[0.0, 0.0, 0.0, -1.0],
+        A_ub=np.column_stack([normals, np.ones(len(normals))]),
+        b_ub=offsets,
+        bounds=[(None, None)] * 4,
+    )
+    if best.status != 0 or best.x[3] <= margin:
+        raise ValueError(
+            "the surface cannot be filled from one point, since no point sees all of it from "
+            "inside; give it as a .mesh with tetrahedra"
+        )
+    return best.x[:3]
+
+
+# ---------------------------------------------------------------------------------------------
+# Scenes and constraints
+# ---------------------------------------------------------------------------------------------
+
+
+def find_scene(name):
+    """The path of a scene: `name` itself if it is one, else data/<name>-scene.txt.
+
+    raises SceneError that lists the scenes of data/ when there is neither
+    """
+    path = Path(name)
+    if path.exists():
+        return path
+    ours = DATA_FOLDER / f"{name}{SCENE_ENDING}"
+    if path.name == str(name) and ours.exists():
+        return ours
+    known = ", ".join(scene_name(scene) for scene in list_scenes(DATA_FOLDER))
+    raise SceneError(name, None, f"there is no such scene, neither a file nor one of: {known}")
+
+
+def list_scenes(folder):
+    """The paths of all scenes in a folder, by name."""
+    return sorted(Path(folder).glob(f"*{SCENE_ENDING}"))
+
+
+def scene_name(path):
+    """What a person calls a scene: the file's name without its ending."""
+    name = Path(path).name
+    return name[: -len(SCENE_ENDING)] if name.endswith(SCENE_ENDING) else Path(path).stem
+
+
+def load_scene_file(path):
+    """Reads a scene: the number of bodies, then `meshfile density isFixed x y z qw qx qy qz` each.
+
+    Mesh files are looked up beside the scene file, and each is read once. A body is named after
+    its mesh file and its place in the scene, "box 3": the index that constraints know it by.
+    A mesh that is not convex gives one NonConvexWarning, however many bodies use it.
+
+    path : str or Path
+    returns a list of Mesh
+    raises SceneError
+    """
+    reader = LineReader(path)
+    bodyCount = reader.count("bodies", low=1)
+    loaded = {}
+    meshes = []
+    for index, row in enumerate(reader.rows(bodyCount, "body", columns=10)):
+        fileName = row[0]
+        density = reader.number(row[1], "the density")
+        if density <= 0.0:
+            raise reader.error(f"the density must be positive, not {row[1]}")
+        isFixed = bool(reader.whole(row[2], "isFixed", 0, 1))
+        position = reader.numbers(row[3:6], "a coordinate")
+        orientation = reader.numbers(row[6:10], "the quaternion")
+        # hypot neither overflows nor vanishes where the sum of the squares would.
+        length = math.hypot(*orientation)
+        if length == 0.0:
+            raise reader.error("the quaternion must not be zero")
+        orientation = [component / length for component in orientation]
+        isNew = fileName not in loaded
+        if isNew:
+            loaded[fileName] = _load_mesh_beside(reader, fileName)
+        name = f"{Path(fileName).stem} {index}"
+        mesh = Mesh(name, *loaded[fileName], density, position, orientation, isFixed)
+        meshes.append(mesh)
+        if isNew:
+            _warn_unless_convex(fileName, mesh)
+    reader.expect_end(f"{bodyCount} bodies")
+    return meshes
+
+
+def _load_mesh_beside(reader, fileName):
+    """The mesh of a scene's current line; where there is none, the error names that line."""
+    path = Path(reader.path).parent / fileName
+    if not path.exists():
+        raise reader.error(f"there is no mesh file '{fileName}' beside the scene")
+    return load_mesh_file(path)
+
+
+def _warn_unless_convex(fileName, mesh):
+    """Warns if the hull of a Mesh is larger than itself; stacklevel: whoever loads the scene."""
+    if mesh.hullVolume > mesh.volume * (1.0 + CONVEXITY_TOLERANCE):
+        warnings.warn(
+            f"{fileName} is not convex (volume {mesh.volume:.6g}, its convex hull "
+            f"{mesh.hullVolume:.6g}): it collides as its hull",
+            NonConvexWarning,
+            stacklevel=3,
+        )
+
+
+def load_constraint_file(path, meshes):
+    """Reads distance constraints: their number, then `m1 v1 m2 v2 lower upper` each.
+
+    Vertex v1 of mesh m1 and vertex v2 of mesh m2 (counted from 0) stay between `lower` and `upper`
+    times the distance that they have now, by their currVertices.
+
+    meshes : list of Mesh
+    returns a list of [m1, v1, m2, v2, refValue, upper], two for each line: first the lower bound,
+    then the upper one; refValue in metres, upper a bool
+    raises SceneError
+    """
+    reader = LineReader(path)
+    lineCount = reader.count("constraints")
+    constraints = []
+    for row in reader.rows(lineCount, "constraint", columns=6):
+        m1, v1 = _read_end(reader, row[0], row[1], meshes)
+        m2, v2 = _read_end(reader, row[2], row[3], meshes)
+        lower, upper = reader.numbers(row[4:], "a bound")
+        if not 0.0 <= lower <= upper:
+            raise reader.error(f"the bounds must be 0 ≤ lower ≤ upper, not {row[4]} and {row[5]}")
+        distance = math.dist(meshes[m1].currVertices[v1], meshes[m2].currVertices[v2])
+        constraints.append([m1, v1, m2, v2, lower * distance, False])
+        constraints.append([m1, v1, m2, v2, upper * distance, True])
+    reader.expect_end(f"{lineCount} constraints")
+    return constraints
+
+
+def _read_end(reader, meshField, vertexField, meshes):
+    """(mesh index, vertex index) of one end of a constraint."""
+    mesh = reader.whole(meshField, "a mesh index", 0, len(meshes) - 1)
+    vertex = reader.whole(vertexField, "a vertex index", 0, len(meshes[mesh].currVertices) - 1)
+    return mesh, vertex
+
+
+def flatten_meshes(meshes):
+    """All bodies as the one surface that a viewer draws fastest.
+
+    meshes : list of Mesh
+    returns (vertices (ΣV, 3), where the bodies are now; faces (ΣF, 3), counted through all bodies;
+    bodyOfFace (ΣF,), the index in `meshes` of the body that each face belongs to). A value per
+    body becomes a value per face by indexing: densities[bodyOfFace].
+    """
+    vertices = [np.reshape(mesh.currVertices, (-1, 3)) for mesh in meshes]
+    faces = [np.reshape(mesh.faces, (-1, 3)).astype(np.int64) for mesh in meshes]
+    firstVertex = np.cumsum([0] + [len(v) for v in vertices])
+    bodyOfFace = np.repeat(np.arange(len(meshes)), [len(f) for f in faces])
+    return (
+        np.concatenate([np.empty((0, 3)), *vertices]),
+        np.concatenate([np.empty((0, 3), np.int64), *faces]) + firstVertex[bodyOfFace, None],
+        bodyOfFace,
+    )
+
+
+# ---------------------------------------------------------------------------------------------
+# Simulation
+# ---------------------------------------------------------------------------------------------
+
+# The state of a body: the rest of it follows from these and from what never changes.
+STATE_NAMES = {
+    "positions": "position",
+    "orientations": "orientation",
+    "linVelocities": "linVelocity",
+    "angVelocities": "angVelocity",
+}
+
+
+def make_ground():
+    """The ground as the contract has it: a fixed mesh of nothing at the origin."""
+    noTriangles, noTets = np.empty((0, 3), dtype=np.int64), np.empty((0, 4), dtype=np.int64)
+    return Mesh(
+        "ground", np.empty((0, 3)), noTriangles, noTets,
+        0.0, np.zeros((1, 3)), [[1.0, 0.0, 0.0, 0.0]], True,
+    )  # fmt: skip
+
+
+def checked_restitution(value):
+    """The value, if it lies in [0, 1]; else ValueError. Above, every contact would add energy."""
+    if not 0.0 <= value <= 1.0:
+        raise ValueError(f"the restitution must lie between 0 and 1, not {value:g}")
+    return value
+
+
+def checked_time_step(value):
+    """The value in seconds, if it is positive and finite; else ValueError."""
+    if not 0.0 < value < math.inf:
+        raise ValueError(f"the time step must be positive and finite, not {value:g}")
+    return value
+
+
+class Simulation:
+    """A scene, what it is simulated with, and how far it has come.
+
+    Attributes: scenePath; meshes, list of Mesh; groundMesh; restitution; timeStep in s;
+    closingOnly; stepCount, the whole steps since the start; stepSeconds, how long the last step
+    took (None before the first).
+    """
+
+    def __init__(
+        self,
+        scenePath,
+        restitution=DEFAULT_RESTITUTION,
+        timeStep=DEFAULT_TIME_STEP,
+        closingOnly=False,
+    ):
+        """Loads the scene; raises SceneError."""
+        self.restitution = restitution
+        self.timeStep = timeStep
+        self.closingOnly = closingOnly
+        self.groundMesh = make_ground()
+        self.load(scenePath)
+
+    def load(self, scenePath):
+        """Changes to another scene, at its start. Where that raises SceneError, nothing changes."""
+        self.meshes = load_scene_file(scenePath)
+        self.scenePath = Path(scenePath)
+        self._startState = self.state()
+        self._begin()
+
+    def _begin(self):
+        self.stepCount = 0
+        self.time = 0.0
+        self.stepSeconds = None
+
+    def reset(self):
+        """Puts every body back to where the scene has it, at rest."""
+        self.set_state(self._startState)
+        self._begin()
+
+    def step(self):
+        """Goes on by one time step."""
+        begin = time.perf_counter()
+        run_timestep(
+            self.meshes,
+            self.groundMesh,
+            self.timeStep,
+            self.restitution,
+            closingOnly=self.closingOnly,
+        )
+        self.stepSeconds = time.perf_counter() - begin
+        self.stepCount += 1
+        self.time += self.timeStep
+
+    def state(self):
+        """Copies of positions (n, 3), orientations (n, 4), linVelocities and angVelocities (n, 3).
+
+        returns a dict with these four names
+        """
+        widths = {"orientations": 4}
+        return {
+            plural: np.array([getattr(mesh, name)[0] for mesh in self.meshes], dtype=np.float64)
+            .reshape(len(self.meshes), widths.get(plural, 3))
+            for plural, name in STATE_NAMES.items()
+        }  # fmt: skip
+
+    def set_state(self, state):
+        """Puts the bodies into a state that `state()` gave, in this scene."""
+        for plural, name in STATE_NAMES.items():
+            for mesh, row in zip(self.meshes, state[plural], strict=True):
+                setattr(mesh, name, np.array(row, dtype=np.float64).reshape(1, -1))
+        for mesh in self.meshes:
+            mesh.currVertices = QRotate(mesh.orientation, mesh.origVertices) + mesh.position
+
+    def kinetic_energy(self):
+        """Of all free bodies, in J: ½ m v² + ½ ωᵀ I ω, the latter in body axes, where I = IT."""
+        energy = 0.0
+        for mesh in self.meshes:
+            if not mesh.isFixed:
+                spin = QRotate(QConj(mesh.orientation), mesh.angVelocity)[0]
+                energy += 0.5 * mesh.mass * float(np.sum(mesh.linVelocity**2))
+                energy += 0.5 * float(spin @ mesh.IT @ spin)
+        return energy
+
+    def potential_energy(self):
+        """Of all free bodies over the ground, in J: m g y of their centres of mass."""
+        return sum(
+            float(-GRAVITY * mesh.mass * mesh.position[0, 1])
+            for mesh in self.meshes
+            if not mesh.isFixed
+        )
+
+    def lowest_point(self):
+        """(y in m, name of the body) of the lowest vertex; (nan, "") where there is no body."""
+        heights = [(float(np.min(mesh.currVertices[:, 1])), mesh.name) for mesh in self.meshes]
+        return min(heights, default=(math.nan, ""))
+
+    def is_finite(self):
+        """Whether no number of the state is NaN or infinite."""
+        return all(bool(np.all(np.isfinite(values))) for values in self.state().values())
+
+
+# ---------------------------------------------------------------------------------------------
+# Running without a window
+# ---------------------------------------------------------------------------------------------
+
+
+class Recorder:
+    """Keeps the state of every step, and writes them into one .npz file.
+
+    The file holds positions (steps + 1, n, 3), orientations (steps + 1, n, 4), linVelocities and
+    angVelocities (steps + 1, n, 3), index 0 being the state before the first step; and timeStep,
+    restitution, closingOnly, scene (the path as given) and meshNames (n,).
+    """
+
+    def __init__(self, path):
+        """Raises OSError when nothing can be written at `path`; an old file there is kept."""
+        self.path = Path(path)
+        if self.path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "this is a folder, not a file", str(path))
+        # Beside the target, so that the renaming at the end stays on one disk. Opened now: a
+        # missing folder, or missing rights, are found out before hours are spent simulating.
+        self._partPath = self.path.with_name(self.path.name + ".part")
+        try:
+            self._part = open(self._partPath, "wb")
+        except OSError as error:
+            error.filename = str(path)  # the name that the caller knows
+            raise
+        self._states = []
+
+    def add(self, simulation):
+        """Keeps the simulation's present state."""
+        self._states.append(simulation.state())
+
+    def save(self, simulation):
+        """Writes the file, in place of an old one of that name: whole or not at all."""
+        series = {
+            name: np.stack([state[name] for state in self._states]) for name in STATE_NAMES
+        }  # fmt: skip
+        np.savez(
+            self._part,
+            **series,
+            timeStep=simulation.timeStep,
+            restitution=simulation.restitution,
+            closingOnly=simulation.closingOnly,
+            scene=str(simulation.scenePath),
+            meshNames=np.array([mesh.name for mesh in simulation.meshes], dtype=np.str_),
+        )
+        self._part.close()
+        os.replace(self._partPath, self.path)
+
+    def discard(self):
+        """Removes what was written beside the target. Does nothing after `save`."""
+        self._part.close()
+        self._partPath.unlink(missing_ok=True)
+
+
+class Progress:
+    """Shows how far a run has come: a bar where there is a terminal and tqdm, else now and then
+    a line, on stderr in both cases."""
+
+    # Seldom enough that a log of an hour's run stays readable.
+    SECONDS_BETWEEN_LINES = 10.0
+
+    def __init__(self, steps):
+        self._steps = steps
+        self._done = 0
+        self._lastLine = time.monotonic()
+        self._bar = None
+        if sys.stderr.isatty():
+            try:
+                from tqdm import tqdm
+            except ImportError:
+                return
+            self._bar = tqdm(total=steps, unit="step", leave=False)
+
+    def advance(self):
+        """One step more is done."""
+        self._done += 1
+        if self._bar is not None:
+            self._bar.update()
+        elif time.monotonic() - self._lastLine >= self.SECONDS_BETWEEN_LINES:
+            self._lastLine = time.monotonic()
+            print(f"step {self._done} of {self._steps}", file=sys.stderr, flush=True)
+
+    def close(self):
+        if self._bar is not None:
+            self._bar.close()
+
+
+@contextmanager
+def interrupt_noted():
+    """Within it, Ctrl-C does not break into a step: the list that it yields becomes non-empty.
+
+    A second Ctrl-C acts as ever, in case a step never ends.
+    """
+    noted = []
+
+    def note(signalNumber, frame):
+        noted.append(signalNumber)
+        signal.signal(signal.SIGINT, previous)
+
+    previous = signal.signal(signal.SIGINT, note)
+    try:
+        yield noted
+    finally:
+        signal.signal(signal.SIGINT, previous)
+
+
+@dataclass
+class Run:
+    """What `run_steps` measured."""
+
+    stepSeconds: list
+    wasInterrupted: bool
+
+
+def run_steps(simulation, steps, observers=()):
+    """Simulates `steps` steps, or fewer when Ctrl-C is pressed.
+
+    observers : functions of the simulation, called at its start and after every step
+    returns a Run
+    """
+    stepSeconds = []
+    for observe in observers:
+        observe(simulation)
+    progress = Progress(steps)
+    with interrupt_noted() as interrupts:
+        while len(stepSeconds) < steps and not interrupts:
+            simulation.step()
+            stepSeconds.append(simulation.stepSeconds)
+            for observe in observers:
+                observe(simulation)
+            progress.advance()
+    progress.close()
+    return Run(stepSeconds, bool(interrupts))
+
+
+def summarise(simulation, run, startEnergies):
+    """The lines that a run without a window ends with. startEnergies : (kinetic, potential) in J"""
+    meshes = simulation.meshes
+    fixedCount = sum(mesh.isFixed for mesh in meshes)
+    kinetic, potential = startEnergies
+    y, lowestName = simulation.lowest_point()
+    stepTime = "no step was made"
+    if run.stepSeconds:
+        median = statistics.median(run.stepSeconds)
+        stepTime = f"{1e3 * median:.2f} ms median, {sum(run.stepSeconds):.1f} s in total"
+    where = f"y = {y:.4g} m ({lowestName})" if meshes else "none"
+    rows = {
+        "scene": shown_path(simulation.scenePath),
+        "bodies": f"{len(meshes)}, {fixedCount} of them fixed",
+        "steps": f"{simulation.stepCount} of {simulation.timeStep:g} s: "
+        f"{simulation.time:.6g} s simulated" + ", stopped by Ctrl-C" * run.wasInterrupted,
+        "time per step": stepTime,
+        "kinetic energy": f"{kinetic:.6g} J at the start, {simulation.kinetic_energy():.6g} J now",
+        "potential energy": f"{potential:.6g} J at the start, "
+        f"{simulation.potential_energy():.6g} J now",
+        "lowest point": where,
+        "numbers": "all finite" if simulation.is_finite() else "NOT ALL FINITE",
+    }
+    return "\n".join(f"{name:<17} {value}" for name, value in rows.items())
+
+
+def shown_path(path):
+    """The path relative to the current folder where it lies in it, which is shorter to read."""
+    try:
+        return Path(path).resolve().relative_to(Path.cwd())
+    except ValueError:
+        return Path(path)
+
+
+def run_without_window(simulation, steps, recorder=None, pictures=None):
+    """Runs, records, takes pictures and prints the summary; returns the exit code.
+
+    recorder : a Recorder, or None
+    pictures : RBSViewer.PictureSeries, or None
+    """
+    observers = [helper.add for helper in (recorder, pictures) if helper is not None]
+    startEnergies = simulation.kinetic_energy(), simulation.potential_energy()
+    run = run_steps(simulation, steps, observers)
+    if recorder is not None:
+        recorder.save(simulation)
+    print(summarise(simulation, run, startEnergies))
+    if pictures is not None:
+        print(f"{'pictures':<17} {pictures.count} in {shown_path(pictures.folder)}")
+    if recorder is not None:
+        print(f"{'recording':<17} {shown_path(recorder.path)}")
+    if run.wasInterrupted:
+        return 130  # 128 + SIGINT, as a shell reports a program that Ctrl-C ended
+    return 0
+
+
+# ---------------------------------------------------------------------------------------------
+# Command line
+# ---------------------------------------------------------------------------------------------
+
+EXAMPLES = """\
+examples:
+  %(prog)s                                    the mixed scene, in a window
+  %(prog)s tower --restitution 0.2            another scene of data/, bouncing less
+  %(prog)s my-scene.txt --headless --steps 1000 --record run.npz
+  %(prog)s stress --screenshots out/stress --every 25
+
+Where there is no display, the scene runs off-screen: pictures go to out/<scene>, and a summary is
+printed."""
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """Reports a wrong command line in one line: argparse itself puts the whole usage before it."""
+
+    def error(self, message):
+        self.exit(2, f"{self.prog}: {message} (--help lists the options)\n")
+
+
+def option_type(convert, check, kind):
+    """An argparse type whose errors say what is wrong. check : value -> value, or ValueError"""
+
+    def parse(text):
+        try:
+            value = convert(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"'{text}' is not a {kind}") from None
+        try:
+            return check(value)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return parse
+
+
+def at_least(low):
+    """A check that numbers are not below `low`."""
+
+    def check(value):
+        if value < low:
+            raise ValueError(f"must be {low} or more, not {value}")
+        return value
+
+    return check
+
+
+def make_parser():
+    """The ArgumentParser of all options; their order is that of --help."""
+    restitution = option_type(float, checked_restitution, "number")
+    timeStep = option_type(float, checked_time_step, "number")
+    count = option_type(int, at_least(0), "whole number")
+    positiveCount = option_type(int, at_least(1), "whole number")
+
+    parser = OneLineParser(
+        prog="RigidBodySimulation.py",
+        description="Simulates rigid bodies that fall, collide and bounce, and shows them.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        "scene", metavar="SCENE", nargs="?", default=DEFAULT_SCENE,
+        help=f"a scene file, or the name of a scene of data/ (default: {DEFAULT_SCENE})",
+    )  # fmt: skip
+
+    physics = parser.add_argument_group("simulation")
+    physics.add_argument(
+        "--restitution", metavar="E", type=restitution, default=DEFAULT_RESTITUTION,
+        help="how much of their closing speed bodies keep in a collision, from 0 to 1 "
+        "(default: %(default)s, so that they bounce and come to rest)",
+    )  # fmt: skip
+    physics.add_argument(
+        "--time-step", metavar="H", type=timeStep, default=DEFAULT_TIME_STEP,
+        help="seconds per step (default: %(default)s)",
+    )  # fmt: skip
+    physics.add_argument(
+        "--closing-only", action="store_true",
+        help="leave contacts alone that already separate (default: they receive an impulse too, "
+        "as in the coursework)",
+    )  # fmt: skip
+
+    output = parser.add_argument_group("without a window")
+    output.add_argument(
+        "--headless", action="store_true",
+        help="simulate without a window and print a summary; needs no display and no OpenGL",
+    )  # fmt: skip
+    output.add_argument(
+        "--steps", metavar="N", type=count, default=DEFAULT_STEPS,
+        help="how many steps a run without a window has (default: %(default)s)",
+    )  # fmt: skip
+    output.add_argument(
+        "--screenshots", metavar="DIR",
+        help="draw off-screen into DIR/frame_<step>.png; no window opens",
+    )  # fmt: skip
+    output.add_argument(
+        "--every", metavar="K", type=positiveCount,
+        help=f"with --screenshots, one picture each K steps (default: {DEFAULT_EVERY})",
+    )  # fmt: skip
+    output.add_argument(
+        "--record", metavar="FILE.npz",
+        help="write the state after every step, and the starting state; no window opens",
+    )  # fmt: skip
+    return parser
+
+
+def print_error(message):
+    """Tells what is wrong, or worth knowing, in one line on stderr."""
+    print(f"RigidBodySimulation.py: {message}", file=sys.stderr)
+
+
+def main(arguments=None):
+    """Runs the command line; returns the exit code: 0, 2 for bad input, 130 after Ctrl-C."""
+    parser = make_parser()
+    options = parser.parse_args(arguments)
+    if options.every is not None and options.screenshots is None:
+        parser.error("--every says how often --screenshots draws, which is missing")
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", NonConvexWarning)
+        warnings.showwarning = lambda message, *where: print_error(f"warning: {message}")
+        try:
+            scenePath = find_scene(options.scene)
+            simulation = Simulation(
+                scenePath, options.restitution, options.time_step, options.closing_only
+            )
+            if options.headless or options.screenshots or options.record:
+                return run_as_asked(simulation, options)
+            return open_window_or_fall_back(simulation, options)
+        except SceneError as error:
+            print_error(error)
+        except OSError as error:
+            print_error(f"{error.filename or 'cannot write'}: {reason_of(error)}")
+        except KeyboardInterrupt:
+            print_error("stopped by Ctrl-C")
+            return 130
+    return 2
+
+
+def run_as_asked(simulation, options):
+    """--headless, --screenshots and --record, in any combination; returns the exit code."""
+    recorder = None if options.record is None else Recorder(options.record)
+    try:
+        pictures = None
+        if options.screenshots is not None:
+            import RBSViewer
+
+            backend = RBSViewer.find_backend(window=False)
+            if backend.name is None:
+                print_error(f"no pictures can be drawn: {backend.reason}. {backend.remedy}")
+                return 2
+            steps = range(0, options.steps + 1, options.every or DEFAULT_EVERY)
+            pictures = RBSViewer.PictureSeries(options.screenshots, steps, simulation, backend)
+        return run_without_window(simulation, options.steps, recorder, pictures)
+    finally:
+        if recorder is not None:
+            recorder.discard()
+
+
+def open_window_or_fall_back(simulation, options):
+    """The window; without a display, pictures; without OpenGL, only the simulation.
+
+    returns the exit code, 0 in all three cases
+    """
+    import RBSViewer
+
+    backend = RBSViewer.find_backend(window=True)
+    if backend.opensWindow:
+        RBSViewer.show_window(simulation, backend)
+        return 0
+    pictures = None
+    if backend.name is None:
+        print_error(f"no window and no pictures: {backend.reason}. {backend.remedy}")
+    else:
+        folder = Path("out") / scene_name(simulation.scenePath)
+        print_error(f"no window: {backend.reason}. Drawing off-screen into {folder}")
+        steps = np.linspace(0, options.steps, FALLBACK_PICTURES).round().astype(int).tolist()
+        pictures = RBSViewer.PictureSeries(folder, steps, simulation, backend)
+    return run_without_window(simulation, options.steps, pictures=pictures)
+
+
+if __name__ == "__main__":
+    # Under its own name, not as __main__: RBSViewer imports this module too, and both must meet
+    # the same classes.
+    from RigidBodySimulation import main as run_main
+
+    sys.exit(run_main())

@@ -1,0 +1,466 @@
+"""The command line by subprocess, and the simulation and the recording behind it."""
+
+import math
+import os
+import signal
+import struct
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from opengl import require_opengl
+from oracles import COURSE, ROOT, ground, needs_course
+
+from RBSFunctions import Mesh, run_timestep
+from RBSViewer import DEBIAN_PACKAGES
+from RigidBodySimulation import (
+    DEFAULT_RESTITUTION,
+    DEFAULT_TIME_STEP,
+    FALLBACK_PICTURES,
+    STATE_NAMES,
+    Recorder,
+    SceneError,
+    Simulation,
+    load_scene_file,
+    main,
+)
+
+PROGRAM = ROOT / "RigidBodySimulation.py"
+DATA = ROOT / "data"
+
+onLinux = pytest.mark.skipif(
+    not sys.platform.startswith("linux"), reason="displays and EGL are found this way on Linux only"
+)
+
+
+def environment(**changes):
+    """This process's environment without a display, and with these variables changed."""
+    result = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    return result | changes
+
+
+def run(folder, *arguments, **changes):
+    """Runs the program in a folder, with environment variables changed; the finished process."""
+    return subprocess.run(
+        [sys.executable, PROGRAM, *map(str, arguments)],
+        cwd=folder, env=environment(**changes), capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+
+
+def summary_of(process):
+    """The lines of the summary as a dict, after the process has ended well."""
+    assert process.returncode == 0, process.stderr
+    return {line[:17].strip(): line[18:] for line in process.stdout.splitlines()}
+
+
+def by_hand(scene, steps, restitution, timeStep, **options):
+    """States of every step by run_timestep alone: dict of arrays (steps + 1, n, 3 or 4)."""
+    meshes = load_scene_file(scene)
+    states = {plural: [] for plural in STATE_NAMES}
+    for step in range(steps + 1):
+        if step > 0:
+            run_timestep(meshes, ground(), timeStep, restitution, **options)
+        for plural, name in STATE_NAMES.items():
+            states[plural].append([getattr(mesh, name).ravel() for mesh in meshes])
+    return {plural: np.array(series) for plural, series in states.items()}
+
+
+def picture_size(path):
+    """(width, height) out of a PNG's header."""
+    content = path.read_bytes()
+    assert content[:8] == b"\x89PNG\r\n\x1a\n" and content[12:16] == b"IHDR"
+    return struct.unpack(">II", content[16:24])
+
+
+# --------------------------------------------------------------------------------------------------
+# The simulation
+# --------------------------------------------------------------------------------------------------
+
+
+def test_energies_are_those_of_the_closed_forms():
+    simulation = Simulation(DATA / "singlebox-scene.txt")
+    (mesh,) = simulation.meshes
+    mesh.linVelocity = np.array([[3.0, -1.0, 2.0]])
+    # Spinning about the body's own axes by (1, 2, 3) rad/s while it stands turned by a third of a
+    # turn about (1, 1, 1), which takes x to y, y to z and z to x.
+    mesh.orientation = np.array([[0.5, 0.5, 0.5, 0.5]])
+    mesh.angVelocity = np.array([[3.0, 1.0, 2.0]])
+    mesh.position = np.array([[0.0, 7.0, 0.0]])
+    a, b, c = 12.0, 6.0, 8.0
+    turning = (b * b + c * c) * 1.0 + (c * c + a * a) * 4.0 + (a * a + b * b) * 9.0
+    kinetic = mesh.mass * (0.5 * (9.0 + 1.0 + 4.0) + 0.5 * turning / 12.0)
+    assert simulation.kinetic_energy() == pytest.approx(kinetic, rel=1e-12)
+    assert simulation.potential_energy() == pytest.approx(mesh.mass * 9.8 * 7.0, rel=1e-12)
+
+
+def test_fixed_bodies_have_no_energy(tmp_path):
+    (tmp_path / "box.mesh").write_bytes((DATA / "box.mesh").read_bytes())
+    scene = tmp_path / "fixed-scene.txt"
+    scene.write_text("1\nbox.mesh 1 1 0 9 0 1 0 0 0\n")
+    simulation = Simulation(scene)
+    simulation.step()
+    assert simulation.kinetic_energy() == simulation.potential_energy() == 0.0
+    assert simulation.lowest_point() == (6.0, "box 0")
+
+
+def test_reset_leads_to_the_same_bits_again():
+    simulation = Simulation(DATA / "mixed-scene.txt")
+    start = simulation.state()
+    for _ in range(80):
+        simulation.step()
+    first = simulation.state()
+    assert simulation.stepCount == 80 and simulation.time == pytest.approx(1.6)
+    simulation.reset()
+    assert simulation.stepCount == 0 and simulation.time == 0.0
+    for name in STATE_NAMES:
+        np.testing.assert_array_equal(simulation.state()[name], start[name])
+        assert not np.array_equal(first[name], start[name]), name
+    for _ in range(80):
+        simulation.step()
+    for name in STATE_NAMES:
+        np.testing.assert_array_equal(simulation.state()[name], first[name])
+
+
+def test_state_put_into_another_simulation_goes_on_with_the_same_bits():
+    one, other = Simulation(DATA / "stress-scene.txt"), Simulation(DATA / "stress-scene.txt")
+    for _ in range(100):
+        one.step()
+    other.set_state(one.state())
+    for mesh, twin in zip(one.meshes, other.meshes, strict=True):
+        np.testing.assert_array_equal(mesh.currVertices, twin.currVertices)
+    for _ in range(20):
+        one.step()
+        other.step()
+    for name in STATE_NAMES:
+        np.testing.assert_array_equal(one.state()[name], other.state()[name])
+
+
+def test_state_is_a_copy():
+    simulation = Simulation(DATA / "singlebox-scene.txt")
+    state = simulation.state()
+    before = state["positions"].copy()
+    simulation.step()
+    np.testing.assert_array_equal(state["positions"], before)
+    simulation.set_state(state)
+    state["positions"][:] = 0.0
+    np.testing.assert_array_equal(simulation.meshes[0].position, before)
+
+
+def test_broken_scene_leaves_the_simulation_as_it_was(tmp_path):
+    simulation = Simulation(DATA / "tet-scene.txt")
+    simulation.step()
+    meshes, state = simulation.meshes, simulation.state()
+    (tmp_path / "b-scene.txt").write_text("1\nnothing.mesh 1 0 0 0 0 1 0 0 0\n")
+    with pytest.raises(SceneError, match="nothing.mesh"):
+        simulation.load(tmp_path / "b-scene.txt")
+    assert simulation.meshes is meshes and simulation.stepCount == 1
+    assert simulation.scenePath == DATA / "tet-scene.txt"
+    np.testing.assert_array_equal(simulation.state()["positions"], state["positions"])
+
+
+def test_non_finite_numbers_are_noticed():
+    simulation = Simulation(DATA / "two_cylinder-scene.txt")
+    assert simulation.is_finite()
+    simulation.meshes[1].angVelocity = np.array([[0.0, math.nan, 0.0]])
+    assert not simulation.is_finite()
+
+
+def test_ground_is_the_contract_s():
+    groundMesh = Simulation(DATA / "singlebox-scene.txt").groundMesh
+    assert isinstance(groundMesh, Mesh) and groundMesh.isFixed and groundMesh.invMass == 0.0
+    assert groundMesh.origVertices.shape == (0, 3) and groundMesh.faces.shape == (0, 3)
+    assert groundMesh.tets.shape == (0, 4) and groundMesh.position.tolist() == [[0, 0, 0]]
+
+
+# --------------------------------------------------------------------------------------------------
+# Headless runs
+# --------------------------------------------------------------------------------------------------
+
+
+def test_headless_run_ends_with_a_summary_of_what_happened(tmp_path):
+    summary = summary_of(run(tmp_path, "mixed", "--headless", "--steps", 120))
+    simulation = Simulation(DATA / "mixed-scene.txt")
+    potential = simulation.potential_energy()
+    for _ in range(120):
+        simulation.step()
+    y, name = simulation.lowest_point()
+    assert summary["scene"].endswith("mixed-scene.txt")
+    assert summary["bodies"] == "7, 0 of them fixed"
+    assert summary["steps"] == "120 of 0.02 s: 2.4 s simulated"
+    assert float(summary["time per step"].split(" ms median")[0]) > 0.0
+    assert summary["kinetic energy"] == (
+        f"0 J at the start, {simulation.kinetic_energy():.6g} J now"
+    )
+    assert summary["potential energy"] == (
+        f"{potential:.6g} J at the start, {simulation.potential_energy():.6g} J now"
+    )
+    assert summary["lowest point"] == f"y = {y:.4g} m ({name})"
+    assert summary["numbers"] == "all finite"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_headless_run_does_not_import_polyscope(tmp_path):
+    fakes = tmp_path / "fakes"
+    fakes.mkdir()
+    (fakes / "polyscope.py").write_text("raise SystemExit('polyscope was imported')")
+    process = run(tmp_path, "tet", "--headless", "--steps", 2, "--record", "r.npz",
+                  PYTHONPATH=str(fakes))  # fmt: skip
+    assert summary_of(process)["recording"] == "r.npz" and process.stderr == ""
+
+
+def test_no_step_is_a_run_too(tmp_path):
+    summary = summary_of(
+        run(tmp_path, "tower", "--headless", "--steps", 0, "--record", "r.npz")
+    )
+    assert summary["time per step"] == "no step was made"
+    assert np.load(tmp_path / "r.npz")["positions"].shape == (1, 9, 3)
+
+
+@needs_course
+def test_dented_mesh_is_told_in_one_line(tmp_path):
+    process = run(tmp_path, COURSE / "two_cylinder-scene.txt", "--headless", "--steps", 1)
+    assert summary_of(process)["bodies"] == "2, 0 of them fixed"
+    (line,) = process.stderr.splitlines()
+    assert line.startswith("RigidBodySimulation.py: warning: cylinder.mesh is not convex (volume ")
+
+
+# --------------------------------------------------------------------------------------------------
+# Recordings
+# --------------------------------------------------------------------------------------------------
+
+
+def test_recording_holds_every_step_as_stepping_by_hand_gives_it(tmp_path):
+    options = ["--restitution", 0.8, "--time-step", 0.03, "--steps", 130, "--closing-only"]
+    scene = DATA / "mixed-scene.txt"
+    summary_of(run(tmp_path, scene, "--headless", "--record", "r.npz", *options))
+    expected = by_hand(scene, 130, 0.8, 0.03, closingOnly=True)
+    with np.load(tmp_path / "r.npz") as recording:
+        for name, series in expected.items():
+            assert recording[name].dtype == np.float64
+            np.testing.assert_array_equal(recording[name], series)
+        assert recording["timeStep"] == 0.03 and recording["restitution"] == 0.8
+        assert bool(recording["closingOnly"]) and str(recording["scene"]) == str(scene)
+        assert recording["meshNames"].tolist() == [m.name for m in load_scene_file(scene)]
+    # The two ways of treating contacts that part must differ here, or the flag was not tested.
+    assert not np.array_equal(expected["positions"], by_hand(scene, 130, 0.8, 0.03)["positions"])
+
+
+def test_same_command_twice_writes_the_same_bytes(tmp_path):
+    for name in ("a.npz", "b.npz"):
+        summary_of(run(tmp_path, "stress", "--steps", 60, "--record", name))
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    with np.load(tmp_path / "a.npz") as recording:
+        expected = by_hand(DATA / "stress-scene.txt", 60, DEFAULT_RESTITUTION, DEFAULT_TIME_STEP)
+        np.testing.assert_array_equal(recording["orientations"], expected["orientations"])
+
+
+def start_recording(folder):
+    """A recording of 10⁶ steps that has begun; the running process."""
+    process = subprocess.Popen(
+        [sys.executable, PROGRAM, "tower", "--headless", "--steps", "1000000",
+         "--record", "r.npz"],
+        cwd=folder, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    deadline = time.monotonic() + 60
+    while not (folder / "r.npz.part").exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    time.sleep(0.5)  # for some steps to be made
+    return process
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows cannot send Ctrl-C to one process")
+def test_ctrl_c_saves_what_was_simulated(tmp_path):
+    process = start_recording(tmp_path)
+    process.send_signal(signal.SIGINT)
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 130 and errors == ""
+    assert "stopped by Ctrl-C" in output
+    assert [path.name for path in tmp_path.iterdir()] == ["r.npz"]
+    with np.load(tmp_path / "r.npz") as recording:
+        positions = recording["positions"]
+    compared = min(len(positions), 40)
+    assert compared > 1 and f"{len(positions) - 1} of 0.02 s" in output
+    expected = by_hand(
+        DATA / "tower-scene.txt", compared - 1, DEFAULT_RESTITUTION, DEFAULT_TIME_STEP
+    )
+    np.testing.assert_array_equal(positions[:compared], expected["positions"])
+
+
+def test_killed_run_leaves_the_old_recording(tmp_path):
+    (tmp_path / "r.npz").write_bytes(b"an older recording")
+    process = start_recording(tmp_path)
+    process.kill()
+    process.communicate(timeout=60)
+    assert (tmp_path / "r.npz").read_bytes() == b"an older recording"
+
+
+def test_failed_recording_leaves_the_old_one_and_nothing_else(tmp_path, monkeypatch):
+    (tmp_path / "r.npz").write_bytes(b"an older recording")
+    simulation = Simulation(DATA / "tet-scene.txt")
+    recorder = Recorder(tmp_path / "r.npz")
+    recorder.add(simulation)
+
+    def full_disk(file, **arrays):
+        file.write(b"half of it")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savez", full_disk)
+    with pytest.raises(OSError, match="No space left"):
+        recorder.save(simulation)
+    recorder.discard()
+    assert [path.name for path in tmp_path.iterdir()] == ["r.npz"]
+    assert (tmp_path / "r.npz").read_bytes() == b"an older recording"
+
+
+# --------------------------------------------------------------------------------------------------
+# Where there is no display, and where there is no OpenGL
+# --------------------------------------------------------------------------------------------------
+
+
+@onLinux
+def test_without_a_display_it_says_so_and_draws_off_screen(tmp_path):
+    require_opengl()
+    process = run(tmp_path, "mixed", "--steps", 40)
+    assert summary_of(process)["pictures"] == f"{FALLBACK_PICTURES} in out/mixed"
+    (line,) = process.stderr.splitlines()
+    assert "no window: there is no display" in line and "out/mixed" in line
+    pictures = sorted((tmp_path / "out" / "mixed").iterdir())
+    assert [p.name for p in pictures] == [f"frame_{k:06d}.png" for k in (0, 10, 20, 30, 40)]
+    assert {picture_size(p) for p in pictures} == {(1280, 720)}
+    assert len({p.read_bytes() for p in pictures}) == FALLBACK_PICTURES
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+def test_screenshots_are_numbered_by_step(tmp_path):
+    require_opengl()
+    process = run(tmp_path, "tet", "--screenshots", "a/b", "--every", 15, "--steps", 40)
+    assert summary_of(process)["pictures"].startswith("3 in a")
+    names = sorted(path.name for path in (tmp_path / "a" / "b").iterdir())
+    assert names == ["frame_000000.png", "frame_000015.png", "frame_000030.png"]
+
+
+# libglvnd looks for its drivers there, and Mesa is one of them.
+NO_OPENGL = {"__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent"}
+
+
+@onLinux
+def test_without_opengl_it_says_what_to_install_and_simulates(tmp_path):
+    process = run(tmp_path, "tower", "--steps", 30, **NO_OPENGL)
+    assert summary_of(process)["steps"] == "30 of 0.02 s: 0.6 s simulated"
+    (line,) = process.stderr.splitlines()
+    assert "no window and no pictures: there is no display" in line
+    assert f"apt-get install {DEBIAN_PACKAGES}" in line
+    assert list(tmp_path.iterdir()) == []
+
+
+@onLinux
+def test_without_opengl_screenshots_are_refused_at_once(tmp_path):
+    process = run(tmp_path, "tower", "--screenshots", "shots", "--record", "r.npz", **NO_OPENGL)
+    assert process.returncode == 2 and process.stdout == ""
+    (line,) = process.stderr.splitlines()
+    assert "no pictures can be drawn" in line and "apt-get install" in line
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("polyscope", "words"),
+    [
+        ("raise ImportError('libX11.so.6: cannot open shared object file')", "libX11.so.6"),
+        ("raise ModuleNotFoundError(\"No module named 'polyscope'\")", "pip install polyscope"),
+        ("import os; os.abort()", "ended with code"),
+    ],
+    ids=["library missing", "not installed", "aborts"],
+)
+def test_polyscope_that_does_not_start_does_not_end_the_program(tmp_path, polyscope, words):
+    fakes = tmp_path / "fakes"
+    fakes.mkdir()
+    (fakes / "polyscope.py").write_text(polyscope)
+    process = run(tmp_path, "tower", "--steps", 3, PYTHONPATH=str(fakes))
+    assert summary_of(process)["bodies"] == "9, 0 of them fixed"
+    (line,) = process.stderr.splitlines()
+    assert "no window and no pictures" in line and words in line
+
+
+# --------------------------------------------------------------------------------------------------
+# Wrong command lines
+# --------------------------------------------------------------------------------------------------
+
+WRONG = {
+    "unknown scene": (["nosuch"], "nosuch: there is no such scene, neither a file nor one of: "),
+    "folder": (["."], ".: this is a folder, not a file"),
+    "broken scene": (["bad-scene.txt"], "bad-scene.txt:2: the density must be positive, not -1"),
+    "broken mesh": (["mesh-scene.txt"], "broken.mesh:1: a .mesh file starts with"),
+    "restitution nan": (["--restitution", "nan"], "--restitution: the restitution must lie"),
+    "restitution 2": (["--restitution", "2"], "must lie between 0 and 1, not 2"),
+    "restitution text": (["--restitution", "high"], "--restitution: 'high' is not a number"),
+    "no time step": (["--time-step", "0"], "the time step must be positive and finite, not 0"),
+    "time step inf": (["--time-step", "inf"], "must be positive and finite, not inf"),
+    "negative steps": (["--steps", "-3"], "--steps: must be 0 or more, not -3"),
+    "steps with a fraction": (["--steps", "1.5"], "--steps: '1.5' is not a whole number"),
+    "every 0": (["--screenshots", "s", "--every", "0"], "--every: must be 1 or more, not 0"),
+    "every alone": (["--every", "3"], "--every says how often --screenshots draws"),
+    "abbreviation": (["--rest", "0.5"], "unrecognized arguments: --rest"),
+    "two scenes": (["tet", "tower"], "unrecognized arguments: tower"),
+    "record to nowhere": (["--record", "no/r.npz"], "no/r.npz: No such file or directory"),
+    "record to a folder": (["--record", "."], ".: this is a folder, not a file"),
+    "record a broken scene": (["bad-scene.txt", "--record", "r.npz"], "bad-scene.txt:2: "),
+    "draw a broken scene": (["bad-scene.txt", "--screenshots", "s"], "bad-scene.txt:2: "),
+}
+
+
+@pytest.fixture
+def brokenFolder(tmp_path):
+    """A folder with a scene that is broken, and one whose mesh is."""
+    (tmp_path / "broken.mesh").write_text("nothing of the kind")
+    (tmp_path / "mesh-scene.txt").write_text("1\nbroken.mesh 1 0 0 0 0 1 0 0 0\n")
+    (tmp_path / "bad-scene.txt").write_text("1\nbroken.mesh -1 0 0 0 0 1 0 0 0\n")
+    return tmp_path
+
+
+def assert_one_line(errors, message):
+    (line,) = errors.splitlines()
+    assert line.startswith("RigidBodySimulation.py: ") and message in line
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_command_line_is_told_in_one_line(brokenFolder, monkeypatch, capsys, case):
+    arguments, message = WRONG[case]
+    before = sorted(brokenFolder.iterdir())
+    monkeypatch.chdir(brokenFolder)
+    try:
+        code = main(["--headless", *arguments])
+    except SystemExit as ended:  # argparse does not return
+        code = ended.code
+    output, errors = capsys.readouterr()
+    assert (code, output) == (2, "")
+    assert_one_line(errors, message)
+    assert sorted(brokenFolder.iterdir()) == before
+
+
+@pytest.mark.parametrize("case", ["unknown scene", "broken mesh", "negative steps"])
+def test_wrong_command_line_ends_the_program_without_a_traceback(brokenFolder, case):
+    arguments, message = WRONG[case]
+    process = run(brokenFolder, *arguments)
+    assert (process.returncode, process.stdout) == (2, "")
+    assert_one_line(process.stderr, message)
+
+
+def test_help_names_every_option_with_its_default(tmp_path):
+    process = run(tmp_path, "--help")
+    assert process.returncode == 0 and process.stderr == ""
+    for words in ("SCENE", "mixed", "--restitution E", "0.5", "--time-step H", "0.02",
+                  "--closing-only", "--headless", "--steps N", "500", "--screenshots DIR",
+                  "--every K", "--record FILE.npz", "examples:"):  # fmt: skip
+        assert words in process.stdout
+    assert max(map(len, process.stdout.splitlines())) <= 100
+
+
+def test_importing_the_modules_needs_no_display_and_no_polyscope(tmp_path):
+    program = (
+        "import sys, RigidBodySimulation, RBSViewer, RBSFunctions, GJK, Quaternion; "
+        "sys.exit('polyscope' in sys.modules)"
+    )
+    process = subprocess.run([sys.executable, "-c", program], cwd=ROOT, env=environment())
+    assert process.returncode == 0
