@@ -656,7 +656,7 @@ def _edge_planes(hulls, facesA, facesB, t, bound, complete):
 
 
 def contact_point(verticesA, verticesB, t, normal, depth, size):
-    """Centre of the contact patch on B, relative to the centre of B.
+    """Centre of the contact patch on B, relative to the centre of B, for one pair.
 
     verticesA, verticesB : (3, V), each hull's vertices relative to its centre
     t : tuple of 3, centre of B minus centre of A; normal : tuple of 3, unit, from A to B
@@ -666,14 +666,73 @@ def contact_point(verticesA, verticesB, t, normal, depth, size):
     is lowest overlap, seen along the normal. Returns a tuple of 3 floats p: p lies on the feature
     of B, and p + t + depth · normal on that of A.
     """
-    heightsA = dot(normal, verticesA)
-    heightsB = dot(normal, verticesB)
-    level = float(heightsB.min())
     tolerance = FEATURE_TOLERANCE * size
-    featureB = verticesB[:, heightsB <= level + tolerance]
-    if featureB.shape[1] == 1:
-        return tuple(featureB[:, 0].tolist())
-    featureA = verticesA[:, heightsA >= heightsA.max() - tolerance]
+    heightsB = dot(normal, verticesB)
+    lowest = heightsB.argmin()
+    level = float(heightsB[lowest])
+    inB = heightsB <= level + tolerance
+    if np.count_nonzero(inB) == 1:
+        return tuple(verticesB[:, lowest].tolist())
+    heightsA = dot(normal, verticesA)
+    highest = heightsA.argmax()
+    inA = heightsA >= heightsA[highest] - tolerance
+    if np.count_nonzero(inA) == 1:
+        return _below_corner(verticesA[:, highest].tolist(), t, normal, level)
+    return _patch_centre(verticesA[:, inA], verticesB[:, inB], t, normal, level, tolerance)
+
+
+def contact_points(hulls, first, second, t, normal, size):
+    """`contact_point` for P pairs of a HullSet: (3, P) from t (3, P), normal (3, P), size (P,)."""
+    columns = np.arange(len(first))
+    tolerance = FEATURE_TOLERANCE * size
+    verticesA = hulls.vertices[:, _slots(hulls.vertexStart, hulls.vertexCount, first)]
+    verticesB = hulls.vertices[:, _slots(hulls.vertexStart, hulls.vertexCount, second)]
+    heightsA, heightsB = dot(normal[:, None], verticesA), dot(normal[:, None], verticesB)
+    lowest, highest = heightsB.argmin(axis=0), heightsA.argmax(axis=0)
+    level = heightsB[lowest, columns]
+    # a repeated last slot must not count as another corner
+    inB = (heightsB <= level + tolerance) & _own_slots(hulls.vertexCount, second)
+    inA = (heightsA >= heightsA[highest, columns] - tolerance) & _own_slots(
+        hulls.vertexCount, first
+    )
+    point = verticesB[:, lowest, columns]
+    several = inB.sum(axis=0) > 1
+    if several.any():
+        single = several & (inA.sum(axis=0) == 1)
+        if single.any():
+            corner = verticesA[:, highest, columns][:, single]
+            point[:, single] = _below_corner(
+                corner, t[:, single], normal[:, single], level[single]
+            )
+        for p in np.flatnonzero(several & ~single).tolist():
+            point[:, p] = _patch_centre(
+                verticesA[:, inA[:, p], p], verticesB[:, inB[:, p], p], tuple(t[:, p].tolist()),
+                tuple(normal[:, p].tolist()), float(level[p]), float(tolerance[p]),
+            )  # fmt: skip
+    return point
+
+
+def _own_slots(count, bodies):
+    """(K, P) bool: which rows of a `_slots` table are not repetitions."""
+    count = count[bodies]
+    return np.arange(count.max(initial=1))[:, None] < count
+
+
+def _below_corner(corner, t, normal, level):
+    """The corner of A, as seen from B's centre, lowered along the normal to B's lowest plane."""
+    x, y, z = corner[0] - t[0], corner[1] - t[1], corner[2] - t[2]
+    above = dot(normal, (x, y, z)) - level
+    return (x - above * normal[0], y - above * normal[1], z - above * normal[2])
+
+
+def _patch_centre(featureA, featureB, t, normal, level, tolerance):
+    """`contact_point` for features (3, ≥ 2) that are edges or faces."""
+    if featureA.shape[1] == 2 and featureB.shape[1] == 2:
+        a0, a1 = featureA.T.tolist()
+        b0, b1 = featureB.T.tolist()
+        s = _crossing(a0, a1, b0, b1, t, normal, tolerance)
+        if s is not None:
+            return tuple(b0[k] + s * (b1[k] - b0[k]) for k in range(3))
     # In the frame of B and in its lowest plane. The axes u, v span that plane.
     u, v = _tangents(normal)
     shiftU, shiftV = dot(u, t), dot(v, t)
@@ -681,6 +740,22 @@ def contact_point(verticesA, verticesB, t, normal, depth, size):
     flatB = np.stack((dot(u, featureB), dot(v, featureB)), axis=1).tolist()
     cu, cv = overlap_centre(flatA, flatB, tolerance)
     return tuple(u[k] * cu + v[k] * cv + normal[k] * level for k in range(3))
+
+
+def _crossing(a0, a1, b0, b1, t, normal, tolerance):
+    """Where the edge b0 b1 of B crosses the edge a0 a1 of A, as a fraction of it, in [0, 1].
+
+    None where they are parallel: where their ends are within the tolerance of being so.
+    """
+    d = (a1[0] - a0[0], a1[1] - a0[1], a1[2] - a0[2])
+    e = (b1[0] - b0[0], b1[1] - b0[1], b1[2] - b0[2])
+    across = cross(normal, d)  # seen along the normal, across edge A
+    turn = dot(across, e)
+    if abs(turn) <= tolerance * math.sqrt(max(dot(d, d), dot(e, e))):
+        return None
+    # a0 - t + x d = b0 + s e up to a multiple of the normal; times `across`, x and that vanish
+    gap = (a0[0] - t[0] - b0[0], a0[1] - t[1] - b0[1], a0[2] - t[2] - b0[2])
+    return min(max(dot(across, gap) / turn, 0.0), 1.0)
 
 
 def _tangents(normal):
@@ -706,7 +781,11 @@ def overlap_centre(pointsA, pointsB, tolerance):
     if len(a) == 1:
         return a[0]
     if len(a) == 2 and len(b) == 2:
-        return _segments_meet(a, b, tolerance)
+        (a0, a1), (b0, b1) = ([(*point, 0.0) for point in figure] for figure in (a, b))
+        s = _crossing(a0, a1, b0, b1, (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), tolerance)
+        if s is None:
+            return _middle_of_both(a, b)
+        return b0[0] + s * (b1[0] - b0[0]), b0[1] + s * (b1[1] - b0[1])
     # cut the figure with fewer corners, a segment if there is one, by the sides of the other
     figure, cutter = (b, a) if len(b) <= len(a) else (a, b)
     for k, tail in enumerate(cutter):
@@ -747,23 +826,17 @@ def _distance2(p, q):
     return (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2
 
 
-def _segments_meet(a, b, tolerance):
-    """Where segment b crosses segment a; the middle of what they share when they are parallel."""
+def _middle_of_both(a, b):
+    """The middle, on segment b, of what two parallel segments share."""
     (au, av), (bu, bv) = a[0], b[0]
     du, dv = a[1][0] - au, a[1][1] - av
     eu, ev = b[1][0] - bu, b[1][1] - bv
-    lengthA2, lengthB2 = du * du + dv * dv, eu * eu + ev * ev
-    turn = du * ev - dv * eu  # |a| |b| sin
-    if abs(turn) > tolerance * math.sqrt(max(lengthA2, lengthB2)):
-        # a0 + x d = b0 + s e, times d⊥: s
-        s = ((bu - au) * dv - (bv - av) * du) / turn
-        s = min(max(s, 0.0), 1.0)
-    else:
-        # the ends of a as parameters along b
-        s0 = ((au - bu) * eu + (av - bv) * ev) / lengthB2
-        s1 = s0 + (du * eu + dv * ev) / lengthB2
-        low, high = max(min(s0, s1), 0.0), min(max(s0, s1), 1.0)
-        s = min(max(0.5 * (low + high), 0.0), 1.0)
+    # the ends of a as fractions of b
+    length2 = eu * eu + ev * ev
+    s0 = ((au - bu) * eu + (av - bv) * ev) / length2
+    s1 = s0 + (du * eu + dv * ev) / length2
+    low, high = max(min(s0, s1), 0.0), min(max(s0, s1), 1.0)
+    s = min(max(0.5 * (low + high), 0.0), 1.0)
     return bu + s * eu, bv + s * ev
 
 

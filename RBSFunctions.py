@@ -9,6 +9,7 @@ the meshes their columns back. The formulas stand once, on components: vectors a
 floats for a single pair, and arrays (3, n) for many.
 """
 
+import itertools
 import math
 import time
 from contextlib import contextmanager
@@ -439,10 +440,35 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
 # --------------------------------------------------------------------------------------------------
 
 
-@lru_cache(maxsize=8)
-def _hull_set(hulls):
-    """The `HullSet` of a tuple of hulls; building it costs more than a small scene's step."""
-    return GJK.HullSet(hulls)
+class _Shapes:
+    """What never changes of a list of meshes: rest vertices and hulls, in tables.
+
+    vertices : (3, ΣV), rest vertices of all meshes; body b has vertexStart[b] … of them
+    hulls : GJK.HullSet at rest; a mesh without vertices has a point for a hull
+    hasShape : (n,) bool
+    """
+
+    def __init__(self, meshes):
+        self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
+        self.vertexStart = np.cumsum(self.vertexCount) - self.vertexCount
+        self.hasShape = self.vertexCount > 0
+        self.vertices = np.ascontiguousarray(np.concatenate([m.origVertices for m in meshes]).T)
+        point = GJK.build_hull(np.zeros((1, 3)))
+        self.hulls = GJK.HullSet([point if m.hull is None else m.hull for m in meshes])
+
+
+# The tables of the scenes at hand: making them costs more than a step of a small scene.
+_shapes = lru_cache(maxsize=4)(_Shapes)
+
+
+def _gathered(meshes, name, width):
+    """Columns (width, n) of the meshes' attribute `name`, whatever shape users have given it."""
+    values = [getattr(m, name) for m in meshes]
+    try:
+        table = np.array(values, dtype=np.float64)
+    except ValueError:  # shapes that differ
+        table = np.concatenate([np.ravel(value) for value in values], dtype=np.float64)
+    return np.ascontiguousarray(table.reshape(len(meshes), width).T)
 
 
 class _Bodies:
@@ -452,28 +478,21 @@ class _Bodies:
     invMass : (n,); invInertia : (9, n), world axes, row by row
     box : (6, n), bounding boxes in the world: least coordinates, then greatest ones negated, so
         that boxes a and b overlap when box_a ≤ facing_b. A mesh without vertices has none
+    shapes : `_Shapes`
     hulls : GJK.HullSet, turned to the orientations
-    vertices : (3, ΣV), all vertices relative to their COM; body b has vertexStart[b] … of them
+    vertices : (3, ΣV), all vertices, turned, relative to their COMs
     """
 
     def __init__(self, meshes):
         self.meshes = meshes
-        count = len(meshes)
-
-        def gathered(name, width):
-            columns = [np.asarray(getattr(m, name), dtype=np.float64).ravel() for m in meshes]
-            return np.ascontiguousarray(np.concatenate(columns).reshape(count, width).T)
-
-        self.position = gathered("position", 3)
-        self.orientation = gathered("orientation", 4)
-        self.linVelocity = gathered("linVelocity", 3)
-        self.angVelocity = gathered("angVelocity", 3)
-        self.invMass = gathered("invMass", 1)[0]
-        self.restInvInertia = gathered("invIT", 9)
+        self.shapes = _shapes(tuple(meshes))
+        self.position = _gathered(meshes, "position", 3)
+        self.orientation = _gathered(meshes, "orientation", 4)
+        self.linVelocity = _gathered(meshes, "linVelocity", 3)
+        self.angVelocity = _gathered(meshes, "angVelocity", 3)
+        self.invMass = _gathered(meshes, "invMass", 1)[0]
+        self.restInvInertia = _gathered(meshes, "invIT", 9)
         self.isFixed = self.invMass == 0.0
-        self.vertexCount = np.array([len(m.origVertices) for m in meshes])
-        self.vertexStart = np.cumsum(self.vertexCount) - self.vertexCount
-        self.hasShape = self.vertexCount > 0
 
     def integrate(self, timeStep):
         """Free flight of all bodies that are not fixed; then everything that turns with them."""
@@ -487,13 +506,11 @@ class _Bodies:
 
         entries = np.stack(rotation_entries(self.orientation))
         self.invInertia = np.stack(_rotated_tensor(entries, self.restInvInertia))
-        rest = np.concatenate([m.origVertices for m in self.meshes]).T
-        self.vertices = GJK.rotate_columns(entries, rest, self.vertexCount)
-        point = GJK.build_hull(np.zeros((1, 3)))
-        hulls = tuple(point if m.hull is None else m.hull for m in self.meshes)
-        self.hulls = _hull_set(hulls).rotated(entries)
+        shapes = self.shapes
+        self.vertices = GJK.rotate_columns(entries, shapes.vertices, shapes.vertexCount)
+        self.hulls = shapes.hulls.rotated(entries)
         low, high = self.hulls.boxes()
-        self.relativeBox = np.where(self.hasShape, np.concatenate((low, -high)), np.inf)
+        self.relativeBox = np.where(shapes.hasShape, np.concatenate((low, -high)), np.inf)
         self.box = self.relativeBox + np.concatenate((self.position, -self.position))
 
     def state(self, b):
@@ -518,17 +535,22 @@ class _Bodies:
         self.box[:3, b] = self.relativeBox[:3, b] + self.position[:, b]
         self.box[3:, b] = self.relativeBox[3:, b] - self.position[:, b]
 
+    def moving(self):
+        """The arrays that collisions change."""
+        return self.position, self.linVelocity, self.angVelocity, self.box
+
     def write_back(self):
-        """Hands the meshes their state."""
-        current = self.vertices + np.repeat(self.position, self.vertexCount, axis=1)
-        pieces = np.split(np.ascontiguousarray(current.T), self.vertexStart[1:])
-        for b, m in enumerate(self.meshes):
-            m.currVertices = pieces[b]
-            if not self.isFixed[b]:
-                m.position = self.position[:, b : b + 1].T.copy()
-                m.orientation = self.orientation[:, b : b + 1].T.copy()
-                m.linVelocity = self.linVelocity[:, b : b + 1].T.copy()
-                m.angVelocity = self.angVelocity[:, b : b + 1].T.copy()
+        """Hands the meshes their state: rows of the step's arrays."""
+        count = self.shapes.vertexCount
+        current = np.ascontiguousarray((self.vertices + np.repeat(self.position, count, axis=1)).T)
+        ends = np.cumsum(count).tolist()
+        for m, end, size in zip(self.meshes, ends, count.tolist(), strict=True):
+            m.currVertices = current[end - size : end]
+        for name in ("position", "orientation", "linVelocity", "angVelocity"):
+            rows = np.ascontiguousarray(getattr(self, name).T)[:, None]
+            for m, row, isFixed in zip(self.meshes, rows, self.isFixed.tolist(), strict=True):
+                if not isFixed:
+                    setattr(m, name, row)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -540,10 +562,111 @@ class _Bodies:
 # tables of some megabytes with a few thousand bodies.
 BOX_ROWS = 256
 
+# A level of the grid has columns as wide as its largest box and holds boxes down to this fraction
+# of it. Smaller ones would crowd the columns, and more levels would cost more look-ups.
+GRID_SHRINK = 1 / 8
+
 
 def _facing(box):
     """What the box (6, …) of another body has to be at most, in each row, to overlap this one."""
     return -np.concatenate((box[3:], box[:3]))
+
+
+def all_overlaps(box, isFixed):
+    """Pairs i < j whose boxes overlap, `(first, second)` in that order, by comparing all of them.
+
+    box : (6, n), least coordinates and greatest ones negated; isFixed : (n,) bool, two such bodies
+    are no pair
+    """
+    facing = _facing(box)
+    found = [np.zeros((0, 2), dtype=np.intp)]
+    for begin in range(0, box.shape[1], BOX_ROWS):
+        rows = slice(begin, begin + BOX_ROWS)
+        near = box[0, begin:] <= facing[0, rows, None]
+        for k in range(1, 6):
+            near &= box[k, begin:] <= facing[k, rows, None]
+        near &= ~(isFixed[rows, None] & isFixed[begin:])
+        found.append(np.argwhere(np.triu(near, 1)) + begin)
+    return np.concatenate(found).T
+
+
+def grid_overlaps(box, isFixed):
+    """The same pairs in the same order as `all_overlaps`, by uniform grids.
+
+    Boxes are sorted into levels by their largest side. Each level is a grid over y and z whose
+    columns are as wide as its largest box, and within a column the boxes are sorted along x. A box
+    stands in the one column that holds its least corner; of two boxes that overlap, the columns are
+    the same or neighbours, and along x the least corner of one lies in the other. A box looks into
+    its own level and into those of larger boxes, so one huge floor among small boxes is a level of
+    its own and costs each of them one candidate.
+    """
+    extent = (-box[3:] - box[:3]).max(axis=0)
+    solid = np.flatnonzero(np.isfinite(extent))
+    order = solid[np.argsort(-extent[solid], kind="stable")]
+    found = []
+    while len(order):
+        width = max(float(extent[order[0]]), np.finfo(float).tiny)
+        count = max(1, int(np.count_nonzero(extent[order] > GRID_SHRINK * width)))
+        level, order = order[:count], order[count:]
+        found.append(_level_overlaps(box, level, level, width))
+        if len(order):
+            found.append(_level_overlaps(box, level, order, width))
+    pairs = np.concatenate([np.zeros((2, 0), dtype=np.intp), *found], axis=1)
+    pairs = np.sort(pairs[:, ~(isFixed[pairs[0]] & isFixed[pairs[1]])], axis=0)
+    # by the first body, then by the second
+    return pairs[:, np.argsort(pairs[0] * box.shape[1] + pairs[1])]
+
+
+def _ranks(values):
+    """Whole numbers for floats: neighbours (±1) stay neighbours, larger gaps shrink to 2."""
+    distinct, rank = np.unique(values, return_inverse=True)
+    steps = np.minimum(np.diff(distinct, prepend=distinct[:1]), 2.0)
+    return np.cumsum(steps).astype(np.int64)[rank] + 1
+
+
+def _level_overlaps(box, level, looking, width):
+    """Pairs (2, P) of a body in `level` and one in `looking` whose boxes overlap, each pair once.
+
+    level : indices of boxes with sides of at most `width`; looking : the same array, or indices of
+    other boxes, none larger.
+    """
+    inside = looking is level
+    bodies = level if inside else np.concatenate((level, looking))
+    y = _ranks(np.floor(box[1, bodies] / width))
+    z = _ranks(np.floor(box[2, bodies] / width))
+    stride = int(z.max()) + 2
+    column = y * stride + z
+    # the level's boxes by column, and along x within a column
+    along = np.argsort(box[0, level], kind="stable")
+    lowX = box[0, level][along]
+    place = np.empty(len(level), dtype=np.int64)
+    place[along] = np.arange(len(level))
+    count = len(level)
+    key = column[:count] * (count + 1) + place
+    entries = np.argsort(key)
+    key = key[entries]
+    if inside:  # bisection is faster for what comes in order
+        looking, place, column = level[entries], place[entries], column[entries]
+    # the range along x, in places, that can overlap a looking box
+    end = np.searchsorted(lowX, -box[3, looking], side="right")
+    begin = place + 1 if inside else np.searchsorted(lowX, box[0, looking] - width, side="left")
+
+    near = np.array([dy * stride + dz for dy in (-1, 0, 1) for dz in (-1, 0, 1)])
+    near = (column[-len(looking) :] + near[:, None]) * (count + 1)
+    first = np.searchsorted(key, near + begin)
+    length = np.searchsorted(key, near + end) - first
+    some = np.flatnonzero(length > 0)
+    first, length = first.ravel()[some], length.ravel()[some]
+    within = np.arange(length.sum()) - np.repeat(np.cumsum(length) - length, length)
+    i = level[entries[np.repeat(first, length) + within]]
+    j = looking[np.repeat(some % len(looking), length)]
+    for k in range(3):
+        overlap = (box[k, i] <= -box[k + 3, j]) & (box[k, j] <= -box[k + 3, i])
+        i, j = i[overlap], j[overlap]
+    return np.stack((i, j))
+
+
+BROAD_PHASES = {"all": all_overlaps, "grid": grid_overlaps}
 
 
 def _overlapping_pairs(bodies):
@@ -565,21 +688,6 @@ def _overlapping_pairs(bodies):
             yield i, later - 1
 
 
-def _near_pairs(bodies, reach):
-    """Pairs i < j, `(first, second)`, whose boxes, grown by the bodies' reach (n,), overlap."""
-    box = bodies.box - reach
-    facing = _facing(box)
-    found = []
-    for begin in range(0, len(bodies.meshes), BOX_ROWS):
-        rows = slice(begin, begin + BOX_ROWS)
-        near = box[0, begin:] <= facing[0, rows, None]
-        for k in range(1, 6):
-            near &= box[k, begin:] <= facing[k, rows, None]
-        near &= ~(bodies.isFixed[rows, None] & bodies.isFixed[begin:])
-        found.append(np.argwhere(np.triu(near, 1)) + begin)
-    return np.concatenate(found).T
-
-
 class _NarrowPhase:
     """Answers, for one pair after the other, whether and where its hulls meet at their turn.
 
@@ -592,7 +700,7 @@ class _NarrowPhase:
     def __init__(self, bodies):
         self.bodies = bodies
         reach = PLANE_REACH * bodies.hulls.radius
-        first, second = _near_pairs(bodies, reach)
+        first, second = all_overlaps(bodies.box - reach, bodies.isFixed)
         self.known = {}
         self._prepare(first, second)
 
@@ -644,25 +752,161 @@ def _resolve_pairs(bodies, CRCoeff, closingOnly, mu, report):
             impulses = _resolve(body1, body2, *contact, CRCoeff, closingOnly, mu)
             bodies.take(i, body1)
             bodies.take(j, body2)
-            report.contacts.append(Contact(i, j, *contact, *impulses))
+            report.add(Contact(i, j, *contact, *impulses))
+
+
+# Batches of contacts smaller than this are resolved one by one on floats: the array operations of
+# one batch cost as much as this many contacts.
+FEW_CONTACTS = 10
+
+# A body that a step's corrections have moved further than foreseen gets this many times its
+# displacement as its reach when the step's collisions are done again.
+REACH_GROWTH = 2.0
+
+
+class _ContactBatches:
+    """The pairs that can touch in this step, in batches whose order of work changes no bit.
+
+    A pair waits for the earlier pairs, in the order i < j, that share a body which can move; pairs
+    that do not wait for each other make a batch. All pairs are known beforehand as long as no body
+    moves further than its reach (n,).
+
+    first, second : (P,), sorted by batch, and within a batch by the order i < j
+    rank : (P,), place of each pair in the order i < j
+    starts : (B + 1,), where the batches begin
+    normal (3, K, P), offset (K, P) : the pairs' facet planes; unused ones are infinitely far
+    """
+
+    def __init__(self, bodies, reach, broadPhase):
+        first, second = BROAD_PHASES[broadPhase](bodies.box - reach, bodies.isFixed)
+        self.candidates = len(first)
+        t = bodies.position[:, second] - bodies.position[:, first]
+        planes = GJK.contact_planes(bodies.hulls, first, second, t, reach[first] + reach[second])
+        # the planes of the others prove that they stay apart within their reach
+        near = np.flatnonzero(planes.complete)
+        batch = _batch_numbers(first[near].tolist(), second[near].tolist(), bodies.isFixed.tolist())
+        self.rank = np.argsort(batch, kind="stable")
+        near = near[self.rank]
+        self.first, self.second = first[near], second[near]
+        self.starts = np.searchsorted(batch[self.rank], np.arange(batch.max(initial=-1) + 2))
+        self.size = bodies.hulls.radius[self.first] + bodies.hulls.radius[self.second]
+        count = planes.start[near + 1] - planes.start[near]
+        slots = np.arange(count.max(initial=1))[:, None]
+        column = planes.start[near] + np.minimum(slots, count - 1)
+        self.normal = planes.normal[:, column]
+        self.offset = np.where(slots < count, planes.offset[column], np.inf)
+
+
+def _batch_numbers(first, second, isFixed):
+    """The batch (P,) of each pair: one more than the last batches of its two bodies."""
+    last = [-1] * len(isFixed)
+    batch = []
+    for i, j in zip(first, second, strict=True):
+        number = (last[i] if last[i] > last[j] else last[j]) + 1
+        if not isFixed[i]:
+            last[i] = number
+        if not isFixed[j]:
+            last[j] = number
+        batch.append(number)
+    return np.array(batch, dtype=np.intp)
+
+
+def _resolve_pairs_in_batches(bodies, CRCoeff, closingOnly, mu, broadPhase, report):
+    """`_resolve_pairs`, the same bits, for many bodies: pairs from a grid, resolved in batches.
+
+    Where a correction moves a body out of its reach, a pair may have been overlooked: then the
+    collisions are done again from the state before them, with a wider reach for such bodies.
+    """
+    reach = PLANE_REACH * bodies.hulls.radius
+    before = [table.copy() for table in bodies.moving()]
+    while True:
+        batches = _ContactBatches(bodies, reach, broadPhase)
+        contacts = []
+        displaced = np.zeros(len(reach))
+        for begin, end in itertools.pairwise(batches.starts.tolist()):
+            contacts += _resolve_batch(
+                bodies, batches, slice(begin, end), CRCoeff, closingOnly, mu, before[0], displaced
+            )
+        strayed = displaced > reach
+        if not strayed.any():
+            break
+        reach = np.where(strayed, REACH_GROWTH * displaced, reach)
+        for table, old in zip(bodies.moving(), before, strict=True):
+            table[:] = old
+    report.candidatePairs = batches.candidates
+    report.add_pairs(contacts, batches)
+
+
+def _resolve_batch(bodies, batches, own, CRCoeff, closingOnly, mu, start, displaced):
+    """Resolves the contacts among a batch of pairs, the slice `own` of the batches' tables.
+
+    start : (3, n), positions before the collisions; displaced : (n,), the furthest that each body
+    has been away from there, updated here. Returns a list of what `StepReport.add_pairs` takes.
+    """
+    first, second = batches.first[own], batches.second[own]
+    position1, position2 = bodies.position[:, first], bodies.position[:, second]
+    t = position2 - position1
+    pens = batches.offset[:, own] - dot(batches.normal[:, :, own], t)
+    nearest = pens.argmin(axis=0)
+    columns = np.arange(len(first))
+    pen = pens[nearest, columns]
+    hit = pen >= -GJK.TOUCH_TOLERANCE * batches.size[own]
+    hit &= (bodies.box[:, first] <= _facing(bodies.box[:, second])).all(axis=0)
+    hits = np.flatnonzero(hit)
+    if len(hits) == 0:
+        return []
+    first, second, t = first[hits], second[hits], t[:, hits]
+    normal = batches.normal[:, :, own][:, nearest[hits], hits]
+    depth = np.maximum(pen[hits], 0.0)
+    size = batches.size[own][hits]
+    point = GJK.contact_points(bodies.hulls, first, second, t, normal, size) + position2[:, hits]
+    if len(hits) < FEW_CONTACTS:
+        impulses = _resolve_singly(
+            bodies, first, second, depth, normal, point, CRCoeff, closingOnly, mu
+        )
+    else:
+        body1, body2 = bodies.states(first), bodies.states(second)
+        impulses = _resolve(body1, body2, depth, normal, point, CRCoeff, closingOnly, mu)
+        bodies.take(first, body1)
+        bodies.take(second, body2)
+    for b in (first, second):
+        away = np.abs(bodies.position[:, b] - start[:, b]).max(axis=0)
+        displaced[b] = np.maximum(displaced[b], away)
+    return [(own.start + hits, depth, normal, point, *impulses)]
+
+
+def _resolve_singly(bodies, first, second, depth, normal, point, CRCoeff, closingOnly, mu):
+    """`_resolve` for a few contacts that share no body which can move; returns the impulses."""
+    impulses = []
+    contacts = zip(
+        first.tolist(), second.tolist(), depth.tolist(), normal.T.tolist(), point.T.tolist(),
+        strict=True,
+    )  # fmt: skip
+    for i, j, *contact in contacts:
+        body1, body2 = bodies.state(i), bodies.state(j)
+        impulses.append(_resolve(body1, body2, *contact, CRCoeff, closingOnly, mu))
+        bodies.take(i, body1)
+        bodies.take(j, body2)
+    impulse, friction = zip(*impulses, strict=True)
+    return np.array(impulse), np.array(friction).T
 
 
 def _resolve_ground(bodies, groundMesh, CRCoeff, closingOnly, mu, report):
     """Lets every body that reaches down to y = 0 bounce off the ground with its lowest vertex."""
-    heights = bodies.vertices[1] + np.repeat(bodies.position[1], bodies.vertexCount)
-    solid = np.flatnonzero(bodies.hasShape)
+    heights = bodies.vertices[1] + np.repeat(bodies.position[1], bodies.shapes.vertexCount)
+    solid = np.flatnonzero(bodies.shapes.hasShape)
     lowest = np.full(len(bodies.meshes), np.inf)
-    lowest[solid] = np.minimum.reduceat(heights, bodies.vertexStart[solid])
+    lowest[solid] = np.minimum.reduceat(heights, bodies.shapes.vertexStart[solid])
     for b in np.flatnonzero((lowest <= 0.0) & ~bodies.isFixed).tolist():
-        start = bodies.vertexStart[b]
-        vertex = start + heights[start : start + bodies.vertexCount[b]].argmin()
+        start = bodies.shapes.vertexStart[b]
+        vertex = start + heights[start : start + bodies.shapes.vertexCount[b]].argmin()
         point = _sum(bodies.vertices[:, vertex].tolist(), bodies.position[:, b].tolist())
         # The ground is hull 2: the body moves up, against the normal, by how deep the vertex is.
         contact = (-float(lowest[b]), (0.0, -1.0, 0.0), point)
         body, ground = bodies.state(b), groundMesh._body_state()
         impulses = _resolve(body, ground, *contact, CRCoeff, closingOnly, mu)
         bodies.take(b, body)
-        report.contacts.append(Contact(b, GROUND, *contact, *impulses))
+        report.add(Contact(b, GROUND, *contact, *impulses))
 
 
 # --------------------------------------------------------------------------------------------------
@@ -762,8 +1006,8 @@ class _Constraints:
         movable = (body1 != body2) & ~(bodies.isFixed[body1] & bodies.isFixed[body2])
         self.index = np.flatnonzero(movable)
         self.body1, self.body2 = body1[movable], body2[movable]
-        self.arm1 = bodies.vertices[:, bodies.vertexStart[self.body1] + vertex1[movable]]
-        self.arm2 = bodies.vertices[:, bodies.vertexStart[self.body2] + vertex2[movable]]
+        self.arm1 = bodies.vertices[:, bodies.shapes.vertexStart[self.body1] + vertex1[movable]]
+        self.arm2 = bodies.vertices[:, bodies.shapes.vertexStart[self.body2] + vertex2[movable]]
         self.refValue = table[4, movable]
         self.upper = table[5, movable] != 0
 
@@ -947,17 +1191,49 @@ class Contact(NamedTuple):
 class StepReport:
     """What a step did: for the eye and for benchmarks, never read by the simulation.
 
-    contacts : list of `Contact`, in the order of resolution
     candidatePairs : number of pairs whose boxes overlapped at their turn
     constraintVisits : number of constraints looked at
     seconds : dict, the time spent in each phase
     """
 
     def __init__(self):
-        self.contacts = []
+        self._contacts = []
+        self._pending = []
         self.candidatePairs = 0
         self.constraintVisits = 0
         self.seconds = {}
+
+    @property
+    def contacts(self):
+        """List of `Contact` in the order i < j, the ground last."""
+        pending, self._pending = self._pending, []
+        rows = []
+        for contacts, batches in pending:
+            for pairs, depth, normal, point, impulse, friction in contacts:
+                friction = np.broadcast_to(np.reshape(friction, (3, -1)), (3, len(pairs)))
+                columns = (
+                    batches.rank[pairs], batches.first[pairs], batches.second[pairs], depth,
+                    normal.T, point.T, impulse, friction.T,
+                )  # fmt: skip
+                rows += zip(*(column.tolist() for column in columns), strict=True)
+        ordered = [
+            Contact(i, j, depth, tuple(normal), tuple(point), impulse, tuple(friction))
+            for _, i, j, depth, normal, point, impulse, friction in sorted(rows)
+        ]
+        self._contacts[:0] = ordered
+        return self._contacts
+
+    def add(self, contact):
+        """Notes a `Contact`."""
+        self._contacts.append(contact)
+
+    def add_pairs(self, contacts, batches):
+        """Notes contacts of a `_ContactBatches`, given by arrays; they become rows when asked for.
+
+        contacts : list of `(pairs (m,), depth (m,), normal (3, m), point (3, m), impulse (m,),
+        friction)`, friction being (3, m) or a single vector for all
+        """
+        self._pending.append((contacts, batches))
 
     @contextmanager
     def phase(self, name):
@@ -979,6 +1255,7 @@ def run_timestep(
     closingOnly=False,
     constraintScheduling="sweep",
     mu=0.0,
+    broadPhase="all",
 ):
     """Moves a scene on by one time step, in place, and returns a `StepReport`.
 
@@ -1006,7 +1283,10 @@ def run_timestep(
     with report.phase("integrate"):
         bodies.integrate(timeStep)
     with report.phase("collisions"):
-        _resolve_pairs(bodies, CRCoeff, closingOnly, mu, report)
+        if broadPhase == "all":
+            _resolve_pairs(bodies, CRCoeff, closingOnly, mu, report)
+        else:
+            _resolve_pairs_in_batches(bodies, CRCoeff, closingOnly, mu, broadPhase, report)
     with report.phase("ground"):
         if groundMesh is not None:
             _resolve_ground(bodies, groundMesh, CRCoeff, closingOnly, mu, report)
