@@ -36,6 +36,11 @@ def _floats(value, count):
     return tuple(np.asarray(value, dtype=np.float64).reshape(count).tolist())
 
 
+def _float(value):
+    """A Python float out of a number, or of an array that holds one."""
+    return _floats(value, 1)[0]
+
+
 def _row(value, count):
     """A new (1, count) array out of anything with `count` entries."""
     return np.array(value, dtype=np.float64).reshape(1, count)
@@ -113,6 +118,14 @@ def _inverse_mass_along(body, arm, direction):
     return body.invMass + dot(lever, _apply(body.invInertia, lever))
 
 
+class ContactLaw(NamedTuple):
+    """How contacts are resolved; see `resolve_collision`."""
+
+    CRCoeff: float
+    closingOnly: bool
+    mu: float
+
+
 def _part(body1, body2, distance, direction):
     """Moves body 2 along the direction and body 1 against it, by `distance` in all.
 
@@ -150,22 +163,23 @@ def _slow_down(body1, body2, arm1, arm2, direction, change, limit=None):
     return impulse
 
 
-def _resolve(body1, body2, depth, normal, penPoint, CRCoeff, closingOnly, mu):
+def _resolve(body1, body2, depth, normal, penPoint, law):
     """One contact, in place: `resolve_collision` on components. Not both inverse masses are 0.
 
-    Returns `(impulse, friction)`: what body 2 receives along the normal, and across it, a vector.
+    Returns `(impulse, friction, arm1)`: what body 2 receives along the normal, and across it, a
+    vector; and where that happens, from the COM of body 1.
     """
     point = _moved(penPoint, _part(body1, body2, depth, normal), normal)
     arm1 = _difference(point, body1.position)
     arm2 = _difference(point, body2.position)
     # Restitution asks that an approach of c become one of -e c.
-    change = (1.0 + CRCoeff) * _approach(body1, body2, arm1, arm2, normal)
-    if closingOnly:
+    change = (1.0 + law.CRCoeff) * _approach(body1, body2, arm1, arm2, normal)
+    if law.closingOnly:
         change = change * (change > 0)
     impulse = _slow_down(body1, body2, arm1, arm2, normal, change)
-    if mu == 0:
-        return impulse, NO_FRICTION
-    return impulse, _rub(body1, body2, arm1, arm2, normal, mu * impulse)
+    if law.mu == 0:
+        return impulse, NO_FRICTION, arm1
+    return impulse, _rub(body1, body2, arm1, arm2, normal, law.mu * impulse), arm1
 
 
 NO_FRICTION = (0.0, 0.0, 0.0)
@@ -271,10 +285,10 @@ class Mesh:
 
     def __init__(self, name, origVertices, faces, tets, density, position, orientation, isFixed):
         self.name = name
-        self.origVertices = np.array(origVertices, dtype=np.float64).reshape(-1, 3)
-        self.faces = np.array(faces, dtype=np.int64).reshape(-1, 3)
-        self.tets = np.array(tets, dtype=np.int64).reshape(-1, 4)
-        self.density = float(density)
+        self.origVertices = self._table("origVertices", origVertices, 3, np.float64)
+        self.faces = self._table("faces", faces, 3, np.int64)
+        self.tets = self._table("tets", tets, 4, np.int64)
+        self.density = _float(density)
         self.isFixed = bool(isFixed)
         self.position = _row(position, 3)
         self.orientation = _row(orientation, 4)
@@ -296,6 +310,17 @@ class Mesh:
             self.invMass = 0.0
             self.invIT = np.zeros((3, 3))
         self._refresh_vertices()
+
+    def _table(self, what, rows, width, dtype):
+        """A copy of `rows` as (n, width); ValueError when it has another shape."""
+        table = np.array(rows, dtype=dtype)
+        if table.size == 0:
+            return table.reshape(0, width)
+        if table.ndim != 2 or table.shape[1] != width:
+            raise ValueError(
+                f"mesh {self.name}: {what} has shape {table.shape} in place of (n, {width})"
+            )
+        return table
 
     def _init_mass_properties(self):
         """Sets volume, mass and IT, moves the rest vertices to their COM, and builds the hull.
@@ -349,7 +374,7 @@ class Mesh:
             np.array(_floats(self.angVelocity, 3))[:, None],
             np.array(_floats(self.position, 3))[:, None],
             np.array(_floats(self.orientation, 4))[:, None],
-            float(timeStep),
+            _float(timeStep),
         )
         self.linVelocity, self.position = linVelocity.T.copy(), position.T.copy()
         self.orientation = orientation.T.copy()
@@ -427,10 +452,11 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     body1, body2 = m1._body_state(), m2._body_state()
     if body1.invMass + body2.invMass == 0.0:
         return
-    depth, normal = _floats(depth, 1)[0], _floats(contactNormal, 3)
+    depth, normal = _float(depth), _floats(contactNormal, 3)
     if depth < 0:
         depth, normal = -depth, (-normal[0], -normal[1], -normal[2])
-    _resolve(body1, body2, depth, normal, _floats(penPoint, 3), _floats(CRCoeff, 1)[0], closingOnly)
+    law = ContactLaw(_float(CRCoeff), bool(closingOnly), _float(mu))
+    _resolve(body1, body2, depth, normal, _floats(penPoint, 3), law)
     m1._take(body1)
     m2._take(body2)
 
@@ -739,7 +765,7 @@ class _NarrowPhase:
         return depth, normal, _sum(point, position2)
 
 
-def _resolve_pairs(bodies, CRCoeff, closingOnly, mu, report):
+def _resolve_pairs(bodies, law, report):
     """Detects and resolves every pair i < j, in that order, each seeing the earlier corrections."""
     if len(bodies.meshes) < 2:
         return
@@ -749,7 +775,7 @@ def _resolve_pairs(bodies, CRCoeff, closingOnly, mu, report):
         contact = narrowPhase.contact(i, j)
         if contact is not None:
             body1, body2 = bodies.state(i), bodies.state(j)
-            impulses = _resolve(body1, body2, *contact, CRCoeff, closingOnly, mu)
+            impulses = _resolve(body1, body2, *contact, law)
             bodies.take(i, body1)
             bodies.take(j, body2)
             report.add(Contact(i, j, *contact, *impulses))
@@ -811,7 +837,7 @@ def _batch_numbers(first, second, isFixed):
     return np.array(batch, dtype=np.intp)
 
 
-def _resolve_pairs_in_batches(bodies, CRCoeff, closingOnly, mu, broadPhase, report):
+def _resolve_pairs_in_batches(bodies, law, broadPhase, report):
     """`_resolve_pairs`, the same bits, for many bodies: pairs from a grid, resolved in batches.
 
     Where a correction moves a body out of its reach, a pair may have been overlooked: then the
@@ -825,7 +851,7 @@ def _resolve_pairs_in_batches(bodies, CRCoeff, closingOnly, mu, broadPhase, repo
         displaced = np.zeros(len(reach))
         for begin, end in itertools.pairwise(batches.starts.tolist()):
             contacts += _resolve_batch(
-                bodies, batches, slice(begin, end), CRCoeff, closingOnly, mu, before[0], displaced
+                bodies, batches, slice(begin, end), law, before[0], displaced
             )
         strayed = displaced > reach
         if not strayed.any():
@@ -837,7 +863,7 @@ def _resolve_pairs_in_batches(bodies, CRCoeff, closingOnly, mu, broadPhase, repo
     report.add_pairs(contacts, batches)
 
 
-def _resolve_batch(bodies, batches, own, CRCoeff, closingOnly, mu, start, displaced):
+def _resolve_batch(bodies, batches, own, law, start, displaced):
     """Resolves the contacts among a batch of pairs, the slice `own` of the batches' tables.
 
     start : (3, n), positions before the collisions; displaced : (n,), the furthest that each body
@@ -861,12 +887,10 @@ def _resolve_batch(bodies, batches, own, CRCoeff, closingOnly, mu, start, displa
     size = batches.size[own][hits]
     point = GJK.contact_points(bodies.hulls, first, second, t, normal, size) + position2[:, hits]
     if len(hits) < FEW_CONTACTS:
-        impulses = _resolve_singly(
-            bodies, first, second, depth, normal, point, CRCoeff, closingOnly, mu
-        )
+        impulses = _resolve_singly(bodies, first, second, depth, normal, point, law)
     else:
         body1, body2 = bodies.states(first), bodies.states(second)
-        impulses = _resolve(body1, body2, depth, normal, point, CRCoeff, closingOnly, mu)
+        impulses = _resolve(body1, body2, depth, normal, point, law)
         bodies.take(first, body1)
         bodies.take(second, body2)
     for b in (first, second):
@@ -875,7 +899,7 @@ def _resolve_batch(bodies, batches, own, CRCoeff, closingOnly, mu, start, displa
     return [(own.start + hits, depth, normal, point, *impulses)]
 
 
-def _resolve_singly(bodies, first, second, depth, normal, point, CRCoeff, closingOnly, mu):
+def _resolve_singly(bodies, first, second, depth, normal, point, law):
     """`_resolve` for a few contacts that share no body which can move; returns the impulses."""
     impulses = []
     contacts = zip(
@@ -884,14 +908,14 @@ def _resolve_singly(bodies, first, second, depth, normal, point, CRCoeff, closin
     )  # fmt: skip
     for i, j, *contact in contacts:
         body1, body2 = bodies.state(i), bodies.state(j)
-        impulses.append(_resolve(body1, body2, *contact, CRCoeff, closingOnly, mu))
+        impulses.append(_resolve(body1, body2, *contact, law))
         bodies.take(i, body1)
         bodies.take(j, body2)
-    impulse, friction = zip(*impulses, strict=True)
-    return np.array(impulse), np.array(friction).T
+    impulse, friction, arm = zip(*impulses, strict=True)
+    return np.array(impulse), np.array(friction).T, np.array(arm).T
 
 
-def _resolve_ground(bodies, groundMesh, CRCoeff, closingOnly, mu, report):
+def _resolve_ground(bodies, groundMesh, law, report):
     """Lets every body that reaches down to y = 0 bounce off the ground with its lowest vertex."""
     heights = bodies.vertices[1] + np.repeat(bodies.position[1], bodies.shapes.vertexCount)
     solid = np.flatnonzero(bodies.shapes.hasShape)
@@ -904,7 +928,7 @@ def _resolve_ground(bodies, groundMesh, CRCoeff, closingOnly, mu, report):
         # The ground is hull 2: the body moves up, against the normal, by how deep the vertex is.
         contact = (-float(lowest[b]), (0.0, -1.0, 0.0), point)
         body, ground = bodies.state(b), groundMesh._body_state()
-        impulses = _resolve(body, ground, *contact, CRCoeff, closingOnly, mu)
+        impulses = _resolve(body, ground, *contact, law)
         bodies.take(b, body)
         report.add(Contact(b, GROUND, *contact, *impulses))
 
@@ -929,13 +953,13 @@ def resolve_position_constraint(
     COMs, moved along p1 - p2 in proportion to the inverse masses until C = 0. Coincident points are
     parted along y, the first one upwards. Bodies that both cannot move stay where they are.
     """
-    upper, tolerance = bool(upper), _floats(tolerance, 1)[0]
+    upper, tolerance = bool(upper), _float(tolerance)
     body1, body2 = (
-        _BodyState(_floats(invMasses[k], 1)[0], None, _floats(currPositions[k], 3), None, None)
+        _BodyState(_float(invMasses[k]), None, _floats(currPositions[k], 3), None, None)
         for k in range(2)
     )
     points = [_floats(point, 3) for point in currConstPoints]
-    C, n = _stretch(*points, _floats(refValue, 1)[0])
+    C, n = _stretch(*points, _float(refValue))
     violated = _violates(C, upper, tolerance)
     if violated and body1.invMass + body2.invMass > 0:
         _part(body1, body2, C, n)
@@ -969,7 +993,7 @@ def resolve_velocity_constraint(
         arms.append(_difference(points[k], position))
         bodies.append(
             _BodyState(
-                _floats(invMasses[k], 1)[0],
+                _float(invMasses[k]),
                 _floats(invInertiaTensors[k], 9),
                 position,
                 _floats(currLinVelocities[k], 3),
@@ -978,7 +1002,7 @@ def resolve_velocity_constraint(
         )
     n = _stretch(*points, 0.0)[1]
     approach = _approach(*bodies, *arms, n)
-    wasValid = abs(approach) <= _floats(tolerance, 1)[0]
+    wasValid = abs(approach) <= _float(tolerance)
     if not wasValid and bodies[0].invMass + bodies[1].invMass > 0:
         _slow_down(*bodies, *arms, n, approach)
     return (
@@ -1186,6 +1210,7 @@ class Contact(NamedTuple):
     point: tuple  # the point of body 2 that is deepest in body 1; body 1's lowest one on the ground
     impulse: float  # mass · speed, what body 2 receives along the normal
     friction: tuple  # mass · speed, what it receives across
+    arm: tuple  # from the COM of body 1 to where the impulses act; it goes along with body 1
 
 
 class StepReport:
@@ -1209,16 +1234,16 @@ class StepReport:
         pending, self._pending = self._pending, []
         rows = []
         for contacts, batches in pending:
-            for pairs, depth, normal, point, impulse, friction in contacts:
+            for pairs, depth, normal, point, impulse, friction, arm in contacts:
                 friction = np.broadcast_to(np.reshape(friction, (3, -1)), (3, len(pairs)))
                 columns = (
                     batches.rank[pairs], batches.first[pairs], batches.second[pairs], depth,
-                    normal.T, point.T, impulse, friction.T,
+                    normal.T, point.T, impulse, friction.T, np.transpose(arm),
                 )  # fmt: skip
                 rows += zip(*(column.tolist() for column in columns), strict=True)
         ordered = [
-            Contact(i, j, depth, tuple(normal), tuple(point), impulse, tuple(friction))
-            for _, i, j, depth, normal, point, impulse, friction in sorted(rows)
+            Contact(i, j, depth, tuple(n), tuple(point), impulse, tuple(friction), tuple(arm))
+            for _, i, j, depth, n, point, impulse, friction, arm in sorted(rows)
         ]
         self._contacts[:0] = ordered
         return self._contacts
@@ -1231,7 +1256,7 @@ class StepReport:
         """Notes contacts of a `_ContactBatches`, given by arrays; they become rows when asked for.
 
         contacts : list of `(pairs (m,), depth (m,), normal (3, m), point (3, m), impulse (m,),
-        friction)`, friction being (3, m) or a single vector for all
+        friction, arm (3, m))`, friction being (3, m) or a single vector for all
         """
         self._pending.append((contacts, batches))
 
@@ -1277,6 +1302,10 @@ def run_timestep(
     mu : see `resolve_collision`
     """
     report = StepReport()
+    timeStep, tolerance = _float(timeStep), _float(tolerance)
+    law = ContactLaw(_float(CRCoeff), bool(closingOnly), _float(mu))
+    if broadPhase not in BROAD_PHASES:
+        raise ValueError(f"no broad phase {broadPhase!r}; there are {', '.join(BROAD_PHASES)}")
     if len(meshes) == 0:
         return report
     bodies = _Bodies(meshes)
@@ -1284,12 +1313,12 @@ def run_timestep(
         bodies.integrate(timeStep)
     with report.phase("collisions"):
         if broadPhase == "all":
-            _resolve_pairs(bodies, CRCoeff, closingOnly, mu, report)
+            _resolve_pairs(bodies, law, report)
         else:
-            _resolve_pairs_in_batches(bodies, CRCoeff, closingOnly, mu, broadPhase, report)
+            _resolve_pairs_in_batches(bodies, law, broadPhase, report)
     with report.phase("ground"):
         if groundMesh is not None:
-            _resolve_ground(bodies, groundMesh, CRCoeff, closingOnly, mu, report)
+            _resolve_ground(bodies, groundMesh, law, report)
     with report.phase("constraints"):
         if enforceConstraints and len(constraints) > 0:
             report.constraintVisits = _project_constraints(

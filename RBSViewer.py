@@ -20,6 +20,7 @@ from statistics import median
 
 import numpy as np
 
+from RBSFunctions import CONSTRAINT_SCHEDULINGS
 from RigidBodySimulation import (
     SceneError,
     checked_restitution,
@@ -159,6 +160,17 @@ CREASE_RADIUS = 6e-4
 # bodies are so small in the picture that lines would only darken it.
 MOST_CREASES = 4000
 
+# Half the width of the lines that constraints are drawn as, relative to the scene's size.
+TIE_RADIUS = 1.2e-3
+# Constraints from slack over taut to too long or too short: light blue, yellow, vermilion, which
+# the colour-blind tell apart too (Okabe and Ito's palette).
+TIE_COLOURS = np.array([[86, 180, 233], [240, 228, 66], [213, 94, 0]]) / 255.0
+# A bound that is exceeded by this fraction of itself gets the last of these colours in full.
+FULL_EXCESS = 0.05
+FRICTION_COLOUR = (0.84, 0.15, 0.16)
+# The longest friction impulse on screen, relative to the scene's size.
+LONGEST_IMPULSE = 0.1
+
 # From the middle of the scene to the camera: a little from the right, a little from above.
 VIEW_DIRECTION = (0.45, 0.36, 1.0)
 # The free rim of a picture, as a fraction of its size.
@@ -236,8 +248,50 @@ def frame_camera(points, direction, fieldOfView, aspect):
     return middle + distance * backward, middle
 
 
+class Ties:
+    """The constraints of a simulation as lines between the vertices that they tie.
+
+    Two bounds on the distance of the same two vertices are one line. Vertices are counted through
+    all bodies, as `flatten_meshes` counts them.
+    """
+
+    def __init__(self, simulation):
+        firstVertex = np.cumsum([0] + [len(mesh.currVertices) for mesh in simulation.meshes])
+        bounds = {}
+        for m1, v1, m2, v2, refValue, upper in simulation.constraints:
+            ends = (firstVertex[m1] + v1, firstVertex[m2] + v2)
+            least, most = bounds.get(ends, (0.0, math.inf))
+            bounds[ends] = (least, min(most, refValue)) if upper else (max(least, refValue), most)
+        self.ends = np.array(list(bounds), dtype=np.int64).reshape(-1, 2)
+        self.least, self.most = np.array(list(bounds.values())).reshape(-1, 2).T
+
+    def nodes(self, vertices):
+        """The lines' ends (2 T, 3), each line's two after each other; vertices (ΣV, 3)."""
+        return vertices[self.ends].reshape(-1, 3)
+
+    def colours(self, vertices):
+        """RGB (T, 3): how much of the allowed band is used, or by how much it is exceeded."""
+        tails, heads = vertices[self.ends[:, 0]], vertices[self.ends[:, 1]]
+        distance = np.linalg.norm(tails - heads, axis=1)
+        middle, half = (self.least + self.most) / 2.0, (self.most - self.least) / 2.0
+        # A rope, which has no lower bound, is used by as much as it is pulled out.
+        isRope = self.least == 0.0
+        middle, half = np.where(isRope, 0.0, middle), np.where(isRope, self.most, half)
+        off = np.abs(distance - middle)
+        used = np.clip(off / np.where(half > 0.0, half, 1.0), 0.0, 1.0)
+        used = np.where(half > 0.0, used, 1.0)  # a rod has no slack
+        excess = (off - half) / np.where(self.most > 0.0, FULL_EXCESS * self.most, 1.0)
+        place = used + np.clip(excess, 0.0, 1.0)
+        return np.stack([np.interp(place, (0, 1, 2), c) for c in TIE_COLOURS.T], axis=1)
+
+
 class SceneView:
-    """A simulation's bodies and their shadows in Polyscope, which must have been started."""
+    """A simulation's bodies, shadows and constraints in Polyscope, which must have been started.
+
+    Attributes: showsFriction, whether the friction impulses of the last step are drawn.
+    """
+
+    showsFriction = False
 
     def __init__(self, simulation):
         self.simulation = simulation
@@ -267,6 +321,7 @@ class SceneView:
             material="flat", back_face_policy="identical", color=SHADOW_COLOUR,
         )  # fmt: skip
         self._register_creases(vertices, faces)
+        self._register_ties(vertices)
         self._point_camera(points)
 
     def _register_creases(self, vertices, faces):
@@ -282,6 +337,46 @@ class SceneView:
                 "creases", vertices[self._creaseNodes], ends.reshape(-1, 2),
                 radius=CREASE_RADIUS, color=CREASE_COLOUR, material="flat",
             )  # fmt: skip
+
+    def _register_ties(self, vertices):
+        import polyscope as ps
+
+        ps.remove_curve_network("constraints", error_if_absent=False)
+        ps.remove_point_cloud("friction", error_if_absent=False)
+        self._ties = Ties(self.simulation)
+        if len(self._ties.ends):
+            nodes = self._ties.nodes(vertices)
+            self._lines = ps.register_curve_network(
+                "constraints", nodes, np.arange(len(nodes)).reshape(-1, 2),
+                radius=TIE_RADIUS, material="flat",
+            )  # fmt: skip
+            self._refresh_ties(vertices)
+
+    def _refresh_ties(self, vertices):
+        self._lines.update_node_positions(self._ties.nodes(vertices))
+        self._lines.add_color_quantity(
+            "use", self._ties.colours(vertices), defined_on="edges", enabled=True
+        )
+        self._lines.set_enabled(self.simulation.settings.enforceConstraints)
+
+    def _refresh_friction(self):
+        """Arrows of what each body was held back with, where the contact is now."""
+        import polyscope as ps
+
+        ps.remove_point_cloud("friction", error_if_absent=False)
+        report = self.simulation.report
+        contacts = report.contacts if self.showsFriction and report is not None else []
+        contacts = [contact for contact in contacts if any(contact.friction)]
+        if contacts:
+            positions = [self.simulation.meshes[c.body1].position[0] for c in contacts]
+            points = np.array(positions) + [c.arm for c in contacts]
+            # body 1 receives the opposite of what the contact gives to body 2
+            arrows = -np.array([c.friction for c in contacts])
+            arrows *= LONGEST_IMPULSE * ps.get_length_scale() / np.linalg.norm(arrows, axis=1).max()
+            cloud = ps.register_point_cloud("friction", points, color=FRICTION_COLOUR, radius=2e-3)
+            cloud.add_vector_quantity(
+                "impulse", arrows, vectortype="ambient", color=FRICTION_COLOUR, enabled=True
+            )
 
     def _point_camera(self, points):
         import polyscope as ps
@@ -301,6 +396,9 @@ class SceneView:
         self._shadows.update_vertex_positions(self._shadow_of(vertices))
         if self._creases is not None:
             self._creases.update_node_positions(vertices[self._creaseNodes])
+        if len(self._ties.ends):
+            self._refresh_ties(vertices)
+        self._refresh_friction()
 
 
 class PictureSeries:
@@ -357,6 +455,9 @@ PANEL_WIDTH = 330
 BUTTON_SIZE = (80, 0)
 FIELD_WIDTH = 160
 
+# The slider's end: more than rubber on dry stone.
+MOST_FRICTION = 1.0
+
 ERROR_TEXT = (1.0, 0.45, 0.40, 1.0)
 
 
@@ -383,10 +484,11 @@ class Viewer:
         if not self.isPlaying:
             self._due = 0.0
             return
-        self._due = min(self._due + elapsed, max(CATCH_UP_SECONDS, self.simulation.timeStep))
+        timeStep = self.simulation.settings.timeStep
+        self._due = min(self._due + elapsed, max(CATCH_UP_SECONDS, timeStep))
         begin = time.perf_counter()
-        while self._due >= self.simulation.timeStep:
-            self._due -= self.simulation.timeStep
+        while self._due >= timeStep:
+            self._due -= timeStep
             self._step()
             if time.perf_counter() - begin > STEPPING_SECONDS:
                 self._due = 0.0
@@ -423,11 +525,11 @@ class Viewer:
 
     def set_restitution(self, value):
         """From the next step on; raises ValueError, and changes nothing, outside of [0, 1]."""
-        self.simulation.restitution = checked_restitution(value)
+        self.simulation.settings.restitution = checked_restitution(value)
 
     def set_time_step(self, value):
         """In seconds, from the next step on; raises ValueError unless positive and finite."""
-        self.simulation.timeStep = checked_time_step(value)
+        self.simulation.settings.timeStep = checked_time_step(value)
 
     def scenes(self):
         """Paths of the scenes beside the current one."""
@@ -488,11 +590,12 @@ class Panel:
     def __init__(self, viewer):
         self.viewer = viewer
         self._lastFrame = time.perf_counter()
-        simulation = viewer.simulation
+        settings = viewer.simulation.settings
         self.fields = [
-            NumberField("restitution", lambda: simulation.restitution, viewer.set_restitution, 0.1),
-            NumberField("time step (s)", lambda: simulation.timeStep, viewer.set_time_step, 0.005),
+            NumberField("restitution", lambda: settings.restitution, viewer.set_restitution, 0.1),
+            NumberField("time step (s)", lambda: settings.timeStep, viewer.set_time_step, 0.005),
         ]
+        self._schedulings = list(CONSTRAINT_SCHEDULINGS)
 
     def frame(self):
         """Polyscope's callback: keys, panel, and the steps that are due."""
@@ -558,9 +661,31 @@ class Panel:
             draw_error(viewer.message)
         for field in self.fields:
             field.draw()
-        simulation = viewer.simulation
-        _, simulation.closingOnly = psim.Checkbox("closing contacts only", simulation.closingOnly)
+        settings = viewer.simulation.settings
+        _, settings.closingOnly = psim.Checkbox("closing contacts only", settings.closingOnly)
         psim.SetItemTooltip("Contacts that already separate receive no impulse")
+        _, settings.friction = psim.SliderFloat("friction", settings.friction, 0.0, MOST_FRICTION)
+        changed, shown = psim.Checkbox("friction impulses", viewer.view.showsFriction)
+        if changed:
+            viewer.view.showsFriction = shown
+            viewer.view.refresh()
+        if viewer.simulation.constraints:
+            self._draw_constraint_settings()
+
+    def _draw_constraint_settings(self):
+        import polyscope.imgui as psim
+
+        settings = self.viewer.simulation.settings
+        changed, settings.enforceConstraints = psim.Checkbox(
+            "constraints", settings.enforceConstraints
+        )
+        if changed:
+            self.viewer.view.refresh()
+        if psim.BeginCombo("scheduling", settings.constraintScheduling):
+            for name in self._schedulings:
+                if psim.Selectable(name, selected=name == settings.constraintScheduling):
+                    settings.constraintScheduling = name
+            psim.EndCombo()
 
     def _draw_numbers(self):
         import polyscope.imgui as psim
@@ -571,6 +696,11 @@ class Panel:
         psim.Text(f"{len(simulation.meshes)} bodies")
         psim.Text(f"step {simulation.stepCount}, {simulation.time:.2f} s simulated")
         psim.Text("no step yet" if milliseconds is None else f"{milliseconds:.2f} ms per step")
+        report = simulation.report
+        if report is not None:
+            psim.Text(f"{len(report.contacts)} contacts")
+        if report is not None and simulation.constraints:
+            psim.Text(f"{report.constraintVisits} visits of {len(simulation.constraints)} bounds")
 
     def _draw_legend(self):
         import polyscope.imgui as psim

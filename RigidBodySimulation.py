@@ -20,17 +20,18 @@ import sys
 import time
 import warnings
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
 from Quaternion import QConj, QRotate
-from RBSFunctions import GRAVITY, Mesh, run_timestep
+from RBSFunctions import BROAD_PHASES, CONSTRAINT_SCHEDULINGS, GRAVITY, Mesh, run_timestep
 
 PROGRAM_FOLDER = Path(__file__).resolve().parent
 DATA_FOLDER = PROGRAM_FOLDER / "data"
 SCENE_ENDING = "-scene.txt"
+CONSTRAINTS_ENDING = "-constraints.txt"
 DEFAULT_SCENE = "mixed"
 
 # Bodies keep half of their closing speed: the first falls visibly bounce and a pile comes to rest
@@ -41,6 +42,13 @@ DEFAULT_RESTITUTION = 0.5
 DEFAULT_TIME_STEP = 0.02
 # Ten seconds with the default time step: the falls and the settling of every scene in data/.
 DEFAULT_STEPS = 500
+# A tie between two bodies of the usual size, 5 to 20 m, is off by a millimetre at most when all is
+# well: nobody sees that, and a chain of ten settles on it within a few sweeps.
+CONSTRAINT_TOLERANCE = 1e-3
+# Constraint visits in a step: as many sweeps as a chain needs to pass a tug along itself a few
+# times over, and what the coursework allows where the constraints are few.
+SWEEPS = 20
+LEAST_VISITS = 1000
 # Five pictures a second with the default time step.
 DEFAULT_EVERY = 10
 # What the program draws where it was asked for a window and there is no display.
@@ -462,6 +470,12 @@ def list_scenes(folder):
     return sorted(Path(folder).glob(f"*{SCENE_ENDING}"))
 
 
+def find_constraints(scenePath):
+    """The constraint file that belongs to NAME-scene.txt, NAME-constraints.txt, or None."""
+    path = Path(scenePath).with_name(scene_name(scenePath) + CONSTRAINTS_ENDING)
+    return path if path.exists() else None
+
+
 def scene_name(path):
     """What a person calls a scene: the file's name without its ending."""
     name = Path(path).name
@@ -616,58 +630,102 @@ def checked_time_step(value):
     return value
 
 
+def checked_friction(value):
+    """The value, if it is finite and not negative; else ValueError."""
+    if not 0.0 <= value < math.inf:
+        raise ValueError(f"the friction must be finite and not negative, not {value:g}")
+    return value
+
+
+@dataclass
+class Settings:
+    """What a scene is simulated with, apart from its bodies. The defaults are the basic behaviour.
+
+    restitution : 0 to 1; timeStep : s; closingOnly : see `resolve_collision`; friction : μ ≥ 0
+    enforceConstraints : whether a scene's constraints are used
+    constraintScheduling : a name of CONSTRAINT_SCHEDULINGS
+    maxIterations : constraint visits in a step at most, or None for the default
+    broadPhase : a name of BROAD_PHASES
+    """
+
+    restitution: float = DEFAULT_RESTITUTION
+    timeStep: float = DEFAULT_TIME_STEP
+    closingOnly: bool = False
+    friction: float = 0.0
+    enforceConstraints: bool = True
+    constraintScheduling: str = "sweep"
+    maxIterations: int | None = None
+    broadPhase: str = "all"
+
+
 class Simulation:
     """A scene, what it is simulated with, and how far it has come.
 
-    Attributes: scenePath; meshes, list of Mesh; groundMesh; restitution; timeStep in s;
-    closingOnly; stepCount, the whole steps since the start; stepSeconds, how long the last step
-    took (None before the first).
+    Attributes: scenePath; meshes, list of Mesh; constraintPath, or None; constraints, a list as
+    `load_constraint_file` gives it; groundMesh; settings; stepCount, the whole steps since the
+    start; report, the last step's `StepReport`, and stepSeconds, how long it took (None before the
+    first).
     """
 
-    def __init__(
-        self,
-        scenePath,
-        restitution=DEFAULT_RESTITUTION,
-        timeStep=DEFAULT_TIME_STEP,
-        closingOnly=False,
-    ):
-        """Loads the scene; raises SceneError."""
-        self.restitution = restitution
-        self.timeStep = timeStep
-        self.closingOnly = closingOnly
-        self.groundMesh = make_ground()
-        self.load(scenePath)
+    def __init__(self, scenePath, settings=None, constraintPath=None):
+        """Loads the scene; raises SceneError.
 
-    def load(self, scenePath):
+        constraintPath : a constraint file; by default the one that belongs to the scene by its
+            name, if there is one
+        """
+        self.settings = Settings() if settings is None else settings
+        self.groundMesh = make_ground()
+        self.load(scenePath, constraintPath)
+
+    def load(self, scenePath, constraintPath=None):
         """Changes to another scene, at its start. Where that raises SceneError, nothing changes."""
-        self.meshes = load_scene_file(scenePath)
+        meshes = load_scene_file(scenePath)
+        if constraintPath is None:
+            constraintPath = find_constraints(scenePath)
+        constraints = [] if constraintPath is None else load_constraint_file(constraintPath, meshes)
+        self.meshes, self.constraints = meshes, constraints
         self.scenePath = Path(scenePath)
+        self.constraintPath = constraintPath
         self._startState = self.state()
         self._begin()
 
     def _begin(self):
         self.stepCount = 0
         self.time = 0.0
-        self.stepSeconds = None
+        self.stepSeconds = self.report = None
 
     def reset(self):
         """Puts every body back to where the scene has it, at rest."""
         self.set_state(self._startState)
         self._begin()
 
+    def max_iterations(self):
+        """Constraint visits in a step at most: as set, or twenty sweeps and at least a thousand."""
+        if self.settings.maxIterations is not None:
+            return self.settings.maxIterations
+        return max(LEAST_VISITS, SWEEPS * len(self.constraints))
+
     def step(self):
         """Goes on by one time step."""
+        settings = self.settings
         begin = time.perf_counter()
-        run_timestep(
+        self.report = run_timestep(
             self.meshes,
             self.groundMesh,
-            self.timeStep,
-            self.restitution,
-            closingOnly=self.closingOnly,
+            settings.timeStep,
+            settings.restitution,
+            settings.enforceConstraints,
+            self.constraints,
+            self.max_iterations(),
+            CONSTRAINT_TOLERANCE,
+            closingOnly=settings.closingOnly,
+            constraintScheduling=settings.constraintScheduling,
+            mu=settings.friction,
+            broadPhase=settings.broadPhase,
         )
         self.stepSeconds = time.perf_counter() - begin
         self.stepCount += 1
-        self.time += self.timeStep
+        self.time += settings.timeStep
 
     def state(self):
         """Copies of positions (n, 3), orientations (n, 4), linVelocities and angVelocities (n, 3).
@@ -707,6 +765,14 @@ class Simulation:
             if not mesh.isFixed
         )
 
+    def largest_violation(self):
+        """How far the distance of two tied vertices is beyond its bound, in m; 0 if none is."""
+        largest = 0.0
+        for m1, v1, m2, v2, refValue, upper in self.constraints:
+            distance = math.dist(self.meshes[m1].currVertices[v1], self.meshes[m2].currVertices[v2])
+            largest = max(largest, distance - refValue if upper else refValue - distance)
+        return largest
+
     def lowest_point(self):
         """(y in m, name of the body) of the lowest vertex; (nan, "") where there is no body."""
         heights = [(float(np.min(mesh.currVertices[:, 1])), mesh.name) for mesh in self.meshes]
@@ -726,8 +792,9 @@ class Recorder:
     """Keeps the state of every step, and writes them into one .npz file.
 
     The file holds positions (steps + 1, n, 3), orientations (steps + 1, n, 4), linVelocities and
-    angVelocities (steps + 1, n, 3), index 0 being the state before the first step; and timeStep,
-    restitution, closingOnly, scene (the path as given) and meshNames (n,).
+    angVelocities (steps + 1, n, 3), index 0 being the state before the first step; the fields of
+    `Settings` as they were at the end; scene and constraints (the paths as given, "" for none);
+    and meshNames (n,).
     """
 
     def __init__(self, path):
@@ -757,10 +824,9 @@ class Recorder:
         np.savez(
             self._part,
             **series,
-            timeStep=simulation.timeStep,
-            restitution=simulation.restitution,
-            closingOnly=simulation.closingOnly,
+            **asdict(simulation.settings) | {"maxIterations": simulation.max_iterations()},
             scene=str(simulation.scenePath),
+            constraints=str(simulation.constraintPath or ""),
             meshNames=np.array([mesh.name for mesh in simulation.meshes], dtype=np.str_),
         )
         self._part.close()
@@ -867,7 +933,8 @@ def summarise(simulation, run, startEnergies):
     rows = {
         "scene": shown_path(simulation.scenePath),
         "bodies": f"{len(meshes)}, {fixedCount} of them fixed",
-        "steps": f"{simulation.stepCount} of {simulation.timeStep:g} s: "
+        "constraints": constraint_summary(simulation),
+        "steps": f"{simulation.stepCount} of {simulation.settings.timeStep:g} s: "
         f"{simulation.time:.6g} s simulated" + ", stopped by Ctrl-C" * run.wasInterrupted,
         "time per step": stepTime,
         "kinetic energy": f"{kinetic:.6g} J at the start, {simulation.kinetic_energy():.6g} J now",
@@ -877,6 +944,16 @@ def summarise(simulation, run, startEnergies):
         "numbers": "all finite" if simulation.is_finite() else "NOT ALL FINITE",
     }
     return "\n".join(f"{name:<17} {value}" for name, value in rows.items())
+
+
+def constraint_summary(simulation):
+    """How many constraints there are, and how far the one that is off most is off."""
+    if not simulation.constraints:
+        return "none"
+    count = f"{len(simulation.constraints)} bounds"
+    if not simulation.settings.enforceConstraints:
+        return f"{count}, left out"
+    return f"{count}, violated by at most {simulation.largest_violation():.3g} m"
 
 
 def shown_path(path):
@@ -916,6 +993,8 @@ EXAMPLES = """\
 examples:
   %(prog)s                                    the mixed scene, in a window
   %(prog)s tower --restitution 0.2            another scene of data/, bouncing less
+  %(prog)s bridge --scheduling queue            bodies tied together
+  %(prog)s stress --friction 0.5                bodies that come to rest
   %(prog)s my-scene.txt --headless --steps 1000 --record run.npz
   %(prog)s stress --screenshots out/stress --every 25
 
@@ -987,9 +1066,41 @@ def make_parser():
         help="seconds per step (default: %(default)s)",
     )  # fmt: skip
     physics.add_argument(
+        "--friction", metavar="MU", type=option_type(float, checked_friction, "number"),
+        default=0.0, help="coefficient of friction between bodies and with the ground "
+        "(default: %(default)s)",
+    )  # fmt: skip
+    physics.add_argument(
         "--closing-only", action="store_true",
         help="leave contacts alone that already separate (default: they receive an impulse too, "
         "as in the coursework)",
+    )  # fmt: skip
+
+    physics.add_argument(
+        "--broad-phase", metavar="NAME", choices=BROAD_PHASES, default="all",
+        help="all: every pair in turn; grid: the same motion to the last bit, found through a "
+        "uniform grid, for hundreds of bodies (default: %(default)s)",
+    )  # fmt: skip
+
+    ties = parser.add_argument_group("constraints")
+    source = ties.add_mutually_exclusive_group()
+    source.add_argument(
+        "--constraints", metavar="FILE",
+        help="what ties the bodies together (default: NAME-constraints.txt beside NAME-scene.txt, "
+        "if there is one)",
+    )  # fmt: skip
+    source.add_argument(
+        "--no-constraints", action="store_true", help="let all bodies go free",
+    )  # fmt: skip
+    ties.add_argument(
+        "--max-iterations", metavar="N", type=count,
+        help=f"constraint visits in a step at most, but at least one of each (default: {SWEEPS} of "
+        f"each, and at least {LEAST_VISITS})",
+    )  # fmt: skip
+    ties.add_argument(
+        "--scheduling", metavar="NAME", choices=CONSTRAINT_SCHEDULINGS, default="sweep",
+        help="sweep: in order, over and over; queue: the same result with fewer visits; batches: "
+        "in another order, many at once, for hundreds of constraints (default: %(default)s)",
     )  # fmt: skip
 
     output = parser.add_argument_group("without a window")
@@ -1032,9 +1143,7 @@ def main(arguments=None):
         warnings.showwarning = lambda message, *where: print_error(f"warning: {message}")
         try:
             scenePath = find_scene(options.scene)
-            simulation = Simulation(
-                scenePath, options.restitution, options.time_step, options.closing_only
-            )
+            simulation = Simulation(scenePath, settings_of(options), options.constraints)
             if options.headless or options.screenshots or options.record:
                 return run_as_asked(simulation, options)
             return open_window_or_fall_back(simulation, options)
@@ -1046,6 +1155,20 @@ def main(arguments=None):
             print_error("stopped by Ctrl-C")
             return 130
     return 2
+
+
+def settings_of(options):
+    """The `Settings` that the command line's options ask for."""
+    return Settings(
+        restitution=options.restitution,
+        timeStep=options.time_step,
+        closingOnly=options.closing_only,
+        friction=options.friction,
+        enforceConstraints=not options.no_constraints,
+        constraintScheduling=options.scheduling,
+        maxIterations=options.max_iterations,
+        broadPhase=options.broad_phase,
+    )
 
 
 def run_as_asked(simulation, options):

@@ -131,21 +131,22 @@ def test_values_out_of_range_are_refused_and_change_nothing(viewer):
     for value in (0.0, -0.02, math.nan, math.inf):
         with pytest.raises(ValueError, match="the time step must be positive"):
             viewer.set_time_step(value)
-    assert (simulation.restitution, simulation.timeStep) == (0.5, 0.02)
+    assert (simulation.settings.restitution, simulation.settings.timeStep) == (0.5, 0.02)
     viewer.set_restitution(0.123456789)
     viewer.set_time_step(0.0123456789)
-    assert (simulation.restitution, simulation.timeStep) == (0.123456789, 0.0123456789)
+    assert simulation.settings.restitution == 0.123456789
+    assert simulation.settings.timeStep == 0.0123456789
 
 
 def test_scenes_beside_the_current_one_can_be_chosen(viewer):
     names = [path.name for path in viewer.scenes()]
     assert "tower-scene.txt" in names and names == sorted(names)
     viewer.toggle_play()
-    viewer.simulation.restitution = 0.25
+    viewer.simulation.settings.restitution = 0.25
     viewer.choose_scene(DATA / "tower-scene.txt")
     assert not viewer.isPlaying and viewer.view.rebuilt == 1
     assert len(viewer.simulation.meshes) == 9 and viewer.simulation.stepCount == 0
-    assert viewer.simulation.restitution == 0.25
+    assert viewer.simulation.settings.restitution == 0.25
 
 
 def test_broken_scene_shows_its_error_and_keeps_the_current_one(viewer, tmp_path):
@@ -453,20 +454,20 @@ def test_numbers_typed_into_the_fields_are_checked(polyscope, places, panel):
     simulation = panel.viewer.simulation
     restitution, timeStep = panel.fields
     type_into(polyscope, places["restitution"], "0.9")
-    assert simulation.restitution == 0.9 and restitution.message == ""
+    assert simulation.settings.restitution == 0.9 and restitution.message == ""
     type_into(polyscope, places["restitution"], "1.5")
-    assert simulation.restitution == 0.9
+    assert simulation.settings.restitution == 0.9
     assert restitution.message == "the restitution must lie between 0 and 1, not 1.5"
     polyscope.frame_tick()  # the message has moved the field below it
     type_into(polyscope, places["time step (s)"], "0.005")
-    assert simulation.timeStep == 0.005 and timeStep.message == ""
+    assert simulation.settings.timeStep == 0.005 and timeStep.message == ""
     assert simulation.stepCount == 0 and not panel.viewer.isPlaying
 
 
 def test_checkbox_and_scene_list_work(polyscope, places, panel):
     viewer = panel.viewer
     click(polyscope, *places["closing contacts only"])
-    assert viewer.simulation.closingOnly
+    assert viewer.simulation.settings.closingOnly
     click(polyscope, *places["scene"])
     polyscope.frame_tick()
     click(polyscope, *places["cube"])
