@@ -51,6 +51,11 @@ TOUCH_TOLERANCE = 64 * EPS
 # far a contact point may lie from the surface.
 FEATURE_TOLERANCE = 1e-10
 
+# What a few operations on coordinates lose, relative to the coordinates.
+ROUNDING = 16 * EPS
+# By how much the sides of a patch are moved out again when that has left nothing of it.
+SLACK_GROWTH = 8
+
 # Two edges with a sine below this are parallel and span no facet: the neighbouring facets are then
 # within this angle times the edges' length of the truth.
 PARALLEL_SINE = 1e-12
@@ -655,18 +660,17 @@ def _edge_planes(hulls, facesA, facesB, t, bound, complete):
 # --------------------------------------------------------------------------------------------------
 
 
-def contact_point(verticesA, verticesB, t, normal, depth, size):
+def contact_point(verticesA, verticesB, t, normal, tolerance):
     """Centre of the contact patch on B, relative to the centre of B, for one pair.
 
     verticesA, verticesB : (3, V), each hull's vertices relative to its centre
     t : tuple of 3, centre of B minus centre of A; normal : tuple of 3, unit, from A to B
-    depth : float ≥ 0; size : float, sum of the radii
+    tolerance : vertices this close to a supporting plane belong to the feature that rests on it
 
     The patch is where the feature of A that is highest along the normal and the feature of B that
     is lowest overlap, seen along the normal. Returns a tuple of 3 floats p: p lies on the feature
-    of B, and p + t + depth · normal on that of A.
+    of B, and p + t + depth · normal on that of A, depth being that of the pair along the normal.
     """
-    tolerance = FEATURE_TOLERANCE * size
     heightsB = dot(normal, verticesB)
     lowest = heightsB.argmin()
     level = float(heightsB[lowest])
@@ -681,10 +685,9 @@ def contact_point(verticesA, verticesB, t, normal, depth, size):
     return _patch_centre(verticesA[:, inA], verticesB[:, inB], t, normal, level, tolerance)
 
 
-def contact_points(hulls, first, second, t, normal, size):
-    """`contact_point` for P pairs of a HullSet: (3, P) from t (3, P), normal (3, P), size (P,)."""
+def contact_points(hulls, first, second, t, normal, tolerance):
+    """`contact_point` for P pairs of a HullSet: (3, P) from t and normal (3, P), tolerance (P,)."""
     columns = np.arange(len(first))
-    tolerance = FEATURE_TOLERANCE * size
     verticesA = hulls.vertices[:, _slots(hulls.vertexStart, hulls.vertexCount, first)]
     verticesB = hulls.vertices[:, _slots(hulls.vertexStart, hulls.vertexCount, second)]
     heightsA, heightsB = dot(normal[:, None], verticesA), dot(normal[:, None], verticesB)
@@ -786,15 +789,22 @@ def overlap_centre(pointsA, pointsB, tolerance):
         if s is None:
             return _middle_of_both(a, b)
         return b0[0] + s * (b1[0] - b0[0]), b0[1] + s * (b1[1] - b0[1])
-    # cut the figure with fewer corners, a segment if there is one, by the sides of the other
+    # Cut the figure with fewer corners, a segment if there is one, by the sides of the other. Where
+    # the two only touch, rounding can leave nothing; then the sides are moved outwards.
     figure, cutter = (b, a) if len(b) <= len(a) else (a, b)
+    slack = ROUNDING * max(abs(x) for point in figure + cutter for x in point)
+    overlap = _cut_by_sides(figure, cutter, slack)
+    while not overlap:
+        slack *= SLACK_GROWTH
+        overlap = _cut_by_sides(figure, cutter, slack)
+    return _centroid(overlap, tolerance)
+
+
+def _cut_by_sides(figure, cutter, slack):
+    """What of a convex figure lies within the sides of a convex polygon, moved out by `slack`."""
     for k, tail in enumerate(cutter):
-        head = cutter[(k + 1) % len(cutter)]
-        clipped = _clip(figure, tail, head)
-        if not clipped:  # they only touch, and rounding has put the contact outside this side
-            clipped = [max(figure, key=lambda point, p=tail, q=head: _left_of(p, q, point))]
-        figure = clipped
-    return _centroid(figure, tolerance)
+        figure = _clip(figure, tail, cutter[(k + 1) % len(cutter)], slack)
+    return figure
 
 
 def _left_of(p, q, point):
@@ -840,12 +850,13 @@ def _middle_of_both(a, b):
     return bu + s * eu, bv + s * ev
 
 
-def _clip(figure, p, q):
-    """What of a convex figure, its corners in order, lies left of the line p q.
+def _clip(figure, p, q, slack):
+    """What of a convex figure, its corners in order, lies left of the line p q moved out by slack.
 
     One step of Sutherland and Hodgman: Reentrant polygon clipping. Comm. ACM 17(1), 1974.
     """
-    sides = [_left_of(p, q, point) for point in figure]
+    slack *= math.sqrt(_distance2(p, q))
+    sides = [_left_of(p, q, point) + slack for point in figure]
     kept = []
     for k, point in enumerate(figure):
         following = (k + 1) % len(figure)
@@ -920,7 +931,9 @@ def is_collide(vertices1, vertices2):
     if pen < -tolerance:
         return apart
     depth = max(pen, 0.0)
+    # a face's vertices are off its plane by their rounding, and by more at its far end
+    patchTolerance = FEATURE_TOLERANCE * size + 32 * EPS * reach
     point = contact_point(
-        hulls.body_vertices(0), hulls.body_vertices(1), tuple(t.tolist()), normal, depth, size
+        hulls.body_vertices(0), hulls.body_vertices(1), tuple(t.tolist()), normal, patchTolerance
     )
     return True, depth, np.array([normal]), np.array([point]) + centres[1]

@@ -761,7 +761,8 @@ class _NarrowPhase:
             self._prepare(np.array([i]), np.array([j]))
         depth = max(pen, 0.0)
         vertices1, vertices2 = bodies.hulls.body_vertices(i), bodies.hulls.body_vertices(j)
-        point = GJK.contact_point(vertices1, vertices2, t, normal, depth, size)
+        tolerance = GJK.FEATURE_TOLERANCE * size
+        point = GJK.contact_point(vertices1, vertices2, t, normal, tolerance)
         return depth, normal, _sum(point, position2)
 
 
@@ -884,8 +885,9 @@ def _resolve_batch(bodies, batches, own, law, start, displaced):
     first, second, t = first[hits], second[hits], t[:, hits]
     normal = batches.normal[:, :, own][:, nearest[hits], hits]
     depth = np.maximum(pen[hits], 0.0)
-    size = batches.size[own][hits]
-    point = GJK.contact_points(bodies.hulls, first, second, t, normal, size) + position2[:, hits]
+    tolerance = GJK.FEATURE_TOLERANCE * batches.size[own][hits]
+    point = GJK.contact_points(bodies.hulls, first, second, t, normal, tolerance)
+    point = point + position2[:, hits]
     if len(hits) < FEW_CONTACTS:
         impulses = _resolve_singly(bodies, first, second, depth, normal, point, law)
     else:

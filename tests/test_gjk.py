@@ -1,0 +1,940 @@
+"""GJK.py against Qhull's Minkowski differences, closed forms, and the purpose of a contact.
+
+Throughout, `size` is the sum of the two hulls' radii, which the tolerances are relative to, and
+hull 2 parts from hull 1 along the normal.
+"""
+
+import itertools
+from collections import Counter
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracles import (
+    IDENTITY,
+    SHAPES,
+    box,
+    frozen,
+    gap_along,
+    height_over_surface,
+    minkowski_depth,
+    polygon_centroid,
+    quaternion,
+    random_quaternions,
+    rotation,
+    shape,
+    size_of,
+    turned,
+    vertices_of,
+)
+from scipy.optimize import nnls
+from scipy.spatial import HalfspaceIntersection
+
+import GJK
+from Quaternion import Q2RotMatrix
+
+EPS = np.finfo(float).eps
+# The contract of the depth, relative to the size.
+DEPTH = 1e-9
+# Some ten operations on numbers of the order of the size.
+ROUNDING = 1e-14
+# A contact point may be as far from the surface as FEATURE_TOLERANCE lets a vertex be from the
+# plane of the feature that it counts to, twice: once on each hull.
+SURFACE = 2 * GJK.FEATURE_TOLERANCE
+
+
+def distance_to_hull(points, p):
+    """About the distance of p (3,) from the hull of points (n, 3), flat or not.
+
+    Non-negative least squares: weights λ ≥ 0 that bring Σ λ_i x_i to p and Σ λ_i to 1. What is left
+    over is 0 for a p in the hull, else within a small factor of its distance.
+    """
+    unit = np.abs(points - p).max() or 1.0
+    rows = np.vstack(((points - p).T / unit, np.ones(len(points))))
+    return nnls(rows, np.array([0.0, 0.0, 0.0, 1.0]))[1] * unit
+
+
+def assert_contact(points1, points2, result, depth=None, position=None):
+    """A contact does what it is for. Optionally also: it has this depth, and this position.
+
+    Moved by depth · normal hull 2 touches hull 1: the gap along the normal is nil. The point
+    belongs to hull 2 and to its lowest plane along the normal, hence to its surface; moved along
+    it belongs to hull 1's surface.
+    """
+    isCollision, found, normal, point = result
+    assert isCollision is True and isinstance(found, float) and found >= 0
+    assert normal.shape == point.shape == (1, 3)
+    assert abs(np.linalg.norm(normal) - 1) < ROUNDING
+    size = size_of(points1, points2)
+    # Coordinates far from the origin are rounded by more than the size calls for.
+    reach = EPS * max(np.abs(points1).max(), np.abs(points2).max())
+    tolerance = 1e-12 * size + 8 * reach
+    assert abs(gap_along(points1, points2 + found * normal, normal)) <= tolerance
+    for points, p, side in ((points2, point, -1), (points1, point + found * normal, 1)):
+        assert distance_to_hull(points, p[0]) <= SURFACE * size + 8 * reach
+        height = (points - p) @ normal[0]
+        assert abs((side * height).max()) <= tolerance
+    if depth is not None:
+        assert abs(found - depth) <= 1e-13 * size + 4 * reach
+    if position is not None:
+        assert np.abs(point - position).max() <= 1e-12 * size + 4 * reach
+
+
+def assert_apart(result):
+    isCollision, depth, normal, point = result
+    assert isCollision is False and depth == 0.0
+    assert np.array_equal(normal, np.zeros((1, 3))) and np.array_equal(point, np.zeros((1, 3)))
+
+
+# --------------------------------------------------------------------------------------------------
+# The oracle, over all pairs of shapes
+# --------------------------------------------------------------------------------------------------
+
+PAIRS_OF_EACH_COMBINATION = 98
+COMBINATIONS = list(itertools.combinations_with_replacement(SHAPES, 2))
+KINDS = ("random rotations", "the same rotation", "no rotation", "quarter turns", "along an axis")
+
+
+def random_pair(rng, names, kind):
+    """Two hulls about the origin, then moved: `(points1, points2, common offset)`.
+
+    Sizes from 1e-3 to 1e3, the second up to ten times larger or smaller; offsets up to 1e4.
+    Hull 2 is shifted by up to 1.3 times what parts it in some direction.
+    """
+    turns = random_quaternions(rng, 2)
+    if kind == "the same rotation":
+        turns[1] = turns[0]
+    elif kind == "no rotation":
+        turns[:] = IDENTITY
+    elif kind == "quarter turns":
+        axes = np.eye(3)[rng.integers(3, size=2)]
+        turns = [quaternion(axis, 90 * rng.integers(4)) for axis in axes]
+    # the shapes are about 10 across
+    scale = 10 ** rng.uniform(-3, 3) / 10 * np.array([1, 10 ** rng.uniform(-1, 1)])
+    points1, points2 = (
+        turned(vertices_of(names[k]), turns[k]) * scale[k] for k in range(2)
+    )
+    if kind == "along an axis":
+        direction = np.eye(3)[rng.integers(3)]
+    else:
+        direction = rng.normal(size=3)
+        direction /= np.linalg.norm(direction)
+    shift = -gap_along(points1, points2, direction) * rng.uniform(0, 1.3) * direction
+    offset = np.zeros(3)
+    if rng.random() < 0.5:
+        offset = rng.choice([-1, 1], size=3) * 10 ** rng.uniform(0, 4, size=3)
+    return points1 + offset, points2 + shift + offset
+
+
+@pytest.fixture(scope="module")
+def sweep():
+    """All pairs with the oracle's answer and that of `is_collide`, in units of their size.
+
+    The oracle looks at the coordinates as they are in the end, rounded by the offset, but from
+    near by: a difference of two near numbers is exact.
+    """
+    rng = np.random.default_rng(7)
+    found = []
+    for names in COMBINATIONS:
+        for k in range(PAIRS_OF_EACH_COMBINATION):
+            kind = KINDS[k % len(KINDS)]
+            order = names if rng.random() < 0.5 else names[::-1]
+            points1, points2 = (frozen(p) for p in random_pair(rng, order, kind))
+            result = GJK.is_collide(points1, points2)
+            size = size_of(points1, points2)
+            origin = points1.mean(axis=0)
+            near1, near2 = (points1 - origin) / size, (points2 - origin) / size
+            isCollision, depth, normal, point = result
+            found.append(SimpleNamespace(
+                label=(order, kind, k), points1=points1, points2=points2, size=size,
+                near1=near1, near2=near2, oracle=minkowski_depth(near1, near2)[0],
+                isCollision=isCollision, depth=depth / size, normal=normal[0],
+                point=(point[0] - origin) / size,
+                # what the rounding of the coordinates is in units of the size
+                blur=EPS * max(np.abs(points1).max(), np.abs(points2).max()) / size,
+            ))  # fmt: skip
+    return found
+
+
+def test_is_a_sweep(sweep):
+    assert len(sweep) == 21 * 98 >= 2000
+    hits = Counter(name for pair in sweep for name in pair.label[0] if pair.isCollision)
+    tries = Counter(name for pair in sweep for name in pair.label[0])
+    rate = sum(pair.isCollision for pair in sweep) / len(sweep)
+    print(f"\n{len(sweep)} pairs, {100 * rate:.1f} % hit")
+    assert 0.3 < rate < 0.7
+    assert all(0.3 < hits[name] / tries[name] < 0.7 for name in SHAPES)
+    sizes = [pair.size for pair in sweep]
+    assert min(sizes) < 2e-3 and max(sizes) > 2e3
+    assert sum(np.abs(pair.points1).max() > 5e3 for pair in sweep) > 100
+
+
+def test_collisions_are_those_of_the_oracle(sweep):
+    # Hulls closer than the rounding of their coordinates may count as touching or not.
+    clear = [pair for pair in sweep if abs(pair.oracle) > 1e-12 + 8 * pair.blur]
+    wrong = [pair.label for pair in clear if pair.isCollision != (pair.oracle > 0)]
+    print(f"\n{len(sweep) - len(clear)} left out as touching, {len(wrong)} mismatches")
+    assert wrong == []
+    assert len(clear) > 0.99 * len(sweep)
+
+
+def test_depths_are_those_of_the_oracle(sweep):
+    near = [pair for pair in sweep if pair.isCollision and pair.blur < 1e-14]
+    far = [pair for pair in sweep if pair.isCollision and pair.blur >= 1e-14]
+    assert len(near) > 500 and len(far) > 100
+    worst = [max(abs(pair.depth - pair.oracle) for pair in some) for some in (near, far)]
+    print(f"\nlargest depth error / size: {worst[0]:.1e} near the origin, {worst[1]:.1e} far away")
+    assert worst[0] < 1e-13
+    assert worst[1] < DEPTH
+
+
+def test_moved_by_depth_times_normal_they_touch(sweep):
+    hits = [pair for pair in sweep if pair.isCollision]
+    for pair in hits:
+        assert abs(np.linalg.norm(pair.normal) - 1) < ROUNDING
+        gap = gap_along(pair.near1, pair.near2 + pair.depth * pair.normal, pair.normal)
+        assert abs(gap) < 1e-13, pair.label
+    # The gap says no more than that they are parted. That no shorter way parts them is the oracle's
+    # word above, for the depth is the distance to the nearest facet; here once more by the move
+    # itself, which leaves a hair of the old depth, or of air.
+    for pair in hits[::5]:
+        for change, stillMeets in ((-1e-9 - 8 * pair.blur, True), (1e-9 + 8 * pair.blur, False)):
+            moved = pair.near2 + (pair.depth + change) * pair.normal
+            if pair.depth + change > 0:
+                assert GJK.is_collide(pair.near1, moved)[0] is stillMeets, pair.label
+
+
+def test_points_are_on_both_surfaces(sweep):
+    for pair in sweep:
+        if pair.isCollision:
+            tolerance = SURFACE + 8 * pair.blur
+            across = pair.point + pair.depth * pair.normal
+            assert abs(height_over_surface(pair.near2, pair.point)) < tolerance, pair.label
+            assert abs(height_over_surface(pair.near1, across)) < tolerance, pair.label
+
+
+def test_misses_give_zeros(sweep):
+    for pair in sweep:
+        if not pair.isCollision:
+            assert pair.depth == 0.0 and np.array_equal(pair.normal, np.zeros(3))
+
+
+def test_swapping_the_hulls_turns_the_normal(sweep):
+    # Where one facet is clearly the nearest, the same one is found from the other side, and the
+    # two points face each other across the depth.
+    hits = [pair for pair in sweep
+            if pair.isCollision and pair.label[1] == "random rotations" and pair.blur < 1e-14]
+    assert len(hits) > 100
+    for pair in hits:
+        _, depth, normal, point = GJK.is_collide(pair.near2, pair.near1)
+        assert abs(depth - pair.depth) < ROUNDING, pair.label
+        assert np.abs(normal + pair.normal).max() < 1e-12, pair.label
+        assert np.abs(point - pair.point - pair.depth * pair.normal).max() < 1e-11, pair.label
+
+
+def test_order_and_inner_points_do_not_matter(sweep):
+    rng = np.random.default_rng(3)
+    hits = [pair for pair in sweep if pair.isCollision and pair.blur < 1e-14][::8]
+    assert len(hits) > 60
+    for pair in hits:
+        weights = rng.dirichlet(np.ones(len(pair.near1)), size=5)  # averages lie inside
+        more = rng.permutation(np.vstack((pair.near1, weights @ pair.near1, pair.near1[:2])))
+        result = GJK.is_collide(more, rng.permutation(pair.near2))
+        assert result[0] and abs(result[1] - pair.depth) < ROUNDING, pair.label
+
+
+# --------------------------------------------------------------------------------------------------
+# Touching, and a hair apart
+# --------------------------------------------------------------------------------------------------
+
+UP = np.array([0.0, 1.0, 0.0])
+HALF = np.sqrt(0.5)
+
+# name: (hull 1, hull 2 such that they touch, the direction to part them by)
+KISSES = {
+    "face on face": (box(4, 2, 6), box(2, 2, 2) + [0.5, 2, 1], UP),
+    "face on face, flush sides": (box(4, 2, 6), box(4, 2, 6) + [0, 2, 0], UP),
+    "faces that share an edge only": (box(2, 2, 2), box(2, 2, 2) + [2, 2, 0], UP + [1, 0, 0]),
+    "faces that share a corner only": (box(2, 2, 2), box(2, 2, 2) + [2, 2, 2], np.ones(3)),
+    "edges crossed": (turned(box(4, 2, 2), quaternion([1, 0, 0], 45)),
+                      turned(box(2, 2, 4), quaternion([0, 0, 1], 45)) + 2 * np.sqrt(2) * UP, UP),
+    "parallel edges": (turned(box(4, 2, 2), quaternion([1, 0, 0], 45)),
+                       turned(box(4, 2, 2), quaternion([1, 0, 0], 45))
+                       + 2 * np.sqrt(2) * UP + [1, 0, 0], UP),
+    "corner on face": (box(8, 2, 8), vertices_of("octahedron") / 3.4 + 2 * UP, UP),
+    "corner on corner": (vertices_of("octahedron") / 3.4, vertices_of("octahedron") / 3.4 + 2 * UP,
+                         UP),
+    "edge on face": (box(8, 2, 8), turned(box(2, 2, 4), quaternion([0, 0, 1], 45))
+                     + (1 + np.sqrt(2)) * UP, UP),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", KISSES)
+@pytest.mark.parametrize("pose", ["as it is", "turned", "turned and far away"])
+def test_kissing_hulls_collide_and_a_hair_apart_they_do_not(name, pose):
+    points1, points2, apart = KISSES[name]
+    apart = apart / np.linalg.norm(apart)
+    offset = np.zeros(3)
+    if pose != "as it is":
+        q = quaternion([3, -1, 2], 40)
+        points1, points2 = turned(points1, q), turned(points2, q)
+        apart = turned(apart, q)
+    if pose == "turned and far away":
+        offset = np.array([900.0, -700.0, 500.0])  # whose rounding, 1e-13, is far below a hair
+    size = size_of(points1, points2)
+    result = GJK.is_collide(points1 + offset, points2 + offset)
+    assert_contact(points1 + offset, points2 + offset, result, depth=0)
+    # corners that miss each other by rounding have normals in a whole cone; none points backwards
+    assert result[2][0] @ apart > 0
+    hair = 1e-9 * size * apart
+    assert_apart(GJK.is_collide(points1 + offset, points2 + hair + offset))
+    result = GJK.is_collide(points1 + offset, points2 - hair + offset)
+    assert_contact(points1 + offset, points2 - hair + offset, result)
+    assert result[1] <= 1.001e-9 * size
+
+
+@pytest.mark.parametrize("name", ["box", "octahedron"])
+def test_closed_forms_on_a_lattice(name):
+    """Shifts for which GJK's simplices have the origin on a face, an edge or a corner, exactly.
+
+    The Minkowski difference of a cube of side 2 with itself is one of side 4: the depth at t is
+    2 - max |t_k|. That of two octahedra |x| + |y| + |z| ≤ 2 is the one with 4, whose facets are
+    4/√3 from its centre: (4 - Σ |t_k|)/√3.
+    """
+    if name == "box":
+        points, shifts = box(2, 2, 2), range(-3, 4)
+    else:
+        points, shifts = vertices_of(name) / 3.4 * 2, range(-4, 5)
+    outcomes = Counter()
+    for t in itertools.product(shifts, repeat=3):
+        size = np.abs(t)
+        depth = 2 - size.max() if name == "box" else (4 - size.sum()) / np.sqrt(3)
+        result = GJK.is_collide(points, points + t)
+        if depth < 0:
+            assert_apart(result)
+        else:
+            assert_contact(points, points + t, result, depth=depth)
+        outcomes["apart" if depth < 0 else "touching" if depth == 0 else "deep"] += 1
+    # Cubes: 5³ of 7³ shifts meet, 3³ of them deep. Octahedra: the lattice has 129 points with
+    # Σ |t_k| ≤ 4 and 63 with ≤ 3, out of 9³.
+    assert outcomes == (
+        {"deep": 27, "touching": 98, "apart": 218} if name == "box"
+        else {"deep": 63, "touching": 66, "apart": 600}
+    )  # fmt: skip
+
+
+def test_lattice_clouds():
+    """Random points with small whole coordinates: coplanar, collinear and repeated ones abound.
+
+    Touching is exact here, so the answer has to be right without any band around it.
+    """
+    rng = np.random.default_rng(5)
+    outcomes = Counter()
+    for _ in range(500):
+        n, m, half = *rng.integers(1, 13, size=2), rng.integers(1, 4)
+        points1 = rng.integers(-half, half + 1, size=(n, 3)).astype(float)
+        points2 = rng.integers(-half, half + 1, size=(m, 3)) + rng.integers(-half, half + 1, size=3)
+        points2 = points2.astype(float)
+        differences = (points1[:, None] - points2[None]).reshape(-1, 3)
+        if np.linalg.matrix_rank(differences - differences[0]) == 3:
+            depth = minkowski_depth(points1, points2)[0]
+            # Facets with whole coordinates up to 12 miss the origin by 1/|n| > 1e-3, or not at all.
+            assert abs(depth) < 1e-12 or abs(depth) > 1e-3
+        else:  # two flat hulls in one plane: nothing has to move to part them
+            depth = 0.0 if distance_to_hull(differences, np.zeros(3)) < 1e-9 else -1.0
+            outcomes["coplanar"] += 1
+        result = GJK.is_collide(points1, points2)
+        if depth < -1e-12:
+            assert_apart(result)
+        else:
+            assert_contact(points1, points2, result, depth=max(depth, 0.0))
+        outcomes["apart" if depth < -1e-12 else "touching" if depth < 1e-12 else "deep"] += 1
+    print(f"\n{dict(outcomes)}")
+    assert outcomes["deep"] > 100 and outcomes["touching"] > 30 and outcomes["coplanar"] > 10
+
+
+def test_an_edge_that_touches_in_line_with_a_side():
+    # The triangle's side from (0, -1, -1) to (1, 0, -1) goes on as an edge of hull 2: they share
+    # the corner (1, 0, -1) only, and both ends of the edge are left of the side by rounding.
+    points1 = np.array([[1, 0, -1], [-1, 1, 0], [0, -1, -1], [0, 1, 1], [1, 1, 1], [-1, -1, 1.0]])
+    points2 = np.array([[1, 0, -1], [2, 1, -1], [0, 0, -2], [2, -1, -2], [2, 1, -2.0]])
+    result = GJK.is_collide(points1, points2)
+    assert_contact(points1, points2, result, depth=0, position=[[1, 0, -1]])
+
+
+# --------------------------------------------------------------------------------------------------
+# Deep inside
+# --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("pose", ["as it is", "turned"])
+def test_aligned_copies_shifted_along_an_axis(axis, pose):
+    # Boxes 12 × 6 × 8 with an overlap of o along one axis: the depth is o, until the way out along
+    # y, 6 long, is shorter.
+    q = IDENTITY if pose == "as it is" else quaternion([1, 1, -1], 77)
+    for overlap in (1e-6, 0.5, 3.0, 5.9, 6.1, 7.9):
+        if overlap >= (12, 6, 8)[axis]:
+            continue
+        shift = ((12, 6, 8)[axis] - overlap) * np.eye(3)[axis]
+        points1, points2 = turned(box(12, 6, 8), q), turned(box(12, 6, 8) + shift, q)
+        result = GJK.is_collide(points1, points2)
+        assert_contact(points1, points2, result, depth=min(overlap, 6.0))
+        if overlap < 6:
+            assert np.abs(result[2] - turned(np.eye(3)[axis], q)).max() < 1e-12
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_identical_copies_part_by_their_least_width(name):
+    # Concentric copies A of a hull: A - A is symmetric, and its nearest facet is as far away as
+    # the hull is wide across its narrowest direction.
+    for q in (IDENTITY, *random_quaternions(np.random.default_rng(1), 3)):
+        points = turned(vertices_of(name), q)
+        result = GJK.is_collide(points, points.copy())
+        assert_contact(points, points, result, depth=minkowski_depth(points, points)[0])
+        expected = {
+            "box": 6.0,
+            "octahedron": 2 * 3.4 / np.sqrt(3),
+            # 1/√(1/10.4² + 1/10.4² + 1/1.4²) from the centre to a face
+            "long-octahedron": 2 / np.sqrt(2 / 10.4**2 + 1 / 1.4**2),
+            "cylinder": 10 * np.cos(np.pi / 20),  # across opposite sides of the 20-gon
+        }.get(name)
+        if expected is not None:
+            assert result[1] == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_one_box_inside_another(swapped):
+    # A box 1 × 2 × 1 at (2, 1, -1) in one of 12 × 6 × 8: up and out, from its lower side y = 0 to
+    # the upper wall y = 3. Its other ways: 6 - 1.5, 3 + 2, 4 + 1.5, and farther.
+    outer, inner = box(12, 6, 8), box(1, 2, 1) + [2, 1, -1]
+    pair = (inner, outer) if swapped else (outer, inner)
+    result = GJK.is_collide(*pair)
+    # The deepest part of the inner box is its lower side, whose middle is (2, 0, -1); of the outer
+    # one, when it is hull 2, the upper wall above that.
+    assert_contact(*pair, result, depth=3, position=[[2, 3 if swapped else 0, -1]])
+    assert np.abs(result[2] - (-UP if swapped else UP)).max() < ROUNDING
+
+
+def test_bodies_inside_others():
+    rng = np.random.default_rng(8)
+    for outer, inner in itertools.permutations(SHAPES, 2):
+        points1 = turned(vertices_of(outer), random_quaternions(rng, 1)[0])
+        points2 = turned(vertices_of(inner), random_quaternions(rng, 1)[0]) / 200
+        points2 = points2 + rng.uniform(-0.1, 0.1, size=3)
+        assert max(height_over_surface(points1, p) for p in points2) < 0  # it is inside
+        result = GJK.is_collide(points1, points2)
+        assert_contact(points1, points2, result, depth=minkowski_depth(points1, points2)[0])
+
+
+# --------------------------------------------------------------------------------------------------
+# Flat and thin
+# --------------------------------------------------------------------------------------------------
+
+SQUARE = np.array([[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [1, 0, -1.0]])
+TRIANGLE = np.array([[0, 0, -1], [-1, 0, 1], [1, 0, 1.0]])
+SEGMENT = np.array([[-1, 0, 0], [1, 0, 0.0]])
+POINT = np.zeros((1, 3))
+
+
+@pytest.mark.parametrize("flat", [SQUARE, TRIANGLE, SEGMENT], ids=["square", "triangle", "segment"])
+@pytest.mark.parametrize("solid", ["tetrahedron", "box", "cylinder"])
+def test_flat_hulls_in_solid_ones(flat, solid):
+    rng = np.random.default_rng(len(flat))
+    hits = 0
+    for k in range(40):
+        q1, q2 = random_quaternions(rng, 2) if k % 2 else (IDENTITY, IDENTITY)
+        points1, points2 = turned(vertices_of(solid), q1), turned(3 * flat, q2)
+        direction = rng.normal(size=3) if k % 4 > 1 else rng.permutation(np.eye(3))[0]
+        direction /= np.linalg.norm(direction)
+        points2 = points2 - gap_along(points1, points2, direction) * rng.uniform(0, 1.5) * direction
+        for pair in ((points1, points2), (points2, points1)):
+            depth, result = minkowski_depth(*pair)[0], GJK.is_collide(*pair)
+            if depth > 0:
+                assert_contact(*pair, result, depth=depth)
+                hits += 1
+            else:
+                assert_apart(result)
+    assert 24 < hits < 56  # of 80
+
+
+@pytest.mark.parametrize("q", [IDENTITY, quaternion([1, 2, 3], 100)], ids=["level", "turned"])
+@pytest.mark.parametrize(("points1", "points2", "position"), [
+    # the overlap of the squares is [0, 1] × [0.5, 1]
+    (SQUARE, SQUARE + [1, 0, 1.5], (0.5, 0, 0.75)),
+    (SQUARE, SQUARE, (0, 0, 0)),
+    (SQUARE, 0.2 * SQUARE + [0.3, 0, 0.3], (0.3, 0, 0.3)),
+    # the centroid of a triangle is a third of its height, here 2, above its base at z = 1
+    (3 * SQUARE, TRIANGLE, (0, 0, 1 / 3)),
+    # a segment through a square: what lies within is [0, 1]
+    (SQUARE, SEGMENT + [1, 0, 0], (0.5, 0, 0)),
+    (SEGMENT + [1, 0, 0], SQUARE, (0.5, 0, 0)),
+    # two segments on one line share [0, 1]
+    (SEGMENT, SEGMENT + [1, 0, 0], (0.5, 0, 0)),
+    # a segment crossed by one that is tilted by the slope 1/2 and meets it at x = 0.4
+    (SEGMENT, SEGMENT * 0.3 + [[0, 0, -0.15], [0, 0, 0.15]] + [0.4, 0, 0], (0.4, 0, 0)),
+    (SQUARE, POINT + [0.7, 0, 0.1], (0.7, 0, 0.1)),
+    (POINT + [0.7, 0, 0], SEGMENT, (0.7, 0, 0)),
+    (POINT, POINT, (0, 0, 0)),
+])  # fmt: skip
+def test_hulls_in_one_plane(points1, points2, position, q):
+    # They have no thickness, so nothing has to move: depth 0, normal across the plane, and the
+    # middle of what they share.
+    points1, points2, position = turned(points1, q), turned(points2, q), turned(position, q)
+    result = GJK.is_collide(points1, points2)
+    assert_contact(points1, points2, result, depth=0, position=position)
+    if len(points1) + len(points2) > 4:  # otherwise any normal across a line will do
+        assert np.abs(np.abs(result[2] @ turned(UP, q)) - 1) < 1e-12
+    # Beside each other, in the plane and across it, they are apart.
+    for shift in (UP * 1e-6, UP, [6.1, 0, 0], [0, 0, 6.1]):
+        assert_apart(GJK.is_collide(points1, points2 + turned(shift, q)))
+
+
+def test_segments_crossing_and_skew():
+    rng = np.random.default_rng(6)
+    for _ in range(100):
+        crossing, d, e = rng.normal(size=(3, 3))
+        a, b = crossing + np.outer([-rng.random(), rng.random()], d), crossing + np.outer(
+            [-rng.random(), rng.random()], e)  # fmt: skip
+        result = GJK.is_collide(a, b)
+        normal = np.cross(d, e) / np.linalg.norm(np.cross(d, e))
+        if not result[0]:  # the crossing is only as good as the ends are
+            result = GJK.is_collide(a, b - 1e-15 * normal)
+        assert_contact(a, b, result, depth=0)
+        assert np.abs(result[3] - crossing).max() < 1e-9
+        assert abs(abs(result[2][0] @ normal) - 1) < 1e-12
+        assert_apart(GJK.is_collide(a, b + 1e-6 * normal))
+        # past the end of the other one, by a thousandth
+        assert_apart(GJK.is_collide(a, b + 1.001 * (a[1] - crossing) + 1e-6 * d))
+
+
+def test_points_in_on_and_outside_a_box():
+    solid = turned(box(12, 6, 8), quaternion([1, 0, 2], 30))
+    for p, depth in [
+        ((0, 0, 0), 3), ((5, 0, 0), 1), ((1, 2.5, 1), 0.5), ((0, 0, -3.75), 0.25),  # inside
+        ((0, 3, 0), 0), ((6, 1, 2), 0), ((6, 3, 2), 0), ((6, 3, 4), 0),  # face, face, edge, corner
+        ((6.001, 0, 0), None), ((0, 3 + 1e-8, 0), None), ((6.01, 3.01, 4.01), None),  # outside
+    ]:  # fmt: skip
+        point = turned([p], quaternion([1, 0, 2], 30))
+        for pair in ((solid, point), (point, solid)):
+            result = GJK.is_collide(*pair)
+            if depth is None:
+                assert_apart(result)
+            else:
+                assert_contact(*pair, result, depth=depth)
+
+
+SIGNS = np.array(list(itertools.product([-1.0, 1.0], repeat=3)))
+
+
+def boxes_depth(R1, half1, R2, half2, t):
+    """Depth of two boxes by their 15 separating axes, in extended precision; negative if apart.
+
+    R : (3, 3), the columns being the axes; half : (3,), half the sizes; t : centre 2 - centre 1.
+    Gottschalk, Lin, Manocha: OBBTree. SIGGRAPH 1996.
+    """
+    R1, R2, t = (np.asarray(x, dtype=np.longdouble) for x in (R1, R2, t))
+    axes = [*R1.T, *R2.T, *(np.cross(a, b) for a in R1.T for b in R2.T)]
+    depths = []
+    for axis in axes:
+        length = np.sqrt(axis @ axis)
+        if length > 1e-12:
+            n = axis / length
+            depths.append(np.abs(n @ R1) @ half1 + np.abs(n @ R2) @ half2 - abs(n @ t))
+    return float(min(depths))
+
+
+@pytest.mark.parametrize(("half1", "half2"), [
+    ((1, 1e-6, 1e-6), (1, 1e-6, 1e-6)),
+    ((1, 1e-6, 1e-6), (1, 1, 1)),
+    ((1, 1e-6, 1), (1, 1e-6, 1)),
+    ((1, 1e-3, 1e-6), (1e-6, 1, 1)),
+], ids=["needles", "needle and cube", "plates", "blade and plate"])  # fmt: skip
+def test_thin_hulls(half1, half2):
+    rng = np.random.default_rng(4)
+    thin = min(half1) + min(half2)
+    hits, worst = 0, 0.0
+    for k in range(100):
+        R1, R2 = (Q2RotMatrix(q) for q in random_quaternions(rng, 2))
+        if k % 5 == 0:
+            R2 = R1
+        if k % 2:  # a place in box 2 is put on one in box 1
+            t = R1 @ (rng.uniform(-1, 1, 3) * half1) - R2 @ (rng.uniform(-1, 1, 3) * half2)
+        else:  # a shallow hit or a near miss, along one of the boxes' axes or across an edge each
+            n = np.hstack((R1, R2, np.cross(R1[:, :1], R2[:, :1], axis=0)))[:, rng.integers(7)]
+            n = n / (np.linalg.norm(n) or 1.0)
+            t = (np.abs(n @ R1) @ half1 + np.abs(n @ R2) @ half2) * n
+            t += n * thin * rng.choice([-0.5, -0.1, 0.1, 0.5])
+        points1, points2 = (SIGNS * half1) @ R1.T, (SIGNS * half2) @ R2.T + t
+        depth = boxes_depth(R1, half1, R2, half2, t)
+        assert abs(depth) > 1e-14
+        result = GJK.is_collide(points1, points2)
+        assert result[0] is (depth > 0)
+        if depth > 0:
+            hits += 1
+            worst = max(worst, abs(result[1] - depth))
+            assert_contact(points1, points2, result)
+    print(f"\n{hits} hits, largest depth error {worst:.1e}")
+    assert 30 <= hits <= 80
+    # 1e-14 of the length is 1e-8 of the thickness: all that the vertices' rounding leaves
+    assert worst < 1e-14
+
+
+@pytest.mark.parametrize("exponent", range(4, 14))
+@pytest.mark.parametrize("pose", ["level", "turned"])
+def test_nearly_parallel_edges(exponent, pose):
+    """Two square beams edge on edge, 2 long, one turned about the vertical by a tilt φ = 10^-k.
+
+    Their edges cross in the middle, so pushed δ into each other they part by δ along the vertical,
+    or sideways along a face, at 45°. There the end of the tilted edge reaches sin φ farther, and
+    the way is (δ + sin φ)/√2 but for terms in φ². For δ < 2.4 φ the facet between the edges is the
+    nearest one. It is about φ wide and must not get lost.
+    """
+    phi = 10.0**-exponent
+    half = np.array([1.0, HALF / 2, HALF / 2])  # the edges are 1/2 above and below the middle
+    q = IDENTITY if pose == "level" else quaternion([2, 3, -1], 55)
+    R1, tilt, turn = (rotation(p).as_matrix() for p in (
+        quaternion([1, 0, 0], 45), quaternion(UP, np.degrees(phi)), q))  # fmt: skip
+    R1, R2, up = turn @ R1, turn @ tilt @ R1, turn @ UP
+    tolerance = 2e-15 + 0.1 * phi**2
+    if phi < 2 * GJK.PARALLEL_SINE:  # they count as parallel: a face stands in for the facet
+        tolerance += phi
+    for delta in (phi / 2, 2 * phi, 10 * phi, 0.1, -phi / 2, -10 * phi, -1e-9, -1e-6):
+        if -2 * GJK.PARALLEL_SINE < delta < 0:
+            continue
+        t = (1 - delta) * up
+        points1, points2 = (SIGNS * half) @ R1.T, (SIGNS * half) @ R2.T + t
+        result = GJK.is_collide(points1, points2)
+        assert result[0] is (delta > 0), delta
+        if delta > 0:
+            assert_contact(points1, points2, result)
+            error = abs(result[1] - min(delta, (delta + np.sin(phi)) * HALF))
+            assert error < tolerance, delta
+        if delta == phi / 2 and phi > 2 * GJK.PARALLEL_SINE:
+            assert result[2][0] @ up > 1 - 1e-9
+
+
+# --------------------------------------------------------------------------------------------------
+# Far from the origin
+# --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_bodies_of_a_millimetre_ten_kilometres_away(kind):
+    # Coordinates of 1e4 are rounded to 2e-12, which is 2e-9 of bodies of 1e-3: faces are no longer
+    # flat to FEATURE_TOLERANCE. Depth and contact are still right to that rounding.
+    rng = np.random.default_rng(KINDS.index(kind))
+    hits = 0
+    for names in COMBINATIONS * 5:
+        points1, points2 = random_pair(rng, names, kind)
+        offset = points1.mean(axis=0)
+        unit = 1e-3 / np.abs(points1 - offset).max()
+        far = np.array([1e4, -1e4, 1e4])
+        points1, points2 = ((points - offset) * unit + far for points in (points1, points2))
+        size = size_of(points1, points2)
+        depth = minkowski_depth(points1 - far, points2 - far)[0]
+        result = GJK.is_collide(points1, points2)
+        if abs(depth) < 16 * EPS * 1e4:
+            continue
+        assert result[0] == (depth > 0)
+        if result[0]:
+            hits += 1
+            assert abs(result[1] - depth) < DEPTH * size
+            assert_contact(points1, points2, result)
+    assert 30 < hits < 90  # of 105
+
+
+# --------------------------------------------------------------------------------------------------
+# The contact patch
+# --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sink", [0.0, 1e-6, 0.1])
+@pytest.mark.parametrize("q", [IDENTITY, quaternion([1, -2, 2], 25)], ids=["level", "turned"])
+@pytest.mark.parametrize(("shift", "centre"), [
+    # a box 4 × 2 × 4 over one of 12 × 6 × 8: on it, at its rim, and turned over three sides of it
+    ((0, 0), (0, 0)),
+    ((1.5, -2), (1.5, -2)),
+    # x from 4 to 6 of 4 … 8: middle 5. z wholly on it.
+    ((6, 1), (5, 1)),
+    # x from 3 to 6, z from 1 to 4
+    ((5, 3), (4.5, 2.5)),
+], ids=["in the middle", "wholly on it", "over a side", "over a corner"])  # fmt: skip
+def test_box_flat_on_box(shift, centre, q, sink):
+    lower, upper = box(12, 6, 8), box(4, 2, 4) + [shift[0], 4 - sink, shift[1]]
+    points1, points2 = turned(lower, q), turned(upper, q)
+    result = GJK.is_collide(points1, points2)
+    # the lower side of hull 2 is at 3 - sink
+    position = turned([centre[0], 3 - sink, centre[1]], q)
+    assert_contact(points1, points2, result, depth=sink, position=position)
+    assert np.abs(result[2] - turned(UP, q)).max() < 1e-12
+
+
+def overlap_of(polygon1, polygon2):
+    """Corners (n, 2) of the overlap of two convex polygons, by the intersection of half planes.
+
+    polygons : (k, 2), counter-clockwise, both around the origin
+    """
+    halfPlanes = []
+    for polygon in (polygon1, polygon2):
+        sides = np.roll(polygon, -1, axis=0) - polygon
+        outward = np.stack((sides[:, 1], -sides[:, 0]), axis=1)
+        halfPlanes.append(np.column_stack((outward, -(outward * polygon).sum(axis=1))))
+    return HalfspaceIntersection(np.vstack(halfPlanes), np.zeros(2)).intersections
+
+
+@pytest.mark.parametrize("degrees", [30, 45, 77])
+@pytest.mark.parametrize("shift", [(0, 0), (1, 0.5), (2, -1.5)])
+def test_box_turned_about_the_vertical_on_a_box(degrees, shift):
+    # An 8 × 8 box on one of 12 × 8: up to eight corners of the overlap, none of which is theirs.
+    lower = box(12, 6, 8)
+    upper = turned(box(8, 2, 8), quaternion(UP, degrees)) + [shift[0], 3.9, shift[1]]
+    rectangle = np.array([[-6, -4], [6, -4], [6, 4], [-6, 4.0]])
+    # x to the right and z upwards turn the other way about y than angles are counted
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    square = np.array([[-4, -4], [4, -4], [4, 4], [-4, 4.0]]) @ np.array([[c, -s], [s, c]]) + shift
+    corners = overlap_of(rectangle, square)
+    assert len(corners) >= 5
+    x, z = polygon_centroid(corners)
+    result = GJK.is_collide(lower, upper)
+    # 0.1 deep; the lower side of hull 2 is at 2.9
+    assert_contact(lower, upper, result, depth=0.1, position=[[x, 2.9, z]])
+    # from the other side the patch is the same, and its point is on the rectangle
+    swapped = GJK.is_collide(upper, lower)
+    assert_contact(upper, lower, swapped, depth=0.1, position=[[x, 3, z]])
+
+
+@pytest.mark.parametrize("along", ["z", "x"])
+@pytest.mark.parametrize(("shift", "middle"), [(0, 0), (1, 1), (5, 3.5)])
+def test_face_on_edge(along, shift, middle):
+    # A beam 6 long lies with an edge on a face that reaches from -5 to 5: shifted by 5 along the
+    # edge it touches from 2 to 5.
+    table = box(10, 2, 10)
+    beam = turned(box(2, 2, 6), quaternion([0, 0, 1], 45)) + [0, 1 + np.sqrt(2) - 0.01, shift]
+    position = np.array([0, 0.99, middle])
+    if along == "x":
+        beam, position = beam[:, [2, 1, 0]], position[[2, 1, 0]]
+    result = GJK.is_collide(table, beam)
+    assert_contact(table, beam, result, depth=0.01, position=position)
+    assert np.abs(result[2] - UP).max() < ROUNDING
+    # the other way round the point is on the table, above the edge
+    assert_contact(beam, table, GJK.is_collide(beam, table), 0.01, position + 0.01 * UP)
+
+
+def test_parallel_edges_share_the_middle_of_their_overlap():
+    # Beams 4 long, edge on edge, the upper one shifted by 1: they share [-1, 2].
+    beam = turned(box(4, 2, 2), quaternion([1, 0, 0], 45))
+    result = GJK.is_collide(beam, beam + [1, 2 * np.sqrt(2), 0])
+    assert_contact(beam, beam + [1, 2 * np.sqrt(2), 0], result, 0, (0.5, np.sqrt(2), 0))
+
+
+def test_crossed_edges_meet_where_they_cross():
+    beam1 = turned(box(4, 2, 2), quaternion([1, 0, 0], 45))
+    beam2 = turned(box(2, 2, 4), quaternion([0, 0, 1], 45)) + [0.7, 2 * np.sqrt(2) - 0.02, 0.3]
+    # edge 1 is at z = 0, edge 2 at x = 0.7, and 0.02 lower
+    result = GJK.is_collide(beam1, beam2)
+    assert_contact(beam1, beam2, result, 0.02, (0.7, np.sqrt(2) - 0.02, 0))
+    assert np.abs(result[2] - UP).max() < ROUNDING
+
+
+# --------------------------------------------------------------------------------------------------
+# Laws
+# --------------------------------------------------------------------------------------------------
+
+coordinate = st.floats(-1, 1)
+cloud = st.lists(st.tuples(coordinate, coordinate, coordinate), min_size=1, max_size=10).map(
+    lambda rows: np.array(rows, dtype=float))  # fmt: skip
+law = settings(max_examples=60, derandomize=True, deadline=None)
+
+
+@law
+@given(cloud, cloud, st.integers(0, 10**6), st.floats(-3, 3))
+def test_depth_goes_with_the_bodies(points1, points2, seed, exponent):
+    """Turned, scaled and moved together, hulls collide as before; the depth scales with them."""
+    before = GJK.is_collide(points1, points2)
+    size = size_of(points1, points2)
+    if before[0]:
+        assert_contact(points1, points2, before)
+    rng = np.random.default_rng(seed)
+    q, scale, shift = random_quaternions(rng, 1)[0], 10**exponent, rng.normal(size=3)
+    moved = [(turned(points, q) + shift) * scale for points in (points1, points2)]
+    after = GJK.is_collide(*moved)
+    if before[0] and before[1] > 1e-12 * max(size, 1):
+        assert after[0] and abs(after[1] / scale - before[1]) < 1e-12 * max(size, 1)
+    elif not before[0] and after[0]:
+        assert after[1] < 1e-12 * scale * max(size, 1)
+
+
+@law
+@given(cloud, cloud)
+def test_a_hull_holds_its_own_points(points1, points2):
+    """A point of both sets is in both hulls; the depth is that of the farthest such way out."""
+    points2 = np.vstack((points2, points1[0]))
+    result = GJK.is_collide(points1, points2)
+    assert_contact(points1, points2, result)
+    # to part them, no direction needs less
+    for normal in (*np.eye(3), *-np.eye(3)):
+        assert result[1] <= -gap_along(points1, points2, normal) + 1e-14 * 8
+
+
+@pytest.mark.parametrize("points", [
+    np.zeros((0, 3)), np.zeros((3, 2)), np.zeros(3), [[np.nan, 0, 0]], [[np.inf, 0, 0]],
+])  # fmt: skip
+def test_what_is_no_point_set_raises(points):
+    for pair in ((points, SQUARE), (SQUARE, points)):
+        with pytest.raises(ValueError):
+            GJK.is_collide(*pair)
+
+
+# --------------------------------------------------------------------------------------------------
+# Batches: a pair has the same bits in any company
+# --------------------------------------------------------------------------------------------------
+
+PAIRS = 300
+
+
+@pytest.fixture(scope="module")
+def batch():
+    """Sixty hulls of all shapes, flat ones too, and 300 pairs, about half of them meeting.
+
+    Two hulls in three are not turned, so that there are faces and edges that rest on each other.
+    """
+    rng = np.random.default_rng(9)
+    flat = [2 * SQUARE, 3 * TRIANGLE, 3 * SEGMENT, POINT]
+    rest = [GJK.build_hull(points) for points in [*(vertices_of(name) for name in SHAPES), *flat]]
+    hulls = GJK.HullSet([rest[k % len(rest)] for k in range(60)])
+    turns = random_quaternions(rng, 60)
+    turns[np.arange(60) % 3 > 0] = IDENTITY
+    entries = np.stack([Q2RotMatrix(q).ravel() for q in turns], axis=1)
+    first, second = rng.permuted(np.tile(np.arange(60), (PAIRS, 1)), axis=1)[:, :2].T
+    hulls = hulls.rotated(entries)
+    size = hulls.radius[first] + hulls.radius[second]
+    direction = rng.normal(size=(3, PAIRS))
+    direction /= np.linalg.norm(direction, axis=0)
+    t = direction * size * rng.uniform(0, 1, size=PAIRS)
+    reach = size * rng.choice([0.0, 0.02, 0.1], size=PAIRS)
+    return SimpleNamespace(
+        rest=[rest[k % len(rest)] for k in range(60)], entries=entries, hulls=hulls,
+        first=first, second=second, t=t, reach=reach,
+    )  # fmt: skip
+
+
+def alone(batch, p):
+    """`(hulls, first, second, t, reach)` of pair p as the only pair of the only two bodies."""
+    bodies = [batch.first[p], batch.second[p]]
+    hulls = GJK.HullSet([batch.rest[b] for b in bodies]).rotated(batch.entries[:, bodies])
+    one = slice(p, p + 1)
+    return hulls, np.array([0]), np.array([1]), batch.t[:, one], batch.reach[one]
+
+
+@pytest.mark.parametrize("function", [GJK.facet_planes, GJK.contact_planes],
+                         ids=lambda function: function.__name__)  # fmt: skip
+@pytest.mark.parametrize("company", ["none", "two bodies of many", "small chunks"])
+def test_planes_have_the_same_bits_alone_and_in_a_batch(batch, function, company, monkeypatch):
+    arguments = batch.hulls, batch.first, batch.second, batch.t, batch.reach
+    together = function(*arguments)
+    assert 0.2 < together.complete.mean() < 0.8
+    assert together.start[0] == 0 and together.start[-1] == together.normal.shape[1] > PAIRS
+    if company == "small chunks":
+        monkeypatch.setattr(GJK, "CHUNK_ENTRIES", 1)
+        again = function(*arguments)
+        for name in ("start", "normal", "offset", "complete"):
+            assert np.array_equal(getattr(again, name), getattr(together, name))
+        return
+    for p in range(PAIRS):
+        one = slice(p, p + 1)
+        single = function(*alone(batch, p)) if company == "none" else function(
+            batch.hulls, batch.first[one], batch.second[one], batch.t[:, one], batch.reach[one])
+        own = slice(together.start[p], together.start[p + 1])
+        assert np.array_equal(single.normal, together.normal[:, own])
+        assert np.array_equal(single.offset, together.offset[own])
+        assert np.array_equal(single.complete, together.complete[one])
+
+
+def test_gjk_has_the_same_bits_alone_and_in_a_batch(batch):
+    gap = batch.reach
+    separated, axis = GJK.separating_axes(batch.hulls, batch.first, batch.second, batch.t, gap)
+    assert 0.2 < separated.mean() < 0.8
+    for p in range(PAIRS):
+        oneSeparated, oneAxis = GJK.separating_axes(*alone(batch, p))
+        assert np.array_equal(oneSeparated, separated[p : p + 1])
+        assert np.array_equal(oneAxis, axis[:, p : p + 1])
+        if separated[p]:  # and it is true: all of body 2 lies beyond all of body 1, and the gap
+            n = axis[:, p]
+            vertices1, vertices2 = (batch.hulls.body_vertices(b[p])
+                                    for b in (batch.first, batch.second))  # fmt: skip
+            beyond = (n @ vertices2).min() + n @ batch.t[:, p] - (n @ vertices1).max()
+            assert beyond > gap[p] - 1e-13
+
+
+def test_contact_points_have_the_same_bits_alone_and_in_a_batch(batch):
+    planes = GJK.facet_planes(batch.hulls, batch.first, batch.second, batch.t, batch.reach)
+    nearest = [planes.nearest(p, tuple(batch.t[:, p].tolist())) for p in range(PAIRS)]
+    pairs = np.array([p for p, (pen, _) in enumerate(nearest) if pen >= 0 and planes.complete[p]])
+    first, second, t = batch.first[pairs], batch.second[pairs], batch.t[:, pairs]
+    normal = np.array([nearest[p][1] for p in pairs]).T
+    tolerance = GJK.FEATURE_TOLERANCE * (batch.hulls.radius[first] + batch.hulls.radius[second])
+    together = GJK.contact_points(batch.hulls, first, second, t, normal, tolerance)
+    corners = 0
+    for k, p in enumerate(pairs):
+        vertices1, vertices2 = (batch.hulls.body_vertices(b[k]) for b in (first, second))
+        single = GJK.contact_point(vertices1, vertices2, tuple(t[:, k].tolist()), nearest[p][1],
+                                   float(tolerance[k]))  # fmt: skip
+        assert np.array_equal(single, together[:, k])
+        corners += (vertices2 == together[:, k, None]).all(axis=0).any()
+    # of the rest, some are below a corner of the first hull, some centres of patches
+    assert len(pairs) > 60 and 20 < corners < len(pairs) - 30
+
+
+def test_no_pairs_at_all(batch):
+    none = np.zeros(0, dtype=int)
+    planes = GJK.contact_planes(batch.hulls, none, none, np.zeros((3, 0)), np.zeros(0))
+    assert planes.start.tolist() == [0] and len(planes.offset) == 0
+
+
+def test_planes_serve_every_translation_within_their_reach(batch):
+    """Planes made at t with a reach r know the nearest facet, to the bit, wherever t + Δ goes."""
+    rng = np.random.default_rng(10)
+    reach = 0.05 * (batch.hulls.radius[batch.first] + batch.hulls.radius[batch.second])
+    planes = GJK.facet_planes(batch.hulls, batch.first, batch.second, batch.t, reach)
+    hits = compared = 0
+    for _ in range(4):
+        step = rng.normal(size=(3, PAIRS))
+        step *= reach * rng.choice([0.2, 0.999], size=PAIRS) / np.linalg.norm(step, axis=0)
+        moved = batch.t + step
+        fresh = GJK.facet_planes(batch.hulls, batch.first, batch.second, moved, np.zeros(PAIRS))
+        for p in range(PAIRS):
+            t = tuple(moved[:, p].tolist())
+            old, new = planes.nearest(p, t), fresh.nearest(p, t)
+            if planes.complete[p] and fresh.complete[p]:
+                assert old == new
+                compared += 1
+                hits += old[0] >= 0
+            else:  # only whether they are apart was asked for
+                assert new[0] < 0
+                assert planes.complete[p] or old[0] < 0
+    assert hits > 300 and compared - hits > 20
+
+
+def test_planes_contain_the_minkowski_difference(batch):
+    """No vertex lies beyond any plane: each is a proof, whatever else went wrong."""
+    planes = GJK.contact_planes(batch.hulls, batch.first, batch.second, batch.t, batch.reach)
+    for p in range(PAIRS):
+        own = slice(planes.start[p], planes.start[p + 1])
+        vertices1, vertices2 = (batch.hulls.body_vertices(b[p]).T
+                                for b in (batch.first, batch.second))  # fmt: skip
+        differences = (vertices1[:, None] - vertices2[None]).reshape(-1, 3)
+        beyond = (differences @ planes.normal[:, own]).max(axis=0) - planes.offset[own]
+        assert np.abs(beyond).max() < 1e-13
+
+
+def test_is_collide_gives_the_same_bits_again():
+    points1 = turned(vertices_of("ellipsoid"), quaternion([1, 2, 3], 40))
+    points2 = turned(vertices_of("cylinder"), quaternion([3, 2, 1], 70)) + [3, 4, 5]
+    first = GJK.is_collide(points1, points2)
+    GJK.build_hull(shape("box")[0])
+    second = GJK.is_collide(frozen(points1.copy()), frozen(points2.copy()))
+    assert first[:2] == second[:2]
+    assert all(np.array_equal(a, b) for a, b in zip(first[2:], second[2:], strict=True))
