@@ -486,13 +486,13 @@ def write_off(path, vertices, faces):
     write_lines(path, lines)
 
 
-def write_scene(path, bodies):
-    """Write a scene: the number of bodies, then `mesh density isFixed x y z qw qx qy qz` each."""
+def scene_lines(bodies):
+    """The lines of a scene: their number, then `mesh density isFixed x y z qw qx qy qz` each."""
     lines = [str(len(bodies))]
     for body in bodies:
         lines.append(f"{body.meshFile:<22}{body.density:<8}{int(body.isFixed)}   "
                      f"{format_numbers(body.position):<23} {format_numbers(body.orientation)}")
-    write_lines(path, lines)
+    return lines
 
 
 def write_ties(path, ties):
@@ -512,7 +512,7 @@ def main():
     boxVertices, boxFaces, _ = MESHES["box"]
     write_off(folder / "box.off", boxVertices, boxFaces)
     for name, makeBodies in SCENES.items():
-        write_scene(folder / f"{name}-scene.txt", makeBodies())
+        write_lines(folder / f"{name}-scene.txt", scene_lines(makeBodies()))
     for name, makeTies in TIES.items():
         write_ties(folder / f"{name}-constraints.txt", makeTies())
 
