@@ -78,6 +78,10 @@ THIN_ASPECT = 1e-3
 
 # Table entries (features × features × pairs) worked on at a time: 16 MB for each double array.
 CHUNK_ENTRIES = 2_000_000
+# Up to this many entries, one padded table costs less than several without padding.
+SMALL_TABLE = 20_000
+# Hulls share tables with those up to the same of these sizes: boxes, cylinders, and the rest.
+SIZE_CLASSES = np.array([16, 64])
 
 
 def dot(a, b):
@@ -324,6 +328,31 @@ def _slots(start, count, bodies):
     return start[bodies] + np.minimum(np.arange(count.max(initial=1))[:, None], count - 1)
 
 
+def _vertices_of(hulls, bodies):
+    """Vertices (3, V, P) of the bodies (P,)."""
+    return hulls.vertices[:, _slots(hulls.vertexStart, hulls.vertexCount, bodies)]
+
+
+def _chunks_of_like_size(count, first, second):
+    """Index arrays that part P pairs into chunks, for tables padded to the largest pair in each.
+
+    count : (n,), rows that a body takes. Small tables are not parted.
+    """
+    a, b = count[first], count[second]
+    if len(first) == 0:
+        return []
+    if int(a.max()) * int(b.max()) * len(first) <= SMALL_TABLE:
+        return [np.arange(len(first))]
+    group = np.searchsorted(SIZE_CLASSES, a) * (len(SIZE_CLASSES) + 1)
+    group += np.searchsorted(SIZE_CLASSES, b)
+    chunks = []
+    for g in np.unique(group).tolist():
+        members = np.flatnonzero(group == g)
+        step = max(1, CHUNK_ENTRIES // int(a[members].max() * b[members].max()))
+        chunks += [members[k : k + step] for k in range(0, len(members), step)]
+    return chunks
+
+
 # --------------------------------------------------------------------------------------------------
 # Stage 1: GJK decides
 # --------------------------------------------------------------------------------------------------
@@ -379,30 +408,44 @@ def _closest_on_simplex(w):
     return inside, v, used
 
 
-def separating_axes(hulls, first, second, translation, gap):
+def separating_axes(hulls, first, second, translation, gap, guess=None):
     """GJK on P pairs: which are further apart than `gap`, and along which axis.
 
     hulls : HullSet
     first, second : (P,), the bodies of each pair
     translation : (3, P), centre of the second minus centre of the first
     gap : (P,), ≥ 0; distance that has to be exceeded
+    guess : (3, P), unit axes to try first; by default those from centre to centre
 
-    Returns `(separated, axis)`: (P,) bool, and (3, P), unit where separated: every vertex of the
-    second lies further along it than every vertex of the first, by more than the gap.
+    Returns `(separated, axis, distance)`: (P,) bool; and where separated, else zeros, (3, P) unit
+    and (P,): every vertex of the second lies further along the axis than every vertex of the first,
+    by at least the distance, which exceeds the gap.
     """
     count = len(first)
-    separated = np.zeros(count, dtype=bool)
-    axis = np.zeros((3, count))
-    a = hulls.vertices[:, _slots(hulls.vertexStart, hulls.vertexCount, first)]
-    b = hulls.vertices[:, _slots(hulls.vertexStart, hulls.vertexCount, second)]
+    separated, axis, distance = np.zeros(count, dtype=bool), np.zeros((3, count)), np.zeros(count)
+    if guess is None:
+        length = np.sqrt(dot(translation, translation))
+        guess = np.where(length > 0, translation / np.where(length > 0, length, 1.0), 0.0)
+    for chunk in _chunks_of_like_size(hulls.vertexCount, first, second):
+        separated[chunk], axis[:, chunk], distance[chunk] = _gjk(
+            hulls, first[chunk], second[chunk], translation[:, chunk], gap[chunk], guess[:, chunk]
+        )
+    return separated, axis, distance
+
+
+def _gjk(hulls, first, second, t, gap, guess):
+    """`separating_axes` for pairs of like sizes."""
+    count = len(first)
+    separated, axis, distance = np.zeros(count, dtype=bool), np.zeros((3, count)), np.zeros(count)
+    a, b = _vertices_of(hulls, first), _vertices_of(hulls, second)
     tiny2 = (TOUCH_TOLERANCE * (hulls.radius[first] + hulls.radius[second])) ** 2
     active = np.arange(count)
-    # D = A - B - t holds the origin when the pair meets; start from its vertex pair 0
-    t = translation
-    v = a[:, 0] - b[:, 0] - t
-    simplex = np.repeat(v[:, None], 4, axis=1)
+    # D = A - B - t holds the origin when the pair meets. The first v is a direction, the later
+    # ones are the points of a simplex in D that are nearest to the origin.
+    v = -guess
+    simplex = np.zeros((3, 4, count))
     used = np.zeros((4, count), dtype=bool)
-    for _ in range(GJK_ITERATIONS):
+    for iteration in range(GJK_ITERATIONS):
         # w, the point of D that is least along v: all of D lies beyond it
         columns = np.arange(len(active))
         va = dot(v[:, None], a).argmin(axis=0)
@@ -411,9 +454,13 @@ def separating_axes(hulls, first, second, translation, gap):
         v2, vw = dot(v, v), dot(v, w)
         length = np.sqrt(v2)
         apart = vw > gap[active] * length
-        separated[active[apart]] = True
-        axis[:, active[apart]] = -v[:, apart] / length[apart]
-        on = ~apart & (v2 > tiny2[active]) & (v2 - vw > GJK_PROGRESS * v2)
+        found = active[apart]
+        separated[found] = True
+        axis[:, found] = -v[:, apart] / length[apart]
+        distance[found] = vw[apart] / length[apart]
+        on = ~apart
+        if iteration > 0:
+            on &= (v2 > tiny2[active]) & (v2 - vw > GJK_PROGRESS * v2)
         simplex = np.where(used, simplex, w[:, None])
         inside, v, used = _closest_on_simplex(simplex)
         on &= ~inside
@@ -421,7 +468,7 @@ def separating_axes(hulls, first, second, translation, gap):
             break
         active, t, v, used = active[on], t[:, on], v[:, on], used[:, on]
         a, b, simplex = a[:, :, on], b[:, :, on], simplex[:, :, on]
-    return separated, axis
+    return separated, axis, distance
 
 
 # --------------------------------------------------------------------------------------------------
@@ -467,19 +514,29 @@ class FacetPlanes:
         return float(pen[k]), tuple(n[:, k].tolist())
 
 
-def contact_planes(hulls, first, second, translation, reach):
+def contact_planes(hulls, first, second, translation, reach, guess=None, likely=None):
     """GJK, then the facets of the pairs that it does not part: what a simulation step asks for.
 
-    Arguments as for `facet_planes`. A pair that GJK finds further apart than its reach gets one
-    plane, the separating one, and is not complete.
+    hulls, first, second, translation, reach : as for `facet_planes`; guess : as for
+    `separating_axes`
+    likely : (P,) bool; pairs that are expected to touch, and on which GJK is not tried
+
+    A pair that GJK finds further apart than its reach gets one plane, the separating one, and is
+    not complete. Neither the guess nor the expectation changes what `FacetPlanes.nearest` says of
+    a pair that collides.
     """
     size = hulls.radius[first] + hulls.radius[second]
     gap = np.maximum(reach, GJK_GAP * size)
-    separated, axis = separating_axes(hulls, first, second, translation, gap)
-    apart = np.flatnonzero(separated)
-    normal = axis[:, apart]
-    offset = support_offsets(hulls, first[apart], second[apart], normal)
-    near = np.flatnonzero(~separated)
+    asked = np.arange(len(first)) if likely is None else np.flatnonzero(~likely)
+    separated, axis, distance = separating_axes(
+        hulls, first[asked], second[asked], translation[:, asked], gap[asked],
+        None if guess is None else guess[:, asked],
+    )  # fmt: skip
+    apart, normal = asked[separated], axis[:, separated]
+    offset = dot(normal, translation[:, apart]) - distance[separated] + ROUNDING * size[apart]
+    isNear = np.ones(len(first), dtype=bool)
+    isNear[apart] = False
+    near = np.flatnonzero(isNear)
     planes = facet_planes(hulls, first[near], second[near], translation[:, near], reach[near])
     complete = np.zeros(len(first), dtype=bool)
     complete[near] = planes.complete
@@ -491,10 +548,8 @@ def contact_planes(hulls, first, second, translation, reach):
 
 def support_offsets(hulls, first, second, normal):
     """Distance (P,) from the origin of the supporting plane of A - B with the normals (3, P)."""
-    slotsA = _slots(hulls.vertexStart, hulls.vertexCount, first)
-    slotsB = _slots(hulls.vertexStart, hulls.vertexCount, second)
-    highest = dot(normal[:, None], hulls.vertices[:, slotsA]).max(axis=0)
-    return highest - dot(normal[:, None], hulls.vertices[:, slotsB]).min(axis=0)
+    highest = dot(normal[:, None], _vertices_of(hulls, first)).max(axis=0)
+    return highest - dot(normal[:, None], _vertices_of(hulls, second)).min(axis=0)
 
 
 def facet_planes(hulls, first, second, translation, reach):
@@ -507,25 +562,14 @@ def facet_planes(hulls, first, second, translation, reach):
     Returns `FacetPlanes`, a pair's planes in the order: faces of the first, faces of the second,
     edge pairs. The order does not depend on the translation, so the same facet wins a tie.
     """
-    count = len(first)
-    largest = np.maximum(hulls.vertexCount, hulls.faceCount)
-    sizeClass = np.searchsorted((16, 64), largest)
-    group = sizeClass[first] * 3 + sizeClass[second]
     parts = []
-    complete = np.zeros(count, dtype=bool)
-    for g in range(9):
-        members = np.flatnonzero(group == g)
-        if len(members) == 0:
-            continue
-        entries = largest[first[members]].max() * largest[second[members]].max()
-        step = max(1, CHUNK_ENTRIES // int(entries))
-        for begin in range(0, len(members), step):
-            chunk = members[begin : begin + step]
-            pair, normal, offset, whole = _planes_of_chunk(
-                hulls, first[chunk], second[chunk], translation[:, chunk], reach[chunk]
-            )
-            parts.append((chunk[pair], normal, offset))
-            complete[chunk] = whole
+    complete = np.zeros(len(first), dtype=bool)
+    largest = np.maximum(hulls.vertexCount, hulls.faceCount)
+    for chunk in _chunks_of_like_size(largest, first, second):
+        pair, normal, offset, complete[chunk] = _planes_of_chunk(
+            hulls, first[chunk], second[chunk], translation[:, chunk], reach[chunk]
+        )
+        parts.append((chunk[pair], normal, offset))
     return FacetPlanes.gathered(parts, complete)
 
 
@@ -688,8 +732,7 @@ def contact_point(verticesA, verticesB, t, normal, tolerance):
 def contact_points(hulls, first, second, t, normal, tolerance):
     """`contact_point` for P pairs of a HullSet: (3, P) from t and normal (3, P), tolerance (P,)."""
     columns = np.arange(len(first))
-    verticesA = hulls.vertices[:, _slots(hulls.vertexStart, hulls.vertexCount, first)]
-    verticesB = hulls.vertices[:, _slots(hulls.vertexStart, hulls.vertexCount, second)]
+    verticesA, verticesB = _vertices_of(hulls, first), _vertices_of(hulls, second)
     heightsA, heightsB = dot(normal[:, None], verticesA), dot(normal[:, None], verticesB)
     lowest, highest = heightsB.argmin(axis=0), heightsA.argmax(axis=0)
     level = heightsB[lowest, columns]
@@ -704,9 +747,7 @@ def contact_points(hulls, first, second, t, normal, tolerance):
         single = several & (inA.sum(axis=0) == 1)
         if single.any():
             corner = verticesA[:, highest, columns][:, single]
-            point[:, single] = _below_corner(
-                corner, t[:, single], normal[:, single], level[single]
-            )
+            point[:, single] = _below_corner(corner, t[:, single], normal[:, single], level[single])
         for p in np.flatnonzero(several & ~single).tolist():
             point[:, p] = _patch_centre(
                 verticesA[:, inA[:, p], p], verticesB[:, inB[:, p], p], tuple(t[:, p].tolist()),
@@ -923,7 +964,7 @@ def is_collide(vertices1, vertices2):
     apart = (False, 0.0, np.zeros((1, 3)), np.zeros((1, 3)))
 
     bodies = np.array([0]), np.array([1])
-    separated, _ = separating_axes(hulls, *bodies, t[:, None], np.array([tolerance]))
+    separated, *_ = separating_axes(hulls, *bodies, t[:, None], np.array([tolerance]))
     if separated[0]:
         return apart
     planes = facet_planes(hulls, *bodies, t[:, None], np.array([tolerance]))

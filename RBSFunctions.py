@@ -472,6 +472,7 @@ class _Shapes:
     vertices : (3, ΣV), rest vertices of all meshes; body b has vertexStart[b] … of them
     hulls : GJK.HullSet at rest; a mesh without vertices has a point for a hull
     hasShape : (n,) bool
+    memory : `_Memory` of these meshes
     """
 
     def __init__(self, meshes):
@@ -481,6 +482,41 @@ class _Shapes:
         self.vertices = np.ascontiguousarray(np.concatenate([m.origVertices for m in meshes]).T)
         point = GJK.build_hull(np.zeros((1, 3)))
         self.hulls = GJK.HullSet([point if m.hull is None else m.hull for m in meshes])
+        self.memory = _Memory(len(meshes))
+
+
+class _Memory:
+    """What the last step found out, to save time in the next one. It never changes a result.
+
+    keys : (P,), sorted; i · n + j of the pairs that were near each other
+    axis : (3, P), an axis that parted the pair, or zeros; touched : (P,) bool, or that did not part
+    displaced : (n,), how far corrections moved each body within the step
+    """
+
+    def __init__(self, count):
+        self.count = count
+        self.keys = np.zeros(0, dtype=np.int64)
+        self.axis = np.zeros((3, 0))
+        self.touched = np.zeros(0, dtype=bool)
+        self.displaced = np.zeros(count)
+
+    def recall(self, first, second, t):
+        """`(guess, likely)` for `GJK.contact_planes`: axes from last time, or between centres."""
+        length = np.sqrt(dot(t, t))
+        guess = t / np.where(length > 0, length, 1.0)
+        if len(self.keys) == 0:
+            return guess, None
+        keys = first * self.count + second
+        place = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
+        known = self.keys[place] == keys
+        touched = known & self.touched[place]
+        return np.where(known & ~touched, self.axis[:, place], guess), touched
+
+    def note(self, first, second, planes):
+        """Remembers the pairs of a step, sorted by the order i < j, and their `FacetPlanes`."""
+        self.keys = first * self.count + second
+        self.touched = planes.complete
+        self.axis = planes.normal[:, planes.start[:-1]] if len(first) else np.zeros((3, 0))
 
 
 # The tables of the scenes at hand: making them costs more than a step of a small scene.
@@ -714,6 +750,26 @@ def _overlapping_pairs(bodies):
             yield i, later - 1
 
 
+def _near_planes(bodies, first, second, reach):
+    """`(FacetPlanes, t)` of the pairs that are near each other at the step's start.
+
+    first, second : (P,), sorted by the order i < j; reach : (n,)
+    t : (3, P), centre of the second minus centre of the first
+    """
+    memory = bodies.shapes.memory
+    t = bodies.position[:, second] - bodies.position[:, first]
+    planes = GJK.contact_planes(
+        bodies.hulls,
+        first,
+        second,
+        t,
+        reach[first] + reach[second],
+        *memory.recall(first, second, t),
+    )
+    memory.note(first, second, planes)
+    return planes, t
+
+
 class _NarrowPhase:
     """Answers, for one pair after the other, whether and where its hulls meet at their turn.
 
@@ -728,17 +784,24 @@ class _NarrowPhase:
         reach = PLANE_REACH * bodies.hulls.radius
         first, second = all_overlaps(bodies.box - reach, bodies.isFixed)
         self.known = {}
-        self._prepare(first, second)
+        self._keep(first, second, *_near_planes(bodies, first, second, reach))
 
-    def _prepare(self, first, second):
-        bodies = self.bodies
-        reach = PLANE_REACH * (bodies.hulls.radius[first] + bodies.hulls.radius[second])
-        t = bodies.position[:, second] - bodies.position[:, first]
-        planes = GJK.contact_planes(bodies.hulls, first, second, t, reach)
+    def _keep(self, first, second, planes, t):
+        radius = self.bodies.hulls.radius
+        reach = PLANE_REACH * (radius[first] + radius[second])
         pairs = zip(first.tolist(), second.tolist(), strict=True)
         details = zip(t.T.tolist(), reach.tolist(), planes.complete.tolist(), strict=True)
         for row, (pair, detail) in enumerate(zip(pairs, details, strict=True)):
             self.known[pair] = (planes, row, *detail)
+
+    def _prepare(self, i, j):
+        """Works out the planes of the pair i, j at its present translation."""
+        bodies = self.bodies
+        first, second = np.array([i]), np.array([j])
+        reach = PLANE_REACH * (bodies.hulls.radius[first] + bodies.hulls.radius[second])
+        t = bodies.position[:, second] - bodies.position[:, first]
+        planes = GJK.facet_planes(bodies.hulls, first, second, t, reach)
+        self._keep(first, second, planes, t)
 
     def contact(self, i, j):
         """`(depth, normal, point)` of the pair i, j in the present positions, or None.
@@ -758,7 +821,7 @@ class _NarrowPhase:
                 shift = _difference(t, start)
                 if complete and dot(shift, shift) <= reach * reach:
                     break
-            self._prepare(np.array([i]), np.array([j]))
+            self._prepare(i, j)
         depth = max(pen, 0.0)
         vertices1, vertices2 = bodies.hulls.body_vertices(i), bodies.hulls.body_vertices(j)
         tolerance = GJK.FEATURE_TOLERANCE * size
@@ -807,8 +870,7 @@ class _ContactBatches:
     def __init__(self, bodies, reach, broadPhase):
         first, second = BROAD_PHASES[broadPhase](bodies.box - reach, bodies.isFixed)
         self.candidates = len(first)
-        t = bodies.position[:, second] - bodies.position[:, first]
-        planes = GJK.contact_planes(bodies.hulls, first, second, t, reach[first] + reach[second])
+        planes, _ = _near_planes(bodies, first, second, reach)
         # the planes of the others prove that they stay apart within their reach
         near = np.flatnonzero(planes.complete)
         batch = _batch_numbers(first[near].tolist(), second[near].tolist(), bodies.isFixed.tolist())
@@ -844,7 +906,8 @@ def _resolve_pairs_in_batches(bodies, law, broadPhase, report):
     Where a correction moves a body out of its reach, a pair may have been overlooked: then the
     collisions are done again from the state before them, with a wider reach for such bodies.
     """
-    reach = PLANE_REACH * bodies.hulls.radius
+    memory = bodies.shapes.memory
+    reach = np.maximum(PLANE_REACH * bodies.hulls.radius, REACH_GROWTH * memory.displaced)
     before = [table.copy() for table in bodies.moving()]
     while True:
         batches = _ContactBatches(bodies, reach, broadPhase)
@@ -860,6 +923,7 @@ def _resolve_pairs_in_batches(bodies, law, broadPhase, report):
         reach = np.where(strayed, REACH_GROWTH * displaced, reach)
         for table, old in zip(bodies.moving(), before, strict=True):
             table[:] = old
+    memory.displaced = displaced
     report.candidatePairs = batches.candidates
     report.add_pairs(contacts, batches)
 

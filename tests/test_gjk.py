@@ -855,10 +855,10 @@ def test_planes_have_the_same_bits_alone_and_in_a_batch(batch, function, company
 
 def test_gjk_has_the_same_bits_alone_and_in_a_batch(batch):
     gap = batch.reach
-    separated, axis = GJK.separating_axes(batch.hulls, batch.first, batch.second, batch.t, gap)
+    separated, axis, _ = GJK.separating_axes(batch.hulls, batch.first, batch.second, batch.t, gap)
     assert 0.2 < separated.mean() < 0.8
     for p in range(PAIRS):
-        oneSeparated, oneAxis = GJK.separating_axes(*alone(batch, p))
+        oneSeparated, oneAxis, _ = GJK.separating_axes(*alone(batch, p))
         assert np.array_equal(oneSeparated, separated[p : p + 1])
         assert np.array_equal(oneAxis, axis[:, p : p + 1])
         if separated[p]:  # and it is true: all of body 2 lies beyond all of body 1, and the gap
