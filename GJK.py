@@ -513,6 +513,15 @@ class FacetPlanes:
         k = pen.argmin()
         return float(pen[k]), tuple(n[:, k].tolist())
 
+    def nearest_of_all(self, t):
+        """`nearest` for all pairs at once: `(pen (P,), normal (3, P))` from t (3, P)."""
+        count = np.diff(self.start)
+        pen = self.offset - dot(self.normal, np.repeat(t, count, axis=1))
+        least = np.minimum.reduceat(pen, self.start[:-1])
+        candidates = np.flatnonzero(pen == np.repeat(least, count))
+        first = candidates[np.searchsorted(candidates, self.start[:-1])]
+        return least, self.normal[:, first]
+
 
 def contact_planes(hulls, first, second, translation, reach, guess=None, likely=None):
     """GJK, then the facets of the pairs that it does not part: what a simulation step asks for.

@@ -845,6 +845,9 @@ def _resolve_pairs(bodies, law, report):
             report.add(Contact(i, j, *contact, *impulses))
 
 
+# What a body's reach is at least, relative to its radius: corrections move most bodies less.
+LEAST_REACH = 0.02
+
 # Batches of contacts smaller than this are resolved one by one on floats: the array operations of
 # one batch cost as much as this many contacts.
 FEW_CONTACTS = 10
@@ -863,21 +866,28 @@ class _ContactBatches:
 
     first, second : (P,), sorted by batch, and within a batch by the order i < j
     rank : (P,), place of each pair in the order i < j
+    size : (P,), sum of the radii
     starts : (B + 1,), where the batches begin
     normal (3, K, P), offset (K, P) : the pairs' facet planes; unused ones are infinitely far
+    t (3, P), planeReach (P,) : translations that the planes were made at, and how far around they
+        hold the nearest facet; below zero where they are not complete
     """
 
     def __init__(self, bodies, reach, broadPhase):
         first, second = BROAD_PHASES[broadPhase](bodies.box - reach, bodies.isFixed)
         self.candidates = len(first)
-        planes, _ = _near_planes(bodies, first, second, reach)
-        # the planes of the others prove that they stay apart within their reach
-        near = np.flatnonzero(planes.complete)
+        planeReach = np.minimum(reach, PLANE_REACH * bodies.hulls.radius)
+        planes, t = _near_planes(bodies, first, second, planeReach)
+        # the rest stay apart however their bodies move within their reach
+        near = np.flatnonzero(planes.nearest_of_all(t)[0] >= -reach[first] - reach[second])
         batch = _batch_numbers(first[near].tolist(), second[near].tolist(), bodies.isFixed.tolist())
         self.rank = np.argsort(batch, kind="stable")
         near = near[self.rank]
         self.first, self.second = first[near], second[near]
         self.starts = np.searchsorted(batch[self.rank], np.arange(batch.max(initial=-1) + 2))
+        self.t = t[:, near]
+        planeReach = planeReach[self.first] + planeReach[self.second]
+        self.planeReach = np.where(planes.complete[near], planeReach, -1.0)
         self.size = bodies.hulls.radius[self.first] + bodies.hulls.radius[self.second]
         count = planes.start[near + 1] - planes.start[near]
         slots = np.arange(count.max(initial=1))[:, None]
@@ -907,7 +917,7 @@ def _resolve_pairs_in_batches(bodies, law, broadPhase, report):
     collisions are done again from the state before them, with a wider reach for such bodies.
     """
     memory = bodies.shapes.memory
-    reach = np.maximum(PLANE_REACH * bodies.hulls.radius, REACH_GROWTH * memory.displaced)
+    reach = np.maximum(LEAST_REACH * bodies.hulls.radius, REACH_GROWTH * memory.displaced)
     before = [table.copy() for table in bodies.moving()]
     while True:
         batches = _ContactBatches(bodies, reach, broadPhase)
@@ -941,13 +951,25 @@ def _resolve_batch(bodies, batches, own, law, start, displaced):
     nearest = pens.argmin(axis=0)
     columns = np.arange(len(first))
     pen = pens[nearest, columns]
-    hit = pen >= -GJK.TOUCH_TOLERANCE * batches.size[own]
+    apart = -GJK.TOUCH_TOLERANCE * batches.size[own]
+    hit = pen >= apart
     hit &= (bodies.box[:, first] <= _facing(bodies.box[:, second])).all(axis=0)
     hits = np.flatnonzero(hit)
     if len(hits) == 0:
         return []
-    first, second, t = first[hits], second[hits], t[:, hits]
-    normal = batches.normal[:, :, own][:, nearest[hits], hits]
+    normal = batches.normal[:, :, own][:, nearest, columns]
+    shift = t - batches.t[:, own]
+    reach = batches.planeReach[own]
+    stale = hits[((dot(shift, shift) > reach * reach) | (reach < 0))[hits]]
+    if len(stale):
+        exact = GJK.facet_planes(
+            bodies.hulls, first[stale], second[stale], t[:, stale], np.zeros(len(stale))
+        )
+        pen[stale], normal[:, stale] = exact.nearest_of_all(t[:, stale])
+        hits = hits[(pen >= apart)[hits]]
+        if len(hits) == 0:
+            return []
+    first, second, t, normal = first[hits], second[hits], t[:, hits], normal[:, hits]
     depth = np.maximum(pen[hits], 0.0)
     tolerance = GJK.FEATURE_TOLERANCE * batches.size[own][hits]
     point = GJK.contact_points(bodies.hulls, first, second, t, normal, tolerance)
@@ -960,8 +982,8 @@ def _resolve_batch(bodies, batches, own, law, start, displaced):
         bodies.take(first, body1)
         bodies.take(second, body2)
     for b in (first, second):
-        away = np.abs(bodies.position[:, b] - start[:, b]).max(axis=0)
-        displaced[b] = np.maximum(displaced[b], away)
+        away = bodies.position[:, b] - start[:, b]
+        displaced[b] = np.maximum(displaced[b], np.sqrt(dot(away, away)))
     return [(own.start + hits, depth, normal, point, *impulses)]
 
 
