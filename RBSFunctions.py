@@ -1104,18 +1104,20 @@ class _Constraints:
     """The constraints of a step as columns: those that can be corrected at all.
 
     A constraint whose meshes are both fixed, or between two vertices of one mesh, is never
-    corrected: no motion of the bodies changes its distance.
+    corrected: no motion of the bodies changes its distance. Nor is a lower bound of no more than
+    the tolerance, a rope's: every distance satisfies it.
 
     index : (C,), place in the caller's list, whose length is `total`
     body1, body2 : (C,); arm1, arm2 : (3, C), from the COMs to the points, world axes
     refValue : (C,); upper : (C,) bool
     """
 
-    def __init__(self, bodies, constraints):
+    def __init__(self, bodies, constraints, tolerance):
         self.total = len(constraints)
         table = np.array([tuple(row) for row in constraints], dtype=np.float64).reshape(-1, 6).T
         body1, vertex1, body2, vertex2 = table[:4].astype(np.intp)
         movable = (body1 != body2) & ~(bodies.isFixed[body1] & bodies.isFixed[body2])
+        movable &= (table[5] != 0) | (table[4] > tolerance)
         self.index = np.flatnonzero(movable)
         self.body1, self.body2 = body1[movable], body2[movable]
         self.arm1 = bodies.vertices[:, bodies.shapes.vertexStart[self.body1] + vertex1[movable]]
@@ -1134,7 +1136,7 @@ def _project_constraints(bodies, constraints, maxIterations, tolerance, scheduli
     if scheduling not in CONSTRAINT_SCHEDULINGS:
         names = ", ".join(CONSTRAINT_SCHEDULINGS)
         raise ValueError(f"no constraint scheduling {scheduling!r}; there are {names}")
-    columns = _Constraints(bodies, constraints)
+    columns = _Constraints(bodies, constraints, tolerance)
     allowed = max(int(maxIterations), columns.total)
     return CONSTRAINT_SCHEDULINGS[scheduling](bodies, columns, allowed, tolerance)
 
@@ -1242,10 +1244,12 @@ def _batched(bodies, columns, allowed, tolerance):
     Same visits as the sweep's, in another order, and as many of them: the result differs.
     """
     batches = _batches(columns.body1.tobytes(), columns.body2.tobytes(), bodies.isFixed.tobytes())
+    left = columns.total - len(columns.index)  # visits that find nothing, counted once a sweep
     visits = idle = 0
-    while batches:
+    while batches and visits < allowed:
+        visits += left
         for batch in batches:
-            batch = batch[: allowed - visits]
+            batch = batch[: max(0, allowed - visits)]
             visits += len(batch)
             if _visit_batch(bodies, columns, batch, tolerance):
                 idle = 0

@@ -146,6 +146,7 @@ MESHES = {
     "cylinder": make_cylinder(radius=5.0, length=20.0, sides=20),
     "ellipsoid": make_ellipsoid(2.0, 3.0, 5.0, subdivisions=2),
     "ball": make_ellipsoid(6.0, 6.0, 6.0, subdivisions=1),
+    "slab": make_box(48.0, 2.0, 14.0),
 }
 
 
@@ -371,17 +372,17 @@ NET_SIDE = 20       # bodies along each side of the net
 
 
 def hanging_net():
-    """A square net of octahedra on its four corners, and three heavy bodies that fall into it."""
+    """A square net of octahedra on its four corners, and three light bodies that fall into it."""
     height, pitch = 90.0, 8.0
     places = list(itertools.product(range(NET_SIDE), repeat=2))
     corners = set(itertools.product((0, NET_SIDE - 1), repeat=2))
     middle = (NET_SIDE - 1) / 2
-    net = [Body("octahedron.mesh", 60.0, (pitch * (i - middle), height, pitch * (k - middle)),
+    net = [Body("octahedron.mesh", 200.0, (pitch * (i - middle), height, pitch * (k - middle)),
                 isFixed=(i, k) in corners)
            for i, k in places]
-    falling = [Body("ball.mesh", 40.0, (-20.0, height + 20.0, 8.0), (1.0, 0.3, 0.2, 0.0)),
-               Body("cylinder.mesh", 30.0, (22.0, height + 26.0, -18.0), (1.0, 0.4, 0.3, 0.0)),
-               Body("box.mesh", 60.0, (10.0, height + 34.0, 26.0), (1.0, 0.2, 0.5, 0.1))]
+    falling = [Body("ball.mesh", 6.0, (-20.0, height + 20.0, 8.0), (1.0, 0.3, 0.2, 0.0)),
+               Body("cylinder.mesh", 5.0, (22.0, height + 26.0, -18.0), (1.0, 0.4, 0.3, 0.0)),
+               Body("box.mesh", 10.0, (10.0, height + 34.0, 26.0), (1.0, 0.2, 0.5, 0.1))]
     return net + falling
 
 
@@ -425,6 +426,62 @@ def wrecking_ball_ties():
     return [Tie(i, 2, i + 1, tip, 0.0, 1.05) for i, tip in enumerate(tips)]
 
 
+# Slopes down towards +x: a turn about z by -2 atan(1/8) and -2 atan(1/4).
+GENTLE = (8.0, 0.0, 0.0, -1.0)      # 14.3°, the friction angle of μ = 16/63 = 0.25
+STEEP = (4.0, 0.0, 0.0, -1.0)       # 28.1°, the friction angle of μ = 8/15 = 0.53
+# A body on a slope starts this far above it (metres), too little to see: bodies that touch from
+# the start would be resolved in the first step, with or without a fall.
+HAIR = 0.01
+
+
+def make_slope(tilt, lane, *riders):
+    """A fixed slab with its lower end near the ground, and bodies on it, turned alike.
+
+    tilt : GENTLE or STEEP; lane : z of the slab's middle line, metres
+    riders : (meshFile, half its height, metres from the slab's middle, downhill)
+    """
+    half = np.ptp(MESHES["slab"][0], axis=0) / 2
+    downhill, normal = (turn(tilt, axis) for axis in np.eye(3)[:2])
+    # where the lowest edge is POST_CLEARANCE above the ground
+    rise = POST_CLEARANCE - half[0] * downhill[1] + half[1] * normal[1]
+    middle = np.array([0.0, rise, lane])
+    bodies = [Body("slab.mesh", 1000.0, tuple(np.round(middle, 6)), tilt, isFixed=True)]
+    for meshFile, halfHeight, along in riders:
+        place = middle + along * downhill + (half[1] + halfHeight + HAIR) * normal
+        bodies.append(Body(meshFile, 60.0, tuple(np.round(place, 6)), tilt))
+    return bodies
+
+
+def incline():
+    """Two boxes on two slabs, tilted by 14° and 28°. With μ = 0.4, the friction angle is 22°."""
+    return [*make_slope(GENTLE, -10.0, ("box.mesh", 3.0, -15.0)),
+            *make_slope(STEEP, 10.0, ("box.mesh", 3.0, -15.0))]
+
+
+def slide():
+    """Boxes that slide down from three heights reach the ground with three speeds, and stop."""
+    return [body for lane, along in ((-20.0, -17.0), (0.0, -2.0), (20.0, 13.0))
+            for body in make_slope(STEEP, lane, ("box.mesh", 3.0, along))]
+
+
+def roll():
+    """A ball, an ellipsoid and a cylinder, let go on slopes. They slide, unless friction turns them.
+    """
+    return [*make_slope(STEEP, -20.0, ("ball.mesh", 6.0, -17.0)),
+            *make_slope(STEEP, 0.0, ("ellipsoid.mesh", 3.0, -17.0)),
+            *make_slope(STEEP, 20.0, ("cylinder.mesh", 5.0, -17.0))]
+
+
+def settle():
+    """Boxes fall on a corner, on an edge, and on posts, which sets them spinning."""
+    return [
+        *make_posts([(0.0, 0.0)]),
+        Body("box.mesh", 60.0, (5.0, 30.0, 3.0)),
+        Body("box.mesh", 60.0, (-25.0, 16.0, 0.0), (1.0, 0.3, 0.1, 0.4)),
+        Body("box.mesh", 60.0, (25.0, 16.0, 0.0), (1.0, 0.0, 0.0, 0.3)),
+    ]
+
+
 SCENES = {
     "singletet": single_tet,
     "singlebox": single_box,
@@ -440,6 +497,10 @@ SCENES = {
     "bridge": rope_bridge,
     "net": hanging_net,
     "wrecking_ball": wrecking_ball,
+    "incline": incline,
+    "slide": slide,
+    "roll": roll,
+    "settle": settle,
 }
 
 # What is tied together in a scene, by the scene's name.
