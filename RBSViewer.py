@@ -170,6 +170,7 @@ FULL_EXCESS = 0.05
 FRICTION_COLOUR = (0.84, 0.15, 0.16)
 # The longest friction impulse on screen, relative to the scene's size.
 LONGEST_IMPULSE = 0.1
+ARROW_RADIUS = 2.5e-3
 
 # From the middle of the scene to the camera: a little from the right, a little from above.
 VIEW_DIRECTION = (0.45, 0.36, 1.0)
@@ -375,8 +376,9 @@ class SceneView:
             arrows *= LONGEST_IMPULSE * ps.get_length_scale() / np.linalg.norm(arrows, axis=1).max()
             cloud = ps.register_point_cloud("friction", points, color=FRICTION_COLOUR, radius=2e-3)
             cloud.add_vector_quantity(
-                "impulse", arrows, vectortype="ambient", color=FRICTION_COLOUR, enabled=True
-            )
+                "impulse", arrows, vectortype="ambient", radius=ARROW_RADIUS,
+                color=FRICTION_COLOUR, enabled=True,
+            )  # fmt: skip
 
     def _point_camera(self, points):
         import polyscope as ps
