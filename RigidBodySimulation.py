@@ -993,8 +993,8 @@ EXAMPLES = """\
 examples:
   %(prog)s                                    the mixed scene, in a window
   %(prog)s tower --restitution 0.2            another scene of data/, bouncing less
-  %(prog)s bridge --scheduling queue            bodies tied together
-  %(prog)s stress --friction 0.5                bodies that come to rest
+  %(prog)s bridge --scheduling queue          bodies tied together
+  %(prog)s stress --friction 0.5              bodies that come to rest
   %(prog)s my-scene.txt --headless --steps 1000 --record run.npz
   %(prog)s stress --screenshots out/stress --every 25
 
@@ -1036,13 +1036,13 @@ def at_least(low):
     return check
 
 
+# Kinds of option values, each with its message when it is something else.
+WHOLE_NUMBER = option_type(int, at_least(0), "whole number")
+POSITIVE_NUMBER = option_type(int, at_least(1), "whole number")
+
+
 def make_parser():
     """The ArgumentParser of all options; their order is that of --help."""
-    restitution = option_type(float, checked_restitution, "number")
-    timeStep = option_type(float, checked_time_step, "number")
-    count = option_type(int, at_least(0), "whole number")
-    positiveCount = option_type(int, at_least(1), "whole number")
-
     parser = OneLineParser(
         prog="RigidBodySimulation.py",
         description="Simulates rigid bodies that fall, collide and bounce, and shows them.",
@@ -1055,14 +1055,23 @@ def make_parser():
         help=f"a scene file, or the name of a scene of data/ (default: {DEFAULT_SCENE})",
     )  # fmt: skip
 
+    add_physics_options(parser)
+    add_constraint_options(parser)
+    add_output_options(parser)
+    return parser
+
+
+def add_physics_options(parser):
     physics = parser.add_argument_group("simulation")
     physics.add_argument(
-        "--restitution", metavar="E", type=restitution, default=DEFAULT_RESTITUTION,
+        "--restitution", metavar="E", type=option_type(float, checked_restitution, "number"),
+        default=DEFAULT_RESTITUTION,
         help="how much of their closing speed bodies keep in a collision, from 0 to 1 "
         "(default: %(default)s, so that they bounce and come to rest)",
     )  # fmt: skip
     physics.add_argument(
-        "--time-step", metavar="H", type=timeStep, default=DEFAULT_TIME_STEP,
+        "--time-step", metavar="H", type=option_type(float, checked_time_step, "number"),
+        default=DEFAULT_TIME_STEP,
         help="seconds per step (default: %(default)s)",
     )  # fmt: skip
     physics.add_argument(
@@ -1082,6 +1091,8 @@ def make_parser():
         "uniform grid, for hundreds of bodies (default: %(default)s)",
     )  # fmt: skip
 
+
+def add_constraint_options(parser):
     ties = parser.add_argument_group("constraints")
     source = ties.add_mutually_exclusive_group()
     source.add_argument(
@@ -1093,7 +1104,7 @@ def make_parser():
         "--no-constraints", action="store_true", help="let all bodies go free",
     )  # fmt: skip
     ties.add_argument(
-        "--max-iterations", metavar="N", type=count,
+        "--max-iterations", metavar="N", type=WHOLE_NUMBER,
         help=f"constraint visits in a step at most, but at least one of each (default: {SWEEPS} of "
         f"each, and at least {LEAST_VISITS})",
     )  # fmt: skip
@@ -1103,13 +1114,15 @@ def make_parser():
         "in another order, many at once, for hundreds of constraints (default: %(default)s)",
     )  # fmt: skip
 
+
+def add_output_options(parser):
     output = parser.add_argument_group("without a window")
     output.add_argument(
         "--headless", action="store_true",
         help="simulate without a window and print a summary; needs no display and no OpenGL",
     )  # fmt: skip
     output.add_argument(
-        "--steps", metavar="N", type=count, default=DEFAULT_STEPS,
+        "--steps", metavar="N", type=WHOLE_NUMBER, default=DEFAULT_STEPS,
         help="how many steps a run without a window has (default: %(default)s)",
     )  # fmt: skip
     output.add_argument(
@@ -1117,14 +1130,13 @@ def make_parser():
         help="draw off-screen into DIR/frame_<step>.png; no window opens",
     )  # fmt: skip
     output.add_argument(
-        "--every", metavar="K", type=positiveCount,
+        "--every", metavar="K", type=POSITIVE_NUMBER,
         help=f"with --screenshots, one picture each K steps (default: {DEFAULT_EVERY})",
     )  # fmt: skip
     output.add_argument(
         "--record", metavar="FILE.npz",
         help="write the state after every step, and the starting state; no window opens",
     )  # fmt: skip
-    return parser
 
 
 def print_error(message):
