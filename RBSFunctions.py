@@ -292,7 +292,7 @@ class Mesh:
         self.isFixed = bool(isFixed)
         self.position = _row(position, 3)
         self.orientation = _row(orientation, 4)
-        length = math.sqrt(float((self.orientation**2).sum()))
+        length = math.hypot(*self.orientation[0].tolist())
         if not 0 < length < math.inf:
             raise ValueError(f"mesh {name}: the orientation has no direction")
         self.orientation /= length
@@ -453,7 +453,7 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     if body1.invMass + body2.invMass == 0.0:
         return
     depth, normal = _float(depth), _floats(contactNormal, 3)
-    if depth < 0:
+    if depth < 0 or (depth == 0 and len(m2.origVertices) == 0):
         depth, normal = -depth, (-normal[0], -normal[1], -normal[2])
     law = ContactLaw(_float(CRCoeff), bool(closingOnly), _float(mu))
     _resolve(body1, body2, depth, normal, _floats(penPoint, 3), law)

@@ -551,7 +551,8 @@ def boxes_depth(R1, half1, R2, half2, t):
     ((1, 1e-6, 1e-6), (1, 1, 1)),
     ((1, 1e-6, 1), (1, 1e-6, 1)),
     ((1, 1e-3, 1e-6), (1e-6, 1, 1)),
-], ids=["needles", "needle and cube", "plates", "blade and plate"])  # fmt: skip
+    ((1, 1e-10, 1e-10), (1, 1e-5, 1e-10)),
+], ids=["needles", "needle and cube", "plates", "blade and plate", "hair and ribbon"])  # fmt: skip
 def test_thin_hulls(half1, half2):
     rng = np.random.default_rng(4)
     thin = min(half1) + min(half2)
