@@ -842,12 +842,13 @@ def overlap_centre(pointsA, pointsB, tolerance):
     # Cut the figure with fewer corners, a segment if there is one, by the sides of the other. Where
     # the two only touch, rounding can leave nothing; then the sides are moved outwards.
     figure, cutter = (b, a) if len(b) <= len(a) else (a, b)
-    slack = ROUNDING * max(abs(x) for point in figure + cutter for x in point)
+    extent = max(abs(x) for point in figure + cutter for x in point)
+    slack = ROUNDING * extent
     overlap = _cut_by_sides(figure, cutter, slack)
-    while not overlap:
+    while not overlap and slack < extent:
         slack *= SLACK_GROWTH
         overlap = _cut_by_sides(figure, cutter, slack)
-    return _centroid(overlap, tolerance)
+    return _centroid(overlap or b, tolerance)
 
 
 def _cut_by_sides(figure, cutter, slack):

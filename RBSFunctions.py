@@ -812,16 +812,18 @@ class _NarrowPhase:
         position1, position2 = bodies.position[:, i].tolist(), bodies.position[:, j].tolist()
         t = _difference(position2, position1)
         size = float(bodies.hulls.radius[i] + bodies.hulls.radius[j])
-        while True:
-            if (i, j) in self.known:
-                planes, row, start, reach, complete = self.known[i, j]
-                pen, normal = planes.nearest(row, t)
-                if pen < -GJK.TOUCH_TOLERANCE * size:
-                    return None
-                shift = _difference(t, start)
-                if complete and dot(shift, shift) <= reach * reach:
-                    break
+        apart = -GJK.TOUCH_TOLERANCE * size
+        if (i, j) not in self.known:
             self._prepare(i, j)
+        planes, row, start, reach, complete = self.known[i, j]
+        pen, normal = planes.nearest(row, t)
+        shift = _difference(t, start)
+        if pen >= apart and not (complete and dot(shift, shift) <= reach * reach):
+            self._prepare(i, j)
+            planes, row, *_ = self.known[i, j]
+            pen, normal = planes.nearest(row, t)
+        if pen < apart:
+            return None
         depth = max(pen, 0.0)
         vertices1, vertices2 = bodies.hulls.body_vertices(i), bodies.hulls.body_vertices(j)
         tolerance = GJK.FEATURE_TOLERANCE * size
