@@ -1196,8 +1196,9 @@ def _queue(bodies, columns, allowed, tolerance):
     dirty = 0
     for c, (b1, b2, *_) in work.rows.items():
         dirty |= 1 << c
-        using[b1] |= 1 << c
-        using[b2] |= 1 << c
+        for b in (b1, b2):
+            if not bodies.isFixed[b]:  # a fixed one never moves
+                using[b] |= 1 << c
     visits = begin = c = 0  # visits made; the sweep's count at constraint 0; where it is
     while dirty:
         ahead = dirty >> c
@@ -1249,7 +1250,7 @@ def _batched(bodies, columns, allowed, tolerance):
     left = columns.total - len(columns.index)  # visits that find nothing, counted once a sweep
     visits = idle = 0
     while batches and visits < allowed:
-        visits += left
+        visits = min(visits + left, allowed)
         for batch in batches:
             batch = batch[: max(0, allowed - visits)]
             visits += len(batch)

@@ -426,59 +426,86 @@ def wrecking_ball_ties():
     return [Tie(i, 2, i + 1, tip, 0.0, 1.05) for i, tip in enumerate(tips)]
 
 
-# Slopes down towards +x: a turn about z by -2 atan(1/8) and -2 atan(1/4).
+# Slopes descend towards +x: (n, 0, 0, -1) turns by -2 atan(1/n) about z.
 GENTLE = (8.0, 0.0, 0.0, -1.0)      # 14.3°, the friction angle of μ = 16/63 = 0.25
 STEEP = (4.0, 0.0, 0.0, -1.0)       # 28.1°, the friction angle of μ = 8/15 = 0.53
-# A body on a slope starts this far above it (metres), too little to see: bodies that touch from
-# the start would be resolved in the first step, with or without a fall.
+# A slab upright across the slopes: its x to z, its z to y.
+WALL = (1.0, -1.0, -1.0, -1.0)
+# What lies on a slope starts this far above it (metres), too little to see. Bodies that touch at
+# the start would be resolved before they have moved.
 HAIR = 0.01
+SLAB = np.ptp(MESHES["slab"][0], axis=0)        # its length, thickness and width
 
 
-def make_slope(tilt, lane, *riders):
-    """A fixed slab with its lower end near the ground, and bodies on it, turned alike.
+def slope_axes(tilt):
+    """The unit vectors (3,) of a slope: downhill, and up from it."""
+    return (turn(tilt, axis) for axis in np.eye(3)[:2])
 
-    tilt : GENTLE or STEEP; lane : z of the slab's middle line, metres
-    riders : (meshFile, half its height, metres from the slab's middle, downhill)
+
+def make_slope(tilt, lane, meshFile, halfHeight, uphill):
+    """A fixed slab, its lower end near the ground and its middle at z = lane, and a body on it.
+
+    uphill : from the slab's middle to the body, metres. The body is turned like the slab.
     """
-    half = np.ptp(MESHES["slab"][0], axis=0) / 2
-    downhill, normal = (turn(tilt, axis) for axis in np.eye(3)[:2])
-    # where the lowest edge is POST_CLEARANCE above the ground
-    rise = POST_CLEARANCE - half[0] * downhill[1] + half[1] * normal[1]
+    downhill, normal = slope_axes(tilt)
+    rise = POST_CLEARANCE - SLAB[0] / 2 * downhill[1] + SLAB[1] / 2 * normal[1]
     middle = np.array([0.0, rise, lane])
-    bodies = [Body("slab.mesh", 1000.0, tuple(np.round(middle, 6)), tilt, isFixed=True)]
-    for meshFile, halfHeight, along in riders:
-        place = middle + along * downhill + (half[1] + halfHeight + HAIR) * normal
-        bodies.append(Body(meshFile, 60.0, tuple(np.round(place, 6)), tilt))
-    return bodies
+    place = middle - uphill * downhill + (SLAB[1] / 2 + halfHeight + HAIR) * normal
+    return [Body("slab.mesh", 1000.0, tuple(np.round(middle, 6)), tilt, isFixed=True),
+            Body(meshFile, 60.0, tuple(np.round(place, 6)), tilt)]
+
+
+def make_wall(x, z):
+    """A fixed slab across the way, so that what comes along stays in the picture."""
+    return Body("slab.mesh", 1000.0, (x, SLAB[2] / 2 + POST_CLEARANCE, z), WALL, isFixed=True)
 
 
 def incline():
-    """Two boxes on two slabs, tilted by 14° and 28°. With μ = 0.4, the friction angle is 22°."""
-    return [*make_slope(GENTLE, -10.0, ("box.mesh", 3.0, -15.0)),
-            *make_slope(STEEP, 10.0, ("box.mesh", 3.0, -15.0))]
+    """Boxes on slopes of 14° and 28°. With μ = 0.4, whose friction angle is 22°, one stays."""
+    return [*make_slope(STEEP, -10.0, "box.mesh", 3.0, 17.0),
+            *make_slope(GENTLE, 10.0, "box.mesh", 3.0, 17.0)]
 
 
 def slide():
-    """Boxes that slide down from three heights reach the ground with three speeds, and stop."""
-    return [body for lane, along in ((-20.0, -17.0), (0.0, -2.0), (20.0, 13.0))
-            for body in make_slope(STEEP, lane, ("box.mesh", 3.0, along))]
+    """Boxes slide down a chute from three heights, and reach the ground with three speeds.
+
+    With μ = 0.2 they stop there one behind the other, with more of it on the chute; with less they
+    arrive at the wall.
+    """
+    slabs, boxes = [], []
+    lanes = {2: -15.0, 3: 0.0, 5: 15.0}     # slope of the slab that a box starts on -> its z
+    edge = None                             # where the upper sides of two slabs meet
+    for n in (10, 5, 3, 2):                 # from below: 11°, 23°, 37° and 53°
+        tilt = (float(n), 0.0, 0.0, -1.0)
+        downhill, normal = slope_axes(tilt)
+        if edge is None:
+            edge = np.array([0.0, POST_CLEARANCE + SLAB[1] * normal[1], 0.0])
+        middle = edge - (HAIR + SLAB[2] / 2) * downhill
+        edge = middle - SLAB[2] / 2 * downhill
+        # The tilt after a quarter turn about y, which lays the slab across: (n, 1, n, -1).
+        slabs.append(Body("slab.mesh", 1000.0, tuple(np.round(middle - SLAB[1] / 2 * normal, 6)),
+                          (float(n), 1.0, float(n), -1.0), isFixed=True))
+        if n in lanes:
+            place = middle + (3.0 + HAIR) * normal + [0.0, 0.0, lanes[n]]
+            boxes.append(Body("box.mesh", 60.0, tuple(np.round(place, 6)), tilt))
+    return [*slabs, make_wall(60.0, 0.0), *boxes]
 
 
 def roll():
-    """A ball, an ellipsoid and a cylinder, let go on slopes. They slide, unless friction turns them.
-    """
-    return [*make_slope(STEEP, -20.0, ("ball.mesh", 6.0, -17.0)),
-            *make_slope(STEEP, 0.0, ("ellipsoid.mesh", 3.0, -17.0)),
-            *make_slope(STEEP, 20.0, ("cylinder.mesh", 5.0, -17.0))]
+    """A cylinder, a ball and an ellipsoid slide down slopes, unless friction makes them roll."""
+    return [*make_slope(STEEP, -20.0, "cylinder.mesh", 5.0, 17.0),
+            *make_slope(STEEP, 0.0, "ball.mesh", 6.0, 17.0),
+            *make_slope(STEEP, 16.0, "ellipsoid.mesh", 3.0, 17.0),
+            make_wall(60.0, -2.0)]
 
 
 def settle():
-    """Boxes fall on a corner, on an edge, and on posts, which sets them spinning."""
+    """Boxes that are set spinning, by landing on a corner or on a post's rim, come to rest."""
     return [
         *make_posts([(0.0, 0.0)]),
-        Body("box.mesh", 60.0, (5.0, 30.0, 3.0)),
-        Body("box.mesh", 60.0, (-25.0, 16.0, 0.0), (1.0, 0.3, 0.1, 0.4)),
-        Body("box.mesh", 60.0, (25.0, 16.0, 0.0), (1.0, 0.0, 0.0, 0.3)),
+        Body("box.mesh", 60.0, (3.0, 32.0, -4.0)),
+        Body("box.mesh", 120.0, (-26.0, 18.0, 4.0), (1.0, 0.3, 0.1, 0.4)),
+        Body("box.mesh", 240.0, (24.0, 18.0, 4.0), (1.0, -0.2, 0.5, 0.3)),
     ]
 
 

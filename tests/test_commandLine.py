@@ -23,6 +23,7 @@ from RigidBodySimulation import (
     Recorder,
     SceneError,
     Simulation,
+    load_constraint_file,
     load_scene_file,
     main,
 )
@@ -315,6 +316,90 @@ def test_failed_recording_leaves_the_old_one_and_nothing_else(tmp_path, monkeypa
 
 
 # --------------------------------------------------------------------------------------------------
+# Constraints
+# --------------------------------------------------------------------------------------------------
+
+CHAIN = DATA / "tower_chain-scene.txt"
+CHAIN_TIES = DATA / "tower_chain-constraints.txt"
+# From step 53 on several of its ties are taut, and the order of the visits makes a difference.
+CHAIN_STEPS = 70
+
+
+def recording_of(folder, *arguments):
+    """Runs the program in this process for CHAIN_STEPS steps; what it has recorded, as a dict."""
+    path = folder / "r.npz"
+    options = ["--headless", "--steps", str(CHAIN_STEPS), "--record", str(path)]
+    assert main([*map(str, arguments), *options]) == 0
+    with np.load(path) as recording:
+        return dict(recording)
+
+
+def chain_by_hand(file=None, **options):
+    """Positions of the chain in each step by run_timestep alone, tied as a file has it."""
+    if file is not None:
+        options["constraints"] = load_constraint_file(file, load_scene_file(CHAIN))
+    return by_hand(CHAIN, CHAIN_STEPS, DEFAULT_RESTITUTION, DEFAULT_TIME_STEP, **options)[
+        "positions"]  # fmt: skip
+
+
+def test_constraints_of_that_name_are_found_unless_they_are_left_out(tmp_path, capsys):
+    tied = recording_of(tmp_path, "tower_chain")
+    summary = capsys.readouterr().out
+    free = recording_of(tmp_path, "tower_chain", "--no-constraints")
+    np.testing.assert_array_equal(tied["positions"], chain_by_hand(CHAIN_TIES))
+    np.testing.assert_array_equal(free["positions"], chain_by_hand())
+    assert np.abs(tied["positions"] - free["positions"]).max() > 0.01
+    assert str(tied["constraints"]) == str(free["constraints"]) == str(CHAIN_TIES)
+    assert bool(tied["enforceConstraints"]) and not bool(free["enforceConstraints"])
+    (line,) = [line for line in summary.splitlines() if line.startswith("constraints")]
+    excess = float(line.removeprefix("constraints       16 bounds, violated by at most ")[:-2])
+    assert 0.0 <= excess <= 1e-3
+    assert "\nconstraints       16 bounds, left out\n" in capsys.readouterr().out
+
+
+def test_constraints_of_another_file(tmp_path, capsys):
+    # A strut from the fixed foot to the body on top, and nothing in between.
+    (tmp_path / "strut.txt").write_text("1\n0 0 8 0 1 2\n")
+    recording = recording_of(tmp_path, CHAIN, "--constraints", tmp_path / "strut.txt")
+    np.testing.assert_array_equal(recording["positions"], chain_by_hand(tmp_path / "strut.txt"))
+    assert np.abs(recording["positions"] - chain_by_hand()).max() > 0.01
+    assert np.abs(recording["positions"] - chain_by_hand(CHAIN_TIES)).max() > 0.01
+    assert str(recording["constraints"]) == str(tmp_path / "strut.txt")
+    (tmp_path / "none.txt").write_text("0\n")
+    capsys.readouterr()
+    recording = recording_of(tmp_path, CHAIN, "--constraints", tmp_path / "none.txt")
+    np.testing.assert_array_equal(recording["positions"], chain_by_hand())
+    assert "\nconstraints       none\n" in capsys.readouterr().out
+
+
+def test_number_of_visits_can_be_limited(tmp_path):
+    # Less than the 16 bounds there are: still one sweep. 40: two and a half.
+    default = recording_of(tmp_path, "tower_chain")
+    assert int(default["maxIterations"]) == 1000
+    for most in (3, 40):
+        recording = recording_of(tmp_path, "tower_chain", "--max-iterations", most)
+        assert int(recording["maxIterations"]) == most
+        np.testing.assert_array_equal(
+            recording["positions"], chain_by_hand(CHAIN_TIES, maxIterations=most)
+        )
+        assert not np.array_equal(recording["positions"], default["positions"])
+
+
+def test_scheduling_can_be_chosen(tmp_path):
+    recordings = {
+        name: recording_of(tmp_path, "tower_chain", "--scheduling", name)
+        for name in ("sweep", "queue", "batches")
+    }
+    for name, recording in recordings.items():
+        assert str(recording["constraintScheduling"]) == name
+        expected = chain_by_hand(CHAIN_TIES, constraintScheduling=name)
+        np.testing.assert_array_equal(recording["positions"], expected)
+    sweep, queue, batches = (recordings[name]["positions"] for name in recordings)
+    np.testing.assert_array_equal(sweep, queue)
+    assert 0.0 < np.abs(sweep - batches).max() < 0.1
+
+
+# --------------------------------------------------------------------------------------------------
 # Where there is no display, and where there is no OpenGL
 # --------------------------------------------------------------------------------------------------
 
@@ -401,21 +486,30 @@ WRONG = {
     "steps with a fraction": (["--steps", "1.5"], "--steps: '1.5' is not a whole number"),
     "every 0": (["--screenshots", "s", "--every", "0"], "--every: must be 1 or more, not 0"),
     "every alone": (["--every", "3"], "--every says how often --screenshots draws"),
+    "no constraint file": (["--constraints", "no.txt"], "no.txt: there is no such file"),
+    "broken constraints": (["tet", "--constraints", "bad-constraints.txt"],
+                           "bad-constraints.txt:2: a mesh index must be between 0 and 24, not 99"),
+    "empty constraints": (["tet", "--constraints", "empty.txt"], "empty.txt: the file is empty"),
+    "constraints or not": (["--constraints", "a", "--no-constraints"], "not allowed with argument"),
+    "negative visits": (["--max-iterations", "-1"], "--max-iterations: must be 0 or more, not -1"),
+    "unknown scheduling": (["--scheduling", "random"], "--scheduling: invalid choice: 'random'"),
     "abbreviation": (["--rest", "0.5"], "unrecognized arguments: --rest"),
     "two scenes": (["tet", "tower"], "unrecognized arguments: tower"),
     "record to nowhere": (["--record", "no/r.npz"], "no/r.npz: No such file or directory"),
     "record to a folder": (["--record", "."], ".: this is a folder, not a file"),
     "record a broken scene": (["bad-scene.txt", "--record", "r.npz"], "bad-scene.txt:2: "),
     "draw a broken scene": (["bad-scene.txt", "--screenshots", "s"], "bad-scene.txt:2: "),
-}
+}  # fmt: skip
 
 
 @pytest.fixture
 def brokenFolder(tmp_path):
-    """A folder with a scene that is broken, and one whose mesh is."""
+    """A folder with a scene that is broken, one whose mesh is, and two broken constraint files."""
     (tmp_path / "broken.mesh").write_text("nothing of the kind")
     (tmp_path / "mesh-scene.txt").write_text("1\nbroken.mesh 1 0 0 0 0 1 0 0 0\n")
     (tmp_path / "bad-scene.txt").write_text("1\nbroken.mesh -1 0 0 0 0 1 0 0 0\n")
+    (tmp_path / "bad-constraints.txt").write_text("1\n0 0 99 0 0 1\n")
+    (tmp_path / "empty.txt").write_text("\n# nothing\n")
     return tmp_path
 
 
@@ -451,8 +545,9 @@ def test_help_names_every_option_with_its_default(tmp_path):
     process = run(tmp_path, "--help")
     assert process.returncode == 0 and process.stderr == ""
     for words in ("SCENE", "mixed", "--restitution E", "0.5", "--time-step H", "0.02",
-                  "--closing-only", "--headless", "--steps N", "500", "--screenshots DIR",
-                  "--every K", "--record FILE.npz", "examples:"):  # fmt: skip
+                  "--closing-only", "--constraints FILE", "--no-constraints",
+                  "--max-iterations N", "--scheduling NAME", "--headless", "--steps N", "500",
+                  "--screenshots DIR", "--every K", "--record FILE.npz", "examples:"):  # fmt: skip
         assert words in process.stdout
     assert max(map(len, process.stdout.splitlines())) <= 100
 

@@ -29,6 +29,7 @@ MESHES = {
     "cylinder.mesh": (40, {4, 20}, 20 * 5**2 / 2 * math.sin(2 * math.pi / 20) * 20),
     "ellipsoid.mesh": (162, {3}, None),
     "ball.mesh": (42, {3}, None),
+    "slab.mesh": (8, {4}, 48 * 2 * 14),
 }
 
 # Per scene: the number of bodies, and how many of them are fixed.
@@ -37,6 +38,7 @@ SCENES = {
     "tet": (25, 0), "mixed": (7, 0), "tower": (9, 0), "stress": (41, 16), "cube": (8, 0),
     "tower_chain": (9, 1), "two_chain": (33, 10),
     "bridge": (18, 2), "net": (403, 4), "wrecking_ball": (12, 2),
+    "incline": (4, 2), "slide": (8, 5), "roll": (7, 4), "settle": (4, 1),
 }
 
 # Per constraint file: the number of ties.

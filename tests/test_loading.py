@@ -13,6 +13,7 @@ from RigidBodySimulation import (
     CONVEXITY_TOLERANCE,
     NonConvexWarning,
     SceneError,
+    find_constraints,
     find_scene,
     flatten_meshes,
     list_scenes,
@@ -491,6 +492,23 @@ def test_constraint_line_becomes_a_lower_and_an_upper_bound(sceneFolder):
     assert upper == [0, 1, 1, 2, pytest.approx(1.25 * distance), True]
 
 
+def test_constraint_file_may_hold_none(sceneFolder):
+    meshes = load_scene_file(sceneFolder / "a-scene.txt")
+    for text in ("0", "0\n", "# none\r\n\r\n0  # bounds\r\n\n"):
+        assert load_constraint_file(write(sceneFolder, "none.txt", text), meshes) == []
+    # Coincident vertices, here one and the same, have bounds of zero.
+    path = write(sceneFolder, "zero.txt", "1\n1 3 1 3 1 2\n")
+    assert load_constraint_file(path, meshes) == [[1, 3, 1, 3, 0.0, False], [1, 3, 1, 3, 0.0, True]]
+
+
+def test_constraints_of_a_scene_are_found_by_its_name(sceneFolder):
+    assert find_constraints(sceneFolder / "a-scene.txt") == sceneFolder / "a-constraints.txt"
+    assert find_constraints(str(sceneFolder / "a-scene.txt")) == sceneFolder / "a-constraints.txt"
+    assert find_constraints(sceneFolder / "b-scene.txt") is None
+    # A scene may have any name.
+    assert find_constraints(sceneFolder / "a.txt") == sceneFolder / "a-constraints.txt"
+
+
 def test_constraints_refer_to_the_bodies_as_they_stand_now(sceneFolder):
     meshes = load_scene_file(sceneFolder / "a-scene.txt")
     meshes[0].currVertices = meshes[1].currVertices[[2, 2, 2, 2, 2, 2, 2, 2, 2]] + [0, 3, 4]
@@ -663,6 +681,11 @@ BROKEN = {
                          ":2: a bound must be finite, not 'nan'"),
     "constraints: count": ("a-constraints.txt", replaced("1\n", "2\n"),
                            ":2: the file ends before constraint 2 of 2"),
+    "constraints: too many": ("a-constraints.txt", replaced("1.25\n", "1.25\n0 0 1 0 0 1\n"),
+                              ":3: more lines than the 1 constraints announced: '0 0 1 0 0 1'"),
+    "constraints: negative count": ("a-constraints.txt", replaced("1\n", "-1\n"),
+                                    ":1: the number of constraints must be at least 0, not -1"),
+    "constraints: nothing": ("a-constraints.txt", lambda text: "\n", ": the file is empty"),
 }  # fmt: skip
 
 

@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,10 +23,12 @@ import RBSViewer
 from RBSViewer import (
     FIXED_COLOUR,
     MOST_CREASES,
+    TIE_COLOURS,
     VIEW_DIRECTION,
     VIRIDIS,
     Panel,
     SceneView,
+    Ties,
     Viewer,
     body_colours,
     find_creases,
@@ -203,6 +206,58 @@ def test_bodies_show_their_edges_and_no_diagonals(name, count):
         assert np.all(np.count_nonzero(np.diff(vertices[creases], axis=1), axis=2) == 1)
 
 
+def ties_along_x(*bounds):
+    """`Ties` between vertices of two bodies: per pair of bounds, the next vertex of either."""
+    meshes = [SimpleNamespace(currVertices=np.zeros((len(bounds) + 2, 3))) for _ in range(2)]
+    constraints = [
+        [0, k, 1, k, bound, upper]
+        for k, pair in enumerate(bounds)
+        for bound, upper in zip(pair, (False, True), strict=True)
+    ]
+    return Ties(SimpleNamespace(meshes=meshes, constraints=constraints))
+
+
+@pytest.mark.parametrize(
+    ("bounds", "places"),
+    # Distance to place on the scale: 0 slack, 1 taut, 2 exceeded by a twentieth of the upper bound.
+    [
+        pytest.param((0.0, 2.0), {0.0: 0, 0.5: 0.25, 2.0: 1, 2.05: 1.5, 2.1: 2, 9.0: 2}, id="rope"),
+        pytest.param((0.9, 1.1), {1.0: 0, 0.95: 0.5, 0.9: 1, 1.1: 1, 1.155: 2, 0.845: 2, 0.2: 2},
+                     id="band"),
+        pytest.param((4.0, 4.0), {4.0: 1, 4.1: 1.5, 3.9: 1.5, 4.2: 2, 3.8: 2}, id="rod"),
+        pytest.param((0.0, 0.0), {0.0: 1, 0.5: 1.5, 1.0: 2}, id="no length"),
+    ],
+)  # fmt: skip
+def test_ties_show_by_their_colour_how_taut_they_are(bounds, places):
+    ties = ties_along_x(*[bounds] * len(places))
+    distances = np.array(list(places))
+    vertices = np.zeros((2 * (len(places) + 2), 3))
+    vertices[len(places) + 2 : 2 * len(places) + 2, 0] = distances
+    assert ties.ends.tolist() == [[k, len(places) + 2 + k] for k in range(len(places))]
+    nodes = ties.nodes(vertices)
+    assert np.array_equal(nodes[1::2, 0] - nodes[::2, 0], distances)
+    low = np.minimum(np.array(list(places.values()), dtype=float).astype(int), 1)
+    part = (np.array(list(places.values())) - low)[:, None]
+    expected = (1 - part) * TIE_COLOURS[low] + part * TIE_COLOURS[low + 1]
+    np.testing.assert_allclose(ties.colours(vertices), expected, atol=1e-12)
+
+
+def test_two_bounds_are_one_line_and_the_tighter_ones_count():
+    simulation = Simulation(DATA / "cube-scene.txt")
+    ties = Ties(simulation)
+    assert len(simulation.constraints) == 56 and ties.ends.shape == (28, 2)
+    vertices = np.concatenate([mesh.currVertices for mesh in simulation.meshes])
+    lengths = np.linalg.norm(np.diff(vertices[ties.ends], axis=1)[:, 0], axis=1)
+    np.testing.assert_allclose([ties.least, ties.most], [lengths, lengths], rtol=1e-14)
+    # Rods as long as at the start: taut.
+    np.testing.assert_allclose(ties.colours(vertices), [TIE_COLOURS[1]] * 28, atol=1e-9)
+    simulation.constraints += [[*simulation.constraints[0][:4], bound, upper]
+                               for bound in (1.0, 99.0) for upper in (False, True)]  # fmt: skip
+    ties = Ties(simulation)
+    assert (ties.least[0], ties.most[0], len(ties.ends)) == (99.0, 1.0, 28)
+    assert Ties(Simulation(DATA / "tet-scene.txt")).ends.shape == (0, 2)
+
+
 def test_camera_sees_all_of_a_scene_and_stands_no_further_than_it_must():
     generator = np.random.default_rng(3)
     for aspect in (0.5, 1.0, 16 / 9):
@@ -324,6 +379,26 @@ def test_bodies_move_in_the_picture_as_they_do_in_the_scene(polyscope, twoBoxes)
     # What is fixed stands where it stood.
     place = pixel_of(polyscope, [0.0, 12.0, 4.0])
     np.testing.assert_allclose(after[place], before[place], atol=0.02)
+
+
+def test_ties_are_drawn_where_the_bodies_are_and_only_while_they_count(polyscope):
+    simulation = Simulation(DATA / "cube-scene.txt")
+    view = SceneView(simulation)
+    lines = polyscope.get_curve_network("constraints")
+    assert (lines.n_edges(), lines.is_enabled()) == (28, True)
+    with_lines = picture(polyscope)
+    simulation.settings.enforceConstraints = False
+    view.refresh()
+    assert not lines.is_enabled()
+    changed = np.mean(np.any(np.abs(picture(polyscope) - with_lines) > 0.05, axis=2))
+    assert 0.001 < changed < 0.1
+    simulation.settings.enforceConstraints = True
+    view.refresh()
+    np.testing.assert_array_equal(picture(polyscope), with_lines)
+    # The next scene has none.
+    simulation.load(DATA / "tet-scene.txt")
+    view.rebuild()
+    assert not polyscope.has_curve_network("constraints")
 
 
 def test_many_bodies_are_drawn_without_lines(tmp_path, polyscope):
@@ -475,6 +550,27 @@ def test_checkbox_and_scene_list_work(polyscope, places, panel):
     assert len(viewer.simulation.meshes) == 8
 
 
+def test_constraints_can_be_switched_off_and_their_scheduling_chosen(polyscope, places, panel):
+    settings = panel.viewer.simulation.settings
+    polyscope.frame_tick()
+    assert "scheduling" not in places  # the mixed scene has no constraints
+    panel.viewer.choose_scene(DATA / "cube-scene.txt")
+    polyscope.frame_tick()
+    polyscope.frame_tick()  # the panel has grown
+    click(polyscope, *places["constraints"])
+    assert not settings.enforceConstraints
+    assert not polyscope.get_curve_network("constraints").is_enabled()
+    click(polyscope, *places["constraints"])
+    assert settings.enforceConstraints
+    assert polyscope.get_curve_network("constraints").is_enabled()
+    for name in ("batches", "queue", "sweep"):
+        click(polyscope, *places["scheduling"])
+        polyscope.frame_tick()
+        click(polyscope, *places[name])
+        assert settings.constraintScheduling == name
+        polyscope.frame_tick()
+
+
 # --------------------------------------------------------------------------------------------------
 # The window
 # --------------------------------------------------------------------------------------------------
@@ -551,7 +647,9 @@ def test_a_click_on_play_plays_the_scene_in_the_window(display, tmp_path):
             skip_or_fail(f"no window opens on the virtual screen: {process.stderr.read()}")
         x, y = map(int, first)
         window = xdotool("search", "--sync", "--onlyvisible", "--name", "Rigid bodies")[0]
-        xdotool("mousemove", "--window", window, x, y, "sleep", 0.3, "click", 1, "sleep", 2)
+        # A busy machine draws a frame now and then only; it has to see the button down, and play.
+        xdotool("mousemove", "--window", window, x, y, "sleep", 1)
+        xdotool("mousedown", 1, "sleep", 0.5, "mouseup", 1, "sleep", 6)
         process.send_signal(signal.SIGINT)
         output, errors = process.communicate(timeout=30)
     finally:
