@@ -881,6 +881,16 @@ def test_ties_apart_from_each_other_are_one_batch_and_like_the_sweep(visitedBatc
     assert np.abs(results[0] - results[1]).max() < 1e-12
 
 
+def test_ties_to_one_fixed_body_are_one_batch(visitedBatches):
+    meshes = [body("octahedron", (0, 100, 0), isFixed=True)]
+    meshes += [body("octahedron", (10 * k, 80, 0)) for k in range(-9, 10)]
+    ropes = [[0, 3, k, 1, 5.0, True] for k in range(1, 20)]
+    run_timestep(meshes, None, H, 0.5, constraints=ropes, maxIterations=0,
+                 constraintScheduling="batches")  # fmt: skip
+    assert [len(index) for index, *_ in visitedBatches] == [19]
+    assert violations(meshes, ropes).max() < 1e-12
+
+
 # Per scene: steps by batches alone, until its ropes are taut; then steps by both, compared.
 CLOSENESS = {"bridge": (44, 30), "net": (46, 6)}
 
