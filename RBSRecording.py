@@ -167,9 +167,8 @@ def hash_of(state):
 #   scene, constraints  paths as given, "" for none; meshNames (n,)
 #   version, numpyVersion, format
 #
-# Nothing in it is compressed. Positions and velocities are as good as random in most of their bits,
-# so compression would save a few per cent for several times the work, and a state could no longer
-# be read on its own.
+# Nothing in it is compressed. Compression would save 61 % of the stress scene's 4.3 kB per step, at
+# 0.13 ms; but then no state could be read on its own, and a small file could unpack to any size.
 
 FORMAT = 1
 HASH_SIZE = 16
@@ -411,9 +410,9 @@ class Recording:
         return {name: values[0] for name, values in rows.items()}
 
     def settings_at(self, step):
-        """The fields of the settings that a step was made with, as a dict."""
+        """What a step was made with: (the first step made so, dict of the settings' fields)."""
         steps = [first for first, _ in self.settingsHistory]
-        return self.settingsHistory[max(0, bisect_right(steps, step) - 1)][1]
+        return self.settingsHistory[max(0, bisect_right(steps, step) - 1)]
 
     def damaged_member(self):
         """Where a checksum is wrong: "file: array", or None."""
@@ -506,8 +505,8 @@ class Replay(Scene):
         check_bodies(recording, simulation)
         self.firstStep, self.lastStep = recording.firstStep, recording.lastStep
         self._settings = {
-            id(fields): restored_settings(recording, step, simulation.settings)
-            for step, fields in recording.settingsHistory
+            first: restored_settings(recording, first, simulation.settings)
+            for first, _ in recording.settingsHistory
         }
         self.reset()
 
@@ -518,7 +517,7 @@ class Replay(Scene):
         self.set_state(frame)
         self.stepCount = step
         self.time = float(frame["times"])
-        self.settings = self._settings[id(self.recording.settings_at(step))]
+        self.settings = self._settings[self.recording.settings_at(step)[0]]
 
     def step(self):
         """One step on; at the end, it stays there."""
@@ -550,7 +549,7 @@ def restored_settings(recording, step, settings):
     settings : of the type that is wanted; has what the recording does not know
     raises RecordingError when the recording has a setting that is unknown or has no sense
     """
-    fields = recording.settings_at(step)
+    _, fields = recording.settings_at(step)
     unknown = sorted(set(fields) - set(asdict(settings)))
     if unknown:
         raise recording.error(
@@ -917,17 +916,17 @@ class StatsWriter:
 # vermilion, blue. The lines differ in their dashes too.
 PLOT_COLOURS = ("#000000", "#E69F00", "#56B4E9", "#009E73", "#D55E00", "#0072B2")
 PLOT_DASHES = ("-", "--", ":", "-.", (0, (5, 1)), (0, (3, 1, 1, 1)))
-# The panels of a plot: title, label of the axis, the quantities, which have that unit.
+# The panels of a plot: label of the axis, its unit, the quantities, which have that unit.
 PLOT_PANELS = (
     ("energy", "J", ("totalEnergy", "kineticEnergy", "potentialEnergy")),
     ("momentum", "kg m/s", ("momentumX", "momentumY", "momentumZ")),
     ("angular momentum", "kg m²/s", ("angularMomentumX", "angularMomentumY", "angularMomentumZ")),
-    ("depths", "m", ("deepestPenetration", "largestViolation")),
-    ("per step", "number", ("contacts", "candidatePairs", "constraintVisits")),
+    ("depth", "m", ("deepestPenetration", "largestViolation")),
+    ("number per step", "", ("contacts", "candidatePairs", "constraintVisits")),
     ("time per step", "ms", tuple(f"{phase}Time" for phase in PHASES)),
 )
-# What has peaks over several powers of ten, and zeros.
-LOGARITHMIC_PANELS = ("per step", "time per step")
+# What goes over several powers of ten, and where it turns linear, since there are zeros too.
+LOGARITHMIC_PANELS = {"depth": 1e-3, "number per step": 1.0, "time per step": 0.01}
 PLOT_INCHES = (12.0, 10.0)
 PLOT_DPI = 120
 
@@ -954,22 +953,26 @@ def plot_stats(csvPath, imagePath, title):
     FigureCanvasAgg(figure)
     figure.suptitle(title)
     panels = figure.subplots(3, 2, sharex=True)
-    for axes, (name, label, quantities) in zip(panels.flat, PLOT_PANELS, strict=True):
+    for axes, (name, unit, quantities) in zip(panels.flat, PLOT_PANELS, strict=True):
         shown = [q for q in quantities if np.isfinite(columns[q]).any()]
+        prefix = quantities[0][:-1] if quantities[0].endswith("X") else ""
         for quantity, colour, dashes in zip(shown, PLOT_COLOURS, PLOT_DASHES, strict=False):
             axes.plot(
                 columns["time"], columns[quantity], color=colour, linestyle=dashes, linewidth=1.2,
-                label=quantity.removesuffix("Time"),
+                label=quantity.removesuffix("Time").removeprefix(prefix),
             )  # fmt: skip
-        axes.set_title(name)
-        axes.set_ylabel(label)
+        axes.set_ylabel(f"{name} ({unit})" if unit else name)
         axes.grid(alpha=0.3)
         if shown:
-            axes.legend(fontsize="small")
+            # Above the axes, where it hides nothing.
+            axes.legend(
+                loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(shown), fontsize="small",
+                frameon=False, borderaxespad=0.2, columnspacing=1.0, handlelength=1.8,
+            )  # fmt: skip
         else:
             axes.text(0.5, 0.5, "not in a recording", ha="center", transform=axes.transAxes)
         if shown and name in LOGARITHMIC_PANELS:
-            axes.set_yscale("symlog", linthresh=1.0 if label == "number" else 0.01)
+            axes.set_yscale("symlog", linthresh=LOGARITHMIC_PANELS[name])
     for axes in panels[-1]:
         axes.set_xlabel("time (s)")
     part = Path(imagePath).with_name(Path(imagePath).name + PART_ENDING)
