@@ -661,9 +661,9 @@ class Settings:
 
     def __post_init__(self):
         """Raises ValueError or TypeError for what has no sense: a recording may say anything."""
-        checked_restitution(self.restitution)
-        checked_time_step(self.timeStep)
-        checked_friction(self.friction)
+        self.restitution = checked_restitution(float(self.restitution))
+        self.timeStep = checked_time_step(float(self.timeStep))
+        self.friction = checked_friction(float(self.friction))
         if not (isinstance(self.closingOnly, bool) and isinstance(self.enforceConstraints, bool)):
             raise ValueError("closingOnly and enforceConstraints must be true or false")
         if self.constraintScheduling not in CONSTRAINT_SCHEDULINGS:
@@ -1109,12 +1109,12 @@ def main(arguments=None):
     parser = make_parser()
     options = parser.parse_args(arguments)
     given = given_options(arguments)
-    check_options(parser, given)
+    check_options(parser, options, given)
     with warnings.catch_warnings():
         warnings.simplefilter("always", NonConvexWarning)
         warnings.showwarning = lambda message, *where: print_error(f"warning: {message}")
         try:
-            if options.verify:
+            if options.verify is not None:
                 return verify_as_asked(options)
             simulation = simulation_of(options, given)
             if given & WITHOUT_WINDOW:
@@ -1173,8 +1173,14 @@ def given_options(arguments):
     return {name for name, value in vars(parser.parse_args(arguments)).items() if value is not None}
 
 
-def check_options(parser, given):
+def check_options(parser, options, given):
     """Ends the program with one line where the given options do not go together."""
+    named = {}
+    for dest in ("resume", "record", "stats", "plot"):
+        path = getattr(options, dest)
+        other = named.setdefault(path and Path(path).resolve(), dest)
+        if path is not None and other != dest:
+            parser.error(f"{option_name(dest)} and {option_name(other)} name the same file")
     for dest, (companion, cause) in COMPANIONS.items():
         if dest in given and companion not in given:
             parser.error(f"{option_name(dest)} {cause}")
@@ -1198,7 +1204,7 @@ def simulation_of(options, given):
         changes = {field: getattr(asked, field) for field in fields}
         simulation.settings = replace(simulation.settings, **changes)
         return simulation
-    scenePath = find_scene(options.scene or DEFAULT_SCENE)
+    scenePath = find_scene(DEFAULT_SCENE if options.scene is None else options.scene)
     return Simulation(scenePath, settings_of(options), options.constraints)
 
 
@@ -1238,8 +1244,9 @@ def load_recorded_scene(recording, options):
     options.scene and options.constraints : where the files are now, or None for where they were
     raises SceneError, or RecordingError when the bodies are not those of the recording
     """
-    scenePath = options.scene and find_scene(options.scene)
-    if scenePath is None:
+    if options.scene is not None:
+        scenePath = find_scene(options.scene)
+    else:
         scenePath = find_recorded_file(recording, recording.scene, "SCENE")
     constraintPath = options.constraints
     if constraintPath is None and recording.constraints:
