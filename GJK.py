@@ -332,10 +332,16 @@ class HullSet:
         self.edgeFace1, self.edgeFace2 = np.ascontiguousarray(edgeFaces.T)
         self.radius = np.array([h.radius for h in hulls])
 
-    def rotated(self, entries):
-        """These hulls, each turned. entries : (9, n), each body's rotation matrix row by row."""
+    def rotated(self, entries, vertices=None):
+        """These hulls, each turned.
+
+        entries : (9, n), each body's rotation matrix row by row
+        vertices : (3, ΣV), the turned vertices, where they are at hand
+        """
         turned = copy.copy(self)
-        turned.vertices = rotate_columns(entries, self.vertices, self.vertexOwner)
+        if vertices is None:
+            vertices = rotate_columns(entries, self.vertices, self.vertexOwner)
+        turned.vertices = vertices
         turned.directions = rotate_columns(entries, self.directions, self.faceOwner)
         turned.edges = rotate_columns(entries, self.edges, self.edgeOwner)
         return turned

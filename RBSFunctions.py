@@ -482,6 +482,7 @@ class _Shapes:
 
     vertices : (3, ΣV), rest vertices of all meshes; body b has vertexStart[b] … of them
     hulls : GJK.HullSet at rest; a mesh without vertices has a point for a hull
+    hullColumn : (ΣVh,), the columns in `vertices` of the hulls' vertices
     hasShape : (n,) bool
     vertexOwner : (ΣV,), the body of each vertex
     memory : `_Memory` of these meshes
@@ -495,7 +496,13 @@ class _Shapes:
         self.hasShape = self.vertexCount > 0
         self.vertices = np.ascontiguousarray(np.concatenate([m.origVertices for m in meshes]).T)
         point = GJK.build_hull(np.zeros((1, 3)))
-        self.hulls = GJK.HullSet([point if m.hull is None else m.hull for m in meshes])
+        hulls = [point if m.hull is None else m.hull for m in meshes]
+        self.hulls = GJK.HullSet(hulls)
+        # where a mesh has no vertices, any column does for its point: it meets nothing
+        starts = np.minimum(self.vertexStart, max(0, len(self.vertices.T) - 1))
+        self.hullColumn = np.concatenate(
+            [hull.vertexIndex + start for hull, start in zip(hulls, starts, strict=True)]
+        )
         self.vertexOwner = np.repeat(np.arange(len(meshes)), self.vertexCount)
         self.memory = _Memory(len(meshes))
         self.handed = {}
@@ -607,7 +614,8 @@ class _Bodies:
         self.invInertia = np.stack(_rotated_tensor(entries, self.restInvInertia))
         shapes = self.shapes
         self.vertices = GJK.rotate_columns(entries, shapes.vertices, shapes.vertexOwner)
-        self.hulls = shapes.hulls.rotated(entries)
+        corners = self.vertices.take(shapes.hullColumn, axis=1) if self.vertices.size else None
+        self.hulls = shapes.hulls.rotated(entries, corners)
         low, high = self.hulls.boxes()
         self.relativeBox = np.where(shapes.hasShape, np.concatenate((low, -high)), np.inf)
         self.box = self.box_of(slice(None), self.position)
@@ -1567,6 +1575,12 @@ def run_timestep(
         cannot find anything; "batches" visits constraints without a common body together, which
         ends elsewhere within the same bounds, and suits hundreds of constraints
     mu : see `resolve_collision`
+    broadPhase : how pairs with overlapping boxes are found: "all" looks at every pair in turn;
+        "grid" finds them through uniform grids and resolves them in batches, with the same bits
+    pairOrder : "sequential" resolves the pairs as if in the order i < j; "coloured" in rounds of
+        pairs without a common body, as few as a greedy colouring finds: faster, and another order
+
+    Raises ValueError for a name that is not known.
     """
     report = StepReport()
     timeStep, tolerance = _float(timeStep), _float(tolerance)

@@ -26,7 +26,13 @@ from pathlib import Path
 
 import numpy as np
 
-from RBSFunctions import BROAD_PHASES, CONSTRAINT_SCHEDULINGS, Mesh, run_timestep
+from RBSFunctions import (
+    BROAD_PHASES,
+    CONSTRAINT_SCHEDULINGS,
+    PAIR_ORDERS,
+    Mesh,
+    run_timestep,
+)
 from RBSRecording import (
     Recorder,
     Recording,
@@ -647,7 +653,7 @@ class Settings:
     enforceConstraints : whether a scene's constraints are used
     constraintScheduling : a name of CONSTRAINT_SCHEDULINGS
     maxIterations : constraint visits in a step at most, or None for the default
-    broadPhase : a name of BROAD_PHASES
+    broadPhase : a name of BROAD_PHASES; pairOrder : a name of PAIR_ORDERS
     """
 
     restitution: float = DEFAULT_RESTITUTION
@@ -658,6 +664,7 @@ class Settings:
     constraintScheduling: str = "sweep"
     maxIterations: int | None = None
     broadPhase: str = "all"
+    pairOrder: str = "sequential"
 
     def __post_init__(self):
         """Raises ValueError or TypeError for what has no sense: a recording may say anything."""
@@ -670,6 +677,8 @@ class Settings:
             raise ValueError(f"there is no scheduling {self.constraintScheduling!r}")
         if self.broadPhase not in BROAD_PHASES:
             raise ValueError(f"there is no broad phase {self.broadPhase!r}")
+        if self.pairOrder not in PAIR_ORDERS:
+            raise ValueError(f"there is no pair order {self.pairOrder!r}")
         if self.maxIterations is not None:
             at_least(0)(operator.index(self.maxIterations))
 
@@ -738,6 +747,7 @@ class Simulation(Scene):
             constraintScheduling=settings.constraintScheduling,
             mu=settings.friction,
             broadPhase=settings.broadPhase,
+            pairOrder=settings.pairOrder,
         )
         self.stepSeconds = time.perf_counter() - begin
         self.stepCount += 1
@@ -1012,6 +1022,12 @@ def add_physics_options(parser):
         help="all: every pair in turn; grid: the same motion to the last bit, found through a "
         "uniform grid, for hundreds of bodies (default: %(default)s)",
     )  # fmt: skip
+    physics.add_argument(
+        "--pair-order", metavar="NAME", choices=PAIR_ORDERS, default="sequential",
+        help="sequential: pairs of bodies as in the coursework, the first with all others, then "
+        "the second; coloured: in as few rounds of disjoint pairs as a greedy colouring finds, "
+        "which is faster and ends elsewhere (default: %(default)s)",
+    )  # fmt: skip
 
 
 def add_constraint_options(parser):
@@ -1141,6 +1157,7 @@ SETTING_FIELDS = {
     "scheduling": "constraintScheduling",
     "max_iterations": "maxIterations",
     "broad_phase": "broadPhase",
+    "pair_order": "pairOrder",
 }
 WITHOUT_WINDOW = frozenset({"headless", "screenshots", "record", "stats", "plot"})
 # What does not go with what, and why.
@@ -1282,6 +1299,7 @@ def settings_of(options):
         constraintScheduling=options.scheduling,
         maxIterations=options.max_iterations,
         broadPhase=options.broad_phase,
+        pairOrder=options.pair_order,
     )
 
 
