@@ -1593,7 +1593,8 @@ def run_timestep(
             raise ValueError(f"no {what} {name!r}; there are {', '.join(known)}")
     if len(meshes) == 0:
         return report
-    bodies = _Bodies(meshes)
+    with report.phase("gather"):
+        bodies = _Bodies(meshes)
     with report.phase("integrate"):
         bodies.integrate(timeStep)
     with report.phase("collisions"):

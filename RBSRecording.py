@@ -802,7 +802,7 @@ class Recorder:
 # ---------------------------------------------------------------------------------------------
 
 # What `step_quantities` gives, each with its unit. A phase's time is called after the phase.
-PHASES = ("integrate", "collisions", "ground", "constraints", "vertices")
+PHASES = ("gather", "integrate", "collisions", "ground", "constraints", "vertices")
 QUANTITY_UNITS = {
     "time": "s",
     "kineticEnergy": "J",
