@@ -575,25 +575,6 @@ def _read_end(reader, meshField, vertexField, meshes):
     return mesh, vertex
 
 
-def flatten_meshes(meshes):
-    """All bodies as the one surface that a viewer draws fastest.
-
-    meshes : list of Mesh
-    returns (vertices (ΣV, 3), where the bodies are now; faces (ΣF, 3), counted through all bodies;
-    bodyOfFace (ΣF,), the index in `meshes` of the body that each face belongs to). A value per
-    body becomes a value per face by indexing: densities[bodyOfFace].
-    """
-    vertices = [np.reshape(mesh.currVertices, (-1, 3)) for mesh in meshes]
-    faces = [np.reshape(mesh.faces, (-1, 3)).astype(np.int64) for mesh in meshes]
-    firstVertex = np.cumsum([0] + [len(v) for v in vertices])
-    bodyOfFace = np.repeat(np.arange(len(meshes)), [len(f) for f in faces])
-    return (
-        np.concatenate([np.empty((0, 3)), *vertices]),
-        np.concatenate([np.empty((0, 3), np.int64), *faces]) + firstVertex[bodyOfFace, None],
-        bodyOfFace,
-    )
-
-
 # ---------------------------------------------------------------------------------------------
 # Simulation
 # ---------------------------------------------------------------------------------------------
