@@ -22,6 +22,8 @@ import GJK
 from GJK import cross, dot
 from Quaternion import QExp, QRotate, multiply, rotation_entries
 
+__version__ = "0.1.0"
+
 # Acceleration of free fall along y, length units / s².
 GRAVITY = -9.8
 

@@ -1,18 +1,19 @@
-"""Loads scenes, runs them, records them: the program's entry point.
+"""Loads scenes and runs them: the program's entry point.
 
     python RigidBodySimulation.py mixed                 opens a window
     python RigidBodySimulation.py mixed --headless      needs no display and no OpenGL
 
 From the top: the reading of text files and its errors; meshes, scenes and constraints; the
-`Simulation` that the window and the command line share; the recording; the command line. Nothing
-here draws: `RBSViewer`, and with it Polyscope, is imported only when something is to be seen.
+`Simulation` that the window and the command line share; runs without a window; the command line.
+Nothing here draws: `RBSViewer`, and with it Polyscope, is imported only when something is to be
+seen.
 
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
 
 import argparse
-import errno
 import math
+import operator
 import os
 import signal
 import statistics
@@ -20,13 +21,13 @@ import sys
 import time
 import warnings
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from Quaternion import QConj, QRotate
-from RBSFunctions import BROAD_PHASES, CONSTRAINT_SCHEDULINGS, GRAVITY, Mesh, run_timestep
+from RBSFunctions import BROAD_PHASES, CONSTRAINT_SCHEDULINGS, Mesh, run_timestep
+from RBSRecording import Recorder, Recording, RecordingError, Replay, Scene, check_bodies
 
 PROGRAM_FOLDER = Path(__file__).resolve().parent
 DATA_FOLDER = PROGRAM_FOLDER / "data"
@@ -579,15 +580,6 @@ def _read_end(reader, meshField, vertexField, meshes):
 # Simulation
 # ---------------------------------------------------------------------------------------------
 
-# The state of a body: the rest of it follows from these and from what never changes.
-STATE_NAMES = {
-    "positions": "position",
-    "orientations": "orientation",
-    "linVelocities": "linVelocity",
-    "angVelocities": "angVelocity",
-}
-
-
 def make_ground():
     """The ground as the contract has it: a fixed mesh of nothing at the origin."""
     noTriangles, noTets = np.empty((0, 3), dtype=np.int64), np.empty((0, 4), dtype=np.int64)
@@ -638,8 +630,22 @@ class Settings:
     maxIterations: int | None = None
     broadPhase: str = "all"
 
+    def __post_init__(self):
+        """Raises ValueError or TypeError for what has no sense: a recording may say anything."""
+        checked_restitution(self.restitution)
+        checked_time_step(self.timeStep)
+        checked_friction(self.friction)
+        if not (isinstance(self.closingOnly, bool) and isinstance(self.enforceConstraints, bool)):
+            raise ValueError("closingOnly and enforceConstraints must be true or false")
+        if self.constraintScheduling not in CONSTRAINT_SCHEDULINGS:
+            raise ValueError(f"there is no scheduling {self.constraintScheduling!r}")
+        if self.broadPhase not in BROAD_PHASES:
+            raise ValueError(f"there is no broad phase {self.broadPhase!r}")
+        if self.maxIterations is not None:
+            at_least(0)(operator.index(self.maxIterations))
 
-class Simulation:
+
+class Simulation(Scene):
     """A scene, what it is simulated with, and how far it has come.
 
     Attributes: scenePath; meshes, list of Mesh; constraintPath, or None; constraints, a list as
@@ -708,115 +714,10 @@ class Simulation:
         self.stepCount += 1
         self.time += settings.timeStep
 
-    def state(self):
-        """Copies of positions (n, 3), orientations (n, 4), linVelocities and angVelocities (n, 3).
-
-        returns a dict with these four names
-        """
-        widths = {"orientations": 4}
-        return {
-            plural: np.array([getattr(mesh, name)[0] for mesh in self.meshes], dtype=np.float64)
-            .reshape(len(self.meshes), widths.get(plural, 3))
-            for plural, name in STATE_NAMES.items()
-        }  # fmt: skip
-
-    def set_state(self, state):
-        """Puts the bodies into a state that `state()` gave, in this scene."""
-        for plural, name in STATE_NAMES.items():
-            for mesh, row in zip(self.meshes, state[plural], strict=True):
-                setattr(mesh, name, np.array(row, dtype=np.float64).reshape(1, -1))
-        for mesh in self.meshes:
-            mesh.currVertices = QRotate(mesh.orientation, mesh.origVertices) + mesh.position
-
-    def kinetic_energy(self):
-        """Of all free bodies, in J: ½ m v² + ½ ωᵀ I ω, the latter in body axes, where I = IT."""
-        energy = 0.0
-        for mesh in self.meshes:
-            if not mesh.isFixed:
-                spin = QRotate(QConj(mesh.orientation), mesh.angVelocity)[0]
-                energy += 0.5 * mesh.mass * float(np.sum(mesh.linVelocity**2))
-                energy += 0.5 * float(spin @ mesh.IT @ spin)
-        return energy
-
-    def potential_energy(self):
-        """Of all free bodies over the ground, in J: m g y of their centres of mass."""
-        return sum(
-            float(-GRAVITY * mesh.mass * mesh.position[0, 1])
-            for mesh in self.meshes
-            if not mesh.isFixed
-        )
-
-    def largest_violation(self):
-        """How far the distance of two tied vertices is beyond its bound, in m; 0 if none is."""
-        largest = 0.0
-        for m1, v1, m2, v2, refValue, upper in self.constraints:
-            distance = math.dist(self.meshes[m1].currVertices[v1], self.meshes[m2].currVertices[v2])
-            largest = max(largest, distance - refValue if upper else refValue - distance)
-        return largest
-
-    def lowest_point(self):
-        """(y in m, name of the body) of the lowest vertex; (nan, "") where there is no body."""
-        heights = [(float(np.min(mesh.currVertices[:, 1])), mesh.name) for mesh in self.meshes]
-        return min(heights, default=(math.nan, ""))
-
-    def is_finite(self):
-        """Whether no number of the state is NaN or infinite."""
-        return all(bool(np.all(np.isfinite(values))) for values in self.state().values())
-
 
 # ---------------------------------------------------------------------------------------------
 # Running without a window
 # ---------------------------------------------------------------------------------------------
-
-
-class Recorder:
-    """Keeps the state of every step, and writes them into one .npz file.
-
-    The file holds positions (steps + 1, n, 3), orientations (steps + 1, n, 4), linVelocities and
-    angVelocities (steps + 1, n, 3), index 0 being the state before the first step; the fields of
-    `Settings` as they were at the end; scene and constraints (the paths as given, "" for none);
-    and meshNames (n,).
-    """
-
-    def __init__(self, path):
-        """Raises OSError when nothing can be written at `path`; an old file there is kept."""
-        self.path = Path(path)
-        if self.path.is_dir():
-            raise IsADirectoryError(errno.EISDIR, "this is a folder, not a file", str(path))
-        # Beside the target, so that the renaming at the end stays on one disk. Opened now: a
-        # missing folder, or missing rights, are found out before hours are spent simulating.
-        self._partPath = self.path.with_name(self.path.name + ".part")
-        try:
-            self._part = open(self._partPath, "wb")
-        except OSError as error:
-            error.filename = str(path)  # the name that the caller knows
-            raise
-        self._states = []
-
-    def add(self, simulation):
-        """Keeps the simulation's present state."""
-        self._states.append(simulation.state())
-
-    def save(self, simulation):
-        """Writes the file, in place of an old one of that name: whole or not at all."""
-        series = {
-            name: np.stack([state[name] for state in self._states]) for name in STATE_NAMES
-        }  # fmt: skip
-        np.savez(
-            self._part,
-            **series,
-            **asdict(simulation.settings) | {"maxIterations": simulation.max_iterations()},
-            scene=str(simulation.scenePath),
-            constraints=str(simulation.constraintPath or ""),
-            meshNames=np.array([mesh.name for mesh in simulation.meshes], dtype=np.str_),
-        )
-        self._part.close()
-        os.replace(self._partPath, self.path)
-
-    def discard(self):
-        """Removes what was written beside the target. Does nothing after `save`."""
-        self._part.close()
-        self._partPath.unlink(missing_ok=True)
 
 
 class Progress:
@@ -883,16 +784,19 @@ def run_steps(simulation, steps, observers=()):
     """Simulates `steps` steps, or fewer when Ctrl-C is pressed.
 
     observers : functions of the simulation, called at its start and after every step
-    returns a Run
+    returns a Run; of a replay, which measures nothing, its times are empty
     """
     stepSeconds = []
+    done = 0
     for observe in observers:
         observe(simulation)
     progress = Progress(steps)
     with interrupt_noted() as interrupts:
-        while len(stepSeconds) < steps and not interrupts:
+        while done < steps and not interrupts:
             simulation.step()
-            stepSeconds.append(simulation.stepSeconds)
+            done += 1
+            if simulation.stepSeconds is not None:
+                stepSeconds.append(simulation.stepSeconds)
             for observe in observers:
                 observe(simulation)
             progress.advance()
@@ -906,7 +810,7 @@ def summarise(simulation, run, startEnergies):
     fixedCount = sum(mesh.isFixed for mesh in meshes)
     kinetic, potential = startEnergies
     y, lowestName = simulation.lowest_point()
-    stepTime = "no step was made"
+    stepTime = "a recording" if isinstance(simulation, Replay) else "no step was made"
     if run.stepSeconds:
         median = statistics.median(run.stepSeconds)
         stepTime = f"{1e3 * median:.2f} ms median, {sum(run.stepSeconds):.1f} s in total"
@@ -955,7 +859,7 @@ def run_without_window(simulation, steps, recorder=None, pictures=None):
     startEnergies = simulation.kinetic_energy(), simulation.potential_energy()
     run = run_steps(simulation, steps, observers)
     if recorder is not None:
-        recorder.save(simulation)
+        recorder.save()
     print(summarise(simulation, run, startEnergies))
     if pictures is not None:
         print(f"{'pictures':<17} {pictures.count} in {shown_path(pictures.folder)}")
@@ -1032,13 +936,14 @@ def make_parser():
         allow_abbrev=False,
     )
     parser.add_argument(
-        "scene", metavar="SCENE", nargs="?", default=DEFAULT_SCENE,
+        "scene", metavar="SCENE", nargs="?",
         help=f"a scene file, or the name of a scene of data/ (default: {DEFAULT_SCENE})",
     )  # fmt: skip
 
     add_physics_options(parser)
     add_constraint_options(parser)
     add_output_options(parser)
+    add_recording_options(parser)
     return parser
 
 
@@ -1103,8 +1008,9 @@ def add_output_options(parser):
         help="simulate without a window and print a summary; needs no display and no OpenGL",
     )  # fmt: skip
     output.add_argument(
-        "--steps", metavar="N", type=WHOLE_NUMBER, default=DEFAULT_STEPS,
-        help="how many steps a run without a window has (default: %(default)s)",
+        "--steps", metavar="N", type=WHOLE_NUMBER,
+        help=f"how many steps a run without a window has (default: {DEFAULT_STEPS}, or all that "
+        "are recorded)",
     )  # fmt: skip
     output.add_argument(
         "--screenshots", metavar="DIR",
@@ -1114,9 +1020,19 @@ def add_output_options(parser):
         "--every", metavar="K", type=POSITIVE_NUMBER,
         help=f"with --screenshots, one picture each K steps (default: {DEFAULT_EVERY})",
     )  # fmt: skip
-    output.add_argument(
+
+
+def add_recording_options(parser):
+    recordings = parser.add_argument_group("recordings")
+    recordings.add_argument(
         "--record", metavar="FILE.npz",
         help="write the state after every step, and the starting state; no window opens",
+    )  # fmt: skip
+    source = recordings.add_mutually_exclusive_group()
+    source.add_argument(
+        "--replay", metavar="FILE.npz",
+        help="show a recording, simulating nothing; SCENE and --constraints say where its files "
+        "are now, if they have moved",
     )  # fmt: skip
 
 
@@ -1135,12 +1051,11 @@ def main(arguments=None):
         warnings.simplefilter("always", NonConvexWarning)
         warnings.showwarning = lambda message, *where: print_error(f"warning: {message}")
         try:
-            scenePath = find_scene(options.scene)
-            simulation = Simulation(scenePath, settings_of(options), options.constraints)
+            simulation = simulation_of(options)
             if options.headless or options.screenshots or options.record:
                 return run_as_asked(simulation, options)
             return open_window_or_fall_back(simulation, options)
-        except SceneError as error:
+        except (SceneError, RecordingError) as error:
             print_error(error)
         except OSError as error:
             print_error(f"{error.filename or 'cannot write'}: {reason_of(error)}")
@@ -1148,6 +1063,58 @@ def main(arguments=None):
             print_error("stopped by Ctrl-C")
             return 130
     return 2
+
+
+def simulation_of(options):
+    """The Simulation, or Replay, that the command line asks for."""
+    if options.replay is not None:
+        recording = open_recording(options.replay)
+        return Replay(recording, load_recorded_scene(recording, options))
+    scenePath = find_scene(options.scene or DEFAULT_SCENE)
+    return Simulation(scenePath, settings_of(options), options.constraints)
+
+
+def open_recording(path):
+    """The Recording; says so in one line where it is one that was interrupted."""
+    recording = Recording(path)
+    if recording.wasInterrupted:
+        print_error(
+            f"{shown_path(recording.path)}: an interrupted recording, of the steps "
+            f"{recording.firstStep} to {recording.lastStep}"
+        )
+    return recording
+
+
+def load_recorded_scene(recording, options):
+    """The Simulation of a recording's scene, at the scene's start.
+
+    options.scene and options.constraints : where the files are now, or None for where they were
+    raises SceneError, or RecordingError when the bodies are not those of the recording
+    """
+    scenePath = options.scene and find_scene(options.scene)
+    if scenePath is None:
+        scenePath = find_recorded_file(recording, recording.scene, "SCENE")
+    constraintPath = options.constraints
+    if constraintPath is None and recording.constraints:
+        constraintPath = find_recorded_file(recording, recording.constraints, "--constraints")
+    simulation = Simulation(scenePath, constraintPath=constraintPath)
+    if constraintPath is None:  # the scene had none then, whatever lies beside it now
+        simulation.constraints, simulation.constraintPath = [], None
+    check_bodies(recording, simulation)
+    return simulation
+
+
+def find_recorded_file(recording, name, option):
+    """The path of a file that a recording names; `option` is how the caller could give it.
+
+    It may stand where the recording says, seen from the current folder or from the recording's;
+    or, under its own name, beside the recording or in data/.
+    """
+    folder, ownName = recording.path.parent, Path(name).name
+    for path in (Path(name), folder / name, folder / ownName, DATA_FOLDER / ownName):
+        if path.is_file():
+            return path
+    raise recording.error(f"its file {name} is not there any more; say with {option} where it is")
 
 
 def settings_of(options):
@@ -1169,6 +1136,7 @@ def run_as_asked(simulation, options):
     recorder = None if options.record is None else Recorder(options.record)
     try:
         pictures = None
+        stepsLeft = steps_of(simulation, options)
         if options.screenshots is not None:
             import RBSViewer
 
@@ -1176,12 +1144,13 @@ def run_as_asked(simulation, options):
             if backend.name is None:
                 print_error(f"no pictures can be drawn: {backend.reason}. {backend.remedy}")
                 return 2
-            steps = range(0, options.steps + 1, options.every or DEFAULT_EVERY)
+            first = simulation.stepCount
+            steps = range(first, first + stepsLeft + 1, options.every or DEFAULT_EVERY)
             pictures = RBSViewer.PictureSeries(options.screenshots, steps, simulation, backend)
-        return run_without_window(simulation, options.steps, recorder, pictures)
+        return run_without_window(simulation, stepsLeft, recorder, pictures)
     finally:
-        if recorder is not None:
-            recorder.discard()
+        if recorder is not None and (kept := recorder.close()) is not None:
+            print_error(f"the run ended early; what was recorded is kept in {shown_path(kept)}")
 
 
 def open_window_or_fall_back(simulation, options):
@@ -1201,9 +1170,18 @@ def open_window_or_fall_back(simulation, options):
     else:
         folder = Path("out") / scene_name(simulation.scenePath)
         print_error(f"no window: {backend.reason}. Drawing off-screen into {folder}")
-        steps = np.linspace(0, options.steps, FALLBACK_PICTURES).round().astype(int).tolist()
+        first, last = simulation.stepCount, simulation.stepCount + steps_of(simulation, options)
+        steps = np.linspace(first, last, FALLBACK_PICTURES).round().astype(int).tolist()
         pictures = RBSViewer.PictureSeries(folder, steps, simulation, backend)
-    return run_without_window(simulation, options.steps, pictures=pictures)
+    return run_without_window(simulation, steps_of(simulation, options), pictures=pictures)
+
+
+def steps_of(simulation, options):
+    """How many steps a run without a window makes: of a replay, no more than were recorded."""
+    if isinstance(simulation, Replay):
+        left = simulation.lastStep - simulation.stepCount
+        return left if options.steps is None else min(left, options.steps)
+    return DEFAULT_STEPS if options.steps is None else options.steps
 
 
 if __name__ == "__main__":

@@ -9,7 +9,8 @@ import pytest
 import GJK
 import RBSFunctions
 from RBSFunctions import all_overlaps, grid_overlaps, run_timestep
-from RigidBodySimulation import DATA_FOLDER, STATE_NAMES, load_scene_file, make_ground
+from RBSRecording import STATE_NAMES
+from RigidBodySimulation import DATA_FOLDER, load_scene_file, make_ground
 
 # Per kind of scene: the range of the boxes' sides as powers of ten, and half the width of the
 # region that their least corners lie in.
