@@ -591,6 +591,12 @@ class SceneView:
         self._trail = []
         self.refresh()
 
+    def set_resizable(self, isResizable):
+        """Lets the window be resized, or not."""
+        import polyscope as ps
+
+        ps.set_window_resizable(isResizable)
+
     def show_ground(self, isShown):
         """Shows or hides the ground; shadows stay."""
         self._ground.set_enabled(isShown)
@@ -761,6 +767,10 @@ def draw_lines(name, nodes, edges, colour):
 # ---------------------------------------------------------------------------------------------
 
 
+class DrawingError(ValueError):
+    """A camera that cannot be used, or a video that cannot be made; one line."""
+
+
 # The names in a camera file, and how many numbers each has.
 CAMERA_WIDTHS = {"position": 3, "target": 3, "fieldOfView": 1}
 # Degrees, upwards: beyond, a picture is hardly one any more.
@@ -772,32 +782,32 @@ def load_camera(path):
 
     returns a dict: position (3,) and target (3,), where the camera is and what it looks at, in
     metres; fieldOfView, upwards, in degrees
-    raises ValueError that says in one line what is wrong with the file
+    raises DrawingError that says in one line what is wrong with the file
     """
     try:
         camera = json.loads(Path(path).read_bytes())
     except OSError as error:
-        raise ValueError(f"{path}: {error.strerror}") from None
+        raise DrawingError(f"{path}: {error.strerror}") from None
     except ValueError:  # also of bytes that are no text
-        raise ValueError(f"{path}: this is not a JSON file") from None
+        raise DrawingError(f"{path}: this is not a JSON file") from None
     if not isinstance(camera, dict) or set(camera) != set(CAMERA_WIDTHS):
-        raise ValueError(f"{path}: a camera has {', '.join(CAMERA_WIDTHS)} and nothing else")
+        raise DrawingError(f"{path}: a camera has {', '.join(CAMERA_WIDTHS)} and nothing else")
     values = {}
     for name, width in CAMERA_WIDTHS.items():
         try:
             values[name] = np.array(camera[name], dtype=np.float64).reshape(width)
         except (TypeError, ValueError, OverflowError):
             what = "a number" if width == 1 else f"{width} numbers"
-            raise ValueError(f"{path}: {name} must be {what}") from None
+            raise DrawingError(f"{path}: {name} must be {what}") from None
         if not np.all(np.isfinite(values[name])):
-            raise ValueError(f"{path}: {name} must be finite")
+            raise DrawingError(f"{path}: {name} must be finite")
     values["fieldOfView"] = float(values["fieldOfView"][0])
     low, high = FIELDS_OF_VIEW
     if not low <= values["fieldOfView"] <= high:
-        raise ValueError(f"{path}: fieldOfView must lie between {low:g} and {high:g} degrees")
+        raise DrawingError(f"{path}: fieldOfView must lie between {low:g} and {high:g} degrees")
     gaze = values["target"] - values["position"]
     if np.linalg.norm(gaze[[0, 2]]) == 0.0:
-        raise ValueError(f"{path}: the camera must not look straight up or down, or nowhere")
+        raise DrawingError(f"{path}: the camera must not look straight up or down, or nowhere")
     return values
 
 
@@ -893,11 +903,11 @@ VIDEO_ENDINGS = (".mp4", ".gif")
 # Pictures a second that a video has where nobody says: enough for motion to look smooth, and a
 # divisor of the usual 50 steps a second.
 VIDEO_RATE = 25.0
-# A GIF counts in hundredths of a second, and viewers slow down what is shorter than two.
-FASTEST_GIF = 50.0
 FFMPEG_REMEDY = "Install it: pip install imageio-ffmpeg"
 # Of H.264 in imageio-ffmpeg's scale up to 10: no artefacts to be seen.
 VIDEO_QUALITY = 7
+# Whose pictures have even sides.
+EVEN_FILTER = "crop=trunc(iw/2)*2:trunc(ih/2)*2"
 # One palette for all of a GIF, without dithering, which would flicker and make it larger.
 GIF_FILTER = "split[a][b];[a]palettegen=stats_mode=full[p];[b][p]paletteuse=dither=none"
 
@@ -922,34 +932,40 @@ class Video:
     """
 
     def __init__(self, path, view, rate, every):
-        """Starts the encoder; raises ImportError where there is none, OSError where it cannot
+        """Starts the encoder; raises DrawingError where there is none, OSError where it cannot
         write at `path`."""
-        import imageio_ffmpeg
         import polyscope as ps
+
+        try:
+            import imageio_ffmpeg
+        except ImportError:
+            raise DrawingError(f"no video: imageio-ffmpeg is missing. {FFMPEG_REMEDY}") from None
 
         self.path = Path(path)
         self.rate, self.every = rate, every
         self.count = 0
         self._view = view
-        self._lastStep = None
+        self._firstStep = self._lastStep = None
         self._partPath = self.path.with_name(f"{self.path.stem}.part{self.path.suffix}")
         open(self._partPath, "wb").close()  # missing rights, or folders, are found out now
         if self.path.suffix.lower() == ".gif":
-            options = {"codec": "gif", "pix_fmt_out": "pal8", "quality": None,
-                       "output_params": ["-filter_complex", GIF_FILTER]}  # fmt: skip
+            options = {"codec": "gif", "pix_fmt_out": "pal8", "quality": None}
+            parameters = ["-filter_complex", GIF_FILTER]
         else:
-            options = {"codec": "libx264", "quality": VIDEO_QUALITY,
-                       "output_params": ["-movflags", "+faststart"]}  # fmt: skip
+            options = {"codec": "libx264", "quality": VIDEO_QUALITY}
+            parameters = ["-vf", EVEN_FILTER, "-movflags", "+faststart"]
         self._writer = imageio_ffmpeg.write_frames(
             str(self._partPath.resolve()), ps.get_buffer_size(), fps=rate, macro_block_size=1,
-            **options,
+            output_params=parameters, **options,
         )  # fmt: skip
         self._writer.send(None)
 
     def add(self, simulation):
-        """Takes a picture if the simulation stands at a multiple of `every`, but no step twice."""
+        """Takes a picture each `every` steps, from the first call on, but of no step twice."""
         step = simulation.stepCount
-        if step % self.every == 0 and step != self._lastStep:
+        if self._firstStep is None:
+            self._firstStep = step
+        if (step - self._firstStep) % self.every == 0 and step != self._lastStep:
             import polyscope as ps
 
             self._view.refresh()
@@ -962,6 +978,12 @@ class Video:
         """Ends the video and puts it in its place, where an old one may be."""
         self._writer.close()
         os.replace(self._partPath, self.path)
+
+    def summary(self, simulation):
+        """How long it is, and how fast it plays, in words."""
+        factor = self.rate * self.every * simulation.settings.timeStep
+        pace = "in real time" if abs(factor - 1.0) < 0.01 else f"at {factor:.3g} times real time"
+        return f"{self.count} pictures, {self.rate:.4g} a second, {pace}"
 
     def discard(self):
         """Removes what was written beside the place. Does nothing after `save`."""

@@ -15,6 +15,7 @@ import argparse
 import math
 import operator
 import os
+import re
 import signal
 import statistics
 import sys
@@ -26,6 +27,9 @@ from pathlib import Path
 
 import numpy as np
 
+import RBSDrawing
+import RBSViewer
+from RBSDrawing import flatten_meshes as flatten_meshes  # also known by this module's name
 from RBSFunctions import BROAD_PHASES, CONSTRAINT_SCHEDULINGS, Mesh, run_timestep
 from RBSRecording import Recorder, Recording, RecordingError, Replay, Scene, check_bodies
 
@@ -33,6 +37,7 @@ PROGRAM_FOLDER = Path(__file__).resolve().parent
 DATA_FOLDER = PROGRAM_FOLDER / "data"
 SCENE_ENDING = "-scene.txt"
 CONSTRAINTS_ENDING = "-constraints.txt"
+RECORDING_ENDING = ".npz"
 DEFAULT_SCENE = "mixed"
 
 # Bodies keep half of their closing speed: the first falls visibly bounce and a pile comes to rest
@@ -54,6 +59,10 @@ LEAST_VISITS = 1000
 DEFAULT_EVERY = 10
 # What the program draws where it was asked for a window and there is no display.
 FALLBACK_PICTURES = 5
+# The least and the largest width and height of pictures: a thumbnail, and 8K.
+PICTURE_SIZES = (16, 8192)
+# Pictures a second that screens can still show.
+FASTEST_VIDEO = 240.0
 
 # A mesh counts as convex while its hull is larger than itself by no more than this fraction.
 # Coordinates that were written with four decimals make about 1e-5; what a smaller tolerance would
@@ -630,6 +639,15 @@ class Settings:
     maxIterations: int | None = None
     broadPhase: str = "all"
 
+    def change(self, name, value):
+        """Sets a field; raises ValueError, and changes nothing, where it cannot have this value."""
+        check = {
+            "restitution": checked_restitution,
+            "timeStep": checked_time_step,
+            "friction": checked_friction,
+        }.get(name)
+        setattr(self, name, value if check is None else check(value))
+
     def __post_init__(self):
         """Raises ValueError or TypeError for what has no sense: a recording may say anything."""
         checked_restitution(self.restitution)
@@ -674,6 +692,7 @@ class Simulation(Scene):
         self.scenePath = Path(scenePath)
         self.constraintPath = constraintPath
         self._startState = self.state()
+        self._startFixed = [mesh.isFixed for mesh in meshes]
         self._begin()
 
     def _begin(self):
@@ -682,7 +701,9 @@ class Simulation(Scene):
         self.stepSeconds = self.report = None
 
     def reset(self):
-        """Puts every body back to where the scene has it, at rest."""
+        """Puts every body back to where the scene has it, at rest, and free or fixed as it was."""
+        for mesh, isFixed in zip(self.meshes, self._startFixed, strict=True):
+            mesh.set_fixed(isFixed)
         self.set_state(self._startState)
         self._begin()
 
@@ -849,20 +870,24 @@ def shown_path(path):
         return Path(path)
 
 
-def run_without_window(simulation, steps, recorder=None, pictures=None):
+def run_without_window(simulation, steps, recorder=None, pictures=None, video=None):
     """Runs, records, takes pictures and prints the summary; returns the exit code.
 
     recorder : a Recorder, or None
-    pictures : RBSViewer.PictureSeries, or None
+    pictures, video : RBSDrawing.PictureSeries and RBSDrawing.Video, or None
     """
-    observers = [helper.add for helper in (recorder, pictures) if helper is not None]
+    observers = [helper.add for helper in (recorder, pictures, video) if helper is not None]
     startEnergies = simulation.kinetic_energy(), simulation.potential_energy()
     run = run_steps(simulation, steps, observers)
     if recorder is not None:
         recorder.save()
+    if video is not None:
+        video.save()
     print(summarise(simulation, run, startEnergies))
     if pictures is not None:
         print(f"{'pictures':<17} {pictures.count} in {shown_path(pictures.folder)}")
+    if video is not None:
+        print(f"{'video':<17} {shown_path(video.path)}: {video.summary(simulation)}")
     if recorder is not None:
         print(f"{'recording':<17} {shown_path(recorder.path)}")
     if run.wasInterrupted:
@@ -882,6 +907,7 @@ examples:
   %(prog)s stress --friction 0.5              bodies that come to rest
   %(prog)s my-scene.txt --headless --steps 1000 --record run.npz
   %(prog)s stress --screenshots out/stress --every 25
+  %(prog)s bridge --video bridge.mp4 --steps 300
 
 Where there is no display, the scene runs off-screen: pictures go to out/<scene>, and a summary is
 printed."""
@@ -919,6 +945,31 @@ def at_least(low):
         return value
 
     return check
+
+
+def checked_size(text):
+    """(width, height) of "1280x720"; else ValueError."""
+    match = re.fullmatch(r"(\d+)x(\d+)", text)
+    size = tuple(map(int, match.groups())) if match else (0, 0)
+    low, high = PICTURE_SIZES
+    if not low <= min(size) <= max(size) <= high:
+        raise ValueError(f"must be WIDTHxHEIGHT, from {low} to {high} pixels each, not '{text}'")
+    return size
+
+
+def checked_video(path):
+    """The path, if its ending is that of a video; else ValueError."""
+    if Path(path).suffix.lower() not in RBSDrawing.VIDEO_ENDINGS:
+        endings = " or ".join(RBSDrawing.VIDEO_ENDINGS)
+        raise ValueError(f"the name of a video must end in {endings}, not '{path}'")
+    return path
+
+
+def checked_rate(value):
+    """Pictures a second, if a video can have as many; else ValueError."""
+    if not 0.0 < value <= FASTEST_VIDEO:
+        raise ValueError(f"must lie between 0 and {FASTEST_VIDEO:g}, not {value:g}")
+    return value
 
 
 # Kinds of option values, each with its message when it is something else.
@@ -1017,8 +1068,32 @@ def add_output_options(parser):
         help="draw off-screen into DIR/frame_<step>.png; no window opens",
     )  # fmt: skip
     output.add_argument(
+        "--video", metavar="FILE", type=option_type(str, checked_video, "path"),
+        help="draw off-screen into a video, .mp4 or .gif; no window opens",
+    )  # fmt: skip
+    output.add_argument(
         "--every", metavar="K", type=POSITIVE_NUMBER,
-        help=f"with --screenshots, one picture each K steps (default: {DEFAULT_EVERY})",
+        help=f"one picture each K steps (default: {DEFAULT_EVERY} for --screenshots; for --video, "
+        "so that it plays in real time)",
+    )  # fmt: skip
+    output.add_argument(
+        "--fps", metavar="R", type=option_type(float, checked_rate, "number"),
+        help=f"pictures a second in a video (default: near {RBSDrawing.VIDEO_RATE:g}, so that it "
+        "plays in real time)",
+    )  # fmt: skip
+    look = parser.add_argument_group("picture")
+    look.add_argument(
+        "--size", metavar="WxH", type=option_type(str, checked_size, "size"),
+        default=RBSDrawing.PICTURE_SIZE, help="in pixels, also of the window (default: "
+        f"{'x'.join(map(str, RBSDrawing.PICTURE_SIZE))})",
+    )  # fmt: skip
+    look.add_argument(
+        "--camera", metavar="FILE.json",
+        help="where to look from, as saved from the window (default: all of the scene is seen)",
+    )  # fmt: skip
+    look.add_argument(
+        "--transparent", action="store_true",
+        help="with --screenshots: no background and no ground, only bodies and their shadows",
     )  # fmt: skip
 
 
@@ -1045,17 +1120,22 @@ def main(arguments=None):
     """Runs the command line; returns the exit code: 0, 2 for bad input, 130 after Ctrl-C."""
     parser = make_parser()
     options = parser.parse_args(arguments)
-    if options.every is not None and options.screenshots is None:
-        parser.error("--every says how often --screenshots draws, which is missing")
+    if options.every is not None and not (options.screenshots or options.video):
+        parser.error("--every says how often --screenshots or --video draws, which is missing")
+    if options.fps is not None and options.video is None:
+        parser.error("--fps says how fast --video plays, which is missing")
+    if options.transparent and (options.screenshots is None or options.video is not None):
+        parser.error("--transparent goes with --screenshots, and not with --video")
     with warnings.catch_warnings():
         warnings.simplefilter("always", NonConvexWarning)
         warnings.showwarning = lambda message, *where: print_error(f"warning: {message}")
         try:
             simulation = simulation_of(options)
-            if options.headless or options.screenshots or options.record:
-                return run_as_asked(simulation, options)
-            return open_window_or_fall_back(simulation, options)
-        except (SceneError, RecordingError) as error:
+            look = look_of(options)
+            if options.headless or options.screenshots or options.video or options.record:
+                return run_as_asked(simulation, options, look)
+            return open_window_or_fall_back(simulation, options, look)
+        except (SceneError, RecordingError, RBSDrawing.DrawingError) as error:
             print_error(error)
         except OSError as error:
             print_error(f"{error.filename or 'cannot write'}: {reason_of(error)}")
@@ -1131,38 +1211,52 @@ def settings_of(options):
     )
 
 
-def run_as_asked(simulation, options):
-    """--headless, --screenshots and --record, in any combination; returns the exit code."""
+def look_of(options):
+    """The `RBSDrawing.Look` that the command line asks for; raises DrawingError."""
+    camera = None if options.camera is None else RBSDrawing.load_camera(options.camera)
+    return RBSDrawing.Look(options.size, camera, options.transparent)
+
+
+def run_as_asked(simulation, options, look):
+    """Runs without a window, with all outputs that are asked for; returns the exit code."""
     recorder = None if options.record is None else Recorder(options.record)
+    video = None
     try:
         pictures = None
         stepsLeft = steps_of(simulation, options)
-        if options.screenshots is not None:
-            import RBSViewer
-
-            backend = RBSViewer.find_backend(window=False)
+        if options.screenshots is not None or options.video is not None:
+            backend = RBSDrawing.find_backend(window=False)
             if backend.name is None:
                 print_error(f"no pictures can be drawn: {backend.reason}. {backend.remedy}")
                 return 2
+            view = RBSDrawing.start_look(simulation, backend, look)
+        if options.screenshots is not None:
             first = simulation.stepCount
             steps = range(first, first + stepsLeft + 1, options.every or DEFAULT_EVERY)
-            pictures = RBSViewer.PictureSeries(options.screenshots, steps, simulation, backend)
-        return run_without_window(simulation, stepsLeft, recorder, pictures)
+            pictures = RBSDrawing.PictureSeries(
+                options.screenshots, steps, view, look.isTransparent
+            )  # fmt: skip
+        if options.video is not None:
+            timing = RBSDrawing.video_timing(
+                simulation.settings.timeStep, options.fps, options.every
+            )
+            video = RBSDrawing.Video(options.video, view, *timing)
+        return run_without_window(simulation, stepsLeft, recorder, pictures, video)
     finally:
+        if video is not None:
+            video.discard()
         if recorder is not None and (kept := recorder.close()) is not None:
             print_error(f"the run ended early; what was recorded is kept in {shown_path(kept)}")
 
 
-def open_window_or_fall_back(simulation, options):
+def open_window_or_fall_back(simulation, options, look):
     """The window; without a display, pictures; without OpenGL, only the simulation.
 
     returns the exit code, 0 in all three cases
     """
-    import RBSViewer
-
-    backend = RBSViewer.find_backend(window=True)
+    backend = RBSDrawing.find_backend(window=True)
     if backend.opensWindow:
-        RBSViewer.show_window(simulation, backend)
+        RBSViewer.show_window(simulation, backend, open_file, list_files, step_quantities, look)
         return 0
     pictures = None
     if backend.name is None:
@@ -1172,8 +1266,36 @@ def open_window_or_fall_back(simulation, options):
         print_error(f"no window: {backend.reason}. Drawing off-screen into {folder}")
         first, last = simulation.stepCount, simulation.stepCount + steps_of(simulation, options)
         steps = np.linspace(first, last, FALLBACK_PICTURES).round().astype(int).tolist()
-        pictures = RBSViewer.PictureSeries(folder, steps, simulation, backend)
+        view = RBSDrawing.start_look(simulation, backend, look)
+        pictures = RBSDrawing.PictureSeries(folder, steps, view)
     return run_without_window(simulation, steps_of(simulation, options), pictures=pictures)
+
+
+def step_quantities(simulation):
+    k, p = simulation.kinetic_energy(), simulation.potential_energy()
+    return {"kineticEnergy": k, "potentialEnergy": p, "totalEnergy": k + p,
+            "largestViolation": simulation.largest_violation()}
+
+
+def open_file(path, settings):
+    """The Simulation of a scene file, or the Replay of a recording (.npz), for the window.
+
+    settings : a scene's; None for the usual ones
+    raises SceneError or RecordingError
+    """
+    if path.suffix == RECORDING_ENDING:
+        recording = Recording(path)
+        whereItWas = argparse.Namespace(scene=None, constraints=None)
+        return Replay(recording, load_recorded_scene(recording, whereItWas))
+    return Simulation(path, settings)
+
+
+def list_files(folder):
+    """Scenes and recordings in a folder: dict of what a person calls them, and their paths."""
+    recordings = sorted(Path(folder).glob(f"*{RECORDING_ENDING}"))
+    return {scene_name(path): path for path in list_scenes(folder)} | {
+        path.name: path for path in recordings
+    }
 
 
 def steps_of(simulation, options):
@@ -1185,8 +1307,4 @@ def steps_of(simulation, options):
 
 
 if __name__ == "__main__":
-    # Under its own name, not as __main__: RBSViewer imports this module too, and both must meet
-    # the same classes.
-    from RigidBodySimulation import main as run_main
-
-    sys.exit(run_main())
+    sys.exit(main())
