@@ -134,6 +134,8 @@ def start_polyscope(backend, size=None):
 PICTURE_SIZE = (1280, 720)
 
 BACKGROUND = (0.62, 0.70, 0.80)
+# What Polyscope's tone mapping, which leaves flat surfaces alone, makes of it.
+SEEN_BACKGROUND = (0.839, 0.886, 0.945)
 FIXED_COLOUR = (0.72, 0.72, 0.72)
 PICKED_COLOUR = (0.90, 0.10, 0.55)
 # Of a body that touches no other free one, where bodies are coloured by what they touch.
@@ -160,8 +162,8 @@ GROUND_COLOURS = ((0.56, 0.57, 0.58), (0.61, 0.62, 0.63))
 GROUND_SQUARES = 48
 GROUND_FADES = (0.7, 1.9)
 
-# m/s, of the darkest bodies where they are coloured by speed: a fall from 20 m.
-TOP_SPEED = 20.0
+# m/s, of the darkest bodies where they are coloured by speed: a fall from 46 m.
+TOP_SPEED = 30.0
 
 # Faces that meet at a smaller angle, in radians, pass for one round surface: a cylinder of 20 sides
 # or more, or a finely divided ellipsoid.
@@ -191,17 +193,17 @@ LONGEST_IMPULSE = 0.1
 NORMAL_LENGTH = 0.05
 # A velocity is drawn as the way that it leads in this time, in seconds.
 VELOCITY_SECONDS = 0.25
-ARROW_RADIUS = 2.5e-3
-POINT_RADIUS = 3e-3
+ARROW_RADIUS = 3e-3
+POINT_RADIUS = 4e-3
 LINE_RADIUS = 8e-4
 # Pictures back that a trail goes, and the most bodies that have one: every second body has where
 # there are up to twice as many, and so on.
-TRAIL_LENGTH = 60
-MOST_TRAILS = 60
+TRAIL_LENGTH = 40
+MOST_TRAILS = 30
 # A trail goes on over as many steps between two pictures; more is a jump to another time.
 LONGEST_TRAIL_STEP = 60
 # The most boxes, and cells, that are drawn, for the time that their lines take.
-MOST_BOXES = 400
+MOST_BOXES = 200
 
 # From the middle of the scene to the camera: a little from the right, a little from above.
 VIEW_DIRECTION = (0.45, 0.36, 1.0)
@@ -379,7 +381,7 @@ def ground_squares(size, middle):
     arms = (vertices[faces].mean(axis=1) - middle)[:, [0, 2]]
     distance = np.linalg.norm(arms, axis=1) / size
     fading = np.interp(distance, GROUND_FADES, (0.0, 1.0))[:, None]
-    return vertices, faces, (1.0 - fading) * colours + fading * BACKGROUND, side
+    return vertices, faces, (1.0 - fading) * colours + fading * SEEN_BACKGROUND, side
 
 
 # The corners of a box, as 0 for its low and 1 for its high end along x, y, z, and its edges.
@@ -456,14 +458,14 @@ class Ties:
 class SceneView:
     """A simulation's bodies, shadows and constraints in Polyscope, which must have been started.
 
-    Attributes: simulation; colouring, a name of COLOURINGS; shown, a set of names of OVERLAYS;
+    Attributes: simulation; colouring, a name of COLOURINGS; shown, a set of names of LAYERS;
     picked, the index of the body that is marked, or None, and pickedPoint, a point (3,) of it at
     rest; squareSide, of the ground's squares in metres.
     """
 
     def __init__(self, simulation):
         self.colouring = "density"
-        self.shown = set()
+        self.shown = {"ground", "shadows"}
         self.rebuild(simulation)
 
     def rebuild(self, simulation):
@@ -495,8 +497,8 @@ class SceneView:
         self._register_ground((low + high) / 2.0)
         self._register_creases(vertices, faces)
         self._register_ties(vertices)
-        for name in OVERLAYS:
-            remove_overlay(name)
+        for name in LAYERS:
+            self._show_layer(name)
         self._colours = None
         self.refresh()
         self._point_camera(points)
@@ -559,7 +561,8 @@ class SceneView:
         """Draws everything as it is now, all from one instant, from the next frame on."""
         vertices = np.concatenate([mesh.currVertices for mesh in self.simulation.meshes])
         self._bodies.update_vertex_positions(vertices)
-        self._shadows.update_vertex_positions(self._shadow_of(vertices))
+        if "shadows" in self.shown:
+            self._shadows.update_vertex_positions(self._shadow_of(vertices))
         if self._creases is not None:
             self._creases.update_node_positions(vertices[self._creaseNodes])
         if len(self._ties.ends):
@@ -567,8 +570,9 @@ class SceneView:
         self._refresh_colours()
         if "trails" in self.shown:
             self._extend_trails()
-        for name in self.shown:
-            OVERLAYS[name](self, name, vertices)
+        for name, draw in OVERLAYS.items():
+            if name in self.shown:
+                draw(self, name, vertices)
         self._refresh_mark()
 
     def _refresh_colours(self):
@@ -582,24 +586,28 @@ class SceneView:
         self._colours = colours
 
     def show(self, name, isShown):
-        """Switches an overlay, a name of OVERLAYS, on or off."""
+        """Switches one of LAYERS on or off."""
         if isShown:
             self.shown.add(name)
         else:
             self.shown.discard(name)
-            remove_overlay(name)
-        self._trail = []
+        self._show_layer(name)
         self.refresh()
+
+    def _show_layer(self, name):
+        if name == "ground":
+            self._ground.set_enabled(name in self.shown)
+        elif name == "shadows":
+            self._shadows.set_enabled(name in self.shown)
+        else:
+            remove_overlay(name)
+            self._trail = []
 
     def set_resizable(self, isResizable):
         """Lets the window be resized, or not."""
         import polyscope as ps
 
         ps.set_window_resizable(isResizable)
-
-    def show_ground(self, isShown):
-        """Shows or hides the ground; shadows stay."""
-        self._ground.set_enabled(isShown)
 
     def pick(self, body, point=None):
         """Marks a body (its index) and a point (3,) of the world on it; None marks none."""
@@ -720,12 +728,14 @@ class SceneView:
 OVERLAYS = {
     "contacts": SceneView._draw_contacts,
     "impulses": SceneView._draw_impulses,
-    "friction": SceneView._draw_friction,
+    "friction impulses": SceneView._draw_friction,
     "velocities": SceneView._draw_velocities,
     "bounding boxes": SceneView._draw_boxes,
     "grid cells": SceneView._draw_cells,
     "trails": SceneView._draw_trails,
 }
+# All that can be switched on and off.
+LAYERS = ["ground", "shadows", *OVERLAYS]
 
 
 def remove_overlay(name):
@@ -859,7 +869,7 @@ def start_look(simulation, backend, look):
     view = SceneView(simulation)
     if look.camera is not None:
         apply_camera(look.camera)
-    view.show_ground(not look.isTransparent)
+    view.show("ground", not look.isTransparent)
     return view
 
 

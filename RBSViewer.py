@@ -16,10 +16,14 @@ import numpy as np
 from RBSDrawing import (
     COLOURINGS,
     FIXED_COLOUR,
+    LAYERS,
     LONE_COLOUR,
-    OVERLAYS,
+    MOST_BOXES,
+    MOST_TRAILS,
     PICKED_COLOUR,
     TOP_SPEED,
+    TRAIL_LENGTH,
+    VELOCITY_SECONDS,
     DrawingError,
     Look,
     Video,
@@ -57,6 +61,8 @@ SIDE_WIDTH = 330
 PLOT_SIZE = (-1.0, 118.0)
 TIMELINE_HEIGHT = 74
 SPEED_WIDTH = 150
+NUMBER_WIDTH = 56
+INDENT = 24
 # The mouse moves less than this between pressing and releasing where it picks, and does not turn
 # the camera.
 CLICK_PIXELS = 4.0
@@ -79,6 +85,18 @@ CHOICES = [
 CONSTRAINT_CHOICES = [
     ("scheduling", "constraintScheduling", CONSTRAINT_SCHEDULINGS, "In which order they are met"),
 ]
+
+
+# Of the switches in the section Look.
+TOOLTIPS = {
+    "contacts": "Where bodies touch, and the normal, towards the body with the lower number",
+    "impulses": "What that body receives along the normal; the longest is the largest of the step",
+    "friction impulses": "What it receives across",
+    "velocities": f"How far a body comes in {VELOCITY_SECONDS:g} s",
+    "bounding boxes": f"Of the first {MOST_BOXES} bodies",
+    "grid cells": f"The first {MOST_BOXES} columns of the broad phase that hold a body",
+    "trails": f"Where up to {MOST_TRAILS} centres of mass were in the last {TRAIL_LENGTH} pictures",
+}
 
 
 class Viewer:
@@ -376,6 +394,19 @@ def draw_error(message):
     psim.PopStyleColor()
 
 
+def draw_table(rows):
+    """Rows (number, what it is), the numbers flush right; the first row is the sum of the rest."""
+    import polyscope.imgui as psim
+
+    left = psim.GetCursorPosX()
+    for place, (number, text) in enumerate(rows):
+        end = left + NUMBER_WIDTH + (INDENT if place else 0)
+        psim.SetCursorPosX(end - psim.CalcTextSize(number)[0])
+        psim.Text(number)
+        psim.SameLine(end + MARGIN)
+        psim.Text(text)
+
+
 def draw_choice(label, current, names, tooltip=""):
     """A list to choose one name from; returns the chosen one, or None where nothing was."""
     import polyscope.imgui as psim
@@ -393,7 +424,7 @@ def draw_choice(label, current, names, tooltip=""):
 
 
 class Panel:
-    """The window's panel, plots, timeline and keys: shows a Viewer and calls its functions.
+    """The window's panels, timeline and keys: shows a Viewer and calls its functions.
 
     Attributes: viewer; fields, its two NumberFields, restitution and time step; path, what is
     typed into the field that opens a file.
@@ -422,7 +453,7 @@ class Panel:
         self._handle_keys()
         self._handle_mouse()
         self._draw_panel()
-        self._draw_plots()
+        self._draw_side()
         if self.viewer.picked() is not None:
             self._draw_body()
         if self.viewer.isReplay:
@@ -476,8 +507,6 @@ class Panel:
             self._draw_settings()
         if self._section("Look", False):
             self._draw_look()
-        if self._section("Numbers", True):
-            self._draw_numbers()
         if self._section("Save", False):
             self._draw_save()
         self._draw_legend()
@@ -562,10 +591,12 @@ class Panel:
             view.colouring = chosen
             view.refresh()
         # In two columns.
-        for number, name in enumerate(OVERLAYS):
+        for number, name in enumerate(LAYERS):
             if number % 2:
                 psim.SameLine(PANEL_WIDTH / 2)
             changed, isShown = psim.Checkbox(name, name in view.shown)
+            if name in TOOLTIPS:
+                psim.SetItemTooltip(TOOLTIPS[name])
             if changed:
                 view.show(name, isShown)
 
@@ -586,12 +617,18 @@ class Panel:
         frame = viewer.frame_milliseconds()
         if frame is not None:
             whole, simulating = frame
-            psim.Text(f"{whole:.1f} ms per frame, {1e3 / whole:.0f} a second:")
-            psim.Text(f"  {simulating:.1f} simulating, {whole - simulating:.1f} drawing")
+            psim.SeparatorText("milliseconds")
+            draw_table([
+                (f"{whole:.1f}", f"a frame, {1e3 / whole:.0f} a second; of it"),
+                (f"{simulating:.1f}", "simulating"),
+                (f"{whole - simulating:.1f}", "drawing, and waiting for the screen"),
+            ])
         if milliseconds is not None:
-            psim.Text(f"{milliseconds:.2f} ms per step")
-            for name, value in viewer.phase_milliseconds().items():
-                psim.Text(f"  {value:6.2f}  {name}")
+            psim.Separator()
+            draw_table([
+                (f"{milliseconds:.2f}", "a step; of it"),
+                *((f"{ms:.2f}", name) for name, ms in viewer.phase_milliseconds().items()),
+            ])
 
     def _draw_save(self):
         import polyscope.imgui as psim
@@ -623,29 +660,32 @@ class Panel:
 
     # What stands at the sides.
 
-    def _draw_plots(self):
+    def _draw_side(self):
+        """Numbers and plots, at the upper right."""
         import polyscope as ps
         import polyscope.imgui as psim
 
-        left = ps.get_window_size()[0] - SIDE_WIDTH - MARGIN
-        psim.SetNextWindowPos((left, MARGIN), psim.ImGuiCond_Once)
-        psim.SetNextWindowCollapsed(True, psim.ImGuiCond_Once)
-        psim.SetNextWindowSizeConstraints((SIDE_WIDTH, 0), (SIDE_WIDTH, math.inf))
-        isOpen, _ = psim.Begin("Plots", True, psim.ImGuiWindowFlags_AlwaysAutoResize)
-        self.viewer.isMeasuring = isOpen
-        if isOpen:
+        width, height = ps.get_window_size()
+        corner = (width - MARGIN, MARGIN)
+        psim.SetNextWindowPos(corner, psim.ImGuiCond_Once, (1.0, 0.0))
+        psim.SetNextWindowSizeConstraints((SIDE_WIDTH, 0), (SIDE_WIDTH, height - 2 * MARGIN))
+        psim.Begin("Numbers", flags=psim.ImGuiWindowFlags_AlwaysAutoResize)
+        self._draw_numbers()
+        self.viewer.isMeasuring = self._section("Plots", False)
+        if self.viewer.isMeasuring:
             draw_plots(self.viewer.history)
         psim.End()
 
     def _draw_body(self):
+        """The picked body, at the lower left, beside the panel."""
         import polyscope as ps
         import polyscope.imgui as psim
 
         viewer, mesh = self.viewer, self.viewer.picked()
-        width, height = ps.get_window_size()
+        height = ps.get_window_size()[1]
         above = MARGIN + (TIMELINE_HEIGHT + MARGIN if viewer.isReplay else 0)
-        corner = (width - MARGIN, height - above)
-        psim.SetNextWindowPos(corner, psim.ImGuiCond_Appearing, (1.0, 1.0))
+        corner = (PANEL_WIDTH + 2 * MARGIN, height - above)
+        psim.SetNextWindowPos(corner, psim.ImGuiCond_Appearing, (0.0, 1.0))
         psim.SetNextWindowSizeConstraints((SIDE_WIDTH, 0), (SIDE_WIDTH, height))
         psim.Begin("Body", flags=psim.ImGuiWindowFlags_AlwaysAutoResize)
         psim.ColorButton("picked", (*PICKED_COLOUR, 1.0), psim.ImGuiColorEditFlags_NoTooltip)
