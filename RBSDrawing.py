@@ -995,7 +995,7 @@ class Video:
         pace = "in real time" if abs(factor - 1.0) < 0.01 else f"at {factor:.3g} times real time"
         return f"{self.count} pictures, {self.rate:.4g} a second, {pace}"
 
-    def discard(self):
+    def close(self):
         """Removes what was written beside the place. Does nothing after `save`."""
         self._writer.close()
         self._partPath.unlink(missing_ok=True)

@@ -22,7 +22,7 @@ import sys
 import time
 import warnings
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +31,18 @@ import RBSDrawing
 import RBSViewer
 from RBSDrawing import flatten_meshes as flatten_meshes  # also known by this module's name
 from RBSFunctions import BROAD_PHASES, CONSTRAINT_SCHEDULINGS, Mesh, run_timestep
-from RBSRecording import Recorder, Recording, RecordingError, Replay, Scene, check_bodies
+from RBSRecording import (
+    Recorder,
+    Recording,
+    RecordingError,
+    Replay,
+    Scene,
+    StatsWriter,
+    check_bodies,
+    resume,
+    step_quantities,
+    verify,
+)
 
 PROGRAM_FOLDER = Path(__file__).resolve().parent
 DATA_FOLDER = PROGRAM_FOLDER / "data"
@@ -870,17 +881,20 @@ def shown_path(path):
         return Path(path)
 
 
-def run_without_window(simulation, steps, recorder=None, pictures=None, video=None):
+def run_without_window(simulation, steps, recorder=None, stats=None, pictures=None, video=None):
     """Runs, records, takes pictures and prints the summary; returns the exit code.
 
-    recorder : a Recorder, or None
+    recorder, stats : a Recorder and a StatsWriter, or None
     pictures, video : RBSDrawing.PictureSeries and RBSDrawing.Video, or None
     """
-    observers = [helper.add for helper in (recorder, pictures, video) if helper is not None]
+    helpers = (recorder, stats, pictures, video)
+    observers = [helper.add for helper in helpers if helper is not None]
     startEnergies = simulation.kinetic_energy(), simulation.potential_energy()
     run = run_steps(simulation, steps, observers)
     if recorder is not None:
         recorder.save()
+    if stats is not None:
+        stats.save(f"{scene_name(simulation.scenePath)}, to step {simulation.stepCount}")
     if video is not None:
         video.save()
     print(summarise(simulation, run, startEnergies))
@@ -890,6 +904,10 @@ def run_without_window(simulation, steps, recorder=None, pictures=None, video=No
         print(f"{'video':<17} {shown_path(video.path)}: {video.summary(simulation)}")
     if recorder is not None:
         print(f"{'recording':<17} {shown_path(recorder.path)}")
+    if stats is not None and stats.path is not None:
+        print(f"{'statistics':<17} {shown_path(stats.path)}")
+    if stats is not None and stats.plotPath is not None:
+        print(f"{'plot':<17} {shown_path(stats.plotPath)}")
     if run.wasInterrupted:
         return 130  # 128 + SIGINT, as a shell reports a program that Ctrl-C ended
     return 0
@@ -900,17 +918,18 @@ def run_without_window(simulation, steps, recorder=None, pictures=None, video=No
 # ---------------------------------------------------------------------------------------------
 
 EXAMPLES = """\
-examples:
-  %(prog)s                                    the mixed scene, in a window
-  %(prog)s tower --restitution 0.2            another scene of data/, bouncing less
-  %(prog)s bridge --scheduling queue          bodies tied together
-  %(prog)s stress --friction 0.5              bodies that come to rest
-  %(prog)s my-scene.txt --headless --steps 1000 --record run.npz
-  %(prog)s stress --screenshots out/stress --every 25
-  %(prog)s bridge --video bridge.mp4 --steps 300
-
-Where there is no display, the scene runs off-screen: pictures go to out/<scene>, and a summary is
-printed."""
+Without options, the mixed scene opens in a window. Where there is no display, a scene runs
+off-screen: pictures go to out/<scene>, and a summary is printed."""
+# An example for each group of options.
+PHYSICS_EXAMPLES = "RigidBodySimulation.py stress --friction 0.5 --restitution 0.2"
+CONSTRAINT_EXAMPLES = "RigidBodySimulation.py bridge --scheduling queue"
+OUTPUT_EXAMPLES = """\
+RigidBodySimulation.py stress --screenshots out/stress --every 25
+RigidBodySimulation.py bridge --video bridge.mp4 --steps 300"""
+RECORDING_EXAMPLES = """\
+RigidBodySimulation.py tower --record tower.npz --stats tower.csv --steps 1000
+RigidBodySimulation.py --replay tower.npz
+RigidBodySimulation.py --resume tower.npz --from 500 --friction 0.4"""
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -999,7 +1018,7 @@ def make_parser():
 
 
 def add_physics_options(parser):
-    physics = parser.add_argument_group("simulation")
+    physics = parser.add_argument_group("simulation", PHYSICS_EXAMPLES)
     physics.add_argument(
         "--restitution", metavar="E", type=option_type(float, checked_restitution, "number"),
         default=DEFAULT_RESTITUTION,
@@ -1030,7 +1049,7 @@ def add_physics_options(parser):
 
 
 def add_constraint_options(parser):
-    ties = parser.add_argument_group("constraints")
+    ties = parser.add_argument_group("constraints", CONSTRAINT_EXAMPLES)
     source = ties.add_mutually_exclusive_group()
     source.add_argument(
         "--constraints", metavar="FILE",
@@ -1053,7 +1072,7 @@ def add_constraint_options(parser):
 
 
 def add_output_options(parser):
-    output = parser.add_argument_group("without a window")
+    output = parser.add_argument_group("without a window", OUTPUT_EXAMPLES)
     output.add_argument(
         "--headless", action="store_true",
         help="simulate without a window and print a summary; needs no display and no OpenGL",
@@ -1098,16 +1117,40 @@ def add_output_options(parser):
 
 
 def add_recording_options(parser):
-    recordings = parser.add_argument_group("recordings")
+    recordings = parser.add_argument_group("recordings", RECORDING_EXAMPLES)
     recordings.add_argument(
         "--record", metavar="FILE.npz",
-        help="write the state after every step, and the starting state; no window opens",
+        help="write the state after every step, and the starting state; no window opens. What a "
+        "crash leaves is in FILE.npz.part, and is found there by the options below",
     )  # fmt: skip
     source = recordings.add_mutually_exclusive_group()
     source.add_argument(
         "--replay", metavar="FILE.npz",
-        help="show a recording, simulating nothing; SCENE and --constraints say where its files "
-        "are now, if they have moved",
+        help="show a recording, simulating nothing. SCENE and --constraints say where its files "
+        "are now, if they have moved; so they do with --resume and --verify",
+    )  # fmt: skip
+    source.add_argument(
+        "--resume", metavar="FILE.npz",
+        help="go on from a recorded state, with the settings of the recording and those that are "
+        "given as options",
+    )  # fmt: skip
+    source.add_argument(
+        "--verify", metavar="FILE.npz",
+        help="simulate once more and compare every state to the last bit; exit code 1, and the "
+        "first step that differs, where they are not the same",
+    )  # fmt: skip
+    recordings.add_argument(
+        "--from", dest="from_step", metavar="STEP", type=WHOLE_NUMBER,
+        help="with --resume, the step to go on from (default: the last one)",
+    )  # fmt: skip
+    recordings.add_argument(
+        "--stats", metavar="FILE.csv",
+        help="write energies, momenta, contacts, violations and times of every step; no window "
+        "opens",
+    )  # fmt: skip
+    recordings.add_argument(
+        "--plot", metavar="FILE.png",
+        help="draw the same numbers over time; needs matplotlib; no window opens",
     )  # fmt: skip
 
 
@@ -1117,25 +1160,26 @@ def print_error(message):
 
 
 def main(arguments=None):
-    """Runs the command line; returns the exit code: 0, 2 for bad input, 130 after Ctrl-C."""
+    """Runs the command line.
+
+    returns the exit code: 0, 1 where --verify finds a difference, 2 for bad input, 130 after Ctrl-C
+    """
     parser = make_parser()
     options = parser.parse_args(arguments)
-    if options.every is not None and not (options.screenshots or options.video):
-        parser.error("--every says how often --screenshots or --video draws, which is missing")
-    if options.fps is not None and options.video is None:
-        parser.error("--fps says how fast --video plays, which is missing")
-    if options.transparent and (options.screenshots is None or options.video is not None):
-        parser.error("--transparent goes with --screenshots, and not with --video")
+    given = given_options(arguments)
+    check_options(parser, given)
     with warnings.catch_warnings():
         warnings.simplefilter("always", NonConvexWarning)
         warnings.showwarning = lambda message, *where: print_error(f"warning: {message}")
         try:
-            simulation = simulation_of(options)
+            if options.verify:
+                return verify_as_asked(options)
+            simulation = simulation_of(options, given)
             look = look_of(options)
-            if options.headless or options.screenshots or options.video or options.record:
+            if given & WITHOUT_WINDOW:
                 return run_as_asked(simulation, options, look)
             return open_window_or_fall_back(simulation, options, look)
-        except (SceneError, RecordingError, RBSDrawing.DrawingError) as error:
+        except (SceneError, RecordingError, RBSDrawing.DrawingError, ImportError) as error:
             print_error(error)
         except OSError as error:
             print_error(f"{error.filename or 'cannot write'}: {reason_of(error)}")
@@ -1145,18 +1189,106 @@ def main(arguments=None):
     return 2
 
 
-def simulation_of(options):
+# Options by what they are for, under the names that argparse gives them. First those that change
+# the settings, each with the field that it changes.
+SETTING_FIELDS = {
+    "restitution": "restitution",
+    "time_step": "timeStep",
+    "closing_only": "closingOnly",
+    "friction": "friction",
+    "no_constraints": "enforceConstraints",
+    "scheduling": "constraintScheduling",
+    "max_iterations": "maxIterations",
+    "broad_phase": "broadPhase",
+}
+WITHOUT_WINDOW = frozenset({"headless", "screenshots", "video", "record", "stats", "plot"})
+# What does not go with what, and why.
+CONFLICTS = {
+    "replay": (
+        {*SETTING_FIELDS, "record"},
+        "a replay simulates nothing; --resume goes on with other settings, and may be recorded",
+    ),
+    "verify": (
+        {*SETTING_FIELDS, "steps", "every"} | WITHOUT_WINDOW - {"headless"},
+        "it only compares, and with the settings of the recording",
+    ),
+    "video": ({"transparent"}, "videos have no transparency"),
+}
+# What makes no sense without another option.
+COMPANIONS = {
+    "every": (
+        {"screenshots", "video"},
+        "says how often --screenshots or --video draws, which is missing",
+    ),
+    "fps": ({"video"}, "says how fast --video plays, which is missing"),
+    "transparent": ({"screenshots"}, "says how --screenshots draws, which is missing"),
+    "from_step": ({"resume"}, "says where --resume starts, which is missing"),
+}
+
+
+def option_name(dest):
+    """How an option is written on the command line."""
+    return "--from" if dest == "from_step" else "--" + dest.replace("_", "-")
+
+
+def given_options(arguments):
+    """The set of the options that the command line has, and not only by their defaults."""
+    parser = make_parser()
+    parser.set_defaults(**dict.fromkeys(vars(parser.parse_args([]))))
+    return {name for name, value in vars(parser.parse_args(arguments)).items() if value is not None}
+
+
+def check_options(parser, given):
+    """Ends the program with one line where the given options do not go together."""
+    for dest, (companions, cause) in COMPANIONS.items():
+        if dest in given and not given & companions:
+            parser.error(f"{option_name(dest)} {cause}")
+    for mode, (others, cause) in CONFLICTS.items():
+        for dest in sorted(given & others if mode in given else ()):
+            parser.error(f"{option_name(dest)} does not go with {option_name(mode)}: {cause}")
+
+
+def simulation_of(options, given):
     """The Simulation, or Replay, that the command line asks for."""
     if options.replay is not None:
         recording = open_recording(options.replay)
         return Replay(recording, load_recorded_scene(recording, options))
+    if options.resume is not None:
+        recording = open_recording(options.resume)
+        simulation = load_recorded_scene(recording, options)
+        step = recording.lastStep if options.from_step is None else options.from_step
+        resume(recording, step, simulation)
+        asked = settings_of(options)
+        fields = {SETTING_FIELDS[name] for name in given & set(SETTING_FIELDS)}
+        changes = {field: getattr(asked, field) for field in fields}
+        simulation.settings = replace(simulation.settings, **changes)
+        return simulation
     scenePath = find_scene(options.scene or DEFAULT_SCENE)
     return Simulation(scenePath, settings_of(options), options.constraints)
 
 
-def open_recording(path):
+def verify_as_asked(options):
+    """--verify; returns the exit code, 0 or 1."""
+    recording = open_recording(options.verify, mustBeFinite=False)
+    simulation = load_recorded_scene(recording, options)
+    progress = Progress(recording.lastStep - recording.firstStep)
+    try:
+        wrong = verify(recording, simulation, progress.advance)
+    finally:
+        progress.close()
+    path = shown_path(recording.path)
+    if not wrong:
+        print(f"{path}: the steps {recording.firstStep} to {recording.lastStep} are the same")
+        return 0
+    if recording.numpyVersion != np.__version__:
+        wrong += f" (recorded with NumPy {recording.numpyVersion}, this is {np.__version__})"
+    print_error(f"{path}: {wrong}")
+    return 1
+
+
+def open_recording(path, mustBeFinite=True):
     """The Recording; says so in one line where it is one that was interrupted."""
-    recording = Recording(path)
+    recording = Recording(path, mustBeFinite)
     if recording.wasInterrupted:
         print_error(
             f"{shown_path(recording.path)}: an interrupted recording, of the steps "
@@ -1218,12 +1350,14 @@ def look_of(options):
 
 
 def run_as_asked(simulation, options, look):
-    """Runs without a window, with all outputs that are asked for; returns the exit code."""
-    recorder = None if options.record is None else Recorder(options.record)
-    video = None
+    """A run without a window, with what is to be written of it; returns the exit code."""
+    recorder = stats = pictures = video = None
+    steps = steps_of(simulation, options)
     try:
-        pictures = None
-        stepsLeft = steps_of(simulation, options)
+        if options.record is not None:
+            recorder = Recorder(options.record)
+        if options.stats is not None or options.plot is not None:
+            stats = StatsWriter(options.stats, options.plot)
         if options.screenshots is not None or options.video is not None:
             backend = RBSDrawing.find_backend(window=False)
             if backend.name is None:
@@ -1232,21 +1366,20 @@ def run_as_asked(simulation, options, look):
             view = RBSDrawing.start_look(simulation, backend, look)
         if options.screenshots is not None:
             first = simulation.stepCount
-            steps = range(first, first + stepsLeft + 1, options.every or DEFAULT_EVERY)
+            drawn = range(first, first + steps + 1, options.every or DEFAULT_EVERY)
             pictures = RBSDrawing.PictureSeries(
-                options.screenshots, steps, view, look.isTransparent
+                options.screenshots, drawn, view, look.isTransparent
             )  # fmt: skip
         if options.video is not None:
             timing = RBSDrawing.video_timing(
                 simulation.settings.timeStep, options.fps, options.every
             )
             video = RBSDrawing.Video(options.video, view, *timing)
-        return run_without_window(simulation, stepsLeft, recorder, pictures, video)
+        return run_without_window(simulation, steps, recorder, stats, pictures, video)
     finally:
-        if video is not None:
-            video.discard()
-        if recorder is not None and (kept := recorder.close()) is not None:
-            print_error(f"the run ended early; what was recorded is kept in {shown_path(kept)}")
+        for writer in (recorder, stats, video):
+            if writer is not None and (kept := writer.close()) is not None:
+                print_error(f"the run did not end well; what there is of it is in {kept}")
 
 
 def open_window_or_fall_back(simulation, options, look):
@@ -1269,12 +1402,6 @@ def open_window_or_fall_back(simulation, options, look):
         view = RBSDrawing.start_look(simulation, backend, look)
         pictures = RBSDrawing.PictureSeries(folder, steps, view)
     return run_without_window(simulation, steps_of(simulation, options), pictures=pictures)
-
-
-def step_quantities(simulation):
-    k, p = simulation.kinetic_energy(), simulation.potential_energy()
-    return {"kineticEnergy": k, "potentialEnergy": p, "totalEnergy": k + p,
-            "largestViolation": simulation.largest_violation()}
 
 
 def open_file(path, settings):

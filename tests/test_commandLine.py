@@ -1,19 +1,17 @@
-"""The command line by subprocess, and the simulation and the recording behind it."""
+"""The command line by subprocess, and the simulation behind it."""
 
 import math
-import os
-import signal
 import struct
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
 from opengl import require_opengl
-from oracles import COURSE, ROOT, ground, needs_course
+from oracles import COURSE, ROOT, needs_course
+from program import DATA, by_hand, environment, run, summary_of
 
-from RBSFunctions import Mesh, run_timestep
+from RBSFunctions import Mesh
 from RBSRecording import STATE_NAMES
 from RBSViewer import DEBIAN_PACKAGES
 from RigidBodySimulation import (
@@ -27,44 +25,9 @@ from RigidBodySimulation import (
     main,
 )
 
-PROGRAM = ROOT / "RigidBodySimulation.py"
-DATA = ROOT / "data"
-
 onLinux = pytest.mark.skipif(
     not sys.platform.startswith("linux"), reason="displays and EGL are found this way on Linux only"
 )
-
-
-def environment(**changes):
-    """This process's environment without a display, and with these variables changed."""
-    result = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    return result | changes
-
-
-def run(folder, *arguments, **changes):
-    """Runs the program in a folder, with environment variables changed; the finished process."""
-    return subprocess.run(
-        [sys.executable, PROGRAM, *map(str, arguments)],
-        cwd=folder, env=environment(**changes), capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
-
-
-def summary_of(process):
-    """The lines of the summary as a dict, after the process has ended well."""
-    assert process.returncode == 0, process.stderr
-    return {line[:17].strip(): line[18:] for line in process.stdout.splitlines()}
-
-
-def by_hand(scene, steps, restitution, timeStep, **options):
-    """States of every step by run_timestep alone: dict of arrays (steps + 1, n, 3 or 4)."""
-    meshes = load_scene_file(scene)
-    states = {plural: [] for plural in STATE_NAMES}
-    for step in range(steps + 1):
-        if step > 0:
-            run_timestep(meshes, ground(), timeStep, restitution, **options)
-        for plural, name in STATE_NAMES.items():
-            states[plural].append([getattr(mesh, name).ravel() for mesh in meshes])
-    return {plural: np.array(series) for plural, series in states.items()}
 
 
 def picture_size(path):
@@ -224,76 +187,6 @@ def test_dented_mesh_is_told_in_one_line(tmp_path):
     assert summary_of(process)["bodies"] == "2, 0 of them fixed"
     (line,) = process.stderr.splitlines()
     assert line.startswith("RigidBodySimulation.py: warning: cylinder.mesh is not convex (volume ")
-
-
-# --------------------------------------------------------------------------------------------------
-# Recordings
-# --------------------------------------------------------------------------------------------------
-
-
-def test_recording_holds_every_step_as_stepping_by_hand_gives_it(tmp_path):
-    options = ["--restitution", 0.8, "--time-step", 0.03, "--steps", 130, "--closing-only"]
-    scene = DATA / "mixed-scene.txt"
-    summary_of(run(tmp_path, scene, "--headless", "--record", "r.npz", *options))
-    expected = by_hand(scene, 130, 0.8, 0.03, closingOnly=True)
-    with np.load(tmp_path / "r.npz") as recording:
-        for name, series in expected.items():
-            assert recording[name].dtype == np.float64
-            np.testing.assert_array_equal(recording[name], series)
-        assert recording["timeStep"] == 0.03 and recording["restitution"] == 0.8
-        assert bool(recording["closingOnly"]) and str(recording["scene"]) == str(scene)
-        assert recording["meshNames"].tolist() == [m.name for m in load_scene_file(scene)]
-    # The two ways of treating contacts that part must differ here, or the flag was not tested.
-    assert not np.array_equal(expected["positions"], by_hand(scene, 130, 0.8, 0.03)["positions"])
-
-
-def test_same_command_twice_writes_the_same_bytes(tmp_path):
-    for name in ("a.npz", "b.npz"):
-        summary_of(run(tmp_path, "stress", "--steps", 60, "--record", name))
-    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
-    with np.load(tmp_path / "a.npz") as recording:
-        expected = by_hand(DATA / "stress-scene.txt", 60, DEFAULT_RESTITUTION, DEFAULT_TIME_STEP)
-        np.testing.assert_array_equal(recording["orientations"], expected["orientations"])
-
-
-def start_recording(folder):
-    """A recording of 10⁶ steps that has begun; the running process."""
-    process = subprocess.Popen(
-        [sys.executable, PROGRAM, "tower", "--headless", "--steps", "1000000",
-         "--record", "r.npz"],
-        cwd=folder, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    deadline = time.monotonic() + 60
-    while not (folder / "r.npz.part").exists() and time.monotonic() < deadline:
-        time.sleep(0.02)
-    time.sleep(0.5)  # for some steps to be made
-    return process
-
-
-@pytest.mark.skipif(os.name == "nt", reason="Windows cannot send Ctrl-C to one process")
-def test_ctrl_c_saves_what_was_simulated(tmp_path):
-    process = start_recording(tmp_path)
-    process.send_signal(signal.SIGINT)
-    output, errors = process.communicate(timeout=60)
-    assert process.returncode == 130 and errors == ""
-    assert "stopped by Ctrl-C" in output
-    assert [path.name for path in tmp_path.iterdir()] == ["r.npz"]
-    with np.load(tmp_path / "r.npz") as recording:
-        positions = recording["positions"]
-    compared = min(len(positions), 40)
-    assert compared > 1 and f"{len(positions) - 1} of 0.02 s" in output
-    expected = by_hand(
-        DATA / "tower-scene.txt", compared - 1, DEFAULT_RESTITUTION, DEFAULT_TIME_STEP
-    )
-    np.testing.assert_array_equal(positions[:compared], expected["positions"])
-
-
-def test_killed_run_leaves_the_old_recording(tmp_path):
-    (tmp_path / "r.npz").write_bytes(b"an older recording")
-    process = start_recording(tmp_path)
-    process.kill()
-    process.communicate(timeout=60)
-    assert (tmp_path / "r.npz").read_bytes() == b"an older recording"
 
 
 # --------------------------------------------------------------------------------------------------
@@ -528,7 +421,9 @@ def test_help_names_every_option_with_its_default(tmp_path):
     for words in ("SCENE", "mixed", "--restitution E", "0.5", "--time-step H", "0.02",
                   "--closing-only", "--constraints FILE", "--no-constraints",
                   "--max-iterations N", "--scheduling NAME", "--headless", "--steps N", "500",
-                  "--screenshots DIR", "--every K", "--record FILE.npz", "examples:"):  # fmt: skip
+                  "--screenshots DIR", "--every K", "--record FILE.npz", "--replay FILE.npz",
+                  "--resume FILE.npz", "--verify FILE.npz", "--from STEP", "--stats FILE.csv",
+                  "--plot FILE.png"):  # fmt: skip
         assert words in process.stdout
     assert max(map(len, process.stdout.splitlines())) <= 100
 

@@ -1,0 +1,47 @@
+"""The program by subprocess, and what it must agree with."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+from oracles import ROOT, ground
+
+from RBSFunctions import run_timestep
+from RBSRecording import STATE_NAMES
+from RigidBodySimulation import load_scene_file
+
+PROGRAM = ROOT / "RigidBodySimulation.py"
+DATA = ROOT / "data"
+
+
+def environment(**changes):
+    """This process's environment without a display, and with these variables changed."""
+    result = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    return result | changes
+
+
+def run(folder, *arguments, **changes):
+    """Runs the program in a folder, with environment variables changed; the finished process."""
+    return subprocess.run(
+        [sys.executable, PROGRAM, *map(str, arguments)],
+        cwd=folder, env=environment(**changes), capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+
+
+def summary_of(process):
+    """The lines of the summary as a dict, after the process has ended well."""
+    assert process.returncode == 0, process.stderr
+    return {line[:17].strip(): line[18:] for line in process.stdout.splitlines()}
+
+
+def by_hand(scene, steps, restitution, timeStep, **options):
+    """States of every step by run_timestep alone: dict of arrays (steps + 1, n, 3 or 4)."""
+    meshes = load_scene_file(scene)
+    states = {plural: [] for plural in STATE_NAMES}
+    for step in range(steps + 1):
+        if step > 0:
+            run_timestep(meshes, ground(), timeStep, restitution, **options)
+        for plural, name in STATE_NAMES.items():
+            states[plural].append([getattr(mesh, name).ravel() for mesh in meshes])
+    return {plural: np.array(series) for plural, series in states.items()}
