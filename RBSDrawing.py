@@ -463,7 +463,9 @@ class SceneView:
     rest; squareSide, of the ground's squares in metres.
     """
 
-    def __init__(self, simulation):
+    def __init__(self, simulation, sideWidth=0):
+        """sideWidth : pixels on either side of the picture in which nothing shall be seen"""
+        self._sideWidth = sideWidth
         self.colouring = "density"
         self.shown = {"ground", "shadows"}
         self.rebuild(simulation)
@@ -551,7 +553,8 @@ class SceneView:
 
         width, height = ps.get_window_size()
         fieldOfView = ps.get_view_camera_parameters().get_fov_vertical_deg()
-        ps.look_at(*frame_camera(points, VIEW_DIRECTION, fieldOfView, width / height))
+        aspect = max(width - 2 * self._sideWidth, width / 3) / height
+        ps.look_at(*frame_camera(points, VIEW_DIRECTION, fieldOfView, aspect))
 
     def _shadow_of(self, vertices):
         """The bodies pressed onto the ground: straight below them, where they are going to fall."""
@@ -863,10 +866,10 @@ class Look:
     isTransparent: bool = False
 
 
-def start_look(simulation, backend, look):
+def start_look(simulation, backend, look, sideWidth=0):
     """Starts Polyscope for pictures of this look; returns a SceneView."""
     start_polyscope(backend, look.size)
-    view = SceneView(simulation)
+    view = SceneView(simulation, sideWidth)
     if look.camera is not None:
         apply_camera(look.camera)
     view.show("ground", not look.isTransparent)

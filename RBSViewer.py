@@ -58,7 +58,7 @@ BUTTON_SIZE = (74, 0)
 WIDE_BUTTON_SIZE = (153, 0)
 FIELD_WIDTH = 160
 SIDE_WIDTH = 330
-PLOT_SIZE = (-1.0, 118.0)
+PLOT_SIZE = (-1.0, 150.0)
 TIMELINE_HEIGHT = 74
 SPEED_WIDTH = 150
 NUMBER_WIDTH = 56
@@ -605,7 +605,6 @@ class Panel:
 
         viewer = self.viewer
         simulation = viewer.simulation
-        milliseconds = viewer.milliseconds()
         psim.Text(f"{len(simulation.meshes)} bodies; squares of {viewer.view.squareSide:g} m")
         psim.Text(f"step {simulation.stepCount}, {simulation.time:.2f} s simulated")
         report = simulation.report
@@ -614,20 +613,26 @@ class Panel:
             if simulation.constraints:
                 bounds = len(simulation.constraints)
                 psim.Text(f"{report.constraintVisits} visits of {bounds} bounds")
-        frame = viewer.frame_milliseconds()
+        if self._section("Milliseconds", True):
+            self._draw_milliseconds()
+
+    def _draw_milliseconds(self):
+        import polyscope.imgui as psim
+
+        frame, step = self.viewer.frame_milliseconds(), self.viewer.milliseconds()
         if frame is not None:
             whole, simulating = frame
-            psim.SeparatorText("milliseconds")
             draw_table([
                 (f"{whole:.1f}", f"a frame, {1e3 / whole:.0f} a second; of it"),
                 (f"{simulating:.1f}", "simulating"),
-                (f"{whole - simulating:.1f}", "drawing, and waiting for the screen"),
+                (f"{whole - simulating:.1f}", "drawing, and waiting for it"),
             ])
-        if milliseconds is not None:
             psim.Separator()
+        if step is not None:
+            phases = self.viewer.phase_milliseconds()
             draw_table([
-                (f"{milliseconds:.2f}", "a step; of it"),
-                *((f"{ms:.2f}", name) for name, ms in viewer.phase_milliseconds().items()),
+                (f"{step:.2f}", "a step; of it"),
+                *((f"{ms:.2f}", name) for name, ms in phases.items()),
             ])
 
     def _draw_save(self):
@@ -752,17 +757,18 @@ class Panel:
         psim.End()
 
 
-# Plots from top to bottom: title, and the quantities in it.
+# Plots from top to bottom: title, and what is called how in it.
 PLOTS = [
-    ("energy (J)", ["kineticEnergy", "potentialEnergy", "totalEnergy"]),
-    ("momentum (kg m/s)", ["momentumX", "momentumY", "momentumZ"]),
-    ("deepest penetration (m)", ["deepestPenetration"]),
-    ("largest constraint violation (m)", ["largestViolation"]),
-]
+    ("energy (J)", {"kinetic": "kineticEnergy", "potential": "potentialEnergy",
+                    "total": "totalEnergy"}),
+    ("momentum (kg m/s)", {"x": "momentumX", "y": "momentumY", "z": "momentumZ"}),
+    ("deepest penetration (m)", {"depth": "deepestPenetration"}),
+    ("largest constraint violation (m)", {"violation": "largestViolation"}),
+]  # fmt: skip
 
 
 def draw_plots(history):
-    """Time plots of the rows (time in s, dict of quantities)."""
+    """Time plots of the rows (time in s, dict of quantities); of what is not known, none."""
     import polyscope.imgui as psim
     import polyscope.implot as implot
 
@@ -770,15 +776,22 @@ def draw_plots(history):
         psim.Text("They begin with the next step.")
         return
     times = np.array([row[0] for row in history])
-    flags = implot.ImPlotFlags_NoMenus | implot.ImPlotFlags_NoMouseText
     for title, names in PLOTS:
-        names = [name for name in names if name in history[-1][1]]
-        if names and implot.BeginPlot(title, PLOT_SIZE, flags):
+        values = np.array([[row[1][name] for name in names.values()] for row in history])
+        if np.all(np.isnan(values)):
+            continue
+        flags = implot.ImPlotFlags_NoMenus | implot.ImPlotFlags_NoMouseText
+        if len(names) == 1:
+            flags |= implot.ImPlotFlags_NoLegend
+        if implot.BeginPlot(title, PLOT_SIZE, flags):
             fit = implot.ImPlotAxisFlags_AutoFit
-            implot.SetupAxes("", "", fit | implot.ImPlotAxisFlags_NoLabel, fit)
-            for name in names:
-                values = np.array([row[1].get(name, math.nan) for row in history], dtype=float)
-                implot.PlotLine(name, times, values)
+            unlabelled = implot.ImPlotAxisFlags_NoLabel
+            implot.SetupAxes("", "", fit | unlabelled, fit | unlabelled)
+            implot.SetupAxisFormat(implot.ImAxis_Y1, "%.3g")
+            outside = implot.ImPlotLegendFlags_Outside | implot.ImPlotLegendFlags_Horizontal
+            implot.SetupLegend(implot.ImPlotLocation_South, outside)
+            for name, column in zip(names, values.T, strict=True):
+                implot.PlotLine(name, times, np.ascontiguousarray(column))
             implot.EndPlot()
 
 
@@ -812,7 +825,7 @@ def show_window(simulation, backend, openFile, listFiles, measure, look=None):
     """
     import polyscope as ps
 
-    view = start_look(simulation, backend, look or Look())
+    view = start_look(simulation, backend, look or Look(), PANEL_WIDTH + MARGIN)
     ps.set_build_default_gui_panels(False)
     ps.set_open_imgui_window_for_user_callback(False)
     viewer = Viewer(simulation, view, openFile, listFiles, measure)
