@@ -11,9 +11,9 @@ from opengl import require_opengl
 from oracles import COURSE, ROOT, needs_course
 from program import DATA, by_hand, environment, run, summary_of
 
+from RBSDrawing import DEBIAN_PACKAGES
 from RBSFunctions import Mesh
 from RBSRecording import STATE_NAMES
-from RBSViewer import DEBIAN_PACKAGES
 from RigidBodySimulation import (
     DEFAULT_RESTITUTION,
     DEFAULT_TIME_STEP,
@@ -430,7 +430,7 @@ def test_help_names_every_option_with_its_default(tmp_path):
 
 def test_importing_the_modules_needs_no_display_and_no_polyscope(tmp_path):
     program = (
-        "import sys, RigidBodySimulation, RBSViewer, RBSFunctions, GJK, Quaternion; "
+        "import sys, RigidBodySimulation, RBSViewer, RBSDrawing, RBSFunctions, GJK, Quaternion; "
         "sys.exit('polyscope' in sys.modules)"
     )
     process = subprocess.run([sys.executable, "-c", program], cwd=ROOT, env=environment())

@@ -19,23 +19,28 @@ import pytest
 from opengl import require_opengl, skip_or_fail
 from oracles import ROOT
 
-import RBSViewer
-from RBSViewer import (
+import RBSDrawing
+from RBSDrawing import (
     FIXED_COLOUR,
     MOST_CREASES,
     TIE_COLOURS,
     VIEW_DIRECTION,
     VIRIDIS,
-    Panel,
     SceneView,
     Ties,
-    Viewer,
     body_colours,
     find_creases,
     frame_camera,
-    legend,
 )
-from RigidBodySimulation import Simulation, load_mesh_file, load_scene_file
+from RBSRecording import Recorder, step_quantities
+from RBSViewer import Panel, Viewer, legend
+from RigidBodySimulation import (
+    Simulation,
+    list_files,
+    load_mesh_file,
+    load_scene_file,
+    open_file,
+)
 
 DATA = ROOT / "data"
 
@@ -52,18 +57,39 @@ class StillView:
 
     def __init__(self):
         self.refreshed = self.rebuilt = 0
+        self.picked = None
 
     def refresh(self):
         self.refreshed += 1
 
-    def rebuild(self):
+    def rebuild(self, simulation):
         self.rebuilt += 1
+
+    def picked_point(self):
+        return np.array([1.0, 2.0, 3.0])
+
+
+def make_viewer(simulation, view):
+    return Viewer(simulation, view, open_file, list_files, step_quantities)
 
 
 @pytest.fixture
 def viewer():
     """A Viewer of the mixed scene that draws nothing."""
-    return Viewer(Simulation(DATA / "mixed-scene.txt"), StillView())
+    return make_viewer(Simulation(DATA / "mixed-scene.txt"), StillView())
+
+
+@pytest.fixture
+def replay(tmp_path):
+    """A Viewer of a recording of 40 steps of the tower that draws nothing."""
+    simulation = Simulation(DATA / "tower-scene.txt")
+    recorder = Recorder(tmp_path / "tower.npz")
+    recorder.add(simulation)
+    for _ in range(40):
+        simulation.step()
+        recorder.add(simulation)
+    recorder.save()
+    return make_viewer(open_file(tmp_path / "tower.npz", None), StillView())
 
 
 # --------------------------------------------------------------------------------------------------
@@ -107,7 +133,7 @@ def test_slow_steps_do_not_keep_the_window_from_drawing(viewer, monkeypatch):
 
 
 def test_long_time_steps_play_too(viewer):
-    viewer.set_time_step(0.5)
+    viewer.simulation.settings.timeStep = 0.5
     viewer.toggle_play()
     for _ in range(11):
         viewer.play(0.1)
@@ -126,41 +152,136 @@ def test_step_and_reset_pause(viewer):
     np.testing.assert_array_equal(viewer.simulation.state()["positions"], start)
 
 
-def test_values_out_of_range_are_refused_and_change_nothing(viewer):
-    simulation = viewer.simulation
-    for value in (-0.1, 1.0001, math.nan, math.inf):
-        with pytest.raises(ValueError, match="the restitution must lie between 0 and 1"):
-            viewer.set_restitution(value)
-    for value in (0.0, -0.02, math.nan, math.inf):
-        with pytest.raises(ValueError, match="the time step must be positive"):
-            viewer.set_time_step(value)
-    assert (simulation.settings.restitution, simulation.settings.timeStep) == (0.5, 0.02)
-    viewer.set_restitution(0.123456789)
-    viewer.set_time_step(0.0123456789)
-    assert simulation.settings.restitution == 0.123456789
-    assert simulation.settings.timeStep == 0.0123456789
+def test_steps_per_frame_do_not_look_at_the_clock(viewer):
+    viewer.stepsPerFrame = 3
+    viewer.toggle_play()
+    viewer.play(0.0)
+    viewer.play(5.0)
+    assert viewer.simulation.stepCount == 6
+
+
+def test_values_out_of_range_are_refused_and_change_nothing():
+    settings = Simulation(DATA / "tet-scene.txt").settings
+    for name, values, cause in (
+        ("restitution", (-0.1, 1.0001, math.nan, math.inf), "the restitution must lie between 0"),
+        ("timeStep", (0.0, -0.02, math.nan, math.inf), "the time step must be positive"),
+        ("friction", (-0.1, math.nan, math.inf), "the friction must be finite"),
+    ):
+        before = getattr(settings, name)
+        for value in values:
+            with pytest.raises(ValueError, match=cause):
+                settings.change(name, value)
+        assert getattr(settings, name) == before
+        settings.change(name, 0.123456789)
+        assert getattr(settings, name) == 0.123456789
 
 
 def test_scenes_beside_the_current_one_can_be_chosen(viewer):
-    names = [path.name for path in viewer.scenes()]
-    assert "tower-scene.txt" in names and names == sorted(names)
+    files = viewer.files()
+    assert files["tower"] == DATA / "tower-scene.txt" and viewer.name() == "mixed"
     viewer.toggle_play()
     viewer.simulation.settings.restitution = 0.25
-    viewer.choose_scene(DATA / "tower-scene.txt")
+    viewer.open(files["tower"])
     assert not viewer.isPlaying and viewer.view.rebuilt == 1
     assert len(viewer.simulation.meshes) == 9 and viewer.simulation.stepCount == 0
     assert viewer.simulation.settings.restitution == 0.25
 
 
-def test_broken_scene_shows_its_error_and_keeps_the_current_one(viewer, tmp_path):
-    broken = tmp_path / "broken-scene.txt"
-    broken.write_text("2\n")
-    viewer.step_once()
-    viewer.choose_scene(broken)
-    assert viewer.message == f"{broken}:1: the file ends before body 1 of 2"
-    assert viewer.simulation.stepCount == 1 and viewer.view.rebuilt == 0
-    viewer.choose_scene(DATA / "tet-scene.txt")
+def test_broken_file_shows_its_error_and_keeps_the_current_scene(viewer, tmp_path):
+    for name, cause in (("broken-scene.txt", ":1: the file ends before body 1 of 2"),
+                        ("broken.npz", ": this is not a recording"),
+                        ("broken.json", ": this is not a JSON file")):  # fmt: skip
+        (tmp_path / name).write_text("2\n" if name.endswith("txt") else "nothing")
+        viewer.step_once()
+        count = viewer.simulation.stepCount
+        viewer.open(tmp_path / name)
+        assert viewer.message.startswith(f"{tmp_path / name}{cause}")
+        assert viewer.simulation.stepCount == count and viewer.view.rebuilt == 0
+    viewer.open(DATA / "tet-scene.txt")
     assert viewer.message == ""
+
+
+def test_plots_grow_while_they_are_open_and_begin_anew_with_a_reset(viewer):
+    viewer.step_once()
+    assert len(viewer.history) == 0
+    viewer.isMeasuring = True
+    viewer.step_once()
+    viewer.step_once()
+    times = [row[0] for row in viewer.history]
+    np.testing.assert_allclose(times, [0.04, 0.06])
+    assert viewer.history[0][1]["totalEnergy"] > 0.0
+    viewer.reset()
+    assert len(viewer.history) == 0
+
+
+def test_replay_plays_at_any_speed_and_stops_at_its_ends(replay):
+    simulation = replay.simulation
+    replay.toggle_play()
+    replay.play(0.041)
+    assert simulation.stepCount == 2
+    replay.speed = -1.0
+    replay.play(0.021)
+    assert simulation.stepCount == 1
+    replay.play(0.1)
+    assert simulation.stepCount == 0 and not replay.isPlaying
+    replay.speed = 8.0
+    replay.seek(30)
+    replay.toggle_play()
+    replay.play(0.1)
+    assert simulation.stepCount == 40 and not replay.isPlaying
+    replay.toggle_play()  # from the start again
+    assert simulation.stepCount == 0 and replay.isPlaying
+    replay.step_once()
+    assert simulation.stepCount == 1 and replay.milliseconds() is None
+
+
+def test_settings_outlive_a_replay(viewer, replay, tmp_path):
+    viewer.simulation.settings.friction = 0.7
+    viewer.open(tmp_path / "tower.npz")
+    assert viewer.isReplay and viewer.simulation.lastStep == 40
+    viewer.open(DATA / "tower-scene.txt")
+    assert not viewer.isReplay and viewer.simulation.settings.friction == 0.7
+
+
+# --------------------------------------------------------------------------------------------------
+# Bodies that are pushed, fixed and freed
+# --------------------------------------------------------------------------------------------------
+
+
+def test_push_changes_the_momentum_by_the_impulse_and_the_spin_by_its_moment():
+    simulation = Simulation(DATA / "mixed-scene.txt")
+    for _ in range(30):
+        simulation.step()
+    mesh = simulation.meshes[3]
+    impulse, point = np.array([3e4, -2e4, 5e4]), mesh.position[0] + [1.0, 2.0, -3.0]
+    inertia = np.linalg.inv(mesh.get_rotated_inv_IT())
+    linear, angular = mesh.linVelocity[0].copy(), mesh.angVelocity[0].copy()
+    mesh.push(impulse, point)
+    np.testing.assert_allclose(mesh.mass * (mesh.linVelocity[0] - linear), impulse)
+    moment = np.cross([1.0, 2.0, -3.0], impulse)
+    np.testing.assert_allclose(inertia @ (mesh.angVelocity[0] - angular), moment)
+
+
+def test_fixed_body_stands_still_and_a_freed_one_falls_as_before(viewer):
+    simulation = viewer.simulation
+    mesh = simulation.meshes[2]
+    invMass, invIT = mesh.invMass, mesh.invIT.copy()
+    viewer.step_once()
+    viewer.view.picked = 2
+    viewer.set_fixed(True)
+    where = mesh.position.copy()
+    viewer.push([0.0, 1.0, 0.0])
+    assert not mesh.linVelocity.any() and not mesh.angVelocity.any()
+    viewer.step_once()
+    np.testing.assert_array_equal(mesh.position, where)
+    viewer.set_fixed(False)
+    assert mesh.invMass == invMass
+    np.testing.assert_array_equal(mesh.invIT, invIT)
+    viewer.step_once()
+    np.testing.assert_allclose(mesh.linVelocity, [[0.0, -9.8 * 0.02, 0.0]], rtol=1e-12)
+    viewer.set_fixed(True)
+    viewer.reset()
+    assert not mesh.isFixed and mesh.invMass == invMass
 
 
 # --------------------------------------------------------------------------------------------------
@@ -174,7 +295,7 @@ def test_colours_go_by_the_logarithm_of_the_density(tmp_path):
     rows = [f"box.mesh {d} {int(d == 5)} 0 {20 * k} 0 1 0 0 0" for k, d in enumerate(densities)]
     (tmp_path / "a-scene.txt").write_text("\n".join(["4", *rows]))
     meshes = load_scene_file(tmp_path / "a-scene.txt")
-    light, heavy, middle, fixed = body_colours(meshes)
+    light, heavy, middle, fixed = body_colours(SimpleNamespace(meshes=meshes))
     np.testing.assert_allclose(light, VIRIDIS[0])
     np.testing.assert_allclose(heavy, VIRIDIS[-1])
     np.testing.assert_allclose(middle, VIRIDIS[len(VIRIDIS) // 2])
@@ -183,7 +304,7 @@ def test_colours_go_by_the_logarithm_of_the_density(tmp_path):
         "density 10", "density 100", "density 1000", "fixed"
     ]  # fmt: skip
     np.testing.assert_allclose(legend(meshes)[1][1], middle)
-    np.testing.assert_allclose(body_colours(meshes[:1]), VIRIDIS[[len(VIRIDIS) // 2]])
+    np.testing.assert_allclose(body_colours(SimpleNamespace(meshes=meshes[:1])), VIRIDIS[[len(VIRIDIS) // 2]])
 
 
 def test_lightness_falls_from_light_to_heavy():
@@ -267,7 +388,7 @@ def test_camera_sees_all_of_a_scene_and_stands_no_further_than_it_must():
         half = math.tan(math.radians(22.5))
         reach = np.maximum(np.abs(x) / (depth * half * aspect), np.abs(y) / (depth * half))
         assert np.all(depth > 0.0)
-        assert np.max(reach) == pytest.approx(1.0 - RBSViewer.FRAME_MARGIN)
+        assert np.max(reach) == pytest.approx(1.0 - RBSDrawing.FRAME_MARGIN)
 
 
 def in_camera(points, position, target):
@@ -292,7 +413,7 @@ def polyscope():
     import polyscope as ps
 
     if not ps.is_initialized():
-        RBSViewer.start_polyscope(backend)
+        RBSDrawing.start_polyscope(backend)
     ps.set_frame_tick_limit_fps_mode("ignore_limits")  # else a tick soon after another does nothing
     return ps
 
@@ -396,8 +517,7 @@ def test_ties_are_drawn_where_the_bodies_are_and_only_while_they_count(polyscope
     view.refresh()
     np.testing.assert_array_equal(picture(polyscope), with_lines)
     # The next scene has none.
-    simulation.load(DATA / "tet-scene.txt")
-    view.rebuild()
+    view.rebuild(Simulation(DATA / "tet-scene.txt"))
     assert not polyscope.has_curve_network("constraints")
 
 
@@ -422,7 +542,7 @@ def test_many_bodies_are_drawn_without_lines(tmp_path, polyscope):
 def panel(polyscope):
     """The panel over the mixed scene, drawn frame by frame through Polyscope's callback."""
     simulation = Simulation(DATA / "mixed-scene.txt")
-    result = Panel(Viewer(simulation, SceneView(simulation)))
+    result = Panel(make_viewer(simulation, SceneView(simulation)))
     polyscope.set_build_default_gui_panels(False)
     polyscope.set_open_imgui_window_for_user_callback(False)
     polyscope.set_user_callback(result.frame)
@@ -554,7 +674,7 @@ def test_constraints_can_be_switched_off_and_their_scheduling_chosen(polyscope, 
     settings = panel.viewer.simulation.settings
     polyscope.frame_tick()
     assert "scheduling" not in places  # the mixed scene has no constraints
-    panel.viewer.choose_scene(DATA / "cube-scene.txt")
+    panel.viewer.open(DATA / "cube-scene.txt")
     polyscope.frame_tick()
     polyscope.frame_tick()  # the panel has grown
     click(polyscope, *places["constraints"])
