@@ -908,6 +908,8 @@ def save_picture(path, isTransparent=False):
     import polyscope as ps
 
     part = path.with_name(f"{path.stem}.part{path.suffix}").resolve()
+    # Polyscope asks for both: a background of no opacity, and that this be kept.
+    ps.set_background_color((*BACKGROUND, 0.0 if isTransparent else 1.0))
     ps.screenshot(str(part), transparent_bg=isTransparent)
     os.replace(part, path)
 
@@ -960,7 +962,11 @@ class Video:
         self._view = view
         self._firstStep = self._lastStep = None
         self._partPath = self.path.with_name(f"{self.path.stem}.part{self.path.suffix}")
-        open(self._partPath, "wb").close()  # missing rights, or folders, are found out now
+        try:
+            open(self._partPath, "wb").close()  # missing rights, or folders, are found out now
+        except OSError as error:
+            error.filename = str(path)  # the name that the caller knows
+            raise
         if self.path.suffix.lower() == ".gif":
             options = {"codec": "gif", "pix_fmt_out": "pal8", "quality": None}
             parameters = ["-filter_complex", GIF_FILTER]

@@ -6,6 +6,7 @@ STATUS.json holds the middles of the widgets, label by label, as they were drawn
 test wants to see happen. Ctrl-C closes the window.
 """
 
+import itertools
 import json
 import os
 import sys
@@ -75,7 +76,7 @@ def project(point):
 
 
 def main(scene, statusPath):
-    places = {}
+    places, frameCount = {}, itertools.count()
     for kind in WIDGETS:
         setattr(psim, kind, noting(getattr(psim, kind), places))
     frame = RBSViewer.Panel.frame
@@ -84,7 +85,8 @@ def main(scene, statusPath):
         places.clear()
         frame(panel)
         part = Path(statusPath + ".part")
-        part.write_text(json.dumps({**status_of(panel), "places": places}))
+        status = {**status_of(panel), "frameCount": next(frameCount), "places": places}
+        part.write_text(json.dumps(status))
         os.replace(part, statusPath)
 
     RBSViewer.Panel.frame = told_frame
