@@ -60,6 +60,10 @@ SLACK_GROWTH = 8
 # within this angle times the edges' length of the truth.
 PARALLEL_SINE = 1e-12
 
+# Where an edge makes a larger sine than this with both faces of the other one, their facet is
+# beyond the doubts of rounding, for coordinates up to a million times the size of the bodies.
+SURE_SINE = 1e-5
+
 # GJK stops when an iteration brings the origin's distance closer by less than this fraction.
 GJK_PROGRESS = 1e-12
 # GJK ends in a few iterations; rounding can make it cycle. Whatever it has not parted by then goes
@@ -76,25 +80,59 @@ FLAT_EXTENT = 1e-13
 # Below this aspect Qhull is given the points stretched to a cube, lest it merge the thin sides.
 THIN_ASPECT = 1e-3
 
+# GJK is left out for a pair with no more faces × vertices than this: the faces themselves then show
+# sooner whether they part it.
+GJK_ENTRIES = 1000
+
 # Table entries (features × features × pairs) worked on at a time: 16 MB for each double array.
 CHUNK_ENTRIES = 2_000_000
+# Combinations of edges worked on at a time: their vectors stay in the processor's cache.
+EDGE_BLOCK = 8192
 # Up to this many entries, one padded table costs less than several without padding.
 SMALL_TABLE = 20_000
 # Hulls share tables with those up to the same of these sizes: boxes, cylinders, and the rest.
 SIZE_CLASSES = np.array([16, 64])
 
 
+# The components x y z x y: what a product of vectors multiplies stands next to each other in it.
+_CYCLE = np.array([0, 1, 2, 0, 1])
+
+
 def dot(a, b):
     """Scalar product of vectors by component: tuples of floats, or arrays with first axis 3."""
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):  # the same in fewer calls
+        products = a * b
+        return products[0] + products[1] + products[2]
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a, b):
-    """Vector product by component, as a tuple; arguments as for `dot`."""
+    """Vector product by component, a tuple or an array as the arguments; those as for `dot`."""
+    if isinstance(a, np.ndarray):
+        a, b = a.take(_CYCLE, axis=0), b.take(_CYCLE, axis=0)
+        return a[1:4] * b[2:5] - a[2:5] * b[1:4]
     return (
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
         a[0] * b[1] - a[1] * b[0],
+    )
+
+
+def difference(a, b):
+    """a - b; arguments as for `dot`."""
+    if isinstance(a, np.ndarray):
+        return a - b
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def moved(v, factor, direction):
+    """v + factor · direction; arguments as for `dot`."""
+    if isinstance(v, np.ndarray):
+        return v + factor * direction
+    return (
+        v[0] + factor * direction[0],
+        v[1] + factor * direction[1],
+        v[2] + factor * direction[2],
     )
 
 
@@ -265,6 +303,7 @@ class HullSet:
     vertices : (3, ΣV), directions : (3, ΣD), edges : (3, ΣE); at rest, or turned by `rotated`
     offsets : (ΣD,), of the faces
     edgeTail : (ΣE,), column in `vertices`; edgeFace1, edgeFace2 : (ΣE,), columns in `directions`
+    vertexOwner, faceOwner, edgeOwner : the body of each
     radius : (n,), of each hull about its centre
     """
 
@@ -276,6 +315,11 @@ class HullSet:
         self.faceStart = np.cumsum(self.faceCount) - self.faceCount
         self.edgeStart = np.cumsum(self.edgeCount) - self.edgeCount
 
+        bodies = np.arange(len(hulls))
+        self.vertexOwner = np.repeat(bodies, self.vertexCount)
+        self.faceOwner = np.repeat(bodies, self.faceCount)
+        self.edgeOwner = np.repeat(bodies, self.edgeCount)
+
         def table(name):
             return np.concatenate([getattr(h, name) for h in hulls])
 
@@ -283,17 +327,23 @@ class HullSet:
         self.directions = np.ascontiguousarray(table("directions").T)
         self.edges = np.ascontiguousarray(table("edgeVector").T)
         self.offsets = table("offsets")
-        self.edgeTail = table("edgeTail") + np.repeat(self.vertexStart, self.edgeCount)
-        edgeFaces = table("edgeFaces") + np.repeat(self.faceStart, self.edgeCount)[:, None]
+        self.edgeTail = table("edgeTail") + self.vertexStart[self.edgeOwner]
+        edgeFaces = table("edgeFaces") + self.faceStart[self.edgeOwner][:, None]
         self.edgeFace1, self.edgeFace2 = np.ascontiguousarray(edgeFaces.T)
         self.radius = np.array([h.radius for h in hulls])
 
-    def rotated(self, entries):
-        """These hulls, each turned. entries : (9, n), each body's rotation matrix row by row."""
+    def rotated(self, entries, vertices=None):
+        """These hulls, each turned.
+
+        entries : (9, n), each body's rotation matrix row by row
+        vertices : (3, ΣV), the turned vertices, where they are at hand
+        """
         turned = copy.copy(self)
-        turned.vertices = rotate_columns(entries, self.vertices, self.vertexCount)
-        turned.directions = rotate_columns(entries, self.directions, self.faceCount)
-        turned.edges = rotate_columns(entries, self.edges, self.edgeCount)
+        if vertices is None:
+            vertices = rotate_columns(entries, self.vertices, self.vertexOwner)
+        turned.vertices = vertices
+        turned.directions = rotate_columns(entries, self.directions, self.faceOwner)
+        turned.edges = rotate_columns(entries, self.edges, self.edgeOwner)
         return turned
 
     def boxes(self):
@@ -306,9 +356,9 @@ class HullSet:
         return self.vertices[:, self.vertexStart[b] : self.vertexStart[b] + self.vertexCount[b]]
 
 
-def rotate_columns(entries, table, counts):
-    """Table (3, Σcounts) with counts[b] columns turned by the rotation entries[:, b] of body b."""
-    r = np.repeat(entries, counts, axis=1)
+def rotate_columns(entries, table, owner):
+    """A table (3, K) with each column turned by the rotation entries[:, b] of its owner b (K,)."""
+    r = entries.take(owner, axis=1)
     return np.stack(
         (
             r[0] * table[0] + r[1] * table[1] + r[2] * table[2],
@@ -330,25 +380,28 @@ def _slots(start, count, bodies):
 
 def _vertices_of(hulls, bodies):
     """Vertices (3, V, P) of the bodies (P,)."""
-    return hulls.vertices[:, _slots(hulls.vertexStart, hulls.vertexCount, bodies)]
+    return hulls.vertices.take(_slots(hulls.vertexStart, hulls.vertexCount, bodies), axis=1)
 
 
-def _chunks_of_like_size(count, first, second):
+def _chunks_of_like_size(count, *sides):
     """Index arrays that part P pairs into chunks, for tables padded to the largest pair in each.
 
-    count : (n,), rows that a body takes. Small tables are not parted.
+    count : (n,), rows that a body takes; sides : (P,) each, the bodies of the pairs. Small tables
+    are not parted.
     """
-    a, b = count[first], count[second]
-    if len(first) == 0:
+    sizes = [count[bodies] for bodies in sides]
+    total = len(sides[0])
+    if total == 0:
         return []
-    if int(a.max()) * int(b.max()) * len(first) <= SMALL_TABLE:
-        return [np.arange(len(first))]
-    group = np.searchsorted(SIZE_CLASSES, a) * (len(SIZE_CLASSES) + 1)
-    group += np.searchsorted(SIZE_CLASSES, b)
+    if math.prod(int(size.max()) for size in sizes) * total <= SMALL_TABLE:
+        return [np.arange(total)]
+    group = np.zeros(total, dtype=np.intp)
+    for size in sizes:
+        group = group * (len(SIZE_CLASSES) + 1) + np.searchsorted(SIZE_CLASSES, size)
     chunks = []
     for g in np.unique(group).tolist():
         members = np.flatnonzero(group == g)
-        step = max(1, CHUNK_ENTRIES // int(a[members].max() * b[members].max()))
+        step = max(1, CHUNK_ENTRIES // math.prod(int(size[members].max()) for size in sizes))
         chunks += [members[k : k + step] for k in range(0, len(members), step)]
     return chunks
 
@@ -379,7 +432,7 @@ def _closest_on_simplex(w):
     onSegment = p + s * d
 
     a, b, c = (w[:, slots] for slots in _TRIANGLES)
-    n = np.stack(cross(b - a, c - a))
+    n = cross(b - a, c - a)
     area2 = dot(n, n)
     height = dot(a, n)
     flat = area2 == 0
@@ -438,7 +491,7 @@ def _gjk(hulls, first, second, t, gap, guess):
     count = len(first)
     separated, axis, distance = np.zeros(count, dtype=bool), np.zeros((3, count)), np.zeros(count)
     a, b = _vertices_of(hulls, first), _vertices_of(hulls, second)
-    tiny2 = (TOUCH_TOLERANCE * (hulls.radius[first] + hulls.radius[second])) ** 2
+    least2 = np.maximum(gap, TOUCH_TOLERANCE * (hulls.radius[first] + hulls.radius[second])) ** 2
     active = np.arange(count)
     # D = A - B - t holds the origin when the pair meets. The first v is a direction, the later
     # ones are the points of a simplex in D that are nearest to the origin.
@@ -450,7 +503,9 @@ def _gjk(hulls, first, second, t, gap, guess):
         columns = np.arange(len(active))
         va = dot(v[:, None], a).argmin(axis=0)
         vb = dot(v[:, None], b).argmax(axis=0)
-        w = a[:, va, columns] - b[:, vb, columns] - t
+        count = len(active)
+        w = a.reshape(3, -1).take(va * count + columns, axis=1)
+        w = w - b.reshape(3, -1).take(vb * count + columns, axis=1) - t
         v2, vw = dot(v, v), dot(v, w)
         length = np.sqrt(v2)
         apart = vw > gap[active] * length
@@ -459,15 +514,22 @@ def _gjk(hulls, first, second, t, gap, guess):
         axis[:, found] = -v[:, apart] / length[apart]
         distance[found] = vw[apart] / length[apart]
         on = ~apart
-        if iteration > 0:
-            on &= (v2 > tiny2[active]) & (v2 - vw > GJK_PROGRESS * v2)
+        if iteration > 0:  # v is a point of D: no gap is wider than its length
+            on &= (v2 > least2[active]) & (v2 - vw > GJK_PROGRESS * v2)
+        on = np.flatnonzero(on)
+        if len(on) < len(active):
+            active, t, w, used, a, b, simplex = (
+                table.take(on, axis=-1) for table in (active, t, w, used, a, b, simplex)
+            )
         simplex = np.where(used, simplex, w[:, None])
         inside, v, used = _closest_on_simplex(simplex)
-        on &= ~inside
-        if not on.any():
+        on = np.flatnonzero(~inside)
+        if len(on) == 0:
             break
-        active, t, v, used = active[on], t[:, on], v[:, on], used[:, on]
-        a, b, simplex = a[:, :, on], b[:, :, on], simplex[:, :, on]
+        if len(on) < len(active):
+            active, t, v, used, a, b, simplex = (
+                table.take(on, axis=-1) for table in (active, t, v, used, a, b, simplex)
+            )
     return separated, axis, distance
 
 
@@ -500,7 +562,17 @@ class FacetPlanes:
         normal = np.concatenate([np.zeros((3, 0))] + [part[1] for part in parts], axis=1)
         offset = np.concatenate([np.zeros(0)] + [part[2] for part in parts])
         start = np.searchsorted(pair[order], np.arange(len(complete) + 1))
-        return cls(start, normal[:, order], offset[order], complete)
+        return cls(start, normal.take(order, axis=1), offset[order], complete)
+
+    def of_pairs(self, pairs):
+        """The planes of these pairs (Q,), in this order, as new `FacetPlanes`."""
+        count = np.diff(self.start)[pairs]
+        end = np.cumsum(count)
+        column = np.repeat(self.start[pairs] - (end - count), count) + np.arange(count.sum())
+        return FacetPlanes(
+            np.concatenate(([0], end)), self.normal.take(column, axis=1),
+            self.offset.take(column), self.complete[pairs],
+        )  # fmt: skip
 
     def nearest(self, p, t):
         """`(pen, normal)` of pair p's nearest facet at the translation t, a tuple of 3 floats.
@@ -516,11 +588,12 @@ class FacetPlanes:
     def nearest_of_all(self, t):
         """`nearest` for all pairs at once: `(pen (P,), normal (3, P))` from t (3, P)."""
         count = np.diff(self.start)
-        pen = self.offset - dot(self.normal, np.repeat(t, count, axis=1))
+        pair = np.repeat(np.arange(len(count)), count)
+        pen = self.offset - dot(self.normal, t.take(pair, axis=1))
         least = np.minimum.reduceat(pen, self.start[:-1])
-        candidates = np.flatnonzero(pen == np.repeat(least, count))
+        candidates = np.flatnonzero(pen == least.take(pair))
         first = candidates[np.searchsorted(candidates, self.start[:-1])]
-        return least, self.normal[:, first]
+        return least, self.normal.take(first, axis=1)
 
 
 def contact_planes(hulls, first, second, translation, reach, guess=None, likely=None):
@@ -536,29 +609,53 @@ def contact_planes(hulls, first, second, translation, reach, guess=None, likely=
     """
     size = hulls.radius[first] + hulls.radius[second]
     gap = np.maximum(reach, GJK_GAP * size)
-    asked = np.arange(len(first)) if likely is None else np.flatnonzero(~likely)
-    separated, axis, distance = separating_axes(
-        hulls, first[asked], second[asked], translation[:, asked], gap[asked],
-        None if guess is None else guess[:, asked],
-    )  # fmt: skip
-    apart, normal = asked[separated], axis[:, separated]
-    offset = dot(normal, translation[:, apart]) - distance[separated] + ROUNDING * size[apart]
     isNear = np.ones(len(first), dtype=bool)
-    isNear[apart] = False
+    if likely is None:
+        likely = np.zeros(len(first), dtype=bool)
+    parts = []
+
+    def part(pairs, axis, offset):
+        isNear[pairs] = False
+        parts.append((pairs, axis, offset + ROUNDING * size[pairs]))
+
+    if guess is not None:
+        asked = np.flatnonzero(~likely)
+        axis = guess.take(asked, axis=1)
+        offset = support_offsets(hulls, first[asked], second[asked], axis)
+        distance = dot(axis, translation.take(asked, axis=1)) - offset
+        apart = np.flatnonzero(distance > gap[asked])
+        part(asked[apart], axis.take(apart, axis=1), offset[apart])
+    large = hulls.faceCount[first] * hulls.vertexCount[second]
+    large = np.maximum(large, hulls.faceCount[second] * hulls.vertexCount[first]) > GJK_ENTRIES
+    asked = np.flatnonzero(large & isNear & ~likely)
+    separated, axis, distance = separating_axes(
+        hulls, first[asked], second[asked], translation.take(asked, axis=1), gap[asked]
+    )
+    apart = asked[separated]
+    axis = axis[:, separated]
+    part(apart, axis, dot(axis, translation.take(apart, axis=1)) - distance[separated])
     near = np.flatnonzero(isNear)
-    planes = facet_planes(hulls, first[near], second[near], translation[:, near], reach[near])
+    planes = facet_planes(
+        hulls, first[near], second[near], translation.take(near, axis=1), reach[near]
+    )
     complete = np.zeros(len(first), dtype=bool)
     complete[near] = planes.complete
     ofNear = near[np.repeat(np.arange(len(near)), np.diff(planes.start))]
-    return FacetPlanes.gathered(
-        [(apart, normal, offset), (ofNear, planes.normal, planes.offset)], complete
-    )
+    return FacetPlanes.gathered([*parts, (ofNear, planes.normal, planes.offset)], complete)
+
+
+def _supports(hulls, bodies, directions):
+    """How far (P,) the hulls of the bodies reach along the directions (3, P)."""
+    support = np.empty(len(bodies))
+    for chunk in _chunks_of_like_size(hulls.vertexCount, bodies):
+        vertices = _vertices_of(hulls, bodies[chunk])
+        support[chunk] = dot(directions.take(chunk, axis=1)[:, None], vertices).max(axis=0)
+    return support
 
 
 def support_offsets(hulls, first, second, normal):
     """Distance (P,) from the origin of the supporting plane of A - B with the normals (3, P)."""
-    highest = dot(normal[:, None], _vertices_of(hulls, first)).max(axis=0)
-    return highest - dot(normal[:, None], _vertices_of(hulls, second)).min(axis=0)
+    return _supports(hulls, first, normal) + _supports(hulls, second, -normal)
 
 
 def facet_planes(hulls, first, second, translation, reach):
@@ -593,7 +690,7 @@ def _planes_of_chunk(hulls, first, second, t, reach):
     nearest = np.minimum(facesA.pen.min(axis=0), facesB.pen.min(axis=0))
     complete = nearest >= -reach - TOUCH_TOLERANCE * size
     # Ties at rounding level have to survive: FEATURE_TOLERANCE is far above rounding.
-    bound = np.maximum(nearest, 0.0) + 2.0 * reach + FEATURE_TOLERANCE * size
+    bound = nearest + 2.0 * reach + FEATURE_TOLERANCE * size
     pairA, normalA, offsetA = facesA.planes(bound, nearest, complete)
     pairB, normalB, offsetB = facesB.planes(bound, nearest, complete)
     pairE, normalE, offsetE = _edge_planes(hulls, facesA, facesB, t, bound, complete)
@@ -610,23 +707,19 @@ class _FaceQuery:
 
     t : (3, P), centre of the other side minus centre of this side.
     slots : (D, P), columns of the faces; normal : (3, D, P); offset, pen : (D, P)
-    deepest : (3, D, P), the other side's vertex that is deepest below each face, relative to the
-        centre of this side
     """
 
     def __init__(self, hulls, own, other, t):
         self.hulls = hulls
         self.own = own
-        self.other = other
+        self.t = t
         self.slots = _slots(hulls.faceStart, hulls.faceCount, own)
-        self.normal = hulls.directions[:, self.slots]
-        vertices = hulls.vertices[:, _slots(hulls.vertexStart, hulls.vertexCount, other)]
-        heights = dot(self.normal[:, :, None], vertices[:, None])  # (D, V, P)
-        lowest = heights.argmin(axis=1)
-        least = np.take_along_axis(heights, lowest[:, None], axis=1)[:, 0]
-        self.offset = hulls.offsets[self.slots] - least
+        self.normal = hulls.directions.take(self.slots, axis=1)
+        self.vertices = _vertices_of(hulls, other)
+        heights = dot(self.normal[:, :, None], self.vertices[:, None])  # (D, V, P)
+        self.heights = heights
+        self.offset = hulls.offsets.take(self.slots) - heights.min(axis=1)
         self.pen = self.offset - dot(self.normal, t[:, None])
-        self.deepest = vertices[:, lowest, np.arange(len(own))] + t[:, None]
 
     def planes(self, bound, nearest, complete):
         """`(pair, normal, offset)` of the faces with pen ≤ bound, sorted by pair then face.
@@ -636,30 +729,46 @@ class _FaceQuery:
         keep = self.pen <= np.where(complete, bound, nearest)
         keep &= np.arange(len(keep))[:, None] < self.hulls.faceCount[self.own]  # no repeated slot
         pair, face = np.nonzero(keep.T)
-        return pair, self.normal[:, face, pair], self.offset[face, pair]
+        entry = face * len(self.own) + pair
+        return pair, self.normal.reshape(3, -1).take(entry, axis=1), self.offset.take(entry)
+
+    def _points_inside(self):
+        """Two points (3, P) of the other side that lie deep inside this one, or near it.
+
+        The vertex below the face with the least pen; and the middle between that one and the vertex
+        below the face that is second: where two edges cross, each face of this side's edge has one
+        end of the other's below it.
+        """
+        columns = np.arange(len(self.own))
+        pen = self.pen.copy()
+        vertices = []
+        for _ in range(2):
+            best = pen.argmin(axis=0)
+            lowest = self.heights[best, :, columns].argmin(axis=1)
+            vertices.append(self.vertices[:, lowest, columns])
+            pen[self.slots == self.slots[best, columns]] = np.inf
+        return vertices[0] + self.t, 0.5 * (vertices[0] + vertices[1]) + self.t
 
     def edges_within(self, bound, complete):
         """`(pair, edge)` of the edges, columns in the set, that may span a facet of pen ≤ bound.
 
-        On the arc between the normals n1, n2 of an edge, with any of its points a and any point b
-        of the other side, pen(n) ≥ n · (a - b). With n = (α n1 + β n2)/|…|, α, β ≥ 0, that is at
-        least the smaller of n1 · (a - b) and n2 · (a - b) where both are positive. Taking for b the
-        vertex that is deepest below face 1, n1 · (a - b) is the pen of that face; likewise face 2.
+        On the arc between the normals n1, n2 of an edge, with an end a of it and any point x of
+        the other side, pen(n) ≥ n · (a - x). With n = (α n1 + β n2)/|…|, α, β ≥ 0, that is at
+        least the smaller of n1 · (a - x) and n2 · (a - x), how deep x lies below the two faces,
+        where both are positive.
         """
         hulls = self.hulls
-        slots = _slots(hulls.edgeStart, hulls.edgeCount, self.own)
-        columns = np.arange(len(self.own))
-        face1 = hulls.edgeFace1[slots] - hulls.faceStart[self.own]
-        face2 = hulls.edgeFace2[slots] - hulls.faceStart[self.own]
-        a = hulls.vertices[:, hulls.edgeTail[slots]]
-        n1, n2 = self.normal[:, face1, columns], self.normal[:, face2, columns]
-        b1, b2 = self.deepest[:, face1, columns], self.deepest[:, face2, columns]
-        least1 = np.minimum(self.pen[face1, columns], dot(n2, a - b1))
-        least2 = np.minimum(self.pen[face2, columns], dot(n1, a - b2))
-        keep = (np.maximum(least1, least2) <= bound) & complete
-        keep &= np.arange(len(keep))[:, None] < hulls.edgeCount[self.own]
-        pair, edge = np.nonzero(keep.T)
-        return pair, slots[edge, pair]
+        own = np.flatnonzero(complete)
+        edge = _slots(hulls.edgeStart, hulls.edgeCount, self.own[own])
+        face1 = (hulls.edgeFace1.take(edge) - hulls.faceStart[self.own[own]]) * len(self.own) + own
+        face2 = (hulls.edgeFace2.take(edge) - hulls.faceStart[self.own[own]]) * len(self.own) + own
+        keep = np.arange(len(edge))[:, None] < hulls.edgeCount[self.own[own]]
+        offset = hulls.offsets.take(self.slots)
+        for x in self._points_inside():
+            near = offset - dot(self.normal, x[:, None]) <= bound
+            keep &= near.take(face1) | near.take(face2)
+        pair, slot = np.nonzero(keep.T)
+        return own[pair], edge[slot, pair]
 
 
 def _edge_planes(hulls, facesA, facesB, t, bound, complete):
@@ -676,36 +785,80 @@ def _edge_planes(hulls, facesA, facesB, t, bound, complete):
     countB = np.bincount(pairB, minlength=len(bound))
     startB = np.cumsum(countB) - countB
     repeats = countB[pairA]
-    row = np.repeat(np.arange(len(pairA)), repeats)
-    within = np.arange(len(row)) - np.repeat(np.cumsum(repeats) - repeats, repeats)
-    pair = pairA[row]
-    edgeA = edgeA[row]
-    edgeB = edgeB[startB[pair] + within]
+    ends = np.cumsum(repeats)
+    shift = startB[pairA] - (ends - repeats)
+    found = [(np.zeros(0, dtype=np.intp), np.zeros((3, 0)), np.zeros(0))]
+    begin = 0
+    while begin < len(pairA):  # entries of pairA with about EDGE_BLOCK combinations
+        done = ends[begin] - repeats[begin]
+        end = max(begin + 1, int(np.searchsorted(ends, done + EDGE_BLOCK, side="right")))
+        rows = np.repeat(np.arange(begin, end), repeats[begin:end])
+        columns = np.arange(done, ends[end - 1]) + shift.take(rows)
+        crossings = _Crossings(hulls, pairA.take(rows), edgeA.take(rows), edgeB.take(columns))
+        found.append(crossings.planes(facesA.own, facesB.own, t, bound))
+        begin = end
+    pair, normal, offset = zip(*found, strict=True)
+    return np.concatenate(pair), np.concatenate(normal, axis=1), np.concatenate(offset)
 
-    vectorA, vectorB = hulls.edges[:, edgeA], hulls.edges[:, edgeB]
-    r1 = dot(vectorB, hulls.directions[:, hulls.edgeFace1[edgeA]])
-    r2 = dot(vectorB, hulls.directions[:, hulls.edgeFace2[edgeA]])
-    s1 = -dot(vectorA, hulls.directions[:, hulls.edgeFace1[edgeB]])
-    s2 = -dot(vectorA, hulls.directions[:, hulls.edgeFace2[edgeB]])
-    cut = (s1 * s2 < 0) & (r1 * r2 < 0) & (s1 * r2 > 0)
-    pair, edgeA, edgeB, r1 = pair[cut], edgeA[cut], edgeB[cut], r1[cut]
-    vectorA, vectorB = vectorA[:, cut], vectorB[:, cut]
 
-    normal = np.stack(cross(vectorA, vectorB))
-    length2 = dot(normal, normal)
-    lengthA2, lengthB2 = dot(vectorA, vectorA), dot(vectorB, vectorB)
-    spans = length2 > PARALLEL_SINE**2 * lengthA2 * lengthB2
-    normal = normal / np.where(spans, np.copysign(np.sqrt(length2), r1), 1.0)
-    # what rounding left along nearly parallel edges is taken out again
-    normal = normal - vectorA * (dot(normal, vectorA) / lengthA2)
-    normal = normal - vectorB * (dot(normal, vectorB) / lengthB2)
-    normal = normal / np.sqrt(np.where(spans, dot(normal, normal), 1.0))
-    corner = hulls.vertices[:, hulls.edgeTail[edgeA]] - hulls.vertices[:, hulls.edgeTail[edgeB]]
-    keep = spans & (dot(normal, corner) - dot(normal, t[:, pair]) <= bound[pair])
-    pair, normal = pair[keep], normal[:, keep]
-    # The offset is that of the supporting plane, not of the two edges: where rounding has let two
-    # arcs cross that only touch, the plane is still one that no vertex lies beyond.
-    return pair, normal, support_offsets(hulls, facesA.own[pair], facesB.own[pair], normal)
+class _Crossings:
+    """Of combinations of an edge of A and one of B, those that span a facet; see `_edge_planes`.
+
+    pair, edgeA, edgeB : (K,); vectorA, vectorB : (3, K), along the edges
+    r1, r2, s1, s2 : (K,)
+    """
+
+    def __init__(self, hulls, pair, edgeA, edgeB):
+        self.hulls = hulls
+        vectorA, vectorB = hulls.edges.take(edgeA, axis=1), hulls.edges.take(edgeB, axis=1)
+        r1, r2 = self._turned(edgeA, vectorB)
+        # most are ruled out by now
+        kept = np.flatnonzero(r1 * r2 < 0)
+        edgeB, r1, r2 = edgeB.take(kept), r1.take(kept), r2.take(kept)
+        s1, s2 = self._turned(edgeB, -vectorA.take(kept, axis=1))
+        last = np.flatnonzero((s1 * s2 < 0) & (s1 * r2 > 0))
+        self.edgeB, self.r1, self.r2 = edgeB.take(last), r1.take(last), r2.take(last)
+        self.s1, self.s2 = s1.take(last), s2.take(last)
+        kept = kept.take(last)
+        self.pair, self.edgeA = pair.take(kept), edgeA.take(kept)
+        self.vectorA, self.vectorB = vectorA.take(kept, axis=1), vectorB.take(kept, axis=1)
+
+    def _turned(self, edge, vector):
+        """The vectors' parts along the normals of the two faces that meet at the edges."""
+        hulls = self.hulls
+        return (
+            dot(vector, hulls.directions.take(hulls.edgeFace1.take(edge), axis=1)),
+            dot(vector, hulls.directions.take(hulls.edgeFace2.take(edge), axis=1)),
+        )
+
+    def planes(self, first, second, t, bound):
+        """`(pair, normal, offset)` of the facets with pen ≤ bound."""
+        hulls, pair, vectorA, vectorB = self.hulls, self.pair, self.vectorA, self.vectorB
+        normal = cross(vectorA, vectorB)
+        length2 = dot(normal, normal)
+        lengthA2, lengthB2 = dot(vectorA, vectorA), dot(vectorB, vectorB)
+        spans = length2 > PARALLEL_SINE**2 * lengthA2 * lengthB2
+        normal = normal / np.where(spans, np.copysign(np.sqrt(length2), self.r1), 1.0)
+        # what rounding left along nearly parallel edges is taken out again
+        normal = normal - vectorA * (dot(normal, vectorA) / lengthA2)
+        normal = normal - vectorB * (dot(normal, vectorB) / lengthB2)
+        normal = normal / np.sqrt(np.where(spans, dot(normal, normal), 1.0))
+        corner = hulls.vertices.take(hulls.edgeTail.take(self.edgeA), axis=1)
+        corner = corner - hulls.vertices.take(hulls.edgeTail.take(self.edgeB), axis=1)
+        offset = dot(normal, corner)
+        keep = spans & (offset - dot(normal, t.take(pair, axis=1)) <= bound.take(pair))
+        # Where rounding may have let two arcs cross that only touch, the offset has to be that of
+        # the supporting plane, not of the two edges, so that no vertex lies beyond it.
+        sine2 = np.minimum(
+            np.minimum(self.r1 * self.r1, self.r2 * self.r2) / lengthB2,
+            np.minimum(self.s1 * self.s1, self.s2 * self.s2) / lengthA2,
+        )
+        doubtful = np.flatnonzero(keep & (sine2 < SURE_SINE**2))
+        if len(doubtful):
+            own = pair.take(doubtful)
+            offset[doubtful] = support_offsets(hulls, first[own], second[own], normal[:, doubtful])
+        keep = np.flatnonzero(keep)
+        return pair.take(keep), normal.take(keep, axis=1), offset.take(keep)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -741,41 +894,76 @@ def contact_point(verticesA, verticesB, t, normal, tolerance):
 def contact_points(hulls, first, second, t, normal, tolerance):
     """`contact_point` for P pairs of a HullSet: (3, P) from t and normal (3, P), tolerance (P,)."""
     columns = np.arange(len(first))
-    verticesA, verticesB = _vertices_of(hulls, first), _vertices_of(hulls, second)
-    heightsA, heightsB = dot(normal[:, None], verticesA), dot(normal[:, None], verticesB)
-    lowest, highest = heightsB.argmin(axis=0), heightsA.argmax(axis=0)
+    # the vertices of both, with A's heights turned round: the features are the lowest ones of each
+    verticesB = _vertices_of(hulls, second)
+    heightsB, lowest, inB = _feature(hulls, second, verticesB, normal, tolerance)
     level = heightsB[lowest, columns]
-    # a repeated last slot must not count as another corner
-    inB = (heightsB <= level + tolerance) & _own_slots(hulls.vertexCount, second)
-    inA = (heightsA >= heightsA[highest, columns] - tolerance) & _own_slots(
-        hulls.vertexCount, first
+    point = _picked(verticesB, lowest, columns)
+    several = np.flatnonzero(inB.sum(axis=0) > 1)
+    if len(several) == 0:
+        return point
+    first, t, normal, level, tolerance, inB, verticesB = (
+        table.take(several, axis=-1)
+        for table in (first, t, normal, level, tolerance, inB, verticesB)
     )
-    point = verticesB[:, lowest, columns]
-    several = inB.sum(axis=0) > 1
-    if several.any():
-        single = several & (inA.sum(axis=0) == 1)
-        if single.any():
-            corner = verticesA[:, highest, columns][:, single]
-            point[:, single] = _below_corner(corner, t[:, single], normal[:, single], level[single])
-        for p in np.flatnonzero(several & ~single).tolist():
-            point[:, p] = _patch_centre(
-                verticesA[:, inA[:, p], p], verticesB[:, inB[:, p], p], tuple(t[:, p].tolist()),
-                tuple(normal[:, p].tolist()), float(level[p]), float(tolerance[p]),
-            )  # fmt: skip
+    columns = np.arange(len(several))
+    verticesA = _vertices_of(hulls, first)
+    _, highest, inA = _feature(hulls, first, verticesA, -normal, tolerance)
+    countA, countB = inA.sum(axis=0), inB.sum(axis=0)
+    patch = countA > 1
+    corner = _picked(verticesA, highest, columns)
+    lowered = _below_corner(corner, t, normal, level)
+    edges = np.flatnonzero((countA == 2) & (countB == 2))
+    if len(edges):
+        (a0, a1), (b0, b1) = (
+            _two_picked(table.take(edges, axis=-1), own.take(edges, axis=-1))
+            for table, own in ((verticesA, inA), (verticesB, inB))
+        )
+        turn, part, length2 = _crossing_terms(
+            a0, a1, b0, b1, t.take(edges, axis=1), normal.take(edges, axis=1)
+        )
+        crossing = np.flatnonzero(np.abs(turn) > tolerance[edges] * np.sqrt(length2))
+        s = np.minimum(np.maximum(part[crossing] / turn[crossing], 0.0), 1.0)
+        b0, b1 = b0.take(crossing, axis=1), b1.take(crossing, axis=1)
+        lowered[:, edges[crossing]] = b0 + s * (b1 - b0)
+        patch[edges[crossing]] = False
+    for p in np.flatnonzero(patch).tolist():
+        lowered[:, p] = _patch_centre(
+            verticesA[:, inA[:, p], p], verticesB[:, inB[:, p], p], tuple(t[:, p].tolist()),
+            tuple(normal[:, p].tolist()), float(level[p]), float(tolerance[p]),
+        )  # fmt: skip
+    point[:, several] = lowered
     return point
 
 
-def _own_slots(count, bodies):
-    """(K, P) bool: which rows of a `_slots` table are not repetitions."""
-    count = count[bodies]
-    return np.arange(count.max(initial=1))[:, None] < count
+def _feature(hulls, bodies, vertices, direction, tolerance):
+    """`(heights (V, P), lowest (P,), own (V, P))`: what of each body is lowest along a direction.
+
+    own : whether a vertex belongs to the feature; a repeated last slot is not another vertex
+    """
+    heights = dot(direction[:, None], vertices)
+    lowest = heights.argmin(axis=0)
+    own = heights <= heights.min(axis=0) + tolerance
+    own &= np.arange(len(own))[:, None] < hulls.vertexCount[bodies]
+    return heights, lowest, own
+
+
+def _picked(table, row, columns):
+    """(3, P): of a table (3, K, P), the entries at row (P,) of each column."""
+    return table.reshape(3, -1).take(row * table.shape[2] + columns, axis=1)
+
+
+def _two_picked(table, own):
+    """Of a table (3, K, P), the entries of each column at the two rows where own (K, P) is true."""
+    columns = np.arange(own.shape[1])
+    last = len(own) - 1 - own[::-1].argmax(axis=0)
+    return _picked(table, own.argmax(axis=0), columns), _picked(table, last, columns)
 
 
 def _below_corner(corner, t, normal, level):
     """The corner of A, as seen from B's centre, lowered along the normal to B's lowest plane."""
-    x, y, z = corner[0] - t[0], corner[1] - t[1], corner[2] - t[2]
-    above = dot(normal, (x, y, z)) - level
-    return (x - above * normal[0], y - above * normal[1], z - above * normal[2])
+    seen = difference(corner, t)
+    return moved(seen, level - dot(normal, seen), normal)
 
 
 def _patch_centre(featureA, featureB, t, normal, level, tolerance):
@@ -785,7 +973,7 @@ def _patch_centre(featureA, featureB, t, normal, level, tolerance):
         b0, b1 = featureB.T.tolist()
         s = _crossing(a0, a1, b0, b1, t, normal, tolerance)
         if s is not None:
-            return tuple(b0[k] + s * (b1[k] - b0[k]) for k in range(3))
+            return moved(b0, s, difference(b1, b0))
     # In the frame of B and in its lowest plane. The axes u, v span that plane.
     u, v = _tangents(normal)
     shiftU, shiftV = dot(u, t), dot(v, t)
@@ -800,15 +988,25 @@ def _crossing(a0, a1, b0, b1, t, normal, tolerance):
 
     None where they are parallel: where their ends are within the tolerance of being so.
     """
-    d = (a1[0] - a0[0], a1[1] - a0[1], a1[2] - a0[2])
-    e = (b1[0] - b0[0], b1[1] - b0[1], b1[2] - b0[2])
-    across = cross(normal, d)  # seen along the normal, across edge A
-    turn = dot(across, e)
-    if abs(turn) <= tolerance * math.sqrt(max(dot(d, d), dot(e, e))):
+    turn, part, length2 = _crossing_terms(a0, a1, b0, b1, t, normal)
+    if abs(turn) <= tolerance * math.sqrt(length2):
         return None
-    # a0 - t + x d = b0 + s e up to a multiple of the normal; times `across`, x and that vanish
-    gap = (a0[0] - t[0] - b0[0], a0[1] - t[1] - b0[1], a0[2] - t[2] - b0[2])
-    return min(max(dot(across, gap) / turn, 0.0), 1.0)
+    return min(max(part / turn, 0.0), 1.0)
+
+
+def _crossing_terms(a0, a1, b0, b1, t, normal):
+    """`(turn, part, length2)` of two edges: they cross at part / turn of the edge of B.
+
+    length2 : the square of the longer one; the edges are parallel where turn is small beside it
+
+    Seen along the normal, a0 - t + x d = b0 + s e, with d and e along the edges of A and B; times
+    normal × d, x vanishes.
+    """
+    d, e = difference(a1, a0), difference(b1, b0)
+    across = cross(normal, d)
+    d2, e2 = dot(d, d), dot(e, e)
+    length2 = max(d2, e2) if isinstance(d2, float) else np.maximum(d2, e2)
+    return dot(across, e), dot(across, difference(difference(a0, t), b0)), length2
 
 
 def _tangents(normal):

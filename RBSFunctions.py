@@ -11,6 +11,7 @@ floats for a single pair, and arrays (3, n) for many.
 
 import itertools
 import math
+import operator
 import time
 from contextlib import contextmanager
 from functools import lru_cache
@@ -19,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 import GJK
-from GJK import cross, dot
+from GJK import cross, difference, dot, moved
 from Quaternion import QExp, QRotate, multiply, rotation_entries
 
 __version__ = "0.1.0"
@@ -55,6 +56,9 @@ def _row(value, count):
 
 def _apply(matrix, v):
     """Matrix, nine entries row by row, times vector."""
+    if isinstance(v, np.ndarray):
+        products = matrix.reshape(3, 3, -1) * v
+        return products[:, 0] + products[:, 1] + products[:, 2]
     return (dot(matrix[0:3], v), dot(matrix[3:6], v), dot(matrix[6:9], v))
 
 
@@ -69,21 +73,23 @@ def _rotated_tensor(r, tensor):
 
 def _sum(a, b):
     """a + b."""
+    if isinstance(a, np.ndarray):
+        return a + b
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
-def _difference(a, b):
-    """a - b."""
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+def _scaled(factor, v):
+    """factor · v."""
+    if isinstance(v, np.ndarray):
+        return factor * v
+    return (factor * v[0], factor * v[1], factor * v[2])
 
 
-def _moved(v, factor, direction):
-    """v + factor · direction."""
-    return (
-        v[0] + factor * direction[0],
-        v[1] + factor * direction[1],
-        v[2] + factor * direction[2],
-    )
+def _divided(v, divisor):
+    """v / divisor, which rounds otherwise than 1 / divisor · v."""
+    if isinstance(v, np.ndarray):
+        return v / divisor
+    return (v[0] / divisor, v[1] / divisor, v[2] / divisor)
 
 
 def _velocity_at(linVelocity, angVelocity, arm):
@@ -103,21 +109,26 @@ class _BodyState:
         self.linVelocity = linVelocity
         self.angVelocity = angVelocity
 
-    def push(self, impulse, normal, arm):
-        """Applies the impulse `impulse · normal` at `arm` from the COM."""
-        self.linVelocity = _moved(self.linVelocity, impulse * self.invMass, normal)
-        turn = _apply(self.invInertia, cross(arm, normal))
-        self.angVelocity = _moved(self.angVelocity, impulse, turn)
+    def entries(self):
+        """What `__init__` takes."""
+        return self.invMass, self.invInertia, self.position, self.linVelocity, self.angVelocity
+
+    def push(self, impulse, direction, turn):
+        """Applies the impulse `impulse · direction`; turn : as `_response` gives it."""
+        self.linVelocity = moved(self.linVelocity, impulse * self.invMass, direction)
+        self.angVelocity = moved(self.angVelocity, impulse, turn)
 
 
-def _inverse_mass_along(body, arm, direction):
-    """What a unit impulse along `direction` at `arm` changes the speed there by, along it.
+def _response(body, arm, direction):
+    """What a unit impulse along `direction` at `arm` from the COM does: `(inverseMass, turn)`.
 
-    Linear part m⁻¹; the impulse turns the body by I⁻¹ (r × n), which moves the point by that × r:
-    ((I⁻¹ (r × n)) × r) · n = (r × n) · I⁻¹ (r × n).
+    turn : the change of the angular velocity, I⁻¹ (r × n)
+    inverseMass : the change of the speed at the arm along the direction. Linear part m⁻¹; the
+        turning moves the point by turn × r, and ((I⁻¹ (r × n)) × r) · n = (r × n) · I⁻¹ (r × n)
     """
     lever = cross(arm, direction)
-    return body.invMass + dot(lever, _apply(body.invInertia, lever))
+    turn = _apply(body.invInertia, lever)
+    return body.invMass + dot(lever, turn), turn
 
 
 class ContactLaw(NamedTuple):
@@ -136,8 +147,8 @@ def _part(body1, body2, distance, direction):
     """
     share1 = body1.invMass / (body1.invMass + body2.invMass)
     share2 = body2.invMass / (body1.invMass + body2.invMass)
-    body1.position = _moved(body1.position, -(share1 * distance), direction)
-    body2.position = _moved(body2.position, share2 * distance, direction)
+    body1.position = moved(body1.position, -(share1 * distance), direction)
+    body2.position = moved(body2.position, share2 * distance, direction)
     return share2 * distance
 
 
@@ -145,7 +156,7 @@ def _approach(body1, body2, arm1, arm2, direction):
     """Speed at which body 1, at arm1, approaches body 2, at arm2, along the direction."""
     velocity1 = _velocity_at(body1.linVelocity, body1.angVelocity, arm1)
     velocity2 = _velocity_at(body2.linVelocity, body2.angVelocity, arm2)
-    return dot(_difference(velocity1, velocity2), direction)
+    return dot(difference(velocity1, velocity2), direction)
 
 
 def _slow_down(body1, body2, arm1, arm2, direction, change, limit=None):
@@ -154,14 +165,13 @@ def _slow_down(body1, body2, arm1, arm2, direction, change, limit=None):
     An impulse -j n on body 1 and +j n on body 2 lowers the approach by j K, with K the sum of both
     bodies' inverse masses along n. Hence j = change / K, or the limit where that is less.
     """
-    inverseMass = _inverse_mass_along(body1, arm1, direction) + _inverse_mass_along(
-        body2, arm2, direction
-    )
-    impulse = change / inverseMass
+    inverseMass1, turn1 = _response(body1, arm1, direction)
+    inverseMass2, turn2 = _response(body2, arm2, direction)
+    impulse = change / (inverseMass1 + inverseMass2)
     if limit is not None:
         impulse = min(impulse, limit) if isinstance(impulse, float) else np.minimum(impulse, limit)
-    body1.push(-impulse, direction, arm1)
-    body2.push(impulse, direction, arm2)
+    body1.push(-impulse, direction, turn1)
+    body2.push(impulse, direction, turn2)
     return impulse
 
 
@@ -171,9 +181,9 @@ def _resolve(body1, body2, depth, normal, penPoint, law):
     Returns `(impulse, friction, arm1)`: what body 2 receives along the normal, and across it, a
     vector; and where that happens, from the COM of body 1.
     """
-    point = _moved(penPoint, _part(body1, body2, depth, normal), normal)
-    arm1 = _difference(point, body1.position)
-    arm2 = _difference(point, body2.position)
+    point = moved(penPoint, _part(body1, body2, depth, normal), normal)
+    arm1 = difference(point, body1.position)
+    arm2 = difference(point, body2.position)
     # Restitution asks that an approach of c become one of -e c.
     change = (1.0 + law.CRCoeff) * _approach(body1, body2, arm1, arm2, normal)
     if law.closingOnly:
@@ -200,8 +210,8 @@ def _rub(body1, body2, arm1, arm2, normal, limit):
     """
     velocity1 = _velocity_at(body1.linVelocity, body1.angVelocity, arm1)
     velocity2 = _velocity_at(body2.linVelocity, body2.angVelocity, arm2)
-    u = _difference(velocity1, velocity2)
-    across = _moved(u, -dot(u, normal), normal)
+    u = difference(velocity1, velocity2)
+    across = moved(u, -dot(u, normal), normal)
     squared = dot(across, across)
     if isinstance(squared, float):
         speed = length = math.sqrt(squared)
@@ -211,9 +221,9 @@ def _rub(body1, body2, arm1, arm2, normal, limit):
         speed = np.sqrt(squared)
         length = np.where(speed > 0.0, speed, 1.0)
         limit = np.maximum(limit, 0.0)
-    t = (across[0] / length, across[1] / length, across[2] / length)
+    t = _divided(across, length)
     impulse = _slow_down(body1, body2, arm1, arm2, t, speed, limit)
-    return (impulse * t[0], impulse * t[1], impulse * t[2])
+    return _scaled(impulse, t)
 
 
 # When the two points of a constraint coincide, no direction parts them better than another: they
@@ -223,17 +233,16 @@ COINCIDENT_DIRECTION = (0.0, 1.0, 0.0)
 
 def _stretch(point1, point2, refValue):
     """`(C, n)` of a distance constraint: C = ‖p1 - p2‖ - refValue, n the unit vector of p1 - p2."""
-    d = _difference(point1, point2)
+    d = difference(point1, point2)
     squared = dot(d, d)
     if isinstance(squared, float):
         length = math.sqrt(squared)
         if length == 0.0:
             return -refValue, COINCIDENT_DIRECTION
-        return length - refValue, (d[0] / length, d[1] / length, d[2] / length)
+        return length - refValue, _divided(d, length)
     length = np.sqrt(squared)
     safe = np.where(length > 0, length, 1.0)
-    n = tuple(np.where(length > 0, d[k] / safe, COINCIDENT_DIRECTION[k]) for k in range(3))
-    return length - refValue, n
+    return length - refValue, np.where(length > 0, d / safe, np.array([COINCIDENT_DIRECTION]).T)
 
 
 def _violates(C, upper, tolerance):
@@ -489,8 +498,12 @@ class _Shapes:
 
     vertices : (3, ΣV), rest vertices of all meshes; body b has vertexStart[b] … of them
     hulls : GJK.HullSet at rest; a mesh without vertices has a point for a hull
+    hullColumn : (ΣVh,), the columns in `vertices` of the hulls' vertices
     hasShape : (n,) bool
+    vertexOwner : (ΣV,), the body of each vertex
     memory : `_Memory` of these meshes
+    handed : dict, what the last step gave the meshes: per attribute their rows, and the table that
+        these are rows of
     """
 
     def __init__(self, meshes):
@@ -499,15 +512,24 @@ class _Shapes:
         self.hasShape = self.vertexCount > 0
         self.vertices = np.ascontiguousarray(np.concatenate([m.origVertices for m in meshes]).T)
         point = GJK.build_hull(np.zeros((1, 3)))
-        self.hulls = GJK.HullSet([point if m.hull is None else m.hull for m in meshes])
+        hulls = [point if m.hull is None else m.hull for m in meshes]
+        self.hulls = GJK.HullSet(hulls)
+        # where a mesh has no vertices, any column does for its point: it meets nothing
+        starts = np.minimum(self.vertexStart, max(0, len(self.vertices.T) - 1))
+        self.hullColumn = np.concatenate(
+            [hull.vertexIndex + start for hull, start in zip(hulls, starts, strict=True)]
+        )
+        self.vertexOwner = np.repeat(np.arange(len(meshes)), self.vertexCount)
         self.memory = _Memory(len(meshes))
+        self.handed = {}
 
 
 class _Memory:
     """What the last step found out, to save time in the next one. It never changes a result.
 
-    keys : (P,), sorted; i · n + j of the pairs that were near each other
-    axis : (3, P), an axis that parted the pair, or zeros; touched : (P,) bool, or that did not part
+    keys : (P,), sorted; i · n + j of the pairs whose boxes were near each other
+    axis : (3, P), an axis that parted the pair; touched : (P,) bool, whether none was looked for,
+        because the pair touched or nearly did
     displaced : (n,), how far corrections moved each body within the step
     """
 
@@ -523,41 +545,45 @@ class _Memory:
         length = np.sqrt(dot(t, t))
         guess = t / np.where(length > 0, length, 1.0)
         if len(self.keys) == 0:
-            return guess, None
+            return guess, np.zeros(len(first), dtype=bool)
         keys = first * self.count + second
         place = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
         known = self.keys[place] == keys
         touched = known & self.touched[place]
-        return np.where(known & ~touched, self.axis[:, place], guess), touched
+        return np.where(known & ~touched, self.axis.take(place, axis=1), guess), touched
 
-    def note(self, first, second, planes):
-        """Remembers the pairs of a step, sorted by the order i < j, and their `FacetPlanes`."""
+    def note(self, first, second, isNear, axis):
+        """Remembers the pairs of a step, sorted by the order i < j.
+
+        isNear : (P,) bool, whether they may have touched; axis : (3, P), what parts the others most
+        """
         self.keys = first * self.count + second
-        self.touched = planes.complete
-        self.axis = planes.normal[:, planes.start[:-1]] if len(first) else np.zeros((3, 0))
+        self.touched = isNear
+        self.axis = axis
 
 
 # The tables of the scenes at hand: making them costs more than a step of a small scene.
 _shapes = lru_cache(maxsize=4)(_Shapes)
 
 
-def _gathered(meshes, name, width):
-    """Columns (width, n) of the meshes' attribute `name`, whatever shape users have given it."""
-    values = [getattr(m, name) for m in meshes]
+def _table(values, width):
+    """A table (n, width) of values with that many entries each, whatever their shapes."""
     try:
         table = np.array(values, dtype=np.float64)
     except ValueError:  # shapes that differ
         table = np.concatenate([np.ravel(value) for value in values], dtype=np.float64)
-    return np.ascontiguousarray(table.reshape(len(meshes), width).T)
+    return table.reshape(len(values), width)
 
 
 class _Bodies:
     """The meshes of one step as arrays, one column a body.
 
-    position, linVelocity, angVelocity : (3, n); orientation : (4, n)
+    motion : (9, n); its parts are position, linVelocity, angVelocity, (3, n) each
+    orientation : (4, n)
     invMass : (n,); invInertia : (9, n), world axes, row by row
-    box : (6, n), bounding boxes in the world: least coordinates, then greatest ones negated, so
-        that boxes a and b overlap when box_a ≤ facing_b. A mesh without vertices has none
+    box : (6, n), bounding boxes in the world before the collisions: least coordinates, then
+        greatest ones negated, so that boxes a and b overlap when box_a ≤ facing_b. A mesh without
+        vertices has none
     shapes : `_Shapes`
     hulls : GJK.HullSet, turned to the orientations
     vertices : (3, ΣV), all vertices, turned, relative to their COMs
@@ -566,13 +592,29 @@ class _Bodies:
     def __init__(self, meshes):
         self.meshes = meshes
         self.shapes = _shapes(tuple(meshes))
-        self.position = _gathered(meshes, "position", 3)
-        self.orientation = _gathered(meshes, "orientation", 4)
-        self.linVelocity = _gathered(meshes, "linVelocity", 3)
-        self.angVelocity = _gathered(meshes, "angVelocity", 3)
-        self.invMass = _gathered(meshes, "invMass", 1)[0]
-        self.restInvInertia = _gathered(meshes, "invIT", 9)
+        self.motion = np.concatenate(
+            [self._gathered(name, 3) for name in ("position", "linVelocity", "angVelocity")]
+        )
+        self.orientation = self._gathered("orientation", 4)
+        self.invMass = np.array([m.invMass for m in meshes], dtype=np.float64).reshape(-1)
+        self.restInvInertia = self._gathered("invIT", 9)
         self.isFixed = self.invMass == 0.0
+
+    position = property(lambda self: self.motion[0:3])
+    linVelocity = property(lambda self: self.motion[3:6])
+    angVelocity = property(lambda self: self.motion[6:9])
+
+    def _gathered(self, name, width):
+        """Columns (width, n) of the meshes' attribute `name`, whatever shape users have given it.
+
+        Where every mesh still has the row that the last step handed it, the rows' own table is at
+        hand; it shows what users have written into their rows.
+        """
+        values = [getattr(m, name) for m in self.meshes]
+        rows, table = self.shapes.handed.get(name, ((), None))
+        if len(rows) == 0 or not all(map(operator.is_, values, rows)):
+            table = _table(values, width)
+        return table.T
 
     def integrate(self, timeStep):
         """Free flight of all bodies that are not fixed; then everything that turns with them."""
@@ -580,18 +622,23 @@ class _Bodies:
         linVelocity, position, orientation = _integrated(
             self.linVelocity, self.angVelocity, self.position, self.orientation, timeStep
         )
-        self.linVelocity = np.where(free, linVelocity, self.linVelocity)
-        self.position = np.where(free, position, self.position)
+        moving = np.concatenate((position, linVelocity, self.angVelocity))
+        self.motion = np.where(free, moving, self.motion)
         self.orientation = np.where(free, orientation, self.orientation)
 
         entries = np.stack(rotation_entries(self.orientation))
         self.invInertia = np.stack(_rotated_tensor(entries, self.restInvInertia))
         shapes = self.shapes
-        self.vertices = GJK.rotate_columns(entries, shapes.vertices, shapes.vertexCount)
-        self.hulls = shapes.hulls.rotated(entries)
+        self.vertices = GJK.rotate_columns(entries, shapes.vertices, shapes.vertexOwner)
+        corners = self.vertices.take(shapes.hullColumn, axis=1) if self.vertices.size else None
+        self.hulls = shapes.hulls.rotated(entries, corners)
         low, high = self.hulls.boxes()
         self.relativeBox = np.where(shapes.hasShape, np.concatenate((low, -high)), np.inf)
-        self.box = self.relativeBox + np.concatenate((self.position, -self.position))
+        self.box = self.box_of(slice(None), self.position)
+
+    def box_of(self, b, position):
+        """The boxes of the bodies b at these positions, as in `box`."""
+        return self.relativeBox[:, b] + np.concatenate((position, -position))
 
     def state(self, b):
         """`_BodyState` of body b, in floats."""
@@ -602,35 +649,36 @@ class _Bodies:
 
     def states(self, b):
         """`_BodyState` of the bodies b (m,), in arrays."""
+        motion = self.motion.take(b, axis=1)
         return _BodyState(
-            self.invMass[b], self.invInertia[:, b], self.position[:, b],
-            self.linVelocity[:, b], self.angVelocity[:, b],
+            self.invMass.take(b), self.invInertia.take(b, axis=1),
+            motion[0:3], motion[3:6], motion[6:9],
         )  # fmt: skip
 
     def take(self, b, state):
-        """Sets body b to a state that a collision has changed."""
-        self.position[:, b] = state.position
-        self.linVelocity[:, b] = state.linVelocity
-        self.angVelocity[:, b] = state.angVelocity
-        self.box[:3, b] = self.relativeBox[:3, b] + self.position[:, b]
-        self.box[3:, b] = self.relativeBox[3:, b] - self.position[:, b]
-
-    def moving(self):
-        """The arrays that collisions change."""
-        return self.position, self.linVelocity, self.angVelocity, self.box
+        """Sets a body b, or bodies (m,), to a state that something has changed."""
+        self.motion[0:3, b] = state.position
+        self.motion[3:6, b] = state.linVelocity
+        self.motion[6:9, b] = state.angVelocity
 
     def write_back(self):
-        """Hands the meshes their state: rows of the step's arrays."""
+        """Hands the meshes their state: rows of the step's tables."""
         count = self.shapes.vertexCount
-        current = np.ascontiguousarray((self.vertices + np.repeat(self.position, count, axis=1)).T)
+        moved = self.vertices + self.position.take(self.shapes.vertexOwner, axis=1)
+        current = np.ascontiguousarray(moved.T)
         ends = np.cumsum(count).tolist()
         for m, end, size in zip(self.meshes, ends, count.tolist(), strict=True):
             m.currVertices = current[end - size : end]
         for name in ("position", "orientation", "linVelocity", "angVelocity"):
-            rows = np.ascontiguousarray(getattr(self, name).T)[:, None]
-            for m, row, isFixed in zip(self.meshes, rows, self.isFixed.tolist(), strict=True):
-                if not isFixed:
-                    setattr(m, name, row)
+            self._hand(name, getattr(self, name))
+
+    def _hand(self, name, columns):
+        """Gives each mesh its column as the row (1, width) of a new table."""
+        table = np.ascontiguousarray(columns.T)
+        rows = list(table[:, None])
+        for m, row in zip(self.meshes, rows, strict=True):
+            setattr(m, name, row)
+        self.shapes.handed[name] = (rows, table)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -779,23 +827,23 @@ def _overlapping_pairs(bodies):
 
 
 def _near_planes(bodies, first, second, reach):
-    """`(FacetPlanes, t)` of the pairs that are near each other at the step's start.
+    """`(planes, t, pen, isNear)` of the pairs whose boxes are near each other at the step's start.
 
-    first, second : (P,), sorted by the order i < j; reach : (n,)
-    t : (3, P), centre of the second minus centre of the first
+    first, second : (P,), sorted by the order i < j; reach : (n,), how far a body may move
+    planes : GJK.FacetPlanes; t : (3, P), centre of the second minus centre of the first
+    pen : (P,), by how much the pair overlaps now, or is at least apart where that is negative
+    isNear : (P,) bool; the rest stay apart however their bodies move within their reach
     """
     memory = bodies.shapes.memory
-    t = bodies.position[:, second] - bodies.position[:, first]
+    t = bodies.position.take(second, axis=1) - bodies.position.take(first, axis=1)
+    both = reach[first] + reach[second]
     planes = GJK.contact_planes(
-        bodies.hulls,
-        first,
-        second,
-        t,
-        reach[first] + reach[second],
-        *memory.recall(first, second, t),
+        bodies.hulls, first, second, t, both, *memory.recall(first, second, t)
     )
-    memory.note(first, second, planes)
-    return planes, t
+    pen, normal = planes.nearest_of_all(t)
+    isNear = pen >= -both
+    memory.note(first, second, isNear, normal)
+    return planes, t, pen, isNear
 
 
 class _NarrowPhase:
@@ -812,7 +860,7 @@ class _NarrowPhase:
         reach = PLANE_REACH * bodies.hulls.radius
         first, second = all_overlaps(bodies.box - reach, bodies.isFixed)
         self.known = {}
-        self._keep(first, second, *_near_planes(bodies, first, second, reach))
+        self._keep(first, second, *_near_planes(bodies, first, second, reach)[:2])
 
     def _keep(self, first, second, planes, t):
         radius = self.bodies.hulls.radius
@@ -838,14 +886,14 @@ class _NarrowPhase:
         """
         bodies = self.bodies
         position1, position2 = bodies.position[:, i].tolist(), bodies.position[:, j].tolist()
-        t = _difference(position2, position1)
+        t = difference(position2, position1)
         size = float(bodies.hulls.radius[i] + bodies.hulls.radius[j])
         apart = -GJK.TOUCH_TOLERANCE * size
         if (i, j) not in self.known:
             self._prepare(i, j)
         planes, row, start, reach, complete = self.known[i, j]
         pen, normal = planes.nearest(row, t)
-        shift = _difference(t, start)
+        shift = difference(t, start)
         if pen >= apart and not (complete and dot(shift, shift) <= reach * reach):
             self._prepare(i, j)
             planes, row, *_ = self.known[i, j]
@@ -870,17 +918,18 @@ def _resolve_pairs(bodies, law, report):
         if contact is not None:
             body1, body2 = bodies.state(i), bodies.state(j)
             impulses = _resolve(body1, body2, *contact, law)
-            bodies.take(i, body1)
-            bodies.take(j, body2)
+            for b, body in ((i, body1), (j, body2)):
+                bodies.take(b, body)
+                bodies.box[:, b] = bodies.box_of(b, bodies.position[:, b])
             report.add(Contact(i, j, *contact, *impulses))
 
 
 # What a body's reach is at least, relative to its radius: corrections move most bodies less.
-LEAST_REACH = 0.02
+LEAST_REACH = 0.005
 
 # Batches of contacts smaller than this are resolved one by one on floats: the array operations of
 # one batch cost as much as this many contacts.
-FEW_CONTACTS = 10
+FEW_CONTACTS = 4
 
 # A body that a step's corrections have moved further than foreseen gets this many times its
 # displacement as its reach when the step's collisions are done again.
@@ -888,46 +937,132 @@ REACH_GROWTH = 2.0
 
 
 class _ContactBatches:
-    """The pairs that can touch in this step, in batches whose order of work changes no bit.
+    """The pairs that can touch in this step, in batches that are worked on one after the other.
 
-    A pair waits for the earlier pairs, in the order i < j, that share a body which can move; pairs
-    that do not wait for each other make a batch. All pairs are known beforehand as long as no body
-    moves further than its reach (n,).
+    No two pairs of a batch share a body which can move. All pairs are known beforehand as long as
+    no body moves further than its reach (n,), and often beyond: see `overlooked`.
 
     first, second : (P,), sorted by batch, and within a batch by the order i < j
     rank : (P,), place of each pair in the order i < j
-    size : (P,), sum of the radii
     starts : (B + 1,), where the batches begin
-    normal (3, K, P), offset (K, P) : the pairs' facet planes; unused ones are infinitely far
+    planes : GJK.FacetPlanes of the pairs, and column (K,), the pair of each plane
     t (3, P), planeReach (P,) : translations that the planes were made at, and how far around they
         hold the nearest facet; below zero where they are not complete
+    apart (P,) : the pen below which a pair counts as apart; tolerance (P,), see GJK.contact_point
     """
 
-    def __init__(self, bodies, reach, broadPhase):
+    def __init__(self, bodies, reach, broadPhase, pairOrder):
+        self.bodies = bodies
+        self.reach = reach
+        self.broadPhase = broadPhase
         first, second = BROAD_PHASES[broadPhase](bodies.box - reach, bodies.isFixed)
-        self.candidates = len(first)
-        planeReach = np.minimum(reach, PLANE_REACH * bodies.hulls.radius)
-        planes, t = _near_planes(bodies, first, second, planeReach)
-        # the rest stay apart however their bodies move within their reach
-        near = np.flatnonzero(planes.nearest_of_all(t)[0] >= -reach[first] - reach[second])
-        batch = _batch_numbers(first[near].tolist(), second[near].tolist(), bodies.isFixed.tolist())
+        self.keys = first * len(reach) + second
+        planes, t, pen, isNear = _near_planes(bodies, first, second, reach)
+        far = np.flatnonzero(~isNear)
+        self.farFirst, self.farSecond, self.gap = first[far], second[far], -pen[far]
+        near = np.flatnonzero(isNear)
+        batch = PAIR_ORDERS[pairOrder](
+            first[near].tolist(), second[near].tolist(), bodies.isFixed.tolist()
+        )
         self.rank = np.argsort(batch, kind="stable")
         near = near[self.rank]
         self.first, self.second = first[near], second[near]
         self.starts = np.searchsorted(batch[self.rank], np.arange(batch.max(initial=-1) + 2))
-        self.t = t[:, near]
-        planeReach = planeReach[self.first] + planeReach[self.second]
-        self.planeReach = np.where(planes.complete[near], planeReach, -1.0)
-        self.size = bodies.hulls.radius[self.first] + bodies.hulls.radius[self.second]
-        count = planes.start[near + 1] - planes.start[near]
-        slots = np.arange(count.max(initial=1))[:, None]
-        column = planes.start[near] + np.minimum(slots, count - 1)
-        self.normal = planes.normal[:, column]
-        self.offset = np.where(slots < count, planes.offset[column], np.inf)
+        self.t = t.take(near, axis=1)
+        self.planes = planes.of_pairs(near)
+        self.column = np.repeat(np.arange(len(near)), np.diff(self.planes.start))
+        both = reach[self.first] + reach[self.second]
+        self.planeReach = np.where(self.planes.complete, both, -1.0)
+        size = bodies.hulls.radius[self.first] + bodies.hulls.radius[self.second]
+        self.apart = -GJK.TOUCH_TOLERANCE * size
+        self.tolerance = GJK.FEATURE_TOLERANCE * size
+
+    def overlooked(self, visits):
+        """Whether a pair that is not among these would have touched at its turn.
+
+        visits : `_Visits`, after all batches
+        """
+        displaced = visits.furthest
+        if (displaced <= self.reach).all():
+            return False
+        # pairs that were too far apart, but whose bodies have been far enough from their places
+        met = displaced[self.farFirst] + displaced[self.farSecond] >= self.gap
+        first, second = self.farFirst[met], self.farSecond[met]
+        bodies = self.bodies
+        wider = bodies.box - np.maximum(displaced, self.reach)
+        others = BROAD_PHASES[self.broadPhase](wider, bodies.isFixed)
+        if others.shape[1] > len(self.keys):
+            count = len(displaced)
+            others = others[:, ~np.isin(others[0] * count + others[1], self.keys)]
+            first = np.concatenate((first, others[0]))
+            second = np.concatenate((second, others[1]))
+        if len(first) == 0:
+            return False
+        position1, position2 = (visits.places(b, first, second) for b in (first, second))
+        boxes = bodies.box_of(first, position1) <= _facing(bodies.box_of(second, position2))
+        meet = np.flatnonzero(boxes.all(axis=0))
+        first, second = first[meet], second[meet]
+        t = position2.take(meet, axis=1) - position1.take(meet, axis=1)
+        none = np.zeros(len(meet))
+        pen, _ = GJK.contact_planes(bodies.hulls, first, second, t, none).nearest_of_all(t)
+        size = bodies.hulls.radius[first] + bodies.hulls.radius[second]
+        return bool((pen >= -GJK.TOUCH_TOLERANCE * size).any())
 
 
-def _batch_numbers(first, second, isFixed):
-    """The batch (P,) of each pair: one more than the last batches of its two bodies."""
+class _Visits:
+    """Where contacts have put the bodies during the collisions of a step.
+
+    start : (3, n), the bodies' places before
+    key : (K,), of each visit: body · n² + i · n + j, in ascending order, for the pair i, j that the
+        body was in; bodies are then visited in this order
+    position : (3, K), where the body is after it
+    furthest : (n,), how far each body has been from its start
+    """
+
+    def __init__(self, start, parts, isSequential):
+        """parts : list of `(first (m,), second (m,), position (3, 2 m))`: pairs in the order of
+        work, and where the first and then the second bodies are afterwards
+
+        isSequential : whether pairs of a body are in the order i < j
+        """
+        self.start = start
+        count = start.shape[1]
+        self.square = count * count
+        self.furthest = np.zeros(count)
+        self.isSequential = isSequential
+        bodies = [np.zeros(0, dtype=np.intp)]
+        turns, positions = bodies.copy(), [np.zeros((3, 0))]
+        for first, second, position in parts:
+            bodies += (first, second)
+            turns += 2 * [first * count + second]
+            positions.append(position)
+        body, position = np.concatenate(bodies), np.concatenate(positions, axis=1)
+        turn = np.concatenate(turns) if isSequential else np.arange(len(body))
+        away = position - start.take(body, axis=1)
+        np.maximum.at(self.furthest, body, np.sqrt(dot(away, away)))
+        key = body * self.square + turn
+        order = np.argsort(key)
+        self.key, self.position = key[order], position.take(order, axis=1)
+
+    def places(self, b, first, second):
+        """Where (3, m) the bodies b (m,) are at the turn of the pairs first, second (m,).
+
+        If not sequential, the pair is taken as the last of all.
+        """
+        turn = first * len(self.furthest) + second if self.isSequential else self.square - 1
+        place = np.searchsorted(self.key, b * self.square + turn) - 1
+        known = np.flatnonzero(place >= 0)
+        known = known[self.key[place[known]] // self.square == b[known]]
+        position = self.start.take(b, axis=1)
+        position[:, known] = self.position.take(place[known], axis=1)
+        return position
+
+
+def _sequential_batches(first, second, isFixed):
+    """The batch (P,) of each pair: one more than the last batches of its two bodies.
+
+    Pairs that share a body which can move keep their order, hence the bits of one pair at a time.
+    """
     last = [-1] * len(isFixed)
     batch = []
     for i, j in zip(first, second, strict=True):
@@ -940,85 +1075,118 @@ def _batch_numbers(first, second, isFixed):
     return np.array(batch, dtype=np.intp)
 
 
-def _resolve_pairs_in_batches(bodies, law, broadPhase, report):
-    """`_resolve_pairs`, the same bits, for many bodies: pairs from a grid, resolved in batches.
+def _coloured_batches(first, second, isFixed):
+    """The batch (P,) of each pair: the first that has neither of its bodies, fixed ones apart.
 
-    Where a correction moves a body out of its reach, a pair may have been overlooked: then the
+    The bits of an integer tell which batches have a body.
+    """
+    taken = [0] * len(isFixed)
+    batch = []
+    for i, j in zip(first, second, strict=True):
+        free = ~(taken[i] | taken[j])
+        bit = free & -free
+        if not isFixed[i]:
+            taken[i] |= bit
+        if not isFixed[j]:
+            taken[j] |= bit
+        batch.append(bit.bit_length() - 1)
+    return np.array(batch, dtype=np.intp)
+
+
+PAIR_ORDERS = {"sequential": _sequential_batches, "coloured": _coloured_batches}
+
+
+def _resolve_pairs_in_batches(bodies, law, broadPhase, pairOrder, report):
+    """`_resolve_pairs` for many bodies: the pairs in batches, with the same bits if sequential.
+
+    Where corrections move bodies out of their reach, and a pair may have been overlooked, the
     collisions are done again from the state before them, with a wider reach for such bodies.
     """
     memory = bodies.shapes.memory
     reach = np.maximum(LEAST_REACH * bodies.hulls.radius, REACH_GROWTH * memory.displaced)
-    before = [table.copy() for table in bodies.moving()]
+    before = bodies.motion.copy()
     while True:
-        batches = _ContactBatches(bodies, reach, broadPhase)
-        contacts = []
-        displaced = np.zeros(len(reach))
+        batches = _ContactBatches(bodies, reach, broadPhase, pairOrder)
+        contacts, visited = [], []
         for begin, end in itertools.pairwise(batches.starts.tolist()):
-            contacts += _resolve_batch(
-                bodies, batches, slice(begin, end), law, before[0], displaced
-            )
-        strayed = displaced > reach
-        if not strayed.any():
+            _resolve_batch(batches, begin, end, law, contacts, visited)
+        visits = _Visits(before[:3], visited, pairOrder == "sequential")
+        displaced = visits.furthest
+        if not batches.overlooked(visits):
             break
-        reach = np.where(strayed, REACH_GROWTH * displaced, reach)
-        for table, old in zip(bodies.moving(), before, strict=True):
-            table[:] = old
+        reach = np.where(displaced > reach, REACH_GROWTH * displaced, reach)
+        bodies.motion[:] = before
     memory.displaced = displaced
-    report.candidatePairs = batches.candidates
-    report.add_pairs(contacts, batches)
+    report.candidatePairs = len(batches.keys)
+    report.add_columns(contacts)
 
 
-def _resolve_batch(bodies, batches, own, law, start, displaced):
-    """Resolves the contacts among a batch of pairs, the slice `own` of the batches' tables.
+def _resolve_batch(batches, begin, end, law, contacts, visited):
+    """Resolves the contacts among a batch, the pairs from `begin` to `end`, where they are now.
 
-    start : (3, n), positions before the collisions; displaced : (n,), the furthest that each body
-    has been away from there, updated here. Returns a list of what `StepReport.add_pairs` takes.
+    Appends to contacts what `StepReport.add_columns` takes, and to visited what `_Visits` does.
     """
-    first, second = batches.first[own], batches.second[own]
-    position1, position2 = bodies.position[:, first], bodies.position[:, second]
+    bodies, planes = batches.bodies, batches.planes
+    first, second = batches.first[begin:end], batches.second[begin:end]
+    position1 = bodies.position.take(first, axis=1)
+    position2 = bodies.position.take(second, axis=1)
     t = position2 - position1
-    pens = batches.offset[:, own] - dot(batches.normal[:, :, own], t)
-    nearest = pens.argmin(axis=0)
-    columns = np.arange(len(first))
-    pen = pens[nearest, columns]
-    apart = -GJK.TOUCH_TOLERANCE * batches.size[own]
-    hit = pen >= apart
-    hit &= (bodies.box[:, first] <= _facing(bodies.box[:, second])).all(axis=0)
-    hits = np.flatnonzero(hit)
+    # the pair's deepest plane, or the one that parts it most
+    columns = slice(planes.start[begin], planes.start[end])
+    pair = batches.column[columns] - begin
+    pens = planes.offset[columns] - dot(planes.normal[:, columns], t.take(pair, axis=1))
+    starts = planes.start[begin:end] - columns.start
+    pen = np.minimum.reduceat(pens, starts)
+    hits = np.flatnonzero(pen >= batches.apart[begin:end])
     if len(hits) == 0:
-        return []
-    normal = batches.normal[:, :, own][:, nearest, columns]
-    shift = t - batches.t[:, own]
-    reach = batches.planeReach[own]
-    stale = hits[((dot(shift, shift) > reach * reach) | (reach < 0))[hits]]
+        return
+    least = np.flatnonzero(pens == pen.take(pair))
+    nearest = least.take(np.searchsorted(least, starts.take(hits)))  # the first of equals
+    normal = planes.normal.take(nearest + columns.start, axis=1)
+    rows = begin + hits
+    first, second, t, pen, position1, position2 = (
+        table.take(hits, axis=-1) for table in (first, second, t, pen, position1, position2)
+    )
+    shift = t - batches.t.take(rows, axis=1)
+    reach = batches.planeReach.take(rows)
+    stale = np.flatnonzero((dot(shift, shift) > reach * reach) | (reach < 0))
     if len(stale):
         exact = GJK.facet_planes(
             bodies.hulls, first[stale], second[stale], t[:, stale], np.zeros(len(stale))
         )
         pen[stale], normal[:, stale] = exact.nearest_of_all(t[:, stale])
-        hits = hits[(pen >= apart)[hits]]
-        if len(hits) == 0:
-            return []
-    first, second, t, normal = first[hits], second[hits], t[:, hits], normal[:, hits]
-    depth = np.maximum(pen[hits], 0.0)
-    tolerance = GJK.FEATURE_TOLERANCE * batches.size[own][hits]
+    keep = pen >= batches.apart.take(rows)
+    box1, box2 = bodies.box_of(first, position1), bodies.box_of(second, position2)
+    keep &= (box1 <= _facing(box2)).all(axis=0)
+    if not keep.all():
+        kept = np.flatnonzero(keep)
+        rows, first, second, t, pen, normal, position2 = (
+            table.take(kept, axis=-1) for table in (rows, first, second, t, pen, normal, position2)
+        )
+        if len(rows) == 0:
+            return
+    depth = np.maximum(pen, 0.0)
+    tolerance = batches.tolerance.take(rows)
     point = GJK.contact_points(bodies.hulls, first, second, t, normal, tolerance)
-    point = point + position2[:, hits]
-    if len(hits) < FEW_CONTACTS:
-        impulses = _resolve_singly(bodies, first, second, depth, normal, point, law)
-    else:
-        body1, body2 = bodies.states(first), bodies.states(second)
-        impulses = _resolve(body1, body2, depth, normal, point, law)
-        bodies.take(first, body1)
-        bodies.take(second, body2)
-    for b in (first, second):
-        away = bodies.position[:, b] - start[:, b]
-        displaced[b] = np.maximum(displaced[b], np.sqrt(dot(away, away)))
-    return [(own.start + hits, depth, normal, point, *impulses)]
+    point = point + position2
+    resolve = _resolve_singly if len(rows) < FEW_CONTACTS else _resolve_together
+    impulses = resolve(bodies, first, second, depth, normal, point, law)
+    both = np.concatenate((first, second))
+    visited.append((first, second, bodies.position.take(both, axis=1)))
+    contacts.append((batches.rank.take(rows), first, second, depth, normal, point, *impulses))
+
+
+def _resolve_together(bodies, first, second, depth, normal, point, law):
+    """`_resolve` for contacts that share no body which can move; returns the impulses."""
+    body1, body2 = bodies.states(first), bodies.states(second)
+    impulses = _resolve(body1, body2, depth, normal, point, law)
+    bodies.take(first, body1)
+    bodies.take(second, body2)
+    return impulses
 
 
 def _resolve_singly(bodies, first, second, depth, normal, point, law):
-    """`_resolve` for a few contacts that share no body which can move; returns the impulses."""
+    """The same for a few contacts, one after the other on floats."""
     impulses = []
     contacts = zip(
         first.tolist(), second.tolist(), depth.tolist(), normal.T.tolist(), point.T.tolist(),
@@ -1035,20 +1203,34 @@ def _resolve_singly(bodies, first, second, depth, normal, point, law):
 
 def _resolve_ground(bodies, groundMesh, law, report):
     """Lets every body that reaches down to y = 0 bounce off the ground with its lowest vertex."""
-    heights = bodies.vertices[1] + np.repeat(bodies.position[1], bodies.shapes.vertexCount)
-    solid = np.flatnonzero(bodies.shapes.hasShape)
-    lowest = np.full(len(bodies.meshes), np.inf)
-    lowest[solid] = np.minimum.reduceat(heights, bodies.shapes.vertexStart[solid])
-    for b in np.flatnonzero((lowest <= 0.0) & ~bodies.isFixed).tolist():
-        start = bodies.shapes.vertexStart[b]
-        vertex = start + heights[start : start + bodies.shapes.vertexCount[b]].argmin()
-        point = _sum(bodies.vertices[:, vertex].tolist(), bodies.position[:, b].tolist())
-        # The ground is hull 2: the body moves up, against the normal, by how deep the vertex is.
-        contact = (-float(lowest[b]), (0.0, -1.0, 0.0), point)
-        body, ground = bodies.state(b), groundMesh._body_state()
-        impulses = _resolve(body, ground, *contact, law)
-        bodies.take(b, body)
-        report.add(Contact(b, GROUND, *contact, *impulses))
+    shapes = bodies.shapes
+    heights = bodies.vertices[1] + bodies.position[1].take(shapes.vertexOwner)
+    solid = np.flatnonzero(shapes.hasShape & ~bodies.isFixed)
+    if len(solid) == 0:
+        return
+    lowest = np.minimum.reduceat(heights, shapes.vertexStart[shapes.hasShape])
+    lowest = lowest[np.cumsum(shapes.hasShape)[solid] - 1]
+    below = np.flatnonzero(lowest <= 0.0)
+    b, lowest = solid[below], lowest[below]
+    if len(b) == 0:
+        return
+    bottom = np.full(len(shapes.hasShape), np.nan)
+    bottom[b] = lowest
+    candidates = np.flatnonzero(heights == bottom.take(shapes.vertexOwner))
+    vertex = candidates[np.searchsorted(candidates, shapes.vertexStart[b])]  # the first of equals
+    point = bodies.vertices.take(vertex, axis=1) + bodies.position.take(b, axis=1)
+    # The ground is hull 2: the body moves up, against the normal, by how deep the vertex is.
+    normal = np.tile([[0.0], [-1.0], [0.0]], len(b))
+    body, ground = bodies.states(b), groundMesh._body_state()
+    still = _BodyState(*(np.reshape(value, (-1, 1)) for value in ground.entries()))
+    impulses = _resolve(body, still, -lowest, normal, point, law)
+    bodies.take(b, body)
+    rank, second = np.full(len(b), AFTER_ALL_PAIRS), np.full(len(b), GROUND)
+    report.add_columns([(rank, b, second, -lowest, normal, point, *impulses)])
+
+
+# The place of a contact with the ground in the order i < j.
+AFTER_ALL_PAIRS = np.iinfo(np.intp).max
 
 
 # --------------------------------------------------------------------------------------------------
@@ -1108,7 +1290,7 @@ def resolve_velocity_constraint(
     points = [_floats(point, 3) for point in currConstPoints]
     for k in range(2):
         position = _floats(currPositions[k], 3)
-        arms.append(_difference(points[k], position))
+        arms.append(difference(points[k], position))
         bodies.append(
             _BodyState(
                 _float(invMasses[k]),
@@ -1296,19 +1478,19 @@ def _visit_batch(bodies, columns, batch, tolerance):
     b1, b2 = columns.body1[batch], columns.body2[batch]
     arm1, arm2 = columns.arm1[:, batch], columns.arm2[:, batch]
     C, n = _stretch(
-        bodies.position[:, b1] + arm1, bodies.position[:, b2] + arm2, columns.refValue[batch]
+        bodies.position.take(b1, axis=1) + arm1,
+        bodies.position.take(b2, axis=1) + arm2,
+        columns.refValue[batch],
     )
     violated = np.flatnonzero(_violates(C, columns.upper[batch], tolerance))
     if len(violated) == 0:
         return False
     b1, b2 = b1[violated], b2[violated]
-    arm1, arm2, n = arm1[:, violated], arm2[:, violated], [x[violated] for x in n]
+    arm1, arm2, n = (table.take(violated, axis=1) for table in (arm1, arm2, n))
     body1, body2 = bodies.states(b1), bodies.states(b2)
     _correct_distance(body1, body2, arm1, arm2, C[violated], n, tolerance)
-    for b, body in ((b1, body1), (b2, body2)):
-        bodies.position[:, b] = body.position
-        bodies.linVelocity[:, b] = body.linVelocity
-        bodies.angVelocity[:, b] = body.angVelocity
+    bodies.take(b1, body1)
+    bodies.take(b2, body2)
     return True
 
 
@@ -1356,32 +1538,27 @@ class StepReport:
         """List of `Contact` in the order i < j, the ground last."""
         pending, self._pending = self._pending, []
         rows = []
-        for contacts, batches in pending:
-            for pairs, depth, normal, point, impulse, friction, arm in contacts:
-                friction = np.broadcast_to(np.reshape(friction, (3, -1)), (3, len(pairs)))
-                columns = (
-                    batches.rank[pairs], batches.first[pairs], batches.second[pairs], depth,
-                    normal.T, point.T, impulse, friction.T, np.transpose(arm),
-                )  # fmt: skip
-                rows += zip(*(column.tolist() for column in columns), strict=True)
-        ordered = [
-            Contact(i, j, depth, tuple(n), tuple(point), impulse, tuple(friction), tuple(arm))
-            for _, i, j, depth, n, point, impulse, friction, arm in sorted(rows)
-        ]
-        self._contacts[:0] = ordered
+        for *columns, impulse, friction, arm in pending:
+            friction = np.broadcast_to(np.reshape(friction, (3, -1)), arm.shape)
+            columns = (*columns, impulse, friction, arm)
+            rows += zip(*(column.T.tolist() for column in columns), strict=True)
+        for _, i, j, depth, n, point, impulse, friction, arm in sorted(rows):
+            vectors = tuple(n), tuple(point), impulse, tuple(friction), tuple(arm)
+            self._contacts.append(Contact(i, j, depth, *vectors))
         return self._contacts
 
     def add(self, contact):
         """Notes a `Contact`."""
         self._contacts.append(contact)
 
-    def add_pairs(self, contacts, batches):
-        """Notes contacts of a `_ContactBatches`, given by arrays; they become rows when asked for.
+    def add_columns(self, contacts):
+        """Notes contacts that arrays describe; they become `Contact`s when they are asked for.
 
-        contacts : list of `(pairs (m,), depth (m,), normal (3, m), point (3, m), impulse (m,),
-        friction, arm (3, m))`, friction being (3, m) or a single vector for all
+        contacts : list of `(rank (m,), body1 (m,), body2 (m,), depth (m,), normal (3, m), point
+        (3, m), impulse (m,), friction, arm (3, m))`; rank is the place in the order i < j, and
+        friction (3, m) or a single vector for all
         """
-        self._pending.append((contacts, batches))
+        self._pending += contacts
 
     @contextmanager
     def phase(self, name):
@@ -1404,6 +1581,7 @@ def run_timestep(
     constraintScheduling="sweep",
     mu=0.0,
     broadPhase="all",
+    pairOrder="sequential",
 ):
     """Moves a scene on by one time step, in place, and returns a `StepReport`.
 
@@ -1423,22 +1601,32 @@ def run_timestep(
         cannot find anything; "batches" visits constraints without a common body together, which
         ends elsewhere within the same bounds, and suits hundreds of constraints
     mu : see `resolve_collision`
+    broadPhase : how pairs with overlapping boxes are found: "all" looks at every pair in turn;
+        "grid" finds them through uniform grids and resolves them in batches, with the same bits
+    pairOrder : "sequential" resolves the pairs as if in the order i < j; "coloured" in rounds of
+        pairs without a common body, as few as a greedy colouring finds: faster, and another order
+
+    Raises ValueError for a name that is not known.
     """
     report = StepReport()
     timeStep, tolerance = _float(timeStep), _float(tolerance)
     law = ContactLaw(_float(CRCoeff), bool(closingOnly), _float(mu))
-    if broadPhase not in BROAD_PHASES:
-        raise ValueError(f"no broad phase {broadPhase!r}; there are {', '.join(BROAD_PHASES)}")
+    for what, name, known in (
+        ("broad phase", broadPhase, BROAD_PHASES),
+        ("pair order", pairOrder, PAIR_ORDERS),
+    ):
+        if name not in known:
+            raise ValueError(f"no {what} {name!r}; there are {', '.join(known)}")
     if len(meshes) == 0:
         return report
     bodies = _Bodies(meshes)
     with report.phase("integrate"):
         bodies.integrate(timeStep)
     with report.phase("collisions"):
-        if broadPhase == "all":
+        if broadPhase == "all" and pairOrder == "sequential":
             _resolve_pairs(bodies, law, report)
         else:
-            _resolve_pairs_in_batches(bodies, law, broadPhase, report)
+            _resolve_pairs_in_batches(bodies, law, broadPhase, pairOrder, report)
     with report.phase("ground"):
         if groundMesh is not None:
             _resolve_ground(bodies, groundMesh, law, report)

@@ -172,7 +172,8 @@ def hash_of(state):
 
 FORMAT = 1
 HASH_SIZE = 16
-# What a state's number says about it, in the order of the file.
+# The arrays with a row for each state, in the order of the file: the type of their numbers and the
+# shape of a row, of a body's part of it where there is one for each body.
 SERIES = {
     **{name: ("<f8", (width,)) for name, width in STATE_WIDTHS.items()},
     "times": ("<f8", ()),
@@ -337,7 +338,7 @@ class Recording:
         mustBeFinite : whether to look through the states for numbers that are not finite
         """
         self.path = Path(path)
-        part = self.path.with_name(self.path.name + PART_ENDING)
+        part = Path(str(path) + PART_ENDING)
         if not self.path.exists() and part.is_dir():
             self.path = part
         self.wasInterrupted = self.path.is_dir()
@@ -457,10 +458,9 @@ class _Head:
 
     def _text(self, name):
         value = self.file.whole(name, "U")
-        text = str(value) if value.shape == () else "\0"
-        if not text.isprintable():
-            raise self.file.error(f"the array {name} is not a line of text")
-        return text
+        if value.shape != ():
+            raise self.file.error(f"the array {name} is not one text")
+        return str(value)
 
     def _history(self):
         try:
@@ -468,7 +468,7 @@ class _Head:
                 (int(step), {str(name): value for name, value in fields.items()})
                 for step, fields in json.loads(self._text("settingsHistory"))
             ]
-        except (ValueError, TypeError, AttributeError, RecursionError):
+        except (ValueError, TypeError, AttributeError, OverflowError, RecursionError):
             history = []
         steps = [step for step, _ in history]
         if not steps or steps != sorted(set(steps)):
@@ -559,7 +559,7 @@ def restored_settings(recording, step, settings):
         return replace(settings, **fields)
     except ValueError as error:
         raise recording.error(f"step {step}: {_one_line(error)}") from None
-    except TypeError:  # a text where a number belongs, for instance
+    except (TypeError, OverflowError):  # a list where a number belongs, for instance
         raise recording.error(f"step {step}: its settings are not of the right kind") from None
 
 
@@ -698,10 +698,12 @@ class Recorder:
             # Now: a missing folder, or missing rights, are found out before hours are spent.
             self.partPath.mkdir()
         except FileExistsError:
-            raise RecordingError(
-                self.partPath,
-                "an interrupted recording is kept here; look at it with --replay, or remove it",
-            ) from None
+            # A run that ended before its first chunk leaves an empty folder, which will do.
+            if not self.partPath.is_dir() or any(self.partPath.glob(f"{CHUNK_PREFIX}*.npz")):
+                raise RecordingError(
+                    self.partPath,
+                    "an interrupted recording is kept here; look at it with --replay, or remove it",
+                ) from None
         except OSError as error:
             error.filename = str(path)  # the name that the caller knows
             raise
@@ -785,7 +787,7 @@ class Recorder:
             "firstStep": self._firstStep + first,
             "settingsHistory": json.dumps(self._history),
             **self._history[-1][1],
-            "maxIterations": self._maxIterations,
+            "maxIterations": min(self._maxIterations, np.iinfo(np.int64).max),
             "scene": self._scene,
             "constraints": self._constraints,
             "meshNames": np.array([mesh.name for mesh in self._meshes], dtype=np.str_),
@@ -862,7 +864,8 @@ class StatsWriter:
         """
         if plotPath is not None:
             check_plotting()
-        self.path, self.plotPath = path and Path(path), plotPath and Path(plotPath)
+        self.path = None if path is None else Path(path)
+        self.plotPath = None if plotPath is None else Path(plotPath)
         for target in (self.path, self.plotPath):
             if target is not None and target.is_dir():
                 raise IsADirectoryError(errno.EISDIR, "this is a folder, not a file", str(target))

@@ -36,7 +36,7 @@ from RBSDrawing import (
     video_timing,
     viridis,
 )
-from RBSFunctions import BROAD_PHASES, CONSTRAINT_SCHEDULINGS
+from RBSFunctions import BROAD_PHASES, CONSTRAINT_SCHEDULINGS, PAIR_ORDERS
 
 # Frames and steps over which the milliseconds on screen are a median: half a second's worth.
 TIMED_STEPS = 25
@@ -81,6 +81,7 @@ ERROR_TEXT = (1.0, 0.45, 0.40, 1.0)
 # it says under the mouse.
 CHOICES = [
     ("broad phase", "broadPhase", BROAD_PHASES, "The same motion; grid is faster for many bodies"),
+    ("pair order", "pairOrder", PAIR_ORDERS, "In which order contacts are resolved"),
 ]
 CONSTRAINT_CHOICES = [
     ("scheduling", "constraintScheduling", CONSTRAINT_SCHEDULINGS, "In which order they are met"),
@@ -559,11 +560,14 @@ class Panel:
         settings = viewer.simulation.settings
         for field in self.fields:
             field.draw(settings)
+        clamp = psim.ImGuiSliderFlags_AlwaysClamp  # also what is typed in with Ctrl-click
         pace = "%d" if viewer.stepsPerFrame else "real time"
         _, viewer.stepsPerFrame = psim.SliderInt(
-            "steps per frame", viewer.stepsPerFrame, 0, MOST_STEPS_PER_FRAME, pace
+            "steps per frame", viewer.stepsPerFrame, 0, MOST_STEPS_PER_FRAME, pace, clamp
         )
-        _, settings.friction = psim.SliderFloat("friction", settings.friction, 0.0, MOST_FRICTION)
+        _, settings.friction = psim.SliderFloat(
+            "friction", settings.friction, 0.0, MOST_FRICTION, "%.3f", clamp
+        )
         _, settings.closingOnly = psim.Checkbox("closing contacts only", settings.closingOnly)
         psim.SetItemTooltip("Contacts that already separate receive no impulse")
         self._draw_choices(CHOICES)

@@ -30,7 +30,13 @@ import numpy as np
 import RBSDrawing
 import RBSViewer
 from RBSDrawing import flatten_meshes as flatten_meshes  # also known by this module's name
-from RBSFunctions import BROAD_PHASES, CONSTRAINT_SCHEDULINGS, Mesh, run_timestep
+from RBSFunctions import (
+    BROAD_PHASES,
+    CONSTRAINT_SCHEDULINGS,
+    PAIR_ORDERS,
+    Mesh,
+    run_timestep,
+)
 from RBSRecording import (
     Recorder,
     Recording,
@@ -638,7 +644,7 @@ class Settings:
     enforceConstraints : whether a scene's constraints are used
     constraintScheduling : a name of CONSTRAINT_SCHEDULINGS
     maxIterations : constraint visits in a step at most, or None for the default
-    broadPhase : a name of BROAD_PHASES
+    broadPhase : a name of BROAD_PHASES; pairOrder : a name of PAIR_ORDERS
     """
 
     restitution: float = DEFAULT_RESTITUTION
@@ -649,27 +655,25 @@ class Settings:
     constraintScheduling: str = "sweep"
     maxIterations: int | None = None
     broadPhase: str = "all"
+    pairOrder: str = "sequential"
 
     def change(self, name, value):
         """Sets a field; raises ValueError, and changes nothing, where it cannot have this value."""
-        check = {
-            "restitution": checked_restitution,
-            "timeStep": checked_time_step,
-            "friction": checked_friction,
-        }.get(name)
-        setattr(self, name, value if check is None else check(value))
+        setattr(self, name, getattr(replace(self, **{name: value}), name))
 
     def __post_init__(self):
         """Raises ValueError or TypeError for what has no sense: a recording may say anything."""
-        checked_restitution(self.restitution)
-        checked_time_step(self.timeStep)
-        checked_friction(self.friction)
+        self.restitution = checked_restitution(float(self.restitution))
+        self.timeStep = checked_time_step(float(self.timeStep))
+        self.friction = checked_friction(float(self.friction))
         if not (isinstance(self.closingOnly, bool) and isinstance(self.enforceConstraints, bool)):
             raise ValueError("closingOnly and enforceConstraints must be true or false")
         if self.constraintScheduling not in CONSTRAINT_SCHEDULINGS:
             raise ValueError(f"there is no scheduling {self.constraintScheduling!r}")
         if self.broadPhase not in BROAD_PHASES:
             raise ValueError(f"there is no broad phase {self.broadPhase!r}")
+        if self.pairOrder not in PAIR_ORDERS:
+            raise ValueError(f"there is no pair order {self.pairOrder!r}")
         if self.maxIterations is not None:
             at_least(0)(operator.index(self.maxIterations))
 
@@ -741,6 +745,7 @@ class Simulation(Scene):
             constraintScheduling=settings.constraintScheduling,
             mu=settings.friction,
             broadPhase=settings.broadPhase,
+            pairOrder=settings.pairOrder,
         )
         self.stepSeconds = time.perf_counter() - begin
         self.stepCount += 1
@@ -1046,6 +1051,12 @@ def add_physics_options(parser):
         help="all: every pair in turn; grid: the same motion to the last bit, found through a "
         "uniform grid, for hundreds of bodies (default: %(default)s)",
     )  # fmt: skip
+    physics.add_argument(
+        "--pair-order", metavar="NAME", choices=PAIR_ORDERS, default="sequential",
+        help="sequential: pairs of bodies as in the coursework, the first with all others, then "
+        "the second; coloured: in as few rounds of disjoint pairs as a greedy colouring finds, "
+        "which is faster and ends elsewhere (default: %(default)s)",
+    )  # fmt: skip
 
 
 def add_constraint_options(parser):
@@ -1167,12 +1178,12 @@ def main(arguments=None):
     parser = make_parser()
     options = parser.parse_args(arguments)
     given = given_options(arguments)
-    check_options(parser, given)
+    check_options(parser, options, given)
     with warnings.catch_warnings():
         warnings.simplefilter("always", NonConvexWarning)
         warnings.showwarning = lambda message, *where: print_error(f"warning: {message}")
         try:
-            if options.verify:
+            if options.verify is not None:
                 return verify_as_asked(options)
             simulation = simulation_of(options, given)
             look = look_of(options)
@@ -1200,6 +1211,7 @@ SETTING_FIELDS = {
     "scheduling": "constraintScheduling",
     "max_iterations": "maxIterations",
     "broad_phase": "broadPhase",
+    "pair_order": "pairOrder",
 }
 WITHOUT_WINDOW = frozenset({"headless", "screenshots", "video", "record", "stats", "plot"})
 # What does not go with what, and why.
@@ -1238,8 +1250,14 @@ def given_options(arguments):
     return {name for name, value in vars(parser.parse_args(arguments)).items() if value is not None}
 
 
-def check_options(parser, given):
+def check_options(parser, options, given):
     """Ends the program with one line where the given options do not go together."""
+    named = {}
+    for dest in ("resume", "record", "stats", "plot", "video"):
+        path = getattr(options, dest)
+        other = named.setdefault(path and Path(path).resolve(), dest)
+        if path is not None and other != dest:
+            parser.error(f"{option_name(dest)} and {option_name(other)} name the same file")
     for dest, (companions, cause) in COMPANIONS.items():
         if dest in given and not given & companions:
             parser.error(f"{option_name(dest)} {cause}")
@@ -1263,7 +1281,7 @@ def simulation_of(options, given):
         changes = {field: getattr(asked, field) for field in fields}
         simulation.settings = replace(simulation.settings, **changes)
         return simulation
-    scenePath = find_scene(options.scene or DEFAULT_SCENE)
+    scenePath = find_scene(DEFAULT_SCENE if options.scene is None else options.scene)
     return Simulation(scenePath, settings_of(options), options.constraints)
 
 
@@ -1303,8 +1321,9 @@ def load_recorded_scene(recording, options):
     options.scene and options.constraints : where the files are now, or None for where they were
     raises SceneError, or RecordingError when the bodies are not those of the recording
     """
-    scenePath = options.scene and find_scene(options.scene)
-    if scenePath is None:
+    if options.scene is not None:
+        scenePath = find_scene(options.scene)
+    else:
         scenePath = find_recorded_file(recording, recording.scene, "SCENE")
     constraintPath = options.constraints
     if constraintPath is None and recording.constraints:
@@ -1340,6 +1359,7 @@ def settings_of(options):
         constraintScheduling=options.scheduling,
         maxIterations=options.max_iterations,
         broadPhase=options.broad_phase,
+        pairOrder=options.pair_order,
     )
 
 

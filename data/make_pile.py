@@ -4,9 +4,9 @@
     python data/make_pile.py 1000 --spread --shapes box octahedron --seed 7 --out wide-scene.txt
 
 The bodies stand on a lattice, jittered and turned at random, and do not touch at the start: a block
-as high as it is wide, which drops and collapses, or with --spread a single layer with little to
-collide with. The same arguments give the same bytes. The meshes are those of this folder, so the
-scene has to lie here.
+of four layers, which drops and lies on the ground in a heap after 250 steps of 0.02 s, or with
+--spread a single layer with little to collide with. The same arguments give the same bytes. The
+meshes are those of this folder, so the scene has to lie here.
 """
 
 import argparse
@@ -22,6 +22,8 @@ PILE_SHAPES = ["box", "tetrahedron", "octahedron", "cylinder"]
 DENSITY = 50.0          # kg / m³
 CLEARANCE = 1.0         # metres between the lowest bodies and the ground
 JITTER = 0.5            # metres, along each axis, up and down
+# Layers of a block. Of more, the highest would fall for longer, and hit at higher speeds.
+LAYERS = 4
 # Neighbours of a single layer are this many times as far apart as those of a block.
 SPREAD = 2.0
 
@@ -39,7 +41,7 @@ def make_pile(count, shapes, isSpread, seed):
     """
     generator = random.Random(seed)
     pitch = max(map(diameter, shapes)) + 2 * JITTER
-    side = math.ceil(math.sqrt(count) if isSpread else round(count ** (1 / 3), 6))
+    side = math.ceil(math.sqrt(count if isSpread else count / LAYERS))
     if isSpread:
         pitch *= SPREAD
     order = [shapes[i % len(shapes)] for i in range(count)]

@@ -239,6 +239,20 @@ def test_full_disk_leaves_the_old_file_and_the_chunks_before_it(tmp_path, monkey
     assert Recording(tmp_path / "r.npz.part").lastStep == 0
 
 
+def test_folder_of_a_run_that_ended_before_its_first_chunk_is_used(tmp_path):
+    (tmp_path / "r.npz.part").mkdir()
+    (tmp_path / "r.npz.part" / "chunk_000000.tmp").write_bytes(b"half")
+    record(tmp_path / "r.npz", Simulation(DATA / "tet-scene.txt"), 1)
+    assert [path.name for path in tmp_path.iterdir()] == ["r.npz"]
+
+
+def test_number_of_visits_that_fits_no_integer_can_be_recorded(tmp_path):
+    path = record(
+        tmp_path / "r.npz", Simulation(DATA / "tet-scene.txt", Settings(maxIterations=10**30)), 1
+    )
+    assert Recording(path).settings_at(1)[1]["maxIterations"] == 10**30
+
+
 def test_recording_of_nothing_leaves_nothing(tmp_path):
     assert Recorder(tmp_path / "r.npz").close() is None
     assert list(tmp_path.iterdir()) == []
@@ -539,10 +553,17 @@ HOSTILE = {
                               good, bad, settingsHistory='[[0, {"timeStep": -1}]]'),
                           ": the time step must be positive and finite, not -1"),
     "setting of a kind": (lambda good, bad: rewritten(
-                              good, bad, settingsHistory='[[0, {"restitution": "high"}]]'),
+                              good, bad, settingsHistory='[[0, {"restitution": [1]}]]'),
                           ": its settings are not of the right kind"),
     "two lines": (lambda good, bad: rewritten(good, bad, scene="a\nb"),
-                  "the array scene is not a line of text"),
+                  "its file a b is not there any more; say with SCENE where it is"),
+    "no text": (lambda good, bad: rewritten(good, bad, scene=np.array(["a", "b"])),
+                "the array scene is not one text"),
+    "endless time step": (lambda good, bad: rewritten(
+                              good, bad, settingsHistory=f'[[0, {{"timeStep": {10**400}}}]]'),
+                          ": its settings are not of the right kind"),
+    "endless history": (lambda good, bad: rewritten(good, bad, settingsHistory="[[1e999, {}]]"),
+                        "the history of its settings cannot be read"),
     "other bodies": (lambda good, bad: rewritten(good, bad, meshNames=np.array(["x"] * 9)),
                      "its body 'x' is called 'box 0'"),
 }  # fmt: skip
@@ -739,6 +760,11 @@ CONFLICTING = {
     "verify and stats": (["--verify", "r", "--stats", "s"], "--stats does not go with --verify"),
     "from alone": (["--from", "3"], "--from says where --resume starts, which is missing"),
     "from and replay": (["--replay", "r", "--from", "3"], "--from says where --resume starts"),
+    "resume and record": (["--resume", "./r", "--record", "r"],
+                          "--record and --resume name the same file"),
+    "stats and plot": (["--stats", "s", "--plot", "s"], "--plot and --stats name the same file"),
+    "replay of here": (["--headless", "--replay", "."], ".: this is a folder, not a recording"),
+    "verify of nothing": (["--verify", ""], ".: this is a folder, not a recording"),
     "negative from": (["--resume", "r", "--from", "-1"], "--from: must be 0 or more, not -1"),
     "stats to nowhere": (["--stats", "no/s.csv"], "no/s.csv: No such file or directory"),
     "stats to a folder": (["--stats", "."], ".: this is a folder, not a file"),
