@@ -300,7 +300,6 @@ class Mesh:
         self.faces = self._table("faces", faces, 3, np.int64)
         self.tets = self._table("tets", tets, 4, np.int64)
         self.density = _float(density)
-        self.isFixed = bool(isFixed)
         self.position = _row(position, 3)
         self.orientation = _row(orientation, 4)
         length = math.hypot(*self.orientation[0].tolist())
@@ -314,12 +313,7 @@ class Mesh:
         self.IT = np.zeros((3, 3))
         if len(self.origVertices) > 0:
             self._init_mass_properties()
-        if len(self.origVertices) > 0 and not self.isFixed:
-            self.invMass = 1.0 / self.mass
-            self.invIT = np.linalg.inv(self.IT)
-        else:
-            self.invMass = 0.0
-            self.invIT = np.zeros((3, 3))
+        self.set_fixed(isFixed)
         self._refresh_vertices()
 
     def _table(self, what, rows, width, dtype):
@@ -371,6 +365,28 @@ class Mesh:
         else:
             rotated = QRotate(self.orientation, self.origVertices)
             self.currVertices = rotated + np.reshape(self.position, (1, 3))
+
+    def set_fixed(self, isFixed):
+        """Fixes the mesh, at rest where it is, or frees it: from the next step on."""
+        self.isFixed = bool(isFixed)
+        if self.isFixed:
+            self.linVelocity, self.angVelocity = np.zeros((1, 3)), np.zeros((1, 3))
+        if self.isFixed or len(self.origVertices) == 0:
+            self.invMass = 0.0
+            self.invIT = np.zeros((3, 3))
+        else:
+            self.invMass = 1.0 / self.mass
+            self.invIT = np.linalg.inv(self.IT)
+
+    def push(self, impulse, point):
+        """Applies an impulse (3,), mass · speed, at a point (3,) of the world; nothing if fixed.
+
+        With r from the COM to the point, v ← v + J / m and ω ← ω + R I⁻¹ Rᵀ (r × J).
+        """
+        arm = np.reshape(point, (1, 3)) - self.position
+        turn = np.cross(arm, np.reshape(impulse, (1, 3)))
+        self.linVelocity = self.linVelocity + self.invMass * np.reshape(impulse, (1, 3))
+        self.angVelocity = self.angVelocity + turn @ self.get_rotated_inv_IT().T
 
     def integrate_timestep(self, timeStep):
         """Moves the mesh on by timeStep seconds of free flight; a fixed mesh stays as it is.
@@ -702,6 +718,22 @@ def all_overlaps(box, isFixed):
     return np.concatenate(found).T
 
 
+def grid_levels(box):
+    """Sorts boxes into the levels of a grid, from the largest: yields `(level, smaller, width)`.
+
+    box : (6, n), as for `all_overlaps`; level, smaller : indices of the boxes of this level and of
+    all later ones; width : the largest side of this level's boxes
+    """
+    extent = (-box[3:] - box[:3]).max(axis=0)
+    solid = np.flatnonzero(np.isfinite(extent))
+    order = solid[np.argsort(-extent[solid], kind="stable")]
+    while len(order):
+        width = max(float(extent[order[0]]), np.finfo(float).tiny)
+        count = max(1, int(np.count_nonzero(extent[order] > GRID_SHRINK * width)))
+        level, order = order[:count], order[count:]
+        yield level, order, width
+
+
 def grid_overlaps(box, isFixed):
     """The same pairs in the same order as `all_overlaps`, by uniform grids.
 
@@ -712,17 +744,11 @@ def grid_overlaps(box, isFixed):
     its own level and into those of larger boxes, so one huge floor among small boxes is a level of
     its own and costs each of them one candidate.
     """
-    extent = (-box[3:] - box[:3]).max(axis=0)
-    solid = np.flatnonzero(np.isfinite(extent))
-    order = solid[np.argsort(-extent[solid], kind="stable")]
     found = []
-    while len(order):
-        width = max(float(extent[order[0]]), np.finfo(float).tiny)
-        count = max(1, int(np.count_nonzero(extent[order] > GRID_SHRINK * width)))
-        level, order = order[:count], order[count:]
+    for level, smaller, width in grid_levels(box):
         found.append(_level_overlaps(box, level, level, width))
-        if len(order):
-            found.append(_level_overlaps(box, level, order, width))
+        if len(smaller):
+            found.append(_level_overlaps(box, level, smaller, width))
     pairs = np.concatenate([np.zeros((2, 0), dtype=np.intp), *found], axis=1)
     pairs = np.sort(pairs[:, ~(isFixed[pairs[0]] & isFixed[pairs[1]])], axis=0)
     # by the first body, then by the second

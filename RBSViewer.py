@@ -1,491 +1,167 @@
-"""Everything that draws: pictures off-screen, and the window.
+"""The window: its panel, plots and timeline, and what their buttons do.
 
-Polyscope is imported inside the functions that use it, never with this module, and only after
-`find_backend` has found out, in a process of its own, that it can draw here: where a graphics
-library is missing, Polyscope may end the whole process instead of raising an error.
-
-All bodies together are one surface, their shadows another one, and their edges one set of lines,
-so that the cost of drawing hardly depends on how many bodies there are.
+It is handed what it needs: a simulation or a replay, a function that opens another file, and one
+that lists them. What is drawn behind the panel is `RBSDrawing`'s. Polyscope is imported inside the
+functions that use it, never with this module.
 """
 
 import math
-import os
-import subprocess
-import sys
 import time
 from collections import deque
-from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
 import numpy as np
 
-from RBSFunctions import CONSTRAINT_SCHEDULINGS
-from RigidBodySimulation import (
-    SceneError,
-    checked_restitution,
-    checked_time_step,
-    flatten_meshes,
-    list_scenes,
-    scene_name,
+from RBSDrawing import (
+    COLOURINGS,
+    FIXED_COLOUR,
+    LAYERS,
+    LONE_COLOUR,
+    MOST_BOXES,
+    MOST_TRAILS,
+    PICKED_COLOUR,
+    TOP_SPEED,
+    TRAIL_LENGTH,
+    VELOCITY_SECONDS,
+    DrawingError,
+    Look,
+    Video,
+    apply_camera,
+    colour_of_density,
+    load_camera,
+    save_camera,
+    save_picture,
+    start_look,
+    video_timing,
+    viridis,
 )
+from RBSFunctions import BROAD_PHASES, CONSTRAINT_SCHEDULINGS, PAIR_ORDERS
 
-# ---------------------------------------------------------------------------------------------
-# What can be drawn with
-# ---------------------------------------------------------------------------------------------
-
-WINDOW_BACKEND = "openGL3_glfw"
-OFFSCREEN_BACKEND = "openGL3_egl"
-
-# Polyscope links against the first and loads the others when it starts.
-DEBIAN_PACKAGES = "libx11-6 libegl1 libgl1 libgl1-mesa-dri"
-
-# Starting takes about a second; a driver that hangs shall not hang this program.
-PROBE_SECONDS = 60
-
-
-@dataclass
-class Backend:
-    """What `find_backend` found.
-
-    name : Polyscope's name of the backend, None where nothing can be drawn
-    reason : why there is no window, or nothing at all; "" where all is well
-    remedy : what to do about it
-    """
-
-    name: str | None
-    reason: str = ""
-    remedy: str = ""
-
-    @property
-    def opensWindow(self):
-        return self.name == WINDOW_BACKEND
-
-
-def has_display():
-    """Whether a window could be opened at all. Off Linux, there always is a display."""
-    if not sys.platform.startswith("linux"):
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-
-
-def find_backend(window):
-    """Finds out how Polyscope can draw here, without importing it into this process.
-
-    window : whether a window is wanted; without one, only pictures are
-    returns a Backend
-    """
-    onLinux = sys.platform.startswith("linux")  # elsewhere, there is no EGL
-    windowed = [WINDOW_BACKEND] if has_display() else []
-    offscreen = [OFFSCREEN_BACKEND] if onLinux else [WINDOW_BACKEND]
-    candidates = windowed + offscreen if window else offscreen + windowed
-    reasons = [] if windowed else ["there is no display"]
-    for name in dict.fromkeys(candidates):
-        failure = _probe(name)
-        if failure is None:
-            return Backend(name, "; ".join(reasons))
-        reasons.append(failure)
-    if "No module named" in reasons[-1]:
-        return Backend(None, reasons[-1], "Install it: pip install polyscope")
-    remedy = "Update the graphics driver"
-    if onLinux:
-        remedy = f"On Debian or Ubuntu, apt-get install {DEBIAN_PACKAGES} provides OpenGL"
-    return Backend(None, "; ".join(reasons), remedy)
-
-
-def _probe(backendName):
-    """Starts Polyscope in another process: None where that works, else what went wrong."""
-    program = (
-        "import polyscope; polyscope.set_use_prefs_file(False); "  # else it leaves files behind
-        f"polyscope.init({backendName!r})"
-    )
-    try:
-        result = subprocess.run(
-            [sys.executable, "-c", program], capture_output=True, text=True, timeout=PROBE_SECONDS
-        )
-    except subprocess.TimeoutExpired:
-        return f"{backendName} did not start within {PROBE_SECONDS} s"
-    if result.returncode == 0:
-        return None
-    lines = (result.stdout + result.stderr).splitlines()
-    for mark in ("ImportError: ", "ModuleNotFoundError: ", "emitted error: ", "[ERROR] "):
-        for line in lines:
-            if mark in line:
-                return line.split(mark, 1)[1].split(". ")[0].rstrip(".")
-    return f"{backendName} ended with code {result.returncode}"
-
-
-def start_polyscope(backend):
-    """Starts Polyscope with this backend and the options that no scene changes."""
-    import polyscope as ps
-
-    ps.set_verbosity(0)
-    ps.set_program_name("Rigid bodies")
-    ps.set_use_prefs_file(False)
-    ps.set_window_size(*PICTURE_SIZE)
-    ps.init(backend.name)
-    ps.set_automatically_compute_scene_extents(False)
-    ps.set_up_dir("y_up")
-    ps.set_ground_plane_mode("tile")
-    ps.set_ground_plane_height(0.0)
-    ps.set_background_color(BACKGROUND)
-    # A window is redrawn all the time; of a picture, smooth edges are worth four times the work.
-    ps.set_SSAA_factor(1 if backend.opensWindow else 2)
-
-
-# ---------------------------------------------------------------------------------------------
-# The look
-# ---------------------------------------------------------------------------------------------
-
-PICTURE_SIZE = (1280, 720)
-
-BACKGROUND = (0.62, 0.70, 0.80)
-FIXED_COLOUR = (0.72, 0.72, 0.72)
-SHADOW_COLOUR = (0.30, 0.31, 0.33)
-CREASE_COLOUR = (0.10, 0.12, 0.15)
-
-# The colour map viridis at equal steps: its lightness falls evenly, also for the colour-blind.
-# From light to heavy, and without the map's darkest tenth, on which no edge would show.
-VIRIDIS = np.array([
-    [253, 231, 37], [181, 222, 43], [110, 206, 88], [53, 183, 121], [31, 158, 137],
-    [38, 130, 142], [49, 104, 142], [62, 73, 137], [72, 40, 120],
-]) / 255.0  # fmt: skip
-
-# Faces that meet at a smaller angle, in radians, pass for one round surface: a cylinder of 20 sides
-# or more, or a finely divided ellipsoid.
-CREASE_ANGLE = math.radians(30.0)
-# Half the width of the lines that edges are drawn as, relative to the scene's size.
-CREASE_RADIUS = 6e-4
-# Each line costs about 0.02 ms a frame where no graphics card helps. In a scene with more of them,
-# bodies are so small in the picture that lines would only darken it.
-MOST_CREASES = 4000
-
-# Half the width of the lines that constraints are drawn as, relative to the scene's size.
-TIE_RADIUS = 1.2e-3
-# Constraints from slack over taut to too long or too short: light blue, yellow, vermilion, which
-# the colour-blind tell apart too (Okabe and Ito's palette).
-TIE_COLOURS = np.array([[86, 180, 233], [240, 228, 66], [213, 94, 0]]) / 255.0
-# A bound that is exceeded by this fraction of itself gets the last of these colours in full.
-FULL_EXCESS = 0.05
-FRICTION_COLOUR = (0.84, 0.15, 0.16)
-# The longest friction impulse on screen, relative to the scene's size.
-LONGEST_IMPULSE = 0.1
-ARROW_RADIUS = 2.5e-3
-
-# From the middle of the scene to the camera: a little from the right, a little from above.
-VIEW_DIRECTION = (0.45, 0.36, 1.0)
-# The free rim of a picture, as a fraction of its size.
-FRAME_MARGIN = 0.08
-# How far over the ground the shadows lie, relative to the scene's size: the least that keeps the
-# two from flickering through each other in a 24-bit depth buffer.
-SHADOW_HEIGHT = 1e-3
-
-
-def colour_of_density(density, lightest, heaviest):
-    """RGB (3,) of a body: viridis over the logarithm of the density, from lightest to heaviest.
-
-    Where all bodies are equally dense, the middle of the map.
-    """
-    place = 0.5
-    if heaviest > lightest:
-        place = math.log(density / lightest) / math.log(heaviest / lightest)
-    steps = np.arange(len(VIRIDIS))
-    return np.array([np.interp(place * steps[-1], steps, channel) for channel in VIRIDIS.T])
-
-
-def body_colours(meshes):
-    """RGB of every body, (n, 3): grey if fixed, else by its density among the free bodies."""
-    densities = [mesh.density for mesh in meshes if not mesh.isFixed]
-    return np.array([
-        FIXED_COLOUR
-        if mesh.isFixed
-        else colour_of_density(mesh.density, min(densities), max(densities))
-        for mesh in meshes
-    ])  # fmt: skip
-
-
-def find_creases(vertices, faces):
-    """The edges that a body shows: where two faces meet at more than CREASE_ANGLE.
-
-    So a box shows twelve edges and no diagonals, and an ellipsoid none.
-
-    vertices (V, 3); faces (F, 3) of closed surfaces
-    returns (E, 2) vertex indices
-    """
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
-    # Half-edge 3 f + k runs along face f from its corner k to the next one; its twin runs back.
-    tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    faceOf = np.repeat(np.arange(len(faces)), 3)
-    order = np.argsort(tails * len(vertices) + heads)
-    twinPlaces = np.argsort(heads * len(vertices) + tails)
-    neighbour = np.empty(len(tails), dtype=np.int64)
-    neighbour[twinPlaces] = faceOf[order]
-    cosines = np.sum(normals[faceOf] * normals[neighbour], axis=1)
-    isCrease = (tails < heads) & (cosines < math.cos(CREASE_ANGLE))
-    return np.column_stack([tails[isCrease], heads[isCrease]])
-
-
-def frame_camera(points, direction, fieldOfView, aspect):
-    """Where a camera must stand to see all points, and as large as possible.
-
-    points : (n, 3); direction : from the middle of their bounding box to the camera
-    fieldOfView : vertical, in degrees; aspect : width over height of the picture
-    returns (position (3,), target (3,))
-    """
-    backward = np.asarray(direction, dtype=np.float64)
-    backward = backward / np.linalg.norm(backward)
-    right = np.cross([0.0, 1.0, 0.0], backward)
-    right /= np.linalg.norm(right)
-    up = np.cross(backward, right)
-    middle = (np.min(points, axis=0) + np.max(points, axis=0)) / 2.0
-    arms = points - middle
-    # A point at (x, y) beside the line of sight, z towards the camera, is seen from the distance D
-    # while |x| ≤ (D - z) tan(horizontal half angle), and |y| likewise.
-    vertical = math.tan(math.radians(fieldOfView) / 2.0) * (1.0 - FRAME_MARGIN)
-    sideways, upwards = np.abs(arms @ right) / (vertical * aspect), np.abs(arms @ up) / vertical
-    distance = np.max(np.maximum(sideways, upwards) + arms @ backward)
-    return middle + distance * backward, middle
-
-
-class Ties:
-    """The constraints of a simulation as lines between the vertices that they tie.
-
-    Two bounds on the distance of the same two vertices are one line. Vertices are counted through
-    all bodies, as `flatten_meshes` counts them.
-    """
-
-    def __init__(self, simulation):
-        firstVertex = np.cumsum([0] + [len(mesh.currVertices) for mesh in simulation.meshes])
-        bounds = {}
-        for m1, v1, m2, v2, refValue, upper in simulation.constraints:
-            ends = (firstVertex[m1] + v1, firstVertex[m2] + v2)
-            least, most = bounds.get(ends, (0.0, math.inf))
-            bounds[ends] = (least, min(most, refValue)) if upper else (max(least, refValue), most)
-        self.ends = np.array(list(bounds), dtype=np.int64).reshape(-1, 2)
-        self.least, self.most = np.array(list(bounds.values())).reshape(-1, 2).T
-
-    def nodes(self, vertices):
-        """The lines' ends (2 T, 3), each line's two after each other; vertices (ΣV, 3)."""
-        return vertices[self.ends].reshape(-1, 3)
-
-    def colours(self, vertices):
-        """RGB (T, 3): how much of the allowed band is used, or by how much it is exceeded."""
-        tails, heads = vertices[self.ends[:, 0]], vertices[self.ends[:, 1]]
-        distance = np.linalg.norm(tails - heads, axis=1)
-        middle, half = (self.least + self.most) / 2.0, (self.most - self.least) / 2.0
-        # A rope, which has no lower bound, is used by as much as it is pulled out.
-        isRope = self.least == 0.0
-        middle, half = np.where(isRope, 0.0, middle), np.where(isRope, self.most, half)
-        off = np.abs(distance - middle)
-        used = np.clip(off / np.where(half > 0.0, half, 1.0), 0.0, 1.0)
-        used = np.where(half > 0.0, used, 1.0)  # a rod has no slack
-        excess = (off - half) / np.where(self.most > 0.0, FULL_EXCESS * self.most, 1.0)
-        place = used + np.clip(excess, 0.0, 1.0)
-        return np.stack([np.interp(place, (0, 1, 2), c) for c in TIE_COLOURS.T], axis=1)
-
-
-class SceneView:
-    """A simulation's bodies, shadows and constraints in Polyscope, which must have been started.
-
-    Attributes: showsFriction, whether the friction impulses of the last step are drawn.
-    """
-
-    showsFriction = False
-
-    def __init__(self, simulation):
-        self.simulation = simulation
-        self.rebuild()
-
-    def rebuild(self):
-        """Registers the bodies of a new scene and points the camera at them."""
-        import polyscope as ps
-
-        meshes = self.simulation.meshes
-        vertices, faces, bodyOfFace = flatten_meshes(meshes)
-        ground = vertices * [1.0, 0.0, 1.0]
-        points = np.concatenate([vertices, ground])
-        low, high = np.min(points, axis=0), np.max(points, axis=0)
-        ps.set_length_scale(float(np.linalg.norm(high - low)))
-        ps.set_bounding_box(low, high)
-        self._shadowHeight = SHADOW_HEIGHT * ps.get_length_scale()
-
-        self._bodies = ps.register_surface_mesh(
-            "bodies", vertices, faces, material="clay", back_face_policy="identical"
-        )
-        self._bodies.add_color_quantity(
-            "density", body_colours(meshes)[bodyOfFace], defined_on="faces", enabled=True
-        )
-        self._shadows = ps.register_surface_mesh(
-            "shadows", self._shadow_of(vertices), faces,
-            material="flat", back_face_policy="identical", color=SHADOW_COLOUR,
-        )  # fmt: skip
-        self._register_creases(vertices, faces)
-        self._register_ties(vertices)
-        self._point_camera(points)
-
-    def _register_creases(self, vertices, faces):
-        import polyscope as ps
-
-        ps.remove_curve_network("creases", error_if_absent=False)
-        creases = find_creases(vertices, faces)
-        self._creases = None
-        if 0 < len(creases) <= MOST_CREASES:
-            # A curve network draws a dot at each of its nodes: it gets only those in use.
-            self._creaseNodes, ends = np.unique(creases, return_inverse=True)
-            self._creases = ps.register_curve_network(
-                "creases", vertices[self._creaseNodes], ends.reshape(-1, 2),
-                radius=CREASE_RADIUS, color=CREASE_COLOUR, material="flat",
-            )  # fmt: skip
-
-    def _register_ties(self, vertices):
-        import polyscope as ps
-
-        ps.remove_curve_network("constraints", error_if_absent=False)
-        ps.remove_point_cloud("friction", error_if_absent=False)
-        self._ties = Ties(self.simulation)
-        if len(self._ties.ends):
-            nodes = self._ties.nodes(vertices)
-            self._lines = ps.register_curve_network(
-                "constraints", nodes, np.arange(len(nodes)).reshape(-1, 2),
-                radius=TIE_RADIUS, material="flat",
-            )  # fmt: skip
-            self._refresh_ties(vertices)
-
-    def _refresh_ties(self, vertices):
-        self._lines.update_node_positions(self._ties.nodes(vertices))
-        self._lines.add_color_quantity(
-            "use", self._ties.colours(vertices), defined_on="edges", enabled=True
-        )
-        self._lines.set_enabled(self.simulation.settings.enforceConstraints)
-
-    def _refresh_friction(self):
-        """Arrows of what each body was held back with, where the contact is now."""
-        import polyscope as ps
-
-        ps.remove_point_cloud("friction", error_if_absent=False)
-        report = self.simulation.report
-        contacts = report.contacts if self.showsFriction and report is not None else []
-        contacts = [contact for contact in contacts if any(contact.friction)]
-        if contacts:
-            positions = [self.simulation.meshes[c.body1].position[0] for c in contacts]
-            points = np.array(positions) + [c.arm for c in contacts]
-            # body 1 receives the opposite of what the contact gives to body 2
-            arrows = -np.array([c.friction for c in contacts])
-            arrows *= LONGEST_IMPULSE * ps.get_length_scale() / np.linalg.norm(arrows, axis=1).max()
-            cloud = ps.register_point_cloud("friction", points, color=FRICTION_COLOUR, radius=2e-3)
-            cloud.add_vector_quantity(
-                "impulse", arrows, vectortype="ambient", radius=ARROW_RADIUS,
-                color=FRICTION_COLOUR, enabled=True,
-            )  # fmt: skip
-
-    def _point_camera(self, points):
-        import polyscope as ps
-
-        width, height = ps.get_window_size()
-        fieldOfView = ps.get_view_camera_parameters().get_fov_vertical_deg()
-        ps.look_at(*frame_camera(points, VIEW_DIRECTION, fieldOfView, width / height))
-
-    def _shadow_of(self, vertices):
-        """The bodies pressed onto the ground: straight below them, where they are going to fall."""
-        return vertices * [1.0, 0.0, 1.0] + [0.0, self._shadowHeight, 0.0]
-
-    def refresh(self):
-        """Draws the bodies where they are now, from the next frame on."""
-        vertices = np.concatenate([mesh.currVertices for mesh in self.simulation.meshes])
-        self._bodies.update_vertex_positions(vertices)
-        self._shadows.update_vertex_positions(self._shadow_of(vertices))
-        if self._creases is not None:
-            self._creases.update_node_positions(vertices[self._creaseNodes])
-        if len(self._ties.ends):
-            self._refresh_ties(vertices)
-        self._refresh_friction()
-
-
-class PictureSeries:
-    """Off-screen pictures of chosen steps, DIR/frame_<step, six digits>.png."""
-
-    def __init__(self, folder, steps, simulation, backend):
-        """Makes the folder and starts Polyscope; raises OSError when the former cannot be done.
-
-        steps : whole numbers, those of which `add` takes a picture
-        """
-        self.folder = Path(folder)
-        self.folder.mkdir(parents=True, exist_ok=True)
-        self.count = 0
-        self._steps = frozenset(steps)
-        start_polyscope(backend)
-        self._view = SceneView(simulation)
-
-    def add(self, simulation):
-        """Takes a picture if the simulation stands at one of the steps."""
-        if simulation.stepCount not in self._steps:
-            return
-        self._view.refresh()
-        save_picture(self.folder / f"frame_{simulation.stepCount:06d}.png")
-        self.count += 1
-
-
-def save_picture(path):
-    """Writes what the camera sees as PNG, in place of an old file: whole or not at all."""
-    import polyscope as ps
-
-    part = path.with_name(f"{path.stem}.part{path.suffix}").resolve()
-    ps.screenshot(str(part), transparent_bg=False)
-    os.replace(part, path)
-
-
-# ---------------------------------------------------------------------------------------------
-# The window
-# ---------------------------------------------------------------------------------------------
-
-# Steps over which the milliseconds on screen are a median: half a second's worth.
+# Frames and steps over which the milliseconds on screen are a median: half a second's worth.
 TIMED_STEPS = 25
 # A frame makes the steps that are due, so that a scene plays at its true speed however fast it is
 # drawn, but goes on to draw after this many seconds of stepping: a window that is slower than the
 # scene plays in slow motion, and still answers to its buttons.
-STEPPING_SECONDS = 0.04
+STEPPING_SECONDS = 0.02
 # What is due after a pause in drawing, while the window is dragged for instance, is forgotten but
 # for this many seconds, so that the scene does not leap.
 CATCH_UP_SECONDS = 0.1
+# Steps that a plot goes back.
+PLOTTED_STEPS = 500
 # Densities that the legend has room for; of more, it shows only the ends.
 LEGEND_LINES = 6
 # In pixels. The panel is as high as its content.
-PANEL_POSITION = (12, 12)
+MARGIN = 12
 PANEL_WIDTH = 330
-BUTTON_SIZE = (80, 0)
+BUTTON_SIZE = (74, 0)
+WIDE_BUTTON_SIZE = (153, 0)
 FIELD_WIDTH = 160
+SIDE_WIDTH = 330
+PLOT_SIZE = (-1.0, 150.0)
+TIMELINE_HEIGHT = 74
+SPEED_WIDTH = 150
+NUMBER_WIDTH = 56
+INDENT = 24
+# The mouse moves less than this between pressing and releasing where it picks, and does not turn
+# the camera.
+CLICK_PIXELS = 4.0
 
-# The slider's end: more than rubber on dry stone.
+# The sliders' ends. More friction than rubber on dry stone; more steps than a frame has time for.
 MOST_FRICTION = 1.0
+MOST_STEPS_PER_FRAME = 20
+# m/s that a push gives to a body's centre of mass.
+DEFAULT_PUSH, MOST_PUSH = 8.0, 40.0
+# Times real time that a replay is played with, backwards if negative.
+MOST_SPEED = 8.0
 
 ERROR_TEXT = (1.0, 0.45, 0.40, 1.0)
+
+# Settings that are one of some names: label, name in the settings, names to choose from, and what
+# it says under the mouse.
+CHOICES = [
+    ("broad phase", "broadPhase", BROAD_PHASES, "The same motion; grid is faster for many bodies"),
+    ("pair order", "pairOrder", PAIR_ORDERS, "In which order contacts are resolved"),
+]
+CONSTRAINT_CHOICES = [
+    ("scheduling", "constraintScheduling", CONSTRAINT_SCHEDULINGS, "In which order they are met"),
+]
+
+
+# Of the switches in the section Look.
+TOOLTIPS = {
+    "contacts": "Where bodies touch, and the normal, towards the body with the lower number",
+    "impulses": "What that body receives along the normal; the longest is the largest of the step",
+    "friction impulses": "What it receives across",
+    "velocities": f"How far a body comes in {VELOCITY_SECONDS:g} s",
+    "bounding boxes": f"Of the first {MOST_BOXES} bodies",
+    "grid cells": f"The first {MOST_BOXES} columns of the broad phase that hold a body",
+    "trails": f"Where up to {MOST_TRAILS} centres of mass were in the last {TRAIL_LENGTH} pictures",
+}
 
 
 class Viewer:
     """What the window's buttons and keys do, apart from how they are drawn.
 
-    Attributes: simulation, view; isPlaying; message, an error line or "".
+    Attributes: simulation, a simulation or a replay; view, a SceneView; isPlaying; stepsPerFrame,
+    or 0 to keep pace with the clock; speed, of a replay, times real time; pushSpeed, m/s; message,
+    an error line or ""; saved, a line about the last file that was written; video, the one that is
+    being recorded, or None; isMeasuring, whether `history` grows: rows of time and quantities.
     """
 
-    def __init__(self, simulation, view):
+    def __init__(self, simulation, view, openFile, listFiles, measure):
+        """openFile(path, settings) gives a simulation or a replay, or raises ValueError;
+        listFiles(folder) gives a dict of names and paths; measure(simulation) a dict of floats.
+        """
         self.simulation = simulation
         self.view = view
         self.isPlaying = False
-        self.message = ""
+        self.stepsPerFrame = 0
+        self.speed = 1.0
+        self.pushSpeed = DEFAULT_PUSH
+        self.message = self.saved = ""
+        self.video = None
+        self.isMeasuring = False
+        self.history = deque(maxlen=PLOTTED_STEPS)
+        self._openFile, self._listFiles, self._measure = openFile, listFiles, measure
+        self._settings = None if self.isReplay else simulation.settings
         self._due = 0.0  # seconds of simulation that playing has fallen behind by
+        self._phases = deque(maxlen=TIMED_STEPS)
         self._recentSeconds = deque(maxlen=TIMED_STEPS)
+        self._frames = deque(maxlen=TIMED_STEPS)
+
+    @property
+    def isReplay(self):
+        return hasattr(self.simulation, "seek")
+
+    # Time.
 
     def toggle_play(self):
-        """Plays if paused, pauses if playing."""
+        """Plays if paused, pauses if playing. A replay that is at its end begins anew."""
         self.isPlaying = not self.isPlaying
+        if self.isPlaying and self.isReplay:
+            first, last = self.simulation.firstStep, self.simulation.lastStep
+            if self.simulation.stepCount == (last if self.speed > 0.0 else first):
+                self.seek(first if self.speed > 0.0 else last)
+                self.isPlaying = True
 
     def play(self, elapsed):
         """If playing, makes the steps that are due `elapsed` seconds after the last frame."""
         if not self.isPlaying:
             self._due = 0.0
             return
+        begin = time.perf_counter()
+        if self.isReplay:
+            self._play_replay(elapsed)
+        elif self.stepsPerFrame:
+            for _ in range(self.stepsPerFrame):
+                self._step()
+        else:
+            self._play_in_time(elapsed)
+        self._frames.append((elapsed, time.perf_counter() - begin))
+        self._show()
+
+    def _play_in_time(self, elapsed):
         timeStep = self.simulation.settings.timeStep
         self._due = min(self._due + elapsed, max(CATCH_UP_SECONDS, timeStep))
         begin = time.perf_counter()
@@ -494,79 +170,215 @@ class Viewer:
             self._step()
             if time.perf_counter() - begin > STEPPING_SECONDS:
                 self._due = 0.0
-        self.view.refresh()
+
+    def _play_replay(self, elapsed):
+        simulation = self.simulation
+        self._due += min(elapsed, CATCH_UP_SECONDS) * self.speed
+        timeStep = simulation.settings.timeStep
+        steps = int(self._due / timeStep)  # towards 0
+        if self.video is not None:  # no step is passed over in a video
+            steps = max(-1, min(1, steps))
+            self._due = steps * timeStep
+        self._due -= steps * timeStep
+        if steps:
+            simulation.seek(simulation.stepCount + steps)
+            self._film()
+        if simulation.stepCount == (simulation.lastStep if steps > 0 else simulation.firstStep):
+            self.isPlaying = self.isPlaying and not steps
 
     def _step(self):
         self.simulation.step()
-        self._recentSeconds.append(self.simulation.stepSeconds)
+        if self.simulation.report is not None:
+            self._recentSeconds.append(self.simulation.stepSeconds)
+            self._phases.append(self.simulation.report.seconds)
+        self._film()
+
+    def _film(self):
+        if self.video is not None:
+            self.video.add(self.simulation)
+
+    def _show(self):
+        """Draws the present state, and adds it to the plots."""
+        if self.isMeasuring:
+            self.history.append((self.simulation.time, self._measure(self.simulation)))
+        self.view.refresh()
 
     def step_once(self):
         """A single step: pauses, if playing."""
         self.isPlaying = False
         self._step()
+        self._show()
+
+    def seek(self, step):
+        """Puts a replay to a step, paused."""
+        self.isPlaying = False
+        self.simulation.seek(step)
+        self.history.clear()
         self.view.refresh()
 
     def reset(self):
-        """Back to the start of the scene, paused."""
+        """Back to the start of the scene, paused. The camera stays."""
         self.isPlaying = False
         self.simulation.reset()
-        self._recentSeconds.clear()
+        self._forget()
         self.view.refresh()
 
-    def choose_scene(self, path):
-        """Changes to another scene, paused. A broken one only leaves its error in `message`."""
+    def _forget(self):
+        for memory in (self.history, self._recentSeconds, self._phases, self._frames):
+            memory.clear()
+
+    # Files.
+
+    def open(self, path):
+        """Changes to another scene or recording, paused. A broken one only leaves its error in
+        `message`. The settings go on from scene to scene."""
         self.message = ""
         try:
-            self.simulation.load(path)
-        except SceneError as error:
+            if Path(path).suffix == ".json":
+                apply_camera(load_camera(path))
+                return
+            simulation = self._openFile(Path(path), self._settings)
+        except ValueError as error:
             self.message = str(error)
             return
+        self.stop_video()
         self.isPlaying = False
-        self._recentSeconds.clear()
-        self.view.rebuild()
+        self.simulation = simulation
+        if not self.isReplay:
+            self._settings = simulation.settings
+        self._forget()
+        self.view.rebuild(simulation)
 
-    def set_restitution(self, value):
-        """From the next step on; raises ValueError, and changes nothing, outside of [0, 1]."""
-        self.simulation.settings.restitution = checked_restitution(value)
+    def files(self):
+        """Names and paths of the scenes and recordings beside the current scene."""
+        return self._listFiles(self.simulation.scenePath.parent)
 
-    def set_time_step(self, value):
-        """In seconds, from the next step on; raises ValueError unless positive and finite."""
-        self.simulation.settings.timeStep = checked_time_step(value)
+    def name(self):
+        """What the current scene is called."""
+        path = self.simulation.scenePath
+        names = [name for name, other in self.files().items() if other == path]
+        return names[0] if names else path.stem
 
-    def scenes(self):
-        """Paths of the scenes beside the current one."""
-        return list_scenes(self.simulation.scenePath.parent)
+    def _out_path(self, stem, ending):
+        """A path in out/<scene> that does not exist yet; makes the folder."""
+        folder = Path("out") / self.name()
+        folder.mkdir(parents=True, exist_ok=True)
+        path, number = folder / (stem + ending), 1
+        while path.exists():
+            number += 1
+            path = folder / f"{stem}-{number}{ending}"
+        return path
+
+    def _write(self, stem, ending, write):
+        """Writes a file of a new name; tells in `saved` or `message` what came of it."""
+        self.message = ""
+        try:
+            path = self._out_path(stem, ending)
+            write(path)
+        except OSError as error:
+            self.message = f"cannot write: {error.strerror or error}"
+            return
+        self.saved = f"saved {path}"
+
+    def save_picture(self):
+        """Writes what is seen, without the panel, as a PNG in out/<scene>."""
+        self._write(f"picture_{self.simulation.stepCount:06d}", ".png", save_picture)
+
+    def save_camera(self):
+        """Writes the camera, for --camera or to be dropped onto the window."""
+        self._write("camera", ".json", save_camera)
+
+    def toggle_video(self):
+        """Begins a video of what is played from now on, or ends it."""
+        if self.video is not None:
+            self.stop_video()
+            return
+        self.message = ""
+        try:
+            rate, every = video_timing(self.simulation.settings.timeStep)
+            self.video = Video(self._out_path("video", ".mp4"), self.view, rate, every)
+        except DrawingError as error:
+            self.message = str(error)
+        except OSError as error:
+            self.message = f"cannot write: {error.strerror or error}"
+        else:
+            self.view.set_resizable(False)  # all pictures of a video are of one size
+            self.video.add(self.simulation)
+
+    def stop_video(self):
+        """Ends the video, if there is one."""
+        if self.video is not None:
+            self.video.save()
+            self.saved = f"saved {self.video.path}, {self.video.count} pictures"
+            self.video = None
+            self.view.set_resizable(True)
+
+    # Bodies.
+
+    def pick_at(self, pixel):
+        """Picks the body at a pixel of the window, or none."""
+        self.view.pick(*self.view.body_at(pixel))
+        self.view.refresh()
+
+    def picked(self):
+        """The picked Mesh, or None."""
+        return None if self.view.picked is None else self.simulation.meshes[self.view.picked]
+
+    def push(self, direction):
+        """Pushes the picked body along a unit direction (3,), at the point that was clicked."""
+        mesh = self.picked()
+        mesh.push(mesh.mass * self.pushSpeed * np.asarray(direction), self.view.picked_point())
+        self.view.refresh()
+
+    def set_fixed(self, isFixed):
+        """Fixes or frees the picked body."""
+        self.picked().set_fixed(isFixed)
+        self.view.refresh()
+
+    # Numbers.
 
     def milliseconds(self):
         """Median time of the last steps, or None before the first."""
         return 1e3 * median(self._recentSeconds) if self._recentSeconds else None
 
+    def phase_milliseconds(self):
+        """Median time of each phase of the last steps: dict of name and ms, empty before them."""
+        names = self._phases[-1] if self._phases else ()
+        return {
+            name: 1e3 * median(seconds.get(name, 0.0) for seconds in self._phases)
+            for name in names
+        }  # fmt: skip
+
+    def frame_milliseconds(self):
+        """Medians of (a frame while playing, the part of it spent simulating), or None."""
+        if not self._frames:
+            return None
+        return tuple(1e3 * median(column) for column in zip(*self._frames, strict=True))
+
 
 class NumberField:
     """A number to be typed into the panel. It takes effect with Enter, or on leaving the field."""
 
-    def __init__(self, label, read, write, step):
-        """read() gives the value; write(value) sets it, or raises ValueError with what is wrong.
-
-        step : what the field's buttons + and - change it by
-        """
+    def __init__(self, label, name, step):
+        """name : of a field of the settings; step : what the buttons + and - change it by"""
         self._label = label
-        self._read = read
-        self._write = write
+        self._name = name
         self._step = step
         self._typed = None
         self.message = ""
 
-    def draw(self):
+    def draw(self, settings):
+        """Draws the field; what `settings` refuses stays as it was, and the reason is shown."""
         import polyscope.imgui as psim
 
-        changed, value = psim.InputDouble(self._label, self._read(), self._step, 0.0, "%.4g")
+        value = getattr(settings, self._name)
+        changed, value = psim.InputDouble(self._label, value, self._step, 0.0, "%.4g")
         if changed:
             self._typed = value
         if psim.IsItemDeactivatedAfterEdit() and self._typed is not None:
             self.message = ""
             try:
-                self._write(self._typed)
+                settings.change(self._name, self._typed)
             except ValueError as error:
                 self.message = str(error)
             self._typed = None
@@ -583,38 +395,70 @@ def draw_error(message):
     psim.PopStyleColor()
 
 
-class Panel:
-    """The window's panel and keys: shows a Viewer and calls its functions, once a frame.
+def draw_table(rows):
+    """Rows (number, what it is), the numbers flush right; the first row is the sum of the rest."""
+    import polyscope.imgui as psim
 
-    Attributes: viewer; fields, its two NumberFields, restitution and time step.
+    left = psim.GetCursorPosX()
+    for place, (number, text) in enumerate(rows):
+        end = left + NUMBER_WIDTH + (INDENT if place else 0)
+        psim.SetCursorPosX(end - psim.CalcTextSize(number)[0])
+        psim.Text(number)
+        psim.SameLine(end + MARGIN)
+        psim.Text(text)
+
+
+def draw_choice(label, current, names, tooltip=""):
+    """A list to choose one name from; returns the chosen one, or None where nothing was."""
+    import polyscope.imgui as psim
+
+    chosen = None
+    isOpen = psim.BeginCombo(label, current)
+    if tooltip and not isOpen:
+        psim.SetItemTooltip(tooltip)
+    if isOpen:
+        for name in names:
+            if psim.Selectable(name, selected=name == current):
+                chosen = name
+        psim.EndCombo()
+    return chosen
+
+
+class Panel:
+    """The window's panels, timeline and keys: shows a Viewer and calls its functions.
+
+    Attributes: viewer; fields, its two NumberFields, restitution and time step; path, what is
+    typed into the field that opens a file.
     """
 
     def __init__(self, viewer):
         self.viewer = viewer
-        self._lastFrame = time.perf_counter()
-        settings = viewer.simulation.settings
+        self.path = ""
         self.fields = [
-            NumberField("restitution", lambda: settings.restitution, viewer.set_restitution, 0.1),
-            NumberField("time step (s)", lambda: settings.timeStep, viewer.set_time_step, 0.005),
+            NumberField("restitution", "restitution", 0.1),
+            NumberField("time step (s)", "timeStep", 0.005),
         ]
-        self._schedulings = list(CONSTRAINT_SCHEDULINGS)
+        self._lastFrame = time.perf_counter()
+        self._dropped = None
+        self._pressedAt = None
+
+    def dropped(self, paths):
+        """Polyscope's callback for files that are dropped onto the window: the last one counts."""
+        self._dropped = paths[-1]
 
     def frame(self):
         """Polyscope's callback: keys, panel, and the steps that are due."""
-        import polyscope as ps
-        import polyscope.imgui as psim
-
+        if self._dropped is not None:
+            self.viewer.open(self._dropped)
+            self._dropped = None
         self._handle_keys()
-        psim.SetNextWindowPos(PANEL_POSITION, psim.ImGuiCond_Once)
-        psim.SetNextWindowSizeConstraints((PANEL_WIDTH, 0), (PANEL_WIDTH, ps.get_window_size()[1]))
-        psim.Begin("Rigid bodies", flags=psim.ImGuiWindowFlags_AlwaysAutoResize)
-        psim.PushItemWidth(FIELD_WIDTH)
-        self._draw_controls()
-        self._draw_settings()
-        self._draw_numbers()
-        self._draw_legend()
-        psim.PopItemWidth()
-        psim.End()
+        self._handle_mouse()
+        self._draw_panel()
+        self._draw_side()
+        if self.viewer.picked() is not None:
+            self._draw_body()
+        if self.viewer.isReplay:
+            self._draw_timeline()
         now = time.perf_counter()
         self.viewer.play(now - self._lastFrame)
         self._lastFrame = now
@@ -624,13 +468,56 @@ class Panel:
 
         if psim.GetIO().WantTextInput:  # somebody types into a field
             return
+        viewer = self.viewer
         if psim.IsKeyPressed(psim.ImGuiKey_Space, False):
-            self.viewer.toggle_play()
+            viewer.toggle_play()
         # A key that is held down steps again and again.
         if psim.IsKeyPressed(psim.ImGuiKey_S) or psim.IsKeyPressed(psim.ImGuiKey_RightArrow):
-            self.viewer.step_once()
+            viewer.step_once()
+        if viewer.isReplay and psim.IsKeyPressed(psim.ImGuiKey_LeftArrow):
+            viewer.seek(viewer.simulation.stepCount - 1)
         if psim.IsKeyPressed(psim.ImGuiKey_R, False):
-            self.viewer.reset()
+            viewer.reset()
+
+    def _handle_mouse(self):
+        """A click that does not drag picks a body."""
+        import polyscope.imgui as psim
+
+        io = psim.GetIO()
+        if psim.IsMouseClicked(0):
+            self._pressedAt = None if io.WantCaptureMouse else tuple(io.MousePos)
+        if psim.IsMouseReleased(0) and self._pressedAt is not None:
+            if math.dist(self._pressedAt, tuple(io.MousePos)) < CLICK_PIXELS:
+                self.viewer.pick_at(self._pressedAt)
+            self._pressedAt = None
+
+    # The panel.
+
+    def _draw_panel(self):
+        import polyscope as ps
+        import polyscope.imgui as psim
+
+        most = ps.get_window_size()[1] - 2 * MARGIN
+        psim.SetNextWindowPos((MARGIN, MARGIN), psim.ImGuiCond_Once)
+        psim.SetNextWindowSizeConstraints((PANEL_WIDTH, 0), (PANEL_WIDTH, most))
+        psim.Begin("Rigid bodies", flags=psim.ImGuiWindowFlags_AlwaysAutoResize)
+        psim.PushItemWidth(FIELD_WIDTH)
+        self._draw_controls()
+        self._draw_files()
+        if not self.viewer.isReplay and self._section("Simulation", True):
+            self._draw_settings()
+        if self._section("Look", False):
+            self._draw_look()
+        if self._section("Save", False):
+            self._draw_save()
+        self._draw_legend()
+        psim.PopItemWidth()
+        psim.End()
+
+    def _section(self, title, isOpen):
+        import polyscope.imgui as psim
+
+        return psim.CollapsingHeader(title, psim.ImGuiTreeNodeFlags_DefaultOpen if isOpen else 0)
 
     def _draw_controls(self):
         import polyscope.imgui as psim
@@ -649,92 +536,309 @@ class Panel:
             viewer.reset()
         psim.SetItemTooltip("R")
 
+    def _draw_files(self):
+        import polyscope.imgui as psim
+
+        viewer = self.viewer
+        files = viewer.files()
+        chosen = draw_choice("scene", viewer.name(), files, "Or drop a file onto the window")
+        if chosen is not None:
+            viewer.open(files[chosen])
+        entered, self.path = psim.InputTextWithHint(
+            "open", "path of a file", self.path, psim.ImGuiInputTextFlags_EnterReturnsTrue
+        )
+        psim.SetItemTooltip("A scene, a recording (.npz) or a camera (.json); then Enter")
+        if entered and self.path:
+            viewer.open(self.path)
+        if viewer.message:
+            draw_error(viewer.message)
+
     def _draw_settings(self):
         import polyscope.imgui as psim
 
         viewer = self.viewer
-        current = viewer.simulation.scenePath
-        if psim.BeginCombo("scene", scene_name(current)):
-            for path in viewer.scenes():
-                if psim.Selectable(scene_name(path), selected=path == current):
-                    viewer.choose_scene(path)
-            psim.EndCombo()
-        if viewer.message:
-            draw_error(viewer.message)
-        for field in self.fields:
-            field.draw()
         settings = viewer.simulation.settings
+        for field in self.fields:
+            field.draw(settings)
+        clamp = psim.ImGuiSliderFlags_AlwaysClamp  # also what is typed in with Ctrl-click
+        pace = "%d" if viewer.stepsPerFrame else "real time"
+        _, viewer.stepsPerFrame = psim.SliderInt(
+            "steps per frame", viewer.stepsPerFrame, 0, MOST_STEPS_PER_FRAME, pace, clamp
+        )
+        _, settings.friction = psim.SliderFloat(
+            "friction", settings.friction, 0.0, MOST_FRICTION, "%.3f", clamp
+        )
         _, settings.closingOnly = psim.Checkbox("closing contacts only", settings.closingOnly)
         psim.SetItemTooltip("Contacts that already separate receive no impulse")
-        _, settings.friction = psim.SliderFloat("friction", settings.friction, 0.0, MOST_FRICTION)
-        changed, shown = psim.Checkbox("friction impulses", viewer.view.showsFriction)
-        if changed:
-            viewer.view.showsFriction = shown
-            viewer.view.refresh()
+        self._draw_choices(CHOICES)
         if viewer.simulation.constraints:
-            self._draw_constraint_settings()
+            changed, settings.enforceConstraints = psim.Checkbox(
+                "constraints", settings.enforceConstraints
+            )
+            if changed:
+                viewer.view.refresh()
+            self._draw_choices(CONSTRAINT_CHOICES)
 
-    def _draw_constraint_settings(self):
+    def _draw_choices(self, choices):
+        settings = self.viewer.simulation.settings
+        for label, name, names, tooltip in choices:
+            chosen = draw_choice(label, getattr(settings, name), names, tooltip)
+            if chosen is not None:
+                setattr(settings, name, chosen)
+
+    def _draw_look(self):
         import polyscope.imgui as psim
 
-        settings = self.viewer.simulation.settings
-        changed, settings.enforceConstraints = psim.Checkbox(
-            "constraints", settings.enforceConstraints
-        )
-        if changed:
-            self.viewer.view.refresh()
-        if psim.BeginCombo("scheduling", settings.constraintScheduling):
-            for name in self._schedulings:
-                if psim.Selectable(name, selected=name == settings.constraintScheduling):
-                    settings.constraintScheduling = name
-            psim.EndCombo()
+        view = self.viewer.view
+        chosen = draw_choice("colours", view.colouring, COLOURINGS)
+        if chosen is not None:
+            view.colouring = chosen
+            view.refresh()
+        # In two columns.
+        for number, name in enumerate(LAYERS):
+            if number % 2:
+                psim.SameLine(PANEL_WIDTH / 2)
+            changed, isShown = psim.Checkbox(name, name in view.shown)
+            if name in TOOLTIPS:
+                psim.SetItemTooltip(TOOLTIPS[name])
+            if changed:
+                view.show(name, isShown)
 
     def _draw_numbers(self):
         import polyscope.imgui as psim
 
-        simulation = self.viewer.simulation
-        milliseconds = self.viewer.milliseconds()
-        psim.Separator()
-        psim.Text(f"{len(simulation.meshes)} bodies")
+        viewer = self.viewer
+        simulation = viewer.simulation
+        psim.Text(f"{len(simulation.meshes)} bodies; squares of {viewer.view.squareSide:g} m")
         psim.Text(f"step {simulation.stepCount}, {simulation.time:.2f} s simulated")
-        psim.Text("no step yet" if milliseconds is None else f"{milliseconds:.2f} ms per step")
         report = simulation.report
         if report is not None:
-            psim.Text(f"{len(report.contacts)} contacts")
-        if report is not None and simulation.constraints:
-            psim.Text(f"{report.constraintVisits} visits of {len(simulation.constraints)} bounds")
+            psim.Text(f"{len(report.contacts)} contacts, {report.candidatePairs} candidate pairs")
+            if simulation.constraints:
+                bounds = len(simulation.constraints)
+                psim.Text(f"{report.constraintVisits} visits of {bounds} bounds")
+        if self._section("Milliseconds", True):
+            self._draw_milliseconds()
+
+    def _draw_milliseconds(self):
+        import polyscope.imgui as psim
+
+        frame, step = self.viewer.frame_milliseconds(), self.viewer.milliseconds()
+        if frame is not None:
+            whole, simulating = frame
+            draw_table([
+                (f"{whole:.1f}", f"a frame, {1e3 / whole:.0f} a second; of it"),
+                (f"{simulating:.1f}", "simulating"),
+                (f"{whole - simulating:.1f}", "drawing, and waiting for it"),
+            ])
+            psim.Separator()
+        if step is not None:
+            phases = self.viewer.phase_milliseconds()
+            draw_table([
+                (f"{step:.2f}", "a step; of it"),
+                *((f"{ms:.2f}", name) for name, ms in phases.items()),
+            ])
+
+    def _draw_save(self):
+        import polyscope.imgui as psim
+
+        viewer = self.viewer
+        if psim.Button("Picture", BUTTON_SIZE):
+            viewer.save_picture()
+        psim.SameLine()
+        if psim.Button("Camera", BUTTON_SIZE):
+            viewer.save_camera()
+        psim.SetItemTooltip("For --camera, or to be dropped onto the window")
+        psim.SameLine()
+        if psim.Button("Video###video" if viewer.video is None else "End###video", BUTTON_SIZE):
+            viewer.toggle_video()
+        if viewer.video is not None:
+            psim.Text(f"recording, {viewer.video.count} pictures")
+        elif viewer.saved:
+            psim.TextWrapped(viewer.saved)
 
     def _draw_legend(self):
         import polyscope.imgui as psim
 
         psim.Separator()
-        for text, colour in legend(self.viewer.simulation.meshes):
+        view = self.viewer.view
+        for text, colour in legend(self.viewer.simulation.meshes, view.colouring):
             psim.ColorButton(text, (*colour, 1.0), psim.ImGuiColorEditFlags_NoTooltip)
             psim.SameLine()
             psim.Text(text)
 
+    # What stands at the sides.
 
-def legend(meshes):
-    """What the colours mean: (text, (r, g, b)) for each density, or for the ends of too many."""
+    def _draw_side(self):
+        """Numbers and plots, at the upper right."""
+        import polyscope as ps
+        import polyscope.imgui as psim
+
+        width, height = ps.get_window_size()
+        corner = (width - MARGIN, MARGIN)
+        psim.SetNextWindowPos(corner, psim.ImGuiCond_Once, (1.0, 0.0))
+        psim.SetNextWindowSizeConstraints((SIDE_WIDTH, 0), (SIDE_WIDTH, height - 2 * MARGIN))
+        psim.Begin("Numbers", flags=psim.ImGuiWindowFlags_AlwaysAutoResize)
+        self._draw_numbers()
+        self.viewer.isMeasuring = self._section("Plots", False)
+        if self.viewer.isMeasuring:
+            draw_plots(self.viewer.history)
+        psim.End()
+
+    def _draw_body(self):
+        """The picked body, at the lower left, beside the panel."""
+        import polyscope as ps
+        import polyscope.imgui as psim
+
+        viewer, mesh = self.viewer, self.viewer.picked()
+        height = ps.get_window_size()[1]
+        above = MARGIN + (TIMELINE_HEIGHT + MARGIN if viewer.isReplay else 0)
+        corner = (PANEL_WIDTH + 2 * MARGIN, height - above)
+        psim.SetNextWindowPos(corner, psim.ImGuiCond_Appearing, (0.0, 1.0))
+        psim.SetNextWindowSizeConstraints((SIDE_WIDTH, 0), (SIDE_WIDTH, height))
+        psim.Begin("Body", flags=psim.ImGuiWindowFlags_AlwaysAutoResize)
+        psim.ColorButton("picked", (*PICKED_COLOUR, 1.0), psim.ImGuiColorEditFlags_NoTooltip)
+        psim.SameLine()
+        psim.Text(f"{mesh.name}, {'fixed' if mesh.isFixed else 'free'}")
+        psim.Text(f"mass      {mesh.mass:.4g} kg, density {mesh.density:g}")
+        for name, values, unit in (
+            ("position ", mesh.position, "m"),
+            ("velocity ", mesh.linVelocity, "m/s"),
+            ("spin     ", mesh.angVelocity, "rad/s"),
+        ):
+            x, y, z = values[0]
+            psim.Text(f"{name} {x:8.2f} {y:8.2f} {z:8.2f} {unit}")
+        if not viewer.isReplay:
+            self._draw_body_buttons()
+        psim.End()
+
+    def _draw_body_buttons(self):
+        import polyscope as ps
+        import polyscope.imgui as psim
+
+        viewer = self.viewer
+        if psim.Button("Free###fix" if viewer.picked().isFixed else "Fix###fix", BUTTON_SIZE):
+            viewer.set_fixed(not viewer.picked().isFixed)
+        psim.SameLine()
+        psim.PushItemWidth(FIELD_WIDTH)
+        _, viewer.pushSpeed = psim.SliderFloat(
+            "push", viewer.pushSpeed, 0.0, MOST_PUSH, "%.1f m/s"
+        )
+        psim.PopItemWidth()
+        camera = ps.get_view_camera_parameters()
+        right = np.array(camera.get_right_dir())
+        directions = {
+            "Away": np.array(camera.get_look_dir()), "Left": -right,
+            "Right": right, "Up": np.array([0.0, 1.0, 0.0]),
+        }  # fmt: skip
+        for name, direction in directions.items():
+            if psim.Button(name, BUTTON_SIZE):
+                viewer.push(direction)
+            psim.SetItemTooltip("An impulse at the point that was clicked")
+            if name != "Up":
+                psim.SameLine()
+
+    def _draw_timeline(self):
+        import polyscope as ps
+        import polyscope.imgui as psim
+
+        viewer, replay = self.viewer, self.viewer.simulation
+        width, height = ps.get_window_size()
+        left = PANEL_WIDTH + 2 * MARGIN
+        psim.SetNextWindowPos((left, height - TIMELINE_HEIGHT - MARGIN), psim.ImGuiCond_Always)
+        psim.SetNextWindowSize((width - left - MARGIN, TIMELINE_HEIGHT), psim.ImGuiCond_Always)
+        psim.Begin("Timeline", flags=psim.ImGuiWindowFlags_NoResize)
+        psim.SetNextItemWidth(width - left - SPEED_WIDTH - 10 * MARGIN)
+        moved, step = psim.SliderInt(
+            "###step", replay.stepCount, replay.firstStep, replay.lastStep, "step %d"
+        )
+        if moved:
+            viewer.seek(step)
+        psim.SameLine()
+        psim.SetNextItemWidth(SPEED_WIDTH)
+        _, viewer.speed = psim.SliderFloat("speed", viewer.speed, -MOST_SPEED, MOST_SPEED, "%.1f x")
+        psim.SetItemTooltip("Times real time; negative: backwards")
+        psim.End()
+
+
+# Plots from top to bottom: title, and what is called how in it.
+PLOTS = [
+    ("energy (J)", {"kinetic": "kineticEnergy", "potential": "potentialEnergy",
+                    "total": "totalEnergy"}),
+    ("momentum (kg m/s)", {"x": "momentumX", "y": "momentumY", "z": "momentumZ"}),
+    ("deepest penetration (m)", {"depth": "deepestPenetration"}),
+    ("largest constraint violation (m)", {"violation": "largestViolation"}),
+]  # fmt: skip
+
+
+def draw_plots(history):
+    """Time plots of the rows (time in s, dict of quantities); of what is not known, none."""
+    import polyscope.imgui as psim
+    import polyscope.implot as implot
+
+    if not history:
+        psim.Text("They begin with the next step.")
+        return
+    times = np.array([row[0] for row in history])
+    for title, names in PLOTS:
+        values = np.array([[row[1][name] for name in names.values()] for row in history])
+        if np.all(np.isnan(values)):
+            continue
+        flags = implot.ImPlotFlags_NoMenus | implot.ImPlotFlags_NoMouseText
+        if len(names) == 1:
+            flags |= implot.ImPlotFlags_NoLegend
+        if implot.BeginPlot(title, PLOT_SIZE, flags):
+            fit = implot.ImPlotAxisFlags_AutoFit
+            unlabelled = implot.ImPlotAxisFlags_NoLabel
+            implot.SetupAxes("", "", fit | unlabelled, fit | unlabelled)
+            implot.SetupAxisFormat(implot.ImAxis_Y1, "%.3g")
+            outside = implot.ImPlotLegendFlags_Outside | implot.ImPlotLegendFlags_Horizontal
+            implot.SetupLegend(implot.ImPlotLocation_South, outside)
+            for name, column in zip(names, values.T, strict=True):
+                implot.PlotLine(name, times, np.ascontiguousarray(column))
+            implot.EndPlot()
+
+
+def legend(meshes, colouring="density"):
+    """What the colours mean: rows (text, (r, g, b)).
+
+    colouring : a name of COLOURINGS. Of densities, all are named, or the ends of too many.
+    """
     free = [mesh for mesh in meshes if not mesh.isFixed]
-    densities = sorted({mesh.density for mesh in free})
-    if len(densities) > LEGEND_LINES:
-        densities = [densities[0], densities[-1]]
-    lines = [
-        (f"density {density:g}", tuple(colour_of_density(density, densities[0], densities[-1])))
-        for density in densities
-    ]
+    lines = []
+    if colouring == "density":
+        densities = sorted({mesh.density for mesh in free})
+        if len(densities) > LEGEND_LINES:
+            densities = [densities[0], densities[-1]]
+        lines = [
+            (f"density {density:g}", tuple(colour_of_density(density, densities[0], densities[-1])))
+            for density in densities
+        ]
+    elif colouring == "speed":
+        speeds = {"at rest": 0.0, f"{TOP_SPEED / 2:g} m/s": 0.5, f"{TOP_SPEED:g} m/s or more": 1.0}
+        lines = [(text, tuple(viridis(place))) for text, place in speeds.items()]
+    elif colouring == "contact island":
+        lines = [("touches no other free body", LONE_COLOUR)]
     return lines + [("fixed", FIXED_COLOUR)] * (len(free) < len(meshes))
 
 
-def show_window(simulation, backend):
-    """Opens the window on a simulation; returns when it is closed."""
+def show_window(simulation, backend, openFile, listFiles, measure, look=None):
+    """Opens the window on a simulation or a replay; returns when it is closed.
+
+    openFile, listFiles, measure : see `Viewer`; look : `RBSDrawing.Look`, or None
+    """
     import polyscope as ps
 
-    start_polyscope(backend)
+    view = start_look(simulation, backend, look or Look(), PANEL_WIDTH + MARGIN)
     ps.set_build_default_gui_panels(False)
     ps.set_open_imgui_window_for_user_callback(False)
-    panel = Panel(Viewer(simulation, SceneView(simulation)))
+    viewer = Viewer(simulation, view, openFile, listFiles, measure)
+    panel = Panel(viewer)
     ps.set_user_callback(panel.frame)
-    ps.show()
-    ps.clear_user_callback()
+    ps.set_files_dropped_callback(panel.dropped)
+    try:
+        ps.show()
+    finally:
+        viewer.stop_video()
+        ps.clear_user_callback()
+        ps.clear_files_dropped_callback()

@@ -15,6 +15,7 @@ import argparse
 import math
 import operator
 import os
+import re
 import signal
 import statistics
 import sys
@@ -26,6 +27,9 @@ from pathlib import Path
 
 import numpy as np
 
+import RBSDrawing
+import RBSViewer
+from RBSDrawing import flatten_meshes as flatten_meshes  # also known by this module's name
 from RBSFunctions import (
     BROAD_PHASES,
     CONSTRAINT_SCHEDULINGS,
@@ -42,6 +46,7 @@ from RBSRecording import (
     StatsWriter,
     check_bodies,
     resume,
+    step_quantities,
     verify,
 )
 
@@ -49,6 +54,7 @@ PROGRAM_FOLDER = Path(__file__).resolve().parent
 DATA_FOLDER = PROGRAM_FOLDER / "data"
 SCENE_ENDING = "-scene.txt"
 CONSTRAINTS_ENDING = "-constraints.txt"
+RECORDING_ENDING = ".npz"
 DEFAULT_SCENE = "mixed"
 
 # Bodies keep half of their closing speed: the first falls visibly bounce and a pile comes to rest
@@ -70,6 +76,10 @@ LEAST_VISITS = 1000
 DEFAULT_EVERY = 10
 # What the program draws where it was asked for a window and there is no display.
 FALLBACK_PICTURES = 5
+# The least and the largest width and height of pictures: a thumbnail, and 8K.
+PICTURE_SIZES = (16, 8192)
+# Pictures a second that screens can still show.
+FASTEST_VIDEO = 240.0
 
 # A mesh counts as convex while its hull is larger than itself by no more than this fraction.
 # Coordinates that were written with four decimals make about 1e-5; what a smaller tolerance would
@@ -592,25 +602,6 @@ def _read_end(reader, meshField, vertexField, meshes):
     return mesh, vertex
 
 
-def flatten_meshes(meshes):
-    """All bodies as the one surface that a viewer draws fastest.
-
-    meshes : list of Mesh
-    returns (vertices (ΣV, 3), where the bodies are now; faces (ΣF, 3), counted through all bodies;
-    bodyOfFace (ΣF,), the index in `meshes` of the body that each face belongs to). A value per
-    body becomes a value per face by indexing: densities[bodyOfFace].
-    """
-    vertices = [np.reshape(mesh.currVertices, (-1, 3)) for mesh in meshes]
-    faces = [np.reshape(mesh.faces, (-1, 3)).astype(np.int64) for mesh in meshes]
-    firstVertex = np.cumsum([0] + [len(v) for v in vertices])
-    bodyOfFace = np.repeat(np.arange(len(meshes)), [len(f) for f in faces])
-    return (
-        np.concatenate([np.empty((0, 3)), *vertices]),
-        np.concatenate([np.empty((0, 3), np.int64), *faces]) + firstVertex[bodyOfFace, None],
-        bodyOfFace,
-    )
-
-
 # ---------------------------------------------------------------------------------------------
 # Simulation
 # ---------------------------------------------------------------------------------------------
@@ -666,6 +657,10 @@ class Settings:
     broadPhase: str = "all"
     pairOrder: str = "sequential"
 
+    def change(self, name, value):
+        """Sets a field; raises ValueError, and changes nothing, where it cannot have this value."""
+        setattr(self, name, getattr(replace(self, **{name: value}), name))
+
     def __post_init__(self):
         """Raises ValueError or TypeError for what has no sense: a recording may say anything."""
         self.restitution = checked_restitution(float(self.restitution))
@@ -712,6 +707,7 @@ class Simulation(Scene):
         self.scenePath = Path(scenePath)
         self.constraintPath = constraintPath
         self._startState = self.state()
+        self._startFixed = [mesh.isFixed for mesh in meshes]
         self._begin()
 
     def _begin(self):
@@ -720,7 +716,9 @@ class Simulation(Scene):
         self.stepSeconds = self.report = None
 
     def reset(self):
-        """Puts every body back to where the scene has it, at rest."""
+        """Puts every body back to where the scene has it, at rest, and free or fixed as it was."""
+        for mesh, isFixed in zip(self.meshes, self._startFixed, strict=True):
+            mesh.set_fixed(isFixed)
         self.set_state(self._startState)
         self._begin()
 
@@ -888,23 +886,27 @@ def shown_path(path):
         return Path(path)
 
 
-def run_without_window(simulation, steps, recorder=None, pictures=None, stats=None):
+def run_without_window(simulation, steps, recorder=None, stats=None, pictures=None, video=None):
     """Runs, records, takes pictures and prints the summary; returns the exit code.
 
-    recorder : a Recorder, or None
-    pictures : RBSViewer.PictureSeries, or None
-    stats : a StatsWriter, or None
+    recorder, stats : a Recorder and a StatsWriter, or None
+    pictures, video : RBSDrawing.PictureSeries and RBSDrawing.Video, or None
     """
-    observers = [helper.add for helper in (recorder, pictures, stats) if helper is not None]
+    helpers = (recorder, stats, pictures, video)
+    observers = [helper.add for helper in helpers if helper is not None]
     startEnergies = simulation.kinetic_energy(), simulation.potential_energy()
     run = run_steps(simulation, steps, observers)
     if recorder is not None:
         recorder.save()
     if stats is not None:
         stats.save(f"{scene_name(simulation.scenePath)}, to step {simulation.stepCount}")
+    if video is not None:
+        video.save()
     print(summarise(simulation, run, startEnergies))
     if pictures is not None:
         print(f"{'pictures':<17} {pictures.count} in {shown_path(pictures.folder)}")
+    if video is not None:
+        print(f"{'video':<17} {shown_path(video.path)}: {video.summary(simulation)}")
     if recorder is not None:
         print(f"{'recording':<17} {shown_path(recorder.path)}")
     if stats is not None and stats.path is not None:
@@ -926,7 +928,9 @@ off-screen: pictures go to out/<scene>, and a summary is printed."""
 # An example for each group of options.
 PHYSICS_EXAMPLES = "RigidBodySimulation.py stress --friction 0.5 --restitution 0.2"
 CONSTRAINT_EXAMPLES = "RigidBodySimulation.py bridge --scheduling queue"
-OUTPUT_EXAMPLES = "RigidBodySimulation.py stress --screenshots out/stress --every 25"
+OUTPUT_EXAMPLES = """\
+RigidBodySimulation.py stress --screenshots out/stress --every 25
+RigidBodySimulation.py bridge --video bridge.mp4 --steps 300"""
 RECORDING_EXAMPLES = """\
 RigidBodySimulation.py tower --record tower.npz --stats tower.csv --steps 1000
 RigidBodySimulation.py --replay tower.npz
@@ -965,6 +969,31 @@ def at_least(low):
         return value
 
     return check
+
+
+def checked_size(text):
+    """(width, height) of "1280x720"; else ValueError."""
+    match = re.fullmatch(r"(\d+)x(\d+)", text)
+    size = tuple(map(int, match.groups())) if match else (0, 0)
+    low, high = PICTURE_SIZES
+    if not low <= min(size) <= max(size) <= high:
+        raise ValueError(f"must be WIDTHxHEIGHT, from {low} to {high} pixels each, not '{text}'")
+    return size
+
+
+def checked_video(path):
+    """The path, if its ending is that of a video; else ValueError."""
+    if Path(path).suffix.lower() not in RBSDrawing.VIDEO_ENDINGS:
+        endings = " or ".join(RBSDrawing.VIDEO_ENDINGS)
+        raise ValueError(f"the name of a video must end in {endings}, not '{path}'")
+    return path
+
+
+def checked_rate(value):
+    """Pictures a second, if a video can have as many; else ValueError."""
+    if not 0.0 < value <= FASTEST_VIDEO:
+        raise ValueError(f"must lie between 0 and {FASTEST_VIDEO:g}, not {value:g}")
+    return value
 
 
 # Kinds of option values, each with its message when it is something else.
@@ -1069,8 +1098,32 @@ def add_output_options(parser):
         help="draw off-screen into DIR/frame_<step>.png; no window opens",
     )  # fmt: skip
     output.add_argument(
+        "--video", metavar="FILE", type=option_type(str, checked_video, "path"),
+        help="draw off-screen into a video, .mp4 or .gif; no window opens",
+    )  # fmt: skip
+    output.add_argument(
         "--every", metavar="K", type=POSITIVE_NUMBER,
-        help=f"with --screenshots, one picture each K steps (default: {DEFAULT_EVERY})",
+        help=f"one picture each K steps (default: {DEFAULT_EVERY} for --screenshots; for --video, "
+        "so that it plays in real time)",
+    )  # fmt: skip
+    output.add_argument(
+        "--fps", metavar="R", type=option_type(float, checked_rate, "number"),
+        help=f"pictures a second in a video (default: near {RBSDrawing.VIDEO_RATE:g}, so that it "
+        "plays in real time)",
+    )  # fmt: skip
+    look = parser.add_argument_group("picture")
+    look.add_argument(
+        "--size", metavar="WxH", type=option_type(str, checked_size, "size"),
+        default=RBSDrawing.PICTURE_SIZE, help="in pixels, also of the window (default: "
+        f"{'x'.join(map(str, RBSDrawing.PICTURE_SIZE))})",
+    )  # fmt: skip
+    look.add_argument(
+        "--camera", metavar="FILE.json",
+        help="where to look from, as saved from the window (default: all of the scene is seen)",
+    )  # fmt: skip
+    look.add_argument(
+        "--transparent", action="store_true",
+        help="with --screenshots: no background and no ground, only bodies and their shadows",
     )  # fmt: skip
 
 
@@ -1133,10 +1186,11 @@ def main(arguments=None):
             if options.verify is not None:
                 return verify_as_asked(options)
             simulation = simulation_of(options, given)
+            look = look_of(options)
             if given & WITHOUT_WINDOW:
-                return run_as_asked(simulation, options)
-            return open_window_or_fall_back(simulation, options)
-        except (SceneError, RecordingError, ImportError) as error:
+                return run_as_asked(simulation, options, look)
+            return open_window_or_fall_back(simulation, options, look)
+        except (SceneError, RecordingError, RBSDrawing.DrawingError, ImportError) as error:
             print_error(error)
         except OSError as error:
             print_error(f"{error.filename or 'cannot write'}: {reason_of(error)}")
@@ -1159,7 +1213,7 @@ SETTING_FIELDS = {
     "broad_phase": "broadPhase",
     "pair_order": "pairOrder",
 }
-WITHOUT_WINDOW = frozenset({"headless", "screenshots", "record", "stats", "plot"})
+WITHOUT_WINDOW = frozenset({"headless", "screenshots", "video", "record", "stats", "plot"})
 # What does not go with what, and why.
 CONFLICTS = {
     "replay": (
@@ -1170,11 +1224,17 @@ CONFLICTS = {
         {*SETTING_FIELDS, "steps", "every"} | WITHOUT_WINDOW - {"headless"},
         "it only compares, and with the settings of the recording",
     ),
+    "video": ({"transparent"}, "videos have no transparency"),
 }
 # What makes no sense without another option.
 COMPANIONS = {
-    "every": ("screenshots", "says how often --screenshots draws, which is missing"),
-    "from_step": ("resume", "says where --resume starts, which is missing"),
+    "every": (
+        {"screenshots", "video"},
+        "says how often --screenshots or --video draws, which is missing",
+    ),
+    "fps": ({"video"}, "says how fast --video plays, which is missing"),
+    "transparent": ({"screenshots"}, "says how --screenshots draws, which is missing"),
+    "from_step": ({"resume"}, "says where --resume starts, which is missing"),
 }
 
 
@@ -1193,13 +1253,13 @@ def given_options(arguments):
 def check_options(parser, options, given):
     """Ends the program with one line where the given options do not go together."""
     named = {}
-    for dest in ("resume", "record", "stats", "plot"):
+    for dest in ("resume", "record", "stats", "plot", "video"):
         path = getattr(options, dest)
         other = named.setdefault(path and Path(path).resolve(), dest)
         if path is not None and other != dest:
             parser.error(f"{option_name(dest)} and {option_name(other)} name the same file")
-    for dest, (companion, cause) in COMPANIONS.items():
-        if dest in given and companion not in given:
+    for dest, (companions, cause) in COMPANIONS.items():
+        if dest in given and not given & companions:
             parser.error(f"{option_name(dest)} {cause}")
     for mode, (others, cause) in CONFLICTS.items():
         for dest in sorted(given & others if mode in given else ()):
@@ -1303,42 +1363,53 @@ def settings_of(options):
     )
 
 
-def run_as_asked(simulation, options):
+def look_of(options):
+    """The `RBSDrawing.Look` that the command line asks for; raises DrawingError."""
+    camera = None if options.camera is None else RBSDrawing.load_camera(options.camera)
+    return RBSDrawing.Look(options.size, camera, options.transparent)
+
+
+def run_as_asked(simulation, options, look):
     """A run without a window, with what is to be written of it; returns the exit code."""
-    recorder = stats = pictures = None
+    recorder = stats = pictures = video = None
     steps = steps_of(simulation, options)
     try:
         if options.record is not None:
             recorder = Recorder(options.record)
         if options.stats is not None or options.plot is not None:
             stats = StatsWriter(options.stats, options.plot)
-        if options.screenshots is not None:
-            import RBSViewer
-
-            backend = RBSViewer.find_backend(window=False)
+        if options.screenshots is not None or options.video is not None:
+            backend = RBSDrawing.find_backend(window=False)
             if backend.name is None:
                 print_error(f"no pictures can be drawn: {backend.reason}. {backend.remedy}")
                 return 2
+            view = RBSDrawing.start_look(simulation, backend, look)
+        if options.screenshots is not None:
             first = simulation.stepCount
             drawn = range(first, first + steps + 1, options.every or DEFAULT_EVERY)
-            pictures = RBSViewer.PictureSeries(options.screenshots, drawn, simulation, backend)
-        return run_without_window(simulation, steps, recorder, pictures, stats)
+            pictures = RBSDrawing.PictureSeries(
+                options.screenshots, drawn, view, look.isTransparent
+            )  # fmt: skip
+        if options.video is not None:
+            timing = RBSDrawing.video_timing(
+                simulation.settings.timeStep, options.fps, options.every
+            )
+            video = RBSDrawing.Video(options.video, view, *timing)
+        return run_without_window(simulation, steps, recorder, stats, pictures, video)
     finally:
-        for writer in (recorder, stats):
+        for writer in (recorder, stats, video):
             if writer is not None and (kept := writer.close()) is not None:
                 print_error(f"the run did not end well; what there is of it is in {kept}")
 
 
-def open_window_or_fall_back(simulation, options):
+def open_window_or_fall_back(simulation, options, look):
     """The window; without a display, pictures; without OpenGL, only the simulation.
 
     returns the exit code, 0 in all three cases
     """
-    import RBSViewer
-
-    backend = RBSViewer.find_backend(window=True)
+    backend = RBSDrawing.find_backend(window=True)
     if backend.opensWindow:
-        RBSViewer.show_window(simulation, backend)
+        RBSViewer.show_window(simulation, backend, open_file, list_files, step_quantities, look)
         return 0
     pictures = None
     if backend.name is None:
@@ -1348,8 +1419,30 @@ def open_window_or_fall_back(simulation, options):
         print_error(f"no window: {backend.reason}. Drawing off-screen into {folder}")
         first, last = simulation.stepCount, simulation.stepCount + steps_of(simulation, options)
         steps = np.linspace(first, last, FALLBACK_PICTURES).round().astype(int).tolist()
-        pictures = RBSViewer.PictureSeries(folder, steps, simulation, backend)
+        view = RBSDrawing.start_look(simulation, backend, look)
+        pictures = RBSDrawing.PictureSeries(folder, steps, view)
     return run_without_window(simulation, steps_of(simulation, options), pictures=pictures)
+
+
+def open_file(path, settings):
+    """The Simulation of a scene file, or the Replay of a recording (.npz), for the window.
+
+    settings : a scene's; None for the usual ones
+    raises SceneError or RecordingError
+    """
+    if path.suffix == RECORDING_ENDING:
+        recording = Recording(path)
+        whereItWas = argparse.Namespace(scene=None, constraints=None)
+        return Replay(recording, load_recorded_scene(recording, whereItWas))
+    return Simulation(path, settings)
+
+
+def list_files(folder):
+    """Scenes and recordings in a folder: dict of what a person calls them, and their paths."""
+    recordings = sorted(Path(folder).glob(f"*{RECORDING_ENDING}"))
+    return {scene_name(path): path for path in list_scenes(folder)} | {
+        path.name: path for path in recordings
+    }
 
 
 def steps_of(simulation, options):
@@ -1361,8 +1454,4 @@ def steps_of(simulation, options):
 
 
 if __name__ == "__main__":
-    # Under its own name, not as __main__: RBSViewer imports this module too, and both must meet
-    # the same classes.
-    from RigidBodySimulation import main as run_main
-
-    sys.exit(run_main())
+    sys.exit(main())

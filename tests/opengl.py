@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import pytest
 
-import RBSViewer
+import RBSDrawing
 
 # Set where a missing OpenGL is a failure, as in CI, and not a reason to skip.
 REQUIRED = os.environ.get("RBS_REQUIRE_OPENGL") == "1"
@@ -20,11 +20,11 @@ def skip_or_fail(reason):
 
 @lru_cache
 def _backend():
-    return RBSViewer.find_backend(window=False)
+    return RBSDrawing.find_backend(window=False)
 
 
 def require_opengl():
-    """The RBSViewer.Backend that draws off-screen here; where there is none, the test ends."""
+    """The RBSDrawing.Backend that draws off-screen here; where there is none, the test ends."""
     backend = _backend()
     if backend.name is None:
         skip_or_fail(f"nothing can be drawn here: {backend.reason}. {backend.remedy}")

@@ -1,9 +1,13 @@
 """The command line by subprocess, and the simulation behind it."""
 
+import json
 import math
+import os
+import signal
 import struct
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -11,9 +15,9 @@ from opengl import require_opengl
 from oracles import COURSE, ROOT, needs_course
 from program import DATA, by_hand, environment, run, summary_of
 
+from RBSDrawing import DEBIAN_PACKAGES
 from RBSFunctions import Mesh
 from RBSRecording import STATE_NAMES
-from RBSViewer import DEBIAN_PACKAGES
 from RigidBodySimulation import (
     DEFAULT_RESTITUTION,
     DEFAULT_TIME_STEP,
@@ -300,6 +304,67 @@ def test_screenshots_are_numbered_by_step(tmp_path):
     assert names == ["frame_000000.png", "frame_000015.png", "frame_000030.png"]
 
 
+def test_size_and_camera_are_those_asked_for(tmp_path):
+    require_opengl()
+    camera = {"position": [0, 40, 90], "target": [0, 10, 0], "fieldOfView": 20}
+    (tmp_path / "camera.json").write_text(json.dumps(camera))
+    for folder, options in (("a", []), ("b", ["--camera", "camera.json"])):
+        summary_of(run(tmp_path, "tet", "--screenshots", folder, "--steps", 0,
+                       "--size", "320x200", *options))  # fmt: skip
+        assert picture_size(tmp_path / folder / "frame_000000.png") == (320, 200)
+    assert (tmp_path / "a/frame_000000.png").read_bytes() != (
+        tmp_path / "b/frame_000000.png"
+    ).read_bytes()
+
+
+def test_video_of_a_run_and_of_its_replay(tmp_path):
+    require_opengl()
+    pytest.importorskip("imageio_ffmpeg", reason="pip install imageio-ffmpeg")
+    options = ["--size", "161x121"]  # odd: H.264 takes even sides only
+    process = run(tmp_path, "tet", "--video", "a.mp4", "--record", "r.npz", "--steps", 20, *options)
+    assert summary_of(process)["video"] == "a.mp4: 11 pictures, 25 a second, in real time"
+    process = run(tmp_path, "--replay", "r.npz", "--video", "b.gif", "--fps", 5, "--every", 5,
+                  *options)  # fmt: skip
+    assert summary_of(process)["video"] == (
+        "b.gif: 5 pictures, 5 a second, at 0.5 times real time"
+    )
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mp4", "b.gif", "r.npz"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows cannot send Ctrl-C to one process")
+def test_video_that_ctrl_c_ends_is_whole(tmp_path):
+    require_opengl()
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="pip install imageio-ffmpeg")
+    process = subprocess.Popen(
+        [sys.executable, ROOT / "RigidBodySimulation.py", "tet", "--video", "v.mp4", "--steps",
+         "100000", "--size", "160x120", "--every", "1"],
+        cwd=tmp_path, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        text=True, start_new_session=True,
+    )  # fmt: skip
+    part, end = tmp_path / "v.part.mp4", time.monotonic() + 60
+    while not (part.exists() and part.stat().st_size) and time.monotonic() < end:
+        time.sleep(0.1)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the encoder as well
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 130 and "stopped by Ctrl-C" in output, errors
+    assert [path.name for path in tmp_path.iterdir()] == ["v.mp4"]
+    said = next(line for line in output.splitlines() if line.startswith("video"))
+    count, _ = imageio_ffmpeg.count_frames_and_secs(str(tmp_path / "v.mp4"))
+    assert count > 1 and f" {count} pictures" in said
+
+
+def test_without_ffmpeg_it_says_what_to_install(tmp_path):
+    require_opengl()
+    fakes = tmp_path / "fakes"
+    fakes.mkdir()
+    (fakes / "imageio_ffmpeg.py").write_text("raise ImportError('there is none')")
+    process = run(tmp_path, "tet", "--video", "v.mp4", PYTHONPATH=str(fakes))
+    assert process.returncode == 2 and process.stdout == ""
+    (line,) = process.stderr.splitlines()
+    assert "imageio-ffmpeg is missing. Install it: pip install imageio-ffmpeg" in line
+    assert list(tmp_path.iterdir()) == [fakes]
+
+
 # libglvnd looks for its drivers there, and Mesa is one of them.
 NO_OPENGL = {"__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent"}
 
@@ -359,7 +424,18 @@ WRONG = {
     "negative steps": (["--steps", "-3"], "--steps: must be 0 or more, not -3"),
     "steps with a fraction": (["--steps", "1.5"], "--steps: '1.5' is not a whole number"),
     "every 0": (["--screenshots", "s", "--every", "0"], "--every: must be 1 or more, not 0"),
-    "every alone": (["--every", "3"], "--every says how often --screenshots draws"),
+    "every alone": (["--every", "3"], "--every says how often --screenshots or --video draws"),
+    "fps alone": (["--fps", "30"], "--fps says how fast --video plays, which is missing"),
+    "fps 0": (["--video", "v.mp4", "--fps", "0"], "--fps: must lie between 0 and 240, not 0"),
+    "video of unknown kind": (["--video", "v.avi"], "the name of a video must end in .mp4 or .gif"),
+    "video to nowhere": (["--video", "no/v.mp4"], "no/v.mp4: No such file or directory"),
+    "transparent alone": (["--transparent"], "--transparent says how --screenshots draws"),
+    "transparent video": (["--video", "v.mp4", "--screenshots", "s", "--transparent"],
+                          "--transparent does not go with --video: videos have no transparency"),
+    "size without x": (["--size", "640"], "--size: must be WIDTHxHEIGHT, from 16 to 8192 pixels"),
+    "size too large": (["--size", "640x9999"], "pixels each, not '640x9999'"),
+    "no camera": (["--camera", "no.json"], "no.json: No such file or directory"),
+    "broken camera": (["--camera", "empty.txt"], "empty.txt: this is not a JSON file"),
     "no constraint file": (["--constraints", "no.txt"], "no.txt: there is no such file"),
     "broken constraints": (["tet", "--constraints", "bad-constraints.txt"],
                            "bad-constraints.txt:2: a mesh index must be between 0 and 24, not 99"),
@@ -421,7 +497,9 @@ def test_help_names_every_option_with_its_default(tmp_path):
     for words in ("SCENE", "mixed", "--restitution E", "0.5", "--time-step H", "0.02",
                   "--closing-only", "--constraints FILE", "--no-constraints",
                   "--max-iterations N", "--scheduling NAME", "--headless", "--steps N", "500",
-                  "--screenshots DIR", "--every K", "--record FILE.npz", "--replay FILE.npz",
+                  "--screenshots DIR", "--every K", "--video FILE", "--fps R",
+                  "--size WxH", "--camera FILE.json", "--transparent",
+                  "--record FILE.npz", "--replay FILE.npz",
                   "--resume FILE.npz", "--verify FILE.npz", "--from STEP", "--stats FILE.csv",
                   "--plot FILE.png"):  # fmt: skip
         assert words in process.stdout
@@ -430,7 +508,7 @@ def test_help_names_every_option_with_its_default(tmp_path):
 
 def test_importing_the_modules_needs_no_display_and_no_polyscope(tmp_path):
     program = (
-        "import sys, RigidBodySimulation, RBSViewer, RBSFunctions, GJK, Quaternion; "
+        "import sys, RigidBodySimulation, RBSViewer, RBSDrawing, RBSFunctions, GJK, Quaternion; "
         "sys.exit('polyscope' in sys.modules)"
     )
     process = subprocess.run([sys.executable, "-c", program], cwd=ROOT, env=environment())
