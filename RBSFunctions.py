@@ -1223,10 +1223,11 @@ def _resolve_ground(bodies, groundMesh, law, report):
     normal = np.tile([[0.0], [-1.0], [0.0]], len(b))
     body, ground = bodies.states(b), groundMesh._body_state()
     still = _BodyState(*(np.reshape(value, (-1, 1)) for value in ground.entries()))
-    impulses = _resolve(body, still, -lowest, normal, point, law)
+    impulse, friction, arm = _resolve(body, still, -lowest, normal, point, law)
     bodies.take(b, body)
     rank, second = np.full(len(b), AFTER_ALL_PAIRS), np.full(len(b), GROUND)
-    report.add_columns([(rank, b, second, -lowest, normal, point, *impulses)])
+    impulse = np.ravel(impulse)  # a row, as the ground's inverse mass is
+    report.add_columns([(rank, b, second, -lowest, normal, point, impulse, friction, arm)])
 
 
 # The place of a contact with the ground in the order i < j.

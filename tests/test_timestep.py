@@ -545,6 +545,7 @@ def test_a_step_is_the_literal_loop(closingOnly, steps):
         report = run_timestep(fast, ground(), H, 0.5, closingOnly=closingOnly)
         contacts = literal_step(slow, ground(), H, 0.5, closingOnly)
         assert [(contact.body1, contact.body2) for contact in report.contacts] == contacts
+        assert all(type(contact.impulse) is float for contact in report.contacts)
         seen.update(contacts)
         worst = max(worst, np.abs(state_of(fast) - state_of(slow)).max())
         assert worst < 1e-9
