@@ -192,7 +192,7 @@ TRAIL_COLOUR = (0.35, 0.10, 0.45)
 LONGEST_IMPULSE = 0.1
 NORMAL_LENGTH = 0.05
 # A velocity is drawn as the way that it leads in this time, in seconds.
-VELOCITY_SECONDS = 0.25
+VELOCITY_SECONDS = 0.5
 ARROW_RADIUS = 3e-3
 POINT_RADIUS = 4e-3
 LINE_RADIUS = 8e-4
@@ -858,12 +858,15 @@ class Look:
     """What pictures and videos look like, apart from the scene.
 
     size : (width, height) in pixels; camera : as `load_camera` gives it, or None to see all of the
-    scene; isTransparent : whether the background, and the ground, are left out
+    scene; isTransparent : whether the background, and the ground, are left out; colouring : a name
+    of COLOURINGS; overlays : names of OVERLAYS
     """
 
     size: tuple = PICTURE_SIZE
     camera: dict | None = None
     isTransparent: bool = False
+    colouring: str = "density"
+    overlays: tuple = ()
 
 
 def start_look(simulation, backend, look, sideWidth=0):
@@ -872,6 +875,8 @@ def start_look(simulation, backend, look, sideWidth=0):
     view = SceneView(simulation, sideWidth)
     if look.camera is not None:
         apply_camera(look.camera)
+    view.colouring = look.colouring
+    view.shown.update(look.overlays)
     view.show("ground", not look.isTransparent)
     return view
 
@@ -975,7 +980,7 @@ class Video:
             parameters = ["-vf", EVEN_FILTER, "-movflags", "+faststart"]
         self._writer = imageio_ffmpeg.write_frames(
             str(self._partPath.resolve()), ps.get_buffer_size(), fps=rate, macro_block_size=1,
-            output_params=parameters, **options,
+            output_params=parameters, ffmpeg_log_level="error", **options,
         )  # fmt: skip
         self._writer.send(None)
 

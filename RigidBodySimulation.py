@@ -767,7 +767,7 @@ class Progress:
     def __init__(self, steps):
         self._steps = steps
         self._done = 0
-        self._lastLine = time.monotonic()
+        self._start = self._lastLine = time.monotonic()
         self._bar = None
         if sys.stderr.isatty():
             try:
@@ -783,7 +783,9 @@ class Progress:
             self._bar.update()
         elif time.monotonic() - self._lastLine >= self.SECONDS_BETWEEN_LINES:
             self._lastLine = time.monotonic()
-            print(f"step {self._done} of {self._steps}", file=sys.stderr, flush=True)
+            left = (self._lastLine - self._start) * (self._steps / self._done - 1.0)
+            line = f"step {self._done} of {self._steps}, about {left:.0f} s left"
+            print(line, file=sys.stderr, flush=True)
 
     def close(self):
         if self._bar is not None:
@@ -1122,6 +1124,15 @@ def add_output_options(parser):
         help="where to look from, as saved from the window (default: all of the scene is seen)",
     )  # fmt: skip
     look.add_argument(
+        "--colours", metavar="NAME", choices=RBSDrawing.COLOURINGS, default="density",
+        help=f"what bodies are coloured by: {', '.join(RBSDrawing.COLOURINGS)} "
+        "(default: %(default)s)",
+    )  # fmt: skip
+    look.add_argument(
+        "--show", metavar="NAME", choices=RBSDrawing.OVERLAYS, action="extend", nargs="+",
+        help=f"what is drawn over them: {', '.join(RBSDrawing.OVERLAYS)}",
+    )  # fmt: skip
+    look.add_argument(
         "--transparent", action="store_true",
         help="with --screenshots: no background and no ground, only bodies and their shadows",
     )  # fmt: skip
@@ -1366,7 +1377,9 @@ def settings_of(options):
 def look_of(options):
     """The `RBSDrawing.Look` that the command line asks for; raises DrawingError."""
     camera = None if options.camera is None else RBSDrawing.load_camera(options.camera)
-    return RBSDrawing.Look(options.size, camera, options.transparent)
+    return RBSDrawing.Look(
+        options.size, camera, options.transparent, options.colours, tuple(options.show or ())
+    )
 
 
 def run_as_asked(simulation, options, look):

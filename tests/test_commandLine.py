@@ -304,17 +304,20 @@ def test_screenshots_are_numbered_by_step(tmp_path):
     assert names == ["frame_000000.png", "frame_000015.png", "frame_000030.png"]
 
 
-def test_size_and_camera_are_those_asked_for(tmp_path):
+def test_size_camera_and_look_are_those_asked_for(tmp_path):
     require_opengl()
     camera = {"position": [0, 40, 90], "target": [0, 10, 0], "fieldOfView": 20}
     (tmp_path / "camera.json").write_text(json.dumps(camera))
-    for folder, options in (("a", []), ("b", ["--camera", "camera.json"])):
+    looks = {
+        "a": [], "b": ["--camera", "camera.json"], "c": ["--colours", "body"],
+        "d": ["--show", "bounding boxes", "trails"],
+    }  # fmt: skip
+    for folder, options in looks.items():
         summary_of(run(tmp_path, "tet", "--screenshots", folder, "--steps", 0,
                        "--size", "320x200", *options))  # fmt: skip
         assert picture_size(tmp_path / folder / "frame_000000.png") == (320, 200)
-    assert (tmp_path / "a/frame_000000.png").read_bytes() != (
-        tmp_path / "b/frame_000000.png"
-    ).read_bytes()
+    shots = {(tmp_path / folder / "frame_000000.png").read_bytes() for folder in looks}
+    assert len(shots) == len(looks)
 
 
 def test_video_of_a_run_and_of_its_replay(tmp_path):
@@ -435,6 +438,8 @@ WRONG = {
     "size without x": (["--size", "640"], "--size: must be WIDTHxHEIGHT, from 16 to 8192 pixels"),
     "size too large": (["--size", "640x9999"], "pixels each, not '640x9999'"),
     "no camera": (["--camera", "no.json"], "no.json: No such file or directory"),
+    "unknown colours": (["--colours", "mass"], "--colours: invalid choice: 'mass'"),
+    "unknown overlay": (["--show", "trails", "stars"], "--show: invalid choice: 'stars'"),
     "broken camera": (["--camera", "empty.txt"], "empty.txt: this is not a JSON file"),
     "no constraint file": (["--constraints", "no.txt"], "no.txt: there is no such file"),
     "broken constraints": (["tet", "--constraints", "bad-constraints.txt"],
@@ -498,8 +503,8 @@ def test_help_names_every_option_with_its_default(tmp_path):
                   "--closing-only", "--constraints FILE", "--no-constraints",
                   "--max-iterations N", "--scheduling NAME", "--headless", "--steps N", "500",
                   "--screenshots DIR", "--every K", "--video FILE", "--fps R",
-                  "--size WxH", "--camera FILE.json", "--transparent",
-                  "--record FILE.npz", "--replay FILE.npz",
+                  "--size WxH", "--camera FILE.json", "--transparent", "--colours NAME",
+                  "--show NAME", "--record FILE.npz", "--replay FILE.npz",
                   "--resume FILE.npz", "--verify FILE.npz", "--from STEP", "--stats FILE.csv",
                   "--plot FILE.png"):  # fmt: skip
         assert words in process.stdout
