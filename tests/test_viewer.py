@@ -915,6 +915,15 @@ def test_checkbox_and_scene_list_work(polyscope, places, panel):
     assert len(viewer.simulation.meshes) == 8
 
 
+def test_file_dropped_onto_the_window_is_opened(polyscope, panel, tmp_path):
+    panel.dropped([str(DATA / "tet-scene.txt"), str(DATA / "cube-scene.txt")])
+    polyscope.frame_tick()
+    assert panel.viewer.simulation.scenePath == DATA / "cube-scene.txt"
+    panel.dropped([str(tmp_path / "none-scene.txt")])
+    polyscope.frame_tick()
+    assert "there is no such file" in panel.viewer.message
+
+
 def test_constraints_can_be_switched_off_and_their_scheduling_chosen(polyscope, places, panel):
     settings = panel.viewer.simulation.settings
     polyscope.frame_tick()
