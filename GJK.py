@@ -340,10 +340,10 @@ class HullSet:
         """
         turned = copy.copy(self)
         if vertices is None:
-            vertices = rotate_columns(entries, self.vertices, self.vertexOwner)
+            vertices = rotate_columns(entries, self.vertices, self.vertexCount)
         turned.vertices = vertices
-        turned.directions = rotate_columns(entries, self.directions, self.faceOwner)
-        turned.edges = rotate_columns(entries, self.edges, self.edgeOwner)
+        turned.directions = rotate_columns(entries, self.directions, self.faceCount)
+        turned.edges = rotate_columns(entries, self.edges, self.edgeCount)
         return turned
 
     def boxes(self):
@@ -356,16 +356,14 @@ class HullSet:
         return self.vertices[:, self.vertexStart[b] : self.vertexStart[b] + self.vertexCount[b]]
 
 
-def rotate_columns(entries, table, owner):
-    """A table (3, K) with each column turned by the rotation entries[:, b] of its owner b (K,)."""
-    r = entries.take(owner, axis=1)
-    return np.stack(
-        (
-            r[0] * table[0] + r[1] * table[1] + r[2] * table[2],
-            r[3] * table[0] + r[4] * table[1] + r[5] * table[2],
-            r[6] * table[0] + r[7] * table[1] + r[8] * table[2],
-        )
-    )
+def rotate_columns(entries, table, count):
+    """A table (3, K) of count[b] columns for each body b, turned by its rotation entries[:, b].
+
+    entries : (9, n), rotation matrices row by row; count : (n,)
+    """
+    products = entries.repeat(count, axis=1).reshape(3, 3, -1)
+    products *= table
+    return products[:, 0] + products[:, 1] + products[:, 2]
 
 
 def _slots(start, count, bodies):
@@ -563,6 +561,19 @@ class FacetPlanes:
         offset = np.concatenate([np.zeros(0)] + [part[2] for part in parts])
         start = np.searchsorted(pair[order], np.arange(len(complete) + 1))
         return cls(start, normal.take(order, axis=1), offset[order], complete)
+
+    @classmethod
+    def joined(cls, sets):
+        """The pairs of several `FacetPlanes`, one set after the other."""
+        start, normal, offset, complete = zip(
+            *((planes.start, planes.normal, planes.offset, planes.complete) for planes in sets),
+            strict=True,
+        )
+        count = np.concatenate([np.diff(s) for s in start])
+        return cls(
+            np.concatenate(([0], np.cumsum(count))), np.concatenate(normal, axis=1),
+            np.concatenate(offset), np.concatenate(complete),
+        )  # fmt: skip
 
     def of_pairs(self, pairs):
         """The planes of these pairs (Q,), in this order, as new `FacetPlanes`."""
