@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from oracles import box_body
 
 import GJK
 import RBSFunctions
@@ -157,7 +158,7 @@ def test_a_body_that_strays_beyond_its_reach_is_not_overlooked(monkeypatch):
 def test_a_body_pushed_into_one_that_was_far_hits_it_in_the_same_step(broadPhase):
     """Cubes of 2: the first, fixed, pushes the second by 0.5, over a gap of 0.3, into the third.
 
-    That one gives way by half of 0.2. Without restitution all three are then at one speed.
+    Those two part by 0.1 each.
     """
     x = [0.0, 1.5, 3.8]
     cubes = [box_body(2.0, 2.0, 2.0, (x[k], 0.0, 0.0), isFixed=k == 0) for k in range(3)]
