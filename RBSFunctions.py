@@ -627,6 +627,14 @@ class _Rows:
         self.isLeft = False
 
 
+def _places(keys, known):
+    """Where (m,) each key stands among the known ones, which are in ascending order; or -1."""
+    if len(known) == 0:
+        return np.full(len(keys), -1)
+    place = np.minimum(np.searchsorted(known, keys), len(known) - 1)
+    return np.where(known[place] == keys, place, -1)
+
+
 class _Memory:
     """What the last step found out, to save time in the next one. It never changes a result.
 
@@ -649,9 +657,8 @@ class _Memory:
         guess = t / np.where(length > 0, length, 1.0)
         if len(self.keys) == 0:
             return guess, np.zeros(len(first), dtype=bool)
-        keys = first * self.count + second
-        place = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
-        known = self.keys[place] == keys
+        place = _places(first * self.count + second, self.keys)
+        known = place >= 0
         touched = known & self.touched[place]
         return np.where(known & ~touched, self.axis.take(place, axis=1), guess), touched
 
@@ -954,12 +961,9 @@ class _NarrowPhase:
         self._keep(first, second, *_near_planes(bodies, first, second, reach)[:2])
 
     def _keep(self, first, second, planes, t):
-        radius = self.bodies.hulls.radius
-        reach = PLANE_REACH * (radius[first] + radius[second])
         pairs = zip(first.tolist(), second.tolist(), strict=True)
-        details = zip(t.T.tolist(), reach.tolist(), planes.complete.tolist(), strict=True)
-        for row, (pair, detail) in enumerate(zip(pairs, details, strict=True)):
-            self.known[pair] = (planes, row, *detail)
+        for row, (pair, start) in enumerate(zip(pairs, t.T.tolist(), strict=True)):
+            self.known[pair] = (planes, row, start)
 
     def _prepare(self, i, j):
         """Works out the planes of the pair i, j at its present translation."""
@@ -982,10 +986,9 @@ class _NarrowPhase:
         apart = -GJK.TOUCH_TOLERANCE * size
         if (i, j) not in self.known:
             self._prepare(i, j)
-        planes, row, start, reach, complete = self.known[i, j]
+        planes, row, start = self.known[i, j]
         pen, normal = planes.nearest(row, t)
-        shift = difference(t, start)
-        if pen >= apart and not (complete and dot(shift, shift) <= reach * reach):
+        if pen >= apart and not planes.hold(row, pen, difference(t, start)):
             self._prepare(i, j)
             planes, row, *_ = self.known[i, j]
             pen, normal = planes.nearest(row, t)
@@ -1037,8 +1040,7 @@ class _ContactBatches:
     rank : (P,), place of each pair in the order i < j
     starts : (B + 1,), where the batches begin
     planes : GJK.FacetPlanes of the pairs, and column (K,), the pair of each plane
-    t (3, P), planeReach (P,) : translations that the planes were made at, and how far around they
-        hold the nearest facet; below zero where they are not complete
+    t (3, P) : translations that the planes were made at
     apart (P,) : the pen below which a pair counts as apart; tolerance (P,), see GJK.contact_point
     keys : (Q,), of the pairs whose boxes are near each other, i · n + j; gap (Q,), by how much each
         is apart, -inf for the pairs that are in the batches, along the axis (3, Q)
@@ -1055,11 +1057,9 @@ class _ContactBatches:
         size = bodies.hulls.radius[first] + bodies.hulls.radius[second]
         self.gap = np.where(isNear, -np.inf, -pen - GJK.FEATURE_TOLERANCE * size)
         near = np.flatnonzero(isNear)
-        first, second = first[near], second[near]
-        planeReach = np.where(planes.complete[near], reach[first] + reach[second], -1.0)
-        self._arrange(first, second, planes.of_pairs(near), t.take(near, axis=1), planeReach)
+        self._arrange(first[near], second[near], planes.of_pairs(near), t.take(near, axis=1))
 
-    def _arrange(self, first, second, planes, t, planeReach):
+    def _arrange(self, first, second, planes, t):
         """Sorts pairs, given in the order i < j, into batches."""
         bodies = self.bodies
         assign = PAIR_ORDERS[self.pairOrder]
@@ -1069,7 +1069,7 @@ class _ContactBatches:
         self.first, self.second = first[self.rank], second[self.rank]
         self.planes = planes.of_pairs(self.rank)
         self.column = np.repeat(np.arange(len(first)), np.diff(self.planes.start))
-        self.t, self.planeReach = t.take(self.rank, axis=1), planeReach[self.rank]
+        self.t = t.take(self.rank, axis=1)
         size = bodies.hulls.radius[self.first] + bodies.hulls.radius[self.second]
         self.apart = -GJK.TOUCH_TOLERANCE * size
         self.tolerance = GJK.FEATURE_TOLERANCE * size
@@ -1081,33 +1081,26 @@ class _ContactBatches:
         """
         count = len(displaced)
         keys = first * count + second
-        self.gap[np.isin(self.keys, keys)] = -np.inf
-        new = keys[~np.isin(keys, self.keys)]
-        place = np.searchsorted(self.keys, np.sort(new))
-        self.keys = np.insert(self.keys, place, np.sort(new))
+        known = _places(keys, self.keys)
+        self.gap[known[known >= 0]] = -np.inf
+        new = np.sort(keys[known < 0])
+        place = np.searchsorted(self.keys, new)
+        self.keys = np.insert(self.keys, place, new)
         self.gap = np.insert(self.gap, place, -np.inf)
         self.axis = np.insert(self.axis, place, 0.0, axis=1)
 
         bodies = self.bodies
         t = bodies.position.take(second, axis=1) - bodies.position.take(first, axis=1)
         reach = np.maximum(self.reach, REACH_GROWTH * displaced)
-        both = reach[first] + reach[second]
-        planes = GJK.facet_planes(bodies.hulls, first, second, t, both)
+        planes = GJK.facet_planes(bodies.hulls, first, second, t, reach[first] + reach[second])
         # all pairs in the order i < j, with what belongs to each
         back = np.argsort(self.rank)
         together = GJK.FacetPlanes.joined((self.planes.of_pairs(back), planes))
         keys = np.concatenate(((self.first * count + self.second)[back], keys))
         order = np.argsort(keys)
-        t = np.concatenate((self.t[:, back], t), axis=1)
-        both = np.concatenate((self.planeReach[back], np.where(planes.complete, both, -1.0)))
+        t = np.concatenate((self.t[:, back], t), axis=1).take(order, axis=1)
         keys = keys[order]
-        self._arrange(
-            keys // count,
-            keys % count,
-            together.of_pairs(order),
-            t.take(order, axis=1),
-            both[order],
-        )
+        self._arrange(keys // count, keys % count, together.of_pairs(order), t)
 
     def overlooked(self, visits):
         """Pairs `(first, second)` that are not among these and would have touched at their turn.
@@ -1131,7 +1124,7 @@ class _ContactBatches:
         if len(strays):
             wider = bodies.box - np.maximum(displaced, self.reach)
             others = _overlaps_of(strays, wider, bodies.isFixed, self.broadPhase)
-            others = others[:, ~np.isin(others[0] * count + others[1], self.keys)]
+            others = others[:, _places(others[0] * count + others[1], self.keys) < 0]
             first = np.concatenate((first, others[0]))
             second = np.concatenate((second, others[1]))
         position1, position2 = (visits.places(b, first, second) for b in (first, second))
@@ -1300,8 +1293,7 @@ def _resolve_batch(batches, begin, end, law, contacts, visited):
         table.take(hits, axis=-1) for table in (first, second, t, pen, position1, position2)
     )
     shift = t - batches.t.take(rows, axis=1)
-    reach = batches.planeReach.take(rows)
-    stale = np.flatnonzero((dot(shift, shift) > reach * reach) | (reach < 0))
+    stale = np.flatnonzero(~planes.hold(rows, pen, shift))
     if len(stale):
         exact = GJK.facet_planes(
             bodies.hulls, first[stale], second[stale], t[:, stale], np.zeros(len(stale))

@@ -58,7 +58,7 @@ BUTTON_SIZE = (74, 0)
 WIDE_BUTTON_SIZE = (153, 0)
 FIELD_WIDTH = 160
 SIDE_WIDTH = 330
-PLOT_SIZE = (-1.0, 150.0)
+PLOT_SIZE = (-1.0, 190)
 TIMELINE_HEIGHT = 74
 SPEED_WIDTH = 150
 NUMBER_WIDTH = 56
@@ -413,7 +413,7 @@ def draw_choice(label, current, names, tooltip=""):
     import polyscope.imgui as psim
 
     chosen = None
-    isOpen = psim.BeginCombo(label, current)
+    isOpen = psim.BeginCombo(label, current, psim.ImGuiComboFlags_HeightLarge)
     if tooltip and not isOpen:
         psim.SetItemTooltip(tooltip)
     if isOpen:
@@ -675,6 +675,8 @@ class Panel:
         import polyscope.imgui as psim
 
         width, height = ps.get_window_size()
+        if self.viewer.isReplay:
+            height -= TIMELINE_HEIGHT + MARGIN
         corner = (width - MARGIN, MARGIN)
         psim.SetNextWindowPos(corner, psim.ImGuiCond_Once, (1.0, 0.0))
         psim.SetNextWindowSizeConstraints((SIDE_WIDTH, 0), (SIDE_WIDTH, height - 2 * MARGIN))
