@@ -513,8 +513,9 @@ def scene_name(path):
 def load_scene_file(path):
     """Reads a scene: the number of bodies, then `meshfile density isFixed x y z qw qx qy qz` each.
 
-    Mesh files are looked up beside the scene file, and each is read once. A body is named after
-    its mesh file and its place in the scene, "box 3": the index that constraints know it by.
+    Mesh files are looked up beside the scene file, and each is read once; their names may have
+    blanks in them, and `\\` separates folders as `/` does. A body is named after its mesh file and
+    its place in the scene, "box 3": the index that constraints know it by.
     A mesh that is not convex gives one NonConvexWarning, however many bodies use it.
 
     path : str or Path
@@ -525,7 +526,8 @@ def load_scene_file(path):
     bodyCount = reader.count("bodies", low=1)
     loaded = {}
     meshes = []
-    for index, row in enumerate(reader.rows(bodyCount, "body", columns=10)):
+    for index, row in enumerate(reader.rows(bodyCount, "body")):
+        row = _body_row(reader, row, f"body {index + 1} of {bodyCount}")
         fileName = row[0]
         density = reader.number(row[1], "the density")
         if density <= 0.0:
@@ -548,6 +550,18 @@ def load_scene_file(path):
             _warn_unless_convex(fileName, mesh)
     reader.expect_end(f"{bodyCount} bodies")
     return meshes
+
+
+def _body_row(reader, fields, what):
+    """The ten columns of a body's line, the name of its mesh file with `/` between folders.
+
+    A name may have blanks in it, which is seen from its ending. `\\` stands for `/` on every
+    system, so that a scene means the same on all of them.
+    """
+    name = " ".join(fields[:-9])
+    if len(fields) < 10 or (len(fields) > 10 and not name.lower().endswith((".mesh", ".off"))):
+        raise reader.error(f"{what} takes 10 columns, not {len(fields)}: '{short(*fields)}'")
+    return [name.replace("\\", "/"), *fields[-9:]]
 
 
 def _load_mesh_beside(reader, fileName):
@@ -1372,6 +1386,8 @@ def find_recorded_file(recording, name, option):
     It may stand where the recording says, seen from the current folder or from the recording's;
     or, under its own name, beside the recording or in data/.
     """
+    if not Path(name).is_file():
+        name = name.replace("\\", "/")  # recorded on Windows
     folder, ownName = recording.path.parent, Path(name).name
     for path in (Path(name), folder / name, folder / ownName, DATA_FOLDER / ownName):
         if path.is_file():
