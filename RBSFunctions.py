@@ -32,6 +32,14 @@ GRAVITY = -9.8
 # anew because corrections have moved them further.
 PLANE_REACH = 0.02
 
+# No number of a state may be larger: products of four of them are still finite, and nothing that
+# is to be looked at is as far away or as fast.
+LARGEST_NUMBER = 1e75
+
+
+class StateError(ArithmeticError):
+    """A step that would give a body a number that is NaN, infinite or beyond LARGEST_NUMBER."""
+
 
 def _floats(value, count):
     """`count` Python floats out of an array of any shape with that many entries."""
@@ -136,6 +144,16 @@ class ContactLaw(NamedTuple):
     CRCoeff: float
     closingOnly: bool
     mu: float
+
+
+def _contact_law(CRCoeff, closingOnly, mu):
+    """The ContactLaw of a caller's arguments; raises ValueError."""
+    law = ContactLaw(_float(CRCoeff), bool(closingOnly), _float(mu))
+    if not math.isfinite(law.CRCoeff):
+        raise ValueError(f"the restitution must be finite, not {law.CRCoeff:g}")
+    if not 0.0 <= law.mu < math.inf:
+        raise ValueError(f"the friction must be finite and not negative, not {law.mu:g}")
+    return law
 
 
 def _part(body1, body2, distance, direction):
@@ -511,24 +529,30 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
         ground asks for, whose normal points into the mesh
     contactNormal : (1, 3), unit; m2 moves along it, m1 against it
     penPoint : (1, 3); the point of m2 that is deepest inside m1
-    CRCoeff : coefficient of restitution, 0 (they stay together) to 1 (they bounce off)
+    CRCoeff : coefficient of restitution, 0 (they stay together) to 1 (they bounce off). The formula
+        is followed beyond that too: above 1 every contact gains energy, and a negative one leaves
+        the part -CRCoeff of the closing speed as it was
     closingOnly : when true, a contact that already separates receives no impulse. By default the
         impulse is applied whatever the sign of the closing velocity, as the coursework's reference
         does
     mu : coefficient of friction ≥ 0. Unless it is 0, a second impulse at the same point, of at most
-        mu times the first one, slows or stops the sliding
+        mu times the first one, slows or stops the sliding. A huge one stops any sliding where
+        bodies are pressed together, and never turns it round
 
     The interpenetration is split by inverse mass; one impulse at the contact point, which moves
     along with m2, reverses the closing speed and scales it by the restitution. Two meshes that
     cannot move stay as they are.
+
+    Raises ValueError for a restitution that is not finite, and a friction that is negative or not
+    finite.
     """
+    law = _contact_law(CRCoeff, closingOnly, mu)
     body1, body2 = m1._body_state(), m2._body_state()
     if body1.invMass + body2.invMass == 0.0:
         return
     depth, normal = _float(depth), _floats(contactNormal, 3)
     if depth < 0 or (depth == 0 and len(m2.origVertices) == 0):
         depth, normal = -depth, (-normal[0], -normal[1], -normal[2])
-    law = ContactLaw(_float(CRCoeff), bool(closingOnly), _float(mu))
     _resolve(body1, body2, depth, normal, _floats(penPoint, 3), law)
     m1._take(body1)
     m2._take(body2)
@@ -741,6 +765,25 @@ class _Bodies:
         low, high = self.hulls.boxes()
         self.relativeBox = np.where(shapes.hasShape, np.concatenate((low, -high)), np.inf)
         self.box = self.box_of(slice(None), self.position)
+
+    def check_numbers(self, when):
+        """Raises StateError, which names the body, where a number is NaN, infinite or too large.
+
+        when : what the step has just done, for the message
+        """
+        # NaN is the maximum of whatever holds it, and not less than anything
+        largest = abs(self.motion).max(), abs(self.orientation).max()
+        if largest[0] <= LARGEST_NUMBER and largest[1] <= LARGEST_NUMBER:
+            return
+        for name in ("position", "orientation", "linVelocity", "angVelocity"):
+            values = getattr(self, name)
+            wrong = ~(abs(values) <= LARGEST_NUMBER)
+            if wrong.any():
+                b = int(wrong.any(axis=0).argmax())
+                value = float(values[wrong[:, b], b][0])
+                raise StateError(
+                    f"body {b}, {self.meshes[b].name!r}: {name} holds {value:g} after {when}"
+                )
 
     def box_of(self, b, position):
         """The boxes of the bodies b at these positions, as in `box`."""
@@ -1732,8 +1775,8 @@ def run_timestep(
 
     meshes : list of Mesh
     groundMesh : a fixed Mesh without vertices, the half space y ≤ 0; None for free space
-    timeStep : seconds > 0
-    CRCoeff : coefficient of restitution
+    timeStep : seconds ≥ 0. What a body crosses within one of them it does not hit
+    CRCoeff : coefficient of restitution, see `resolve_collision`
     enforceConstraints : whether the constraints are looked at
     constraints : rows `[m1, v1, m2, v2, refValue, upper]`: the distance between rest vertex v1 of
         meshes[m1] and rest vertex v2 of meshes[m2] is at most refValue if upper, else at least
@@ -1751,11 +1794,15 @@ def run_timestep(
     pairOrder : "sequential" resolves the pairs as if in the order i < j; "coloured" in rounds of
         pairs without a common body, as few as a greedy colouring finds: faster, and another order
 
-    Raises ValueError for a name that is not known.
+    Raises ValueError for a name that is not known, a time step that is negative or not finite, and
+    what `resolve_collision` refuses; StateError, which names the body, where a number would become
+    NaN, infinite or larger than LARGEST_NUMBER. The meshes are then as they were before the step.
     """
     report = StepReport()
     timeStep, tolerance = _float(timeStep), _float(tolerance)
-    law = ContactLaw(_float(CRCoeff), bool(closingOnly), _float(mu))
+    if not 0.0 <= timeStep < math.inf:
+        raise ValueError(f"the time step must be finite and not negative, not {timeStep:g}")
+    law = _contact_law(CRCoeff, closingOnly, mu)
     for what, name, known in (
         ("broad phase", broadPhase, BROAD_PHASES),
         ("pair order", pairOrder, PAIR_ORDERS),
@@ -1768,6 +1815,7 @@ def run_timestep(
         bodies = _Bodies(meshes)
     with report.phase("integrate"):
         bodies.integrate(timeStep)
+        bodies.check_numbers("free flight")
     with report.phase("collisions"):
         if broadPhase == "all" and pairOrder == "sequential":
             _resolve_pairs(bodies, law, report)
@@ -1782,5 +1830,6 @@ def run_timestep(
                 bodies, constraints, maxIterations, tolerance, constraintScheduling
             )
     with report.phase("vertices"):
+        bodies.check_numbers("contacts and constraints")
         bodies.write_back()
     return report

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from Quaternion import QConj, QRotate
-from RBSFunctions import GRAVITY, __version__
+from RBSFunctions import GRAVITY, StateError, __version__
 
 # ---------------------------------------------------------------------------------------------
 # A scene in some state
@@ -607,7 +607,10 @@ def verify(recording, simulation, advance=None):
         ):
             simulation.settings = restored_settings(recording, step, simulation.settings)
             if step > first:
-                simulation.step()
+                try:
+                    simulation.step()
+                except StateError as error:
+                    return f"step {step} differs: {error}"
                 if advance is not None:
                     advance()
             state = simulation.state()

@@ -36,7 +36,7 @@ from RBSDrawing import (
     video_timing,
     viridis,
 )
-from RBSFunctions import BROAD_PHASES, CONSTRAINT_SCHEDULINGS, PAIR_ORDERS
+from RBSFunctions import BROAD_PHASES, CONSTRAINT_SCHEDULINGS, PAIR_ORDERS, StateError
 
 # Frames and steps over which the milliseconds on screen are a median: half a second's worth.
 TIMED_STEPS = 25
@@ -139,6 +139,7 @@ class Viewer:
     def toggle_play(self):
         """Plays if paused, pauses if playing. A replay that is at its end begins anew."""
         self.isPlaying = not self.isPlaying
+        self.message = ""
         if self.isPlaying and self.isReplay:
             first, last = self.simulation.firstStep, self.simulation.lastStep
             if self.simulation.stepCount == (last if self.speed > 0.0 else first):
@@ -155,7 +156,8 @@ class Viewer:
             self._play_replay(elapsed)
         elif self.stepsPerFrame:
             for _ in range(self.stepsPerFrame):
-                self._step()
+                if not self._step():
+                    break
         else:
             self._play_in_time(elapsed)
         self._frames.append((elapsed, time.perf_counter() - begin))
@@ -167,7 +169,8 @@ class Viewer:
         begin = time.perf_counter()
         while self._due >= timeStep:
             self._due -= timeStep
-            self._step()
+            if not self._step():
+                break
             if time.perf_counter() - begin > STEPPING_SECONDS:
                 self._due = 0.0
 
@@ -187,11 +190,18 @@ class Viewer:
             self.isPlaying = self.isPlaying and not steps
 
     def _step(self):
-        self.simulation.step()
+        """One step, if its numbers are sound; else pauses, with a message. Whether it was made."""
+        try:
+            self.simulation.step()
+        except StateError as error:
+            self.isPlaying = False
+            self.message = str(error)
+            return False
         if self.simulation.report is not None:
             self._recentSeconds.append(self.simulation.stepSeconds)
             self._phases.append(self.simulation.report.seconds)
         self._film()
+        return True
 
     def _film(self):
         if self.video is not None:
@@ -206,6 +216,7 @@ class Viewer:
     def step_once(self):
         """A single step: pauses, if playing."""
         self.isPlaying = False
+        self.message = ""
         self._step()
         self._show()
 
@@ -219,6 +230,7 @@ class Viewer:
     def reset(self):
         """Back to the start of the scene, paused. The camera stays."""
         self.isPlaying = False
+        self.message = ""
         self.simulation.reset()
         self._forget()
         self.view.refresh()

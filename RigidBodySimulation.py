@@ -35,6 +35,7 @@ from RBSFunctions import (
     CONSTRAINT_SCHEDULINGS,
     PAIR_ORDERS,
     Mesh,
+    StateError,
     run_timestep,
 )
 from RBSRecording import (
@@ -512,8 +513,9 @@ def scene_name(path):
 def load_scene_file(path):
     """Reads a scene: the number of bodies, then `meshfile density isFixed x y z qw qx qy qz` each.
 
-    Mesh files are looked up beside the scene file, and each is read once. A body is named after
-    its mesh file and its place in the scene, "box 3": the index that constraints know it by.
+    Mesh files are looked up beside the scene file, and each is read once; their names may have
+    blanks in them, and `\\` separates folders as `/` does. A body is named after its mesh file and
+    its place in the scene, "box 3": the index that constraints know it by.
     A mesh that is not convex gives one NonConvexWarning, however many bodies use it.
 
     path : str or Path
@@ -524,7 +526,8 @@ def load_scene_file(path):
     bodyCount = reader.count("bodies", low=1)
     loaded = {}
     meshes = []
-    for index, row in enumerate(reader.rows(bodyCount, "body", columns=10)):
+    for index, row in enumerate(reader.rows(bodyCount, "body")):
+        row = _body_row(reader, row, f"body {index + 1} of {bodyCount}")
         fileName = row[0]
         density = reader.number(row[1], "the density")
         if density <= 0.0:
@@ -547,6 +550,18 @@ def load_scene_file(path):
             _warn_unless_convex(fileName, mesh)
     reader.expect_end(f"{bodyCount} bodies")
     return meshes
+
+
+def _body_row(reader, fields, what):
+    """The ten columns of a body's line, the name of its mesh file with `/` between folders.
+
+    A name may have blanks in it, which is seen from its ending. `\\` stands for `/` on every
+    system, so that a scene means the same on all of them.
+    """
+    name = " ".join(fields[:-9])
+    if len(fields) < 10 or (len(fields) > 10 and not name.lower().endswith((".mesh", ".off"))):
+        raise reader.error(f"{what} takes 10 columns, not {len(fields)}: '{short(*fields)}'")
+    return [name.replace("\\", "/"), *fields[-9:]]
 
 
 def _load_mesh_beside(reader, fileName):
@@ -729,24 +744,32 @@ class Simulation(Scene):
         return max(LEAST_VISITS, SWEEPS * len(self.constraints))
 
     def step(self):
-        """Goes on by one time step."""
+        """Goes on by one time step.
+
+        raises StateError, which names the step and the body, where a number would become NaN,
+        infinite or absurdly large; the simulation then stays as it was before the step
+        """
         settings = self.settings
         begin = time.perf_counter()
-        self.report = run_timestep(
-            self.meshes,
-            self.groundMesh,
-            settings.timeStep,
-            settings.restitution,
-            settings.enforceConstraints,
-            self.constraints,
-            self.max_iterations(),
-            CONSTRAINT_TOLERANCE,
-            closingOnly=settings.closingOnly,
-            constraintScheduling=settings.constraintScheduling,
-            mu=settings.friction,
-            broadPhase=settings.broadPhase,
-            pairOrder=settings.pairOrder,
-        )
+        try:
+            with np.errstate(all="ignore"):  # what overflows is told in one line below
+                self.report = run_timestep(
+                    self.meshes,
+                    self.groundMesh,
+                    settings.timeStep,
+                    settings.restitution,
+                    settings.enforceConstraints,
+                    self.constraints,
+                    self.max_iterations(),
+                    CONSTRAINT_TOLERANCE,
+                    closingOnly=settings.closingOnly,
+                    constraintScheduling=settings.constraintScheduling,
+                    mu=settings.friction,
+                    broadPhase=settings.broadPhase,
+                    pairOrder=settings.pairOrder,
+                )
+        except StateError as error:
+            raise StateError(f"step {self.stepCount + 1} cannot be made: {error}") from None
         self.stepSeconds = time.perf_counter() - begin
         self.stepCount += 1
         self.time += settings.timeStep
@@ -817,22 +840,28 @@ class Run:
 
     stepSeconds: list
     wasInterrupted: bool
+    failure: str = ""  # of a StateError
 
 
 def run_steps(simulation, steps, observers=()):
-    """Simulates `steps` steps, or fewer when Ctrl-C is pressed.
+    """Simulates `steps` steps, or fewer when Ctrl-C is pressed or a number goes wrong.
 
     observers : functions of the simulation, called at its start and after every step
     returns a Run; of a replay, which measures nothing, its times are empty
     """
     stepSeconds = []
     done = 0
+    failure = ""
     for observe in observers:
         observe(simulation)
     progress = Progress(steps)
     with interrupt_noted() as interrupts:
         while done < steps and not interrupts:
-            simulation.step()
+            try:
+                simulation.step()
+            except StateError as error:
+                failure = str(error)
+                break
             done += 1
             if simulation.stepSeconds is not None:
                 stepSeconds.append(simulation.stepSeconds)
@@ -840,7 +869,7 @@ def run_steps(simulation, steps, observers=()):
                 observe(simulation)
             progress.advance()
     progress.close()
-    return Run(stepSeconds, bool(interrupts))
+    return Run(stepSeconds, bool(interrupts), failure)
 
 
 def summarise(simulation, run, startEnergies):
@@ -859,7 +888,8 @@ def summarise(simulation, run, startEnergies):
         "bodies": f"{len(meshes)}, {fixedCount} of them fixed",
         "constraints": constraint_summary(simulation),
         "steps": f"{simulation.stepCount} of {simulation.settings.timeStep:g} s: "
-        f"{simulation.time:.6g} s simulated" + ", stopped by Ctrl-C" * run.wasInterrupted,
+        f"{simulation.time:.6g} s simulated" + ", stopped by Ctrl-C" * run.wasInterrupted
+        + ", stopped by an error" * bool(run.failure),
         "time per step": stepTime,
         "kinetic energy": f"{kinetic:.6g} J at the start, {simulation.kinetic_energy():.6g} J now",
         "potential energy": f"{potential:.6g} J at the start, "
@@ -915,6 +945,9 @@ def run_without_window(simulation, steps, recorder=None, stats=None, pictures=No
         print(f"{'statistics':<17} {shown_path(stats.path)}")
     if stats is not None and stats.plotPath is not None:
         print(f"{'plot':<17} {shown_path(stats.plotPath)}")
+    if run.failure:
+        print_error(run.failure)
+        return 3
     if run.wasInterrupted:
         return 130  # 128 + SIGINT, as a shell reports a program that Ctrl-C ended
     return 0
@@ -1184,7 +1217,8 @@ def print_error(message):
 def main(arguments=None):
     """Runs the command line.
 
-    returns the exit code: 0, 1 where --verify finds a difference, 2 for bad input, 130 after Ctrl-C
+    returns the exit code: 0, 1 where --verify finds a difference, 2 for bad input, 3 where the
+    numbers of a run go wrong, 130 after Ctrl-C
     """
     parser = make_parser()
     options = parser.parse_args(arguments)
@@ -1352,6 +1386,8 @@ def find_recorded_file(recording, name, option):
     It may stand where the recording says, seen from the current folder or from the recording's;
     or, under its own name, beside the recording or in data/.
     """
+    if not Path(name).is_file():
+        name = name.replace("\\", "/")  # recorded on Windows
     folder, ownName = recording.path.parent, Path(name).name
     for path in (Path(name), folder / name, folder / ownName, DATA_FOLDER / ownName):
         if path.is_file():
@@ -1418,7 +1454,7 @@ def run_as_asked(simulation, options, look):
 def open_window_or_fall_back(simulation, options, look):
     """The window; without a display, pictures; without OpenGL, only the simulation.
 
-    returns the exit code, 0 in all three cases
+    returns the exit code
     """
     backend = RBSDrawing.find_backend(window=True)
     if backend.opensWindow:

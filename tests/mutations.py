@@ -1,0 +1,121 @@
+"""Puts one-line faults into copies of the code and looks whether a test notices each.
+
+    python tests/mutations.py            all faults of FAULTS, one line of output each
+    python tests/mutations.py 3 8        these, counted from 1
+
+A fault replaces a text that occurs exactly once in its file: a sign, a factor, an index. The tests
+named with it run in a copy of the project in a temporary folder, and the first that fails is
+named. Ends with exit code 1 where a fault survives, or where the tests fail without one.
+"""
+
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+class Fault(NamedTuple):
+    """What is wrong with it; its file; the text and what replaces it; the tests to run."""
+
+    what: str
+    file: str
+    text: str
+    wrong: str
+    tests: str
+
+
+FAULTS = (
+    Fault("quaternion product, a sign", "Quaternion.py",
+          "aw * by - ax * bz", "aw * by + ax * bz", "quaternion"),
+    Fault("exponential of small angles, a factor", "Quaternion.py",
+          "angle * angle / 6.0", "angle * angle / 2.0", "quaternion"),
+    Fault("rotation matrix, a sign", "Quaternion.py", "yz - wx", "yz + wx", "quaternion"),
+    Fault("semi-implicit Euler, half angle", "RBSFunctions.py",
+          "angVelocity * (0.5 * timeStep)", "angVelocity * timeStep", "timestep"),
+    Fault("inertia of a tetrahedron, a factor", "RBSFunctions.py",
+          "volumes[:, None, None] / 20.0", "volumes[:, None, None] / 120.0", "mesh"),
+    Fault("rotated inertia, swapped entries", "RBSFunctions.py",
+          "xy, yy, yz, xz, yz, zz)", "xy, zz, yz, xz, yz, yy)", "mesh"),
+    Fault("velocity of a point, swapped factors", "RBSFunctions.py",
+          "cross(angVelocity, arm)", "cross(arm, angVelocity)", "timestep"),
+    Fault("restitution, a sign", "RBSFunctions.py",
+          "(1.0 + law.CRCoeff)", "(1.0 - law.CRCoeff)", "timestep"),
+    Fault("inverse mass at a contact, a sign", "RBSFunctions.py",
+          "body.invMass + dot(lever, turn)", "body.invMass - dot(lever, turn)", "timestep"),
+    Fault("position correction, the other share", "RBSFunctions.py",
+          "-(share1 * distance)", "-(share2 * distance)", "timestep"),
+    Fault("friction across the normal, a sign", "RBSFunctions.py",
+          "moved(u, -dot(u, normal), normal)", "moved(u, dot(u, normal), normal)", "friction"),
+    Fault("friction within its cone, no limit", "RBSFunctions.py",
+          "normal, law.mu * impulse)", "normal, impulse)", "friction"),
+    Fault("lower bound of a constraint, a sign", "RBSFunctions.py",
+          "(C < -tolerance) & (upper ^ True)", "(C < tolerance) & (upper ^ True)", "constraints"),
+    Fault("constraint without a direction, a factor", "RBSFunctions.py",
+          "return -refValue, COINCIDENT", "return refValue, COINCIDENT", "constraints"),
+    Fault("support function, the wrong end", "GJK.py",
+          "vb = dot(v[:, None], b).argmax(axis", "vb = dot(v[:, None], b).argmin(axis", "gjk"),
+    Fault("contact at a vertex, a sign", "GJK.py",
+          "level - dot(normal, seen)", "level + dot(normal, seen)", "gjk"),
+    Fault("clipping of the patch, a sign", "GJK.py",
+          "sides[k] / (sides[k] - sides[following])", "sides[k] / (sides[k] + sides[following])",
+          "gjk"),
+    Fault("centroid of the patch, a factor", "GJK.py",
+          "momentU / (3 * area)", "momentU / (2 * area)", "gjk"),
+    Fault("boxes of hulls, the wrong extreme", "GJK.py",
+          "return least, np.maximum.reduceat", "return least, np.minimum.reduceat", "timestep"),
+)  # fmt: skip
+
+
+def first_failure(folder, names):
+    """The first test of tests/test_<name>.py that fails in a copy of the project, or ""."""
+    files = [f"tests/test_{name}.py" for name in names.split()]
+    process = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *files],
+        cwd=folder, capture_output=True, text=True,
+    )  # fmt: skip
+    failed = re.search(r"^(?:FAILED|ERROR) (\S+)", process.stdout, re.MULTILINE)
+    if (process.returncode != 0) != bool(failed):
+        raise RuntimeError(f"pytest ended otherwise than expected:\n{process.stdout[-2000:]}")
+    return failed[1] if failed else ""
+
+
+def try_fault(fault):
+    """Runs the tests with a fault, None for none, in a temporary copy; the first that fails."""
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "project"
+        copy.mkdir()
+        for path in [*ROOT.glob("*.py"), ROOT / "pyproject.toml"]:
+            shutil.copy(path, copy)
+        for name in ("data", "graders", "tests"):
+            shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
+        if fault is None:
+            return first_failure(copy, " ".join(sorted({fault.tests for fault in FAULTS})))
+        source = (copy / fault.file).read_text(encoding="utf-8")
+        if source.count(fault.text) != 1:
+            raise ValueError(f"{fault.file} has {source.count(fault.text)} times: {fault.text}")
+        changed = source.replace(fault.text, fault.wrong)
+        (copy / fault.file).write_text(changed, encoding="utf-8")
+        return first_failure(copy, fault.tests)
+
+
+def main():
+    chosen = [int(word) for word in sys.argv[1:]] or range(1, len(FAULTS) + 1)
+    survived = 0
+    for number in chosen:
+        fault = FAULTS[number - 1]
+        failed = try_fault(fault)
+        survived += not failed
+        print(f"{number:2} {fault.file:16} {fault.what:42} {failed or 'SURVIVED'}", flush=True)
+    if len(sys.argv) == 1 and (failed := try_fault(None)):
+        print(f"without a fault, {failed} fails")
+        return 1
+    return int(survived > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
