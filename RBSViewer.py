@@ -308,10 +308,15 @@ class Viewer:
     def stop_video(self):
         """Ends the video, if there is one."""
         if self.video is not None:
-            self.video.save()
-            self.saved = f"saved {self.video.path}, {self.video.count} pictures"
-            self.video = None
+            video, self.video = self.video, None
             self.view.set_resizable(True)
+            try:
+                video.save()
+            except OSError as error:
+                video.close()
+                self.message = f"cannot write: {error.strerror or error}"
+            else:
+                self.saved = f"saved {video.path}, {video.count} pictures"
 
     # Bodies.
 
