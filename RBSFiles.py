@@ -46,7 +46,8 @@ def read_bytes(path, limit=TEXT_BYTES):
     check_regular(path)
     with open(path, "rb") as file:
         size = os.fstat(file.fileno()).st_size
-        content = file.read(limit + 1) if size <= limit else b""
+        # No more than it has, since `read` makes room for as much as it is asked for.
+        content = file.read(size + 1) if size <= limit else b""
     if max(size, len(content)) > limit:
         cause = f"it is longer than {limit} bytes, the most that is read"
         raise OSError(errno.EFBIG, cause, str(path))

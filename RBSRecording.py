@@ -402,7 +402,8 @@ class Recording:
                 if not isFinite.all():
                     step = begin + int(np.argmin(isFinite))
                     raise self.error(f"step {step}: {name} holds numbers that are not finite")
-            lengths = np.linalg.norm(block["orientations"] / 2.0, axis=2) * 2.0
+            with np.errstate(over="ignore"):
+                lengths = np.linalg.norm(block["orientations"], axis=2)
             isUnit = (np.abs(lengths - 1.0) <= UNIT_TOLERANCE).all(axis=1)
             if not isUnit.all():
                 step = begin + int(np.argmin(isUnit))

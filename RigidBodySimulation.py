@@ -99,6 +99,8 @@ LONGEST_LINE = 1 << 20
 # Metres: from here on a body of ordinary size has but a few digits left for its shape, and
 # products of three coordinates are still far from overflowing.
 LARGEST_COORDINATE = 1e9
+# kg/m³, for the same reason: a neutron star has less than 1e19.
+LARGEST_DENSITY = 1e30
 # A tetrahedron is flat when its volume is below this fraction of the cube of the mesh's extent:
 # well above the rounding of a volume (1e-16), far below the thinnest of a usual mesh (1e-5).
 FLAT_VOLUME = 1e-13
@@ -619,7 +621,7 @@ def load_scene_file(path, allowOutsideMeshes=False):
     meshes = []
     for index, row in enumerate(reader.rows(bodyCount, "body", columns=10)):
         fileName = row[0]
-        density = reader.number(row[1], "the density")
+        density = reader.number(row[1], "the density", LARGEST_DENSITY)
         if density <= 0.0:
             raise reader.error(f"the density must be positive, not {row[1]}")
         isFixed = bool(reader.whole(row[2], "isFixed", 0, 1))
