@@ -33,8 +33,16 @@ ERROR_BOUND = 1e-9
 PASSED, FAILED, BAD_DATA = 0, 1, 2
 
 
+def _printable(text):
+    """The text in one line, without what a terminal would take for orders."""
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
 class GraderDataError(Exception):
     """The data cannot be graded against; the message is the cause, in one line."""
+
+    def __init__(self, cause):
+        super().__init__(_printable(str(cause)))
 
 
 # ---- Layout of the data -------------------------------------------------------------------------
@@ -404,11 +412,6 @@ class Grade:
             f"largest error {self._largestError:.3e}"
         )
         return PASSED
-
-
-def _printable(text):
-    """The text in one line, without what a terminal would take for orders."""
-    return "".join(c if c.isprintable() else " " for c in text)
 
 
 class OneLineParser(argparse.ArgumentParser):
