@@ -11,6 +11,11 @@ import stat
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
 # The longest text file that is read: about a mesh of a million vertices. What it becomes in memory
 # is some ten times as long.
 TEXT_BYTES = 256 << 20
@@ -116,6 +121,26 @@ def put_in_place(part, path):
             os.fsync(file.fileno())
         os.replace(part, path)
         sync_folder(Path(path).parent)
+
+
+def lock_folder(folder):
+    """Keeps a folder for this program until the result is closed, or the program ends in any way.
+
+    returns a descriptor for `os.close`, or None where the system has no such locks
+    raises BlockingIOError where it is kept already
+    """
+    if fcntl is None:
+        return None
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise
+    except OSError:  # some network file systems
+        os.close(descriptor)
+        return None
+    return descriptor
 
 
 def sync_folder(folder):

@@ -30,6 +30,7 @@ from RBSFiles import (
     PART_ENDING,
     check_regular,
     check_target,
+    lock_folder,
     named_errors,
     one_line,
     part_of,
@@ -434,6 +435,10 @@ class Recording:
         rows = self.files[chunk].rows(SERIES, row, row + 1)
         return {name: values[0] for name, values in rows.items()}
 
+    def hashes(self, step, count):
+        """The hashes (count, 16) of the states from a step on."""
+        return np.array([self.frame(k)["hashes"] for k in range(step, step + count)])
+
     def settings_at(self, step):
         """What a step was made with: (the first step made so, dict of the settings' fields)."""
         steps = [first for first, _ in self.settingsHistory]
@@ -735,7 +740,8 @@ def finish(path):
 
     path : FILE.npz or FILE.npz.part
     returns (path of FILE.npz, first step, last step)
-    raises RecordingError, also where there is a FILE.npz already, or OSError; then nothing changes
+    raises RecordingError, also where there is another FILE.npz already, or where the run has not
+    ended, or OSError; then nothing changes
     """
     path = Path(path)
     if path.suffix == PART_ENDING:
@@ -743,16 +749,47 @@ def finish(path):
     partPath = part_of(path)
     if not partPath.is_dir():
         raise RecordingError(path, f"there is no interrupted recording of it, {partPath.name}")
-    recording = Recording(partPath, mustBeFinite=False)
-    if path.exists():
-        raise RecordingError(
-            path, f"it is there already; rename it, or remove {partPath.name} if it is not needed"
-        )
-    damaged = recording.damaged_member()
-    if damaged is not None:
-        raise RecordingError(path, f"cannot be made, the array {damaged} is damaged")
-    _join_chunks(recording.files, partPath, path, recording.head())
+    lock = _lock(partPath)
+    try:
+        recording = Recording(partPath, mustBeFinite=False)
+        if path.exists():
+            _check_holds(path, recording)
+            shutil.rmtree(partPath)
+        else:
+            damaged = recording.damaged_member()
+            if damaged is not None:
+                raise RecordingError(path, f"cannot be made, the array {damaged} is damaged")
+            _join_chunks(recording.files, partPath, path, recording.head())
+    finally:
+        if lock is not None:
+            os.close(lock)
     return path, recording.firstStep, recording.lastStep
+
+
+def _lock(partPath):
+    """The descriptor that keeps a recording's folder, or None; RecordingError if it is in use."""
+    try:
+        return lock_folder(partPath)
+    except BlockingIOError:
+        raise RecordingError(partPath, "a program is still recording into it") from None
+
+
+def _check_holds(path, chunks):
+    """Raises RecordingError unless a file has all that is in the chunks.
+
+    It has, where the program was killed after it had made the file and before they were removed.
+    """
+    with suppress(RecordingError):
+        whole = Recording(path, mustBeFinite=False)
+        same = whole.firstStep == chunks.firstStep and whole.lastStep >= chunks.lastStep
+        if same and all(
+            np.array_equal(block["hashes"], whole.hashes(begin, len(block["hashes"])))
+            for begin, block in chunks.blocks(["hashes"])
+        ):
+            return
+    raise RecordingError(
+        path, f"there is another one already; rename it, or remove {part_of(path).name}"
+    )
 
 
 class Recorder:
@@ -785,6 +822,7 @@ class Recorder:
         except OSError as error:
             error.filename = str(path)  # the name that the caller knows
             raise
+        self._folderLock = _lock(self.partPath)
         self.frameCount = 0
         self._chunks = []  # paths
         self._frames = []
@@ -825,6 +863,12 @@ class Recorder:
         files = [_File(path) for path in self._chunks]
         _join_chunks(files, self.partPath, self.path, self._head(0))
         self._chunks = []
+        self._unlock()
+
+    def _unlock(self):
+        if self._folderLock is not None:
+            os.close(self._folderLock)
+            self._folderLock = None
 
     def close(self):
         """Keeps in FILE.npz.part/ what has not been saved; removes it where there is nothing.
@@ -834,6 +878,7 @@ class Recorder:
         with suppress(OSError):  # the disk may be full: what is on it is kept
             self._write_chunk()
         self._frames = []
+        self._unlock()
         if self._chunks:
             return self.partPath
         if self.partPath.is_dir():

@@ -10,6 +10,7 @@ size of a file otherwise; both are tested where both can be.
 import csv
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -354,7 +355,7 @@ def test_finishing_is_refused_where_something_would_be_lost(tmp_path, inChunks):
     interrupted(tmp_path / "r.npz", 5).close()
     part = tmp_path / "r.npz.part"
     (tmp_path / "r.npz").write_bytes(OLD)
-    with pytest.raises(RecordingError, match="r.npz: it is there already; rename it, or remove"):
+    with pytest.raises(RecordingError, match="r.npz: there is another one already; rename it"):
         finish(tmp_path / "r.npz")
     assert (tmp_path / "r.npz").read_bytes() == OLD
     (tmp_path / "r.npz").unlink()
@@ -373,6 +374,38 @@ def test_finishing_is_refused_where_something_would_be_lost(tmp_path, inChunks):
     assert finish(tmp_path / "r.npz") == (tmp_path / "r.npz", 0, 4)
     with pytest.raises(RecordingError, match="there is no interrupted recording of it"):
         finish(tmp_path / "r.npz")
+
+
+def test_finishing_removes_chunks_that_are_in_the_file_already(tmp_path, inChunks):
+    recorder = interrupted(tmp_path / "r.npz", 5)
+    recorder.close()
+    part, kept = tmp_path / "r.npz.part", tmp_path / "kept"
+    shutil.copytree(part, kept)
+    finish(tmp_path / "r.npz")
+    content = (tmp_path / "r.npz").read_bytes()
+    kept.rename(part)
+    assert finish(tmp_path / "r.npz") == (tmp_path / "r.npz", 0, 4)
+    assert (tmp_path / "r.npz").read_bytes() == content
+    assert [path.name for path in tmp_path.iterdir()] == ["r.npz"]
+    # A file of other states, as many of them, is no such one.
+    other = interrupted(tmp_path / "o.npz", 5, "tower")
+    other.save()
+    interrupted(tmp_path / "o.npz", 5).close()
+    with pytest.raises(RecordingError, match="o.npz: there is another one already"):
+        finish(tmp_path / "o.npz")
+
+
+def test_recording_that_still_grows_is_left_alone(tmp_path, inChunks):
+    recorder = interrupted(tmp_path / "r.npz", 3)
+    with pytest.raises(RecordingError, match="r.npz.part: a program is still recording into it"):
+        finish(tmp_path / "r.npz")
+    (tmp_path / "s.npz.part").mkdir()
+    other = Recorder(tmp_path / "s.npz")
+    with pytest.raises(RecordingError, match="s.npz.part: a program is still recording into it"):
+        Recorder(tmp_path / "s.npz")
+    assert other.close() is None
+    recorder.save()
+    assert [path.name for path in tmp_path.iterdir()] == ["r.npz"]
 
 
 def test_finishing_on_a_full_disk_keeps_the_chunks(tmp_path, monkeypatch, inChunks):
