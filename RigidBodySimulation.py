@@ -1344,13 +1344,13 @@ def main(arguments=None):
     parser = make_parser()
     options = parser.parse_args(arguments)
     given = given_options(arguments)
-    check_options(parser, options, given)
     with warnings.catch_warnings():
         warnings.simplefilter("always", NonConvexWarning)
         warnings.showwarning = lambda message, *where: print_error(f"warning: {message}")
         if hasattr(sys.stdout, "reconfigure"):  # a name may hold what the terminal has no sign for
             sys.stdout.reconfigure(errors="backslashreplace")
         try:
+            check_options(parser, options, given)
             code = run_asked_mode(options, given)
             sys.stdout.flush()
             return code
