@@ -82,13 +82,15 @@ DEFAULT_EVERY = 10
 FALLBACK_PICTURES = 5
 # The least and the largest width and height of pictures: a thumbnail, and 8K.
 PICTURE_SIZES = (16, 8192)
-# Pictures a second: what an encoder can still write down, and what screens can still show.
-SLOWEST_VIDEO, FASTEST_VIDEO = 0.01, 240.0
+# Pictures a second: what an encoder can still write down, what screens can still show, and, of
+# what time step and --every make together, what an encoder can write down again.
+SLOWEST_VIDEO, FASTEST_VIDEO, FASTEST_ENCODER = 0.01, 240.0, 1e4
 # The most steps, or visits, that can be asked for: more than there will be time for, and a number
 # that floats hold exactly.
 MOST_STEPS = 10**15
-# Seconds: below, so many steps make no time to be seen that numbers made of it overflow.
-LEAST_TIME_STEP = 1e-12
+# Seconds. Outside of these a step changes nothing to be seen, or all there is to be seen; numbers
+# made of it soon overflow.
+TIME_STEPS = (1e-12, 1e3)
 
 # A mesh counts as convex while its hull is larger than itself by no more than this fraction.
 # Coordinates that were written with four decimals make about 1e-5; what a smaller tolerance would
@@ -751,11 +753,12 @@ def checked_restitution(value):
 
 
 def checked_time_step(value):
-    """The value in seconds, if it is positive and finite; else ValueError."""
+    """The value in seconds, if it is positive and within TIME_STEPS; else ValueError."""
     if not 0.0 < value < math.inf:
         raise ValueError(f"the time step must be positive and finite, not {value:g}")
-    if value < LEAST_TIME_STEP:
-        raise ValueError(f"the time step must be {LEAST_TIME_STEP:g} s or more, not {value:g}")
+    low, high = TIME_STEPS
+    if not low <= value <= high:
+        raise ValueError(f"the time step must be between {low:g} and {high:g} s, not {value:g}")
     return value
 
 
@@ -1352,7 +1355,8 @@ def main(arguments=None):
         try:
             check_options(parser, options, given)
             code = run_asked_mode(options, given)
-            sys.stdout.flush()
+            if sys.stdout is not None:  # it was closed before the start
+                sys.stdout.flush()
             return code
         except (SceneError, RecordingError, RBSDrawing.DrawingError, ImportError) as error:
             print_error(with_what_is_kept(error, error))
@@ -1389,6 +1393,8 @@ def with_what_is_kept(message, error):
 
 def discard_output():
     """Drops what standard output could not take: at its end, Python would try, and fail, again."""
+    if sys.stdout is None:
+        return
     try:
         sys.stdout.flush()
     except OSError:
@@ -1594,7 +1600,7 @@ def run_as_asked(simulation, options, look):
     steps = steps_of(simulation, options)
     if options.video is not None:
         timing = RBSDrawing.video_timing(simulation.settings.timeStep, options.fps, options.every)
-        if not SLOWEST_VIDEO <= timing[0] <= FASTEST_VIDEO:
+        if not SLOWEST_VIDEO <= timing[0] <= FASTEST_ENCODER:
             raise RBSDrawing.DrawingError(
                 f"{options.video}: in real time there would be {timing[0]:.3g} pictures a second; "
                 "say with --fps how many there shall be"

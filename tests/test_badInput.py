@@ -818,7 +818,7 @@ RECORDINGS = {
     "negative friction": (changed(settingsHistory=lambda a: np.array('[[0, {"friction": -1}]]')),
                           "step {last}: the friction must be finite and not negative, not -1"),
     "tiny time step": (changed(settingsHistory=lambda a: np.array('[[0, {"timeStep": 5e-324}]]')),
-                       "step {last}: the time step must be 1e-12 s or more, not 4.94066e-324"),
+                       "step {last}: the time step must be between 1e-12 and 1000 s, not 4.94"),
     "unknown scheduling": (changed(settingsHistory=lambda a: np.array(
                                '[[0, {"constraintScheduling": "random"}]]')),
                            "step {last}: there is no scheduling 'random'"),
@@ -873,7 +873,8 @@ OPTIONS = {
             ("--time-step", "inf", "the time step must be positive and finite, not inf"),
             ("--time-step", "0", "the time step must be positive and finite, not 0"),
             ("--time-step", "-1", "the time step must be positive and finite, not -1"),
-            ("--time-step", "1e-300", "the time step must be 1e-12 s or more, not 1e-300"),
+            ("--time-step", "1e-300", "the time step must be between 1e-12 and 1000 s, not 1e-300"),
+            ("--time-step", "1e200", "the time step must be between 1e-12 and 1000 s, not 1e+200"),
             ("--friction", "x", "'x' is not a number"),
             ("--friction", "nan", "the friction must be finite and not negative, not nan"),
             ("--friction", "inf", "the friction must be finite and not negative, not inf"),
@@ -1104,3 +1105,12 @@ def test_summary_that_nobody_can_take_is_told_in_one_line(folder):
         process = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
     assert process.returncode == 2
     assert process.stderr == "RigidBodySimulation.py: cannot write: No space left on device\n"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a shell of Unix is needed")
+@pytest.mark.parametrize(("redirection", "code"), [(">&-", 0), ("<&-", 0)])
+def test_program_runs_without_standard_streams(folder, redirection, code):
+    program = f"'{sys.executable}' '{ROOT / 'RigidBodySimulation.py'}'"
+    command = f"{program} a-scene.txt --headless --steps 1 {redirection}"
+    process = subprocess.run(command, shell=True, capture_output=True, text=True)
+    assert (process.returncode, process.stderr) == (code, "")
