@@ -33,7 +33,8 @@ def compare(scene, steps, mu):
     seconds : the median time of a step, with each broad phase
     """
     simulations = [
-        Simulation(find_scene(scene), Settings(broadPhase=name, friction=mu)) for name in ("all", "grid")
+        Simulation(find_scene(scene), Settings(broadPhase=name, friction=mu))
+        for name in ("all", "grid")
     ]
     contacts, seconds = 0, []
     for step in range(1, steps + 1):
