@@ -1,5 +1,6 @@
 """The uniform grid: the same pairs as comparing all boxes, and the same motion to the last bit."""
 
+import shutil
 import subprocess
 import sys
 
@@ -130,7 +131,9 @@ def test_grid_gives_the_same_bits_in_a_pile_of_all_shapes(tmp_path):
     scene = pile(60, "--shapes", "box", "tetrahedron", "octahedron", "long-octahedron", "cylinder",
                  "ellipsoid", "--seed", "3")  # fmt: skip
     path = tmp_path / "pile-scene.txt"
-    path.write_text(scene.replace("\n", f"\n{DATA_FOLDER}/", 60))
+    path.write_text(scene)
+    for mesh in DATA_FOLDER.glob("*.mesh"):
+        shutil.copy(mesh, tmp_path)
     meshes = load_scene_file(path)
     assert len({m.name.split()[0] for m in meshes}) == 6
     assert assert_same_motion(path, 260, 0.0) > 300
