@@ -44,7 +44,7 @@ sys.path.insert(0, str(ROOT / "graders"))
 
 from gradingTools import INTEGRATION_LAYOUT, GraderDataError, load_grader_data
 
-CASES = 500
+CASES = 400
 # Of all cases, at least this share is loaded, and at least this share refused.
 LEAST_SHARE = 0.04
 
