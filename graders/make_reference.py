@@ -339,12 +339,12 @@ def write_pickle(path, data):
 
 def make_reference(directory, convention=EXACT):
     """Write the three files into a folder, made if need be; returns the line of counts."""
+    directory.mkdir(parents=True, exist_ok=True)  # before seconds are spent in vain
     with extended_precision():
         integrationData = make_integration_data(convention=convention)
         collisionData = make_collision_data(convention=convention)
         constraintData = make_constraint_data(convention=convention)
     counts = checked_counts(collisionData, constraintData)
-    directory.mkdir(parents=True, exist_ok=True)
     write_pickle(directory / "integration.data", integrationData)
     write_pickle(directory / "collision-resolution.data", collisionData)
     write_pickle(directory / "constraint-resolution.data", constraintData)

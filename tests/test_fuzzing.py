@@ -7,6 +7,8 @@ and both must come out often, or the damage was too great or too small to test a
 The cases are the same in every run.
 """
 
+import contextlib
+import io
 import json
 import math
 import pickle
@@ -26,6 +28,7 @@ from test_loading import CUBE, SCENE, TETRAHEDRON
 from RBSDrawing import DrawingError, load_camera
 from RBSRecording import Recording, RecordingError, Replay
 from RigidBodySimulation import (
+    MOST_STEPS,
     NonConvexWarning,
     SceneError,
     Simulation,
@@ -33,6 +36,7 @@ from RigidBodySimulation import (
     load_mesh_file,
     load_scene_file,
     main,
+    make_parser,
     tetrahedron_volumes,
 )
 
@@ -40,7 +44,7 @@ sys.path.insert(0, str(ROOT / "graders"))
 
 from gradingTools import INTEGRATION_LAYOUT, GraderDataError, load_grader_data
 
-CASES = 500
+CASES = 400
 # Of all cases, at least this share is loaded, and at least this share refused.
 LEAST_SHARE = 0.04
 
@@ -270,3 +274,34 @@ def test_grader_data(folder, protocol):
         assert np.isfinite(data["randomPositions"]).all()
 
     fuzz(f"grader {protocol}", check, GraderDataError)
+
+
+NUMBERS = ["--restitution", "--time-step", "--friction", "--max-iterations", "--steps", "--every",
+           "--fps", "--size", "--from"]  # fmt: skip
+
+
+def test_options():
+    parser = make_parser()
+    alphabet = "0123456789.eE+-_xX \n\u0663naif"
+
+    class Refused(Exception):
+        pass
+
+    def check(operations):
+        generator = random.Random(str(operations))
+        word = generator.choice(NASTY_WORDS).decode(errors="replace")
+        if generator.random() < 0.6:
+            word = "".join(generator.choices(alphabet, k=generator.randint(0, 6)))
+        told = io.StringIO()
+        try:
+            with contextlib.redirect_stderr(told):
+                options = vars(parser.parse_args([f"{generator.choice(NUMBERS)}={word}"]))
+        except SystemExit as ended:
+            assert ended.code == 2
+            raise Refused(told.getvalue().removesuffix("\n")) from None
+        for name in ("restitution", "time_step", "friction"):
+            assert 0.0 <= options[name] < math.inf
+        for name in ("max_iterations", "steps", "every", "from_step"):
+            assert options[name] is None or 0 <= options[name] <= MOST_STEPS
+
+    fuzz("options", check, Refused)
