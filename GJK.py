@@ -340,10 +340,10 @@ class HullSet:
         """
         turned = copy.copy(self)
         if vertices is None:
-            vertices = rotate_columns(entries, self.vertices, self.vertexOwner)
+            vertices = rotate_columns(entries, self.vertices, self.vertexCount)
         turned.vertices = vertices
-        turned.directions = rotate_columns(entries, self.directions, self.faceOwner)
-        turned.edges = rotate_columns(entries, self.edges, self.edgeOwner)
+        turned.directions = rotate_columns(entries, self.directions, self.faceCount)
+        turned.edges = rotate_columns(entries, self.edges, self.edgeCount)
         return turned
 
     def boxes(self):
@@ -356,16 +356,14 @@ class HullSet:
         return self.vertices[:, self.vertexStart[b] : self.vertexStart[b] + self.vertexCount[b]]
 
 
-def rotate_columns(entries, table, owner):
-    """A table (3, K) with each column turned by the rotation entries[:, b] of its owner b (K,)."""
-    r = entries.take(owner, axis=1)
-    return np.stack(
-        (
-            r[0] * table[0] + r[1] * table[1] + r[2] * table[2],
-            r[3] * table[0] + r[4] * table[1] + r[5] * table[2],
-            r[6] * table[0] + r[7] * table[1] + r[8] * table[2],
-        )
-    )
+def rotate_columns(entries, table, count):
+    """A table (3, K) of count[b] columns for each body b, turned by its rotation entries[:, b].
+
+    entries : (9, n), rotation matrices row by row; count : (n,)
+    """
+    products = entries.repeat(count, axis=1).reshape(3, 3, -1)
+    products *= table
+    return products[:, 0] + products[:, 1] + products[:, 2]
 
 
 def _slots(start, count, bodies):
@@ -544,25 +542,44 @@ class FacetPlanes:
     start : (P + 1,); pair p has the columns start[p] … start[p + 1]
     normal : (3, K), unit; the second body moves along it to part
     offset : (K,); pen_k(t) = offset_k - normal_k · t
-    complete : (P,) bool; whether the nearest facet is among them for every translation within
-        the reach that was asked for. If not, the planes can only prove that the pair is apart.
+    bound : (P,); every facet with pen ≤ bound, at the translation that they were made at, is among
+        them. -inf where the planes can only prove that the pair is apart
+    complete : (P,) bool; whether they can do more
+
+    A translation by Δ changes no pen_k by more than |Δ|. So where the least one at t + Δ is at most
+    bound - |Δ|, it is that of the nearest facet: see `hold`.
     """
 
-    def __init__(self, start, normal, offset, complete):
+    def __init__(self, start, normal, offset, bound):
         self.start = start
         self.normal = normal
         self.offset = offset
-        self.complete = complete
+        self.bound = bound
+
+    complete = property(lambda self: self.bound > -np.inf)
 
     @classmethod
-    def gathered(cls, parts, complete):
+    def gathered(cls, parts, bound):
         """From a list of `(pair (K,), normal (3, K), offset (K,))`, in this order for each pair."""
         pair = np.concatenate([np.zeros(0, dtype=np.intp)] + [part[0] for part in parts])
         order = np.argsort(pair, kind="stable")
         normal = np.concatenate([np.zeros((3, 0))] + [part[1] for part in parts], axis=1)
         offset = np.concatenate([np.zeros(0)] + [part[2] for part in parts])
-        start = np.searchsorted(pair[order], np.arange(len(complete) + 1))
-        return cls(start, normal.take(order, axis=1), offset[order], complete)
+        start = np.searchsorted(pair[order], np.arange(len(bound) + 1))
+        return cls(start, normal.take(order, axis=1), offset[order], bound)
+
+    @classmethod
+    def joined(cls, sets):
+        """The pairs of several `FacetPlanes`, one set after the other."""
+        start, normal, offset, bound = zip(
+            *((planes.start, planes.normal, planes.offset, planes.bound) for planes in sets),
+            strict=True,
+        )
+        count = np.concatenate([np.diff(s) for s in start])
+        return cls(
+            np.concatenate(([0], np.cumsum(count))), np.concatenate(normal, axis=1),
+            np.concatenate(offset), np.concatenate(bound),
+        )  # fmt: skip
 
     def of_pairs(self, pairs):
         """The planes of these pairs (Q,), in this order, as new `FacetPlanes`."""
@@ -571,8 +588,14 @@ class FacetPlanes:
         column = np.repeat(self.start[pairs] - (end - count), count) + np.arange(count.sum())
         return FacetPlanes(
             np.concatenate(([0], end)), self.normal.take(column, axis=1),
-            self.offset.take(column), self.complete[pairs],
+            self.offset.take(column), self.bound[pairs],
         )  # fmt: skip
+
+    def hold(self, p, pen, shift):
+        """Whether pen, the least one of pair p at a translation `shift` from where its planes were
+        made, is that of its nearest facet. p, pen : a number or (m,); shift : (3,) or (3, m)
+        """
+        return pen + np.sqrt(dot(shift, shift)) <= self.bound[p]
 
     def nearest(self, p, t):
         """`(pen, normal)` of pair p's nearest facet at the translation t, a tuple of 3 floats.
@@ -638,10 +661,10 @@ def contact_planes(hulls, first, second, translation, reach, guess=None, likely=
     planes = facet_planes(
         hulls, first[near], second[near], translation.take(near, axis=1), reach[near]
     )
-    complete = np.zeros(len(first), dtype=bool)
-    complete[near] = planes.complete
+    bound = np.full(len(first), -np.inf)
+    bound[near] = planes.bound
     ofNear = near[np.repeat(np.arange(len(near)), np.diff(planes.start))]
-    return FacetPlanes.gathered([*parts, (ofNear, planes.normal, planes.offset)], complete)
+    return FacetPlanes.gathered([*parts, (ofNear, planes.normal, planes.offset)], bound)
 
 
 def _supports(hulls, bodies, directions):
@@ -669,18 +692,18 @@ def facet_planes(hulls, first, second, translation, reach):
     edge pairs. The order does not depend on the translation, so the same facet wins a tie.
     """
     parts = []
-    complete = np.zeros(len(first), dtype=bool)
+    bound = np.zeros(len(first))
     largest = np.maximum(hulls.vertexCount, hulls.faceCount)
     for chunk in _chunks_of_like_size(largest, first, second):
-        pair, normal, offset, complete[chunk] = _planes_of_chunk(
+        pair, normal, offset, bound[chunk] = _planes_of_chunk(
             hulls, first[chunk], second[chunk], translation[:, chunk], reach[chunk]
         )
         parts.append((chunk[pair], normal, offset))
-    return FacetPlanes.gathered(parts, complete)
+    return FacetPlanes.gathered(parts, bound)
 
 
 def _planes_of_chunk(hulls, first, second, t, reach):
-    """`facet_planes` for pairs of like sizes: `(pair (K,), normal (3, K), offset (K,), complete)`.
+    """`facet_planes` for pairs of like sizes: `(pair (K,), normal (3, K), offset (K,), bound)`.
 
     The columns are grouped by kind, faces before edges, and sorted by pair within a kind.
     """
@@ -689,8 +712,9 @@ def _planes_of_chunk(hulls, first, second, t, reach):
     size = hulls.radius[first] + hulls.radius[second]
     nearest = np.minimum(facesA.pen.min(axis=0), facesB.pen.min(axis=0))
     complete = nearest >= -reach - TOUCH_TOLERANCE * size
+    kept = nearest + 2.0 * reach
     # Ties at rounding level have to survive: FEATURE_TOLERANCE is far above rounding.
-    bound = nearest + 2.0 * reach + FEATURE_TOLERANCE * size
+    bound = kept + FEATURE_TOLERANCE * size
     pairA, normalA, offsetA = facesA.planes(bound, nearest, complete)
     pairB, normalB, offsetB = facesB.planes(bound, nearest, complete)
     pairE, normalE, offsetE = _edge_planes(hulls, facesA, facesB, t, bound, complete)
@@ -698,7 +722,7 @@ def _planes_of_chunk(hulls, first, second, t, reach):
         np.concatenate((pairA, pairB, pairE)),
         np.concatenate((normalA, -normalB, normalE), axis=1),
         np.concatenate((offsetA, offsetB, offsetE)),
-        complete,
+        np.where(complete, kept, -np.inf),
     )
 
 

@@ -9,6 +9,7 @@ so that the cost of drawing hardly depends on how many bodies there are. What st
 simulation here may as well be a replay: anything with its attributes.
 """
 
+import errno
 import json
 import math
 import os
@@ -20,6 +21,15 @@ from pathlib import Path
 import numpy as np
 
 from Quaternion import QConj, QRotate
+from RBSFiles import (
+    check_target,
+    named_errors,
+    one_line,
+    put_in_place,
+    read_bytes,
+    reason_of,
+    written_whole,
+)
 from RBSFunctions import grid_levels
 
 # ---------------------------------------------------------------------------------------------
@@ -783,11 +793,20 @@ def draw_lines(name, nodes, edges, colour):
 class DrawingError(ValueError):
     """A camera that cannot be used, or a video that cannot be made; one line."""
 
+    def __init__(self, message):
+        super().__init__(one_line(message))
+
 
 # The names in a camera file, and how many numbers each has.
 CAMERA_WIDTHS = {"position": 3, "target": 3, "fieldOfView": 1}
 # Degrees, upwards: beyond, a picture is hardly one any more.
 FIELDS_OF_VIEW = (1.0, 150.0)
+# The longest file that is looked at, in bytes: a camera takes some 200.
+CAMERA_BYTES = 1 << 20
+# Metres: as far as Polyscope's single precision still tells what is seen, and more.
+FARTHEST_CAMERA = 1e9
+# The sine of the least angle between the line of sight and the vertical: of single precision too.
+STEEPEST_GAZE = 1e-6
 
 
 def load_camera(path):
@@ -798,28 +817,35 @@ def load_camera(path):
     raises DrawingError that says in one line what is wrong with the file
     """
     try:
-        camera = json.loads(Path(path).read_bytes())
+        camera = json.loads(read_bytes(path, CAMERA_BYTES))
     except OSError as error:
-        raise DrawingError(f"{path}: {error.strerror}") from None
-    except ValueError:  # also of bytes that are no text
+        raise DrawingError(f"{path}: {reason_of(error)}") from None
+    except json.JSONDecodeError as error:
+        raise DrawingError(f"{path}:{error.lineno}: this is not a JSON file: {error.msg}") from None
+    except (ValueError, RecursionError):  # of bytes that are no text, of brackets without end
         raise DrawingError(f"{path}: this is not a JSON file") from None
     if not isinstance(camera, dict) or set(camera) != set(CAMERA_WIDTHS):
         raise DrawingError(f"{path}: a camera has {', '.join(CAMERA_WIDTHS)} and nothing else")
     values = {}
     for name, width in CAMERA_WIDTHS.items():
+        numbers = [camera[name]] if width == 1 else camera[name]
         try:
-            values[name] = np.array(camera[name], dtype=np.float64).reshape(width)
-        except (TypeError, ValueError, OverflowError):
+            if len(numbers) != width or not all(type(x) in (int, float) for x in numbers):
+                raise TypeError("text, or lists of lists")
+            values[name] = np.array(numbers, dtype=np.float64)
+        except (TypeError, OverflowError):
             what = "a number" if width == 1 else f"{width} numbers"
             raise DrawingError(f"{path}: {name} must be {what}") from None
         if not np.all(np.isfinite(values[name])):
             raise DrawingError(f"{path}: {name} must be finite")
+        if np.max(np.abs(values[name])) > FARTHEST_CAMERA:
+            raise DrawingError(f"{path}: {name} must not exceed {FARTHEST_CAMERA:g}")
     values["fieldOfView"] = float(values["fieldOfView"][0])
     low, high = FIELDS_OF_VIEW
     if not low <= values["fieldOfView"] <= high:
         raise DrawingError(f"{path}: fieldOfView must lie between {low:g} and {high:g} degrees")
     gaze = values["target"] - values["position"]
-    if np.linalg.norm(gaze[[0, 2]]) == 0.0:
+    if np.linalg.norm(gaze[[0, 2]]) <= STEEPEST_GAZE * np.linalg.norm(gaze):
         raise DrawingError(f"{path}: the camera must not look straight up or down, or nowhere")
     return values
 
@@ -833,7 +859,7 @@ def apply_camera(camera):
 
 
 def save_camera(path):
-    """Writes Polyscope's camera as JSON."""
+    """Writes Polyscope's camera as JSON, in place of an old file: whole or not at all."""
     import polyscope as ps
 
     parameters = ps.get_view_camera_parameters()
@@ -845,7 +871,8 @@ def save_camera(path):
         "target": (position + distance * gaze).tolist(),
         "fieldOfView": float(parameters.get_fov_vertical_deg()),
     }
-    Path(path).write_text(json.dumps(camera, indent=2) + "\n")
+    with written_whole(path, "w", encoding="ascii") as file:
+        file.write(json.dumps(camera, indent=2) + "\n")
 
 
 # ---------------------------------------------------------------------------------------------
@@ -893,7 +920,9 @@ class PictureSeries:
         steps : whole numbers, those of which `add` takes a picture; view : SceneView
         """
         self.folder = Path(folder)
-        self.folder.mkdir(parents=True, exist_ok=True)
+        with named_errors(folder):
+            self.folder.mkdir(parents=True, exist_ok=True)
+        check_target(self.folder / "frame.png")
         self.count = 0
         self._steps = steps
         self._view = view
@@ -912,11 +941,55 @@ def save_picture(path, isTransparent=False):
     """Writes what the camera sees as PNG, in place of an old file: whole or not at all."""
     import polyscope as ps
 
-    part = path.with_name(f"{path.stem}.part{path.suffix}").resolve()
+    part = picture_part(path)
     # Polyscope asks for both: a background of no opacity, and that this be kept.
     ps.set_background_color((*BACKGROUND, 0.0 if isTransparent else 1.0))
-    ps.screenshot(str(part), transparent_bg=isTransparent)
-    os.replace(part, path)
+    try:
+        with named_errors(path):
+            open(part, "wb").close()  # Polyscope would not say why it cannot write
+        ps.screenshot(str(part), transparent_bg=isTransparent)
+        if not is_whole_png(part):  # nor does it say that the disk is full
+            raise OSError(errno.ENOSPC, NOT_WHOLE.format("picture"), str(path))
+        put_in_place(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+NOT_WHOLE = "the {} could not be written to its end; is the disk full?"
+
+
+def picture_part(path):
+    """Where a picture or video is written first: beside its place, and with its ending."""
+    path = Path(os.path.abspath(path))
+    return path.with_name(f"{path.stem}.part{path.suffix}")
+
+
+def is_whole_png(path):
+    """Whether a file begins and ends like a PNG. What is missing at the end is found so."""
+    content = Path(path).read_bytes()
+    return content.startswith(b"\x89PNG\r\n\x1a\n") and content.endswith(b"IEND\xaeB`\x82")
+
+
+def is_whole_video(path):
+    """Whether an .mp4 or .gif has its beginning and its end; its pictures are not looked at."""
+    with open(path, "rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        if Path(path).suffix.lower() == ".gif":
+            file.seek(max(size - 1, 0))
+            return size > 0 and file.read() == b";"
+        # A row of boxes, each with its length and kind before it.
+        place, kinds = 0, set()
+        while place < size:
+            file.seek(place)
+            head = file.read(16)
+            length, kind = int.from_bytes(head[:4], "big"), head[4:8]
+            if length == 1:  # the length follows in eight bytes
+                length = int.from_bytes(head[8:16], "big")
+            if length < 8 or place + length > size:
+                return False
+            kinds.add(kind)
+            place += length
+    return {b"moov", b"mdat"} <= kinds
 
 
 VIDEO_ENDINGS = (".mp4", ".gif")
@@ -966,12 +1039,10 @@ class Video:
         self.count = 0
         self._view = view
         self._firstStep = self._lastStep = None
-        self._partPath = self.path.with_name(f"{self.path.stem}.part{self.path.suffix}")
-        try:
-            open(self._partPath, "wb").close()  # missing rights, or folders, are found out now
-        except OSError as error:
-            error.filename = str(path)  # the name that the caller knows
-            raise
+        self._partPath = picture_part(self.path)
+        check_target(self.path)
+        with named_errors(path):
+            open(self._partPath, "wb").close()
         if self.path.suffix.lower() == ".gif":
             options = {"codec": "gif", "pix_fmt_out": "pal8", "quality": None}
             parameters = ["-filter_complex", GIF_FILTER]
@@ -979,13 +1050,16 @@ class Video:
             options = {"codec": "libx264", "quality": VIDEO_QUALITY}
             parameters = ["-vf", EVEN_FILTER, "-movflags", "+faststart"]
         self._writer = imageio_ffmpeg.write_frames(
-            str(self._partPath.resolve()), ps.get_buffer_size(), fps=rate, macro_block_size=1,
-            output_params=parameters, ffmpeg_log_level="error", **options,
+            str(self._partPath), ps.get_buffer_size(), fps=rate, macro_block_size=1,
+            output_params=parameters, ffmpeg_log_level="quiet", **options,
         )  # fmt: skip
         self._writer.send(None)
 
     def add(self, simulation):
-        """Takes a picture each `every` steps, from the first call on, but of no step twice."""
+        """Takes a picture each `every` steps, from the first call on, but of no step twice.
+
+        raises OSError where the encoder has given up
+        """
         step = simulation.stepCount
         if self._firstStep is None:
             self._firstStep = step
@@ -994,14 +1068,19 @@ class Video:
 
             self._view.refresh()
             picture = ps.screenshot_to_buffer(transparent_bg=False)[:, :, :3]
-            self._writer.send(np.ascontiguousarray(picture))
+            try:
+                self._writer.send(np.ascontiguousarray(picture))
+            except (OSError, StopIteration):  # of several lines, about a pipe
+                raise OSError(errno.ENOSPC, NOT_WHOLE.format("video"), str(self.path)) from None
             self.count += 1
             self._lastStep = step
 
     def save(self):
-        """Ends the video and puts it in its place, where an old one may be."""
+        """Ends the video and puts it in its place, where an old one may be; raises OSError."""
         self._writer.close()
-        os.replace(self._partPath, self.path)
+        if not is_whole_video(self._partPath):  # the encoder says nothing
+            raise OSError(errno.ENOSPC, NOT_WHOLE.format("video"), str(self.path))
+        put_in_place(self._partPath, self.path)
 
     def summary(self, simulation):
         """How long it is, and how fast it plays, in words."""

@@ -11,7 +11,6 @@ floats for a single pair, and arrays (3, n) for many.
 
 import itertools
 import math
-import operator
 import time
 from contextlib import contextmanager
 from functools import lru_cache
@@ -289,6 +288,45 @@ def _correct_distance(body1, body2, arm1, arm2, C, n, tolerance):
 # --------------------------------------------------------------------------------------------------
 
 
+# What a step reads of a mesh, and the shape of each.
+STEP_ATTRIBUTES = {
+    "position": (1, 3),
+    "orientation": (1, 4),
+    "linVelocity": (1, 3),
+    "angVelocity": (1, 3),
+    "invIT": (3, 3),
+    "invMass": (),
+}
+STEP_NAMES = (*STEP_ATTRIBUTES, "currVertices")
+
+
+class _RowOf:
+    """An attribute that is the mesh's row in the tables of its last step, until it is assigned.
+
+    What is assigned lies in the mesh itself, and the tables are told. So a step reads and hands
+    out the state of a thousand meshes without touching one of them.
+    """
+
+    def __set_name__(self, owner, name):
+        self.name = name
+
+    def __get__(self, mesh, owner=None):
+        if mesh is None:
+            return self
+        own = mesh.__dict__
+        if self.name in own:
+            return own[self.name]
+        if own.get("_rows") is None:
+            raise AttributeError(f"the mesh has no {self.name} yet")
+        return own["_rows"].of(self.name, own["_place"])
+
+    def __set__(self, mesh, value):
+        own = mesh.__dict__
+        own[self.name] = value
+        if own.get("_rows") is not None:
+            own["_rows"].assigned[own["_place"]] = None
+
+
 class Mesh:
     """A rigid body: a tetrahedral mesh with a density, and where it is and how it moves.
 
@@ -312,6 +350,9 @@ class Mesh:
     hullVolume, of the convex hull that collides in its stead; hull, a `GJK.Hull`.
     """
 
+    position, orientation, linVelocity, angVelocity = _RowOf(), _RowOf(), _RowOf(), _RowOf()
+    invMass, invIT, currVertices = _RowOf(), _RowOf(), _RowOf()
+
     def __init__(self, name, origVertices, faces, tets, density, position, orientation, isFixed):
         self.name = name
         self.origVertices = self._table("origVertices", origVertices, 3, np.float64)
@@ -333,6 +374,11 @@ class Mesh:
             self._init_mass_properties()
         self.set_fixed(isFixed)
         self._refresh_vertices()
+
+    def __getstate__(self):
+        """What copies and pickles take along: the attributes, not the tables that they are in."""
+        state = {name: getattr(self, name) for name in STEP_NAMES}
+        return {**vars(self), **state, "_rows": None}
 
     def _table(self, what, rows, width, dtype):
         """A copy of `rows` as (n, width); ValueError when it has another shape."""
@@ -526,8 +572,7 @@ class _Shapes:
     hasShape : (n,) bool
     vertexOwner : (ΣV,), the body of each vertex
     memory : `_Memory` of these meshes
-    handed : dict, what the last step gave the meshes: per attribute their rows, and the table that
-        these are rows of
+    rows : `_Rows` of these meshes
     """
 
     def __init__(self, meshes):
@@ -545,7 +590,73 @@ class _Shapes:
         )
         self.vertexOwner = np.repeat(np.arange(len(meshes)), self.vertexCount)
         self.memory = _Memory(len(meshes))
-        self.handed = {}
+        self.rows = _Rows(self.vertexStart, self.vertexCount)
+
+
+class _Rows:
+    """The tables that a list of meshes has its state in, a row a mesh. See `_RowOf`.
+
+    tables : dict, per attribute of STEP_ATTRIBUTES a table (n, …)
+    currVertices : (ΣV, 3)
+    assigned : dict, its keys the places of the meshes that something has been assigned to
+    isLeft : whether a mesh has its state elsewhere: before the first step, or after one of another
+        list of meshes
+
+    A step makes new tables, so that what somebody has kept of the old ones stays as it was.
+    """
+
+    def __init__(self, vertexStart, vertexCount):
+        self.starts = vertexStart.tolist()
+        self.ends = (vertexStart + vertexCount).tolist()
+        self.tables = {}
+        self.currVertices = None
+        self.assigned = {}
+        self.isLeft = True
+
+    def of(self, name, place):
+        """The row of the mesh in this place; of its vertices, all rows."""
+        if name == "currVertices":
+            return self.currVertices[self.starts[place] : self.ends[place]]
+        row = self.tables[name][place]
+        return row if row.ndim else row.item()
+
+    def gather(self, meshes):
+        """Brings the tables up to date with what users have assigned.
+
+        What they have written into their rows is in the tables already.
+        """
+        if self.isLeft:
+            self.assigned = dict.fromkeys(range(len(meshes)))
+            for name, shape in STEP_ATTRIBUTES.items():
+                table = _table([getattr(m, name) for m in meshes], math.prod(shape))
+                self.tables[name] = table.reshape(-1, *shape)
+        elif self.assigned:
+            self.tables = {name: table.copy() for name, table in self.tables.items()}
+            for b in self.assigned:
+                for name, shape in STEP_ATTRIBUTES.items():
+                    self.tables[name][b] = np.reshape(getattr(meshes[b], name), shape)
+
+    def hand_out(self, meshes, tables, currVertices):
+        """Puts new tables in place of those named, and gives the meshes their rows."""
+        self.tables = {**self.tables, **tables}
+        self.currVertices = currVertices
+        for b in self.assigned:
+            own = meshes[b].__dict__
+            for name in STEP_NAMES:
+                own.pop(name, None)
+            if own.get("_rows") not in (None, self):
+                own["_rows"].isLeft = True
+            own["_rows"], own["_place"] = self, b
+        self.assigned = {}
+        self.isLeft = False
+
+
+def _places(keys, known):
+    """Where (m,) each key stands among the known ones, which are in ascending order; or -1."""
+    if len(known) == 0:
+        return np.full(len(keys), -1)
+    place = np.minimum(np.searchsorted(known, keys), len(known) - 1)
+    return np.where(known[place] == keys, place, -1)
 
 
 class _Memory:
@@ -570,9 +681,8 @@ class _Memory:
         guess = t / np.where(length > 0, length, 1.0)
         if len(self.keys) == 0:
             return guess, np.zeros(len(first), dtype=bool)
-        keys = first * self.count + second
-        place = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
-        known = self.keys[place] == keys
+        place = _places(first * self.count + second, self.keys)
+        known = place >= 0
         touched = known & self.touched[place]
         return np.where(known & ~touched, self.axis.take(place, axis=1), guess), touched
 
@@ -599,6 +709,11 @@ def _table(values, width):
     return table.reshape(len(values), width)
 
 
+def _columns(table):
+    """A table (n, …), a row a body, as (w, n), a column a body."""
+    return table.reshape(len(table), -1).T
+
+
 class _Bodies:
     """The meshes of one step as arrays, one column a body.
 
@@ -616,29 +731,20 @@ class _Bodies:
     def __init__(self, meshes):
         self.meshes = meshes
         self.shapes = _shapes(tuple(meshes))
+        rows = self.shapes.rows
+        rows.gather(meshes)
+        columns = {name: _columns(table) for name, table in rows.tables.items()}
         self.motion = np.concatenate(
-            [self._gathered(name, 3) for name in ("position", "linVelocity", "angVelocity")]
+            (columns["position"], columns["linVelocity"], columns["angVelocity"])
         )
-        self.orientation = self._gathered("orientation", 4)
-        self.invMass = np.array([m.invMass for m in meshes], dtype=np.float64).reshape(-1)
-        self.restInvInertia = self._gathered("invIT", 9)
+        self.orientation = columns["orientation"]
+        self.restInvInertia = columns["invIT"]
+        self.invMass = rows.tables["invMass"]
         self.isFixed = self.invMass == 0.0
 
     position = property(lambda self: self.motion[0:3])
     linVelocity = property(lambda self: self.motion[3:6])
     angVelocity = property(lambda self: self.motion[6:9])
-
-    def _gathered(self, name, width):
-        """Columns (width, n) of the meshes' attribute `name`, whatever shape users have given it.
-
-        Where every mesh still has the row that the last step handed it, the rows' own table is at
-        hand; it shows what users have written into their rows.
-        """
-        values = [getattr(m, name) for m in self.meshes]
-        rows, table = self.shapes.handed.get(name, ((), None))
-        if len(rows) == 0 or not all(map(operator.is_, values, rows)):
-            table = _table(values, width)
-        return table.T
 
     def integrate(self, timeStep):
         """Free flight of all bodies that are not fixed; then everything that turns with them."""
@@ -653,7 +759,7 @@ class _Bodies:
         entries = np.stack(rotation_entries(self.orientation))
         self.invInertia = np.stack(_rotated_tensor(entries, self.restInvInertia))
         shapes = self.shapes
-        self.vertices = GJK.rotate_columns(entries, shapes.vertices, shapes.vertexOwner)
+        self.vertices = GJK.rotate_columns(entries, shapes.vertices, shapes.vertexCount)
         corners = self.vertices.take(shapes.hullColumn, axis=1) if self.vertices.size else None
         self.hulls = shapes.hulls.rotated(entries, corners)
         low, high = self.hulls.boxes()
@@ -706,22 +812,13 @@ class _Bodies:
 
     def write_back(self):
         """Hands the meshes their state: rows of the step's tables."""
-        count = self.shapes.vertexCount
         moved = self.vertices + self.position.take(self.shapes.vertexOwner, axis=1)
+        tables = {
+            name: np.ascontiguousarray(getattr(self, name).T)[:, None]
+            for name in ("position", "orientation", "linVelocity", "angVelocity")
+        }
         current = np.ascontiguousarray(moved.T)
-        ends = np.cumsum(count).tolist()
-        for m, end, size in zip(self.meshes, ends, count.tolist(), strict=True):
-            m.currVertices = current[end - size : end]
-        for name in ("position", "orientation", "linVelocity", "angVelocity"):
-            self._hand(name, getattr(self, name))
-
-    def _hand(self, name, columns):
-        """Gives each mesh its column as the row (1, width) of a new table."""
-        table = np.ascontiguousarray(columns.T)
-        rows = list(table[:, None])
-        for m, row in zip(self.meshes, rows, strict=True):
-            setattr(m, name, row)
-        self.shapes.handed[name] = (rows, table)
+        self.shapes.rows.hand_out(self.meshes, tables, current)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -870,11 +967,12 @@ def _overlapping_pairs(bodies):
 
 
 def _near_planes(bodies, first, second, reach):
-    """`(planes, t, pen, isNear)` of the pairs whose boxes are near each other at the step's start.
+    """`(planes, t, pen, normal, isNear)` of the pairs whose boxes are near each other at the start.
 
     first, second : (P,), sorted by the order i < j; reach : (n,), how far a body may move
     planes : GJK.FacetPlanes; t : (3, P), centre of the second minus centre of the first
     pen : (P,), by how much the pair overlaps now, or is at least apart where that is negative
+    normal : (3, P), along which it does
     isNear : (P,) bool; the rest stay apart however their bodies move within their reach
     """
     memory = bodies.shapes.memory
@@ -886,7 +984,7 @@ def _near_planes(bodies, first, second, reach):
     pen, normal = planes.nearest_of_all(t)
     isNear = pen >= -both
     memory.note(first, second, isNear, normal)
-    return planes, t, pen, isNear
+    return planes, t, pen, normal, isNear
 
 
 class _NarrowPhase:
@@ -906,12 +1004,9 @@ class _NarrowPhase:
         self._keep(first, second, *_near_planes(bodies, first, second, reach)[:2])
 
     def _keep(self, first, second, planes, t):
-        radius = self.bodies.hulls.radius
-        reach = PLANE_REACH * (radius[first] + radius[second])
         pairs = zip(first.tolist(), second.tolist(), strict=True)
-        details = zip(t.T.tolist(), reach.tolist(), planes.complete.tolist(), strict=True)
-        for row, (pair, detail) in enumerate(zip(pairs, details, strict=True)):
-            self.known[pair] = (planes, row, *detail)
+        for row, (pair, start) in enumerate(zip(pairs, t.T.tolist(), strict=True)):
+            self.known[pair] = (planes, row, start)
 
     def _prepare(self, i, j):
         """Works out the planes of the pair i, j at its present translation."""
@@ -934,10 +1029,9 @@ class _NarrowPhase:
         apart = -GJK.TOUCH_TOLERANCE * size
         if (i, j) not in self.known:
             self._prepare(i, j)
-        planes, row, start, reach, complete = self.known[i, j]
+        planes, row, start = self.known[i, j]
         pen, normal = planes.nearest(row, t)
-        shift = difference(t, start)
-        if pen >= apart and not (complete and dot(shift, shift) <= reach * reach):
+        if pen >= apart and not planes.hold(row, pen, difference(t, start)):
             self._prepare(i, j)
             planes, row, *_ = self.known[i, j]
             pen, normal = planes.nearest(row, t)
@@ -974,8 +1068,8 @@ LEAST_REACH = 0.005
 # one batch cost as much as this many contacts.
 FEW_CONTACTS = 4
 
-# A body that a step's corrections have moved further than foreseen gets this many times its
-# displacement as its reach when the step's collisions are done again.
+# A body gets this many times its displacement in one step as its reach in the next, or when the
+# step's collisions are done again.
 REACH_GROWTH = 2.0
 
 
@@ -989,67 +1083,118 @@ class _ContactBatches:
     rank : (P,), place of each pair in the order i < j
     starts : (B + 1,), where the batches begin
     planes : GJK.FacetPlanes of the pairs, and column (K,), the pair of each plane
-    t (3, P), planeReach (P,) : translations that the planes were made at, and how far around they
-        hold the nearest facet; below zero where they are not complete
+    t (3, P) : translations that the planes were made at
     apart (P,) : the pen below which a pair counts as apart; tolerance (P,), see GJK.contact_point
+    keys : (Q,), of the pairs whose boxes are near each other, i · n + j; gap (Q,), by how much each
+        is apart, -inf for the pairs that are in the batches, along the axis (3, Q)
     """
 
     def __init__(self, bodies, reach, broadPhase, pairOrder):
         self.bodies = bodies
         self.reach = reach
         self.broadPhase = broadPhase
+        self.pairOrder = pairOrder
         first, second = BROAD_PHASES[broadPhase](bodies.box - reach, bodies.isFixed)
         self.keys = first * len(reach) + second
-        planes, t, pen, isNear = _near_planes(bodies, first, second, reach)
-        far = np.flatnonzero(~isNear)
-        self.farFirst, self.farSecond, self.gap = first[far], second[far], -pen[far]
+        planes, t, pen, self.axis, isNear = _near_planes(bodies, first, second, reach)
+        size = bodies.hulls.radius[first] + bodies.hulls.radius[second]
+        self.gap = np.where(isNear, -np.inf, -pen - GJK.FEATURE_TOLERANCE * size)
         near = np.flatnonzero(isNear)
-        batch = PAIR_ORDERS[pairOrder](
-            first[near].tolist(), second[near].tolist(), bodies.isFixed.tolist()
-        )
+        self._arrange(first[near], second[near], planes.of_pairs(near), t.take(near, axis=1))
+
+    def _arrange(self, first, second, planes, t):
+        """Sorts pairs, given in the order i < j, into batches."""
+        bodies = self.bodies
+        assign = PAIR_ORDERS[self.pairOrder]
+        batch = assign(first.tolist(), second.tolist(), bodies.isFixed.tolist())
         self.rank = np.argsort(batch, kind="stable")
-        near = near[self.rank]
-        self.first, self.second = first[near], second[near]
         self.starts = np.searchsorted(batch[self.rank], np.arange(batch.max(initial=-1) + 2))
-        self.t = t.take(near, axis=1)
-        self.planes = planes.of_pairs(near)
-        self.column = np.repeat(np.arange(len(near)), np.diff(self.planes.start))
-        both = reach[self.first] + reach[self.second]
-        self.planeReach = np.where(self.planes.complete, both, -1.0)
+        self.first, self.second = first[self.rank], second[self.rank]
+        self.planes = planes.of_pairs(self.rank)
+        self.column = np.repeat(np.arange(len(first)), np.diff(self.planes.start))
+        self.t = t.take(self.rank, axis=1)
         size = bodies.hulls.radius[self.first] + bodies.hulls.radius[self.second]
         self.apart = -GJK.TOUCH_TOLERANCE * size
         self.tolerance = GJK.FEATURE_TOLERANCE * size
 
+    def include(self, first, second, displaced):
+        """Adds pairs that were overlooked. The bodies are back where they were at the start.
+
+        displaced : (n,), how far from there each has been
+        """
+        count = len(displaced)
+        keys = first * count + second
+        known = _places(keys, self.keys)
+        self.gap[known[known >= 0]] = -np.inf
+        new = np.sort(keys[known < 0])
+        place = np.searchsorted(self.keys, new)
+        self.keys = np.insert(self.keys, place, new)
+        self.gap = np.insert(self.gap, place, -np.inf)
+        self.axis = np.insert(self.axis, place, 0.0, axis=1)
+
+        bodies = self.bodies
+        t = bodies.position.take(second, axis=1) - bodies.position.take(first, axis=1)
+        reach = np.maximum(self.reach, REACH_GROWTH * displaced)
+        planes = GJK.facet_planes(bodies.hulls, first, second, t, reach[first] + reach[second])
+        # all pairs in the order i < j, with what belongs to each
+        back = np.argsort(self.rank)
+        together = GJK.FacetPlanes.joined((self.planes.of_pairs(back), planes))
+        keys = np.concatenate(((self.first * count + self.second)[back], keys))
+        order = np.argsort(keys)
+        t = np.concatenate((self.t[:, back], t), axis=1).take(order, axis=1)
+        keys = keys[order]
+        self._arrange(keys // count, keys % count, together.of_pairs(order), t)
+
     def overlooked(self, visits):
-        """Whether a pair that is not among these would have touched at its turn.
+        """Pairs `(first, second)` that are not among these and would have touched at their turn.
 
         visits : `_Visits`, after all batches
         """
-        displaced = visits.furthest
-        if (displaced <= self.reach).all():
-            return False
-        # pairs that were too far apart, but whose bodies have been far enough from their places
-        met = displaced[self.farFirst] + displaced[self.farSecond] >= self.gap
-        first, second = self.farFirst[met], self.farSecond[met]
-        bodies = self.bodies
-        wider = bodies.box - np.maximum(displaced, self.reach)
-        others = BROAD_PHASES[self.broadPhase](wider, bodies.isFixed)
-        if others.shape[1] > len(self.keys):
-            count = len(displaced)
-            others = others[:, ~np.isin(others[0] * count + others[1], self.keys)]
+        bodies, displaced = self.bodies, visits.furthest
+        count = len(displaced)
+        strays = np.flatnonzero(displaced > self.reach)
+        # pairs that were too far apart, but whose bodies have been far enough from their places to
+        # close the gap, and at their turn are so along the axis
+        i, j = self.keys // count, self.keys % count
+        met = np.flatnonzero((displaced[i] + displaced[j] >= self.gap) & (self.gap > -np.inf))
+        first, second = i[met], j[met]
+        moved1, moved2 = (
+            visits.places(b, first, second) - visits.start.take(b, axis=1) for b in (first, second)
+        )
+        gap = self.gap[met] + dot(self.axis.take(met, axis=1), moved2 - moved1)
+        met = np.flatnonzero(gap <= 0.0)
+        first, second = first[met], second[met]
+        if len(strays):
+            wider = bodies.box - np.maximum(displaced, self.reach)
+            others = _overlaps_of(strays, wider, bodies.isFixed, self.broadPhase)
+            others = others[:, _places(others[0] * count + others[1], self.keys) < 0]
             first = np.concatenate((first, others[0]))
             second = np.concatenate((second, others[1]))
-        if len(first) == 0:
-            return False
         position1, position2 = (visits.places(b, first, second) for b in (first, second))
         boxes = bodies.box_of(first, position1) <= _facing(bodies.box_of(second, position2))
         meet = np.flatnonzero(boxes.all(axis=0))
         first, second = first[meet], second[meet]
+        if len(first) == 0:
+            return first, second
         t = position2.take(meet, axis=1) - position1.take(meet, axis=1)
         none = np.zeros(len(meet))
         pen, _ = GJK.contact_planes(bodies.hulls, first, second, t, none).nearest_of_all(t)
         size = bodies.hulls.radius[first] + bodies.hulls.radius[second]
-        return bool((pen >= -GJK.TOUCH_TOLERANCE * size).any())
+        touching = pen >= -GJK.TOUCH_TOLERANCE * size
+        return first[touching], second[touching]
+
+
+def _overlaps_of(some, box, isFixed, broadPhase):
+    """Of the pairs of a broad phase (2, P), at least those that have a body of `some` (m,)."""
+    if len(some) > BOX_ROWS:
+        return np.stack(BROAD_PHASES[broadPhase](box, isFixed))
+    near = (box[:, None] <= _facing(box.take(some, axis=1))[:, :, None]).all(axis=0)
+    near &= ~(isFixed[some, None] & isFixed)
+    row, other = np.nonzero(near)
+    pairs = np.sort(np.stack((some[row], other)), axis=0)
+    keys = np.unique(pairs[0] * box.shape[1] + pairs[1])  # two of `some` find each other twice
+    pairs = np.stack((keys // box.shape[1], keys % box.shape[1]))
+    return pairs[:, pairs[0] != pairs[1]]
 
 
 class _Visits:
@@ -1142,24 +1287,24 @@ PAIR_ORDERS = {"sequential": _sequential_batches, "coloured": _coloured_batches}
 def _resolve_pairs_in_batches(bodies, law, broadPhase, pairOrder, report):
     """`_resolve_pairs` for many bodies: the pairs in batches, with the same bits if sequential.
 
-    Where corrections move bodies out of their reach, and a pair may have been overlooked, the
-    collisions are done again from the state before them, with a wider reach for such bodies.
+    Where corrections move bodies out of their reach, and pairs have been overlooked that touched at
+    their turn, the batches are done again from the state before them, with these pairs included.
     """
     memory = bodies.shapes.memory
     reach = np.maximum(LEAST_REACH * bodies.hulls.radius, REACH_GROWTH * memory.displaced)
     before = bodies.motion.copy()
+    batches = _ContactBatches(bodies, reach, broadPhase, pairOrder)
     while True:
-        batches = _ContactBatches(bodies, reach, broadPhase, pairOrder)
         contacts, visited = [], []
         for begin, end in itertools.pairwise(batches.starts.tolist()):
             _resolve_batch(batches, begin, end, law, contacts, visited)
         visits = _Visits(before[:3], visited, pairOrder == "sequential")
-        displaced = visits.furthest
-        if not batches.overlooked(visits):
+        first, second = batches.overlooked(visits)
+        if len(first) == 0:
             break
-        reach = np.where(displaced > reach, REACH_GROWTH * displaced, reach)
         bodies.motion[:] = before
-    memory.displaced = displaced
+        batches.include(first, second, visits.furthest)
+    memory.displaced = visits.furthest
     report.candidatePairs = len(batches.keys)
     report.add_columns(contacts)
 
@@ -1191,8 +1336,7 @@ def _resolve_batch(batches, begin, end, law, contacts, visited):
         table.take(hits, axis=-1) for table in (first, second, t, pen, position1, position2)
     )
     shift = t - batches.t.take(rows, axis=1)
-    reach = batches.planeReach.take(rows)
-    stale = np.flatnonzero((dot(shift, shift) > reach * reach) | (reach < 0))
+    stale = np.flatnonzero(~planes.hold(rows, pen, shift))
     if len(stale):
         exact = GJK.facet_planes(
             bodies.hulls, first[stale], second[stale], t[:, stale], np.zeros(len(stale))

@@ -26,6 +26,17 @@ from typing import NamedTuple
 import numpy as np
 
 from Quaternion import QConj, QRotate
+from RBSFiles import (
+    PART_ENDING,
+    check_regular,
+    check_target,
+    lock_folder,
+    named_errors,
+    one_line,
+    part_of,
+    put_in_place,
+    written_whole,
+)
 from RBSFunctions import GRAVITY, StateError, __version__
 
 # ---------------------------------------------------------------------------------------------
@@ -179,11 +190,16 @@ SERIES = {
     "times": ("<f8", ()),
     "hashes": ("|u1", (HASH_SIZE,)),
 }
-# The folder beside FILE.npz that a recording grows in, and what its files begin with.
-PART_ENDING = ".part"
+# What the files begin with in the folder FILE.npz.part/ that a recording grows in.
 CHUNK_PREFIX = "chunk_"
 # Bytes that are looked at together, here and wherever a file is walked through.
 BLOCK_BYTES = 4 << 20
+# The most bytes of an array that is read as a whole, as the names of the bodies are.
+WHOLE_BYTES = 64 << 20
+# The most characters that are told of what a file says.
+SAID = 80
+# How far the length of a recorded quaternion may be from 1. Rounding makes about 1e-16 a step.
+UNIT_TOLERANCE = 1e-3
 # What stands before each array in a zip file: a signature and, after what its end repeats, the
 # lengths of the name and of the extra field that follow.
 LOCAL_HEADER = struct.Struct("<4s22xHH")
@@ -194,7 +210,7 @@ class RecordingError(ValueError):
     """A recording that cannot be used, or not written. Reads "file: cause" in one line."""
 
     def __init__(self, path, cause):
-        super().__init__(f"{path}: {_one_line(cause, limit=None)}")
+        super().__init__(one_line(f"{path}: {cause}"))
 
 
 class _Member(NamedTuple):
@@ -217,6 +233,7 @@ class _File:
         self.path = Path(path)
         self._members = {}
         try:
+            check_regular(self.path)
             size = os.path.getsize(self.path)
             with open(self.path, "rb") as file, zipfile.ZipFile(file) as archive:
                 entries = archive.infolist()
@@ -236,7 +253,7 @@ class _File:
             raise self.error(f"cannot be read ({error.strerror or error})") from None
         except Exception as error:
             # Whatever zipfile and NumPy's header parser raise about bytes that are neither.
-            raise self.error(f"this is not a recording ({_one_line(error)})") from None
+            raise self.error(f"this is not a recording ({one_line(error, SAID)})") from None
 
     def error(self, cause):
         """The RecordingError about this file. To be raised by the caller."""
@@ -244,7 +261,7 @@ class _File:
 
     def _locate(self, file, entry):
         """The _Member that a zip entry holds. Its checksum is not looked at."""
-        name = _one_line(entry.filename)
+        name = one_line(entry.filename, SAID)
         file.seek(entry.header_offset)
         signature, nameSize, extraSize = LOCAL_HEADER.unpack(file.read(LOCAL_HEADER.size))
         if signature != LOCAL_SIGNATURE or file.read(nameSize) != entry.filename.encode():
@@ -270,23 +287,29 @@ class _File:
             raise self.error(f"this is not a recording (there is no array '{name}' in it)")
         return self._members[name]
 
-    def whole(self, name, kind):
+    def names(self):
+        """The names of all arrays, in the order of the file."""
+        return list(self._members)
+
+    def whole(self, name, kinds):
         """A whole array, for the small ones; its checksum is checked.
 
-        kind : of the dtype: "U" or "i"
+        kinds : of the dtype, "U" or "i" for instance; any of these letters will do
         """
         member = self.member(name)
-        if member.dtype.kind != kind:
+        if member.dtype.kind not in kinds:
             raise self.error(f"the array {name} holds the wrong kind of values")
+        if math.prod(member.shape) * member.dtype.itemsize > WHOLE_BYTES:
+            raise self.error(f"the array {name} is longer than {WHOLE_BYTES} bytes")
         try:
             with zipfile.ZipFile(self.path) as archive:
                 content = archive.read(name + ".npy")
-            content = content[-math.prod(member.shape) * member.dtype.itemsize :]
+            content = content[len(content) - math.prod(member.shape) * member.dtype.itemsize :]
             return np.frombuffer(content, member.dtype).reshape(member.shape)
-        except zipfile.BadZipFile:
-            raise self.error(f"the array {name} is damaged: its checksum is wrong") from None
         except OSError as error:
             raise self.error(f"cannot be read ({error.strerror or error})") from None
+        except Exception:  # whatever zipfile raises where the file's two directories disagree
+            raise self.error(f"the array {name} is damaged: its checksum is wrong") from None
 
     def rows(self, names, begin, end):
         """Rows begin ≤ row < end of some arrays, as a dict of arrays."""
@@ -310,15 +333,9 @@ class _File:
         try:
             with zipfile.ZipFile(self.path) as archive:
                 name = archive.testzip()  # reads in blocks
-        except (OSError, zipfile.BadZipFile) as error:
-            raise self.error(f"cannot be read ({_one_line(error)})") from None
+        except Exception as error:
+            raise self.error(f"cannot be read ({one_line(error, SAID)})") from None
         return name and name.removesuffix(".npy")
-
-
-def _one_line(text, limit=80):
-    """What an error or a file says, fit for one line, and for a terminal."""
-    line = "".join(c if c.isprintable() else " " for c in str(text)[:limit])
-    return line or type(text).__name__
 
 
 class Recording:
@@ -326,8 +343,9 @@ class Recording:
 
     Attributes: path, of the file, or of the folder that an interrupted recording has left;
     wasInterrupted, whether it is the latter; firstStep, lastStep; scene, constraints, paths as
-    recorded ("" for none); meshNames, list of str; settingsHistory, list of (step, dict), the
-    fields of the settings that the steps from that one on were made with; version, numpyVersion.
+    recorded ("" for none); meshNames, list of str; files, a _File of each chunk;
+    settingsHistory, list of (step, dict), the fields of the settings that the steps from that one
+    on were made with; version, numpyVersion.
 
     Where FILE.npz does not exist and FILE.npz.part/ does, that is what is read.
     """
@@ -335,7 +353,8 @@ class Recording:
     def __init__(self, path, mustBeFinite=True):
         """Reads everything but the states; raises RecordingError.
 
-        mustBeFinite : whether to look through the states for numbers that are not finite
+        mustBeFinite : whether to look through the states for numbers that are not finite, and
+            for orientations that are none
         """
         self.path = Path(path)
         part = Path(str(path) + PART_ENDING)
@@ -349,7 +368,7 @@ class Recording:
             paths = sorted(self.path.glob(f"{CHUNK_PREFIX}*.npz"))
             if not paths:
                 raise self.error("this is a folder, not a recording")
-        self._files = [_File(chunk) for chunk in paths]
+        self.files = [_File(chunk) for chunk in paths]
         self._read_heads()
         if mustBeFinite:
             self._check_states()
@@ -360,7 +379,7 @@ class Recording:
 
     def _read_heads(self):
         """Everything but the states; the chunks must follow each other."""
-        heads = [_Head(file) for file in self._files]
+        heads = [_Head(file) for file in self.files]
         first, last = heads[0], heads[-1]
         self.firstStep = expected = first.firstStep
         for head in heads:
@@ -384,10 +403,16 @@ class Recording:
                 if not isFinite.all():
                     step = begin + int(np.argmin(isFinite))
                     raise self.error(f"step {step}: {name} holds numbers that are not finite")
+            with np.errstate(over="ignore"):
+                lengths = np.linalg.norm(block["orientations"], axis=2)
+            isUnit = (np.abs(lengths - 1.0) <= UNIT_TOLERANCE).all(axis=1)
+            if not isUnit.all():
+                step = begin + int(np.argmin(isUnit))
+                raise self.error(f"step {step}: orientations holds a quaternion that is no turn")
 
     def blocks(self, names):
         """Walks through some arrays: yields (step of the first row, dict of arrays)."""
-        for file, first in zip(self._files, self._firstSteps, strict=True):
+        for file, first in zip(self.files, self._firstSteps, strict=True):
             members = [file.member(name) for name in names]
             count = members[0].shape[0]
             rowBytes = sum(math.prod(m.shape[1:]) * m.dtype.itemsize for m in members)
@@ -407,17 +432,28 @@ class Recording:
             )
         chunk = bisect_right(self._firstSteps, step) - 1
         row = step - self._firstSteps[chunk]
-        rows = self._files[chunk].rows(SERIES, row, row + 1)
+        rows = self.files[chunk].rows(SERIES, row, row + 1)
         return {name: values[0] for name, values in rows.items()}
+
+    def hashes(self, step, count):
+        """The hashes (count, 16) of the states from a step on."""
+        return np.array([self.frame(k)["hashes"] for k in range(step, step + count)])
 
     def settings_at(self, step):
         """What a step was made with: (the first step made so, dict of the settings' fields)."""
         steps = [first for first, _ in self.settingsHistory]
         return self.settingsHistory[max(0, bisect_right(steps, step) - 1)]
 
+    def head(self):
+        """What it holds beside the states at its end, as arrays: dict, in the order of the file."""
+        first, last = self.files[0], self.files[-1]
+        names = [name for name in last.names() if name not in SERIES]
+        head = {name: last.whole(name, "Uifb") for name in names}
+        return head | {"firstStep": first.whole("firstStep", "i")}
+
     def damaged_member(self):
         """Where a checksum is wrong: "file: array", or None."""
-        for file in self._files:
+        for file in self.files:
             name = file.damaged_member()
             if name:
                 return f"{file.path}: {name}"
@@ -539,7 +575,7 @@ def check_bodies(recording, simulation):
     for ours, theirs in zip(names, recording.meshNames, strict=True):
         if ours != theirs:
             raise recording.error(
-                f"its body '{_one_line(theirs)}' is called '{ours}' in {simulation.scenePath}"
+                f"its body '{one_line(theirs, SAID)}' is called '{ours}' in {simulation.scenePath}"
             )
 
 
@@ -553,12 +589,12 @@ def restored_settings(recording, step, settings):
     unknown = sorted(set(fields) - set(asdict(settings)))
     if unknown:
         raise recording.error(
-            f"it has a setting that this version does not know: {_one_line(unknown[0])}"
+            f"it has a setting that this version does not know: {one_line(unknown[0], SAID)}"
         )
     try:
         return replace(settings, **fields)
     except ValueError as error:
-        raise recording.error(f"step {step}: {_one_line(error)}") from None
+        raise recording.error(f"step {step}: {one_line(error, SAID)}") from None
     except (TypeError, OverflowError):  # a list where a number belongs, for instance
         raise recording.error(f"step {step}: its settings are not of the right kind") from None
 
@@ -639,23 +675,22 @@ CHUNK_SECONDS = 1.0
 CHUNK_SHARE = 0.01
 
 
-def _write_npz(path, rows, head):
-    """Writes an .npz file and brings it to the disk; a half-written one is removed.
+def _write_npz(part, path, rows, head):
+    """Writes an .npz file as `part`, brings it to the disk and renames it; or leaves nothing.
 
     rows : dict of (shape, blocks that follow each other); head : dict of what is small
     """
     head = {name: np.asarray(value) for name, value in head.items()}
     arrays = rows | {name: (value.shape, [value]) for name, value in head.items()}
     try:
-        with open(path, "wb") as file:
-            with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
-                for name, (shape, blocks) in arrays.items():
-                    dtype = np.dtype(SERIES[name][0]) if name in SERIES else head[name].dtype
-                    _write_member(archive, name, shape, dtype, blocks)
-            file.flush()
-            os.fsync(file.fileno())
+        with open(part, "wb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
+            for name, (shape, blocks) in arrays.items():
+                dtype = np.dtype(SERIES[name][0]) if name in SERIES else head[name].dtype
+                _write_member(archive, name, shape, dtype, blocks)
+        put_in_place(part, path)
     except BaseException:
-        Path(path).unlink(missing_ok=True)
+        with suppress(OSError):
+            Path(part).unlink(missing_ok=True)
         raise
 
 
@@ -676,9 +711,88 @@ def _write_member(archive, name, shape, dtype, blocks):
 
 
 def _joined(files, name):
-    """The rows of one array through several files, a file at a time."""
+    """The rows of one array through several files, BLOCK_BYTES at a time."""
     for file in files:
-        yield file.rows([name], 0, file.member(name).shape[0])[name]
+        dtype, shape, _ = file.member(name)
+        atOnce = max(1, BLOCK_BYTES // (math.prod(shape[1:]) * dtype.itemsize))
+        for begin in range(0, shape[0], atOnce):
+            yield file.rows([name], begin, min(begin + atOnce, shape[0]))[name]
+
+
+def _join_chunks(files, partPath, path, head):
+    """Makes one recording of chunks, in place of an old file, and removes their folder.
+
+    files : list of _File; head : what the recording holds beside the states
+    raises OSError or RecordingError, and then leaves everything as it was
+    """
+    rows = {}
+    for name in SERIES:
+        count = sum(file.member(name).shape[0] for file in files)
+        rows[name] = (count, *files[0].member(name).shape[1:]), _joined(files, name)
+    with named_errors(path):
+        _write_npz(partPath / WHOLE_NAME, path, rows, head)
+    # From here on the chunks are not needed, and what of them cannot be removed does no harm.
+    shutil.rmtree(partPath, ignore_errors=True)
+
+
+def finish(path):
+    """Makes FILE.npz of the chunks that a killed run has left in FILE.npz.part/, and removes them.
+
+    The file has the very bytes that `Recorder.save` would have written after the last chunk. While
+    it is written the states are on the disk twice, and in memory there are BLOCK_BYTES of them.
+
+    path : FILE.npz or FILE.npz.part
+    returns (path of FILE.npz, first step, last step)
+    raises RecordingError, also where there is another FILE.npz already, or where the run has not
+    ended, or OSError; then nothing changes
+    """
+    path = Path(path)
+    if path.suffix == PART_ENDING:
+        path = path.with_suffix("")
+    partPath = part_of(path)
+    if not partPath.is_dir():
+        raise RecordingError(path, f"there is no interrupted recording of it, {partPath.name}")
+    lock = _lock(partPath)
+    try:
+        recording = Recording(partPath, mustBeFinite=False)
+        if path.exists():
+            _check_holds(path, recording)
+            shutil.rmtree(partPath)
+        else:
+            damaged = recording.damaged_member()
+            if damaged is not None:
+                raise RecordingError(path, f"cannot be made, the array {damaged} is damaged")
+            _join_chunks(recording.files, partPath, path, recording.head())
+    finally:
+        if lock is not None:
+            os.close(lock)
+    return path, recording.firstStep, recording.lastStep
+
+
+def _lock(partPath):
+    """The descriptor that keeps a recording's folder, or None; RecordingError if it is in use."""
+    try:
+        return lock_folder(partPath)
+    except BlockingIOError:
+        raise RecordingError(partPath, "a program is still recording into it") from None
+
+
+def _check_holds(path, chunks):
+    """Raises RecordingError unless a file has all that is in the chunks.
+
+    It has, where the program was killed after it had made the file and before they were removed.
+    """
+    with suppress(RecordingError):
+        whole = Recording(path, mustBeFinite=False)
+        same = whole.firstStep == chunks.firstStep and whole.lastStep >= chunks.lastStep
+        if same and all(
+            np.array_equal(block["hashes"], whole.hashes(begin, len(block["hashes"])))
+            for begin, block in chunks.blocks(["hashes"])
+        ):
+            return
+    raise RecordingError(
+        path, f"there is another one already; rename it, or remove {part_of(path).name}"
+    )
 
 
 class Recorder:
@@ -696,7 +810,7 @@ class Recorder:
         self.path = Path(path)
         if self.path.is_dir():
             raise IsADirectoryError(errno.EISDIR, "this is a folder, not a file", str(path))
-        self.partPath = self.path.with_name(self.path.name + PART_ENDING)
+        self.partPath = part_of(self.path)
         try:
             # Now: a missing folder, or missing rights, are found out before hours are spent.
             self.partPath.mkdir()
@@ -705,11 +819,13 @@ class Recorder:
             if not self.partPath.is_dir() or any(self.partPath.glob(f"{CHUNK_PREFIX}*.npz")):
                 raise RecordingError(
                     self.partPath,
-                    "an interrupted recording is kept here; look at it with --replay, or remove it",
+                    "an interrupted recording is kept here; make a file of it with --finish, look "
+                    "at it with --replay, or remove it",
                 ) from None
         except OSError as error:
             error.filename = str(path)  # the name that the caller knows
             raise
+        self._folderLock = _lock(self.partPath)
         self.frameCount = 0
         self._chunks = []  # paths
         self._frames = []
@@ -748,15 +864,14 @@ class Recorder:
         """Writes the file, in place of an old one of that name: whole or not at all."""
         self._write_chunk()
         files = [_File(path) for path in self._chunks]
-        rows = {
-            name: ((self.frameCount, *files[0].member(name).shape[1:]), _joined(files, name))
-            for name in SERIES
-        }
-        whole = self.partPath / WHOLE_NAME
-        _write_npz(whole, rows, self._head(0))
-        os.replace(whole, self.path)
+        _join_chunks(files, self.partPath, self.path, self._head(0))
         self._chunks = []
-        self.close()
+        self._unlock()
+
+    def _unlock(self):
+        if self._folderLock is not None:
+            os.close(self._folderLock)
+            self._folderLock = None
 
     def close(self):
         """Keeps in FILE.npz.part/ what has not been saved; removes it where there is nothing.
@@ -766,10 +881,11 @@ class Recorder:
         with suppress(OSError):  # the disk may be full: what is on it is kept
             self._write_chunk()
         self._frames = []
+        self._unlock()
         if self._chunks:
             return self.partPath
         if self.partPath.is_dir():
-            shutil.rmtree(self.partPath)
+            shutil.rmtree(self.partPath, ignore_errors=True)
         return None
 
     def _write_chunk(self):
@@ -778,8 +894,9 @@ class Recorder:
         series = {name: np.array([frame[name] for frame in self._frames]) for name in SERIES}
         rows = {name: (values.shape, [values]) for name, values in series.items()}
         path = self.partPath / f"{CHUNK_PREFIX}{len(self._chunks):06d}.npz"
-        _write_npz(path.with_suffix(".tmp"), rows, self._head(self.frameCount - len(self._frames)))
-        os.replace(path.with_suffix(".tmp"), path)
+        with named_errors(self.path):
+            head = self._head(self.frameCount - len(self._frames))
+            _write_npz(path.with_suffix(".tmp"), path, rows, head)
         self._chunks.append(path)
         self._frames = []
         self._lastChunk = time.monotonic()
@@ -870,33 +987,31 @@ class StatsWriter:
         self.path = None if path is None else Path(path)
         self.plotPath = None if plotPath is None else Path(plotPath)
         for target in (self.path, self.plotPath):
-            if target is not None and target.is_dir():
-                raise IsADirectoryError(errno.EISDIR, "this is a folder, not a file", str(target))
-            if target is not None and not target.parent.is_dir():
-                raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(target))
+            if target is not None:
+                check_target(target)
         table = self.path or self.plotPath.with_name(self.plotPath.name + ".csv")
-        self.partPath = table.with_name(table.name + PART_ENDING)
-        try:
+        self.partPath = part_of(table)
+        with named_errors(path or plotPath):  # the name that the caller knows
             self._file = open(self.partPath, "w", encoding="utf-8", newline="", buffering=1)
-        except OSError as error:
-            error.filename = str(path or plotPath)  # the name that the caller knows
-            raise
         self._writer = csv.writer(self._file, lineterminator="\n")
         self._isEmpty = True
 
     def add(self, simulation):
-        """Writes the line of the simulation's present step."""
-        if self._isEmpty:
-            names = [f"{name} ({unit})" if unit else name for name, unit in QUANTITY_UNITS.items()]
-            self._writer.writerow(["step", *names])
-            self._isEmpty = False
+        """Writes the line of the simulation's present step; raises OSError."""
         values = step_quantities(simulation).values()
         values = ["" if math.isnan(value) else value for value in values]
-        self._writer.writerow([simulation.stepCount, *values])
+        with named_errors(self.path or self.plotPath):
+            if self._isEmpty:
+                names = [f"{name} ({unit})" if unit else name
+                         for name, unit in QUANTITY_UNITS.items()]  # fmt: skip
+                self._writer.writerow(["step", *names])
+                self._isEmpty = False
+            self._writer.writerow([simulation.stepCount, *values])
 
     def save(self, title=""):
         """Plots, with that title, and puts the file in its place, instead of an old one."""
-        self._file.close()
+        with named_errors(self.path or self.plotPath):
+            self._file.close()
         try:
             if self.plotPath is not None:
                 plot_stats(self.partPath, self.plotPath, title)
@@ -904,7 +1019,7 @@ class StatsWriter:
             if self.path is None:
                 self.partPath.unlink()
             else:
-                os.replace(self.partPath, self.path)
+                put_in_place(self.partPath, self.path)
 
     def close(self):
         """Keeps in FILE.csv.part what has not been saved; removes it where there is nothing.
@@ -981,9 +1096,5 @@ def plot_stats(csvPath, imagePath, title):
             axes.set_yscale("symlog", linthresh=LOGARITHMIC_PANELS[name])
     for axes in panels[-1]:
         axes.set_xlabel("time (s)")
-    part = Path(imagePath).with_name(Path(imagePath).name + PART_ENDING)
-    try:
-        figure.savefig(part, format="png")
-        os.replace(part, imagePath)
-    finally:
-        part.unlink(missing_ok=True)
+    with written_whole(imagePath) as file:
+        figure.savefig(file, format="png")

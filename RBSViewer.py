@@ -58,7 +58,7 @@ BUTTON_SIZE = (74, 0)
 WIDE_BUTTON_SIZE = (153, 0)
 FIELD_WIDTH = 160
 SIDE_WIDTH = 330
-PLOT_SIZE = (-1.0, 150.0)
+PLOT_SIZE = (-1.0, 190)
 TIMELINE_HEIGHT = 74
 SPEED_WIDTH = 150
 NUMBER_WIDTH = 56
@@ -205,7 +205,11 @@ class Viewer:
 
     def _film(self):
         if self.video is not None:
-            self.video.add(self.simulation)
+            try:
+                self.video.add(self.simulation)
+            except OSError as error:
+                self.stop_video()
+                self.message = f"cannot write: {error.strerror or error}"
 
     def _show(self):
         """Draws the present state, and adds it to the plots."""
@@ -252,6 +256,9 @@ class Viewer:
             simulation = self._openFile(Path(path), self._settings)
         except ValueError as error:
             self.message = str(error)
+            return
+        except (OSError, MemoryError) as error:
+            self.message = f"{path}: cannot be read ({error or 'there is not enough memory'})"
             return
         self.stop_video()
         self.isPlaying = False
@@ -315,15 +322,20 @@ class Viewer:
             self.message = f"cannot write: {error.strerror or error}"
         else:
             self.view.set_resizable(False)  # all pictures of a video are of one size
-            self.video.add(self.simulation)
+            self._film()
 
     def stop_video(self):
         """Ends the video, if there is one."""
         if self.video is not None:
-            self.video.save()
-            self.saved = f"saved {self.video.path}, {self.video.count} pictures"
-            self.video = None
+            video, self.video = self.video, None
             self.view.set_resizable(True)
+            try:
+                video.save()
+            except OSError as error:
+                video.close()
+                self.message = f"cannot write: {error.strerror or error}"
+            else:
+                self.saved = f"saved {video.path}, {video.count} pictures"
 
     # Bodies.
 
@@ -425,7 +437,7 @@ def draw_choice(label, current, names, tooltip=""):
     import polyscope.imgui as psim
 
     chosen = None
-    isOpen = psim.BeginCombo(label, current)
+    isOpen = psim.BeginCombo(label, current, psim.ImGuiComboFlags_HeightLarge)
     if tooltip and not isOpen:
         psim.SetItemTooltip(tooltip)
     if isOpen:
@@ -687,6 +699,8 @@ class Panel:
         import polyscope.imgui as psim
 
         width, height = ps.get_window_size()
+        if self.viewer.isReplay:
+            height -= TIMELINE_HEIGHT + MARGIN
         corner = (width - MARGIN, MARGIN)
         psim.SetNextWindowPos(corner, psim.ImGuiCond_Once, (1.0, 0.0))
         psim.SetNextWindowSizeConstraints((SIDE_WIDTH, 0), (SIDE_WIDTH, height - 2 * MARGIN))

@@ -12,6 +12,7 @@ Units: metres, kilograms, seconds. The y axis points up and the ground is the pl
 """
 
 import argparse
+import io
 import math
 import operator
 import os
@@ -23,6 +24,7 @@ import time
 import warnings
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +32,7 @@ import numpy as np
 import RBSDrawing
 import RBSViewer
 from RBSDrawing import flatten_meshes as flatten_meshes  # also known by this module's name
+from RBSFiles import one_line, read_bytes, reason_of
 from RBSFunctions import (
     BROAD_PHASES,
     CONSTRAINT_SCHEDULINGS,
@@ -46,6 +49,7 @@ from RBSRecording import (
     Scene,
     StatsWriter,
     check_bodies,
+    finish,
     resume,
     step_quantities,
     verify,
@@ -79,13 +83,32 @@ DEFAULT_EVERY = 10
 FALLBACK_PICTURES = 5
 # The least and the largest width and height of pictures: a thumbnail, and 8K.
 PICTURE_SIZES = (16, 8192)
-# Pictures a second that screens can still show.
-FASTEST_VIDEO = 240.0
+# Pictures a second: what an encoder can still write down, what screens can still show, and, of
+# what time step and --every make together, what an encoder can write down again.
+SLOWEST_VIDEO, FASTEST_VIDEO, FASTEST_ENCODER = 0.01, 240.0, 1e4
+# The most steps, or visits, that can be asked for: more than there will be time for, and a number
+# that floats hold exactly.
+MOST_STEPS = 10**15
+# Seconds. Outside of these a step changes nothing to be seen, or all there is to be seen; numbers
+# made of it soon overflow.
+TIME_STEPS = (1e-12, 1e3)
 
 # A mesh counts as convex while its hull is larger than itself by no more than this fraction.
 # Coordinates that were written with four decimals make about 1e-5; what a smaller tolerance would
 # report nobody could see, and a dent of 1e-4 shifts a contact by far less than a body's size.
 CONVEXITY_TOLERANCE = 1e-4
+# The longest line of a text file, in characters: a face of a hundred thousand corners.
+LONGEST_LINE = 1 << 20
+# Metres: from here on a body of ordinary size has but a few digits left for its shape, and
+# products of three coordinates are still far from overflowing.
+LARGEST_COORDINATE = 1e9
+# kg/m³, for the same reason: a neutron star has less than 1e19.
+LARGEST_DENSITY = 1e30
+# A tetrahedron is flat when its volume is below this fraction of the cube of the mesh's extent:
+# well above the rounding of a volume (1e-16), far below the thinnest of a usual mesh (1e-5).
+FLAT_VOLUME = 1e-13
+# By what fraction the volume within a mesh's triangles may differ from that of its tetrahedra.
+VOLUME_TOLERANCE = 1e-9
 # A point lies inside of a face's plane when it is deeper than this fraction of the mesh's extent:
 # well above the rounding of a distance (1e-15), and below any tetrahedron worth having.
 INSIDE_MARGIN = 1e-9
@@ -102,7 +125,7 @@ class SceneError(ValueError):
     def __init__(self, path, lineNumber, cause):
         """lineNumber : counted from 1, or None where the file as a whole is meant."""
         place = f"{path}:{lineNumber}" if lineNumber else f"{path}"
-        super().__init__(f"{place}: {cause}")
+        super().__init__(one_line(f"{place}: {cause}"))
 
 
 class NonConvexWarning(UserWarning):
@@ -120,31 +143,40 @@ class LineReader:
     def __init__(self, path):
         self.path = path
         self.lineNumber = None
-        text = self._read_text().replace("\r\n", "\n").replace("\r", "\n")
-        self._rest = [
-            (number, fields)
-            for number, line in enumerate(text.split("\n"), start=1)
-            if (fields := line.split("#", 1)[0].split())
-        ]
-        self._rest.reverse()
-        if not self._rest:
+        self._lines = self._split(self._read())
+        self._next = next(self._lines, None)
+        if self._next is None:
             raise self.error("the file is empty")
 
-    def _read_text(self):
-        if os.path.isdir(self.path):
-            raise self.error("this is a folder, not a file")
+    def _read(self):
+        """The bytes of the file, which are UTF-8."""
         try:
-            content = Path(self.path).read_bytes()
+            content = read_bytes(self.path)
         except FileNotFoundError:
             raise self.error("there is no such file") from None
+        except IsADirectoryError as error:
+            raise self.error(reason_of(error)) from None
         except (OSError, ValueError) as error:  # ValueError: a name that no file can have
             raise self.error(f"cannot be read ({reason_of(error)})") from None
         try:
             if b"\0" in content:
                 raise ValueError("NUL bytes do not occur in text")
-            return content.decode("utf-8-sig")
+            content.decode("utf-8-sig")
         except ValueError:
             raise self.error("this is not a text file") from None
+        return content
+
+    def _split(self, content):
+        """Yields (line number, fields) of the lines with something in them, one at a time."""
+        text = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig", newline=None)
+        number = 0
+        while line := text.readline(LONGEST_LINE + 1):
+            number += 1
+            if len(line) > LONGEST_LINE:
+                self.lineNumber = number
+                raise self.error(f"a line must not be longer than {LONGEST_LINE} characters")
+            if fields := line.split("#", 1)[0].split():
+                yield number, fields
 
     def error(self, cause):
         """The SceneError that stands at the current line. To be raised by the caller."""
@@ -152,16 +184,17 @@ class LineReader:
 
     def at_end(self):
         """Whether no line with something in it is left."""
-        return not self._rest
+        return self._next is None
 
     def row(self, what, columns=None):
         """The fields of the next line, a list of str; as many as `columns`, if given.
 
         what : names the line in the error that is raised where it is missing or has another width
         """
-        if not self._rest:
+        if self._next is None:
             raise self.error(f"the file ends before {what}")
-        self.lineNumber, fields = self._rest.pop()
+        self.lineNumber, fields = self._next
+        self._next = next(self._lines, None)
         if columns is not None and len(fields) != columns:
             width = "1 column" if columns == 1 else f"{columns} columns"
             raise self.error(f"{what} takes {width}, not {len(fields)}: '{short(*fields)}'")
@@ -177,24 +210,26 @@ class LineReader:
         for index in range(count):
             yield self.row(f"{what} {index + 1} of {count}", columns)
 
-    def number(self, field, what):
-        """The finite float that `field` spells."""
+    def number(self, field, what, largest=math.inf):
+        """The finite float that `field` spells, between -largest and largest."""
         try:
-            value = float(field)
+            value = plain_float(field)
         except ValueError:
             raise self.error(f"{what} must be a number, not '{short(field)}'") from None
         if not math.isfinite(value):
-            raise self.error(f"{what} must be finite, not '{field}'")
+            raise self.error(f"{what} must be finite, not '{short(field)}'")
+        if abs(value) > largest:
+            raise self.error(f"{what} must not exceed {largest:g}, as '{short(field)}' does")
         return value
 
-    def numbers(self, fields, what):
+    def numbers(self, fields, what, largest=math.inf):
         """The finite floats that the fields spell, as a list."""
-        return [self.number(field, what) for field in fields]
+        return [self.number(field, what, largest) for field in fields]
 
     def whole(self, field, what, low=0, high=None):
         """The whole number that `field` spells, low ≤ number and, if `high` is given, ≤ high."""
         try:
-            value = int(field)
+            value = plain_int(field)
         except ValueError:
             raise self.error(f"{what} must be a whole number, not '{short(field)}'") from None
         if value < low or (high is not None and value > high):
@@ -203,7 +238,7 @@ class LineReader:
                 allowed = f"at least {low}"
             elif high == low:
                 allowed = f"{low}"
-            raise self.error(f"{what} must be {allowed}, not {value}")
+            raise self.error(f"{what} must be {allowed}, not {short(str(value))}")
         return value
 
     def expect_end(self, announced):
@@ -219,9 +254,18 @@ def short(*words, limit=40):
     return text if len(text) <= limit else text[: limit - 3] + "..."
 
 
-def reason_of(error):
-    """What an OSError says, without the number and the path that str(error) adds."""
-    return getattr(error, "strerror", None) or str(error)
+def plain_float(text):
+    """The float that a text spells; ValueError for what only Python takes for one, as 1_000."""
+    if "_" in text or not text.isascii():
+        raise ValueError(f"not a number: {text!r}")
+    return float(text)
+
+
+def plain_int(text):
+    """The whole number that a text spells; ValueError for what only Python takes for one."""
+    if "_" in text or not text.isascii():
+        raise ValueError(f"not a whole number: {text!r}")
+    return int(text)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -234,7 +278,11 @@ def load_mesh_file(path):
 
     Faces are turned to be counter-clockwise seen from outside, and tetrahedra to have
     det(b - a, c - a, d - a) > 0, whichever way the file has them. A surface is filled with the
-    tetrahedra of its faces and one inner point, which becomes the last vertex.
+    tetrahedra of its faces and one inner point, which becomes the last vertex. Vertices may
+    coincide, and may be used by nothing.
+
+    The triangles must be one or more closed surfaces, none of them twice; they must enclose the
+    volume that the tetrahedra have; and no tetrahedron may be flat.
 
     path : str or Path
     returns (vertices (V, 3) float64, faces (F, 3) int64, tets (T, 4) int64), indices from 0
@@ -245,10 +293,7 @@ def load_mesh_file(path):
     if read is None:
         raise SceneError(path, None, "the name of a mesh file must end in .mesh or .off")
     reader = LineReader(path)
-    vertices, faces, tets = read(reader)
-    if not np.any(tetrahedron_volumes(vertices, tets) > 0.0):
-        raise SceneError(path, None, "the mesh has no volume")
-    return vertices, faces, tets
+    return read(reader)
 
 
 def tetrahedron_volumes(vertices, tets):
@@ -268,7 +313,7 @@ def _read_medit(reader):
     """
     if reader.row("MeshVersionFormatted")[0] != "MeshVersionFormatted":
         raise reader.error("a .mesh file starts with MeshVersionFormatted")
-    sections = {}
+    sections, lines = {}, {}
     passingOver = False
     while not reader.at_end():
         keyword, *fields = reader.row("a section")
@@ -283,7 +328,8 @@ def _read_medit(reader):
                 raise reader.error(f"there is a second section {keyword}")
             if keyword != "Vertices" and "Vertices" not in sections:
                 raise reader.error(f"the section {keyword} comes before the section Vertices")
-            sections[keyword] = _read_medit_section(reader, keyword, fields, sections)
+            table = _read_medit_section(reader, keyword, fields, sections)
+            sections[keyword], lines[keyword] = table
         elif keyword[0].isalpha():
             passingOver = True
         elif not passingOver:
@@ -292,26 +338,43 @@ def _read_medit(reader):
         if not len(sections.get(keyword, ())):
             raise SceneError(reader.path, None, f"there are no {keyword}")
     vertices, faces, tets = (sections[keyword] for keyword in _MEDIT_SECTIONS)
-    flipped = tetrahedron_volumes(vertices, tets) < 0.0
-    tets[flipped] = tets[flipped][:, [0, 1, 3, 2]]
-    return vertices, _turn_faces_outward(reader.path, vertices, faces, tets), tets
+    volumes = tetrahedron_volumes(vertices, tets)
+    isFlat = np.abs(volumes) <= FLAT_VOLUME * np.max(np.ptp(vertices[tets.ravel()], axis=0)) ** 3
+    if isFlat.all():
+        raise SceneError(reader.path, None, "the mesh has no volume")
+    if isFlat.any():
+        row = int(np.argmax(isFlat))
+        raise SceneError(reader.path, lines["Tetrahedra"][row], "the tetrahedron is flat")
+    tets[volumes < 0.0] = tets[volumes < 0.0][:, [0, 1, 3, 2]]
+    faces = _turn_faces_outward(reader.path, lines["Triangles"], vertices, faces, tets)
+    enclosed, filled = enclosed_volume(vertices, faces), float(np.sum(np.abs(volumes)))
+    if not abs(enclosed - filled) <= VOLUME_TOLERANCE * filled:
+        raise SceneError(
+            reader.path, None,
+            f"the triangles enclose a volume of {enclosed:.6g}, the tetrahedra have {filled:.6g}",
+        )  # fmt: skip
+    return vertices, faces, tets
 
 
 def _read_medit_section(reader, keyword, fields, sections):
-    """The rows of one section, without the reference number: (n, width) floats or indices."""
+    """The rows of one section, without the reference number: (n, width) floats or indices.
+
+    returns (the array, list of the lines that its rows stand in)
+    """
     width = _MEDIT_SECTIONS[keyword]
     if fields:  # the count stands behind the keyword
         count = reader.whole(fields[0], f"the number of {keyword}")
     else:
         count = reader.count(keyword)
-    table = []
+    table, lines = [], []
     for row in reader.rows(count, f"row {keyword}", columns=width + 1):
+        lines.append(reader.lineNumber)
         reader.number(row[-1], "the reference number")
         if keyword == "Vertices":
-            table.append(reader.numbers(row[:-1], "a coordinate"))
+            table.append(reader.numbers(row[:-1], "a coordinate", LARGEST_COORDINATE))
         else:
             table.append(_read_corners(reader, row[:-1], 1, len(sections["Vertices"])))
-    return np.array(table, dtype=np.float64 if keyword == "Vertices" else np.int64)
+    return np.array(table, dtype=np.float64 if keyword == "Vertices" else np.int64), lines
 
 
 def _read_corners(reader, fields, first, vertexCount):
@@ -323,22 +386,58 @@ def _read_corners(reader, fields, first, vertexCount):
     return corners
 
 
-def _turn_faces_outward(path, vertices, faces, tets):
+def _turn_faces_outward(path, lines, vertices, faces, tets):
     """The faces, each turned so that the tetrahedron that it bounds lies behind it.
 
-    That decides for each face by itself, so a file may mix both directions.
+    That decides for each face by itself, so a file may mix both directions. lines : of the faces
+    raises SceneError where the faces are not a closed surface of the tetrahedra
     """
     opposite = {}
     for tet in tets.tolist():
         for k in range(4):
             opposite[frozenset(tet[:k] + tet[k + 1 :])] = tet[k]
-    inner = [opposite.get(frozenset(face)) for face in faces.tolist()]
-    if None in inner:
-        row = inner.index(None) + 1
-        raise SceneError(path, None, f"triangle {row} is not a face of any tetrahedron")
+    keys = [frozenset(face) for face in faces.tolist()]
+    first = {}
+    for row, (key, line) in enumerate(zip(keys, lines, strict=True), start=1):
+        if key not in opposite:
+            raise SceneError(path, line, f"triangle {row} is not a face of any tetrahedron")
+        if first.setdefault(key, row) != row:
+            raise SceneError(path, line, f"triangle {row} is the same as triangle {first[key]}")
+    inner = [opposite[key] for key in keys]
     # The inner vertex of an outward face stands at a negative distance over it.
     inward = tetrahedron_volumes(vertices, np.column_stack([faces, inner])) > 0.0
-    return np.where(inward[:, None], faces[:, ::-1], faces)
+    faces = np.where(inward[:, None], faces[:, ::-1], faces)
+    for (low, high), owners in _faces_at_edges(faces).items():
+        line = lines[owners[0][0]]
+        if len(owners) != 2:
+            raise SceneError(path, line, _not_closed(low + 1, high + 1, len(owners)))
+        if owners[0][1] == owners[1][1]:
+            raise SceneError(path, line, "the tetrahedra on both sides of an edge overlap")
+    return faces
+
+
+def enclosed_volume(vertices, faces):
+    """Of closed surfaces, by the divergence theorem; negative if the faces look inward."""
+    a, b, c = (vertices[faces[:, k]] - vertices[0] for k in range(3))
+    return float(np.sum(a * np.cross(b, c)) / 6.0)
+
+
+def _faces_at_edges(faces):
+    """dict of the edges (low, high), each with its owners: (face, whether low comes first)."""
+    owners = {}
+    for face, corners in enumerate(faces.tolist()):
+        for tail, head in zip(corners, corners[1:] + corners[:1], strict=True):
+            key = (min(tail, head), max(tail, head))
+            owners.setdefault(key, []).append((face, tail < head))
+    return owners
+
+
+def _not_closed(low, high, count):
+    """What is wrong with a surface one of whose edges belongs to so many triangles."""
+    return (
+        f"the surface is not closed: the edge between the vertices {low} and {high} "
+        f"belongs to {count} triangle{'s' * (count != 1)}, not to 2"
+    )
 
 
 def _read_off(reader):
@@ -352,7 +451,8 @@ def _read_off(reader):
     vertexCount = reader.whole(counts[0], "the number of vertices", low=4)
     faceCount = reader.whole(counts[1], "the number of faces", low=4)
     vertices = np.array([
-        reader.numbers(row, "a coordinate") for row in reader.rows(vertexCount, "vertex", columns=3)
+        reader.numbers(row, "a coordinate", LARGEST_COORDINATE)
+        for row in reader.rows(vertexCount, "vertex", columns=3)
     ])
     triangles = []
     for row in reader.rows(faceCount, "face"):
@@ -379,18 +479,10 @@ def orient_surface(vertices, faces):
     vertices (V, 3), faces (F, 3); returns (F, 3)
     raises ValueError when an edge does not belong to exactly two triangles, or has no sides
     """
-    facesAtEdge = {}
-    for face, corners in enumerate(faces.tolist()):
-        for tail, head in zip(corners, corners[1:] + corners[:1], strict=True):
-            key = (min(tail, head), max(tail, head))
-            facesAtEdge.setdefault(key, []).append((face, tail < head))
     neighbours = [[] for _ in faces]
-    for (low, high), owners in facesAtEdge.items():
+    for (low, high), owners in _faces_at_edges(faces).items():
         if len(owners) != 2:
-            raise ValueError(
-                f"the surface is not closed: the edge between the vertices {low} and {high} "
-                f"belongs to {len(owners)} triangle{'s' * (len(owners) != 1)}, not to 2"
-            )
+            raise ValueError(_not_closed(low, high, len(owners)))
         (one, oneAscends), (other, otherAscends) = owners
         # Neighbours that agree run along their common edge in opposite directions.
         neighbours[one].append((other, oneAscends == otherAscends))
@@ -436,6 +528,8 @@ def fill_surface(vertices, faces):
     lengths = np.sqrt(np.sum(normals * normals, axis=1))
     extent = np.max(np.ptp(vertices, axis=0))
     solid = lengths > INSIDE_MARGIN * extent * extent
+    if not solid.any():
+        raise ValueError("the mesh has no volume")
     normals = normals[solid] / lengths[solid, None]
     offsets = np.sum(normals * a[solid], axis=1)
 
@@ -484,10 +578,10 @@ def find_scene(name):
     raises SceneError that lists the scenes of data/ when there is neither
     """
     path = Path(name)
-    if path.exists():
+    if os.path.exists(path):  # unlike path.exists(), does not raise where it cannot look
         return path
     ours = DATA_FOLDER / f"{name}{SCENE_ENDING}"
-    if path.name == str(name) and ours.exists():
+    if path.name == str(name) and os.path.exists(ours):
         return ours
     known = ", ".join(scene_name(scene) for scene in list_scenes(DATA_FOLDER))
     raise SceneError(name, None, f"there is no such scene, neither a file nor one of: {known}")
@@ -501,7 +595,7 @@ def list_scenes(folder):
 def find_constraints(scenePath):
     """The constraint file that belongs to NAME-scene.txt, NAME-constraints.txt, or None."""
     path = Path(scenePath).with_name(scene_name(scenePath) + CONSTRAINTS_ENDING)
-    return path if path.exists() else None
+    return path if os.path.exists(path) else None
 
 
 def scene_name(path):
@@ -510,7 +604,7 @@ def scene_name(path):
     return name[: -len(SCENE_ENDING)] if name.endswith(SCENE_ENDING) else Path(path).stem
 
 
-def load_scene_file(path):
+def load_scene_file(path, allowOutsideMeshes=False):
     """Reads a scene: the number of bodies, then `meshfile density isFixed x y z qw qx qy qz` each.
 
     Mesh files are looked up beside the scene file, and each is read once; their names may have
@@ -519,6 +613,9 @@ def load_scene_file(path):
     A mesh that is not convex gives one NonConvexWarning, however many bodies use it.
 
     path : str or Path
+    allowOutsideMeshes : whether mesh files may lie outside of the scene's folder, by an absolute
+        path, by `..` or through a symbolic link; without it, a scene of unknown origin makes this
+        program read nothing but what came with it
     returns a list of Mesh
     raises SceneError
     """
@@ -529,22 +626,27 @@ def load_scene_file(path):
     for index, row in enumerate(reader.rows(bodyCount, "body")):
         row = _body_row(reader, row, f"body {index + 1} of {bodyCount}")
         fileName = row[0]
-        density = reader.number(row[1], "the density")
+        density = reader.number(row[1], "the density", LARGEST_DENSITY)
         if density <= 0.0:
             raise reader.error(f"the density must be positive, not {row[1]}")
         isFixed = bool(reader.whole(row[2], "isFixed", 0, 1))
-        position = reader.numbers(row[3:6], "a coordinate")
+        position = reader.numbers(row[3:6], "a coordinate", LARGEST_COORDINATE)
         orientation = reader.numbers(row[6:10], "the quaternion")
-        # hypot neither overflows nor vanishes where the sum of the squares would.
-        length = math.hypot(*orientation)
-        if length == 0.0:
+        largest = max(map(abs, orientation))
+        if largest == 0.0:
             raise reader.error("the quaternion must not be zero")
-        orientation = [component / length for component in orientation]
+        # hypot neither overflows nor vanishes where the sum of the squares would; of the largest
+        # numbers that there are, it does.
+        scale = 1.0 if largest < 1e300 else largest
+        length = math.hypot(*(component / scale for component in orientation))
+        orientation = [component / scale / length for component in orientation]
         isNew = fileName not in loaded
         if isNew:
-            loaded[fileName] = _load_mesh_beside(reader, fileName)
+            loaded[fileName] = _load_mesh_beside(reader, fileName, allowOutsideMeshes)
         name = f"{Path(fileName).stem} {index}"
-        mesh = Mesh(name, *loaded[fileName], density, position, orientation, isFixed)
+        mesh = _make_body(
+            reader, name, *loaded[fileName], density, position, orientation, isFixed
+        )  # fmt: skip
         meshes.append(mesh)
         if isNew:
             _warn_unless_convex(fileName, mesh)
@@ -564,12 +666,38 @@ def _body_row(reader, fields, what):
     return [name.replace("\\", "/"), *fields[-9:]]
 
 
-def _load_mesh_beside(reader, fileName):
+def _load_mesh_beside(reader, fileName, allowOutside):
     """The mesh of a scene's current line; where there is none, the error names that line."""
-    path = Path(reader.path).parent / fileName
-    if not path.exists():
-        raise reader.error(f"there is no mesh file '{fileName}' beside the scene")
+    folder = Path(reader.path).parent
+    path = folder / fileName
+    # realpath follows links and `..` as the system would.
+    home, target = os.path.realpath(folder), os.path.realpath(path)
+    if not allowOutside and not Path(target).is_relative_to(home):
+        raise reader.error(
+            f"the mesh file '{short(fileName)}' lies outside of the scene's folder; "
+            "--allow-outside-meshes reads it"
+        )
+    if not os.path.exists(path):
+        raise reader.error(f"there is no mesh file '{short(fileName)}' beside the scene")
     return load_mesh_file(path)
+
+
+def _make_body(reader, name, vertices, faces, tets, density, *state):
+    """The Mesh of a scene's current line; raises SceneError where its mass has no sense."""
+    try:
+        with np.errstate(all="ignore"):
+            mesh = Mesh(name, vertices, faces, tets, density, *state)
+            inverses = 1.0 / mesh.mass, np.linalg.inv(mesh.IT)
+    except (ValueError, ZeroDivisionError) as error:
+        raise reader.error(f"this cannot be a body: {error}") from None
+    if not all(np.isfinite(value).all() for value in (mesh.IT, *inverses)):
+        raise reader.error(f"this cannot be a body: its mass, {mesh.mass:g}, is beyond reckoning")
+    if 0.0 < mesh.hullVolume * (1.0 + CONVEXITY_TOLERANCE) < mesh.volume:
+        raise reader.error(
+            f"the tetrahedra of {name} overlap: their volume is {mesh.volume:.6g}, that of their "
+            f"convex hull {mesh.hullVolume:.6g}"
+        )
+    return mesh
 
 
 def _warn_unless_convex(fileName, mesh):
@@ -604,6 +732,8 @@ def load_constraint_file(path, meshes):
         if not 0.0 <= lower <= upper:
             raise reader.error(f"the bounds must be 0 ≤ lower ≤ upper, not {row[4]} and {row[5]}")
         distance = math.dist(meshes[m1].currVertices[v1], meshes[m2].currVertices[v2])
+        if upper * distance == math.inf:
+            raise reader.error(f"the upper bound {row[5]} is beyond reckoning")
         constraints.append([m1, v1, m2, v2, lower * distance, False])
         constraints.append([m1, v1, m2, v2, upper * distance, True])
     reader.expect_end(f"{lineCount} constraints")
@@ -638,9 +768,12 @@ def checked_restitution(value):
 
 
 def checked_time_step(value):
-    """The value in seconds, if it is positive and finite; else ValueError."""
+    """The value in seconds, if it is positive and within TIME_STEPS; else ValueError."""
     if not 0.0 < value < math.inf:
         raise ValueError(f"the time step must be positive and finite, not {value:g}")
+    low, high = TIME_STEPS
+    if not low <= value <= high:
+        raise ValueError(f"the time step must be between {low:g} and {high:g} s, not {value:g}")
     return value
 
 
@@ -702,19 +835,23 @@ class Simulation(Scene):
     first).
     """
 
-    def __init__(self, scenePath, settings=None, constraintPath=None):
+    def __init__(
+        self, scenePath, settings=None, constraintPath=None, *, allowOutsideMeshes=False
+    ):
         """Loads the scene; raises SceneError.
 
         constraintPath : a constraint file; by default the one that belongs to the scene by its
             name, if there is one
+        allowOutsideMeshes : see `load_scene_file`
         """
+        self._allowOutsideMeshes = allowOutsideMeshes
         self.settings = Settings() if settings is None else settings
         self.groundMesh = make_ground()
         self.load(scenePath, constraintPath)
 
     def load(self, scenePath, constraintPath=None):
         """Changes to another scene, at its start. Where that raises SceneError, nothing changes."""
-        meshes = load_scene_file(scenePath)
+        meshes = load_scene_file(scenePath, self._allowOutsideMeshes)
         if constraintPath is None:
             constraintPath = find_constraints(scenePath)
         constraints = [] if constraintPath is None else load_constraint_file(constraintPath, meshes)
@@ -913,7 +1050,7 @@ def constraint_summary(simulation):
 def shown_path(path):
     """The path relative to the current folder where it lies in it, which is shorter to read."""
     try:
-        return Path(path).resolve().relative_to(Path.cwd())
+        return Path(os.path.realpath(path)).relative_to(Path.cwd())
     except ValueError:
         return Path(path)
 
@@ -976,7 +1113,7 @@ class OneLineParser(argparse.ArgumentParser):
     """Reports a wrong command line in one line: argparse itself puts the whole usage before it."""
 
     def error(self, message):
-        self.exit(2, f"{self.prog}: {message} (--help lists the options)\n")
+        self.exit(2, f"{self.prog}: {one_line(message)} (--help lists the options)\n")
 
 
 def option_type(convert, check, kind):
@@ -986,7 +1123,7 @@ def option_type(convert, check, kind):
         try:
             value = convert(text)
         except ValueError:
-            raise argparse.ArgumentTypeError(f"'{text}' is not a {kind}") from None
+            raise argparse.ArgumentTypeError(f"'{short(text)}' is not a {kind}") from None
         try:
             return check(value)
         except ValueError as error:
@@ -995,12 +1132,14 @@ def option_type(convert, check, kind):
     return parse
 
 
-def at_least(low):
-    """A check that numbers are not below `low`."""
+def at_least(low, high=math.inf):
+    """A check that numbers are not below `low`, and not above `high`."""
 
     def check(value):
         if value < low:
-            raise ValueError(f"must be {low} or more, not {value}")
+            raise ValueError(f"must be {low} or more, not {short(str(value))}")
+        if value > high:
+            raise ValueError(f"must be {high} or less, not {short(str(value))}")
         return value
 
     return check
@@ -1008,11 +1147,12 @@ def at_least(low):
 
 def checked_size(text):
     """(width, height) of "1280x720"; else ValueError."""
-    match = re.fullmatch(r"(\d+)x(\d+)", text)
+    match = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text)
     size = tuple(map(int, match.groups())) if match else (0, 0)
     low, high = PICTURE_SIZES
     if not low <= min(size) <= max(size) <= high:
-        raise ValueError(f"must be WIDTHxHEIGHT, from {low} to {high} pixels each, not '{text}'")
+        allowed = f"WIDTHxHEIGHT, from {low} to {high} pixels each"
+        raise ValueError(f"must be {allowed}, not '{short(text)}'")
     return size
 
 
@@ -1024,16 +1164,24 @@ def checked_video(path):
     return path
 
 
+def checked_path(path):
+    """The path, if it is one at all; else ValueError."""
+    if not path or "\0" in path:
+        raise ValueError("the name of a file or folder must not be empty")
+    return path
+
+
 def checked_rate(value):
     """Pictures a second, if a video can have as many; else ValueError."""
-    if not 0.0 < value <= FASTEST_VIDEO:
-        raise ValueError(f"must lie between 0 and {FASTEST_VIDEO:g}, not {value:g}")
+    if not SLOWEST_VIDEO <= value <= FASTEST_VIDEO:
+        raise ValueError(f"must lie between {SLOWEST_VIDEO:g} and {FASTEST_VIDEO:g}, not {value:g}")
     return value
 
 
 # Kinds of option values, each with its message when it is something else.
-WHOLE_NUMBER = option_type(int, at_least(0), "whole number")
-POSITIVE_NUMBER = option_type(int, at_least(1), "whole number")
+WHOLE_NUMBER = option_type(plain_int, at_least(0, MOST_STEPS), "whole number")
+POSITIVE_NUMBER = option_type(plain_int, at_least(1, MOST_STEPS), "whole number")
+PATH = option_type(str, checked_path, "path")
 
 
 def make_parser():
@@ -1046,8 +1194,13 @@ def make_parser():
         allow_abbrev=False,
     )
     parser.add_argument(
-        "scene", metavar="SCENE", nargs="?",
+        "scene", metavar="SCENE", nargs="?", type=PATH,
         help=f"a scene file, or the name of a scene of data/ (default: {DEFAULT_SCENE})",
+    )  # fmt: skip
+    parser.add_argument(
+        "--allow-outside-meshes", action="store_true",
+        help="read meshes that a scene names by an absolute path, by .. or through a symbolic link "
+        "out of its folder too (default: only those in its folder, or below)",
     )  # fmt: skip
 
     add_physics_options(parser)
@@ -1060,18 +1213,18 @@ def make_parser():
 def add_physics_options(parser):
     physics = parser.add_argument_group("simulation", PHYSICS_EXAMPLES)
     physics.add_argument(
-        "--restitution", metavar="E", type=option_type(float, checked_restitution, "number"),
+        "--restitution", metavar="E", type=option_type(plain_float, checked_restitution, "number"),
         default=DEFAULT_RESTITUTION,
         help="how much of their closing speed bodies keep in a collision, from 0 to 1 "
         "(default: %(default)s, so that they bounce and come to rest)",
     )  # fmt: skip
     physics.add_argument(
-        "--time-step", metavar="H", type=option_type(float, checked_time_step, "number"),
+        "--time-step", metavar="H", type=option_type(plain_float, checked_time_step, "number"),
         default=DEFAULT_TIME_STEP,
         help="seconds per step (default: %(default)s)",
     )  # fmt: skip
     physics.add_argument(
-        "--friction", metavar="MU", type=option_type(float, checked_friction, "number"),
+        "--friction", metavar="MU", type=option_type(plain_float, checked_friction, "number"),
         default=0.0, help="coefficient of friction between bodies and with the ground "
         "(default: %(default)s)",
     )  # fmt: skip
@@ -1098,7 +1251,7 @@ def add_constraint_options(parser):
     ties = parser.add_argument_group("constraints", CONSTRAINT_EXAMPLES)
     source = ties.add_mutually_exclusive_group()
     source.add_argument(
-        "--constraints", metavar="FILE",
+        "--constraints", metavar="FILE", type=PATH,
         help="what ties the bodies together (default: NAME-constraints.txt beside NAME-scene.txt, "
         "if there is one)",
     )  # fmt: skip
@@ -1129,7 +1282,7 @@ def add_output_options(parser):
         "are recorded)",
     )  # fmt: skip
     output.add_argument(
-        "--screenshots", metavar="DIR",
+        "--screenshots", metavar="DIR", type=PATH,
         help="draw off-screen into DIR/frame_<step>.png; no window opens",
     )  # fmt: skip
     output.add_argument(
@@ -1142,7 +1295,7 @@ def add_output_options(parser):
         "so that it plays in real time)",
     )  # fmt: skip
     output.add_argument(
-        "--fps", metavar="R", type=option_type(float, checked_rate, "number"),
+        "--fps", metavar="R", type=option_type(plain_float, checked_rate, "number"),
         help=f"pictures a second in a video (default: near {RBSDrawing.VIDEO_RATE:g}, so that it "
         "plays in real time)",
     )  # fmt: skip
@@ -1153,7 +1306,7 @@ def add_output_options(parser):
         f"{'x'.join(map(str, RBSDrawing.PICTURE_SIZE))})",
     )  # fmt: skip
     look.add_argument(
-        "--camera", metavar="FILE.json",
+        "--camera", metavar="FILE.json", type=PATH,
         help="where to look from, as saved from the window (default: all of the scene is seen)",
     )  # fmt: skip
     look.add_argument(
@@ -1174,44 +1327,49 @@ def add_output_options(parser):
 def add_recording_options(parser):
     recordings = parser.add_argument_group("recordings", RECORDING_EXAMPLES)
     recordings.add_argument(
-        "--record", metavar="FILE.npz",
+        "--record", metavar="FILE.npz", type=PATH,
         help="write the state after every step, and the starting state; no window opens. What a "
         "crash leaves is in FILE.npz.part, and is found there by the options below",
     )  # fmt: skip
     source = recordings.add_mutually_exclusive_group()
     source.add_argument(
-        "--replay", metavar="FILE.npz",
+        "--replay", metavar="FILE.npz", type=PATH,
         help="show a recording, simulating nothing. SCENE and --constraints say where its files "
         "are now, if they have moved; so they do with --resume and --verify",
     )  # fmt: skip
     source.add_argument(
-        "--resume", metavar="FILE.npz",
+        "--resume", metavar="FILE.npz", type=PATH,
         help="go on from a recorded state, with the settings of the recording and those that are "
         "given as options",
     )  # fmt: skip
     source.add_argument(
-        "--verify", metavar="FILE.npz",
+        "--verify", metavar="FILE.npz", type=PATH,
         help="simulate once more and compare every state to the last bit; exit code 1, and the "
         "first step that differs, where they are not the same",
+    )  # fmt: skip
+    recordings.add_argument(
+        "--finish", metavar="FILE.npz", type=PATH,
+        help="make a recording of what a run that was killed has left in FILE.npz.part, and remove "
+        "that folder",
     )  # fmt: skip
     recordings.add_argument(
         "--from", dest="from_step", metavar="STEP", type=WHOLE_NUMBER,
         help="with --resume, the step to go on from (default: the last one)",
     )  # fmt: skip
     recordings.add_argument(
-        "--stats", metavar="FILE.csv",
+        "--stats", metavar="FILE.csv", type=PATH,
         help="write energies, momenta, contacts, violations and times of every step; no window "
         "opens",
     )  # fmt: skip
     recordings.add_argument(
-        "--plot", metavar="FILE.png",
+        "--plot", metavar="FILE.png", type=PATH,
         help="draw the same numbers over time; needs matplotlib; no window opens",
     )  # fmt: skip
 
 
 def print_error(message):
     """Tells what is wrong, or worth knowing, in one line on stderr."""
-    print(f"RigidBodySimulation.py: {message}", file=sys.stderr)
+    print(f"RigidBodySimulation.py: {one_line(message)}", file=sys.stderr)
 
 
 def main(arguments=None):
@@ -1223,26 +1381,60 @@ def main(arguments=None):
     parser = make_parser()
     options = parser.parse_args(arguments)
     given = given_options(arguments)
-    check_options(parser, options, given)
     with warnings.catch_warnings():
         warnings.simplefilter("always", NonConvexWarning)
         warnings.showwarning = lambda message, *where: print_error(f"warning: {message}")
+        if hasattr(sys.stdout, "reconfigure"):  # a name may hold what the terminal has no sign for
+            sys.stdout.reconfigure(errors="backslashreplace")
         try:
-            if options.verify is not None:
-                return verify_as_asked(options)
-            simulation = simulation_of(options, given)
-            look = look_of(options)
-            if given & WITHOUT_WINDOW:
-                return run_as_asked(simulation, options, look)
-            return open_window_or_fall_back(simulation, options, look)
+            check_options(parser, options, given)
+            code = run_asked_mode(options, given)
+            if sys.stdout is not None:  # it was closed before the start
+                sys.stdout.flush()
+            return code
         except (SceneError, RecordingError, RBSDrawing.DrawingError, ImportError) as error:
-            print_error(error)
+            print_error(with_what_is_kept(error, error))
         except OSError as error:
-            print_error(f"{error.filename or 'cannot write'}: {reason_of(error)}")
-        except KeyboardInterrupt:
-            print_error("stopped by Ctrl-C")
+            cause = f"{error.filename or 'cannot write'}: {reason_of(error)}"
+            print_error(with_what_is_kept(cause, error))
+            discard_output()
+        except MemoryError as error:
+            print_error(with_what_is_kept("there is not enough memory", error))
+        except KeyboardInterrupt as error:
+            print_error(with_what_is_kept("stopped by Ctrl-C", error))
             return 130
     return 2
+
+
+def run_asked_mode(options, given):
+    """What the command line asks for; returns the exit code."""
+    if options.finish is not None:
+        return finish_as_asked(options)
+    if options.verify is not None:
+        return verify_as_asked(options)
+    simulation = simulation_of(options, given)
+    look = look_of(options)
+    if given & WITHOUT_WINDOW:
+        return run_as_asked(simulation, options, look)
+    return open_window_or_fall_back(simulation, options, look)
+
+
+def with_what_is_kept(message, error):
+    """The message, and where to find what there is of the run that the error has ended."""
+    kept = getattr(error, "keptPaths", ())
+    return f"{message}; what there is of the run is in {' and '.join(kept)}" if kept else message
+
+
+def discard_output():
+    """Drops what standard output could not take: at its end, Python would try, and fail, again."""
+    if sys.stdout is None:
+        return
+    try:
+        sys.stdout.flush()
+    except OSError:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
 
 
 # Options by what they are for, under the names that argparse gives them. First those that change
@@ -1269,6 +1461,11 @@ CONFLICTS = {
         {*SETTING_FIELDS, "steps", "every"} | WITHOUT_WINDOW - {"headless"},
         "it only compares, and with the settings of the recording",
     ),
+    "finish": (
+        {*SETTING_FIELDS, "scene", "constraints", "replay", "resume", "verify", "steps", "camera"}
+        | WITHOUT_WINDOW - {"headless"},
+        "it only makes one file of the chunks",
+    ),
     "video": ({"transparent"}, "videos have no transparency"),
 }
 # What makes no sense without another option.
@@ -1285,7 +1482,8 @@ COMPANIONS = {
 
 def option_name(dest):
     """How an option is written on the command line."""
-    return "--from" if dest == "from_step" else "--" + dest.replace("_", "-")
+    names = {"from_step": "--from", "scene": "SCENE"}
+    return names.get(dest, "--" + dest.replace("_", "-"))
 
 
 def given_options(arguments):
@@ -1298,10 +1496,12 @@ def given_options(arguments):
 def check_options(parser, options, given):
     """Ends the program with one line where the given options do not go together."""
     named = {}
-    for dest in ("resume", "record", "stats", "plot", "video"):
+    # What is read comes first. It may be read twice, but not be written over.
+    inputs = ("scene", "constraints", "camera", "replay", "resume")
+    for dest in (*inputs, "record", "stats", "plot", "video"):
         path = getattr(options, dest)
-        other = named.setdefault(path and Path(path).resolve(), dest)
-        if path is not None and other != dest:
+        other = named.setdefault(path and os.path.realpath(path), dest)
+        if path is not None and other != dest and dest not in inputs:
             parser.error(f"{option_name(dest)} and {option_name(other)} name the same file")
     for dest, (companions, cause) in COMPANIONS.items():
         if dest in given and not given & companions:
@@ -1327,7 +1527,17 @@ def simulation_of(options, given):
         simulation.settings = replace(simulation.settings, **changes)
         return simulation
     scenePath = find_scene(DEFAULT_SCENE if options.scene is None else options.scene)
-    return Simulation(scenePath, settings_of(options), options.constraints)
+    return Simulation(
+        scenePath, settings_of(options), options.constraints,
+        allowOutsideMeshes=options.allow_outside_meshes,
+    )  # fmt: skip
+
+
+def finish_as_asked(options):
+    """--finish; returns the exit code, 0."""
+    path, first, last = finish(options.finish)
+    print(f"{shown_path(path)}: the steps {first} to {last}, of an interrupted recording")
+    return 0
 
 
 def verify_as_asked(options):
@@ -1373,7 +1583,9 @@ def load_recorded_scene(recording, options):
     constraintPath = options.constraints
     if constraintPath is None and recording.constraints:
         constraintPath = find_recorded_file(recording, recording.constraints, "--constraints")
-    simulation = Simulation(scenePath, constraintPath=constraintPath)
+    simulation = Simulation(
+        scenePath, constraintPath=constraintPath, allowOutsideMeshes=options.allow_outside_meshes
+    )
     if constraintPath is None:  # the scene had none then, whatever lies beside it now
         simulation.constraints, simulation.constraintPath = [], None
     check_bodies(recording, simulation)
@@ -1390,7 +1602,7 @@ def find_recorded_file(recording, name, option):
         name = name.replace("\\", "/")  # recorded on Windows
     folder, ownName = recording.path.parent, Path(name).name
     for path in (Path(name), folder / name, folder / ownName, DATA_FOLDER / ownName):
-        if path.is_file():
+        if os.path.isfile(path):
             return path
     raise recording.error(f"its file {name} is not there any more; say with {option} where it is")
 
@@ -1422,6 +1634,13 @@ def run_as_asked(simulation, options, look):
     """A run without a window, with what is to be written of it; returns the exit code."""
     recorder = stats = pictures = video = None
     steps = steps_of(simulation, options)
+    if options.video is not None:
+        timing = RBSDrawing.video_timing(simulation.settings.timeStep, options.fps, options.every)
+        if not SLOWEST_VIDEO <= timing[0] <= FASTEST_ENCODER:
+            raise RBSDrawing.DrawingError(
+                f"{options.video}: in real time there would be {timing[0]:.3g} pictures a second; "
+                "say with --fps how many there shall be"
+            )
     try:
         if options.record is not None:
             recorder = Recorder(options.record)
@@ -1440,15 +1659,19 @@ def run_as_asked(simulation, options, look):
                 options.screenshots, drawn, view, look.isTransparent
             )  # fmt: skip
         if options.video is not None:
-            timing = RBSDrawing.video_timing(
-                simulation.settings.timeStep, options.fps, options.every
-            )
             video = RBSDrawing.Video(options.video, view, *timing)
         return run_without_window(simulation, steps, recorder, stats, pictures, video)
+    except BaseException as error:
+        kept = close_all(recorder, stats, video)
+        error.keptPaths = [str(shown_path(path)) for path in kept if path is not None]
+        raise
     finally:
-        for writer in (recorder, stats, video):
-            if writer is not None and (kept := writer.close()) is not None:
-                print_error(f"the run did not end well; what there is of it is in {kept}")
+        close_all(recorder, stats, video)
+
+
+def close_all(*writers):
+    """Closes those that are not None; returns the paths of what they keep, or None of each."""
+    return [writer.close() for writer in writers if writer is not None]
 
 
 def open_window_or_fall_back(simulation, options, look):
@@ -1458,7 +1681,8 @@ def open_window_or_fall_back(simulation, options, look):
     """
     backend = RBSDrawing.find_backend(window=True)
     if backend.opensWindow:
-        RBSViewer.show_window(simulation, backend, open_file, list_files, step_quantities, look)
+        open_here = partial(open_file, allowOutsideMeshes=options.allow_outside_meshes)
+        RBSViewer.show_window(simulation, backend, open_here, list_files, step_quantities, look)
         return 0
     pictures = None
     if backend.name is None:
@@ -1473,17 +1697,19 @@ def open_window_or_fall_back(simulation, options, look):
     return run_without_window(simulation, steps_of(simulation, options), pictures=pictures)
 
 
-def open_file(path, settings):
+def open_file(path, settings, allowOutsideMeshes=False):
     """The Simulation of a scene file, or the Replay of a recording (.npz), for the window.
 
-    settings : a scene's; None for the usual ones
+    settings : a scene's; None for the usual ones; allowOutsideMeshes : see `load_scene_file`
     raises SceneError or RecordingError
     """
     if path.suffix == RECORDING_ENDING:
         recording = Recording(path)
-        whereItWas = argparse.Namespace(scene=None, constraints=None)
+        whereItWas = argparse.Namespace(
+            scene=None, constraints=None, allow_outside_meshes=allowOutsideMeshes
+        )
         return Replay(recording, load_recorded_scene(recording, whereItWas))
-    return Simulation(path, settings)
+    return Simulation(path, settings, allowOutsideMeshes=allowOutsideMeshes)
 
 
 def list_files(folder):

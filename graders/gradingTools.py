@@ -8,8 +8,10 @@ This module knows nothing of the simulation, so that `make_reference.py` can use
 
 import argparse
 import io
+import os
 import pickle
 import pickletools
+import stat
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,8 +33,16 @@ ERROR_BOUND = 1e-9
 PASSED, FAILED, BAD_DATA = 0, 1, 2
 
 
+def _printable(text):
+    """The text in one line, without what a terminal would take for orders."""
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
 class GraderDataError(Exception):
     """The data cannot be graded against; the message is the cause, in one line."""
+
+    def __init__(self, cause):
+        super().__init__(_printable(str(cause)))
 
 
 # ---- Layout of the data -------------------------------------------------------------------------
@@ -211,6 +221,29 @@ def _read_pickle(payload):
     return PlainUnpickler(io.BytesIO(payload)).load()
 
 
+# Data of a hundred samples take some 100 kB.
+MOST_BYTES = 64 << 20
+
+
+def _read_bytes(path):
+    """The bytes of a file; GraderDataError for what has no end, or is too long, or is not there."""
+    try:
+        with open(path, "rb", opener=_open_at_once) as file:
+            status = os.fstat(file.fileno())
+            if not stat.S_ISREG(status.st_mode):
+                raise GraderDataError("cannot be read: it is not a file")
+            if status.st_size > MOST_BYTES:
+                raise GraderDataError(f"is longer than {MOST_BYTES} bytes")
+            return file.read(status.st_size)
+    except OSError as problem:
+        raise GraderDataError(f"cannot be read: {problem.strerror or problem}") from None
+
+
+def _open_at_once(path, flags):
+    """Opens a file, also a pipe that nobody writes to, without waiting."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
 def load_grader_data(path, layout):
     """The data of a pickle, checked against its layout.
 
@@ -220,9 +253,9 @@ def load_grader_data(path, layout):
     Raises GraderDataError.
     """
     try:
-        stored = _read_pickle(Path(path).read_bytes())
-    except OSError as problem:
-        raise GraderDataError(f"cannot be read: {problem.strerror or problem}") from None
+        stored = _read_pickle(_read_bytes(path))
+    except GraderDataError:
+        raise
     except Exception as problem:  # A damaged pickle can raise almost anything; see `pickle`.
         cause = " ".join(str(problem).split()) or type(problem).__name__
         raise GraderDataError(f"not a readable data file: {cause}") from None
@@ -381,6 +414,13 @@ class Grade:
         return PASSED
 
 
+class OneLineParser(argparse.ArgumentParser):
+    """Reports a wrong command line in one line, without the usage before it."""
+
+    def error(self, message):
+        self.exit(BAD_DATA, f"{self.prog}: {_printable(message)} (--help lists the options)\n")
+
+
 def run_grader(description, fileName, layout, grade):
     """Run a grader's command line; returns the exit code.
 
@@ -388,7 +428,7 @@ def run_grader(description, fileName, layout, grade):
     grade : function of (data, convention) that returns a Grade, or raises GraderDataError
     Exit codes: PASSED, FAILED, or BAD_DATA with one line on stderr.
     """
-    parser = argparse.ArgumentParser(
+    parser = OneLineParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(
@@ -403,9 +443,10 @@ def run_grader(description, fileName, layout, grade):
     path = arguments.data / fileName
     try:
         data = load_grader_data(path, layout)
-        result = grade(data, arguments.convention)
+        with np.errstate(all="ignore"):  # what is not a number in the end is told by the table
+            result = grade(data, arguments.convention)
     except GraderDataError as problem:
-        print(f"{parser.prog}: {path}: {problem}", file=sys.stderr)
+        print(_printable(f"{parser.prog}: {path}: {problem}"), file=sys.stderr)
         return BAD_DATA
     result.remarks.append(f"data {path}, convention {arguments.convention}")
     return result.report()

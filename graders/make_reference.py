@@ -10,7 +10,6 @@ can be tried on data of that kind.
 The random inputs are doubles, taken as exact numbers. Running twice writes the same bytes.
 """
 
-import argparse
 import itertools
 import pickle
 from dataclasses import dataclass
@@ -19,7 +18,14 @@ from pathlib import Path
 
 import numpy as np
 from decimalMath import ONE, ZERO, exact, extended_precision, normalised
-from gradingTools import DATA_DIRECTORY, EXACT, RELEASED_2024, add_convention_argument
+from gradingTools import (
+    BAD_DATA,
+    DATA_DIRECTORY,
+    EXACT,
+    RELEASED_2024,
+    OneLineParser,
+    add_convention_argument,
+)
 from referencePhysics import (
     Body,
     Contact,
@@ -346,7 +352,7 @@ def make_reference(directory, convention=EXACT):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = OneLineParser(description=__doc__.splitlines()[0])
     parser.add_argument(
         "--out",
         metavar="DIR",
@@ -361,7 +367,7 @@ def main():
     except NotGeneric as problem:
         parser.exit(1, f"{parser.prog}: {problem}; another seed is needed\n")
     except OSError as problem:
-        parser.exit(1, f"{parser.prog}: {arguments.out}: {problem.strerror}\n")
+        parser.exit(BAD_DATA, f"{parser.prog}: {arguments.out}: {problem.strerror}\n")
     print(f"wrote three files to {arguments.out}: {counts} of {SAMPLE_COUNT} samples each")
 
 

@@ -16,6 +16,7 @@ import csv
 import importlib.util
 import math
 import resource
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -139,11 +140,12 @@ PEERS = {"MuJoCo": ("mujoco", MuJoCoRun), "PyBullet": ("pybullet", PyBulletRun)}
 
 
 def make_scene(kind, count, folder):
-    """A scene file of data/make_pile.py, in `folder`, with the paths of its meshes."""
+    """A scene file of data/make_pile.py, in `folder`, with the meshes beside it."""
     command = [sys.executable, DATA_FOLDER / "make_pile.py", str(count), *KINDS[kind]]
-    lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
     path = Path(folder) / f"{kind}_{count}-scene.txt"
-    path.write_text("\n".join([lines[0], *(f"{DATA_FOLDER}/{line}" for line in lines[1:])]) + "\n")
+    subprocess.run([*command, "--out", path], check=True)
+    for mesh in DATA_FOLDER.glob("*.mesh"):
+        shutil.copy(mesh, folder)
     return path
 
 

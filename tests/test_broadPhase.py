@@ -1,10 +1,12 @@
 """The uniform grid: the same pairs as comparing all boxes, and the same motion to the last bit."""
 
+import shutil
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+from oracles import box_body
 
 import GJK
 import RBSFunctions
@@ -129,26 +131,45 @@ def test_grid_gives_the_same_bits_in_a_pile_of_all_shapes(tmp_path):
     scene = pile(60, "--shapes", "box", "tetrahedron", "octahedron", "long-octahedron", "cylinder",
                  "ellipsoid", "--seed", "3")  # fmt: skip
     path = tmp_path / "pile-scene.txt"
-    path.write_text(scene.replace("\n", f"\n{DATA_FOLDER}/", 60))
+    path.write_text(scene)
+    for mesh in DATA_FOLDER.glob("*.mesh"):
+        shutil.copy(mesh, tmp_path)
     meshes = load_scene_file(path)
     assert len({m.name.split()[0] for m in meshes}) == 6
     assert assert_same_motion(path, 260, 0.0) > 300
 
 
 def test_a_body_that_strays_beyond_its_reach_is_not_overlooked(monkeypatch):
-    """With next to no reach, some steps' collisions have to be done again."""
-    attempts = []
-    original = RBSFunctions._ContactBatches.__init__
+    """With next to no reach, pairs are overlooked, included, and the batches done again."""
+    included = []
+    original = RBSFunctions._ContactBatches.include
 
-    def counted(self, *arguments):
-        attempts.append(arguments)
-        original(self, *arguments)
+    def counted(self, first, second, displaced):
+        known = np.isin(first * len(displaced) + second, self.keys)
+        included.append((np.count_nonzero(known), np.count_nonzero(~known)))
+        original(self, first, second, displaced)
 
     monkeypatch.setattr(RBSFunctions, "LEAST_REACH", 1e-9)
     monkeypatch.setattr(RBSFunctions, "REACH_GROWTH", 1.001)
-    monkeypatch.setattr(RBSFunctions._ContactBatches, "__init__", counted)
+    monkeypatch.setattr(RBSFunctions._ContactBatches, "include", counted)
     assert assert_same_motion(DATA_FOLDER / "mixed-scene.txt", 150, 0.5) > 10
-    assert len(attempts) > 150  # steps
+    known, new = np.sum(included, axis=0)
+    assert known > 0 and new == 0  # the boxes of all of these overlapped from the start
+
+
+@pytest.mark.parametrize("broadPhase", ["all", "grid"])
+def test_a_body_pushed_into_one_that_was_far_hits_it_in_the_same_step(broadPhase):
+    """Cubes of 2: the first, fixed, pushes the second by 0.5, over a gap of 0.3, into the third.
+
+    Those two part by 0.1 each.
+    """
+    x = [0.0, 1.5, 3.8]
+    cubes = [box_body(2.0, 2.0, 2.0, (x[k], 0.0, 0.0), isFixed=k == 0) for k in range(3)]
+    contacts = run_timestep(cubes, None, 1e-6, 0.0, broadPhase=broadPhase).contacts
+    assert [(contact.body1, contact.body2) for contact in contacts] == [(0, 1), (1, 2)]
+    assert [contact.depth for contact in contacts] == pytest.approx([0.5, 0.2])
+    moved = [m.position[0, 0] for m in cubes]
+    assert moved == pytest.approx([0.0, 1.9, 3.9])
 
 
 def test_what_is_remembered_changes_no_bit(monkeypatch):

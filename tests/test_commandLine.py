@@ -429,7 +429,7 @@ WRONG = {
     "every 0": (["--screenshots", "s", "--every", "0"], "--every: must be 1 or more, not 0"),
     "every alone": (["--every", "3"], "--every says how often --screenshots or --video draws"),
     "fps alone": (["--fps", "30"], "--fps says how fast --video plays, which is missing"),
-    "fps 0": (["--video", "v.mp4", "--fps", "0"], "--fps: must lie between 0 and 240, not 0"),
+    "fps 0": (["--video", "v.mp4", "--fps", "0"], "--fps: must lie between 0.01 and 240, not 0"),
     "video of unknown kind": (["--video", "v.avi"], "the name of a video must end in .mp4 or .gif"),
     "video to nowhere": (["--video", "no/v.mp4"], "no/v.mp4: No such file or directory"),
     "transparent alone": (["--transparent"], "--transparent says how --screenshots draws"),
@@ -440,7 +440,8 @@ WRONG = {
     "no camera": (["--camera", "no.json"], "no.json: No such file or directory"),
     "unknown colours": (["--colours", "mass"], "--colours: invalid choice: 'mass'"),
     "unknown overlay": (["--show", "trails", "stars"], "--show: invalid choice: 'stars'"),
-    "broken camera": (["--camera", "empty.txt"], "empty.txt: this is not a JSON file"),
+    "broken camera": (["--camera", "empty.txt"],
+                      "empty.txt:2: this is not a JSON file: Expecting value"),
     "no constraint file": (["--constraints", "no.txt"], "no.txt: there is no such file"),
     "broken constraints": (["tet", "--constraints", "bad-constraints.txt"],
                            "bad-constraints.txt:2: a mesh index must be between 0 and 24, not 99"),
@@ -506,7 +507,7 @@ def test_help_names_every_option_with_its_default(tmp_path):
                   "--size WxH", "--camera FILE.json", "--transparent", "--colours NAME",
                   "--show NAME", "--record FILE.npz", "--replay FILE.npz",
                   "--resume FILE.npz", "--verify FILE.npz", "--from STEP", "--stats FILE.csv",
-                  "--plot FILE.png"):  # fmt: skip
+                  "--plot FILE.png", "--finish FILE.npz", "--allow-outside-meshes"):  # fmt: skip
         assert words in process.stdout
     assert max(map(len, process.stdout.splitlines())) <= 100
 

@@ -841,7 +841,7 @@ def test_planes_have_the_same_bits_alone_and_in_a_batch(batch, function, company
     if company == "small chunks":
         monkeypatch.setattr(GJK, "CHUNK_ENTRIES", 1)
         again = function(*arguments)
-        for name in ("start", "normal", "offset", "complete"):
+        for name in ("start", "normal", "offset", "bound"):
             assert np.array_equal(getattr(again, name), getattr(together, name))
         return
     for p in range(PAIRS):

@@ -1,7 +1,9 @@
 """Mesh: mass properties by four independent ways, and what a mesh does with what it is given."""
 
+import copy
 import itertools
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -20,7 +22,14 @@ from oracles import (
 from scipy.spatial import ConvexHull
 
 from Quaternion import Q2RotMatrix
-from RBSFunctions import Mesh, resolve_collision, run_timestep
+from RBSFunctions import (
+    GRAVITY,
+    STEP_ATTRIBUTES,
+    STEP_NAMES,
+    Mesh,
+    resolve_collision,
+    run_timestep,
+)
 
 # Sums over some hundred tetrahedra in double precision.
 ROUNDING = 1e-12
@@ -223,9 +232,7 @@ def test_rotated_inverse_tensor_is_that_of_the_rotated_body(name):
         assert np.array_equal(world, world.T)
         # … and by its meaning: a mesh built from the turned vertices, itself not turned. This is
         # what tells R I⁻¹ Rᵀ from Rᵀ I⁻¹ R.
-        straight = Mesh(
-            name, turned(vertices, q), faces, tets, 0.6, np.zeros(3), IDENTITY, False
-        )
+        straight = Mesh(name, turned(vertices, q), faces, tets, 0.6, np.zeros(3), IDENTITY, False)
         assert np.abs(world - straight.invIT).max() < ROUNDING * np.abs(world).max()
 
 
@@ -416,3 +423,100 @@ def test_nonsense_raises(changed):
     Mesh(**arguments)
     with pytest.raises(ValueError):
         Mesh(**(arguments | changed))
+
+
+# --------------------------------------------------------------------------------------------------
+# The state in tables
+# --------------------------------------------------------------------------------------------------
+
+
+def stepped(meshes, **options):
+    run_timestep(meshes, ground(), 0.02, 0.5, **options)
+
+
+def boxes(count):
+    """Boxes high in the air, apart."""
+    return [box_body(1.0, 2.0, 1.5, (3.0 * k, 50.0, 0.0)) for k in range(count)]
+
+
+@pytest.mark.parametrize("broadPhase", ["all", "grid"])
+@pytest.mark.parametrize(
+    "name, value",
+    [
+        ("position", [[1.0, 2.0, 3.0]]),
+        ("orientation", [[0.0, 1.0, 0.0, 0.0]]),
+        ("linVelocity", [[1.0, 2.0, 3.0]]),
+        ("angVelocity", [[1.0, 2.0, 3.0]]),
+        ("invIT", np.diag([1.0, 2.0, 3.0])),
+        ("invMass", 0.0),
+    ],
+)
+def test_what_is_assigned_between_steps_is_what_the_next_step_uses(name, value, broadPhase):
+    """The same state in meshes that have never made a step gives the same bits."""
+    meshes = boxes(3)
+    stepped(meshes, broadPhase=broadPhase)
+    setattr(meshes[1], name, value)
+    assert np.array_equal(getattr(meshes[1], name), value)
+    fresh = boxes(3)
+    for m, new in zip(meshes, fresh, strict=True):
+        for attribute in STEP_ATTRIBUTES:
+            setattr(new, attribute, np.array(getattr(m, attribute)))
+    for _ in range(2):
+        stepped(meshes, broadPhase=broadPhase)
+        stepped(fresh, broadPhase=broadPhase)
+    for m, new in zip(meshes, fresh, strict=True):
+        for attribute in STEP_NAMES:
+            assert np.array_equal(getattr(m, attribute), getattr(new, attribute)), attribute
+    moved = not np.array_equal(meshes[1].position, boxes(3)[1].position)
+    assert moved and meshes[1].position.shape == (1, 3)
+
+
+def test_what_is_written_into_a_row_is_what_the_next_step_uses():
+    meshes = boxes(2)
+    stepped(meshes)
+    meshes[0].linVelocity[0, 1] = 10.0
+    meshes[1].position += 5.0
+    height = meshes[1].position[0, 1]
+    stepped(meshes)
+    assert meshes[0].linVelocity[0, 1] == 10.0 + GRAVITY * 0.02
+    assert meshes[1].position[0, 1] < height < meshes[1].position[0, 1] + 1.0
+
+
+def test_what_somebody_has_kept_of_the_state_stays_as_it_was():
+    meshes = boxes(2)
+    stepped(meshes)
+    kept = meshes[0].position
+    before = kept.copy()
+    stepped(meshes)
+    assert np.array_equal(kept, before) and not np.array_equal(meshes[0].position, before)
+    now = meshes[0].position
+    before = now.copy()
+    meshes[0].position = np.zeros((1, 3))
+    stepped(meshes)
+    assert np.array_equal(now, before)
+
+
+@pytest.mark.parametrize(
+    "copied", [copy.copy, copy.deepcopy, lambda mesh: pickle.loads(pickle.dumps(mesh))]
+)
+def test_a_copy_of_a_mesh_goes_its_own_way(copied):
+    meshes = boxes(2)
+    stepped(meshes)
+    twin = copied(meshes[0])
+    before = {name: np.array(getattr(twin, name)) for name in STEP_NAMES}
+    assert all(np.array_equal(getattr(meshes[0], name), before[name]) for name in before)
+    stepped(meshes)
+    assert all(np.array_equal(getattr(twin, name), before[name]) for name in before)
+    stepped([twin])
+    assert np.array_equal(twin.position, meshes[0].position)
+
+
+def test_a_mesh_may_be_in_several_lists():
+    meshes, others = boxes(3), boxes(3)
+    for subset in ((0, 1, 2), (1,), (0, 1, 2), (1, 2), (2, 1), (0, 1, 2)):
+        stepped([meshes[k] for k in subset])
+        for k in subset:  # by itself, no list's tables in common
+            others[k].integrate_timestep(0.02)
+        for m, other in zip(meshes, others, strict=True):
+            assert np.array_equal(m.position, other.position)
+            assert np.array_equal(m.currVertices, other.currVertices)

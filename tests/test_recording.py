@@ -764,7 +764,7 @@ CONFLICTING = {
                           "--record and --resume name the same file"),
     "stats and plot": (["--stats", "s", "--plot", "s"], "--plot and --stats name the same file"),
     "replay of here": (["--headless", "--replay", "."], ".: this is a folder, not a recording"),
-    "verify of nothing": (["--verify", ""], ".: this is a folder, not a recording"),
+    "verify of nothing": (["--verify", "."], ".: this is a folder, not a recording"),
     "negative from": (["--resume", "r", "--from", "-1"], "--from: must be 0 or more, not -1"),
     "stats to nowhere": (["--stats", "no/s.csv"], "no/s.csv: No such file or directory"),
     "stats to a folder": (["--stats", "."], ".: this is a folder, not a file"),

@@ -85,6 +85,9 @@ class StillView:
     def picked_point(self):
         return np.array([1.0, 2.0, 3.0])
 
+    def set_resizable(self, isResizable):
+        pass
+
 
 def make_viewer(simulation, view):
     return Viewer(simulation, view, open_file, list_files, step_quantities)
@@ -207,7 +210,7 @@ def test_scenes_beside_the_current_one_can_be_chosen(viewer):
 def test_broken_file_shows_its_error_and_keeps_the_current_scene(viewer, tmp_path):
     for name, cause in (("broken-scene.txt", ":1: the file ends before body 1 of 2"),
                         ("broken.npz", ": this is not a recording"),
-                        ("broken.json", ": this is not a JSON file")):  # fmt: skip
+                        ("broken.json", ":1: this is not a JSON file")):  # fmt: skip
         (tmp_path / name).write_text("2\n" if name.endswith("txt") else "nothing")
         viewer.step_once()
         count = viewer.simulation.stepCount
@@ -216,6 +219,37 @@ def test_broken_file_shows_its_error_and_keeps_the_current_scene(viewer, tmp_pat
         assert viewer.simulation.stepCount == count and viewer.view.rebuilt == 0
     viewer.open(DATA / "tet-scene.txt")
     assert viewer.message == ""
+
+
+def test_video_that_meets_a_full_disk_ends_and_is_told(viewer):
+    class FullVideo:
+        path, count = "out/v.mp4", 3
+
+        def add(self, simulation):
+            raise OSError(28, "the video could not be written", self.path)
+
+        save = close = lambda self: None
+
+    viewer.video = FullVideo()
+    viewer.step_once()
+    assert viewer.message == "cannot write: the video could not be written"
+    assert viewer.video is None and viewer.simulation.stepCount == 1
+
+
+def test_video_that_cannot_be_put_in_its_place_is_told(viewer):
+    class FullVideo:
+        path, count, isClosed = "out/v.mp4", 3, False
+
+        def save(self):
+            raise OSError(28, "No space left on device")
+
+        def close(self):
+            FullVideo.isClosed = True
+
+    viewer.video = FullVideo()
+    viewer.stop_video()
+    assert viewer.message == "cannot write: No space left on device" and viewer.saved == ""
+    assert viewer.video is None and FullVideo.isClosed
 
 
 def test_plots_grow_while_they_are_open_and_begin_anew_with_a_reset(viewer):
@@ -495,7 +529,7 @@ def test_videos_play_in_real_time_unless_told_otherwise(timeStep, rate, every, e
 @pytest.mark.parametrize(
     ("text", "cause"),
     [
-        ("", "this is not a JSON file"),
+        ("", "1: this is not a JSON file: Expecting value"),
         ("[1, 2]", "a camera has position, target, fieldOfView and nothing else"),
         ('{"position": [1, 2, 3], "target": [0, 0, 0]}', "a camera has"),
         ('{"position": [1, 2], "target": [0, 0, 0], "fieldOfView": 45}',
@@ -515,7 +549,8 @@ def test_broken_camera_files_are_told_in_one_line(tmp_path, text, cause):
     path.write_text(text)
     with pytest.raises(DrawingError) as error:
         load_camera(path)
-    assert str(error.value).startswith(f"{path}: {cause}") and "\n" not in str(error.value)
+    told = str(error.value)
+    assert told.startswith((f"{path}: {cause}", f"{path}:{cause}")) and "\n" not in told
     with pytest.raises(DrawingError, match="No such file"):
         load_camera(tmp_path / "none.json")
 

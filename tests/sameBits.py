@@ -1,0 +1,80 @@
+"""Steps scenes with the default broad phase and with another, and compares the states bit by bit.
+
+    python tests/sameBits.py [SCENE …] [--steps 500] [--mu 0.4] [--order sequential]
+
+Scenes are files or names; without any, all those of data/ apart from the largest pile are run.
+Prints a line a scene; exit code 1 if one differs.
+"""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from RBSRecording import STATE_NAMES
+from RigidBodySimulation import DATA_FOLDER, Settings, Simulation, find_scene
+
+
+def parse_arguments(arguments=None):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scenes", nargs="*", metavar="SCENE")
+    parser.add_argument("--steps", type=int, default=500)
+    parser.add_argument("--mu", type=float, default=0.0)
+    return parser.parse_args(arguments)
+
+
+def compare(scene, steps, mu):
+    """`(bodies, contacts, step, seconds)`: contacts between bodies; step, the first that differs.
+
+    seconds : the median time of a step, with each broad phase
+    """
+    simulations = [
+        Simulation(find_scene(scene), Settings(broadPhase=name, friction=mu))
+        for name in ("all", "grid")
+    ]
+    contacts, seconds = 0, []
+    for step in range(1, steps + 1):
+        spent = []
+        for simulation in simulations:
+            start = time.perf_counter()
+            simulation.step()
+            spent.append(time.perf_counter() - start)
+        seconds.append(spent)
+        one, other = (simulation.state() for simulation in simulations)
+        if not all(np.array_equal(one[name], other[name]) for name in STATE_NAMES):
+            return len(simulations[0].meshes), contacts, step, np.median(seconds, axis=0)
+        reports = [simulation.report.contacts for simulation in simulations]
+        if reports[0] != reports[1]:
+            return len(simulations[0].meshes), contacts, step, np.median(seconds, axis=0)
+        contacts += sum(contact.body2 >= 0 for contact in reports[0])
+    return len(simulations[0].meshes), contacts, None, np.median(seconds, axis=0)
+
+
+def main(arguments=None):
+    options = parse_arguments(arguments)
+    scenes = options.scenes or [
+        str(path)
+        for path in sorted(DATA_FOLDER.glob("*-scene.txt"))
+        if path.name != "pile_1000-scene.txt"
+    ]
+    print(f"{'scene':28} {'bodies':>6} {'contacts':>8}   ms a step: all, grid   same bits")
+    differs = False
+    for scene in scenes:
+        bodies, contacts, step, seconds = compare(scene, options.steps, options.mu)
+        name = Path(scene).name.removesuffix("-scene.txt")
+        verdict = f"yes, {options.steps} steps" if step is None else f"NO, from step {step}"
+        print(
+            f"{name:28} {bodies:6d} {contacts:8d}   {1e3 * seconds[0]:9.2f} {1e3 * seconds[1]:9.2f}"
+            f"   {verdict}",
+            flush=True,
+        )
+        differs |= step is not None
+    return int(differs)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,533 @@
+"""Full disks, folders that cannot be written to, and kill -9.
+
+Whatever ends a run, a file of the given name is the old one, or a new one that is whole; and the
+program, where it lives, says what happened in one line.
+
+A disk is filled by a small file system in memory where tests may mount one, and by a limit on the
+size of a file otherwise; both are tested where both can be.
+"""
+
+import csv
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tracemalloc
+
+import numpy as np
+import pytest
+from opengl import require_opengl
+from oracles import ROOT
+from program import DATA, environment, run
+
+import RBSDrawing
+import RBSFiles
+import RBSRecording
+from RBSRecording import Recorder, Recording, RecordingError, StatsWriter, finish
+from RigidBodySimulation import Simulation, main
+
+onLinux = pytest.mark.skipif(
+    not sys.platform.startswith("linux"), reason="file systems and limits are Linux's here"
+)
+pytestmark = onLinux
+
+OLD = b"an older file"
+
+
+# --------------------------------------------------------------------------------------------------
+# Disks that are full, folders that are read only
+# --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def mount(tmp_path):
+    """A function of a size in kB that mounts a file system in memory; returns its folder."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+
+    def mount(kilobytes):
+        command = ["mount", "-t", "tmpfs", "-o", f"size={kilobytes}k", "tmpfs", str(folder)]
+        try:
+            process = subprocess.run(command, capture_output=True, text=True)
+        except OSError as error:
+            pytest.skip(f"nothing can be mounted here: {error}")
+        if process.returncode != 0:
+            pytest.skip(f"nothing can be mounted here: {process.stderr.strip()}")
+        return folder
+
+    yield mount
+    if os.path.ismount(folder):
+        subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+def run_with_short_files(folder, kilobytes, *arguments):
+    """Runs the program with no file getting longer than so many kB."""
+    import resource
+
+    def limit():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (kilobytes << 10, kilobytes << 10))
+
+    return subprocess.run(
+        [sys.executable, "-B", ROOT / "RigidBodySimulation.py", *map(str, arguments)],
+        cwd=folder, env=environment(), capture_output=True, text=True, timeout=120,
+        preexec_fn=limit,
+    )  # fmt: skip
+
+
+FULL, TOO_LONG = "No space left on device", "File too large"
+NOT_WHOLE = "could not be written to its end; is the disk full?"
+DRAWN = ["--size", "640x480"]
+# case: (arguments, the file, the kB that are too few, whether it takes OpenGL, a part that is kept)
+OUTPUTS = {
+    "recording": (["stress", "--steps", "100", "--record", "o.npz"], "o.npz", 128, False, None),
+    "statistics": (["tet", "--steps", "400", "--stats", "o.csv"], "o.csv", 64, False,
+                   "o.csv.part"),
+    "plot": (["tet", "--steps", "20", "--plot", "o.png"], "o.png", 32, False, None),
+    "picture": (["tet", "--steps", "0", "--screenshots", ".", *DRAWN], "frame_000000.png", 12,
+                True, None),
+    "mp4": (["tet", "--steps", "60", "--video", "o.mp4", *DRAWN], "o.mp4", 12, True, None),
+    "gif": (["tet", "--steps", "30", "--video", "o.gif", *DRAWN], "o.gif", 12, True, None),
+}  # fmt: skip
+
+
+def require(case, drawn):
+    if drawn:
+        require_opengl()
+    if case in ("mp4", "gif"):
+        pytest.importorskip("imageio_ffmpeg", reason="pip install imageio-ffmpeg")
+    if case == "plot":
+        pytest.importorskip("matplotlib", reason="pip install matplotlib")
+
+
+# What starts neither Polyscope nor matplotlib is quick: all four.
+QUICK = [(way, isOld) for way in ("full disk", "limited file") for isOld in (False, True)]
+WAYS = {
+    "recording": QUICK, "statistics": QUICK, "plot": QUICK[1:3], "picture": QUICK[1:3],
+    "mp4": QUICK[1:2], "gif": QUICK[1:3],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("case", "way", "isOld"), [(case, *way) for case, ways in WAYS.items() for way in ways]
+)
+def test_full_disk(tmp_path, mount, case, way, isOld):
+    arguments, name, kilobytes, drawn, kept = OUTPUTS[case]
+    require(case, drawn)
+    folder = mount(kilobytes) if way == "full disk" else tmp_path
+    if isOld:
+        (folder / name).write_bytes(OLD)
+    if way == "full disk":
+        process = run(folder, *arguments, PYTHONDONTWRITEBYTECODE="1")
+    else:
+        process = run_with_short_files(folder, kilobytes, *arguments)
+    assert (process.returncode, process.stdout) == (2, ""), process.stderr
+    (line,) = process.stderr.splitlines()
+    cause = FULL if way == "full disk" else TOO_LONG
+    if drawn:  # neither Polyscope nor the encoder says why
+        cause = f"the {'picture' if case == 'picture' else 'video'} {NOT_WHOLE}"
+    shown = os.path.normpath(os.path.join(".", name))
+    expected = f"RigidBodySimulation.py: {shown}: {cause}"
+    if kept:
+        expected += f"; what there is of the run is in {kept}"
+    assert line == expected
+    left = {path.name for path in folder.iterdir()} - {"disk"}
+    assert left == ({name} if isOld else set()) | ({kept} if kept else set())
+    if isOld:
+        assert (folder / name).read_bytes() == OLD
+
+
+@pytest.mark.parametrize("case", ["recording", "statistics", "plot", "picture", "mp4"])
+def test_read_only_folder(tmp_path, mount, case):
+    arguments, name, _, drawn, _ = OUTPUTS[case]
+    require(case, drawn)
+    folder = tmp_path
+    if os.geteuid() == 0:  # whom permissions do not stop
+        folder = mount(1024)
+    (folder / name).write_bytes(OLD)
+    if os.geteuid() == 0:
+        subprocess.run(["mount", "-o", "remount,ro", str(folder)], check=True)
+        cause = "Read-only file system"
+    else:
+        folder.chmod(0o555)
+        cause = "Permission denied"
+    try:
+        process = run(folder, *arguments, PYTHONDONTWRITEBYTECODE="1")
+        assert (process.returncode, process.stdout) == (2, ""), process.stderr
+        (line,) = process.stderr.splitlines()
+        # Of pictures, the folder is looked at before the first is drawn.
+        told = "frame.png" if case == "picture" else name
+        assert line == f"RigidBodySimulation.py: {told}: {cause}"
+        assert (folder / name).read_bytes() == OLD
+        assert [path.name for path in folder.iterdir() if path.name != "disk"] == [name]
+    finally:
+        folder.chmod(0o755) if os.geteuid() else None
+
+
+def test_camera_on_a_full_disk(tmp_path, mount):
+    require_opengl()
+    program = (
+        "import sys, RBSDrawing; "
+        "RBSDrawing.start_polyscope(RBSDrawing.find_backend(window=False)); "
+        "RBSDrawing.save_camera(sys.argv[1])"
+    )
+
+    def save():
+        return subprocess.run(
+            [sys.executable, "-B", "-c", program, path], cwd=ROOT, env=environment(),
+            capture_output=True, text=True, timeout=120,
+        )  # fmt: skip
+
+    folder = mount(8)
+    path = folder / "camera.json"
+    path.write_bytes(OLD)
+    (folder / "filler").write_bytes(bytes(4096))
+    process = save()
+    assert process.returncode == 1 and f"{FULL}: '{path}'" in process.stderr
+    assert path.read_bytes() == OLD and not (folder / "camera.json.part").exists()
+    (folder / "filler").unlink()
+    assert save().returncode == 0
+    assert RBSDrawing.load_camera(path)["fieldOfView"] > 0.0
+
+
+# --------------------------------------------------------------------------------------------------
+# kill -9
+# --------------------------------------------------------------------------------------------------
+
+# Ends itself by SIGKILL at the n-th call of a function, before it does anything.
+KILLED = """
+import importlib, os, signal, sys
+module, function = sys.argv[1].rsplit(".", 1)
+count = int(sys.argv[2])
+module = importlib.import_module(module)
+real, calls = getattr(module, function), 0
+def deadly(*arguments, **options):
+    global calls
+    calls += 1
+    if calls == count:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return real(*arguments, **options)
+setattr(module, function, deadly)
+from RigidBodySimulation import main
+sys.exit(main(sys.argv[3:]))
+"""
+
+
+def whole_recording(path):
+    assert Recording(path).lastStep == 6 and Recording(path).damaged_member() is None
+    assert np.load(path)["positions"].shape == (7, 25, 3)
+
+
+def whole_table(path):
+    with open(path, newline="", encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    assert [row[0] for row in rows] == ["step", *map(str, range(7))]
+    assert len({len(row) for row in rows}) == 1
+
+
+def whole_picture(path):
+    assert RBSDrawing.is_whole_png(path)
+
+
+WHOLE = {"r.npz": whole_recording, "s.csv": whole_table, "p.png": whole_picture}
+
+
+@pytest.mark.parametrize(
+    "function", ["os.fsync", "os.replace", "RBSRecording._write_member", "shutil.rmtree"]
+)
+def test_kill_at_any_point_leaves_the_old_file_or_a_whole_new_one(tmp_path, function):
+    arguments = ["tet", "--steps", "6", "--record", "r.npz", "--stats", "s.csv"]
+    if function == "os.replace":
+        pytest.importorskip("matplotlib", reason="pip install matplotlib")
+        arguments += ["--plot", "p.png"]
+    outcomes = set()
+    # Of the two dozen arrays of a file, every eleventh will do.
+    stride = 11 if function.endswith("member") else 1
+    for count in range(1, 200, stride):
+        folder = tmp_path / str(count)
+        folder.mkdir()
+        for name in WHOLE:
+            (folder / name).write_bytes(OLD)
+        process = subprocess.run(
+            [sys.executable, "-c", KILLED, function, str(count), *arguments],
+            cwd=folder, env=environment(PYTHONPATH=str(ROOT)), capture_output=True, text=True,
+            timeout=120,
+        )  # fmt: skip
+        for name, assert_whole in WHOLE.items():
+            isOld = (folder / name).read_bytes() == OLD
+            outcomes.add((name, isOld))
+            if not isOld:
+                assert_whole(folder / name)
+        if process.returncode == 0:
+            break
+        assert process.returncode == -signal.SIGKILL, process.stderr
+        # What was simulated is not lost, once there was a chunk on the disk.
+        if list(folder.glob("r.npz.part/chunk_*.npz")):
+            left = Recording(folder / "r.npz.part")
+            assert left.damaged_member() is None
+    assert process.returncode == 0 and count > 1
+    assert {("r.npz", False), ("s.csv", False), ("s.csv", True)} <= outcomes
+
+
+def test_kill_while_a_picture_or_a_video_is_drawn(tmp_path):
+    require_opengl()
+    pytest.importorskip("imageio_ffmpeg", reason="pip install imageio-ffmpeg")
+    arguments = ["tet", "--steps", "4", "--every", "2", "--size", "160x120"]
+    arguments += ["--video", "v.mp4", "--screenshots", "."]
+    names = ["frame_000000.png", "frame_000002.png", "v.mp4"]
+    for function, count in [("RBSDrawing.is_whole_png", 2), ("RBSDrawing.is_whole_video", 1)]:
+        for name in names:
+            (tmp_path / name).write_bytes(OLD)
+        process = subprocess.run(
+            [sys.executable, "-c", KILLED, function, str(count), *arguments],
+            cwd=tmp_path, env=environment(PYTHONPATH=str(ROOT)), capture_output=True, text=True,
+            timeout=120,
+        )  # fmt: skip
+        assert process.returncode == -signal.SIGKILL, process.stderr
+        assert RBSDrawing.is_whole_png(tmp_path / names[0])
+        isOld = (tmp_path / names[1]).read_bytes() == OLD
+        assert isOld == (count == 2)
+        assert isOld or RBSDrawing.is_whole_png(tmp_path / names[1])
+        assert (tmp_path / "v.mp4").read_bytes() == OLD
+    # What it left does not stand in the way of the next run.
+    assert run(tmp_path, *arguments).returncode == 0
+    assert RBSDrawing.is_whole_video(tmp_path / "v.mp4")
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([*names, "frame_000004.png"])
+
+
+# --------------------------------------------------------------------------------------------------
+# One file of an interrupted recording
+# --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def inChunks(monkeypatch):
+    """Every state is a chunk by itself."""
+    monkeypatch.setattr(RBSRecording, "CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr(RBSRecording, "CHUNK_SHARE", 0.0)
+
+
+def interrupted(path, steps, scene="tower_chain"):
+    """A recording that was not saved; friction is switched on in its middle."""
+    simulation = Simulation(DATA / f"{scene}-scene.txt")
+    recorder = Recorder(path)
+    for step in range(steps):
+        if step == steps // 2:
+            simulation.settings.friction = 0.4
+        recorder.add(simulation)
+        simulation.step()
+    return recorder
+
+
+@pytest.mark.parametrize("given", ["r.npz", "r.npz.part"])
+def test_finished_recording_has_the_bytes_of_a_saved_one(
+    tmp_path, monkeypatch, capsys, inChunks, given
+):
+    saved = interrupted(tmp_path / "saved.npz", 9)
+    saved.save()
+    assert interrupted(tmp_path / "r.npz", 9).close() == tmp_path / "r.npz.part"
+    monkeypatch.chdir(tmp_path)
+    assert main(["--finish", given]) == 0
+    output, errors = capsys.readouterr()
+    assert output == "r.npz: the steps 0 to 8, of an interrupted recording\n" and errors == ""
+    assert (tmp_path / "r.npz").read_bytes() == (tmp_path / "saved.npz").read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["r.npz", "saved.npz"]
+    assert main(["--verify", "r.npz"]) == 0
+
+
+def test_killed_run_can_be_finished_and_goes_on(tmp_path):
+    process = subprocess.run(
+        [sys.executable, "-c", KILLED, "os.replace", "3", "tower", "--steps", "100000", "--record",
+         "r.npz"], cwd=tmp_path, env=environment(PYTHONPATH=str(ROOT)), timeout=120,
+    )  # fmt: skip
+    assert process.returncode == -signal.SIGKILL
+    process = run(tmp_path, "--finish", "r.npz")
+    assert process.returncode == 0 and process.stderr == ""
+    assert [path.name for path in tmp_path.iterdir()] == ["r.npz"]
+    last = Recording(tmp_path / "r.npz").lastStep
+    assert last > 0
+    process = run(tmp_path, "--resume", "r.npz", "--steps", "2", "--headless")
+    assert process.returncode == 0 and f"steps             {last + 2} of" in process.stdout
+
+
+def test_finishing_is_refused_where_something_would_be_lost(tmp_path, inChunks):
+    interrupted(tmp_path / "r.npz", 5).close()
+    part = tmp_path / "r.npz.part"
+    (tmp_path / "r.npz").write_bytes(OLD)
+    with pytest.raises(RecordingError, match="r.npz: there is another one already; rename it"):
+        finish(tmp_path / "r.npz")
+    assert (tmp_path / "r.npz").read_bytes() == OLD
+    (tmp_path / "r.npz").unlink()
+    chunk = part / "chunk_000002.npz"
+    content = chunk.read_bytes()
+    damaged = bytearray(content)
+    damaged[content.index(b" \n", content.index(b"times.npy")) + 2] ^= 1
+    chunk.write_bytes(damaged)
+    with pytest.raises(RecordingError, match="r.npz: cannot be made, the array .*chunk_000002.npz"):
+        finish(tmp_path / "r.npz")
+    chunk.unlink()
+    with pytest.raises(RecordingError, match="chunk_000003.npz: the states from step 2 on are mis"):
+        finish(tmp_path / "r.npz")
+    assert len(list(part.glob("chunk_*.npz"))) == 4 and not (tmp_path / "r.npz").exists()
+    chunk.write_bytes(content)
+    assert finish(tmp_path / "r.npz") == (tmp_path / "r.npz", 0, 4)
+    with pytest.raises(RecordingError, match="there is no interrupted recording of it"):
+        finish(tmp_path / "r.npz")
+
+
+def test_finishing_removes_chunks_that_are_in_the_file_already(tmp_path, inChunks):
+    recorder = interrupted(tmp_path / "r.npz", 5)
+    recorder.close()
+    part, kept = tmp_path / "r.npz.part", tmp_path / "kept"
+    shutil.copytree(part, kept)
+    finish(tmp_path / "r.npz")
+    content = (tmp_path / "r.npz").read_bytes()
+    kept.rename(part)
+    assert finish(tmp_path / "r.npz") == (tmp_path / "r.npz", 0, 4)
+    assert (tmp_path / "r.npz").read_bytes() == content
+    assert [path.name for path in tmp_path.iterdir()] == ["r.npz"]
+    # A file of other states, as many of them, is no such one.
+    other = interrupted(tmp_path / "o.npz", 5, "tower")
+    other.save()
+    interrupted(tmp_path / "o.npz", 5).close()
+    with pytest.raises(RecordingError, match="o.npz: there is another one already"):
+        finish(tmp_path / "o.npz")
+
+
+def test_recording_that_still_grows_is_left_alone(tmp_path, inChunks):
+    recorder = interrupted(tmp_path / "r.npz", 3)
+    with pytest.raises(RecordingError, match="r.npz.part: a program is still recording into it"):
+        finish(tmp_path / "r.npz")
+    (tmp_path / "s.npz.part").mkdir()
+    other = Recorder(tmp_path / "s.npz")
+    with pytest.raises(RecordingError, match="s.npz.part: a program is still recording into it"):
+        Recorder(tmp_path / "s.npz")
+    assert other.close() is None
+    recorder.save()
+    assert [path.name for path in tmp_path.iterdir()] == ["r.npz"]
+
+
+def test_finishing_on_a_full_disk_keeps_the_chunks(tmp_path, monkeypatch, inChunks):
+    interrupted(tmp_path / "r.npz", 5).close()
+    before = {path.name: path.read_bytes() for path in (tmp_path / "r.npz.part").iterdir()}
+
+    def full_disk(descriptor):
+        raise OSError(28, FULL)
+
+    monkeypatch.setattr(os, "fsync", full_disk)
+    with pytest.raises(OSError, match=FULL) as raised:
+        finish(tmp_path / "r.npz")
+    assert raised.value.filename == str(tmp_path / "r.npz")
+    after = {path.name: path.read_bytes() for path in (tmp_path / "r.npz.part").iterdir()}
+    assert before == after and not (tmp_path / "r.npz").exists()
+
+
+def test_finishing_takes_the_memory_of_a_block(tmp_path, monkeypatch):
+    monkeypatch.setattr(RBSRecording, "BLOCK_BYTES", 200_000)
+    simulation = Simulation(DATA / "stress-scene.txt")
+    recorder = Recorder(tmp_path / "r.npz")
+    for step in range(2000):
+        simulation.stepCount = step
+        recorder.add(simulation)
+    assert len(recorder._chunks) > 20
+    recorder.close()
+    tracemalloc.start()
+    assert finish(tmp_path / "r.npz")[2] == 1999
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    size = (tmp_path / "r.npz").stat().st_size
+    assert size > 8_000_000 and peak < 1_500_000
+
+
+# --------------------------------------------------------------------------------------------------
+# The pieces
+# --------------------------------------------------------------------------------------------------
+
+
+def test_run_that_ends_in_between_says_where_its_states_are(
+    tmp_path, monkeypatch, capsys, inChunks
+):
+    sync, calls = os.fsync, []
+
+    def soon_full(descriptor):
+        calls.append(descriptor)
+        if len(calls) > 20:
+            raise OSError(28, FULL)
+        sync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", soon_full)
+    monkeypatch.chdir(tmp_path)
+    assert main(["tet", "--steps", "50", "--record", "r.npz", "--stats", "s.csv"]) == 2
+    output, errors = capsys.readouterr()
+    assert output == ""
+    assert errors == (
+        f"RigidBodySimulation.py: r.npz: {FULL}; what there is of the run is in r.npz.part and "
+        "s.csv.part\n"
+    )
+    assert Recording("r.npz").lastStep > 3
+
+
+def test_file_is_written_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "a.txt"
+    with RBSFiles.written_whole(path, "w") as file:
+        file.write("one")
+        assert not path.exists()
+    assert path.read_text() == "one"
+    with pytest.raises(ZeroDivisionError), RBSFiles.written_whole(path, "w") as file:
+        file.write("two")
+        raise ZeroDivisionError
+    assert path.read_text() == "one" and [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+    with pytest.raises(OSError) as raised, RBSFiles.written_whole(tmp_path / "no" / "a.txt"):
+        pass
+    assert raised.value.filename == str(tmp_path / "no" / "a.txt")
+
+
+def test_cut_pictures_and_videos_are_noticed(tmp_path):
+    gallery = ROOT / "report" / "gallery"
+    for name, is_whole in [
+        ("net.png", RBSDrawing.is_whole_png), ("wrecking_ball.gif", RBSDrawing.is_whole_video),
+    ]:  # fmt: skip
+        content = (gallery / name).read_bytes()
+        path = tmp_path / name
+        for length in (0, 1, 8, 100, len(content) // 2, len(content) - 1):
+            path.write_bytes(content[:length])
+            assert not is_whole(path), (name, length)
+        path.write_bytes(content)
+        assert is_whole(path)
+
+
+def test_cut_mp4_is_noticed(tmp_path):
+    def box(kind, size):
+        return (size + 8).to_bytes(4, "big") + kind + bytes(size)
+
+    path = tmp_path / "v.mp4"
+    whole = box(b"ftyp", 20) + box(b"moov", 300) + box(b"mdat", 1000)
+    path.write_bytes(whole)
+    assert RBSDrawing.is_whole_video(path)
+    for content in (b"", whole[:-1], whole[:100], whole[:336], box(b"ftyp", 20), bytes(100)):
+        path.write_bytes(content)
+        assert not RBSDrawing.is_whole_video(path)
+
+
+def test_statistics_of_a_killed_run_do_not_stand_in_the_way(tmp_path):
+    (tmp_path / "s.csv.part").write_text("step\n0\n1")
+    simulation = Simulation(DATA / "tet-scene.txt")
+    writer = StatsWriter(tmp_path / "s.csv")
+    for _ in range(2):
+        writer.add(simulation)
+        simulation.step()
+    writer.save()
+    assert [path.name for path in tmp_path.iterdir()] == ["s.csv"]
+    assert len((tmp_path / "s.csv").read_text().splitlines()) == 3
+
+
+def test_camera_file_is_json(tmp_path):
+    require_opengl()
+    program = (
+        "import RBSDrawing; RBSDrawing.start_polyscope(RBSDrawing.find_backend(window=False)); "
+        f"RBSDrawing.save_camera({str(tmp_path / 'c.json')!r})"
+    )
+    process = subprocess.run([sys.executable, "-c", program], cwd=ROOT, env=environment())
+    assert process.returncode == 0
+    assert set(json.loads((tmp_path / "c.json").read_text())) == set(RBSDrawing.CAMERA_WIDTHS)
