@@ -51,9 +51,7 @@ class OwnRun:
     """This program on a scene file."""
 
     def __init__(self, scene, **settings):
-        self.simulation = Simulation(
-            scene, Settings(RESTITUTION, TIME_STEP, **settings), allowOutsideMeshes=True
-        )
+        self.simulation = Simulation(scene, Settings(RESTITUTION, TIME_STEP, **settings))
 
     def step(self):
         self.simulation.step()
@@ -159,7 +157,7 @@ def make_runs(scene, count, options):
         if name != "default" or count <= options.all_up_to
     }
     if options.peers:
-        simulation = Simulation(scene, allowOutsideMeshes=True)
+        simulation = Simulation(scene)
         for name, (package, peer) in PEERS.items():
             if importlib.util.find_spec(package):
                 runs[f"{name}, no friction"] = peer(simulation, False)
