@@ -230,6 +230,12 @@ def _solid_hull(points, stretched):
     # Qhull gives the triangles of one flat facet one equation.
     face = np.unique(qhull.equations, axis=0, return_inverse=True)[1].reshape(-1)
     corners = points[triangles]
+    # The vector product at the corner opposite to the longest side: two long sides that are nearly
+    # parallel would lose most of it to rounding.
+    sides = corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]]
+    apex = dot(sides.transpose(2, 0, 1), sides.transpose(2, 0, 1)).argmax(axis=1)
+    order = (apex[:, None] + np.arange(3)) % 3
+    corners = np.take_along_axis(corners, order[:, :, None], axis=1)
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = np.zeros((face.max() + 1, 3))
     np.add.at(normals, face, areas)
