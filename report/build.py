@@ -31,7 +31,7 @@ import timings
 FOLDER = Path(__file__).resolve().parent
 FIGURES = FOLDER / "figures"
 NUMBERS = FOLDER / "numbers.json"
-TIMED = ("scale", "phases", "scheduling")
+TIMED = ("scale", "phases", "scheduling", "peers")
 REPEATABLE = ("constants", *experiments.EXPERIMENTS, *experiments.SILENT)
 MOST_PAGES = 3
 
@@ -63,8 +63,10 @@ def run_experiments(names, isDrawn=True):
 
 
 # Seconds, roughly, of those that take long.
-DURATIONS = {"samebits": 60, "stack": 45, "tunnelling": 45, "restitution": 40, "corrections": 37,
-             "stretch": 33, "stopping": 31, "incline": 30, "separating": 25, "order": 20}  # fmt: skip
+DURATIONS = {
+    "samebits": 60, "stack": 45, "tunnelling": 45, "restitution": 40, "corrections": 37,
+    "stretch": 33, "stopping": 31, "incline": 30, "separating": 25, "order": 20,
+}  # fmt: skip
 
 
 def draw_timings():
@@ -141,9 +143,7 @@ def main():
 
     begin = time.perf_counter()
     FIGURES.mkdir(exist_ok=True)
-    numbers = load_numbers()
-    names = [name for name in REPEATABLE if name in chosen]
-    numbers |= run_experiments(names)
+    numbers = run_experiments([name for name in REPEATABLE if name in chosen])
     for name in pictures.PICTURES:
         if name in chosen:  # Polyscope starts once in a process
             subprocess.run([sys.executable, pictures.__file__, name], check=True)
@@ -153,9 +153,11 @@ def main():
             timings.measure_scale(timings.QUICK_SIZES if options.quick else options.sizes)
         if "scheduling" in chosen:
             timings.measure_scheduling()
+    if "peers" in chosen and not options.keep_timings:
+        numbers["peers"] = load_numbers().get("peers", {}) | timings.peers()
     if chosen & set(TIMED):
         numbers |= draw_timings()
-    save_numbers(numbers)
+    save_numbers(load_numbers() | numbers)
     typeset()
     print(f"built in {time.perf_counter() - begin:.0f} s")
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from experiments import ROOT, box
 
 import RBSDrawing
-from experiments import box
 from RigidBodySimulation import Settings, Simulation, find_scene
 
 SIZE = (960, 640)
@@ -46,41 +46,50 @@ def tunnel():
     lanes = (-9.0, -3.0, 3.0, 9.0)
     wall = box((1, 12, 26), (0, 6, 0), isFixed=True)
     # what is fast enough begins where none of its steps ends in the wall's nearer half
-    starts, speeds = (-14.0, -14.0, -13.6, -14.4), (40.0, 70.0, 100.0, 160.0)
+    starts, speeds = (-6.5, -10.0, -13.6, -20.8), (40.0, 70.0, 100.0, 160.0)
     cubes = [box((2, 2, 2), (x, 6, z)) for x, z in zip(starts, lanes, strict=True)]
     for cube, speed in zip(cubes, speeds, strict=True):
         cube.linVelocity = np.array([[speed, 0.0, 0.0]])
     simulation.meshes = [wall, *cubes]
-    return simulation, 11, "body", ("trails",), camera((-6, 20, 34), (0, 3.5, 0), 42)
+    return simulation, 10, "body", ("trails",), camera((-6, 19, 34), (-1, 3.5, 0), 42)
 
 
 def drift():
-    """One of each shape, long after the fall, with their velocities."""
+    """One of each shape, long after the fall, with where they have come from."""
     simulation = Simulation(find_scene("mixed"), Settings())
-    return simulation, 250, "body", ("velocities",), None
+    return simulation, 300, "body", ("trails",), camera((60, 90, 150), (-3, 0, 12), 36)
 
 
 def chains():
     """Two chains among posts."""
-    return Simulation(find_scene("two_chain"), Settings()), 150, "density", (), camera((80, 90, 165), (34, 70, 0), 50)
+    look = camera((80, 90, 165), (34, 70, 0), 50)
+    return Simulation(find_scene("two_chain"), Settings()), 150, "density", (), look
+
+
+def cube():
+    """Eight bodies, each tied to all others, long after they have landed."""
+    look = camera((26, 30, 52), (0, 9, 0), 36)
+    return Simulation(find_scene("cube"), Settings()), 450, "body", ("velocities",), look
 
 
 def net():
     """Bodies in a net, which stretches."""
     settings = Settings(constraintScheduling="batches", broadPhase="grid")
-    return Simulation(find_scene("net"), settings), 140, "speed", (), camera((120, 105, 190), (0, 42, 0), 40)
+    look = camera((120, 105, 190), (0, 42, 0), 40)
+    return Simulation(find_scene("net"), settings), 140, "speed", (), look
 
 
 def slope():
     """Boxes on two slopes, with friction, and their trails."""
     simulation = Simulation(find_scene("incline"), Settings(friction=0.4))
-    return simulation, 230, "body", ("trails",), camera((28, 34, 78), (0, 9, 0), 40)
+    return simulation, 340, "body", ("trails",), camera((28, 34, 78), (0, 9, 0), 40)
 
 
 def pile():
-    """A pile of a thousand bodies, coloured by what touches."""
+    """A pile of a thousand bodies."""
     settings = Settings(broadPhase="grid", friction=0.5)
-    return Simulation(find_scene("pile_1000"), settings), 250, "body", (), camera((120, 95, 190), (0, -8, 10), 42)
+    look = camera((120, 95, 190), (0, -8, 10), 42)
+    return Simulation(find_scene("pile_1000"), settings), 250, "body", (), look
 
 
 def camera(position, target, fieldOfView):
@@ -89,21 +98,23 @@ def camera(position, target, fieldOfView):
 
 
 PICTURES = {
-    function.__name__: function for function in (stack, tunnel, drift, chains, net, slope, pile)
+    f"picture_{function.__name__}": function
+    for function in (stack, tunnel, drift, chains, cube, net, slope, pile)
 }
 
 
 def draw(name, size=SIZE):
-    """Writes figures/<name>.png."""
+    """Writes figures/<name>.png; name : of PICTURES."""
     simulation, steps, colouring, overlays, where = PICTURES[name]()
     backend = RBSDrawing.find_backend(window=False)
     if backend.name is None:
         sys.exit(f"no pictures can be drawn: {backend.reason}. {backend.remedy}")
     look = RBSDrawing.Look(size, where, False, colouring, overlays)
     view = RBSDrawing.start_look(simulation, backend, look)
-    for _ in range(steps):
+    for step in range(1, steps + 1):
         simulation.step()
-        if "trails" in overlays:
+        # a trail remembers some forty places: of a short run every one, of a long one its end
+        if "trails" in overlays and (steps < 50 or step % 5 == 0):
             view.refresh()
     view.refresh()
     RBSDrawing.save_picture(FOLDER / f"{name}.png")

@@ -14,7 +14,7 @@ GREY = "0.55"
 
 CENTIMETRE = 1 / 2.54
 # A third of the text's width: plots are set at their own size, so 7.5 is 7.5 points on paper.
-PANEL = (5.75 * CENTIMETRE, 3.9 * CENTIMETRE)
+PANEL = (5.75 * CENTIMETRE, 4.2 * CENTIMETRE)
 
 SETTINGS = {
     "font.family": "DejaVu Sans", "font.size": 7.5, "axes.labelsize": 7.5,
@@ -36,7 +36,7 @@ def draw(function, path):
     """Calls `function(axis)` on an empty panel, writes it to path (.svg), returns its answer."""
     with pyplot.rc_context(SETTINGS):
         figure, axis = pyplot.subplots(figsize=PANEL, layout="constrained")
-        figure.get_layout_engine().set(w_pad=0.01, h_pad=0.02)
+        figure.get_layout_engine().set(w_pad=0.02, h_pad=0.04)
         answer = function(axis)
         figure.savefig(path, metadata={"Date": None})
         pyplot.close(figure)

@@ -6,16 +6,17 @@ lines, so that the report can be built from them without measuring again.
 
 import csv
 import datetime
+import importlib.util
 import math
+import os
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
-
 import style
-from experiments import H, ROOT, scene, text
+from experiments import BOX, ROOT, STACK_SECONDS, H, scene, text
 
 sys.path.insert(0, str(ROOT / "tests"))
 import benchmark
@@ -47,17 +48,19 @@ def write(path, columns, rows):
     ).stdout.strip()
     with path.open("w", newline="") as file:
         file.write(f"# {benchmark.describe_machine()}\n")
-        file.write(f"# {datetime.date.today().isoformat()}, revision {revision}\n")
+        today = datetime.date.today().isoformat()
+        load = os.getloadavg()[0] if hasattr(os, "getloadavg") else math.nan
+        file.write(f"# {today}, revision {revision}, load average {load:.1f}\n")
         writer = csv.DictWriter(file, columns, lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
 
 
 def read(path):
-    """`(machine, date and revision, rows)` of a table."""
+    """`(machine, [date, revision, load average], rows)` of a table."""
     lines = path.read_text().splitlines()
     machine, when = (line.removeprefix("# ") for line in lines[:2])
-    return machine, when, list(csv.DictReader(lines[2:]))
+    return machine, when.split(", "), list(csv.DictReader(lines[2:]))
 
 
 def measure_scale(sizes):
@@ -106,8 +109,9 @@ def scheduling():
             *(f"{t:.2f}" if t < 10 else f"{t:.0f}" for t in times),
         ])  # fmt: skip
         numbers[name] = {
-            "queue": text(times[0] / times[1], 1), "batches": text(times[0] / times[2], 1),
-            "slower": text(times[2] / times[0], 1),
+            "queue": text(100 * times[1] / times[0], 0),
+            "visits": text(100 * visits[1] / visits[0], 0),
+            "batches": text(times[0] / times[2], 1), "slower": text(times[2] / times[0], 1),
         }  # fmt: skip
     return {"table": table, "steps": str(TIED_STEPS), "from": str(TIED_FROM), **numbers}
 
@@ -116,6 +120,28 @@ def times_of(rows, run):
     """`(bodies, milliseconds)` of a run, as arrays."""
     own = [(int(row["bodies"]), float(row["milliseconds"])) for row in rows if row["run"] == run]
     return np.array(own).reshape(-1, 2).T
+
+
+def peers():
+    """How far a stack of eight boxes sinks in MuJoCo and PyBullet, where they are installed; cm."""
+    import pictures
+
+    count, numbers = 8, {}
+    for name, (package, peer) in benchmarkPiles.PEERS.items():
+        if not importlib.util.find_spec(package):
+            continue
+        rows = [("box.mesh", 500, False, (0, BOX[1] * (k + 0.5), 0), (1, 0, 0, 0))
+                for k in range(count)]  # fmt: skip
+        run = peer(pictures.made_scene(rows), True)
+        for _ in range(round(STACK_SECONDS / H)):
+            run.step()
+        if name == "MuJoCo":
+            top = run.data.qpos[7 * (count - 1) + 1]
+        else:  # the plane is number 0
+            place, _ = run.pybullet.getBasePositionAndOrientation(count, physicsClientId=run.client)
+            top = place[1]
+        numbers[name.lower()] = text(1e2 * (BOX[1] * (count - 0.5) - top), 1)
+    return numbers
 
 
 def scale(axis):
@@ -130,12 +156,16 @@ def scale(axis):
                   fontsize=6.5, color="0.35")  # fmt: skip
     axis.set(xlabel="bodies N", ylabel="ms per step")
     axis.legend(loc="upper left", fontsize=6.5)
-    axis.set_ylim(top=2000)
+    axis.set_ylim(top=4000)
+    sizes = sorted({int(row["bodies"]) for row in rows})
+    axis.set_xticks(sizes, list(map(str, sizes)))
+    axis.minorticks_off()
     sizes, grid = times_of(rows, "grid")
     at = dict(zip(sizes.astype(int).tolist(), grid, strict=True))
     largest = int(sizes[-1])
+    load = [part.rsplit(" ", 1)[1] for part in when if part.startswith("load average")]
     numbers = {
-        "machine": machine, "when": when.split(",")[0], "revision": when.rsplit(" ", 1)[1],
+        "machine": machine, "when": when[0], "load": "".join(load) or "not noted",
         "largest": f"{largest:,}".replace(",", " "), "gridLargest": text(at[largest], 0),
         "exponent": text(math.log(grid[-1] / grid[-2]) / math.log(sizes[-1] / sizes[-2]), 2),
         "steps": str(STEPS), "realTime": f"{1e3 * H:g}",
@@ -168,11 +198,10 @@ def phases(axis):
     shares /= shares.sum(axis=1, keepdims=True)
     shown = [name for name, share in zip(names, shares.T, strict=True) if share.max() > 0.02]
     bottom = np.zeros(len(rows))
-    hatches = ["", "///", "", "...", "", "xx"]
     for k, name in enumerate(shown):
         share = shares[:, names.index(name)]
         axis.bar(range(len(rows)), 100 * share, bottom=bottom, color=style.COLOURS[k], label=name,
-                 width=0.7, hatch=hatches[k], edgecolor="white", linewidth=0.3)  # fmt: skip
+                 width=0.7)  # fmt: skip
         bottom += 100 * share
     axis.set_xticks(range(len(rows)), [row["bodies"] for row in rows])
     axis.set(xlabel="bodies N", ylabel="% of the step", ylim=(0, 100), xlim=(-0.6, len(rows) + 1.6))
