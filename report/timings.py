@@ -105,7 +105,7 @@ def scheduling():
         visits = [float(own[s]["visits"]) for s in SCHEDULINGS]
         table.append([
             name.replace("_", " "), own["sweep"]["bounds"],
-            *(f"{v:,.0f}".replace(",", " ") for v in visits),
+            *(f"{v:,.0f}".replace(",", "\u202f") for v in visits),
             *(f"{t:.2f}" if t < 10 else f"{t:.0f}" for t in times),
         ])  # fmt: skip
         numbers[name] = {
@@ -152,11 +152,11 @@ def scale(axis):
         if len(bodies):
             axis.loglog(bodies, times, mark + dash, color=colour, label=label)
     axis.axhline(1e3 * H, color=style.GREY, linewidth=0.8, linestyle=":")
-    axis.annotate("real time", (40, 1e3 * H), xytext=(0, 1.5), textcoords="offset points",
-                  fontsize=6.5, color="0.35")  # fmt: skip
+    axis.annotate("real time", (SIZES[-1], 1e3 * H), xytext=(0, -2), textcoords="offset points",
+                  fontsize=7, color="0.35", ha="right", va="top")  # fmt: skip
     axis.set(xlabel="bodies N", ylabel="ms per step")
-    axis.legend(loc="upper left", fontsize=6.5)
-    axis.set_ylim(top=4000)
+    axis.legend(loc="upper left")
+    axis.set_ylim(top=20000)
     sizes = sorted({int(row["bodies"]) for row in rows})
     axis.set_xticks(sizes, list(map(str, sizes)))
     axis.minorticks_off()
@@ -166,14 +166,14 @@ def scale(axis):
     load = [part.rsplit(" ", 1)[1] for part in when if part.startswith("load average")]
     numbers = {
         "machine": machine, "when": when[0], "load": "".join(load) or "not noted",
-        "largest": f"{largest:,}".replace(",", " "), "gridLargest": text(at[largest], 0),
+        "largest": f"{largest:,}".replace(",", "\u202f"), "gridLargest": text(at[largest], 0),
         "exponent": text(math.log(grid[-1] / grid[-2]) / math.log(sizes[-1] / sizes[-2]), 2),
         "steps": str(STEPS), "realTime": f"{1e3 * H:g}",
     }  # fmt: skip
     own = dict(zip(*times_of(rows, "default"), strict=True))
     middle = int(max(own))
     numbers |= {
-        "middle": f"{middle:,}".replace(",", " "),
+        "middle": f"{middle:,}".replace(",", "\u202f"),
         "allPairs": text(own[middle], 0), "gridMiddle": text(at[middle], 0),
         "faster": text(own[middle] / at[middle], 1),
     }  # fmt: skip
@@ -182,7 +182,7 @@ def scale(axis):
         key = name.split(",")[0].lower()
         if middle in other:
             numbers[key] = text(other[middle], 0)
-            numbers[f"{key}Ratio"] = text(at[middle] / other[middle], 1)
+            numbers[f"{key}Ratio"] = text(at[middle] / other[middle], 2)
         if largest in other:
             numbers[f"{key}Largest"] = text(other[largest], 0)
             numbers[f"{key}LargestRatio"] = text(at[largest] / other[largest], 2)
@@ -204,17 +204,17 @@ def phases(axis):
                  width=0.7)  # fmt: skip
         bottom += 100 * share
     axis.set_xticks(range(len(rows)), [row["bodies"] for row in rows])
-    axis.set(xlabel="bodies N", ylabel="% of the step", ylim=(0, 100), xlim=(-0.6, len(rows) + 1.6))
-    handles, labels = axis.get_legend_handles_labels()
-    axis.legend(handles[::-1], labels[::-1], loc="center right")
+    axis.set(xlabel="bodies N", ylabel="% of the step", ylim=(0, 100))
+    axis.legend(loc="lower center", bbox_to_anchor=(0.45, 1.0), ncols=3, columnspacing=1.0,
+                handlelength=1.0)  # fmt: skip
     axis.grid(False)
     last = rows[-1]
     collisions = shares[-1, names.index("collisions")]
     return {
         "collisions": text(100 * collisions, 0), "collisionsFirst":
         text(100 * shares[0, names.index("collisions")], 0),
-        "bodies": f"{int(last['bodies']):,}".replace(",", " "),
-        "pairs": f"{float(last['candidate pairs']):,.0f}".replace(",", " "),
-        "contacts": f"{float(last['contacts']):,.0f}".replace(",", " "),
+        "bodies": f"{int(last['bodies']):,}".replace(",", "\u202f"),
+        "pairs": f"{float(last['candidate pairs']):,.0f}".replace(",", "\u202f"),
+        "contacts": f"{float(last['contacts']):,.0f}".replace(",", "\u202f"),
         "perPair": text(1e3 * float(last["collisions"]) / float(last["candidate pairs"]), 0),
     }  # fmt: skip
