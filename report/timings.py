@@ -22,6 +22,9 @@ sys.path.insert(0, str(ROOT / "tests"))
 import benchmark
 import benchmarkPiles
 
+import RBSFunctions
+from RigidBodySimulation import CONSTRAINT_TOLERANCE
+
 FOLDER = Path(__file__).resolve().parent
 SCALE, SCHEDULING = FOLDER / "scale.csv", FOLDER / "scheduling.csv"
 SIZES = [50, 200, 1000, 3000]
@@ -93,6 +96,17 @@ def measure_scheduling():
     write(SCHEDULING, list(rows[0]), rows)
 
 
+def batch_size(simulation):
+    """How many ties a batch holds, in the mean."""
+    bodies = RBSFunctions._Bodies(simulation.meshes)
+    bodies.integrate(H)
+    ties = RBSFunctions._Constraints(bodies, simulation.constraints, CONSTRAINT_TOLERANCE)
+    batches = RBSFunctions._batches(
+        ties.body1.tobytes(), ties.body2.tobytes(), bodies.isFixed.tobytes()
+    )
+    return np.mean([len(batch) for batch in batches])
+
+
 def scheduling():
     """The table of the report, as rows of text, and what the text says of it."""
     _, _, rows = read(SCHEDULING)
@@ -112,6 +126,7 @@ def scheduling():
             "queue": text(100 * times[1] / times[0], 0),
             "visits": text(100 * visits[1] / visits[0], 0),
             "batches": text(times[0] / times[2], 1), "slower": text(times[2] / times[0], 1),
+            "batch": text(batch_size(scene(name)), 0),
         }  # fmt: skip
     return {"table": table, "steps": str(TIED_STEPS), "from": str(TIED_FROM), **numbers}
 
