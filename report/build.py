@@ -64,7 +64,7 @@ def run_experiments(names, isDrawn=True):
 
 # Seconds, roughly, of those that take long.
 DURATIONS = {
-    "samebits": 60, "stack": 45, "tunnelling": 45, "restitution": 40, "corrections": 37,
+    "tunnelling": 80, "samebits": 75, "stack": 45, "restitution": 40, "corrections": 37,
     "stretch": 33, "stopping": 31, "incline": 30, "separating": 25, "order": 20,
 }  # fmt: skip
 
@@ -144,6 +144,7 @@ def main():
     begin = time.perf_counter()
     FIGURES.mkdir(exist_ok=True)
     numbers = run_experiments([name for name in REPEATABLE if name in chosen])
+    save_numbers(load_numbers() | numbers)
     for name in pictures.PICTURES:
         if name in chosen:  # Polyscope starts once in a process
             subprocess.run([sys.executable, pictures.__file__, name], check=True)

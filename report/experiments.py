@@ -402,7 +402,7 @@ def tunnelling(axis):
         rows = []
         for thickness in (0.25, 1.0, 3.0, 9.0):
             limit = (thickness + CUBE) / h
-            for speed in limit * np.arange(0.40, 1.2, 0.01):
+            for speed in limit * np.arange(0.46, 1.2, 0.01):
                 if crossing_share(speed, thickness, h=h) > 0:
                     break
             rows.append((limit, speed))
