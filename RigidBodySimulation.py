@@ -1598,7 +1598,7 @@ def find_recorded_file(recording, name, option):
     It may stand where the recording says, seen from the current folder or from the recording's;
     or, under its own name, beside the recording or in data/.
     """
-    if not Path(name).is_file():
+    if not os.path.isfile(name):
         name = name.replace("\\", "/")  # recorded on Windows
     folder, ownName = recording.path.parent, Path(name).name
     for path in (Path(name), folder / name, folder / ownName, DATA_FOLDER / ownName):

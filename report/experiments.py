@@ -1,0 +1,771 @@
+"""What the report measures: a function for each claim.
+
+Each draws its panel on the axis that it is given and returns the numbers that the text quotes, as
+text with the digits that are stated. Nothing here depends on the time or on chance; what is timed
+is in `timings.py`.
+
+Units: metres, kilograms, seconds. Bodies are those of data/.
+"""
+
+import itertools
+import math
+import sys
+import tempfile
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import style
+
+from Quaternion import QConj, QRotate
+from RBSFunctions import GRAVITY, Mesh, resolve_collision, run_timestep
+from RigidBodySimulation import (
+    CONSTRAINT_TOLERANCE,
+    DEFAULT_RESTITUTION,
+    DEFAULT_TIME_STEP,
+    Settings,
+    Simulation,
+    find_scene,
+    load_mesh_file,
+    make_ground,
+)
+
+ROOT = Path(__file__).resolve().parent.parent
+DATA = ROOT / "data"
+G = -GRAVITY
+H = DEFAULT_TIME_STEP
+E = DEFAULT_RESTITUTION
+BOX = np.array([12.0, 6.0, 8.0])  # sizes of data/box.mesh
+
+EXPERIMENTS = {}
+
+
+def experiment(function):
+    """Adds a function to the experiments, under its own name."""
+    EXPERIMENTS[function.__name__] = function
+    return function
+
+
+# --------------------------------------------------------------------------------------------------
+# Bodies and runs
+# --------------------------------------------------------------------------------------------------
+
+
+@lru_cache
+def shape(name):
+    return load_mesh_file(DATA / f"{name}.mesh")
+
+
+def body(name, position=(0, 0, 0), orientation=(1, 0, 0, 0), size=1.0, isFixed=False, density=1.0):
+    """A `Mesh` of data/<name>.mesh, scaled by one factor or by three."""
+    vertices, faces, tets = shape(name)
+    return Mesh(name, vertices * size, faces, tets, density, position, orientation, isFixed)
+
+
+def box(sizes, position, **settings):
+    return body("box", position, size=np.array(sizes) / BOX, **settings)
+
+
+def turn(axis, degrees):
+    """The unit quaternion that turns by an angle about an axis."""
+    axis, half = np.array(axis, dtype=float), math.radians(degrees) / 2
+    return (math.cos(half), *(math.sin(half) * axis / np.linalg.norm(axis)))
+
+
+def throw(mesh, velocity=(0, 0, 0), spin=(0, 0, 0)):
+    mesh.linVelocity = np.array([velocity], dtype=float)
+    mesh.angVelocity = np.array([spin], dtype=float)
+    return mesh
+
+
+def steps_of(meshes, seconds, h=H, e=E, ground=True, **options):
+    """Runs the meshes; yields `(time, StepReport)` after each step."""
+    groundMesh = make_ground() if ground else None
+    for step in range(1, round(seconds / h) + 1):
+        yield step * h, run_timestep(meshes, groundMesh, h, e, **options)
+
+
+STATE = ("position", "orientation", "linVelocity", "angVelocity")
+
+
+def state_of(meshes):
+    return [[getattr(mesh, name).copy() for name in STATE] for mesh in meshes]
+
+
+def restore(meshes, state):
+    for mesh, values in zip(meshes, state, strict=True):
+        for name, value in zip(STATE, values, strict=True):
+            setattr(mesh, name, value.copy())
+
+
+def scene(name, **settings):
+    return Simulation(find_scene(name), Settings(**settings))
+
+
+@lru_cache
+def pile_scene(count):
+    """The path of a scene of data/make_pile.py."""
+    sys.path.insert(0, str(ROOT / "tests"))
+    from benchmarkPiles import make_scene
+
+    return make_scene("pile", count, tempfile.mkdtemp())
+
+
+def up_axis_tilt(mesh):
+    """Degrees between a mesh's own y axis and the vertical."""
+    up = QRotate(mesh.orientation, np.array([[0.0, 1.0, 0.0]]))[0]
+    return math.degrees(math.acos(min(1.0, up[1])))
+
+
+def slope(x, y):
+    """The exponent k of y ~ x^k, fitted on logarithms."""
+    return float(np.polyfit(np.log(x), np.log(y), 1)[0])
+
+
+def text(value, digits):
+    """A number with so many decimals, as it is quoted; a proper minus sign."""
+    return f"{value:.{digits}f}".replace("-", "−")
+
+
+def constants():
+    """Set-up that the text quotes."""
+    return {
+        "h": f"{H:g}", "e": f"{E:g}", "g": f"{G:g}", "boxX": f"{BOX[0]:g}", "boxY": f"{BOX[1]:g}",
+        "boxZ": f"{BOX[2]:g}", "tolerance": f"{1e3 * CONSTRAINT_TOLERANCE:g}",
+    }  # fmt: skip
+
+
+# --------------------------------------------------------------------------------------------------
+# Basic simulation
+# --------------------------------------------------------------------------------------------------
+
+REST_SECONDS = 10.0
+
+
+def resting_box(h, e=E, tilt=0.0, height=0.0):
+    """Times, tilts in degrees, spins in rad/s (n, 3), fall speeds and energies per kilogram."""
+    mesh = box(BOX, (0, BOX[1] / 2 + height, 0), orientation=turn((1, 0, 1), tilt))
+    rows = []
+    for t, _ in steps_of([mesh], REST_SECONDS, h, e):
+        spin = QRotate(QConj(mesh.orientation), mesh.angVelocity)[0]
+        energy = 0.5 * np.sum(mesh.linVelocity**2) + 0.5 * spin @ mesh.IT @ spin / mesh.mass
+        rows.append((t, up_axis_tilt(mesh), *mesh.angVelocity[0], -mesh.linVelocity[0, 1], energy))
+    rows = np.array(rows)
+    return rows[:, 0], rows[:, 1], rows[:, 2:5], rows[:, 5], rows[:, 6]
+
+
+@experiment
+def rest(axis):
+    """A box that starts flat and at rest on the ground never lies still."""
+    tilts, sways = [], []
+    steps = (H, H / 4)
+    for h, colour in zip(steps, (style.VERMILION, style.BLUE), strict=True):
+        t, tilt, spin, _, _ = resting_box(h)
+        axis.plot(t, tilt, color=colour, linewidth=0.8, label=f"h = {h:g} s")
+        late = t > REST_SECONDS / 2
+        tilts.append(tilt[late].mean())
+        sways.append(np.sqrt((spin[late] ** 2).sum(axis=1).mean()))
+    axis.set(xlabel="time / s", ylabel="tilt / °", xlim=(0, 6), ylim=(0, 0.28))
+    axis.legend(loc="upper left", ncols=2)
+    _, _, spin, _, energy = resting_box(H, tilt=10.0, height=3.0)
+    return {
+        "seconds": f"{REST_SECONDS:g}",
+        "tilt": text(tilts[0], 2), "sway": text(math.degrees(sways[0]), 1),
+        "fineStep": f"{H / 4:g}", "finer": f"{H / (H / 4):g}",
+        "tiltRatio": text(tilts[0] / tilts[1], 1), "swayRatio": text(sways[0] / sways[1], 1),
+        "yaw": text(abs(math.degrees(spin[-1, 1])), 0),
+        "tiltDropped": "10", "heightDropped": "3",
+    }  # fmt: skip
+
+
+STACK_SECONDS = 2.0
+
+
+def stack_of(count, isBottomFirst, seconds=STACK_SECONDS, h=H):
+    """A stack of boxes, from the ground upwards, after some time with the default settings."""
+    meshes = [box(BOX, (0, BOX[1] * (k + 0.5), 0)) for k in range(count)]
+    for _t, _ in steps_of(meshes if isBottomFirst else meshes[::-1], seconds, h):
+        pass
+    return meshes
+
+
+def overlap_and_sinking(meshes):
+    """The deepest overlap of neighbours, and how far the top box is too low."""
+    overlaps = [max(0.0, -meshes[0].currVertices[:, 1].min())]
+    for lower, upper in itertools.pairwise(meshes):
+        overlaps.append(lower.detect_collision(upper)[1])
+    return max(overlaps), BOX[1] * (len(meshes) - 0.5) - meshes[-1].position[0, 1]
+
+
+@experiment
+def stack(axis):
+    """Overlap that a sweep leaves, against the height of the stack."""
+    counts = np.array([1, 2, 3, 4, 5, 6, 7, 8, 10])
+    numbers = {}
+    for isBottomFirst, colour, mark, label in (
+        (True, style.VERMILION, "s", "listed upwards"), (False, style.BLUE, "o", "downwards")
+    ):  # fmt: skip
+        depths = np.array([overlap_and_sinking(stack_of(n, isBottomFirst)) for n in counts])
+        axis.plot(counts, depths[:, 0], mark + "-", color=colour, label=label)
+        name = "up" if isBottomFirst else "down"
+        for count in (2, 4, 8):
+            overlap, sinking = depths[list(counts).index(count)]
+            numbers[f"{name}{count}"] = text(overlap, 2)
+            numbers[f"{name}Sinking{count}"] = text(sinking, 1)
+    axis.set(xlabel="boxes in the stack", ylabel="deepest overlap / m", ylim=(0, None))
+    axis.legend(loc="upper left")
+    fine = overlap_and_sinking(stack_of(8, True, h=H / 4))
+    return {
+        "seconds": f"{STACK_SECONDS:g}", "fall": text(1e3 * G * H * H, 1),
+        "height8": text(8 * BOX[1], 0), "fine8": text(fine[0], 2), "fineStep": f"{H / 4:g}",
+        **numbers,
+    }  # fmt: skip
+
+
+def bounces(height, e, h=H, seconds=None):
+    """Of an octahedron that falls on its tip: times, energies per kilogram, steps with contact.
+
+    Without a duration, until it has bounced once.
+    """
+    tip = -shape("octahedron")[0][:, 1].min()
+    mesh = body("octahedron", (0, tip + height, 0))
+    rows, when = [(0.0, G * height)], []
+    for t, report in steps_of([mesh], seconds or 10.0, h, e):
+        v = mesh.linVelocity[0, 1]
+        rows.append((t, G * (mesh.position[0, 1] - tip) + 0.5 * v * v))
+        if report.contacts:
+            when.append(len(rows) - 1)
+            if seconds is None:
+                break
+    return *np.array(rows).T, when
+
+
+@experiment
+def restitution(axis):
+    """What a bounce keeps of the speed, against the height of the fall; and many bounces."""
+    heights = np.geomspace(0.01, 10.0, 60)
+    for h, colour, mark in ((H, style.VERMILION, "s"), (H / 4, style.BLUE, "o")):
+        kept = []
+        for height in heights:
+            _, energy, _ = bounces(height, E, h)
+            kept.append(math.sqrt(energy[-1] / energy[0]))
+        axis.semilogx(heights, kept, mark, color=colour, markersize=2, label=f"h = {h:g} s")
+        if h == H:
+            coarse = np.array(kept)
+    axis.axhline(E, color=style.GREY, linestyle="--", label="asked for")
+    axis.set(xlabel="height of the fall / m", ylabel="speed kept")
+    axis.legend(loc="upper right")
+    ends = []
+    for height in 10.0 + 0.2 * np.arange(11):
+        _, energy, _ = bounces(height, 1.0, seconds=20.0)
+        ends.append(energy[-1] / energy[0])
+    ends = np.array(ends)
+    return {
+        "low": f"{heights[0]:g}", "high": f"{heights[-1]:g}", "count": str(len(ends)),
+        "least": text(100 * (1 - ends.min()), 0), "most": text(100 * (1 - ends.max()), 0),
+        "keptMost": text(coarse.max(), 2), "keptLeast": text(coarse.min(), 2),
+        "keptHigh": text(coarse[heights > 5].max(), 2), "seconds": "20",
+    }  # fmt: skip
+
+
+TUMBLE_SPIN = (1.5, 0.0, 1.5)  # half way between the short axis and a long one
+TUMBLE_SECONDS = 10.0
+
+
+def euler_reference(mesh, seconds, h):
+    """The true free tumbling, by RK4 with the step h: `(orientations, spins in world axes)`."""
+    inertia, inverse = mesh.IT, np.linalg.inv(mesh.IT)
+
+    def rates(q, w):
+        w0, x, y, z = q
+        a, b, c = w  # in body axes
+        return 0.5 * np.array([
+            -x * a - y * b - z * c, w0 * a + y * c - z * b,
+            w0 * b + z * a - x * c, w0 * c + x * b - y * a,
+        ]), inverse @ -np.cross(w, inertia @ w)  # fmt: skip
+
+    q = mesh.orientation[0].copy()
+    w = QRotate(QConj(mesh.orientation), mesh.angVelocity)[0]
+    rows, spins = [q], [w]
+    for _ in range(round(seconds / h)):
+        k1 = rates(q, w)
+        k2 = rates(q + h / 2 * k1[0], w + h / 2 * k1[1])
+        k3 = rates(q + h / 2 * k2[0], w + h / 2 * k2[1])
+        k4 = rates(q + h * k3[0], w + h * k3[1])
+        q = q + h / 6 * (k1[0] + 2 * k2[0] + 2 * k3[0] + k4[0])
+        w = w + h / 6 * (k1[1] + 2 * k2[1] + 2 * k3[1] + k4[1])
+        q = q / np.linalg.norm(q)
+        rows.append(q)
+        spins.append(w)
+    rows, spins = np.array(rows), np.array(spins)
+    return rows, QRotate(rows, spins)
+
+
+def tumbling():
+    return throw(body("long-octahedron"), (3, 8, 0), TUMBLE_SPIN)
+
+
+def angles_from_start(vectors):
+    """Degrees between each row and the first one."""
+    unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.degrees(np.arccos(np.clip(unit @ unit[0], -1, 1)))
+
+
+@experiment
+def gyroscopic(axis):
+    """Directions of angular momentum and of spin of a free tumbling body, and what is exact."""
+    mesh = tumbling()
+    _, exactSpins = euler_reference(mesh, TUMBLE_SECONDS, H / 10)
+    momenta, energies = [], []
+    for _ in range(round(TUMBLE_SECONDS / H) + 1):
+        spin = QRotate(QConj(mesh.orientation), mesh.angVelocity)
+        momenta.append(QRotate(mesh.orientation, spin @ mesh.IT.T)[0])
+        energies.append(0.5 * float(spin[0] @ mesh.IT @ spin[0]))
+        run_timestep([mesh], None, H, E)
+    momenta, energies = np.array(momenta), np.array(energies)
+    t = H * np.arange(len(momenta))
+    off, wander = angles_from_start(momenta), angles_from_start(exactSpins[::10])
+    axis.plot(t, off, color=style.VERMILION, label="L here (exact: 0)")
+    axis.plot(t, wander, "--", color=style.BLUE, label="exact ω (here: 0)")
+    axis.set(xlabel="time / s", ylabel="angle from start / °", ylim=(0, 1.6 * off.max()))
+    axis.legend(loc="upper left")
+    size = np.linalg.norm(momenta, axis=1)
+    inertia = np.sort(np.diag(mesh.IT))
+    return {
+        "seconds": f"{TUMBLE_SECONDS:g}", "spin": text(np.linalg.norm(TUMBLE_SPIN), 1),
+        "angle": text(off.max(), 0), "wander": text(wander.max(), 0),
+        "sizeChange": text(100 * np.ptp(size) / size[0], 1),
+        "energyChange": text(100 * np.ptp(energies) / energies[0], 1),
+        "inertiaRatio": text(inertia[-1] / inertia[0], 1),
+    }  # fmt: skip
+
+
+ORDER_SECONDS = 2.0
+
+
+@experiment
+def order(axis):
+    """Errors of a flight against the time step: of the position, and of the orientation."""
+    steps = 0.08 / 2.0 ** np.arange(7)
+    reference = euler_reference(tumbling(), ORDER_SECONDS, 1 / 1024)[0][-1]
+    places, turns = [], []
+    for h in steps:
+        mesh = tumbling()
+        for _t, _ in steps_of([mesh], ORDER_SECONDS, h, ground=False):
+            pass
+        exact = np.array([3.0, 8.0, 0.0]) * ORDER_SECONDS
+        exact[1] -= 0.5 * G * ORDER_SECONDS**2
+        places.append(np.linalg.norm(mesh.position[0] - exact))
+        turns.append(2 * math.degrees(math.acos(min(1.0, abs(mesh.orientation[0] @ reference)))))
+    axis.loglog(steps, places, "o-", color=style.BLUE, label="position / m")
+    axis.loglog(steps, np.radians(turns), "s--", color=style.VERMILION, label="orientation / rad")
+    axis.set(xlabel="time step h / s", ylabel="error", ylim=(5e-3, 8))
+    axis.set_xticks([0.00125, 0.005, 0.02, 0.08], ["0.00125", "0.005", "0.02", "0.08"])
+    axis.minorticks_off()
+    axis.legend(loc="lower right")
+    return {
+        "seconds": f"{ORDER_SECONDS:g}", "slope": text(slope(steps, places), 3),
+        "place": text(places[2], 2),
+        "turnCoarse": text(turns[0], 1), "turnFine": text(turns[-1], 1),
+        "coarse": f"{steps[0]:g}", "fine": f"{steps[-1]:g}",
+    }  # fmt: skip
+
+
+CUBE = 1.0
+WAY = (40, 40)  # the slab's other sides
+
+
+def crossing_share(speed, thickness, closingOnly=False, h=H, phases=24):
+    """In which share of starts, spread over a step, a thrown cube crosses a fixed slab."""
+    crossed = 0
+    for phase in (np.arange(phases) + 0.5) / phases:
+        slab = box((thickness, *WAY), (0, 0, 0), isFixed=True)
+        start = -(thickness + CUBE) / 2 - speed * h * (1.0 + phase)
+        cube = throw(box((CUBE,) * 3, (start, 0, 0)), (speed, 0, 0))
+        for _t, _ in steps_of([slab, cube], 12 * h, h, ground=False, closingOnly=closingOnly):
+            cube.position[0, 1], cube.linVelocity[0, 1] = 0.0, 0.0  # no fall
+        crossed += cube.position[0, 0] > 0 and cube.linVelocity[0, 0] > 0
+    return crossed / phases
+
+
+@experiment
+def tunnelling(axis):
+    """The least speed at which a body crosses another one, against thickness over time step."""
+    unit = np.array([0.4, 2000.0])
+    axis.loglog(unit, unit, ":", color=style.GREY, label="one whole step")
+    axis.loglog(unit, unit / 2, "--", color=style.BLACK, label="half a step")
+    least = []
+    for h, colour, mark in ((H, style.VERMILION, "s"), (H / 4, style.BLUE, "o")):
+        rows = []
+        for thickness in (0.25, 1.0, 3.0, 9.0):
+            limit = (thickness + CUBE) / h
+            for speed in limit * np.arange(0.46, 1.2, 0.01):
+                if crossing_share(speed, thickness, h=h) > 0:
+                    break
+            rows.append((limit, speed))
+            if thickness == 1.0 and h == H:
+                one = speed
+        x, y = np.array(rows).T
+        axis.loglog(x, y, mark, color=colour, label=f"h = {h:g} s")
+        least += (y / x).tolist()
+    axis.set(xlabel="(d + a)/h / (m/s)", ylabel="least speed / (m/s)", xlim=(40, 2500),
+             ylim=(20, 2500))  # fmt: skip
+    axis.legend(loc="upper left")
+    shares = {}
+    for closingOnly in (False, True):
+        for ratio in (0.95, 1.05):
+            speed = ratio * 2 * CUBE / H
+            shares[closingOnly, ratio] = text(
+                100 * crossing_share(speed, CUBE, closingOnly, phases=100), 0
+            )
+    return {
+        "cube": f"{CUBE:g}", "one": text(one, 0),
+        "least": text(min(least), 2), "most": text(max(least), 2),
+        "below": shares[False, 0.95], "above": shares[False, 1.05],
+        "closingBelow": shares[True, 0.95], "closingAbove": shares[True, 1.05],
+        "ratioBelow": "0.95", "ratioAbove": "1.05",
+    }  # fmt: skip
+
+
+def separating():
+    """No figure: what the impulses on separating contacts do."""
+    lower, upper = box(BOX, (0, 0, 0)), throw(box(BOX, (0, BOX[1] - 0.1, 0)), (0, 1, 0))
+    collides, depth, normal, point = lower.detect_collision(upper)
+    before = upper.linVelocity[0, 1] - lower.linVelocity[0, 1]
+    resolve_collision(lower, upper, depth, normal, point, E)
+    after = upper.linVelocity[0, 1] - lower.linVelocity[0, 1]
+    shares, energies = {}, {}
+    for only in (False, True):
+        simulation = Simulation(pile_scene(200), Settings(closingOnly=only, broadPhase="grid"))
+        pulling = total = 0
+        for _ in range(300):
+            simulation.step()
+            pulls = [contact.impulse for contact in simulation.report.contacts]
+            pulling += sum(impulse < 0 for impulse in pulls)
+            total += len(pulls)
+        shares[only] = pulling / total
+        mass = sum(mesh.mass for mesh in simulation.meshes)
+        energies[only] = simulation.kinetic_energy() / mass
+    return {
+        "parting": text(before, 1), "closing": text(-after, 1),
+        "share": text(100 * shares[False], 0),
+        "energyDefault": text(energies[False], 1), "energyClosing": text(energies[True], 1),
+        "steps": "300", "bodies": "200",
+    }  # fmt: skip
+
+
+# --------------------------------------------------------------------------------------------------
+# Constraints
+# --------------------------------------------------------------------------------------------------
+
+ROPE = 1.0
+CHAIN_SECONDS = 2.0
+
+
+def chain_stretch(links, sweeps, isTopFirst=True):
+    """Mean elongation of a hanging chain, as a fraction of its ropes' length; late."""
+    half = 3.4 * 0.5
+    pitch = 2 * half + ROPE
+    meshes = [body("octahedron", (0, -pitch * k, 0), size=0.5, isFixed=k == 0)
+              for k in range(links + 1)]  # fmt: skip
+    low = int(meshes[0].origVertices[:, 1].argmin())
+    high = int(meshes[0].origVertices[:, 1].argmax())
+    ties = [[k, low, k + 1, high, ROPE, True] for k in range(links)]
+    if not isTopFirst:
+        ties.reverse()
+    stretches = []
+    for t, _ in steps_of(meshes, CHAIN_SECONDS, ground=False, constraints=ties,
+                         maxIterations=sweeps * links):  # fmt: skip
+        if t > CHAIN_SECONDS / 2:
+            # what the bodies take of the way from the first one's middle to the last one's
+            length = -meshes[-1].position[0, 1] - 2 * half * links
+            stretches.append(length / (links * ROPE) - 1)
+    return float(np.mean(stretches))
+
+
+@experiment
+def stretch(axis):
+    """Stretch of a hanging chain against the sweeps over its constraints."""
+    sweeps = np.array([1, 2, 4, 8, 16, 32, 64])
+    numbers = {}
+    for links, colour, mark in (
+        (5, style.GREEN, "^"), (10, style.BLUE, "o"), (20, style.VERMILION, "s")
+    ):  # fmt: skip
+        values = np.array([chain_stretch(links, count) for count in sweeps])
+        axis.loglog(sweeps, 100 * values, mark + "-", color=colour, label=f"{links} links")
+        numbers[f"at{links}"] = text(100 * values[list(sweeps).index(16)], 1)
+        numbers[f"one{links}"] = text(100 * values[0], 0)
+    axis.set(xlabel="sweeps a step", ylabel="stretch / % of rope")
+    axis.set_xticks([1, 4, 16, 64], ["1", "4", "16", "64"])
+    axis.minorticks_off()
+    axis.legend(loc="lower left")
+    down, up = chain_stretch(10, 16), chain_stretch(10, 16, isTopFirst=False)
+    return {
+        "sweeps": "16", "downwards": text(100 * down, 2), "upwards": text(100 * up, 2), **numbers
+    }  # fmt: skip
+
+
+def overlaps_of(meshes):
+    """Depths of all pairs of meshes that overlap now."""
+    depths = []
+    for i, first in enumerate(meshes):
+        for second in meshes[i + 1 :]:
+            collides, depth, _, _ = first.detect_collision(second)
+            if collides and depth > 1e-9:
+                depths.append(depth)
+    return depths
+
+
+@experiment
+def corrections(axis):
+    """Overlaps at the end of a step, with constraints and, from the same states, without."""
+    simulation = scene("two_chain")
+    with_, without, t = [], [], []
+    for _ in range(200):
+        before = state_of(simulation.meshes)
+        simulation.settings.enforceConstraints = False
+        simulation.step()
+        without.append(max(overlaps_of(simulation.meshes), default=0.0))
+        simulation.set_state({
+            plural: [values[k] for values in before]
+            for k, plural in enumerate(
+                ("positions", "orientations", "linVelocities", "angVelocities")
+            )
+        })  # fmt: skip
+        simulation.settings.enforceConstraints = True
+        simulation.step()
+        with_.append(max(overlaps_of(simulation.meshes), default=0.0))
+        t.append(len(t) * H)
+    t, with_, without = np.array(t), 1e2 * np.array(with_), 1e2 * np.array(without)
+    axis.plot(t, with_, color=style.VERMILION, linewidth=0.8, label="after the constraints")
+    axis.plot(t, without, color=style.BLUE, linewidth=0.8, label="before them")
+    axis.set(xlabel="time / s", ylabel="deepest overlap / cm")
+    axis.legend(loc="upper left")
+    return {
+        "most": text(with_.max(), 0), "mostBefore": text(without.max(), 0),
+        "deeper": text(100 * np.mean(with_ > without + 0.1), 0), "seconds": f"{200 * H:g}",
+    }  # fmt: skip
+
+
+@experiment
+def cliques(axis):
+    """How much bodies that are all tied to each other still turn when all should lie still."""
+    spins, steps, late = {}, 500, 400
+    for tied, colour, label in ((True, style.VERMILION, "tied"), (False, style.BLUE, "untied")):
+        simulation = scene("cube", enforceConstraints=tied)
+        squares, visits = [], []
+        for _ in range(steps):
+            simulation.step()
+            visits.append(simulation.report.constraintVisits)
+            squares.append(np.mean([np.sum(mesh.angVelocity**2) for mesh in simulation.meshes]))
+        spins[tied] = math.sqrt(np.mean(squares[late:]))
+        axis.plot(H * np.arange(1, steps + 1), np.sqrt(squares), color=colour, linewidth=0.8,
+                  label=label)  # fmt: skip
+        if tied:
+            made, violation = visits[late:], simulation.largest_violation()
+            bounds = len(simulation.constraints)
+    axis.set(xlabel="time / s", ylabel="mean spin / (rad/s)", ylim=(0, None))
+    axis.legend(loc="upper right")
+    return {
+        "tied": text(spins[True], 2), "untied": text(spins[False], 2),
+        "sweeps": text(np.mean(made) / bounds, 1), "bounds": str(bounds),
+        "violation": text(1e3 * violation, 2), "from": f"{late * H:g}", "to": f"{steps * H:g}",
+    }  # fmt: skip
+
+
+# --------------------------------------------------------------------------------------------------
+# Friction
+# --------------------------------------------------------------------------------------------------
+
+FAST = 10.0
+
+
+def stopping_distance(mu, e, h=H):
+    mesh = throw(box(BOX, (0, BOX[1] / 2, 0)), (FAST, 0, 0))
+    for _t, _ in steps_of([mesh], 1.1 * FAST / (mu * G), h, e, mu=mu):
+        pass
+    return mesh.position[0, 0]
+
+
+@experiment
+def stopping(axis):
+    """Stopping distance of a sliding box against μ, with theory."""
+    mus = np.array([0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0])
+    theory = FAST**2 / (2 * mus * G)
+    fine = np.geomspace(mus[0], mus[-1])
+    axis.loglog(fine, FAST**2 / (2 * fine * G), "--", color=style.BLACK, label="v²/2μg")
+    excesses = {}
+    for h, colour, mark in ((H, style.VERMILION, "s"), (H / 4, style.BLUE, "o")):
+        distances = np.array([stopping_distance(mu, E, h) for mu in mus])
+        axis.loglog(mus, distances, mark, color=colour, label=f"h = {h:g} s")
+        excesses[h] = distances - theory
+    axis.set(xlabel="friction μ", ylabel="distance / m")
+    axis.set_xticks([0.1, 0.2, 0.5, 1.0], ["0.1", "0.2", "0.5", "1"])
+    axis.set_yticks([5, 10, 20, 50], ["5", "10", "20", "50"])
+    axis.minorticks_off()
+    axis.legend(loc="lower left")
+    return {
+        "speed": f"{FAST:g}", "excess": text(excesses[H].mean(), 2),
+        "excessFine": text(excesses[H / 4].mean(), 2), "fineStep": f"{H / 4:g}",
+        "worst": text(100 * (excesses[H] / theory).max(), 0),
+        "worstFine": text(100 * (excesses[H / 4] / theory).max(), 0),
+        "atLow": text(100 * (excesses[H] / theory)[0], 1),
+    }  # fmt: skip
+
+
+INCLINE_MU = 0.4
+INCLINE_SECONDS = 5.0
+
+
+def slide_down(degrees, h=H, e=E):
+    """The way that a box makes down a slope in 5 s."""
+    tilt = turn((0, 0, 1), -degrees)
+    downhill, normal = QRotate(np.array([tilt, tilt]), np.eye(3)[:2])
+    slab = box((400, 20, 200), -10 * normal, orientation=tilt, isFixed=True)
+    mesh = box(BOX, BOX[1] / 2 * normal, orientation=tilt)
+    start = mesh.position[0].copy()
+    for _t, _ in steps_of([slab, mesh], INCLINE_SECONDS, h, e, ground=False, mu=INCLINE_MU):
+        pass
+    return float((mesh.position[0] - start) @ downhill)
+
+
+@experiment
+def incline(axis):
+    """The way of a box on a slope against the angle, with theory."""
+    angles = np.array([5, 10, 15, 18, 20, 21, 22, 23, 24, 26, 30, 35, 40])
+    ways = np.array([slide_down(angle) for angle in angles])
+    fine = np.linspace(angles[0], angles[-1], 200)
+    slopes = np.radians(fine)
+    pull = np.maximum(0.0, np.sin(slopes) - INCLINE_MU * np.cos(slopes))
+    theory = 0.5 * G * INCLINE_SECONDS**2
+    axis.plot(fine, theory * pull, "--", color=style.BLACK, label="theory")
+    axis.plot(angles, ways, "o", color=style.VERMILION, label=f"h = {H:g} s")
+    critical = math.degrees(math.atan(INCLINE_MU))
+    axis.axvline(critical, color=style.GREY, linewidth=0.8, linestyle=":")
+    axis.annotate("tan⁻¹ μ", (critical, theory * pull[-1] * 0.55), xytext=(-3, 0), ha="right",
+                  textcoords="offset points")  # fmt: skip
+    axis.set(xlabel="slope / °", ylabel="way in 5 s / m")
+    axis.legend(loc="upper left")
+    below = angles < critical
+    exact = theory * np.maximum(
+        0.0, np.sin(np.radians(angles)) - INCLINE_MU * np.cos(np.radians(angles))
+    )
+    halved = slide_down(15, H / 2) / ways[list(angles).index(15)]
+    return {
+        "mu": f"{INCLINE_MU:g}", "critical": text(critical, 1), "seconds": f"{INCLINE_SECONDS:g}",
+        "creep": text(ways[below].max(), 1), "excess": text((ways - exact)[~below].max(), 1),
+        "halved": text(halved, 2), "free": text(theory * math.sin(math.radians(20)), 0), "at": "20",
+        "creepLeast": text(ways[below].min(), 1),
+    }  # fmt: skip
+
+
+ROLL_SPEED, ROLL_MU = 20.0, 0.5
+
+
+def ball(subdivisions, radius=6.0):
+    """A ball of 10 · 4ⁿ + 2 vertices that stands on the ground; data/ball.mesh is the first."""
+    sys.path.insert(0, str(DATA))
+    from make_data import make_ellipsoid
+
+    points, faces = make_ellipsoid(radius, radius, radius, subdivisions)[:2]
+    points, faces = np.array(points, dtype=float), np.array(faces)
+    tets = np.column_stack([faces, np.full(len(faces), len(points))])
+    points = np.concatenate([points, np.zeros((1, 3))])
+    return Mesh("ball", points, faces, tets, 1.0, (0, -points[:, 1].min(), 0), (1, 0, 0, 0), False)
+
+
+@experiment
+def rolling(axis):
+    """A ball that is thrown without spin: its speed, and its rim's, against time."""
+    numbers = {}
+    for subdivisions, colour in ((1, style.VERMILION), (3, style.BLUE)):
+        mesh = throw(ball(subdivisions), (ROLL_SPEED, 0, 0))
+        count = len(mesh.origVertices) - 1
+        rows = []
+        for t, _ in steps_of([mesh], 3.0, mu=ROLL_MU):
+            rows.append((t, mesh.linVelocity[0, 0], -6.0 * mesh.angVelocity[0, 2]))
+        t, v, rim = np.array(rows).T
+        axis.plot(t, v, color=colour, label=f"v, {count} vertices")
+        axis.plot(t, rim, "--", color=colour, linewidth=0.8, label="its ω r")
+        late = (t > 1.75) & (t <= 2.75)
+        numbers[f"vertices{subdivisions}"] = str(count)
+        numbers[f"missing{subdivisions}"] = text(100 * (1 - v[late].mean() / (5 / 7 * 20)), 0)
+        numbers[f"slip{subdivisions}"] = text(100 * abs(1 - rim[late].mean() / v[late].mean()), 1)
+    axis.axhline(5 / 7 * ROLL_SPEED, color=style.BLACK, linestyle=":", label="5/7 v₀")
+    axis.set(xlabel="time / s", ylabel="speed / (m/s)", ylim=(0, ROLL_SPEED * 1.02))
+    axis.legend(loc="lower right")
+    return {"speed": f"{ROLL_SPEED:g}", "mu": f"{ROLL_MU:g}", **numbers}
+
+
+def settling():
+    """No figure: what moves at the end of a scene, without friction and with it."""
+    numbers = {}
+    for name, mu in (("without", 0.0), ("with", 0.5)):
+        simulation = scene("mixed", friction=mu)
+        for _ in range(500):
+            simulation.step()
+        free = [mesh for mesh in simulation.meshes if not mesh.isFixed]
+        numbers[name] = text(simulation.kinetic_energy() / sum(mesh.mass for mesh in free), 2)
+    _, _, _, fall, energy = resting_box(H)
+    late = slice(len(energy) // 2, None)
+    return {"mu": "0.5", "seconds": "10", "box": text(energy[late].mean(), 3),
+            "fall": text(fall[late].mean(), 2), **numbers}  # fmt: skip
+
+
+# --------------------------------------------------------------------------------------------------
+# The same bits
+# --------------------------------------------------------------------------------------------------
+
+
+@experiment
+def samebits(axis):
+    """How far runs of a pile part from the default one, against time."""
+    steps = 600
+    runs = {
+        "grid": {}, "coloured": {"pairOrder": "coloured"}, "nudged": {},
+    }  # fmt: skip
+    reference = Simulation(pile_scene(200), Settings())
+    others = {
+        name: Simulation(pile_scene(200), Settings(broadPhase="grid", **run))
+        for name, run in runs.items()
+    }
+    nudged = others["nudged"].meshes[100]
+    x = nudged.position[0, 0]
+    nudged.position = np.array([[np.nextafter(x, np.inf), *nudged.position[0, 1:]]])
+    parted = {name: [] for name in others}
+    for step in range(steps):
+        reference.step()
+        for name, other in others.items():
+            if name == "grid" and step >= 300:
+                continue
+            other.step()
+            apart = [np.abs(a.position - b.position).max()
+                     for a, b in zip(reference.meshes, other.meshes, strict=True)]  # fmt: skip
+            parted[name].append(max(apart))
+    t = H * np.arange(1, steps + 1)
+    for name, colour, dash, label in (
+        ("coloured", style.VERMILION, "-", "coloured order"),
+        ("nudged", style.BLUE, "--", "one bit changed"),
+    ):
+        values = np.array(parted[name])
+        axis.semilogy(t[values > 0], values[values > 0], dash, color=colour, label=label)
+    axis.set(xlabel="time / s", ylabel="largest distance / m", ylim=(1e-16, 1e8))
+    axis.set_xlim(0, 1.02 * steps * H)
+    axis.set_xticks([0, 4, 8, 12])
+    axis.set_yticks([1e-15, 1e-10, 1e-5, 1])
+    axis.minorticks_off()
+    axis.legend(loc="upper left")
+    values = np.array(parted["nudged"])
+    return {
+        "seconds": f"{steps * H:g}", "bodies": "200", "gridSteps": "300",
+        "grid": f"{max(parted['grid']):g}",
+        "decades": str(round(math.log10(values[-1] / values[0]))),
+        "end": text(1e6 * values[-1], 1),
+        "colouredMetre": text(t[np.argmax(np.array(parted["coloured"]) > 1.0)], 0),
+    }  # fmt: skip
+
+
+SILENT = {"separating": separating, "settling": settling}
