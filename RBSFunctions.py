@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 import GJK
-from GJK import cross, difference, dot, moved
+from GJK import cross, difference, dot, moved, take
 from Quaternion import QExp, QRotate, multiply, rotation_entries
 
 __version__ = "0.1.0"
@@ -684,7 +684,7 @@ class _Memory:
         place = _places(first * self.count + second, self.keys)
         known = place >= 0
         touched = known & self.touched[place]
-        return np.where(known & ~touched, self.axis.take(place, axis=1), guess), touched
+        return np.where(known & ~touched, take(self.axis, place, axis=1), guess), touched
 
     def note(self, first, second, isNear, axis):
         """Remembers the pairs of a step, sorted by the order i < j.
@@ -760,7 +760,7 @@ class _Bodies:
         self.invInertia = np.stack(_rotated_tensor(entries, self.restInvInertia))
         shapes = self.shapes
         self.vertices = GJK.rotate_columns(entries, shapes.vertices, shapes.vertexCount)
-        corners = self.vertices.take(shapes.hullColumn, axis=1) if self.vertices.size else None
+        corners = take(self.vertices, shapes.hullColumn, axis=1) if self.vertices.size else None
         self.hulls = shapes.hulls.rotated(entries, corners)
         low, high = self.hulls.boxes()
         self.relativeBox = np.where(shapes.hasShape, np.concatenate((low, -high)), np.inf)
@@ -798,9 +798,9 @@ class _Bodies:
 
     def states(self, b):
         """`_BodyState` of the bodies b (m,), in arrays."""
-        motion = self.motion.take(b, axis=1)
+        motion = take(self.motion, b, axis=1)
         return _BodyState(
-            self.invMass.take(b), self.invInertia.take(b, axis=1),
+            take(self.invMass, b), take(self.invInertia, b, axis=1),
             motion[0:3], motion[3:6], motion[6:9],
         )  # fmt: skip
 
@@ -812,7 +812,7 @@ class _Bodies:
 
     def write_back(self):
         """Hands the meshes their state: rows of the step's tables."""
-        moved = self.vertices + self.position.take(self.shapes.vertexOwner, axis=1)
+        moved = self.vertices + take(self.position, self.shapes.vertexOwner, axis=1)
         tables = {
             name: np.ascontiguousarray(getattr(self, name).T)[:, None]
             for name in ("position", "orientation", "linVelocity", "angVelocity")
@@ -976,7 +976,7 @@ def _near_planes(bodies, first, second, reach):
     isNear : (P,) bool; the rest stay apart however their bodies move within their reach
     """
     memory = bodies.shapes.memory
-    t = bodies.position.take(second, axis=1) - bodies.position.take(first, axis=1)
+    t = take(bodies.position, second, axis=1) - take(bodies.position, first, axis=1)
     both = reach[first] + reach[second]
     planes = GJK.contact_planes(
         bodies.hulls, first, second, t, both, *memory.recall(first, second, t)
@@ -1100,7 +1100,7 @@ class _ContactBatches:
         size = bodies.hulls.radius[first] + bodies.hulls.radius[second]
         self.gap = np.where(isNear, -np.inf, -pen - GJK.FEATURE_TOLERANCE * size)
         near = np.flatnonzero(isNear)
-        self._arrange(first[near], second[near], planes.of_pairs(near), t.take(near, axis=1))
+        self._arrange(first[near], second[near], planes.of_pairs(near), take(t, near, axis=1))
 
     def _arrange(self, first, second, planes, t):
         """Sorts pairs, given in the order i < j, into batches."""
@@ -1112,7 +1112,7 @@ class _ContactBatches:
         self.first, self.second = first[self.rank], second[self.rank]
         self.planes = planes.of_pairs(self.rank)
         self.column = np.repeat(np.arange(len(first)), np.diff(self.planes.start))
-        self.t = t.take(self.rank, axis=1)
+        self.t = take(t, self.rank, axis=1)
         size = bodies.hulls.radius[self.first] + bodies.hulls.radius[self.second]
         self.apart = -GJK.TOUCH_TOLERANCE * size
         self.tolerance = GJK.FEATURE_TOLERANCE * size
@@ -1133,7 +1133,7 @@ class _ContactBatches:
         self.axis = np.insert(self.axis, place, 0.0, axis=1)
 
         bodies = self.bodies
-        t = bodies.position.take(second, axis=1) - bodies.position.take(first, axis=1)
+        t = take(bodies.position, second, axis=1) - take(bodies.position, first, axis=1)
         reach = np.maximum(self.reach, REACH_GROWTH * displaced)
         planes = GJK.facet_planes(bodies.hulls, first, second, t, reach[first] + reach[second])
         # all pairs in the order i < j, with what belongs to each
@@ -1141,7 +1141,7 @@ class _ContactBatches:
         together = GJK.FacetPlanes.joined((self.planes.of_pairs(back), planes))
         keys = np.concatenate(((self.first * count + self.second)[back], keys))
         order = np.argsort(keys)
-        t = np.concatenate((self.t[:, back], t), axis=1).take(order, axis=1)
+        t = take(np.concatenate((self.t[:, back], t), axis=1), order, axis=1)
         keys = keys[order]
         self._arrange(keys // count, keys % count, together.of_pairs(order), t)
 
@@ -1159,9 +1159,9 @@ class _ContactBatches:
         met = np.flatnonzero((displaced[i] + displaced[j] >= self.gap) & (self.gap > -np.inf))
         first, second = i[met], j[met]
         moved1, moved2 = (
-            visits.places(b, first, second) - visits.start.take(b, axis=1) for b in (first, second)
+            visits.places(b, first, second) - take(visits.start, b, axis=1) for b in (first, second)
         )
-        gap = self.gap[met] + dot(self.axis.take(met, axis=1), moved2 - moved1)
+        gap = self.gap[met] + dot(take(self.axis, met, axis=1), moved2 - moved1)
         met = np.flatnonzero(gap <= 0.0)
         first, second = first[met], second[met]
         if len(strays):
@@ -1176,7 +1176,7 @@ class _ContactBatches:
         first, second = first[meet], second[meet]
         if len(first) == 0:
             return first, second
-        t = position2.take(meet, axis=1) - position1.take(meet, axis=1)
+        t = take(position2, meet, axis=1) - take(position1, meet, axis=1)
         none = np.zeros(len(meet))
         pen, _ = GJK.contact_planes(bodies.hulls, first, second, t, none).nearest_of_all(t)
         size = bodies.hulls.radius[first] + bodies.hulls.radius[second]
@@ -1188,7 +1188,7 @@ def _overlaps_of(some, box, isFixed, broadPhase):
     """Of the pairs of a broad phase (2, P), at least those that have a body of `some` (m,)."""
     if len(some) > BOX_ROWS:
         return np.stack(BROAD_PHASES[broadPhase](box, isFixed))
-    near = (box[:, None] <= _facing(box.take(some, axis=1))[:, :, None]).all(axis=0)
+    near = (box[:, None] <= _facing(take(box, some, axis=1))[:, :, None]).all(axis=0)
     near &= ~(isFixed[some, None] & isFixed)
     row, other = np.nonzero(near)
     pairs = np.sort(np.stack((some[row], other)), axis=0)
@@ -1226,11 +1226,11 @@ class _Visits:
             positions.append(position)
         body, position = np.concatenate(bodies), np.concatenate(positions, axis=1)
         turn = np.concatenate(turns) if isSequential else np.arange(len(body))
-        away = position - start.take(body, axis=1)
+        away = position - take(start, body, axis=1)
         np.maximum.at(self.furthest, body, np.sqrt(dot(away, away)))
         key = body * self.square + turn
         order = np.argsort(key)
-        self.key, self.position = key[order], position.take(order, axis=1)
+        self.key, self.position = key[order], take(position, order, axis=1)
 
     def places(self, b, first, second):
         """Where (3, m) the bodies b (m,) are at the turn of the pairs first, second (m,).
@@ -1241,8 +1241,8 @@ class _Visits:
         place = np.searchsorted(self.key, b * self.square + turn) - 1
         known = np.flatnonzero(place >= 0)
         known = known[self.key[place[known]] // self.square == b[known]]
-        position = self.start.take(b, axis=1)
-        position[:, known] = self.position.take(place[known], axis=1)
+        position = take(self.start, b, axis=1)
+        position[:, known] = take(self.position, place[known], axis=1)
         return position
 
 
@@ -1316,51 +1316,51 @@ def _resolve_batch(batches, begin, end, law, contacts, visited):
     """
     bodies, planes = batches.bodies, batches.planes
     first, second = batches.first[begin:end], batches.second[begin:end]
-    position1 = bodies.position.take(first, axis=1)
-    position2 = bodies.position.take(second, axis=1)
+    position1 = take(bodies.position, first, axis=1)
+    position2 = take(bodies.position, second, axis=1)
     t = position2 - position1
     # the pair's deepest plane, or the one that parts it most
     columns = slice(planes.start[begin], planes.start[end])
     pair = batches.column[columns] - begin
-    pens = planes.offset[columns] - dot(planes.normal[:, columns], t.take(pair, axis=1))
+    pens = planes.offset[columns] - dot(planes.normal[:, columns], take(t, pair, axis=1))
     starts = planes.start[begin:end] - columns.start
     pen = np.minimum.reduceat(pens, starts)
     hits = np.flatnonzero(pen >= batches.apart[begin:end])
     if len(hits) == 0:
         return
-    least = np.flatnonzero(pens == pen.take(pair))
-    nearest = least.take(np.searchsorted(least, starts.take(hits)))  # the first of equals
-    normal = planes.normal.take(nearest + columns.start, axis=1)
+    least = np.flatnonzero(pens == take(pen, pair))
+    nearest = take(least, np.searchsorted(least, take(starts, hits)))  # the first of equals
+    normal = take(planes.normal, nearest + columns.start, axis=1)
     rows = begin + hits
     first, second, t, pen, position1, position2 = (
-        table.take(hits, axis=-1) for table in (first, second, t, pen, position1, position2)
+        take(table, hits, axis=-1) for table in (first, second, t, pen, position1, position2)
     )
-    shift = t - batches.t.take(rows, axis=1)
+    shift = t - take(batches.t, rows, axis=1)
     stale = np.flatnonzero(~planes.hold(rows, pen, shift))
     if len(stale):
         exact = GJK.facet_planes(
             bodies.hulls, first[stale], second[stale], t[:, stale], np.zeros(len(stale))
         )
         pen[stale], normal[:, stale] = exact.nearest_of_all(t[:, stale])
-    keep = pen >= batches.apart.take(rows)
+    keep = pen >= take(batches.apart, rows)
     box1, box2 = bodies.box_of(first, position1), bodies.box_of(second, position2)
     keep &= (box1 <= _facing(box2)).all(axis=0)
     if not keep.all():
         kept = np.flatnonzero(keep)
         rows, first, second, t, pen, normal, position2 = (
-            table.take(kept, axis=-1) for table in (rows, first, second, t, pen, normal, position2)
+            take(table, kept, axis=-1) for table in (rows, first, second, t, pen, normal, position2)
         )
         if len(rows) == 0:
             return
     depth = np.maximum(pen, 0.0)
-    tolerance = batches.tolerance.take(rows)
+    tolerance = take(batches.tolerance, rows)
     point = GJK.contact_points(bodies.hulls, first, second, t, normal, tolerance)
     point = point + position2
     resolve = _resolve_singly if len(rows) < FEW_CONTACTS else _resolve_together
     impulses = resolve(bodies, first, second, depth, normal, point, law)
     both = np.concatenate((first, second))
-    visited.append((first, second, bodies.position.take(both, axis=1)))
-    contacts.append((batches.rank.take(rows), first, second, depth, normal, point, *impulses))
+    visited.append((first, second, take(bodies.position, both, axis=1)))
+    contacts.append((take(batches.rank, rows), first, second, depth, normal, point, *impulses))
 
 
 def _resolve_together(bodies, first, second, depth, normal, point, law):
@@ -1391,7 +1391,7 @@ def _resolve_singly(bodies, first, second, depth, normal, point, law):
 def _resolve_ground(bodies, groundMesh, law, report):
     """Lets every body that reaches down to y = 0 bounce off the ground with its lowest vertex."""
     shapes = bodies.shapes
-    heights = bodies.vertices[1] + bodies.position[1].take(shapes.vertexOwner)
+    heights = bodies.vertices[1] + take(bodies.position[1], shapes.vertexOwner)
     solid = np.flatnonzero(shapes.hasShape & ~bodies.isFixed)
     if len(solid) == 0:
         return
@@ -1403,9 +1403,9 @@ def _resolve_ground(bodies, groundMesh, law, report):
         return
     bottom = np.full(len(shapes.hasShape), np.nan)
     bottom[b] = lowest
-    candidates = np.flatnonzero(heights == bottom.take(shapes.vertexOwner))
+    candidates = np.flatnonzero(heights == take(bottom, shapes.vertexOwner))
     vertex = candidates[np.searchsorted(candidates, shapes.vertexStart[b])]  # the first of equals
-    point = bodies.vertices.take(vertex, axis=1) + bodies.position.take(b, axis=1)
+    point = take(bodies.vertices, vertex, axis=1) + take(bodies.position, b, axis=1)
     # The ground is hull 2: the body moves up, against the normal, by how deep the vertex is.
     normal = np.tile([[0.0], [-1.0], [0.0]], len(b))
     body, ground = bodies.states(b), groundMesh._body_state()
@@ -1666,15 +1666,15 @@ def _visit_batch(bodies, columns, batch, tolerance):
     b1, b2 = columns.body1[batch], columns.body2[batch]
     arm1, arm2 = columns.arm1[:, batch], columns.arm2[:, batch]
     C, n = _stretch(
-        bodies.position.take(b1, axis=1) + arm1,
-        bodies.position.take(b2, axis=1) + arm2,
+        take(bodies.position, b1, axis=1) + arm1,
+        take(bodies.position, b2, axis=1) + arm2,
         columns.refValue[batch],
     )
     violated = np.flatnonzero(_violates(C, columns.upper[batch], tolerance))
     if len(violated) == 0:
         return False
     b1, b2 = b1[violated], b2[violated]
-    arm1, arm2, n = (table.take(violated, axis=1) for table in (arm1, arm2, n))
+    arm1, arm2, n = (take(table, violated, axis=1) for table in (arm1, arm2, n))
     body1, body2 = bodies.states(b1), bodies.states(b2)
     _correct_distance(body1, body2, arm1, arm2, C[violated], n, tolerance)
     bodies.take(b1, body1)
