@@ -110,7 +110,10 @@ def dot(a, b):
     """Scalar product of vectors by component: tuples of floats, or arrays with first axis 3."""
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):  # the same in fewer calls
         products = a * b
-        return products[0] + products[1] + products[2]
+        total = products[0]
+        total += products[1]
+        total += products[2]
+        return total
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
@@ -386,8 +389,10 @@ def _slots(start, count, bodies):
     Shorter lists repeat their last entry, which changes no minimum and, the first of equals being
     taken, no choice.
     """
-    count = count[bodies]
-    return start[bodies] + np.minimum(np.arange(count.max(initial=1))[:, None], count - 1)
+    count = take(count, bodies)
+    slots = np.minimum(np.arange(count.max(initial=1))[:, None], count - 1)
+    slots += take(start, bodies)
+    return slots
 
 
 def _vertices_of(hulls, bodies):
