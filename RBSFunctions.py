@@ -934,12 +934,24 @@ def _level_overlaps(box, level, looking, width):
     first = np.searchsorted(key, near + begin)
     length = np.searchsorted(key, near + end) - first
     some = np.flatnonzero(length > 0)
-    first, length = first.ravel()[some], length.ravel()[some]
-    within = np.arange(length.sum()) - np.repeat(np.cumsum(length) - length, length)
-    i = level[entries[np.repeat(first, length) + within]]
-    j = looking[np.repeat(some % len(looking), length)]
-    for k in range(3):
-        overlap = (box[k, i] <= -box[k + 3, j]) & (box[k, j] <= -box[k + 3, i])
+    row, place = _ranges(take(first, some), take(length, some))
+    return _overlapping(box, level[entries[place]], looking[some[row] % len(looking)])
+
+
+def _ranges(first, length):
+    """`(row, place)`: for each row k of the arrays, the places first[k] … + length[k], one after
+    the other."""
+    end = np.cumsum(length)
+    row = np.repeat(np.arange(len(first)), length)
+    return row, np.arange(len(row)) + take(first - (end - length), row)
+
+
+def _overlapping(box, i, j):
+    """Those of the pairs i (m,), j (m,) whose boxes overlap: (2, P)."""
+    for k in (2, 1, 0):  # along x, most of them are known to be near
+        overlap = (take(box[k], i) <= -take(box[k + 3], j)) & (
+            take(box[k], j) <= -take(box[k + 3], i)
+        )
         i, j = i[overlap], j[overlap]
     return np.stack((i, j))
 
@@ -1166,10 +1178,11 @@ class _ContactBatches:
         first, second = first[met], second[met]
         if len(strays):
             wider = bodies.box - np.maximum(displaced, self.reach)
-            others = _overlaps_of(strays, wider, bodies.isFixed, self.broadPhase)
-            others = others[:, _places(others[0] * count + others[1], self.keys) < 0]
-            first = np.concatenate((first, others[0]))
-            second = np.concatenate((second, others[1]))
+            others = _overlaps_of(strays, wider, bodies.isFixed)
+            keys = np.unique(others[0] * count + others[1])
+            keys = keys[_places(keys, self.keys) < 0]
+            first = np.concatenate((first, keys // count))
+            second = np.concatenate((second, keys % count))
         position1, position2 = (visits.places(b, first, second) for b in (first, second))
         boxes = bodies.box_of(first, position1) <= _facing(bodies.box_of(second, position2))
         meet = np.flatnonzero(boxes.all(axis=0))
@@ -1184,17 +1197,21 @@ class _ContactBatches:
         return first[touching], second[touching]
 
 
-def _overlaps_of(some, box, isFixed, broadPhase):
-    """Of the pairs of a broad phase (2, P), at least those that have a body of `some` (m,)."""
-    if len(some) > BOX_ROWS:
-        return np.stack(BROAD_PHASES[broadPhase](box, isFixed))
-    near = (box[:, None] <= _facing(take(box, some, axis=1))[:, :, None]).all(axis=0)
-    near &= ~(isFixed[some, None] & isFixed)
-    row, other = np.nonzero(near)
-    pairs = np.sort(np.stack((some[row], other)), axis=0)
-    keys = np.unique(pairs[0] * box.shape[1] + pairs[1])  # two of `some` find each other twice
-    pairs = np.stack((keys // box.shape[1], keys % box.shape[1]))
-    return pairs[:, pairs[0] != pairs[1]]
+def _overlaps_of(some, box, isFixed):
+    """The pairs of `all_overlaps` that have a body of `some` (m,), and some of them twice.
+
+    The boxes of each level are sorted along x, so that those near a box of `some` are a range.
+    """
+    found = [np.zeros((2, 0), dtype=np.intp)]
+    for level, _, width in grid_levels(box):
+        along = level[np.argsort(box[0, level])]
+        lowX = box[0, along]
+        begin = np.searchsorted(lowX, box[0, some] - width, side="left")
+        end = np.searchsorted(lowX, -box[3, some], side="right")
+        row, place = _ranges(begin, np.maximum(end - begin, 0))
+        found.append(_overlapping(box, some[row], along[place]))
+    pairs = np.sort(np.concatenate(found, axis=1), axis=0)
+    return pairs[:, (pairs[0] != pairs[1]) & ~(isFixed[pairs[0]] & isFixed[pairs[1]])]
 
 
 class _Visits:
