@@ -1307,6 +1307,8 @@ def _resolve_pairs_in_batches(bodies, law, broadPhase, pairOrder, report):
     Where corrections move bodies out of their reach, and pairs have been overlooked that touched at
     their turn, the batches are done again from the state before them, with these pairs included.
     """
+    if len(bodies.meshes) < 2:
+        return
     memory = bodies.shapes.memory
     reach = np.maximum(LEAST_REACH * bodies.hulls.radius, REACH_GROWTH * memory.displaced)
     before = bodies.motion.copy()
@@ -1316,6 +1318,8 @@ def _resolve_pairs_in_batches(bodies, law, broadPhase, pairOrder, report):
         for begin, end in itertools.pairwise(batches.starts.tolist()):
             _resolve_batch(batches, begin, end, law, contacts, visited)
         visits = _Visits(before[:3], visited, pairOrder == "sequential")
+        if len(contacts) == 0:  # nothing has moved
+            break
         first, second = batches.overlooked(visits)
         if len(first) == 0:
             break
