@@ -652,9 +652,7 @@ class _Rows:
 
 
 def _places(keys, known):
-    """Where (m,) each key stands among the known ones, which are in ascending order; or -1."""
-    if len(known) == 0:
-        return np.full(len(keys), -1)
+    """Where (m,) each key stands among the known ones, ≥ 1 and in ascending order; or -1."""
     place = np.minimum(np.searchsorted(known, keys), len(known) - 1)
     return np.where(known[place] == keys, place, -1)
 

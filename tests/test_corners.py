@@ -5,7 +5,7 @@ import pytest
 from oracles import body, ground, random_quaternions, rotation, state_of
 
 import GJK
-from RBSFunctions import run_timestep
+from RBSFunctions import Mesh, run_timestep
 
 SQUARE = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
 
@@ -63,3 +63,19 @@ def test_a_guessed_axis_changes_no_verdict():
             assert separated[0] == expected
             if expected:
                 assert axis[0, 0] > 0.9 and 0.1 < along[0] <= 0.2 + 1e-12
+
+
+def test_a_mesh_without_state_says_so():
+    with pytest.raises(AttributeError, match="the mesh has no position yet"):
+        _ = Mesh.__new__(Mesh).position
+    assert Mesh.position.name == "position"  # asked of the class, the attribute itself
+
+
+@pytest.mark.parametrize("pairOrder", ["sequential", "coloured"])
+def test_a_single_body_by_the_grid_falls_as_by_the_loop(pairOrder):
+    one, other = [body("box", (0, 9, 0))], [body("box", (0, 9, 0))]
+    for _ in range(60):
+        report = run_timestep(one, ground(), 0.02, 0.5, broadPhase="grid", pairOrder=pairOrder)
+        run_timestep(other, ground(), 0.02, 0.5)
+    assert report.candidatePairs == 0
+    np.testing.assert_array_equal(state_of(one), state_of(other))
