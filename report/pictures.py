@@ -30,7 +30,7 @@ def made_scene(rows, **settings):
             lines.append(f"{ROOT / 'data' / mesh} {density} {int(isFixed)} {numbers}")
         path = Path(folder) / "made-scene.txt"
         path.write_text("\n".join(lines) + "\n")
-        return Simulation(path, Settings(**settings))
+        return Simulation(path, Settings(**settings), allowOutsideMeshes=True)
 
 
 def stack():

@@ -74,3 +74,17 @@ def test_what_is_quick_to_measure_comes_out_again(name):
     finally:
         sys.path.remove(str(REPORT))
     assert build.run_experiment(name, isDrawn=False)[0] == NUMBERS[name]
+
+
+@pytest.mark.skipif(
+    not importlib.util.find_spec("matplotlib"), reason="Matplotlib is not installed"
+)
+def test_scenes_made_for_pictures_load():
+    """They lie in a folder of their own, away from the meshes."""
+    sys.path.insert(0, str(REPORT))
+    try:
+        import pictures
+    finally:
+        sys.path.remove(str(REPORT))
+    (mesh,) = pictures.made_scene([("box.mesh", 10, False, (0, 9, 0), (1, 0, 0, 0))]).meshes
+    assert mesh.name == "box 0" and mesh.position[0, 1] == 9.0
