@@ -322,7 +322,6 @@ class HullSet:
     vertices : (3, ΣV), directions : (3, ΣD), edges : (3, ΣE); at rest, or turned by `rotated`
     offsets : (ΣD,), of the faces
     edgeTail : (ΣE,), column in `vertices`; edgeFace1, edgeFace2 : (ΣE,), columns in `directions`
-    vertexOwner, faceOwner, edgeOwner : the body of each
     radius : (n,), of each hull about its centre
     """
 
@@ -334,11 +333,6 @@ class HullSet:
         self.faceStart = np.cumsum(self.faceCount) - self.faceCount
         self.edgeStart = np.cumsum(self.edgeCount) - self.edgeCount
 
-        bodies = np.arange(len(hulls))
-        self.vertexOwner = np.repeat(bodies, self.vertexCount)
-        self.faceOwner = np.repeat(bodies, self.faceCount)
-        self.edgeOwner = np.repeat(bodies, self.edgeCount)
-
         def table(name):
             return np.concatenate([getattr(h, name) for h in hulls])
 
@@ -346,8 +340,8 @@ class HullSet:
         self.directions = np.ascontiguousarray(table("directions").T)
         self.edges = np.ascontiguousarray(table("edgeVector").T)
         self.offsets = table("offsets")
-        self.edgeTail = table("edgeTail") + self.vertexStart[self.edgeOwner]
-        edgeFaces = table("edgeFaces") + self.faceStart[self.edgeOwner][:, None]
+        self.edgeTail = table("edgeTail") + self.vertexStart.repeat(self.edgeCount)
+        edgeFaces = table("edgeFaces") + self.faceStart.repeat(self.edgeCount)[:, None]
         self.edgeFace1, self.edgeFace2 = np.ascontiguousarray(edgeFaces.T)
         self.radius = np.array([h.radius for h in hulls])
 

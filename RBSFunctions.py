@@ -1102,7 +1102,6 @@ class _ContactBatches:
     def __init__(self, bodies, reach, broadPhase, pairOrder):
         self.bodies = bodies
         self.reach = reach
-        self.broadPhase = broadPhase
         self.pairOrder = pairOrder
         first, second = BROAD_PHASES[broadPhase](bodies.box - reach, bodies.isFixed)
         self.keys = first * len(reach) + second
@@ -1639,23 +1638,11 @@ def _queue(bodies, columns, allowed, tolerance):
 def _batches(body1, body2, isFixed):
     """Constraints split into batches in which no two move the same body: arrays of columns.
 
-    body1, body2, isFixed : the bytes of the arrays in `_Constraints` and `_Bodies`. Each constraint
-    joins the first batch that has neither of its bodies; the bits of an integer tell a body's.
+    body1, body2, isFixed : the bytes of the arrays in `_Constraints` and `_Bodies`
     """
-    body1, body2 = np.frombuffer(body1, np.intp), np.frombuffer(body2, np.intp)
-    isFixed = np.frombuffer(isFixed, bool)
-    taken = [0] * len(isFixed)
-    members = []
-    for column, (b1, b2) in enumerate(zip(body1.tolist(), body2.tolist(), strict=True)):
-        free = ~(taken[b1] | taken[b2])
-        batch = (free & -free).bit_length() - 1
-        for b in (b1, b2):
-            if not isFixed[b]:
-                taken[b] |= 1 << batch
-        if batch == len(members):
-            members.append([])
-        members[batch].append(column)
-    return [np.array(columns) for columns in members]
+    bodies = (np.frombuffer(body, np.intp).tolist() for body in (body1, body2))
+    batch = _coloured_batches(*bodies, np.frombuffer(isFixed, bool).tolist())
+    return [np.flatnonzero(batch == k) for k in range(batch.max(initial=-1) + 1)]
 
 
 def _batched(bodies, columns, allowed, tolerance):
@@ -1811,7 +1798,7 @@ def run_timestep(
     broadPhase : how pairs with overlapping boxes are found: "all" looks at every pair in turn;
         "grid" finds them through uniform grids and resolves them in batches, with the same bits
     pairOrder : "sequential" resolves the pairs as if in the order i < j; "coloured" in rounds of
-        pairs without a common body, as few as a greedy colouring finds: faster, and another order
+        pairs without a common body, few by greedy colouring: another order, hardly faster
 
     Raises ValueError for a name that is not known, a time step that is negative or not finite, and
     what `resolve_collision` refuses; StateError, which names the body, where a number would become
