@@ -80,20 +80,11 @@ FLAT_EXTENT = 1e-13
 # Below this aspect Qhull is given the points stretched to a cube, lest it merge the thin sides.
 THIN_ASPECT = 1e-3
 
-# GJK is left out for a pair with no more faces × vertices than this: the faces themselves then show
-# sooner whether they part it.
-GJK_ENTRIES = 1000
-
-# Table entries (features × features × pairs) worked on at a time: 2.4 MB for each double array.
-CHUNK_ENTRIES = 300_000
+# Table entries that are worked on at a time: their vectors stay in the processor's cache.
+BLOCK_ENTRIES = 200_000
+SIZE_CLASSES=np.array([16,64]); CHUNK_ENTRIES=300000; SMALL_TABLE=20000
 # Bodies whose tables are turned at a time, which stay in the cache too.
 ROTATED_BODIES = 256
-# Combinations of edges worked on at a time: their vectors stay in the processor's cache.
-EDGE_BLOCK = 8192
-# Up to this many entries, one padded table costs less than several without padding.
-SMALL_TABLE = 20_000
-# Hulls share tables with those up to the same of these sizes: boxes, cylinders, and the rest.
-SIZE_CLASSES = np.array([16, 64])
 
 
 # The components x y z x y: what a product of vectors multiplies stands next to each other in it.
@@ -106,6 +97,38 @@ def take(table, index, axis=None):
     To clip them is twice as fast as to check them; without an axis, the table counts as flat.
     """
     return table.take(index, axis=axis, mode="clip")
+
+
+def ranges(first, length):
+    """`(row, place)`: for each row k of the arrays, the places first[k] … + length[k], one after
+    the other."""
+    end = np.cumsum(length)
+    row = np.repeat(np.arange(len(first)), length)
+    return row, np.arange(len(row)) + take(first - (end - length), row)
+
+
+def _blocks(length):
+    """Slices of consecutive rows that have up to BLOCK_ENTRIES entries together, or are single.
+
+    length : (R,), the entries of each row
+    """
+    end = np.cumsum(length)
+    begin = 0
+    while begin < len(length):
+        limit = end[begin] - length[begin] + BLOCK_ENTRIES
+        stop = max(begin + 1, int(np.searchsorted(end, limit, side="right")))
+        yield slice(begin, stop)
+        begin = stop
+
+
+def _least(values, row, start):
+    """The least of each row's values and its place, of equals the first: `(least, place)`.
+
+    values, row : (K,), one row after the other, none of them empty; start : (R,), where they begin
+    """
+    least = np.minimum.reduceat(values, start)
+    places = np.flatnonzero(values == take(least, row))
+    return least, take(places, np.searchsorted(places, start))
 
 
 def dot(a, b):
@@ -344,6 +367,7 @@ class HullSet:
         edgeFaces = table("edgeFaces") + self.faceStart.repeat(self.edgeCount)[:, None]
         self.edgeFace1, self.edgeFace2 = np.ascontiguousarray(edgeFaces.T)
         self.radius = np.array([h.radius for h in hulls])
+        self.entryCount = self.vertexCount + self.faceCount + self.edgeCount
 
     def rotated(self, entries, vertices=None):
         """These hulls, each turned.
@@ -643,270 +667,269 @@ class FacetPlanes:
         return least, take(self.normal, first, axis=1)
 
 
-def contact_planes(hulls, first, second, translation, reach, guess=None, likely=None):
-    """GJK, then the facets of the pairs that it does not part: what a simulation step asks for.
+def lowest_vertices(hulls, bodies, directions):
+    """`(level (R,), vertex (R,))`: the vertex of each body that is lowest along the direction.
 
-    hulls, first, second, translation, reach : as for `facet_planes`; guess : as for
-    `separating_axes`
-    likely : (P,) bool; pairs that are expected to touch, and on which GJK is not tried
-
-    A pair that GJK finds further apart than its reach gets one plane, the separating one, and is
-    not complete. Neither the guess nor the expectation changes what `FacetPlanes.nearest` says of
-    a pair that collides.
+    bodies : (R,); directions : (3, R); vertex : column in the set, of equals the first
     """
-    size = hulls.radius[first] + hulls.radius[second]
-    gap = np.maximum(reach, GJK_GAP * size)
-    isNear = np.ones(len(first), dtype=bool)
-    if likely is None:
-        likely = np.zeros(len(first), dtype=bool)
-    parts = []
-
-    def part(pairs, axis, offset):
-        isNear[pairs] = False
-        parts.append((pairs, axis, offset + ROUNDING * size[pairs]))
-
-    if guess is not None:
-        asked = np.flatnonzero(~likely)
-        axis = take(guess, asked, axis=1)
-        offset = support_offsets(hulls, first[asked], second[asked], axis)
-        distance = dot(axis, take(translation, asked, axis=1)) - offset
-        apart = np.flatnonzero(distance > gap[asked])
-        part(asked[apart], take(axis, apart, axis=1), offset[apart])
-    large = hulls.faceCount[first] * hulls.vertexCount[second]
-    large = np.maximum(large, hulls.faceCount[second] * hulls.vertexCount[first]) > GJK_ENTRIES
-    asked = np.flatnonzero(large & isNear & ~likely)
-    separated, axis, distance = separating_axes(
-        hulls, first[asked], second[asked], take(translation, asked, axis=1), gap[asked]
-    )
-    apart = asked[separated]
-    axis = axis[:, separated]
-    part(apart, axis, dot(axis, take(translation, apart, axis=1)) - distance[separated])
-    near = np.flatnonzero(isNear)
-    planes = facet_planes(
-        hulls, first[near], second[near], take(translation, near, axis=1), reach[near]
-    )
-    bound = np.full(len(first), -np.inf)
-    bound[near] = planes.bound
-    ofNear = near[np.repeat(np.arange(len(near)), np.diff(planes.start))]
-    return FacetPlanes.gathered([*parts, (ofNear, planes.normal, planes.offset)], bound)
-
-
-def _supports(hulls, bodies, directions):
-    """How far (P,) the hulls of the bodies reach along the directions (3, P)."""
-    support = np.empty(len(bodies))
-    for chunk in _chunks_of_like_size(hulls.vertexCount, bodies):
-        vertices = _vertices_of(hulls, bodies[chunk])
-        support[chunk] = dot(take(directions, chunk, axis=1)[:, None], vertices).max(axis=0)
-    return support
+    count = take(hulls.vertexCount, bodies)
+    start = take(hulls.vertexStart, bodies)
+    level, vertex = np.empty(len(bodies)), np.empty(len(bodies), dtype=np.intp)
+    for some in _blocks(count):
+        row, column = ranges(start[some], count[some])
+        direction = np.repeat(directions[:, some], count[some], axis=1)
+        heights = dot(direction, take(hulls.vertices, column, axis=1))
+        level[some], place = _least(heights, row, np.cumsum(count[some]) - count[some])
+        vertex[some] = take(column, place)
+    return level, vertex
 
 
 def support_offsets(hulls, first, second, normal):
     """Distance (P,) from the origin of the supporting plane of A - B with the normals (3, P)."""
-    return _supports(hulls, first, normal) + _supports(hulls, second, -normal)
+    return -lowest_vertices(hulls, first, -normal)[0] - lowest_vertices(hulls, second, normal)[0]
 
 
-def facet_planes(hulls, first, second, translation, reach):
+def facet_planes(hulls, first, second, translation, reach, guess=None):
     """The facet planes of P pairs that can be nearest within `reach` of the given translations.
 
     hulls, first, second, translation : as for `separating_axes`
     reach : (P,), ≥ 0; how far the translation may change before the planes have to be made anew.
         A facet that is nearest at t + Δ has pen ≤ depth(t) + 2 |Δ| at t, hence the rest is dropped.
+    guess : (3, P), unit; axes that may part the pairs or are near the nearest facet's normal. Where
+        a column is zero, and by default, those from centre to centre. The better they are, the less
+        there is to do; they do not change what `FacetPlanes.nearest` says of a pair that collides
 
     Returns `FacetPlanes`, a pair's planes in the order: faces of the first, faces of the second,
-    edge pairs. The order does not depend on the translation, so the same facet wins a tie.
+    edge pairs. The order does not depend on the translation, so the same facet wins a tie. A pair
+    that is further apart than its reach is not complete and gets one plane, which shows it.
     """
     parts = []
-    bound = np.zeros(len(first))
-    largest = np.maximum(hulls.vertexCount, hulls.faceCount)
-    for chunk in _chunks_of_like_size(largest, first, second):
-        pair, normal, offset, bound[chunk] = _planes_of_chunk(
-            hulls, first[chunk], second[chunk], translation[:, chunk], reach[chunk]
-        )
-        parts.append((chunk[pair], normal, offset))
+    bound = np.full(len(first), -np.inf)
+    guess = _axes_or_centres(guess, translation)
+    for some in _blocks(take(hulls.entryCount, first) + take(hulls.entryCount, second)):
+        t, axis = (np.ascontiguousarray(table[:, some]) for table in (translation, guess))
+        facets = _NearFacets(hulls, first[some], second[some], t, reach[some], axis)
+        parts += [(pair + some.start, *planes) for pair, *planes in facets.parts]
+        bound[some] = facets.kept
     return FacetPlanes.gathered(parts, bound)
 
 
-def _planes_of_chunk(hulls, first, second, t, reach):
-    """`facet_planes` for pairs of like sizes: `(pair (K,), normal (3, K), offset (K,), bound)`.
-
-    The columns are grouped by kind, faces before edges, and sorted by pair within a kind.
-    """
-    facesA = _FaceQuery(hulls, first, second, t)
-    facesB = _FaceQuery(hulls, second, first, -t)
-    size = hulls.radius[first] + hulls.radius[second]
-    nearest = np.minimum(facesA.pen.min(axis=0), facesB.pen.min(axis=0))
-    complete = nearest >= -reach - TOUCH_TOLERANCE * size
-    kept = nearest + 2.0 * reach
-    # Ties at rounding level have to survive: FEATURE_TOLERANCE is far above rounding.
-    bound = kept + FEATURE_TOLERANCE * size
-    pairA, normalA, offsetA = facesA.planes(bound, nearest, complete)
-    pairB, normalB, offsetB = facesB.planes(bound, nearest, complete)
-    pairE, normalE, offsetE = _edge_planes(hulls, facesA, facesB, t, bound, complete)
-    return (
-        np.concatenate((pairA, pairB, pairE)),
-        np.concatenate((normalA, -normalB, normalE), axis=1),
-        np.concatenate((offsetA, offsetB, offsetE)),
-        np.where(complete, kept, -np.inf),
-    )
+def _axes_or_centres(axes, translation):
+    """The axes (3, P), and in place of columns of zeros the unit vectors along the translation."""
+    length = np.sqrt(dot(translation, translation))
+    # two centres in one place have no axis, and any other will do
+    centres = translation / np.where(length > 0, length, 1.0)
+    centres[0] += length == 0
+    return centres if axes is None else np.where(dot(axes, axes) > 0, axes, centres)
 
 
-class _FaceQuery:
-    """The faces of one side of P pairs against the vertices of the other side.
+class _NearFacets:
+    """What `facet_planes` finds for a block of pairs.
 
-    t : (3, P), centre of the other side minus centre of this side.
-    slots : (D, P), columns of the faces; normal : (3, D, P); offset, pen : (D, P)
+    parts : list of `(pair (K,), normal (3, K), offset (K,))`: one plane each for the pairs that the
+        guess parts, faces, and edge pairs; each sorted by pair, faces and edges
+    kept : (P,); the pen up to which all facets of a pair are among them, or -inf
+
+    The faces of each hull are compared with points of the other. A face of A with the normal n has,
+    for every point x of B, pen ≥ how deep x lies below it: so of the faces, only those count below
+    which every point that is looked at lies no deeper than the depth of the pair can be. The points
+    are the vertex of B that is foremost along the guess, and the vertex that is deepest below the
+    face that the first one is least below. The guess and that face also bound the depth.
+
+    Everything is worked out for both hulls of P pairs together, in rows: row p has the faces and
+    edges of the first one, row P + p those of the second.
     """
 
-    def __init__(self, hulls, own, other, t):
+    def __init__(self, hulls, first, second, t, reach, guess):
         self.hulls = hulls
-        self.own = own
-        self.t = t
-        self.slots = _slots(hulls.faceStart, hulls.faceCount, own)
-        self.normal = take(hulls.directions, self.slots, axis=1)
-        self.vertices = _vertices_of(hulls, other)
-        heights = dot(self.normal[:, :, None], self.vertices[:, None])  # (D, V, P)
-        self.heights = heights
-        self.offset = take(hulls.offsets, self.slots) - heights.min(axis=1)
-        self.pen = self.offset - dot(self.normal, t[:, None])
+        size = take(hulls.radius, first) + take(hulls.radius, second)
+        limit = -reach - TOUCH_TOLERANCE * size
+        levelB, vertexB = lowest_vertices(hulls, second, guess)
+        levelA, vertexA = lowest_vertices(hulls, first, -guess)
+        offset = -levelA - levelB
+        pen = offset - dot(guess, t)
+        parted = np.flatnonzero(pen < limit)
+        offset = take(offset, parted) + ROUNDING * take(size, parted)
+        self.parts = [(parted, take(guess, parted, axis=1), offset)]
+        self.kept = np.full(len(first), -np.inf)
+        self.pairs = np.flatnonzero(pen >= limit)
+        if len(self.pairs) == 0:
+            return
+        first, second, t, vertexA, vertexB, pen, reach, limit, size = (
+            take(table, self.pairs, axis=-1)
+            for table in (first, second, t, vertexA, vertexB, pen, reach, limit, size)
+        )
+        self.own, self.other = np.concatenate((first, second)), np.concatenate((second, first))
+        self.t = np.concatenate((t, -t), axis=1)
+        self._list_faces()
+        # Ties at rounding level have to survive: FEATURE_TOLERANCE is far above rounding.
+        extra = 2.0 * reach + FEATURE_TOLERANCE * size
+        depth = self._find_faces(np.concatenate((vertexB, vertexA)), pen, extra)
+        complete = depth >= limit
+        bound = depth + extra
+        self._keep_faces(np.where(complete, bound, depth))
+        self.kept[self.pairs] = np.where(complete, depth + 2.0 * reach, -np.inf)
+        self._find_edges(first, second, t, bound, complete)
 
-    def planes(self, bound, nearest, complete):
-        """`(pair, normal, offset)` of the faces with pen ≤ bound, sorted by pair then face.
+    def _list_faces(self):
+        """The faces of all rows: count, start : (2 P,); row, face : (F,); normal (3, F), offset."""
+        hulls = self.hulls
+        self.count = take(hulls.faceCount, self.own)
+        self.start = np.cumsum(self.count) - self.count
+        self.row, self.face = ranges(take(hulls.faceStart, self.own), self.count)
+        self.normal = take(hulls.directions, self.face, axis=1)
+        self.offset = take(hulls.offsets, self.face)
 
-        Of a pair that is not complete, only the face that parts it most.
+    def _depths_below_faces(self, vertex):
+        """How deep (F,) the vertex (2 P,) of each row's other hull lies below the row's faces."""
+        x = take(self.hulls.vertices, vertex, axis=1) + self.t
+        return self.offset - dot(self.normal, np.repeat(x, self.count, axis=1))
+
+    def _find_faces(self, vertex, pen, extra):
+        """Lists, in `near` (N,), the faces that can have a pen ≤ the depth + extra.
+
+        Their offsets, of the Minkowski difference, and pens are in nearOffset and nearPen. Returns
+        the least pen (P,) of a pair's faces and its guess.
         """
-        keep = self.pen <= np.where(complete, bound, nearest)
-        keep &= np.arange(len(keep))[:, None] < self.hulls.faceCount[self.own]  # no repeated slot
-        pair, face = np.nonzero(keep.T)
-        entry = face * len(self.own) + pair
-        return pair, take(self.normal.reshape(3, -1), entry, axis=1), take(self.offset, entry)
+        half = len(pen)
+        first = self._depths_below_faces(vertex)
+        best = _least(first, self.row, self.start)[1]
+        bestNormal = take(self.normal, best, axis=1)
+        level, vertex = lowest_vertices(self.hulls, self.other, bestNormal)
+        bestPen = take(self.offset, best) - level - dot(bestNormal, self.t)
+        depth = np.minimum(np.minimum(bestPen[:half], bestPen[half:]), pen)
+        second = self._depths_below_faces(vertex)
+        self.depths = first, second
+        bound = np.repeat(np.tile(depth + extra, 2), self.count)
+        near = (first <= bound) & (second <= bound)
+        near[best] = True  # whatever rounding says
+        self.near = near = np.flatnonzero(near)
+        row, normal = take(self.row, near), take(self.normal, near, axis=1)
+        level = lowest_vertices(self.hulls, take(self.other, row), normal)[0]
+        self.nearOffset = take(self.offset, near) - level
+        self.nearPen = self.nearOffset - dot(normal, take(self.t, row, axis=1))
+        np.minimum.at(depth, row % half, self.nearPen)
+        return depth
 
-    def _points_inside(self):
-        """Two points (3, P) of the other side that lie deep inside this one, or near it.
+    def _keep_faces(self, bound):
+        """Adds the faces with pen ≤ bound (P,) to the parts."""
+        half = len(bound)
+        keep = self.nearPen <= take(bound, take(self.row, self.near) % half)
+        row, face = take(self.row, self.near[keep]), self.near[keep]
+        normal = take(self.normal, face, axis=1) * np.where(row < half, 1.0, -1.0)
+        self.parts.append((take(self.pairs, row % half), normal, self.nearOffset[keep]))
 
-        The vertex below the face with the least pen; and the middle between that one and the vertex
-        below the face that is second: where two edges cross, each face of this side's edge has one
-        end of the other's below it.
-        """
-        columns = np.arange(len(self.own))
-        pen = self.pen.copy()
-        vertices = []
-        for _ in range(2):
-            best = pen.argmin(axis=0)
-            lowest = self.heights[best, :, columns].argmin(axis=1)
-            vertices.append(self.vertices[:, lowest, columns])
-            pen[self.slots == self.slots[best, columns]] = np.inf
-        return vertices[0] + self.t, 0.5 * (vertices[0] + vertices[1]) + self.t
-
-    def edges_within(self, bound, complete):
-        """`(pair, edge)` of the edges, columns in the set, that may span a facet of pen ≤ bound.
+    def _find_edges(self, first, second, t, bound, complete):
+        """Adds the edge-edge facets with pen ≤ bound (P,) of the complete pairs to the parts.
 
         On the arc between the normals n1, n2 of an edge, with an end a of it and any point x of
         the other side, pen(n) ≥ n · (a - x). With n = (α n1 + β n2)/|…|, α, β ≥ 0, that is at
         least the smaller of n1 · (a - x) and n2 · (a - x), how deep x lies below the two faces,
-        where both are positive.
+        where both are positive. The points x are those of the faces and the middle between them:
+        where two edges cross, each face of this side's edge has one end of the other's below it.
         """
-        hulls = self.hulls
-        own = np.flatnonzero(complete)
-        edge = _slots(hulls.edgeStart, hulls.edgeCount, self.own[own])
-        face1 = (take(hulls.edgeFace1, edge) - hulls.faceStart[self.own[own]]) * len(self.own) + own
-        face2 = (take(hulls.edgeFace2, edge) - hulls.faceStart[self.own[own]]) * len(self.own) + own
-        keep = np.arange(len(edge))[:, None] < hulls.edgeCount[self.own[own]]
-        offset = take(hulls.offsets, self.slots)
-        for x in self._points_inside():
-            near = offset - dot(self.normal, x[:, None]) <= bound
-            keep &= take(near, face1) | take(near, face2)
-        pair, slot = np.nonzero(keep.T)
-        return own[pair], edge[slot, pair]
+        hulls, half = self.hulls, len(bound)
+        limit = np.repeat(np.tile(np.where(complete, bound, -np.inf), 2), self.count)
+        one, other = self.depths
+        # a bit for each point
+        near = (one <= limit).view(np.uint8)
+        near = near | (other <= limit).view(np.uint8) << 1
+        near |= (0.5 * (one + other) <= limit).view(np.uint8) << 2
+        rows = np.flatnonzero(np.tile(complete, 2))
+        own = take(self.own, rows)
+        count = take(hulls.edgeCount, own)
+        row, edge = ranges(take(hulls.edgeStart, own), count)
+        # from columns of the set to places in the list of faces
+        shift = np.repeat(take(self.start, rows) - take(hulls.faceStart, own), count)
+        face1, face2 = take(hulls.edgeFace1, edge) + shift, take(hulls.edgeFace2, edge) + shift
+        kept = np.flatnonzero((take(near, face1) | take(near, face2)) == 0b111)
+        row, edge = take(rows, take(row, kept)), take(edge, kept)
+        ofFirst = int(np.searchsorted(row, half))
+        edges = row[:ofFirst], edge[:ofFirst], row[ofFirst:] - half, edge[ofFirst:]
+        for pair, normal, offset, isDoubtful in _edge_planes(hulls, *edges, half):
+            near = offset - dot(normal, take(t, pair, axis=1)) <= take(bound, pair)
+            doubtful = np.flatnonzero(near & isDoubtful)
+            if len(doubtful):
+                i, j = (take(bodies, take(pair, doubtful)) for bodies in (first, second))
+                offset[doubtful] = support_offsets(hulls, i, j, take(normal, doubtful, axis=1))
+            near = np.flatnonzero(near)
+            pair = take(self.pairs, take(pair, near))
+            self.parts.append((pair, take(normal, near, axis=1), take(offset, near)))
 
 
-def _edge_planes(hulls, facesA, facesB, t, bound, complete):
-    """`(pair, normal, offset)` of the edge-edge facets with pen ≤ bound, sorted by pair and edges.
+class _Edges:
+    """Edges (K,), columns in the set, with their vectors and the normals of their faces, (3, K)."""
 
-    An edge of A with the arc α1 α2 and an edge of B with the arc β1 β2 span a facet of A - B when
-    the arcs α1 α2 and -β1 -β2 cross. Each edge vector is the pole of its arc, so with
-    s_i = -eA · β_i and r_i = eB · α_i that is s1 s2 < 0, r1 r2 < 0 and s1 r2 > 0, the last one
-    telling the crossing from its antipode [3]; the normal is eA × eB, turned to the side of r1.
+    def __init__(self, hulls, edge):
+        self.vector = take(hulls.edges, edge, axis=1)
+        self.normal1 = take(hulls.directions, take(hulls.edgeFace1, edge), axis=1)
+        self.normal2 = take(hulls.directions, take(hulls.edgeFace2, edge), axis=1)
+        self.tail = take(hulls.vertices, take(hulls.edgeTail, edge), axis=1)
+
+
+def _edge_planes(hulls, pairA, edgeA, pairB, edgeB, count):
+    """Yields `(pair (K,), normal (3, K), offset (K,), isDoubtful (K,))`: what edges span together.
+
+    pairA, edgeA : edges of the first hulls, sorted by pair; pairB, edgeB : of the second ones;
+    count : how many pairs there are
+    isDoubtful : bool; where rounding may have let two arcs cross that only touch. There, the offset
+        has to be that of the supporting plane, not of the two edges, so that no vertex lies beyond
+
+    The facets are sorted by pair, by edge of A and by edge of B.
     """
-    pairA, edgeA = facesA.edges_within(bound, complete)
-    pairB, edgeB = facesB.edges_within(bound, complete)
-    # all combinations of the two lists of each pair, in lexicographic order
-    countB = np.bincount(pairB, minlength=len(bound))
-    startB = np.cumsum(countB) - countB
-    repeats = countB[pairA]
-    ends = np.cumsum(repeats)
-    shift = startB[pairA] - (ends - repeats)
-    found = [(np.zeros(0, dtype=np.intp), np.zeros((3, 0)), np.zeros(0))]
-    begin = 0
-    while begin < len(pairA):  # entries of pairA with about EDGE_BLOCK combinations
-        done = ends[begin] - repeats[begin]
-        end = max(begin + 1, int(np.searchsorted(ends, done + EDGE_BLOCK, side="right")))
-        rows = np.repeat(np.arange(begin, end), repeats[begin:end])
-        columns = np.arange(done, ends[end - 1]) + take(shift, rows)
-        crossings = _Crossings(hulls, take(pairA, rows), take(edgeA, rows), take(edgeB, columns))
-        found.append(crossings.planes(facesA.own, facesB.own, t, bound))
-        begin = end
-    pair, normal, offset = zip(*found, strict=True)
-    return np.concatenate(pair), np.concatenate(normal, axis=1), np.concatenate(offset)
-
-
-class _Crossings:
-    """Of combinations of an edge of A and one of B, those that span a facet; see `_edge_planes`.
-
-    pair, edgeA, edgeB : (K,); vectorA, vectorB : (3, K), along the edges
-    r1, r2, s1, s2 : (K,)
-    """
-
-    def __init__(self, hulls, pair, edgeA, edgeB):
-        self.hulls = hulls
-        vectorA, vectorB = take(hulls.edges, edgeA, axis=1), take(hulls.edges, edgeB, axis=1)
-        r1, r2 = self._turned(edgeA, vectorB)
-        # most are ruled out by now
-        kept = np.flatnonzero(r1 * r2 < 0)
-        edgeB, r1, r2 = take(edgeB, kept), take(r1, kept), take(r2, kept)
-        s1, s2 = self._turned(edgeB, -take(vectorA, kept, axis=1))
-        last = np.flatnonzero((s1 * s2 < 0) & (s1 * r2 > 0))
-        self.edgeB, self.r1, self.r2 = take(edgeB, last), take(r1, last), take(r2, last)
-        self.s1, self.s2 = take(s1, last), take(s2, last)
-        kept = take(kept, last)
-        self.pair, self.edgeA = take(pair, kept), take(edgeA, kept)
-        self.vectorA, self.vectorB = take(vectorA, kept, axis=1), take(vectorB, kept, axis=1)
-
-    def _turned(self, edge, vector):
-        """The vectors' parts along the normals of the two faces that meet at the edges."""
-        hulls = self.hulls
-        return (
-            dot(vector, take(hulls.directions, take(hulls.edgeFace1, edge), axis=1)),
-            dot(vector, take(hulls.directions, take(hulls.edgeFace2, edge), axis=1)),
-        )
-
-    def planes(self, first, second, t, bound):
-        """`(pair, normal, offset)` of the facets with pen ≤ bound."""
-        hulls, pair, vectorA, vectorB = self.hulls, self.pair, self.vectorA, self.vectorB
+    edgesA, edgesB = _Edges(hulls, edgeA), _Edges(hulls, edgeB)
+    countB = np.bincount(pairB, minlength=count)
+    start = take(np.cumsum(countB) - countB, pairA)
+    length = take(countB, pairA)
+    for some in _blocks(length):
+        a, b = ranges(start[some], length[some])  # all combinations of a pair's edges
+        a, b, side, sine2 = _crossing_arcs(edgesA, edgesB, a + some.start, b)
+        vectorA, vectorB = take(edgesA.vector, a, axis=1), take(edgesB.vector, b, axis=1)
         normal = cross(vectorA, vectorB)
         length2 = dot(normal, normal)
         lengthA2, lengthB2 = dot(vectorA, vectorA), dot(vectorB, vectorB)
         spans = length2 > PARALLEL_SINE**2 * lengthA2 * lengthB2
-        normal = normal / np.where(spans, np.copysign(np.sqrt(length2), self.r1), 1.0)
+        normal = normal / np.where(spans, np.copysign(np.sqrt(length2), side), 1.0)
         # what rounding left along nearly parallel edges is taken out again
         normal = normal - vectorA * (dot(normal, vectorA) / lengthA2)
         normal = normal - vectorB * (dot(normal, vectorB) / lengthB2)
         normal = normal / np.sqrt(np.where(spans, dot(normal, normal), 1.0))
-        corner = take(hulls.vertices, take(hulls.edgeTail, self.edgeA), axis=1)
-        corner = corner - take(hulls.vertices, take(hulls.edgeTail, self.edgeB), axis=1)
-        offset = dot(normal, corner)
-        keep = spans & (offset - dot(normal, take(t, pair, axis=1)) <= take(bound, pair))
-        # Where rounding may have let two arcs cross that only touch, the offset has to be that of
-        # the supporting plane, not of the two edges, so that no vertex lies beyond it.
-        sine2 = np.minimum(
-            np.minimum(self.r1 * self.r1, self.r2 * self.r2) / lengthB2,
-            np.minimum(self.s1 * self.s1, self.s2 * self.s2) / lengthA2,
-        )
-        doubtful = np.flatnonzero(keep & (sine2 < SURE_SINE**2))
-        if len(doubtful):
-            own = take(pair, doubtful)
-            offset[doubtful] = support_offsets(hulls, first[own], second[own], normal[:, doubtful])
-        keep = np.flatnonzero(keep)
-        return take(pair, keep), take(normal, keep, axis=1), take(offset, keep)
+        offset = dot(normal, take(edgesA.tail, a, axis=1) - take(edgesB.tail, b, axis=1))
+        spans = np.flatnonzero(spans)
+        yield (
+            take(pairA, take(a, spans)), take(normal, spans, axis=1), take(offset, spans),
+            take(sine2 < SURE_SINE**2, spans),
+        )  # fmt: skip
+
+
+def _crossing_arcs(edgesA, edgesB, a, b):
+    """`(a, b, side, sine2)` of those combinations of edges a (K,) of A and b (K,) of B that span a
+    facet.
+
+    side : positive where their facet's normal is along eA × eB, negative where it is opposite
+    sine2 : the square of the least sine between one edge and a face at the other
+
+    An edge of A with the arc α1 α2 and an edge of B with the arc β1 β2 span a facet of A - B when
+    the arcs α1 α2 and -β1 -β2 cross. Each edge vector is the pole of its arc, so with
+    s_i = -eA · β_i and r_i = eB · α_i that is s1 s2 < 0, r1 r2 < 0 and s1 r2 > 0, the last one
+    telling the crossing from its antipode [3]; the normal is on the side of r1.
+    """
+    vectorB = take(edgesB.vector, b, axis=1)
+    r1 = dot(vectorB, take(edgesA.normal1, a, axis=1))
+    r2 = dot(vectorB, take(edgesA.normal2, a, axis=1))
+    kept = np.flatnonzero(r1 * r2 < 0)  # most are ruled out by now
+    a, b, r1, r2 = (take(table, kept) for table in (a, b, r1, r2))
+    vectorA = take(edgesA.vector, a, axis=1)
+    s1 = -dot(vectorA, take(edgesB.normal1, b, axis=1))
+    s2 = -dot(vectorA, take(edgesB.normal2, b, axis=1))
+    kept = np.flatnonzero((s1 * s2 < 0) & (s1 * r2 > 0))
+    a, b, r1, r2, s1, s2 = (take(table, kept) for table in (a, b, r1, r2, s1, s2))
+    vectorA, vectorB = take(edgesA.vector, a, axis=1), take(edgesB.vector, b, axis=1)
+    sine2 = np.minimum(
+        np.minimum(r1 * r1, r2 * r2) / dot(vectorB, vectorB),
+        np.minimum(s1 * s1, s2 * s2) / dot(vectorA, vectorA),
+    )
+    return a, b, r1, sine2
 
 
 # --------------------------------------------------------------------------------------------------

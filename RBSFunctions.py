@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 import GJK
-from GJK import cross, difference, dot, moved, take
+from GJK import cross, difference, dot, moved, ranges, take
 from Quaternion import QExp, QRotate, multiply, rotation_entries
 
 __version__ = "0.1.0"
@@ -35,6 +35,14 @@ PLANE_REACH = 0.02
 # No number of a state may be larger: products of four of them are still finite, and nothing that
 # is to be looked at is as far away or as fast.
 LARGEST_NUMBER = 1e75
+
+
+# A step makes and drops hundreds of arrays of some hundred kilobytes. The C library of Linux gives
+# such memory back to the system each time, and getting it again costs as much as the arithmetic,
+# until a larger block has been freed: it then keeps up to twice that size (mallopt(3), dynamic
+# M_MMAP_THRESHOLD, below 32 MiB). The block is not touched, so it takes no memory.
+KEPT_MEMORY = 31 * 2**20
+np.empty(KEPT_MEMORY, dtype=np.uint8)
 
 
 class StateError(ArithmeticError):
@@ -661,8 +669,7 @@ class _Memory:
     """What the last step found out, to save time in the next one. It never changes a result.
 
     keys : (P,), sorted; i · n + j of the pairs whose boxes were near each other
-    axis : (3, P), an axis that parted the pair; touched : (P,) bool, whether none was looked for,
-        because the pair touched or nearly did
+    axis : (3, P), along which the pair overlapped least, or was furthest apart
     displaced : (n,), how far corrections moved each body within the step
     """
 
@@ -670,27 +677,18 @@ class _Memory:
         self.count = count
         self.keys = np.zeros(0, dtype=np.int64)
         self.axis = np.zeros((3, 0))
-        self.touched = np.zeros(0, dtype=bool)
         self.displaced = np.zeros(count)
 
-    def recall(self, first, second, t):
-        """`(guess, likely)` for `GJK.contact_planes`: axes from last time, or between centres."""
-        length = np.sqrt(dot(t, t))
-        guess = t / np.where(length > 0, length, 1.0)
+    def recall(self, first, second):
+        """Axes (3, P) for `GJK.facet_planes` to begin with: zero for pairs that were not near."""
         if len(self.keys) == 0:
-            return guess, np.zeros(len(first), dtype=bool)
+            return np.zeros((3, len(first)))
         place = _places(first * self.count + second, self.keys)
-        known = place >= 0
-        touched = known & self.touched[place]
-        return np.where(known & ~touched, take(self.axis, place, axis=1), guess), touched
+        return np.where(place >= 0, take(self.axis, place, axis=1), 0.0)
 
-    def note(self, first, second, isNear, axis):
-        """Remembers the pairs of a step, sorted by the order i < j.
-
-        isNear : (P,) bool, whether they may have touched; axis : (3, P), what parts the others most
-        """
+    def note(self, first, second, axis):
+        """Remembers the pairs of a step, sorted by the order i < j, and their axes (3, P)."""
         self.keys = first * self.count + second
-        self.touched = isNear
         self.axis = axis
 
 
@@ -932,16 +930,8 @@ def _level_overlaps(box, level, looking, width):
     first = np.searchsorted(key, near + begin)
     length = np.searchsorted(key, near + end) - first
     some = np.flatnonzero(length > 0)
-    row, place = _ranges(take(first, some), take(length, some))
+    row, place = ranges(take(first, some), take(length, some))
     return _overlapping(box, level[entries[place]], looking[some[row] % len(looking)])
-
-
-def _ranges(first, length):
-    """`(row, place)`: for each row k of the arrays, the places first[k] … + length[k], one after
-    the other."""
-    end = np.cumsum(length)
-    row = np.repeat(np.arange(len(first)), length)
-    return row, np.arange(len(row)) + take(first - (end - length), row)
 
 
 def _overlapping(box, i, j):
@@ -988,12 +978,11 @@ def _near_planes(bodies, first, second, reach):
     memory = bodies.shapes.memory
     t = take(bodies.position, second, axis=1) - take(bodies.position, first, axis=1)
     both = reach[first] + reach[second]
-    planes = GJK.contact_planes(
-        bodies.hulls, first, second, t, both, *memory.recall(first, second, t)
-    )
+    guess = memory.recall(first, second)
+    planes = GJK.facet_planes(bodies.hulls, first, second, t, both, guess)
     pen, normal = planes.nearest_of_all(t)
     isNear = pen >= -both
-    memory.note(first, second, isNear, normal)
+    memory.note(first, second, normal)
     return planes, t, pen, normal, isNear
 
 
@@ -1188,7 +1177,7 @@ class _ContactBatches:
             return first, second
         t = take(position2, meet, axis=1) - take(position1, meet, axis=1)
         none = np.zeros(len(meet))
-        pen, _ = GJK.contact_planes(bodies.hulls, first, second, t, none).nearest_of_all(t)
+        pen, _ = GJK.facet_planes(bodies.hulls, first, second, t, none).nearest_of_all(t)
         size = bodies.hulls.radius[first] + bodies.hulls.radius[second]
         touching = pen >= -GJK.TOUCH_TOLERANCE * size
         return first[touching], second[touching]
@@ -1205,7 +1194,7 @@ def _overlaps_of(some, box, isFixed):
         lowX = box[0, along]
         begin = np.searchsorted(lowX, box[0, some] - width, side="left")
         end = np.searchsorted(lowX, -box[3, some], side="right")
-        row, place = _ranges(begin, np.maximum(end - begin, 0))
+        row, place = ranges(begin, np.maximum(end - begin, 0))
         found.append(_overlapping(box, some[row], along[place]))
     pairs = np.sort(np.concatenate(found, axis=1), axis=0)
     return pairs[:, (pairs[0] != pairs[1]) & ~(isFixed[pairs[0]] & isFixed[pairs[1]])]
@@ -1357,8 +1346,9 @@ def _resolve_batch(batches, begin, end, law, contacts, visited):
     stale = np.flatnonzero(~planes.hold(rows, pen, shift))
     if len(stale):
         exact = GJK.facet_planes(
-            bodies.hulls, first[stale], second[stale], t[:, stale], np.zeros(len(stale))
-        )
+            bodies.hulls, first[stale], second[stale], t[:, stale], np.zeros(len(stale)),
+            normal[:, stale],
+        )  # fmt: skip
         pen[stale], normal[:, stale] = exact.nearest_of_all(t[:, stale])
     keep = pen >= take(batches.apart, rows)
     box1, box2 = bodies.box_of(first, position1), bodies.box_of(second, position2)
