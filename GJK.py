@@ -15,11 +15,13 @@ n_k being the outward unit normal of the facet and h_k its distance from the ori
 depth · n_k of the minimal facet parts the pair. A facet of M is a face of A, a face of B turned
 round, or the parallelogram of an edge of A and an edge of B whose arcs on the Gauss map cross.
 
-Three stages share the work. GJK decides whether the hulls are apart and stops at the first
+Three stages share the work. GJK decides whether two hulls are apart and stops at the first
 separating axis [1, 2]. For the rest, the facets of M near t are found among the faces and, with
-the Gauss map [3], among those edge pairs that a bound cannot exclude. At last the two features
-that support the minimal facet give the contact patch and its centre. As n_k and h_k do not depend
-on t, the planes of a pair stay right while its bodies only translate.
+the Gauss map [3], among those edge pairs that a bound cannot exclude: a facet with the normal n
+has, for every pair of points a of A and b of B on it, pen ≥ n · (a - b - t). At last the two
+features that support the minimal facet give the contact patch and its centre. As n_k and h_k do
+not depend on t, the planes of a pair stay right while its bodies only translate. A simulation
+asks for the facets at once: an axis from its last step does what GJK does, and bounds them too.
 
 Layout: a vector of P pairs is an array (3, P), a table of K vectors for each pair (3, K, P): the
 long axis is the last one. Vectors may also be tuples of three floats wherever only `dot`, `cross`
@@ -70,9 +72,9 @@ GJK_PROGRESS = 1e-12
 # on to the facets, which settle it.
 GJK_ITERATIONS = 48
 
-# GJK parts a pair by itself only when the gap exceeds this fraction of the size; below it the sign
-# of the facets' least pen_k decides, so that one rule stands behind every touching pair.
-GJK_GAP = 1e-6
+# An axis that is guessed parts a pair only when the gap exceeds this fraction of the size; below it
+# the sign of the facets' least pen_k decides, so that one rule stands behind every touching pair.
+GUESS_GAP = 1e-6
 
 # A point set whose extent along a principal axis is below this fraction of the largest one is flat
 # there: closer to rounding than to a thickness.
@@ -82,7 +84,6 @@ THIN_ASPECT = 1e-3
 
 # Table entries that are worked on at a time: their vectors stay in the processor's cache.
 BLOCK_ENTRIES = 200_000
-SIZE_CLASSES=np.array([16,64]); CHUNK_ENTRIES=300000; SMALL_TABLE=20000
 # Bodies whose tables are turned at a time, which stay in the cache too.
 ROTATED_BODIES = 256
 
@@ -102,33 +103,27 @@ def take(table, index, axis=None):
 def ranges(first, length):
     """`(row, place)`: for each row k of the arrays, the places first[k] … + length[k], one after
     the other."""
-    end = np.cumsum(length)
-    row = np.repeat(np.arange(len(first)), length)
-    return row, np.arange(len(row)) + take(first - (end - length), row)
+    row = np.arange(len(first)).repeat(length)
+    place = np.arange(len(row))
+    place += take(first + length - length.cumsum(), row)
+    return row, place
 
 
 def _blocks(length):
     """Slices of consecutive rows that have up to BLOCK_ENTRIES entries together, or are single.
 
-    length : (R,), the entries of each row
+    length : (R,), the entries of each row. Of no rows, an empty slice.
     """
-    end = np.cumsum(length)
+    if length.sum() <= BLOCK_ENTRIES:
+        yield slice(0, len(length))
+        return
+    end = length.cumsum()
     begin = 0
     while begin < len(length):
         limit = end[begin] - length[begin] + BLOCK_ENTRIES
-        stop = max(begin + 1, int(np.searchsorted(end, limit, side="right")))
+        stop = max(begin + 1, int(end.searchsorted(limit, side="right")))
         yield slice(begin, stop)
         begin = stop
-
-
-def _least(values, row, start):
-    """The least of each row's values and its place, of equals the first: `(least, place)`.
-
-    values, row : (K,), one row after the other, none of them empty; start : (R,), where they begin
-    """
-    least = np.minimum.reduceat(values, start)
-    places = np.flatnonzero(values == take(least, row))
-    return least, take(places, np.searchsorted(places, start))
 
 
 def dot(a, b):
@@ -344,7 +339,7 @@ class HullSet:
 
     vertices : (3, ΣV), directions : (3, ΣD), edges : (3, ΣE); at rest, or turned by `rotated`
     offsets : (ΣD,), of the faces
-    edgeTail : (ΣE,), column in `vertices`; edgeFace1, edgeFace2 : (ΣE,), columns in `directions`
+    edgeTail : (ΣE,), column in `vertices`; edgeFaces : (2, ΣE), columns in `directions`
     radius : (n,), of each hull about its centre
     """
 
@@ -365,7 +360,7 @@ class HullSet:
         self.offsets = table("offsets")
         self.edgeTail = table("edgeTail") + self.vertexStart.repeat(self.edgeCount)
         edgeFaces = table("edgeFaces") + self.faceStart.repeat(self.edgeCount)[:, None]
-        self.edgeFace1, self.edgeFace2 = np.ascontiguousarray(edgeFaces.T)
+        self.edgeFaces = np.ascontiguousarray(edgeFaces.T)
         self.radius = np.array([h.radius for h in hulls])
         self.entryCount = self.vertexCount + self.faceCount + self.edgeCount
 
@@ -412,44 +407,47 @@ def rotate_columns(entries, table, count):
     return turned
 
 
-def _slots(start, count, bodies):
-    """Columns (K, P) of each body's entries in a flat table, K the longest of them.
+def lowest_features(hulls, bodies, directions, tolerance=None):
+    """`(level (R,), first (R,), last (R,), count (R,))`: what of a body is lowest in a direction.
 
-    Shorter lists repeat their last entry, which changes no minimum and, the first of equals being
-    taken, no choice.
+    bodies : (R,); directions : (3, R); tolerance : (R,), by default zeros; vertices that are higher
+    than the lowest one, which is at the level, by up to this belong to the feature too
+    first, last : columns in the set, of the feature's vertices; count : how many it has
     """
-    count = take(count, bodies)
-    slots = np.minimum(np.arange(count.max(initial=1))[:, None], count - 1)
-    slots += take(start, bodies)
-    return slots
+    length, begin = take(hulls.vertexCount, bodies), take(hulls.vertexStart, bodies)
+    parts = []
+    for some in _blocks(length):
+        count = length[some]
+        row, column = ranges(begin[some], count)
+        heights = dot(
+            directions[:, some].repeat(count, axis=1), take(hulls.vertices, column, axis=1)
+        )
+        end = count.cumsum()
+        start = end - count
+        least = level = np.minimum.reduceat(heights, start)
+        if tolerance is not None:
+            least = least + tolerance[some]
+        places = (heights <= take(least, row)).nonzero()[0]
+        begins, ends = places.searchsorted(start), places.searchsorted(end)
+        first, last = take(column, take(places, begins)), take(column, take(places, ends - 1))
+        parts.append((level, first, last, ends - begins))
+    if len(parts) == 1:
+        return parts[0]
+    return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
 
 
-def _vertices_of(hulls, bodies):
-    """Vertices (3, V, P) of the bodies (P,)."""
-    return take(hulls.vertices, _slots(hulls.vertexStart, hulls.vertexCount, bodies), axis=1)
+def support_offsets(hulls, first, second, normal):
+    """Distance (P,) from the origin of the supporting plane of A - B with the normals (3, P)."""
+    return -lowest_features(hulls, first, -normal)[0] - lowest_features(hulls, second, normal)[0]
 
 
-def _chunks_of_like_size(count, *sides):
-    """Index arrays that part P pairs into chunks, for tables padded to the largest pair in each.
-
-    count : (n,), rows that a body takes; sides : (P,) each, the bodies of the pairs. Small tables
-    are not parted.
-    """
-    sizes = [count[bodies] for bodies in sides]
-    total = len(sides[0])
-    if total == 0:
-        return []
-    if math.prod(int(size.max()) for size in sizes) * total <= SMALL_TABLE:
-        return [np.arange(total)]
-    group = np.zeros(total, dtype=np.intp)
-    for size in sizes:
-        group = group * (len(SIZE_CLASSES) + 1) + np.searchsorted(SIZE_CLASSES, size)
-    chunks = []
-    for g in np.unique(group).tolist():
-        members = np.flatnonzero(group == g)
-        step = max(1, CHUNK_ENTRIES // math.prod(int(size[members].max()) for size in sizes))
-        chunks += [members[k : k + step] for k in range(0, len(members), step)]
-    return chunks
+def _axes_or_centres(axes, translation):
+    """The axes (3, P), and in place of columns of zeros the unit vectors along the translation."""
+    length = np.sqrt(dot(translation, translation))
+    # two centres in one place have no axis, and any other will do
+    centres = translation / np.where(length > 0, length, 1.0)
+    centres[0] += length == 0
+    return centres if axes is None else np.where(dot(axes, axes) > 0, axes, centres)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -514,7 +512,8 @@ def separating_axes(hulls, first, second, translation, gap, guess=None):
     first, second : (P,), the bodies of each pair
     translation : (3, P), centre of the second minus centre of the first
     gap : (P,), ≥ 0; distance that has to be exceeded
-    guess : (3, P), unit axes to try first; by default those from centre to centre
+    guess : (3, P), unit axes to try first; where a column is zero, and by default, those from
+        centre to centre
 
     Returns `(separated, axis, distance)`: (P,) bool; and where separated, else zeros, (3, P) unit
     and (P,): every vertex of the second lies further along the axis than every vertex of the first,
@@ -522,36 +521,19 @@ def separating_axes(hulls, first, second, translation, gap, guess=None):
     """
     count = len(first)
     separated, axis, distance = np.zeros(count, dtype=bool), np.zeros((3, count)), np.zeros(count)
-    if guess is None:
-        length = np.sqrt(dot(translation, translation))
-        guess = np.where(length > 0, translation / np.where(length > 0, length, 1.0), 0.0)
-    for chunk in _chunks_of_like_size(hulls.vertexCount, first, second):
-        separated[chunk], axis[:, chunk], distance[chunk] = _gjk(
-            hulls, first[chunk], second[chunk], translation[:, chunk], gap[chunk], guess[:, chunk]
-        )
-    return separated, axis, distance
-
-
-def _gjk(hulls, first, second, t, gap, guess):
-    """`separating_axes` for pairs of like sizes."""
-    count = len(first)
-    separated, axis, distance = np.zeros(count, dtype=bool), np.zeros((3, count)), np.zeros(count)
-    a, b = _vertices_of(hulls, first), _vertices_of(hulls, second)
     least2 = np.maximum(gap, TOUCH_TOLERANCE * (hulls.radius[first] + hulls.radius[second])) ** 2
-    active = np.arange(count)
+    active, t = np.arange(count), translation
     # D = A - B - t holds the origin when the pair meets. The first v is a direction, the later
     # ones are the points of a simplex in D that are nearest to the origin.
-    v = -guess
+    v = -_axes_or_centres(guess, translation)
     simplex = np.zeros((3, 4, count))
     used = np.zeros((4, count), dtype=bool)
     for iteration in range(GJK_ITERATIONS):
         # w, the point of D that is least along v: all of D lies beyond it
-        columns = np.arange(len(active))
-        va = dot(v[:, None], a).argmin(axis=0)
-        vb = dot(v[:, None], b).argmax(axis=0)
-        count = len(active)
-        w = take(a.reshape(3, -1), va * count + columns, axis=1)
-        w = w - take(b.reshape(3, -1), vb * count + columns, axis=1) - t
+        bodies = np.concatenate((first[active], second[active]))
+        _, lowest, *_ = lowest_features(hulls, bodies, np.concatenate((v, -v), axis=1))
+        a, b = take(hulls.vertices, lowest.reshape(2, -1), axis=1).transpose(1, 0, 2)
+        w = a - b - t
         v2, vw = dot(v, v), dot(v, w)
         length = np.sqrt(v2)
         apart = vw > gap[active] * length
@@ -563,19 +545,19 @@ def _gjk(hulls, first, second, t, gap, guess):
         if iteration > 0:  # v is a point of D: no gap is wider than its length
             on &= (v2 > least2[active]) & (v2 - vw > GJK_PROGRESS * v2)
         on = np.flatnonzero(on)
-        if len(on) < len(active):
-            active, t, w, used, a, b, simplex = (
-                take(table, on, axis=-1) for table in (active, t, w, used, a, b, simplex)
-            )
+        if len(on) == 0:
+            break
+        active, t, w, used, simplex = (
+            take(table, on, axis=-1) for table in (active, t, w, used, simplex)
+        )
         simplex = np.where(used, simplex, w[:, None])
         inside, v, used = _closest_on_simplex(simplex)
         on = np.flatnonzero(~inside)
         if len(on) == 0:
             break
-        if len(on) < len(active):
-            active, t, v, used, a, b, simplex = (
-                take(table, on, axis=-1) for table in (active, t, v, used, a, b, simplex)
-            )
+        active, t, v, used, simplex = (
+            take(table, on, axis=-1) for table in (active, t, v, used, simplex)
+        )
     return separated, axis, distance
 
 
@@ -667,28 +649,6 @@ class FacetPlanes:
         return least, take(self.normal, first, axis=1)
 
 
-def lowest_vertices(hulls, bodies, directions):
-    """`(level (R,), vertex (R,))`: the vertex of each body that is lowest along the direction.
-
-    bodies : (R,); directions : (3, R); vertex : column in the set, of equals the first
-    """
-    count = take(hulls.vertexCount, bodies)
-    start = take(hulls.vertexStart, bodies)
-    level, vertex = np.empty(len(bodies)), np.empty(len(bodies), dtype=np.intp)
-    for some in _blocks(count):
-        row, column = ranges(start[some], count[some])
-        direction = np.repeat(directions[:, some], count[some], axis=1)
-        heights = dot(direction, take(hulls.vertices, column, axis=1))
-        level[some], place = _least(heights, row, np.cumsum(count[some]) - count[some])
-        vertex[some] = take(column, place)
-    return level, vertex
-
-
-def support_offsets(hulls, first, second, normal):
-    """Distance (P,) from the origin of the supporting plane of A - B with the normals (3, P)."""
-    return -lowest_vertices(hulls, first, -normal)[0] - lowest_vertices(hulls, second, normal)[0]
-
-
 def facet_planes(hulls, first, second, translation, reach, guess=None):
     """The facet planes of P pairs that can be nearest within `reach` of the given translations.
 
@@ -714,15 +674,6 @@ def facet_planes(hulls, first, second, translation, reach, guess=None):
     return FacetPlanes.gathered(parts, bound)
 
 
-def _axes_or_centres(axes, translation):
-    """The axes (3, P), and in place of columns of zeros the unit vectors along the translation."""
-    length = np.sqrt(dot(translation, translation))
-    # two centres in one place have no axis, and any other will do
-    centres = translation / np.where(length > 0, length, 1.0)
-    centres[0] += length == 0
-    return centres if axes is None else np.where(dot(axes, axes) > 0, axes, centres)
-
-
 class _NearFacets:
     """What `facet_planes` finds for a block of pairs.
 
@@ -744,32 +695,33 @@ class _NearFacets:
         self.hulls = hulls
         size = take(hulls.radius, first) + take(hulls.radius, second)
         limit = -reach - TOUCH_TOLERANCE * size
-        levelB, vertexB = lowest_vertices(hulls, second, guess)
-        levelA, vertexA = lowest_vertices(hulls, first, -guess)
-        offset = -levelA - levelB
+        own, other = np.concatenate((first, second)), np.concatenate((second, first))
+        level, vertex, *_ = lowest_features(hulls, other, np.concatenate((guess, -guess), axis=1))
+        offset = -level[len(first) :] - level[: len(first)]
         pen = offset - dot(guess, t)
-        parted = np.flatnonzero(pen < limit)
+        apart = pen < np.minimum(limit, -GUESS_GAP * size)
+        parted = np.flatnonzero(apart)
         offset = take(offset, parted) + ROUNDING * take(size, parted)
         self.parts = [(parted, take(guess, parted, axis=1), offset)]
         self.kept = np.full(len(first), -np.inf)
-        self.pairs = np.flatnonzero(pen >= limit)
-        if len(self.pairs) == 0:
+        self.pairs = pairs = np.flatnonzero(~apart)
+        if len(pairs) == 0:
             return
-        first, second, t, vertexA, vertexB, pen, reach, limit, size = (
-            take(table, self.pairs, axis=-1)
-            for table in (first, second, t, vertexA, vertexB, pen, reach, limit, size)
+        t, pen, reach, limit, size = (
+            take(table, pairs, axis=-1) for table in (t, pen, reach, limit, size)
         )
-        self.own, self.other = np.concatenate((first, second)), np.concatenate((second, first))
         self.t = np.concatenate((t, -t), axis=1)
+        rows = np.concatenate((pairs, pairs + len(first)))
+        self.own, self.other, vertex = (take(table, rows) for table in (own, other, vertex))
         self._list_faces()
         # Ties at rounding level have to survive: FEATURE_TOLERANCE is far above rounding.
         extra = 2.0 * reach + FEATURE_TOLERANCE * size
-        depth = self._find_faces(np.concatenate((vertexB, vertexA)), pen, extra)
+        depth = self._find_faces(vertex, pen, extra)
         complete = depth >= limit
         bound = depth + extra
         self._keep_faces(np.where(complete, bound, depth))
         self.kept[self.pairs] = np.where(complete, depth + 2.0 * reach, -np.inf)
-        self._find_edges(first, second, t, bound, complete)
+        self._find_edges(bound, complete)
 
     def _list_faces(self):
         """The faces of all rows: count, start : (2 P,); row, face : (F,); normal (3, F), offset."""
@@ -783,7 +735,7 @@ class _NearFacets:
     def _depths_below_faces(self, vertex):
         """How deep (F,) the vertex (2 P,) of each row's other hull lies below the row's faces."""
         x = take(self.hulls.vertices, vertex, axis=1) + self.t
-        return self.offset - dot(self.normal, np.repeat(x, self.count, axis=1))
+        return self.offset - dot(self.normal, x.repeat(self.count, axis=1))
 
     def _find_faces(self, vertex, pen, extra):
         """Lists, in `near` (N,), the faces that can have a pen ≤ the depth + extra.
@@ -793,19 +745,22 @@ class _NearFacets:
         """
         half = len(pen)
         first = self._depths_below_faces(vertex)
-        best = _least(first, self.row, self.start)[1]
+        least = np.minimum.reduceat(first, self.start)
+        best = np.flatnonzero(first == take(least, self.row))
+        best = take(best, np.searchsorted(best, self.start))
         bestNormal = take(self.normal, best, axis=1)
-        level, vertex = lowest_vertices(self.hulls, self.other, bestNormal)
+        level, vertex, *_ = lowest_features(self.hulls, self.other, bestNormal)
         bestPen = take(self.offset, best) - level - dot(bestNormal, self.t)
         depth = np.minimum(np.minimum(bestPen[:half], bestPen[half:]), pen)
         second = self._depths_below_faces(vertex)
         self.depths = first, second
-        bound = np.repeat(np.tile(depth + extra, 2), self.count)
+        bound = depth + extra
+        bound = np.concatenate((bound, bound)).repeat(self.count)
         near = (first <= bound) & (second <= bound)
         near[best] = True  # whatever rounding says
         self.near = near = np.flatnonzero(near)
         row, normal = take(self.row, near), take(self.normal, near, axis=1)
-        level = lowest_vertices(self.hulls, take(self.other, row), normal)[0]
+        level = lowest_features(self.hulls, take(self.other, row), normal)[0]
         self.nearOffset = take(self.offset, near) - level
         self.nearPen = self.nearOffset - dot(normal, take(self.t, row, axis=1))
         np.minimum.at(depth, row % half, self.nearPen)
@@ -819,7 +774,7 @@ class _NearFacets:
         normal = take(self.normal, face, axis=1) * np.where(row < half, 1.0, -1.0)
         self.parts.append((take(self.pairs, row % half), normal, self.nearOffset[keep]))
 
-    def _find_edges(self, first, second, t, bound, complete):
+    def _find_edges(self, bound, complete):
         """Adds the edge-edge facets with pen ≤ bound (P,) of the complete pairs to the parts.
 
         On the arc between the normals n1, n2 of an edge, with an end a of it and any point x of
@@ -829,28 +784,30 @@ class _NearFacets:
         where two edges cross, each face of this side's edge has one end of the other's below it.
         """
         hulls, half = self.hulls, len(bound)
-        limit = np.repeat(np.tile(np.where(complete, bound, -np.inf), 2), self.count)
+        limit = np.where(complete, bound, -np.inf)
+        limit = np.concatenate((limit, limit)).repeat(self.count)
         one, other = self.depths
         # a bit for each point
         near = (one <= limit).view(np.uint8)
         near = near | (other <= limit).view(np.uint8) << 1
         near |= (0.5 * (one + other) <= limit).view(np.uint8) << 2
-        rows = np.flatnonzero(np.tile(complete, 2))
+        rows = np.flatnonzero(np.concatenate((complete, complete)))
         own = take(self.own, rows)
         count = take(hulls.edgeCount, own)
         row, edge = ranges(take(hulls.edgeStart, own), count)
         # from columns of the set to places in the list of faces
         shift = np.repeat(take(self.start, rows) - take(hulls.faceStart, own), count)
-        face1, face2 = take(hulls.edgeFace1, edge) + shift, take(hulls.edgeFace2, edge) + shift
-        kept = np.flatnonzero((take(near, face1) | take(near, face2)) == 0b111)
+        ofFaces = take(near, take(hulls.edgeFaces, edge, axis=1) + shift)
+        kept = np.flatnonzero((ofFaces[0] | ofFaces[1]) == 0b111)
         row, edge = take(rows, take(row, kept)), take(edge, kept)
         ofFirst = int(np.searchsorted(row, half))
         edges = row[:ofFirst], edge[:ofFirst], row[ofFirst:] - half, edge[ofFirst:]
         for pair, normal, offset, isDoubtful in _edge_planes(hulls, *edges, half):
-            near = offset - dot(normal, take(t, pair, axis=1)) <= take(bound, pair)
+            near = offset - dot(normal, take(self.t, pair, axis=1)) <= take(bound, pair)
             doubtful = np.flatnonzero(near & isDoubtful)
             if len(doubtful):
-                i, j = (take(bodies, take(pair, doubtful)) for bodies in (first, second))
+                own = take(pair, doubtful)
+                i, j = take(self.own, own), take(self.other, own)
                 offset[doubtful] = support_offsets(hulls, i, j, take(normal, doubtful, axis=1))
             near = np.flatnonzero(near)
             pair = take(self.pairs, take(pair, near))
@@ -858,12 +815,15 @@ class _NearFacets:
 
 
 class _Edges:
-    """Edges (K,), columns in the set, with their vectors and the normals of their faces, (3, K)."""
+    """Edges (K,), columns in the set: vector, tail : (3, K); normals : (3, 2, K), of their faces.
+
+    length2 : (K,), the squares of their lengths
+    """
 
     def __init__(self, hulls, edge):
         self.vector = take(hulls.edges, edge, axis=1)
-        self.normal1 = take(hulls.directions, take(hulls.edgeFace1, edge), axis=1)
-        self.normal2 = take(hulls.directions, take(hulls.edgeFace2, edge), axis=1)
+        self.length2 = dot(self.vector, self.vector)
+        self.normals = take(hulls.directions, take(hulls.edgeFaces, edge, axis=1), axis=1)
         self.tail = take(hulls.vertices, take(hulls.edgeTail, edge), axis=1)
 
 
@@ -879,15 +839,15 @@ def _edge_planes(hulls, pairA, edgeA, pairB, edgeB, count):
     """
     edgesA, edgesB = _Edges(hulls, edgeA), _Edges(hulls, edgeB)
     countB = np.bincount(pairB, minlength=count)
-    start = take(np.cumsum(countB) - countB, pairA)
+    start = take(countB.cumsum() - countB, pairA)
     length = take(countB, pairA)
     for some in _blocks(length):
         a, b = ranges(start[some], length[some])  # all combinations of a pair's edges
         a, b, side, sine2 = _crossing_arcs(edgesA, edgesB, a + some.start, b)
         vectorA, vectorB = take(edgesA.vector, a, axis=1), take(edgesB.vector, b, axis=1)
+        lengthA2, lengthB2 = take(edgesA.length2, a), take(edgesB.length2, b)
         normal = cross(vectorA, vectorB)
         length2 = dot(normal, normal)
-        lengthA2, lengthB2 = dot(vectorA, vectorA), dot(vectorB, vectorB)
         spans = length2 > PARALLEL_SINE**2 * lengthA2 * lengthB2
         normal = normal / np.where(spans, np.copysign(np.sqrt(length2), side), 1.0)
         # what rounding left along nearly parallel edges is taken out again
@@ -898,7 +858,7 @@ def _edge_planes(hulls, pairA, edgeA, pairB, edgeB, count):
         spans = np.flatnonzero(spans)
         yield (
             take(pairA, take(a, spans)), take(normal, spans, axis=1), take(offset, spans),
-            take(sine2 < SURE_SINE**2, spans),
+            take(sine2, spans) < SURE_SINE**2,
         )  # fmt: skip
 
 
@@ -914,22 +874,16 @@ def _crossing_arcs(edgesA, edgesB, a, b):
     s_i = -eA · β_i and r_i = eB · α_i that is s1 s2 < 0, r1 r2 < 0 and s1 r2 > 0, the last one
     telling the crossing from its antipode [3]; the normal is on the side of r1.
     """
-    vectorB = take(edgesB.vector, b, axis=1)
-    r1 = dot(vectorB, take(edgesA.normal1, a, axis=1))
-    r2 = dot(vectorB, take(edgesA.normal2, a, axis=1))
-    kept = np.flatnonzero(r1 * r2 < 0)  # most are ruled out by now
-    a, b, r1, r2 = (take(table, kept) for table in (a, b, r1, r2))
-    vectorA = take(edgesA.vector, a, axis=1)
-    s1 = -dot(vectorA, take(edgesB.normal1, b, axis=1))
-    s2 = -dot(vectorA, take(edgesB.normal2, b, axis=1))
-    kept = np.flatnonzero((s1 * s2 < 0) & (s1 * r2 > 0))
-    a, b, r1, r2, s1, s2 = (take(table, kept) for table in (a, b, r1, r2, s1, s2))
-    vectorA, vectorB = take(edgesA.vector, a, axis=1), take(edgesB.vector, b, axis=1)
+    r = dot(take(edgesA.normals, a, axis=2), take(edgesB.vector, b, axis=1)[:, None])
+    kept = np.flatnonzero(r[0] * r[1] < 0)  # most are ruled out by now
+    a, b, r = take(a, kept), take(b, kept), take(r, kept, axis=1)
+    s = -dot(take(edgesB.normals, b, axis=2), take(edgesA.vector, a, axis=1)[:, None])
+    kept = np.flatnonzero((s[0] * s[1] < 0) & (s[0] * r[1] > 0))
+    a, b, r, s = take(a, kept), take(b, kept), take(r, kept, axis=1), take(s, kept, axis=1)
     sine2 = np.minimum(
-        np.minimum(r1 * r1, r2 * r2) / dot(vectorB, vectorB),
-        np.minimum(s1 * s1, s2 * s2) / dot(vectorA, vectorA),
+        (r * r).min(axis=0) / take(edgesB.length2, b), (s * s).min(axis=0) / take(edgesA.length2, a)
     )
-    return a, b, r1, sine2
+    return a, b, r[0], sine2
 
 
 # --------------------------------------------------------------------------------------------------
@@ -964,71 +918,32 @@ def contact_point(verticesA, verticesB, t, normal, tolerance):
 
 def contact_points(hulls, first, second, t, normal, tolerance):
     """`contact_point` for P pairs of a HullSet: (3, P) from t and normal (3, P), tolerance (P,)."""
-    columns = np.arange(len(first))
-    # the vertices of both, with A's heights turned round: the features are the lowest ones of each
-    verticesB = _vertices_of(hulls, second)
-    heightsB, lowest, inB = _feature(hulls, second, verticesB, normal, tolerance)
-    level = heightsB[lowest, columns]
-    point = _picked(verticesB, lowest, columns)
-    several = np.flatnonzero(inB.sum(axis=0) > 1)
-    if len(several) == 0:
-        return point
-    first, t, normal, level, tolerance, inB, verticesB = (
-        take(table, several, axis=-1)
-        for table in (first, t, normal, level, tolerance, inB, verticesB)
-    )
-    columns = np.arange(len(several))
-    verticesA = _vertices_of(hulls, first)
-    _, highest, inA = _feature(hulls, first, verticesA, -normal, tolerance)
-    countA, countB = inA.sum(axis=0), inB.sum(axis=0)
-    patch = countA > 1
-    corner = _picked(verticesA, highest, columns)
-    lowered = _below_corner(corner, t, normal, level)
+    count = len(first)
+    level, *ends, vertices = lowest_features(
+        hulls, np.concatenate((first, second)), np.concatenate((-normal, normal), axis=1),
+        np.concatenate((tolerance, tolerance)),
+    )  # fmt: skip
+    countA, countB = vertices[:count], vertices[count:]
+    ends = take(hulls.vertices, np.concatenate(ends), axis=1)
+    a0, b0, a1, b1 = (ends[:, k * count : (k + 1) * count] for k in range(4))
+    point = np.where(countB == 1, b0, _below_corner(a0, t, normal, level[count:]))
     edges = np.flatnonzero((countA == 2) & (countB == 2))
+    crossing = edges
     if len(edges):
-        (a0, a1), (b0, b1) = (
-            _two_picked(take(table, edges, axis=-1), take(own, edges, axis=-1))
-            for table, own in ((verticesA, inA), (verticesB, inB))
-        )
-        turn, part, length2 = _crossing_terms(
-            a0, a1, b0, b1, take(t, edges, axis=1), take(normal, edges, axis=1)
-        )
-        crossing = np.flatnonzero(np.abs(turn) > tolerance[edges] * np.sqrt(length2))
-        s = np.minimum(np.maximum(part[crossing] / turn[crossing], 0.0), 1.0)
-        b0, b1 = take(b0, crossing, axis=1), take(b1, crossing, axis=1)
-        lowered[:, edges[crossing]] = b0 + s * (b1 - b0)
-        patch[edges[crossing]] = False
+        a0, a1, b0, b1, t2, n2 = (take(v, edges, axis=1) for v in (a0, a1, b0, b1, t, normal))
+        turn, part, length2 = _crossing_terms(a0, a1, b0, b1, t2, n2)
+        crosses = np.abs(turn) > take(tolerance, edges) * np.sqrt(length2)
+        crossing = edges[crosses]
+        s = np.minimum(np.maximum(part / np.where(crosses, turn, 1.0), 0.0), 1.0)
+        point[:, crossing] = (b0 + s * (b1 - b0))[:, crosses]
+    patch = (countA > 1) & (countB > 1)
+    patch[crossing] = False
     for p in np.flatnonzero(patch).tolist():
-        lowered[:, p] = _patch_centre(
-            verticesA[:, inA[:, p], p], verticesB[:, inB[:, p], p], tuple(t[:, p].tolist()),
-            tuple(normal[:, p].tolist()), float(level[p]), float(tolerance[p]),
+        point[:, p] = contact_point(
+            hulls.body_vertices(first[p]), hulls.body_vertices(second[p]), tuple(t[:, p].tolist()),
+            tuple(normal[:, p].tolist()), float(tolerance[p]),
         )  # fmt: skip
-    point[:, several] = lowered
     return point
-
-
-def _feature(hulls, bodies, vertices, direction, tolerance):
-    """`(heights (V, P), lowest (P,), own (V, P))`: what of each body is lowest along a direction.
-
-    own : whether a vertex belongs to the feature; a repeated last slot is not another vertex
-    """
-    heights = dot(direction[:, None], vertices)
-    lowest = heights.argmin(axis=0)
-    own = heights <= heights.min(axis=0) + tolerance
-    own &= np.arange(len(own))[:, None] < hulls.vertexCount[bodies]
-    return heights, lowest, own
-
-
-def _picked(table, row, columns):
-    """(3, P): of a table (3, K, P), the entries at row (P,) of each column."""
-    return take(table.reshape(3, -1), row * table.shape[2] + columns, axis=1)
-
-
-def _two_picked(table, own):
-    """Of a table (3, K, P), the entries of each column at the two rows where own (K, P) is true."""
-    columns = np.arange(own.shape[1])
-    last = len(own) - 1 - own[::-1].argmax(axis=0)
-    return _picked(table, own.argmax(axis=0), columns), _picked(table, last, columns)
 
 
 def _below_corner(corner, t, normal, level):

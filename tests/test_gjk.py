@@ -830,28 +830,56 @@ def alone(batch, p):
     return hulls, np.array([0]), np.array([1]), batch.t[:, one], batch.reach[one]
 
 
-@pytest.mark.parametrize("function", [GJK.facet_planes, GJK.contact_planes],
-                         ids=lambda function: function.__name__)  # fmt: skip
-@pytest.mark.parametrize("company", ["none", "two bodies of many", "small chunks"])
-def test_planes_have_the_same_bits_alone_and_in_a_batch(batch, function, company, monkeypatch):
-    arguments = batch.hulls, batch.first, batch.second, batch.t, batch.reach
-    together = function(*arguments)
+@pytest.fixture(scope="module")
+def guess(batch):
+    """Axes for the batch, in turn: near the nearest facet's normal, none at all, and random."""
+    rng = np.random.default_rng(11)
+    planes = GJK.facet_planes(batch.hulls, batch.first, batch.second, batch.t, batch.reach)
+    axes = planes.nearest_of_all(batch.t)[1] + 0.03 * rng.normal(size=(3, PAIRS))
+    axes[:, 1::3] = 0.0
+    axes[:, 2::3] = rng.normal(size=axes[:, 2::3].shape)
+    length = np.linalg.norm(axes, axis=0)
+    return axes / np.where(length > 0, length, 1.0)
+
+
+@pytest.mark.parametrize("hasGuess", [False, True])
+@pytest.mark.parametrize("company", ["none", "two bodies of many", "small blocks"])
+def test_planes_have_the_same_bits_alone_and_in_a_batch(
+    batch, guess, hasGuess, company, monkeypatch
+):
+    axes = guess if hasGuess else np.zeros((3, PAIRS))
+    arguments = batch.hulls, batch.first, batch.second, batch.t, batch.reach, axes
+    together = GJK.facet_planes(*arguments)
     assert 0.2 < together.complete.mean() < 0.8
     assert together.start[0] == 0 and together.start[-1] == together.normal.shape[1] > PAIRS
-    if company == "small chunks":
-        monkeypatch.setattr(GJK, "CHUNK_ENTRIES", 1)
-        again = function(*arguments)
+    if company == "small blocks":
+        monkeypatch.setattr(GJK, "BLOCK_ENTRIES", 1)
+        again = GJK.facet_planes(*arguments)
         for name in ("start", "normal", "offset", "bound"):
             assert np.array_equal(getattr(again, name), getattr(together, name))
         return
     for p in range(PAIRS):
         one = slice(p, p + 1)
-        single = function(*alone(batch, p)) if company == "none" else function(
+        pair = alone(batch, p) if company == "none" else (
             batch.hulls, batch.first[one], batch.second[one], batch.t[:, one], batch.reach[one])
+        single = GJK.facet_planes(*pair, axes[:, one])
         own = slice(together.start[p], together.start[p + 1])
         assert np.array_equal(single.normal, together.normal[:, own])
         assert np.array_equal(single.offset, together.offset[own])
         assert np.array_equal(single.complete, together.complete[one])
+
+
+def test_a_guess_changes_no_bit_of_a_collision(batch, guess):
+    """Whatever axes are tried first, a pair that meets has the same nearest facet."""
+    arguments = batch.hulls, batch.first, batch.second, batch.t, batch.reach
+    one, other = GJK.facet_planes(*arguments), GJK.facet_planes(*arguments, guess)
+    (pen1, normal1), (pen2, normal2) = one.nearest_of_all(batch.t), other.nearest_of_all(batch.t)
+    meet = pen1 >= 0
+    assert np.array_equal(meet, pen2 >= 0) and 60 < meet.sum() < PAIRS - 60
+    assert np.array_equal(pen1[meet], pen2[meet])
+    assert np.array_equal(normal1[:, meet], normal2[:, meet])
+    # and a guess does change what is looked at
+    assert not np.array_equal(one.complete, other.complete)
 
 
 def test_gjk_has_the_same_bits_alone_and_in_a_batch(batch):
@@ -891,8 +919,10 @@ def test_contact_points_have_the_same_bits_alone_and_in_a_batch(batch):
 
 def test_no_pairs_at_all(batch):
     none = np.zeros(0, dtype=int)
-    planes = GJK.contact_planes(batch.hulls, none, none, np.zeros((3, 0)), np.zeros(0))
+    planes = GJK.facet_planes(batch.hulls, none, none, np.zeros((3, 0)), np.zeros(0))
     assert planes.start.tolist() == [0] and len(planes.offset) == 0
+    separated, *_ = GJK.separating_axes(batch.hulls, none, none, np.zeros((3, 0)), np.zeros(0))
+    assert len(separated) == 0
 
 
 def test_planes_serve_every_translation_within_their_reach(batch):
@@ -919,9 +949,9 @@ def test_planes_serve_every_translation_within_their_reach(batch):
     assert hits > 300 and compared - hits > 20
 
 
-def test_planes_contain_the_minkowski_difference(batch):
+def test_planes_contain_the_minkowski_difference(batch, guess):
     """No vertex lies beyond any plane: each is a proof, whatever else went wrong."""
-    planes = GJK.contact_planes(batch.hulls, batch.first, batch.second, batch.t, batch.reach)
+    planes = GJK.facet_planes(batch.hulls, batch.first, batch.second, batch.t, batch.reach, guess)
     for p in range(PAIRS):
         own = slice(planes.start[p], planes.start[p + 1])
         vertices1, vertices2 = (batch.hulls.body_vertices(b[p]).T
