@@ -337,7 +337,9 @@ class HullSet:
     Body b has its vertices in the columns vertexStart[b] … + vertexCount[b] of `vertices`, its
     faces and edges likewise. All tables are relative to the bodies' centres.
 
-    vertices : (3, ΣV), directions : (3, ΣD), edges : (3, ΣE); at rest, or turned by `rotated`
+    vertices : (3, ΣV), directions : (3, ΣD); at rest, or turned by `rotated`
+    edges : (3, ΣE), at rest; few are ever asked for: see `edge_vectors`
+    entries : (9, n), rotation matrices row by row; None at rest
     offsets : (ΣD,), of the faces
     edgeTail : (ΣE,), column in `vertices`; edgeFaces : (2, ΣE), columns in `directions`
     radius : (n,), of each hull about its centre
@@ -362,6 +364,7 @@ class HullSet:
         edgeFaces = table("edgeFaces") + self.faceStart.repeat(self.edgeCount)[:, None]
         self.edgeFaces = np.ascontiguousarray(edgeFaces.T)
         self.radius = np.array([h.radius for h in hulls])
+        self.entries = None
         self.entryCount = self.vertexCount + self.faceCount + self.edgeCount
 
     def rotated(self, entries, vertices=None):
@@ -375,8 +378,13 @@ class HullSet:
             vertices = rotate_columns(entries, self.vertices, self.vertexCount)
         turned.vertices = vertices
         turned.directions = rotate_columns(entries, self.directions, self.faceCount)
-        turned.edges = rotate_columns(entries, self.edges, self.edgeCount)
+        turned.entries = entries
         return turned
+
+    def edge_vectors(self, edge, bodies):
+        """The turned vectors (3, K) of edges (K,), columns in the set, of the bodies (K,)."""
+        vectors = take(self.edges, edge, axis=1)
+        return vectors if self.entries is None else _turn(take(self.entries, bodies, 1), vectors)
 
     def boxes(self):
         """Least and greatest coordinates (3, n), (3, n) of each hull relative to its centre."""
@@ -386,6 +394,15 @@ class HullSet:
     def body_vertices(self, b):
         """View (3, V) of the vertices of body b."""
         return self.vertices[:, self.vertexStart[b] : self.vertexStart[b] + self.vertexCount[b]]
+
+
+def _turn(entries, vectors):
+    """Vectors (3, K), each turned by its rotation matrix, entries (9, K) row by row."""
+    products = entries.reshape(3, 3, -1) * vectors
+    turned = products[:, 0]
+    turned += products[:, 1]
+    turned += products[:, 2]
+    return turned
 
 
 def rotate_columns(entries, table, count):
@@ -399,10 +416,8 @@ def rotate_columns(entries, table, count):
     for b in range(0, len(count), ROTATED_BODIES):
         some = slice(b, b + ROTATED_BODIES)
         end = int(ends[some][-1])
-        products = entries[:, some].repeat(count[some], axis=1).reshape(3, 3, -1)
-        products *= table[:, begin:end]
-        np.add(products[:, 0], products[:, 1], out=turned[:, begin:end])
-        turned[:, begin:end] += products[:, 2]
+        own = entries[:, some].repeat(count[some], axis=1)
+        turned[:, begin:end] = _turn(own, table[:, begin:end])
         begin = end
     return turned
 
@@ -747,21 +762,27 @@ class _NearFacets:
         first = self._depths_below_faces(vertex)
         least = np.minimum.reduceat(first, self.start)
         best = np.flatnonzero(first == take(least, self.row))
-        best = take(best, np.searchsorted(best, self.start))
+        best = take(best, best.searchsorted(self.start))
         bestNormal = take(self.normal, best, axis=1)
-        level, vertex, *_ = lowest_features(self.hulls, self.other, bestNormal)
-        bestPen = take(self.offset, best) - level - dot(bestNormal, self.t)
+        bestLevel, vertex, *_ = lowest_features(self.hulls, self.other, bestNormal)
+        bestPen = take(self.offset, best) - bestLevel - dot(bestNormal, self.t)
         depth = np.minimum(np.minimum(bestPen[:half], bestPen[half:]), pen)
         second = self._depths_below_faces(vertex)
         self.depths = first, second
         bound = depth + extra
         bound = np.concatenate((bound, bound)).repeat(self.count)
         near = (first <= bound) & (second <= bound)
-        near[best] = True  # whatever rounding says
+        near[best] = False
+        others = np.flatnonzero(near)
+        near[best] = True
         self.near = near = np.flatnonzero(near)
+        level = np.empty(len(self.face))
+        level[best] = bestLevel
+        level[others] = lowest_features(
+            self.hulls, take(self.other, take(self.row, others)), take(self.normal, others, axis=1)
+        )[0]
         row, normal = take(self.row, near), take(self.normal, near, axis=1)
-        level = lowest_features(self.hulls, take(self.other, row), normal)[0]
-        self.nearOffset = take(self.offset, near) - level
+        self.nearOffset = take(self.offset, near) - take(level, near)
         self.nearPen = self.nearOffset - dot(normal, take(self.t, row, axis=1))
         np.minimum.at(depth, row % half, self.nearPen)
         return depth
@@ -801,8 +822,13 @@ class _NearFacets:
         kept = np.flatnonzero((ofFaces[0] | ofFaces[1]) == 0b111)
         row, edge = take(rows, take(row, kept)), take(edge, kept)
         ofFirst = int(np.searchsorted(row, half))
-        edges = row[:ofFirst], edge[:ofFirst], row[ofFirst:] - half, edge[ofFirst:]
-        for pair, normal, offset, isDoubtful in _edge_planes(hulls, *edges, half):
+        bodies = take(self.own, row)
+        edgesA, edgesB = (
+            _Edges(hulls, edge[some], bodies[some])
+            for some in (slice(ofFirst), slice(ofFirst, None))
+        )
+        pairs = row[:ofFirst], row[ofFirst:] - half
+        for pair, normal, offset, isDoubtful in _edge_planes(edgesA, edgesB, *pairs, half):
             near = offset - dot(normal, take(self.t, pair, axis=1)) <= take(bound, pair)
             doubtful = np.flatnonzero(near & isDoubtful)
             if len(doubtful):
@@ -820,24 +846,23 @@ class _Edges:
     length2 : (K,), the squares of their lengths
     """
 
-    def __init__(self, hulls, edge):
-        self.vector = take(hulls.edges, edge, axis=1)
+    def __init__(self, hulls, edge, bodies):
+        self.vector = hulls.edge_vectors(edge, bodies)
         self.length2 = dot(self.vector, self.vector)
         self.normals = take(hulls.directions, take(hulls.edgeFaces, edge, axis=1), axis=1)
         self.tail = take(hulls.vertices, take(hulls.edgeTail, edge), axis=1)
 
 
-def _edge_planes(hulls, pairA, edgeA, pairB, edgeB, count):
+def _edge_planes(edgesA, edgesB, pairA, pairB, count):
     """Yields `(pair (K,), normal (3, K), offset (K,), isDoubtful (K,))`: what edges span together.
 
-    pairA, edgeA : edges of the first hulls, sorted by pair; pairB, edgeB : of the second ones;
-    count : how many pairs there are
+    edgesA, pairA : `_Edges` of the first hulls, and their pairs in ascending order; edgesB, pairB :
+    of the second ones; count : how many pairs there are
     isDoubtful : bool; where rounding may have let two arcs cross that only touch. There, the offset
         has to be that of the supporting plane, not of the two edges, so that no vertex lies beyond
 
     The facets are sorted by pair, by edge of A and by edge of B.
     """
-    edgesA, edgesB = _Edges(hulls, edgeA), _Edges(hulls, edgeB)
     countB = np.bincount(pairB, minlength=count)
     start = take(countB.cumsum() - countB, pairA)
     length = take(countB, pairA)

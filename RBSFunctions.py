@@ -829,6 +829,8 @@ BOX_ROWS = 256
 # A level of the grid has columns as wide as its largest box and holds boxes down to this fraction
 # of it. Smaller ones would crowd the columns, and more levels would cost more look-ups.
 GRID_SHRINK = 1 / 8
+# Up to so many cells along a side, a cell's number is its place; beyond, only cells in use count.
+MOST_CELLS = 1e6
 
 
 def _facing(box):
@@ -892,7 +894,11 @@ def grid_overlaps(box, isFixed):
 
 
 def _ranks(values):
-    """Whole numbers for floats: neighbours (±1) stay neighbours, larger gaps shrink to 2."""
+    """Whole numbers ≥ 1 for whole floats: neighbours (±1) stay neighbours, and others do not become
+    any."""
+    least = values.min()
+    if values.max() - least < MOST_CELLS:
+        return (values - least).astype(np.int64) + 1
     distinct, rank = np.unique(values, return_inverse=True)
     steps = np.minimum(np.diff(distinct, prepend=distinct[:1]), 2.0)
     return np.cumsum(steps).astype(np.int64)[rank] + 1
