@@ -100,6 +100,11 @@ def take(table, index, axis=None):
     return table.take(index, axis=axis, mode="clip")
 
 
+def indices(mask):
+    """Where (K,) a mask (n,) is true; `np.flatnonzero` takes four times as long for short ones."""
+    return mask.nonzero()[0]
+
+
 def ranges(first, length):
     """`(row, place)`: for each row k of the arrays, the places first[k] … + length[k], one after
     the other."""
@@ -349,9 +354,9 @@ class HullSet:
         self.vertexCount = np.array([len(h.vertices) for h in hulls], dtype=np.intp)
         self.faceCount = np.array([len(h.directions) for h in hulls], dtype=np.intp)
         self.edgeCount = np.array([len(h.edgeTail) for h in hulls], dtype=np.intp)
-        self.vertexStart = np.cumsum(self.vertexCount) - self.vertexCount
-        self.faceStart = np.cumsum(self.faceCount) - self.faceCount
-        self.edgeStart = np.cumsum(self.edgeCount) - self.edgeCount
+        self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
+        self.faceStart = self.faceCount.cumsum() - self.faceCount
+        self.edgeStart = self.edgeCount.cumsum() - self.edgeCount
 
         def table(name):
             return np.concatenate([getattr(h, name) for h in hulls])
@@ -411,7 +416,7 @@ def rotate_columns(entries, table, count):
     entries : (9, n), rotation matrices row by row; count : (n,)
     """
     turned = np.empty_like(table)
-    ends = np.cumsum(count)
+    ends = count.cumsum()
     begin = 0
     for b in range(0, len(count), ROTATED_BODIES):
         some = slice(b, b + ROTATED_BODIES)
@@ -559,7 +564,7 @@ def separating_axes(hulls, first, second, translation, gap, guess=None):
         on = ~apart
         if iteration > 0:  # v is a point of D: no gap is wider than its length
             on &= (v2 > least2[active]) & (v2 - vw > GJK_PROGRESS * v2)
-        on = np.flatnonzero(on)
+        on = indices(on)
         if len(on) == 0:
             break
         active, t, w, used, simplex = (
@@ -567,7 +572,7 @@ def separating_axes(hulls, first, second, translation, gap, guess=None):
         )
         simplex = np.where(used, simplex, w[:, None])
         inside, v, used = _closest_on_simplex(simplex)
-        on = np.flatnonzero(~inside)
+        on = indices(~inside)
         if len(on) == 0:
             break
         active, t, v, used, simplex = (
@@ -607,10 +612,10 @@ class FacetPlanes:
     def gathered(cls, parts, bound):
         """From a list of `(pair (K,), normal (3, K), offset (K,))`, in this order for each pair."""
         pair = np.concatenate([np.zeros(0, dtype=np.intp)] + [part[0] for part in parts])
-        order = np.argsort(pair, kind="stable")
+        order = pair.argsort(kind="stable")
         normal = np.concatenate([np.zeros((3, 0))] + [part[1] for part in parts], axis=1)
         offset = np.concatenate([np.zeros(0)] + [part[2] for part in parts])
-        start = np.searchsorted(pair[order], np.arange(len(bound) + 1))
+        start = pair[order].searchsorted(np.arange(len(bound) + 1))
         return cls(start, take(normal, order, axis=1), offset[order], bound)
 
     @classmethod
@@ -622,14 +627,14 @@ class FacetPlanes:
         )
         count = np.concatenate([np.diff(s) for s in start])
         return cls(
-            np.concatenate(([0], np.cumsum(count))), np.concatenate(normal, axis=1),
+            np.concatenate(([0], count.cumsum())), np.concatenate(normal, axis=1),
             np.concatenate(offset), np.concatenate(bound),
         )  # fmt: skip
 
     def of_pairs(self, pairs):
         """The planes of these pairs (Q,), in this order, as new `FacetPlanes`."""
         count = np.diff(self.start)[pairs]
-        end = np.cumsum(count)
+        end = count.cumsum()
         column = np.repeat(self.start[pairs] - (end - count), count) + np.arange(count.sum())
         return FacetPlanes(
             np.concatenate(([0], end)), take(self.normal, column, axis=1),
@@ -659,8 +664,8 @@ class FacetPlanes:
         pair = np.repeat(np.arange(len(count)), count)
         pen = self.offset - dot(self.normal, take(t, pair, axis=1))
         least = np.minimum.reduceat(pen, self.start[:-1])
-        candidates = np.flatnonzero(pen == take(least, pair))
-        first = candidates[np.searchsorted(candidates, self.start[:-1])]
+        candidates = indices(pen == take(least, pair))
+        first = candidates[candidates.searchsorted(self.start[:-1])]
         return least, take(self.normal, first, axis=1)
 
 
@@ -715,11 +720,11 @@ class _NearFacets:
         offset = -level[len(first) :] - level[: len(first)]
         pen = offset - dot(guess, t)
         apart = pen < np.minimum(limit, -GUESS_GAP * size)
-        parted = np.flatnonzero(apart)
+        parted = indices(apart)
         offset = take(offset, parted) + ROUNDING * take(size, parted)
         self.parts = [(parted, take(guess, parted, axis=1), offset)]
         self.kept = np.full(len(first), -np.inf)
-        self.pairs = pairs = np.flatnonzero(~apart)
+        self.pairs = pairs = indices(~apart)
         if len(pairs) == 0:
             return
         t, pen, reach, limit, size = (
@@ -742,7 +747,7 @@ class _NearFacets:
         """The faces of all rows: count, start : (2 P,); row, face : (F,); normal (3, F), offset."""
         hulls = self.hulls
         self.count = take(hulls.faceCount, self.own)
-        self.start = np.cumsum(self.count) - self.count
+        self.start = self.count.cumsum() - self.count
         self.row, self.face = ranges(take(hulls.faceStart, self.own), self.count)
         self.normal = take(hulls.directions, self.face, axis=1)
         self.offset = take(hulls.offsets, self.face)
@@ -761,7 +766,7 @@ class _NearFacets:
         half = len(pen)
         first = self._depths_below_faces(vertex)
         least = np.minimum.reduceat(first, self.start)
-        best = np.flatnonzero(first == take(least, self.row))
+        best = indices(first == take(least, self.row))
         best = take(best, best.searchsorted(self.start))
         bestNormal = take(self.normal, best, axis=1)
         bestLevel, vertex, *_ = lowest_features(self.hulls, self.other, bestNormal)
@@ -773,9 +778,9 @@ class _NearFacets:
         bound = np.concatenate((bound, bound)).repeat(self.count)
         near = (first <= bound) & (second <= bound)
         near[best] = False
-        others = np.flatnonzero(near)
+        others = indices(near)
         near[best] = True
-        self.near = near = np.flatnonzero(near)
+        self.near = near = indices(near)
         level = np.empty(len(self.face))
         level[best] = bestLevel
         level[others] = lowest_features(
@@ -812,16 +817,16 @@ class _NearFacets:
         near = (one <= limit).view(np.uint8)
         near = near | (other <= limit).view(np.uint8) << 1
         near |= (0.5 * (one + other) <= limit).view(np.uint8) << 2
-        rows = np.flatnonzero(np.concatenate((complete, complete)))
+        rows = indices(np.concatenate((complete, complete)))
         own = take(self.own, rows)
         count = take(hulls.edgeCount, own)
         row, edge = ranges(take(hulls.edgeStart, own), count)
         # from columns of the set to places in the list of faces
         shift = np.repeat(take(self.start, rows) - take(hulls.faceStart, own), count)
         ofFaces = take(near, take(hulls.edgeFaces, edge, axis=1) + shift)
-        kept = np.flatnonzero((ofFaces[0] | ofFaces[1]) == 0b111)
+        kept = indices((ofFaces[0] | ofFaces[1]) == 0b111)
         row, edge = take(rows, take(row, kept)), take(edge, kept)
-        ofFirst = int(np.searchsorted(row, half))
+        ofFirst = int(row.searchsorted(half))
         bodies = take(self.own, row)
         edgesA, edgesB = (
             _Edges(hulls, edge[some], bodies[some])
@@ -830,12 +835,12 @@ class _NearFacets:
         pairs = row[:ofFirst], row[ofFirst:] - half
         for pair, normal, offset, isDoubtful in _edge_planes(edgesA, edgesB, *pairs, half):
             near = offset - dot(normal, take(self.t, pair, axis=1)) <= take(bound, pair)
-            doubtful = np.flatnonzero(near & isDoubtful)
+            doubtful = indices(near & isDoubtful)
             if len(doubtful):
                 own = take(pair, doubtful)
                 i, j = take(self.own, own), take(self.other, own)
                 offset[doubtful] = support_offsets(hulls, i, j, take(normal, doubtful, axis=1))
-            near = np.flatnonzero(near)
+            near = indices(near)
             pair = take(self.pairs, take(pair, near))
             self.parts.append((pair, take(normal, near, axis=1), take(offset, near)))
 
@@ -880,7 +885,7 @@ def _edge_planes(edgesA, edgesB, pairA, pairB, count):
         normal = normal - vectorB * (dot(normal, vectorB) / lengthB2)
         normal = normal / np.sqrt(np.where(spans, dot(normal, normal), 1.0))
         offset = dot(normal, take(edgesA.tail, a, axis=1) - take(edgesB.tail, b, axis=1))
-        spans = np.flatnonzero(spans)
+        spans = indices(spans)
         yield (
             take(pairA, take(a, spans)), take(normal, spans, axis=1), take(offset, spans),
             take(sine2, spans) < SURE_SINE**2,
@@ -900,10 +905,10 @@ def _crossing_arcs(edgesA, edgesB, a, b):
     telling the crossing from its antipode [3]; the normal is on the side of r1.
     """
     r = dot(take(edgesA.normals, a, axis=2), take(edgesB.vector, b, axis=1)[:, None])
-    kept = np.flatnonzero(r[0] * r[1] < 0)  # most are ruled out by now
+    kept = indices(r[0] * r[1] < 0)  # most are ruled out by now
     a, b, r = take(a, kept), take(b, kept), take(r, kept, axis=1)
     s = -dot(take(edgesB.normals, b, axis=2), take(edgesA.vector, a, axis=1)[:, None])
-    kept = np.flatnonzero((s[0] * s[1] < 0) & (s[0] * r[1] > 0))
+    kept = indices((s[0] * s[1] < 0) & (s[0] * r[1] > 0))
     a, b, r, s = take(a, kept), take(b, kept), take(r, kept, axis=1), take(s, kept, axis=1)
     sine2 = np.minimum(
         (r * r).min(axis=0) / take(edgesB.length2, b), (s * s).min(axis=0) / take(edgesA.length2, a)
@@ -952,7 +957,7 @@ def contact_points(hulls, first, second, t, normal, tolerance):
     ends = take(hulls.vertices, np.concatenate(ends), axis=1)
     a0, b0, a1, b1 = (ends[:, k * count : (k + 1) * count] for k in range(4))
     point = np.where(countB == 1, b0, _below_corner(a0, t, normal, level[count:]))
-    edges = np.flatnonzero((countA == 2) & (countB == 2))
+    edges = indices((countA == 2) & (countB == 2))
     crossing = edges
     if len(edges):
         a0, a1, b0, b1, t2, n2 = (take(v, edges, axis=1) for v in (a0, a1, b0, b1, t, normal))
@@ -963,7 +968,7 @@ def contact_points(hulls, first, second, t, normal, tolerance):
         point[:, crossing] = (b0 + s * (b1 - b0))[:, crosses]
     patch = (countA > 1) & (countB > 1)
     patch[crossing] = False
-    for p in np.flatnonzero(patch).tolist():
+    for p in indices(patch).tolist():
         point[:, p] = contact_point(
             hulls.body_vertices(first[p]), hulls.body_vertices(second[p]), tuple(t[:, p].tolist()),
             tuple(normal[:, p].tolist()), float(tolerance[p]),

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 import GJK
-from GJK import cross, difference, dot, moved, ranges, take
+from GJK import cross, difference, dot, indices, moved, ranges, take
 from Quaternion import QExp, QRotate, multiply, rotation_entries
 
 __version__ = "0.1.0"
@@ -406,8 +406,8 @@ class Mesh:
         x xᵀ is V/20 (Σ x_i x_iᵀ + (Σ x_i)(Σ x_i)ᵀ). With C the sum of the latter times the
         density, about the COM, the inertia tensor is tr(C) 1 - C.
         """
-        for indices, what in ((self.faces, "face"), (self.tets, "tetrahedron")):
-            if indices.size and not 0 <= indices.min() <= indices.max() < len(self.origVertices):
+        for corners, what in ((self.faces, "face"), (self.tets, "tetrahedron")):
+            if corners.size and not 0 <= corners.min() <= corners.max() < len(self.origVertices):
                 raise ValueError(f"mesh {self.name}: a {what} names a vertex that is not there")
         corners = self.origVertices[self.tets]  # (T, 4, 3)
         edges = corners[:, 1:] - corners[:, :1]
@@ -585,7 +585,7 @@ class _Shapes:
 
     def __init__(self, meshes):
         self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
-        self.vertexStart = np.cumsum(self.vertexCount) - self.vertexCount
+        self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.hasShape = self.vertexCount > 0
         self.vertices = np.ascontiguousarray(np.concatenate([m.origVertices for m in meshes]).T)
         point = GJK.build_hull(np.zeros((1, 3)))
@@ -661,7 +661,7 @@ class _Rows:
 
 def _places(keys, known):
     """Where (m,) each key stands among the known ones, ≥ 1 and in ascending order; or -1."""
-    place = np.minimum(np.searchsorted(known, keys), len(known) - 1)
+    place = np.minimum(known.searchsorted(keys), len(known) - 1)
     return np.where(known[place] == keys, place, -1)
 
 
@@ -863,7 +863,7 @@ def grid_levels(box):
     all later ones; width : the largest side of this level's boxes
     """
     extent = (-box[3:] - box[:3]).max(axis=0)
-    solid = np.flatnonzero(np.isfinite(extent))
+    solid = indices(np.isfinite(extent))
     order = solid[np.argsort(-extent[solid], kind="stable")]
     while len(order):
         width = max(float(extent[order[0]]), np.finfo(float).tiny)
@@ -901,7 +901,7 @@ def _ranks(values):
         return (values - least).astype(np.int64) + 1
     distinct, rank = np.unique(values, return_inverse=True)
     steps = np.minimum(np.diff(distinct, prepend=distinct[:1]), 2.0)
-    return np.cumsum(steps).astype(np.int64)[rank] + 1
+    return steps.cumsum().astype(np.int64)[rank] + 1
 
 
 def _level_overlaps(box, level, looking, width):
@@ -923,19 +923,19 @@ def _level_overlaps(box, level, looking, width):
     place[along] = np.arange(len(level))
     count = len(level)
     key = column[:count] * (count + 1) + place
-    entries = np.argsort(key)
+    entries = key.argsort()
     key = key[entries]
     if inside:  # bisection is faster for what comes in order
         looking, place, column = level[entries], place[entries], column[entries]
     # the range along x, in places, that can overlap a looking box
-    end = np.searchsorted(lowX, -box[3, looking], side="right")
-    begin = place + 1 if inside else np.searchsorted(lowX, box[0, looking] - width, side="left")
+    end = lowX.searchsorted(-box[3, looking], side="right")
+    begin = place + 1 if inside else lowX.searchsorted(box[0, looking] - width, side="left")
 
     near = np.array([dy * stride + dz for dy in (-1, 0, 1) for dz in (-1, 0, 1)])
     near = (column[-len(looking) :] + near[:, None]) * (count + 1)
-    first = np.searchsorted(key, near + begin)
-    length = np.searchsorted(key, near + end) - first
-    some = np.flatnonzero(length > 0)
+    first = key.searchsorted((near + begin).ravel())
+    length = key.searchsorted((near + end).ravel()) - first
+    some = indices(length > 0)
     row, place = ranges(take(first, some), take(length, some))
     return _overlapping(box, level[entries[place]], looking[some[row] % len(looking)])
 
@@ -1103,7 +1103,7 @@ class _ContactBatches:
         planes, t, pen, self.axis, isNear = _near_planes(bodies, first, second, reach)
         size = bodies.hulls.radius[first] + bodies.hulls.radius[second]
         self.gap = np.where(isNear, -np.inf, -pen - GJK.FEATURE_TOLERANCE * size)
-        near = np.flatnonzero(isNear)
+        near = indices(isNear)
         self._arrange(first[near], second[near], planes.of_pairs(near), take(t, near, axis=1))
 
     def _arrange(self, first, second, planes, t):
@@ -1111,8 +1111,8 @@ class _ContactBatches:
         bodies = self.bodies
         assign = PAIR_ORDERS[self.pairOrder]
         batch = assign(first.tolist(), second.tolist(), bodies.isFixed.tolist())
-        self.rank = np.argsort(batch, kind="stable")
-        self.starts = np.searchsorted(batch[self.rank], np.arange(batch.max(initial=-1) + 2))
+        self.rank = batch.argsort(kind="stable")
+        self.starts = batch[self.rank].searchsorted(np.arange(batch.max(initial=-1) + 2))
         self.first, self.second = first[self.rank], second[self.rank]
         self.planes = planes.of_pairs(self.rank)
         self.column = np.repeat(np.arange(len(first)), np.diff(self.planes.start))
@@ -1131,7 +1131,7 @@ class _ContactBatches:
         known = _places(keys, self.keys)
         self.gap[known[known >= 0]] = -np.inf
         new = np.sort(keys[known < 0])
-        place = np.searchsorted(self.keys, new)
+        place = self.keys.searchsorted(new)
         self.keys = np.insert(self.keys, place, new)
         self.gap = np.insert(self.gap, place, -np.inf)
         self.axis = np.insert(self.axis, place, 0.0, axis=1)
@@ -1141,10 +1141,10 @@ class _ContactBatches:
         reach = np.maximum(self.reach, REACH_GROWTH * displaced)
         planes = GJK.facet_planes(bodies.hulls, first, second, t, reach[first] + reach[second])
         # all pairs in the order i < j, with what belongs to each
-        back = np.argsort(self.rank)
+        back = self.rank.argsort()
         together = GJK.FacetPlanes.joined((self.planes.of_pairs(back), planes))
         keys = np.concatenate(((self.first * count + self.second)[back], keys))
-        order = np.argsort(keys)
+        order = keys.argsort()
         t = take(np.concatenate((self.t[:, back], t), axis=1), order, axis=1)
         keys = keys[order]
         self._arrange(keys // count, keys % count, together.of_pairs(order), t)
@@ -1156,17 +1156,17 @@ class _ContactBatches:
         """
         bodies, displaced = self.bodies, visits.furthest
         count = len(displaced)
-        strays = np.flatnonzero(displaced > self.reach)
+        strays = indices(displaced > self.reach)
         # pairs that were too far apart, but whose bodies have been far enough from their places to
         # close the gap, and at their turn are so along the axis
         i, j = self.keys // count, self.keys % count
-        met = np.flatnonzero((displaced[i] + displaced[j] >= self.gap) & (self.gap > -np.inf))
+        met = indices((displaced[i] + displaced[j] >= self.gap) & (self.gap > -np.inf))
         first, second = i[met], j[met]
         moved1, moved2 = (
             visits.places(b, first, second) - take(visits.start, b, axis=1) for b in (first, second)
         )
         gap = self.gap[met] + dot(take(self.axis, met, axis=1), moved2 - moved1)
-        met = np.flatnonzero(gap <= 0.0)
+        met = indices(gap <= 0.0)
         first, second = first[met], second[met]
         if len(strays):
             wider = bodies.box - np.maximum(displaced, self.reach)
@@ -1177,7 +1177,7 @@ class _ContactBatches:
             second = np.concatenate((second, keys % count))
         position1, position2 = (visits.places(b, first, second) for b in (first, second))
         boxes = bodies.box_of(first, position1) <= _facing(bodies.box_of(second, position2))
-        meet = np.flatnonzero(boxes.all(axis=0))
+        meet = indices(boxes.all(axis=0))
         first, second = first[meet], second[meet]
         if len(first) == 0:
             return first, second
@@ -1198,8 +1198,8 @@ def _overlaps_of(some, box, isFixed):
     for level, _, width in grid_levels(box):
         along = level[np.argsort(box[0, level])]
         lowX = box[0, along]
-        begin = np.searchsorted(lowX, box[0, some] - width, side="left")
-        end = np.searchsorted(lowX, -box[3, some], side="right")
+        begin = lowX.searchsorted(box[0, some] - width, side="left")
+        end = lowX.searchsorted(-box[3, some], side="right")
         row, place = ranges(begin, np.maximum(end - begin, 0))
         found.append(_overlapping(box, some[row], along[place]))
     pairs = np.sort(np.concatenate(found, axis=1), axis=0)
@@ -1238,7 +1238,7 @@ class _Visits:
         away = position - take(start, body, axis=1)
         np.maximum.at(self.furthest, body, np.sqrt(dot(away, away)))
         key = body * self.square + turn
-        order = np.argsort(key)
+        order = key.argsort()
         self.key, self.position = key[order], take(position, order, axis=1)
 
     def places(self, b, first, second):
@@ -1247,8 +1247,8 @@ class _Visits:
         If not sequential, the pair is taken as the last of all.
         """
         turn = first * len(self.furthest) + second if self.isSequential else self.square - 1
-        place = np.searchsorted(self.key, b * self.square + turn) - 1
-        known = np.flatnonzero(place >= 0)
+        place = self.key.searchsorted(b * self.square + turn) - 1
+        known = indices(place >= 0)
         known = known[self.key[place[known]] // self.square == b[known]]
         position = take(self.start, b, axis=1)
         position[:, known] = take(self.position, place[known], axis=1)
@@ -1338,18 +1338,18 @@ def _resolve_batch(batches, begin, end, law, contacts, visited):
     pens = planes.offset[columns] - dot(planes.normal[:, columns], take(t, pair, axis=1))
     starts = planes.start[begin:end] - columns.start
     pen = np.minimum.reduceat(pens, starts)
-    hits = np.flatnonzero(pen >= batches.apart[begin:end])
+    hits = indices(pen >= batches.apart[begin:end])
     if len(hits) == 0:
         return
-    least = np.flatnonzero(pens == take(pen, pair))
-    nearest = take(least, np.searchsorted(least, take(starts, hits)))  # the first of equals
+    least = indices(pens == take(pen, pair))
+    nearest = take(least, least.searchsorted(take(starts, hits)))  # the first of equals
     normal = take(planes.normal, nearest + columns.start, axis=1)
     rows = begin + hits
     first, second, t, pen, position1, position2 = (
         take(table, hits, axis=-1) for table in (first, second, t, pen, position1, position2)
     )
     shift = t - take(batches.t, rows, axis=1)
-    stale = np.flatnonzero(~planes.hold(rows, pen, shift))
+    stale = indices(~planes.hold(rows, pen, shift))
     if len(stale):
         exact = GJK.facet_planes(
             bodies.hulls, first[stale], second[stale], t[:, stale], np.zeros(len(stale)),
@@ -1360,7 +1360,7 @@ def _resolve_batch(batches, begin, end, law, contacts, visited):
     box1, box2 = bodies.box_of(first, position1), bodies.box_of(second, position2)
     keep &= (box1 <= _facing(box2)).all(axis=0)
     if not keep.all():
-        kept = np.flatnonzero(keep)
+        kept = indices(keep)
         rows, first, second, t, pen, normal, position2 = (
             take(table, kept, axis=-1) for table in (rows, first, second, t, pen, normal, position2)
         )
@@ -1406,19 +1406,19 @@ def _resolve_ground(bodies, groundMesh, law, report):
     """Lets every body that reaches down to y = 0 bounce off the ground with its lowest vertex."""
     shapes = bodies.shapes
     heights = bodies.vertices[1] + take(bodies.position[1], shapes.vertexOwner)
-    solid = np.flatnonzero(shapes.hasShape & ~bodies.isFixed)
+    solid = indices(shapes.hasShape & ~bodies.isFixed)
     if len(solid) == 0:
         return
     lowest = np.minimum.reduceat(heights, shapes.vertexStart[shapes.hasShape])
-    lowest = lowest[np.cumsum(shapes.hasShape)[solid] - 1]
-    below = np.flatnonzero(lowest <= 0.0)
+    lowest = lowest[shapes.hasShape.cumsum()[solid] - 1]
+    below = indices(lowest <= 0.0)
     b, lowest = solid[below], lowest[below]
     if len(b) == 0:
         return
     bottom = np.full(len(shapes.hasShape), np.nan)
     bottom[b] = lowest
-    candidates = np.flatnonzero(heights == take(bottom, shapes.vertexOwner))
-    vertex = candidates[np.searchsorted(candidates, shapes.vertexStart[b])]  # the first of equals
+    candidates = indices(heights == take(bottom, shapes.vertexOwner))
+    vertex = candidates[candidates.searchsorted(shapes.vertexStart[b])]  # the first of equals
     point = take(bodies.vertices, vertex, axis=1) + take(bodies.position, b, axis=1)
     # The ground is hull 2: the body moves up, against the normal, by how deep the vertex is.
     normal = np.tile([[0.0], [-1.0], [0.0]], len(b))
@@ -1532,7 +1532,7 @@ class _Constraints:
         body1, vertex1, body2, vertex2 = table[:4].astype(np.intp)
         movable = (body1 != body2) & ~(bodies.isFixed[body1] & bodies.isFixed[body2])
         movable &= (table[5] != 0) | (table[4] > tolerance)
-        self.index = np.flatnonzero(movable)
+        self.index = indices(movable)
         self.body1, self.body2 = body1[movable], body2[movable]
         self.arm1 = bodies.vertices[:, bodies.shapes.vertexStart[self.body1] + vertex1[movable]]
         self.arm2 = bodies.vertices[:, bodies.shapes.vertexStart[self.body2] + vertex2[movable]]
@@ -1638,7 +1638,7 @@ def _batches(body1, body2, isFixed):
     """
     bodies = (np.frombuffer(body, np.intp).tolist() for body in (body1, body2))
     batch = _coloured_batches(*bodies, np.frombuffer(isFixed, bool).tolist())
-    return [np.flatnonzero(batch == k) for k in range(batch.max(initial=-1) + 1)]
+    return [indices(batch == k) for k in range(batch.max(initial=-1) + 1)]
 
 
 def _batched(bodies, columns, allowed, tolerance):
@@ -1672,7 +1672,7 @@ def _visit_batch(bodies, columns, batch, tolerance):
         take(bodies.position, b2, axis=1) + arm2,
         columns.refValue[batch],
     )
-    violated = np.flatnonzero(_violates(C, columns.upper[batch], tolerance))
+    violated = indices(_violates(C, columns.upper[batch], tolerance))
     if len(violated) == 0:
         return False
     b1, b2 = b1[violated], b2[violated]
