@@ -84,6 +84,8 @@ THIN_ASPECT = 1e-3
 
 # Table entries that are worked on at a time: their vectors stay in the processor's cache.
 BLOCK_ENTRIES = 200_000
+# With more shapes than this, to go through them one by one takes longer than to list all vertices.
+MOST_SHAPES = 20
 # Bodies whose tables are turned at a time, which stay in the cache too.
 ROTATED_BODIES = 256
 
@@ -348,6 +350,8 @@ class HullSet:
     offsets : (ΣD,), of the faces
     edgeTail : (ΣE,), column in `vertices`; edgeFaces : (2, ΣE), columns in `directions`
     radius : (n,), of each hull about its centre
+    shape : (n,), the number of each body's hull among the distinct ones; shapes : their vertices
+        at rest, (3, V) each
     """
 
     def __init__(self, hulls):
@@ -369,6 +373,10 @@ class HullSet:
         edgeFaces = table("edgeFaces") + self.faceStart.repeat(self.edgeCount)[:, None]
         self.edgeFaces = np.ascontiguousarray(edgeFaces.T)
         self.radius = np.array([h.radius for h in hulls])
+        distinct = {id(hull): hull for hull in hulls}
+        number = {key: k for k, key in enumerate(distinct)}
+        self.shape = np.array([number[id(hull)] for hull in hulls], dtype=np.intp)
+        self.shapes = [np.ascontiguousarray(hull.vertices.T) for hull in distinct.values()]
         self.entries = None
         self.entryCount = self.vertexCount + self.faceCount + self.edgeCount
 
@@ -454,6 +462,26 @@ def lowest_features(hulls, bodies, directions, tolerance=None):
     if len(parts) == 1:
         return parts[0]
     return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
+
+
+def lowest_vertices(hulls, bodies, directions):
+    """`(level, vertex)`: level and first of `lowest_features`, but up to rounding.
+
+    The directions are turned into the frames of the shapes instead, of which there are few.
+    """
+    if len(hulls.shapes) > MOST_SHAPES:
+        return lowest_features(hulls, bodies, directions)[:2]
+    if hulls.entries is not None:
+        transposed = take(hulls.entries, bodies, axis=1)[[0, 3, 6, 1, 4, 7, 2, 5, 8]]
+        directions = _turn(transposed, directions)
+    shape = hulls.shape[bodies]
+    level, vertex = np.empty(len(bodies)), hulls.vertexStart[bodies]
+    for k, vertices in enumerate(hulls.shapes):
+        rows = indices(shape == k)
+        heights = dot(vertices[:, :, None], take(directions, rows, axis=1)[:, None])
+        level[rows] = heights.min(axis=0)
+        vertex[rows] += heights.argmin(axis=0)
+    return level, vertex
 
 
 def support_offsets(hulls, first, second, normal):
@@ -638,7 +666,7 @@ class FacetPlanes:
         column = np.repeat(self.start[pairs] - (end - count), count) + np.arange(count.sum())
         return FacetPlanes(
             np.concatenate(([0], end)), take(self.normal, column, axis=1),
-            take(self.offset, column), self.bound[pairs],
+            self.offset[column], self.bound[pairs],
         )  # fmt: skip
 
     def hold(self, p, pen, shift):
@@ -686,7 +714,7 @@ def facet_planes(hulls, first, second, translation, reach, guess=None):
     parts = []
     bound = np.full(len(first), -np.inf)
     guess = _axes_or_centres(guess, translation)
-    for some in _blocks(take(hulls.entryCount, first) + take(hulls.entryCount, second)):
+    for some in _blocks(hulls.entryCount[first] + hulls.entryCount[second]):
         t, axis = (np.ascontiguousarray(table[:, some]) for table in (translation, guess))
         facets = _NearFacets(hulls, first[some], second[some], t, reach[some], axis)
         parts += [(pair + some.start, *planes) for pair, *planes in facets.parts]
@@ -713,15 +741,15 @@ class _NearFacets:
 
     def __init__(self, hulls, first, second, t, reach, guess):
         self.hulls = hulls
-        size = take(hulls.radius, first) + take(hulls.radius, second)
+        size = hulls.radius[first] + hulls.radius[second]
         limit = -reach - TOUCH_TOLERANCE * size
         own, other = np.concatenate((first, second)), np.concatenate((second, first))
-        level, vertex, *_ = lowest_features(hulls, other, np.concatenate((guess, -guess), axis=1))
+        level, vertex = lowest_vertices(hulls, other, np.concatenate((guess, -guess), axis=1))
         offset = -level[len(first) :] - level[: len(first)]
         pen = offset - dot(guess, t)
         apart = pen < np.minimum(limit, -GUESS_GAP * size)
         parted = indices(apart)
-        offset = take(offset, parted) + ROUNDING * take(size, parted)
+        offset = offset[parted] + ROUNDING * size[parted]
         self.parts = [(parted, take(guess, parted, axis=1), offset)]
         self.kept = np.full(len(first), -np.inf)
         self.pairs = pairs = indices(~apart)
@@ -732,11 +760,12 @@ class _NearFacets:
         )
         self.t = np.concatenate((t, -t), axis=1)
         rows = np.concatenate((pairs, pairs + len(first)))
-        self.own, self.other, vertex = (take(table, rows) for table in (own, other, vertex))
+        self.own, self.other, vertex = (table[rows] for table in (own, other, vertex))
         self._list_faces()
         # Ties at rounding level have to survive: FEATURE_TOLERANCE is far above rounding.
         extra = 2.0 * reach + FEATURE_TOLERANCE * size
-        depth = self._find_faces(vertex, pen, extra)
+        # Of a pair that is apart, some facet has pen < 0, but none need be as low as the guess.
+        depth = self._find_faces(vertex, np.maximum(pen, 0.0), extra)
         complete = depth >= limit
         bound = depth + extra
         self._keep_faces(np.where(complete, bound, depth))
@@ -770,7 +799,7 @@ class _NearFacets:
         best = take(best, best.searchsorted(self.start))
         bestNormal = take(self.normal, best, axis=1)
         bestLevel, vertex, *_ = lowest_features(self.hulls, self.other, bestNormal)
-        bestPen = take(self.offset, best) - bestLevel - dot(bestNormal, self.t)
+        bestPen = self.offset[best] - bestLevel - dot(bestNormal, self.t)
         depth = np.minimum(np.minimum(bestPen[:half], bestPen[half:]), pen)
         second = self._depths_below_faces(vertex)
         self.depths = first, second
@@ -787,7 +816,7 @@ class _NearFacets:
             self.hulls, take(self.other, take(self.row, others)), take(self.normal, others, axis=1)
         )[0]
         row, normal = take(self.row, near), take(self.normal, near, axis=1)
-        self.nearOffset = take(self.offset, near) - take(level, near)
+        self.nearOffset = self.offset[near] - level[near]
         self.nearPen = self.nearOffset - dot(normal, take(self.t, row, axis=1))
         np.minimum.at(depth, row % half, self.nearPen)
         return depth
@@ -818,16 +847,16 @@ class _NearFacets:
         near = near | (other <= limit).view(np.uint8) << 1
         near |= (0.5 * (one + other) <= limit).view(np.uint8) << 2
         rows = indices(np.concatenate((complete, complete)))
-        own = take(self.own, rows)
-        count = take(hulls.edgeCount, own)
-        row, edge = ranges(take(hulls.edgeStart, own), count)
+        own = self.own[rows]
+        count = hulls.edgeCount[own]
+        row, edge = ranges(hulls.edgeStart[own], count)
         # from columns of the set to places in the list of faces
-        shift = np.repeat(take(self.start, rows) - take(hulls.faceStart, own), count)
+        shift = np.repeat(self.start[rows] - hulls.faceStart[own], count)
         ofFaces = take(near, take(hulls.edgeFaces, edge, axis=1) + shift)
         kept = indices((ofFaces[0] | ofFaces[1]) == 0b111)
-        row, edge = take(rows, take(row, kept)), take(edge, kept)
+        row, edge = take(rows, row[kept]), edge[kept]
         ofFirst = int(row.searchsorted(half))
-        bodies = take(self.own, row)
+        bodies = self.own[row]
         edgesA, edgesB = (
             _Edges(hulls, edge[some], bodies[some])
             for some in (slice(ofFirst), slice(ofFirst, None))
@@ -837,11 +866,11 @@ class _NearFacets:
             near = offset - dot(normal, take(self.t, pair, axis=1)) <= take(bound, pair)
             doubtful = indices(near & isDoubtful)
             if len(doubtful):
-                own = take(pair, doubtful)
-                i, j = take(self.own, own), take(self.other, own)
+                own = pair[doubtful]
+                i, j = self.own[own], self.other[own]
                 offset[doubtful] = support_offsets(hulls, i, j, take(normal, doubtful, axis=1))
             near = indices(near)
-            pair = take(self.pairs, take(pair, near))
+            pair = take(self.pairs, pair[near])
             self.parts.append((pair, take(normal, near, axis=1), take(offset, near)))
 
 
@@ -870,12 +899,12 @@ def _edge_planes(edgesA, edgesB, pairA, pairB, count):
     """
     countB = np.bincount(pairB, minlength=count)
     start = take(countB.cumsum() - countB, pairA)
-    length = take(countB, pairA)
+    length = countB[pairA]
     for some in _blocks(length):
         a, b = ranges(start[some], length[some])  # all combinations of a pair's edges
         a, b, side, sine2 = _crossing_arcs(edgesA, edgesB, a + some.start, b)
         vectorA, vectorB = take(edgesA.vector, a, axis=1), take(edgesB.vector, b, axis=1)
-        lengthA2, lengthB2 = take(edgesA.length2, a), take(edgesB.length2, b)
+        lengthA2, lengthB2 = edgesA.length2[a], edgesB.length2[b]
         normal = cross(vectorA, vectorB)
         length2 = dot(normal, normal)
         spans = length2 > PARALLEL_SINE**2 * lengthA2 * lengthB2
@@ -888,7 +917,7 @@ def _edge_planes(edgesA, edgesB, pairA, pairB, count):
         spans = indices(spans)
         yield (
             take(pairA, take(a, spans)), take(normal, spans, axis=1), take(offset, spans),
-            take(sine2, spans) < SURE_SINE**2,
+            sine2[spans] < SURE_SINE**2,
         )  # fmt: skip
 
 
@@ -962,7 +991,7 @@ def contact_points(hulls, first, second, t, normal, tolerance):
     if len(edges):
         a0, a1, b0, b1, t2, n2 = (take(v, edges, axis=1) for v in (a0, a1, b0, b1, t, normal))
         turn, part, length2 = _crossing_terms(a0, a1, b0, b1, t2, n2)
-        crosses = np.abs(turn) > take(tolerance, edges) * np.sqrt(length2)
+        crosses = np.abs(turn) > tolerance[edges] * np.sqrt(length2)
         crossing = edges[crosses]
         s = np.minimum(np.maximum(part / np.where(crosses, turn, 1.0), 0.0), 1.0)
         point[:, crossing] = (b0 + s * (b1 - b0))[:, crosses]

@@ -576,7 +576,7 @@ class _Shapes:
 
     vertices : (3, ΣV), rest vertices of all meshes; body b has vertexStart[b] … of them
     hulls : GJK.HullSet at rest; a mesh without vertices has a point for a hull
-    hullColumn : (ΣVh,), the columns in `vertices` of the hulls' vertices
+    hullColumn : (ΣVh,), the columns in `vertices` of the hulls' vertices; None where that is all
     hasShape : (n,) bool
     vertexOwner : (ΣV,), the body of each vertex
     memory : `_Memory` of these meshes
@@ -596,6 +596,8 @@ class _Shapes:
         self.hullColumn = np.concatenate(
             [hull.vertexIndex + start for hull, start in zip(hulls, starts, strict=True)]
         )
+        if np.array_equal(self.hullColumn, np.arange(self.vertices.shape[1])):
+            self.hullColumn = None
         self.vertexOwner = np.repeat(np.arange(len(meshes)), self.vertexCount)
         self.memory = _Memory(len(meshes))
         self.rows = _Rows(self.vertexStart, self.vertexCount)
@@ -756,7 +758,9 @@ class _Bodies:
         self.invInertia = np.stack(_rotated_tensor(entries, self.restInvInertia))
         shapes = self.shapes
         self.vertices = GJK.rotate_columns(entries, shapes.vertices, shapes.vertexCount)
-        corners = take(self.vertices, shapes.hullColumn, axis=1) if self.vertices.size else None
+        corners = self.vertices
+        if shapes.hullColumn is not None:
+            corners = take(corners, shapes.hullColumn, axis=1) if corners.size else None
         self.hulls = shapes.hulls.rotated(entries, corners)
         low, high = self.hulls.boxes()
         self.relativeBox = np.where(shapes.hasShape, np.concatenate((low, -high)), np.inf)
@@ -1104,19 +1108,23 @@ class _ContactBatches:
         size = bodies.hulls.radius[first] + bodies.hulls.radius[second]
         self.gap = np.where(isNear, -np.inf, -pen - GJK.FEATURE_TOLERANCE * size)
         near = indices(isNear)
-        self._arrange(first[near], second[near], planes.of_pairs(near), take(t, near, axis=1))
+        self._arrange(first[near], second[near], near, planes, t)
 
-    def _arrange(self, first, second, planes, t):
-        """Sorts pairs, given in the order i < j, into batches."""
+    def _arrange(self, first, second, rows, planes, t):
+        """Sorts pairs, given in the order i < j, into batches.
+
+        rows : where each pair is in planes and t
+        """
         bodies = self.bodies
         assign = PAIR_ORDERS[self.pairOrder]
         batch = assign(first.tolist(), second.tolist(), bodies.isFixed.tolist())
         self.rank = batch.argsort(kind="stable")
         self.starts = batch[self.rank].searchsorted(np.arange(batch.max(initial=-1) + 2))
         self.first, self.second = first[self.rank], second[self.rank]
-        self.planes = planes.of_pairs(self.rank)
-        self.column = np.repeat(np.arange(len(first)), np.diff(self.planes.start))
-        self.t = take(t, self.rank, axis=1)
+        rows = rows[self.rank]
+        self.planes = planes.of_pairs(rows)
+        self.column = np.arange(len(rows)).repeat(np.diff(self.planes.start))
+        self.t = take(t, rows, axis=1)
         size = bodies.hulls.radius[self.first] + bodies.hulls.radius[self.second]
         self.apart = -GJK.TOUCH_TOLERANCE * size
         self.tolerance = GJK.FEATURE_TOLERANCE * size
@@ -1140,14 +1148,13 @@ class _ContactBatches:
         t = take(bodies.position, second, axis=1) - take(bodies.position, first, axis=1)
         reach = np.maximum(self.reach, REACH_GROWTH * displaced)
         planes = GJK.facet_planes(bodies.hulls, first, second, t, reach[first] + reach[second])
-        # all pairs in the order i < j, with what belongs to each
-        back = self.rank.argsort()
-        together = GJK.FacetPlanes.joined((self.planes.of_pairs(back), planes))
-        keys = np.concatenate(((self.first * count + self.second)[back], keys))
+        # all pairs in the order i < j
+        keys = np.concatenate((self.first * count + self.second, keys))
         order = keys.argsort()
-        t = take(np.concatenate((self.t[:, back], t), axis=1), order, axis=1)
         keys = keys[order]
-        self._arrange(keys // count, keys % count, together.of_pairs(order), t)
+        planes = GJK.FacetPlanes.joined((self.planes, planes))
+        t = np.concatenate((self.t, t), axis=1)
+        self._arrange(*np.divmod(keys, count), order, planes, t)
 
     def overlooked(self, visits):
         """Pairs `(first, second)` that are not among these and would have touched at their turn.
@@ -1159,7 +1166,7 @@ class _ContactBatches:
         strays = indices(displaced > self.reach)
         # pairs that were too far apart, but whose bodies have been far enough from their places to
         # close the gap, and at their turn are so along the axis
-        i, j = self.keys // count, self.keys % count
+        i, j = np.divmod(self.keys, count)
         met = indices((displaced[i] + displaced[j] >= self.gap) & (self.gap > -np.inf))
         first, second = i[met], j[met]
         moved1, moved2 = (
@@ -1341,8 +1348,8 @@ def _resolve_batch(batches, begin, end, law, contacts, visited):
     hits = indices(pen >= batches.apart[begin:end])
     if len(hits) == 0:
         return
-    least = indices(pens == take(pen, pair))
-    nearest = take(least, least.searchsorted(take(starts, hits)))  # the first of equals
+    least = indices(pens == pen[pair])
+    nearest = take(least, least.searchsorted(starts[hits]))  # the first of equals
     normal = take(planes.normal, nearest + columns.start, axis=1)
     rows = begin + hits
     first, second, t, pen, position1, position2 = (
@@ -1356,7 +1363,7 @@ def _resolve_batch(batches, begin, end, law, contacts, visited):
             normal[:, stale],
         )  # fmt: skip
         pen[stale], normal[:, stale] = exact.nearest_of_all(t[:, stale])
-    keep = pen >= take(batches.apart, rows)
+    keep = pen >= batches.apart[rows]
     box1, box2 = bodies.box_of(first, position1), bodies.box_of(second, position2)
     keep &= (box1 <= _facing(box2)).all(axis=0)
     if not keep.all():
@@ -1367,14 +1374,14 @@ def _resolve_batch(batches, begin, end, law, contacts, visited):
         if len(rows) == 0:
             return
     depth = np.maximum(pen, 0.0)
-    tolerance = take(batches.tolerance, rows)
+    tolerance = batches.tolerance[rows]
     point = GJK.contact_points(bodies.hulls, first, second, t, normal, tolerance)
     point = point + position2
     resolve = _resolve_singly if len(rows) < FEW_CONTACTS else _resolve_together
     impulses = resolve(bodies, first, second, depth, normal, point, law)
     both = np.concatenate((first, second))
     visited.append((first, second, take(bodies.position, both, axis=1)))
-    contacts.append((take(batches.rank, rows), first, second, depth, normal, point, *impulses))
+    contacts.append((batches.rank[rows], first, second, depth, normal, point, *impulses))
 
 
 def _resolve_together(bodies, first, second, depth, normal, point, law):
