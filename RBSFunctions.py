@@ -578,7 +578,6 @@ class _Shapes:
     hulls : GJK.HullSet at rest; a mesh without vertices has a point for a hull
     hullColumn : (ΣVh,), the columns in `vertices` of the hulls' vertices; None where that is all
     hasShape : (n,) bool
-    vertexOwner : (ΣV,), the body of each vertex
     memory : `_Memory` of these meshes
     rows : `_Rows` of these meshes
     """
@@ -598,7 +597,6 @@ class _Shapes:
         )
         if np.array_equal(self.hullColumn, np.arange(self.vertices.shape[1])):
             self.hullColumn = None
-        self.vertexOwner = np.repeat(np.arange(len(meshes)), self.vertexCount)
         self.memory = _Memory(len(meshes))
         self.rows = _Rows(self.vertexStart, self.vertexCount)
 
@@ -607,7 +605,7 @@ class _Rows:
     """The tables that a list of meshes has its state in, a row a mesh. See `_RowOf`.
 
     tables : dict, per attribute of STEP_ATTRIBUTES a table (n, …)
-    currVertices : (ΣV, 3)
+    makeVertices : function that gives currVertices (ΣV, 3); called when somebody asks for them
     assigned : dict, its keys the places of the meshes that something has been assigned to
     isLeft : whether a mesh has its state elsewhere: before the first step, or after one of another
         list of meshes
@@ -619,14 +617,17 @@ class _Rows:
         self.starts = vertexStart.tolist()
         self.ends = (vertexStart + vertexCount).tolist()
         self.tables = {}
-        self.currVertices = None
+        self.makeVertices = None
+        self._currVertices = None
         self.assigned = {}
         self.isLeft = True
 
     def of(self, name, place):
         """The row of the mesh in this place; of its vertices, all rows."""
         if name == "currVertices":
-            return self.currVertices[self.starts[place] : self.ends[place]]
+            if self._currVertices is None:
+                self._currVertices = self.makeVertices()
+            return self._currVertices[self.starts[place] : self.ends[place]]
         row = self.tables[name][place]
         return row if row.ndim else row.item()
 
@@ -646,10 +647,10 @@ class _Rows:
                 for name, shape in STEP_ATTRIBUTES.items():
                     self.tables[name][b] = np.reshape(getattr(meshes[b], name), shape)
 
-    def hand_out(self, meshes, tables, currVertices):
+    def hand_out(self, meshes, tables, makeVertices):
         """Puts new tables in place of those named, and gives the meshes their rows."""
         self.tables = {**self.tables, **tables}
-        self.currVertices = currVertices
+        self.makeVertices, self._currVertices = makeVertices, None
         for b in self.assigned:
             own = meshes[b].__dict__
             for name in STEP_NAMES:
@@ -812,13 +813,16 @@ class _Bodies:
 
     def write_back(self):
         """Hands the meshes their state: rows of the step's tables."""
-        moved = self.vertices + take(self.position, self.shapes.vertexOwner, axis=1)
         tables = {
             name: np.ascontiguousarray(getattr(self, name).T)[:, None]
             for name in ("position", "orientation", "linVelocity", "angVelocity")
         }
-        current = np.ascontiguousarray(moved.T)
-        self.shapes.rows.hand_out(self.meshes, tables, current)
+        self.shapes.rows.hand_out(self.meshes, tables, self.current_vertices)
+
+    def current_vertices(self):
+        """The vertices in the world, a row each: (ΣV, 3)."""
+        owner = np.arange(len(self.meshes)).repeat(self.shapes.vertexCount)
+        return np.ascontiguousarray((self.vertices + take(self.position, owner, axis=1)).T)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -1412,20 +1416,22 @@ def _resolve_singly(bodies, first, second, depth, normal, point, law):
 def _resolve_ground(bodies, groundMesh, law, report):
     """Lets every body that reaches down to y = 0 bounce off the ground with its lowest vertex."""
     shapes = bodies.shapes
-    heights = bodies.vertices[1] + take(bodies.position[1], shapes.vertexOwner)
-    solid = indices(shapes.hasShape & ~bodies.isFixed)
-    if len(solid) == 0:
+    # the hull's lowest corner; a vertex that is none may lie below it by rounding
+    corner = bodies.relativeBox[1] + bodies.position[1]
+    near = indices((corner <= GJK.FEATURE_TOLERANCE * bodies.hulls.radius) & ~bodies.isFixed)
+    if len(near) == 0:
         return
-    lowest = np.minimum.reduceat(heights, shapes.vertexStart[shapes.hasShape])
-    lowest = lowest[shapes.hasShape.cumsum()[solid] - 1]
+    count = shapes.vertexCount[near]
+    row, column = ranges(shapes.vertexStart[near], count)
+    heights = bodies.vertices[1][column] + bodies.position[1][near[row]]
+    start = count.cumsum() - count
+    lowest = np.minimum.reduceat(heights, start)
+    places = indices(heights == lowest[row])
+    vertex = column[places[places.searchsorted(start)]]  # the first of equals
     below = indices(lowest <= 0.0)
-    b, lowest = solid[below], lowest[below]
+    b, lowest, vertex = near[below], lowest[below], vertex[below]
     if len(b) == 0:
         return
-    bottom = np.full(len(shapes.hasShape), np.nan)
-    bottom[b] = lowest
-    candidates = indices(heights == take(bottom, shapes.vertexOwner))
-    vertex = candidates[candidates.searchsorted(shapes.vertexStart[b])]  # the first of equals
     point = take(bodies.vertices, vertex, axis=1) + take(bodies.position, b, axis=1)
     # The ground is hull 2: the body moves up, against the normal, by how deep the vertex is.
     normal = np.tile([[0.0], [-1.0], [0.0]], len(b))
