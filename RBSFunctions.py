@@ -871,13 +871,13 @@ def grid_levels(box):
     all later ones; width : the largest side of this level's boxes
     """
     extent = (-box[3:] - box[:3]).max(axis=0)
-    solid = indices(np.isfinite(extent))
-    order = solid[np.argsort(-extent[solid], kind="stable")]
-    while len(order):
-        width = max(float(extent[order[0]]), np.finfo(float).tiny)
-        count = max(1, int(np.count_nonzero(extent[order] > GRID_SHRINK * width)))
-        level, order = order[:count], order[count:]
-        yield level, order, width
+    rest = indices(np.isfinite(extent))
+    while len(rest):
+        sides = extent[rest]
+        largest = float(sides.max())
+        isLarge = sides >= GRID_SHRINK * largest
+        level, rest = rest[isLarge], rest[~isLarge]
+        yield level, rest, max(largest, np.finfo(float).tiny)
 
 
 def grid_overlaps(box, isFixed):
@@ -1173,10 +1173,10 @@ class _ContactBatches:
         i, j = np.divmod(self.keys, count)
         met = indices((displaced[i] + displaced[j] >= self.gap) & (self.gap > -np.inf))
         first, second = i[met], j[met]
-        moved1, moved2 = (
-            visits.places(b, first, second) - take(visits.start, b, axis=1) for b in (first, second)
-        )
-        gap = self.gap[met] + dot(take(self.axis, met, axis=1), moved2 - moved1)
+        start1, start2 = take(visits.start, first, axis=1), take(visits.start, second, axis=1)
+        position1, position2 = visits.places(first, second)
+        approach = (position2 - start2) - (position1 - start1)
+        gap = self.gap[met] + dot(take(self.axis, met, axis=1), approach)
         met = indices(gap <= 0.0)
         first, second = first[met], second[met]
         if len(strays):
@@ -1186,7 +1186,7 @@ class _ContactBatches:
             keys = keys[_places(keys, self.keys) < 0]
             first = np.concatenate((first, keys // count))
             second = np.concatenate((second, keys % count))
-        position1, position2 = (visits.places(b, first, second) for b in (first, second))
+        position1, position2 = visits.places(first, second)
         boxes = bodies.box_of(first, position1) <= _facing(bodies.box_of(second, position2))
         meet = indices(boxes.all(axis=0))
         first, second = first[meet], second[meet]
@@ -1252,18 +1252,23 @@ class _Visits:
         order = key.argsort()
         self.key, self.position = key[order], take(position, order, axis=1)
 
-    def places(self, b, first, second):
-        """Where (3, m) the bodies b (m,) are at the turn of the pairs first, second (m,).
+    def places(self, first, second):
+        """Where the bodies of the pairs first, second (m,) are at their turn: (3, m), (3, m).
 
-        If not sequential, the pair is taken as the last of all.
+        If not sequential, each pair is taken as the last of all.
         """
-        turn = first * len(self.furthest) + second if self.isSequential else self.square - 1
-        place = self.key.searchsorted(b * self.square + turn) - 1
+        count = len(first)
+        bodies = np.concatenate((first, second))
+        turn = self.square - 1
+        if self.isSequential:
+            turn = first * len(self.furthest) + second
+            turn = np.concatenate((turn, turn))
+        place = self.key.searchsorted(bodies * self.square + turn) - 1
         known = indices(place >= 0)
-        known = known[self.key[place[known]] // self.square == b[known]]
-        position = take(self.start, b, axis=1)
+        known = known[self.key[place[known]] // self.square == bodies[known]]
+        position = take(self.start, bodies, axis=1)
         position[:, known] = take(self.position, place[known], axis=1)
-        return position
+        return position[:, :count], position[:, count:]
 
 
 def _sequential_batches(first, second, isFixed):
