@@ -1000,71 +1000,58 @@ def _near_planes(bodies, first, second, reach):
     return planes, t, pen, normal, isNear
 
 
-class _NarrowPhase:
-    """Answers, for one pair after the other, whether and where its hulls meet at their turn.
+def _pair_contact(bodies, i, j, known=None):
+    """`(depth, normal, point)` of the pair i, j in the present positions, or None.
 
-    Resolutions only translate bodies, so what depends on orientations alone, the facet planes of
-    the Minkowski differences, is worked out for all near pairs together at the step's start. At a
-    pair's turn the planes meet its present translation. A pair that nobody expected, or that has
-    moved beyond its reach, is worked out then.
+    depth ≥ 0; normal and point as tuples, for body j as the second one
+    known : `(planes, row, start)`: GJK.FacetPlanes that have the pair in a row, made at the
+        translation start, a tuple. Without any, or where they do not hold at the present
+        translation, the pair is worked out now.
     """
-
-    def __init__(self, bodies):
-        self.bodies = bodies
-        reach = PLANE_REACH * bodies.hulls.radius
-        first, second = all_overlaps(bodies.box - reach, bodies.isFixed)
-        self.known = {}
-        self._keep(first, second, *_near_planes(bodies, first, second, reach)[:2])
-
-    def _keep(self, first, second, planes, t):
-        pairs = zip(first.tolist(), second.tolist(), strict=True)
-        for row, (pair, start) in enumerate(zip(pairs, t.T.tolist(), strict=True)):
-            self.known[pair] = (planes, row, start)
-
-    def _prepare(self, i, j):
-        """Works out the planes of the pair i, j at its present translation."""
-        bodies = self.bodies
-        first, second = np.array([i]), np.array([j])
-        reach = PLANE_REACH * (bodies.hulls.radius[first] + bodies.hulls.radius[second])
-        t = bodies.position[:, second] - bodies.position[:, first]
-        planes = GJK.facet_planes(bodies.hulls, first, second, t, reach)
-        self._keep(first, second, planes, t)
-
-    def contact(self, i, j):
-        """`(depth, normal, point)` of the pair i, j in the present positions, or None.
-
-        depth ≥ 0; normal and point as tuples, for body j as the second one.
-        """
-        bodies = self.bodies
-        position1, position2 = bodies.position[:, i].tolist(), bodies.position[:, j].tolist()
-        t = difference(position2, position1)
-        size = float(bodies.hulls.radius[i] + bodies.hulls.radius[j])
-        apart = -GJK.TOUCH_TOLERANCE * size
-        if (i, j) not in self.known:
-            self._prepare(i, j)
-        planes, row, start = self.known[i, j]
+    position1, position2 = bodies.position[:, i].tolist(), bodies.position[:, j].tolist()
+    t = difference(position2, position1)
+    size = float(bodies.hulls.radius[i] + bodies.hulls.radius[j])
+    apart = -GJK.TOUCH_TOLERANCE * size
+    guess = None
+    if known is not None:
+        planes, row, start = known
         pen, normal = planes.nearest(row, t)
-        if pen >= apart and not planes.hold(row, pen, difference(t, start)):
-            self._prepare(i, j)
-            planes, row, *_ = self.known[i, j]
-            pen, normal = planes.nearest(row, t)
         if pen < apart:
             return None
-        depth = max(pen, 0.0)
-        vertices1, vertices2 = bodies.hulls.body_vertices(i), bodies.hulls.body_vertices(j)
-        tolerance = GJK.FEATURE_TOLERANCE * size
-        point = GJK.contact_point(vertices1, vertices2, t, normal, tolerance)
-        return depth, normal, _sum(point, position2)
+        if not planes.hold(row, pen, difference(t, start)):
+            known, guess = None, np.array([normal]).T
+    if known is None:
+        pair = np.array([[i], [j]])
+        planes = GJK.facet_planes(bodies.hulls, *pair, np.array([t]).T, np.zeros(1), guess)
+        pen, normal = planes.nearest(0, t)
+        if pen < apart:
+            return None
+    vertices1, vertices2 = bodies.hulls.body_vertices(i), bodies.hulls.body_vertices(j)
+    tolerance = GJK.FEATURE_TOLERANCE * size
+    point = GJK.contact_point(vertices1, vertices2, t, normal, tolerance)
+    return max(pen, 0.0), normal, _sum(point, position2)
 
 
 def _resolve_pairs(bodies, law, report):
-    """Detects and resolves every pair i < j, in that order, each seeing the earlier corrections."""
+    """Detects and resolves every pair i < j, in that order, each seeing the earlier corrections.
+
+    Resolutions only translate bodies, so what depends on orientations alone, the facet planes of
+    the Minkowski differences, is worked out for all near pairs together at the step's start. At a
+    pair's turn the planes meet its present translation.
+    """
     if len(bodies.meshes) < 2:
         return
-    narrowPhase = _NarrowPhase(bodies)
+    reach = PLANE_REACH * bodies.hulls.radius
+    first, second = all_overlaps(bodies.box - reach, bodies.isFixed)
+    planes, t, *_ = _near_planes(bodies, first, second, reach)
+    pairs = zip(first.tolist(), second.tolist(), strict=True)
+    known = {
+        pair: (planes, row, start)
+        for row, (pair, start) in enumerate(zip(pairs, t.T.tolist(), strict=True))
+    }
     for i, j in _overlapping_pairs(bodies):
         report.candidatePairs += 1
-        contact = narrowPhase.contact(i, j)
+        contact = _pair_contact(bodies, i, j, known.get((i, j)))
         if contact is not None:
             body1, body2 = bodies.state(i), bodies.state(j)
             impulses = _resolve(body1, body2, *contact, law)
@@ -1076,10 +1063,6 @@ def _resolve_pairs(bodies, law, report):
 
 # What a body's reach is at least, relative to its radius: corrections move most bodies less.
 LEAST_REACH = 0.005
-
-# Batches of contacts smaller than this are resolved one by one on floats: the array operations of
-# one batch cost as much as this many contacts.
-FEW_CONTACTS = 4
 
 # A body gets this many times its displacement in one step as its reach in the next, or when the
 # step's collisions are done again.
@@ -1386,36 +1369,13 @@ def _resolve_batch(batches, begin, end, law, contacts, visited):
     tolerance = batches.tolerance[rows]
     point = GJK.contact_points(bodies.hulls, first, second, t, normal, tolerance)
     point = point + position2
-    resolve = _resolve_singly if len(rows) < FEW_CONTACTS else _resolve_together
-    impulses = resolve(bodies, first, second, depth, normal, point, law)
-    both = np.concatenate((first, second))
-    visited.append((first, second, take(bodies.position, both, axis=1)))
-    contacts.append((batches.rank[rows], first, second, depth, normal, point, *impulses))
-
-
-def _resolve_together(bodies, first, second, depth, normal, point, law):
-    """`_resolve` for contacts that share no body which can move; returns the impulses."""
     body1, body2 = bodies.states(first), bodies.states(second)
     impulses = _resolve(body1, body2, depth, normal, point, law)
     bodies.take(first, body1)
     bodies.take(second, body2)
-    return impulses
-
-
-def _resolve_singly(bodies, first, second, depth, normal, point, law):
-    """The same for a few contacts, one after the other on floats."""
-    impulses = []
-    contacts = zip(
-        first.tolist(), second.tolist(), depth.tolist(), normal.T.tolist(), point.T.tolist(),
-        strict=True,
-    )  # fmt: skip
-    for i, j, *contact in contacts:
-        body1, body2 = bodies.state(i), bodies.state(j)
-        impulses.append(_resolve(body1, body2, *contact, law))
-        bodies.take(i, body1)
-        bodies.take(j, body2)
-    impulse, friction, arm = zip(*impulses, strict=True)
-    return np.array(impulse), np.array(friction).T, np.array(arm).T
+    both = np.concatenate((first, second))
+    visited.append((first, second, take(bodies.position, both, axis=1)))
+    contacts.append((batches.rank[rows], first, second, depth, normal, point, *impulses))
 
 
 def _resolve_ground(bodies, groundMesh, law, report):
