@@ -917,6 +917,45 @@ def test_contact_points_have_the_same_bits_alone_and_in_a_batch(batch):
     assert len(pairs) > 60 and 20 < corners < len(pairs) - 30
 
 
+def test_lowest_vertices_by_shape_and_by_body(batch, guess, monkeypatch):
+    """Against each body's own vertices: in world axes to the bit, in the shapes' up to rounding."""
+    bodies, directions = batch.first, np.where(guess.any(axis=0), guess, [[0.0], [0.6], [0.8]])
+    vertices = [batch.hulls.body_vertices(b) for b in bodies]
+    level, first, last, count = GJK.lowest_features(
+        batch.hulls, bodies, directions, np.full(PAIRS, 1e-9)
+    )
+    byShape, vertexByShape = GJK.lowest_vertices(batch.hulls, bodies, directions)
+    several = 0
+    for p in range(PAIRS):
+        heights = GJK.dot(directions[:, p, None], vertices[p])
+        own = np.flatnonzero(heights <= heights.min() + 1e-9) + batch.hulls.vertexStart[bodies[p]]
+        assert (level[p], first[p], last[p], count[p]) == (heights.min(), own[0], own[-1], len(own))
+        assert abs(byShape[p] - level[p]) <= 1e-14 * batch.hulls.radius[bodies[p]]
+        assert vertexByShape[p] in own
+        several += len(own) > 1
+    assert 30 < several < PAIRS - 100
+    monkeypatch.setattr(GJK, "MOST_SHAPES", len(batch.hulls.shapes) - 1)
+    levels, _ = GJK.lowest_vertices(batch.hulls, bodies, directions)
+    assert np.array_equal(levels, level)
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-16, 1e-15, 1e-14, 1e-13, 1e-12, 1e-10, 1e-8, 1e-6, 1e-5])
+def test_a_guess_decides_nothing_where_hulls_nearly_touch(gap):
+    """Tip to tip, the axis parts two octahedra further than any facet does."""
+    tip = GJK.build_hull(vertices_of("octahedron") / 3.4)
+    hulls, t = GJK.HullSet([tip, tip]), np.array([[2.0 + gap], [0.0], [0.0]])
+    bodies = np.array([0]), np.array([1])
+    axis = np.array([[1.0], [0.0], [0.0]])
+    for sine in (0.0, 0.3, 1.0):
+        guess = axis * np.sqrt(1 - sine**2) + sine * np.array([[0.0], [1.0], [0.0]])
+        planes = GJK.facet_planes(hulls, *bodies, t, np.zeros(1), guess)
+        pen, _ = planes.nearest(0, tuple(t[:, 0]))
+        # a facet's normal is the diagonal of a cube
+        assert pen == pytest.approx(-gap / np.sqrt(3), abs=1e-15) or pen < -GJK.GUESS_GAP
+        touches = pen >= -GJK.TOUCH_TOLERANCE * 2
+        assert touches == (gap / np.sqrt(3) < GJK.TOUCH_TOLERANCE * 2)
+
+
 def test_no_pairs_at_all(batch):
     none = np.zeros(0, dtype=int)
     planes = GJK.facet_planes(batch.hulls, none, none, np.zeros((3, 0)), np.zeros(0))

@@ -511,6 +511,22 @@ def test_a_copy_of_a_mesh_goes_its_own_way(copied):
     assert np.array_equal(twin.position, meshes[0].position)
 
 
+def test_world_vertices_are_those_of_their_step_whenever_they_are_read():
+    """They are worked out when somebody reads them: what has happened in between does not count."""
+    early, late = boxes(3), boxes(3)
+    stepped(early)
+    expected = [np.array(m.currVertices) for m in early]
+    stepped(late)
+    late[0].position[0, 1] += 5.0  # in the row
+    late[1].position = late[1].position + 3.0
+    late[2].orientation = np.array([[0.6, 0.8, 0.0, 0.0]])
+    for m, vertices in zip(late, expected, strict=True):
+        assert np.array_equal(m.currVertices, vertices)
+    kept = late[0].currVertices
+    stepped(late)
+    assert np.array_equal(kept, expected[0]) and not np.array_equal(late[0].currVertices, kept)
+
+
 def test_a_mesh_may_be_in_several_lists():
     meshes, others = boxes(3), boxes(3)
     for subset in ((0, 1, 2), (1,), (0, 1, 2), (1, 2), (2, 1), (0, 1, 2)):
