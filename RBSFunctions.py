@@ -128,6 +128,10 @@ class _BodyState:
         """What `__init__` takes."""
         return self.invMass, self.invInertia, self.position, self.linVelocity, self.angVelocity
 
+    def moving(self):
+        """What a contact changes, as in `_Bodies.motion`."""
+        return self.position, self.linVelocity, self.angVelocity
+
     def push(self, impulse, direction, turn):
         """Applies the impulse `impulse · direction`; turn : as `_response` gives it."""
         self.linVelocity = moved(self.linVelocity, impulse * self.invMass, direction)
@@ -765,7 +769,7 @@ class _Bodies:
         self.hulls = shapes.hulls.rotated(entries, corners)
         low, high = self.hulls.boxes()
         self.relativeBox = np.where(shapes.hasShape, np.concatenate((low, -high)), np.inf)
-        self.box = self.box_of(slice(None), self.position)
+        self.box = self.relativeBox + np.concatenate((self.position, -self.position))
 
     def check_numbers(self, when):
         """Raises StateError, which names the body, where a number is NaN, infinite or too large.
@@ -787,8 +791,8 @@ class _Bodies:
                 )
 
     def box_of(self, b, position):
-        """The boxes of the bodies b at these positions, as in `box`."""
-        return self.relativeBox[:, b] + np.concatenate((position, -position))
+        """The boxes of a body b or the bodies b (m,) at these positions, as in `box`."""
+        return take(self.relativeBox, b, axis=1) + np.concatenate((position, -position))
 
     def state(self, b):
         """`_BodyState` of body b, in floats."""
@@ -807,9 +811,7 @@ class _Bodies:
 
     def take(self, b, state):
         """Sets a body b, or bodies (m,), to a state that something has changed."""
-        self.motion[0:3, b] = state.position
-        self.motion[3:6, b] = state.linVelocity
-        self.motion[6:9, b] = state.angVelocity
+        self.motion[:, b] = np.concatenate(state.moving())
 
     def write_back(self):
         """Hands the meshes their state: rows of the step's tables."""
@@ -1371,10 +1373,9 @@ def _resolve_batch(batches, begin, end, law, contacts, visited):
     point = point + position2
     body1, body2 = bodies.states(first), bodies.states(second)
     impulses = _resolve(body1, body2, depth, normal, point, law)
-    bodies.take(first, body1)
-    bodies.take(second, body2)
-    both = np.concatenate((first, second))
-    visited.append((first, second, take(bodies.position, both, axis=1)))
+    both = np.concatenate([np.concatenate(body.moving()) for body in (body1, body2)], axis=1)
+    bodies.motion[:, np.concatenate((first, second))] = both
+    visited.append((first, second, both[:3]))
     contacts.append((batches.rank[rows], first, second, depth, normal, point, *impulses))
 
 
