@@ -40,6 +40,17 @@ def multiply(a, b):
     )
 
 
+def exponential(q):
+    """`QExp` of one or more quaternions given as a tuple (w, x, y, z) of arrays."""
+    w, x, y, z = q
+    angle = np.sqrt(x * x + y * y + z * z)
+    small = angle < SMALL_ANGLE
+    safe = np.where(small, 1.0, angle)
+    sinc = np.where(small, 1.0 - angle * angle / 6.0, np.sin(safe) / safe)
+    scale = np.exp(w)
+    return scale * np.cos(angle), scale * sinc * x, scale * sinc * y, scale * sinc * z
+
+
 def rotation_entries(q):
     """The nine entries of the rotation matrix of q, row by row.
 
@@ -101,13 +112,7 @@ def QExp(q):
     For a rotation, q = (0, axis · angle/2) gives the unit quaternion that turns by `angle` radians,
     counter-clockwise seen against the axis. A vanishing vector part gives (e^w, 0, 0, 0).
     """
-    w, x, y, z = _components(q, 4)
-    angle = np.sqrt(x * x + y * y + z * z)
-    small = angle < SMALL_ANGLE
-    safe = np.where(small, 1.0, angle)
-    sinc = np.where(small, 1.0 - angle * angle / 6.0, np.sin(safe) / safe)
-    scale = np.exp(w)
-    return _rows((scale * np.cos(angle), scale * sinc * x, scale * sinc * y, scale * sinc * z))
+    return _rows(exponential(_components(q, 4)))
 
 
 def Q2RotMatrix(q):

@@ -20,7 +20,7 @@ import numpy as np
 
 import GJK
 from GJK import cross, difference, dot, indices, moved, ranges, take
-from Quaternion import QExp, QRotate, multiply, rotation_entries
+from Quaternion import QRotate, exponential, multiply, rotation_entries
 
 __version__ = "0.1.0"
 
@@ -526,9 +526,9 @@ def _integrated(linVelocity, angVelocity, position, orientation, timeStep):
     """Free flight of n bodies: new `(linVelocity, position, orientation)`, one column a body."""
     linVelocity = linVelocity + np.array([[0.0], [GRAVITY], [0.0]]) * timeStep
     position = position + linVelocity * timeStep
-    half = np.zeros_like(orientation)
-    half[1:] = angVelocity * (0.5 * timeStep)
-    orientation = np.stack(multiply(QExp(half.T).T, orientation))
+    half = angVelocity * (0.5 * timeStep)
+    turn = exponential((np.zeros(half.shape[1]), *half))
+    orientation = np.stack(multiply(turn, orientation))
     # a product of unit quaternions drifts from unit length by rounding
     length = np.sqrt(orientation[0] * orientation[0] + dot(orientation[1:], orientation[1:]))
     return linVelocity, position, orientation / length

@@ -58,7 +58,7 @@ FAULTS = (
     Fault("constraint without a direction, a factor", "RBSFunctions.py",
           "return -refValue, COINCIDENT", "return refValue, COINCIDENT", "constraints"),
     Fault("support function, the wrong end", "GJK.py",
-          "bodies, np.concatenate((v, -v), axis=1)", "bodies, np.concatenate((v, v), axis=1)", "gjk"),
+          "bodies, np.concatenate((v, -v), axis", "bodies, np.concatenate((v, v), axis", "gjk"),
     Fault("facets that may become the nearest, half the reach", "GJK.py",
           "extra = 2.0 * reach", "extra = 1.0 * reach", "gjk"),
     Fault("faces above one point, all left out", "GJK.py",
