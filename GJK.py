@@ -342,41 +342,45 @@ class HullSet:
     """The hulls of n bodies in flat tables, rotated to where the bodies are.
 
     Body b has its vertices in the columns vertexStart[b] … + vertexCount[b] of `vertices`, its
-    faces and edges likewise. All tables are relative to the bodies' centres.
+    faces likewise. All tables are relative to the bodies' centres.
 
     vertices : (3, ΣV), directions : (3, ΣD); at rest, or turned by `rotated`
-    edges : (3, ΣE), at rest; few are ever asked for: see `edge_vectors`
     entries : (9, n), rotation matrices row by row; None at rest
     offsets : (ΣD,), of the faces
-    edgeTail : (ΣE,), column in `vertices`; edgeFaces : (2, ΣE), columns in `directions`
     radius : (n,), of each hull about its centre
+
+    What does not turn is there once for each shape, that is, for all bodies with the same hull:
+
     shape : (n,), the number of each body's hull among the distinct ones; shapes : their vertices
         at rest, (3, V) each
+    edges : (3, ΣE), vectors at rest; edgeTail : (ΣE,), a vertex, and edgeFaces : (2, ΣE), two
+        faces, counted from the body's first one. Body b has edgeCount[b] from edgeStart[b] on
     """
 
     def __init__(self, hulls):
         self.vertexCount = np.array([len(h.vertices) for h in hulls], dtype=np.intp)
         self.faceCount = np.array([len(h.directions) for h in hulls], dtype=np.intp)
-        self.edgeCount = np.array([len(h.edgeTail) for h in hulls], dtype=np.intp)
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.faceStart = self.faceCount.cumsum() - self.faceCount
-        self.edgeStart = self.edgeCount.cumsum() - self.edgeCount
-
-        def table(name):
-            return np.concatenate([getattr(h, name) for h in hulls])
-
-        self.vertices = np.ascontiguousarray(table("vertices").T)
-        self.directions = np.ascontiguousarray(table("directions").T)
-        self.edges = np.ascontiguousarray(table("edgeVector").T)
-        self.offsets = table("offsets")
-        self.edgeTail = table("edgeTail") + self.vertexStart.repeat(self.edgeCount)
-        edgeFaces = table("edgeFaces") + self.faceStart.repeat(self.edgeCount)[:, None]
-        self.edgeFaces = np.ascontiguousarray(edgeFaces.T)
-        self.radius = np.array([h.radius for h in hulls])
         distinct = {id(hull): hull for hull in hulls}
         number = {key: k for k, key in enumerate(distinct)}
+        distinct = list(distinct.values())
         self.shape = np.array([number[id(hull)] for hull in hulls], dtype=np.intp)
-        self.shapes = [np.ascontiguousarray(hull.vertices.T) for hull in distinct.values()]
+        edgeCount = np.array([len(h.edgeTail) for h in distinct], dtype=np.intp)
+        self.edgeCount = edgeCount[self.shape]
+        self.edgeStart = (edgeCount.cumsum() - edgeCount)[self.shape]
+
+        def table(hulls, name):
+            return np.ascontiguousarray(np.concatenate([getattr(h, name) for h in hulls]).T)
+
+        self.vertices = table(hulls, "vertices")
+        self.directions = table(hulls, "directions")
+        self.offsets = table(hulls, "offsets")
+        self.radius = np.array([h.radius for h in hulls])
+        self.shapes = [np.ascontiguousarray(hull.vertices.T) for hull in distinct]
+        self.edges = table(distinct, "edgeVector")
+        self.edgeTail = table(distinct, "edgeTail")
+        self.edgeFaces = table(distinct, "edgeFaces")
         self.entries = None
         self.entryCount = self.vertexCount + self.faceCount + self.edgeCount
 
@@ -393,11 +397,6 @@ class HullSet:
         turned.directions = rotate_columns(entries, self.directions, self.faceCount)
         turned.entries = entries
         return turned
-
-    def edge_vectors(self, edge, bodies):
-        """The turned vectors (3, K) of edges (K,), columns in the set, of the bodies (K,)."""
-        vectors = take(self.edges, edge, axis=1)
-        return vectors if self.entries is None else _turn(take(self.entries, bodies, 1), vectors)
 
     def boxes(self):
         """Least and greatest coordinates (3, n), (3, n) of each hull relative to its centre."""
@@ -850,9 +849,8 @@ class _NearFacets:
         own = self.own[rows]
         count = hulls.edgeCount[own]
         row, edge = ranges(hulls.edgeStart[own], count)
-        # from columns of the set to places in the list of faces
-        shift = np.repeat(self.start[rows] - hulls.faceStart[own], count)
-        ofFaces = take(near, take(hulls.edgeFaces, edge, axis=1) + shift)
+        ofFaces = take(hulls.edgeFaces, edge, axis=1) + self.start[rows].repeat(count)
+        ofFaces = take(near, ofFaces)
         kept = indices((ofFaces[0] | ofFaces[1]) == 0b111)
         row, edge = take(rows, row[kept]), edge[kept]
         ofFirst = int(row.searchsorted(half))
@@ -875,16 +873,20 @@ class _NearFacets:
 
 
 class _Edges:
-    """Edges (K,), columns in the set: vector, tail : (3, K); normals : (3, 2, K), of their faces.
+    """Edges (K,) of the bodies (K,): vector, tail : (3, K); normals : (3, 2, K), of their faces.
 
     length2 : (K,), the squares of their lengths
     """
 
     def __init__(self, hulls, edge, bodies):
-        self.vector = hulls.edge_vectors(edge, bodies)
+        self.vector = take(hulls.edges, edge, axis=1)
+        if hulls.entries is not None:
+            self.vector = _turn(take(hulls.entries, bodies, axis=1), self.vector)
         self.length2 = dot(self.vector, self.vector)
-        self.normals = take(hulls.directions, take(hulls.edgeFaces, edge, axis=1), axis=1)
-        self.tail = take(hulls.vertices, take(hulls.edgeTail, edge), axis=1)
+        faces = take(hulls.edgeFaces, edge, axis=1) + hulls.faceStart[bodies]
+        self.normals = take(hulls.directions, faces, axis=1)
+        tail = take(hulls.edgeTail, edge) + hulls.vertexStart[bodies]
+        self.tail = take(hulls.vertices, tail, axis=1)
 
 
 def _edge_planes(edgesA, edgesB, pairA, pairB, count):
