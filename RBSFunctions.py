@@ -714,7 +714,7 @@ def _table(values, width):
 
 def _columns(table):
     """A table (n, …), a row a body, as (w, n), a column a body."""
-    return table.reshape(len(table), -1).T
+    return np.ascontiguousarray(table.reshape(len(table), -1).T)
 
 
 class _Bodies:
