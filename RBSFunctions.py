@@ -79,7 +79,7 @@ def _apply(matrix, v):
 
 def _rotated_tensor(r, tensor):
     """R T Rᵀ for a symmetric tensor T, both given as nine entries row by row; symmetric again."""
-    columns = [_apply(r, (tensor[k], tensor[3 + k], tensor[6 + k])) for k in range(3)]  # of R T
+    columns = [_apply(r, tensor[k::3]) for k in range(3)]  # of R T
     rows = [tuple(column[k] for column in columns) for k in range(3)]
     xx, yy, zz = dot(rows[0], r[0:3]), dot(rows[1], r[3:6]), dot(rows[2], r[6:9])
     xy, xz, yz = dot(rows[0], r[3:6]), dot(rows[0], r[6:9]), dot(rows[1], r[6:9])
