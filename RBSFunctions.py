@@ -897,10 +897,18 @@ def grid_overlaps(box, isFixed):
         found.append(_level_overlaps(box, level, level, width))
         if len(smaller):
             found.append(_level_overlaps(box, level, smaller, width))
-    pairs = np.concatenate([np.zeros((2, 0), dtype=np.intp), *found], axis=1)
-    pairs = np.sort(pairs[:, ~(isFixed[pairs[0]] & isFixed[pairs[1]])], axis=0)
-    # by the first body, then by the second
-    return pairs[:, np.argsort(pairs[0] * box.shape[1] + pairs[1])]
+    return np.stack(np.divmod(_pair_keys(found, isFixed), max(1, len(isFixed))))
+
+
+def _pair_keys(found, isFixed):
+    """The keys i · n + j of pairs i < j, in ascending order, each once.
+
+    found : list of pairs (2, m), in any order; what are two fixed bodies, or one, is left out
+    """
+    first, second = np.concatenate([np.zeros((2, 0), dtype=np.intp), *found], axis=1)
+    some = indices((first != second) & ~(isFixed[first] & isFixed[second]))
+    first, second = first[some], second[some]
+    return np.unique(np.minimum(first, second) * len(isFixed) + np.maximum(first, second))
 
 
 def _ranks(values):
@@ -1166,11 +1174,9 @@ class _ContactBatches:
         first, second = first[met], second[met]
         if len(strays):
             wider = bodies.box - np.maximum(displaced, self.reach)
-            others = _overlaps_of(strays, wider, bodies.isFixed)
-            keys = np.unique(others[0] * count + others[1])
-            keys = keys[_places(keys, self.keys) < 0]
-            first = np.concatenate((first, keys // count))
-            second = np.concatenate((second, keys % count))
+            keys = _overlaps_of(strays, wider, bodies.isFixed)
+            others = np.divmod(keys[_places(keys, self.keys) < 0], count)
+            first, second = np.concatenate(((first, second), others), axis=1)
         position1, position2 = visits.places(first, second)
         boxes = bodies.box_of(first, position1) <= _facing(bodies.box_of(second, position2))
         meet = indices(boxes.all(axis=0))
@@ -1186,20 +1192,19 @@ class _ContactBatches:
 
 
 def _overlaps_of(some, box, isFixed):
-    """The pairs of `all_overlaps` that have a body of `some` (m,), and some of them twice.
+    """The keys, as of `_pair_keys`, of the overlaps that have a body of `some` (m,).
 
     The boxes of each level are sorted along x, so that those near a box of `some` are a range.
     """
-    found = [np.zeros((2, 0), dtype=np.intp)]
+    found = []
     for level, _, width in grid_levels(box):
-        along = level[np.argsort(box[0, level])]
+        along = level[box[0, level].argsort()]
         lowX = box[0, along]
         begin = lowX.searchsorted(box[0, some] - width, side="left")
         end = lowX.searchsorted(-box[3, some], side="right")
         row, place = ranges(begin, np.maximum(end - begin, 0))
         found.append(_overlapping(box, some[row], along[place]))
-    pairs = np.sort(np.concatenate(found, axis=1), axis=0)
-    return pairs[:, (pairs[0] != pairs[1]) & ~(isFixed[pairs[0]] & isFixed[pairs[1]])]
+    return _pair_keys(found, isFixed)
 
 
 class _Visits:
