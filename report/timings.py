@@ -167,8 +167,8 @@ def scale(axis):
         if len(bodies):
             axis.loglog(bodies, times, mark + dash, color=colour, label=label)
     axis.axhline(1e3 * H, color=style.GREY, linewidth=0.8, linestyle=":")
-    axis.annotate("real time", (SIZES[-1], 1e3 * H), xytext=(0, -2), textcoords="offset points",
-                  fontsize=7, color="0.35", ha="right", va="top")  # fmt: skip
+    axis.annotate("real time", (SIZES[0], 1e3 * H), xytext=(0, 1), textcoords="offset points",
+                  fontsize=7, color="0.35", ha="left", va="bottom")  # fmt: skip
     axis.set(xlabel="bodies N", ylabel="ms per step")
     axis.legend(loc="upper left")
     axis.set_ylim(top=20000)
