@@ -72,6 +72,8 @@ class MuJoCoRun:
         spec = mujoco.MjSpec()
         spec.option.timestep = TIME_STEP
         spec.option.gravity = (0.0, -9.8, 0.0)
+        # left to itself, MuJoCo asks for more memory than there is from some thousand bodies on
+        spec.memory = max(2**30, len(simulation.meshes) * 2**18)
         condim = 3 if hasFriction else 1
         # the plane's normal is its z axis: turned to y
         spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=(1, 1, 1), condim=condim,
@@ -164,7 +166,7 @@ def make_runs(scene, count, options):
             for hasFriction, friction in ((False, "no friction"), (True, "default friction")):
                 try:
                     runs[f"{name}, {friction}"] = peer(simulation, hasFriction)
-                except (ValueError, MemoryError) as error:  # MuJoCo, of some thousand bodies
+                except (ValueError, MemoryError) as error:  # some do not take so many
                     print(f"{name}, {friction}, left out at {count} bodies: {error}")
     return runs
 
