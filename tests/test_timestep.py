@@ -681,6 +681,15 @@ def test_no_arrays_are_shared_between_meshes():
     assert meshes[1].position[0, 0] == 20
 
 
+@pytest.mark.parametrize(("height", "touches"), [(0.0, True), (1e-12, False), (1e-6, False)])
+def test_the_ground_is_touched_at_0_and_not_above(height, touches):
+    """A box that stands there, or a hair above: a millionth is no hair, and not looked at."""
+    mesh = box_body(2.0, 2.0, 2.0, (0.0, 1.0 + height, 0.0))
+    report = run_timestep([mesh], ground(), 0.0, 0.5)
+    assert len(report.contacts) == touches
+    assert mesh.position[0, 1] == 1.0 + height
+
+
 def test_without_ground_bodies_fall_through():
     mesh = body("octahedron", (0, 3.4, 0))
     for _ in range(10):
