@@ -133,6 +133,16 @@ def _blocks(length):
         begin = stop
 
 
+def least_of_rows(values, row, start):
+    """`(least (R,), place (R,))`: the least value of each row, and of equals the first one's place.
+
+    values, row : (K,), one row after the other, none of them empty; start : (R,), where they begin
+    """
+    least = np.minimum.reduceat(values, start)
+    places = indices(values == take(least, row))
+    return least, take(places, places.searchsorted(start))
+
+
 def dot(a, b):
     """Scalar product of vectors by component: tuples of floats, or arrays with first axis 3."""
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):  # the same in fewer calls
@@ -638,10 +648,8 @@ class FacetPlanes:
     @classmethod
     def gathered(cls, parts, bound):
         """From a list of `(pair (K,), normal (3, K), offset (K,))`, in this order for each pair."""
-        pair = np.concatenate([np.zeros(0, dtype=np.intp)] + [part[0] for part in parts])
+        pair, normal, offset = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
         order = pair.argsort(kind="stable")
-        normal = np.concatenate([np.zeros((3, 0))] + [part[1] for part in parts], axis=1)
-        offset = np.concatenate([np.zeros(0)] + [part[2] for part in parts])
         start = pair[order].searchsorted(np.arange(len(bound) + 1))
         return cls(start, take(normal, order, axis=1), offset[order], bound)
 
@@ -661,10 +669,9 @@ class FacetPlanes:
     def of_pairs(self, pairs):
         """The planes of these pairs (Q,), in this order, as new `FacetPlanes`."""
         count = np.diff(self.start)[pairs]
-        end = count.cumsum()
-        column = np.repeat(self.start[pairs] - (end - count), count) + np.arange(count.sum())
+        column = ranges(self.start[pairs], count)[1]
         return FacetPlanes(
-            np.concatenate(([0], end)), take(self.normal, column, axis=1),
+            np.concatenate(([0], count.cumsum())), take(self.normal, column, axis=1),
             self.offset[column], self.bound[pairs],
         )  # fmt: skip
 
@@ -690,10 +697,8 @@ class FacetPlanes:
         count = np.diff(self.start)
         pair = np.repeat(np.arange(len(count)), count)
         pen = self.offset - dot(self.normal, take(t, pair, axis=1))
-        least = np.minimum.reduceat(pen, self.start[:-1])
-        candidates = indices(pen == take(least, pair))
-        first = candidates[candidates.searchsorted(self.start[:-1])]
-        return least, take(self.normal, first, axis=1)
+        least, place = least_of_rows(pen, pair, self.start[:-1])
+        return least, take(self.normal, place, axis=1)
 
 
 def facet_planes(hulls, first, second, translation, reach, guess=None):
@@ -793,9 +798,7 @@ class _NearFacets:
         """
         half = len(pen)
         first = self._depths_below_faces(vertex)
-        least = np.minimum.reduceat(first, self.start)
-        best = indices(first == take(least, self.row))
-        best = take(best, best.searchsorted(self.start))
+        best = least_of_rows(first, self.row, self.start)[1]
         bestNormal = take(self.normal, best, axis=1)
         bestLevel, vertex, *_ = lowest_features(self.hulls, self.other, bestNormal)
         bestPen = self.offset[best] - bestLevel - dot(bestNormal, self.t)

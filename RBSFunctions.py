@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 import GJK
-from GJK import cross, difference, dot, indices, moved, ranges, take
+from GJK import cross, difference, dot, indices, least_of_rows, moved, ranges, take
 from Quaternion import QRotate, exponential, multiply, rotation_entries
 
 __version__ = "0.1.0"
@@ -769,7 +769,7 @@ class _Bodies:
         self.hulls = shapes.hulls.rotated(entries, corners)
         low, high = self.hulls.boxes()
         self.relativeBox = np.where(shapes.hasShape, np.concatenate((low, -high)), np.inf)
-        self.box = self.relativeBox + np.concatenate((self.position, -self.position))
+        self.box = self.box_of(np.arange(len(self.meshes)), self.position)
 
     def check_numbers(self, when):
         """Raises StateError, which names the body, where a number is NaN, infinite or too large.
@@ -1010,30 +1010,27 @@ def _near_planes(bodies, first, second, reach):
     return planes, t, pen, normal, isNear
 
 
-def _pair_contact(bodies, i, j, known=None):
+def _pair_contact(bodies, i, j, planes, starts, row):
     """`(depth, normal, point)` of the pair i, j in the present positions, or None.
 
     depth ≥ 0; normal and point as tuples, for body j as the second one
-    known : `(planes, row, start)`: GJK.FacetPlanes that have the pair in a row, made at the
-        translation start, a tuple. Without any, or where they do not hold at the present
+    planes, starts, row : GJK.FacetPlanes and the translations (3, P) that they were made at, and
+        which of their pairs this is. If None, or where the planes do not hold at the present
         translation, the pair is worked out now.
     """
     position1, position2 = bodies.position[:, i].tolist(), bodies.position[:, j].tolist()
     t = difference(position2, position1)
     size = float(bodies.hulls.radius[i] + bodies.hulls.radius[j])
     apart = -GJK.TOUCH_TOLERANCE * size
-    guess = None
-    if known is not None:
-        planes, row, start = known
+    if row is not None:
         pen, normal = planes.nearest(row, t)
         if pen < apart:
             return None
-        if not planes.hold(row, pen, difference(t, start)):
-            known, guess = None, np.array([normal]).T
-    if known is None:
+    if row is None or not planes.hold(row, pen, difference(t, starts[:, row].tolist())):
         pair = np.array([[i], [j]])
-        planes = GJK.facet_planes(bodies.hulls, *pair, np.array([t]).T, np.zeros(1), guess)
-        pen, normal = planes.nearest(0, t)
+        guess = None if row is None else np.array([normal]).T
+        exact = GJK.facet_planes(bodies.hulls, *pair, np.array([t]).T, np.zeros(1), guess)
+        pen, normal = exact.nearest(0, t)
         if pen < apart:
             return None
     vertices1, vertices2 = bodies.hulls.body_vertices(i), bodies.hulls.body_vertices(j)
@@ -1054,14 +1051,10 @@ def _resolve_pairs(bodies, law, report):
     reach = PLANE_REACH * bodies.hulls.radius
     first, second = all_overlaps(bodies.box - reach, bodies.isFixed)
     planes, t, *_ = _near_planes(bodies, first, second, reach)
-    pairs = zip(first.tolist(), second.tolist(), strict=True)
-    known = {
-        pair: (planes, row, start)
-        for row, (pair, start) in enumerate(zip(pairs, t.T.tolist(), strict=True))
-    }
+    rows = {pair: row for row, pair in enumerate(zip(first.tolist(), second.tolist(), strict=True))}
     for i, j in _overlapping_pairs(bodies):
         report.candidatePairs += 1
-        contact = _pair_contact(bodies, i, j, known.get((i, j)))
+        contact = _pair_contact(bodies, i, j, planes, t, rows.get((i, j)))
         if contact is not None:
             body1, body2 = bodies.state(i), bodies.state(j)
             impulses = _resolve(body1, body2, *contact, law)
@@ -1343,13 +1336,11 @@ def _resolve_batch(batches, begin, end, law, contacts, visited):
     pair = batches.column[columns] - begin
     pens = planes.offset[columns] - dot(planes.normal[:, columns], take(t, pair, axis=1))
     starts = planes.start[begin:end] - columns.start
-    pen = np.minimum.reduceat(pens, starts)
+    pen, nearest = least_of_rows(pens, pair, starts)
     hits = indices(pen >= batches.apart[begin:end])
     if len(hits) == 0:
         return
-    least = indices(pens == pen[pair])
-    nearest = take(least, least.searchsorted(starts[hits]))  # the first of equals
-    normal = take(planes.normal, nearest + columns.start, axis=1)
+    normal = take(planes.normal, nearest[hits] + columns.start, axis=1)
     rows = begin + hits
     first, second, t, pen, position1, position2 = (
         take(table, hits, axis=-1) for table in (first, second, t, pen, position1, position2)
@@ -1395,12 +1386,9 @@ def _resolve_ground(bodies, groundMesh, law, report):
     count = shapes.vertexCount[near]
     row, column = ranges(shapes.vertexStart[near], count)
     heights = bodies.vertices[1][column] + bodies.position[1][near[row]]
-    start = count.cumsum() - count
-    lowest = np.minimum.reduceat(heights, start)
-    places = indices(heights == lowest[row])
-    vertex = column[places[places.searchsorted(start)]]  # the first of equals
+    lowest, place = least_of_rows(heights, row, count.cumsum() - count)
     below = indices(lowest <= 0.0)
-    b, lowest, vertex = near[below], lowest[below], vertex[below]
+    b, lowest, vertex = near[below], lowest[below], column[place[below]]
     if len(b) == 0:
         return
     point = take(bodies.vertices, vertex, axis=1) + take(bodies.position, b, axis=1)
