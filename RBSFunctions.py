@@ -113,7 +113,10 @@ def _velocity_at(linVelocity, angVelocity, arm):
 
 
 class _BodyState:
-    """What a collision reads and changes of a body: components, as floats or as arrays."""
+    """What a collision reads and changes of a body: components, as floats or as arrays.
+
+    Where only positions or only velocities are worked on, the rest may be None.
+    """
 
     __slots__ = ("angVelocity", "invInertia", "invMass", "linVelocity", "position")
 
@@ -188,15 +191,23 @@ def _approach(body1, body2, arm1, arm2, direction):
     return dot(difference(velocity1, velocity2), direction)
 
 
-def _slow_down(body1, body2, arm1, arm2, direction, change, limit=None):
+def _responses(body1, body2, arm1, arm2, direction):
+    """`(inverseMass, turn1, turn2)` of two bodies that touch: the sum of both inverse masses, and
+    what turns each; see `_response`."""
+    inverseMass1, turn1 = _response(body1, arm1, direction)
+    inverseMass2, turn2 = _response(body2, arm2, direction)
+    return inverseMass1 + inverseMass2, turn1, turn2
+
+
+def _slow_down(body1, body2, responses, direction, change, limit=None):
     """Lowers the approach along the direction by `change`; returns the impulse that does it.
 
+    responses : as `_responses` gives them
     An impulse -j n on body 1 and +j n on body 2 lowers the approach by j K, with K the sum of both
     bodies' inverse masses along n. Hence j = change / K, or the limit where that is less.
     """
-    inverseMass1, turn1 = _response(body1, arm1, direction)
-    inverseMass2, turn2 = _response(body2, arm2, direction)
-    impulse = change / (inverseMass1 + inverseMass2)
+    inverseMass, turn1, turn2 = responses
+    impulse = change / inverseMass
     if limit is not None:
         impulse = min(impulse, limit) if isinstance(impulse, float) else np.minimum(impulse, limit)
     body1.push(-impulse, direction, turn1)
@@ -213,14 +224,23 @@ def _resolve(body1, body2, depth, normal, penPoint, law):
     point = moved(penPoint, _part(body1, body2, depth, normal), normal)
     arm1 = difference(point, body1.position)
     arm2 = difference(point, body2.position)
+    responses = _responses(body1, body2, arm1, arm2, normal)
+    return *_bounce(body1, body2, arm1, arm2, normal, responses, law), arm1
+
+
+def _bounce(body1, body2, arm1, arm2, normal, responses, law):
+    """The impulses of a contact, in place: `(impulse, friction)` as `_resolve` returns them.
+
+    responses : along the normal, as `_responses` gives them
+    """
     # Restitution asks that an approach of c become one of -e c.
     change = (1.0 + law.CRCoeff) * _approach(body1, body2, arm1, arm2, normal)
     if law.closingOnly:
         change = change * (change > 0)
-    impulse = _slow_down(body1, body2, arm1, arm2, normal, change)
+    impulse = _slow_down(body1, body2, responses, normal, change)
     if law.mu == 0:
-        return impulse, NO_FRICTION, arm1
-    return impulse, _rub(body1, body2, arm1, arm2, normal, law.mu * impulse), arm1
+        return impulse, NO_FRICTION
+    return impulse, _rub(body1, body2, arm1, arm2, normal, law.mu * impulse)
 
 
 NO_FRICTION = (0.0, 0.0, 0.0)
@@ -251,7 +271,8 @@ def _rub(body1, body2, arm1, arm2, normal, limit):
         length = np.where(speed > 0.0, speed, 1.0)
         limit = np.maximum(limit, 0.0)
     t = _divided(across, length)
-    impulse = _slow_down(body1, body2, arm1, arm2, t, speed, limit)
+    responses = _responses(body1, body2, arm1, arm2, t)
+    impulse = _slow_down(body1, body2, responses, t, speed, limit)
     return _scaled(impulse, t)
 
 
@@ -292,7 +313,8 @@ def _correct_distance(body1, body2, arm1, arm2, C, n, tolerance):
     """
     _part(body1, body2, C, n)
     approach = _approach(body1, body2, arm1, arm2, n)
-    _slow_down(body1, body2, arm1, arm2, n, approach * (abs(approach) > tolerance))
+    responses = _responses(body1, body2, arm1, arm2, n)
+    _slow_down(body1, body2, responses, n, approach * (abs(approach) > tolerance))
 
 
 # --------------------------------------------------------------------------------------------------
@@ -746,6 +768,7 @@ class _Bodies:
         self.isFixed = self.invMass == 0.0
 
     position = property(lambda self: self.motion[0:3])
+    velocity = property(lambda self: self.motion[3:9])
     linVelocity = property(lambda self: self.motion[3:6])
     angVelocity = property(lambda self: self.motion[6:9])
 
@@ -1081,7 +1104,9 @@ class _ContactBatches:
     first, second : (P,), sorted by batch, and within a batch by the order i < j
     rank : (P,), place of each pair in the order i < j
     starts : (B + 1,), where the batches begin
-    planes : GJK.FacetPlanes of the pairs, and column (K,), the pair of each plane
+    planes : GJK.FacetPlanes of the pairs; planeStart (P,), where those of a pair begin, and
+        place (K,), the pair of each plane, both counted from the batch's first one
+    invMass : of the first and of the second bodies, (P,) each
     t (3, P) : translations that the planes were made at
     apart (P,) : the pen below which a pair counts as apart; tolerance (P,), see GJK.contact_point
     keys : (Q,), of the pairs whose boxes are near each other, i · n + j; gap (Q,), by how much each
@@ -1091,6 +1116,8 @@ class _ContactBatches:
     def __init__(self, bodies, reach, broadPhase, pairOrder):
         self.bodies = bodies
         self.reach = reach
+        # what the corners of boxes may be off by
+        self.boxRounding = GJK.ROUNDING * abs(bodies.position).max()
         self.pairOrder = pairOrder
         first, second = BROAD_PHASES[broadPhase](bodies.box - reach, bodies.isFixed)
         self.keys = first * len(reach) + second
@@ -1113,11 +1140,67 @@ class _ContactBatches:
         self.first, self.second = first[self.rank], second[self.rank]
         rows = rows[self.rank]
         self.planes = planes.of_pairs(rows)
-        self.column = np.arange(len(rows)).repeat(np.diff(self.planes.start))
+        begin = self.starts[batch[self.rank]]  # of each pair's batch
+        self.planeStart = self.planes.start[:-1] - self.planes.start[begin]
+        self.place = (np.arange(len(rows)) - begin).repeat(np.diff(self.planes.start))
+        self.invMass = take(bodies.invMass, self.first), take(bodies.invMass, self.second)
         self.t = take(t, rows, axis=1)
         size = bodies.hulls.radius[self.first] + bodies.hulls.radius[self.second]
         self.apart = -GJK.TOUCH_TOLERANCE * size
         self.tolerance = GJK.FEATURE_TOLERANCE * size
+
+    def part(self):
+        """Parts the pairs that touch at their turn, batch by batch; returns the `_Contacts`."""
+        found = [
+            self._part_batch(begin, end) for begin, end in itertools.pairwise(self.starts.tolist())
+        ]
+        return _Contacts(self, found)
+
+    def _part_batch(self, begin, end):
+        """Parts the pairs from `begin` to `end` that touch now.
+
+        Returns `(touches, depth, normal, before1, before2, after1, after2, share2)`, (m,) or (3, m)
+        for all pairs of the batch: whether they touch, how deep and along which normal; where their
+        bodies were and, if they touch, are; how far the second one has moved along the normal.
+        """
+        bodies, planes = self.bodies, self.planes
+        some = slice(begin, end)
+        first, second = self.first[some], self.second[some]
+        before1 = take(bodies.position, first, axis=1)
+        before2 = take(bodies.position, second, axis=1)
+        t = before2 - before1
+        # the pair's deepest plane, or the one that parts it most
+        columns = slice(planes.start[begin], planes.start[end])
+        normals, place = planes.normal[:, columns], self.place[columns]
+        pens = planes.offset[columns] - dot(normals, take(t, place, axis=1))
+        pen, nearest = least_of_rows(pens, place, self.planeStart[some])
+        normal = take(normals, nearest, axis=1)
+        apart, tolerance = self.apart[some], self.tolerance[some]
+        touches = pen >= apart
+        stale = indices(touches & ~planes.hold(some, pen, t - self.t[:, some]))
+        if len(stale):
+            exact = GJK.facet_planes(
+                bodies.hulls, first[stale], second[stale], t[:, stale], np.zeros(len(stale)),
+                normal[:, stale],
+            )  # fmt: skip
+            pen[stale], normal[:, stale] = exact.nearest_of_all(t[:, stale])
+            touches = pen >= apart
+        # where hulls overlap by more than rounding, so do their boxes
+        doubtful = indices(touches & (pen <= tolerance + self.boxRounding))
+        if len(doubtful):
+            box1 = bodies.box_of(first[doubtful], before1[:, doubtful])
+            box2 = bodies.box_of(second[doubtful], before2[:, doubtful])
+            touches[doubtful] = (box1 <= _facing(box2)).all(axis=0)
+        depth = np.maximum(pen, 0.0)
+        body1, body2 = (
+            _BodyState(invMass[some], None, position, None, None)
+            for invMass, position in zip(self.invMass, (before1, before2), strict=True)
+        )
+        share2 = _part(body1, body2, depth, normal)
+        hits = indices(touches)
+        for own, body in ((first, body1), (second, body2)):
+            bodies.position[:, own[hits]] = take(body.position, hits, axis=1)
+        return touches, depth, normal, before1, before2, body1.position, body2.position, share2
 
     def include(self, first, second, displaced):
         """Adds pairs that were overlooked. The bodies are back where they were at the start.
@@ -1200,6 +1283,68 @@ def _overlaps_of(some, box, isFixed):
     return _pair_keys(found, isFixed)
 
 
+class _Contacts:
+    """The pairs that a step has parted, H of them in the order of work.
+
+    starts : (B + 1,), where each batch of them begins
+    first, second : (H,), their bodies; rank : (H,), their places in the order i < j
+    tolerance : (H,), see GJK.contact_point
+    depth … share2 : as `_ContactBatches._part_batch` gives them
+    """
+
+    def __init__(self, batches, found):
+        """found : what `_part_batch` has given for each batch"""
+        self.starts = self.first = self.second = np.zeros(0, dtype=np.intp)
+        if len(found) == 0:
+            return
+        touches, *columns = (np.concatenate(part, axis=-1) for part in zip(*found, strict=True))
+        rows = indices(touches)
+        self.starts = rows.searchsorted(batches.starts)
+        columns += batches.first, batches.second, batches.rank, batches.tolerance
+        (
+            self.depth, self.normal, self.before1, self.before2, self.after1, self.after2,
+            self.share2, self.first, self.second, self.rank, self.tolerance,
+        ) = (take(column, rows, axis=-1) for column in columns)  # fmt: skip
+
+    def bounce(self, bodies, law, report):
+        """Applies the impulses batch by batch, and notes the contacts in the report.
+
+        Nothing in a step makes positions depend on velocities, so all that an impulse needs to know
+        but the velocities is worked out for all contacts together.
+        """
+        first, second, normal = self.first, self.second, self.normal
+        t = self.before2 - self.before1
+        point = GJK.contact_points(bodies.hulls, first, second, t, normal, self.tolerance)
+        point = point + self.before2
+        moving = moved(point, self.share2, normal)
+        arm1, arm2 = moving - self.after1, moving - self.after2
+        start1, start2 = bodies.states(first), bodies.states(second)
+        responses = _responses(start1, start2, arm1, arm2, normal)
+        impulses = []
+        for begin, end in itertools.pairwise(self.starts.tolist()):
+            some = slice(begin, end)
+            body1, body2 = (
+                _BodyState(
+                    start.invMass[some], start.invInertia[:, some], None,
+                    *take(bodies.velocity, own[some], axis=1).reshape(2, 3, -1),
+                )
+                for own, start in ((first, start1), (second, start2))
+            )  # fmt: skip
+            impulses.append(
+                _bounce(
+                    body1, body2, arm1[:, some], arm2[:, some], normal[:, some],
+                    tuple(response[..., some] for response in responses), law,
+                )
+            )  # fmt: skip
+            for own, body in ((first, body1), (second, body2)):
+                velocity = np.concatenate((body.linVelocity, body.angVelocity))
+                bodies.velocity[:, own[some]] = velocity
+        impulse, friction = zip(*impulses, strict=True)
+        friction = NO_FRICTION if law.mu == 0 else np.concatenate(friction, axis=1)
+        columns = self.rank, first, second, self.depth, normal, point
+        report.add_columns(*columns, np.concatenate(impulse), friction, arm1)
+
+
 class _Visits:
     """Where contacts have put the bodies during the collisions of a step.
 
@@ -1210,28 +1355,21 @@ class _Visits:
     furthest : (n,), how far each body has been from its start
     """
 
-    def __init__(self, start, parts, isSequential):
-        """parts : list of `(first (m,), second (m,), position (3, 2 m))`: pairs in the order of
-        work, and where the first and then the second bodies are afterwards
-
-        isSequential : whether pairs of a body are in the order i < j
-        """
+    def __init__(self, start, contacts, isSequential):
+        """contacts : `_Contacts`; isSequential : whether pairs of a body are in the order i < j"""
         self.start = start
         count = start.shape[1]
         self.square = count * count
         self.furthest = np.zeros(count)
         self.isSequential = isSequential
-        bodies = [np.zeros(0, dtype=np.intp)]
-        turns, positions = bodies.copy(), [np.zeros((3, 0))]
-        for first, second, position in parts:
-            bodies += (first, second)
-            turns += 2 * [first * count + second]
-            positions.append(position)
-        body, position = np.concatenate(bodies), np.concatenate(positions, axis=1)
-        turn = np.concatenate(turns) if isSequential else np.arange(len(body))
+        body = np.concatenate((contacts.first, contacts.second))
+        position = np.concatenate((contacts.after1, contacts.after2), axis=1)
+        turn = np.arange(len(contacts.first))
+        if isSequential:
+            turn = contacts.first * count + contacts.second
         away = position - take(start, body, axis=1)
         np.maximum.at(self.furthest, body, np.sqrt(dot(away, away)))
-        key = body * self.square + turn
+        key = body * self.square + np.concatenate((turn, turn))
         order = key.argsort()
         self.key, self.position = key[order], take(position, order, axis=1)
 
@@ -1297,82 +1435,27 @@ def _resolve_pairs_in_batches(bodies, law, broadPhase, pairOrder, report):
 
     Where corrections move bodies out of their reach, and pairs have been overlooked that touched at
     their turn, the batches are done again from the state before them, with these pairs included.
+    The impulses come last: within a step, no position depends on a velocity.
     """
     if len(bodies.meshes) < 2:
         return
     memory = bodies.shapes.memory
     reach = np.maximum(LEAST_REACH * bodies.hulls.radius, REACH_GROWTH * memory.displaced)
-    before = bodies.motion.copy()
     batches = _ContactBatches(bodies, reach, broadPhase, pairOrder)
-    while True:
-        contacts, visited = [], []
-        for begin, end in itertools.pairwise(batches.starts.tolist()):
-            _resolve_batch(batches, begin, end, law, contacts, visited)
-        visits = _Visits(before[:3], visited, pairOrder == "sequential")
-        if len(contacts) == 0:  # nothing has moved
-            break
+    start = bodies.position.copy()
+    memory.displaced = np.zeros(len(reach))
+    contacts = batches.part()
+    while len(contacts.first) > 0:
+        visits = _Visits(start, contacts, pairOrder == "sequential")
+        memory.displaced = visits.furthest
         first, second = batches.overlooked(visits)
         if len(first) == 0:
+            contacts.bounce(bodies, law, report)
             break
-        bodies.motion[:] = before
+        bodies.position[:] = start
         batches.include(first, second, visits.furthest)
-    memory.displaced = visits.furthest
+        contacts = batches.part()
     report.candidatePairs = len(batches.keys)
-    report.add_columns(contacts)
-
-
-def _resolve_batch(batches, begin, end, law, contacts, visited):
-    """Resolves the contacts among a batch, the pairs from `begin` to `end`, where they are now.
-
-    Appends to contacts what `StepReport.add_columns` takes, and to visited what `_Visits` does.
-    """
-    bodies, planes = batches.bodies, batches.planes
-    first, second = batches.first[begin:end], batches.second[begin:end]
-    position1 = take(bodies.position, first, axis=1)
-    position2 = take(bodies.position, second, axis=1)
-    t = position2 - position1
-    # the pair's deepest plane, or the one that parts it most
-    columns = slice(planes.start[begin], planes.start[end])
-    pair = batches.column[columns] - begin
-    pens = planes.offset[columns] - dot(planes.normal[:, columns], take(t, pair, axis=1))
-    starts = planes.start[begin:end] - columns.start
-    pen, nearest = least_of_rows(pens, pair, starts)
-    hits = indices(pen >= batches.apart[begin:end])
-    if len(hits) == 0:
-        return
-    normal = take(planes.normal, nearest[hits] + columns.start, axis=1)
-    rows = begin + hits
-    first, second, t, pen, position1, position2 = (
-        take(table, hits, axis=-1) for table in (first, second, t, pen, position1, position2)
-    )
-    shift = t - take(batches.t, rows, axis=1)
-    stale = indices(~planes.hold(rows, pen, shift))
-    if len(stale):
-        exact = GJK.facet_planes(
-            bodies.hulls, first[stale], second[stale], t[:, stale], np.zeros(len(stale)),
-            normal[:, stale],
-        )  # fmt: skip
-        pen[stale], normal[:, stale] = exact.nearest_of_all(t[:, stale])
-    keep = pen >= batches.apart[rows]
-    box1, box2 = bodies.box_of(first, position1), bodies.box_of(second, position2)
-    keep &= (box1 <= _facing(box2)).all(axis=0)
-    if not keep.all():
-        kept = indices(keep)
-        rows, first, second, t, pen, normal, position2 = (
-            take(table, kept, axis=-1) for table in (rows, first, second, t, pen, normal, position2)
-        )
-        if len(rows) == 0:
-            return
-    depth = np.maximum(pen, 0.0)
-    tolerance = batches.tolerance[rows]
-    point = GJK.contact_points(bodies.hulls, first, second, t, normal, tolerance)
-    point = point + position2
-    body1, body2 = bodies.states(first), bodies.states(second)
-    impulses = _resolve(body1, body2, depth, normal, point, law)
-    both = np.concatenate([np.concatenate(body.moving()) for body in (body1, body2)], axis=1)
-    bodies.motion[:, np.concatenate((first, second))] = both
-    visited.append((first, second, both[:3]))
-    contacts.append((batches.rank[rows], first, second, depth, normal, point, *impulses))
 
 
 def _resolve_ground(bodies, groundMesh, law, report):
@@ -1400,7 +1483,7 @@ def _resolve_ground(bodies, groundMesh, law, report):
     bodies.take(b, body)
     rank, second = np.full(len(b), AFTER_ALL_PAIRS), np.full(len(b), GROUND)
     impulse = np.ravel(impulse)  # a row, as the ground's inverse mass is
-    report.add_columns([(rank, b, second, -lowest, normal, point, impulse, friction, arm)])
+    report.add_columns(rank, b, second, -lowest, normal, point, impulse, friction, arm)
 
 
 # The place of a contact with the ground in the order i < j.
@@ -1478,7 +1561,7 @@ def resolve_velocity_constraint(
     approach = _approach(*bodies, *arms, n)
     wasValid = abs(approach) <= _float(tolerance)
     if not wasValid and bodies[0].invMass + bodies[1].invMass > 0:
-        _slow_down(*bodies, *arms, n, approach)
+        _slow_down(*bodies, _responses(*bodies, *arms, n), n, approach)
     return (
         wasValid,
         tuple(_row(body.linVelocity, 3) for body in bodies),
@@ -1713,14 +1796,14 @@ class StepReport:
         """Notes a `Contact`."""
         self._contacts.append(contact)
 
-    def add_columns(self, contacts):
+    def add_columns(self, *columns):
         """Notes contacts that arrays describe; they become `Contact`s when they are asked for.
 
-        contacts : list of `(rank (m,), body1 (m,), body2 (m,), depth (m,), normal (3, m), point
-        (3, m), impulse (m,), friction, arm (3, m))`; rank is the place in the order i < j, and
-        friction (3, m) or a single vector for all
+        columns : rank (m,), the place in the order i < j; then what a `Contact` holds: body1 (m,),
+            body2 (m,), depth (m,), normal (3, m), point (3, m), impulse (m,), friction (3, m) or a
+            single vector for all, arm (3, m)
         """
-        self._pending += contacts
+        self._pending.append(columns)
 
     @contextmanager
     def phase(self, name):
