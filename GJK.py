@@ -358,6 +358,8 @@ class HullSet:
     entries : (9, n), rotation matrices row by row; None at rest
     offsets : (ΣD,), of the faces
     radius : (n,), of each hull about its centre
+    ofCount : list of `(bodies (m,), columns (V, m))`: the bodies with as many vertices, and their
+        columns in `vertices`
 
     What does not turn is there once for each shape, that is, for all bodies with the same hull:
 
@@ -372,6 +374,10 @@ class HullSet:
         self.faceCount = np.array([len(h.directions) for h in hulls], dtype=np.intp)
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.faceStart = self.faceCount.cumsum() - self.faceCount
+        self.ofCount = []
+        for count in np.unique(self.vertexCount).tolist():
+            bodies = indices(self.vertexCount == count)
+            self.ofCount.append((bodies, self.vertexStart[bodies] + np.arange(count)[:, None]))
         distinct = {id(hull): hull for hull in hulls}
         number = {key: k for k, key in enumerate(distinct)}
         distinct = list(distinct.values())
@@ -410,8 +416,11 @@ class HullSet:
 
     def boxes(self):
         """Least and greatest coordinates (3, n), (3, n) of each hull relative to its centre."""
-        least = np.minimum.reduceat(self.vertices, self.vertexStart, axis=1)
-        return least, np.maximum.reduceat(self.vertices, self.vertexStart, axis=1)
+        least, greatest = np.empty((2, 3, len(self.vertexCount)))
+        for bodies, columns in self.ofCount:
+            vertices = take(self.vertices, columns, axis=1)
+            least[:, bodies], greatest[:, bodies] = vertices.min(axis=1), vertices.max(axis=1)
+        return least, greatest
 
     def body_vertices(self, b):
         """View (3, V) of the vertices of body b."""
@@ -487,9 +496,10 @@ def lowest_vertices(hulls, bodies, directions):
     level, vertex = np.empty(len(bodies)), hulls.vertexStart[bodies]
     for k, vertices in enumerate(hulls.shapes):
         rows = indices(shape == k)
-        heights = dot(vertices[:, :, None], take(directions, rows, axis=1)[:, None])
-        level[rows] = heights.min(axis=0)
-        vertex[rows] += heights.argmin(axis=0)
+        heights = take(directions, rows, axis=1).T @ vertices
+        lowest = heights.argmin(axis=1)
+        vertex[rows] += lowest
+        level[rows] = take(heights, np.arange(len(rows)) * heights.shape[1] + lowest)
     return level, vertex
 
 

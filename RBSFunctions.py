@@ -924,14 +924,16 @@ def grid_overlaps(box, isFixed):
 
 
 def _pair_keys(found, isFixed):
-    """The keys i · n + j of pairs i < j, in ascending order, each once.
+    """The keys i · n + j of pairs i < j, in ascending order.
 
     found : list of pairs (2, m), in any order; what are two fixed bodies, or one, is left out
     """
     first, second = np.concatenate([np.zeros((2, 0), dtype=np.intp), *found], axis=1)
     some = indices((first != second) & ~(isFixed[first] & isFixed[second]))
     first, second = first[some], second[some]
-    return np.unique(np.minimum(first, second) * len(isFixed) + np.maximum(first, second))
+    keys = np.minimum(first, second) * len(isFixed) + np.maximum(first, second)
+    keys.sort()
+    return keys
 
 
 def _ranks(values):
@@ -958,7 +960,7 @@ def _level_overlaps(box, level, looking, width):
     stride = int(z.max()) + 2
     column = y * stride + z
     # the level's boxes by column, and along x within a column
-    along = np.argsort(box[0, level], kind="stable")
+    along = box[0, level].argsort()
     lowX = box[0, level][along]
     place = np.empty(len(level), dtype=np.int64)
     place[along] = np.arange(len(level))
@@ -978,12 +980,14 @@ def _level_overlaps(box, level, looking, width):
     length = key.searchsorted((near + end).ravel()) - first
     some = indices(length > 0)
     row, place = ranges(take(first, some), take(length, some))
-    return _overlapping(box, level[entries[place]], looking[some[row] % len(looking)])
+    i, j = level[entries[place]], looking[some[row] % len(looking)]
+    # within a level, the range along x holds exactly those that overlap there
+    return _overlapping(box, i, j, (2, 1) if inside else (2, 1, 0))
 
 
-def _overlapping(box, i, j):
-    """Those of the pairs i (m,), j (m,) whose boxes overlap: (2, P)."""
-    for k in (2, 1, 0):  # along x, most of them are known to be near
+def _overlapping(box, i, j, axes=(2, 1, 0)):
+    """Those of the pairs i (m,), j (m,) whose boxes overlap along the axes: (2, P)."""
+    for k in axes:
         overlap = (take(box[k], i) <= -take(box[k + 3], j)) & (
             take(box[k], j) <= -take(box[k + 3], i)
         )
@@ -1268,7 +1272,7 @@ class _ContactBatches:
 
 
 def _overlaps_of(some, box, isFixed):
-    """The keys, as of `_pair_keys`, of the overlaps that have a body of `some` (m,).
+    """The keys, as of `_pair_keys`, of the overlaps that have a body of `some` (m,), each once.
 
     The boxes of each level are sorted along x, so that those near a box of `some` are a range.
     """
@@ -1280,7 +1284,8 @@ def _overlaps_of(some, box, isFixed):
         end = lowX.searchsorted(-box[3, some], side="right")
         row, place = ranges(begin, np.maximum(end - begin, 0))
         found.append(_overlapping(box, some[row], along[place]))
-    return _pair_keys(found, isFixed)
+    keys = _pair_keys(found, isFixed)
+    return keys[np.diff(keys, prepend=-1) > 0]  # two of `some` have found each other twice
 
 
 class _Contacts:
