@@ -351,52 +351,52 @@ def _point_hull(points):
 class HullSet:
     """The hulls of n bodies in flat tables, rotated to where the bodies are.
 
-    Body b has its vertices in the columns vertexStart[b] … + vertexCount[b] of `vertices`, its
-    faces likewise. All tables are relative to the bodies' centres.
-
-    vertices : (3, ΣV), directions : (3, ΣD); at rest, or turned by `rotated`
+    vertices : (3, ΣV), relative to the bodies' centres; at rest, or turned by `rotated`. Body b has
+        vertexCount[b] of them from vertexStart[b] on
     entries : (9, n), rotation matrices row by row; None at rest
-    offsets : (ΣD,), of the faces
     radius : (n,), of each hull about its centre
     ofCount : list of `(bodies (m,), columns (V, m))`: the bodies with as many vertices, and their
         columns in `vertices`
 
-    What does not turn is there once for each shape, that is, for all bodies with the same hull:
+    The rest is there once for each shape, that is, for all bodies with the same hull, at rest.
 
-    shape : (n,), the number of each body's hull among the distinct ones; shapes : their vertices
-        at rest, (3, V) each
-    edges : (3, ΣE), vectors at rest; edgeTail : (ΣE,), a vertex, and edgeFaces : (2, ΣE), two
-        faces, counted from the body's first one. Body b has edgeCount[b] from edgeStart[b] on
+    shape : (n,), the number of each body's hull among the distinct ones; shapes : their vertices,
+        (3, V) each
+    directions : (3, ΣD), outward unit normals of the faces; offsets : (ΣD,). Body b has
+        faceCount[b] from faceStart[b] on
+    edges : (3, ΣE), vectors; edgeTail : (ΣE,), a vertex, and edgeFaces : (2, ΣE), two faces,
+        counted from the body's first one. Body b has edgeCount[b] from edgeStart[b] on
     """
 
     def __init__(self, hulls):
-        self.vertexCount = np.array([len(h.vertices) for h in hulls], dtype=np.intp)
-        self.faceCount = np.array([len(h.directions) for h in hulls], dtype=np.intp)
-        self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
-        self.faceStart = self.faceCount.cumsum() - self.faceCount
-        self.ofCount = []
-        for count in np.unique(self.vertexCount).tolist():
-            bodies = indices(self.vertexCount == count)
-            self.ofCount.append((bodies, self.vertexStart[bodies] + np.arange(count)[:, None]))
         distinct = {id(hull): hull for hull in hulls}
         number = {key: k for k, key in enumerate(distinct)}
         distinct = list(distinct.values())
         self.shape = np.array([number[id(hull)] for hull in hulls], dtype=np.intp)
-        edgeCount = np.array([len(h.edgeTail) for h in distinct], dtype=np.intp)
-        self.edgeCount = edgeCount[self.shape]
-        self.edgeStart = (edgeCount.cumsum() - edgeCount)[self.shape]
 
         def table(hulls, name):
             return np.ascontiguousarray(np.concatenate([getattr(h, name) for h in hulls]).T)
 
+        def parts(name):  # of each body: how many, and where they begin
+            count = np.array([len(getattr(hull, name)) for hull in distinct], dtype=np.intp)
+            return count[self.shape], (count.cumsum() - count)[self.shape]
+
         self.vertices = table(hulls, "vertices")
-        self.directions = table(hulls, "directions")
-        self.offsets = table(hulls, "offsets")
-        self.radius = np.array([h.radius for h in hulls])
+        self.vertexCount, _ = parts("vertices")
+        self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
+        self.ofCount = []
+        for count in np.unique(self.vertexCount).tolist():
+            bodies = indices(self.vertexCount == count)
+            self.ofCount.append((bodies, self.vertexStart[bodies] + np.arange(count)[:, None]))
         self.shapes = [np.ascontiguousarray(hull.vertices.T) for hull in distinct]
+        self.faceCount, self.faceStart = parts("directions")
+        self.directions = table(distinct, "directions")
+        self.offsets = table(distinct, "offsets")
+        self.edgeCount, self.edgeStart = parts("edgeTail")
         self.edges = table(distinct, "edgeVector")
         self.edgeTail = table(distinct, "edgeTail")
         self.edgeFaces = table(distinct, "edgeFaces")
+        self.radius = np.array([h.radius for h in hulls])
         self.entries = None
         self.entryCount = self.vertexCount + self.faceCount + self.edgeCount
 
@@ -410,7 +410,6 @@ class HullSet:
         if vertices is None:
             vertices = rotate_columns(entries, self.vertices, self.vertexCount)
         turned.vertices = vertices
-        turned.directions = rotate_columns(entries, self.directions, self.faceCount)
         turned.entries = entries
         return turned
 
@@ -791,9 +790,12 @@ class _NearFacets:
         hulls = self.hulls
         self.count = take(hulls.faceCount, self.own)
         self.start = self.count.cumsum() - self.count
-        self.row, self.face = ranges(take(hulls.faceStart, self.own), self.count)
-        self.normal = take(hulls.directions, self.face, axis=1)
-        self.offset = take(hulls.offsets, self.face)
+        self.row, face = ranges(take(hulls.faceStart, self.own), self.count)
+        self.normal = take(hulls.directions, face, axis=1)
+        if hulls.entries is not None:
+            entries = take(hulls.entries, self.own, axis=1)
+            self.normal = rotate_columns(entries, self.normal, self.count)
+        self.offset = take(hulls.offsets, face)
 
     def _depths_below_faces(self, vertex):
         """How deep (F,) the vertex (2 P,) of each row's other hull lies below the row's faces."""
@@ -822,7 +824,7 @@ class _NearFacets:
         others = indices(near)
         near[best] = True
         self.near = near = indices(near)
-        level = np.empty(len(self.face))
+        level = np.empty(len(self.row))
         level[best] = bestLevel
         level[others] = lowest_features(
             self.hulls, take(self.other, take(self.row, others)), take(self.normal, others, axis=1)
@@ -863,17 +865,12 @@ class _NearFacets:
         count = hulls.edgeCount[own]
         row, edge = ranges(hulls.edgeStart[own], count)
         ofFaces = take(hulls.edgeFaces, edge, axis=1) + self.start[rows].repeat(count)
-        ofFaces = take(near, ofFaces)
-        kept = indices((ofFaces[0] | ofFaces[1]) == 0b111)
+        nearOne, nearOther = take(near, ofFaces)
+        kept = indices((nearOne | nearOther) == 0b111)
         row, edge = take(rows, row[kept]), edge[kept]
-        ofFirst = int(row.searchsorted(half))
-        bodies = self.own[row]
-        edgesA, edgesB = (
-            _Edges(hulls, edge[some], bodies[some])
-            for some in (slice(ofFirst), slice(ofFirst, None))
-        )
-        pairs = row[:ofFirst], row[ofFirst:] - half
-        for pair, normal, offset, isDoubtful in _edge_planes(edgesA, edgesB, *pairs, half):
+        normals = take(self.normal, take(ofFaces, kept, axis=1), axis=1)
+        edges = _Edges(hulls, edge, self.own[row], normals)
+        for pair, normal, offset, isDoubtful in _edge_planes(edges, row, half):
             near = offset - dot(normal, take(self.t, pair, axis=1)) <= take(bound, pair)
             doubtful = indices(near & isDoubtful)
             if len(doubtful):
@@ -891,35 +888,35 @@ class _Edges:
     length2 : (K,), the squares of their lengths
     """
 
-    def __init__(self, hulls, edge, bodies):
+    def __init__(self, hulls, edge, bodies, normals):
+        self.normals = normals
         self.vector = take(hulls.edges, edge, axis=1)
         if hulls.entries is not None:
             self.vector = _turn(take(hulls.entries, bodies, axis=1), self.vector)
         self.length2 = dot(self.vector, self.vector)
-        faces = take(hulls.edgeFaces, edge, axis=1) + hulls.faceStart[bodies]
-        self.normals = take(hulls.directions, faces, axis=1)
         tail = take(hulls.edgeTail, edge) + hulls.vertexStart[bodies]
         self.tail = take(hulls.vertices, tail, axis=1)
 
 
-def _edge_planes(edgesA, edgesB, pairA, pairB, count):
+def _edge_planes(edges, row, count):
     """Yields `(pair (K,), normal (3, K), offset (K,), isDoubtful (K,))`: what edges span together.
 
-    edgesA, pairA : `_Edges` of the first hulls, and their pairs in ascending order; edgesB, pairB :
-    of the second ones; count : how many pairs there are
+    edges : `_Edges`; row : of each edge, in ascending order: pair p's of the first hull have p,
+        those of the second count + p; count : how many pairs there are
     isDoubtful : bool; where rounding may have let two arcs cross that only touch. There, the offset
         has to be that of the supporting plane, not of the two edges, so that no vertex lies beyond
 
     The facets are sorted by pair, by edge of A and by edge of B.
     """
-    countB = np.bincount(pairB, minlength=count)
-    start = take(countB.cumsum() - countB, pairA)
-    length = countB[pairA]
+    ofRow = np.bincount(row, minlength=2 * count)
+    begin = ofRow.cumsum() - ofRow
+    pairA = row[: begin[count]]
+    start, length = begin[count + pairA], ofRow[count + pairA]
     for some in _blocks(length):
         a, b = ranges(start[some], length[some])  # all combinations of a pair's edges
-        a, b, side, sine2 = _crossing_arcs(edgesA, edgesB, a + some.start, b)
-        vectorA, vectorB = take(edgesA.vector, a, axis=1), take(edgesB.vector, b, axis=1)
-        lengthA2, lengthB2 = edgesA.length2[a], edgesB.length2[b]
+        a, b, side, sine2 = _crossing_arcs(edges, a + some.start, b)
+        vectorA, vectorB = take(edges.vector, a, axis=1), take(edges.vector, b, axis=1)
+        lengthA2, lengthB2 = edges.length2[a], edges.length2[b]
         normal = cross(vectorA, vectorB)
         length2 = dot(normal, normal)
         spans = length2 > PARALLEL_SINE**2 * lengthA2 * lengthB2
@@ -928,7 +925,7 @@ def _edge_planes(edgesA, edgesB, pairA, pairB, count):
         normal = normal - vectorA * (dot(normal, vectorA) / lengthA2)
         normal = normal - vectorB * (dot(normal, vectorB) / lengthB2)
         normal = normal / np.sqrt(np.where(spans, dot(normal, normal), 1.0))
-        offset = dot(normal, take(edgesA.tail, a, axis=1) - take(edgesB.tail, b, axis=1))
+        offset = dot(normal, take(edges.tail, a, axis=1) - take(edges.tail, b, axis=1))
         spans = indices(spans)
         yield (
             take(pairA, take(a, spans)), take(normal, spans, axis=1), take(offset, spans),
@@ -936,7 +933,7 @@ def _edge_planes(edgesA, edgesB, pairA, pairB, count):
         )  # fmt: skip
 
 
-def _crossing_arcs(edgesA, edgesB, a, b):
+def _crossing_arcs(edges, a, b):
     """`(a, b, side, sine2)` of those combinations of edges a (K,) of A and b (K,) of B that span a
     facet.
 
@@ -948,14 +945,14 @@ def _crossing_arcs(edgesA, edgesB, a, b):
     s_i = -eA · β_i and r_i = eB · α_i that is s1 s2 < 0, r1 r2 < 0 and s1 r2 > 0, the last one
     telling the crossing from its antipode [3]; the normal is on the side of r1.
     """
-    r = dot(take(edgesA.normals, a, axis=2), take(edgesB.vector, b, axis=1)[:, None])
+    r = dot(take(edges.normals, a, axis=2), take(edges.vector, b, axis=1)[:, None])
     kept = indices(r[0] * r[1] < 0)  # most are ruled out by now
     a, b, r = take(a, kept), take(b, kept), take(r, kept, axis=1)
-    s = -dot(take(edgesB.normals, b, axis=2), take(edgesA.vector, a, axis=1)[:, None])
+    s = -dot(take(edges.normals, b, axis=2), take(edges.vector, a, axis=1)[:, None])
     kept = indices((s[0] * s[1] < 0) & (s[0] * r[1] > 0))
     a, b, r, s = take(a, kept), take(b, kept), take(r, kept, axis=1), take(s, kept, axis=1)
     sine2 = np.minimum(
-        (r * r).min(axis=0) / take(edgesB.length2, b), (s * s).min(axis=0) / take(edgesA.length2, a)
+        (r * r).min(axis=0) / take(edges.length2, b), (s * s).min(axis=0) / take(edges.length2, a)
     )
     return a, b, r[0], sine2
 

@@ -64,7 +64,7 @@ FAULTS = (
     Fault("faces above one point, all left out", "GJK.py",
           "(first <= bound) & (second <= bound)", "(first <= bound) & (first > second)", "gjk"),
     Fault("edges, one of their faces is asked", "GJK.py",
-          "(ofFaces[0] | ofFaces[1]) == 0b111", "(ofFaces[0] & ofFaces[1]) == 0b111", "gjk"),
+          "(nearOne | nearOther) == 0b111", "(nearOne & nearOther) == 0b111", "gjk"),
     Fault("crossing arcs, antipodes too", "GJK.py",
           "& (s[0] * r[1] > 0)", "& (s[0] * r[1] != 0)", "gjk"),
     Fault("guessed axes, turned the wrong way", "GJK.py",
