@@ -3,7 +3,7 @@
 `is_collide` answers for one pair of vertex sets. The kernels below it answer for arrays of pairs
 with the same elementwise formulas, so that a pair's result has the same bits whatever else is in
 the batch: sums of products are written out, minima are taken by `argmin` (the first one wins), and
-nothing goes through BLAS, `einsum` or a pairwise sum.
+nothing goes through BLAS, `einsum` or a pairwise sum, apart from guesses at where to look first.
 
 The picture behind all of it is the Minkowski difference M = A - B of two hulls, each relative to
 its own centre. With t = centreB - centreA the hulls meet exactly when t lies in M, and the least
@@ -81,6 +81,10 @@ GUESS_GAP = 1e-6
 FLAT_EXTENT = 1e-13
 # Below this aspect Qhull is given the points stretched to a cube, lest it merge the thin sides.
 THIN_ASPECT = 1e-3
+
+# To rule out facets takes some hundred calls of NumPy, which is longer than to look at all of up to
+# this many combinations of edges.
+FEW_COMBINATIONS = 4000
 
 # Table entries that are worked on at a time: their vectors stay in the processor's cache.
 BLOCK_ENTRIES = 200_000
@@ -484,7 +488,8 @@ def lowest_features(hulls, bodies, directions, tolerance=None):
 def lowest_vertices(hulls, bodies, directions):
     """`(level, vertex)`: level and first of `lowest_features`, but up to rounding.
 
-    The directions are turned into the frames of the shapes instead, of which there are few.
+    The directions are turned into the frames of the shapes instead, of which there are few, and
+    BLAS multiplies, whose rounding depends on the machine and on the company.
     """
     if len(hulls.shapes) > MOST_SHAPES:
         return lowest_features(hulls, bodies, directions)[:2]
@@ -722,7 +727,7 @@ def facet_planes(hulls, first, second, translation, reach, guess=None):
 
     Returns `FacetPlanes`, a pair's planes in the order: faces of the first, faces of the second,
     edge pairs. The order does not depend on the translation, so the same facet wins a tie. A pair
-    that is further apart than its reach is not complete and gets one plane, which shows it.
+    that is further apart than its reach need not be complete: one plane shows that it is apart.
     """
     parts = []
     bound = np.full(len(first), -np.inf)
@@ -740,7 +745,7 @@ class _NearFacets:
 
     parts : list of `(pair (K,), normal (3, K), offset (K,))`: one plane each for the pairs that the
         guess parts, faces, and edge pairs; each sorted by pair, faces and edges
-    kept : (P,); the pen up to which all facets of a pair are among them, or -inf
+    kept : (P,); the pen up to which all facets of a pair are among them; inf, or -inf for one plane
 
     The faces of each hull are compared with points of the other. A face of A with the normal n has,
     for every point x of B, pen ≥ how deep x lies below it: so of the faces, only those count below
@@ -754,26 +759,44 @@ class _NearFacets:
 
     def __init__(self, hulls, first, second, t, reach, guess):
         self.hulls = hulls
-        size = hulls.radius[first] + hulls.radius[second]
+        self.own, self.other = np.concatenate((first, second)), np.concatenate((second, first))
+        self.t = np.concatenate((t, -t), axis=1)
+        combinations = (hulls.edgeCount[first] * hulls.edgeCount[second]).sum()
+        if 0 < combinations <= FEW_COMBINATIONS:
+            self._find_all(len(first))
+        else:
+            self._find_near(reach, guess)
+
+    def _find_all(self, count):
+        """All facets of so many pairs."""
+        self.parts, self.pairs = [], np.arange(count)
+        self.kept = np.full(count, np.inf)
+        self._list_faces()
+        self._take_faces()
+        self._keep_faces(self.kept)
+        self._find_edges(self.kept, np.ones(count, dtype=bool))
+
+    def _find_near(self, reach, guess):
+        """The facets within the reach, from the guess; see `facet_planes`."""
+        hulls, count = self.hulls, len(reach)
+        size = hulls.radius[self.own[:count]] + hulls.radius[self.other[:count]]
         limit = -reach - TOUCH_TOLERANCE * size
-        own, other = np.concatenate((first, second)), np.concatenate((second, first))
-        level, vertex = lowest_vertices(hulls, other, np.concatenate((guess, -guess), axis=1))
-        offset = -level[len(first) :] - level[: len(first)]
-        pen = offset - dot(guess, t)
+        directions = np.concatenate((guess, -guess), axis=1)
+        level, vertex = lowest_vertices(hulls, self.other, directions)
+        offset = -level[count:] - level[:count]
+        pen = offset - dot(guess, self.t[:, :count])
         apart = pen < np.minimum(limit, -GUESS_GAP * size)
         parted = indices(apart)
         offset = offset[parted] + ROUNDING * size[parted]
         self.parts = [(parted, take(guess, parted, axis=1), offset)]
-        self.kept = np.full(len(first), -np.inf)
+        self.kept = np.full(count, -np.inf)
         self.pairs = pairs = indices(~apart)
         if len(pairs) == 0:
             return
-        t, pen, reach, limit, size = (
-            take(table, pairs, axis=-1) for table in (t, pen, reach, limit, size)
-        )
-        self.t = np.concatenate((t, -t), axis=1)
-        rows = np.concatenate((pairs, pairs + len(first)))
-        self.own, self.other, vertex = (table[rows] for table in (own, other, vertex))
+        pen, reach, limit, size = (take(table, pairs) for table in (pen, reach, limit, size))
+        rows = np.concatenate((pairs, pairs + count))
+        self.own, self.other, vertex = (table[rows] for table in (self.own, self.other, vertex))
+        self.t = take(self.t, rows, axis=1)
         self._list_faces()
         # Ties at rounding level have to survive: FEATURE_TOLERANCE is far above rounding.
         extra = 2.0 * reach + FEATURE_TOLERANCE * size
@@ -782,7 +805,7 @@ class _NearFacets:
         complete = depth >= limit
         bound = depth + extra
         self._keep_faces(np.where(complete, bound, depth))
-        self.kept[self.pairs] = np.where(complete, depth + 2.0 * reach, -np.inf)
+        self.kept[pairs] = np.where(complete, depth + 2.0 * reach, -np.inf)
         self._find_edges(bound, complete)
 
     def _list_faces(self):
@@ -834,6 +857,14 @@ class _NearFacets:
         self.nearPen = self.nearOffset - dot(normal, take(self.t, row, axis=1))
         np.minimum.at(depth, row % half, self.nearPen)
         return depth
+
+    def _take_faces(self):
+        """Lists all faces, as `_find_faces` does."""
+        level = lowest_features(self.hulls, take(self.other, self.row), self.normal)[0]
+        self.near = np.arange(len(self.row))
+        self.nearOffset = self.offset - level
+        self.nearPen = np.zeros(len(self.row))
+        self.depths = self.nearPen, self.nearPen
 
     def _keep_faces(self, bound):
         """Adds the faces with pen ≤ bound (P,) to the parts."""
