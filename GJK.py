@@ -715,37 +715,73 @@ class FacetPlanes:
         return least, take(self.normal, place, axis=1)
 
 
+class AxisGuess:
+    """An axis for each of P pairs that may part it, or be near the nearest facet's normal.
+
+    axis : (3, P), unit
+    offset : (P,); pen (P,) = offset - axis · translation: by how much the hulls overlap along the
+        axis, which is no less than their depth, or are apart where it is negative; up to rounding
+    vertex : (2, P), columns in the set: the vertex of the second hull that is least along the axis,
+        and that of the first one that is foremost
+    """
+
+    def __init__(self, hulls, first, second, translation, axes=None):
+        """axes : (3, P), unit; where a column is zero, and by default, those between the centres"""
+        self.axis = _axes_or_centres(axes, translation)
+        bodies = np.concatenate((second, first))
+        level, vertex = lowest_vertices(
+            hulls, bodies, np.concatenate((self.axis, -self.axis), axis=1)
+        )
+        level, self.vertex = level.reshape(2, -1), vertex.reshape(2, -1)
+        self.offset = -level[1] - level[0]
+        self.pen = self.offset - dot(self.axis, translation)
+
+
 def facet_planes(hulls, first, second, translation, reach, guess=None):
     """The facet planes of P pairs that can be nearest within `reach` of the given translations.
 
     hulls, first, second, translation : as for `separating_axes`
     reach : (P,), ≥ 0; how far the translation may change before the planes have to be made anew.
         A facet that is nearest at t + Δ has pen ≤ depth(t) + 2 |Δ| at t, hence the rest is dropped.
-    guess : (3, P), unit; axes that may part the pairs or are near the nearest facet's normal. Where
-        a column is zero, and by default, those from centre to centre. The better they are, the less
-        there is to do; they do not change what `FacetPlanes.nearest` says of a pair that collides
+    guess : `AxisGuess`, or the axes (3, P) that it takes. The better they are, the less there is to
+        do; they do not change what `FacetPlanes.nearest` says of a pair that collides
 
     Returns `FacetPlanes`, a pair's planes in the order: faces of the first, faces of the second,
     edge pairs. The order does not depend on the translation, so the same facet wins a tie. A pair
     that is further apart than its reach need not be complete: one plane shows that it is apart.
     """
-    parts = []
+    if 0 < (hulls.edgeCount[first] * hulls.edgeCount[second]).sum() <= FEW_COMBINATIONS:
+        facets = _NearFacets(hulls, first, second, translation)
+        facets.find_all()
+        return FacetPlanes.gathered(facets.parts, facets.kept)
+    if not isinstance(guess, AxisGuess):
+        guess = AxisGuess(hulls, first, second, translation, guess)
+    size = hulls.radius[first] + hulls.radius[second]
+    limit = -reach - TOUCH_TOLERANCE * size
+    isApart = guess.pen < np.minimum(limit, -GUESS_GAP * size)
+    apart, near = indices(isApart), indices(~isApart)
+    offset = guess.offset[apart] + ROUNDING * size[apart]
+    parts = [(apart, take(guess.axis, apart, axis=1), offset)]
     bound = np.full(len(first), -np.inf)
-    guess = _axes_or_centres(guess, translation)
-    for some in _blocks(hulls.entryCount[first] + hulls.entryCount[second]):
-        t, axis = (np.ascontiguousarray(table[:, some]) for table in (translation, guess))
-        facets = _NearFacets(hulls, first[some], second[some], t, reach[some], axis)
-        parts += [(pair + some.start, *planes) for pair, *planes in facets.parts]
-        bound[some] = facets.kept
+    i, j = first[near], second[near]
+    for some in _blocks(hulls.entryCount[i] + hulls.entryCount[j]) if len(near) else ():
+        rows = near[some]
+        facets = _NearFacets(hulls, i[some], j[some], take(translation, rows, axis=1))
+        facets.find_near(
+            guess.pen[rows], take(guess.vertex, rows, axis=1), reach[rows], limit[rows], size[rows]
+        )
+        parts += [(take(rows, pair), *planes) for pair, *planes in facets.parts]
+        bound[rows] = facets.kept
     return FacetPlanes.gathered(parts, bound)
 
 
 class _NearFacets:
-    """What `facet_planes` finds for a block of pairs.
+    """What `facet_planes` finds for a block of pairs, at least one, that their guesses do not part.
 
-    parts : list of `(pair (K,), normal (3, K), offset (K,))`: one plane each for the pairs that the
-        guess parts, faces, and edge pairs; each sorted by pair, faces and edges
-    kept : (P,); the pen up to which all facets of a pair are among them; inf, or -inf for one plane
+    parts : list of `(pair (K,), normal (3, K), offset (K,))`: faces, and edge pairs; each sorted by
+        pair, faces and edges
+    kept : (P,); the pen up to which all facets of a pair are among them; -inf where they only prove
+        that it is apart
 
     The faces of each hull are compared with points of the other. A face of A with the normal n has,
     for every point x of B, pen ≥ how deep x lies below it: so of the faces, only those count below
@@ -757,55 +793,34 @@ class _NearFacets:
     edges of the first one, row P + p those of the second.
     """
 
-    def __init__(self, hulls, first, second, t, reach, guess):
+    def __init__(self, hulls, first, second, t):
         self.hulls = hulls
         self.own, self.other = np.concatenate((first, second)), np.concatenate((second, first))
         self.t = np.concatenate((t, -t), axis=1)
-        combinations = (hulls.edgeCount[first] * hulls.edgeCount[second]).sum()
-        if 0 < combinations <= FEW_COMBINATIONS:
-            self._find_all(len(first))
-        else:
-            self._find_near(reach, guess)
-
-    def _find_all(self, count):
-        """All facets of so many pairs."""
-        self.parts, self.pairs = [], np.arange(count)
-        self.kept = np.full(count, np.inf)
+        self.parts = []
         self._list_faces()
+
+    def find_all(self):
+        """All facets."""
+        self.kept = np.full(len(self.own) // 2, np.inf)
         self._take_faces()
         self._keep_faces(self.kept)
-        self._find_edges(self.kept, np.ones(count, dtype=bool))
+        self._find_edges(self.kept, np.ones(len(self.kept), dtype=bool))
 
-    def _find_near(self, reach, guess):
-        """The facets within the reach, from the guess; see `facet_planes`."""
-        hulls, count = self.hulls, len(reach)
-        size = hulls.radius[self.own[:count]] + hulls.radius[self.other[:count]]
-        limit = -reach - TOUCH_TOLERANCE * size
-        directions = np.concatenate((guess, -guess), axis=1)
-        level, vertex = lowest_vertices(hulls, self.other, directions)
-        offset = -level[count:] - level[:count]
-        pen = offset - dot(guess, self.t[:, :count])
-        apart = pen < np.minimum(limit, -GUESS_GAP * size)
-        parted = indices(apart)
-        offset = offset[parted] + ROUNDING * size[parted]
-        self.parts = [(parted, take(guess, parted, axis=1), offset)]
-        self.kept = np.full(count, -np.inf)
-        self.pairs = pairs = indices(~apart)
-        if len(pairs) == 0:
-            return
-        pen, reach, limit, size = (take(table, pairs) for table in (pen, reach, limit, size))
-        rows = np.concatenate((pairs, pairs + count))
-        self.own, self.other, vertex = (table[rows] for table in (self.own, self.other, vertex))
-        self.t = take(self.t, rows, axis=1)
-        self._list_faces()
+    def find_near(self, pen, vertex, reach, limit, size):
+        """The facets within the reach.
+
+        pen, vertex : as of `AxisGuess`; reach : as for `facet_planes`; limit : (P,), the least
+        depth of a pair whose facets are asked for; size : (P,), of the pair
+        """
         # Ties at rounding level have to survive: FEATURE_TOLERANCE is far above rounding.
         extra = 2.0 * reach + FEATURE_TOLERANCE * size
         # Of a pair that is apart, some facet has pen < 0, but none need be as low as the guess.
-        depth = self._find_faces(vertex, np.maximum(pen, 0.0), extra)
+        depth = self._find_faces(vertex.ravel(), np.maximum(pen, 0.0), extra)
         complete = depth >= limit
         bound = depth + extra
         self._keep_faces(np.where(complete, bound, depth))
-        self.kept[pairs] = np.where(complete, depth + 2.0 * reach, -np.inf)
+        self.kept = np.where(complete, depth + 2.0 * reach, -np.inf)
         self._find_edges(bound, complete)
 
     def _list_faces(self):
@@ -872,7 +887,7 @@ class _NearFacets:
         keep = self.nearPen <= take(bound, take(self.row, self.near) % half)
         row, face = take(self.row, self.near[keep]), self.near[keep]
         normal = take(self.normal, face, axis=1) * np.where(row < half, 1.0, -1.0)
-        self.parts.append((take(self.pairs, row % half), normal, self.nearOffset[keep]))
+        self.parts.append((row % half, normal, self.nearOffset[keep]))
 
     def _find_edges(self, bound, complete):
         """Adds the edge-edge facets with pen ≤ bound (P,) of the complete pairs to the parts.
@@ -909,8 +924,8 @@ class _NearFacets:
                 i, j = self.own[own], self.other[own]
                 offset[doubtful] = support_offsets(hulls, i, j, take(normal, doubtful, axis=1))
             near = indices(near)
-            pair = take(self.pairs, pair[near])
-            self.parts.append((pair, take(normal, near, axis=1), take(offset, near)))
+            planes = take(pair, near), take(normal, near, axis=1), take(offset, near)
+            self.parts.append(planes)
 
 
 class _Edges:
