@@ -749,6 +749,7 @@ class _Bodies:
         greatest ones negated, so that boxes a and b overlap when box_a ≤ facing_b. A mesh without
         vertices has none
     shapes : `_Shapes`
+    travel : (n,), how far the free flight of this step has taken each body
     hulls : GJK.HullSet, turned to the orientations
     vertices : (3, ΣV), all vertices, turned, relative to their COMs
     """
@@ -778,6 +779,8 @@ class _Bodies:
         linVelocity, position, orientation = _integrated(
             self.linVelocity, self.angVelocity, self.position, self.orientation, timeStep
         )
+        speed = np.sqrt(dot(linVelocity, linVelocity))
+        self.travel = np.where(free, speed * timeStep, 0.0)
         moving = np.concatenate((position, linVelocity, self.angVelocity))
         self.motion = np.where(free, moving, self.motion)
         self.orientation = np.where(free, orientation, self.orientation)
@@ -1017,10 +1020,11 @@ def _overlapping_pairs(bodies):
             yield i, later - 1
 
 
-def _near_planes(bodies, first, second, reach):
+def _near_planes(bodies, first, second, reach, foresee=False):
     """`(planes, t, pen, normal, isNear)` of the pairs whose boxes are near each other at the start.
 
     first, second : (P,), sorted by the order i < j; reach : (n,), how far a body may move
+    foresee : whether the reach is more where contacts are going to move bodies further
     planes : GJK.FacetPlanes; t : (3, P), centre of the second minus centre of the first
     pen : (P,), by how much the pair overlaps now, or is at least apart where that is negative
     normal : (3, P), along which it does
@@ -1030,11 +1034,31 @@ def _near_planes(bodies, first, second, reach):
     t = take(bodies.position, second, axis=1) - take(bodies.position, first, axis=1)
     both = reach[first] + reach[second]
     guess = memory.recall(first, second)
+    if foresee:
+        guess = GJK.AxisGuess(bodies.hulls, first, second, t, guess)
+        both = np.maximum(both, _foreseen_moves(bodies, first, second, guess.pen))
     planes = GJK.facet_planes(bodies.hulls, first, second, t, both, guess)
     pen, normal = planes.nearest_of_all(t)
     isNear = pen >= -both
     memory.note(first, second, normal)
     return planes, t, pen, normal, isNear
+
+
+def _foreseen_moves(bodies, first, second, pen):
+    """How far (P,) contacts are likely to move the two bodies of a pair, together.
+
+    pen : (P,), by how much each pair overlaps at most
+
+    A body gives way to the deepest of its contacts by its share. As the axes that tell the overlap
+    are guesses, it counts up to what the two bodies have travelled in this step.
+    """
+    invMass1, invMass2 = take(bodies.invMass, first), take(bodies.invMass, second)
+    travelled = take(bodies.travel, first) + take(bodies.travel, second)
+    depth = np.minimum(np.maximum(pen, 0.0), travelled) / (invMass1 + invMass2)
+    moves = np.zeros(len(bodies.invMass))
+    np.maximum.at(moves, first, depth * invMass1)
+    np.maximum.at(moves, second, depth * invMass2)
+    return take(moves, first) + take(moves, second)
 
 
 def _pair_contact(bodies, i, j, planes, starts, row):
@@ -1125,7 +1149,7 @@ class _ContactBatches:
         self.pairOrder = pairOrder
         first, second = BROAD_PHASES[broadPhase](bodies.box - reach, bodies.isFixed)
         self.keys = first * len(reach) + second
-        planes, t, pen, self.axis, isNear = _near_planes(bodies, first, second, reach)
+        planes, t, pen, self.axis, isNear = _near_planes(bodies, first, second, reach, foresee=True)
         size = bodies.hulls.radius[first] + bodies.hulls.radius[second]
         self.gap = np.where(isNear, -np.inf, -pen - GJK.FEATURE_TOLERANCE * size)
         near = indices(isNear)
