@@ -803,7 +803,8 @@ class _NearFacets:
     def find_all(self):
         """All facets."""
         self.kept = np.full(len(self.own) // 2, np.inf)
-        self._take_faces()
+        self._take_faces(np.arange(len(self.row)))
+        self.depths = self.nearPen, self.nearPen  # whatever: below no bound of inf are they left out
         self._keep_faces(self.kept)
         self._find_edges(self.kept, np.ones(len(self.kept), dtype=bool))
 
@@ -841,45 +842,35 @@ class _NearFacets:
         return self.offset - dot(self.normal, x.repeat(self.count, axis=1))
 
     def _find_faces(self, vertex, pen, extra):
-        """Lists, in `near` (N,), the faces that can have a pen ≤ the depth + extra.
+        """Lists the faces that can have a pen ≤ the depth + extra, see `_take_faces`.
 
-        Their offsets, of the Minkowski difference, and pens are in nearOffset and nearPen. Returns
-        the least pen (P,) of a pair's faces and its guess.
+        Returns the least pen (P,) of a pair's faces and its guess.
         """
         half = len(pen)
         first = self._depths_below_faces(vertex)
         best = least_of_rows(first, self.row, self.start)[1]
-        bestNormal = take(self.normal, best, axis=1)
-        bestLevel, vertex, *_ = lowest_features(self.hulls, self.other, bestNormal)
-        bestPen = self.offset[best] - bestLevel - dot(bestNormal, self.t)
-        depth = np.minimum(np.minimum(bestPen[:half], bestPen[half:]), pen)
+        normal = take(self.normal, best, axis=1)
+        level, vertex = lowest_vertices(self.hulls, self.other, normal)
+        bestPen = self.offset[best] - level - dot(normal, self.t)
         second = self._depths_below_faces(vertex)
         self.depths = first, second
-        bound = depth + extra
+        bound = np.minimum(np.minimum(bestPen[:half], bestPen[half:]), pen) + extra
         bound = np.concatenate((bound, bound)).repeat(self.count)
-        near = (first <= bound) & (second <= bound)
-        near[best] = False
-        others = indices(near)
-        near[best] = True
-        self.near = near = indices(near)
-        level = np.empty(len(self.row))
-        level[best] = bestLevel
-        level[others] = lowest_features(
-            self.hulls, take(self.other, take(self.row, others)), take(self.normal, others, axis=1)
-        )[0]
-        row, normal = take(self.row, near), take(self.normal, near, axis=1)
-        self.nearOffset = self.offset[near] - level[near]
-        self.nearPen = self.nearOffset - dot(normal, take(self.t, row, axis=1))
-        np.minimum.at(depth, row % half, self.nearPen)
+        self._take_faces(indices((first <= bound) & (second <= bound)))
+        depth = pen.copy()
+        np.minimum.at(depth, take(self.row, self.near) % half, self.nearPen)
         return depth
 
-    def _take_faces(self):
-        """Lists all faces, as `_find_faces` does."""
-        level = lowest_features(self.hulls, take(self.other, self.row), self.normal)[0]
-        self.near = np.arange(len(self.row))
-        self.nearOffset = self.offset - level
-        self.nearPen = np.zeros(len(self.row))
-        self.depths = self.nearPen, self.nearPen
+    def _take_faces(self, near):
+        """Lists these faces (N,), in `near`.
+
+        Their offsets, of the Minkowski difference, and pens are in nearOffset and nearPen.
+        """
+        row, normal = take(self.row, near), take(self.normal, near, axis=1)
+        level = lowest_features(self.hulls, take(self.other, row), normal)[0]
+        self.near = near
+        self.nearOffset = self.offset[near] - level
+        self.nearPen = self.nearOffset - dot(normal, take(self.t, row, axis=1))
 
     def _keep_faces(self, bound):
         """Adds the faces with pen ≤ bound (P,) to the parts."""
