@@ -804,7 +804,7 @@ class _NearFacets:
         """All facets."""
         self.kept = np.full(len(self.own) // 2, np.inf)
         self._take_faces(np.arange(len(self.row)))
-        self.depths = self.nearPen, self.nearPen  # whatever: below no bound of inf are they left out
+        self.depths = self.nearPen, self.nearPen  # a bound of inf leaves nothing out
         self._keep_faces(self.kept)
         self._find_edges(self.kept, np.ones(len(self.kept), dtype=bool))
 

@@ -77,7 +77,11 @@ FAULTS = (
     Fault("centroid of the patch, a factor", "GJK.py",
           "momentU / (3 * area)", "momentU / (2 * area)", "gjk"),
     Fault("boxes of hulls, the wrong extreme", "GJK.py",
-          "return least, np.maximum.reduceat", "return least, np.minimum.reduceat", "timestep"),
+          ", vertices.max(axis=1)", ", vertices.min(axis=1)", "timestep"),
+    Fault("few pairs, a face is left out", "GJK.py",
+          "_faces(np.arange(len(self.row)))", "_faces(np.arange(len(self.row) - 1))", "gjk"),
+    Fault("impulses of a batch, the wrong body's place", "RBSFunctions.py",
+          ", moving - self.after2", ", moving - self.after1", "broadPhase"),
 )  # fmt: skip
 
 
