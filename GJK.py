@@ -17,10 +17,10 @@ round, or the parallelogram of an edge of A and an edge of B whose arcs on the G
 
 Three stages share the work. GJK decides whether two hulls are apart and stops at the first
 separating axis [1, 2]. For the rest, the facets of M near t are found among the faces and, with
-the Gauss map [3], among those edge pairs that a bound cannot exclude: a facet with the normal n
-has, for every pair of points a of A and b of B on it, pen ≥ n · (a - b - t). At last the two
-features that support the minimal facet give the contact patch and its centre. As n_k and h_k do
-not depend on t, the planes of a pair stay right while its bodies only translate. A simulation
+the Gauss map [3], the edge pairs; where these are many, a bound excludes most: a facet with the
+normal n has, for every pair of points a of A and b of B on it, pen ≥ n · (a - b - t). At last the
+two features that support the minimal facet give the contact patch and its centre. As n_k and h_k
+do not depend on t, the planes of a pair stay right while its bodies only translate. A simulation
 asks for the facets at once: an axis from its last step does what GJK does, and bounds them too.
 
 Layout: a vector of P pairs is an array (3, P), a table of K vectors for each pair (3, K, P): the
@@ -776,7 +776,7 @@ def facet_planes(hulls, first, second, translation, reach, guess=None):
 
 
 class _NearFacets:
-    """What `facet_planes` finds for a block of pairs, at least one, that their guesses do not part.
+    """What `facet_planes` finds for a block of pairs, at least one.
 
     parts : list of `(pair (K,), normal (3, K), offset (K,))`: faces, and edge pairs; each sorted by
         pair, faces and edges
@@ -787,7 +787,8 @@ class _NearFacets:
     for every point x of B, pen ≥ how deep x lies below it: so of the faces, only those count below
     which every point that is looked at lies no deeper than the depth of the pair can be. The points
     are the vertex of B that is foremost along the guess, and the vertex that is deepest below the
-    face that the first one is least below. The guess and that face also bound the depth.
+    face that the first one is least below. The guess and that face also bound the depth. Few pairs
+    get all facets instead.
 
     Everything is worked out for both hulls of P pairs together, in rows: row p has the faces and
     edges of the first one, row P + p those of the second.
@@ -825,7 +826,7 @@ class _NearFacets:
         self._find_edges(bound, complete)
 
     def _list_faces(self):
-        """The faces of all rows: count, start : (2 P,); row, face : (F,); normal (3, F), offset."""
+        """The faces of all rows: count, start : (2 P,); row, offset : (F,); normal : (3, F)."""
         hulls = self.hulls
         self.count = take(hulls.faceCount, self.own)
         self.start = self.count.cumsum() - self.count
