@@ -743,6 +743,7 @@ def facet_planes(hulls, first, second, translation, reach, guess=None):
     hulls, first, second, translation : as for `separating_axes`
     reach : (P,), ≥ 0; how far the translation may change before the planes have to be made anew.
         A facet that is nearest at t + Δ has pen ≤ depth(t) + 2 |Δ| at t, hence the rest is dropped.
+        Few pairs keep all their facets, with a bound of inf
     guess : `AxisGuess`, or the axes (3, P) that it takes. The better they are, the less there is to
         do; they do not change what `FacetPlanes.nearest` says of a pair that collides
 
@@ -786,9 +787,9 @@ class _NearFacets:
     The faces of each hull are compared with points of the other. A face of A with the normal n has,
     for every point x of B, pen ≥ how deep x lies below it: so of the faces, only those count below
     which every point that is looked at lies no deeper than the depth of the pair can be. The points
-    are the vertex of B that is foremost along the guess, and the vertex that is deepest below the
-    face that the first one is least below. The guess and that face also bound the depth. Few pairs
-    get all facets instead.
+    are the vertex of B that is least along the guess, and the vertex that is deepest below the face
+    that the first one is least below. The guess and that face also bound the depth. Few pairs get
+    all facets instead.
 
     Everything is worked out for both hulls of P pairs together, in rows: row p has the faces and
     edges of the first one, row P + p those of the second.
@@ -850,11 +851,11 @@ class _NearFacets:
         half = len(pen)
         first = self._depths_below_faces(vertex)
         best = least_of_rows(first, self.row, self.start)[1]
-        normal = take(self.normal, best, axis=1)
-        level, vertex = lowest_vertices(self.hulls, self.other, normal)
-        bestPen = self.offset[best] - level - dot(normal, self.t)
+        _, vertex = lowest_vertices(self.hulls, self.other, take(self.normal, best, axis=1))
         second = self._depths_below_faces(vertex)
         self.depths = first, second
+        # to the bit what the faces are compared by, so that a pair that is far apart keeps one
+        bestPen = np.maximum(first[best], second[best])
         bound = np.minimum(np.minimum(bestPen[:half], bestPen[half:]), pen) + extra
         bound = np.concatenate((bound, bound)).repeat(self.count)
         self._take_faces(indices((first <= bound) & (second <= bound)))

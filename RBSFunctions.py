@@ -709,7 +709,7 @@ class _Memory:
         self.displaced = np.zeros(count)
 
     def recall(self, first, second):
-        """Axes (3, P) for `GJK.facet_planes` to begin with: zero for pairs that were not near."""
+        """Axes (3, P) for a `GJK.AxisGuess`: zero for pairs that were not near."""
         if len(self.keys) == 0:
             return np.zeros((3, len(first)))
         place = _places(first * self.count + second, self.keys)
@@ -742,14 +742,14 @@ def _columns(table):
 class _Bodies:
     """The meshes of one step as arrays, one column a body.
 
-    motion : (9, n); its parts are position, linVelocity, angVelocity, (3, n) each
+    motion : (9, n); its parts are position, linVelocity, angVelocity, (3, n) each, the last two
+        together velocity
     orientation : (4, n)
     invMass : (n,); invInertia : (9, n), world axes, row by row
     box : (6, n), bounding boxes in the world before the collisions: least coordinates, then
         greatest ones negated, so that boxes a and b overlap when box_a ≤ facing_b. A mesh without
         vertices has none
     shapes : `_Shapes`
-    travel : (n,), how far the free flight of this step has taken each body
     hulls : GJK.HullSet, turned to the orientations
     vertices : (3, ΣV), all vertices, turned, relative to their COMs
     """
@@ -775,12 +775,11 @@ class _Bodies:
 
     def integrate(self, timeStep):
         """Free flight of all bodies that are not fixed; then everything that turns with them."""
+        self.timeStep = timeStep
         free = ~self.isFixed
         linVelocity, position, orientation = _integrated(
             self.linVelocity, self.angVelocity, self.position, self.orientation, timeStep
         )
-        speed = np.sqrt(dot(linVelocity, linVelocity))
-        self.travel = np.where(free, speed * timeStep, 0.0)
         moving = np.concatenate((position, linVelocity, self.angVelocity))
         self.motion = np.where(free, moving, self.motion)
         self.orientation = np.where(free, orientation, self.orientation)
@@ -927,7 +926,7 @@ def grid_overlaps(box, isFixed):
 
 
 def _pair_keys(found, isFixed):
-    """The keys i · n + j of pairs i < j, in ascending order.
+    """The keys i · n + j of pairs i < j, in ascending order, as often as they were found.
 
     found : list of pairs (2, m), in any order; what are two fixed bodies, or one, is left out
     """
@@ -1053,7 +1052,9 @@ def _foreseen_moves(bodies, first, second, pen):
     are guesses, it counts up to what the two bodies have travelled in this step.
     """
     invMass1, invMass2 = take(bodies.invMass, first), take(bodies.invMass, second)
-    travelled = take(bodies.travel, first) + take(bodies.travel, second)
+    # fixed bodies are at rest, and nothing has pushed the others since their flight
+    travel = np.sqrt(dot(bodies.linVelocity, bodies.linVelocity)) * bodies.timeStep
+    travelled = take(travel, first) + take(travel, second)
     depth = np.minimum(np.maximum(pen, 0.0), travelled) / (invMass1 + invMass2)
     moves = np.zeros(len(bodies.invMass))
     np.maximum.at(moves, first, depth * invMass1)
@@ -1144,8 +1145,6 @@ class _ContactBatches:
     def __init__(self, bodies, reach, broadPhase, pairOrder):
         self.bodies = bodies
         self.reach = reach
-        # what the corners of boxes may be off by
-        self.boxRounding = GJK.ROUNDING * abs(bodies.position).max()
         self.pairOrder = pairOrder
         first, second = BROAD_PHASES[broadPhase](bodies.box - reach, bodies.isFixed)
         self.keys = first * len(reach) + second
@@ -1214,7 +1213,7 @@ class _ContactBatches:
             pen[stale], normal[:, stale] = exact.nearest_of_all(t[:, stale])
             touches = pen >= apart
         # where hulls overlap by more than rounding, so do their boxes
-        doubtful = indices(touches & (pen <= tolerance + self.boxRounding))
+        doubtful = indices(touches & (pen <= tolerance))
         if len(doubtful):
             box1 = bodies.box_of(first[doubtful], before1[:, doubtful])
             box2 = bodies.box_of(second[doubtful], before2[:, doubtful])

@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from oracles import box_body
+from oracles import box_body, quaternion
 
 import GJK
 import RBSFunctions
@@ -139,7 +139,8 @@ def test_grid_gives_the_same_bits_in_a_pile_of_all_shapes(tmp_path):
     assert assert_same_motion(path, 260, 0.0) > 300
 
 
-def test_a_body_that_strays_beyond_its_reach_is_not_overlooked(monkeypatch):
+@pytest.mark.parametrize("few", [0, GJK.FEW_COMBINATIONS])
+def test_a_body_that_strays_beyond_its_reach_is_not_overlooked(few, monkeypatch):
     """With next to no reach, and no foresight, pairs are overlooked, included, and the batches done
     again."""
     included = []
@@ -150,6 +151,7 @@ def test_a_body_that_strays_beyond_its_reach_is_not_overlooked(monkeypatch):
         included.append((np.count_nonzero(known), np.count_nonzero(~known)))
         original(self, first, second, displaced)
 
+    monkeypatch.setattr(GJK, "FEW_COMBINATIONS", few)
     monkeypatch.setattr(RBSFunctions, "LEAST_REACH", 1e-9)
     monkeypatch.setattr(RBSFunctions, "REACH_GROWTH", 1.001)
     monkeypatch.setattr(
@@ -159,6 +161,40 @@ def test_a_body_that_strays_beyond_its_reach_is_not_overlooked(monkeypatch):
     assert assert_same_motion(DATA_FOLDER / "mixed-scene.txt", 150, 0.5) > 10
     known, new = np.sum(included, axis=0)
     assert known > 0 and new == 0  # the boxes of all of these overlapped from the start
+
+
+@pytest.mark.parametrize("side", [1e2, 1e6, 1e10])
+def test_bodies_thrown_far_out_of_a_huge_one_leave_those_that_they_touched(side, monkeypatch):
+    """Planes made where they touched do not hold where they have gone, and are made anew there."""
+    anew = []
+    original = GJK.facet_planes
+
+    def watched(hulls, first, second, t, reach, guess=None):
+        if guess is not None and not reach.any():
+            anew.append(len(first))
+        return original(hulls, first, second, t, reach, guess)
+
+    monkeypatch.setattr(GJK, "facet_planes", watched)
+    states = []
+    for broadPhase in ("all", "grid"):
+        rng = np.random.default_rng(1)
+        turn = quaternion([0, 1, 0], 20)
+        sides = 2 * side, 4 * side, 3 * side
+        huge = box_body(*sides, (0.9 * side, 0, 0), orientation=turn, isFixed=True)
+        meshes = [huge]
+        for k in range(40):
+            for y in (0.0, 0.99):
+                turn = quaternion([0, 1, 0], rng.uniform(0, 90))
+                place = (20.0 * (k % 7), y, 20.0 * (k // 7))
+                cube = box_body(1.0, 1.0, 1.0, place, orientation=turn, isFixed=y > 0)
+                meshes.append(cube)
+        report = run_timestep(meshes, None, 1e-6, 0.0, broadPhase=broadPhase)
+        states.append((state_of(meshes), report.contacts))
+        assert len(report.contacts) >= 20
+    for one, other in zip(states[0][0], states[1][0], strict=True):
+        assert np.array_equal(one, other)
+    assert states[0][1] == states[1][1]
+    assert max(anew) > 10  # many at once, in the grid's batches
 
 
 @pytest.mark.parametrize("broadPhase", ["all", "grid"])

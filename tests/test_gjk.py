@@ -879,11 +879,11 @@ def test_planes_have_the_same_bits_alone_and_in_a_batch(
             assert np.abs(single.offset - together.offset[own]).max() < 1e-13
 
 
-def test_a_few_pairs_get_all_facets(batch):
+def test_a_few_pairs_get_all_facets(batch, monkeypatch):
     """A pair by itself has the planes that it has among many, to the bit, and all the others."""
     rng = np.random.default_rng(12)
     many = GJK.facet_planes(batch.hulls, batch.first, batch.second, batch.t, batch.reach)
-    more = few = 0
+    more = few = compared = 0
     for p in np.flatnonzero(many.complete).tolist():
         single = GJK.facet_planes(*alone(batch, p))
         own = slice(many.start[p], many.start[p + 1])
@@ -895,9 +895,16 @@ def test_a_few_pairs_get_all_facets(batch):
             few += 1
             # so they serve every translation
             t = batch.t[:, p] * rng.uniform(-1, 1)
-            oracle = GJK.facet_planes(*alone(batch, p)[:3], t[:, None], np.array([1e-3]))
-            assert single.nearest(0, tuple(t)) == oracle.nearest(0, tuple(t))
-    assert few > 100 and more > 20 * few
+            with monkeypatch.context() as patch:
+                patch.setattr(GJK, "FEW_COMBINATIONS", 0)
+                near = GJK.facet_planes(*alone(batch, p)[:3], t[:, None], np.array([1e-3]))
+            pen, normal = single.nearest(0, tuple(t))
+            if near.complete[0]:
+                assert (pen, normal) == near.nearest(0, tuple(t))
+                compared += 1
+            else:
+                assert pen < 0 and near.nearest(0, tuple(t))[0] < 0
+    assert few > 100 and more > 20 * few and compared > 0.8 * few
 
 
 def test_to_look_at_all_facets_or_at_the_near_ones_gives_the_same_bits(sweep, monkeypatch):
@@ -998,6 +1005,23 @@ def test_a_guess_decides_nothing_where_hulls_nearly_touch(gap, monkeypatch):
         assert touches == (gap / np.sqrt(3) < GJK.TOUCH_TOLERANCE * 2)
 
 
+@pytest.mark.parametrize("distance", [1e2, 1e6, 1e8, 1e12, 1e70])
+def test_pairs_however_far_apart_get_a_plane_that_shows_it(distance, monkeypatch):
+    """Also where the guess does not part them, and rounding is larger than the bodies."""
+    monkeypatch.setattr(GJK, "FEW_COMBINATIONS", 0)
+    rng = np.random.default_rng(13)
+    entries = np.stack([Q2RotMatrix(q).ravel() for q in random_quaternions(rng, 80)], axis=1)
+    hulls = GJK.HullSet([GJK.build_hull(vertices_of("box"))] * 80).rotated(entries)
+    bodies = np.arange(40), np.arange(40, 80)
+    t = distance * rng.normal(size=(3, 40))
+    guess = np.cross(t, rng.normal(size=(3, 40)), axis=0)
+    guess /= np.linalg.norm(guess, axis=0)
+    assert (GJK.AxisGuess(hulls, *bodies, t, guess).pen > -distance / 1e3).all()
+    planes = GJK.facet_planes(hulls, *bodies, t, np.zeros(40), guess)
+    assert np.diff(planes.start).min() >= 1 and not planes.complete.any()
+    assert planes.nearest_of_all(t)[0].max() < -1
+
+
 def test_no_pairs_at_all(batch):
     none = np.zeros(0, dtype=int)
     planes = GJK.facet_planes(batch.hulls, none, none, np.zeros((3, 0)), np.zeros(0))
@@ -1030,8 +1054,10 @@ def test_planes_serve_every_translation_within_their_reach(batch):
     assert hits > 300 and compared - hits > 20
 
 
-def test_planes_contain_the_minkowski_difference(batch, guess):
+@pytest.mark.parametrize("few", [0, 10**9])
+def test_planes_contain_the_minkowski_difference(batch, guess, few, monkeypatch):
     """No vertex lies beyond any plane: each is a proof, whatever else went wrong."""
+    monkeypatch.setattr(GJK, "FEW_COMBINATIONS", few)
     planes = GJK.facet_planes(batch.hulls, batch.first, batch.second, batch.t, batch.reach, guess)
     for p in range(PAIRS):
         own = slice(planes.start[p], planes.start[p + 1])
