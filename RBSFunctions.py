@@ -171,14 +171,19 @@ def _contact_law(CRCoeff, closingOnly, mu):
     return law
 
 
+def _shares(invMass1, invMass2):
+    """What part each of two bodies has in a correction; not both inverse masses may be 0."""
+    total = invMass1 + invMass2
+    return invMass1 / total, invMass2 / total
+
+
 def _part(body1, body2, distance, direction):
     """Moves body 2 along the direction and body 1 against it, by `distance` in all.
 
-    Each gives way in proportion to its inverse mass; not both may be 0. Returns the share of
-    body 2.
+    Each gives way in proportion to its inverse mass; not both may be 0. Returns how far body 2 has
+    moved.
     """
-    share1 = body1.invMass / (body1.invMass + body2.invMass)
-    share2 = body2.invMass / (body1.invMass + body2.invMass)
+    share1, share2 = _shares(body1.invMass, body2.invMass)
     body1.position = moved(body1.position, -(share1 * distance), direction)
     body2.position = moved(body2.position, share2 * distance, direction)
     return share2 * distance
@@ -1051,14 +1056,14 @@ def _foreseen_moves(bodies, first, second, pen):
     A body gives way to the deepest of its contacts by its share. As the axes that tell the overlap
     are guesses, it counts up to what the two bodies have travelled in this step.
     """
-    invMass1, invMass2 = take(bodies.invMass, first), take(bodies.invMass, second)
+    share1, share2 = _shares(take(bodies.invMass, first), take(bodies.invMass, second))
     # fixed bodies are at rest, and nothing has pushed the others since their flight
     travel = np.sqrt(dot(bodies.linVelocity, bodies.linVelocity)) * bodies.timeStep
     travelled = take(travel, first) + take(travel, second)
-    depth = np.minimum(np.maximum(pen, 0.0), travelled) / (invMass1 + invMass2)
+    depth = np.minimum(np.maximum(pen, 0.0), travelled)
     moves = np.zeros(len(bodies.invMass))
-    np.maximum.at(moves, first, depth * invMass1)
-    np.maximum.at(moves, second, depth * invMass2)
+    np.maximum.at(moves, first, share1 * depth)
+    np.maximum.at(moves, second, share2 * depth)
     return take(moves, first) + take(moves, second)
 
 
@@ -1186,7 +1191,7 @@ class _ContactBatches:
     def _part_batch(self, begin, end):
         """Parts the pairs from `begin` to `end` that touch now.
 
-        Returns `(touches, depth, normal, before1, before2, after1, after2, share2)`, (m,) or (3, m)
+        Returns `(touches, depth, normal, before1, before2, after1, after2, shift2)`, (m,) or (3, m)
         for all pairs of the batch: whether they touch, how deep and along which normal; where their
         bodies were and, if they touch, are; how far the second one has moved along the normal.
         """
@@ -1223,11 +1228,11 @@ class _ContactBatches:
             _BodyState(invMass[some], None, position, None, None)
             for invMass, position in zip(self.invMass, (before1, before2), strict=True)
         )
-        share2 = _part(body1, body2, depth, normal)
+        shift2 = _part(body1, body2, depth, normal)
         hits = indices(touches)
         for own, body in ((first, body1), (second, body2)):
             bodies.position[:, own[hits]] = take(body.position, hits, axis=1)
-        return touches, depth, normal, before1, before2, body1.position, body2.position, share2
+        return touches, depth, normal, before1, before2, body1.position, body2.position, shift2
 
     def include(self, first, second, displaced):
         """Adds pairs that were overlooked. The bodies are back where they were at the start.
@@ -1317,21 +1322,18 @@ class _Contacts:
     starts : (B + 1,), where each batch of them begins
     first, second : (H,), their bodies; rank : (H,), their places in the order i < j
     tolerance : (H,), see GJK.contact_point
-    depth … share2 : as `_ContactBatches._part_batch` gives them
+    depth … shift2 : as `_ContactBatches._part_batch` gives them
     """
 
     def __init__(self, batches, found):
-        """found : what `_part_batch` has given for each batch"""
-        self.starts = self.first = self.second = np.zeros(0, dtype=np.intp)
-        if len(found) == 0:
-            return
+        """found : what `_part_batch` has given for each batch, at least one"""
         touches, *columns = (np.concatenate(part, axis=-1) for part in zip(*found, strict=True))
         rows = indices(touches)
         self.starts = rows.searchsorted(batches.starts)
         columns += batches.first, batches.second, batches.rank, batches.tolerance
         (
             self.depth, self.normal, self.before1, self.before2, self.after1, self.after2,
-            self.share2, self.first, self.second, self.rank, self.tolerance,
+            self.shift2, self.first, self.second, self.rank, self.tolerance,
         ) = (take(column, rows, axis=-1) for column in columns)  # fmt: skip
 
     def bounce(self, bodies, law, report):
@@ -1344,7 +1346,7 @@ class _Contacts:
         t = self.before2 - self.before1
         point = GJK.contact_points(bodies.hulls, first, second, t, normal, self.tolerance)
         point = point + self.before2
-        moving = moved(point, self.share2, normal)
+        moving = moved(point, self.shift2, normal)
         arm1, arm2 = moving - self.after1, moving - self.after2
         start1, start2 = bodies.states(first), bodies.states(second)
         responses = _responses(start1, start2, arm1, arm2, normal)
@@ -1472,8 +1474,10 @@ def _resolve_pairs_in_batches(bodies, law, broadPhase, pairOrder, report):
     batches = _ContactBatches(bodies, reach, broadPhase, pairOrder)
     start = bodies.position.copy()
     memory.displaced = np.zeros(len(reach))
-    contacts = batches.part()
-    while len(contacts.first) > 0:
+    while len(batches.first) > 0:
+        contacts = batches.part()
+        if len(contacts.first) == 0:
+            break
         visits = _Visits(start, contacts, pairOrder == "sequential")
         memory.displaced = visits.furthest
         first, second = batches.overlooked(visits)
@@ -1482,7 +1486,6 @@ def _resolve_pairs_in_batches(bodies, law, broadPhase, pairOrder, report):
             break
         bodies.position[:] = start
         batches.include(first, second, visits.furthest)
-        contacts = batches.part()
     report.candidatePairs = len(batches.keys)
 
 
