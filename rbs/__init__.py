@@ -1,0 +1,3 @@
+"""Rigid bodies, room by room."""
+
+__version__ = "0.1.0"
