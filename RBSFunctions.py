@@ -1794,6 +1794,10 @@ class Contact(NamedTuple):
     arm: tuple  # from the COM of body 1 to where the impulses act; it goes along with body 1
 
 
+# The phases of a step that are timed, in their order.
+PHASES = ("gather", "integrate", "collisions", "ground", "constraints", "writeBack")
+
+
 class StepReport:
     """What a step did: for the eye and for benchmarks, never read by the simulation.
 
@@ -1917,7 +1921,7 @@ def run_timestep(
             report.constraintVisits = _project_constraints(
                 bodies, constraints, maxIterations, tolerance, constraintScheduling
             )
-    with report.phase("vertices"):
+    with report.phase("writeBack"):
         bodies.check_numbers("contacts and constraints")
         bodies.write_back()
     return report
