@@ -21,7 +21,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from RigidBodySimulation import Settings, Simulation, find_scene
+from rbs.scenes import find_scene
+from rbs.simulation import Settings, Simulation
 
 # Lengths of quaternions: what the graders ask for is a thousand times as much.
 UNIT_TOLERANCE = 1e-12

@@ -23,15 +23,10 @@ from program import DATA, run
 from test_loading import CUBE, SCENE, TETRAHEDRON, replaced
 from test_recording import lying_header, rewritten, zip_bomb
 
-from RBSFiles import TEXT_BYTES
-from RigidBodySimulation import (
-    LONGEST_LINE,
-    SceneError,
-    Simulation,
-    load_constraint_file,
-    load_scene_file,
-    main,
-)
+from rbs.files import TEXT_BYTES
+from rbs.simulation import Simulation
+from rbs.textfiles import LONGEST_LINE, SceneError
+from RigidBodySimulation import load_constraint_file, load_scene_file, main
 
 CAMERA = {"position": [0, 40, 90], "target": [0, 10, 0], "fieldOfView": 20}
 FILES = {
@@ -880,7 +875,7 @@ OPTIONS = {
             ("--friction", "inf", "the friction must be finite and not negative, not inf"),
             ("--friction", "-1", "the friction must be finite and not negative, not -1"),
             ("--broad-phase", "tree", "invalid choice: 'tree'"),
-            ("--pair-order", "", "invalid choice: ''"),
+            ("--pair-order", "sequential", "unrecognized arguments: --pair-order sequential"),
             ("--scheduling", "sweep2", "invalid choice: 'sweep2'"),
             ("--max-iterations", "x", "'x' is not a whole number"),
             ("--max-iterations", "-1", "must be 0 or more, not -1"),

@@ -15,19 +15,12 @@ from opengl import require_opengl
 from oracles import COURSE, ROOT, needs_course
 from program import DATA, by_hand, environment, run, summary_of
 
-from RBSDrawing import DEBIAN_PACKAGES
+from rbs.backends import DEBIAN_PACKAGES
+from rbs.simulation import DEFAULT_RESTITUTION, DEFAULT_TIME_STEP, Simulation
+from rbs.state import STATE_NAMES
+from rbs.textfiles import SceneError
 from RBSFunctions import Mesh
-from RBSRecording import STATE_NAMES
-from RigidBodySimulation import (
-    DEFAULT_RESTITUTION,
-    DEFAULT_TIME_STEP,
-    FALLBACK_PICTURES,
-    SceneError,
-    Simulation,
-    load_constraint_file,
-    load_scene_file,
-    main,
-)
+from RigidBodySimulation import FALLBACK_PICTURES, load_constraint_file, load_scene_file, main
 
 onLinux = pytest.mark.skipif(
     not sys.platform.startswith("linux"), reason="displays and EGL are found this way on Linux only"
@@ -513,8 +506,9 @@ def test_help_names_every_option_with_its_default(tmp_path):
 
 
 def test_importing_the_modules_needs_no_display_and_no_polyscope(tmp_path):
+    modules = ["RigidBodySimulation", *(f"rbs.{path.stem}" for path in ROOT.glob("rbs/*.py"))]
     program = (
-        "import sys, RigidBodySimulation, RBSViewer, RBSDrawing, RBSFunctions, GJK, Quaternion; "
+        f"import sys, {', '.join(modules)}, RBSFunctions, GJK, Quaternion; "
         "sys.exit('polyscope' in sys.modules)"
     )
     process = subprocess.run([sys.executable, "-c", program], cwd=ROOT, env=environment())

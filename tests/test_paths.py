@@ -7,8 +7,10 @@ import pytest
 from opengl import require_opengl
 from program import DATA, run, summary_of
 
-from RBSRecording import Recording
-from RigidBodySimulation import SceneError, Simulation, load_scene_file
+from rbs.recording import Recording
+from rbs.simulation import Simulation
+from rbs.textfiles import SceneError
+from RigidBodySimulation import load_scene_file
 
 FOLDER = "Räume, Körper & 物体"
 SCENE = "ein schöner Turm-scene.txt"
