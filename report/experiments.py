@@ -722,11 +722,12 @@ def settling():
 
 @experiment
 def samebits(axis):
-    """How far runs of a pile part from the default one, against time."""
+    """How far the grid, and the grid with one bit changed, part from the default, against time."""
     steps = 600
     reference = Simulation(pile_scene(200), Settings())
     others = {
-        name: Simulation(pile_scene(200), Settings(broadPhase="grid")) for name in ("grid", "nudged")
+        name: Simulation(pile_scene(200), Settings(broadPhase="grid"))
+        for name in ("grid", "nudged")
     }
     nudged = others["nudged"].meshes[100]
     x = nudged.position[0, 0]

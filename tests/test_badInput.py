@@ -851,6 +851,7 @@ def test_recording_that_cannot_be_used(folder, recorded, capsys, case, option):
 
 OPTIONS = {
     "no such option": (["--gravity", "9"], "unrecognized arguments: --gravity 9"),
+    "taken out": (["--pair-order", "coloured"], "unrecognized arguments: --pair-order"),
     "two lines": (["--gra\nvity"], "unrecognized arguments: --gra vity"),
     "two scenes": (["b"], "unrecognized arguments: b"),
     "value missing": (["--steps"], "argument --steps: expected one argument"),
@@ -875,7 +876,6 @@ OPTIONS = {
             ("--friction", "inf", "the friction must be finite and not negative, not inf"),
             ("--friction", "-1", "the friction must be finite and not negative, not -1"),
             ("--broad-phase", "tree", "invalid choice: 'tree'"),
-            ("--pair-order", "sequential", "unrecognized arguments: --pair-order sequential"),
             ("--scheduling", "sweep2", "invalid choice: 'sweep2'"),
             ("--max-iterations", "x", "'x' is not a whole number"),
             ("--max-iterations", "-1", "must be 0 or more, not -1"),

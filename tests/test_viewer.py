@@ -23,6 +23,7 @@ from oracles import ROOT
 from rbs.cameras import (
     FRAME_MARGIN,
     VIEW_DIRECTION,
+    CameraError,
     apply_camera,
     frame_camera,
     load_camera,
@@ -52,7 +53,7 @@ from rbs.drawing import LAYERS, MOST_CREASES, SceneView, start_polyscope
 from rbs.opening import list_files, open_file
 from rbs.panel import Panel
 from rbs.pictureoptions import OVERLAYS, VIDEO_ENDINGS, video_timing
-from rbs.pictures import PictureSeries, Video, VideoError
+from rbs.pictures import PictureSeries, Video
 from rbs.recording import Recorder
 from rbs.simulation import Simulation
 from rbs.statistics import step_quantities
@@ -548,11 +549,11 @@ def test_videos_play_in_real_time_unless_told_otherwise(timeStep, rate, every, e
 def test_broken_camera_files_are_told_in_one_line(tmp_path, text, cause):
     path = tmp_path / "camera.json"
     path.write_text(text)
-    with pytest.raises(VideoError) as error:
+    with pytest.raises(CameraError) as error:
         load_camera(path)
     told = str(error.value)
     assert told.startswith((f"{path}: {cause}", f"{path}:{cause}")) and "\n" not in told
-    with pytest.raises(VideoError, match="No such file"):
+    with pytest.raises(CameraError, match="No such file"):
         load_camera(tmp_path / "none.json")
 
 
