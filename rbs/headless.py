@@ -102,9 +102,10 @@ def step_progress(steps):
     """
     isTerminal = sys.stderr is not None and sys.stderr.isatty()
     seconds = TERMINAL_SECONDS if isTerminal else LOG_SECONDS
+    # Without the delay, it would write as soon as it is made.
     progress = tqdm(
-        total=steps, unit="step", leave=False, miniters=1, mininterval=seconds,
-        delay=0.0 if isTerminal else seconds, disable=sys.stderr is None,
+        total=steps, unit="step", leave=False, miniters=1, mininterval=seconds, delay=seconds,
+        disable=sys.stderr is None,
     )  # fmt: skip
 
     def advance():

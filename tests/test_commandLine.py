@@ -1,5 +1,7 @@
 """The command line by subprocess, and the simulation behind it."""
 
+import errno
+import io
 import json
 import math
 import os
@@ -15,7 +17,9 @@ from opengl import require_opengl
 from oracles import COURSE, ROOT, needs_course
 from program import DATA, by_hand, environment, run, summary_of
 
+from rbs import headless
 from rbs.backends import DEBIAN_PACKAGES
+from rbs.headless import run_steps
 from rbs.simulation import DEFAULT_RESTITUTION, DEFAULT_TIME_STEP, Simulation
 from rbs.state import STATE_NAMES
 from rbs.textfiles import SceneError
@@ -168,6 +172,54 @@ def test_headless_run_does_not_import_polyscope(tmp_path):
     process = run(tmp_path, "tet", "--headless", "--steps", 2, "--record", "r.npz",
                   PYTHONPATH=str(fakes))  # fmt: skip
     assert summary_of(process)["recording"] == "r.npz" and process.stderr == ""
+
+
+class Terminal(io.StringIO):
+    """Takes what a terminal, or a log, is told."""
+
+    def __init__(self, isTerminal):
+        super().__init__()
+        self._isTerminal = isTerminal
+
+    def isatty(self):
+        return self._isTerminal
+
+
+def progress_of(monkeypatch, stream, steps=30):
+    """What a run of so many steps writes to a stream that stands for stderr."""
+    monkeypatch.setattr(sys, "stderr", stream)
+    simulation = Simulation(DATA / "singletet-scene.txt")
+    assert run_steps(simulation, steps) is not None and simulation.stepCount == steps
+    return stream.getvalue() if isinstance(stream, io.StringIO) else None
+
+
+def test_progress_moves_in_a_terminal_and_is_wiped_at_the_end(monkeypatch):
+    monkeypatch.setattr(headless, "TERMINAL_SECONDS", 1e-9)
+    drawn = [line for line in progress_of(monkeypatch, Terminal(True)).split("\r") if line.strip()]
+    assert len(drawn) > 20 and "\n" not in "".join(drawn)
+    assert " 1/30" in drawn[0] and "30/30" in drawn[-1] and "step/s" in drawn[-1]
+
+
+def test_progress_is_told_seldom_in_a_log(monkeypatch):
+    assert progress_of(monkeypatch, Terminal(False)) == ""
+    assert headless.LOG_SECONDS >= 10.0
+    monkeypatch.setattr(headless, "LOG_SECONDS", 1e-9)
+    assert "30/30" in progress_of(monkeypatch, Terminal(False))
+
+
+class Broken(Terminal):
+    """Fails as a full disk does."""
+
+    def write(self, text):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+@pytest.mark.parametrize("isTerminal", [True, False])
+def test_progress_that_cannot_be_shown_ends_no_run(monkeypatch, isTerminal):
+    monkeypatch.setattr(headless, "TERMINAL_SECONDS", 1e-9)
+    monkeypatch.setattr(headless, "LOG_SECONDS", 1e-9)
+    progress_of(monkeypatch, Broken(isTerminal))
+    progress_of(monkeypatch, None)
 
 
 def test_no_step_is_a_run_too(tmp_path):
@@ -503,6 +555,43 @@ def test_help_names_every_option_with_its_default(tmp_path):
                   "--plot FILE.png", "--finish FILE.npz", "--allow-outside-meshes"):  # fmt: skip
         assert words in process.stdout
     assert max(map(len, process.stdout.splitlines())) <= 100
+
+
+def run_then_ask(folder, arguments, question):
+    """What a Python expression says after the program has run with these arguments; a str."""
+    program = f"import sys, RigidBodySimulation\ncode = RigidBodySimulation.main({arguments!r})\n"
+    program += f"assert code == 0\nprint({question}, file=sys.stderr)"
+    process = subprocess.run(
+        [sys.executable, "-c", program], cwd=folder, env=environment(PYTHONPATH=str(ROOT)),
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert process.returncode == 0, process.stderr
+    return process.stderr.strip()
+
+
+LOADED = "sorted(n for n in sys.modules if n.startswith(('rbs.', 'polyscope')) and n in {0!r})"
+# What is seen, and the window.
+SEEN = ["polyscope", "rbs.cameras", "rbs.drawing", "rbs.panel", "rbs.pictures", "rbs.viewer"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["tet", "--headless", "--steps", "2"],
+        ["tet", "--steps", "2", "--record", "r.npz", "--stats", "s.csv"],
+    ],
+    ids=["headless", "recorded"],
+)
+def test_what_draws_is_imported_when_something_is_to_be_seen_only(tmp_path, arguments):
+    assert run_then_ask(tmp_path, arguments, LOADED.format(SEEN)) == "[]"
+
+
+def test_pictures_need_no_window(tmp_path):
+    require_opengl()
+    arguments = ["tet", "--steps", "1", "--screenshots", ".", "--size", "160x120"]
+    assert run_then_ask(tmp_path, arguments, LOADED.format(SEEN)) == str(
+        ["polyscope", "rbs.cameras", "rbs.drawing", "rbs.pictures"]
+    )
 
 
 def test_importing_the_modules_needs_no_display_and_no_polyscope(tmp_path):
