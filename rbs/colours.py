@@ -28,8 +28,7 @@ PALETTE = np.array([
     [230, 159, 0], [86, 180, 233], [0, 158, 115], [240, 228, 66], [0, 114, 178],
     [213, 94, 0], [204, 121, 167], [148, 203, 236], [126, 196, 160], [194, 106, 119],
 ]) / 255.0  # fmt: skip
-# The two greys of the ground's squares, and how many squares it has along each side. They fade
-# into the background from the first to the second distance, relative to the scene's size.
+# The two greys of the ground's squares.
 GROUND_COLOURS = ((0.56, 0.57, 0.58), (0.61, 0.62, 0.63))
 # Constraints from slack over taut to too long or too short: light blue, yellow, vermilion, which
 # the colour-blind tell apart too (Okabe and Ito's palette).

@@ -16,8 +16,10 @@ from RBSFunctions import grid_levels
 # Faces that meet at a smaller angle, in radians, pass for one round surface: a cylinder of 20 sides
 # or more, or a finely divided ellipsoid.
 CREASE_ANGLE = math.radians(30.0)
-# A bound that is exceeded by this fraction of itself gets the last of these colours in full.
+# A bound that is exceeded by this fraction of itself gets the last colour of constraints in full.
 FULL_EXCESS = 0.05
+# How many squares the ground has along each side. They fade into the background from the first to
+# the second distance, relative to the scene's size.
 GROUND_SQUARES = 48
 GROUND_FADES = (0.7, 1.9)
 # The corners of a box, as 0 for its low and 1 for its high end along x, y, z, and its edges.
@@ -147,9 +149,9 @@ def grid_cells(low, high):
     cells = {}
     for level, _, width in grid_levels(np.concatenate([low, -high], axis=1).T):
         for b in level.tolist():
-            place = (width, math.floor(low[b, 1] / width), math.floor(low[b, 2] / width))
-            begin, end = cells.get(place, (math.inf, -math.inf))
-            cells[place] = min(begin, low[b, 0]), max(end, high[b, 0])
+            cell = (width, math.floor(low[b, 1] / width), math.floor(low[b, 2] / width))
+            begin, end = cells.get(cell, (math.inf, -math.inf))
+            cells[cell] = min(begin, low[b, 0]), max(end, high[b, 0])
     rows = [
         ((begin, y * width, z * width), (end, (y + 1) * width, (z + 1) * width))
         for (width, y, z), (begin, end) in cells.items()

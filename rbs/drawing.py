@@ -42,7 +42,6 @@ from rbs.pictureoptions import OVERLAYS, PICTURE_SIZE
 
 # All that can be switched on and off.
 LAYERS = ("ground", "shadows", *OVERLAYS)
-
 # Half the width of the lines that edges are drawn as, relative to the scene's size.
 CREASE_RADIUS = 6e-4
 # Each line costs about 0.02 ms a frame where no graphics card helps. In a scene with more of them,
@@ -55,6 +54,7 @@ LONGEST_IMPULSE = 0.1
 NORMAL_LENGTH = 0.05
 # A velocity is drawn as the way that it leads in this time, in seconds.
 VELOCITY_SECONDS = 0.5
+# Half the widths of arrows, points and lines, relative to the scene's size.
 ARROW_RADIUS = 3e-3
 POINT_RADIUS = 4e-3
 LINE_RADIUS = 8e-4

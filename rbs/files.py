@@ -55,15 +55,15 @@ def atomic_write(path, mode="wb", **options):
     Otherwise an old file of that name stays as it was, and nothing of the new one is left, except
     FILE.part where the process is killed. raises OSError that names `path`
     """
-    part = partial_path(path)
+    partial = partial_path(path)
     with named_errors(path):
         try:
-            with open(part, mode, **options) as file:
+            with open(partial, mode, **options) as file:
                 yield file
-            replace_file(part, path)
+            replace_file(partial, path)
         except BaseException:
             with suppress(OSError):
-                part.unlink(missing_ok=True)
+                partial.unlink(missing_ok=True)
             raise
 
 
@@ -75,12 +75,12 @@ def check_target(path):
     path = Path(path)
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, "this is a folder, not a file", str(path))
-    part = partial_path(path)
-    existed = part.exists()
+    partial = partial_path(path)
+    existed = partial.exists()
     with named_errors(path):
-        open(part, "ab").close()
+        open(partial, "ab").close()
         if not existed:
-            part.unlink()
+            partial.unlink()
 
 
 def partial_path(path):
@@ -89,16 +89,16 @@ def partial_path(path):
     return path.with_name(path.name + PARTIAL_ENDING)
 
 
-def replace_file(part, path):
+def replace_file(partial, path):
     """Renames a finished file, in place of an old one; both have to be in the same file system.
 
     The content is on the disk before it has the name, so that not even a power cut leaves a file
     of that name that is not whole. raises OSError that names `path`
     """
     with named_errors(path):
-        with open(part, "rb+") as file:
+        with open(partial, "rb+") as file:
             os.fsync(file.fileno())
-        os.replace(part, path)
+        os.replace(partial, path)
         sync_folder(Path(path).parent)
 
 

@@ -91,7 +91,7 @@ def _read_medit(reader):
         row = int(np.argmax(isFlat))
         raise SceneError(reader.path, lines["Tetrahedra"][row], "the tetrahedron is flat")
     tets[volumes < 0.0] = tets[volumes < 0.0][:, [0, 1, 3, 2]]
-    faces = _turn_faces_outward(reader.path, lines["Triangles"], vertices, faces, tets)
+    faces = _orient_faces_outward(reader.path, lines["Triangles"], vertices, faces, tets)
     enclosed, filled = enclosed_volume(vertices, faces), float(np.sum(np.abs(volumes)))
     if not abs(enclosed - filled) <= VOLUME_TOLERANCE * filled:
         raise SceneError(
@@ -122,7 +122,7 @@ def _read_medit_section(reader, keyword, fields, sections):
     return np.array(table, dtype=np.float64 if keyword == "Vertices" else np.int64), lines
 
 
-def _turn_faces_outward(path, lines, vertices, faces, tets):
+def _orient_faces_outward(path, lines, vertices, faces, tets):
     """The faces, each turned so that the tetrahedron that it bounds lies behind it.
 
     That decides for each face by itself, so a file may mix both directions. lines : of the faces

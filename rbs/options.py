@@ -34,6 +34,7 @@ from rbs.simulation import (
 from rbs.textfiles import plain_float, plain_int
 from RBSFunctions import BROAD_PHASES, CONSTRAINT_SCHEDULINGS
 
+# What runs where no scene is named.
 DEFAULT_SCENE = "mixed"
 # Ten seconds with the default time step: the falls and the settling of every scene in data/.
 DEFAULT_STEPS = 500
@@ -42,6 +43,7 @@ DEFAULT_EVERY = 10
 # The most steps, or visits, that can be asked for: more than there will be time for, and a number
 # that floats hold exactly.
 MOST_STEPS = 10**15
+# What --help ends with.
 EXAMPLES = """\
 Without options, the mixed scene opens in a window. Where there is no display, a scene runs
 off-screen: pictures go to out/<scene>, and a summary is printed."""
@@ -55,6 +57,7 @@ RECORDING_EXAMPLES = """\
 RigidBodySimulation.py tower --record tower.npz --stats tower.csv --steps 1000
 RigidBodySimulation.py --replay tower.npz
 RigidBodySimulation.py --resume tower.npz --from 500 --friction 0.4"""
+
 # Options by what they are for, under the names that argparse gives them. First those that change
 # the settings, each with the field that it changes.
 SETTING_FIELDS = {

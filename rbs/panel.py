@@ -34,6 +34,7 @@ MOST_STEPS_PER_FRAME = 20
 MOST_PUSH = 40.0
 # Times real time that a replay is played with, backwards if negative.
 MOST_SPEED = 8.0
+# RGB and opacity.
 ERROR_TEXT = (1.0, 0.45, 0.40, 1.0)
 # Settings that are one of some names: label, name in the settings, names to choose from, and what
 # it says under the mouse.

@@ -6,10 +6,11 @@ options of a picture; the timing of a video.
 
 from dataclasses import dataclass
 
+# Width and height in pixels where nobody asks for others.
 PICTURE_SIZE = (1280, 720)
 # The least and the largest width and height of pictures: a thumbnail, and 8K.
 PICTURE_SIZES = (16, 8192)
-# What can be drawn over the bodies, by `rbs.drawing`.
+# What can be drawn over the bodies. `rbs.drawing` has a function for each.
 OVERLAYS = (
     "contacts", "impulses", "friction impulses", "velocities", "bounding boxes", "grid cells",
     "trails",

@@ -16,7 +16,8 @@ from rbs.drawing import SceneView, start_polyscope
 from rbs.files import check_target, named_errors, replace_file
 from rbs.messages import InputError
 
-NOT_WHOLE = "the {} could not be written to its end; is the disk full?"
+# What is told of a file that has no end; neither Polyscope nor the encoder says so.
+INCOMPLETE = "the {} could not be written to its end; is the disk full?"
 FFMPEG_REMEDY = "Install it: pip install imageio-ffmpeg"
 # Of H.264 in imageio-ffmpeg's scale up to 10: no artefacts to be seen.
 VIDEO_QUALITY = 7
@@ -75,18 +76,18 @@ def save_picture(path, isTransparent=False):
     """Writes what the camera sees as PNG, in place of an old file: whole or not at all."""
     import polyscope as ps
 
-    part = partial_picture_path(path)
+    partial = partial_picture_path(path)
     # Polyscope asks for both: a background of no opacity, and that this be kept.
     ps.set_background_color((*BACKGROUND, 0.0 if isTransparent else 1.0))
     try:
         with named_errors(path):
-            open(part, "wb").close()  # Polyscope would not say why it cannot write
-        ps.screenshot(str(part), transparent_bg=isTransparent)
-        if not is_whole_png(part):  # nor does it say that the disk is full
-            raise OSError(errno.ENOSPC, NOT_WHOLE.format("picture"), str(path))
-        replace_file(part, path)
+            open(partial, "wb").close()  # Polyscope would not say why it cannot write
+        ps.screenshot(str(partial), transparent_bg=isTransparent)
+        if not is_complete_png(partial):  # nor does it say that the disk is full
+            raise OSError(errno.ENOSPC, INCOMPLETE.format("picture"), str(path))
+        replace_file(partial, path)
     finally:
-        part.unlink(missing_ok=True)
+        partial.unlink(missing_ok=True)
 
 
 class Video:
@@ -143,15 +144,15 @@ class Video:
             try:
                 self._writer.send(np.ascontiguousarray(picture))
             except (OSError, StopIteration):  # of several lines, about a pipe
-                raise OSError(errno.ENOSPC, NOT_WHOLE.format("video"), str(self.path)) from None
+                raise OSError(errno.ENOSPC, INCOMPLETE.format("video"), str(self.path)) from None
             self.count += 1
             self._lastStep = step
 
     def save(self):
         """Ends the video and puts it in its place, where an old one may be; raises OSError."""
         self._writer.close()
-        if not is_whole_video(self._partialPath):  # the encoder says nothing
-            raise OSError(errno.ENOSPC, NOT_WHOLE.format("video"), str(self.path))
+        if not is_complete_video(self._partialPath):  # the encoder says nothing
+            raise OSError(errno.ENOSPC, INCOMPLETE.format("video"), str(self.path))
         replace_file(self._partialPath, self.path)
 
     def summary(self, simulation):
@@ -172,13 +173,13 @@ def partial_picture_path(path):
     return path.with_name(f"{path.stem}.part{path.suffix}")
 
 
-def is_whole_png(path):
+def is_complete_png(path):
     """Whether a file begins and ends like a PNG. What is missing at the end is found so."""
     content = Path(path).read_bytes()
     return content.startswith(b"\x89PNG\r\n\x1a\n") and content.endswith(b"IEND\xaeB`\x82")
 
 
-def is_whole_video(path):
+def is_complete_video(path):
     """Whether an .mp4 or .gif has its beginning and its end; its pictures are not looked at."""
     with open(path, "rb") as file:
         size = file.seek(0, os.SEEK_END)
@@ -186,15 +187,15 @@ def is_whole_video(path):
             file.seek(max(size - 1, 0))
             return size > 0 and file.read() == b";"
         # A row of boxes, each with its length and kind before it.
-        place, kinds = 0, set()
-        while place < size:
-            file.seek(place)
+        position, kinds = 0, set()
+        while position < size:
+            file.seek(position)
             head = file.read(16)
             length, kind = int.from_bytes(head[:4], "big"), head[4:8]
             if length == 1:  # the length follows in eight bytes
                 length = int.from_bytes(head[8:16], "big")
-            if length < 8 or place + length > size:
+            if length < 8 or position + length > size:
                 return False
             kinds.add(kind)
-            place += length
+            position += length
     return {b"moov", b"mdat"} <= kinds

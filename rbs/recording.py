@@ -36,6 +36,7 @@ CHUNK_PREFIX = "chunk_"
 BLOCK_BYTES = 4 << 20
 # How far the length of a recorded quaternion may be from 1. Rounding makes about 1e-16 a step.
 UNIT_TOLERANCE = 1e-3
+# What the file is called while the chunks are joined.
 JOINED_NAME = "whole.tmp"
 # What a crash may cost: the states since the last chunk, a second's worth, or a hundredth of the
 # run where that is more. So a run of a day leaves hundreds of files, not a hundred thousand.
@@ -62,9 +63,9 @@ class Recording:
             for orientations that are none
         """
         self.path = Path(path)
-        part = Path(str(path) + PARTIAL_ENDING)
-        if not self.path.exists() and part.is_dir():
-            self.path = part
+        partialPath = Path(str(path) + PARTIAL_ENDING)
+        if not self.path.exists() and partialPath.is_dir():
+            self.path = partialPath
         self.wasInterrupted = self.path.is_dir()
         if not self.path.exists():
             raise self.error("there is no such file")
@@ -113,7 +114,7 @@ class Recording:
             isUnit = (np.abs(lengths - 1.0) <= UNIT_TOLERANCE).all(axis=1)
             if not isUnit.all():
                 step = begin + int(np.argmin(isUnit))
-                raise self.error(f"step {step}: orientations holds a quaternion that is no turn")
+                raise self.error(f"step {step}: orientations holds a quaternion not of length 1")
 
     def blocks(self, names):
         """Walks through some arrays: yields (step of the first row, dict of arrays)."""

@@ -36,7 +36,7 @@ from rbs.state import HASH_SIZE, STATE_WIDTHS
 
 FORMAT = 1
 # The arrays with a row for each state, in the order of the file: the type of their numbers and the
-# shape of a row, of a body's part of it where there is one for each body.
+# shape of a row, of a body's share of it where there is one for each body.
 SERIES = {
     **{name: ("<f8", (width,)) for name, width in STATE_WIDTHS.items()},
     "times": ("<f8", ()),
@@ -184,22 +184,22 @@ class RecordingFile:
         return name and name.removesuffix(".npy")
 
 
-def write_recording_file(part, path, rows, head):
-    """Writes an .npz file as `part`, brings it to the disk and renames it; or leaves nothing.
+def write_recording_file(partial, path, rows, head):
+    """Writes an .npz file as `partial`, brings it to the disk and renames it; or leaves nothing.
 
     rows : dict of (shape, blocks that follow each other); head : dict of what is small
     """
     head = {name: np.asarray(value) for name, value in head.items()}
     arrays = rows | {name: (value.shape, [value]) for name, value in head.items()}
     try:
-        with open(part, "wb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
+        with open(partial, "wb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
             for name, (shape, blocks) in arrays.items():
                 dtype = np.dtype(SERIES[name][0]) if name in SERIES else head[name].dtype
                 _write_member(archive, name, shape, dtype, blocks)
-        replace_file(part, path)
+        replace_file(partial, path)
     except BaseException:
         with suppress(OSError):
-            Path(part).unlink(missing_ok=True)
+            Path(partial).unlink(missing_ok=True)
         raise
 
 

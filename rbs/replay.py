@@ -125,9 +125,9 @@ def verify(recording, simulation, advance=None):
 
 def _difference(state, other):
     """Which array differs most, and by how much."""
-    furthest = {name: np.max(np.abs(state[name] - other[name])) for name in STATE_NAMES}
-    name = max(furthest, key=furthest.get)
-    return f"{name} by up to {furthest[name]:.3g}"
+    differences = {name: np.max(np.abs(state[name] - other[name])) for name in STATE_NAMES}
+    name = max(differences, key=differences.get)
+    return f"{name} by up to {differences[name]:.3g}"
 
 
 def check_bodies(recording, simulation):

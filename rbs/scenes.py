@@ -18,10 +18,11 @@ from rbs.messages import short
 from rbs.textfiles import LineReader, SceneError
 from RBSFunctions import Mesh
 
+# Our own scenes and meshes.
 DATA_FOLDER = Path(__file__).resolve().parent.parent / "data"
 SCENE_ENDING = "-scene.txt"
 CONSTRAINTS_ENDING = "-constraints.txt"
-# kg/m³, for the same reason: a neutron star has less than 1e19.
+# kg/m³: a neutron star has less than 1e19, and masses are still far from overflowing.
 LARGEST_DENSITY = 1e30
 # A mesh counts as convex while its hull is larger than itself by no more than this fraction.
 # Coordinates that were written with four decimals make about 1e-5; what a smaller tolerance would

@@ -48,7 +48,7 @@ RUNS = {
     for run in (
         LongRun("tower", 100_000, depth=1e-9, energy=1.0),
         # Constraints come after the ground in a step and may pull a body below it, by 0.738 m when
-        # the cube lands, eight tied bodies of 7 m.
+        # the cube lands, eight bodies of 7 m with constraints.
         LongRun("cube", 100_000, depth=1.0, energy=1.0),
         LongRun("pile_200", 20_000, depth=1e-9, energy=1.0, settings={"broadPhase": "grid"}),
     )

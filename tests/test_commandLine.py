@@ -243,8 +243,8 @@ def test_dented_mesh_is_told_in_one_line(tmp_path):
 # --------------------------------------------------------------------------------------------------
 
 CHAIN = DATA / "tower_chain-scene.txt"
-CHAIN_TIES = DATA / "tower_chain-constraints.txt"
-# From step 53 on several of its ties are taut, and the order of the visits makes a difference.
+CHAIN_CONSTRAINTS = DATA / "tower_chain-constraints.txt"
+# From step 53 on several of its constraints are taut, and the order of the visits makes a difference.
 CHAIN_STEPS = 70
 
 
@@ -258,7 +258,7 @@ def recording_of(folder, *arguments):
 
 
 def chain_by_hand(file=None, **options):
-    """Positions of the chain in each step by run_timestep alone, tied as a file has it."""
+    """Positions of the chain in each step by run_timestep alone, with the constraints of a file."""
     if file is not None:
         options["constraints"] = load_constraint_file(file, load_scene_file(CHAIN))
     return by_hand(CHAIN, CHAIN_STEPS, DEFAULT_RESTITUTION, DEFAULT_TIME_STEP, **options)[
@@ -266,14 +266,14 @@ def chain_by_hand(file=None, **options):
 
 
 def test_constraints_of_that_name_are_found_unless_they_are_left_out(tmp_path, capsys):
-    tied = recording_of(tmp_path, "tower_chain")
+    bound = recording_of(tmp_path, "tower_chain")
     summary = capsys.readouterr().out
     free = recording_of(tmp_path, "tower_chain", "--no-constraints")
-    np.testing.assert_array_equal(tied["positions"], chain_by_hand(CHAIN_TIES))
+    np.testing.assert_array_equal(bound["positions"], chain_by_hand(CHAIN_CONSTRAINTS))
     np.testing.assert_array_equal(free["positions"], chain_by_hand())
-    assert np.abs(tied["positions"] - free["positions"]).max() > 0.01
-    assert str(tied["constraints"]) == str(free["constraints"]) == str(CHAIN_TIES)
-    assert bool(tied["enforceConstraints"]) and not bool(free["enforceConstraints"])
+    assert np.abs(bound["positions"] - free["positions"]).max() > 0.01
+    assert str(bound["constraints"]) == str(free["constraints"]) == str(CHAIN_CONSTRAINTS)
+    assert bool(bound["enforceConstraints"]) and not bool(free["enforceConstraints"])
     (line,) = [line for line in summary.splitlines() if line.startswith("constraints")]
     excess = float(line.removeprefix("constraints       16 bounds, violated by at most ")[:-2])
     assert 0.0 <= excess <= 1e-3
@@ -286,7 +286,7 @@ def test_constraints_of_another_file(tmp_path, capsys):
     recording = recording_of(tmp_path, CHAIN, "--constraints", tmp_path / "strut.txt")
     np.testing.assert_array_equal(recording["positions"], chain_by_hand(tmp_path / "strut.txt"))
     assert np.abs(recording["positions"] - chain_by_hand()).max() > 0.01
-    assert np.abs(recording["positions"] - chain_by_hand(CHAIN_TIES)).max() > 0.01
+    assert np.abs(recording["positions"] - chain_by_hand(CHAIN_CONSTRAINTS)).max() > 0.01
     assert str(recording["constraints"]) == str(tmp_path / "strut.txt")
     (tmp_path / "none.txt").write_text("0\n")
     capsys.readouterr()
@@ -303,7 +303,7 @@ def test_number_of_visits_can_be_limited(tmp_path):
         recording = recording_of(tmp_path, "tower_chain", "--max-iterations", most)
         assert int(recording["maxIterations"]) == most
         np.testing.assert_array_equal(
-            recording["positions"], chain_by_hand(CHAIN_TIES, maxIterations=most)
+            recording["positions"], chain_by_hand(CHAIN_CONSTRAINTS, maxIterations=most)
         )
         assert not np.array_equal(recording["positions"], default["positions"])
 
@@ -315,7 +315,7 @@ def test_scheduling_can_be_chosen(tmp_path):
     }
     for name, recording in recordings.items():
         assert str(recording["constraintScheduling"]) == name
-        expected = chain_by_hand(CHAIN_TIES, constraintScheduling=name)
+        expected = chain_by_hand(CHAIN_CONSTRAINTS, constraintScheduling=name)
         np.testing.assert_array_equal(recording["positions"], expected)
     sweep, queue, batches = (recordings[name]["positions"] for name in recordings)
     np.testing.assert_array_equal(sweep, queue)

@@ -25,7 +25,7 @@ from program import DATA, environment, run
 import rbs.recording
 from rbs.cameras import CAMERA_WIDTHS, load_camera
 from rbs.files import atomic_write
-from rbs.pictures import is_whole_png, is_whole_video
+from rbs.pictures import is_complete_png, is_complete_video
 from rbs.recording import Recorder, Recording, finish
 from rbs.recordingfiles import RecordingError
 from rbs.simulation import Simulation
@@ -81,7 +81,7 @@ def run_with_short_files(folder, kilobytes, *arguments):
 
 
 FULL, TOO_LONG = "No space left on device", "File too large"
-NOT_WHOLE = "could not be written to its end; is the disk full?"
+INCOMPLETE = "could not be written to its end; is the disk full?"
 DRAWN = ["--size", "640x480"]
 # case: (arguments, the file, the kB that are too few, whether it takes OpenGL, a part that is kept)
 OUTPUTS = {
@@ -130,7 +130,7 @@ def test_full_disk(tmp_path, mount, case, way, isOld):
     (line,) = process.stderr.splitlines()
     cause = FULL if way == "full disk" else TOO_LONG
     if drawn:  # neither Polyscope nor the encoder says why
-        cause = f"the {'picture' if case == 'picture' else 'video'} {NOT_WHOLE}"
+        cause = f"the {'picture' if case == 'picture' else 'video'} {INCOMPLETE}"
     shown = os.path.normpath(os.path.join(".", name))
     expected = f"RigidBodySimulation.py: {shown}: {cause}"
     if kept:
@@ -236,7 +236,7 @@ def whole_table(path):
 
 
 def whole_picture(path):
-    assert is_whole_png(path)
+    assert is_complete_png(path)
 
 
 WHOLE = {"r.npz": whole_recording, "s.csv": whole_table, "p.png": whole_picture}
@@ -299,7 +299,7 @@ def test_kill_while_a_picture_or_a_video_is_drawn(tmp_path):
     arguments += ["--video", "v.mp4", "--screenshots", "."]
     names = ["frame_000000.png", "frame_000002.png", "v.mp4"]
     for function, count in [
-        ("rbs.pictures.is_whole_png", 2), ("rbs.pictures.is_whole_video", 1),
+        ("rbs.pictures.is_complete_png", 2), ("rbs.pictures.is_complete_video", 1),
     ]:
         for name in names:
             (tmp_path / name).write_bytes(OLD)
@@ -309,14 +309,14 @@ def test_kill_while_a_picture_or_a_video_is_drawn(tmp_path):
             timeout=120,
         )  # fmt: skip
         assert process.returncode == -signal.SIGKILL, process.stderr
-        assert is_whole_png(tmp_path / names[0])
+        assert is_complete_png(tmp_path / names[0])
         isOld = (tmp_path / names[1]).read_bytes() == OLD
         assert isOld == (count == 2)
-        assert isOld or is_whole_png(tmp_path / names[1])
+        assert isOld or is_complete_png(tmp_path / names[1])
         assert (tmp_path / "v.mp4").read_bytes() == OLD
     # What it left does not stand in the way of the next run.
     assert run(tmp_path, *arguments).returncode == 0
-    assert is_whole_video(tmp_path / "v.mp4")
+    assert is_complete_video(tmp_path / "v.mp4")
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted([*names, "frame_000004.png"])
 
 
@@ -510,7 +510,7 @@ def test_file_is_written_whole_or_not_at_all(tmp_path):
 def test_cut_pictures_and_videos_are_noticed(tmp_path):
     gallery = ROOT / "report" / "gallery"
     for name, is_whole in [
-        ("net.png", is_whole_png), ("wrecking_ball.gif", is_whole_video),
+        ("net.png", is_complete_png), ("wrecking_ball.gif", is_complete_video),
     ]:  # fmt: skip
         content = (gallery / name).read_bytes()
         path = tmp_path / name
@@ -528,10 +528,10 @@ def test_cut_mp4_is_noticed(tmp_path):
     path = tmp_path / "v.mp4"
     whole = box(b"ftyp", 20) + box(b"moov", 300) + box(b"mdat", 1000)
     path.write_bytes(whole)
-    assert is_whole_video(path)
+    assert is_complete_video(path)
     for content in (b"", whole[:-1], whole[:100], whole[:336], box(b"ftyp", 20), bytes(100)):
         path.write_bytes(content)
-        assert not is_whole_video(path)
+        assert not is_complete_video(path)
 
 
 def test_statistics_of_a_killed_run_do_not_stand_in_the_way(tmp_path):
