@@ -1,3 +1,3 @@
-"""Rigid bodies, room by room."""
+"""Rigid-body simulation: the rooms behind the modules at the top level."""
 
 __version__ = "0.1.0"

@@ -23,7 +23,7 @@ import benchmark
 import benchmarkPiles
 
 import RBSFunctions
-from RigidBodySimulation import CONSTRAINT_TOLERANCE
+from rbs.simulation import CONSTRAINT_TOLERANCE
 
 FOLDER = Path(__file__).resolve().parent
 SCALE, SCHEDULING = FOLDER / "scale.csv", FOLDER / "scheduling.csv"

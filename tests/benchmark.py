@@ -18,8 +18,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import scipy
 
+from rbs.scenes import find_scene, scene_name
+from rbs.simulation import Settings, Simulation
 from RBSFunctions import CONSTRAINT_SCHEDULINGS
-from RigidBodySimulation import Settings, Simulation, find_scene, scene_name
 
 
 def describe_machine():

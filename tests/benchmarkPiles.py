@@ -29,8 +29,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmark import describe_machine
 
-from RBSRecording import PHASES
-from RigidBodySimulation import DATA_FOLDER, Settings, Simulation
+from rbs.scenes import DATA_FOLDER
+from rbs.simulation import Settings, Simulation
+from RBSFunctions import PHASES
 
 TIME_STEP = 0.02
 RESTITUTION = 0.5

@@ -10,9 +10,11 @@ from oracles import box_body, quaternion
 
 import GJK
 import RBSFunctions
+from rbs.scenes import DATA_FOLDER
+from rbs.simulation import make_ground
+from rbs.state import STATE_NAMES
 from RBSFunctions import all_overlaps, grid_overlaps, run_timestep
-from RBSRecording import STATE_NAMES
-from RigidBodySimulation import DATA_FOLDER, load_scene_file, make_ground
+from RigidBodySimulation import load_scene_file
 
 # Per kind of scene: the range of the boxes' sides as powers of ten, and half the width of the
 # region that their least corners lie in.
@@ -236,90 +238,8 @@ def test_what_is_remembered_changes_no_bit(monkeypatch):
 
 
 # --------------------------------------------------------------------------------------------------
-# Coloured pairs
+# Piles
 # --------------------------------------------------------------------------------------------------
-
-
-def test_colours_are_rounds_of_disjoint_pairs():
-    rng = np.random.default_rng(5)
-    isFixed = rng.random(40) < 0.2
-    pairs = np.unique(np.sort(rng.integers(0, 40, (400, 2)), axis=1), axis=0)
-    pairs = pairs[(pairs[:, 0] < pairs[:, 1]) & ~isFixed[pairs].all(axis=1)]
-    colour = RBSFunctions._coloured_batches(*pairs.T.tolist(), isFixed.tolist())
-    assert len(colour) == len(pairs) > 200
-    most = max(int((pairs == b).sum()) for b in range(40) if not isFixed[b])
-    for k in range(colour.max() + 1):
-        moving = [b for b in pairs[colour == k].ravel().tolist() if not isFixed[b]]
-        assert len(moving) == len(set(moving)) > 0
-    # Greedy colouring needs less than twice the pairs of the busiest body; the ordered batches of
-    # the same pairs are more.
-    ordered = RBSFunctions._sequential_batches(*pairs.T.tolist(), isFixed.tolist())
-    assert colour.max() < 2 * most - 1 and colour.max() < ordered.max()
-
-
-def coloured(name, steps):
-    """The states and contacts of a scene after each coloured step."""
-    meshes = load_scene_file(DATA_FOLDER / f"{name}-scene.txt")
-    for _ in range(steps):
-        before = state_of(meshes)
-        report = run_timestep(
-            meshes, make_ground(), 0.02, 0.5, broadPhase="grid", pairOrder="coloured"
-        )
-        yield meshes, before, report
-
-
-def test_coloured_pairs_give_the_same_bits_twice_and_another_motion_than_the_order():
-    runs = [list(coloured("mixed", 150))[-1][0] for _ in range(2)]
-    for one, other in zip(*map(state_of, runs), strict=True):
-        assert np.array_equal(one, other)
-    ordered = load_scene_file(DATA_FOLDER / "mixed-scene.txt")
-    for _ in range(150):
-        run_timestep(ordered, make_ground(), 0.02, 0.5, broadPhase="grid")
-    assert not np.array_equal(state_of(ordered)[0], state_of(runs[0])[0])
-
-
-def test_coloured_pairs_overlook_no_collision():
-    """What meets before the collisions is resolved, or a body of it has been moved before."""
-    seen = 0
-    for meshes, before, report in coloured("mixed", 150):
-        contacts = {(c.body1, c.body2) for c in report.contacts if c.body2 >= 0}
-        moved = {b for pair in contacts for b in pair}
-        after = state_of(meshes)
-        for mesh, *rows in zip(meshes, *before, strict=True):
-            mesh.position, mesh.orientation, mesh.linVelocity, mesh.angVelocity = (
-                row[None] for row in rows
-            )
-            mesh.integrate_timestep(0.02)
-        for i, mesh in enumerate(meshes):
-            for j in range(i + 1, len(meshes)):
-                isCollision, depth, *_ = mesh.detect_collision(meshes[j])
-                if isCollision and depth > 1e-9:
-                    seen += 1
-                    assert (i, j) in contacts or {i, j} & moved
-        for mesh, *rows in zip(meshes, *after, strict=True):
-            mesh.position, mesh.orientation, mesh.linVelocity, mesh.angVelocity = (
-                row[None] for row in rows
-            )
-    assert seen > 10
-
-
-def test_coloured_contacts_keep_the_momentum():
-    """Free space: the momentum grows by the weight alone, whatever the contacts do."""
-    meshes = load_scene_file(DATA_FOLDER / "mixed-scene.txt")
-    meshes = [mesh for mesh in meshes if not mesh.isFixed]
-    for k, mesh in enumerate(meshes):
-        mesh.linVelocity = -0.3 * mesh.position + np.array([[0.0, 0.1 * k, 0.0]])
-    mass = sum(mesh.mass for mesh in meshes)
-    start = sum(mesh.mass * mesh.linVelocity[0] for mesh in meshes)
-    contacts = 0
-    for _ in range(120):
-        report = run_timestep(meshes, None, 0.02, 0.5, broadPhase="grid", pairOrder="coloured")
-        contacts += len(report.contacts)
-    end = sum(mesh.mass * mesh.linVelocity[0] for mesh in meshes)
-    weight = np.array([0.0, RBSFunctions.GRAVITY * mass * 120 * 0.02, 0.0])
-    scale = sum(mesh.mass * np.abs(mesh.linVelocity).max() for mesh in meshes)
-    assert contacts > 10
-    assert np.abs(end - start - weight).max() < 1e-12 * scale
 
 
 def pile(*arguments):

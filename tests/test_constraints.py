@@ -31,18 +31,14 @@ from scipy.linalg import block_diag, eigh
 from scipy.spatial.transform import Rotation
 
 import RBSFunctions
+from rbs.simulation import CONSTRAINT_TOLERANCE, Settings, Simulation
 from RBSFunctions import (
     CONSTRAINT_SCHEDULINGS,
     resolve_position_constraint,
     resolve_velocity_constraint,
     run_timestep,
 )
-from RigidBodySimulation import (
-    CONSTRAINT_TOLERANCE,
-    Settings,
-    Simulation,
-    load_constraint_file,
-)
+from RigidBodySimulation import load_constraint_file
 
 G = 9.8
 H = 0.02  # seconds

@@ -27,14 +27,10 @@ from oracles import (
 )
 
 import RBSFunctions
+from rbs.scenes import find_constraints
+from rbs.simulation import Settings, Simulation
 from RBSFunctions import ContactLaw, Mesh, resolve_collision, run_timestep
-from RigidBodySimulation import (
-    Settings,
-    Simulation,
-    find_constraints,
-    load_constraint_file,
-    load_scene_file,
-)
+from RigidBodySimulation import load_constraint_file, load_scene_file
 
 G = 9.8
 H = 0.02  # seconds
