@@ -43,9 +43,10 @@ from rbs.bodies import (
     state_columns,
 )
 from rbs.bodies import StateError as StateError
+from rbs.broadphase import BROAD_PHASES
 from rbs.constraints import ConstraintRows
 from rbs.hulls import build_hull
-from rbs.poses import Posed
+from rbs.poses import KEPT_NAMES, Posed
 from rbs.reports import GROUND, StepReport
 from rbs.schedules import CONSTRAINT_SCHEDULINGS, batches, queue, sweep
 from rbs.vectors import (
@@ -65,8 +66,6 @@ from rbs.vectors import (
 
 # Acceleration of free fall, length units / s².
 GRAVITY = -9.8
-
-BROAD_PHASES = ("all", "grid")
 
 # The ground's normal. It points into the body, which is why the depth there is negative.
 UPWARDS = (0.0, 1.0, 0.0)
@@ -357,7 +356,7 @@ class Mesh(Posed):
         """What copies and pickles take along: the attributes, not what is kept to save time."""
         names = (*STATE_SHAPES, "invIT", "invMass")
         state = {**vars(self), **{name: getattr(self, name) for name in names}}
-        return {name: value for name, value in state.items() if not name.startswith("_")}
+        return {name: value for name, value in state.items() if name not in KEPT_NAMES}
 
     def __setstate__(self, state):
         self.__dict__.update(state)
@@ -479,13 +478,8 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     isGround = len(m2.origVertices) == 0
     if depth < 0.0 or (depth == 0.0 and isGround):
         depth, normal = -depth, scale(-1.0, normal)
-    shift = separate(body1, body2, depth, normal)
-    point = mul_add(floats(penPoint, 3), shift, normal)
-    arm1, arm2 = sub(point, body1.position), sub(point, body2.position)
-    responses = inverse_effective_mass(body1, body2, arm1, arm2, normal)
-    impulse, friction = apply_contact_impulses(
-        body1, body2, arm1, arm2, normal, responses, settings
-    )
+    arm1, arm2 = correct_positions(body1, body2, depth, normal, floats(penPoint, 3))
+    impulse, friction = apply_contact_impulses(body1, body2, arm1, arm2, normal, settings)
     m1.set_body_state(body1)
     m2.set_body_state(body2)
     return ContactImpulses(impulse, friction, arm1)
@@ -509,6 +503,13 @@ def separate(body1, body2, distance, direction):
     body1.position = mul_add(body1.position, -(weight1 * distance), direction)
     body2.position = mul_add(body2.position, weight2 * distance, direction)
     return weight2 * distance
+
+
+def correct_positions(body1, body2, depth, normal, penPoint):
+    """Separates two bodies that touch; returns the arms `(arm1, arm2)` from their COMs to the
+    contact point, which is penPoint, moved along with body 2."""
+    point = mul_add(penPoint, separate(body1, body2, depth, normal), normal)
+    return sub(point, body1.position), sub(point, body2.position)
 
 
 def relative_velocity(body1, body2, arm1, arm2):
@@ -555,12 +556,16 @@ def apply_impulse(body1, body2, responses, direction, change, limit=None):
     return impulse
 
 
-def apply_contact_impulses(body1, body2, arm1, arm2, normal, responses, settings):
+def apply_contact_impulses(body1, body2, arm1, arm2, normal, settings, responses=None):
     """The impulses of a contact: `(impulse, friction)`, what body 2 receives along and across.
+
+    responses : as `inverse_effective_mass` gives them along the normal, if they are at hand
 
     Restitution asks that a closing speed of c become one of -e c: with u = v1 + ω1 × r1 - v2 -
     ω2 × r2 the impulse is j = (1 + e) (u · n) / K, K as of `inverse_effective_mass`.
     """
+    if responses is None:
+        responses = inverse_effective_mass(body1, body2, arm1, arm2, normal)
     closingSpeed = dot(relative_velocity(body1, body2, arm1, arm2), normal)
     change = (1.0 + settings.CRCoeff) * closingSpeed
     if settings.closingOnly:
@@ -890,8 +895,8 @@ def _apply_impulses(bodies, contacts, settings, report):
             for b, own in ((first, all1), (second, all2))
         )  # fmt: skip
         impulse, friction = apply_contact_impulses(
-            body1, body2, arm1[:, some], arm2[:, some], normal[:, some],
-            tuple(response[..., some] for response in responses), settings,
+            body1, body2, arm1[:, some], arm2[:, some], normal[:, some], settings,
+            tuple(response[..., some] for response in responses),
         )  # fmt: skip
         for b, body in ((first, body1), (second, body2)):
             bodies.velocity[:, b[some]] = np.concatenate((body.linVelocity, body.angVelocity))
@@ -915,12 +920,8 @@ def _resolve_ground(bodies, groundMesh, settings, report):
         (still.invMass, still.invInertia, still.position, still.linVelocity, still.angVelocity)
     ))  # fmt: skip
     depth = -point[1]
-    moved = mul_add(point, separate(body, ground, depth, normal), normal)
-    arm1, arm2 = sub(moved, body.position), sub(moved, ground.position)
-    responses = inverse_effective_mass(body, ground, arm1, arm2, normal)
-    impulse, friction = apply_contact_impulses(
-        body, ground, arm1, arm2, normal, responses, settings
-    )
+    arm1, arm2 = correct_positions(body, ground, depth, normal, point)
+    impulse, friction = apply_contact_impulses(body, ground, arm1, arm2, normal, settings)
     bodies.store(b, body)
     rank, second = np.full(len(b), AFTER_ALL_PAIRS), np.full(len(b), GROUND)
     impulse = np.ravel(impulse)  # a row, as the ground's inverse mass is

@@ -10,8 +10,9 @@ import math
 
 import numpy as np
 
+from rbs.broadphase import grid_levels
 from rbs.colours import CONSTRAINT_COLOURS, GROUND_COLOURS, SEEN_BACKGROUND
-from RBSFunctions import grid_levels
+from rbs.poses import refresh_vertices
 
 # Faces that meet at a smaller angle, in radians, pass for one round surface: a cylinder of 20 sides
 # or more, or a finely divided ellipsoid.
@@ -37,6 +38,7 @@ def flatten_meshes(meshes):
     bodyOfFace (ΣF,), the index in `meshes` of the body that each face belongs to). A value per
     body becomes a value per face by indexing: densities[bodyOfFace].
     """
+    refresh_vertices(meshes)
     vertices = [np.reshape(mesh.currVertices, (-1, 3)) for mesh in meshes]
     faces = [np.reshape(mesh.faces, (-1, 3)).astype(np.int64) for mesh in meshes]
     firstVertex = np.cumsum([0] + [len(v) for v in vertices])

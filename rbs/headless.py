@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 from tqdm import tqdm
 
+from rbs.bodies import StateError
 from rbs.messages import print_error, shown_path
 from rbs.replay import Replay
 from rbs.scenes import scene_name
-from RBSFunctions import StateError
 
 # Seconds between two updates of the progress: so that it moves in a terminal, and so seldom that
 # the log of an hour's run stays readable.

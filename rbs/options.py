@@ -9,6 +9,7 @@ import os
 import re
 from pathlib import Path
 
+from rbs.broadphase import BROAD_PHASES
 from rbs.colours import COLOURINGS
 from rbs.messages import PROGRAM_NAME, one_line, short
 from rbs.pictureoptions import (
@@ -20,6 +21,7 @@ from rbs.pictureoptions import (
     VIDEO_ENDINGS,
     VIDEO_RATE,
 )
+from rbs.schedules import CONSTRAINT_SCHEDULINGS
 from rbs.simulation import (
     DEFAULT_RESTITUTION,
     DEFAULT_TIME_STEP,
@@ -32,7 +34,6 @@ from rbs.simulation import (
     checked_time_step,
 )
 from rbs.textfiles import plain_float, plain_int
-from RBSFunctions import BROAD_PHASES, CONSTRAINT_SCHEDULINGS
 
 # What runs where no scene is named.
 DEFAULT_SCENE = "mixed"

@@ -9,9 +9,10 @@ import time
 
 import numpy as np
 
+from rbs.broadphase import BROAD_PHASES
 from rbs.colours import COLOURINGS, PICKED_COLOUR, legend
 from rbs.drawing import LAYERS, MOST_BOXES, MOST_TRAILS, TRAIL_LENGTH, VELOCITY_SECONDS
-from RBSFunctions import BROAD_PHASES, CONSTRAINT_SCHEDULINGS
+from rbs.schedules import CONSTRAINT_SCHEDULINGS
 
 # In pixels. The panel is as high as its content.
 MARGIN = 12

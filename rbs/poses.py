@@ -66,6 +66,10 @@ class Pose:
         return np.ascontiguousarray((self.turned.vertices + np.array(self.position)[:, None]).T)
 
 
+# The attributes of a mesh that are kept to save time, its state in tables included.
+KEPT_NAMES = ("_shape", "_pose", "_currVertices", "_cachedAxes", "_tables", "_row")
+
+
 class Posed:
     """What a mesh keeps of its pose, until position or orientation change: the base of `Mesh`.
 

@@ -10,10 +10,10 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
+from rbs.bodies import StateError
 from rbs.messages import one_line
 from rbs.recordingfiles import QUOTE_LENGTH
 from rbs.state import STATE_NAMES, Scene, hash_of
-from RBSFunctions import StateError
 
 # A setting that recordings of version 0.1.0 have. Its one value that is left is what is done now;
 # with the other, pairs were resolved in rounds of a graph colouring.

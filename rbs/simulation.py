@@ -14,10 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
+from rbs.bodies import StateError
+from rbs.broadphase import BROAD_PHASES
 from rbs.messages import short
 from rbs.scenes import find_constraints, load_constraint_file, load_scene_file
+from rbs.schedules import CONSTRAINT_SCHEDULINGS
 from rbs.state import Scene
-from RBSFunctions import BROAD_PHASES, CONSTRAINT_SCHEDULINGS, Mesh, StateError, run_timestep
+from RBSFunctions import Mesh, run_timestep
 
 # Bodies keep half of their closing speed: the first falls visibly bounce and a pile comes to rest
 # within ten seconds. With 1, the other natural choice, nothing in a scene would ever settle.

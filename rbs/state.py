@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from Quaternion import QConj, QRotate
+from rbs.poses import refresh_vertices
 from RBSFunctions import GRAVITY
 
 # The state of a body: the rest of it follows from these and from what never changes.
@@ -56,17 +57,6 @@ class Scene:
         for plural, name in STATE_NAMES.items():
             for mesh, row in zip(self.meshes, state[plural], strict=True):
                 setattr(mesh, name, np.array(row, dtype=np.float64).reshape(1, -1))
-        # In one go, which a replay is played with: NumPy's calls would take most of the time.
-        counts = [len(mesh.origVertices) for mesh in self.meshes]
-        rotations, translations = (
-            np.repeat(np.concatenate([getattr(mesh, name) for mesh in self.meshes]), counts, axis=0)
-            for name in ("orientation", "position")
-        )
-        vertices = np.concatenate([mesh.origVertices for mesh in self.meshes])
-        vertices = QRotate(rotations, vertices) + translations
-        ends = np.cumsum(counts)[:-1]
-        for mesh, own in zip(self.meshes, np.split(vertices, ends), strict=True):
-            mesh.currVertices = own
 
     def _free(self, *names):
         """Attributes of all free bodies as arrays with a row for each of the m bodies."""
@@ -108,6 +98,8 @@ class Scene:
 
     def largest_violation(self):
         """How far the distance of a constraint is beyond its bound at most, in m; 0 if none is."""
+        if self.constraints:
+            refresh_vertices(self.meshes)
         largest = 0.0
         for m1, v1, m2, v2, refValue, upper in self.constraints:
             distance = math.dist(self.meshes[m1].currVertices[v1], self.meshes[m2].currVertices[v2])
@@ -116,6 +108,7 @@ class Scene:
 
     def lowest_point(self):
         """(y in m, name of the body) of the lowest vertex; (nan, "") where there is no body."""
+        refresh_vertices(self.meshes)
         heights = [(float(np.min(mesh.currVertices[:, 1])), mesh.name) for mesh in self.meshes]
         return min(heights, default=(math.nan, ""))
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from rbs.files import atomic_write, check_target, named_errors, partial_path, replace_file
-from RBSFunctions import PHASES
+from rbs.reports import PHASES
 
 # What `step_quantities` gives, each with its unit. A phase's time is called after the phase.
 QUANTITY_UNITS = {

@@ -13,11 +13,11 @@ from statistics import median
 
 import numpy as np
 
+from rbs.bodies import StateError
 from rbs.cameras import apply_camera, load_camera, save_camera
 from rbs.panel import MARGIN, PANEL_WIDTH, Panel
 from rbs.pictureoptions import PictureOptions, video_timing
 from rbs.pictures import Video, VideoError, save_picture, start_view
-from RBSFunctions import StateError
 
 # Frames and steps over which the milliseconds on screen are a median: half a second's worth.
 TIMED_STEPS = 25

@@ -5,6 +5,7 @@ import pytest
 from oracles import body, ground, random_quaternions, rotation, state_of
 
 import GJK
+from rbs.patches import overlap_centre
 from RBSFunctions import Mesh, run_timestep
 
 SQUARE = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
@@ -36,15 +37,15 @@ def test_unknown_names_are_refused():
 
 def test_overlap_of_points_with_figures_is_the_point():
     point = [(0.25, 0.5), (0.25, 0.5)]
-    assert GJK.overlap_centre(point, SQUARE, 1e-10) == (0.25, 0.5)
-    assert GJK.overlap_centre(SQUARE, point, 1e-10) == (0.25, 0.5)
+    assert overlap_centre(point, SQUARE, 1e-10) == (0.25, 0.5)
+    assert overlap_centre(SQUARE, point, 1e-10) == (0.25, 0.5)
 
 
 @pytest.mark.parametrize("gap", [1e-14, 1e-12])
 def test_figures_that_rounding_has_parted_meet_between_them(gap):
     """The sides move out until something is left: the centre of the side that they had shared."""
     shifted = [(u + 1 + gap, v + 0.5) for u, v in SQUARE]
-    u, v = GJK.overlap_centre(SQUARE, shifted, 1e-10)
+    u, v = overlap_centre(SQUARE, shifted, 1e-10)
     assert abs(u - 1) < 1e-10 and abs(v - 0.75) < 1e-9
 
 
