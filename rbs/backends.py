@@ -32,6 +32,7 @@ class Backend:
 
     @property
     def opensWindow(self):
+        """Whether a window can be opened; else only pictures can be drawn, if a name is given."""
         return self.name == WINDOW_BACKEND
 
 

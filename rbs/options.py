@@ -128,6 +128,7 @@ def make_parser():
 
 
 def add_physics_options(parser):
+    """Contacts, friction, the time step, the broad phase."""
     physics = parser.add_argument_group("simulation", PHYSICS_EXAMPLES)
     physics.add_argument(
         "--restitution", metavar="E", type=option_type(plain_float, checked_restitution, "number"),
@@ -159,6 +160,7 @@ def add_physics_options(parser):
 
 
 def add_constraint_options(parser):
+    """Which constraints there are, and how they are solved."""
     constraints = parser.add_argument_group("constraints", CONSTRAINT_EXAMPLES)
     source = constraints.add_mutually_exclusive_group()
     source.add_argument(
@@ -182,6 +184,7 @@ def add_constraint_options(parser):
 
 
 def add_output_options(parser):
+    """Runs without a window, and what pictures and videos look like."""
     output = parser.add_argument_group("without a window", OUTPUT_EXAMPLES)
     output.add_argument(
         "--headless", action="store_true",
@@ -236,6 +239,7 @@ def add_output_options(parser):
 
 
 def add_recording_options(parser):
+    """Recordings and statistics."""
     recordings = parser.add_argument_group("recordings", RECORDING_EXAMPLES)
     recordings.add_argument(
         "--record", metavar="FILE.npz", type=PATH,

@@ -89,6 +89,7 @@ class Viewer:
 
     @property
     def isReplay(self):
+        """Whether a recording is shown, which can be sought in; else a scene is simulated."""
         return hasattr(self.simulation, "seek")
 
     # Time.

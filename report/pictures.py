@@ -70,7 +70,7 @@ def chains():
 
 
 def cube():
-    """Eight bodies, each tied to all others, long after they have landed."""
+    """Eight bodies, each with constraints to all others, long after they have landed."""
     look = camera((26, 30, 52), (0, 9, 0), 36)
     return Simulation(find_scene("cube"), Settings()), 450, "body", ("velocities",), look
 
@@ -112,8 +112,8 @@ def draw(name, size=SIZE):
     backend = find_backend(window=False)
     if backend.name is None:
         sys.exit(f"no pictures can be drawn: {backend.reason}. {backend.remedy}")
-    look = PictureOptions(size, where, False, colouring, overlays)
-    view = start_view(simulation, backend, look)
+    options = PictureOptions(size, where, False, colouring, overlays)
+    view = start_view(simulation, backend, options)
     for step in range(1, steps + 1):
         simulation.step()
         # a trail remembers some forty places: of a short run every one, of a long one its end

@@ -244,7 +244,7 @@ def test_dented_mesh_is_told_in_one_line(tmp_path):
 
 CHAIN = DATA / "tower_chain-scene.txt"
 CHAIN_CONSTRAINTS = DATA / "tower_chain-constraints.txt"
-# From step 53 on several of its constraints are taut, and the order of the visits makes a difference.
+# From step 53 on several of its constraints are taut, and the order of visits makes a difference.
 CHAIN_STEPS = 70
 
 

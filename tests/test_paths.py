@@ -18,7 +18,7 @@ SCENE = "ein schöner Turm-scene.txt"
 
 @pytest.fixture
 def strange(tmp_path):
-    """A folder with a scene of two bodies with a constraint, and their meshes in it and in a folder below."""
+    """A folder with two bodies and a constraint, their meshes in it and in a folder below."""
     folder = tmp_path / FOLDER
     (folder / "alle Netze").mkdir(parents=True)
     shutil.copy(DATA / "box.mesh", folder / "ein großer Würfel.mesh")
