@@ -863,15 +863,15 @@ def _resolve_pairs(bodies, settings, report):
     if len(bodies.meshes) < 2:
         return
     pairs = OrderedBatches(bodies, mass_weights)
-    isComplete = len(pairs.first) == 0
-    while not isComplete:
+    report.candidatePairs = len(pairs.keys)
+    contacts = None
+    while contacts is None and len(pairs.first) > 0:
         for batch in pairs.detect():
             shift = separate(batch.body1, batch.body2, batch.depth, batch.normal)
             pairs.store(batch, shift)
-        isComplete = pairs.validate()
-    report.candidatePairs = len(pairs.keys)
-    if len(pairs.first) > 0:
-        _apply_impulses(bodies, pairs.contacts(), settings, report)
+        contacts = pairs.validate()
+    if contacts is not None:
+        _apply_impulses(bodies, contacts, settings, report)
 
 
 def _apply_impulses(bodies, contacts, settings, report):

@@ -156,22 +156,18 @@ class OrderedBatches:
             self.bodies.position[:, own[hits]] = take(body.position, hits, axis=1)
         self._stored.append((batch, shift))
 
-    def contacts(self):
-        """The `Contacts` of the last pass."""
-        return Contacts(self, self._stored)
-
     def validate(self):
-        """Whether the last pass was complete. Otherwise it has to be made again: the positions are
-        rolled back, and the missed pairs added."""
-        contacts = self.contacts()
+        """The `Contacts` of the last pass if it was complete. Otherwise None, and it has to be made
+        again: the positions are rolled back, and the missed pairs added."""
+        contacts = Contacts(self, self._stored)
         history = PositionHistory(self.start, contacts)
         self.bodies.axes.displacement = history.maximumDisplacement
         first, second = self._missed_pairs(history)
         if len(first) == 0:
-            return True
+            return contacts
         self.bodies.position[:] = self.start
         self._add_missed_pairs(first, second, history.maximumDisplacement)
-        return False
+        return None
 
     def _missed_pairs(self, history):
         """Pairs `(first, second)` that are not in the batches and would have touched at their turn.
