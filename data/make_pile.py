@@ -36,7 +36,7 @@ MILLIMETRES = 1000
 GAP = 2
 # What the boxes of a heap fill of the block that they are packed into.
 FILL = 0.46
-# Metres. From there a body falls at up to 50 m/s, or 1 m in a step of 0.02 s; from higher up, bodies
+# Metres. From there bodies reach 50 m/s, which is 1 m in a step of 0.02 s; from higher up, they
 # would begin to pass through one another.
 MOST_HEIGHT = 130.0
 
