@@ -13,8 +13,8 @@ GRAVITY = 9.8
 
 
 def test_there_is_a_row_for_each_run_and_window(tmp_path):
-    command = [sys.executable, benchmarkPiles.__file__, "--sizes", "6", "12", "--kinds", "heap", "--windows", "1-3",
-               "2-5", "--all-up-to", "6", "--out", tmp_path]  # fmt: skip
+    command = [sys.executable, benchmarkPiles.__file__, "--sizes", "6", "12", "--kinds", "heap",
+               "--windows", "1-3", "2-5", "--all-up-to", "6", "--out", tmp_path]  # fmt: skip
     printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     with (tmp_path / "piles.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
