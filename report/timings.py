@@ -29,8 +29,8 @@ SCALE, SCHEDULING = FOLDER / "scale.csv", FOLDER / "scheduling.csv"
 SIZES = [50, 200, 1000, 3000]
 QUICK_SIZES = [50, 200]
 # What all runs are compared on: dense heaps, with one friction and restitution for all of them.
-KIND, CONTACT_LAW = "heap", "friction 0.5"
-CONTACTS = benchmarkPiles.CONTACTS[CONTACT_LAW]
+KIND, MATERIAL_NAME = "heap", "friction 0.5"
+MATERIAL = benchmarkPiles.MATERIALS[MATERIAL_NAME]
 FIRST_STEP, LAST_STEP = 200, 300
 
 TIED_SCENES = ("cube", "two_chain", "bridge", "net")
@@ -73,7 +73,7 @@ def measure_scale(sizes):
     with tempfile.TemporaryDirectory() as folder:
         command = [
             sys.executable, benchmarkPiles.__file__, "--sizes", *map(str, sizes), "--kinds", KIND,
-            "--contacts", CONTACT_LAW, "--windows", f"{FIRST_STEP}-{LAST_STEP}", "--peers",
+            "--materials", MATERIAL_NAME, "--windows", f"{FIRST_STEP}-{LAST_STEP}", "--peers",
             "--out", folder,
         ]  # fmt: skip
         subprocess.run(command, check=True)
@@ -159,7 +159,7 @@ def peers():
             continue
         rows = [("box.mesh", 500, False, (0, BOX[1] * (k + 0.5), 0), (1, 0, 0, 0))
                 for k in range(count)]  # fmt: skip
-        run = peer(pictures.made_scene(rows), benchmarkPiles.CONTACTS["no friction"])
+        run = peer(pictures.made_scene(rows), benchmarkPiles.MATERIALS["no friction"])
         for _ in range(round(STACK_SECONDS / H)):
             run.step()
         if name == "MuJoCo":
@@ -196,7 +196,7 @@ def scale(axis):
         "largest": f"{largest:,}".replace(",", "\u202f"), "gridLargest": text(at[largest], 0),
         "exponent": text(math.log(grid[-1] / grid[-2]) / math.log(sizes[-1] / sizes[-2]), 2),
         "from": str(FIRST_STEP), "steps": str(LAST_STEP), "realTime": f"{1e3 * H:g}",
-        "mu": f"{CONTACTS.friction:g}", "restitution": f"{CONTACTS.restitution:g}",
+        "mu": f"{MATERIAL.friction:g}", "restitution": f"{MATERIAL.restitution:g}",
     }  # fmt: skip
     own = dict(zip(*times_of(rows, "all pairs"), strict=True))
     middle = int(max(own))

@@ -3,8 +3,8 @@
     python tests/benchmarkPiles.py --sizes 50 200 1000 --kinds pile --windows 200-300
     python tests/benchmarkPiles.py --sizes 200 1000 --kinds heap --peers
 
-Scenes are those of data/make_pile.py. Each is run without friction and with it; see CONTACTS. For
-each kind, size and friction, the runs take turns step by step, so that a busy machine is busy for
+Scenes are those of data/make_pile.py. Each is run without friction and with it; see MATERIALS. For
+each kind, size and material, the runs take turns step by step, so that a busy machine is busy for
 all of them: the basic loop over all pairs up to --all-up-to bodies, and the grid; with --peers also
 MuJoCo and PyBullet, where they are installed (`pip install mujoco pybullet`), on the same hulls,
 poses, densities and time step, with the same friction and, in PyBullet, the same restitution.
@@ -41,21 +41,21 @@ from RigidBodySimulation import DATA_FOLDER, Settings, Simulation
 TIME_STEP = 0.02
 SIZES = [50, 200, 1000, 2000, 5000, 10000]
 KINDS = {"pile": [], "spread": ["--spread"], "heap": ["--heap"]}
-# Steps that are measured, from the first one to the one before the last: bodies have come down, and
-# bodies have come to lie.
+# Steps that are measured, the last one not included: those in which a heap collapses, and those in
+# which what is left of it moves slowly.
 WINDOWS = ["200-300", "500-600"]
 
 
-class Contacts(NamedTuple):
-    """What bodies are made of, the ground included."""
+class Material(NamedTuple):
+    """What bodies are made of, and the ground too."""
 
     friction: float  # Coulomb's μ
     restitution: float
 
 
-CONTACTS = {"no friction": Contacts(0.0, 0.5), "friction 0.5": Contacts(0.5, 0.0)}
+MATERIALS = {"no friction": Material(0.0, 0.5), "friction 0.5": Material(0.5, 0.0)}
 OWN = {"all pairs": {}, "grid": {"broadPhase": "grid"}}
-COLUMNS = ["kind", "bodies", "contact law", "run", "steps", "milliseconds", "low quartile",
+COLUMNS = ["kind", "bodies", "material", "run", "steps", "milliseconds", "low quartile",
            "high quartile", "candidate pairs", "contacts", "contacts a body", *PHASES,
            "peak memory MB"]  # fmt: skip
 # Okabe and Ito's colours, told apart by the colour-blind.
@@ -65,9 +65,9 @@ COLOURS = ["#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#5
 class OwnRun:
     """This program on a scene file."""
 
-    def __init__(self, scene, contacts, **settings):
+    def __init__(self, scene, material, **settings):
         settings = Settings(
-            contacts.restitution, TIME_STEP, friction=contacts.friction, **settings
+            material.restitution, TIME_STEP, friction=material.friction, **settings
         )
         self.simulation = Simulation(scene, settings)
 
@@ -87,7 +87,7 @@ class MuJoCoRun:
     with dampers, by default critically damped, so that bodies hardly bounce.
     """
 
-    def __init__(self, simulation, contacts, solver="newton"):
+    def __init__(self, simulation, material, solver="newton"):
         """solver : "newton", MuJoCo's default, or "cg" """
         import mujoco
 
@@ -99,8 +99,8 @@ class MuJoCoRun:
         # left to itself, MuJoCo asks for more memory than there is from some thousand bodies on
         spec.memory = max(2**30, len(simulation.meshes) * 2**18)
         # a normal alone, or with two directions to slide in; no friction of torsion or rolling
-        surface = {"condim": 3, "friction": (contacts.friction, 0, 0)}
-        if contacts.friction == 0:
+        surface = {"condim": 3, "friction": (material.friction, 0, 0)}
+        if material.friction == 0:
             surface = {"condim": 1}
         # the plane's normal is its z axis: turned to y
         spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=(1, 1, 1),
@@ -132,7 +132,7 @@ class PyBulletRun:
     It multiplies the frictions of two bodies, and so their restitutions: each body has the root.
     """
 
-    def __init__(self, simulation, contacts):
+    def __init__(self, simulation, material):
         import pybullet
 
         self.pybullet = pybullet
@@ -157,8 +157,8 @@ class PyBulletRun:
             ))  # fmt: skip
         for body in bodies:
             pybullet.changeDynamics(
-                body, -1, lateralFriction=math.sqrt(contacts.friction),
-                restitution=math.sqrt(contacts.restitution), physicsClientId=self.client,
+                body, -1, lateralFriction=math.sqrt(material.friction),
+                restitution=math.sqrt(material.restitution), physicsClientId=self.client,
             )  # fmt: skip
 
     def step(self):
@@ -188,10 +188,10 @@ def make_scene(kind, count, folder):
     return path
 
 
-def make_runs(scene, count, contacts, options):
+def make_runs(scene, count, material, options):
     """Name → run, for everything that is asked for."""
     runs = {
-        name: OwnRun(scene, contacts, **settings)
+        name: OwnRun(scene, material, **settings)
         for name, settings in OWN.items()
         if name != "all pairs" or count <= options.all_up_to
     }
@@ -201,7 +201,7 @@ def make_runs(scene, count, contacts, options):
             if not importlib.util.find_spec(package):
                 continue
             try:
-                runs[name] = peer(simulation, contacts)
+                runs[name] = peer(simulation, material)
             except (ValueError, MemoryError) as error:  # some do not take so many
                 print(f"{name} left out at {count} bodies: {error}")
     return runs
@@ -230,7 +230,7 @@ def measure(runs, windows):
     return kept
 
 
-def row_of(kind, count, law, name, window, kept):
+def row_of(kind, count, material, name, window, kept):
     """One line of the table: a dict with the COLUMNS as its keys."""
     seconds, counts = zip(*kept, strict=True)
     low, median, high = np.percentile(1e3 * np.array(seconds), (25, 50, 75))
@@ -241,7 +241,7 @@ def row_of(kind, count, law, name, window, kept):
     }
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return {
-        "kind": kind, "bodies": count, "contact law": law, "run": name,
+        "kind": kind, "bodies": count, "material": material, "run": name,
         "steps": f"{window.start}-{window.stop}", "milliseconds": f"{median:.3f}",
         "low quartile": f"{low:.3f}", "high quartile": f"{high:.3f}",
         "candidate pairs": "" if pairs[0] is None else f"{np.median(pairs):g}",
@@ -253,19 +253,19 @@ def row_of(kind, count, law, name, window, kept):
 
 def group_of(row):
     """What rows have in common that stand in one plot."""
-    return row["kind"], row["contact law"], row["steps"]
+    return row["kind"], row["material"], row["steps"]
 
 
 def print_row(row, reference):
     """Prints a row, with its ratio to the reference in ms."""
-    kind, law, steps = group_of(row)
+    kind, material, steps = group_of(row)
     ratio = float(row["milliseconds"]) / reference
     details = [f"{row['contacts a body']} contacts a body"]
     if row["candidate pairs"]:
         details.append(f"{row['candidate pairs']} pairs")
     details += [f"{phase} {float(row[phase]):.1f}" for phase in PHASES if row.get(phase)]
     print(
-        f"{kind:<7}{row['bodies']:>6} {law:<13}{steps:<8} {row['run']:<11}"
+        f"{kind:<7}{row['bodies']:>6} {material:<13}{steps:<8} {row['run']:<11}"
         f"{float(row['milliseconds']):9.2f} ms "
         f"({float(row['low quartile']):.2f} – {float(row['high quartile']):.2f}), "
         f"{ratio:5.2f} × the grid; {', '.join(details)}",
@@ -280,8 +280,8 @@ def print_growth(rows):
                for row in rows if (group_of(row), row["run"]) == (group, run)]  # fmt: skip
         for (n1, t1), (n2, t2) in itertools.pairwise(own):
             exponent = math.log(t2 / t1) / math.log(n2 / n1)
-            kind, law, steps = group
-            print(f"{kind:<7}{law:<13}{steps:<8} {run:<11} {n1:>6} to {n2:>6}: "
+            kind, material, steps = group
+            print(f"{kind:<7}{material:<13}{steps:<8} {run:<11} {n1:>6} to {n2:>6}: "
                   f"time grows as N^{exponent:.2f}")  # fmt: skip
 
 
@@ -304,6 +304,7 @@ def draw(rows, folder):
         for axis, group in zip(axes[0], groups, strict=True):
             draw_panel(axis, [row for row in rows if group_of(row) == group], names)
             axis.set(title=", ".join(group), xlabel="bodies")
+            axis.label_outer()
         axes[0][0].legend(frameon=False, fontsize="small")
         figure.tight_layout()
         figure.savefig(folder / file, dpi=150)
@@ -340,8 +341,8 @@ def main():
     parser.add_argument("--sizes", nargs="+", type=int, default=SIZES, metavar="N")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), metavar="KIND",
                         help=", ".join(KINDS))  # fmt: skip
-    parser.add_argument("--contacts", nargs="+", choices=CONTACTS, default=list(CONTACTS),
-                        metavar="LAW", help=f"of {', '.join(map(repr, CONTACTS))}")  # fmt: skip
+    parser.add_argument("--materials", nargs="+", choices=MATERIALS, default=list(MATERIALS),
+                        metavar="NAME", help=f"of {', '.join(map(repr, MATERIALS))}")  # fmt: skip
     parser.add_argument("--windows", nargs="+", type=read_window, metavar="K-N",
                         default=[read_window(window) for window in WINDOWS],
                         help=f"steps that are measured (default: {' '.join(WINDOWS)})")
@@ -354,14 +355,15 @@ def main():
     options.out.mkdir(parents=True, exist_ok=True)
     print(describe_machine())
     print(f"medians (quartiles); steps of {TIME_STEP} s")
-    for law, contacts in CONTACTS.items():
-        print(f"{law}: μ = {contacts.friction:g}, restitution {contacts.restitution:g}")
+    for name, material in MATERIALS.items():
+        print(f"{name}: μ = {material.friction:g}, restitution {material.restitution:g}")
     rows = []
     with tempfile.TemporaryDirectory() as folder:
-        for kind, count, law in itertools.product(options.kinds, options.sizes, options.contacts):
-            runs = make_runs(make_scene(kind, count, folder), count, CONTACTS[law], options)
+        for case in itertools.product(options.kinds, options.sizes, options.materials):
+            kind, count, material = case
+            runs = make_runs(make_scene(kind, count, folder), count, MATERIALS[material], options)
             new = [
-                row_of(kind, count, law, name, window, kept)
+                row_of(*case, name, window, kept)
                 for (window, name), kept in measure(runs, options.windows).items()
             ]
             for row in new:

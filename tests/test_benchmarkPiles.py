@@ -18,11 +18,11 @@ def test_there_is_a_row_for_each_run_and_window(tmp_path):
     printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     with (tmp_path / "piles.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    found = [(row["bodies"], row["contact law"], row["steps"], row["run"]) for row in rows]
+    found = [(row["bodies"], row["material"], row["steps"], row["run"]) for row in rows]
     assert found == [
-        (bodies, law, steps, run)
+        (bodies, material, steps, run)
         for bodies in ("6", "12")
-        for law in ("no friction", "friction 0.5")
+        for material in ("no friction", "friction 0.5")
         for steps in ("1-3", "2-5")
         for run in (("all pairs", "grid") if bodies == "6" else ("grid",))
     ]
@@ -31,7 +31,7 @@ def test_there_is_a_row_for_each_run_and_window(tmp_path):
             float(row["contacts"]) / int(row["bodies"]), abs=0.005
         )
         assert f"{row['contacts a body']} contacts a body" in printed
-    # between the sizes, for each law and window of the only run that has both
+    # between the sizes, for each material and window of the only run that has both
     assert printed.count("time grows as N^") == 4
 
 
@@ -92,10 +92,10 @@ def slide(run, speed, steps):
 def test_peers_slide_as_far_as_coulomb_says(peer, slab):
     """With friction v² / (2 μ g), and without on and on."""
     friction, speed, steps = 0.5, 5.0, 100
-    distance = slide(peer(slab, benchmarkPiles.Contacts(friction, 0.0)), speed, steps)
+    distance = slide(peer(slab, benchmarkPiles.Material(friction, 0.0)), speed, steps)
     # one step's way, and what soft contacts creep
     assert distance == pytest.approx(speed**2 / (2 * friction * GRAVITY), abs=0.15)
-    distance = slide(peer(slab, benchmarkPiles.Contacts(0.0, 0.0)), speed, steps)
+    distance = slide(peer(slab, benchmarkPiles.Material(0.0, 0.0)), speed, steps)
     assert distance == pytest.approx(speed * steps * benchmarkPiles.TIME_STEP, rel=0.01)
 
 
@@ -103,7 +103,7 @@ def test_pybullet_bounces_as_restitution_says(slab):
     pytest.importorskip("pybullet")
     speeds = {}
     for restitution in (0.0, 0.5):
-        run = benchmarkPiles.PyBulletRun(slab, benchmarkPiles.Contacts(0.0, restitution))
+        run = benchmarkPiles.PyBulletRun(slab, benchmarkPiles.Material(0.0, restitution))
         run.pybullet.resetBaseVelocity(1, (0, -4.0, 0), physicsClientId=run.client)
         heights = []
         for _ in range(10):
