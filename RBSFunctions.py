@@ -23,7 +23,6 @@ import itertools
 import math
 from functools import partial
 from typing import NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -33,7 +32,6 @@ from rbs.arrays import indices, take
 from rbs.batches import OrderedBatches
 from rbs.bodies import LARGEST_NUMBER as LARGEST_NUMBER
 from rbs.bodies import (
-    STATE_SHAPES,
     Bodies,
     BodyState,
     MeshStates,
@@ -44,9 +42,9 @@ from rbs.bodies import (
 )
 from rbs.bodies import StateError as StateError
 from rbs.broadphase import BROAD_PHASES
-from rbs.constraints import ConstraintRows
+from rbs.constraints import Anchor, ConstraintRows
 from rbs.hulls import build_hull
-from rbs.poses import KEPT_NAMES, Posed
+from rbs.poses import Posed
 from rbs.reports import GROUND, StepReport
 from rbs.schedules import CONSTRAINT_SCHEDULINGS, batches, queue, sweep
 from rbs.vectors import (
@@ -315,9 +313,10 @@ class Mesh(Posed):
             return GJK.NO_COLLISION
         pose1, pose2 = self.pose(), m.pose()
         t = sub(pose2.position, pose1.position)
-        axis = self._cachedAxes.get(m)
-        isCollision, depth, normal, point = GJK.collide_turned(pose1.turned, pose2.turned, t, axis)
-        self._cachedAxes[m] = normal
+        isCollision, depth, normal, point = GJK.collide_turned(
+            pose1.turned, pose2.turned, t, self.cachedAxes.get(m)
+        )
+        self.cachedAxes[m] = normal
         if not isCollision:
             return GJK.NO_COLLISION
         return True, depth, _row(normal, 3), _row(add(point, pose2.position), 3)
@@ -346,21 +345,6 @@ class Mesh(Posed):
         torque = np.cross(arm, np.reshape(impulse, (1, 3)))
         self.linVelocity = self.linVelocity + self.invMass * np.reshape(impulse, (1, 3))
         self.angVelocity = self.angVelocity + torque @ self.get_rotated_inv_IT().T
-
-    def _forget(self):
-        """Drops what is kept to save time."""
-        super()._forget()
-        self._cachedAxes = WeakKeyDictionary()
-
-    def __getstate__(self):
-        """What copies and pickles take along: the attributes, not what is kept to save time."""
-        names = (*STATE_SHAPES, "invIT", "invMass")
-        state = {**vars(self), **{name: getattr(self, name) for name in names}}
-        return {name: value for name, value in state.items() if name not in KEPT_NAMES}
-
-    def __setstate__(self, state):
-        self.__dict__.update(state)
-        self._forget()
 
     def body_state(self):
         """What a contact or a constraint reads and changes, in floats: `BodyState`."""
@@ -689,19 +673,6 @@ def resolve_velocity_constraint(
         _as_given(currLinVelocities, (body1.linVelocity, body2.linVelocity)),
         _as_given(currAngVelocities, (body1.angVelocity, body2.angVelocity)),
     )
-
-
-class Anchor(tuple):
-    """A point of a body in the world, three floats, that knows its exact arm from the COM.
-
-    The difference of the point and the COM would lose the digits that the COM's distance from the
-    origin takes up.
-    """
-
-    def __new__(cls, point, arm):
-        anchor = super().__new__(cls, point)
-        anchor.arm = arm
-        return anchor
 
 
 def _as_given(given, pair):

@@ -1,4 +1,4 @@
-"""The rows of a scene's constraints, as columns: those that can be corrected at all."""
+"""A scene's constraints as columns, those that can be corrected at all; and anchors."""
 
 import numpy as np
 
@@ -51,3 +51,16 @@ class ConstraintRows:
         """Dict of each index: the bodies of it that are not fixed."""
         ends = zip(self.index.tolist(), self.body1.tolist(), self.body2.tolist(), strict=True)
         return {c: [b for b in pair if not isFixed[b]] for c, *pair in ends}
+
+
+class Anchor(tuple):
+    """A point of a body in the world, three floats, that knows its exact arm from the COM.
+
+    The difference of the point and the COM would lose the digits that the COM's distance from the
+    origin takes up.
+    """
+
+    def __new__(cls, point, arm):
+        anchor = super().__new__(cls, point)
+        anchor.arm = arm
+        return anchor

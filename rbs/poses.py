@@ -4,10 +4,13 @@ A `Pose` is made from a position and an orientation and never changes. `world_ve
 the vertices of many bodies in one go, for those who draw them or look at all of them.
 """
 
+from weakref import WeakKeyDictionary
+
 import numpy as np
 
 from Quaternion import rotation_matrices
 from rbs.arrays import take
+from rbs.bodies import COLUMN_SHAPES
 from rbs.hulls import rotate_columns
 from rbs.vectors import floats, mat_vec
 
@@ -67,7 +70,7 @@ class Pose:
 
 
 # The attributes of a mesh that are kept to save time, its state in tables included.
-KEPT_NAMES = ("_shape", "_pose", "_currVertices", "_cachedAxes", "_tables", "_row")
+KEPT_NAMES = ("_shape", "_pose", "_currVertices", "cachedAxes", "_tables", "_row")
 
 
 class Posed:
@@ -75,6 +78,9 @@ class Posed:
 
     Expects the attributes position, orientation, origVertices and hull. Whatever is kept can be
     made again, and copies and pickles leave it out.
+
+    cachedAxes : by other mesh, the axis along which the two were apart, or overlapped least, when
+        they were last looked at
     """
 
     @property
@@ -129,6 +135,16 @@ class Posed:
         """Drops what is kept."""
         self._shape = self._pose = None
         self._currVertices = None, None
+        self.cachedAxes = WeakKeyDictionary()
+
+    def __getstate__(self):
+        """What copies and pickles take along: the attributes, not what is kept to save time."""
+        state = {**vars(self), **{name: getattr(self, name) for name in COLUMN_SHAPES}}
+        return {name: value for name, value in state.items() if name not in KEPT_NAMES}
+
+    def __setstate__(self, state):
+        self.__dict__.update(state)
+        self._forget()
 
 
 def world_vertices(restVertices, counts, positions, orientations):

@@ -727,11 +727,14 @@ def samebits(axis):
     reference = Simulation(pile_scene(200), Settings())
     others = {
         name: Simulation(pile_scene(200), Settings(broadPhase="grid"))
-        for name in ("grid", "nudged")
+        for name in ("grid", "reversed", "nudged")
     }
     nudged = others["nudged"].meshes[100]
     x = nudged.position[0, 0]
     nudged.position = np.array([[np.nextafter(x, np.inf), *nudged.position[0, 1:]]])
+    # name → the bodies in the order of the reference's
+    bodies = {name: list(other.meshes) for name, other in others.items()}
+    others["reversed"].meshes.reverse()
     parted = {name: [] for name in others}
     for step in range(steps):
         reference.step()
@@ -740,13 +743,15 @@ def samebits(axis):
                 continue
             other.step()
             apart = [np.abs(a.position - b.position).max()
-                     for a, b in zip(reference.meshes, other.meshes, strict=True)]  # fmt: skip
+                     for a, b in zip(reference.meshes, bodies[name], strict=True)]  # fmt: skip
             parted[name].append(max(apart))
     t = H * np.arange(1, steps + 1)
-    values = np.array(parted["nudged"])
-    axis.semilogy(
-        t[values > 0], values[values > 0], "--", color=style.BLUE, label="one bit changed"
-    )
+    for name, colour, dash, label in (
+        ("reversed", style.VERMILION, "-", "list reversed"),
+        ("nudged", style.BLUE, "--", "one bit changed"),
+    ):
+        values = np.array(parted[name])
+        axis.semilogy(t[values > 0], values[values > 0], dash, color=colour, label=label)
     axis.set(xlabel="time / s", ylabel="largest distance / m", ylim=(1e-16, 1e8))
     axis.set_xlim(0, 1.02 * steps * H)
     axis.set_xticks([0, 4, 8, 12])
@@ -758,6 +763,7 @@ def samebits(axis):
         "grid": f"{max(parted['grid']):g}",
         "decades": str(round(math.log10(values[-1] / values[0]))),
         "end": text(1e6 * values[-1], 1),
+        "reversedMetre": text(t[np.argmax(np.array(parted["reversed"]) > 1.0)], 0),
     }  # fmt: skip
 
 

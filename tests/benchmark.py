@@ -19,8 +19,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import scipy
 
 from rbs.scenes import find_scene, scene_name
+from rbs.schedules import CONSTRAINT_SCHEDULINGS
 from rbs.simulation import Settings, Simulation
-from RBSFunctions import CONSTRAINT_SCHEDULINGS
 
 
 def describe_machine():

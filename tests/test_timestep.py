@@ -616,8 +616,8 @@ def test_what_meshes_keep_changes_no_bit():
         run_timestep(forgetting, ground(), H, 0.5)
         assert np.array_equal(state_of(keeping), state_of(forgetting))
         forgetting = copy.deepcopy(forgetting)
-    assert sum(len(mesh._cachedAxes) for mesh in keeping) > 5
-    assert sum(len(mesh._cachedAxes) for mesh in forgetting) == 0
+    assert sum(len(mesh.cachedAxes) for mesh in keeping) > 5
+    assert sum(len(mesh.cachedAxes) for mesh in forgetting) == 0
 
 
 # --------------------------------------------------------------------------------------------------
