@@ -1,13 +1,13 @@
 """The coursework: rigid bodies, the integrator, collisions, constraints, and the step of them all.
 
-From the top: `run_timestep`, which reads as the coursework's text; what a step tells of itself;
-`Mesh`; the integrator; contacts, `resolve_collision` and friction; distance constraints; and the
-accelerated step, which applies the same formulas to thousands of bodies at once.
+From the top: `run_timestep`, which reads as the coursework's text; `Mesh`; free flight; contacts
+with friction; distance constraints; and the accelerated step, which applies the same formulas to
+thousands of bodies at once. Which pairs and which constraints, and when, is decided in rbs/.
 
 Units are whatever the scene uses, lengths and masses alike, with seconds and a gravity of 9.8
 length units per second squared along -y. Vectors of one mesh are rows (1, 3), quaternions (1, 4)
 with the scalar part first; (3,) and (4,) are accepted wherever one is passed in or assigned. The
-formulas stand once, on components: see rbs/vectors.py.
+formulas stand once, on components, tuples or arrays: see rbs/vectors.py.
 
 Sources. Semi-implicit Euler, impulses and the inertia of a turned body: Baraff, Physically Based
 Modeling: Rigid Body Simulation, SIGGRAPH course notes, 2001. Mass, centre and inertia of a
@@ -30,7 +30,6 @@ import GJK
 from Quaternion import exponential, multiply, rotation_matrices
 from rbs.arrays import indices, take
 from rbs.batches import OrderedBatches
-from rbs.bodies import LARGEST_NUMBER as LARGEST_NUMBER
 from rbs.bodies import (
     Bodies,
     BodyState,
@@ -40,7 +39,6 @@ from rbs.bodies import (
     restored_on_error,
     state_columns,
 )
-from rbs.bodies import StateError as StateError
 from rbs.broadphase import BROAD_PHASES
 from rbs.constraints import Anchor, ConstraintRows
 from rbs.hulls import build_hull
@@ -106,12 +104,13 @@ def run_timestep(
         cannot find anything; "batches" visits constraints without a common body together, which
         ends elsewhere within the same bounds, and suits hundreds of constraints
     broadPhase : "all" detects and resolves the pairs one after the other; "grid" gives the same
-        bits through uniform grids and batches of pairs, and suits hundreds of bodies
+        bits through uniform grids and batches of pairs, and suits hundreds of bodies. It applies
+        the formulas to arrays: what a subclass of Mesh has in place of a method is not called
 
     Raises ValueError for a name that is not known, a number that is negative or not finite where it
-    must not be, and what `resolve_collision` refuses; StateError, which names the body, where a
-    number would become NaN, infinite or larger than LARGEST_NUMBER. Whatever is raised, the meshes
-    are then as they were before the step.
+    must not be, and what `resolve_collision` refuses; `rbs.bodies.StateError`, which names the
+    body, where a number would become NaN, infinite or absurdly large. Whatever is raised, the
+    meshes are then as they were before the step.
     """
     timeStep, tolerance = _float(timeStep), _float(tolerance)
     contactSettings = contact_settings(CRCoeff, closingOnly, mu)
@@ -138,6 +137,7 @@ def run_timestep(
                 if isCollision:
                     impulses = resolve_collision(m1, m2, *contact, CRCoeff, **extensions)
                     report.add_contact(i, j, *contact, impulses)
+            report.candidatePairs = math.comb(len(meshes), 2)
         with report.phase("ground"):
             for i, mesh in enumerate(meshes if groundMesh is not None else ()):
                 lowest = mesh.lowest_vertex()
@@ -846,8 +846,7 @@ def _resolve_pairs(bodies, settings, report):
 
 
 def _apply_impulses(bodies, contacts, settings, report):
-    """The impulses of contacts, batch by batch. What they need to know but the velocities is worked
-    out for all contacts together."""
+    """The impulses batch by batch; what does not depend on velocities, for all contacts at once."""
     first, second, normal = contacts.first, contacts.second, contacts.normal
     if len(first) == 0:
         return
@@ -894,10 +893,6 @@ def _resolve_ground(bodies, groundMesh, settings, report):
     arm1, arm2 = correct_positions(body, ground, depth, normal, point)
     impulse, friction = apply_contact_impulses(body, ground, arm1, arm2, normal, settings)
     bodies.store(b, body)
-    rank, second = np.full(len(b), AFTER_ALL_PAIRS), np.full(len(b), GROUND)
+    rank, second = np.full(len(b), np.iinfo(np.intp).max), np.full(len(b), GROUND)  # after all
     impulse = np.ravel(impulse)  # a row, as the ground's inverse mass is
     report.add_columns(rank, b, second, depth, normal, point, impulse, friction, arm1)
-
-
-# Where a contact with the ground stands in the order i < j.
-AFTER_ALL_PAIRS = np.iinfo(np.intp).max
