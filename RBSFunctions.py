@@ -133,8 +133,9 @@ def run_timestep(
             check_numbers(state_columns(meshes), meshes, "free flight")
         with report.phase("collisions"):
             for (i, m1), (j, m2) in itertools.combinations(enumerate(meshes), 2):
-                isCollision, *contact = m1.detect_collision(m2)
+                isCollision, depth, normal, point = m1.detect_collision(m2)
                 if isCollision:
+                    contact = depth, normal, point
                     impulses = resolve_collision(m1, m2, *contact, CRCoeff, **extensions)
                     report.add_contact(i, j, *contact, impulses)
             report.candidatePairs = math.comb(len(meshes), 2)
@@ -294,12 +295,11 @@ class Mesh(Posed):
         pose1, pose2 = self.pose(), m.pose()
         if pose1 is None or pose2 is None:
             return False
-        lowX1, lowY1, lowZ1, highX1, highY1, highZ1 = pose1.box
-        lowX2, lowY2, lowZ2, highX2, highY2, highZ2 = pose2.box
+        a, b = pose1.box, pose2.box  # the least x, y, z and the greatest
         return (
-            lowX1 <= highX2 and lowX2 <= highX1
-            and lowY1 <= highY2 and lowY2 <= highY1
-            and lowZ1 <= highZ2 and lowZ2 <= highZ1
+            a[0] <= b[3] and b[0] <= a[3]
+            and a[1] <= b[4] and b[1] <= a[4]
+            and a[2] <= b[5] and b[2] <= a[5]
         )  # fmt: skip
 
     def detect_collision(self, m):
@@ -612,17 +612,16 @@ def resolve_position_constraint(
 
     Of vectors given as tuples of three floats, the corrected positions are such tuples.
     """
-    body1, body2 = (
-        BodyState(_float(invMasses[k]), None, floats(currPositions[k], 3), None, None)
-        for k in range(2)
-    )
     point1, point2 = floats(currConstPoints[0], 3), floats(currConstPoints[1], 3)
+    position1, position2 = floats(currPositions[0], 3), floats(currPositions[1], 3)
     C, n = distance_error(point1, point2, _float(refValue))
-    isViolated = is_violated(C, bool(upper), _float(tolerance))
-    if isViolated and body1.invMass + body2.invMass > 0.0:
+    if not is_violated(C, bool(upper), _float(tolerance)):
+        return True, _as_given(currPositions, (position1, position2))
+    body1 = BodyState(_float(invMasses[0]), None, position1, None, None)
+    body2 = BodyState(_float(invMasses[1]), None, position2, None, None)
+    if body1.invMass + body2.invMass > 0.0:
         separate(body1, body2, C, n)
-    corrected = body1.position, body2.position
-    return not isViolated, _as_given(currPositions, corrected)
+    return False, _as_given(currPositions, (body1.position, body2.position))
 
 
 def resolve_velocity_constraint(

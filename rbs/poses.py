@@ -105,6 +105,19 @@ class Posed:
 
         It is kept until one of them changes, by assignment or in place.
         """
+        own = self.__dict__
+        kept = own["_pose"]
+        try:
+            if (
+                kept.key == own["position"].tobytes()
+                and kept.turned.key == own["orientation"].tobytes()
+            ):
+                return kept
+        except (KeyError, AttributeError):  # in the state tables, not an array, or none yet
+            pass
+        return self._renewed_pose()
+
+    def _renewed_pose(self):
         positionKey, orientationKey = self._pose_key()
         kept = self._pose
         if kept is not None and kept.key == positionKey and kept.turned.key == orientationKey:

@@ -15,6 +15,7 @@ import numpy as np
 
 from rbs.bodies import StateError
 from rbs.cameras import apply_camera, load_camera, save_camera
+from rbs.headless import ADVICE_STEP, tell
 from rbs.panel import MARGIN, PANEL_WIDTH, Panel
 from rbs.pictureoptions import PictureOptions, video_timing
 from rbs.pictures import Video, VideoError, save_picture, start_view
@@ -157,6 +158,8 @@ class Viewer:
             return False
         if self.simulation.report is not None:
             self._recentSeconds.append(self.simulation.stepSeconds)
+            if self.simulation.stepCount == ADVICE_STEP:
+                tell(self.simulation.advice())
             self._phases.append(self.simulation.report.seconds)
         self._film()
         return True
