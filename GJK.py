@@ -36,7 +36,7 @@ from functools import lru_cache
 import numpy as np
 
 from rbs.arrays import indices, take
-from rbs.facets import LEAST_GAP, axes_or_centre_lines, find_facets
+from rbs.facets import LEAST_GAP, all_facets, axes_or_centre_lines, find_facets
 from rbs.hulls import (
     EPS,
     FEATURE_TOLERANCE,
@@ -53,6 +53,10 @@ GJK_PROGRESS = 1e-12
 # GJK ends in a few iterations; rounding can make it cycle. Whatever it has not separated by then
 # goes on to the facets, which settle it.
 GJK_ITERATIONS = 48
+
+# To rule out facets of a pair takes longer than to look at all of up to this many combinations of
+# its edges.
+FEW_COMBINATIONS = 4000
 
 _ZERO = np.zeros((1, 3))
 _ZERO.setflags(write=False)
@@ -142,8 +146,12 @@ def _collide(hulls, t, tolerance, patchTolerance, axis=None):
 
     tolerance : hulls that are apart by no more touch; patchTolerance : see `contact_point`
     """
-    axes = None if axis is None else np.array([axis]).T
-    facets = find_facets(hulls, *_PAIR, np.array([t]).T, np.array([tolerance]), axes)
+    translation = np.array([t]).T
+    if hulls.edgeCount[0] * hulls.edgeCount[1] <= FEW_COMBINATIONS:
+        facets = all_facets(hulls, *_PAIR, translation)
+    else:
+        axes = None if axis is None else np.array([axis]).T
+        facets = find_facets(hulls, *_PAIR, translation, np.array([tolerance]), axes)
     penetration, normal = facets.minimal_penetration(0, t)
     if penetration < -tolerance:
         return False, 0.0, normal, None

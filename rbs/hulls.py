@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from rbs.arrays import blocks, indices, ranges, take
+from rbs.arrays import indices, ranges, take
 from rbs.vectors import dot, mat_vec, transpose
 
 EPS = np.finfo(np.float64).eps
@@ -36,11 +36,6 @@ ROUNDING = 16 * EPS
 FLAT_EXTENT = 1e-13
 # Below this aspect Qhull is given the points stretched to a cube, lest it merge the thin sides.
 THIN_ASPECT = 1e-3
-
-# With more shapes than this, to go through them one by one takes longer than to list all vertices.
-MOST_SHAPES = 20
-# Bodies whose tables are turned at a time, which stay in the cache too.
-ROTATED_BODIES = 256
 
 
 # --------------------------------------------------------------------------------------------------
@@ -295,16 +290,7 @@ def rotate_columns(rotation, table, count):
 
     rotation : (9, n), matrices row by row; count : (n,)
     """
-    turned = np.empty_like(table)
-    ends = count.cumsum()
-    begin = 0
-    for b in range(0, len(count), ROTATED_BODIES):
-        some = slice(b, b + ROTATED_BODIES)
-        end = int(ends[some][-1])
-        own = rotation[:, some].repeat(count[some], axis=1)
-        turned[:, begin:end] = mat_vec(own, table[:, begin:end])
-        begin = end
-    return turned
+    return mat_vec(rotation.repeat(count, axis=1), table)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -322,26 +308,17 @@ def support_features(hulls, bodies, directions, tolerance=None):
     Returns `(level, first, last, count)`, (R,) each: how high the lowest vertex is along the
     direction; the feature's first and last vertices, columns in the set; how many it has.
     """
-    length, begin = take(hulls.vertexCount, bodies), take(hulls.vertexStart, bodies)
-    parts = []
-    for some in blocks(length):
-        count = length[some]
-        row, column = ranges(begin[some], count)
-        heights = dot(
-            directions[:, some].repeat(count, axis=1), take(hulls.vertices, column, axis=1)
-        )
-        end = count.cumsum()
-        start = end - count
-        least = level = np.minimum.reduceat(heights, start)
-        if tolerance is not None:
-            least = least + tolerance[some]
-        lowest = indices(heights <= take(least, row))
-        begins, ends = lowest.searchsorted(start), lowest.searchsorted(end)
-        first, last = take(column, take(lowest, begins)), take(column, take(lowest, ends - 1))
-        parts.append((level, first, last, ends - begins))
-    if len(parts) == 1:
-        return parts[0]
-    return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
+    count, begin = take(hulls.vertexCount, bodies), take(hulls.vertexStart, bodies)
+    row, column = ranges(begin, count)
+    heights = dot(directions.repeat(count, axis=1), take(hulls.vertices, column, axis=1))
+    end = count.cumsum()
+    start = end - count
+    level = np.minimum.reduceat(heights, start)
+    highest = level if tolerance is None else level + tolerance
+    lowest = indices(heights <= take(highest, row))
+    begins, ends = lowest.searchsorted(start), lowest.searchsorted(end)
+    first, last = take(column, take(lowest, begins)), take(column, take(lowest, ends - 1))
+    return level, first, last, ends - begins
 
 
 def approximate_supports(hulls, bodies, directions):
@@ -350,8 +327,6 @@ def approximate_supports(hulls, bodies, directions):
     The directions are turned into the frames of the shapes, of which there are few, for BLAS to
     multiply. Its rounding differs between machines and with the number of rows: a hint only.
     """
-    if len(hulls.shapes) > MOST_SHAPES:
-        return support_features(hulls, bodies, directions)[:2]
     if hulls.rotation is not None:
         inverse = transpose(take(hulls.rotation, bodies, axis=1))
         directions = mat_vec(inverse, directions)

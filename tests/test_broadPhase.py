@@ -11,7 +11,7 @@ from oracles import box_body, quaternion
 import rbs.batches
 from rbs.bodies import AxisCache
 from rbs.broadphase import grid_overlaps
-from rbs.facets import FEW_COMBINATIONS, find_facets
+from rbs.facets import find_facets
 from rbs.scenes import DATA_FOLDER
 from rbs.simulation import make_ground
 from rbs.state import STATE_NAMES
@@ -151,8 +151,7 @@ def test_grid_gives_the_same_bits_in_a_pile_of_all_shapes(tmp_path):
     assert assert_same_motion(path, 260, 0.0) > 300
 
 
-@pytest.mark.parametrize("few", [0, FEW_COMBINATIONS])
-def test_a_body_beyond_its_margin_is_not_missed(few, monkeypatch):
+def test_a_body_beyond_its_margin_is_not_missed(monkeypatch):
     """With next to no margin, and no prediction, pairs are missed, and the pass is made again."""
     added = []
     original = rbs.batches.OrderedBatches._add_missed_pairs
@@ -162,7 +161,6 @@ def test_a_body_beyond_its_margin_is_not_missed(few, monkeypatch):
         added.append((np.count_nonzero(known), np.count_nonzero(~known)))
         original(self, first, second, displacement)
 
-    monkeypatch.setattr("rbs.facets.FEW_COMBINATIONS", few)
     monkeypatch.setattr(rbs.batches, "LEAST_MARGIN", 1e-9)
     monkeypatch.setattr(rbs.batches, "MARGIN_GROWTH", 1.001)
     monkeypatch.setattr(
@@ -235,7 +233,6 @@ def test_the_axis_cache_changes_no_bit(monkeypatch):
         return axes
 
     monkeypatch.setattr(AxisCache, "lookup", watched)
-    monkeypatch.setattr("rbs.facets.FEW_COMBINATIONS", 0)  # with all facets, no axis is needed
     for _ in range(200):
         run_timestep(remembering, make_ground(), 0.02, 0.5, broadPhase="grid")
         rbs.bodies._shapes(tuple(forgetting)).axes = AxisCache(len(forgetting))
