@@ -1,7 +1,7 @@
 """Convex against convex: who touches whom, how deep, along which normal, and where.
 
-`is_collide` answers for two sets of points, `collide_turned` for two hulls that a simulation has
-turned. GJK itself is `separating_axes`. The rest has rooms of its own: hulls in rbs/hulls.py, the
+`is_collide` answers for two sets of points, `collide_rotated` for two hulls that a simulation has
+rotated. GJK itself is `separating_axes`. The rest has rooms of its own: hulls in rbs/hulls.py, the
 facets of the Minkowski difference in rbs/facets.py, contact patches in rbs/patches.py. They work on
 arrays of pairs with elementwise formulas, so that a pair's result has the same bits whatever else
 is in the array.
@@ -109,10 +109,10 @@ def is_collide(vertices1, vertices2):
     return True, depth, np.array([normal]), np.array([point]) + centres[1]
 
 
-def collide_turned(turned1, turned2, t, axis=None):
-    """Whether two turned hulls meet, for a simulation, which knows hulls and orientations.
+def collide_rotated(rotated1, rotated2, t, axis=None):
+    """Whether two rotated hulls meet, for a simulation, which knows hulls and orientations.
 
-    turned1, turned2 : `rbs.poses.Turned`
+    rotated1, rotated2 : `rbs.poses.RotatedShape`
     t : tuple of 3, centre of the second minus centre of the first
     axis : tuple of 3, unit, that may separate them; where it does not, or None, they are looked at.
         It changes no result
@@ -121,16 +121,16 @@ def collide_turned(turned1, turned2, t, axis=None):
     which they overlap least or are apart; and the point of hull 2 that is deepest inside hull 1,
     relative to the centre of hull 2, or None without a collision.
     """
-    hull1, hull2 = turned1.shape.hull, turned2.shape.hull
+    hull1, hull2 = rotated1.shape.hull, rotated2.shape.hull
     size = hull1.radius + hull2.radius
     if axis is not None:
-        highest = dot(axis, turned1.hullVertices).max()
-        lowest = dot(axis, turned2.hullVertices).min()
+        highest = dot(axis, rotated1.hullVertices).max()
+        lowest = dot(axis, rotated2.hullVertices).min()
         if lowest + dot(axis, t) - highest > LEAST_GAP * size:
             return False, 0.0, axis, None
     hulls = _hull_pair(hull1, hull2).rotated(
-        np.array((turned1.rotation, turned2.rotation)).T,
-        np.concatenate((turned1.hullVertices, turned2.hullVertices), axis=1),
+        np.array((rotated1.rotation, rotated2.rotation)).T,
+        np.concatenate((rotated1.hullVertices, rotated2.hullVertices), axis=1),
     )
     return _collide(hulls, t, TOUCH_TOLERANCE * size, FEATURE_TOLERANCE * size, axis)
 
@@ -142,7 +142,7 @@ def _hull_pair(hull1, hull2):
 
 
 def _collide(hulls, t, tolerance, patchTolerance, axis=None):
-    """`collide_turned` for a `HullSet` of two.
+    """`collide_rotated` for a `HullSet` of two.
 
     tolerance : hulls that are apart by no more touch; patchTolerance : see `contact_point`
     """

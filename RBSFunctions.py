@@ -9,7 +9,7 @@ length units per second squared along -y. Vectors of one mesh are rows (1, 3), q
 with the scalar part first; (3,) and (4,) are accepted wherever one is passed in or assigned. The
 formulas stand once, on components, tuples or arrays: see rbs/vectors.py.
 
-Sources. Semi-implicit Euler, impulses and the inertia of a turned body: Baraff, Physically Based
+Sources. Semi-implicit Euler, impulses and the inertia of a rotated body: Baraff, Physically Based
 Modeling: Rigid Body Simulation, SIGGRAPH course notes, 2001. Mass, centre and inertia of a
 tetrahedron: Tonon, Explicit exact formulas for the 3-D tetrahedron inertia tensor, J. Mathematics
 and Statistics 1(1), 2005. One impulse a contact with friction along the sliding: Mirtich,
@@ -313,8 +313,8 @@ class Mesh(Posed):
             return GJK.NO_COLLISION
         pose1, pose2 = self.pose(), m.pose()
         t = sub(pose2.position, pose1.position)
-        isCollision, depth, normal, point = GJK.collide_turned(
-            pose1.turned, pose2.turned, t, self.cachedAxes.get(m)
+        isCollision, depth, normal, point = GJK.collide_rotated(
+            pose1.rotated, pose2.rotated, t, self.cachedAxes.get(m)
         )
         self.cachedAxes[m] = normal
         if not isCollision:
@@ -878,7 +878,7 @@ def _apply_impulses(bodies, contacts, settings, report):
 
 def _resolve_ground(bodies, groundMesh, settings, report):
     """`resolve_collision` of every body that reaches the ground, at its lowest vertex."""
-    b, point = bodies.lowest_vertices()
+    b, point = bodies.lowest_points()
     if len(b) == 0:
         return
     # The ground is hull 2: the body moves up, against the normal, by how deep the vertex is.

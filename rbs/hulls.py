@@ -1,7 +1,7 @@
 """Convex hulls: what a body looks like to the collision test.
 
 `build_hull` makes the `Hull` of a point set, once a shape; a `HullSet` has the hulls of many bodies
-in flat tables, turned to where the bodies are, and answers what lies foremost in a direction.
+in flat tables, rotated to where the bodies are, and answers what lies foremost in a direction.
 
 Lengths are those of the points; every tolerance here is relative to the size of the hulls.
 """
@@ -124,8 +124,8 @@ def _solid_hull(points, stretched):
     qhull = ConvexHull(stretched)
     triangles = qhull.simplices
     corners = stretched[triangles]
-    turned = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward = (turned * qhull.equations[:, :3]).sum(axis=1) < 0
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = (normal * qhull.equations[:, :3]).sum(axis=1) < 0
     triangles = np.where(inward[:, None], triangles[:, [0, 2, 1]], triangles)
     neighbours = np.where(inward[:, None], qhull.neighbors[:, [0, 2, 1]], qhull.neighbors)
 
@@ -210,7 +210,7 @@ def _point_hull(points):
 class HullSet:
     """The hulls of n bodies in flat tables, rotated to where the bodies are.
 
-    vertices : (3, ΣV), relative to the bodies' centres; at rest, or turned by `rotated`. Body b has
+    vertices : (3, ΣV), relative to the bodies' centres; at rest, or rotated by `rotated`. Body b has
         vertexCount[b] of them from vertexStart[b] on
     rotation : (9, n), matrices row by row; None at rest
     radius : (n,), of each hull about its centre
@@ -260,17 +260,17 @@ class HullSet:
         self.entryCount = self.vertexCount + self.faceCount + self.edgeCount
 
     def rotated(self, rotation, vertices=None):
-        """These hulls, each turned.
+        """These hulls, each rotated.
 
         rotation : (9, n), each body's matrix row by row
-        vertices : (3, ΣV), the turned vertices, where they are at hand
+        vertices : (3, ΣV), the rotated vertices, where they are at hand
         """
-        turned = copy.copy(self)
+        result = copy.copy(self)
         if vertices is None:
             vertices = rotate_columns(rotation, self.vertices, self.vertexCount)
-        turned.vertices = vertices
-        turned.rotation = rotation
-        return turned
+        result.vertices = vertices
+        result.rotation = rotation
+        return result
 
     def boxes(self):
         """Least and greatest coordinates (3, n), (3, n) of each hull relative to its centre."""
@@ -286,7 +286,7 @@ class HullSet:
 
 
 def rotate_columns(rotation, table, count):
-    """A table (3, K) of count[b] columns for each body b, turned by the matrix rotation[:, b].
+    """A table (3, K) of count[b] columns for each body b, rotated by the matrix rotation[:, b].
 
     rotation : (9, n), matrices row by row; count : (n,)
     """
@@ -324,7 +324,7 @@ def support_features(hulls, bodies, directions, tolerance=None):
 def approximate_supports(hulls, bodies, directions):
     """`(level, vertex)`: level and first of `support_features`, up to rounding and in less time.
 
-    The directions are turned into the frames of the shapes, of which there are few, for BLAS to
+    The directions are rotated into the frames of the shapes, of which there are few, for BLAS to
     multiply. Its rounding differs between machines and with the number of rows: a hint only.
     """
     if hulls.rotation is not None:
