@@ -14,15 +14,14 @@ from dataclasses import dataclass
 from tqdm import tqdm
 
 from rbs.bodies import StateError
-from rbs.messages import print_error, shown_path
+from rbs.messages import print_error, print_note, shown_path
 from rbs.replay import Replay
 from rbs.scenes import scene_name
+from rbs.simulation import ADVICE_STEP
 
 # Seconds between two updates of the progress: so that it moves in a terminal, and so seldom that
 # the log of an hour's run stays readable.
 TERMINAL_SECONDS, LOG_SECONDS = 0.1, 10.0
-# After this step it is looked at whether a run could be faster: the first one takes longer.
-ADVICE_STEP = 2
 
 
 def run_without_window(simulation, steps, recorder=None, stats=None, pictures=None, video=None):
@@ -94,15 +93,8 @@ def run_steps(simulation, steps, observers=()):
                 observe(simulation)
             advance()
             if done == ADVICE_STEP and not isinstance(simulation, Replay):
-                tell(simulation.advice())
+                print_note(simulation.advice())
     return Run(stepSeconds, bool(interrupts), failure)
-
-
-def tell(advice):
-    """Prints what is worth knowing, if it is anything; no run ends because it cannot be printed."""
-    if advice:
-        with suppress(OSError):
-            print_error(advice)
 
 
 @contextmanager

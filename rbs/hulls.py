@@ -210,7 +210,7 @@ def _point_hull(points):
 class HullSet:
     """The hulls of n bodies in flat tables, rotated to where the bodies are.
 
-    vertices : (3, ΣV), relative to the bodies' centres; at rest, or rotated by `rotated`. Body b has
+    vertices : (3, ΣV), relative to the bodies' centres, at rest or rotated. Body b has
         vertexCount[b] of them from vertexStart[b] on
     rotation : (9, n), matrices row by row; None at rest
     radius : (n,), of each hull about its centre

@@ -39,6 +39,8 @@ LEAST_VISITS = 1000
 # From so many bodies on it is worth a try whether the grid is faster, and worth a line if it is so
 # many times as fast.
 MANY_BODIES, WORTH_TELLING = 100, 2.0
+# After this step of a run: the first one takes longer than the others.
+ADVICE_STEP = 2
 # Seconds. Outside of these a step changes nothing to be seen, or all there is to be seen; numbers
 # made of it soon overflow.
 TIME_STEPS = (1e-12, 1e3)
