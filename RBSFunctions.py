@@ -9,14 +9,12 @@ length units per second squared along -y. Vectors of one mesh are rows (1, 3), q
 with the scalar part first; (3,) and (4,) are accepted wherever one is passed in or assigned. The
 formulas stand once, on components, tuples or arrays: see rbs/vectors.py.
 
-Sources. Semi-implicit Euler, impulses and the inertia of a rotated body: Baraff, Physically Based
-Modeling: Rigid Body Simulation, SIGGRAPH course notes, 2001. Mass, centre and inertia of a
-tetrahedron: Tonon, Explicit exact formulas for the 3-D tetrahedron inertia tensor, J. Mathematics
-and Statistics 1(1), 2005. One impulse a contact with friction along the sliding: Mirtich,
-Impulse-based dynamic simulation of rigid body systems, 1996. Positions corrected in proportion to
-the inverse masses: Müller, Heidelberger, Hennix, Ratcliff, Position based dynamics, 2007.
-Constraints on velocities with their effective mass: Catto, Modeling and solving constraints, Game
-Developers Conference 2009.
+Sources. Impulses and the inertia of a rotated body: Baraff, Rigid Body Simulation, SIGGRAPH course
+notes, 2001. Inertia of a tetrahedron: Tonon, Explicit exact formulas for the 3-D tetrahedron inertia
+tensor, J. Mathematics and Statistics 1(1), 2005. One impulse a contact, with friction along the
+sliding: Mirtich, Impulse-based dynamic simulation of rigid body systems, 1996. Positions corrected
+in proportion to the inverse masses: Müller et al., Position based dynamics, 2007. Constraints on
+velocities: Catto, Modeling and solving constraints, Game Developers Conference 2009.
 """
 
 import itertools
@@ -107,14 +105,14 @@ def run_timestep(
         bits through uniform grids and batches of pairs, and suits hundreds of bodies. It applies
         the formulas to arrays: what a subclass of Mesh has in place of a method is not called
 
-    Raises ValueError for a name that is not known, a number that is negative or not finite where it
-    must not be, and what `resolve_collision` refuses; `rbs.bodies.StateError`, which names the
-    body, where a number would become NaN, infinite or absurdly large. Whatever is raised, the
-    meshes are then as they were before the step.
+    Raises ValueError, which says what, for options that it refuses, a mesh that is in the list
+    twice, and a constraint of what is not there; `rbs.bodies.StateError`, which names the body,
+    where a number would become NaN, infinite or absurdly large. Whatever is raised, the meshes are
+    then as they were before the step.
     """
     timeStep, tolerance = _float(timeStep), _float(tolerance)
     contactSettings = contact_settings(CRCoeff, closingOnly, mu)
-    check_step_options(timeStep, tolerance, constraintScheduling, broadPhase)
+    check_step_options(meshes, timeStep, tolerance, constraintScheduling, broadPhase)
     if not enforceConstraints:
         constraints = ()
     project = partial(
@@ -152,8 +150,11 @@ def run_timestep(
     return report
 
 
-def check_step_options(timeStep, tolerance, constraintScheduling, broadPhase):
+def check_step_options(meshes, timeStep, tolerance, constraintScheduling, broadPhase):
     """Raises ValueError for what `run_timestep` refuses, other than the settings of contacts."""
+    if len({id(mesh) for mesh in meshes}) < len(meshes):
+        twice = next(k for k, mesh in enumerate(meshes) if any(mesh is m for m in meshes[:k]))
+        raise ValueError(f"mesh {twice}, {meshes[twice].name!r}, is in the list twice")
     if not 0.0 <= timeStep < math.inf:
         raise ValueError(f"the time step must be finite and not negative, not {timeStep:g}")
     if not tolerance >= 0.0:
@@ -218,7 +219,7 @@ class Mesh(Posed):
         self.IT = np.zeros((3, 3))
         if len(self.origVertices) > 0:
             self._init_mass_properties()
-        self.set_fixed(isFixed)
+        self.isFixed = isFixed
         self._forget()
 
     def _table(self, what, rows, width, dtype):
@@ -263,17 +264,19 @@ class Mesh(Posed):
         self.hull = build_hull(self.origVertices)
         self.hullVolume = self.hull.volume
 
-    def set_fixed(self, isFixed):
-        """Fixes the mesh, at rest where it is, or frees it: from the next step on."""
-        self.isFixed = bool(isFixed)
-        if self.isFixed:
+    @property
+    def isFixed(self):
+        """Whether nothing moves the mesh. Assigning fixes it, at rest where it is, or frees it."""
+        return self.invMass == 0.0
+
+    @isFixed.setter
+    def isFixed(self, isFixed):
+        if isFixed:
             self.linVelocity, self.angVelocity = np.zeros((1, 3)), np.zeros((1, 3))
-        if self.isFixed or len(self.origVertices) == 0:
-            self.invMass = 0.0
-            self.invIT = np.zeros((3, 3))
+        if isFixed or len(self.origVertices) == 0:
+            self.invMass, self.invIT = 0.0, np.zeros((3, 3))
         else:
-            self.invMass = 1.0 / self.mass
-            self.invIT = np.linalg.inv(self.IT)
+            self.invMass, self.invIT = 1.0 / self.mass, np.linalg.inv(self.IT)
 
     def integrate_timestep(self, timeStep):
         """Moves the mesh on by timeStep seconds of free flight; a fixed mesh stays as it is.
@@ -281,7 +284,7 @@ class Mesh(Posed):
         Semi-implicit Euler: v ← v + g h, COM ← COM + v h with the new velocity, orientation ←
         exp(ω h/2) ∘ orientation. The angular velocity stays: the gyroscopic term is left out.
         """
-        if self.invMass == 0.0:
+        if self.isFixed:
             return
         linVelocity, position, orientation = free_flight(
             floats(self.linVelocity, 3), floats(self.angVelocity, 3),
@@ -309,7 +312,7 @@ class Mesh(Posed):
         being hull 1: m has to move by depth along intNormal (1, 3) to separate, and intPosition
         (1, 3) is the point of m that is deepest inside this mesh. Two fixed meshes never collide.
         """
-        if (self.isFixed and m.isFixed) or not self.bounding_box_collision(m):
+        if not self.bounding_box_collision(m) or (self.isFixed and m.isFixed):
             return GJK.NO_COLLISION
         pose1, pose2 = self.pose(), m.pose()
         t = sub(pose2.position, pose1.position)
@@ -326,7 +329,7 @@ class Mesh(Posed):
 
         None of a mesh that nothing moves: the ground leaves it where it is.
         """
-        if self.invMass == 0.0:
+        if self.isFixed:
             return None
         vertices = self.currVertices
         return vertices[vertices[:, 1].argmin()]
@@ -348,8 +351,9 @@ class Mesh(Posed):
 
     def body_state(self):
         """What a contact or a constraint reads and changes, in floats: `BodyState`."""
+        invInertia = np.zeros((3, 3)) if self.isFixed else self.get_rotated_inv_IT()
         return BodyState(
-            float(self.invMass), floats(self.get_rotated_inv_IT(), 9), floats(self.position, 3),
+            float(self.invMass), floats(invInertia, 9), floats(self.position, 3),
             floats(self.linVelocity, 3), floats(self.angVelocity, 3),
         )  # fmt: skip
 
@@ -447,11 +451,10 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
         bodies are pressed together, and never turns it round
 
     The interpenetration is split by inverse mass; one impulse at the contact point, which moves
-    along with m2, reverses the closing speed and scales it by the restitution. Two meshes that
-    cannot move stay as they are.
+    along with m2, reverses the closing speed and scales it by the restitution.
 
-    Returns the `ContactImpulses`, None of two meshes that cannot move. Raises ValueError for a
-    restitution that is not finite, and a friction that is negative or not finite.
+    Returns the `ContactImpulses`, None of two meshes that cannot move, which stay as they are.
+    Raises ValueError for a restitution that is not finite, or a friction that is negative or not.
     """
     settings = contact_settings(CRCoeff, closingOnly, mu)
     body1, body2 = m1.body_state(), m2.body_state()
@@ -721,7 +724,7 @@ def project_constraints(bodies, constraints, maxIterations, tolerance, schedulin
     """
     if len(constraints) == 0:
         return 0
-    rows = ConstraintRows(constraints, bodies.isFixed, tolerance)
+    rows = ConstraintRows(constraints, bodies.isFixed, bodies.vertexCount, tolerance)
     maximumVisits = max(int(maxIterations), rows.total)
     if scheduling == "batches":
         with bodies.in_tables() as bodies:

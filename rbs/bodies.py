@@ -264,8 +264,8 @@ class Bodies:
     box : (6, n), bounding boxes in the world before the collisions: least coordinates, then
         greatest ones negated. A mesh without vertices has none
     hulls : HullSet, rotated to the orientations
-    vertices : (3, ΣV), all vertices, rotated, relative to their COMs; vertexStart (n,), where those
-        of a body begin
+    vertices : (3, ΣV), all vertices, rotated, relative to their COMs; those of a body begin at
+        vertexStart (n,), and it has vertexCount (n,) of them
     axes : `AxisCache`
     """
 
@@ -275,6 +275,7 @@ class Bodies:
         self._shapes = _shapes(tuple(meshes))
         self.axes = self._shapes.axes
         self.vertexStart = self._shapes.vertexStart
+        self.vertexCount = self._shapes.vertexCount
         tables = self._shapes.state
         tables.gather(meshes)
         columns = {
@@ -286,9 +287,9 @@ class Bodies:
         )
         self._gathered = self.motion.copy()
         self.orientation = columns["orientation"]
-        self.restInvInertia = columns["invIT"]
         self.invMass = tables.tables["invMass"]
         self.isFixed = self.invMass == 0.0
+        self.restInvInertia = np.where(self.isFixed, 0.0, columns["invIT"])
 
     position = property(lambda self: self.motion[0:3])
     velocity = property(lambda self: self.motion[3:9])
@@ -394,7 +395,11 @@ class MeshStates:
 
     @property
     def isFixed(self):
-        return np.array([m.invMass == 0.0 for m in self.meshes], dtype=bool)
+        return np.array([m.isFixed for m in self.meshes], dtype=bool)
+
+    @property
+    def vertexCount(self):
+        return np.array([len(m.origVertices) for m in self.meshes], dtype=np.intp)
 
     def state(self, b):
         return self.meshes[b].body_state()

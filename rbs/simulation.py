@@ -90,7 +90,7 @@ class Simulation(Scene):
     def reset(self):
         """Puts every body back to where the scene has it, at rest, and free or fixed as it was."""
         for mesh, isFixed in zip(self.meshes, self._startFixed, strict=True):
-            mesh.set_fixed(isFixed)
+            mesh.isFixed = isFixed
         self.set_state(self._startState)
         self._begin()
 

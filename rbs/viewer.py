@@ -318,7 +318,7 @@ class Viewer:
 
     def set_fixed(self, isFixed):
         """Fixes or frees the picked body."""
-        self.picked().set_fixed(isFixed)
+        self.picked().isFixed = isFixed
         self.view.refresh()
 
     # Numbers.
