@@ -10,11 +10,11 @@ with the scalar part first; (3,) and (4,) are accepted wherever one is passed in
 formulas stand once, on components, tuples or arrays: see rbs/vectors.py.
 
 Sources. Impulses and the inertia of a rotated body: Baraff, Rigid Body Simulation, SIGGRAPH course
-notes, 2001. Inertia of a tetrahedron: Tonon, Explicit exact formulas for the 3-D tetrahedron inertia
-tensor, J. Mathematics and Statistics 1(1), 2005. One impulse a contact, with friction along the
-sliding: Mirtich, Impulse-based dynamic simulation of rigid body systems, 1996. Positions corrected
-in proportion to the inverse masses: Müller et al., Position based dynamics, 2007. Constraints on
-velocities: Catto, Modeling and solving constraints, Game Developers Conference 2009.
+notes, 2001. Inertia of a tetrahedron: Tonon, Explicit exact formulas for the 3-D tetrahedron
+inertia tensor, J. Mathematics and Statistics 1(1), 2005. One impulse a contact, with friction along
+the sliding: Mirtich, Impulse-based dynamic simulation of rigid body systems, 1996. Positions
+corrected in proportion to the inverse masses: Müller et al., Position based dynamics, 2007.
+Constraints on velocities: Catto, Modeling and solving constraints, Game Developers Conference 2009.
 """
 
 import itertools

@@ -91,7 +91,7 @@ FAULTS = (
     Fault("cached axis, its sign", "GJK.py",
           "lowest + dot(axis, t) - highest", "highest - lowest - dot(axis, t)", "timestep"),
     Fault("kept pose, the orientation is not looked at", "rbs/poses.py",
-          "and kept.rotated.key == own[\"orientation\"].tobytes()", "", "timestep"),
+          "and kept.rotated.key == own[\"orientation\"].tobytes()", "", "mesh"),
     Fault("queue, what depends on the second body stays clean", "rbs/schedules.py",
           "for b in constraints[c]:", "for b in constraints[c][:1]:", "constraints"),
 )  # fmt: skip
