@@ -33,6 +33,7 @@ from rbs.bodies import (
     BodyState,
     MeshStates,
     StateColumn,
+    check_distinct,
     check_numbers,
     restored_on_error,
     state_columns,
@@ -112,7 +113,7 @@ def run_timestep(
     """
     timeStep, tolerance = _float(timeStep), _float(tolerance)
     contactSettings = contact_settings(CRCoeff, closingOnly, mu)
-    check_step_options(meshes, timeStep, tolerance, constraintScheduling, broadPhase)
+    check_step_options(timeStep, tolerance, constraintScheduling, broadPhase)
     if not enforceConstraints:
         constraints = ()
     project = partial(
@@ -122,6 +123,7 @@ def run_timestep(
     if broadPhase == "grid":
         return _accelerated_step(meshes, groundMesh, timeStep, contactSettings, project)
 
+    check_distinct(meshes)
     report = StepReport()
     extensions = {"closingOnly": closingOnly, "mu": mu} if closingOnly or mu else {}
     with restored_on_error(meshes):
@@ -150,11 +152,8 @@ def run_timestep(
     return report
 
 
-def check_step_options(meshes, timeStep, tolerance, constraintScheduling, broadPhase):
+def check_step_options(timeStep, tolerance, constraintScheduling, broadPhase):
     """Raises ValueError for what `run_timestep` refuses, other than the settings of contacts."""
-    if len({id(mesh) for mesh in meshes}) < len(meshes):
-        twice = next(k for k, mesh in enumerate(meshes) if any(mesh is m for m in meshes[:k]))
-        raise ValueError(f"mesh {twice}, {meshes[twice].name!r}, is in the list twice")
     if not 0.0 <= timeStep < math.inf:
         raise ValueError(f"the time step must be finite and not negative, not {timeStep:g}")
     if not tolerance >= 0.0:

@@ -54,6 +54,13 @@ def check_numbers(columns, meshes, when):
             )
 
 
+def check_distinct(meshes):
+    """Raises ValueError where a mesh is in the list twice: it cannot collide with itself."""
+    if len({id(mesh) for mesh in meshes}) < len(meshes):
+        twice = next(k for k, mesh in enumerate(meshes) if any(mesh is m for m in meshes[:k]))
+        raise ValueError(f"mesh {twice}, {meshes[twice].name!r}, is in the list twice")
+
+
 def state_columns(meshes):
     """The state of meshes as arrays: dict, of each name in STATE_SHAPES a table (w, n)."""
     return {
@@ -204,6 +211,7 @@ class _Shapes:
     """
 
     def __init__(self, meshes):
+        check_distinct(meshes)
         self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.hasShape = self.vertexCount > 0
