@@ -31,6 +31,7 @@ bounds them too.
 [3] Gregorius: The separating axis test between convex polyhedra. Game Developers Conference 2013.
 """
 
+import math
 from functools import lru_cache
 
 import numpy as np
@@ -71,7 +72,8 @@ def is_collide(vertices1, vertices2):
     """Whether the convex hulls of two point sets meet, and the least translation to separate them.
 
     vertices1, vertices2 : (n1, 3), (n2, 3), finite; in any order, inner points allowed. Flat sets,
-        down to a single point, are allowed too.
+        down to a single point, are allowed too. Of two needles or blades that are thinner than 1e-7
+        of their length and lie in the same place, the depth may be several times too large
 
     Returns `(isCollision, depth, intNormal, intPosition)`:
     isCollision : bool; hulls that touch within rounding collide, with a depth of 0
@@ -85,8 +87,10 @@ def is_collide(vertices1, vertices2):
     centred = []
     centres = []
     largest = 0.0
+    # By a power of two, which loses nothing, so that no product is beyond all numbers.
+    unit = _power_of_two(vertices1, vertices2)
     for vertices in (vertices1, vertices2):
-        hull = build_hull(vertices)
+        hull = build_hull(np.asarray(vertices, dtype=np.float64) / unit)
         centre = 0.5 * (hull.vertices.min(axis=0) + hull.vertices.max(axis=0))
         centres.append(centre)
         centred.append(hull.translated(-centre))
@@ -106,7 +110,16 @@ def is_collide(vertices1, vertices2):
     )
     if not isCollision:
         return NO_COLLISION
-    return True, depth, np.array([normal]), np.array([point]) + centres[1]
+    position = np.array([point]) + centres[1]
+    return True, depth * unit, np.array([normal]), position * unit
+
+
+def _power_of_two(*tables):
+    """A power of two near the largest number in the tables; 1 for usual numbers, or none."""
+    largest = max(float(np.max(np.abs(table), initial=0.0)) for table in tables)
+    if not math.isfinite(largest) or largest == 0.0 or 1e-50 < largest < 1e50:
+        return 1.0
+    return math.ldexp(1.0, math.frexp(largest)[1] - 1)
 
 
 def collide_rotated(rotated1, rotated2, t, axis=None):

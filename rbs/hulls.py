@@ -34,6 +34,10 @@ ROUNDING = 16 * EPS
 # A point set whose extent along a principal axis is below this fraction of the largest one is flat
 # there: closer to rounding than to a thickness.
 FLAT_EXTENT = 1e-13
+# Of smaller extents, products of three would vanish: a set of less is a point.
+LEAST_EXTENT = 1e-75
+# Coordinates may not be larger: products of three of them would be beyond all numbers.
+LARGEST_COORDINATE = 1e75
 # Below this aspect Qhull is given the points stretched to a cube, lest it merge the thin sides.
 THIN_ASPECT = 1e-3
 
@@ -85,13 +89,16 @@ class Hull:
 def build_hull(points):
     """The `Hull` of points (n, 3), n ≥ 1. Flat sets are hulls too.
 
-    Equal points give the same object: hulls are read only.
+    Equal points give the same object: hulls are read only. Raises ValueError where the points are
+    not finite, or beyond LARGEST_COORDINATE.
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
         raise ValueError(f"expected at least one point as rows of 3, got shape {points.shape}")
     if not np.isfinite(points).all():
         raise ValueError("a point of the hull is not finite")
+    if np.abs(points).max() > LARGEST_COORDINATE:
+        raise ValueError(f"a coordinate of the hull is beyond {LARGEST_COORDINATE:g}")
     return _hull_of_bytes(points.tobytes())
 
 
@@ -105,7 +112,7 @@ def _hull_of_bytes(data):
         axes[2] = -axes[2]
     principal = centred @ axes.T
     extents = np.abs(principal).max(axis=0)
-    dimension = int(np.count_nonzero(extents > FLAT_EXTENT * extents.max()))
+    dimension = np.count_nonzero(extents > max(FLAT_EXTENT * extents.max(), LEAST_EXTENT))
     if dimension == 3:
         thin = extents.min() < THIN_ASPECT * extents.max()
         try:
@@ -113,7 +120,10 @@ def _hull_of_bytes(data):
         except QhullError:  # nothing but rounding holds the third dimension up
             dimension = 2
     if dimension == 2:
-        return _polygon_hull(points, principal, axes)
+        try:
+            return _polygon_hull(points, principal, axes)
+        except QhullError:  # nor the second one
+            dimension = 1
     if dimension == 1:
         return _segment_hull(points, principal, axes)
     return _point_hull(points)
@@ -141,7 +151,10 @@ def _solid_hull(points, stretched):
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = np.zeros((face.max() + 1, 3))
     np.add.at(normals, face, areas)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    if not lengths.all():
+        raise QhullError("a face has no area")
+    normals /= lengths
     volume = dot(corners[:, 0].T - points[qhull.vertices[0]][:, None], areas.T).sum() / 6.0
 
     # Triangle i, counter-clockwise seen from outside, has its side opposite to corner j in common

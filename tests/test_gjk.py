@@ -809,3 +809,55 @@ def test_is_collide_gives_the_same_bits_again():
     second = GJK.is_collide(frozen(points1.copy()), frozen(points2.copy()))
     assert first[:2] == second[:2]
     assert all(np.array_equal(a, b) for a, b in zip(first[2:], second[2:], strict=True))
+
+
+FLAT_SETS = {
+    "point": [[0.0, 0.0, 0.0]] * 2,
+    "segment": [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
+    "collinear, some twice": [[x, 0.0, 0.0] for x in (-1.0, -0.3, 0.4, 0.4, 1.0, -1.0)],
+    "square, with middles": [[x, y, 0.0] for x in (-1.0, 0.0, 1.0) for y in (-1.0, 1.0)],
+}
+
+
+@pytest.mark.parametrize("name", FLAT_SETS)
+def test_flat_sets_far_from_the_origin_are_what_they_are(name):
+    """Against the same coordinates, rounded by the distance, brought back near the origin."""
+    rng = np.random.default_rng(21)
+    points = np.array(FLAT_SETS[name])
+    hits = 0
+    for _ in range(120):
+        q1, q2 = random_quaternions(rng, 2)
+        other = vertices_of(SHAPES[rng.integers(6)]) / 6
+        away = 10.0 ** rng.uniform(0, 6) * rng.normal(size=3)
+        far = [turned(points, q1) + away, turned(other, q2) + 0.5 * rng.normal(size=3) + away]
+        near = [p - away for p in far]
+        results = [GJK.is_collide(*far), GJK.is_collide(*near)]
+        rounding = 50 * EPS * np.abs(away).max() + 1e-12
+        assert abs(results[0][1] - results[1][1]) < rounding
+        hits += results[1][0]
+    assert 20 < hits < 115
+
+
+@pytest.mark.parametrize("power", [-1030, -700, -333, -200, 200, 256, 333, 700, 1015])
+def test_powers_of_two_scale_the_answer_as_they_scale_the_points(power):
+    """From the smallest numbers to the largest: nothing is wrong, hangs or is refused."""
+    rng = np.random.default_rng(22)
+    scale, hits = np.ldexp(1.0, power), 0
+    for k in range(36):
+        q1, q2 = random_quaternions(rng, 2)
+        points1 = turned(vertices_of(SHAPES[k % 6]), q1) / 8
+        points2 = turned(vertices_of(SHAPES[k // 6]), q2) / 8 + 0.5 * rng.normal(size=3)
+        isCollision, depth, normal, point = GJK.is_collide(points1, points2)
+        scaled = GJK.is_collide(points1 * scale, points2 * scale)
+        assert scaled[0] == isCollision
+        # below 2**-1022 coordinates lose digits
+        rounding = 1e-12 if power > -1000 else 1e-9
+        assert abs(scaled[1] / scale - depth) < rounding
+        assert np.abs(scaled[3] / scale - point).max() < 1e-6
+        hits += isCollision
+    assert 15 < hits < 36
+
+
+def test_a_hull_beyond_all_products_is_refused():
+    with pytest.raises(ValueError, match="beyond 1e"):
+        build_hull(vertices_of("box") * 1e80)
