@@ -1,0 +1,1 @@
+"""The rooms of the rigid-body simulation."""

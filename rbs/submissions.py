@@ -1,0 +1,180 @@
+"""Someone else's modules in place of ours: finding, loading and describing a student's work.
+
+A submission is a folder with a student's `RBSFunctions.py`, `Quaternion.py` and whatever they
+import, under the very names that our own modules have. Both can be loaded in one process:
+`load_submission` gives the names to the student, and `our_module` finds ours all the same.
+
+Loading a submission runs its code with the rights of whoever asks for it.
+"""
+
+import importlib
+import sys
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+PROGRAM_FOLDER = Path(__file__).resolve().parents[1]
+# What the released code imports besides NumPy and SciPy: cppyy, InitializeCCD, RBSLoadVis.
+STAND_INS = PROGRAM_FOLDER / "graders" / "released"
+# The modules that a submission may bring. Where it lacks one, ours takes its place.
+SUBMITTED_MODULES = ("RBSFunctions", "Quaternion")
+
+
+class SubmissionError(Exception):
+    """A submission that cannot be loaded. The message is the cause, in one line."""
+
+    def __init__(self, cause):
+        super().__init__(one_line(cause))
+
+
+def one_line(text, limit=300):
+    """The text in one line without control characters, cut off where it is longer than limit."""
+    line = " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
+    return line if len(line) <= limit else line[: limit - 3] + "..."
+
+
+# ---- Our own modules ----------------------------------------------------------------------------
+
+_OURS = {}  # our modules that are loaded but not in sys.modules, by name
+
+
+def our_module(name):
+    """This project's module of that name, whoever has the name in this process.
+
+    name : of a module in the project's folder, such as "GJK" or "RBSFunctions"
+    """
+    loaded = sys.modules.get(name)
+    if _is_ours(loaded):
+        return loaded
+    with _our_names():
+        return importlib.import_module(name)
+
+
+def _is_ours(module):
+    file = getattr(module, "__file__", None)
+    return file is not None and Path(file).resolve().parent == PROGRAM_FOLDER
+
+
+@contextmanager
+def _our_names():
+    """Within it, imports find the modules in the project's folder; afterwards, those from before.
+
+    Our modules get to know each other by these imports, and keep working when their names are
+    given back.
+    """
+    names = {path.stem for path in PROGRAM_FOLDER.glob("*.py")}
+    hidden = {name: sys.modules.pop(name) for name in names & set(sys.modules)}
+    sys.modules.update({name: module for name, module in hidden.items() if _is_ours(module)})
+    sys.modules.update(_OURS)
+    path = sys.path[:]
+    sys.path.insert(0, str(PROGRAM_FOLDER))
+    try:
+        yield
+    finally:
+        sys.path[:] = path
+        _OURS.update({name: sys.modules.pop(name) for name in names & set(sys.modules)})
+        sys.modules.update(hidden)
+
+
+# ---- A student's modules ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Submission:
+    """Loaded modules of a student, or ours where the student has none.
+
+    folder : where they lie
+    functions, quaternion : the modules RBSFunctions and Quaternion
+    missing : names of the modules that are ours
+    """
+
+    folder: Path
+    functions: ModuleType
+    quaternion: ModuleType
+    missing: tuple
+
+
+def check_folder(folder):
+    """Raises SubmissionError unless the folder holds a module that a submission may bring."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise SubmissionError(f"{folder}: there is no such folder")
+    if not any((folder / f"{name}.py").is_file() for name in SUBMITTED_MODULES):
+        files = " nor ".join(f"{name}.py" for name in SUBMITTED_MODULES)
+        raise SubmissionError(f"{folder}: holds neither {files}")
+
+
+def load_submission(folder):
+    """Imports a student's modules; from now on, they have the names in this process.
+
+    Imports look in the folder first, then among the stand-ins for what the released code needs.
+    If RBSFunctions.py is missing, ours is used with our own Quaternion, since ours needs more of
+    it than the coursework asks for.
+
+    Returns a Submission. Raises SubmissionError, with file and line where the cause has them.
+    """
+    check_folder(folder)
+    folder = Path(folder).resolve()
+    missing = tuple(
+        name for name in SUBMITTED_MODULES if not (folder / f"{name}.py").is_file()
+    )
+    ours = {name: our_module(name) for name in missing}
+    _give_up_names(folder)
+    sys.modules.update(ours)
+    sys.path[:0] = [str(folder), str(STAND_INS)]
+    modules = []
+    for name in SUBMITTED_MODULES:
+        try:
+            modules.append(importlib.import_module(name))
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # whatever a student's module raises, SystemExit included
+            raise SubmissionError(f"cannot be imported: {describe(error, folder)}") from None
+    return Submission(folder, *modules, missing)
+
+
+def _give_up_names(folder):
+    """Drops those of our modules, and of the stand-ins, from whose names the folder has a file.
+
+    Modules of Python and of installed packages stay: a student's random.py is not ours to load in
+    place of Python's own.
+    """
+    for name in {path.stem for path in folder.iterdir()} & set(sys.modules):
+        module = sys.modules[name]
+        file = getattr(module, "__file__", None)
+        if file is not None and Path(file).resolve().parent in (PROGRAM_FOLDER, STAND_INS):
+            del sys.modules[name]
+            if _is_ours(module):
+                _OURS[name] = module
+
+
+def describe(error, folder):
+    """An exception as "file:line: type: message", the line being the last one of the student's.
+
+    folder : of the submission; files in it are named relative to it. Where no line of theirs had a
+        part in it, file and line are left out.
+    """
+    folder = Path(folder).resolve()
+    message = one_line(error)
+    text = f"{type(error).__name__}: {message}" if message else type(error).__name__
+    place = None
+    trace = error.__traceback__
+    while trace is not None:
+        file = trace.tb_frame.f_code.co_filename
+        if _within(file, folder):
+            place = file, trace.tb_lineno
+        trace = trace.tb_next
+    if isinstance(error, SyntaxError) and error.filename and _within(error.filename, folder):
+        place = error.filename, error.lineno
+        text = f"{type(error).__name__}: {one_line(error.msg)}"
+    if place is None:
+        return text
+    return f"{Path(place[0]).name}:{place[1]}: {text}"
+
+
+def _within(file, folder):
+    try:
+        return Path(file).resolve().is_relative_to(folder)
+    except (OSError, ValueError):
+        return False
