@@ -116,9 +116,7 @@ def load_submission(folder):
     """
     check_folder(folder)
     folder = Path(folder).resolve()
-    missing = tuple(
-        name for name in SUBMITTED_MODULES if not (folder / f"{name}.py").is_file()
-    )
+    missing = tuple(name for name in SUBMITTED_MODULES if not (folder / f"{name}.py").is_file())
     ours = {name: our_module(name) for name in missing}
     _give_up_names(folder)
     sys.modules.update(ours)
