@@ -14,8 +14,8 @@ import numpy as np
 from conventions import RESULT_ATTRIBUTES
 from graderProgram import run_grader
 from gradingTools import COLLISION_LAYOUT, EXACT
-from hints import DETECTION_MISTAKES, RESOLUTION_MISTAKES
-from rigidModel import RESTITUTION, detection, resolution
+from hints import DETECTION_MISTAKES, FIXED_RESOLUTION_MISTAKES, RESOLUTION_MISTAKES
+from rigidModel import RESTITUTION, detection, fixed_resolution, resolution
 from trials import Grader, Part, attribute, by_mesh, flag, numbers, returned
 
 CONTACT_SHAPES = {"depth": (), "intNormal": (3,), "intPosition": (3,)}
@@ -87,10 +87,8 @@ def expected_results(data, convention):
     return by_mesh({key: np.array(data[key]) for key in RESULT_ATTRIBUTES})
 
 
-def expected_fixed_state(data, convention):
-    state = np.zeros(13)
-    state[3] = 1.0  # at the origin, unturned, at rest
-    return {FIXED: np.tile(state, (len(data["depth"]), 1))}
+def fixed_state(*arguments):
+    return {FIXED: fixed_resolution(*arguments)}
 
 
 def remarks(data, convention):
@@ -116,7 +114,7 @@ GRADER = Grader(
         ),
         Part(
             "resolve_collision with a fixed mesh", {FIXED: (13,)}, resolve_fixed,
-            expected_fixed_state, samples=colliding_samples, isExtra=True,
+            fixed_state, fixed_state, FIXED_RESOLUTION_MISTAKES, colliding_samples, isExtra=True,
         ),
     ),
     remarks,

@@ -61,7 +61,7 @@ class Bodies:
         # Copies, and new ones each time: the released class changes its arguments.
         shape = [self._data[f"{part}{k}"].copy() for part in ("origVertices", "faces", "tets")]
         mesh = self.function("Mesh")(f"mesh {k}", *shape, DENSITY, position, orientation, isFixed)
-        if self._convention == RELEASED_2024 and not isFixed:
+        if self._convention == RELEASED_2024:
             _give_released_inertia(mesh, self._data[f"origVertices{k}"], self._data[f"tets{k}"])
         return mesh
 
@@ -71,6 +71,7 @@ def _give_released_inertia(mesh, vertices, tets):
 
     So a solution passes whether its physics are the release's or right. Another tensor, or one
     that is turned to world axes in neither way, is a mistake: it stays, and shows in the results.
+    So does the inverse of zero that a fixed mesh has.
     """
     right = inertia_tensor(vertices, tets, DENSITY)
     own = getattr(mesh, "invIT", None)

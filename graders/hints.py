@@ -120,6 +120,12 @@ INTEGRATION_MISTAKES = (
             "first: [0, ω h/2]", "scalar last"),
 )  # fmt: skip
 
+FIXED_INTEGRATION_MISTAKES = (
+    mistake("fixed", "a fixed mesh falls like a free one: integrate_timestep must leave it where "
+            "it is", "fixed is free"),
+    *INTEGRATION_MISTAKES,
+)  # fmt: skip
+
 # In the exact convention, a tensor like the release's is a mistake; in the released one, a right
 # tensor does not fit the data.
 _TENSORS = (
@@ -168,10 +174,8 @@ RESOLUTION_MISTAKES = (
     mistake("impulse", "not implemented: the impulse; the velocities stay as they were",
             "impulse left"),
     mistake("position", "not implemented: the meshes are not moved apart", "positions left"),
-    mistake("position", "the meshes are pushed further into each other: the sign of the shift is "
-            "wrong", "pushed together"),
-    mistake("normal", "the normal has the wrong sign: mesh 2 moves along it, mesh 1 against it",
-            "normal's sign"),
+    mistake("position", "the normal has the wrong sign, so that the meshes are pushed further into "
+            "each other: mesh 2 moves along it, mesh 1 against it", "pushed together"),
     mistake("restitution", "the restitution is counted twice: (1 + 2 CRCoeff) in place of "
             "(1 + CRCoeff)", "restitution twice"),
     mistake("restitution", "the restitution is counted twice: (1 + CRCoeff)² in place of "
@@ -192,6 +196,11 @@ DETECTION_MISTAKES = (
     mistake("point", "the point is that of the first mesh; it must be the other mesh's, which lies "
             "deepest inside the first", "point of mesh 1"),
     mistake("COM", "the COM is not subtracted from the rest vertices", "COM not subtracted"),
+)  # fmt: skip
+FIXED_RESOLUTION_MISTAKES = (
+    mistake("fixed", "a fixed mesh is moved and pushed like a free one: its inverse mass and "
+            "inverse inertia must be zero", "fixed is free"),
+    *RESOLUTION_MISTAKES,
 )  # fmt: skip
 POSITION_CONSTRAINT_MISTAKES = (
     mistake("valid", "not implemented: every position is called valid and left as it was",

@@ -12,8 +12,8 @@ import numpy as np
 from conventions import RESULT_ATTRIBUTES, graded_samples
 from graderProgram import run_grader
 from gradingTools import INTEGRATION_LAYOUT
-from hints import INTEGRATION_MISTAKES
-from rigidModel import TIME_STEP, integration, unit
+from hints import FIXED_INTEGRATION_MISTAKES, INTEGRATION_MISTAKES
+from rigidModel import TIME_STEP, fixed_integration, integration
 from trials import Grader, Part, attribute
 
 # The step does not depend on the body's shape, and the data give none: any free body will do.
@@ -49,8 +49,8 @@ def expected_results(data, convention):
     return {key: data[key] for key in RESULT_ATTRIBUTES}
 
 
-def expected_pose(data, convention):
-    return {FIXED: np.hstack([data["randomPositions"], unit(data["randomOrientations"])])}
+def fixed_pose(*arguments):
+    return {FIXED: fixed_integration(*arguments)}
 
 
 def remarks(data, convention):
@@ -68,8 +68,10 @@ GRADER = Grader(
             "integrate_timestep", SHAPES, integrate, expected_results, integration,
             INTEGRATION_MISTAKES, graded_samples,
         ),
-        Part("integrate_timestep of a fixed mesh", {FIXED: (7,)}, integrate_fixed, expected_pose,
-             isExtra=True),
+        Part(
+            "integrate_timestep of a fixed mesh", {FIXED: (7,)}, integrate_fixed, fixed_pose,
+            fixed_pose, FIXED_INTEGRATION_MISTAKES, isExtra=True,
+        ),
     ),
     remarks,
     TETRAHEDRON,

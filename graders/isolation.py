@@ -5,6 +5,7 @@ reaches the grader or another submission. It is not a prison, though: the proces
 whoever grades, and can read and write their files if it sets out to.
 """
 
+import argparse
 import json
 import os
 import re
@@ -62,12 +63,16 @@ def _positive(kind, high):
     """An argparse type: a number above 0, and not above `high`."""
 
     def parse(text):
-        value = kind(text)
+        try:
+            value = kind(text)
+        except ValueError:
+            value = 0
         if not 0 < value <= high:
-            raise ValueError
+            raise argparse.ArgumentTypeError(
+                f"must be a number above 0 and up to {high}, not '{one_line(text, 40)}'"
+            )
         return value
 
-    parse.__name__ = f"number above 0 and up to {high}"  # argparse says "invalid ... value"
     return parse
 
 

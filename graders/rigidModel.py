@@ -98,6 +98,18 @@ def integration(data, convention, mistakes=frozenset()):
     }
 
 
+def fixed_integration(data, convention, mistakes=frozenset()):
+    """The pose (n, 7), position and orientation, of a fixed mesh after `integrate_timestep`."""
+    poses = data["randomPositions"], unit(data["randomOrientations"])
+    if "fixed is free" in mistakes:
+        atRest = data | {
+            key: np.zeros_like(data[key]) for key in ("randomLinVelocities", "randomAngVelocities")
+        }
+        moved = integration(atRest, convention, mistakes)
+        poses = moved["resultPositions"], moved["resultOrientations"]
+    return np.hstack(poses)
+
+
 def _new_orientation(q, w, mistakes):
     """exp([0, ω h/2]) ∘ q, with mistakes."""
     if "orientation left" in mistakes:
@@ -258,9 +270,6 @@ def resolution(data, convention, mistakes=frozenset()):
     n = np.where(hit[:, None], data["intNormal"], 0.0)
     depth = np.where(hit, data["depth"], 0.0)
     point = np.where(hit[:, None], data["intPosition"], 0.0)
-    if "normal's sign" in mistakes:
-        n = -n
-
     weights = _weights(pair.invMass, mistakes)
     shift = scaled(depth, n)
     if "positions left" in mistakes:
@@ -277,6 +286,15 @@ def resolution(data, convention, mistakes=frozenset()):
         "resultLinVelocities": np.array(v),
         "resultAngVelocities": np.array(w),
     }
+
+
+def fixed_resolution(data, convention, mistakes=frozenset()):
+    """The state (n, 13) of mesh 1, were it fixed, after `resolve_collision`: that from before."""
+    if "fixed is free" in mistakes:
+        return np.hstack([pair[0] for pair in resolution(data, convention, mistakes).values()])
+    state = np.zeros((len(data["depth"]), 13))
+    state[:, 3] = 1.0  # at the origin, unturned, at rest
+    return state
 
 
 def _impulses(pair, arms, n, factor, mistakes):

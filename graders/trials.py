@@ -93,7 +93,7 @@ class Results:
         except BaseException as error:  # SystemExit, too, must not end the grader
             cause = self._cause(error)
             for key in keys:
-                known, count, first = self.problems.get(key, (cause, 0, sample))
+                known, count, first = self.problems.get(key, (cause, 0, int(sample)))
                 self.problems[key] = known, count + 1, first
 
     def _cause(self, error):

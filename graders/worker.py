@@ -68,8 +68,12 @@ def main():
             if part.name in order["parts"]:
                 tell("begun", part.name)
                 results = Results(part.shapes, len(data["randomPositions"]), folder)
-                part.run(bodies, data, part.samples(data, convention), results)
-                tell("results", results.as_json(), part=part.name)
+                try:
+                    part.run(bodies, data, part.samples(data, convention), results)
+                    tell("results", results.as_json(), part=part.name)
+                except Exception as error:  # there may be no memory left even for the results
+                    tell("refused", f"gave no results: {type(error).__name__}: {error}")
+                    return
         tell("done", None)
     sys.stdout = sys.stderr = None
     os._exit(0)  # whatever the submission has registered for the end, or left running
