@@ -14,8 +14,20 @@ import numpy as np
 from conventions import RESULT_ATTRIBUTES
 from graderProgram import run_grader
 from gradingTools import COLLISION_LAYOUT, EXACT
-from hints import DETECTION_MISTAKES, FIXED_RESOLUTION_MISTAKES, RESOLUTION_MISTAKES
-from rigidModel import RESTITUTION, detection, fixed_resolution, resolution
+from hints import (
+    DETECTION_MISTAKES,
+    FIXED_RESOLUTION_MISTAKES,
+    RESOLUTION_MISTAKES,
+    TENSOR_MISTAKES,
+)
+from rigidModel import (
+    RESTITUTION,
+    detection,
+    fixed_resolution,
+    resolution,
+    rotated_tensors,
+    tensor_unit,
+)
 from trials import Grader, Part, attribute, by_mesh, flag, numbers, returned
 
 CONTACT_SHAPES = {"depth": (), "intNormal": (3,), "intPosition": (3,)}
@@ -24,6 +36,7 @@ RESULT_SHAPES = {
     f"{key}, mesh {k}": (width,) for key, width in RESULT_WIDTHS.items() for k in (1, 2)
 }
 FIXED = "a fixed mesh's state"
+TENSOR = "rotated inverse inertia"  # in units of the mean one
 
 
 def detect(bodies, data, samples, results):
@@ -40,6 +53,14 @@ def detect(bodies, data, samples, results):
                     with results.attempt(sample, key):
                         value = numbers(value, 3 if shape else 1, f"Mesh.detect_collision's {key}")
                         results.values[key][sample] = value.reshape(shape)
+
+
+def rotate_tensor(bodies, data, samples, results):
+    unit = tensor_unit(data)
+    for sample in samples:
+        with results.attempt(sample, TENSOR):
+            tensor = bodies.moving(sample).get_rotated_inv_IT()
+            results.values[TENSOR][sample] = numbers(tensor, 9, TENSOR) / unit
 
 
 def resolve(bodies, data, samples, results):
@@ -87,6 +108,10 @@ def expected_results(data, convention):
     return by_mesh({key: np.array(data[key]) for key in RESULT_ATTRIBUTES})
 
 
+def expected_tensors(*arguments):
+    return {TENSOR: rotated_tensors(*arguments)}
+
+
 def fixed_state(*arguments):
     return {FIXED: fixed_resolution(*arguments)}
 
@@ -107,6 +132,10 @@ GRADER = Grader(
         Part(
             "detect_collision", {"isCollision": ()} | CONTACT_SHAPES, detect, expected_contacts,
             detection, DETECTION_MISTAKES, conditional=tuple(CONTACT_SHAPES), conventions=(EXACT,),
+        ),
+        Part(
+            "get_rotated_inv_IT", {TENSOR: (9,)}, rotate_tensor, expected_tensors,
+            expected_tensors, TENSOR_MISTAKES, isExtra=True,
         ),
         Part(
             "resolve_collision", RESULT_SHAPES, resolve, expected_results,

@@ -128,7 +128,7 @@ FIXED_INTEGRATION_MISTAKES = (
 
 # In the exact convention, a tensor like the release's is a mistake; in the released one, a right
 # tensor does not fit the data.
-_TENSORS = (
+TENSOR_MISTAKES = (
     mistake("tensor", "your inertia tensor and the way it is turned are those of --convention "
             "{other}, under which this passes", "tensor six times", "tensor turned the other way"),
     mistake("tensor", "your inertia tensor is 6 times {too small}, as in --convention {other}",
@@ -187,7 +187,7 @@ RESOLUTION_MISTAKES = (
             "impulse, too", "closing only"),
     *_WEIGHTS,
     *_IMPULSES,
-    *_TENSORS,
+    *TENSOR_MISTAKES,
 )  # fmt: skip
 DETECTION_MISTAKES = (
     mistake("normal", "the normal has the wrong sign: it is the direction in which the other mesh "
@@ -222,6 +222,6 @@ VELOCITY_CONSTRAINT_MISTAKES = (
             "flag inverted"),
     mistake("impulse", "not implemented: the velocities stay as they were", "impulse left"),
     *_IMPULSES,
-    *_TENSORS,
+    *TENSOR_MISTAKES,
     mistake("COM", "the COM is not subtracted from the rest vertices", "COM not subtracted"),
 )  # fmt: skip

@@ -181,6 +181,21 @@ def world_inverse_tensors(body, R, convention, mistakes):
     return R @ inverse @ R.transpose(0, 2, 1)
 
 
+def rotated_tensors(data, convention, mistakes=frozenset()):
+    """World inverse inertia tensors of mesh 2, (n, 9), in units of `tensor_unit`."""
+    R = rotations(data["randomOrientations"])
+    tensors = world_inverse_tensors(solid(data, 2), R, convention, mistakes)
+    return tensors.reshape(len(R), 9) / tensor_unit(data)
+
+
+def tensor_unit(data):
+    """1 / (kg m²), of mesh 2: the inverse of its mean moment of inertia.
+
+    In it, the entries of its inverse tensor are of size 1, as the error bound wants them.
+    """
+    return 3.0 / float(np.trace(solid(data, 2).tensor))
+
+
 @dataclass
 class _Pair:
     """Both bodies in the states of all samples, and what is taken from each."""

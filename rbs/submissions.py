@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
+
 PROGRAM_FOLDER = Path(__file__).resolve().parents[1]
 # What the released code imports besides NumPy and SciPy: cppyy, InitializeCCD, RBSLoadVis.
 STAND_INS = PROGRAM_FOLDER / "graders" / "released"
@@ -105,8 +107,11 @@ def check_folder(folder):
         raise SubmissionError(f"{folder}: holds neither {files}")
 
 
-def load_submission(folder):
-    """Imports a student's modules; from now on, they have the names in this process.
+def load_submission(folder, keepsNames=True):
+    """Imports a student's modules.
+
+    keepsNames : whether they have the names in this process from now on; if not, ours have them
+        again as soon as the student's are loaded, and the folder goes to the end of the path
 
     Imports look in the folder first, then among the stand-ins for what the released code needs.
     If RBSFunctions.py is missing, ours is used with our own Quaternion, since ours needs more of
@@ -118,33 +123,37 @@ def load_submission(folder):
     folder = Path(folder).resolve()
     missing = tuple(name for name in SUBMITTED_MODULES if not (folder / f"{name}.py").is_file())
     ours = {name: our_module(name) for name in missing}
-    _give_up_names(folder)
+    dropped = _give_up_names(folder)
     sys.modules.update(ours)
-    sys.path[:0] = [str(folder), str(STAND_INS)]
-    modules = []
-    for name in SUBMITTED_MODULES:
-        try:
-            modules.append(importlib.import_module(name))
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:  # whatever a student's module raises, SystemExit included
-            raise SubmissionError(f"cannot be imported: {describe(error, folder)}") from None
+    theirs = [str(folder), str(STAND_INS)]
+    sys.path[:0] = theirs
+    try:
+        modules = [importlib.import_module(name) for name in SUBMITTED_MODULES]
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever a student's module raises, SystemExit included
+        raise SubmissionError(f"cannot be imported: {describe(error, folder)}") from None
+    if not keepsNames:
+        sys.path[:] = sys.path[2:] + theirs
+        sys.modules.update(dropped)
     return Submission(folder, *modules, missing)
 
 
 def _give_up_names(folder):
-    """Drops those of our modules, and of the stand-ins, from whose names the folder has a file.
+    """Drops, and returns in a dict, our modules and stand-ins whose names the folder has files of.
 
     Modules of Python and of installed packages stay: a student's random.py is not ours to load in
     place of Python's own.
     """
+    dropped = {}
     for name in {path.stem for path in folder.iterdir()} & set(sys.modules):
         module = sys.modules[name]
         file = getattr(module, "__file__", None)
         if file is not None and Path(file).resolve().parent in (PROGRAM_FOLDER, STAND_INS):
-            del sys.modules[name]
+            dropped[name] = sys.modules.pop(name)
             if _is_ours(module):
                 _OURS[name] = module
+    return dropped
 
 
 def describe(error, folder):
@@ -176,3 +185,25 @@ def _within(file, folder):
         return Path(file).resolve().is_relative_to(folder)
     except (OSError, ValueError):
         return False
+
+
+# ---- Scenes -------------------------------------------------------------------------------------
+
+
+def scene_rows(path, count):
+    """The bodies of a scene file, with the numbers as they stand in it.
+
+    path : of a scene that `load_scene_file` has read, so that nothing can be wrong with it
+    count : how many bodies it has found
+    Returns a list of (mesh file, density, isFixed, position (1, 3), orientation (1, 4)).
+    """
+    with open(path, encoding="utf-8-sig") as file:
+        lines = [line.split("#")[0].replace(",", " ").split() for line in file]
+    rows = []
+    for fields in [line for line in lines if line][1 : count + 1]:
+        name = " ".join(fields[:-9]).replace("\\", "/")
+        density, isFixed, *numbers = fields[-9:]
+        numbers = np.array(numbers, dtype=np.float64)
+        position, orientation = numbers[:3].reshape(1, 3), numbers[3:].reshape(1, 4)
+        rows.append((name, float(density), bool(int(isFixed)), position, orientation))
+    return rows

@@ -4,12 +4,11 @@ Meshes are built with the class `Mesh` of the RBSFunctions that Python finds, th
 Whatever is wrong with a file is raised as a SceneError that names file, line and cause.
 """
 
-import os
 import warnings
 from pathlib import Path
 
 import numpy as np
-from projectModules import our_module
+from projectModules import our_module, scene_rows
 
 from RBSFunctions import Mesh as Mesh
 
@@ -34,35 +33,22 @@ def load_constraint_file(file_path, meshes):
 
 
 def load_scene_file(file_path):
-    """The meshes of a scene, a list of `Mesh`; mesh files are looked up beside the scene file."""
+    """The meshes of a scene, a list of `Mesh`; mesh files are looked up beside the scene file.
+
+    This project's loader reads the whole scene first, and raises a SceneError if it is wrong.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of meshes that are not convex
+        count = len(our_module("RigidBodySimulation").load_scene_file(file_path))
     folder = Path(file_path).parent
     loaded = {}
     meshes = []
-    for name, density, isFixed, position, orientation in scene_rows(file_path):
+    for name, density, isFixed, position, orientation in scene_rows(file_path, count):
         if name not in loaded:
             loaded[name] = load_mesh_file(folder / name)
         shape = (array.copy() for array in loaded[name])  # the released class changes its arrays
         meshes.append(Mesh(name, *shape, density, position, orientation, isFixed))
     return meshes
-
-
-def scene_rows(file_path):
-    """A tuple for each body: mesh file, density, isFixed, position (1, 3), orientation (1, 4).
-
-    The whole scene is read by this project's loader first, so that nothing can be wrong with it
-    here.
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # meshes that are not convex: the driver's user knows them
-        count = len(our_module("RigidBodySimulation").load_scene_file(file_path))
-    with open(file_path, encoding="utf-8-sig") as file:
-        lines = [line.split("#")[0].replace(",", " ").split() for line in file]
-    for fields in [line for line in lines if line][1 : count + 1]:
-        name = " ".join(fields[:-9]).replace("\\", "/")
-        density, isFixed, *numbers = fields[-9:]
-        numbers = np.array(numbers, dtype=np.float64)
-        position, orientation = numbers[:3].reshape(1, 3), numbers[3:].reshape(1, 4)
-        yield os.path.normpath(name), float(density), bool(int(isFixed)), position, orientation
 
 
 def flatten_meshes(meshes, flattenFaces=True, constraints=()):
