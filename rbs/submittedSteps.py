@@ -9,25 +9,36 @@ from pathlib import Path
 
 import numpy as np
 
-from rbs.submissions import SubmissionError, describe, one_line, scene_rows
-from RBSFunctions import StateError
+from rbs.submissions import SubmissionError, describe, load_submission, one_line, scene_rows
+from RBSFunctions import StateError, run_timestep
+
+# Our run_timestep's parameters in their order, and the values that they have where none is given.
+DEFAULTS = {name: one.default for name, one in inspect.signature(run_timestep).parameters.items()}
+PARAMETERS = tuple(DEFAULTS)
+# Those that the coursework's run_timestep has after its first four.
+COURSEWORK_PARAMETERS = {"enforceConstraints", "constraints", "maxIterations", "tolerance"}
+
+# A student's mesh is left as it is while its state is that of ours to within this, relative to the
+# size and in m: quaternions may be normalised in other ways.
+ROUNDING = 1e-12
 
 STATE_WIDTHS = {"position": 3, "orientation": 4, "linVelocity": 3, "angVelocity": 3}
 
 
 class SubmittedSteps:
-    """Called like `run_timestep`, it makes the step with a student's functions.
+    """A student's run_timestep and Mesh, to be called in place of ours.
 
-    submission : `rbs.submissions.Submission`
+    folder : with the student's modules, which are loaded
     load_mesh_file : function that reads a mesh file
 
-    Raises SubmissionError where there is no run_timestep or Mesh to be used.
+    Raises SubmissionError where the modules cannot be loaded, or have no run_timestep or Mesh.
     """
 
-    def __init__(self, submission, load_mesh_file):
+    def __init__(self, folder, load_mesh_file):
+        submission = load_submission(folder, keepsNames=False)
         if "RBSFunctions" in submission.missing:
-            raise SubmissionError(f"{submission.folder}: there is no RBSFunctions.py")
-        self._folder = submission.folder
+            raise SubmissionError(f"{folder}: there is no RBSFunctions.py")
+        self.folder = submission.folder
         self._load_mesh_file = load_mesh_file
         self._run_timestep, self._Mesh = (
             self._function(submission.functions, name) for name in ("run_timestep", "Mesh")
@@ -38,47 +49,52 @@ class SubmittedSteps:
             parameters = {}
         self._takesAll = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
         self._known = set(parameters)
-        self._meshes = self._ground = self._scene = None
+        self._scene = None
 
     def _function(self, module, name):
         function = getattr(module, name, None)
         if not callable(function):
-            raise SubmissionError(f"{self._folder}: RBSFunctions.py has no {name}")
+            raise SubmissionError(f"{self.folder}: RBSFunctions.py has no {name}")
         return function
 
-    def knows(self, parameter):
-        """Whether the student's run_timestep takes a parameter of this name."""
+    def check_options(self, options):
+        """Raises SubmissionError for an option that the student's run_timestep does not know.
+
+        options : dict from the name of an option to that of the parameter
+        """
+        for option, parameter in options.items():
+            if not self._knows(parameter):
+                raise SubmissionError(
+                    f"{option} does not go with --functions: the run_timestep in {self.folder} "
+                    f"takes no {parameter}"
+                )
+
+    def _knows(self, parameter):
         return self._takesAll or parameter in self._known
 
-    def __call__(
-        self, meshes, groundMesh, timeStep, CRCoeff, enforceConstraints, constraints,
-        maxIterations, tolerance, *, scenePath, **options,
-    ):  # fmt: skip
-        """One step of our meshes, in place; `run_timestep` has the parameters.
+    def step(self, scenePath, meshes, groundMesh, timeStep, CRCoeff, *arguments, **options):
+        """One step of our meshes, in place; returns None, as there is no report of it.
 
-        scenePath : of the scene that the meshes are from
-        options : parameters beyond the coursework's, only those that are not at their defaults
+        scenePath : of the scene that the meshes are from; then as for our `run_timestep`. What has
+            its default there is not handed on, unless the coursework has it too.
 
-        Raises StateError, and leaves our meshes as they were, where the student's step raises,
-        knows an option not, or gives what is not a state.
+        Raises StateError, and leaves our meshes as they were, where the student's step raises, does
+        not know an option, or gives what is not a state.
         """
-        unknown = [name for name in options if not self.knows(name)]
-        if unknown:
-            raise StateError(f"run_timestep of RBSFunctions.py takes no {', '.join(unknown)}")
-        further = {
-            "enforceConstraints": enforceConstraints,
-            "constraints": constraints,
-            "maxIterations": maxIterations,
-            "tolerance": tolerance,
-        }
-        further = {name: value for name, value in further.items() if self.knows(name)} | options
+        options |= dict(zip(PARAMETERS[4:], arguments, strict=False))
+        for name in options.keys() - COURSEWORK_PARAMETERS:
+            if options[name] == DEFAULTS[name]:
+                del options[name]
+            elif not self._knows(name):
+                raise StateError(f"the run_timestep in {self.folder} takes no {name}")
+        options = {name: value for name, value in options.items() if self._knows(name)}
         try:
             self._follow(meshes, scenePath)
-            self._run_timestep(self._meshes, self._ground, timeStep, CRCoeff, **further)
+            self._run_timestep(self._meshes, self._ground, timeStep, CRCoeff, **options)
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # whatever a student's function raises
-            raise StateError(describe(error, self._folder)) from None
+            raise StateError(describe(error, self.folder)) from None
         states = [self._state(*pair) for pair in zip(meshes, self._meshes, strict=True)]
         for mesh, state in zip(meshes, states, strict=True):
             for name, value in state.items():
@@ -104,7 +120,8 @@ class SubmittedSteps:
                 theirs = self._meshes[k] = self._make(k, mesh.isFixed)
             for name in STATE_WIDTHS:
                 value = np.array(getattr(mesh, name), dtype=np.float64)
-                if not np.array_equal(getattr(theirs, name, None), value):
+                own = np.reshape(getattr(theirs, name), value.shape)
+                if not np.allclose(own, value, rtol=ROUNDING, atol=ROUNDING):
                     setattr(theirs, name, value)
                     theirs.currVertices = np.array(mesh.currVertices)
 
