@@ -113,21 +113,35 @@ def make_grade(grader, outcomes, data, convention):
             for key in part.shapes
         ]  # fmt: skip
         grade.quantities += rows
-        notes = {}
+        causes = {}
         for key, (cause, count, first) in results.problems.items():
             if count < len(tried):
                 cause += f" (in {count} of {len(tried)} samples, first in {first})"
-            notes.setdefault(cause, []).append(key)
-        if not all(row.isRight for row in rows):
-            for key, hints in explain(part, results.values, data, convention).items():
-                for hint in hints:
-                    text = hint if hint.startswith("not implemented") else f"hint: {hint}"
-                    notes.setdefault(text, []).append(key)
+            causes.setdefault(cause, []).append(key)
+        grade.notes += _named(causes, part.name, part.shapes)
         wrong = [row.name for row in rows if not row.isRight]
-        for text, keys in notes.items():
-            named = part.name if set(keys) >= set(wrong) else "; ".join(keys)
-            grade.notes.append((named, text))
+        hints = {}
+        for key, texts in explain(part, results.values, data, convention).items():
+            for text in texts:
+                hints.setdefault(_marked(text), []).append(key)
+        grade.notes += _named(hints, part.name, wrong)
     return grade
+
+
+def _marked(text):
+    """A hint as such; what is not implemented is no guess."""
+    return text if text.startswith("not implemented") else f"hint: {text}"
+
+
+def _named(notes, partName, quantities):
+    """(names, text) of notes: the quantities' names, or the part's where it is about all of them.
+
+    notes : dict from text to list of quantities
+    """
+    return [
+        (partName if set(keys) >= set(quantities) else "; ".join(keys), text)
+        for text, keys in notes.items()
+    ]
 
 
 def _compared(part, key, results, expected, samples):
@@ -142,6 +156,8 @@ def _compared(part, key, results, expected, samples):
     with np.errstate(all="ignore"):
         errors = np.abs(results.values[key] - wanted.astype(float))[samples]
     errors = errors.reshape(len(samples), -1).max(axis=1)
+    if isFlag:
+        errors[np.isnan(errors)] = 1.0  # no answer is a wrong one
     error = errors.sum() if isFlag else errors.max()
     worst = int(samples[np.argmax(errors)]) if np.any(errors != 0) else None
     isRight = bool(np.all(errors < ERROR_BOUND)) and key not in results.problems

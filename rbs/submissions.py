@@ -14,8 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
-import numpy as np
-
 PROGRAM_FOLDER = Path(__file__).resolve().parents[1]
 # What the released code imports besides NumPy and SciPy: cppyy, InitializeCCD, RBSLoadVis.
 STAND_INS = PROGRAM_FOLDER / "graders" / "released"
@@ -185,25 +183,3 @@ def _within(file, folder):
         return Path(file).resolve().is_relative_to(folder)
     except (OSError, ValueError):
         return False
-
-
-# ---- Scenes -------------------------------------------------------------------------------------
-
-
-def scene_rows(path, count):
-    """The bodies of a scene file, with the numbers as they stand in it.
-
-    path : of a scene that `load_scene_file` has read, so that nothing can be wrong with it
-    count : how many bodies it has found
-    Returns a list of (mesh file, density, isFixed, position (1, 3), orientation (1, 4)).
-    """
-    with open(path, encoding="utf-8-sig") as file:
-        lines = [line.split("#")[0].replace(",", " ").split() for line in file]
-    rows = []
-    for fields in [line for line in lines if line][1 : count + 1]:
-        name = " ".join(fields[:-9]).replace("\\", "/")
-        density, isFixed, *numbers = fields[-9:]
-        numbers = np.array(numbers, dtype=np.float64)
-        position, orientation = numbers[:3].reshape(1, 3), numbers[3:].reshape(1, 4)
-        rows.append((name, float(density), bool(int(isFixed)), position, orientation))
-    return rows

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rbs.submissions import SubmissionError, describe, load_submission, one_line, scene_rows
+from rbs.sceneLines import scene_rows
+from rbs.submissions import SubmissionError, describe, load_submission, one_line
 from RBSFunctions import StateError, run_timestep
 
 # Our run_timestep's parameters in their order, and the values that they have where none is given.
