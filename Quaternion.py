@@ -8,6 +8,8 @@ The products are written out by component: the result of a row does not depend o
 are worked on together, which neither `einsum` nor BLAS promises.
 """
 
+import math
+
 import numpy as np
 
 # Below this angle, in radians, sin(a)/a is taken as 1 - a²/6: the next term, a⁴/120, is under half
@@ -41,18 +43,28 @@ def multiply(a, b):
 
 
 def exponential(q):
-    """`QExp` of one or more quaternions given as a tuple (w, x, y, z) of arrays."""
+    """`QExp` of one or more quaternions given as a tuple (w, x, y, z) of floats or of arrays.
+
+    NumPy's sin, cos and exp serve both: those of `math` have other last bits on some machines.
+    """
     w, x, y, z = q
-    angle = np.sqrt(x * x + y * y + z * z)
-    small = angle < SMALL_ANGLE
-    safe = np.where(small, 1.0, angle)
-    sinc = np.where(small, 1.0 - angle * angle / 6.0, np.sin(safe) / safe)
-    scale = np.exp(w)
-    return scale * np.cos(angle), scale * sinc * x, scale * sinc * y, scale * sinc * z
+    squared = x * x + y * y + z * z
+    if isinstance(squared, np.ndarray):
+        angle = np.sqrt(squared)
+        small = angle < SMALL_ANGLE
+        safe = np.where(small, 1.0, angle)
+        sinc = np.where(small, 1.0 - angle * angle / 6.0, np.sin(safe) / safe)
+        scale, cosine = np.exp(w), np.cos(angle)
+    else:
+        angle = math.sqrt(squared)
+        small = angle < SMALL_ANGLE
+        sinc = 1.0 - angle * angle / 6.0 if small else float(np.sin(angle)) / angle
+        scale, cosine = float(np.exp(w)), float(np.cos(angle))
+    return scale * cosine, scale * sinc * x, scale * sinc * y, scale * sinc * z
 
 
-def rotation_entries(q):
-    """The nine entries of the rotation matrix of q, row by row.
+def rotation_matrices(q):
+    """The nine entries of the rotation matrix of q, or of each, row by row.
 
     q : tuple (w, x, y, z) of floats or of arrays; any length but zero, since q v q⁻¹ does not
     depend on it. Dividing by |q|² keeps the matrix orthogonal to rounding when q has drifted.
@@ -95,7 +107,7 @@ def QRotate(q, v):
     v : (n, 3), or (1, 3) to be rotated by each of n quaternions
     returns (n, 3)
     """
-    r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation_entries(_components(q, 4))
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation_matrices(_components(q, 4))
     x, y, z = _components(v, 3)
     return _rows(
         (
@@ -120,4 +132,4 @@ def Q2RotMatrix(q):
     components = _components(q, 4)
     if len(components[0]) != 1:
         raise ValueError(f"expected one quaternion, got {len(components[0])}")
-    return np.array(rotation_entries(components)).reshape(3, 3)
+    return np.array(rotation_matrices(components)).reshape(3, 3)

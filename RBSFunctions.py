@@ -1,325 +1,168 @@
-"""Rigid bodies: their state, the integrator, collisions, and the time step that runs them all.
+"""The coursework: rigid bodies, the integrator, collisions, constraints, and the step of them all.
+
+From the top: `run_timestep`, which reads as the coursework's text; `Mesh`; free flight; contacts
+with friction; distance constraints; and the accelerated step, which applies the same formulas to
+thousands of bodies at once. Which pairs and which constraints, and when, is decided in rbs/.
 
 Units are whatever the scene uses, lengths and masses alike, with seconds and a gravity of 9.8
 length units per second squared along -y. Vectors of one mesh are rows (1, 3), quaternions (1, 4)
-with the scalar part first; (3,) and (4,) are accepted wherever one is passed in or assigned.
+with the scalar part first; (3,) and (4,) are accepted wherever one is passed in or assigned. The
+formulas stand once, on components, tuples or arrays: see rbs/vectors.py.
 
-A step gathers the meshes' state into arrays with one column per body, works on those, and hands
-the meshes their columns back. The formulas stand once, on components: vectors are tuples of
-floats for a single pair, and arrays (3, n) for many.
+Sources. Semi-implicit Euler, impulses and the inertia of a turned body: Baraff, Physically Based
+Modeling: Rigid Body Simulation, SIGGRAPH course notes, 2001. Mass, centre and inertia of a
+tetrahedron: Tonon, Explicit exact formulas for the 3-D tetrahedron inertia tensor, J. Mathematics
+and Statistics 1(1), 2005. One impulse a contact with friction along the sliding: Mirtich,
+Impulse-based dynamic simulation of rigid body systems, 1996. Positions corrected in proportion to
+the inverse masses: Müller, Heidelberger, Hennix, Ratcliff, Position based dynamics, 2007.
+Constraints on velocities with their effective mass: Catto, Modeling and solving constraints, Game
+Developers Conference 2009.
 """
 
 import itertools
 import math
-import time
-from contextlib import contextmanager
-from functools import lru_cache
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 import GJK
-from GJK import cross, difference, dot, indices, least_of_rows, moved, ranges, take
-from Quaternion import QRotate, exponential, multiply, rotation_entries
+from Quaternion import exponential, multiply, rotation_matrices
+from rbs.arrays import indices, take
+from rbs.batches import OrderedBatches
+from rbs.bodies import (
+    Bodies,
+    BodyState,
+    MeshStates,
+    StateColumn,
+    check_numbers,
+    restored_on_error,
+    state_columns,
+)
+from rbs.broadphase import BROAD_PHASES
+from rbs.constraints import Anchor, ConstraintRows
+from rbs.hulls import build_hull
+from rbs.poses import Posed
+from rbs.reports import GROUND, StepReport
+from rbs.schedules import CONSTRAINT_SCHEDULINGS, batches, queue, sweep
+from rbs.vectors import (
+    add,
+    cross,
+    divide,
+    dot,
+    floats,
+    mat_vec,
+    mul_add,
+    norm,
+    rotate_tensor,
+    scale,
+    sqrt,
+    sub,
+)
 
-__version__ = "0.1.0"
-
-# Acceleration of free fall along y, length units / s².
+# Acceleration of free fall, length units / s².
 GRAVITY = -9.8
 
-# A pair's facet planes are kept for translations that change by up to this fraction of the two
-# radii within a step. Larger: more planes are carried along; smaller: more pairs are looked at
-# anew because corrections have moved them further.
-PLANE_REACH = 0.02
-
-# No number of a state may be larger: products of four of them are still finite, and nothing that
-# is to be looked at is as far away or as fast.
-LARGEST_NUMBER = 1e75
-
-
-# A step makes and drops hundreds of arrays of some hundred kilobytes. The C library of Linux gives
-# such memory back to the system each time, and getting it again costs as much as the arithmetic,
-# until a larger block has been freed: it then keeps up to twice that size (mallopt(3), dynamic
-# M_MMAP_THRESHOLD, below 32 MiB). The block is not touched, so it takes no memory.
-KEPT_MEMORY = 31 * 2**20
-np.empty(KEPT_MEMORY, dtype=np.uint8)
-
-
-class StateError(ArithmeticError):
-    """A step that would give a body a number that is NaN, infinite or beyond LARGEST_NUMBER."""
-
-
-def _floats(value, count):
-    """`count` Python floats out of an array of any shape with that many entries."""
-    return tuple(np.asarray(value, dtype=np.float64).reshape(count).tolist())
-
-
-def _float(value):
-    """A Python float out of a number, or of an array that holds one."""
-    return _floats(value, 1)[0]
-
-
-def _row(value, count):
-    """A new (1, count) array out of anything with `count` entries."""
-    return np.array(value, dtype=np.float64).reshape(1, count)
+# The ground's normal. It points into the body, which is why the depth there is negative.
+UPWARDS = (0.0, 1.0, 0.0)
 
 
 # --------------------------------------------------------------------------------------------------
-# Formulas, on components: floats for one body, arrays for many
+# The step
 # --------------------------------------------------------------------------------------------------
 
 
-def _apply(matrix, v):
-    """Matrix, nine entries row by row, times vector."""
-    if isinstance(v, np.ndarray):
-        products = matrix.reshape(3, 3, -1) * v
-        return products[:, 0] + products[:, 1] + products[:, 2]
-    return (dot(matrix[0:3], v), dot(matrix[3:6], v), dot(matrix[6:9], v))
+def run_timestep(
+    meshes,
+    groundMesh,
+    timeStep,
+    CRCoeff,
+    enforceConstraints=True,
+    constraints=(),
+    maxIterations=1000,
+    tolerance=1e-3,
+    closingOnly=False,
+    constraintScheduling="sweep",
+    mu=0.0,
+    broadPhase="all",
+):
+    """Moves a scene on by one time step, in place, and returns a `StepReport`.
 
+    meshes : list of Mesh
+    groundMesh : a fixed Mesh without vertices, the half space y ≤ 0; None for free space
+    timeStep : seconds ≥ 0. What a body crosses within one of them it does not hit
+    CRCoeff : coefficient of restitution, see `resolve_collision`
+    enforceConstraints : whether the constraints are looked at
+    constraints : rows `[m1, v1, m2, v2, refValue, upper]`: the distance between rest vertex v1 of
+        meshes[m1] and rest vertex v2 of meshes[m2] is at most refValue if upper, else at least
+    maxIterations : constraint visits at most, but never less than one of each
+    tolerance : how far, as a length, a constraint may be violated before it is corrected; as a
+        speed, how fast its distance may change when it is
+    closingOnly, mu : see `resolve_collision`
+    constraintScheduling : "sweep" visits the constraints in order until as many visits as there are
+        constraints found nothing to correct; "queue" gives the same bits and leaves out visits that
+        cannot find anything; "batches" visits constraints without a common body together, which
+        ends elsewhere within the same bounds, and suits hundreds of constraints
+    broadPhase : "all" detects and resolves the pairs one after the other; "grid" gives the same
+        bits through uniform grids and batches of pairs, and suits hundreds of bodies. It applies
+        the formulas to arrays: what a subclass of Mesh has in place of a method is not called
 
-def _rotated_tensor(r, tensor):
-    """R T Rᵀ for a symmetric tensor T, both given as nine entries row by row; symmetric again."""
-    columns = [_apply(r, tensor[k::3]) for k in range(3)]  # of R T
-    rows = [tuple(column[k] for column in columns) for k in range(3)]
-    xx, yy, zz = dot(rows[0], r[0:3]), dot(rows[1], r[3:6]), dot(rows[2], r[6:9])
-    xy, xz, yz = dot(rows[0], r[3:6]), dot(rows[0], r[6:9]), dot(rows[1], r[6:9])
-    return (xx, xy, xz, xy, yy, yz, xz, yz, zz)
-
-
-def _sum(a, b):
-    """a + b."""
-    if isinstance(a, np.ndarray):
-        return a + b
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-
-
-def _scaled(factor, v):
-    """factor · v."""
-    if isinstance(v, np.ndarray):
-        return factor * v
-    return (factor * v[0], factor * v[1], factor * v[2])
-
-
-def _divided(v, divisor):
-    """v / divisor, which rounds otherwise than 1 / divisor · v."""
-    if isinstance(v, np.ndarray):
-        return v / divisor
-    return (v[0] / divisor, v[1] / divisor, v[2] / divisor)
-
-
-def _velocity_at(linVelocity, angVelocity, arm):
-    """Velocity of the body's point at `arm` from its COM: v + ω × arm."""
-    return _sum(linVelocity, cross(angVelocity, arm))
-
-
-class _BodyState:
-    """What a collision reads and changes of a body: components, as floats or as arrays.
-
-    Where only positions or only velocities are worked on, the rest may be None.
+    Raises ValueError for a name that is not known, a number that is negative or not finite where it
+    must not be, and what `resolve_collision` refuses; `rbs.bodies.StateError`, which names the
+    body, where a number would become NaN, infinite or absurdly large. Whatever is raised, the
+    meshes are then as they were before the step.
     """
+    timeStep, tolerance = _float(timeStep), _float(tolerance)
+    contactSettings = contact_settings(CRCoeff, closingOnly, mu)
+    check_step_options(timeStep, tolerance, constraintScheduling, broadPhase)
+    if not enforceConstraints:
+        constraints = ()
+    project = partial(
+        project_constraints, constraints=constraints, maxIterations=maxIterations,
+        tolerance=tolerance, scheduling=constraintScheduling,
+    )  # fmt: skip
+    if broadPhase == "grid":
+        return _accelerated_step(meshes, groundMesh, timeStep, contactSettings, project)
 
-    __slots__ = ("angVelocity", "invInertia", "invMass", "linVelocity", "position")
-
-    def __init__(self, invMass, invInertia, position, linVelocity, angVelocity):
-        self.invMass = invMass
-        self.invInertia = invInertia  # nine entries, world axes
-        self.position = position
-        self.linVelocity = linVelocity
-        self.angVelocity = angVelocity
-
-    def entries(self):
-        """What `__init__` takes."""
-        return self.invMass, self.invInertia, self.position, self.linVelocity, self.angVelocity
-
-    def moving(self):
-        """What a contact changes, as in `_Bodies.motion`."""
-        return self.position, self.linVelocity, self.angVelocity
-
-    def push(self, impulse, direction, turn):
-        """Applies the impulse `impulse · direction`; turn : as `_response` gives it."""
-        self.linVelocity = moved(self.linVelocity, impulse * self.invMass, direction)
-        self.angVelocity = moved(self.angVelocity, impulse, turn)
-
-
-def _response(body, arm, direction):
-    """What a unit impulse along `direction` at `arm` from the COM does: `(inverseMass, turn)`.
-
-    turn : the change of the angular velocity, I⁻¹ (r × n)
-    inverseMass : the change of the speed at the arm along the direction. Linear part m⁻¹; the
-        turning moves the point by turn × r, and ((I⁻¹ (r × n)) × r) · n = (r × n) · I⁻¹ (r × n)
-    """
-    lever = cross(arm, direction)
-    turn = _apply(body.invInertia, lever)
-    return body.invMass + dot(lever, turn), turn
-
-
-class ContactLaw(NamedTuple):
-    """How contacts are resolved; see `resolve_collision`."""
-
-    CRCoeff: float
-    closingOnly: bool
-    mu: float
+    report = StepReport()
+    extensions = {"closingOnly": closingOnly, "mu": mu} if closingOnly or mu else {}
+    with restored_on_error(meshes):
+        with report.phase("integrate"):
+            for mesh in meshes:
+                mesh.integrate_timestep(timeStep)
+            check_numbers(state_columns(meshes), meshes, "free flight")
+        with report.phase("collisions"):
+            for (i, m1), (j, m2) in itertools.combinations(enumerate(meshes), 2):
+                isCollision, *contact = m1.detect_collision(m2)
+                if isCollision:
+                    impulses = resolve_collision(m1, m2, *contact, CRCoeff, **extensions)
+                    report.add_contact(i, j, *contact, impulses)
+            report.candidatePairs = math.comb(len(meshes), 2)
+        with report.phase("ground"):
+            for i, mesh in enumerate(meshes if groundMesh is not None else ()):
+                lowest = mesh.lowest_vertex()
+                if lowest is not None and lowest[1] <= 0.0:
+                    contact = lowest[1], UPWARDS, lowest
+                    impulses = resolve_collision(mesh, groundMesh, *contact, CRCoeff, **extensions)
+                    report.add_contact(i, GROUND, *contact, impulses)
+        with report.phase("constraints"):
+            report.constraintVisits = project(MeshStates(meshes))
+        check_numbers(state_columns(meshes), meshes, "contacts and constraints")
+    return report
 
 
-def _contact_law(CRCoeff, closingOnly, mu):
-    """The ContactLaw of a caller's arguments; raises ValueError."""
-    law = ContactLaw(_float(CRCoeff), bool(closingOnly), _float(mu))
-    if not math.isfinite(law.CRCoeff):
-        raise ValueError(f"the restitution must be finite, not {law.CRCoeff:g}")
-    if not 0.0 <= law.mu < math.inf:
-        raise ValueError(f"the friction must be finite and not negative, not {law.mu:g}")
-    return law
-
-
-def _shares(invMass1, invMass2):
-    """What part each of two bodies has in a correction; not both inverse masses may be 0."""
-    total = invMass1 + invMass2
-    return invMass1 / total, invMass2 / total
-
-
-def _part(body1, body2, distance, direction):
-    """Moves body 2 along the direction and body 1 against it, by `distance` in all.
-
-    Each gives way in proportion to its inverse mass; not both may be 0. Returns how far body 2 has
-    moved.
-    """
-    share1, share2 = _shares(body1.invMass, body2.invMass)
-    body1.position = moved(body1.position, -(share1 * distance), direction)
-    body2.position = moved(body2.position, share2 * distance, direction)
-    return share2 * distance
-
-
-def _approach(body1, body2, arm1, arm2, direction):
-    """Speed at which body 1, at arm1, approaches body 2, at arm2, along the direction."""
-    velocity1 = _velocity_at(body1.linVelocity, body1.angVelocity, arm1)
-    velocity2 = _velocity_at(body2.linVelocity, body2.angVelocity, arm2)
-    return dot(difference(velocity1, velocity2), direction)
-
-
-def _responses(body1, body2, arm1, arm2, direction):
-    """`(inverseMass, turn1, turn2)` of two bodies that touch: the sum of both inverse masses, and
-    what turns each; see `_response`."""
-    inverseMass1, turn1 = _response(body1, arm1, direction)
-    inverseMass2, turn2 = _response(body2, arm2, direction)
-    return inverseMass1 + inverseMass2, turn1, turn2
-
-
-def _slow_down(body1, body2, responses, direction, change, limit=None):
-    """Lowers the approach along the direction by `change`; returns the impulse that does it.
-
-    responses : as `_responses` gives them
-    An impulse -j n on body 1 and +j n on body 2 lowers the approach by j K, with K the sum of both
-    bodies' inverse masses along n. Hence j = change / K, or the limit where that is less.
-    """
-    inverseMass, turn1, turn2 = responses
-    impulse = change / inverseMass
-    if limit is not None:
-        impulse = min(impulse, limit) if isinstance(impulse, float) else np.minimum(impulse, limit)
-    body1.push(-impulse, direction, turn1)
-    body2.push(impulse, direction, turn2)
-    return impulse
-
-
-def _resolve(body1, body2, depth, normal, penPoint, law):
-    """One contact, in place: `resolve_collision` on components. Not both inverse masses are 0.
-
-    Returns `(impulse, friction, arm1)`: what body 2 receives along the normal, and across it, a
-    vector; and where that happens, from the COM of body 1.
-    """
-    point = moved(penPoint, _part(body1, body2, depth, normal), normal)
-    arm1 = difference(point, body1.position)
-    arm2 = difference(point, body2.position)
-    responses = _responses(body1, body2, arm1, arm2, normal)
-    return *_bounce(body1, body2, arm1, arm2, normal, responses, law), arm1
-
-
-def _bounce(body1, body2, arm1, arm2, normal, responses, law):
-    """The impulses of a contact, in place: `(impulse, friction)` as `_resolve` returns them.
-
-    responses : along the normal, as `_responses` gives them
-    """
-    # Restitution asks that an approach of c become one of -e c.
-    change = (1.0 + law.CRCoeff) * _approach(body1, body2, arm1, arm2, normal)
-    if law.closingOnly:
-        change = change * (change > 0)
-    impulse = _slow_down(body1, body2, responses, normal, change)
-    if law.mu == 0:
-        return impulse, NO_FRICTION
-    return impulse, _rub(body1, body2, arm1, arm2, normal, law.mu * impulse)
-
-
-NO_FRICTION = (0.0, 0.0, 0.0)
-
-
-def _rub(body1, body2, arm1, arm2, normal, limit):
-    """Coulomb friction at a contact, in place; returns the impulse, a vector, that body 2 receives.
-
-    limit : μ times the normal impulse; none where that is negative, as nothing is pressed there.
-
-    With u the velocity of body 1 relative to body 2 at the contact and t the unit vector of its
-    part across the normal, an impulse -j t on body 1 and +j t on body 2 lowers u · t by j K, K
-    being both bodies' inverse mass along t. The sliding stops at j = u · t / K; friction gives
-    that much or its limit, whichever is less, and so never turns the sliding round. The kinetic
-    energy changes by -j u · t + j² K / 2, which is at most 0 for 0 ≤ j ≤ u · t / K.
-    """
-    velocity1 = _velocity_at(body1.linVelocity, body1.angVelocity, arm1)
-    velocity2 = _velocity_at(body2.linVelocity, body2.angVelocity, arm2)
-    u = difference(velocity1, velocity2)
-    across = moved(u, -dot(u, normal), normal)
-    squared = dot(across, across)
-    if isinstance(squared, float):
-        speed = length = math.sqrt(squared)
-        if speed == 0.0 or limit <= 0.0:
-            return NO_FRICTION
-    else:
-        speed = np.sqrt(squared)
-        length = np.where(speed > 0.0, speed, 1.0)
-        limit = np.maximum(limit, 0.0)
-    t = _divided(across, length)
-    responses = _responses(body1, body2, arm1, arm2, t)
-    impulse = _slow_down(body1, body2, responses, t, speed, limit)
-    return _scaled(impulse, t)
-
-
-# When the two points of a constraint coincide, no direction parts them better than another: they
-# are parted along this one.
-COINCIDENT_DIRECTION = (0.0, 1.0, 0.0)
-
-
-def _stretch(point1, point2, refValue):
-    """`(C, n)` of a distance constraint: C = ‖p1 - p2‖ - refValue, n the unit vector of p1 - p2."""
-    d = difference(point1, point2)
-    squared = dot(d, d)
-    if isinstance(squared, float):
-        length = math.sqrt(squared)
-        if length == 0.0:
-            return -refValue, COINCIDENT_DIRECTION
-        return length - refValue, _divided(d, length)
-    length = np.sqrt(squared)
-    safe = np.where(length > 0, length, 1.0)
-    return length - refValue, np.where(length > 0, d / safe, np.array([COINCIDENT_DIRECTION]).T)
-
-
-def _violates(C, upper, tolerance):
-    """Whether a bound is exceeded: C > tolerance for an upper one, C < -tolerance for a lower."""
-    return (C > tolerance) & upper | (C < -tolerance) & (upper ^ True)
-
-
-def _correct_distance(body1, body2, arm1, arm2, C, n, tolerance):
-    """Corrects a violated bound on the distance of two points, in place: positions, velocities.
-
-    arm1, arm2 : from each COM to its point. Moving a body leaves the arms and, as the points move
-    along the line that joins them, n as they are.
-
-    The COMs move along n until C = 0, and an impulse along n stops the change of the distance,
-    J v = 0, unless |J v| ≤ tolerance. J = [n, r1 × n, -n, -(r2 × n)], so J v is the approach along
-    n and J M⁻¹ Jᵀ the two inverse masses along it: the impulse is a collision's without
-    restitution.
-    """
-    _part(body1, body2, C, n)
-    approach = _approach(body1, body2, arm1, arm2, n)
-    responses = _responses(body1, body2, arm1, arm2, n)
-    _slow_down(body1, body2, responses, n, approach * (abs(approach) > tolerance))
+def check_step_options(timeStep, tolerance, constraintScheduling, broadPhase):
+    """Raises ValueError for what `run_timestep` refuses, other than the settings of contacts."""
+    if not 0.0 <= timeStep < math.inf:
+        raise ValueError(f"the time step must be finite and not negative, not {timeStep:g}")
+    if not tolerance >= 0.0:
+        raise ValueError(f"the tolerance must not be negative, not {tolerance:g}")
+    for what, name, known in (
+        ("broad phase", broadPhase, BROAD_PHASES),
+        ("constraint scheduling", constraintScheduling, CONSTRAINT_SCHEDULINGS),
+    ):
+        if name not in known:
+            raise ValueError(f"no {what} {name!r}; there are {', '.join(known)}")
 
 
 # --------------------------------------------------------------------------------------------------
@@ -327,46 +170,7 @@ def _correct_distance(body1, body2, arm1, arm2, C, n, tolerance):
 # --------------------------------------------------------------------------------------------------
 
 
-# What a step reads of a mesh, and the shape of each.
-STEP_ATTRIBUTES = {
-    "position": (1, 3),
-    "orientation": (1, 4),
-    "linVelocity": (1, 3),
-    "angVelocity": (1, 3),
-    "invIT": (3, 3),
-    "invMass": (),
-}
-STEP_NAMES = (*STEP_ATTRIBUTES, "currVertices")
-
-
-class _RowOf:
-    """An attribute that is the mesh's row in the tables of its last step, until it is assigned.
-
-    What is assigned lies in the mesh itself, and the tables are told. So a step reads and hands
-    out the state of a thousand meshes without touching one of them.
-    """
-
-    def __set_name__(self, owner, name):
-        self.name = name
-
-    def __get__(self, mesh, owner=None):
-        if mesh is None:
-            return self
-        own = mesh.__dict__
-        if self.name in own:
-            return own[self.name]
-        if own.get("_rows") is None:
-            raise AttributeError(f"the mesh has no {self.name} yet")
-        return own["_rows"].of(self.name, own["_place"])
-
-    def __set__(self, mesh, value):
-        own = mesh.__dict__
-        own[self.name] = value
-        if own.get("_rows") is not None:
-            own["_rows"].assigned[own["_place"]] = None
-
-
-class Mesh:
+class Mesh(Posed):
     """A rigid body: a tetrahedral mesh with a density, and where it is and how it moves.
 
     name : str
@@ -383,14 +187,16 @@ class Mesh:
     nowhere, or vertices come without mass. A mesh with no vertices is the ground: like a fixed one,
     without shape.
 
-    Further attributes: currVertices (V, 3), the vertices in the world; linVelocity (1, 3), of the
-    COM; angVelocity (1, 3), rad/s, world axes; mass; invMass, 0 if fixed; IT (3, 3), inertia
-    tensor about the COM at rest; invIT (3, 3), its inverse, 0 if fixed; volume, of the tetrahedra;
-    hullVolume, of the convex hull that collides in its stead; hull, a `GJK.Hull`.
+    Further attributes: currVertices (V, 3), the vertices in the world, always those of the present
+    position and orientation; linVelocity (1, 3), of the COM; angVelocity (1, 3), rad/s, world axes;
+    mass; invMass, 0 if fixed; IT (3, 3), inertia tensor about the COM at rest; invIT (3, 3), its
+    inverse, 0 if fixed; volume, of the tetrahedra; hullVolume, of the convex hull that collides in
+    its stead; hull, a `rbs.hulls.Hull`.
     """
 
-    position, orientation, linVelocity, angVelocity = _RowOf(), _RowOf(), _RowOf(), _RowOf()
-    invMass, invIT, currVertices = _RowOf(), _RowOf(), _RowOf()
+    position, orientation = StateColumn(), StateColumn()
+    linVelocity, angVelocity = StateColumn(), StateColumn()
+    invMass, invIT = StateColumn(), StateColumn()
 
     def __init__(self, name, origVertices, faces, tets, density, position, orientation, isFixed):
         self.name = name
@@ -412,12 +218,7 @@ class Mesh:
         if len(self.origVertices) > 0:
             self._init_mass_properties()
         self.set_fixed(isFixed)
-        self._refresh_vertices()
-
-    def __getstate__(self):
-        """What copies and pickles take along: the attributes, not the tables that they are in."""
-        state = {name: getattr(self, name) for name in STEP_NAMES}
-        return {**vars(self), **state, "_rows": None}
+        self._forget()
 
     def _table(self, what, rows, width, dtype):
         """A copy of `rows` as (n, width); ValueError when it has another shape."""
@@ -434,8 +235,8 @@ class Mesh:
         """Sets volume, mass and IT, moves the rest vertices to their COM, and builds the hull.
 
         Over a tetrahedron with the corners x_i, the integral of x is V (Σ x_i) / 4, and that of
-        x xᵀ is V/20 (Σ x_i x_iᵀ + (Σ x_i)(Σ x_i)ᵀ). With C the sum of the latter times the
-        density, about the COM, the inertia tensor is tr(C) 1 - C.
+        x xᵀ is V/20 (Σ x_i x_iᵀ + (Σ x_i)(Σ x_i)ᵀ) (Tonon 2005). With C the sum of the latter times
+        the density, about the COM, the inertia tensor is tr(C) 1 - C.
         """
         for corners, what in ((self.faces, "face"), (self.tets, "tetrahedron")):
             if corners.size and not 0 <= corners.min() <= corners.max() < len(self.origVertices):
@@ -458,16 +259,8 @@ class Mesh:
         outer += sums[:, :, None] * sums[:, None, :]
         covariance = self.density * (volumes[:, None, None] / 20.0 * outer).sum(axis=0)
         self.IT = np.trace(covariance) * np.eye(3) - covariance
-        self.hull = GJK.build_hull(self.origVertices)
+        self.hull = build_hull(self.origVertices)
         self.hullVolume = self.hull.volume
-
-    def _refresh_vertices(self):
-        """currVertices from rest vertices, orientation and COM."""
-        if len(self.origVertices) == 0:
-            self.currVertices = np.zeros((0, 3))
-        else:
-            rotated = QRotate(self.orientation, self.origVertices)
-            self.currVertices = rotated + np.reshape(self.position, (1, 3))
 
     def set_fixed(self, isFixed):
         """Fixes the mesh, at rest where it is, or frees it: from the next step on."""
@@ -481,16 +274,6 @@ class Mesh:
             self.invMass = 1.0 / self.mass
             self.invIT = np.linalg.inv(self.IT)
 
-    def push(self, impulse, point):
-        """Applies an impulse (3,), mass · speed, at a point (3,) of the world; nothing if fixed.
-
-        With r from the COM to the point, v ← v + J / m and ω ← ω + R I⁻¹ Rᵀ (r × J).
-        """
-        arm = np.reshape(point, (1, 3)) - self.position
-        turn = np.cross(arm, np.reshape(impulse, (1, 3)))
-        self.linVelocity = self.linVelocity + self.invMass * np.reshape(impulse, (1, 3))
-        self.angVelocity = self.angVelocity + turn @ self.get_rotated_inv_IT().T
-
     def integrate_timestep(self, timeStep):
         """Moves the mesh on by timeStep seconds of free flight; a fixed mesh stays as it is.
 
@@ -499,70 +282,155 @@ class Mesh:
         """
         if self.invMass == 0.0:
             return
-        linVelocity, position, orientation = _integrated(
-            np.array(_floats(self.linVelocity, 3))[:, None],
-            np.array(_floats(self.angVelocity, 3))[:, None],
-            np.array(_floats(self.position, 3))[:, None],
-            np.array(_floats(self.orientation, 4))[:, None],
-            _float(timeStep),
+        linVelocity, position, orientation = free_flight(
+            floats(self.linVelocity, 3), floats(self.angVelocity, 3),
+            floats(self.position, 3), floats(self.orientation, 4), _float(timeStep),
+        )  # fmt: skip
+        self.linVelocity, self.position = _row(linVelocity, 3), _row(position, 3)
+        self.orientation = _row(orientation, 4)
+
+    def bounding_box_collision(self, m):
+        """Whether the axis-aligned boxes of this mesh and of m overlap or touch."""
+        pose1, pose2 = self.pose(), m.pose()
+        if pose1 is None or pose2 is None:
+            return False
+        lowX1, lowY1, lowZ1, highX1, highY1, highZ1 = pose1.box
+        lowX2, lowY2, lowZ2, highX2, highY2, highZ2 = pose2.box
+        return (
+            lowX1 <= highX2 and lowX2 <= highX1
+            and lowY1 <= highY2 and lowY2 <= highY1
+            and lowZ1 <= highZ2 and lowZ2 <= highZ1
+        )  # fmt: skip
+
+    def detect_collision(self, m):
+        """Collision of the convex hulls of this mesh and of m, at their positions and orientations.
+
+        Returns `(isCollision, depth, intNormal, intPosition)` as `GJK.is_collide` does, this mesh
+        being hull 1: m has to move by depth along intNormal (1, 3) to separate, and intPosition
+        (1, 3) is the point of m that is deepest inside this mesh. Two fixed meshes never collide.
+        """
+        if (self.isFixed and m.isFixed) or not self.bounding_box_collision(m):
+            return GJK.NO_COLLISION
+        pose1, pose2 = self.pose(), m.pose()
+        t = sub(pose2.position, pose1.position)
+        isCollision, depth, normal, point = GJK.collide_turned(
+            pose1.turned, pose2.turned, t, self.cachedAxes.get(m)
         )
-        self.linVelocity, self.position = linVelocity.T.copy(), position.T.copy()
-        self.orientation = orientation.T.copy()
-        self._refresh_vertices()
+        self.cachedAxes[m] = normal
+        if not isCollision:
+            return GJK.NO_COLLISION
+        return True, depth, _row(normal, 3), _row(add(point, pose2.position), 3)
+
+    def lowest_vertex(self):
+        """The lowest of the vertices in the world (3,), of equally low ones the first.
+
+        None of a mesh that nothing moves: the ground leaves it where it is.
+        """
+        if self.invMass == 0.0:
+            return None
+        vertices = self.currVertices
+        return vertices[vertices[:, 1].argmin()]
 
     def get_rotated_inv_IT(self):
         """Inverse inertia tensor in world axes, R I⁻¹ Rᵀ: (3, 3)."""
-        r = rotation_entries(_floats(self.orientation, 4))
-        return np.array(_rotated_tensor(r, _floats(self.invIT, 9))).reshape(3, 3)
+        rotation = rotation_matrices(floats(self.orientation, 4))
+        return np.array(rotate_tensor(rotation, floats(self.invIT, 9))).reshape(3, 3)
 
-    def bounding_box_collision(self, m):
-        """Whether the axis-aligned boxes of currVertices of this mesh and of m overlap or touch."""
-        if len(self.currVertices) == 0 or len(m.currVertices) == 0:
-            return False
-        low, high = self.currVertices.min(axis=0), self.currVertices.max(axis=0)
-        lowM, highM = m.currVertices.min(axis=0), m.currVertices.max(axis=0)
-        return bool((high >= lowM).all() and (highM >= low).all())
+    def push(self, impulse, point):
+        """Applies an impulse (3,), mass · speed, at a point (3,) of the world; nothing if fixed.
 
-    def detect_collision(self, m):
-        """Collision of the convex hulls of this mesh and of m, where currVertices says they are.
-
-        Returns `(isCollision, depth, intNormal, intPosition)` as `GJK.is_collide` does, this mesh
-        being hull 1: m has to move by depth along intNormal (1, 3) to part, and intPosition (1, 3)
-        is the point of m that is deepest inside this mesh. Two fixed meshes never collide.
+        With r from the COM to the point, v ← v + J / m and ω ← ω + R I⁻¹ Rᵀ (r × J).
         """
-        if (self.isFixed and m.isFixed) or not self.bounding_box_collision(m):
-            return False, 0.0, np.zeros((1, 3)), np.zeros((1, 3))
-        return GJK.is_collide(
-            self.currVertices[self.hull.vertexIndex], m.currVertices[m.hull.vertexIndex]
-        )
+        arm = np.reshape(point, (1, 3)) - self.position
+        torque = np.cross(arm, np.reshape(impulse, (1, 3)))
+        self.linVelocity = self.linVelocity + self.invMass * np.reshape(impulse, (1, 3))
+        self.angVelocity = self.angVelocity + torque @ self.get_rotated_inv_IT().T
 
-    def _body_state(self):
-        return _BodyState(
-            float(self.invMass), _floats(self.get_rotated_inv_IT(), 9), _floats(self.position, 3),
-            _floats(self.linVelocity, 3), _floats(self.angVelocity, 3),
+    def body_state(self):
+        """What a contact or a constraint reads and changes, in floats: `BodyState`."""
+        return BodyState(
+            float(self.invMass), floats(self.get_rotated_inv_IT(), 9), floats(self.position, 3),
+            floats(self.linVelocity, 3), floats(self.angVelocity, 3),
         )  # fmt: skip
 
-    def _take(self, state):
+    def set_body_state(self, state):
+        """Takes over position and velocities; what cannot move stays as it is."""
+        if state.invMass == 0.0:
+            return
         self.position = _row(state.position, 3)
         self.linVelocity = _row(state.linVelocity, 3)
         self.angVelocity = _row(state.angVelocity, 3)
-        self._refresh_vertices()
 
 
-def _integrated(linVelocity, angVelocity, position, orientation, timeStep):
-    """Free flight of n bodies: new `(linVelocity, position, orientation)`, one column a body."""
-    linVelocity = linVelocity + np.array([[0.0], [GRAVITY], [0.0]]) * timeStep
-    position = position + linVelocity * timeStep
-    half = angVelocity * (0.5 * timeStep)
-    turn = exponential((np.zeros(half.shape[1]), *half))
-    orientation = np.stack(multiply(turn, orientation))
+def _float(value):
+    """A Python float out of a number, or of an array that holds one."""
+    return value if type(value) is float else floats(value, 1)[0]
+
+
+def _row(value, count):
+    """A new (1, count) array out of anything with `count` entries."""
+    return np.array(value, dtype=np.float64).reshape(1, count)
+
+
+# --------------------------------------------------------------------------------------------------
+# Free flight
+# --------------------------------------------------------------------------------------------------
+
+
+def free_flight(linVelocity, angVelocity, position, orientation, timeStep):
+    """Semi-implicit Euler: the new `(linVelocity, position, orientation)` after timeStep seconds.
+
+    All on components: the velocity first, v ← v + g h; then the COM with the new velocity, x ← x +
+    v h; then the orientation, q ← exp(ω h/2) ∘ q, of unit length again.
+    """
+    down = (0.0, GRAVITY, 0.0)
+    if isinstance(linVelocity, np.ndarray):
+        down = np.reshape(down, (3, 1))
+    linVelocity = mul_add(linVelocity, timeStep, down)
+    position = mul_add(position, timeStep, linVelocity)
+    rotation = exponential((0.0, *scale(0.5 * timeStep, angVelocity)))
+    w, x, y, z = multiply(rotation, orientation)
     # a product of unit quaternions drifts from unit length by rounding
-    length = np.sqrt(orientation[0] * orientation[0] + dot(orientation[1:], orientation[1:]))
-    return linVelocity, position, orientation / length
+    length = sqrt(w * w + (x * x + y * y + z * z))
+    return linVelocity, position, (w / length, x / length, y / length, z / length)
+
+
+# --------------------------------------------------------------------------------------------------
+# Contacts
+# --------------------------------------------------------------------------------------------------
+
+NO_FRICTION = (0.0, 0.0, 0.0)
+
+
+class ContactSettings(NamedTuple):
+    """How contacts are resolved; see `resolve_collision`."""
+
+    CRCoeff: float
+    closingOnly: bool
+    mu: float
+
+
+class ContactImpulses(NamedTuple):
+    """What a contact did: the impulse that body 2 receives along the normal, mass · speed, and
+    across it, a vector; and the arm, from the COM of body 1 to where they act."""
+
+    impulse: float
+    friction: tuple
+    arm: tuple
+
+
+def contact_settings(CRCoeff, closingOnly, mu):
+    """The ContactSettings of a caller's arguments; raises ValueError."""
+    settings = ContactSettings(_float(CRCoeff), bool(closingOnly), _float(mu))
+    if not math.isfinite(settings.CRCoeff):
+        raise ValueError(f"the restitution must be finite, not {settings.CRCoeff:g}")
+    if not 0.0 <= settings.mu < math.inf:
+        raise ValueError(f"the friction must be finite and not negative, not {settings.mu:g}")
+    return settings
 
 
 def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOnly=False, mu=0.0):
-    """Parts two meshes that interpenetrate and lets them bounce, changing both in place.
+    """Separates two meshes that interpenetrate and lets them bounce, changing both in place.
 
     depth : length they interpenetrate by. A negative one moves the meshes the other way, as the
         ground asks for, whose normal points into the mesh
@@ -582,948 +450,149 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     along with m2, reverses the closing speed and scales it by the restitution. Two meshes that
     cannot move stay as they are.
 
-    Raises ValueError for a restitution that is not finite, and a friction that is negative or not
-    finite.
+    Returns the `ContactImpulses`, None of two meshes that cannot move. Raises ValueError for a
+    restitution that is not finite, and a friction that is negative or not finite.
     """
-    law = _contact_law(CRCoeff, closingOnly, mu)
-    body1, body2 = m1._body_state(), m2._body_state()
+    settings = contact_settings(CRCoeff, closingOnly, mu)
+    body1, body2 = m1.body_state(), m2.body_state()
     if body1.invMass + body2.invMass == 0.0:
-        return
-    depth, normal = _float(depth), _floats(contactNormal, 3)
-    if depth < 0 or (depth == 0 and len(m2.origVertices) == 0):
-        depth, normal = -depth, (-normal[0], -normal[1], -normal[2])
-    _resolve(body1, body2, depth, normal, _floats(penPoint, 3), law)
-    m1._take(body1)
-    m2._take(body2)
+        return None
+    depth, normal = _float(depth), floats(contactNormal, 3)
+    # A depth of 0 does not tell which way the normal points; on the ground, it is into m1.
+    isGround = len(m2.origVertices) == 0
+    if depth < 0.0 or (depth == 0.0 and isGround):
+        depth, normal = -depth, scale(-1.0, normal)
+    arm1, arm2 = correct_positions(body1, body2, depth, normal, floats(penPoint, 3))
+    impulse, friction = apply_contact_impulses(body1, body2, arm1, arm2, normal, settings)
+    m1.set_body_state(body1)
+    m2.set_body_state(body2)
+    return ContactImpulses(impulse, friction, arm1)
 
 
-# --------------------------------------------------------------------------------------------------
-# The state of all bodies during a step
-# --------------------------------------------------------------------------------------------------
+# From here on, vectors are components: tuples of floats for one contact, arrays (3, n) for many.
 
 
-class _Shapes:
-    """What never changes of a list of meshes: rest vertices and hulls, in tables.
+def mass_weights(invMass1, invMass2):
+    """w_i = m_i⁻¹ / (m_1⁻¹ + m_2⁻¹), each body's part in a correction; not both masses infinite."""
+    total = invMass1 + invMass2
+    return invMass1 / total, invMass2 / total
 
-    vertices : (3, ΣV), rest vertices of all meshes; body b has vertexStart[b] … of them
-    hulls : GJK.HullSet at rest; a mesh without vertices has a point for a hull
-    hullColumn : (ΣVh,), the columns in `vertices` of the hulls' vertices; None where that is all
-    hasShape : (n,) bool
-    memory : `_Memory` of these meshes
-    rows : `_Rows` of these meshes
+
+def separate(body1, body2, distance, direction):
+    """Position correction: moves body 2 along the direction and body 1 against it.
+
+    By `distance` in all, each in proportion to its inverse mass. Returns how far body 2 has moved.
     """
-
-    def __init__(self, meshes):
-        self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
-        self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
-        self.hasShape = self.vertexCount > 0
-        self.vertices = np.ascontiguousarray(np.concatenate([m.origVertices for m in meshes]).T)
-        point = GJK.build_hull(np.zeros((1, 3)))
-        hulls = [point if m.hull is None else m.hull for m in meshes]
-        self.hulls = GJK.HullSet(hulls)
-        # where a mesh has no vertices, any column does for its point: it meets nothing
-        starts = np.minimum(self.vertexStart, max(0, len(self.vertices.T) - 1))
-        self.hullColumn = np.concatenate(
-            [hull.vertexIndex + start for hull, start in zip(hulls, starts, strict=True)]
-        )
-        if np.array_equal(self.hullColumn, np.arange(self.vertices.shape[1])):
-            self.hullColumn = None
-        self.memory = _Memory(len(meshes))
-        self.rows = _Rows(self.vertexStart, self.vertexCount)
+    weight1, weight2 = mass_weights(body1.invMass, body2.invMass)
+    body1.position = mul_add(body1.position, -(weight1 * distance), direction)
+    body2.position = mul_add(body2.position, weight2 * distance, direction)
+    return weight2 * distance
 
 
-class _Rows:
-    """The tables that a list of meshes has its state in, a row a mesh. See `_RowOf`.
+def correct_positions(body1, body2, depth, normal, penPoint):
+    """Separates two bodies that touch; returns the arms `(arm1, arm2)` from their COMs to the
+    contact point, which is penPoint, moved along with body 2."""
+    point = mul_add(penPoint, separate(body1, body2, depth, normal), normal)
+    return sub(point, body1.position), sub(point, body2.position)
 
-    tables : dict, per attribute of STEP_ATTRIBUTES a table (n, …)
-    makeVertices : function that gives currVertices (ΣV, 3); called when somebody asks for them
-    assigned : dict, its keys the places of the meshes that something has been assigned to
-    isLeft : whether a mesh has its state elsewhere: before the first step, or after one of another
-        list of meshes
 
-    A step makes new tables, so that what somebody has kept of the old ones stays as it was.
+def relative_velocity(body1, body2, arm1, arm2):
+    """Velocity of body 1 at arm1 minus that of body 2 at arm2, each v + ω × r."""
+    velocity1 = add(body1.linVelocity, cross(body1.angVelocity, arm1))
+    velocity2 = add(body2.linVelocity, cross(body2.angVelocity, arm2))
+    return sub(velocity1, velocity2)
+
+
+def inverse_effective_mass(body1, body2, arm1, arm2, direction):
+    """`(K, invInertiaRxN1, invInertiaRxN2)`: how two bodies that touch respond to an impulse.
+
+    invInertiaRxN : I⁻¹ (r × n), the change of the angular velocity by a unit impulse along n at r
+    K : the change of the closing speed by it. A body's point at r gains m⁻¹ from the motion of the
+        COM and, from the rotation, ((I⁻¹ (r × n)) × r) · n = (r × n) · I⁻¹ (r × n); so
+        K = m_1⁻¹ + m_2⁻¹ + (r1 × n) · I1⁻¹ (r1 × n) + (r2 × n) · I2⁻¹ (r2 × n)
     """
-
-    def __init__(self, vertexStart, vertexCount):
-        self.starts = vertexStart.tolist()
-        self.ends = (vertexStart + vertexCount).tolist()
-        self.tables = {}
-        self.makeVertices = None
-        self._currVertices = None
-        self.assigned = {}
-        self.isLeft = True
-
-    def of(self, name, place):
-        """The row of the mesh in this place; of its vertices, all rows."""
-        if name == "currVertices":
-            if self._currVertices is None:
-                self._currVertices = self.makeVertices()
-            return self._currVertices[self.starts[place] : self.ends[place]]
-        row = self.tables[name][place]
-        return row if row.ndim else row.item()
-
-    def gather(self, meshes):
-        """Brings the tables up to date with what users have assigned.
-
-        What they have written into their rows is in the tables already.
-        """
-        if self.isLeft:
-            self.assigned = dict.fromkeys(range(len(meshes)))
-            for name, shape in STEP_ATTRIBUTES.items():
-                table = _table([getattr(m, name) for m in meshes], math.prod(shape))
-                self.tables[name] = table.reshape(-1, *shape)
-        elif self.assigned:
-            self.tables = {name: table.copy() for name, table in self.tables.items()}
-            for b in self.assigned:
-                for name, shape in STEP_ATTRIBUTES.items():
-                    self.tables[name][b] = np.reshape(getattr(meshes[b], name), shape)
-
-    def hand_out(self, meshes, tables, makeVertices):
-        """Puts new tables in place of those named, and gives the meshes their rows."""
-        self.tables = {**self.tables, **tables}
-        self.makeVertices, self._currVertices = makeVertices, None
-        for b in self.assigned:
-            own = meshes[b].__dict__
-            for name in STEP_NAMES:
-                own.pop(name, None)
-            if own.get("_rows") not in (None, self):
-                own["_rows"].isLeft = True
-            own["_rows"], own["_place"] = self, b
-        self.assigned = {}
-        self.isLeft = False
+    rCrossN1, rCrossN2 = cross(arm1, direction), cross(arm2, direction)
+    invInertiaRxN1 = mat_vec(body1.invInertia, rCrossN1)
+    invInertiaRxN2 = mat_vec(body2.invInertia, rCrossN2)
+    K1 = body1.invMass + dot(rCrossN1, invInertiaRxN1)
+    K2 = body2.invMass + dot(rCrossN2, invInertiaRxN2)
+    return K1 + K2, invInertiaRxN1, invInertiaRxN2
 
 
-def _places(keys, known):
-    """Where (m,) each key stands among the known ones, ≥ 1 and in ascending order; or -1."""
-    place = np.minimum(known.searchsorted(keys), len(known) - 1)
-    return np.where(known[place] == keys, place, -1)
+def apply_impulse(body1, body2, responses, direction, change, limit=None):
+    """Lowers the closing speed along the direction by `change`; returns the impulse that does it.
 
+    responses : as `inverse_effective_mass` gives them; limit : of the impulse, if there is one
 
-class _Memory:
-    """What the last step found out, to save time in the next one. It never changes a result.
-
-    keys : (P,), sorted; i · n + j of the pairs whose boxes were near each other
-    axis : (3, P), along which the pair overlapped least, or was furthest apart
-    displaced : (n,), how far corrections moved each body within the step
+    The impulse j acts as -j n on body 1 and as +j n on body 2: v_i ← v_i ± j m_i⁻¹ n and ω_i ← ω_i
+    ± j I_i⁻¹ (r_i × n). It lowers the closing speed by j K; hence j = change / K, or the limit
+    where that is less.
     """
-
-    def __init__(self, count):
-        self.count = count
-        self.keys = np.zeros(0, dtype=np.int64)
-        self.axis = np.zeros((3, 0))
-        self.displaced = np.zeros(count)
-
-    def recall(self, first, second):
-        """Axes (3, P) for a `GJK.AxisGuess`: zero for pairs that were not near."""
-        if len(self.keys) == 0:
-            return np.zeros((3, len(first)))
-        place = _places(first * self.count + second, self.keys)
-        return np.where(place >= 0, take(self.axis, place, axis=1), 0.0)
-
-    def note(self, first, second, axis):
-        """Remembers the pairs of a step, sorted by the order i < j, and their axes (3, P)."""
-        self.keys = first * self.count + second
-        self.axis = axis
+    K, invInertiaRxN1, invInertiaRxN2 = responses
+    impulse = change / K
+    if limit is not None:
+        isArray = isinstance(impulse, np.ndarray)
+        impulse = np.minimum(impulse, limit) if isArray else min(impulse, limit)
+    body1.linVelocity = mul_add(body1.linVelocity, -impulse * body1.invMass, direction)
+    body1.angVelocity = mul_add(body1.angVelocity, -impulse, invInertiaRxN1)
+    body2.linVelocity = mul_add(body2.linVelocity, impulse * body2.invMass, direction)
+    body2.angVelocity = mul_add(body2.angVelocity, impulse, invInertiaRxN2)
+    return impulse
 
 
-# The tables of the scenes at hand: making them costs more than a step of a small scene.
-_shapes = lru_cache(maxsize=4)(_Shapes)
+def apply_contact_impulses(body1, body2, arm1, arm2, normal, settings, responses=None):
+    """The impulses of a contact: `(impulse, friction)`, what body 2 receives along and across.
 
+    responses : as `inverse_effective_mass` gives them along the normal, if they are at hand
 
-def _table(values, width):
-    """A table (n, width) of values with that many entries each, whatever their shapes."""
-    try:
-        table = np.array(values, dtype=np.float64)
-    except ValueError:  # shapes that differ
-        table = np.concatenate([np.ravel(value) for value in values], dtype=np.float64)
-    return table.reshape(len(values), width)
-
-
-def _columns(table):
-    """A table (n, …), a row a body, as (w, n), a column a body."""
-    return np.ascontiguousarray(table.reshape(len(table), -1).T)
-
-
-class _Bodies:
-    """The meshes of one step as arrays, one column a body.
-
-    motion : (9, n); its parts are position, linVelocity, angVelocity, (3, n) each, the last two
-        together velocity
-    orientation : (4, n)
-    invMass : (n,); invInertia : (9, n), world axes, row by row
-    box : (6, n), bounding boxes in the world before the collisions: least coordinates, then
-        greatest ones negated, so that boxes a and b overlap when box_a ≤ facing_b. A mesh without
-        vertices has none
-    shapes : `_Shapes`
-    hulls : GJK.HullSet, turned to the orientations
-    vertices : (3, ΣV), all vertices, turned, relative to their COMs
+    Restitution asks that a closing speed of c become one of -e c: with u = v1 + ω1 × r1 - v2 -
+    ω2 × r2 the impulse is j = (1 + e) (u · n) / K, K as of `inverse_effective_mass`.
     """
-
-    def __init__(self, meshes):
-        self.meshes = meshes
-        self.shapes = _shapes(tuple(meshes))
-        rows = self.shapes.rows
-        rows.gather(meshes)
-        columns = {name: _columns(table) for name, table in rows.tables.items()}
-        self.motion = np.concatenate(
-            (columns["position"], columns["linVelocity"], columns["angVelocity"])
-        )
-        self.orientation = columns["orientation"]
-        self.restInvInertia = columns["invIT"]
-        self.invMass = rows.tables["invMass"]
-        self.isFixed = self.invMass == 0.0
-
-    position = property(lambda self: self.motion[0:3])
-    velocity = property(lambda self: self.motion[3:9])
-    linVelocity = property(lambda self: self.motion[3:6])
-    angVelocity = property(lambda self: self.motion[6:9])
-
-    def integrate(self, timeStep):
-        """Free flight of all bodies that are not fixed; then everything that turns with them."""
-        self.timeStep = timeStep
-        free = ~self.isFixed
-        linVelocity, position, orientation = _integrated(
-            self.linVelocity, self.angVelocity, self.position, self.orientation, timeStep
-        )
-        moving = np.concatenate((position, linVelocity, self.angVelocity))
-        self.motion = np.where(free, moving, self.motion)
-        self.orientation = np.where(free, orientation, self.orientation)
-
-        entries = np.stack(rotation_entries(self.orientation))
-        self.invInertia = np.stack(_rotated_tensor(entries, self.restInvInertia))
-        shapes = self.shapes
-        self.vertices = GJK.rotate_columns(entries, shapes.vertices, shapes.vertexCount)
-        corners = self.vertices
-        if shapes.hullColumn is not None:
-            corners = take(corners, shapes.hullColumn, axis=1) if corners.size else None
-        self.hulls = shapes.hulls.rotated(entries, corners)
-        low, high = self.hulls.boxes()
-        self.relativeBox = np.where(shapes.hasShape, np.concatenate((low, -high)), np.inf)
-        self.box = self.box_of(np.arange(len(self.meshes)), self.position)
-
-    def check_numbers(self, when):
-        """Raises StateError, which names the body, where a number is NaN, infinite or too large.
-
-        when : what the step has just done, for the message
-        """
-        # NaN is the maximum of whatever holds it, and not less than anything
-        largest = abs(self.motion).max(), abs(self.orientation).max()
-        if largest[0] <= LARGEST_NUMBER and largest[1] <= LARGEST_NUMBER:
-            return
-        for name in ("position", "orientation", "linVelocity", "angVelocity"):
-            values = getattr(self, name)
-            wrong = ~(abs(values) <= LARGEST_NUMBER)
-            if wrong.any():
-                b = int(wrong.any(axis=0).argmax())
-                value = float(values[wrong[:, b], b][0])
-                raise StateError(
-                    f"body {b}, {self.meshes[b].name!r}: {name} holds {value:g} after {when}"
-                )
-
-    def box_of(self, b, position):
-        """The boxes of a body b or the bodies b (m,) at these positions, as in `box`."""
-        return take(self.relativeBox, b, axis=1) + np.concatenate((position, -position))
-
-    def state(self, b):
-        """`_BodyState` of body b, in floats."""
-        return _BodyState(
-            float(self.invMass[b]), self.invInertia[:, b].tolist(), self.position[:, b].tolist(),
-            self.linVelocity[:, b].tolist(), self.angVelocity[:, b].tolist(),
-        )  # fmt: skip
-
-    def states(self, b):
-        """`_BodyState` of the bodies b (m,), in arrays."""
-        motion = take(self.motion, b, axis=1)
-        return _BodyState(
-            take(self.invMass, b), take(self.invInertia, b, axis=1),
-            motion[0:3], motion[3:6], motion[6:9],
-        )  # fmt: skip
-
-    def take(self, b, state):
-        """Sets a body b, or bodies (m,), to a state that something has changed."""
-        self.motion[:, b] = np.concatenate(state.moving())
-
-    def write_back(self):
-        """Hands the meshes their state: rows of the step's tables."""
-        tables = {
-            name: np.ascontiguousarray(getattr(self, name).T)[:, None]
-            for name in ("position", "orientation", "linVelocity", "angVelocity")
-        }
-        self.shapes.rows.hand_out(self.meshes, tables, self.current_vertices)
-
-    def current_vertices(self):
-        """The vertices in the world, a row each: (ΣV, 3)."""
-        owner = np.arange(len(self.meshes)).repeat(self.shapes.vertexCount)
-        return np.ascontiguousarray((self.vertices + take(self.position, owner, axis=1)).T)
+    if responses is None:
+        responses = inverse_effective_mass(body1, body2, arm1, arm2, normal)
+    closingSpeed = dot(relative_velocity(body1, body2, arm1, arm2), normal)
+    change = (1.0 + settings.CRCoeff) * closingSpeed
+    if settings.closingOnly:
+        change = change * (change > 0)
+    impulse = apply_impulse(body1, body2, responses, normal, change)
+    if settings.mu == 0:
+        return impulse, NO_FRICTION
+    limit = settings.mu * impulse
+    return impulse, apply_friction(body1, body2, arm1, arm2, normal, limit)
 
 
-# --------------------------------------------------------------------------------------------------
-# Collisions of a step
-# --------------------------------------------------------------------------------------------------
+def apply_friction(body1, body2, arm1, arm2, normal, limit):
+    """Coulomb friction at a contact; returns the impulse, a vector, that body 2 receives.
 
+    limit : μ times the normal impulse; none where that is negative, as nothing is pressed there
 
-# Boxes to compare with all others at a time when near pairs are looked for: 256 of them make
-# tables of some megabytes with a few thousand bodies.
-BOX_ROWS = 256
-
-# A level of the grid has columns as wide as its largest box and holds boxes down to this fraction
-# of it. Smaller ones would crowd the columns, and more levels would cost more look-ups.
-GRID_SHRINK = 1 / 8
-# Up to so many cells along a side, a cell's number is its place; beyond, only cells in use count.
-MOST_CELLS = 1e6
-
-
-def _facing(box):
-    """What the box (6, …) of another body has to be at most, in each row, to overlap this one."""
-    return -np.concatenate((box[3:], box[:3]))
-
-
-def all_overlaps(box, isFixed):
-    """Pairs i < j whose boxes overlap, `(first, second)` in that order, by comparing all of them.
-
-    box : (6, n), least coordinates and greatest ones negated; isFixed : (n,) bool, two such bodies
-    are no pair
+    With u the velocity of body 1 relative to body 2 at the contact and t the unit vector of its
+    part across the normal, an impulse -j t on body 1 and +j t on body 2 lowers u · t by j K, K
+    being both bodies' inverse effective mass along t. The sliding stops at j = u · t / K; friction
+    gives that much or its limit, whichever is less, and so never turns the sliding round. The
+    kinetic energy changes by -j u · t + j² K / 2, which is at most 0 for 0 ≤ j ≤ u · t / K.
     """
-    facing = _facing(box)
-    found = [np.zeros((0, 2), dtype=np.intp)]
-    for begin in range(0, box.shape[1], BOX_ROWS):
-        rows = slice(begin, begin + BOX_ROWS)
-        near = box[0, begin:] <= facing[0, rows, None]
-        for k in range(1, 6):
-            near &= box[k, begin:] <= facing[k, rows, None]
-        near &= ~(isFixed[rows, None] & isFixed[begin:])
-        found.append(np.argwhere(np.triu(near, 1)) + begin)
-    return np.concatenate(found).T
-
-
-def grid_levels(box):
-    """Sorts boxes into the levels of a grid, from the largest: yields `(level, smaller, width)`.
-
-    box : (6, n), as for `all_overlaps`; level, smaller : indices of the boxes of this level and of
-    all later ones; width : the largest side of this level's boxes
-    """
-    extent = (-box[3:] - box[:3]).max(axis=0)
-    rest = indices(np.isfinite(extent))
-    while len(rest):
-        sides = extent[rest]
-        largest = float(sides.max())
-        isLarge = sides >= GRID_SHRINK * largest
-        level, rest = rest[isLarge], rest[~isLarge]
-        yield level, rest, max(largest, np.finfo(float).tiny)
-
-
-def grid_overlaps(box, isFixed):
-    """The same pairs in the same order as `all_overlaps`, by uniform grids.
-
-    Boxes are sorted into levels by their largest side. Each level is a grid over y and z whose
-    columns are as wide as its largest box, and within a column the boxes are sorted along x. A box
-    stands in the one column that holds its least corner; of two boxes that overlap, the columns are
-    the same or neighbours, and along x the least corner of one lies in the other. A box looks into
-    its own level and into those of larger boxes, so one huge floor among small boxes is a level of
-    its own and costs each of them one candidate.
-    """
-    found = []
-    for level, smaller, width in grid_levels(box):
-        found.append(_level_overlaps(box, level, level, width))
-        if len(smaller):
-            found.append(_level_overlaps(box, level, smaller, width))
-    return np.stack(np.divmod(_pair_keys(found, isFixed), max(1, len(isFixed))))
-
-
-def _pair_keys(found, isFixed):
-    """The keys i · n + j of pairs i < j, in ascending order, as often as they were found.
-
-    found : list of pairs (2, m), in any order; what are two fixed bodies, or one, is left out
-    """
-    first, second = np.concatenate([np.zeros((2, 0), dtype=np.intp), *found], axis=1)
-    some = indices((first != second) & ~(isFixed[first] & isFixed[second]))
-    first, second = first[some], second[some]
-    keys = np.minimum(first, second) * len(isFixed) + np.maximum(first, second)
-    keys.sort()
-    return keys
-
-
-def _ranks(values):
-    """Whole numbers ≥ 1 for whole floats: neighbours (±1) stay neighbours, and others do not become
-    any."""
-    least = values.min()
-    if values.max() - least < MOST_CELLS:
-        return (values - least).astype(np.int64) + 1
-    distinct, rank = np.unique(values, return_inverse=True)
-    steps = np.minimum(np.diff(distinct, prepend=distinct[:1]), 2.0)
-    return steps.cumsum().astype(np.int64)[rank] + 1
-
-
-def _level_overlaps(box, level, looking, width):
-    """Pairs (2, P) of a body in `level` and one in `looking` whose boxes overlap, each pair once.
-
-    level : indices of boxes with sides of at most `width`; looking : the same array, or indices of
-    other boxes, none larger.
-    """
-    inside = looking is level
-    bodies = level if inside else np.concatenate((level, looking))
-    y = _ranks(np.floor(box[1, bodies] / width))
-    z = _ranks(np.floor(box[2, bodies] / width))
-    stride = int(z.max()) + 2
-    column = y * stride + z
-    # the level's boxes by column, and along x within a column
-    along = box[0, level].argsort()
-    lowX = box[0, level][along]
-    place = np.empty(len(level), dtype=np.int64)
-    place[along] = np.arange(len(level))
-    count = len(level)
-    key = column[:count] * (count + 1) + place
-    entries = key.argsort()
-    key = key[entries]
-    if inside:  # bisection is faster for what comes in order
-        looking, place, column = level[entries], place[entries], column[entries]
-    # the range along x, in places, that can overlap a looking box
-    end = lowX.searchsorted(-box[3, looking], side="right")
-    begin = place + 1 if inside else lowX.searchsorted(box[0, looking] - width, side="left")
-
-    near = np.array([dy * stride + dz for dy in (-1, 0, 1) for dz in (-1, 0, 1)])
-    near = (column[-len(looking) :] + near[:, None]) * (count + 1)
-    first = key.searchsorted((near + begin).ravel())
-    length = key.searchsorted((near + end).ravel()) - first
-    some = indices(length > 0)
-    row, place = ranges(take(first, some), take(length, some))
-    i, j = level[entries[place]], looking[some[row] % len(looking)]
-    # within a level, the range along x holds exactly those that overlap there
-    return _overlapping(box, i, j, (2, 1) if inside else (2, 1, 0))
-
-
-def _overlapping(box, i, j, axes=(2, 1, 0)):
-    """Those of the pairs i (m,), j (m,) whose boxes overlap along the axes: (2, P)."""
-    for k in axes:
-        overlap = (take(box[k], i) <= -take(box[k + 3], j)) & (
-            take(box[k], j) <= -take(box[k + 3], i)
-        )
-        i, j = i[overlap], j[overlap]
-    return np.stack((i, j))
-
-
-BROAD_PHASES = {"all": all_overlaps, "grid": grid_overlaps}
-
-
-def _overlapping_pairs(bodies):
-    """Yields the pairs i < j, in that order, whose boxes overlap when their turn comes.
-
-    The boxes may be moved between two pairs. Pairs of two fixed bodies are left out.
-    """
-    for i in range(len(bodies.meshes)):
-        later = i + 1
-        while later < len(bodies.meshes):
-            limit = _facing(bodies.box[:, i])
-            overlap = (bodies.box[:, later:] <= limit[:, None]).all(axis=0)
-            if bodies.isFixed[i]:
-                overlap &= ~bodies.isFixed[later:]
-            following = int(overlap.argmax())
-            if not overlap[following]:
-                break
-            later += following + 1
-            yield i, later - 1
-
-
-def _near_planes(bodies, first, second, reach, foresee=False):
-    """`(planes, t, pen, normal, isNear)` of the pairs whose boxes are near each other at the start.
-
-    first, second : (P,), sorted by the order i < j; reach : (n,), how far a body may move
-    foresee : whether the reach is more where contacts are going to move bodies further
-    planes : GJK.FacetPlanes; t : (3, P), centre of the second minus centre of the first
-    pen : (P,), by how much the pair overlaps now, or is at least apart where that is negative
-    normal : (3, P), along which it does
-    isNear : (P,) bool; the rest stay apart however their bodies move within their reach
-    """
-    memory = bodies.shapes.memory
-    t = take(bodies.position, second, axis=1) - take(bodies.position, first, axis=1)
-    both = reach[first] + reach[second]
-    guess = memory.recall(first, second)
-    if foresee:
-        guess = GJK.AxisGuess(bodies.hulls, first, second, t, guess)
-        both = np.maximum(both, _foreseen_moves(bodies, first, second, guess.pen))
-    planes = GJK.facet_planes(bodies.hulls, first, second, t, both, guess)
-    pen, normal = planes.nearest_of_all(t)
-    isNear = pen >= -both
-    memory.note(first, second, normal)
-    return planes, t, pen, normal, isNear
-
-
-def _foreseen_moves(bodies, first, second, pen):
-    """How far (P,) contacts are likely to move the two bodies of a pair, together.
-
-    pen : (P,), by how much each pair overlaps at most
-
-    A body gives way to the deepest of its contacts by its share. As the axes that tell the overlap
-    are guesses, it counts up to what the two bodies have travelled in this step.
-    """
-    share1, share2 = _shares(take(bodies.invMass, first), take(bodies.invMass, second))
-    # fixed bodies are at rest, and nothing has pushed the others since their flight
-    travel = np.sqrt(dot(bodies.linVelocity, bodies.linVelocity)) * bodies.timeStep
-    travelled = take(travel, first) + take(travel, second)
-    depth = np.minimum(np.maximum(pen, 0.0), travelled)
-    moves = np.zeros(len(bodies.invMass))
-    np.maximum.at(moves, first, share1 * depth)
-    np.maximum.at(moves, second, share2 * depth)
-    return take(moves, first) + take(moves, second)
-
-
-def _pair_contact(bodies, i, j, planes, starts, row):
-    """`(depth, normal, point)` of the pair i, j in the present positions, or None.
-
-    depth ≥ 0; normal and point as tuples, for body j as the second one
-    planes, starts, row : GJK.FacetPlanes and the translations (3, P) that they were made at, and
-        which of their pairs this is. If None, or where the planes do not hold at the present
-        translation, the pair is worked out now.
-    """
-    position1, position2 = bodies.position[:, i].tolist(), bodies.position[:, j].tolist()
-    t = difference(position2, position1)
-    size = float(bodies.hulls.radius[i] + bodies.hulls.radius[j])
-    apart = -GJK.TOUCH_TOLERANCE * size
-    if row is not None:
-        pen, normal = planes.nearest(row, t)
-        if pen < apart:
-            return None
-    if row is None or not planes.hold(row, pen, difference(t, starts[:, row].tolist())):
-        pair = np.array([[i], [j]])
-        guess = None if row is None else np.array([normal]).T
-        exact = GJK.facet_planes(bodies.hulls, *pair, np.array([t]).T, np.zeros(1), guess)
-        pen, normal = exact.nearest(0, t)
-        if pen < apart:
-            return None
-    vertices1, vertices2 = bodies.hulls.body_vertices(i), bodies.hulls.body_vertices(j)
-    tolerance = GJK.FEATURE_TOLERANCE * size
-    point = GJK.contact_point(vertices1, vertices2, t, normal, tolerance)
-    return max(pen, 0.0), normal, _sum(point, position2)
-
-
-def _resolve_pairs(bodies, law, report):
-    """Detects and resolves every pair i < j, in that order, each seeing the earlier corrections.
-
-    Resolutions only translate bodies, so what depends on orientations alone, the facet planes of
-    the Minkowski differences, is worked out for all near pairs together at the step's start. At a
-    pair's turn the planes meet its present translation.
-    """
-    if len(bodies.meshes) < 2:
-        return
-    reach = PLANE_REACH * bodies.hulls.radius
-    first, second = all_overlaps(bodies.box - reach, bodies.isFixed)
-    planes, t, *_ = _near_planes(bodies, first, second, reach)
-    rows = {pair: row for row, pair in enumerate(zip(first.tolist(), second.tolist(), strict=True))}
-    for i, j in _overlapping_pairs(bodies):
-        report.candidatePairs += 1
-        contact = _pair_contact(bodies, i, j, planes, t, rows.get((i, j)))
-        if contact is not None:
-            body1, body2 = bodies.state(i), bodies.state(j)
-            impulses = _resolve(body1, body2, *contact, law)
-            for b, body in ((i, body1), (j, body2)):
-                bodies.take(b, body)
-                bodies.box[:, b] = bodies.box_of(b, bodies.position[:, b])
-            report.add(Contact(i, j, *contact, *impulses))
-
-
-# What a body's reach is at least, relative to its radius: corrections move most bodies less.
-LEAST_REACH = 0.005
-
-# A body gets this many times its displacement in one step as its reach in the next, or when the
-# step's collisions are done again.
-REACH_GROWTH = 2.0
-
-
-class _ContactBatches:
-    """The pairs that can touch in this step, in batches that are worked on one after the other.
-
-    No two pairs of a batch share a body which can move. All pairs are known beforehand as long as
-    no body moves further than its reach (n,), and often beyond: see `overlooked`.
-
-    first, second : (P,), sorted by batch, and within a batch by the order i < j
-    rank : (P,), place of each pair in the order i < j
-    starts : (B + 1,), where the batches begin
-    planes : GJK.FacetPlanes of the pairs; planeStart (P,), where those of a pair begin, and
-        place (K,), the pair of each plane, both counted from the batch's first one
-    invMass : of the first and of the second bodies, (P,) each
-    t (3, P) : translations that the planes were made at
-    apart (P,) : the pen below which a pair counts as apart; tolerance (P,), see GJK.contact_point
-    keys : (Q,), of the pairs whose boxes are near each other, i · n + j; gap (Q,), by how much each
-        is apart, -inf for the pairs that are in the batches, along the axis (3, Q)
-    """
-
-    def __init__(self, bodies, reach, broadPhase, pairOrder):
-        self.bodies = bodies
-        self.reach = reach
-        self.pairOrder = pairOrder
-        first, second = BROAD_PHASES[broadPhase](bodies.box - reach, bodies.isFixed)
-        self.keys = first * len(reach) + second
-        planes, t, pen, self.axis, isNear = _near_planes(bodies, first, second, reach, foresee=True)
-        size = bodies.hulls.radius[first] + bodies.hulls.radius[second]
-        self.gap = np.where(isNear, -np.inf, -pen - GJK.FEATURE_TOLERANCE * size)
-        near = indices(isNear)
-        self._arrange(first[near], second[near], near, planes, t)
-
-    def _arrange(self, first, second, rows, planes, t):
-        """Sorts pairs, given in the order i < j, into batches.
-
-        rows : where each pair is in planes and t
-        """
-        bodies = self.bodies
-        assign = PAIR_ORDERS[self.pairOrder]
-        batch = assign(first.tolist(), second.tolist(), bodies.isFixed.tolist())
-        self.rank = batch.argsort(kind="stable")
-        self.starts = batch[self.rank].searchsorted(np.arange(batch.max(initial=-1) + 2))
-        self.first, self.second = first[self.rank], second[self.rank]
-        rows = rows[self.rank]
-        self.planes = planes.of_pairs(rows)
-        begin = self.starts[batch[self.rank]]  # of each pair's batch
-        self.planeStart = self.planes.start[:-1] - self.planes.start[begin]
-        self.place = (np.arange(len(rows)) - begin).repeat(np.diff(self.planes.start))
-        self.invMass = take(bodies.invMass, self.first), take(bodies.invMass, self.second)
-        self.t = take(t, rows, axis=1)
-        size = bodies.hulls.radius[self.first] + bodies.hulls.radius[self.second]
-        self.apart = -GJK.TOUCH_TOLERANCE * size
-        self.tolerance = GJK.FEATURE_TOLERANCE * size
-
-    def part(self):
-        """Parts the pairs that touch at their turn, batch by batch; returns the `_Contacts`."""
-        found = [
-            self._part_batch(begin, end) for begin, end in itertools.pairwise(self.starts.tolist())
-        ]
-        return _Contacts(self, found)
-
-    def _part_batch(self, begin, end):
-        """Parts the pairs from `begin` to `end` that touch now.
-
-        Returns `(touches, depth, normal, before1, before2, after1, after2, shift2)`, (m,) or (3, m)
-        for all pairs of the batch: whether they touch, how deep and along which normal; where their
-        bodies were and, if they touch, are; how far the second one has moved along the normal.
-        """
-        bodies, planes = self.bodies, self.planes
-        some = slice(begin, end)
-        first, second = self.first[some], self.second[some]
-        before1 = take(bodies.position, first, axis=1)
-        before2 = take(bodies.position, second, axis=1)
-        t = before2 - before1
-        # the pair's deepest plane, or the one that parts it most
-        columns = slice(planes.start[begin], planes.start[end])
-        normals, place = planes.normal[:, columns], self.place[columns]
-        pens = planes.offset[columns] - dot(normals, take(t, place, axis=1))
-        pen, nearest = least_of_rows(pens, place, self.planeStart[some])
-        normal = take(normals, nearest, axis=1)
-        apart, tolerance = self.apart[some], self.tolerance[some]
-        touches = pen >= apart
-        stale = indices(touches & ~planes.hold(some, pen, t - self.t[:, some]))
-        if len(stale):
-            exact = GJK.facet_planes(
-                bodies.hulls, first[stale], second[stale], t[:, stale], np.zeros(len(stale)),
-                normal[:, stale],
-            )  # fmt: skip
-            pen[stale], normal[:, stale] = exact.nearest_of_all(t[:, stale])
-            touches = pen >= apart
-        # where hulls overlap by more than rounding, so do their boxes
-        doubtful = indices(touches & (pen <= tolerance))
-        if len(doubtful):
-            box1 = bodies.box_of(first[doubtful], before1[:, doubtful])
-            box2 = bodies.box_of(second[doubtful], before2[:, doubtful])
-            touches[doubtful] = (box1 <= _facing(box2)).all(axis=0)
-        depth = np.maximum(pen, 0.0)
-        body1, body2 = (
-            _BodyState(invMass[some], None, position, None, None)
-            for invMass, position in zip(self.invMass, (before1, before2), strict=True)
-        )
-        shift2 = _part(body1, body2, depth, normal)
-        hits = indices(touches)
-        for own, body in ((first, body1), (second, body2)):
-            bodies.position[:, own[hits]] = take(body.position, hits, axis=1)
-        return touches, depth, normal, before1, before2, body1.position, body2.position, shift2
-
-    def include(self, first, second, displaced):
-        """Adds pairs that were overlooked. The bodies are back where they were at the start.
-
-        displaced : (n,), how far from there each has been
-        """
-        count = len(displaced)
-        keys = first * count + second
-        known = _places(keys, self.keys)
-        self.gap[known[known >= 0]] = -np.inf
-        new = np.sort(keys[known < 0])
-        place = self.keys.searchsorted(new)
-        self.keys = np.insert(self.keys, place, new)
-        self.gap = np.insert(self.gap, place, -np.inf)
-        self.axis = np.insert(self.axis, place, 0.0, axis=1)
-
-        bodies = self.bodies
-        t = take(bodies.position, second, axis=1) - take(bodies.position, first, axis=1)
-        reach = np.maximum(self.reach, REACH_GROWTH * displaced)
-        planes = GJK.facet_planes(bodies.hulls, first, second, t, reach[first] + reach[second])
-        # all pairs in the order i < j
-        keys = np.concatenate((self.first * count + self.second, keys))
-        order = keys.argsort()
-        keys = keys[order]
-        planes = GJK.FacetPlanes.joined((self.planes, planes))
-        t = np.concatenate((self.t, t), axis=1)
-        self._arrange(*np.divmod(keys, count), order, planes, t)
-
-    def overlooked(self, visits):
-        """Pairs `(first, second)` that are not among these and would have touched at their turn.
-
-        visits : `_Visits`, after all batches
-        """
-        bodies, displaced = self.bodies, visits.furthest
-        count = len(displaced)
-        strays = indices(displaced > self.reach)
-        # pairs that were too far apart, but whose bodies have been far enough from their places to
-        # close the gap, and at their turn are so along the axis
-        i, j = np.divmod(self.keys, count)
-        met = indices((displaced[i] + displaced[j] >= self.gap) & (self.gap > -np.inf))
-        first, second = i[met], j[met]
-        start1, start2 = take(visits.start, first, axis=1), take(visits.start, second, axis=1)
-        position1, position2 = visits.places(first, second)
-        approach = (position2 - start2) - (position1 - start1)
-        gap = self.gap[met] + dot(take(self.axis, met, axis=1), approach)
-        met = indices(gap <= 0.0)
-        first, second = first[met], second[met]
-        if len(strays):
-            wider = bodies.box - np.maximum(displaced, self.reach)
-            keys = _overlaps_of(strays, wider, bodies.isFixed)
-            others = np.divmod(keys[_places(keys, self.keys) < 0], count)
-            first, second = np.concatenate(((first, second), others), axis=1)
-        position1, position2 = visits.places(first, second)
-        boxes = bodies.box_of(first, position1) <= _facing(bodies.box_of(second, position2))
-        meet = indices(boxes.all(axis=0))
-        first, second = first[meet], second[meet]
-        if len(first) == 0:
-            return first, second
-        t = take(position2, meet, axis=1) - take(position1, meet, axis=1)
-        none = np.zeros(len(meet))
-        pen, _ = GJK.facet_planes(bodies.hulls, first, second, t, none).nearest_of_all(t)
-        size = bodies.hulls.radius[first] + bodies.hulls.radius[second]
-        touching = pen >= -GJK.TOUCH_TOLERANCE * size
-        return first[touching], second[touching]
-
-
-def _overlaps_of(some, box, isFixed):
-    """The keys, as of `_pair_keys`, of the overlaps that have a body of `some` (m,), each once.
-
-    The boxes of each level are sorted along x, so that those near a box of `some` are a range.
-    """
-    found = []
-    for level, _, width in grid_levels(box):
-        along = level[box[0, level].argsort()]
-        lowX = box[0, along]
-        begin = lowX.searchsorted(box[0, some] - width, side="left")
-        end = lowX.searchsorted(-box[3, some], side="right")
-        row, place = ranges(begin, np.maximum(end - begin, 0))
-        found.append(_overlapping(box, some[row], along[place]))
-    keys = _pair_keys(found, isFixed)
-    return keys[np.diff(keys, prepend=-1) > 0]  # two of `some` have found each other twice
-
-
-class _Contacts:
-    """The pairs that a step has parted, H of them in the order of work.
-
-    starts : (B + 1,), where each batch of them begins
-    first, second : (H,), their bodies; rank : (H,), their places in the order i < j
-    tolerance : (H,), see GJK.contact_point
-    depth … shift2 : as `_ContactBatches._part_batch` gives them
-    """
-
-    def __init__(self, batches, found):
-        """found : what `_part_batch` has given for each batch, at least one"""
-        touches, *columns = (np.concatenate(part, axis=-1) for part in zip(*found, strict=True))
-        rows = indices(touches)
-        self.starts = rows.searchsorted(batches.starts)
-        columns += batches.first, batches.second, batches.rank, batches.tolerance
-        (
-            self.depth, self.normal, self.before1, self.before2, self.after1, self.after2,
-            self.shift2, self.first, self.second, self.rank, self.tolerance,
-        ) = (take(column, rows, axis=-1) for column in columns)  # fmt: skip
-
-    def bounce(self, bodies, law, report):
-        """Applies the impulses batch by batch, and notes the contacts in the report.
-
-        Nothing in a step makes positions depend on velocities, so all that an impulse needs to know
-        but the velocities is worked out for all contacts together.
-        """
-        first, second, normal = self.first, self.second, self.normal
-        t = self.before2 - self.before1
-        point = GJK.contact_points(bodies.hulls, first, second, t, normal, self.tolerance)
-        point = point + self.before2
-        moving = moved(point, self.shift2, normal)
-        arm1, arm2 = moving - self.after1, moving - self.after2
-        start1, start2 = bodies.states(first), bodies.states(second)
-        responses = _responses(start1, start2, arm1, arm2, normal)
-        impulses = []
-        for begin, end in itertools.pairwise(self.starts.tolist()):
-            some = slice(begin, end)
-            body1, body2 = (
-                _BodyState(
-                    start.invMass[some], start.invInertia[:, some], None,
-                    *take(bodies.velocity, own[some], axis=1).reshape(2, 3, -1),
-                )
-                for own, start in ((first, start1), (second, start2))
-            )  # fmt: skip
-            impulses.append(
-                _bounce(
-                    body1, body2, arm1[:, some], arm2[:, some], normal[:, some],
-                    tuple(response[..., some] for response in responses), law,
-                )
-            )  # fmt: skip
-            for own, body in ((first, body1), (second, body2)):
-                velocity = np.concatenate((body.linVelocity, body.angVelocity))
-                bodies.velocity[:, own[some]] = velocity
-        impulse, friction = zip(*impulses, strict=True)
-        friction = NO_FRICTION if law.mu == 0 else np.concatenate(friction, axis=1)
-        columns = self.rank, first, second, self.depth, normal, point
-        report.add_columns(*columns, np.concatenate(impulse), friction, arm1)
-
-
-class _Visits:
-    """Where contacts have put the bodies during the collisions of a step.
-
-    start : (3, n), the bodies' places before
-    key : (K,), of each visit: body · n² + i · n + j, in ascending order, for the pair i, j that the
-        body was in; bodies are then visited in this order
-    position : (3, K), where the body is after it
-    furthest : (n,), how far each body has been from its start
-    """
-
-    def __init__(self, start, contacts, isSequential):
-        """contacts : `_Contacts`; isSequential : whether pairs of a body are in the order i < j"""
-        self.start = start
-        count = start.shape[1]
-        self.square = count * count
-        self.furthest = np.zeros(count)
-        self.isSequential = isSequential
-        body = np.concatenate((contacts.first, contacts.second))
-        position = np.concatenate((contacts.after1, contacts.after2), axis=1)
-        turn = np.arange(len(contacts.first))
-        if isSequential:
-            turn = contacts.first * count + contacts.second
-        away = position - take(start, body, axis=1)
-        np.maximum.at(self.furthest, body, np.sqrt(dot(away, away)))
-        key = body * self.square + np.concatenate((turn, turn))
-        order = key.argsort()
-        self.key, self.position = key[order], take(position, order, axis=1)
-
-    def places(self, first, second):
-        """Where the bodies of the pairs first, second (m,) are at their turn: (3, m), (3, m).
-
-        If not sequential, each pair is taken as the last of all.
-        """
-        count = len(first)
-        bodies = np.concatenate((first, second))
-        turn = self.square - 1
-        if self.isSequential:
-            turn = first * len(self.furthest) + second
-            turn = np.concatenate((turn, turn))
-        place = self.key.searchsorted(bodies * self.square + turn) - 1
-        known = indices(place >= 0)
-        known = known[self.key[place[known]] // self.square == bodies[known]]
-        position = take(self.start, bodies, axis=1)
-        position[:, known] = take(self.position, place[known], axis=1)
-        return position[:, :count], position[:, count:]
-
-
-def _sequential_batches(first, second, isFixed):
-    """The batch (P,) of each pair: one more than the last batches of its two bodies.
-
-    Pairs that share a body which can move keep their order, hence the bits of one pair at a time.
-    """
-    last = [-1] * len(isFixed)
-    batch = []
-    for i, j in zip(first, second, strict=True):
-        number = (last[i] if last[i] > last[j] else last[j]) + 1
-        if not isFixed[i]:
-            last[i] = number
-        if not isFixed[j]:
-            last[j] = number
-        batch.append(number)
-    return np.array(batch, dtype=np.intp)
-
-
-def _coloured_batches(first, second, isFixed):
-    """The batch (P,) of each pair: the first that has neither of its bodies, fixed ones apart.
-
-    The bits of an integer tell which batches have a body.
-    """
-    taken = [0] * len(isFixed)
-    batch = []
-    for i, j in zip(first, second, strict=True):
-        free = ~(taken[i] | taken[j])
-        bit = free & -free
-        if not isFixed[i]:
-            taken[i] |= bit
-        if not isFixed[j]:
-            taken[j] |= bit
-        batch.append(bit.bit_length() - 1)
-    return np.array(batch, dtype=np.intp)
-
-
-PAIR_ORDERS = {"sequential": _sequential_batches, "coloured": _coloured_batches}
-
-
-def _resolve_pairs_in_batches(bodies, law, broadPhase, pairOrder, report):
-    """`_resolve_pairs` for many bodies: the pairs in batches, with the same bits if sequential.
-
-    Where corrections move bodies out of their reach, and pairs have been overlooked that touched at
-    their turn, the batches are done again from the state before them, with these pairs included.
-    The impulses come last: within a step, no position depends on a velocity.
-    """
-    if len(bodies.meshes) < 2:
-        return
-    memory = bodies.shapes.memory
-    reach = np.maximum(LEAST_REACH * bodies.hulls.radius, REACH_GROWTH * memory.displaced)
-    batches = _ContactBatches(bodies, reach, broadPhase, pairOrder)
-    start = bodies.position.copy()
-    memory.displaced = np.zeros(len(reach))
-    while len(batches.first) > 0:
-        contacts = batches.part()
-        if len(contacts.first) == 0:
-            break
-        visits = _Visits(start, contacts, pairOrder == "sequential")
-        memory.displaced = visits.furthest
-        first, second = batches.overlooked(visits)
-        if len(first) == 0:
-            contacts.bounce(bodies, law, report)
-            break
-        bodies.position[:] = start
-        batches.include(first, second, visits.furthest)
-    report.candidatePairs = len(batches.keys)
-
-
-def _resolve_ground(bodies, groundMesh, law, report):
-    """Lets every body that reaches down to y = 0 bounce off the ground with its lowest vertex."""
-    shapes = bodies.shapes
-    # the hull's lowest corner; a vertex that is none may lie below it by rounding
-    corner = bodies.relativeBox[1] + bodies.position[1]
-    near = indices((corner <= GJK.FEATURE_TOLERANCE * bodies.hulls.radius) & ~bodies.isFixed)
-    if len(near) == 0:
-        return
-    count = shapes.vertexCount[near]
-    row, column = ranges(shapes.vertexStart[near], count)
-    heights = bodies.vertices[1][column] + bodies.position[1][near[row]]
-    lowest, place = least_of_rows(heights, row, count.cumsum() - count)
-    below = indices(lowest <= 0.0)
-    b, lowest, vertex = near[below], lowest[below], column[place[below]]
-    if len(b) == 0:
-        return
-    point = take(bodies.vertices, vertex, axis=1) + take(bodies.position, b, axis=1)
-    # The ground is hull 2: the body moves up, against the normal, by how deep the vertex is.
-    normal = np.tile([[0.0], [-1.0], [0.0]], len(b))
-    body, ground = bodies.states(b), groundMesh._body_state()
-    still = _BodyState(*(np.reshape(value, (-1, 1)) for value in ground.entries()))
-    impulse, friction, arm = _resolve(body, still, -lowest, normal, point, law)
-    bodies.take(b, body)
-    rank, second = np.full(len(b), AFTER_ALL_PAIRS), np.full(len(b), GROUND)
-    impulse = np.ravel(impulse)  # a row, as the ground's inverse mass is
-    report.add_columns(rank, b, second, -lowest, normal, point, impulse, friction, arm)
-
-
-# The place of a contact with the ground in the order i < j.
-AFTER_ALL_PAIRS = np.iinfo(np.intp).max
+    u = relative_velocity(body1, body2, arm1, arm2)
+    across = mul_add(u, -dot(u, normal), normal)
+    speed = length = norm(across)
+    if isinstance(speed, np.ndarray):
+        length = np.where(speed > 0.0, speed, 1.0)
+        limit = np.maximum(limit, 0.0)
+    elif speed == 0.0 or limit <= 0.0:
+        return NO_FRICTION
+    t = divide(across, length)
+    responses = inverse_effective_mass(body1, body2, arm1, arm2, t)
+    impulse = apply_impulse(body1, body2, responses, t, speed, limit)
+    return scale(impulse, t)
 
 
 # --------------------------------------------------------------------------------------------------
 # Distance constraints
 # --------------------------------------------------------------------------------------------------
+
+# When the two points of a constraint coincide, no direction separates them better than another:
+# they are moved apart along this one.
+COINCIDENT_DIRECTION = (0.0, 1.0, 0.0)
 
 
 def resolve_position_constraint(
@@ -1539,19 +608,21 @@ def resolve_position_constraint(
 
     Returns `(positionWasValid, correctedPositions)`: a bool and a pair of new (1, 3) arrays, the
     COMs, moved along p1 - p2 in proportion to the inverse masses until C = 0. Coincident points are
-    parted along y, the first one upwards. Bodies that both cannot move stay where they are.
+    moved apart along y, the first one upwards. Bodies that both cannot move stay where they are.
+
+    Of vectors given as tuples of three floats, the corrected positions are such tuples.
     """
-    upper, tolerance = bool(upper), _float(tolerance)
     body1, body2 = (
-        _BodyState(_float(invMasses[k]), None, _floats(currPositions[k], 3), None, None)
+        BodyState(_float(invMasses[k]), None, floats(currPositions[k], 3), None, None)
         for k in range(2)
     )
-    points = [_floats(point, 3) for point in currConstPoints]
-    C, n = _stretch(*points, _float(refValue))
-    violated = _violates(C, upper, tolerance)
-    if violated and body1.invMass + body2.invMass > 0:
-        _part(body1, body2, C, n)
-    return not violated, (_row(body1.position, 3), _row(body2.position, 3))
+    point1, point2 = floats(currConstPoints[0], 3), floats(currConstPoints[1], 3)
+    C, n = distance_error(point1, point2, _float(refValue))
+    isViolated = is_violated(C, bool(upper), _float(tolerance))
+    if isViolated and body1.invMass + body2.invMass > 0.0:
+        separate(body1, body2, C, n)
+    corrected = body1.position, body2.position
+    return not isViolated, _as_given(currPositions, corrected)
 
 
 def resolve_velocity_constraint(
@@ -1565,359 +636,263 @@ def resolve_velocity_constraint(
 ):
     """Stops the change of the distance of two points of two bodies by an impulse between them.
 
-    currPositions, currConstPoints, invMasses : as for `resolve_position_constraint`
+    currPositions, currConstPoints, invMasses : as for `resolve_position_constraint`. An `Anchor`
+        brings its arm along; of other points it is the difference to the COM
     currLinVelocities, currAngVelocities : pairs of (1, 3)
     invInertiaTensors : pair of (3, 3), inverse inertia tensors in world axes
     tolerance : speed; valid when |J v| ≤ tolerance, with J v the rate at which ‖p1 - p2‖ grows
 
+    J = [n, r1 × n, -n, -(r2 × n)], so that J v is the closing speed along n, and J M⁻¹ Jᵀ the
+    inverse effective mass: Δv = -M⁻¹Jᵀ (J M⁻¹ Jᵀ)⁻¹ J v is a collision's impulse without
+    restitution.
+
     Returns `(velocityWasValid, correctedLinVelocities, correctedAngVelocities)`: a bool and two
-    pairs of new (1, 3) arrays, with J v = 0 unless it was valid. Δv = -M⁻¹Jᵀ (J M⁻¹ Jᵀ)⁻¹ J v.
-    Bodies that both cannot move keep their velocities.
+    pairs of new (1, 3) arrays, with J v = 0 unless it was valid. Bodies that both cannot move keep
+    their velocities. Of vectors given as tuples of three floats, the results are such tuples.
     """
-    bodies, arms = [], []
-    points = [_floats(point, 3) for point in currConstPoints]
-    for k in range(2):
-        position = _floats(currPositions[k], 3)
-        arms.append(difference(points[k], position))
-        bodies.append(
-            _BodyState(
-                _float(invMasses[k]),
-                _floats(invInertiaTensors[k], 9),
-                position,
-                _floats(currLinVelocities[k], 3),
-                _floats(currAngVelocities[k], 3),
-            )  # fmt: skip
+    body1, body2 = (
+        BodyState(
+            _float(invMasses[k]), floats(invInertiaTensors[k], 9), None,
+            floats(currLinVelocities[k], 3), floats(currAngVelocities[k], 3),
         )
-    n = _stretch(*points, 0.0)[1]
-    approach = _approach(*bodies, *arms, n)
-    wasValid = abs(approach) <= _float(tolerance)
-    if not wasValid and bodies[0].invMass + bodies[1].invMass > 0:
-        _slow_down(*bodies, _responses(*bodies, *arms, n), n, approach)
+        for k in range(2)
+    )  # fmt: skip
+    point1, point2 = floats(currConstPoints[0], 3), floats(currConstPoints[1], 3)
+    arm1, arm2 = (
+        point.arm if isinstance(point, Anchor) else sub(point, floats(position, 3))
+        for point, position in zip((point1, point2), currPositions, strict=True)
+    )
+    _, n = distance_error(point1, point2, 0.0)
+    Jv = dot(relative_velocity(body1, body2, arm1, arm2), n)
+    wasValid = abs(Jv) <= _float(tolerance)
+    if not wasValid and body1.invMass + body2.invMass > 0.0:
+        responses = inverse_effective_mass(body1, body2, arm1, arm2, n)
+        apply_impulse(body1, body2, responses, n, Jv)
     return (
         wasValid,
-        tuple(_row(body.linVelocity, 3) for body in bodies),
-        tuple(_row(body.angVelocity, 3) for body in bodies),
+        _as_given(currLinVelocities, (body1.linVelocity, body2.linVelocity)),
+        _as_given(currAngVelocities, (body1.angVelocity, body2.angVelocity)),
     )
 
 
-class _Constraints:
-    """The constraints of a step as columns: those that can be corrected at all.
+def _as_given(given, pair):
+    """A pair of vectors in the form that a caller has given such a pair in: tuples, or rows."""
+    if isinstance(given[0], tuple) and isinstance(given[1], tuple):
+        return pair
+    return _row(pair[0], 3), _row(pair[1], 3)
 
-    A constraint whose meshes are both fixed, or between two vertices of one mesh, is never
-    corrected: no motion of the bodies changes its distance. Nor is a lower bound of no more than
-    the tolerance, a rope's: every distance satisfies it.
 
-    index : (C,), place in the caller's list, whose length is `total`
-    body1, body2 : (C,); arm1, arm2 : (3, C), from the COMs to the points, world axes
-    refValue : (C,); upper : (C,) bool
+# On components: tuples of floats for one constraint, arrays (3, n) for many.
+
+
+def distance_error(point1, point2, refValue):
+    """`(C, n)` of a distance constraint: C = ‖p1 - p2‖ - refValue, n the unit vector of p1 - p2."""
+    d = sub(point1, point2)
+    length = norm(d)
+    if isinstance(length, np.ndarray):
+        safe = np.where(length > 0, length, 1.0)
+        return length - refValue, np.where(length > 0, d / safe, np.array([COINCIDENT_DIRECTION]).T)
+    if length == 0.0:
+        return -refValue, COINCIDENT_DIRECTION
+    return length - refValue, divide(d, length)
+
+
+def is_violated(C, upper, tolerance):
+    """Whether a bound is exceeded: C > tolerance for an upper one, C < -tolerance for a lower."""
+    return (C > tolerance) & upper | (C < -tolerance) & (upper ^ True)
+
+
+def solve_distance_constraint(body1, body2, arm1, arm2, C, n, tolerance):
+    """Corrects violated bounds by position and velocity, in place: both functions above, on arrays.
+
+    arm1, arm2 : (3, m), from each COM to its point; C, n : as of `distance_error`
+
+    Moving the COMs along n leaves the arms and, as the points stay on one line, n as they are.
     """
-
-    def __init__(self, bodies, constraints, tolerance):
-        self.total = len(constraints)
-        table = np.array([tuple(row) for row in constraints], dtype=np.float64).reshape(-1, 6).T
-        body1, vertex1, body2, vertex2 = table[:4].astype(np.intp)
-        movable = (body1 != body2) & ~(bodies.isFixed[body1] & bodies.isFixed[body2])
-        movable &= (table[5] != 0) | (table[4] > tolerance)
-        self.index = indices(movable)
-        self.body1, self.body2 = body1[movable], body2[movable]
-        self.arm1 = bodies.vertices[:, bodies.shapes.vertexStart[self.body1] + vertex1[movable]]
-        self.arm2 = bodies.vertices[:, bodies.shapes.vertexStart[self.body2] + vertex2[movable]]
-        self.refValue = table[4, movable]
-        self.upper = table[5, movable] != 0
-
-    def rows(self):
-        """The columns as a list of tuples `(body1, body2, arm1, arm2, refValue, upper)`."""
-        columns = (self.body1, self.body2, self.arm1.T, self.arm2.T, self.refValue, self.upper)
-        return list(zip(*(column.tolist() for column in columns), strict=True))
+    separate(body1, body2, C, n)
+    Jv = dot(relative_velocity(body1, body2, arm1, arm2), n)
+    responses = inverse_effective_mass(body1, body2, arm1, arm2, n)
+    apply_impulse(body1, body2, responses, n, Jv * (abs(Jv) > tolerance))
 
 
-def _project_constraints(bodies, constraints, maxIterations, tolerance, scheduling):
-    """Visits the constraints until they hold or the visits are used up; returns their number."""
-    if scheduling not in CONSTRAINT_SCHEDULINGS:
-        names = ", ".join(CONSTRAINT_SCHEDULINGS)
-        raise ValueError(f"no constraint scheduling {scheduling!r}; there are {names}")
-    columns = _Constraints(bodies, constraints, tolerance)
-    allowed = max(int(maxIterations), columns.total)
-    return CONSTRAINT_SCHEDULINGS[scheduling](bodies, columns, allowed, tolerance)
+def project_constraints(bodies, constraints, maxIterations, tolerance, scheduling):
+    """Visits the constraints until they hold or the visits are used up; returns their number.
 
+    bodies : `Bodies` or `MeshStates`; the rest as for `run_timestep`
+    """
+    if len(constraints) == 0:
+        return 0
+    rows = ConstraintRows(constraints, bodies.isFixed, tolerance)
+    maximumVisits = max(int(maxIterations), rows.total)
+    if scheduling == "batches":
+        with bodies.in_tables() as bodies:
+            return _project_in_batches(bodies, rows, tolerance, maximumVisits)
 
-class _OneByOne:
-    """The constraints of a step, to be visited one at a time, on floats."""
+    anchored = rows.anchored(bodies.arm)
+    states = {b: bodies.state(b) for b in rows.bodies()}
 
-    def __init__(self, bodies, columns, tolerance):
-        self.rows = dict(zip(columns.index.tolist(), columns.rows(), strict=True))
-        used = np.unique(np.concatenate((columns.body1, columns.body2))).tolist()
-        self.states = {b: bodies.state(b) for b in used}
-        self.tolerance = tolerance
-
-    def visit(self, c):
+    def visit(c):
         """Looks at constraint c, corrects it if it is violated, and returns whether it was."""
-        b1, b2, arm1, arm2, refValue, upper = self.rows[c]
-        body1, body2 = self.states[b1], self.states[b2]
-        C, n = _stretch(_sum(body1.position, arm1), _sum(body2.position, arm2), refValue)
-        if not _violates(C, upper, self.tolerance):
+        b1, b2, arm1, arm2, refValue, upper = anchored[c]
+        body1, body2 = states[b1], states[b2]
+        invMasses = body1.invMass, body2.invMass
+        point1, point2 = add(body1.position, arm1), add(body2.position, arm2)
+        isValid, positions = resolve_position_constraint(
+            (body1.position, body2.position), (point1, point2), refValue, invMasses, upper,
+            tolerance,
+        )  # fmt: skip
+        if isValid:
             return False
-        _correct_distance(body1, body2, arm1, arm2, C, n, self.tolerance)
+        # the points stay on the line that joins them: the direction is the same afterwards
+        _, linVelocities, angVelocities = resolve_velocity_constraint(
+            positions, (Anchor(point1, arm1), Anchor(point2, arm2)),
+            (body1.linVelocity, body2.linVelocity), (body1.angVelocity, body2.angVelocity),
+            invMasses, (body1.invInertia, body2.invInertia), tolerance,
+        )  # fmt: skip
+        body1.position, body2.position = positions
+        body1.linVelocity, body2.linVelocity = linVelocities
+        body1.angVelocity, body2.angVelocity = angVelocities
         return True
 
-    def write_back(self, bodies):
-        for b, state in self.states.items():
-            bodies.take(b, state)
-
-
-def _sweep(bodies, columns, allowed, tolerance):
-    """Visits in the list's order, over and over, until as many as there are found nothing.
-
-    A visit of a constraint that cannot be corrected counts as one that found nothing.
-    """
-    work = _OneByOne(bodies, columns, tolerance)
-    visits = idle = 0
-    while idle < columns.total and visits < allowed:
-        c = visits % columns.total
-        idle = 0 if c in work.rows and work.visit(c) else idle + 1
-        visits += 1
-    work.write_back(bodies)
+    if scheduling == "queue":
+        visits = queue(visit, rows.movable_bodies(bodies.isFixed), rows.total, maximumVisits)
+    else:
+        visits = sweep(visit, anchored, rows.total, maximumVisits)
+    for b, state in states.items():
+        bodies.store(b, state)
     return visits
 
 
-def _queue(bodies, columns, allowed, tolerance):
-    """The sweep without the visits that cannot find anything: same result, bit for bit.
-
-    A visit depends on the positions of two bodies, so a constraint that was found to hold is clean
-    until a body of it moves. The dirty ones are the bits of one integer: `dirty & -dirty` is the
-    lowest that is set, the next constraint in the sweep's order, and a body that moves sets those
-    of its constraints with a single `or`. Visits that are left out count as made, so that the
-    allowed number ends at the same constraint.
-    """
-    work = _OneByOne(bodies, columns, tolerance)
-    using = dict.fromkeys(work.states, 0)
-    dirty = 0
-    for c, (b1, b2, *_) in work.rows.items():
-        dirty |= 1 << c
-        for b in (b1, b2):
-            if not bodies.isFixed[b]:  # a fixed one never moves
-                using[b] |= 1 << c
-    visits = begin = c = 0  # visits made; the sweep's count at constraint 0; where it is
-    while dirty:
-        ahead = dirty >> c
-        if not ahead:  # the next dirty one belongs to the next sweep
-            begin, c = begin + columns.total, 0
-            continue
-        c += (ahead & -ahead).bit_length() - 1
-        if begin + c >= allowed:
-            break
-        dirty ^= 1 << c
-        if work.visit(c):
-            b1, b2, *_ = work.rows[c]
-            dirty |= using[b1] | using[b2]
-        visits += 1
-        c += 1
-    work.write_back(bodies)
-    return visits
-
-
-@lru_cache(maxsize=8)
-def _batches(body1, body2, isFixed):
-    """Constraints split into batches in which no two move the same body: arrays of columns.
-
-    body1, body2, isFixed : the bytes of the arrays in `_Constraints` and `_Bodies`
-    """
-    bodies = (np.frombuffer(body, np.intp).tolist() for body in (body1, body2))
-    batch = _coloured_batches(*bodies, np.frombuffer(isFixed, bool).tolist())
-    return [indices(batch == k) for k in range(batch.max(initial=-1) + 1)]
-
-
-def _batched(bodies, columns, allowed, tolerance):
-    """Visits batch by batch, each a NumPy array of constraints that move no body in common.
-
-    Same visits as the sweep's, in another order, and as many of them: the result differs.
-    """
-    batches = _batches(columns.body1.tobytes(), columns.body2.tobytes(), bodies.isFixed.tobytes())
-    left = columns.total - len(columns.index)  # visits that find nothing, counted once a sweep
-    visits = idle = 0
-    while batches and visits < allowed:
-        visits = min(visits + left, allowed)
-        for batch in batches:
-            batch = batch[: max(0, allowed - visits)]
-            visits += len(batch)
-            if _visit_batch(bodies, columns, batch, tolerance):
-                idle = 0
-            else:
-                idle += len(batch)
-            if idle >= len(columns.index) or visits >= allowed:
-                return visits
-    return visits
-
-
-def _visit_batch(bodies, columns, batch, tolerance):
-    """Looks at the constraints in the columns `batch`; returns whether one had to be corrected."""
-    b1, b2 = columns.body1[batch], columns.body2[batch]
-    arm1, arm2 = columns.arm1[:, batch], columns.arm2[:, batch]
-    C, n = _stretch(
-        take(bodies.position, b1, axis=1) + arm1,
-        take(bodies.position, b2, axis=1) + arm2,
-        columns.refValue[batch],
+def _project_in_batches(bodies, rows, tolerance, maximumVisits):
+    """`project_constraints` for many at once. bodies : `Bodies`; rows : `ConstraintRows`"""
+    arms1, arms2 = (
+        take(bodies.vertices, bodies.vertexStart[body] + vertex, axis=1)
+        for body, vertex in ((rows.body1, rows.vertex1), (rows.body2, rows.vertex2))
     )
-    violated = indices(_violates(C, columns.upper[batch], tolerance))
-    if len(violated) == 0:
-        return False
-    b1, b2 = b1[violated], b2[violated]
-    arm1, arm2, n = (take(table, violated, axis=1) for table in (arm1, arm2, n))
-    body1, body2 = bodies.states(b1), bodies.states(b2)
-    _correct_distance(body1, body2, arm1, arm2, C[violated], n, tolerance)
-    bodies.take(b1, body1)
-    bodies.take(b2, body2)
-    return True
 
+    def visit_batch(batch):
+        """Corrects what is violated of the constraints (m,); returns whether anything was."""
+        b1, b2, arm1, arm2 = rows.body1[batch], rows.body2[batch], arms1[:, batch], arms2[:, batch]
+        point1 = take(bodies.position, b1, axis=1) + arm1
+        point2 = take(bodies.position, b2, axis=1) + arm2
+        C, n = distance_error(point1, point2, rows.refValue[batch])
+        violated = indices(is_violated(C, rows.upper[batch], tolerance))
+        if len(violated) == 0:
+            return False
+        b1, b2 = b1[violated], b2[violated]
+        arm1, arm2, n = (take(table, violated, axis=1) for table in (arm1, arm2, n))
+        state1, state2 = bodies.states(b1), bodies.states(b2)
+        solve_distance_constraint(state1, state2, arm1, arm2, C[violated], n, tolerance)
+        bodies.store(b1, state1)
+        bodies.store(b2, state2)
+        return True
 
-CONSTRAINT_SCHEDULINGS = {"sweep": _sweep, "queue": _queue, "batches": _batched}
+    return batches(
+        visit_batch, rows.body1, rows.body2, bodies.isFixed, rows.total, maximumVisits
+    )
 
 
 # --------------------------------------------------------------------------------------------------
-# The step
+# The accelerated step
 # --------------------------------------------------------------------------------------------------
 
-# Stands for the ground where a contact names its second body.
-GROUND = -1
 
+def _accelerated_step(meshes, groundMesh, timeStep, settings, project):
+    """`run_timestep` on arrays, with the same bits; see there.
 
-class Contact(NamedTuple):
-    """One contact that a step has resolved. Vectors are tuples of 3 in world axes."""
-
-    body1: int  # index of the mesh
-    body2: int  # likewise, or GROUND
-    depth: float  # ≥ 0, before the correction
-    normal: tuple  # unit, from body 1 to body 2
-    point: tuple  # the point of body 2 that is deepest in body 1; body 1's lowest one on the ground
-    impulse: float  # mass · speed, what body 2 receives along the normal
-    friction: tuple  # mass · speed, what it receives across
-    arm: tuple  # from the COM of body 1 to where the impulses act; it goes along with body 1
-
-
-class StepReport:
-    """What a step did: for the eye and for benchmarks, never read by the simulation.
-
-    candidatePairs : number of pairs whose boxes overlapped at their turn
-    constraintVisits : number of constraints looked at
-    seconds : dict, the time spent in each phase
-    """
-
-    def __init__(self):
-        self._contacts = []
-        self._pending = []
-        self.candidatePairs = 0
-        self.constraintVisits = 0
-        self.seconds = {}
-
-    @property
-    def contacts(self):
-        """List of `Contact` in the order i < j, the ground last."""
-        pending, self._pending = self._pending, []
-        rows = []
-        for *columns, impulse, friction, arm in pending:
-            friction = np.broadcast_to(np.reshape(friction, (3, -1)), arm.shape)
-            columns = (*columns, impulse, friction, arm)
-            rows += zip(*(column.T.tolist() for column in columns), strict=True)
-        for _, i, j, depth, n, point, impulse, friction, arm in sorted(rows):
-            vectors = tuple(n), tuple(point), impulse, tuple(friction), tuple(arm)
-            self._contacts.append(Contact(i, j, depth, *vectors))
-        return self._contacts
-
-    def add(self, contact):
-        """Notes a `Contact`."""
-        self._contacts.append(contact)
-
-    def add_columns(self, *columns):
-        """Notes contacts that arrays describe; they become `Contact`s when they are asked for.
-
-        columns : rank (m,), the place in the order i < j; then what a `Contact` holds: body1 (m,),
-            body2 (m,), depth (m,), normal (3, m), point (3, m), impulse (m,), friction (3, m) or a
-            single vector for all, arm (3, m)
-        """
-        self._pending.append(columns)
-
-    @contextmanager
-    def phase(self, name):
-        """Times what is done inside the `with` block."""
-        start = time.perf_counter()
-        yield
-        self.seconds[name] = time.perf_counter() - start
-
-
-def run_timestep(
-    meshes,
-    groundMesh,
-    timeStep,
-    CRCoeff,
-    enforceConstraints=True,
-    constraints=(),
-    maxIterations=1000,
-    tolerance=1e-3,
-    closingOnly=False,
-    constraintScheduling="sweep",
-    mu=0.0,
-    broadPhase="all",
-    pairOrder="sequential",
-):
-    """Moves a scene on by one time step, in place, and returns a `StepReport`.
-
-    meshes : list of Mesh
-    groundMesh : a fixed Mesh without vertices, the half space y ≤ 0; None for free space
-    timeStep : seconds ≥ 0. What a body crosses within one of them it does not hit
-    CRCoeff : coefficient of restitution, see `resolve_collision`
-    enforceConstraints : whether the constraints are looked at
-    constraints : rows `[m1, v1, m2, v2, refValue, upper]`: the distance between rest vertex v1 of
-        meshes[m1] and rest vertex v2 of meshes[m2] is at most refValue if upper, else at least
-    maxIterations : constraint visits at most, but never less than one of each
-    tolerance : how far, as a length, a constraint may be violated before it is corrected; as a
-        speed, how fast its distance may change when it is
-    closingOnly : see `resolve_collision`
-    constraintScheduling : "sweep" visits the constraints in order until as many visits as there are
-        constraints found nothing to correct; "queue" gives the same bits and leaves out visits that
-        cannot find anything; "batches" visits constraints without a common body together, which
-        ends elsewhere within the same bounds, and suits hundreds of constraints
-    mu : see `resolve_collision`
-    broadPhase : how pairs with overlapping boxes are found: "all" looks at every pair in turn;
-        "grid" finds them through uniform grids and resolves them in batches, with the same bits
-    pairOrder : "sequential" resolves the pairs as if in the order i < j; "coloured" in rounds of
-        pairs without a common body, few by greedy colouring: another order, hardly faster
-
-    Raises ValueError for a name that is not known, a time step that is negative or not finite, and
-    what `resolve_collision` refuses; StateError, which names the body, where a number would become
-    NaN, infinite or larger than LARGEST_NUMBER. The meshes are then as they were before the step.
+    The formulas are those above. Methods that a subclass of Mesh has of its own are not called.
     """
     report = StepReport()
-    timeStep, tolerance = _float(timeStep), _float(tolerance)
-    if not 0.0 <= timeStep < math.inf:
-        raise ValueError(f"the time step must be finite and not negative, not {timeStep:g}")
-    law = _contact_law(CRCoeff, closingOnly, mu)
-    for what, name, known in (
-        ("broad phase", broadPhase, BROAD_PHASES),
-        ("pair order", pairOrder, PAIR_ORDERS),
-    ):
-        if name not in known:
-            raise ValueError(f"no {what} {name!r}; there are {', '.join(known)}")
     if len(meshes) == 0:
         return report
     with report.phase("gather"):
-        bodies = _Bodies(meshes)
+        bodies = Bodies(meshes)
     with report.phase("integrate"):
-        bodies.integrate(timeStep)
-        bodies.check_numbers("free flight")
+        linVelocity, position, orientation = free_flight(
+            bodies.linVelocity, bodies.angVelocity, bodies.position, bodies.orientation, timeStep
+        )
+        bodies.place(position, linVelocity, np.stack(orientation))
+        check_numbers(bodies.columns(), meshes, "free flight")
     with report.phase("collisions"):
-        if broadPhase == "all" and pairOrder == "sequential":
-            _resolve_pairs(bodies, law, report)
-        else:
-            _resolve_pairs_in_batches(bodies, law, broadPhase, pairOrder, report)
+        _resolve_pairs(bodies, settings, report)
     with report.phase("ground"):
         if groundMesh is not None:
-            _resolve_ground(bodies, groundMesh, law, report)
+            _resolve_ground(bodies, groundMesh, settings, report)
     with report.phase("constraints"):
-        if enforceConstraints and len(constraints) > 0:
-            report.constraintVisits = _project_constraints(
-                bodies, constraints, maxIterations, tolerance, constraintScheduling
-            )
-    with report.phase("vertices"):
-        bodies.check_numbers("contacts and constraints")
+        report.constraintVisits = project(bodies)
+    with report.phase("writeBack"):
+        check_numbers(bodies.columns(), meshes, "contacts and constraints")
         bodies.write_back()
     return report
+
+
+def _resolve_pairs(bodies, settings, report):
+    """Detects and resolves the pairs in batches, with the bits of one after the other.
+
+    The impulses come last: within a step, no position depends on a velocity.
+    """
+    if len(bodies.meshes) < 2:
+        return
+    pairs = OrderedBatches(bodies, mass_weights)
+    report.candidatePairs = len(pairs.keys)
+    contacts = None
+    while contacts is None and len(pairs.first) > 0:
+        for batch in pairs.detect():
+            shift = separate(batch.body1, batch.body2, batch.depth, batch.normal)
+            pairs.store(batch, shift)
+        contacts = pairs.validate()
+    if contacts is not None:
+        _apply_impulses(bodies, contacts, settings, report)
+
+
+def _apply_impulses(bodies, contacts, settings, report):
+    """The impulses batch by batch; what does not depend on velocities, for all contacts at once."""
+    first, second, normal = contacts.first, contacts.second, contacts.normal
+    if len(first) == 0:
+        return
+    penPoint = contacts.points(bodies.hulls)
+    point = mul_add(penPoint, contacts.shift, normal)
+    arm1, arm2 = sub(point, contacts.after1), sub(point, contacts.after2)
+    all1, all2 = bodies.states(first), bodies.states(second)
+    responses = inverse_effective_mass(all1, all2, arm1, arm2, normal)
+    impulses, frictions = [], []
+    for some in contacts.batches():
+        body1, body2 = (
+            BodyState(
+                own.invMass[some], own.invInertia[:, some], None,
+                *take(bodies.velocity, b[some], axis=1).reshape(2, 3, -1),
+            )
+            for b, own in ((first, all1), (second, all2))
+        )  # fmt: skip
+        impulse, friction = apply_contact_impulses(
+            body1, body2, arm1[:, some], arm2[:, some], normal[:, some], settings,
+            tuple(response[..., some] for response in responses),
+        )  # fmt: skip
+        for b, body in ((first, body1), (second, body2)):
+            bodies.velocity[:, b[some]] = np.concatenate((body.linVelocity, body.angVelocity))
+        impulses.append(impulse)
+        frictions.append(friction)
+    friction = NO_FRICTION if settings.mu == 0 else np.concatenate(frictions, axis=1)
+    columns = contacts.rank, first, second, contacts.depth, normal, penPoint
+    report.add_columns(*columns, np.concatenate(impulses), friction, arm1)
+
+
+def _resolve_ground(bodies, groundMesh, settings, report):
+    """`resolve_collision` of every body that reaches the ground, at its lowest vertex."""
+    b, point = bodies.lowest_vertices()
+    if len(b) == 0:
+        return
+    # The ground is hull 2: the body moves up, against the normal, by how deep the vertex is.
+    normal = np.tile([[0.0], [-1.0], [0.0]], len(b))
+    body, still = bodies.states(b), groundMesh.body_state()
+    ground = BodyState(*(
+        np.reshape(value, (-1, 1)) for value in
+        (still.invMass, still.invInertia, still.position, still.linVelocity, still.angVelocity)
+    ))  # fmt: skip
+    depth = -point[1]
+    arm1, arm2 = correct_positions(body, ground, depth, normal, point)
+    impulse, friction = apply_contact_impulses(body, ground, arm1, arm2, normal, settings)
+    bodies.store(b, body)
+    rank, second = np.full(len(b), np.iinfo(np.intp).max), np.full(len(b), GROUND)  # after all
+    impulse = np.ravel(impulse)  # a row, as the ground's inverse mass is
+    report.add_columns(rank, b, second, depth, normal, point, impulse, friction, arm1)

@@ -1,1 +1,3 @@
-"""The rooms of the rigid-body simulation."""
+"""Rigid-body simulation: the rooms behind the modules at the top level."""
+
+__version__ = "0.1.0"

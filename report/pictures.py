@@ -13,8 +13,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from experiments import ROOT, box
 
-import RBSDrawing
-from RigidBodySimulation import Settings, Simulation, find_scene
+from rbs.backends import find_backend
+from rbs.pictureoptions import PictureOptions
+from rbs.pictures import save_picture, start_view
+from rbs.scenes import find_scene
+from rbs.simulation import Settings, Simulation
 
 SIZE = (960, 640)
 FOLDER = Path(__file__).resolve().parent / "figures"
@@ -67,7 +70,7 @@ def chains():
 
 
 def cube():
-    """Eight bodies, each tied to all others, long after they have landed."""
+    """Eight bodies, each with constraints to all others, long after they have landed."""
     look = camera((26, 30, 52), (0, 9, 0), 36)
     return Simulation(find_scene("cube"), Settings()), 450, "body", ("velocities",), look
 
@@ -106,18 +109,18 @@ PICTURES = {
 def draw(name, size=SIZE):
     """Writes figures/<name>.png; name : of PICTURES."""
     simulation, steps, colouring, overlays, where = PICTURES[name]()
-    backend = RBSDrawing.find_backend(window=False)
+    backend = find_backend(window=False)
     if backend.name is None:
         sys.exit(f"no pictures can be drawn: {backend.reason}. {backend.remedy}")
-    look = RBSDrawing.Look(size, where, False, colouring, overlays)
-    view = RBSDrawing.start_look(simulation, backend, look)
+    options = PictureOptions(size, where, False, colouring, overlays)
+    view = start_view(simulation, backend, options)
     for step in range(1, steps + 1):
         simulation.step()
         # a trail remembers some forty places: of a short run every one, of a long one its end
         if "trails" in overlays and (steps < 50 or step % 5 == 0):
             view.refresh()
     view.refresh()
-    RBSDrawing.save_picture(FOLDER / f"{name}.png")
+    save_picture(FOLDER / f"{name}.png")
 
 
 if __name__ == "__main__":

@@ -22,25 +22,27 @@ sys.path.insert(0, str(ROOT / "tests"))
 import benchmark
 import benchmarkPiles
 
-import RBSFunctions
-from RigidBodySimulation import CONSTRAINT_TOLERANCE
+from rbs.simulation import CONSTRAINT_TOLERANCE
 
 FOLDER = Path(__file__).resolve().parent
 SCALE, SCHEDULING = FOLDER / "scale.csv", FOLDER / "scheduling.csv"
 SIZES = [50, 200, 1000, 3000]
 QUICK_SIZES = [50, 200]
-STEPS = 300
+# What all runs are compared on: dense heaps, with one friction and restitution for all of them.
+KIND, MATERIAL_NAME = "heap", "friction 0.5"
+MATERIAL = benchmarkPiles.MATERIALS[MATERIAL_NAME]
+FIRST_STEP, LAST_STEP = 200, 300
 
 TIED_SCENES = ("cube", "two_chain", "bridge", "net")
 SCHEDULINGS = ("sweep", "queue", "batches")
 TIED_STEPS, TIED_FROM = 100, 50
 
 RUNS = {  # name in the table → label, colour, marker, dash
-    "default": ("all pairs", style.BLACK, "o", "-"),
+    "all pairs": ("all pairs", style.BLACK, "o", "-"),
     "grid": ("grid, same bits", style.BLUE, "s", "-"),
-    "coloured": ("coloured", style.VERMILION, "^", "-"),
-    "PyBullet, default friction": ("PyBullet", style.GREEN, "D", "--"),
-    "MuJoCo, default friction": ("MuJoCo", style.PURPLE, "v", "--"),
+    "PyBullet": ("PyBullet", style.GREEN, "D", "--"),
+    "MuJoCo": ("MuJoCo", style.PURPLE, "v", "--"),
+    "MuJoCo, CG": ("MuJoCo, CG", style.VERMILION, "^", "--"),
 }
 
 
@@ -70,8 +72,9 @@ def measure_scale(sizes):
     """Writes scale.csv: tests/benchmarkPiles.py with these numbers of bodies."""
     with tempfile.TemporaryDirectory() as folder:
         command = [
-            sys.executable, benchmarkPiles.__file__, "--sizes", *map(str, sizes), "--kinds", "pile",
-            "--steps", str(STEPS), "--peers", "--out", folder,
+            sys.executable, benchmarkPiles.__file__, "--sizes", *map(str, sizes), "--kinds", KIND,
+            "--materials", MATERIAL_NAME, "--windows", f"{FIRST_STEP}-{LAST_STEP}", "--peers",
+            "--out", folder,
         ]  # fmt: skip
         subprocess.run(command, check=True)
         with (Path(folder) / "piles.csv").open(newline="") as file:
@@ -97,14 +100,19 @@ def measure_scheduling():
 
 
 def batch_size(simulation):
-    """How many ties a batch holds, in the mean."""
-    bodies = RBSFunctions._Bodies(simulation.meshes)
-    bodies.integrate(H)
-    ties = RBSFunctions._Constraints(bodies, simulation.constraints, CONSTRAINT_TOLERANCE)
-    batches = RBSFunctions._batches(
-        ties.body1.tobytes(), ties.body2.tobytes(), bodies.isFixed.tobytes()
-    )
-    return np.mean([len(batch) for batch in batches])
+    """How many ties a batch of the scheduling "batches" holds, in the mean.
+
+    Each tie that can be corrected goes into the first batch in which nothing moves its two bodies.
+    """
+    batches = [set() for _ in simulation.constraints]  # of bodies that are moved in each
+    corrected = 0
+    for m1, _, m2, _, length, isUpper in simulation.constraints:
+        movable = {m for m in (m1, m2) if not simulation.meshes[m].isFixed}
+        if m1 == m2 or not movable or not (isUpper or length > CONSTRAINT_TOLERANCE):
+            continue
+        next(batch for batch in batches if not batch & movable).update(movable)
+        corrected += 1
+    return corrected / sum(map(bool, batches))
 
 
 def scheduling():
@@ -138,16 +146,20 @@ def times_of(rows, run):
 
 
 def peers():
-    """How far a stack of eight boxes sinks in MuJoCo and PyBullet, where they are installed; cm."""
+    """How far a stack of eight boxes sinks in MuJoCo and PyBullet, where they are installed; cm.
+
+    Without friction, as the stack of our own.
+    """
     import pictures
 
     count, numbers = 8, {}
-    for name, (package, peer) in benchmarkPiles.PEERS.items():
+    for name in ("MuJoCo", "PyBullet"):
+        package, peer = benchmarkPiles.PEERS[name]
         if not importlib.util.find_spec(package):
             continue
         rows = [("box.mesh", 500, False, (0, BOX[1] * (k + 0.5), 0), (1, 0, 0, 0))
                 for k in range(count)]  # fmt: skip
-        run = peer(pictures.made_scene(rows), True)
+        run = peer(pictures.made_scene(rows), benchmarkPiles.MATERIALS["no friction"])
         for _ in range(round(STACK_SECONDS / H)):
             run.step()
         if name == "MuJoCo":
@@ -183,18 +195,18 @@ def scale(axis):
         "machine": machine, "when": when[0], "load": "".join(load) or "not noted",
         "largest": f"{largest:,}".replace(",", "\u202f"), "gridLargest": text(at[largest], 0),
         "exponent": text(math.log(grid[-1] / grid[-2]) / math.log(sizes[-1] / sizes[-2]), 2),
-        "steps": str(STEPS), "realTime": f"{1e3 * H:g}",
+        "from": str(FIRST_STEP), "steps": str(LAST_STEP), "realTime": f"{1e3 * H:g}",
+        "mu": f"{MATERIAL.friction:g}", "restitution": f"{MATERIAL.restitution:g}",
     }  # fmt: skip
-    own = dict(zip(*times_of(rows, "default"), strict=True))
+    own = dict(zip(*times_of(rows, "all pairs"), strict=True))
     middle = int(max(own))
     numbers |= {
         "middle": f"{middle:,}".replace(",", "\u202f"),
         "allPairs": text(own[middle], 0), "gridMiddle": text(at[middle], 0),
         "faster": text(own[middle] / at[middle], 1),
     }  # fmt: skip
-    for name in ("coloured", "PyBullet, default friction", "MuJoCo, default friction"):
+    for name, key in (("PyBullet", "pybullet"), ("MuJoCo", "mujoco"), ("MuJoCo, CG", "mujocoCG")):
         other = dict(zip(*times_of(rows, name), strict=True))
-        key = name.split(",")[0].lower()
         if middle in other:
             numbers[key] = text(other[middle], 0)
             numbers[f"{key}Ratio"] = text(at[middle] / other[middle], 2)
@@ -231,5 +243,6 @@ def phases(axis):
         "bodies": f"{int(last['bodies']):,}".replace(",", "\u202f"),
         "pairs": f"{float(last['candidate pairs']):,.0f}".replace(",", "\u202f"),
         "contacts": f"{float(last['contacts']):,.0f}".replace(",", "\u202f"),
+        "contactsABody": text(float(last["contacts a body"]), 1),
         "perPair": text(1e3 * float(last["collisions"]) / float(last["candidate pairs"]), 0),
     }  # fmt: skip

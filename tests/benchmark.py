@@ -18,8 +18,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import scipy
 
-from RBSFunctions import CONSTRAINT_SCHEDULINGS
-from RigidBodySimulation import Settings, Simulation, find_scene, scene_name
+from rbs.scenes import find_scene, scene_name
+from rbs.schedules import CONSTRAINT_SCHEDULINGS
+from rbs.simulation import Settings, Simulation
 
 
 def describe_machine():

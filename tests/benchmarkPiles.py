@@ -1,19 +1,24 @@
 """Milliseconds per step against the number of bodies: `python tests/benchmarkPiles.py`.
 
-    python tests/benchmarkPiles.py --sizes 50 200 1000 --kinds pile --out out/benchmark
-    python tests/benchmarkPiles.py --sizes 200 1000 --kinds pile --peers
+    python tests/benchmarkPiles.py --sizes 50 200 1000 --kinds pile --windows 200-300
+    python tests/benchmarkPiles.py --sizes 200 1000 --kinds heap --peers
 
-Scenes are those of data/make_pile.py. For each kind and size, the runs take turns step by step, so
-that a busy machine is busy for all of them: the basic loop over all pairs up to --all-up-to bodies,
-the grid, and the grid with coloured pairs; with --peers also MuJoCo and PyBullet, where they are
-installed (`pip install mujoco pybullet`), on the same hulls, poses, density and time step. Prints
-medians over the last third of the steps and growth exponents, and writes piles.csv, and piles.png
-and phases.png where matplotlib is installed.
+Scenes are those of data/make_pile.py. Each is run without friction and with it; see MATERIALS. For
+each kind, size and material, the runs take turns step by step, so that a busy machine is busy for
+all of them: the basic loop over all pairs up to --all-up-to bodies, and the grid; with --peers also
+MuJoCo and PyBullet, where they are installed (`pip install mujoco pybullet`), on the same hulls,
+poses, densities and time step, with the same friction and, in PyBullet, the same restitution.
+
+Prints, for every window of steps, medians with quartiles, contacts a body and growth exponents, and
+writes piles.csv, and piles.png and phases.png where matplotlib is installed. A contact is a pair
+that touches, however many points a peer makes of it.
 """
 
 import argparse
 import csv
+import functools
 import importlib.util
+import itertools
 import math
 import resource
 import shutil
@@ -22,6 +27,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,20 +35,30 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmark import describe_machine
 
-from RBSRecording import PHASES
-from RigidBodySimulation import DATA_FOLDER, Settings, Simulation
+from rbs.reports import PHASES
+from rbs.scenes import DATA_FOLDER
+from rbs.simulation import Settings, Simulation
 
 TIME_STEP = 0.02
-RESTITUTION = 0.5
 SIZES = [50, 200, 1000, 2000, 5000, 10000]
-KINDS = {"pile": [], "spread": ["--spread"]}
-OWN = {
-    "default": {},
-    "grid": {"broadPhase": "grid"},
-    "coloured": {"broadPhase": "grid", "pairOrder": "coloured"},
-}
-COLUMNS = ["kind", "bodies", "run", "milliseconds", "low quartile", "high quartile",
-           "candidate pairs", "contacts", *PHASES, "peak memory MB"]  # fmt: skip
+KINDS = {"pile": [], "spread": ["--spread"], "heap": ["--heap"]}
+# Steps that are measured, the last one not included: those in which a heap collapses, and those in
+# which what is left of it moves slowly.
+WINDOWS = ["200-300", "500-600"]
+
+
+class Material(NamedTuple):
+    """What bodies are made of, and the ground too."""
+
+    friction: float  # Coulomb's μ
+    restitution: float
+
+
+MATERIALS = {"no friction": Material(0.0, 0.5), "friction 0.5": Material(0.5, 0.0)}
+OWN = {"all pairs": {}, "grid": {"broadPhase": "grid"}}
+COLUMNS = ["kind", "bodies", "material", "run", "steps", "milliseconds", "low quartile",
+           "high quartile", "candidate pairs", "contacts", "contacts a body", *PHASES,
+           "peak memory MB"]  # fmt: skip
 # Okabe and Ito's colours, told apart by the colour-blind.
 COLOURS = ["#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"]
 
@@ -50,8 +66,11 @@ COLOURS = ["#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#5
 class OwnRun:
     """This program on a scene file."""
 
-    def __init__(self, scene, **settings):
-        self.simulation = Simulation(scene, Settings(RESTITUTION, TIME_STEP, **settings))
+    def __init__(self, scene, material, **settings):
+        settings = Settings(
+            material.restitution, TIME_STEP, friction=material.friction, **settings
+        )
+        self.simulation = Simulation(scene, settings)
 
     def step(self):
         self.simulation.step()
@@ -63,21 +82,31 @@ class OwnRun:
 
 
 class MuJoCoRun:
-    """MuJoCo on the bodies of a simulation; a plane stands for the ground."""
+    """MuJoCo on the bodies of a simulation; a plane stands for the ground.
 
-    def __init__(self, simulation, hasFriction):
+    Of the friction of two geoms it takes the greater. It has no restitution: contacts are springs
+    with dampers, by default critically damped, so that bodies hardly bounce.
+    """
+
+    def __init__(self, simulation, material, solver="newton"):
+        """solver : "newton", MuJoCo's default, or "cg" """
         import mujoco
 
         self.mujoco = mujoco
         spec = mujoco.MjSpec()
         spec.option.timestep = TIME_STEP
         spec.option.gravity = (0.0, -9.8, 0.0)
+        spec.option.solver = getattr(mujoco.mjtSolver, f"mjSOL_{solver.upper()}")
         # left to itself, MuJoCo asks for more memory than there is from some thousand bodies on
         spec.memory = max(2**30, len(simulation.meshes) * 2**18)
-        condim = 3 if hasFriction else 1
+        # a normal alone, or with two directions to slide in; no friction of torsion or rolling
+        surface = {"condim": 3, "friction": (material.friction, 0, 0)}
+        if material.friction == 0:
+            surface = {"condim": 1}
         # the plane's normal is its z axis: turned to y
-        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=(1, 1, 1), condim=condim,
-                                quat=(math.sqrt(0.5), -math.sqrt(0.5), 0, 0))  # fmt: skip
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=(1, 1, 1),
+                                quat=(math.sqrt(0.5), -math.sqrt(0.5), 0, 0),
+                                **surface)  # fmt: skip
         known = {}
         for mesh in simulation.meshes:
             if id(mesh.hull) not in known:
@@ -86,7 +115,7 @@ class MuJoCoRun:
             body = spec.worldbody.add_body(pos=mesh.position[0], quat=mesh.orientation[0])
             body.add_freejoint()
             body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=known[id(mesh.hull)],
-                          density=mesh.density, condim=condim)  # fmt: skip
+                          density=mesh.density, **surface)  # fmt: skip
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
 
@@ -99,9 +128,12 @@ class MuJoCoRun:
 
 
 class PyBulletRun:
-    """PyBullet on the bodies of a simulation; a plane stands for the ground."""
+    """PyBullet on the bodies of a simulation; a plane stands for the ground.
 
-    def __init__(self, simulation, hasFriction):
+    It multiplies the frictions of two bodies, and so their restitutions: each body has the root.
+    """
+
+    def __init__(self, simulation, material):
         import pybullet
 
         self.pybullet = pybullet
@@ -124,21 +156,27 @@ class PyBulletRun:
                 mesh.mass, shapes[id(mesh.hull)], -1, mesh.position[0].tolist(), (*xyz, w),
                 useMaximalCoordinates=1, physicsClientId=self.client,
             ))  # fmt: skip
-        if not hasFriction:
-            for body in bodies:
-                pybullet.changeDynamics(
-                    body, -1, lateralFriction=0.0, physicsClientId=self.client
-                )
+        for body in bodies:
+            pybullet.changeDynamics(
+                body, -1, lateralFriction=math.sqrt(material.friction),
+                restitution=math.sqrt(material.restitution), physicsClientId=self.client,
+            )  # fmt: skip
 
     def step(self):
         self.pybullet.stepSimulation(physicsClientId=self.client)
 
     def counts(self):
         points = self.pybullet.getContactPoints(physicsClientId=self.client) or ()
-        return None, len({(point[1], point[2]) for point in points}), {}
+        touching = {(point[1], point[2]) for point in points if point[8] <= 0}  # the distance
+        return None, len(touching), {}
 
 
-PEERS = {"MuJoCo": ("mujoco", MuJoCoRun), "PyBullet": ("pybullet", PyBulletRun)}
+# name in the table → package, what makes the run
+PEERS = {
+    "MuJoCo": ("mujoco", MuJoCoRun),
+    "MuJoCo, CG": ("mujoco", functools.partial(MuJoCoRun, solver="cg")),
+    "PyBullet": ("pybullet", PyBulletRun),
+}
 
 
 def make_scene(kind, count, folder):
@@ -151,65 +189,85 @@ def make_scene(kind, count, folder):
     return path
 
 
-def make_runs(scene, count, options):
+def make_runs(scene, count, material, options):
     """Name → run, for everything that is asked for."""
     runs = {
-        name: OwnRun(scene, **settings)
+        name: OwnRun(scene, material, **settings)
         for name, settings in OWN.items()
-        if name != "default" or count <= options.all_up_to
+        if name != "all pairs" or count <= options.all_up_to
     }
     if options.peers:
         simulation = Simulation(scene)
         for name, (package, peer) in PEERS.items():
             if not importlib.util.find_spec(package):
                 continue
-            for hasFriction, friction in ((False, "no friction"), (True, "default friction")):
-                try:
-                    runs[f"{name}, {friction}"] = peer(simulation, hasFriction)
-                except (ValueError, MemoryError) as error:  # some do not take so many
-                    print(f"{name}, {friction}, left out at {count} bodies: {error}")
+            try:
+                runs[name] = peer(simulation, material)
+            except (ValueError, MemoryError) as error:  # some do not take so many
+                print(f"{name} left out at {count} bodies: {error}")
     return runs
 
 
-def measure(runs, steps):
-    """Steps the runs in turns; name → `(seconds, counts)` of the steps of the last third."""
-    kept = {name: [] for name in runs}
-    for step in range(steps):
+def read_window(text):
+    """A range of steps from "K-N"; raises ValueError."""
+    begin, end = map(int, text.split("-"))
+    if not 0 <= begin < end:
+        raise ValueError("no step is in there")
+    return range(begin, end)
+
+
+def measure(runs, windows):
+    """Steps the runs in turns; (window, name) → list of `(seconds, counts)`, one a step."""
+    kept = {key: [] for key in itertools.product(windows, runs)}
+    for step in range(max(window.stop for window in windows)):
         for name, run in runs.items():
             begin = time.perf_counter()
             run.step()
             seconds = time.perf_counter() - begin
-            if step >= steps - max(1, steps // 3):
-                kept[name].append((seconds, run.counts()))
+            inside = [window for window in windows if step in window]
+            counts = run.counts() if inside else None
+            for window in inside:
+                kept[window, name].append((seconds, counts))
     return kept
 
 
-def row_of(kind, count, name, kept):
+def row_of(kind, count, material, name, window, kept):
     """One line of the table: a dict with the COLUMNS as its keys."""
     seconds, counts = zip(*kept, strict=True)
     low, median, high = np.percentile(1e3 * np.array(seconds), (25, 50, 75))
-    phases = {}
-    for phase in counts[0][2]:
-        phases[phase] = f"{1e3 * np.median([count[2][phase] for count in counts]):.3f}"
+    pairs, contacts, phases = zip(*counts, strict=True)
+    times = {
+        phase: f"{1e3 * np.median([seconds[phase] for seconds in phases]):.3f}"
+        for phase in phases[0]
+    }
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return {
-        "kind": kind, "bodies": count, "run": name, "milliseconds": f"{median:.3f}",
+        "kind": kind, "bodies": count, "material": material, "run": name,
+        "steps": f"{window.start}-{window.stop}", "milliseconds": f"{median:.3f}",
         "low quartile": f"{low:.3f}", "high quartile": f"{high:.3f}",
-        "candidate pairs": "" if counts[0][0] is None else f"{np.median([c[0] for c in counts]):g}",
-        "contacts": f"{np.median([c[1] for c in counts]):g}", **phases,
+        "candidate pairs": "" if pairs[0] is None else f"{np.median(pairs):g}",
+        "contacts": f"{np.median(contacts):g}",
+        "contacts a body": f"{np.median(contacts) / count:.2f}", **times,
         "peak memory MB": f"{peak:.0f}",
     }  # fmt: skip
 
 
+def group_of(row):
+    """What rows have in common that stand in one plot."""
+    return row["kind"], row["material"], row["steps"]
+
+
 def print_row(row, reference):
     """Prints a row, with its ratio to the reference in ms."""
+    kind, material, steps = group_of(row)
     ratio = float(row["milliseconds"]) / reference
-    details = [f"{row['contacts']} contacts"]
+    details = [f"{row['contacts a body']} contacts a body"]
     if row["candidate pairs"]:
-        details.insert(0, f"{row['candidate pairs']} pairs")
+        details.append(f"{row['candidate pairs']} pairs")
     details += [f"{phase} {float(row[phase]):.1f}" for phase in PHASES if row.get(phase)]
     print(
-        f"{row['kind']:<7}{row['bodies']:>6} {row['run']:<26}{float(row['milliseconds']):9.2f} ms "
+        f"{kind:<7}{row['bodies']:>6} {material:<13}{steps:<8} {row['run']:<11}"
+        f"{float(row['milliseconds']):9.2f} ms "
         f"({float(row['low quartile']):.2f} – {float(row['high quartile']):.2f}), "
         f"{ratio:5.2f} × the grid; {', '.join(details)}",
         flush=True,
@@ -217,17 +275,19 @@ def print_row(row, reference):
 
 
 def print_growth(rows):
-    """Prints d log(time) / d log(bodies) between the sizes, for each kind and run."""
-    for kind, run in dict.fromkeys((row["kind"], row["run"]) for row in rows):
+    """Prints d log(time) / d log(bodies) between the sizes, for each group and run."""
+    for group, run in dict.fromkeys((group_of(row), row["run"]) for row in rows):
         own = [(row["bodies"], float(row["milliseconds"]))
-               for row in rows if (row["kind"], row["run"]) == (kind, run)]  # fmt: skip
-        for (n1, t1), (n2, t2) in zip(own, own[1:], strict=False):
+               for row in rows if (group_of(row), row["run"]) == (group, run)]  # fmt: skip
+        for (n1, t1), (n2, t2) in itertools.pairwise(own):
             exponent = math.log(t2 / t1) / math.log(n2 / n1)
-            print(f"{kind:<7}{run:<26} {n1:>6} to {n2:>6}: time grows as N^{exponent:.2f}")
+            kind, material, steps = group
+            print(f"{kind:<7}{material:<13}{steps:<8} {run:<11} {n1:>6} to {n2:>6}: "
+                  f"time grows as N^{exponent:.2f}")  # fmt: skip
 
 
 def draw(rows, folder):
-    """piles.png and phases.png; says so where matplotlib is missing."""
+    """piles.png and phases.png, a panel a group; says so where matplotlib is missing."""
     if not importlib.util.find_spec("matplotlib"):
         print("no plots: pip install matplotlib")
         return
@@ -236,37 +296,43 @@ def draw(rows, folder):
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    kinds = list(dict.fromkeys(row["kind"] for row in rows))
+    groups = list(dict.fromkeys(map(group_of, rows)))
     names = list(dict.fromkeys(row["run"] for row in rows))
-    figure, axes = pyplot.subplots(
-        1, len(kinds), figsize=(4.5 * len(kinds) + 0.5, 4), sharey=True, squeeze=False
-    )
-    for axis, kind in zip(axes[0], kinds, strict=True):
-        for name, colour in zip(names, COLOURS, strict=False):
-            own = [row for row in rows if (row["kind"], row["run"]) == (kind, name)]
-            axis.loglog([row["bodies"] for row in own],
-                        [float(row["milliseconds"]) for row in own], "o-", color=colour,
-                        label=name)  # fmt: skip
-        axis.axhline(1e3 * TIME_STEP, color="0.6", linewidth=1, linestyle=":")
-        axis.set(title=kind, xlabel="bodies")
-        axis.grid(which="major", color="0.9")
-    axes[0][0].set_ylabel("milliseconds per step (dotted: real time)")
-    axes[0][0].legend(frameon=False)
-    figure.tight_layout()
-    figure.savefig(folder / "piles.png", dpi=150)
+    for draw_panel, file in ((draw_times, "piles.png"), (draw_phases, "phases.png")):
+        figure, axes = pyplot.subplots(
+            1, len(groups), figsize=(4 * len(groups) + 1, 4), sharey=True, squeeze=False
+        )
+        for axis, group in zip(axes[0], groups, strict=True):
+            draw_panel(axis, [row for row in rows if group_of(row) == group], names)
+            axis.set(title=", ".join(group), xlabel="bodies")
+            axis.label_outer()
+        axes[0][0].legend(frameon=False, fontsize="small")
+        figure.tight_layout()
+        figure.savefig(folder / file, dpi=150)
+        pyplot.close(figure)
 
-    own = [row for row in rows if row["run"] == "grid" and row["kind"] == kinds[0]]
-    figure, axis = pyplot.subplots(figsize=(6, 4))
+
+def draw_times(axis, rows, names):
+    """Milliseconds against bodies: a line a run, of those named."""
+    for name, colour in zip(names, COLOURS, strict=False):
+        own = [row for row in rows if row["run"] == name]
+        axis.loglog([row["bodies"] for row in own], [float(row["milliseconds"]) for row in own],
+                    "o-", color=colour, label=name)  # fmt: skip
+    axis.axhline(1e3 * TIME_STEP, color="0.6", linewidth=1, linestyle=":")
+    axis.set(ylabel="milliseconds per step (dotted: real time)")
+    axis.grid(which="major", color="0.9")
+
+
+def draw_phases(axis, rows, _names):
+    """What share of the grid's step each phase has, a bar a number of bodies."""
+    own = [row for row in rows if row["run"] == "grid"]
     bottom = np.zeros(len(own))
     for phase, colour in zip(PHASES, COLOURS[1:], strict=True):
         share = np.array([float(row[phase]) / float(row["milliseconds"]) for row in own])
         axis.bar([str(row["bodies"]) for row in own], share, bottom=bottom, color=colour,
                  label=phase)  # fmt: skip
         bottom += share
-    axis.set(xlabel=f"bodies ({kinds[0]}, grid)", ylabel="share of the step", ylim=(0, 1))
-    axis.legend(frameon=False, bbox_to_anchor=(1, 1))
-    figure.tight_layout()
-    figure.savefig(folder / "phases.png", dpi=150)
+    axis.set(ylabel="share of the grid's step", ylim=(0, 1))
 
 
 def main():
@@ -276,7 +342,11 @@ def main():
     parser.add_argument("--sizes", nargs="+", type=int, default=SIZES, metavar="N")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), metavar="KIND",
                         help=", ".join(KINDS))  # fmt: skip
-    parser.add_argument("--steps", type=int, default=300, metavar="N")
+    parser.add_argument("--materials", nargs="+", choices=MATERIALS, default=list(MATERIALS),
+                        metavar="NAME", help=f"of {', '.join(map(repr, MATERIALS))}")  # fmt: skip
+    parser.add_argument("--windows", nargs="+", type=read_window, metavar="K-N",
+                        default=[read_window(window) for window in WINDOWS],
+                        help=f"steps that are measured (default: {' '.join(WINDOWS)})")
     parser.add_argument("--all-up-to", type=int, default=1000, metavar="N",
                         help="largest scene for the loop over all pairs (default: %(default)s)")
     parser.add_argument("--peers", action="store_true", help="MuJoCo and PyBullet as well")
@@ -285,20 +355,23 @@ def main():
 
     options.out.mkdir(parents=True, exist_ok=True)
     print(describe_machine())
-    print(f"medians (quartiles) of the last third of {options.steps} steps of {TIME_STEP} s")
+    print(f"medians (quartiles); steps of {TIME_STEP} s")
+    for name, material in MATERIALS.items():
+        print(f"{name}: μ = {material.friction:g}, restitution {material.restitution:g}")
     rows = []
     with tempfile.TemporaryDirectory() as folder:
-        for kind in options.kinds:
-            for count in options.sizes:
-                runs = make_runs(make_scene(kind, count, folder), count, options)
-                new = [
-                    row_of(kind, count, name, kept)
-                    for name, kept in measure(runs, options.steps).items()
-                ]
-                grid = next(float(row["milliseconds"]) for row in new if row["run"] == "grid")
-                for row in new:
-                    print_row(row, grid)
-                rows += new
+        for case in itertools.product(options.kinds, options.sizes, options.materials):
+            kind, count, material = case
+            runs = make_runs(make_scene(kind, count, folder), count, MATERIALS[material], options)
+            new = [
+                row_of(*case, name, window, kept)
+                for (window, name), kept in measure(runs, options.windows).items()
+            ]
+            for row in new:
+                grid = next(other for other in new
+                            if other["run"] == "grid" and group_of(other) == group_of(row))
+                print_row(row, float(grid["milliseconds"]))
+            rows += new
     print_growth(rows)
     with (options.out / "piles.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS)

@@ -105,7 +105,7 @@ def try_fault(fault):
         copy.mkdir()
         for path in [*ROOT.glob("*.py"), ROOT / "pyproject.toml"]:
             shutil.copy(path, copy)
-        for name in ("data", "graders", "tests"):
+        for name in ("rbs", "data", "graders", "tests"):
             shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
         if fault is None:
             return first_failure(copy, " ".join(sorted({fault.tests for fault in FAULTS})))

@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import pytest
 
-import RBSDrawing
+from rbs.backends import find_backend
 
 # Set where a missing OpenGL is a failure, as in CI, and not a reason to skip.
 REQUIRED = os.environ.get("RBS_REQUIRE_OPENGL") == "1"
@@ -20,11 +20,11 @@ def skip_or_fail(reason):
 
 @lru_cache
 def _backend():
-    return RBSDrawing.find_backend(window=False)
+    return find_backend(window=False)
 
 
 def require_opengl():
-    """The RBSDrawing.Backend that draws off-screen here; where there is none, the test ends."""
+    """The Backend that draws off-screen here; where there is none, the test ends."""
     backend = _backend()
     if backend.name is None:
         skip_or_fail(f"nothing can be drawn here: {backend.reason}. {backend.remedy}")

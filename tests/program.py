@@ -7,8 +7,8 @@ import sys
 import numpy as np
 from oracles import ROOT, ground
 
+from rbs.state import STATE_NAMES
 from RBSFunctions import run_timestep
-from RBSRecording import STATE_NAMES
 from RigidBodySimulation import load_scene_file
 
 PROGRAM = ROOT / "RigidBodySimulation.py"

@@ -15,8 +15,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from RBSRecording import STATE_NAMES
-from RigidBodySimulation import DATA_FOLDER, Settings, Simulation, find_scene
+from rbs.scenes import DATA_FOLDER, find_scene
+from rbs.simulation import Settings, Simulation
+from rbs.state import STATE_NAMES
 
 
 def parse_arguments(arguments=None):

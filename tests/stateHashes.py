@@ -14,8 +14,9 @@ import scipy
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from RBSRecording import hash_of
-from RigidBodySimulation import Settings, Simulation, find_scene
+from rbs.scenes import find_scene
+from rbs.simulation import Settings, Simulation
+from rbs.state import hash_of
 
 # Scene, steps, settings: contacts of all shapes, constraints, friction, the arrays of the grid.
 RUNS = (
@@ -26,7 +27,6 @@ RUNS = (
     ("cube", 200, {}),
     ("net", 30, {"constraintScheduling": "batches"}),
     ("pile_200", 80, {"broadPhase": "grid"}),
-    ("pile_200", 80, {"broadPhase": "grid", "pairOrder": "coloured"}),
 )
 
 

@@ -8,11 +8,15 @@ import numpy as np
 import pytest
 from oracles import box_body, quaternion
 
-import GJK
-import RBSFunctions
-from RBSFunctions import all_overlaps, grid_overlaps, run_timestep
-from RBSRecording import STATE_NAMES
-from RigidBodySimulation import DATA_FOLDER, load_scene_file, make_ground
+import rbs.batches
+from rbs.bodies import AxisCache
+from rbs.broadphase import grid_overlaps
+from rbs.facets import FEW_COMBINATIONS, find_facets
+from rbs.scenes import DATA_FOLDER
+from rbs.simulation import make_ground
+from rbs.state import STATE_NAMES
+from RBSFunctions import run_timestep
+from RigidBodySimulation import load_scene_file
 
 # Per kind of scene: the range of the boxes' sides as powers of ten, and half the width of the
 # region that their least corners lie in.
@@ -31,8 +35,16 @@ def random_boxes(rng, kind, count):
     return np.concatenate((corner, -(corner + 10 ** rng.uniform(low, high, (3, count)))))
 
 
+def all_overlaps(box, isFixed):
+    """Pairs i < j whose boxes overlap, in that order, by comparing all of them: (2, P)."""
+    low, high = box[:3], -box[3:]
+    near = ((low[:, :, None] <= high[:, None]) & (low[:, None] <= high[:, :, None])).all(axis=0)
+    near &= ~(isFixed[:, None] & isFixed)
+    return np.argwhere(np.triu(near, 1)).T
+
+
 def assert_same_pairs(box, isFixed):
-    """Both broad phases agree, in order; returns how many pairs they found."""
+    """The grid finds the pairs that comparing all finds, in order; returns how many."""
     expected, found = all_overlaps(box, isFixed), grid_overlaps(box, isFixed)
     assert np.array_equal(expected, found)
     assert (found[0] < found[1]).all()
@@ -89,7 +101,7 @@ def test_batches_keep_the_order_of_pairs_that_share_a_moving_body():
     isFixed = rng.random(40) < 0.2
     pairs = np.unique(np.sort(rng.integers(0, 40, (400, 2)), axis=1), axis=0)
     pairs = pairs[(pairs[:, 0] < pairs[:, 1]) & ~isFixed[pairs].all(axis=1)]
-    batch = RBSFunctions._sequential_batches(*pairs.T.tolist(), isFixed.tolist())
+    batch = rbs.batches._batch_numbers(*pairs.T.tolist(), isFixed.tolist())
     shared = 0
     for later in range(len(pairs)):
         for earlier in range(later):
@@ -139,42 +151,40 @@ def test_grid_gives_the_same_bits_in_a_pile_of_all_shapes(tmp_path):
     assert assert_same_motion(path, 260, 0.0) > 300
 
 
-@pytest.mark.parametrize("few", [0, GJK.FEW_COMBINATIONS])
-def test_a_body_that_strays_beyond_its_reach_is_not_overlooked(few, monkeypatch):
-    """With next to no reach, and no foresight, pairs are overlooked, included, and the batches done
-    again."""
-    included = []
-    original = RBSFunctions._ContactBatches.include
+@pytest.mark.parametrize("few", [0, FEW_COMBINATIONS])
+def test_a_body_beyond_its_margin_is_not_missed(few, monkeypatch):
+    """With next to no margin, and no prediction, pairs are missed, and the pass is made again."""
+    added = []
+    original = rbs.batches.OrderedBatches._add_missed_pairs
 
-    def counted(self, first, second, displaced):
-        known = np.isin(first * len(displaced) + second, self.keys)
-        included.append((np.count_nonzero(known), np.count_nonzero(~known)))
-        original(self, first, second, displaced)
+    def counted(self, first, second, displacement):
+        known = np.isin(first * len(displacement) + second, self.keys)
+        added.append((np.count_nonzero(known), np.count_nonzero(~known)))
+        original(self, first, second, displacement)
 
-    monkeypatch.setattr(GJK, "FEW_COMBINATIONS", few)
-    monkeypatch.setattr(RBSFunctions, "LEAST_REACH", 1e-9)
-    monkeypatch.setattr(RBSFunctions, "REACH_GROWTH", 1.001)
+    monkeypatch.setattr("rbs.facets.FEW_COMBINATIONS", few)
+    monkeypatch.setattr(rbs.batches, "LEAST_MARGIN", 1e-9)
+    monkeypatch.setattr(rbs.batches, "MARGIN_GROWTH", 1.001)
     monkeypatch.setattr(
-        RBSFunctions, "_foreseen_moves", lambda bodies, first, *_: np.zeros(len(first))
+        rbs.batches, "_predicted_corrections", lambda bodies, first, *_: np.zeros(len(first))
     )
-    monkeypatch.setattr(RBSFunctions._ContactBatches, "include", counted)
+    monkeypatch.setattr(rbs.batches.OrderedBatches, "_add_missed_pairs", counted)
     assert assert_same_motion(DATA_FOLDER / "mixed-scene.txt", 150, 0.5) > 10
-    known, new = np.sum(included, axis=0)
+    known, new = np.sum(added, axis=0)
     assert known > 0 and new == 0  # the boxes of all of these overlapped from the start
 
 
 @pytest.mark.parametrize("side", [1e2, 1e6, 1e10])
 def test_bodies_thrown_far_out_of_a_huge_one_leave_those_that_they_touched(side, monkeypatch):
-    """Planes made where they touched do not hold where they have gone, and are made anew there."""
+    """Facets found where they touched are not valid where they have gone, and are found anew."""
     anew = []
-    original = GJK.facet_planes
 
-    def watched(hulls, first, second, t, reach, guess=None):
-        if guess is not None and not reach.any():
+    def watched(hulls, first, second, t, margin, axes=None):
+        if axes is not None and not margin.any():
             anew.append(len(first))
-        return original(hulls, first, second, t, reach, guess)
+        return find_facets(hulls, first, second, t, margin, axes)
 
-    monkeypatch.setattr(GJK, "facet_planes", watched)
+    monkeypatch.setattr(rbs.batches, "find_facets", watched)
     states = []
     for broadPhase in ("all", "grid"):
         rng = np.random.default_rng(1)
@@ -212,114 +222,32 @@ def test_a_body_pushed_into_one_that_was_far_hits_it_in_the_same_step(broadPhase
     assert moved == pytest.approx([0.0, 1.9, 3.9])
 
 
-def test_what_is_remembered_changes_no_bit(monkeypatch):
+def test_the_axis_cache_changes_no_bit(monkeypatch):
     """A scene that forgets everything after each step moves as one that remembers."""
     remembering = load_scene_file(DATA_FOLDER / "stress-scene.txt")
     forgetting = load_scene_file(DATA_FOLDER / "stress-scene.txt")
-    recalled = []
-    original = RBSFunctions._Memory.recall
+    known = []
+    original = AxisCache.lookup
 
     def watched(self, first, second):
         axes = original(self, first, second)
-        recalled.append(int(axes.any(axis=0).sum()))
+        known.append(int(axes.any(axis=0).sum()))
         return axes
 
-    monkeypatch.setattr(RBSFunctions._Memory, "recall", watched)
-    monkeypatch.setattr(GJK, "FEW_COMBINATIONS", 0)  # with all facets, no guess is needed
+    monkeypatch.setattr(AxisCache, "lookup", watched)
+    monkeypatch.setattr("rbs.facets.FEW_COMBINATIONS", 0)  # with all facets, no axis is needed
     for _ in range(200):
         run_timestep(remembering, make_ground(), 0.02, 0.5, broadPhase="grid")
-        RBSFunctions._shapes(tuple(forgetting)).memory = RBSFunctions._Memory(len(forgetting))
+        rbs.bodies._shapes(tuple(forgetting)).axes = AxisCache(len(forgetting))
         run_timestep(forgetting, make_ground(), 0.02, 0.5, broadPhase="grid")
         for one, other in zip(state_of(remembering), state_of(forgetting), strict=True):
             assert np.array_equal(one, other)
-    assert sum(recalled) > 500 and recalled.count(0) >= 200
+    assert sum(known) > 500 and known.count(0) >= 200
 
 
 # --------------------------------------------------------------------------------------------------
-# Coloured pairs
+# Piles
 # --------------------------------------------------------------------------------------------------
-
-
-def test_colours_are_rounds_of_disjoint_pairs():
-    rng = np.random.default_rng(5)
-    isFixed = rng.random(40) < 0.2
-    pairs = np.unique(np.sort(rng.integers(0, 40, (400, 2)), axis=1), axis=0)
-    pairs = pairs[(pairs[:, 0] < pairs[:, 1]) & ~isFixed[pairs].all(axis=1)]
-    colour = RBSFunctions._coloured_batches(*pairs.T.tolist(), isFixed.tolist())
-    assert len(colour) == len(pairs) > 200
-    most = max(int((pairs == b).sum()) for b in range(40) if not isFixed[b])
-    for k in range(colour.max() + 1):
-        moving = [b for b in pairs[colour == k].ravel().tolist() if not isFixed[b]]
-        assert len(moving) == len(set(moving)) > 0
-    # Greedy colouring needs less than twice the pairs of the busiest body; the ordered batches of
-    # the same pairs are more.
-    ordered = RBSFunctions._sequential_batches(*pairs.T.tolist(), isFixed.tolist())
-    assert colour.max() < 2 * most - 1 and colour.max() < ordered.max()
-
-
-def coloured(name, steps):
-    """The states and contacts of a scene after each coloured step."""
-    meshes = load_scene_file(DATA_FOLDER / f"{name}-scene.txt")
-    for _ in range(steps):
-        before = state_of(meshes)
-        report = run_timestep(
-            meshes, make_ground(), 0.02, 0.5, broadPhase="grid", pairOrder="coloured"
-        )
-        yield meshes, before, report
-
-
-def test_coloured_pairs_give_the_same_bits_twice_and_another_motion_than_the_order():
-    runs = [list(coloured("mixed", 150))[-1][0] for _ in range(2)]
-    for one, other in zip(*map(state_of, runs), strict=True):
-        assert np.array_equal(one, other)
-    ordered = load_scene_file(DATA_FOLDER / "mixed-scene.txt")
-    for _ in range(150):
-        run_timestep(ordered, make_ground(), 0.02, 0.5, broadPhase="grid")
-    assert not np.array_equal(state_of(ordered)[0], state_of(runs[0])[0])
-
-
-def test_coloured_pairs_overlook_no_collision():
-    """What meets before the collisions is resolved, or a body of it has been moved before."""
-    seen = 0
-    for meshes, before, report in coloured("mixed", 150):
-        contacts = {(c.body1, c.body2) for c in report.contacts if c.body2 >= 0}
-        moved = {b for pair in contacts for b in pair}
-        after = state_of(meshes)
-        for mesh, *rows in zip(meshes, *before, strict=True):
-            mesh.position, mesh.orientation, mesh.linVelocity, mesh.angVelocity = (
-                row[None] for row in rows
-            )
-            mesh.integrate_timestep(0.02)
-        for i, mesh in enumerate(meshes):
-            for j in range(i + 1, len(meshes)):
-                isCollision, depth, *_ = mesh.detect_collision(meshes[j])
-                if isCollision and depth > 1e-9:
-                    seen += 1
-                    assert (i, j) in contacts or {i, j} & moved
-        for mesh, *rows in zip(meshes, *after, strict=True):
-            mesh.position, mesh.orientation, mesh.linVelocity, mesh.angVelocity = (
-                row[None] for row in rows
-            )
-    assert seen > 10
-
-
-def test_coloured_contacts_keep_the_momentum():
-    """Free space: the momentum grows by the weight alone, whatever the contacts do."""
-    meshes = load_scene_file(DATA_FOLDER / "mixed-scene.txt")
-    meshes = [mesh for mesh in meshes if not mesh.isFixed]
-    for k, mesh in enumerate(meshes):
-        mesh.linVelocity = -0.3 * mesh.position + np.array([[0.0, 0.1 * k, 0.0]])
-    mass = sum(mesh.mass for mesh in meshes)
-    start = sum(mesh.mass * mesh.linVelocity[0] for mesh in meshes)
-    contacts = 0
-    for _ in range(120):
-        report = run_timestep(meshes, None, 0.02, 0.5, broadPhase="grid", pairOrder="coloured")
-        contacts += len(report.contacts)
-    end = sum(mesh.mass * mesh.linVelocity[0] for mesh in meshes)
-    weight = np.array([0.0, RBSFunctions.GRAVITY * mass * 120 * 0.02, 0.0])
-    scale = sum(mesh.mass * np.abs(mesh.linVelocity).max() for mesh in meshes)
-    assert contacts > 10
-    assert np.abs(end - start - weight).max() < 1e-12 * scale
 
 
 def pile(*arguments):

@@ -1,5 +1,7 @@
 """The command line by subprocess, and the simulation behind it."""
 
+import errno
+import io
 import json
 import math
 import os
@@ -15,19 +17,14 @@ from opengl import require_opengl
 from oracles import COURSE, ROOT, needs_course
 from program import DATA, by_hand, environment, run, summary_of
 
-from RBSDrawing import DEBIAN_PACKAGES
+from rbs import headless
+from rbs.backends import DEBIAN_PACKAGES
+from rbs.headless import run_steps
+from rbs.simulation import DEFAULT_RESTITUTION, DEFAULT_TIME_STEP, Simulation
+from rbs.state import STATE_NAMES
+from rbs.textfiles import SceneError
 from RBSFunctions import Mesh
-from RBSRecording import STATE_NAMES
-from RigidBodySimulation import (
-    DEFAULT_RESTITUTION,
-    DEFAULT_TIME_STEP,
-    FALLBACK_PICTURES,
-    SceneError,
-    Simulation,
-    load_constraint_file,
-    load_scene_file,
-    main,
-)
+from RigidBodySimulation import FALLBACK_PICTURES, load_constraint_file, load_scene_file, main
 
 onLinux = pytest.mark.skipif(
     not sys.platform.startswith("linux"), reason="displays and EGL are found this way on Linux only"
@@ -177,6 +174,54 @@ def test_headless_run_does_not_import_polyscope(tmp_path):
     assert summary_of(process)["recording"] == "r.npz" and process.stderr == ""
 
 
+class Terminal(io.StringIO):
+    """Takes what a terminal, or a log, is told."""
+
+    def __init__(self, isTerminal):
+        super().__init__()
+        self._isTerminal = isTerminal
+
+    def isatty(self):
+        return self._isTerminal
+
+
+def progress_of(monkeypatch, stream, steps=30):
+    """What a run of so many steps writes to a stream that stands for stderr."""
+    monkeypatch.setattr(sys, "stderr", stream)
+    simulation = Simulation(DATA / "singletet-scene.txt")
+    assert run_steps(simulation, steps) is not None and simulation.stepCount == steps
+    return stream.getvalue() if isinstance(stream, io.StringIO) else None
+
+
+def test_progress_moves_in_a_terminal_and_is_wiped_at_the_end(monkeypatch):
+    monkeypatch.setattr(headless, "TERMINAL_SECONDS", 1e-9)
+    drawn = [line for line in progress_of(monkeypatch, Terminal(True)).split("\r") if line.strip()]
+    assert len(drawn) > 20 and "\n" not in "".join(drawn)
+    assert " 1/30" in drawn[0] and "30/30" in drawn[-1] and "step/s" in drawn[-1]
+
+
+def test_progress_is_told_seldom_in_a_log(monkeypatch):
+    assert progress_of(monkeypatch, Terminal(False)) == ""
+    assert headless.LOG_SECONDS >= 10.0
+    monkeypatch.setattr(headless, "LOG_SECONDS", 1e-9)
+    assert "30/30" in progress_of(monkeypatch, Terminal(False))
+
+
+class Broken(Terminal):
+    """Fails as a full disk does."""
+
+    def write(self, text):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+@pytest.mark.parametrize("isTerminal", [True, False])
+def test_progress_that_cannot_be_shown_ends_no_run(monkeypatch, isTerminal):
+    monkeypatch.setattr(headless, "TERMINAL_SECONDS", 1e-9)
+    monkeypatch.setattr(headless, "LOG_SECONDS", 1e-9)
+    progress_of(monkeypatch, Broken(isTerminal))
+    progress_of(monkeypatch, None)
+
+
 def test_no_step_is_a_run_too(tmp_path):
     summary = summary_of(
         run(tmp_path, "tower", "--headless", "--steps", 0, "--record", "r.npz")
@@ -198,8 +243,8 @@ def test_dented_mesh_is_told_in_one_line(tmp_path):
 # --------------------------------------------------------------------------------------------------
 
 CHAIN = DATA / "tower_chain-scene.txt"
-CHAIN_TIES = DATA / "tower_chain-constraints.txt"
-# From step 53 on several of its ties are taut, and the order of the visits makes a difference.
+CHAIN_CONSTRAINTS = DATA / "tower_chain-constraints.txt"
+# From step 53 on several of its constraints are taut, and the order of visits makes a difference.
 CHAIN_STEPS = 70
 
 
@@ -213,7 +258,7 @@ def recording_of(folder, *arguments):
 
 
 def chain_by_hand(file=None, **options):
-    """Positions of the chain in each step by run_timestep alone, tied as a file has it."""
+    """Positions of the chain in each step by run_timestep alone, with the constraints of a file."""
     if file is not None:
         options["constraints"] = load_constraint_file(file, load_scene_file(CHAIN))
     return by_hand(CHAIN, CHAIN_STEPS, DEFAULT_RESTITUTION, DEFAULT_TIME_STEP, **options)[
@@ -221,14 +266,14 @@ def chain_by_hand(file=None, **options):
 
 
 def test_constraints_of_that_name_are_found_unless_they_are_left_out(tmp_path, capsys):
-    tied = recording_of(tmp_path, "tower_chain")
+    bound = recording_of(tmp_path, "tower_chain")
     summary = capsys.readouterr().out
     free = recording_of(tmp_path, "tower_chain", "--no-constraints")
-    np.testing.assert_array_equal(tied["positions"], chain_by_hand(CHAIN_TIES))
+    np.testing.assert_array_equal(bound["positions"], chain_by_hand(CHAIN_CONSTRAINTS))
     np.testing.assert_array_equal(free["positions"], chain_by_hand())
-    assert np.abs(tied["positions"] - free["positions"]).max() > 0.01
-    assert str(tied["constraints"]) == str(free["constraints"]) == str(CHAIN_TIES)
-    assert bool(tied["enforceConstraints"]) and not bool(free["enforceConstraints"])
+    assert np.abs(bound["positions"] - free["positions"]).max() > 0.01
+    assert str(bound["constraints"]) == str(free["constraints"]) == str(CHAIN_CONSTRAINTS)
+    assert bool(bound["enforceConstraints"]) and not bool(free["enforceConstraints"])
     (line,) = [line for line in summary.splitlines() if line.startswith("constraints")]
     excess = float(line.removeprefix("constraints       16 bounds, violated by at most ")[:-2])
     assert 0.0 <= excess <= 1e-3
@@ -241,7 +286,7 @@ def test_constraints_of_another_file(tmp_path, capsys):
     recording = recording_of(tmp_path, CHAIN, "--constraints", tmp_path / "strut.txt")
     np.testing.assert_array_equal(recording["positions"], chain_by_hand(tmp_path / "strut.txt"))
     assert np.abs(recording["positions"] - chain_by_hand()).max() > 0.01
-    assert np.abs(recording["positions"] - chain_by_hand(CHAIN_TIES)).max() > 0.01
+    assert np.abs(recording["positions"] - chain_by_hand(CHAIN_CONSTRAINTS)).max() > 0.01
     assert str(recording["constraints"]) == str(tmp_path / "strut.txt")
     (tmp_path / "none.txt").write_text("0\n")
     capsys.readouterr()
@@ -258,7 +303,7 @@ def test_number_of_visits_can_be_limited(tmp_path):
         recording = recording_of(tmp_path, "tower_chain", "--max-iterations", most)
         assert int(recording["maxIterations"]) == most
         np.testing.assert_array_equal(
-            recording["positions"], chain_by_hand(CHAIN_TIES, maxIterations=most)
+            recording["positions"], chain_by_hand(CHAIN_CONSTRAINTS, maxIterations=most)
         )
         assert not np.array_equal(recording["positions"], default["positions"])
 
@@ -270,7 +315,7 @@ def test_scheduling_can_be_chosen(tmp_path):
     }
     for name, recording in recordings.items():
         assert str(recording["constraintScheduling"]) == name
-        expected = chain_by_hand(CHAIN_TIES, constraintScheduling=name)
+        expected = chain_by_hand(CHAIN_CONSTRAINTS, constraintScheduling=name)
         np.testing.assert_array_equal(recording["positions"], expected)
     sweep, queue, batches = (recordings[name]["positions"] for name in recordings)
     np.testing.assert_array_equal(sweep, queue)
@@ -512,9 +557,47 @@ def test_help_names_every_option_with_its_default(tmp_path):
     assert max(map(len, process.stdout.splitlines())) <= 100
 
 
+def run_then_ask(folder, arguments, question):
+    """What a Python expression says after the program has run with these arguments; a str."""
+    program = f"import sys, RigidBodySimulation\ncode = RigidBodySimulation.main({arguments!r})\n"
+    program += f"assert code == 0\nprint({question}, file=sys.stderr)"
+    process = subprocess.run(
+        [sys.executable, "-c", program], cwd=folder, env=environment(PYTHONPATH=str(ROOT)),
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert process.returncode == 0, process.stderr
+    return process.stderr.strip()
+
+
+LOADED = "sorted(n for n in sys.modules if n.startswith(('rbs.', 'polyscope')) and n in {0!r})"
+# What is seen, and the window.
+SEEN = ["polyscope", "rbs.cameras", "rbs.drawing", "rbs.panel", "rbs.pictures", "rbs.viewer"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["tet", "--headless", "--steps", "2"],
+        ["tet", "--steps", "2", "--record", "r.npz", "--stats", "s.csv"],
+    ],
+    ids=["headless", "recorded"],
+)
+def test_what_draws_is_imported_when_something_is_to_be_seen_only(tmp_path, arguments):
+    assert run_then_ask(tmp_path, arguments, LOADED.format(SEEN)) == "[]"
+
+
+def test_pictures_need_no_window(tmp_path):
+    require_opengl()
+    arguments = ["tet", "--steps", "1", "--screenshots", ".", "--size", "160x120"]
+    assert run_then_ask(tmp_path, arguments, LOADED.format(SEEN)) == str(
+        ["polyscope", "rbs.cameras", "rbs.drawing", "rbs.pictures"]
+    )
+
+
 def test_importing_the_modules_needs_no_display_and_no_polyscope(tmp_path):
+    modules = ["RigidBodySimulation", *(f"rbs.{path.stem}" for path in ROOT.glob("rbs/*.py"))]
     program = (
-        "import sys, RigidBodySimulation, RBSViewer, RBSDrawing, RBSFunctions, GJK, Quaternion; "
+        f"import sys, {', '.join(modules)}, RBSFunctions, GJK, Quaternion; "
         "sys.exit('polyscope' in sys.modules)"
     )
     process = subprocess.run([sys.executable, "-c", program], cwd=ROOT, env=environment())

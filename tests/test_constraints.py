@@ -31,18 +31,14 @@ from scipy.linalg import block_diag, eigh
 from scipy.spatial.transform import Rotation
 
 import RBSFunctions
+from rbs.simulation import CONSTRAINT_TOLERANCE, Settings, Simulation
 from RBSFunctions import (
     CONSTRAINT_SCHEDULINGS,
     resolve_position_constraint,
     resolve_velocity_constraint,
     run_timestep,
 )
-from RigidBodySimulation import (
-    CONSTRAINT_TOLERANCE,
-    Settings,
-    Simulation,
-    load_constraint_file,
-)
+from RigidBodySimulation import load_constraint_file
 
 G = 9.8
 H = 0.02  # seconds
@@ -817,13 +813,23 @@ def test_queue_and_sweep_agree_on_the_net():
 @pytest.fixture
 def visitedBatches(monkeypatch):
     """The batches that steps look at, in order: (index in the list, body 1, body 2) each."""
-    visit, seen = RBSFunctions._visit_batch, []
+    seen, rowsOfStep = [], []
+    constraintRows, batches = RBSFunctions.ConstraintRows, RBSFunctions.batches
 
-    def noting(bodies, columns, batch, *rest):
-        seen.append((columns.index[batch], columns.body1[batch], columns.body2[batch]))
-        return visit(bodies, columns, batch, *rest)
+    def noting_rows(*arguments):
+        rowsOfStep.append(constraintRows(*arguments))
+        return rowsOfStep[-1]
 
-    monkeypatch.setattr(RBSFunctions, "_visit_batch", noting)
+    def noting_batches(visit_batch, *rest):
+        def visit(batch):
+            rows = rowsOfStep[-1]
+            seen.append((rows.index[batch], rows.body1[batch], rows.body2[batch]))
+            return visit_batch(batch)
+
+        return batches(visit, *rest)
+
+    monkeypatch.setattr(RBSFunctions, "ConstraintRows", noting_rows)
+    monkeypatch.setattr(RBSFunctions, "batches", noting_batches)
     return seen
 
 

@@ -271,3 +271,54 @@ def test_ties_name_vertices_of_their_scene(name):
             assert 0 <= int(vertex) < vertexCounts[int(body)]
         assert body1 != body2
         assert 0 <= float(lower) <= float(upper)
+
+
+def write_heap(path, count, *arguments):
+    """A heap of data/make_pile.py."""
+    command = [sys.executable, DATA / "make_pile.py", str(count), "--heap", *arguments]
+    subprocess.run([*command, "--out", path], check=True)
+    return path
+
+
+@pytest.mark.parametrize("count, height", [(1, None), (60, None), (400, None), (1000, 130.0)])
+def test_heap_is_packed_box_to_box(tmp_path, count, height):
+    """Height: in metres, where it does not come from the width."""
+    bodies = read_scene(write_heap(tmp_path / "heap.txt", count))
+    assert len(bodies) == count and not any(body[2] for body in bodies)
+    meshes = {name: read_mesh(DATA / name) for name in {body[0] for body in bodies}}
+    low, high = np.empty((2, count, 3))
+    for i, (meshFile, _, _, position, orientation) in enumerate(bodies):
+        vertices, _, tets = meshes[meshFile]
+        centre = np.average(
+            vertices[tets].mean(axis=1), axis=0, weights=tet_volumes(vertices, tets)
+        )
+        turn = Rotation.from_quat(orientation[[1, 2, 3, 0]])    # SciPy has the scalar part last
+        corners = turn.apply(vertices - centre) + position
+        low[i], high[i] = corners.min(axis=0), corners.max(axis=0)
+    # one row for each of two boxes: by how much they are apart, along the axis where that is most
+    apart = np.maximum(low[:, None] - high, low - high[:, None]).max(axis=2)
+    np.fill_diagonal(apart, math.inf)
+    assert apart.min() > 0
+    assert low[:, 1].min() > 0
+    if count == 1:
+        return
+    # A block and no cloud: nearly every box has another one within some millimetres. A body that
+    # is not its own mirror image leaves a part of its place empty, hence not every one.
+    assert (apart.min(axis=1) < 0.01).mean() > 0.7
+    width = (high - low.min(axis=0))[:, [0, 2]].max()
+    assert high[:, 1].max() == pytest.approx(width if height is None else height, rel=0.2)
+    assert height is None or width > height
+
+
+def test_heaps_are_made_as_asked(tmp_path):
+    """Same arguments, same bytes; the shapes take turns; another seed gives another heap."""
+    scenes = [
+        write_heap(tmp_path / f"{k}.txt", 90, "--seed", seed, "--shapes", "box", "slab", "ball")
+        for k, seed in enumerate("335")
+    ]
+    first, again, other = (scene.read_bytes() for scene in scenes)
+    assert first == again != other
+    names = [body[0] for body in read_scene(scenes[0])]
+    assert [names.count(f"{name}.mesh") for name in ("box", "slab", "ball")] == [30, 30, 30]
+    both = [sys.executable, DATA / "make_pile.py", "9", "--heap", "--spread"]
+    assert subprocess.run(both, capture_output=True).returncode == 2

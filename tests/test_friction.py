@@ -26,15 +26,18 @@ from oracles import (
     state_of,
 )
 
-import RBSFunctions
-from RBSFunctions import ContactLaw, Mesh, resolve_collision, run_timestep
-from RigidBodySimulation import (
-    Settings,
-    Simulation,
-    find_constraints,
-    load_constraint_file,
-    load_scene_file,
+from rbs.bodies import BodyState
+from rbs.scenes import find_constraints
+from rbs.simulation import Settings, Simulation
+from RBSFunctions import (
+    ContactSettings,
+    Mesh,
+    apply_contact_impulses,
+    correct_positions,
+    resolve_collision,
+    run_timestep,
 )
+from RigidBodySimulation import load_constraint_file, load_scene_file
 
 G = 9.8
 H = 0.02  # seconds
@@ -288,13 +291,17 @@ def test_arrays_and_floats_give_the_same_bits():
 
     sliding = 0
     for e, closingOnly, mu in ((0.0, False, 0.3), (0.5, True, 0.6), (1.0, False, 5.0)):
-        law = ContactLaw(e, closingOnly, mu)
-        many = [RBSFunctions._BodyState(*state) for state in states]
-        impulse, friction, arm = RBSFunctions._resolve(*many, depth, normal, point, law)
+        settings = ContactSettings(e, closingOnly, mu)
+
+        def resolve(bodies, depth, normal, point, settings=settings):
+            arms = correct_positions(*bodies, depth, normal, point)
+            return *apply_contact_impulses(*bodies, *arms, normal, settings), arms[0]
+
+        many = [BodyState(*state) for state in states]
+        impulse, friction, arm = resolve(many, depth, normal, point)
         for c in range(count):
-            one = [RBSFunctions._BodyState(*(column(x, c) for x in state)) for state in states]
-            given = [column(x, c) for x in (depth, normal, point)]
-            answer = RBSFunctions._resolve(*one, *given, law)
+            one = [BodyState(*(column(x, c) for x in state)) for state in states]
+            answer = resolve(one, *(column(x, c) for x in (depth, normal, point)))
             assert answer[0] == impulse[c]
             assert all(answer[1][i] == friction[i][c] and answer[2][i] == arm[i][c]
                        for i in range(3))  # fmt: skip

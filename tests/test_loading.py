@@ -8,20 +8,21 @@ import numpy as np
 import pytest
 from oracles import COURSE, ROOT, needs_course
 
-import RigidBodySimulation
-from RigidBodySimulation import (
+from rbs.meshfiles import tetrahedron_volumes
+from rbs.scenes import (
     CONVEXITY_TOLERANCE,
     NonConvexWarning,
-    SceneError,
     find_constraints,
     find_scene,
-    flatten_meshes,
     list_scenes,
+    scene_name,
+)
+from rbs.textfiles import SceneError
+from RigidBodySimulation import (
+    flatten_meshes,
     load_constraint_file,
     load_mesh_file,
     load_scene_file,
-    scene_name,
-    tetrahedron_volumes,
 )
 
 # Sums over some hundred tetrahedra in double precision, relative to the volume.
@@ -433,7 +434,7 @@ def test_scene_reads_each_mesh_file_once(sceneFolder, monkeypatch):
         read.append(path.name)
         return load_mesh_file(path)
 
-    monkeypatch.setattr(RigidBodySimulation, "load_mesh_file", counting)
+    monkeypatch.setattr("rbs.scenes.load_mesh_file", counting)
     load_scene_file(sceneFolder / "a-scene.txt")
     assert read == ["cube.off", "t.mesh"]
 

@@ -9,7 +9,8 @@ import pytest
 from longRuns import RUNS, Watch, run_long
 from oracles import ROOT
 
-from RigidBodySimulation import Simulation, find_scene
+from rbs.scenes import find_scene
+from rbs.simulation import Simulation
 
 
 @pytest.mark.parametrize("scene, steps", [("tower", 300), ("cube", 300), ("pile_200", 60)])

@@ -21,15 +21,12 @@ from oracles import (
 )
 from scipy.spatial import ConvexHull
 
-from Quaternion import Q2RotMatrix
-from RBSFunctions import (
-    GRAVITY,
-    STEP_ATTRIBUTES,
-    STEP_NAMES,
-    Mesh,
-    resolve_collision,
-    run_timestep,
-)
+from Quaternion import Q2RotMatrix, QRotate
+from rbs.bodies import COLUMN_SHAPES
+from rbs.poses import refresh_vertices
+from RBSFunctions import GRAVITY, Mesh, resolve_collision, run_timestep
+
+STEP_NAMES = (*COLUMN_SHAPES, "currVertices")
 
 # Sums over some hundred tetrahedra in double precision.
 ROUNDING = 1e-12
@@ -459,7 +456,7 @@ def test_what_is_assigned_between_steps_is_what_the_next_step_uses(name, value, 
     assert np.array_equal(getattr(meshes[1], name), value)
     fresh = boxes(3)
     for m, new in zip(meshes, fresh, strict=True):
-        for attribute in STEP_ATTRIBUTES:
+        for attribute in COLUMN_SHAPES:
             setattr(new, attribute, np.array(getattr(m, attribute)))
     for _ in range(2):
         stepped(meshes, broadPhase=broadPhase)
@@ -511,20 +508,52 @@ def test_a_copy_of_a_mesh_goes_its_own_way(copied):
     assert np.array_equal(twin.position, meshes[0].position)
 
 
-def test_world_vertices_are_those_of_their_step_whenever_they_are_read():
-    """They are worked out when somebody reads them: what has happened in between does not count."""
-    early, late = boxes(3), boxes(3)
-    stepped(early)
-    expected = [np.array(m.currVertices) for m in early]
-    stepped(late)
-    late[0].position[0, 1] += 5.0  # in the row
-    late[1].position = late[1].position + 3.0
-    late[2].orientation = np.array([[0.6, 0.8, 0.0, 0.0]])
-    for m, vertices in zip(late, expected, strict=True):
-        assert np.array_equal(m.currVertices, vertices)
-    kept = late[0].currVertices
-    stepped(late)
-    assert np.array_equal(kept, expected[0]) and not np.array_equal(late[0].currVertices, kept)
+@pytest.mark.parametrize("broadPhase", ["all", "grid"])
+def test_world_vertices_are_those_of_the_present_pose(broadPhase):
+    """And whatever has been assigned, or written in place, since then or since they were read."""
+    for count in (1, 3):
+        for isReadBefore in (False, True):
+            meshes = boxes(3)[:count]
+            stepped(meshes, broadPhase=broadPhase)
+            if isReadBefore:
+                assert all(len(m.currVertices) == 8 for m in meshes)
+            meshes[0].position[0, 1] += 5.0  # in the row
+            meshes[-1].position = meshes[-1].position + 3.0
+            meshes[count // 2].orientation = np.array([[0.6, 0.8, 0.0, 0.0]])
+            for m in meshes:
+                expected = QRotate(m.orientation, m.origVertices) + m.position
+                assert np.array_equal(m.currVertices, expected)
+            kept = meshes[0].currVertices
+            before = kept.copy()
+            stepped(meshes, broadPhase=broadPhase)
+            assert np.array_equal(kept, before)
+            assert not np.array_equal(meshes[0].currVertices, kept)
+
+
+def test_world_vertices_that_are_assigned_hold_until_the_pose_changes():
+    """As a student's own `integrate_timestep` may assign them."""
+    (mesh,) = boxes(1)
+    own = mesh.currVertices + 1.0
+    mesh.currVertices = own
+    assert mesh.currVertices is own
+    refresh_vertices([mesh])
+    assert mesh.currVertices is own
+    mesh.position = mesh.position + 1.0
+    assert np.array_equal(mesh.currVertices, boxes(1)[0].currVertices + 1.0)
+
+
+def test_world_vertices_of_many_are_those_of_each():
+    rng = np.random.default_rng(5)
+    shapes = [SHAPES[k % len(SHAPES)] for k in range(40)]
+    ones, many = ([body(name) for name in shapes] for _ in range(2))
+    positions, orientations = 100 * rng.normal(size=(40, 1, 3)), rng.normal(size=(40, 1, 4))
+    for m, twin, position, orientation in zip(ones, many, positions, orientations, strict=True):
+        m.position = twin.position = position
+        m.orientation = twin.orientation = orientation
+    refresh_vertices(many)
+    for m, twin in zip(ones, many, strict=True):
+        assert twin.has_current_vertices() and not m.has_current_vertices()
+        assert np.array_equal(m.currVertices, twin.currVertices)
 
 
 def test_a_mesh_may_be_in_several_lists():

@@ -9,10 +9,12 @@ import pytest
 from oracles import body, box_body, ground, state_of
 from program import DATA, run
 
-from RBSFunctions import LARGEST_NUMBER, StateError, resolve_collision, run_timestep
-from RBSRecording import Recorder, Recording, verify
-from RBSViewer import Viewer
-from RigidBodySimulation import Settings, Simulation
+from rbs.bodies import LARGEST_NUMBER, StateError
+from rbs.recording import Recorder, Recording
+from rbs.replay import verify
+from rbs.simulation import Settings, Simulation
+from rbs.viewer import Viewer
+from RBSFunctions import resolve_collision, run_timestep
 
 G = 9.8
 broadPhases = pytest.mark.parametrize("broadPhase", ["all", "grid"])

@@ -7,8 +7,10 @@ import pytest
 from opengl import require_opengl
 from program import DATA, run, summary_of
 
-from RBSRecording import Recording
-from RigidBodySimulation import SceneError, Simulation, load_scene_file
+from rbs.recording import Recording
+from rbs.simulation import Simulation
+from rbs.textfiles import SceneError
+from RigidBodySimulation import load_scene_file
 
 FOLDER = "Räume, Körper & 物体"
 SCENE = "ein schöner Turm-scene.txt"
@@ -16,7 +18,7 @@ SCENE = "ein schöner Turm-scene.txt"
 
 @pytest.fixture
 def strange(tmp_path):
-    """A folder with a scene of two tied bodies, and their meshes in it and in a folder below."""
+    """A folder with two bodies and a constraint, their meshes in it and in a folder below."""
     folder = tmp_path / FOLDER
     (folder / "alle Netze").mkdir(parents=True)
     shutil.copy(DATA / "box.mesh", folder / "ein großer Würfel.mesh")

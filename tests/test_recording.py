@@ -16,29 +16,15 @@ import pytest
 from oracles import ROOT
 from program import DATA, PROGRAM, by_hand, environment, run, summary_of
 
-import RBSRecording
-from RBSFunctions import __version__
-from RBSRecording import (
-    QUANTITY_UNITS,
-    STATE_NAMES,
-    Recorder,
-    Recording,
-    RecordingError,
-    Replay,
-    StatsWriter,
-    hash_of,
-    resume,
-    step_quantities,
-    verify,
-)
-from RigidBodySimulation import (
-    DEFAULT_RESTITUTION,
-    DEFAULT_TIME_STEP,
-    Settings,
-    Simulation,
-    load_scene_file,
-    main,
-)
+import rbs.recording
+from rbs import __version__
+from rbs.recording import Recorder, Recording
+from rbs.recordingfiles import RecordingError
+from rbs.replay import Replay, resume, verify
+from rbs.simulation import DEFAULT_RESTITUTION, DEFAULT_TIME_STEP, Settings, Simulation
+from rbs.state import STATE_NAMES, hash_of
+from rbs.statistics import QUANTITY_UNITS, StatsWriter, step_quantities
+from RigidBodySimulation import load_scene_file, main
 
 STRESS = DATA / "stress-scene.txt"
 
@@ -151,7 +137,7 @@ def test_killed_run_keeps_its_whole_chunks_and_the_old_recording(tmp_path, monke
 
 def test_chunks_make_the_same_file_as_one(tmp_path, monkeypatch):
     one = record(tmp_path / "one.npz", Simulation(STRESS), 30)
-    monkeypatch.setattr(RBSRecording, "BLOCK_BYTES", 7 * 41 * 13 * 8)  # seven states a chunk
+    monkeypatch.setattr(rbs.recording, "BLOCK_BYTES", 7 * 41 * 13 * 8)  # seven states a chunk
     chunks = []
     rename = os.replace
     monkeypatch.setattr(os, "replace", lambda old, new: (chunks.append(new), rename(old, new)))
@@ -189,7 +175,7 @@ def test_recording_tells_how_it_was_made(tmp_path):
 
 
 def test_memory_of_a_recorder_is_that_of_a_chunk(tmp_path, monkeypatch):
-    monkeypatch.setattr(RBSRecording, "BLOCK_BYTES", 10_000)
+    monkeypatch.setattr(rbs.recording, "BLOCK_BYTES", 10_000)
     simulation = Simulation(DATA / "tet-scene.txt")
     recorder = Recorder(tmp_path / "r.npz")
     frameBytes = sum(values.nbytes for values in simulation.state().values())
@@ -330,7 +316,7 @@ def test_replay_can_be_sought_through(chain):
 
 def test_replay_simulates_nothing(chain, monkeypatch, capsys):
     path, states = chain
-    monkeypatch.setattr("RigidBodySimulation.run_timestep", None)
+    monkeypatch.setattr("rbs.simulation.run_timestep", None)
     assert main(["--headless", "--replay", str(path), "--steps", "20"]) == 0
     output = capsys.readouterr().out
     assert "steps             20 of 0.02 s: 0.4 s simulated" in output
@@ -611,8 +597,8 @@ def test_no_flipped_byte_raises_anything_else(chain, tmp_path):
 
 
 def test_chunk_that_is_missing_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr(RBSRecording, "CHUNK_SECONDS", 0.0)
-    monkeypatch.setattr(RBSRecording, "CHUNK_SHARE", 0.0)
+    monkeypatch.setattr(rbs.recording, "CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr(rbs.recording, "CHUNK_SHARE", 0.0)
     simulation = Simulation(DATA / "tet-scene.txt")
     recorder = Recorder(tmp_path / "r.npz")
     for _ in range(4):
@@ -788,7 +774,8 @@ def test_options_that_do_not_go_together_are_told_in_one_line(tmp_path, monkeypa
 
 def test_reading_and_writing_needs_neither_driver_nor_polyscope():
     program = (
-        "import sys, RBSRecording; "
-        "sys.exit(bool({'polyscope', 'RigidBodySimulation', 'RBSViewer'} & set(sys.modules)))"
+        "import sys, rbs.recording, rbs.replay, rbs.statistics; "
+        "unwanted = {'polyscope', 'RigidBodySimulation', 'rbs.scenes', 'rbs.viewer'}; "
+        "sys.exit(bool(unwanted & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", program], cwd=ROOT).returncode == 0

@@ -20,44 +20,46 @@ import pytest
 from opengl import require_opengl, skip_or_fail
 from oracles import ROOT
 
-import RBSDrawing
-from RBSDrawing import (
-    FIXED_COLOUR,
-    GROUND_SQUARES,
-    LONE_COLOUR,
-    MOST_CREASES,
-    PICKED_COLOUR,
-    SEEN_BACKGROUND,
-    TIE_COLOURS,
+from rbs.cameras import (
+    FRAME_MARGIN,
     VIEW_DIRECTION,
-    VIRIDIS,
-    DrawingError,
-    PictureSeries,
-    SceneView,
-    Ties,
-    Video,
+    CameraError,
     apply_camera,
-    body_colours,
-    box_lines,
-    contact_islands,
-    find_creases,
     frame_camera,
-    grid_cells,
-    ground_squares,
     load_camera,
     save_camera,
-    video_timing,
 )
+from rbs.colours import (
+    COLOURINGS,
+    CONSTRAINT_COLOURS,
+    FIXED_COLOUR,
+    LONE_COLOUR,
+    PICKED_COLOUR,
+    SEEN_BACKGROUND,
+    VIRIDIS,
+    body_colours,
+    contact_islands,
+    legend,
+)
+from rbs.drawables import (
+    GROUND_SQUARES,
+    ConstraintLines,
+    box_lines,
+    find_creases,
+    grid_cells,
+    ground_squares,
+)
+from rbs.drawing import LAYERS, MOST_CREASES, SceneView, start_polyscope
+from rbs.opening import list_files, open_file
+from rbs.panel import Panel
+from rbs.pictureoptions import OVERLAYS, VIDEO_ENDINGS, video_timing
+from rbs.pictures import PictureSeries, Video
+from rbs.recording import Recorder
+from rbs.simulation import Simulation
+from rbs.statistics import step_quantities
+from rbs.viewer import Viewer
 from RBSFunctions import grid_overlaps
-from RBSRecording import Recorder, step_quantities
-from RBSViewer import Panel, Viewer, legend
-from RigidBodySimulation import (
-    Simulation,
-    list_files,
-    load_mesh_file,
-    load_scene_file,
-    open_file,
-)
+from RigidBodySimulation import load_mesh_file, load_scene_file
 
 DATA = ROOT / "data"
 
@@ -379,15 +381,15 @@ def test_bodies_show_their_edges_and_no_diagonals(name, count):
         assert np.all(np.count_nonzero(np.diff(vertices[creases], axis=1), axis=2) == 1)
 
 
-def ties_along_x(*bounds):
-    """`Ties` between vertices of two bodies: per pair of bounds, the next vertex of either."""
+def lines_along_x(*bounds):
+    """`ConstraintLines` of two bodies: per pair of bounds, between the next vertices of both."""
     meshes = [SimpleNamespace(currVertices=np.zeros((len(bounds) + 2, 3))) for _ in range(2)]
     constraints = [
         [0, k, 1, k, bound, upper]
         for k, pair in enumerate(bounds)
         for bound, upper in zip(pair, (False, True), strict=True)
     ]
-    return Ties(SimpleNamespace(meshes=meshes, constraints=constraints))
+    return ConstraintLines(SimpleNamespace(meshes=meshes, constraints=constraints))
 
 
 @pytest.mark.parametrize(
@@ -401,34 +403,34 @@ def ties_along_x(*bounds):
         pytest.param((0.0, 0.0), {0.0: 1, 0.5: 1.5, 1.0: 2}, id="no length"),
     ],
 )  # fmt: skip
-def test_ties_show_by_their_colour_how_taut_they_are(bounds, places):
-    ties = ties_along_x(*[bounds] * len(places))
+def test_constraint_lines_show_by_their_colour_how_taut_they_are(bounds, places):
+    lines = lines_along_x(*[bounds] * len(places))
     distances = np.array(list(places))
     vertices = np.zeros((2 * (len(places) + 2), 3))
     vertices[len(places) + 2 : 2 * len(places) + 2, 0] = distances
-    assert ties.ends.tolist() == [[k, len(places) + 2 + k] for k in range(len(places))]
-    nodes = ties.nodes(vertices)
+    assert lines.ends.tolist() == [[k, len(places) + 2 + k] for k in range(len(places))]
+    nodes = lines.nodes(vertices)
     assert np.array_equal(nodes[1::2, 0] - nodes[::2, 0], distances)
     low = np.minimum(np.array(list(places.values()), dtype=float).astype(int), 1)
     part = (np.array(list(places.values())) - low)[:, None]
-    expected = (1 - part) * TIE_COLOURS[low] + part * TIE_COLOURS[low + 1]
-    np.testing.assert_allclose(ties.colours(vertices), expected, atol=1e-12)
+    expected = (1 - part) * CONSTRAINT_COLOURS[low] + part * CONSTRAINT_COLOURS[low + 1]
+    np.testing.assert_allclose(lines.colours(vertices), expected, atol=1e-12)
 
 
 def test_two_bounds_are_one_line_and_the_tighter_ones_count():
     simulation = Simulation(DATA / "cube-scene.txt")
-    ties = Ties(simulation)
-    assert len(simulation.constraints) == 56 and ties.ends.shape == (28, 2)
+    lines = ConstraintLines(simulation)
+    assert len(simulation.constraints) == 56 and lines.ends.shape == (28, 2)
     vertices = np.concatenate([mesh.currVertices for mesh in simulation.meshes])
-    lengths = np.linalg.norm(np.diff(vertices[ties.ends], axis=1)[:, 0], axis=1)
-    np.testing.assert_allclose([ties.least, ties.most], [lengths, lengths], rtol=1e-14)
+    lengths = np.linalg.norm(np.diff(vertices[lines.ends], axis=1)[:, 0], axis=1)
+    np.testing.assert_allclose([lines.least, lines.most], [lengths, lengths], rtol=1e-14)
     # Rods as long as at the start: taut.
-    np.testing.assert_allclose(ties.colours(vertices), [TIE_COLOURS[1]] * 28, atol=1e-9)
+    np.testing.assert_allclose(lines.colours(vertices), [CONSTRAINT_COLOURS[1]] * 28, atol=1e-9)
     simulation.constraints += [[*simulation.constraints[0][:4], bound, upper]
                                for bound in (1.0, 99.0) for upper in (False, True)]  # fmt: skip
-    ties = Ties(simulation)
-    assert (ties.least[0], ties.most[0], len(ties.ends)) == (99.0, 1.0, 28)
-    assert Ties(Simulation(DATA / "tet-scene.txt")).ends.shape == (0, 2)
+    lines = ConstraintLines(simulation)
+    assert (lines.least[0], lines.most[0], len(lines.ends)) == (99.0, 1.0, 28)
+    assert ConstraintLines(Simulation(DATA / "tet-scene.txt")).ends.shape == (0, 2)
 
 
 def test_camera_sees_all_of_a_scene_and_stands_no_further_than_it_must():
@@ -440,7 +442,7 @@ def test_camera_sees_all_of_a_scene_and_stands_no_further_than_it_must():
         half = math.tan(math.radians(22.5))
         reach = np.maximum(np.abs(x) / (depth * half * aspect), np.abs(y) / (depth * half))
         assert np.all(depth > 0.0)
-        assert np.max(reach) == pytest.approx(1.0 - RBSDrawing.FRAME_MARGIN)
+        assert np.max(reach) == pytest.approx(1.0 - FRAME_MARGIN)
 
 
 def in_camera(points, position, target):
@@ -547,11 +549,11 @@ def test_videos_play_in_real_time_unless_told_otherwise(timeStep, rate, every, e
 def test_broken_camera_files_are_told_in_one_line(tmp_path, text, cause):
     path = tmp_path / "camera.json"
     path.write_text(text)
-    with pytest.raises(DrawingError) as error:
+    with pytest.raises(CameraError) as error:
         load_camera(path)
     told = str(error.value)
     assert told.startswith((f"{path}: {cause}", f"{path}:{cause}")) and "\n" not in told
-    with pytest.raises(DrawingError, match="No such file"):
+    with pytest.raises(CameraError, match="No such file"):
         load_camera(tmp_path / "none.json")
 
 
@@ -567,7 +569,7 @@ def polyscope():
     import polyscope as ps
 
     if not ps.is_initialized():
-        RBSDrawing.start_polyscope(backend)
+        start_polyscope(backend)
     ps.set_frame_tick_limit_fps_mode("ignore_limits")  # else a tick soon after another does nothing
     return ps
 
@@ -725,7 +727,7 @@ def test_overlays_are_drawn_from_the_present_state_and_go_away(polyscope):
     simulation = Simulation(DATA / "stress-scene.txt")
     simulation.settings.friction = 0.5
     view = SceneView(simulation)
-    for name in RBSDrawing.OVERLAYS:
+    for name in OVERLAYS:
         view.show(name, True)
     assert not polyscope.has_point_cloud("contacts")  # no step yet
     while simulation.report is None or not any(any(c.friction) for c in simulation.report.contacts):
@@ -741,17 +743,17 @@ def test_overlays_are_drawn_from_the_present_state_and_go_away(polyscope):
     for name in ("bounding boxes", "grid cells", "trails"):
         assert polyscope.has_curve_network(name)
     assert polyscope.get_curve_network("bounding boxes").n_edges() == 12 * len(simulation.meshes)
-    for name in RBSDrawing.LAYERS:
+    for name in LAYERS:
         view.show(name, False)
     assert not any(polyscope.has_point_cloud(name) or polyscope.has_curve_network(name)
-                   for name in RBSDrawing.OVERLAYS)  # fmt: skip
+                   for name in OVERLAYS)  # fmt: skip
     simulation.reset()
-    for name in RBSDrawing.LAYERS:
+    for name in LAYERS:
         view.show(name, True)
     assert not polyscope.has_point_cloud("contacts")
 
 
-@pytest.mark.parametrize("colouring", RBSDrawing.COLOURINGS)
+@pytest.mark.parametrize("colouring", COLOURINGS)
 def test_scenes_can_be_coloured_in_all_ways(polyscope, twoBoxes, colouring):
     twoBoxes.colouring = colouring
     for _ in range(3):
@@ -784,7 +786,7 @@ def frames_of(path):
     return np.array([np.frombuffer(data, np.uint8).reshape(height, width, 3) for data in reader])
 
 
-@pytest.mark.parametrize("ending", RBSDrawing.VIDEO_ENDINGS)
+@pytest.mark.parametrize("ending", VIDEO_ENDINGS)
 def test_videos_have_each_picture_once_and_nothing_half_written(
     tmp_path, polyscope, twoBoxes, ending
 ):

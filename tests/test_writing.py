@@ -22,11 +22,15 @@ from opengl import require_opengl
 from oracles import ROOT
 from program import DATA, environment, run
 
-import RBSDrawing
-import RBSFiles
-import RBSRecording
-from RBSRecording import Recorder, Recording, RecordingError, StatsWriter, finish
-from RigidBodySimulation import Simulation, main
+import rbs.recording
+from rbs.cameras import CAMERA_WIDTHS, load_camera
+from rbs.files import atomic_write
+from rbs.pictures import is_complete_png, is_complete_video
+from rbs.recording import Recorder, Recording, finish
+from rbs.recordingfiles import RecordingError
+from rbs.simulation import Simulation
+from rbs.statistics import StatsWriter
+from RigidBodySimulation import main
 
 onLinux = pytest.mark.skipif(
     not sys.platform.startswith("linux"), reason="file systems and limits are Linux's here"
@@ -77,7 +81,7 @@ def run_with_short_files(folder, kilobytes, *arguments):
 
 
 FULL, TOO_LONG = "No space left on device", "File too large"
-NOT_WHOLE = "could not be written to its end; is the disk full?"
+INCOMPLETE = "could not be written to its end; is the disk full?"
 DRAWN = ["--size", "640x480"]
 # case: (arguments, the file, the kB that are too few, whether it takes OpenGL, a part that is kept)
 OUTPUTS = {
@@ -126,7 +130,7 @@ def test_full_disk(tmp_path, mount, case, way, isOld):
     (line,) = process.stderr.splitlines()
     cause = FULL if way == "full disk" else TOO_LONG
     if drawn:  # neither Polyscope nor the encoder says why
-        cause = f"the {'picture' if case == 'picture' else 'video'} {NOT_WHOLE}"
+        cause = f"the {'picture' if case == 'picture' else 'video'} {INCOMPLETE}"
     shown = os.path.normpath(os.path.join(".", name))
     expected = f"RigidBodySimulation.py: {shown}: {cause}"
     if kept:
@@ -168,8 +172,9 @@ def test_read_only_folder(tmp_path, mount, case):
 def save_camera(backend, path):
     """Writes a camera in a process of its own, which is returned."""
     program = (
-        f"import RBSDrawing; RBSDrawing.start_polyscope(RBSDrawing.Backend({backend.name!r})); "
-        f"RBSDrawing.save_camera({str(path)!r})"
+        "from rbs import backends, cameras, drawing; "
+        f"drawing.start_polyscope(backends.Backend({backend.name!r})); "
+        f"cameras.save_camera({str(path)!r})"
     )
     return subprocess.run(
         [sys.executable, "-B", "-c", program], cwd=ROOT, env=environment(), capture_output=True,
@@ -192,7 +197,7 @@ def test_camera_on_a_full_disk(tmp_path, mount):
     assert path.read_bytes() == OLD and not (folder / "camera.json.part").exists()
     (folder / "filler").unlink()
     assert save().returncode == 0
-    assert RBSDrawing.load_camera(path)["fieldOfView"] > 0.0
+    assert load_camera(path)["fieldOfView"] > 0.0
 
 
 # --------------------------------------------------------------------------------------------------
@@ -231,7 +236,7 @@ def whole_table(path):
 
 
 def whole_picture(path):
-    assert RBSDrawing.is_whole_png(path)
+    assert is_complete_png(path)
 
 
 WHOLE = {"r.npz": whole_recording, "s.csv": whole_table, "p.png": whole_picture}
@@ -245,7 +250,7 @@ BOTH = ["--record", "r.npz", "--stats", "s.csv"]
     [
         ("os.fsync", BOTH, ["r.npz", "s.csv"]),
         ("os.replace", BOTH, ["r.npz", "s.csv"]),
-        ("RBSRecording._write_member", BOTH, ["r.npz", "s.csv"]),
+        ("rbs.recordingfiles._write_member", BOTH, ["r.npz", "s.csv"]),
         ("shutil.rmtree", BOTH, ["r.npz", "s.csv"]),
         ("os.replace", ["--plot", "p.png"], ["p.png"]),
     ],
@@ -293,7 +298,9 @@ def test_kill_while_a_picture_or_a_video_is_drawn(tmp_path):
     arguments = ["tet", "--steps", "4", "--every", "2", "--size", "160x120"]
     arguments += ["--video", "v.mp4", "--screenshots", "."]
     names = ["frame_000000.png", "frame_000002.png", "v.mp4"]
-    for function, count in [("RBSDrawing.is_whole_png", 2), ("RBSDrawing.is_whole_video", 1)]:
+    for function, count in [
+        ("rbs.pictures.is_complete_png", 2), ("rbs.pictures.is_complete_video", 1),
+    ]:
         for name in names:
             (tmp_path / name).write_bytes(OLD)
         process = subprocess.run(
@@ -302,14 +309,14 @@ def test_kill_while_a_picture_or_a_video_is_drawn(tmp_path):
             timeout=120,
         )  # fmt: skip
         assert process.returncode == -signal.SIGKILL, process.stderr
-        assert RBSDrawing.is_whole_png(tmp_path / names[0])
+        assert is_complete_png(tmp_path / names[0])
         isOld = (tmp_path / names[1]).read_bytes() == OLD
         assert isOld == (count == 2)
-        assert isOld or RBSDrawing.is_whole_png(tmp_path / names[1])
+        assert isOld or is_complete_png(tmp_path / names[1])
         assert (tmp_path / "v.mp4").read_bytes() == OLD
     # What it left does not stand in the way of the next run.
     assert run(tmp_path, *arguments).returncode == 0
-    assert RBSDrawing.is_whole_video(tmp_path / "v.mp4")
+    assert is_complete_video(tmp_path / "v.mp4")
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted([*names, "frame_000004.png"])
 
 
@@ -321,8 +328,8 @@ def test_kill_while_a_picture_or_a_video_is_drawn(tmp_path):
 @pytest.fixture
 def inChunks(monkeypatch):
     """Every state is a chunk by itself."""
-    monkeypatch.setattr(RBSRecording, "CHUNK_SECONDS", 0.0)
-    monkeypatch.setattr(RBSRecording, "CHUNK_SHARE", 0.0)
+    monkeypatch.setattr(rbs.recording, "CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr(rbs.recording, "CHUNK_SHARE", 0.0)
 
 
 def interrupted(path, steps, scene="tower_chain"):
@@ -441,7 +448,7 @@ def test_finishing_on_a_full_disk_keeps_the_chunks(tmp_path, monkeypatch, inChun
 
 
 def test_finishing_takes_the_memory_of_a_block(tmp_path, monkeypatch):
-    monkeypatch.setattr(RBSRecording, "BLOCK_BYTES", 200_000)
+    monkeypatch.setattr(rbs.recording, "BLOCK_BYTES", 200_000)
     simulation = Simulation(DATA / "stress-scene.txt")
     recorder = Recorder(tmp_path / "r.npz")
     for step in range(2000):
@@ -487,15 +494,15 @@ def test_run_that_ends_in_between_says_where_its_states_are(
 
 def test_file_is_written_whole_or_not_at_all(tmp_path):
     path = tmp_path / "a.txt"
-    with RBSFiles.written_whole(path, "w") as file:
+    with atomic_write(path, "w") as file:
         file.write("one")
         assert not path.exists()
     assert path.read_text() == "one"
-    with pytest.raises(ZeroDivisionError), RBSFiles.written_whole(path, "w") as file:
+    with pytest.raises(ZeroDivisionError), atomic_write(path, "w") as file:
         file.write("two")
         raise ZeroDivisionError
     assert path.read_text() == "one" and [p.name for p in tmp_path.iterdir()] == ["a.txt"]
-    with pytest.raises(OSError) as raised, RBSFiles.written_whole(tmp_path / "no" / "a.txt"):
+    with pytest.raises(OSError) as raised, atomic_write(tmp_path / "no" / "a.txt"):
         pass
     assert raised.value.filename == str(tmp_path / "no" / "a.txt")
 
@@ -503,7 +510,7 @@ def test_file_is_written_whole_or_not_at_all(tmp_path):
 def test_cut_pictures_and_videos_are_noticed(tmp_path):
     gallery = ROOT / "report" / "gallery"
     for name, is_whole in [
-        ("net.png", RBSDrawing.is_whole_png), ("wrecking_ball.gif", RBSDrawing.is_whole_video),
+        ("net.png", is_complete_png), ("wrecking_ball.gif", is_complete_video),
     ]:  # fmt: skip
         content = (gallery / name).read_bytes()
         path = tmp_path / name
@@ -521,10 +528,10 @@ def test_cut_mp4_is_noticed(tmp_path):
     path = tmp_path / "v.mp4"
     whole = box(b"ftyp", 20) + box(b"moov", 300) + box(b"mdat", 1000)
     path.write_bytes(whole)
-    assert RBSDrawing.is_whole_video(path)
+    assert is_complete_video(path)
     for content in (b"", whole[:-1], whole[:100], whole[:336], box(b"ftyp", 20), bytes(100)):
         path.write_bytes(content)
-        assert not RBSDrawing.is_whole_video(path)
+        assert not is_complete_video(path)
 
 
 def test_statistics_of_a_killed_run_do_not_stand_in_the_way(tmp_path):
@@ -541,4 +548,4 @@ def test_statistics_of_a_killed_run_do_not_stand_in_the_way(tmp_path):
 
 def test_camera_file_is_json(tmp_path):
     assert save_camera(require_opengl(), tmp_path / "c.json").returncode == 0
-    assert set(json.loads((tmp_path / "c.json").read_text())) == set(RBSDrawing.CAMERA_WIDTHS)
+    assert set(json.loads((tmp_path / "c.json").read_text())) == set(CAMERA_WIDTHS)

@@ -15,9 +15,11 @@ from pathlib import Path
 import numpy as np
 import polyscope.imgui as psim
 
-import RBSDrawing
-import RBSViewer
-import RigidBodySimulation as driver
+from rbs.backends import find_backend
+from rbs.opening import list_files, open_file
+from rbs.panel import Panel
+from rbs.statistics import step_quantities
+from rbs.viewer import show_window
 
 WIDGETS = (
     "Button", "Selectable", "BeginCombo", "InputDouble", "InputTextWithHint", "Checkbox",
@@ -79,7 +81,7 @@ def main(scene, statusPath):
     places, frameCount = {}, itertools.count()
     for kind in WIDGETS:
         setattr(psim, kind, noting(getattr(psim, kind), places))
-    frame = RBSViewer.Panel.frame
+    frame = Panel.frame
 
     def told_frame(panel):
         places.clear()
@@ -89,15 +91,14 @@ def main(scene, statusPath):
         part.write_text(json.dumps(status))
         os.replace(part, statusPath)
 
-    RBSViewer.Panel.frame = told_frame
-    backend = RBSDrawing.find_backend(window=True)
+    Panel.frame = told_frame
+    backend = find_backend(window=True)
     if not backend.opensWindow:
         sys.exit(backend.reason)
     try:
-        RBSViewer.show_window(
-            driver.open_file(Path(scene), None), backend, driver.open_file, driver.list_files,
-            driver.step_quantities,
-        )  # fmt: skip
+        show_window(
+            open_file(Path(scene), None), backend, open_file, list_files, step_quantities
+        )
     except KeyboardInterrupt:
         pass
 

@@ -1,8 +1,8 @@
-"""Files from outside, and files to be kept: reading with a limit, writing whole or not at all.
+"""Files from outside, and files to be kept: reading with a limit, atomic writes.
 
 Whatever is read may be missing, a folder, a device that never ends, or made by someone who means
 harm; whatever is written may meet a full disk or be cut short by a crash. Nothing here knows what
-is in a file.
+is in a file. From the top: reading; atomic writes and what they are made of; locks.
 """
 
 import errno
@@ -20,27 +20,7 @@ except ImportError:  # Windows
 # is some ten times as long.
 TEXT_BYTES = 256 << 20
 # What is added to a file's name while it is written.
-PART_ENDING = ".part"
-
-
-def one_line(text, limit=None):
-    """What an error or a file says, fit for one line, and for a terminal."""
-    line = "".join(c if c.isprintable() else " " for c in str(text)[:limit])
-    return line or type(text).__name__
-
-
-def reason_of(error):
-    """What an OSError says, in one line, without the number and the path that str(error) adds."""
-    return one_line(getattr(error, "strerror", None) or error)
-
-
-def check_regular(path):
-    """Raises OSError unless there is a file whose content has an end: no folder, pipe or device."""
-    mode = os.stat(path).st_mode
-    if stat.S_ISDIR(mode):
-        raise IsADirectoryError(errno.EISDIR, "this is a folder, not a file", str(path))
-    if not stat.S_ISREG(mode):
-        raise OSError(errno.EINVAL, "this is a pipe or a device, not a file", str(path))
+PARTIAL_ENDING = ".part"
 
 
 def read_bytes(path, limit=TEXT_BYTES):
@@ -59,6 +39,34 @@ def read_bytes(path, limit=TEXT_BYTES):
     return content
 
 
+def check_regular(path):
+    """Raises OSError unless there is a file whose content has an end: no folder, pipe or device."""
+    mode = os.stat(path).st_mode
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, "this is a folder, not a file", str(path))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "this is a pipe or a device, not a file", str(path))
+
+
+@contextmanager
+def atomic_write(path, mode="wb", **options):
+    """Yields a file to write to, which takes the place of `path` when all went well.
+
+    Otherwise an old file of that name stays as it was, and nothing of the new one is left, except
+    FILE.part where the process is killed. raises OSError that names `path`
+    """
+    partial = partial_path(path)
+    with named_errors(path):
+        try:
+            with open(partial, mode, **options) as file:
+                yield file
+            replace_file(partial, path)
+        except BaseException:
+            with suppress(OSError):
+                partial.unlink(missing_ok=True)
+            raise
+
+
 def check_target(path):
     """Raises OSError where no file can be written at `path`; leaves nothing behind.
 
@@ -67,18 +75,41 @@ def check_target(path):
     path = Path(path)
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, "this is a folder, not a file", str(path))
-    part = part_of(path)
-    existed = part.exists()
+    partial = partial_path(path)
+    existed = partial.exists()
     with named_errors(path):
-        open(part, "ab").close()
+        open(partial, "ab").close()
         if not existed:
-            part.unlink()
+            partial.unlink()
 
 
-def part_of(path):
+def partial_path(path):
     """Where a file is written before it is put in its place: in the same folder."""
     path = Path(path)
-    return path.with_name(path.name + PART_ENDING)
+    return path.with_name(path.name + PARTIAL_ENDING)
+
+
+def replace_file(partial, path):
+    """Renames a finished file, in place of an old one; both have to be in the same file system.
+
+    The content is on the disk before it has the name, so that not even a power cut leaves a file
+    of that name that is not whole. raises OSError that names `path`
+    """
+    with named_errors(path):
+        with open(partial, "rb+") as file:
+            os.fsync(file.fileno())
+        os.replace(partial, path)
+        sync_folder(Path(path).parent)
+
+
+def sync_folder(folder):
+    """Brings a folder's names to the disk, where the system lets one do that."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 @contextmanager
@@ -89,38 +120,6 @@ def named_errors(path):
     except OSError as error:
         error.filename, error.filename2 = str(path), None
         raise
-
-
-@contextmanager
-def written_whole(path, mode="wb", **options):
-    """Yields a file to write to, which takes the place of `path` when all went well.
-
-    Otherwise an old file of that name stays as it was, and nothing of the new one is left, except
-    FILE.part where the process is killed. raises OSError that names `path`
-    """
-    part = part_of(path)
-    with named_errors(path):
-        try:
-            with open(part, mode, **options) as file:
-                yield file
-            put_in_place(part, path)
-        except BaseException:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
-            raise
-
-
-def put_in_place(part, path):
-    """Renames a finished file, in place of an old one; both have to be in the same file system.
-
-    The content is on the disk before it has the name, so that not even a power cut leaves a file
-    of that name that is not whole. raises OSError that names `path`
-    """
-    with named_errors(path):
-        with open(part, "rb+") as file:
-            os.fsync(file.fileno())
-        os.replace(part, path)
-        sync_folder(Path(path).parent)
 
 
 def lock_folder(folder):
@@ -141,13 +140,3 @@ def lock_folder(folder):
         os.close(descriptor)
         return None
     return descriptor
-
-
-def sync_folder(folder):
-    """Brings a folder's names to the disk, where the system lets one do that."""
-    with suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)

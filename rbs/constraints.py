@@ -1,0 +1,66 @@
+"""A scene's constraints as columns, those that can be corrected at all; and anchors."""
+
+import numpy as np
+
+from rbs.arrays import indices
+
+
+class ConstraintRows:
+    """The constraints that a step has to look at, C of them.
+
+    A constraint whose meshes are both fixed, or between two vertices of one mesh, is never
+    corrected: no motion of the bodies changes its distance. Nor is a lower bound of no more than
+    the tolerance, a rope's: every distance satisfies it.
+
+    index : (C,), where each stands in the caller's list, whose length is `total`
+    body1, vertex1, body2, vertex2 : (C,); refValue : (C,); upper : (C,) bool
+    """
+
+    def __init__(self, constraints, isFixed, tolerance):
+        """constraints : rows `[m1, v1, m2, v2, refValue, upper]`; isFixed : (n,) bool"""
+        self.total = len(constraints)
+        table = np.array([tuple(row) for row in constraints], dtype=np.float64).reshape(-1, 6).T
+        body1, vertex1, body2, vertex2 = table[:4].astype(np.intp)
+        movable = (body1 != body2) & ~(isFixed[body1] & isFixed[body2])
+        movable &= (table[5] != 0) | (table[4] > tolerance)
+        self.index = indices(movable)
+        self.body1, self.vertex1 = body1[movable], vertex1[movable]
+        self.body2, self.vertex2 = body2[movable], vertex2[movable]
+        self.refValue = table[4, movable]
+        self.upper = table[5, movable] != 0
+
+    def bodies(self):
+        """The bodies that are constrained, in ascending order."""
+        return np.unique(np.concatenate((self.body1, self.body2))).tolist()
+
+    def anchored(self, arm):
+        """Dict of each index: `(body1, body2, arm1, arm2, refValue, upper)`.
+
+        arm : function of a body and a vertex of it, from the COM to it
+        """
+        columns = (self.index, self.body1, self.vertex1, self.body2, self.vertex2, self.refValue,
+                   self.upper)  # fmt: skip
+        return {
+            c: (b1, b2, arm(b1, v1), arm(b2, v2), refValue, upper)
+            for c, b1, v1, b2, v2, refValue, upper in zip(
+                *(column.tolist() for column in columns), strict=True
+            )
+        }
+
+    def movable_bodies(self, isFixed):
+        """Dict of each index: the bodies of it that are not fixed."""
+        ends = zip(self.index.tolist(), self.body1.tolist(), self.body2.tolist(), strict=True)
+        return {c: [b for b in pair if not isFixed[b]] for c, *pair in ends}
+
+
+class Anchor(tuple):
+    """A point of a body in the world, three floats, that knows its exact arm from the COM.
+
+    The difference of the point and the COM would lose the digits that the COM's distance from the
+    origin takes up.
+    """
+
+    def __new__(cls, point, arm):
+        anchor = super().__new__(cls, point)
+        anchor.arm = arm
+        return anchor

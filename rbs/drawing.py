@@ -1,0 +1,409 @@
+"""What is seen: bodies, shadows, constraints and overlays, in Polyscope.
+
+Polyscope is imported inside the functions that use it, never with this module, and only after
+`rbs.backends.find_backend` has found out that it can draw here.
+
+All bodies together are one surface, their shadows another one, and their edges one set of lines,
+so that the cost of drawing hardly depends on how many bodies there are. What stands for a
+simulation here may as well be a replay: anything with its attributes.
+
+From the top: starting Polyscope; `SceneView`; the overlays.
+"""
+
+import math
+
+import numpy as np
+
+from Quaternion import QConj, QRotate
+from rbs.cameras import VIEW_DIRECTION, frame_camera
+from rbs.colours import (
+    BACKGROUND,
+    BOX_COLOUR,
+    CONSTRAINT_COLOURS,
+    CREASE_COLOUR,
+    FRICTION_COLOUR,
+    IMPULSE_COLOUR,
+    NORMAL_COLOUR,
+    PICKED_COLOUR,
+    SHADOW_COLOUR,
+    TRAIL_COLOUR,
+    VELOCITY_COLOUR,
+    body_colours,
+)
+from rbs.drawables import (
+    ConstraintLines,
+    box_lines,
+    find_creases,
+    flatten_meshes,
+    grid_cells,
+    ground_squares,
+)
+from rbs.pictureoptions import OVERLAYS, PICTURE_SIZE
+
+# All that can be switched on and off.
+LAYERS = ("ground", "shadows", *OVERLAYS)
+# Half the width of the lines that edges are drawn as, relative to the scene's size.
+CREASE_RADIUS = 6e-4
+# Each line costs about 0.02 ms a frame where no graphics card helps. In a scene with more of them,
+# bodies are so small in the picture that lines would only darken it.
+MOST_CREASES = 4000
+# Half the width of the lines that constraints are drawn as, relative to the scene's size.
+CONSTRAINT_RADIUS = 1.2e-3
+# The longest impulse on screen, and every contact's normal, relative to the scene's size.
+LONGEST_IMPULSE = 0.1
+NORMAL_LENGTH = 0.05
+# A velocity is drawn as the way that it leads in this time, in seconds.
+VELOCITY_SECONDS = 0.5
+# Half the widths of arrows, points and lines, relative to the scene's size.
+ARROW_RADIUS = 3e-3
+POINT_RADIUS = 4e-3
+LINE_RADIUS = 8e-4
+# Pictures back that a trail goes, and the most bodies that have one: every second body has where
+# there are up to twice as many, and so on.
+TRAIL_LENGTH = 40
+MOST_TRAILS = 30
+# A trail goes on over as many steps between two pictures; more is a jump to another time.
+LONGEST_TRAIL_STEP = 60
+# The most boxes, and cells, that are drawn, for the time that their lines take.
+MOST_BOXES = 200
+# How far over the ground the shadows lie, relative to the scene's size: the least that keeps the
+# two from flickering through each other in a 24-bit depth buffer.
+SHADOW_HEIGHT = 1e-3
+
+
+def start_polyscope(backend, size=None):
+    """Starts Polyscope with this backend and the options that no scene changes.
+
+    size : (width, height) of the picture or window in pixels, or None for the usual one
+    """
+    import polyscope as ps
+
+    ps.set_verbosity(0)
+    ps.set_program_name("Rigid bodies")
+    ps.set_use_prefs_file(False)
+    ps.set_window_size(*(size or PICTURE_SIZE))
+    ps.init(backend.name)
+    ps.set_automatically_compute_scene_extents(False)
+    ps.set_up_dir("y_up")
+    ps.set_ground_plane_mode("none")  # `SceneView` has its own, which is drawn three times faster
+    ps.set_background_color(BACKGROUND)
+    # A window is redrawn all the time; of a picture, smooth edges are worth four times the work.
+    ps.set_SSAA_factor(1 if backend.opensWindow else 2)
+
+
+class SceneView:
+    """A simulation's bodies, shadows and constraints in Polyscope, which must have been started.
+
+    Attributes: simulation; colouring, a name of COLOURINGS; shown, a set of names of LAYERS;
+    picked, the index of the body that is marked, or None, and pickedPoint, a point (3,) of it at
+    rest; squareSide, of the ground's squares in metres.
+    """
+
+    def __init__(self, simulation, sideWidth=0):
+        """sideWidth : pixels on either side of the picture in which nothing shall be seen"""
+        self._sideWidth = sideWidth
+        self.colouring = "density"
+        self.shown = {"ground", "shadows"}
+        self.rebuild(simulation)
+
+    def rebuild(self, simulation):
+        """Registers the bodies of a new scene and points the camera at them."""
+        import polyscope as ps
+
+        self.simulation = simulation
+        self.pick(None)
+        vertices, faces, self.bodyOfFace = flatten_meshes(simulation.meshes)
+        ground = vertices * [1.0, 0.0, 1.0]
+        points = np.concatenate([vertices, ground])
+        low, high = np.min(points, axis=0), np.max(points, axis=0)
+        self._size = float(np.linalg.norm(high - low))
+        ps.set_length_scale(self._size)
+        ps.set_bounding_box(low, high)
+        self._firstVertex = np.cumsum([0] + [len(m.currVertices) for m in simulation.meshes[:-1]])
+        self._trail = []
+        self._trailStep = None
+
+        # What lies behind is not drawn: bodies are closed, and it would cost half as much again.
+        self._bodies = ps.register_surface_mesh(
+            "bodies", vertices, faces, material="clay", back_face_policy="cull"
+        )
+        self._bodies.set_selection_mode("faces_only")
+        self._shadows = ps.register_surface_mesh(
+            "shadows", self._shadow_of(vertices), faces,
+            material="flat", back_face_policy="cull", color=SHADOW_COLOUR,
+        )  # fmt: skip
+        self._register_ground((low + high) / 2.0)
+        self._register_creases(vertices, faces)
+        self._register_constraints(vertices)
+        for name in LAYERS:
+            self._show_layer(name)
+        self._colours = None
+        self.refresh()
+        self._point_camera(points)
+
+    def _register_ground(self, middle):
+        import polyscope as ps
+
+        vertices, faces, colours, self.squareSide = ground_squares(self._size, middle)
+        self._ground = ps.register_surface_mesh(
+            "ground", vertices, faces, material="flat", back_face_policy="cull"
+        )
+        self._ground.add_color_quantity("squares", colours, defined_on="faces", enabled=True)
+
+    def _register_creases(self, vertices, faces):
+        import polyscope as ps
+
+        ps.remove_curve_network("creases", error_if_absent=False)
+        creases = find_creases(vertices, faces)
+        self._creases = None
+        if 0 < len(creases) <= MOST_CREASES:
+            # A curve network draws a dot at each of its nodes: it gets only those in use.
+            self._creaseNodes, ends = np.unique(creases, return_inverse=True)
+            self._creaseEnds = creases
+            self._creases = ps.register_curve_network(
+                "creases", vertices[self._creaseNodes], ends.reshape(-1, 2),
+                radius=CREASE_RADIUS, color=CREASE_COLOUR, material="flat",
+            )  # fmt: skip
+
+    def _register_constraints(self, vertices):
+        import polyscope as ps
+
+        ps.remove_curve_network("constraints", error_if_absent=False)
+        self._constraintLines = ConstraintLines(self.simulation)
+        if len(self._constraintLines.ends):
+            nodes = self._constraintLines.nodes(vertices)
+            self._lines = ps.register_curve_network(
+                "constraints", nodes, np.arange(len(nodes)).reshape(-1, 2),
+                radius=CONSTRAINT_RADIUS, material="flat",
+            )  # fmt: skip
+
+    def _refresh_constraints(self, vertices):
+        self._lines.update_node_positions(self._constraintLines.nodes(vertices))
+        self._lines.add_color_quantity(
+            "use", self._constraintLines.colours(vertices), defined_on="edges", enabled=True
+        )
+        self._lines.set_enabled(self.simulation.settings.enforceConstraints)
+
+    def _point_camera(self, points):
+        import polyscope as ps
+
+        width, height = ps.get_window_size()
+        fieldOfView = ps.get_view_camera_parameters().get_fov_vertical_deg()
+        aspect = max(width - 2 * self._sideWidth, width / 3) / height
+        ps.look_at(*frame_camera(points, VIEW_DIRECTION, fieldOfView, aspect))
+
+    def _shadow_of(self, vertices):
+        """The bodies pressed onto the ground: straight below them, where they are going to fall."""
+        return vertices * [1.0, 0.0, 1.0] + [0.0, SHADOW_HEIGHT * self._size, 0.0]
+
+    def refresh(self):
+        """Draws everything as it is now, all from one instant, from the next frame on."""
+        vertices = np.concatenate([mesh.currVertices for mesh in self.simulation.meshes])
+        self._bodies.update_vertex_positions(vertices)
+        if "shadows" in self.shown:
+            self._shadows.update_vertex_positions(self._shadow_of(vertices))
+        if self._creases is not None:
+            self._creases.update_node_positions(vertices[self._creaseNodes])
+        if len(self._constraintLines.ends):
+            self._refresh_constraints(vertices)
+        self._refresh_colours()
+        if "trails" in self.shown:
+            self._extend_trails()
+        for name, paint in _PAINTERS.items():
+            if name in self.shown:
+                paint(self, name, vertices)
+        self._refresh_mark()
+
+    def _refresh_colours(self):
+        colours = body_colours(self.simulation, self.colouring)
+        if self.picked is not None:
+            colours[self.picked] = PICKED_COLOUR
+        if self._colours is None or not np.array_equal(colours, self._colours):
+            self._bodies.add_color_quantity(
+                "colour", colours[self.bodyOfFace], defined_on="faces", enabled=True
+            )
+        self._colours = colours
+
+    def show(self, name, isShown):
+        """Switches one of LAYERS on or off."""
+        if isShown:
+            self.shown.add(name)
+        else:
+            self.shown.discard(name)
+        self._show_layer(name)
+        self.refresh()
+
+    def _show_layer(self, name):
+        if name == "ground":
+            self._ground.set_enabled(name in self.shown)
+        elif name == "shadows":
+            self._shadows.set_enabled(name in self.shown)
+        else:
+            remove_overlay(name)
+            self._trail = []
+
+    def set_resizable(self, isResizable):
+        """Lets the window be resized, or not."""
+        import polyscope as ps
+
+        ps.set_window_resizable(isResizable)
+
+    def pick(self, body, point=None):
+        """Marks a body (its index) and a point (3,) of the world on it; None marks none."""
+        self.picked, self.pickedPoint = body, None
+        if body is not None:
+            mesh = self.simulation.meshes[body]
+            self.pickedPoint = QRotate(QConj(mesh.orientation), point - mesh.position)[0]
+
+    def picked_point(self):
+        """Where the marked point is now, (3,) in the world."""
+        mesh = self.simulation.meshes[self.picked]
+        return (QRotate(mesh.orientation, self.pickedPoint[None]) + mesh.position)[0]
+
+    def body_at(self, pixel):
+        """The body that is seen at a pixel (x, y) from the top left corner of the window.
+
+        returns (index, point (3,) on its surface), or (None, None)
+        """
+        import polyscope as ps
+
+        hit = ps.pick(screen_coords=pixel)
+        if not hit.is_hit or hit.structure_name not in ("bodies", "creases"):
+            return None, None
+        if hit.structure_name == "bodies":
+            return int(self.bodyOfFace[hit.structure_data["index"]]), hit.position
+        vertices = self._creaseNodes
+        if hit.structure_data["element_type"] == "edge":
+            vertices = self._creaseEnds[:, 0]
+        vertex = vertices[hit.structure_data["index"]]
+        return int(np.searchsorted(self._firstVertex, vertex, side="right")) - 1, hit.position
+
+    def _refresh_mark(self):
+        import polyscope as ps
+
+        ps.remove_point_cloud("picked point", error_if_absent=False)
+        if self.picked is not None:
+            ps.register_point_cloud(
+                "picked point", self.picked_point()[None], color=CREASE_COLOUR,
+                radius=2.0 * POINT_RADIUS,
+            )  # fmt: skip
+
+    # What the overlays consist of.
+
+    def _contacts(self):
+        """The last step's contacts, and where they are now (m, 3): they go along with body 1."""
+        report = self.simulation.report
+        contacts = [] if report is None else report.contacts
+        positions = [self.simulation.meshes[c.body1].position[0] for c in contacts]
+        arms = [contact.arm for contact in contacts]
+        return contacts, np.array(positions).reshape(-1, 3) + np.array(arms).reshape(-1, 3)
+
+    def _draw_contacts(self, name, vertices):
+        contacts, points = self._contacts()
+        normals = -NORMAL_LENGTH * self._size * np.array([c.normal for c in contacts])
+        draw_arrows(name, points, normals, NORMAL_COLOUR)
+
+    def _draw_impulses(self, name, vertices):
+        contacts, points = self._contacts()
+        normals = np.array([c.normal for c in contacts]).reshape(-1, 3)
+        # Body 1 receives the opposite of what the contact gives to body 2.
+        arrows = -normals * np.array([c.impulse for c in contacts]).reshape(-1, 1)
+        draw_arrows(name, points, self._scaled(arrows), IMPULSE_COLOUR)
+
+    def _draw_friction(self, name, vertices):
+        contacts, points = self._contacts()
+        arrows = -np.array([c.friction for c in contacts]).reshape(-1, 3)
+        some = arrows.any(axis=1)
+        draw_arrows(name, points[some], self._scaled(arrows[some]), FRICTION_COLOUR)
+
+    def _scaled(self, arrows):
+        longest = np.linalg.norm(arrows, axis=1).max(initial=0.0)
+        return arrows * (LONGEST_IMPULSE * self._size / longest if longest > 0.0 else 0.0)
+
+    def _draw_velocities(self, name, vertices):
+        moving = [mesh for mesh in self.simulation.meshes if not mesh.isFixed]
+        points = np.array([mesh.position[0] for mesh in moving])
+        arrows = VELOCITY_SECONDS * np.array([mesh.linVelocity[0] for mesh in moving])
+        draw_arrows(name, points, arrows, VELOCITY_COLOUR)
+
+    def _boxes(self, vertices):
+        """Bounding boxes of the bodies, low and high (n, 3)."""
+        return (
+            np.minimum.reduceat(vertices, self._firstVertex),
+            np.maximum.reduceat(vertices, self._firstVertex),
+        )
+
+    def _draw_boxes(self, name, vertices):
+        low, high = (side[:MOST_BOXES] for side in self._boxes(vertices))
+        draw_lines(name, *box_lines(low, high), BOX_COLOUR)
+
+    def _draw_cells(self, name, vertices):
+        low, high = (side[:MOST_BOXES] for side in grid_cells(*self._boxes(vertices)))
+        draw_lines(name, *box_lines(low, high), CONSTRAINT_COLOURS[2])
+
+    def _extend_trails(self):
+        """Adds the present positions to the trails; after a jump in time, they begin anew."""
+        step = self.simulation.stepCount
+        if self._trail and step == self._trailStep:
+            return
+        if self._trail and not 0 < step - self._trailStep <= LONGEST_TRAIL_STEP:
+            self._trail = []
+        moving = [mesh for mesh in self.simulation.meshes if not mesh.isFixed]
+        moving = moving[:: math.ceil(len(moving) / MOST_TRAILS) or 1]
+        self._trail.append(np.array([mesh.position[0] for mesh in moving]).reshape(-1, 3))
+        self._trail = self._trail[-TRAIL_LENGTH:]
+        self._trailStep = step
+
+    def _draw_trails(self, name, vertices):
+        if len({len(row) for row in self._trail}) > 1:  # a body was fixed or freed
+            self._trail = self._trail[-1:]
+        nodes = np.array(self._trail)  # (times, bodies, 3)
+        index = np.arange(nodes[..., 0].size).reshape(nodes.shape[:2])
+        edges = np.stack([index[:-1], index[1:]], axis=-1).reshape(-1, 2)
+        draw_lines(name, nodes.reshape(-1, 3), edges, TRAIL_COLOUR)
+
+
+# What draws each overlay.
+_PAINTERS = {
+    "contacts": SceneView._draw_contacts,
+    "impulses": SceneView._draw_impulses,
+    "friction impulses": SceneView._draw_friction,
+    "velocities": SceneView._draw_velocities,
+    "bounding boxes": SceneView._draw_boxes,
+    "grid cells": SceneView._draw_cells,
+    "trails": SceneView._draw_trails,
+}
+
+
+def remove_overlay(name):
+    """Removes what `draw_arrows` or `draw_lines` has drawn under this name, if anything."""
+    import polyscope as ps
+
+    ps.remove_point_cloud(name, error_if_absent=False)
+    ps.remove_curve_network(name, error_if_absent=False)
+
+
+def draw_arrows(name, points, arrows, colour):
+    """Points (m, 3) with arrows (m, 3) in metres, in place of the last ones of this name."""
+    import polyscope as ps
+
+    remove_overlay(name)
+    if len(points):
+        cloud = ps.register_point_cloud(
+            name, points, color=colour, radius=POINT_RADIUS, material="flat"
+        )
+        cloud.add_vector_quantity(
+            "arrows", arrows, vectortype="ambient", radius=ARROW_RADIUS, color=colour,
+            material="flat", enabled=True,
+        )  # fmt: skip
+
+
+def draw_lines(name, nodes, edges, colour):
+    """Lines between nodes (n, 3), edges (m, 2), in place of the last ones of this name."""
+    import polyscope as ps
+
+    remove_overlay(name)
+    if len(edges):
+        ps.register_curve_network(
+            name, nodes, edges, radius=LINE_RADIUS, color=colour, material="flat"
+        )

@@ -1,0 +1,176 @@
+"""Runs without a window: stepping, what watches it, and the summary at its end.
+
+From the top: `run_without_window`; stepping, with its progress and Ctrl-C; the summary.
+
+Units: metres, kilograms, seconds.
+"""
+
+import signal
+import statistics
+import sys
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+
+from tqdm import tqdm
+
+from rbs.bodies import StateError
+from rbs.messages import print_error, shown_path
+from rbs.replay import Replay
+from rbs.scenes import scene_name
+
+# Seconds between two updates of the progress: so that it moves in a terminal, and so seldom that
+# the log of an hour's run stays readable.
+TERMINAL_SECONDS, LOG_SECONDS = 0.1, 10.0
+
+
+def run_without_window(simulation, steps, recorder=None, stats=None, pictures=None, video=None):
+    """Runs, records, takes pictures and prints the summary; returns the exit code.
+
+    recorder, stats : a Recorder and a StatsWriter, or None
+    pictures, video : a PictureSeries and a Video, or None
+    """
+    helpers = (recorder, stats, pictures, video)
+    observers = [helper.add for helper in helpers if helper is not None]
+    startEnergies = simulation.kinetic_energy(), simulation.potential_energy()
+    run = run_steps(simulation, steps, observers)
+    if recorder is not None:
+        recorder.save()
+    if stats is not None:
+        stats.save(f"{scene_name(simulation.scenePath)}, to step {simulation.stepCount}")
+    if video is not None:
+        video.save()
+    print(summarise(simulation, run, startEnergies))
+    if pictures is not None:
+        print(f"{'pictures':<17} {pictures.count} in {shown_path(pictures.folder)}")
+    if video is not None:
+        print(f"{'video':<17} {shown_path(video.path)}: {video.summary(simulation)}")
+    if recorder is not None:
+        print(f"{'recording':<17} {shown_path(recorder.path)}")
+    if stats is not None and stats.path is not None:
+        print(f"{'statistics':<17} {shown_path(stats.path)}")
+    if stats is not None and stats.plotPath is not None:
+        print(f"{'plot':<17} {shown_path(stats.plotPath)}")
+    if run.failure:
+        print_error(run.failure)
+        return 3
+    if run.wasInterrupted:
+        return 130  # 128 + SIGINT, as a shell reports a program that Ctrl-C ended
+    return 0
+
+
+@dataclass
+class Run:
+    """What `run_steps` measured."""
+
+    stepSeconds: list
+    wasInterrupted: bool
+    failure: str = ""  # of a StateError
+
+
+def run_steps(simulation, steps, observers=()):
+    """Simulates `steps` steps, or fewer when Ctrl-C is pressed or a number goes wrong.
+
+    observers : functions of the simulation, called at its start and after every step
+    returns a Run; of a replay, which measures nothing, its times are empty
+    """
+    stepSeconds = []
+    done = 0
+    failure = ""
+    for observe in observers:
+        observe(simulation)
+    with interrupt_noted() as interrupts, step_progress(steps) as advance:
+        while done < steps and not interrupts:
+            try:
+                simulation.step()
+            except StateError as error:
+                failure = str(error)
+                break
+            done += 1
+            if simulation.stepSeconds is not None:
+                stepSeconds.append(simulation.stepSeconds)
+            for observe in observers:
+                observe(simulation)
+            advance()
+    return Run(stepSeconds, bool(interrupts), failure)
+
+
+@contextmanager
+def step_progress(steps):
+    """Shows how far a run has come, on stderr; yields a function to call after every step.
+
+    What cannot be shown, since stderr is closed or its disk is full, does not end the run.
+    """
+    isTerminal = sys.stderr is not None and sys.stderr.isatty()
+    seconds = TERMINAL_SECONDS if isTerminal else LOG_SECONDS
+    # Without the delay, it would write as soon as it is made.
+    progress = tqdm(
+        total=steps, unit="step", leave=False, miniters=1, mininterval=seconds, delay=seconds,
+        disable=sys.stderr is None,
+    )  # fmt: skip
+
+    def advance():
+        with suppress(OSError):
+            progress.update()
+
+    try:
+        yield advance
+    finally:
+        with suppress(OSError):
+            progress.close()
+
+
+@contextmanager
+def interrupt_noted():
+    """Within it, Ctrl-C does not break into a step: the list that it yields becomes non-empty.
+
+    A second Ctrl-C acts as ever, in case a step never ends.
+    """
+    noted = []
+
+    def note(signalNumber, frame):
+        noted.append(signalNumber)
+        signal.signal(signal.SIGINT, previous)
+
+    previous = signal.signal(signal.SIGINT, note)
+    try:
+        yield noted
+    finally:
+        signal.signal(signal.SIGINT, previous)
+
+
+def summarise(simulation, run, startEnergies):
+    """The lines that a run without a window ends with. startEnergies : (kinetic, potential) in J"""
+    meshes = simulation.meshes
+    fixedCount = sum(mesh.isFixed for mesh in meshes)
+    kinetic, potential = startEnergies
+    y, lowestName = simulation.lowest_point()
+    stepTime = "a recording" if isinstance(simulation, Replay) else "no step was made"
+    if run.stepSeconds:
+        median = statistics.median(run.stepSeconds)
+        stepTime = f"{1e3 * median:.2f} ms median, {sum(run.stepSeconds):.1f} s in total"
+    where = f"y = {y:.4g} m ({lowestName})" if meshes else "none"
+    rows = {
+        "scene": shown_path(simulation.scenePath),
+        "bodies": f"{len(meshes)}, {fixedCount} of them fixed",
+        "constraints": constraint_summary(simulation),
+        "steps": f"{simulation.stepCount} of {simulation.settings.timeStep:g} s: "
+        f"{simulation.time:.6g} s simulated" + ", stopped by Ctrl-C" * run.wasInterrupted
+        + ", stopped by an error" * bool(run.failure),
+        "time per step": stepTime,
+        "kinetic energy": f"{kinetic:.6g} J at the start, {simulation.kinetic_energy():.6g} J now",
+        "potential energy": f"{potential:.6g} J at the start, "
+        f"{simulation.potential_energy():.6g} J now",
+        "lowest point": where,
+        "numbers": "all finite" if simulation.is_finite() else "NOT ALL FINITE",
+    }
+    return "\n".join(f"{name:<17} {value}" for name, value in rows.items())
+
+
+def constraint_summary(simulation):
+    """How many constraints there are, and how far the one that is off most is off."""
+    if not simulation.constraints:
+        return "none"
+    count = f"{len(simulation.constraints)} bounds"
+    if not simulation.settings.enforceConstraints:
+        return f"{count}, left out"
+    return f"{count}, violated by at most {simulation.largest_violation():.3g} m"

@@ -1,0 +1,389 @@
+"""The command line's options: what there is, which values they take, what goes with what.
+
+From the top: the parser and its groups; which options were given, and whether they go together; the
+settings that they ask for; kinds of values.
+"""
+
+import argparse
+import os
+import re
+from pathlib import Path
+
+from rbs.broadphase import BROAD_PHASES
+from rbs.colours import COLOURINGS
+from rbs.messages import PROGRAM_NAME, one_line, short
+from rbs.pictureoptions import (
+    FASTEST_VIDEO,
+    OVERLAYS,
+    PICTURE_SIZE,
+    PICTURE_SIZES,
+    SLOWEST_VIDEO,
+    VIDEO_ENDINGS,
+    VIDEO_RATE,
+)
+from rbs.schedules import CONSTRAINT_SCHEDULINGS
+from rbs.simulation import (
+    DEFAULT_RESTITUTION,
+    DEFAULT_TIME_STEP,
+    LEAST_VISITS,
+    SWEEPS,
+    Settings,
+    at_least,
+    checked_friction,
+    checked_restitution,
+    checked_time_step,
+)
+from rbs.textfiles import plain_float, plain_int
+
+# What runs where no scene is named.
+DEFAULT_SCENE = "mixed"
+# Ten seconds with the default time step: the falls and the settling of every scene in data/.
+DEFAULT_STEPS = 500
+# Five pictures a second with the default time step.
+DEFAULT_EVERY = 10
+# The most steps, or visits, that can be asked for: more than there will be time for, and a number
+# that floats hold exactly.
+MOST_STEPS = 10**15
+# What --help ends with.
+EXAMPLES = """\
+Without options, the mixed scene opens in a window. Where there is no display, a scene runs
+off-screen: pictures go to out/<scene>, and a summary is printed."""
+# An example for each group of options.
+PHYSICS_EXAMPLES = "RigidBodySimulation.py stress --friction 0.5 --restitution 0.2"
+CONSTRAINT_EXAMPLES = "RigidBodySimulation.py bridge --scheduling queue"
+OUTPUT_EXAMPLES = """\
+RigidBodySimulation.py stress --screenshots out/stress --every 25
+RigidBodySimulation.py bridge --video bridge.mp4 --steps 300"""
+RECORDING_EXAMPLES = """\
+RigidBodySimulation.py tower --record tower.npz --stats tower.csv --steps 1000
+RigidBodySimulation.py --replay tower.npz
+RigidBodySimulation.py --resume tower.npz --from 500 --friction 0.4"""
+
+# Options by what they are for, under the names that argparse gives them. First those that change
+# the settings, each with the field that it changes.
+SETTING_FIELDS = {
+    "restitution": "restitution",
+    "time_step": "timeStep",
+    "closing_only": "closingOnly",
+    "friction": "friction",
+    "no_constraints": "enforceConstraints",
+    "scheduling": "constraintScheduling",
+    "max_iterations": "maxIterations",
+    "broad_phase": "broadPhase",
+}
+WITHOUT_WINDOW = frozenset({"headless", "screenshots", "video", "record", "stats", "plot"})
+# What does not go with what, and why.
+CONFLICTS = {
+    "replay": (
+        {*SETTING_FIELDS, "record"},
+        "a replay simulates nothing; --resume goes on with other settings, and may be recorded",
+    ),
+    "verify": (
+        {*SETTING_FIELDS, "steps", "every"} | WITHOUT_WINDOW - {"headless"},
+        "it only compares, and with the settings of the recording",
+    ),
+    "finish": (
+        {*SETTING_FIELDS, "scene", "constraints", "replay", "resume", "verify", "steps", "camera"}
+        | WITHOUT_WINDOW - {"headless"},
+        "it only makes one file of the chunks",
+    ),
+    "video": ({"transparent"}, "videos have no transparency"),
+}
+# What makes no sense without another option.
+COMPANIONS = {
+    "every": (
+        {"screenshots", "video"},
+        "says how often --screenshots or --video draws, which is missing",
+    ),
+    "fps": ({"video"}, "says how fast --video plays, which is missing"),
+    "transparent": ({"screenshots"}, "says how --screenshots draws, which is missing"),
+    "from_step": ({"resume"}, "says where --resume starts, which is missing"),
+}
+
+
+def make_parser():
+    """The ArgumentParser of all options; their order is that of --help."""
+    parser = OneLineParser(
+        prog=PROGRAM_NAME,
+        description="Simulates rigid bodies that fall, collide and bounce, and shows them.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        "scene", metavar="SCENE", nargs="?", type=PATH,
+        help=f"a scene file, or the name of a scene of data/ (default: {DEFAULT_SCENE})",
+    )  # fmt: skip
+    parser.add_argument(
+        "--allow-outside-meshes", action="store_true",
+        help="read meshes that a scene names by an absolute path, by .. or through a symbolic link "
+        "out of its folder too (default: only those in its folder, or below)",
+    )  # fmt: skip
+
+    add_physics_options(parser)
+    add_constraint_options(parser)
+    add_output_options(parser)
+    add_recording_options(parser)
+    return parser
+
+
+def add_physics_options(parser):
+    """Contacts, friction, the time step, the broad phase."""
+    physics = parser.add_argument_group("simulation", PHYSICS_EXAMPLES)
+    physics.add_argument(
+        "--restitution", metavar="E", type=option_type(plain_float, checked_restitution, "number"),
+        default=DEFAULT_RESTITUTION,
+        help="how much of their closing speed bodies keep in a collision, from 0 to 1 "
+        "(default: %(default)s, so that they bounce and come to rest)",
+    )  # fmt: skip
+    physics.add_argument(
+        "--time-step", metavar="H", type=option_type(plain_float, checked_time_step, "number"),
+        default=DEFAULT_TIME_STEP,
+        help="seconds per step (default: %(default)s)",
+    )  # fmt: skip
+    physics.add_argument(
+        "--friction", metavar="MU", type=option_type(plain_float, checked_friction, "number"),
+        default=0.0, help="coefficient of friction between bodies and with the ground "
+        "(default: %(default)s)",
+    )  # fmt: skip
+    physics.add_argument(
+        "--closing-only", action="store_true",
+        help="leave contacts alone that already separate (default: they receive an impulse too, "
+        "as in the coursework)",
+    )  # fmt: skip
+
+    physics.add_argument(
+        "--broad-phase", metavar="NAME", choices=BROAD_PHASES, default="all",
+        help="all: every pair in turn; grid: the same motion to the last bit, found through a "
+        "uniform grid, for hundreds of bodies (default: %(default)s)",
+    )  # fmt: skip
+
+
+def add_constraint_options(parser):
+    """Which constraints there are, and how they are solved."""
+    constraints = parser.add_argument_group("constraints", CONSTRAINT_EXAMPLES)
+    source = constraints.add_mutually_exclusive_group()
+    source.add_argument(
+        "--constraints", metavar="FILE", type=PATH,
+        help="the constraints between the bodies (default: NAME-constraints.txt beside "
+        "NAME-scene.txt, if there is one)",
+    )  # fmt: skip
+    source.add_argument(
+        "--no-constraints", action="store_true", help="let all bodies go free",
+    )  # fmt: skip
+    constraints.add_argument(
+        "--max-iterations", metavar="N", type=WHOLE_NUMBER,
+        help=f"constraint visits in a step at most, but at least one of each (default: {SWEEPS} of "
+        f"each, and at least {LEAST_VISITS})",
+    )  # fmt: skip
+    constraints.add_argument(
+        "--scheduling", metavar="NAME", choices=CONSTRAINT_SCHEDULINGS, default="sweep",
+        help="sweep: in order, over and over; queue: the same result with fewer visits; batches: "
+        "in another order, many at once, for hundreds of constraints (default: %(default)s)",
+    )  # fmt: skip
+
+
+def add_output_options(parser):
+    """Runs without a window, and what pictures and videos look like."""
+    output = parser.add_argument_group("without a window", OUTPUT_EXAMPLES)
+    output.add_argument(
+        "--headless", action="store_true",
+        help="simulate without a window and print a summary; needs no display and no OpenGL",
+    )  # fmt: skip
+    output.add_argument(
+        "--steps", metavar="N", type=WHOLE_NUMBER,
+        help=f"how many steps a run without a window has (default: {DEFAULT_STEPS}, or all that "
+        "are recorded)",
+    )  # fmt: skip
+    output.add_argument(
+        "--screenshots", metavar="DIR", type=PATH,
+        help="draw off-screen into DIR/frame_<step>.png; no window opens",
+    )  # fmt: skip
+    output.add_argument(
+        "--video", metavar="FILE", type=option_type(str, checked_video, "path"),
+        help="draw off-screen into a video, .mp4 or .gif; no window opens",
+    )  # fmt: skip
+    output.add_argument(
+        "--every", metavar="K", type=POSITIVE_NUMBER,
+        help=f"one picture each K steps (default: {DEFAULT_EVERY} for --screenshots; for --video, "
+        "so that it plays in real time)",
+    )  # fmt: skip
+    output.add_argument(
+        "--fps", metavar="R", type=option_type(plain_float, checked_rate, "number"),
+        help=f"pictures a second in a video (default: near {VIDEO_RATE:g}, so that it "
+        "plays in real time)",
+    )  # fmt: skip
+    picture = parser.add_argument_group("picture")
+    picture.add_argument(
+        "--size", metavar="WxH", type=option_type(str, checked_size, "size"),
+        default=PICTURE_SIZE, help="in pixels, also of the window (default: "
+        f"{'x'.join(map(str, PICTURE_SIZE))})",
+    )  # fmt: skip
+    picture.add_argument(
+        "--camera", metavar="FILE.json", type=PATH,
+        help="where to look from, as saved from the window (default: all of the scene is seen)",
+    )  # fmt: skip
+    picture.add_argument(
+        "--colours", metavar="NAME", choices=COLOURINGS, default="density",
+        help=f"what bodies are coloured by: {', '.join(COLOURINGS)} "
+        "(default: %(default)s)",
+    )  # fmt: skip
+    picture.add_argument(
+        "--show", metavar="NAME", choices=OVERLAYS, action="extend", nargs="+",
+        help=f"what is drawn over them: {', '.join(OVERLAYS)}",
+    )  # fmt: skip
+    picture.add_argument(
+        "--transparent", action="store_true",
+        help="with --screenshots: no background and no ground, only bodies and their shadows",
+    )  # fmt: skip
+
+
+def add_recording_options(parser):
+    """Recordings and statistics."""
+    recordings = parser.add_argument_group("recordings", RECORDING_EXAMPLES)
+    recordings.add_argument(
+        "--record", metavar="FILE.npz", type=PATH,
+        help="write the state after every step, and the starting state; no window opens. What a "
+        "crash leaves is in FILE.npz.part, and is found there by the options below",
+    )  # fmt: skip
+    source = recordings.add_mutually_exclusive_group()
+    source.add_argument(
+        "--replay", metavar="FILE.npz", type=PATH,
+        help="show a recording, simulating nothing. SCENE and --constraints say where its files "
+        "are now, if they have moved; so they do with --resume and --verify",
+    )  # fmt: skip
+    source.add_argument(
+        "--resume", metavar="FILE.npz", type=PATH,
+        help="go on from a recorded state, with the settings of the recording and those that are "
+        "given as options",
+    )  # fmt: skip
+    source.add_argument(
+        "--verify", metavar="FILE.npz", type=PATH,
+        help="simulate once more and compare every state to the last bit; exit code 1, and the "
+        "first step that differs, where they are not the same",
+    )  # fmt: skip
+    recordings.add_argument(
+        "--finish", metavar="FILE.npz", type=PATH,
+        help="make a recording of what a run that was killed has left in FILE.npz.part, and remove "
+        "that folder",
+    )  # fmt: skip
+    recordings.add_argument(
+        "--from", dest="from_step", metavar="STEP", type=WHOLE_NUMBER,
+        help="with --resume, the step to go on from (default: the last one)",
+    )  # fmt: skip
+    recordings.add_argument(
+        "--stats", metavar="FILE.csv", type=PATH,
+        help="write energies, momenta, contacts, violations and times of every step; no window "
+        "opens",
+    )  # fmt: skip
+    recordings.add_argument(
+        "--plot", metavar="FILE.png", type=PATH,
+        help="draw the same numbers over time; needs matplotlib; no window opens",
+    )  # fmt: skip
+
+
+def given_options(arguments):
+    """The set of the options that the command line has, and not only by their defaults."""
+    parser = make_parser()
+    parser.set_defaults(**dict.fromkeys(vars(parser.parse_args([]))))
+    return {name for name, value in vars(parser.parse_args(arguments)).items() if value is not None}
+
+
+def check_options(parser, options, given):
+    """Ends the program with one line where the given options do not go together."""
+    named = {}
+    # What is read comes first. It may be read twice, but not be written over.
+    inputs = ("scene", "constraints", "camera", "replay", "resume")
+    for dest in (*inputs, "record", "stats", "plot", "video"):
+        path = getattr(options, dest)
+        other = named.setdefault(path and os.path.realpath(path), dest)
+        if path is not None and other != dest and dest not in inputs:
+            parser.error(f"{option_name(dest)} and {option_name(other)} name the same file")
+    for dest, (companions, cause) in COMPANIONS.items():
+        if dest in given and not given & companions:
+            parser.error(f"{option_name(dest)} {cause}")
+    for mode, (others, cause) in CONFLICTS.items():
+        for dest in sorted(given & others if mode in given else ()):
+            parser.error(f"{option_name(dest)} does not go with {option_name(mode)}: {cause}")
+
+
+def option_name(dest):
+    """How an option is written on the command line."""
+    names = {"from_step": "--from", "scene": "SCENE"}
+    return names.get(dest, "--" + dest.replace("_", "-"))
+
+
+def settings_of(options):
+    """The `Settings` that the command line's options ask for."""
+    return Settings(
+        restitution=options.restitution,
+        timeStep=options.time_step,
+        closingOnly=options.closing_only,
+        friction=options.friction,
+        enforceConstraints=not options.no_constraints,
+        constraintScheduling=options.scheduling,
+        maxIterations=options.max_iterations,
+        broadPhase=options.broad_phase,
+    )
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """Reports a wrong command line in one line: argparse itself puts the whole usage before it."""
+
+    def error(self, message):
+        self.exit(2, f"{self.prog}: {one_line(message)} (--help lists the options)\n")
+
+
+def option_type(convert, check, kind):
+    """An argparse type whose errors say what is wrong. check : value -> value, or ValueError"""
+
+    def parse(text):
+        try:
+            value = convert(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"'{short(text)}' is not a {kind}") from None
+        try:
+            return check(value)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return parse
+
+
+def checked_size(text):
+    """(width, height) of "1280x720"; else ValueError."""
+    match = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text)
+    size = tuple(map(int, match.groups())) if match else (0, 0)
+    low, high = PICTURE_SIZES
+    if not low <= min(size) <= max(size) <= high:
+        allowed = f"WIDTHxHEIGHT, from {low} to {high} pixels each"
+        raise ValueError(f"must be {allowed}, not '{short(text)}'")
+    return size
+
+
+def checked_video(path):
+    """The path, if its ending is that of a video; else ValueError."""
+    if Path(path).suffix.lower() not in VIDEO_ENDINGS:
+        endings = " or ".join(VIDEO_ENDINGS)
+        raise ValueError(f"the name of a video must end in {endings}, not '{path}'")
+    return path
+
+
+def checked_path(path):
+    """The path, if it is one at all; else ValueError."""
+    if not path or "\0" in path:
+        raise ValueError("the name of a file or folder must not be empty")
+    return path
+
+
+def checked_rate(value):
+    """Pictures a second, if a video can have as many; else ValueError."""
+    if not SLOWEST_VIDEO <= value <= FASTEST_VIDEO:
+        raise ValueError(f"must lie between {SLOWEST_VIDEO:g} and {FASTEST_VIDEO:g}, not {value:g}")
+    return value
+
+
+# Kinds of option values, each with its message when it is something else.
+WHOLE_NUMBER = option_type(plain_int, at_least(0, MOST_STEPS), "whole number")
+POSITIVE_NUMBER = option_type(plain_int, at_least(1, MOST_STEPS), "whole number")
+PATH = option_type(str, checked_path, "path")

@@ -1,0 +1,175 @@
+"""Where a body is, and what follows from that for its shape: what the test of one pair looks at.
+
+A `Pose` is made from a position and an orientation and never changes. `world_vertices` works out
+the vertices of many bodies in one go, for those who draw them or look at all of them.
+"""
+
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from Quaternion import rotation_matrices
+from rbs.arrays import take
+from rbs.bodies import COLUMN_SHAPES
+from rbs.hulls import rotate_columns
+from rbs.vectors import floats, mat_vec
+
+
+class Shape:
+    """A body's rest vertices and hull as the test of a pair reads them: columns, about the COM.
+
+    vertices : (3, V); hull : `Hull`; hullColumns : (Vh,), where the hull's vertices are in
+    `vertices`, or None where that is all of them, in the same order
+    """
+
+    def __init__(self, origVertices, hull):
+        self.vertices = np.ascontiguousarray(origVertices.T)
+        self.hull = hull
+        isAll = np.array_equal(hull.vertexIndex, np.arange(len(origVertices)))
+        self.hullColumns = None if isAll else hull.vertexIndex
+
+
+class Turned:
+    """A `Shape` turned to an orientation.
+
+    key : bytes of the orientation; rotation : nine floats, matrix row by row
+    vertices : (3, V), relative to the COM; hullVertices : (3, Vh), those of the hull
+    low, high : three floats each, the box of the hull relative to the COM
+    """
+
+    def __init__(self, shape, key, orientation):
+        self.key = key
+        self.shape = shape
+        self.rotation = rotation_matrices(orientation)
+        matrix = np.array(self.rotation)
+        self.vertices = self.hullVertices = mat_vec(matrix, shape.vertices)
+        if shape.hullColumns is not None:
+            self.hullVertices = take(self.vertices, shape.hullColumns, axis=1)
+        self.low = self.hullVertices.min(axis=1).tolist()
+        self.high = self.hullVertices.max(axis=1).tolist()
+
+
+class Pose:
+    """A `Turned` shape at a position.
+
+    key : bytes of the position; position : three floats
+    box : six floats, least x, y, z and greatest x, y, z of the hull in the world
+    """
+
+    def __init__(self, turned, key, position):
+        self.turned = turned
+        self.key = key
+        self.position = x, y, z = position
+        lowX, lowY, lowZ = turned.low
+        highX, highY, highZ = turned.high
+        self.box = (lowX + x, lowY + y, lowZ + z, highX + x, highY + y, highZ + z)
+
+    def vertices(self):
+        """The vertices in the world, (V, 3)."""
+        return np.ascontiguousarray((self.turned.vertices + np.array(self.position)[:, None]).T)
+
+
+# The attributes of a mesh that are kept to save time, its state in tables included.
+KEPT_NAMES = ("_shape", "_pose", "_currVertices", "cachedAxes", "_tables", "_row")
+
+
+class Posed:
+    """What a mesh keeps of its pose, until position or orientation change: the base of `Mesh`.
+
+    Expects the attributes position, orientation, origVertices and hull. Whatever is kept can be
+    made again, and copies and pickles leave it out.
+
+    cachedAxes : by other mesh, the axis along which the two were apart, or overlapped least, when
+        they were last looked at
+    """
+
+    @property
+    def currVertices(self):
+        key = self._pose_key()
+        if self._currVertices[0] != key:
+            pose = self.pose()
+            self._currVertices = key, np.zeros((0, 3)) if pose is None else pose.vertices()
+        return self._currVertices[1]
+
+    @currVertices.setter
+    def currVertices(self, vertices):
+        """Holds until position or orientation change."""
+        self._currVertices = self._pose_key(), vertices
+
+    def has_current_vertices(self):
+        """Whether currVertices are at hand, or have to be worked out when they are asked for."""
+        return self._currVertices[0] == self._pose_key()
+
+    def pose(self):
+        """The `Pose` at the present position and orientation; None without vertices.
+
+        It is kept until one of them changes, by assignment or in place.
+        """
+        positionKey, orientationKey = self._pose_key()
+        kept = self._pose
+        if kept is not None and kept.key == positionKey and kept.turned.key == orientationKey:
+            return kept
+        if self.hull is None:
+            return None
+        if self._shape is None:
+            self._shape = Shape(self.origVertices, self.hull)
+        if kept is not None and kept.turned.key == orientationKey:
+            turned = kept.turned
+        else:
+            turned = Turned(self._shape, orientationKey, floats(self.orientation, 4))
+        self._pose = Pose(turned, positionKey, floats(self.position, 3))
+        return self._pose
+
+    def _pose_key(self):
+        """The bytes of position and of orientation, by which a pose is known."""
+        own = self.__dict__
+        try:
+            return own["position"].tobytes(), own["orientation"].tobytes()
+        except (KeyError, AttributeError):  # in the state tables, or not given as an array
+            return (
+                np.asarray(self.position, dtype=np.float64).tobytes(),
+                np.asarray(self.orientation, dtype=np.float64).tobytes(),
+            )
+
+    def _forget(self):
+        """Drops what is kept."""
+        self._shape = self._pose = None
+        self._currVertices = None, None
+        self.cachedAxes = WeakKeyDictionary()
+
+    def __getstate__(self):
+        """What copies and pickles take along: the attributes, not what is kept to save time."""
+        state = {**vars(self), **{name: getattr(self, name) for name in COLUMN_SHAPES}}
+        return {name: value for name, value in state.items() if name not in KEPT_NAMES}
+
+    def __setstate__(self, state):
+        self.__dict__.update(state)
+        self._forget()
+
+
+def world_vertices(restVertices, counts, positions, orientations):
+    """The vertices of n bodies in the world, (ΣV, 3), with the bits of `Pose.vertices`.
+
+    restVertices : (3, ΣV), of one body after the other; counts : (n,), how many each has
+    positions : (3, n); orientations : (4, n)
+    """
+    turned = rotate_columns(np.stack(rotation_matrices(orientations)), restVertices, counts)
+    return np.ascontiguousarray((turned + positions.repeat(counts, axis=1)).T)
+
+
+def refresh_vertices(meshes):
+    """Works out the currVertices that are not at hand of all these meshes, in one go.
+
+    For those who look at all of them: mesh by mesh, NumPy's calls would take most of the time.
+    """
+    meshes = [m for m in meshes if not m.has_current_vertices()]
+    if not meshes:
+        return
+    counts = np.array([len(m.origVertices) for m in meshes])
+    vertices = world_vertices(
+        np.concatenate([m.origVertices for m in meshes]).T, counts,
+        np.array([np.ravel(m.position) for m in meshes], dtype=np.float64).T,
+        np.array([np.ravel(m.orientation) for m in meshes], dtype=np.float64).T,
+    )  # fmt: skip
+    for m, own in zip(meshes, np.split(vertices, counts.cumsum()[:-1]), strict=True):
+        m.currVertices = own

@@ -1,0 +1,425 @@
+"""Recordings: `Recording` reads one, `Recorder` writes one, `finish` repairs an interrupted one.
+
+From the top: reading; writing, in chunks while a scene is simulated; making one file of chunks.
+Nothing here loads a scene.
+
+Units: metres, kilograms, seconds.
+"""
+
+import errno
+import json
+import math
+import os
+import shutil
+import time
+from bisect import bisect_right
+from contextlib import suppress
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+
+from rbs import __version__
+from rbs.files import PARTIAL_ENDING, lock_folder, named_errors, partial_path
+from rbs.recordingfiles import (
+    FORMAT,
+    SERIES,
+    RecordingError,
+    RecordingFile,
+    write_recording_file,
+)
+from rbs.state import STATE_NAMES, hash_of
+
+# What the files begin with in the folder FILE.npz.part/ that a recording grows in.
+CHUNK_PREFIX = "chunk_"
+# Bytes that are looked at together, here and wherever a file is walked through.
+BLOCK_BYTES = 4 << 20
+# How far the length of a recorded quaternion may be from 1. Rounding makes about 1e-16 a step.
+UNIT_TOLERANCE = 1e-3
+# What the file is called while the chunks are joined.
+JOINED_NAME = "whole.tmp"
+# What a crash may cost: the states since the last chunk, a second's worth, or a hundredth of the
+# run where that is more. So a run of a day leaves hundreds of files, not a hundred thousand.
+CHUNK_SECONDS = 1.0
+CHUNK_SHARE = 0.01
+
+
+class Recording:
+    """A recording that is read, state by state; it is never in memory as a whole.
+
+    Attributes: path, of the file, or of the folder that an interrupted recording has left;
+    wasInterrupted, whether it is the latter; firstStep, lastStep; scene, constraints, paths as
+    recorded ("" for none); meshNames, list of str; files, a RecordingFile of each chunk;
+    settingsHistory, list of (step, dict), the fields of the settings that the steps from that one
+    on were made with; version, numpyVersion.
+
+    Where FILE.npz does not exist and FILE.npz.part/ does, that is what is read.
+    """
+
+    def __init__(self, path, mustBeFinite=True):
+        """Reads everything but the states; raises RecordingError.
+
+        mustBeFinite : whether to look through the states for numbers that are not finite, and
+            for orientations that are none
+        """
+        self.path = Path(path)
+        partialPath = Path(str(path) + PARTIAL_ENDING)
+        if not self.path.exists() and partialPath.is_dir():
+            self.path = partialPath
+        self.wasInterrupted = self.path.is_dir()
+        if not self.path.exists():
+            raise self.error("there is no such file")
+        paths = [self.path]
+        if self.wasInterrupted:
+            paths = sorted(self.path.glob(f"{CHUNK_PREFIX}*.npz"))
+            if not paths:
+                raise self.error("this is a folder, not a recording")
+        self.files = [RecordingFile(chunk) for chunk in paths]
+        self._read_heads()
+        if mustBeFinite:
+            self._check_states()
+
+    def error(self, cause):
+        """The RecordingError about this recording. To be raised by the caller."""
+        return RecordingError(self.path, cause)
+
+    def _read_heads(self):
+        """Everything but the states; the chunks must follow each other."""
+        heads = [_Head(file) for file in self.files]
+        first, last = heads[0], heads[-1]
+        self.firstStep = expected = first.firstStep
+        for head in heads:
+            if head.firstStep != expected or head.meshNames != first.meshNames:
+                raise head.file.error(f"the states from step {expected} on are missing before it")
+            expected += head.count
+        self.lastStep = expected - 1
+        self._firstSteps = [head.firstStep for head in heads]
+        self.meshNames = first.meshNames
+        self.scene, self.constraints = first.scene, first.constraints
+        self.version, self.numpyVersion = first.version, first.numpyVersion
+        # A chunk's history goes back to the start of the recording.
+        self.settingsHistory = last.settingsHistory
+        if self.settingsHistory[0][0] != self.firstStep:
+            raise last.file.error("the history of its settings does not start with its first step")
+
+    def _check_states(self):
+        for begin, block in self.blocks(["times", *STATE_NAMES]):
+            for name, rows in block.items():
+                isFinite = np.isfinite(rows).reshape(len(rows), -1).all(axis=1)
+                if not isFinite.all():
+                    step = begin + int(np.argmin(isFinite))
+                    raise self.error(f"step {step}: {name} holds numbers that are not finite")
+            with np.errstate(over="ignore"):
+                lengths = np.linalg.norm(block["orientations"], axis=2)
+            isUnit = (np.abs(lengths - 1.0) <= UNIT_TOLERANCE).all(axis=1)
+            if not isUnit.all():
+                step = begin + int(np.argmin(isUnit))
+                raise self.error(f"step {step}: orientations holds a quaternion not of length 1")
+
+    def blocks(self, names):
+        """Walks through some arrays: yields (step of the first row, dict of arrays)."""
+        for file, first in zip(self.files, self._firstSteps, strict=True):
+            members = [file.member(name) for name in names]
+            count = members[0].shape[0]
+            rowBytes = sum(math.prod(m.shape[1:]) * m.dtype.itemsize for m in members)
+            atOnce = max(1, BLOCK_BYTES // rowBytes)
+            for begin in range(0, count, atOnce):
+                end = min(begin + atOnce, count)
+                yield first + begin, file.rows(names, begin, end)
+
+    def frame(self, step):
+        """Everything recorded of a step: a dict of the state's arrays, times () and hashes (16,).
+
+        raises ValueError unless firstStep ≤ step ≤ lastStep
+        """
+        if not self.firstStep <= step <= self.lastStep:
+            raise self.error(
+                f"step {step} is not in it, only steps {self.firstStep} to {self.lastStep} are"
+            )
+        chunk = bisect_right(self._firstSteps, step) - 1
+        row = step - self._firstSteps[chunk]
+        rows = self.files[chunk].rows(SERIES, row, row + 1)
+        return {name: values[0] for name, values in rows.items()}
+
+    def hashes(self, step, count):
+        """The hashes (count, 16) of the states from a step on."""
+        return np.array([self.frame(k)["hashes"] for k in range(step, step + count)])
+
+    def settings_at(self, step):
+        """What a step was made with: (the first step made so, dict of the settings' fields)."""
+        steps = [first for first, _ in self.settingsHistory]
+        return self.settingsHistory[max(0, bisect_right(steps, step) - 1)]
+
+    def head(self):
+        """What it holds beside the states at its end, as arrays: dict, in the order of the file."""
+        first, last = self.files[0], self.files[-1]
+        names = [name for name in last.names() if name not in SERIES]
+        head = {name: last.read_array(name, "Uifb") for name in names}
+        return head | {"firstStep": first.read_array("firstStep", "i")}
+
+    def damaged_member(self):
+        """Where a checksum is wrong: "file: array", or None."""
+        for file in self.files:
+            name = file.damaged_member()
+            if name:
+                return f"{file.path}: {name}"
+        return None
+
+
+class _Head:
+    """What one file of a recording holds beside the states, checked."""
+
+    def __init__(self, file):
+        self.file = file
+        self.firstStep = self._integer("firstStep")
+        if self._integer("format") != FORMAT:
+            raise file.error("it was written by a newer version of this program")
+        self.scene, self.constraints, self.version, self.numpyVersion = (
+            self._text(name) for name in ("scene", "constraints", "version", "numpyVersion")
+        )
+        names = file.read_array("meshNames", "U")
+        self.meshNames = names.tolist()
+        self.count = file.member("times").shape[0] if file.member("times").shape else 0
+        if names.ndim != 1 or len(names) == 0 or self.count == 0:
+            raise file.error("there is no state in it")
+        for name, (dtype, row) in SERIES.items():
+            bodies = (len(names),) if name in STATE_NAMES else ()
+            member, shape = file.member(name), (self.count, *bodies, *row)
+            if member.dtype != np.dtype(dtype) or member.shape != shape:
+                raise file.error(
+                    f"the array {name} is of the shape {member.shape} and the type {member.dtype}, "
+                    f"not of {shape} and {np.dtype(dtype)}"
+                )
+        self.settingsHistory = self._history()
+
+    def _integer(self, name):
+        value = self.file.read_array(name, "i")
+        if value.shape != () or value < 0:
+            raise self.file.error(f"the array {name} is not a whole number")
+        return int(value)
+
+    def _text(self, name):
+        value = self.file.read_array(name, "U")
+        if value.shape != ():
+            raise self.file.error(f"the array {name} is not one text")
+        return str(value)
+
+    def _history(self):
+        try:
+            history = [
+                (int(step), {str(name): value for name, value in fields.items()})
+                for step, fields in json.loads(self._text("settingsHistory"))
+            ]
+        except (ValueError, TypeError, AttributeError, OverflowError, RecursionError):
+            history = []
+        steps = [step for step, _ in history]
+        if not steps or steps != sorted(set(steps)):
+            raise self.file.error("the history of its settings cannot be read")
+        return history
+
+
+class Recorder:
+    """Writes the states of a simulation into a file, as they come.
+
+    They go to FILE.npz.part/ in chunks, each of them a recording by itself, written beside its
+    place, brought to the disk and renamed: whatever ends the program, the chunks are whole. `save`
+    joins them to FILE.npz, and an old file of that name stays as it is until the new one is whole.
+    While that is done the states are on the disk twice. In memory there is never more of them than
+    a chunk, of BLOCK_BYTES at most.
+    """
+
+    def __init__(self, path):
+        """Makes the folder; raises OSError when that cannot be done, or RecordingError."""
+        self.path = Path(path)
+        if self.path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "this is a folder, not a file", str(path))
+        self.partialPath = partial_path(self.path)
+        try:
+            # Now: a missing folder, or missing rights, are found out before hours are spent.
+            self.partialPath.mkdir()
+        except FileExistsError:
+            # A run that ended before its first chunk leaves an empty folder, which will do.
+            if not self.partialPath.is_dir() or any(self.partialPath.glob(f"{CHUNK_PREFIX}*.npz")):
+                raise RecordingError(
+                    self.partialPath,
+                    "an interrupted recording is kept here; make a file of it with --finish, look "
+                    "at it with --replay, or remove it",
+                ) from None
+        except OSError as error:
+            error.filename = str(path)  # the name that the caller knows
+            raise
+        self._folderLock = _lock(self.partialPath)
+        self.frameCount = 0
+        self._chunks = []  # paths
+        self._frames = []
+        self._history = []
+        self._settings = None  # the last ones in the history
+        self._start = self._lastChunk = time.monotonic()
+
+    def add(self, simulation):
+        """Keeps the simulation's present state.
+
+        raises RecordingError when that is not one step after the last one kept, in the same scene:
+        after a reset or a change of the scene, `save` ends the recording
+        """
+        if self.frameCount == 0:
+            self._firstStep = simulation.stepCount
+            self._meshes = simulation.meshes
+            self._scene = str(simulation.scenePath)
+            self._constraints = str(simulation.constraintPath or "")
+        step = self._firstStep + self.frameCount
+        if simulation.meshes is not self._meshes or simulation.stepCount != step:
+            raise RecordingError(self.path, f"only step {step} of the same scene could follow")
+        state = simulation.state()
+        self._frames.append({**state, "times": simulation.time, "hashes": hash_of(state)})
+        self.frameCount += 1
+        if simulation.settings != self._settings:
+            self._settings = replace(simulation.settings)
+            self._history.append((step, asdict(self._settings)))
+        now = time.monotonic()
+        patience = max(CHUNK_SECONDS, CHUNK_SHARE * (now - self._start))
+        self._maxIterations = simulation.max_iterations()
+        frameBytes = sum(values.nbytes for values in state.values())
+        if now - self._lastChunk >= patience or len(self._frames) * frameBytes >= BLOCK_BYTES:
+            self._write_chunk()
+
+    def save(self):
+        """Writes the file, in place of an old one of that name: whole or not at all."""
+        self._write_chunk()
+        files = [RecordingFile(path) for path in self._chunks]
+        _join_chunks(files, self.partialPath, self.path, self._head(0))
+        self._chunks = []
+        self._unlock()
+
+    def _unlock(self):
+        if self._folderLock is not None:
+            os.close(self._folderLock)
+            self._folderLock = None
+
+    def close(self):
+        """Keeps in FILE.npz.part/ what has not been saved; removes it where there is nothing.
+
+        returns the path of the folder if something is kept there, else None
+        """
+        with suppress(OSError):  # the disk may be full: what is on it is kept
+            self._write_chunk()
+        self._frames = []
+        self._unlock()
+        if self._chunks:
+            return self.partialPath
+        if self.partialPath.is_dir():
+            shutil.rmtree(self.partialPath, ignore_errors=True)
+        return None
+
+    def _write_chunk(self):
+        if not self._frames:
+            return
+        series = {name: np.array([frame[name] for frame in self._frames]) for name in SERIES}
+        rows = {name: (values.shape, [values]) for name, values in series.items()}
+        path = self.partialPath / f"{CHUNK_PREFIX}{len(self._chunks):06d}.npz"
+        with named_errors(self.path):
+            head = self._head(self.frameCount - len(self._frames))
+            write_recording_file(path.with_suffix(".tmp"), path, rows, head)
+        self._chunks.append(path)
+        self._frames = []
+        self._lastChunk = time.monotonic()
+
+    def _head(self, first):
+        """What a file holds beside the states. first : the place of its first state, from 0."""
+        return {
+            "firstStep": self._firstStep + first,
+            "settingsHistory": json.dumps(self._history),
+            **self._history[-1][1],
+            "maxIterations": min(self._maxIterations, np.iinfo(np.int64).max),
+            "scene": self._scene,
+            "constraints": self._constraints,
+            "meshNames": np.array([mesh.name for mesh in self._meshes], dtype=np.str_),
+            "version": __version__,
+            "numpyVersion": np.__version__,
+            "format": FORMAT,
+        }
+
+
+def finish(path):
+    """Makes FILE.npz of the chunks that a killed run has left in FILE.npz.part/, and removes them.
+
+    The file has the very bytes that `Recorder.save` would have written after the last chunk. While
+    it is written the states are on the disk twice, and in memory there are BLOCK_BYTES of them.
+
+    path : FILE.npz or FILE.npz.part
+    returns (path of FILE.npz, first step, last step)
+    raises RecordingError, also where there is another FILE.npz already, or where the run has not
+    ended, or OSError; then nothing changes
+    """
+    path = Path(path)
+    if path.suffix == PARTIAL_ENDING:
+        path = path.with_suffix("")
+    partialPath = partial_path(path)
+    if not partialPath.is_dir():
+        raise RecordingError(path, f"there is no interrupted recording of it, {partialPath.name}")
+    lock = _lock(partialPath)
+    try:
+        recording = Recording(partialPath, mustBeFinite=False)
+        if path.exists():
+            _check_holds(path, recording)
+            shutil.rmtree(partialPath)
+        else:
+            damaged = recording.damaged_member()
+            if damaged is not None:
+                raise RecordingError(path, f"cannot be made, the array {damaged} is damaged")
+            _join_chunks(recording.files, partialPath, path, recording.head())
+    finally:
+        if lock is not None:
+            os.close(lock)
+    return path, recording.firstStep, recording.lastStep
+
+
+def _join_chunks(files, partialPath, path, head):
+    """Makes one recording of chunks, in place of an old file, and removes their folder.
+
+    files : list of RecordingFile; head : what the recording holds beside the states
+    raises OSError or RecordingError, and then leaves everything as it was
+    """
+    rows = {}
+    for name in SERIES:
+        count = sum(file.member(name).shape[0] for file in files)
+        rows[name] = (count, *files[0].member(name).shape[1:]), _joined(files, name)
+    with named_errors(path):
+        write_recording_file(partialPath / JOINED_NAME, path, rows, head)
+    # From here on the chunks are not needed, and what of them cannot be removed does no harm.
+    shutil.rmtree(partialPath, ignore_errors=True)
+
+
+def _joined(files, name):
+    """The rows of one array through several files, BLOCK_BYTES at a time."""
+    for file in files:
+        dtype, shape, _ = file.member(name)
+        atOnce = max(1, BLOCK_BYTES // (math.prod(shape[1:]) * dtype.itemsize))
+        for begin in range(0, shape[0], atOnce):
+            yield file.rows([name], begin, min(begin + atOnce, shape[0]))[name]
+
+
+def _check_holds(path, chunks):
+    """Raises RecordingError unless a file has all that is in the chunks.
+
+    It has, where the program was killed after it had made the file and before they were removed.
+    """
+    with suppress(RecordingError):
+        whole = Recording(path, mustBeFinite=False)
+        same = whole.firstStep == chunks.firstStep and whole.lastStep >= chunks.lastStep
+        if same and all(
+            np.array_equal(block["hashes"], whole.hashes(begin, len(block["hashes"])))
+            for begin, block in chunks.blocks(["hashes"])
+        ):
+            return
+    raise RecordingError(
+        path, f"there is another one already; rename it, or remove {partial_path(path).name}"
+    )
+
+
+def _lock(partialPath):
+    """The descriptor that keeps a recording's folder, or None; RecordingError if it is in use."""
+    try:
+        return lock_folder(partialPath)
+    except BlockingIOError:
+        raise RecordingError(partialPath, "a program is still recording into it") from None

@@ -1,0 +1,209 @@
+"""Scene and constraint files: where they are, and what is in them.
+
+From the top: loading a scene and its constraints; finding them by name; the parts of a scene's
+lines.
+
+Units: metres, kilograms, seconds. The y axis points up.
+"""
+
+import math
+import os
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from rbs.meshfiles import LARGEST_COORDINATE, load_mesh_file
+from rbs.messages import short
+from rbs.textfiles import LineReader, SceneError
+from RBSFunctions import Mesh
+
+# Our own scenes and meshes.
+DATA_FOLDER = Path(__file__).resolve().parent.parent / "data"
+SCENE_ENDING = "-scene.txt"
+CONSTRAINTS_ENDING = "-constraints.txt"
+# kg/m³: a neutron star has less than 1e19, and masses are still far from overflowing.
+LARGEST_DENSITY = 1e30
+# A mesh counts as convex while its hull is larger than itself by no more than this fraction.
+# Coordinates that were written with four decimals make about 1e-5; what a smaller tolerance would
+# report nobody could see, and a dent of 1e-4 shifts a contact by far less than a body's size.
+CONVEXITY_TOLERANCE = 1e-4
+
+
+class NonConvexWarning(UserWarning):
+    """A mesh that collides as its convex hull, which is larger than the mesh itself."""
+
+
+def load_scene_file(path, allowOutsideMeshes=False):
+    """Reads a scene: the number of bodies, then `meshfile density isFixed x y z qw qx qy qz` each.
+
+    Mesh files are looked up beside the scene file, and each is read once; their names may have
+    blanks in them, and `\\` separates folders as `/` does. A body is named after its mesh file and
+    its place in the scene, "box 3": the index that constraints know it by.
+    A mesh that is not convex gives one NonConvexWarning, however many bodies use it.
+
+    path : str or Path
+    allowOutsideMeshes : whether mesh files may lie outside of the scene's folder, by an absolute
+        path, by `..` or through a symbolic link; without it, a scene of unknown origin makes this
+        program read nothing but what came with it
+    returns a list of Mesh
+    raises SceneError
+    """
+    reader = LineReader(path)
+    bodyCount = reader.count("bodies", low=1)
+    loaded = {}
+    meshes = []
+    for index, row in enumerate(reader.rows(bodyCount, "body")):
+        row = _body_row(reader, row, f"body {index + 1} of {bodyCount}")
+        fileName = row[0]
+        density = reader.number(row[1], "the density", LARGEST_DENSITY)
+        if density <= 0.0:
+            raise reader.error(f"the density must be positive, not {row[1]}")
+        isFixed = bool(reader.integer(row[2], "isFixed", 0, 1))
+        position = reader.numbers(row[3:6], "a coordinate", LARGEST_COORDINATE)
+        orientation = reader.numbers(row[6:10], "the quaternion")
+        largest = max(map(abs, orientation))
+        if largest == 0.0:
+            raise reader.error("the quaternion must not be zero")
+        # hypot neither overflows nor vanishes where the sum of the squares would; of the largest
+        # numbers that there are, it does.
+        scale = 1.0 if largest < 1e300 else largest
+        length = math.hypot(*(component / scale for component in orientation))
+        orientation = [component / scale / length for component in orientation]
+        isNew = fileName not in loaded
+        if isNew:
+            loaded[fileName] = _load_mesh_beside(reader, fileName, allowOutsideMeshes)
+        name = f"{Path(fileName).stem} {index}"
+        mesh = _make_body(
+            reader, name, *loaded[fileName], density, position, orientation, isFixed
+        )  # fmt: skip
+        meshes.append(mesh)
+        if isNew:
+            _warn_unless_convex(fileName, mesh)
+    reader.expect_end(f"{bodyCount} bodies")
+    return meshes
+
+
+def load_constraint_file(path, meshes):
+    """Reads distance constraints: their number, then `m1 v1 m2 v2 lower upper` each.
+
+    Vertex v1 of mesh m1 and vertex v2 of mesh m2 (counted from 0) stay between `lower` and `upper`
+    times the distance that they have now, by their currVertices.
+
+    meshes : list of Mesh
+    returns a list of [m1, v1, m2, v2, refValue, upper], two for each line: first the lower bound,
+    then the upper one; refValue in metres, upper a bool
+    raises SceneError
+    """
+    reader = LineReader(path)
+    lineCount = reader.count("constraints")
+    constraints = []
+    for row in reader.rows(lineCount, "constraint", columns=6):
+        m1, v1 = _read_end(reader, row[0], row[1], meshes)
+        m2, v2 = _read_end(reader, row[2], row[3], meshes)
+        lower, upper = reader.numbers(row[4:], "a bound")
+        if not 0.0 <= lower <= upper:
+            raise reader.error(f"the bounds must be 0 ≤ lower ≤ upper, not {row[4]} and {row[5]}")
+        distance = math.dist(meshes[m1].currVertices[v1], meshes[m2].currVertices[v2])
+        if upper * distance == math.inf:
+            raise reader.error(f"the upper bound {row[5]} is beyond reckoning")
+        constraints.append([m1, v1, m2, v2, lower * distance, False])
+        constraints.append([m1, v1, m2, v2, upper * distance, True])
+    reader.expect_end(f"{lineCount} constraints")
+    return constraints
+
+
+def find_scene(name):
+    """The path of a scene: `name` itself if it is one, else data/<name>-scene.txt.
+
+    raises SceneError that lists the scenes of data/ when there is neither
+    """
+    path = Path(name)
+    if os.path.exists(path):  # unlike path.exists(), does not raise where it cannot look
+        return path
+    ours = DATA_FOLDER / f"{name}{SCENE_ENDING}"
+    if path.name == str(name) and os.path.exists(ours):
+        return ours
+    known = ", ".join(scene_name(scene) for scene in list_scenes(DATA_FOLDER))
+    raise SceneError(name, None, f"there is no such scene, neither a file nor one of: {known}")
+
+
+def list_scenes(folder):
+    """The paths of all scenes in a folder, by name."""
+    return sorted(Path(folder).glob(f"*{SCENE_ENDING}"))
+
+
+def find_constraints(scenePath):
+    """The constraint file that belongs to NAME-scene.txt, NAME-constraints.txt, or None."""
+    path = Path(scenePath).with_name(scene_name(scenePath) + CONSTRAINTS_ENDING)
+    return path if os.path.exists(path) else None
+
+
+def scene_name(path):
+    """What a person calls a scene: the file's name without its ending."""
+    name = Path(path).name
+    return name[: -len(SCENE_ENDING)] if name.endswith(SCENE_ENDING) else Path(path).stem
+
+
+def _body_row(reader, fields, what):
+    """The ten columns of a body's line, the name of its mesh file with `/` between folders.
+
+    A name may have blanks in it, which is seen from its ending. `\\` stands for `/` on every
+    system, so that a scene means the same on all of them.
+    """
+    name = " ".join(fields[:-9])
+    if len(fields) < 10 or (len(fields) > 10 and not name.lower().endswith((".mesh", ".off"))):
+        raise reader.error(f"{what} takes 10 columns, not {len(fields)}: '{short(*fields)}'")
+    return [name.replace("\\", "/"), *fields[-9:]]
+
+
+def _load_mesh_beside(reader, fileName, allowOutside):
+    """The mesh of a scene's current line; where there is none, the error names that line."""
+    folder = Path(reader.path).parent
+    path = folder / fileName
+    # realpath follows links and `..` as the system would.
+    home, target = os.path.realpath(folder), os.path.realpath(path)
+    if not allowOutside and not Path(target).is_relative_to(home):
+        raise reader.error(
+            f"the mesh file '{short(fileName)}' lies outside of the scene's folder; "
+            "--allow-outside-meshes reads it"
+        )
+    if not os.path.exists(path):
+        raise reader.error(f"there is no mesh file '{short(fileName)}' beside the scene")
+    return load_mesh_file(path)
+
+
+def _make_body(reader, name, vertices, faces, tets, density, *state):
+    """The Mesh of a scene's current line; raises SceneError where its mass has no sense."""
+    try:
+        with np.errstate(all="ignore"):
+            mesh = Mesh(name, vertices, faces, tets, density, *state)
+            inverses = 1.0 / mesh.mass, np.linalg.inv(mesh.IT)
+    except (ValueError, ZeroDivisionError) as error:
+        raise reader.error(f"this cannot be a body: {error}") from None
+    if not all(np.isfinite(value).all() for value in (mesh.IT, *inverses)):
+        raise reader.error(f"this cannot be a body: its mass, {mesh.mass:g}, is beyond reckoning")
+    if 0.0 < mesh.hullVolume * (1.0 + CONVEXITY_TOLERANCE) < mesh.volume:
+        raise reader.error(
+            f"the tetrahedra of {name} overlap: their volume is {mesh.volume:.6g}, that of their "
+            f"convex hull {mesh.hullVolume:.6g}"
+        )
+    return mesh
+
+
+def _warn_unless_convex(fileName, mesh):
+    """Warns if the hull of a Mesh is larger than itself; stacklevel: whoever loads the scene."""
+    if mesh.hullVolume > mesh.volume * (1.0 + CONVEXITY_TOLERANCE):
+        warnings.warn(
+            f"{fileName} is not convex (volume {mesh.volume:.6g}, its convex hull "
+            f"{mesh.hullVolume:.6g}): it collides as its hull",
+            NonConvexWarning,
+            stacklevel=3,
+        )
+
+
+def _read_end(reader, meshField, vertexField, meshes):
+    """(mesh index, vertex index) of one end of a constraint."""
+    mesh = reader.integer(meshField, "a mesh index", 0, len(meshes) - 1)
+    vertex = reader.integer(vertexField, "a vertex index", 0, len(meshes[mesh].currVertices) - 1)
+    return mesh, vertex

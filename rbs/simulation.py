@@ -1,0 +1,210 @@
+"""A scene that is simulated: `Simulation`, its `Settings`, and which values these may have.
+
+From the top: the simulation; the settings; the checks of single values, which the command line and
+the window use too; the ground.
+
+Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
+"""
+
+import math
+import operator
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from rbs.bodies import StateError
+from rbs.broadphase import BROAD_PHASES
+from rbs.messages import short
+from rbs.scenes import find_constraints, load_constraint_file, load_scene_file
+from rbs.schedules import CONSTRAINT_SCHEDULINGS
+from rbs.state import Scene
+from RBSFunctions import Mesh, run_timestep
+
+# Bodies keep half of their closing speed: the first falls visibly bounce and a pile comes to rest
+# within ten seconds. With 1, the other natural choice, nothing in a scene would ever settle.
+DEFAULT_RESTITUTION = 0.5
+# 50 steps a second: what a bounce needs to look smooth, and what the coursework's scenes are
+# laid out for.
+DEFAULT_TIME_STEP = 0.02
+# Metres: a constraint between bodies of the usual size, 5 to 20 m, is violated by a millimetre at
+# most when all is well. Nobody sees that, and a chain of ten settles on it within a few sweeps.
+CONSTRAINT_TOLERANCE = 1e-3
+# Constraint visits in a step: as many sweeps as a chain needs to pass a tug along itself a few
+# times over, and what the coursework allows where the constraints are few.
+SWEEPS = 20
+LEAST_VISITS = 1000
+# Seconds. Outside of these a step changes nothing to be seen, or all there is to be seen; numbers
+# made of it soon overflow.
+TIME_STEPS = (1e-12, 1e3)
+
+
+class Simulation(Scene):
+    """A scene, what it is simulated with, and how far it has come.
+
+    Attributes: scenePath; meshes, list of Mesh; constraintPath, or None; constraints, a list as
+    `load_constraint_file` gives it; groundMesh; settings; stepCount, the whole steps since the
+    start; report, the last step's `StepReport`, and stepSeconds, how long it took (None before the
+    first).
+    """
+
+    def __init__(
+        self, scenePath, settings=None, constraintPath=None, *, allowOutsideMeshes=False
+    ):
+        """Loads the scene; raises SceneError.
+
+        constraintPath : a constraint file; by default the one that belongs to the scene by its
+            name, if there is one
+        allowOutsideMeshes : see `load_scene_file`
+        """
+        self._allowOutsideMeshes = allowOutsideMeshes
+        self.settings = Settings() if settings is None else settings
+        self.groundMesh = make_ground()
+        self.load(scenePath, constraintPath)
+
+    def load(self, scenePath, constraintPath=None):
+        """Changes to another scene, at its start. Where that raises SceneError, nothing changes."""
+        meshes = load_scene_file(scenePath, self._allowOutsideMeshes)
+        if constraintPath is None:
+            constraintPath = find_constraints(scenePath)
+        constraints = [] if constraintPath is None else load_constraint_file(constraintPath, meshes)
+        self.meshes, self.constraints = meshes, constraints
+        self.scenePath = Path(scenePath)
+        self.constraintPath = constraintPath
+        self._startState = self.state()
+        self._startFixed = [mesh.isFixed for mesh in meshes]
+        self._begin()
+
+    def _begin(self):
+        self.stepCount = 0
+        self.time = 0.0
+        self.stepSeconds = self.report = None
+
+    def reset(self):
+        """Puts every body back to where the scene has it, at rest, and free or fixed as it was."""
+        for mesh, isFixed in zip(self.meshes, self._startFixed, strict=True):
+            mesh.set_fixed(isFixed)
+        self.set_state(self._startState)
+        self._begin()
+
+    def max_iterations(self):
+        """Constraint visits in a step at most: as set, or twenty sweeps and at least a thousand."""
+        if self.settings.maxIterations is not None:
+            return self.settings.maxIterations
+        return max(LEAST_VISITS, SWEEPS * len(self.constraints))
+
+    def step(self):
+        """Goes on by one time step.
+
+        raises StateError, which names the step and the body, where a number would become NaN,
+        infinite or absurdly large; the simulation then stays as it was before the step
+        """
+        settings = self.settings
+        begin = time.perf_counter()
+        try:
+            with np.errstate(all="ignore"):  # what overflows is told in one line below
+                self.report = run_timestep(
+                    self.meshes,
+                    self.groundMesh,
+                    settings.timeStep,
+                    settings.restitution,
+                    settings.enforceConstraints,
+                    self.constraints,
+                    self.max_iterations(),
+                    CONSTRAINT_TOLERANCE,
+                    closingOnly=settings.closingOnly,
+                    constraintScheduling=settings.constraintScheduling,
+                    mu=settings.friction,
+                    broadPhase=settings.broadPhase,
+                )
+        except StateError as error:
+            raise StateError(f"step {self.stepCount + 1} cannot be made: {error}") from None
+        self.stepSeconds = time.perf_counter() - begin
+        self.stepCount += 1
+        self.time += settings.timeStep
+
+
+@dataclass
+class Settings:
+    """What a scene is simulated with, apart from its bodies. The defaults are the basic behaviour.
+
+    restitution : 0 to 1; timeStep : s; closingOnly : see `resolve_collision`; friction : μ ≥ 0
+    enforceConstraints : whether a scene's constraints are used
+    constraintScheduling : a name of CONSTRAINT_SCHEDULINGS
+    maxIterations : constraint visits in a step at most, or None for the default
+    broadPhase : a name of BROAD_PHASES
+    """
+
+    restitution: float = DEFAULT_RESTITUTION
+    timeStep: float = DEFAULT_TIME_STEP
+    closingOnly: bool = False
+    friction: float = 0.0
+    enforceConstraints: bool = True
+    constraintScheduling: str = "sweep"
+    maxIterations: int | None = None
+    broadPhase: str = "all"
+
+    def change(self, name, value):
+        """Sets a field; raises ValueError, and changes nothing, where it cannot have this value."""
+        setattr(self, name, getattr(replace(self, **{name: value}), name))
+
+    def __post_init__(self):
+        """Raises ValueError or TypeError for what has no sense: a recording may say anything."""
+        self.restitution = checked_restitution(float(self.restitution))
+        self.timeStep = checked_time_step(float(self.timeStep))
+        self.friction = checked_friction(float(self.friction))
+        if not (isinstance(self.closingOnly, bool) and isinstance(self.enforceConstraints, bool)):
+            raise ValueError("closingOnly and enforceConstraints must be true or false")
+        if self.constraintScheduling not in CONSTRAINT_SCHEDULINGS:
+            raise ValueError(f"there is no scheduling {self.constraintScheduling!r}")
+        if self.broadPhase not in BROAD_PHASES:
+            raise ValueError(f"there is no broad phase {self.broadPhase!r}")
+        if self.maxIterations is not None:
+            at_least(0)(operator.index(self.maxIterations))
+
+
+def checked_restitution(value):
+    """The value, if it lies in [0, 1]; else ValueError. Above, every contact would add energy."""
+    if not 0.0 <= value <= 1.0:
+        raise ValueError(f"the restitution must lie between 0 and 1, not {value:g}")
+    return value
+
+
+def checked_time_step(value):
+    """The value in seconds, if it is positive and within TIME_STEPS; else ValueError."""
+    if not 0.0 < value < math.inf:
+        raise ValueError(f"the time step must be positive and finite, not {value:g}")
+    low, high = TIME_STEPS
+    if not low <= value <= high:
+        raise ValueError(f"the time step must be between {low:g} and {high:g} s, not {value:g}")
+    return value
+
+
+def checked_friction(value):
+    """The value, if it is finite and not negative; else ValueError."""
+    if not 0.0 <= value < math.inf:
+        raise ValueError(f"the friction must be finite and not negative, not {value:g}")
+    return value
+
+
+def at_least(low, high=math.inf):
+    """A check that numbers are not below `low`, and not above `high`."""
+
+    def check(value):
+        if value < low:
+            raise ValueError(f"must be {low} or more, not {short(str(value))}")
+        if value > high:
+            raise ValueError(f"must be {high} or less, not {short(str(value))}")
+        return value
+
+    return check
+
+
+def make_ground():
+    """The ground as the contract has it: a fixed mesh of nothing at the origin."""
+    noTriangles, noTets = np.empty((0, 3), dtype=np.int64), np.empty((0, 4), dtype=np.int64)
+    return Mesh(
+        "ground", np.empty((0, 3)), noTriangles, noTets,
+        0.0, np.zeros((1, 3)), [[1.0, 0.0, 0.0, 0.0]], True,
+    )  # fmt: skip

@@ -1,0 +1,129 @@
+"""A scene in some state: what a simulation and a replay of a recording have in common.
+
+From the top: the four arrays that a state consists of, and its hash; `Scene`, which gets and sets
+the state of its bodies and measures it.
+
+Units: metres, kilograms, seconds.
+"""
+
+import hashlib
+import math
+
+import numpy as np
+
+from Quaternion import QConj, QRotate
+from rbs.poses import refresh_vertices
+from RBSFunctions import GRAVITY
+
+# The state of a body: the rest of it follows from these and from what never changes.
+STATE_NAMES = {
+    "positions": "position",
+    "orientations": "orientation",
+    "linVelocities": "linVelocity",
+    "angVelocities": "angVelocity",
+}
+STATE_WIDTHS = {"positions": 3, "orientations": 4, "linVelocities": 3, "angVelocities": 3}
+# Bytes of a state's hash.
+HASH_SIZE = 16
+# The shapes of the values of a body that its energies and momenta are made of.
+_ROWS = {
+    "mass": (1,), "IT": (3, 3), "position": (3,), "orientation": (4,), "linVelocity": (3,),
+    "angVelocity": (3,),
+}  # fmt: skip
+
+
+class Scene:
+    """Bodies and their constraints in some state: what a simulation and a replay have in common.
+
+    Attributes: meshes, list of Mesh; constraints, rows [m1, v1, m2, v2, refValue, upper].
+    """
+
+    meshes = ()
+    constraints = ()
+
+    def state(self):
+        """Copies of positions (n, 3), orientations (n, 4), linVelocities and angVelocities (n, 3).
+
+        returns a dict with these four names
+        """
+        return {
+            plural: np.array([getattr(mesh, name) for mesh in self.meshes], dtype=np.float64)
+            .reshape(len(self.meshes), STATE_WIDTHS[plural])
+            for plural, name in STATE_NAMES.items()
+        }  # fmt: skip
+
+    def set_state(self, state):
+        """Puts the bodies into a state that `state()` gave, in this scene."""
+        for plural, name in STATE_NAMES.items():
+            for mesh, row in zip(self.meshes, state[plural], strict=True):
+                setattr(mesh, name, np.array(row, dtype=np.float64).reshape(1, -1))
+
+    def _free(self, *names):
+        """Attributes of all free bodies as arrays with a row for each of the m bodies."""
+        free = [mesh for mesh in self.meshes if not mesh.isFixed]
+        return [
+            np.array([getattr(mesh, name) for mesh in free]).reshape(len(free), *_ROWS[name])
+            for name in names
+        ]
+
+    def _spin(self):
+        """(m, 3) each: the free bodies' ω and I ω in body axes, where I = IT."""
+        q, angVelocity, IT = self._free("orientation", "angVelocity", "IT")
+        spin = QRotate(QConj(q), angVelocity)
+        return spin, np.einsum("mij,mj->mi", IT, spin)
+
+    def kinetic_energy(self):
+        """Of all free bodies, in J: ½ m v² + ½ ωᵀ I ω."""
+        mass, v = self._free("mass", "linVelocity")
+        spin, spinMomentum = self._spin()
+        return float(0.5 * np.sum(mass * v * v) + 0.5 * np.sum(spin * spinMomentum))
+
+    def momentum(self):
+        """(3,) of all free bodies, in kg m/s: m v."""
+        mass, v = self._free("mass", "linVelocity")
+        return np.sum(mass * v, axis=0)
+
+    def angular_momentum(self):
+        """(3,) of all free bodies about the origin, in kg m²/s: m r × v + R I Rᵀ ω."""
+        mass, r, v, q = self._free("mass", "position", "linVelocity", "orientation")
+        return np.sum(np.cross(r, mass * v) + QRotate(q, self._spin()[1]), axis=0)
+
+    def potential_energy(self):
+        """Of all free bodies over the ground, in J: m g y of their centres of mass."""
+        return sum(
+            float(-GRAVITY * mesh.mass * mesh.position[0, 1])
+            for mesh in self.meshes
+            if not mesh.isFixed
+        )
+
+    def largest_violation(self):
+        """How far the distance of a constraint is beyond its bound at most, in m; 0 if none is."""
+        if self.constraints:
+            refresh_vertices(self.meshes)
+        largest = 0.0
+        for m1, v1, m2, v2, refValue, upper in self.constraints:
+            distance = math.dist(self.meshes[m1].currVertices[v1], self.meshes[m2].currVertices[v2])
+            largest = max(largest, distance - refValue if upper else refValue - distance)
+        return largest
+
+    def lowest_point(self):
+        """(y in m, name of the body) of the lowest vertex; (nan, "") where there is no body."""
+        refresh_vertices(self.meshes)
+        heights = [(float(np.min(mesh.currVertices[:, 1])), mesh.name) for mesh in self.meshes]
+        return min(heights, default=(math.nan, ""))
+
+    def is_finite(self):
+        """Whether no number of the state is NaN or infinite."""
+        return all(bool(np.all(np.isfinite(values))) for values in self.state().values())
+
+
+def hash_of(state):
+    """BLAKE2b (16,) uint8 of the bytes of a state's four arrays, in the order of STATE_NAMES.
+
+    Two states have the same hash if they are the same to the last bit; that two others have it by
+    chance will not happen in any number of steps that a computer can make.
+    """
+    digest = hashlib.blake2b(digest_size=HASH_SIZE)
+    for name in STATE_NAMES:
+        digest.update(np.ascontiguousarray(state[name], dtype="<f8"))
+    return np.frombuffer(digest.digest(), dtype=np.uint8)

@@ -1,0 +1,172 @@
+"""The default step is the coursework's text: whoever edits one of its functions sees it move."""
+
+import inspect
+
+import numpy as np
+import pytest
+from oracles import DATA, body, box_body, ground, quaternion, state_of
+
+import RBSFunctions
+from RBSFunctions import Mesh, resolve_collision, run_timestep
+from RigidBodySimulation import load_constraint_file, load_scene_file
+
+SCREEN_LINES = 60
+STEPS = 60
+
+
+def moved_by(change, meshes, constraints=(), steps=STEPS):
+    """The states after so many steps, with what `change` has done to the functions."""
+    change()
+    for _ in range(steps):
+        run_timestep(meshes, ground(), 0.02, 0.5, constraints=constraints)
+    return state_of(meshes)
+
+
+def load(name):
+    """Meshes and constraints of one of our scenes."""
+    meshes = load_scene_file(DATA / f"{name}-scene.txt")
+    path = DATA / f"{name}-constraints.txt"
+    return meshes, load_constraint_file(path, meshes) if path.is_file() else ()
+
+
+def test_the_step_fits_on_a_screen():
+    """Its code, that is: without the signature and the docstring, and without blank lines."""
+    source = inspect.getsource(run_timestep).split('"""')[2]
+    code = [line for line in source.splitlines() if line.strip()]
+    assert 20 < len(code) < SCREEN_LINES
+    for name in ("integrate_timestep", "detect_collision", "resolve_collision"):
+        assert f"{name}(" in source
+
+
+# What a student may have written instead: each with the signature of the coursework, and in plain
+# NumPy. Each is wrong, or slow, in a way that can be seen in the motion.
+
+
+def weightless(self, timeStep):
+    self.position = self.position + timeStep * self.linVelocity
+    self.currVertices = self.origVertices + self.position
+
+
+def blind(self, m):
+    return False, 0.0, np.zeros((1, 3)), np.zeros((1, 3))
+
+
+def boxes_only(self, m):
+    return False
+
+
+def swapped(m1, m2, depth, contactNormal, penPoint, CRCoeff):
+    resolve_collision(m1, m2, depth, contactNormal, penPoint, 0.0)
+
+
+def slack(currPositions, currConstPoints, refValue, invMasses, upper, tolerance):
+    return True, currPositions
+
+
+def unstoppable(
+    currPositions, currConstPoints, currLinVelocities, currAngVelocities, invMasses,
+    invInertiaTensors, tolerance,
+):  # fmt: skip
+    return True, currLinVelocities, currAngVelocities
+
+
+def turned_back(self):
+    return 2.0 * self.invIT
+
+
+REPLACED = {
+    "integrate_timestep": (Mesh, weightless, "mixed"),
+    "detect_collision": (Mesh, blind, "mixed"),
+    "bounding_box_collision": (Mesh, boxes_only, "mixed"),
+    "get_rotated_inv_IT": (Mesh, turned_back, "mixed"),
+    "resolve_collision": (RBSFunctions, swapped, "mixed"),
+    "resolve_position_constraint": (RBSFunctions, slack, "cube"),
+    "resolve_velocity_constraint": (RBSFunctions, unstoppable, "cube"),
+}
+
+
+@pytest.mark.parametrize("name", REPLACED)
+def test_each_function_of_the_coursework_is_seen_in_the_motion(name, monkeypatch):
+    owner, replacement, scene = REPLACED[name]
+    steps = 130  # until the bodies have met each other and the ground
+    expected = moved_by(lambda: None, *load(scene), steps)
+    changed = moved_by(lambda: monkeypatch.setattr(owner, name, replacement), *load(scene), steps)
+    assert np.abs(changed - expected).max() > 0.01
+
+
+@pytest.mark.parametrize("name", REPLACED)
+def test_each_function_of_the_coursework_is_called(name, monkeypatch):
+    """The same bits where it only passes on, with the coursework's number of arguments."""
+    owner, _, scene = REPLACED[name]
+    original, calls = getattr(owner, name), []
+    count = len(inspect.signature(REPLACED[name][1]).parameters)
+
+    def passing_on(*arguments):
+        assert len(arguments) == count
+        calls.append(1)
+        return original(*arguments)
+
+    expected = moved_by(lambda: None, *load(scene), 130)
+    changed = moved_by(lambda: monkeypatch.setattr(owner, name, passing_on), *load(scene), 130)
+    assert len(calls) > 3 and np.array_equal(changed, expected)
+
+
+class Ball(Mesh):
+    """Collides as a ball about its COM, with other balls."""
+
+    radius = 2.0
+
+    def detect_collision(self, m):
+        t = m.position - self.position
+        distance = np.linalg.norm(t)
+        depth = self.radius + m.radius - distance
+        normal = t / distance
+        return depth >= 0.0, depth, normal, m.position - m.radius * normal
+
+
+def test_a_subclass_may_detect_its_own_collisions():
+    """Small tetrahedra, far apart by their boxes, that collide as the balls that they are."""
+    balls = []
+    for x, speed in ((-5.0, 3.0), (5.0, -3.0)):
+        plain = body("tetrahedron", (x, 100.0, 0.0), size=0.01)
+        ball = Ball("ball", plain.origVertices, plain.faces, plain.tets, 1.0, plain.position,
+                    plain.orientation, False)  # fmt: skip
+        ball.linVelocity = np.array([[speed, 0.0, 0.0]])
+        balls.append(ball)
+    contacts = 0
+    for _ in range(100):
+        contacts += len(run_timestep(balls, None, 0.02, 1.0).contacts)
+    assert contacts > 0
+    # equal masses and a central hit: they have exchanged their velocities
+    assert balls[0].linVelocity[0, 0] == pytest.approx(-3.0)
+    assert balls[1].linVelocity[0, 0] == pytest.approx(3.0)
+
+
+def test_all_options_are_checked_before_anything_moves():
+    """Also a scheduling where there is nothing to schedule."""
+    for wrong in (
+        {"constraintScheduling": "quue"}, {"broadPhase": "gird"}, {"mu": -1.0}, {"tolerance": -1.0},
+        {"tolerance": np.nan}, {"mu": np.inf},
+    ):  # fmt: skip
+        mesh = box_body(1.0, 1.0, 1.0, (0.0, 5.0, 0.0))
+        with pytest.raises(ValueError):
+            run_timestep([mesh], ground(), 0.02, 0.5, **wrong)
+        assert np.array_equal(mesh.position, [[0.0, 5.0, 0.0]])
+
+
+@pytest.mark.parametrize("broadPhase", ["all", "grid"])
+def test_an_exception_leaves_the_meshes_as_they_were(broadPhase):
+    """In the middle of the constraints, after collisions have been resolved."""
+    meshes = [
+        box_body(2.0, 2.0, 2.0, (0.0, 0.9, 0.0), orientation=quaternion([0, 0, 1], 3)),
+        box_body(2.0, 2.0, 2.0, (0.3, 2.8, 0.0)),
+    ]
+    before = state_of(meshes)
+    with pytest.raises(IndexError):
+        run_timestep(
+            meshes, ground(), 0.02, 0.5, constraints=[[0, 0, 7, 0, 1.0, True]],
+            broadPhase=broadPhase,
+        )  # fmt: skip
+    assert np.array_equal(state_of(meshes), before)
+    report = run_timestep(meshes, ground(), 0.02, 0.5, broadPhase=broadPhase)
+    assert len(report.contacts) >= 2 and not np.array_equal(state_of(meshes), before)

@@ -1,0 +1,213 @@
+"""The house: which room imports which, told from the source.
+
+The rooms are the modules of `rbs/` and the four at the top level. Every import counts, also one
+inside a function.
+"""
+
+import ast
+import sys
+
+import pytest
+from oracles import ROOT
+
+TOP = ("RBSFunctions", "RigidBodySimulation", "Quaternion", "GJK")
+# The rooms that draw, and the window.
+POLYSCOPE_ROOMS = {"rbs.cameras", "rbs.drawing", "rbs.pictures", "rbs.panel", "rbs.viewer"}
+# What uses the rooms, and is used by none of them.
+USERS = {"tests", "report", "graders"}
+# What looks at an internal on purpose, and at which: what it holds, or how often it is called, is
+# what the test is about.
+INTERNALS = {
+    "test_broadPhase.py": {"_batch_numbers", "_shapes", "_add_missed_pairs"},
+    "test_recording.py": {"_frames", "_write_chunk"},
+    "test_writing.py": {"_write_member", "_chunks"},
+}
+# A file that is longer than this is two rooms.
+MOST_LINES = 750
+
+
+def rooms():
+    """The sources of all rooms: dict of module name and path."""
+    found = {name: ROOT / f"{name}.py" for name in TOP}
+    for path in sorted(ROOT.glob("rbs/**/*.py")):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        found[".".join(part for part in parts if part != "__init__")] = path
+    return found
+
+
+def imports(source, known):
+    """What a module imports: a set of the known modules, or top-level names of others.
+
+    known : names of modules; `from rbs import drawing` imports `rbs.drawing` if that is one of them
+    """
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "imports are absolute"
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                found.add(inner if inner in known else node.module)
+    return {name if name in known else name.split(".")[0] for name in found}
+
+
+def circle(graph):
+    """Modules that import each other in a circle, in its order, or []. graph : dict of sets"""
+    done, path = set(), []
+
+    def visit(name):
+        if name in path:
+            return path[path.index(name) :]
+        if name in done:
+            return []
+        path.append(name)
+        for other in sorted(graph.get(name, ())):
+            if found := visit(other):
+                return found
+        done.add(path.pop())
+        return []
+
+    for name in sorted(graph):
+        if found := visit(name):
+            return found
+    return []
+
+
+def is_private(name):
+    return name.startswith("_") and not name.startswith("__")
+
+
+def foreign_privates(source, known):
+    """The private names of others that a module uses: a set of names.
+
+    `from x import _y` and "x._y" in a text, as it is handed to monkeypatch, where x is one of the
+    known modules; and `x._y` for any x but self and cls, unless the module defines _y itself or has
+    x from elsewhere. `_replace` and its like are what a named tuple offers to all.
+    """
+    tree = ast.parse(source)
+    found, elsewhere, own = set(), set(), {"_replace", "_asdict", "_fields", "_make"}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                if alias.name not in known:
+                    elsewhere.add((alias.asname or alias.name).split(".")[0])
+        elif isinstance(node, ast.ImportFrom):
+            if node.module not in known:
+                elsewhere |= {alias.asname or alias.name for alias in node.names}
+            else:
+                found |= {alias.name for alias in node.names if is_private(alias.name)}
+        elif isinstance(node, ast.FunctionDef | ast.ClassDef):
+            own.add(node.name)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            own.add(node.id)
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            if ast.unparse(node.value) == "self":
+                own.add(node.attr)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and is_private(node.attr):
+            root = ast.unparse(node.value).split(".")[0]
+            if root not in {"self", "cls"} | elsewhere and node.attr not in own:
+                found.add(node.attr)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            module, _, name = node.value.rpartition(".")
+            if module in known and is_private(name) and name.isidentifier():
+                found.add(name)
+    return found
+
+
+# --------------------------------------------------------------------------------------------------
+# The checkers find what is planted
+# --------------------------------------------------------------------------------------------------
+
+
+def test_a_planted_circle_is_found():
+    sources = {
+        "rbs.low": "import numpy as np\n",
+        "rbs.middle": "from rbs.low import f\nfrom rbs import low\n",
+        "rbs.high": "def late():\n    from rbs.middle import g\n",
+        "rbs": "",
+    }
+    graph = {name: imports(source, sources) for name, source in sources.items()}
+    assert graph["rbs.middle"] == {"rbs.low"} and graph["rbs.high"] == {"rbs.middle"}
+    assert graph["rbs.low"] == {"numpy"} and circle(graph) == []
+    sources["rbs.low"] = "def late():\n    import rbs.high\n"
+    graph["rbs.low"] = imports(sources["rbs.low"], sources)
+    assert sorted(circle(graph)) == ["rbs.high", "rbs.low", "rbs.middle"]
+
+
+def test_a_planted_polyscope_is_found():
+    for source in ("import polyscope as ps", "def f():\n    import polyscope.imgui as psim",
+                   "from polyscope import imgui", "if True:\n    from polyscope.core import x"):
+        assert imports(source, {"rbs"}) == {"polyscope"}
+    assert imports('"import polyscope"', {"rbs"}) == set()
+
+
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [
+        ("from rbs.low import _y", {"_y"}),
+        ("from rbs.low import _y as y", {"_y"}),
+        ("def f():\n    from rbs.low import _y", {"_y"}),
+        ("import rbs.low\nrbs.low._y(1)", {"_y"}),
+        ("import rbs.low as low\nx = low._y", {"_y"}),
+        ("from rbs import low\nlow.z._y = 1", {"_y"}),
+        ("from rbs.low import Y\nY._z(1)", {"_z"}),
+        ("from rbs.low import y\ndef f(x):\n    return x[0]._z", {"_z"}),
+        ("patch('rbs.low._y', 1)", {"_y"}),
+        ("from rbs.low import y\ny.__name__", set()),
+        ("from rbs.low import y\nself._y = y(_z)", set()),
+        ("class A:\n    def f(self, other):\n        self._x = other._x", set()),
+        ("def _f(x):\n    return x._replace(y=1)\nPLACES = [A._f]", set()),
+        ("import numpy as np\nnp._core", set()),
+        ("import threading\nfrom rbs import __version__", set()),
+    ],
+)
+def test_planted_private_names_are_found(source, expected):
+    assert foreign_privates(source, {"rbs", "rbs.low"}) == expected
+
+
+# --------------------------------------------------------------------------------------------------
+# The house
+# --------------------------------------------------------------------------------------------------
+
+
+def test_no_room_imports_itself_by_a_way_round():
+    known = rooms()
+    graph = {name: imports(path.read_text("utf-8"), known) for name, path in known.items()}
+    assert sum(len(others) for others in graph.values()) > 50
+    assert circle(graph) == []
+
+
+def test_rooms_import_nothing_that_uses_them():
+    known = rooms()
+    folders = {path.stem: path.parent.name for user in USERS for path in ROOT.glob(f"{user}/*.py")}
+    assert len(folders) > 20
+    for name, path in known.items():
+        used = imports(path.read_text("utf-8"), known)
+        assert not used & (set(folders) - set(known) | USERS), name
+        allowed = set(known) | set(sys.stdlib_module_names)
+        allowed |= {"numpy", "scipy", "tqdm", "polyscope", "matplotlib", "imageio_ffmpeg"}
+        assert used <= allowed, name
+
+
+def test_polyscope_is_imported_by_what_draws_only():
+    known = rooms()
+    found = {n for n, path in known.items() if "polyscope" in imports(path.read_text(), known)}
+    assert found == POLYSCOPE_ROOMS
+
+
+def test_private_names_of_others_are_used_on_purpose_only():
+    known = rooms()
+    users = [path for user in (*USERS, "data") for path in ROOT.glob(f"{user}/*.py")]
+    used = {path.name: foreign_privates(path.read_text("utf-8"), known)
+            for path in (*known.values(), *users) if path.name != "test_house.py"}  # fmt: skip
+    assert {name: names for name, names in used.items() if names} == INTERNALS
+
+
+def test_every_room_says_what_it_is_for_and_is_not_too_long():
+    for name, path in rooms().items():
+        source = path.read_text("utf-8")
+        assert len(ast.get_docstring(ast.parse(source)) or "") > 40, name
+        if name.startswith("rbs") or name == "RigidBodySimulation":
+            assert source.count("\n") <= MOST_LINES, name
