@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
+from rbs.messages import InputError
+
 PROGRAM_FOLDER = Path(__file__).resolve().parents[1]
 # What the released code imports besides NumPy and SciPy: cppyy, InitializeCCD, RBSLoadVis.
 STAND_INS = PROGRAM_FOLDER / "graders" / "released"
@@ -21,7 +23,7 @@ STAND_INS = PROGRAM_FOLDER / "graders" / "released"
 SUBMITTED_MODULES = ("RBSFunctions", "Quaternion")
 
 
-class SubmissionError(Exception):
+class SubmissionError(InputError):
     """A submission that cannot be loaded. The message is the cause, in one line."""
 
     def __init__(self, cause):
