@@ -137,9 +137,10 @@ def environment(folder):
     }
 
 
-def run_limited(command, folder, seconds, output=subprocess.DEVNULL):
+def run_limited(command, folder, seconds, errors=subprocess.DEVNULL):
     """Runs a command and whatever it starts, for so many seconds; returns its exit code.
 
+    errors : a file that its standard error goes to; its output is dropped
     The exit code is negative where a signal ended it, and None where the time was up.
     """
     process = subprocess.Popen(
@@ -147,8 +148,8 @@ def run_limited(command, folder, seconds, output=subprocess.DEVNULL):
         cwd=folder,
         env=environment(folder.parent),
         stdin=subprocess.DEVNULL,
-        stdout=output,
-        stderr=output,
+        stdout=subprocess.DEVNULL,
+        stderr=errors,
         start_new_session=True,
     )
     try:

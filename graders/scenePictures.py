@@ -47,13 +47,15 @@ def draw_scene(scene, folder, target, limits):
             "--functions", str(work), "--time-step", str(TIME_STEP), "--steps", str(STEPS),
             "--screenshots", str(frames), "--every", str(EVERY), "--size", SIZE,
         ]  # fmt: skip
-        with open(said, "wb") as output:
-            code = run_limited(command, work, limits.seconds, output)
+        with open(said, "wb") as errors:
+            code = run_limited(command, work, limits.seconds, errors)
         if code is None:
             result.problem = f"stopped after {limits.seconds:g} s"
         elif code != 0:
             lines = said.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-            result.problem = one_line(lines[-1]) if lines else f"ended with exit code {code}"
+            result.problem = f"ended with exit code {code}"
+            if lines:
+                result.problem = one_line(lines[-1]).removeprefix("RigidBodySimulation.py: ")
         target.mkdir(parents=True, exist_ok=True)
         for frame in sorted(frames.glob("frame_*.png")) if frames.is_dir() else ():
             step = int(re.sub(r"\D", "", frame.stem))
