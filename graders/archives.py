@@ -12,7 +12,7 @@ from pathlib import Path
 
 from isolation import MOST_BYTES, MOST_FILES, PASSED_OVER
 
-from rbs.submissions import SUBMITTED_MODULES, SubmissionError, one_line
+from rbs.submissions import SUBMITTED_MODULES, SubmissionError, brief
 
 ZIP_ENDING = ".zip"
 BLOCK_BYTES = 1 << 20
@@ -134,7 +134,7 @@ def unpack(path, target):
                 if member.is_dir() or PASSED_OVER & set(parts):
                     continue
                 if files.setdefault("/".join(parts).lower(), (member, parts))[0] is not member:
-                    raise SubmissionError(f"the ZIP holds '{one_line(member.filename, 60)}' twice")
+                    raise SubmissionError(f"the ZIP holds '{brief(member.filename, 60)}' twice")
             left = MOST_BYTES
             for member, parts in files.values():
                 file = target.joinpath(*parts)
@@ -160,7 +160,7 @@ def checked_parts(member):
     or a folder, below the one that it is unpacked to."""
     name = member.filename.replace("\\", "/")
     parts = [part for part in name.split("/") if part not in ("", ".")]
-    shown = one_line(name, 60)
+    shown = brief(name, 60)
     if name.startswith("/") or ".." in parts or ":" in name:
         raise SubmissionError(f"the ZIP is refused: '{shown}' leads out of its folder")
     if not parts or not name.isprintable():

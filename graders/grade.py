@@ -11,7 +11,7 @@ import argparse
 import os
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -27,12 +27,13 @@ from gradingTools import (
     DATA_DIRECTORY,
     FAILED,
     PASSED,
+    STOPPED,
     GraderDataError,
     OneLineParser,
     add_convention_argument,
     printable,
 )
-from isolation import add_limit_arguments, limits_of
+from isolation import add_limit_arguments, limits_of, stop_all
 from scenePictures import SCENES, draw_scene
 from sheets import print_table, write_csv, write_sheet
 
@@ -131,6 +132,13 @@ def make_parser():
     return parser
 
 
+def show_progress(count, total):
+    """How many are graded, on stderr if that is a terminal."""
+    if sys.stderr.isatty():
+        end = "\n" if count == total else ""
+        print(f"\r{count} of {total} graded", end=end, file=sys.stderr, flush=True)
+
+
 def main():
     parser = make_parser()
     arguments = parser.parse_args()
@@ -163,7 +171,14 @@ def main():
             )
             for entry in entries
         ]  # fmt: skip
-        outcomes = [one.result() for one in waiting]
+        try:
+            for count, _done in enumerate(as_completed(waiting), start=1):
+                show_progress(count, len(waiting))
+        except KeyboardInterrupt:
+            executor.shutdown(wait=False, cancel_futures=True)
+            stop_all()
+            parser.exit(STOPPED, f"{parser.prog}: stopped by Ctrl-C\n")
+    outcomes = [one.result() for one in waiting]
     print_table(outcomes)
     try:
         write_csv(arguments.out / "grades.csv", outcomes, arguments.convention)

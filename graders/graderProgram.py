@@ -9,6 +9,7 @@ from gradeReport import make_grade
 from gradingTools import (
     BAD_DATA,
     DATA_DIRECTORY,
+    STOPPED,
     GraderDataError,
     OneLineParser,
     add_convention_argument,
@@ -67,6 +68,9 @@ def run_grader(description, grader):
     except SubmissionError as problem:
         print(printable(f"{parser.prog}: {problem}"), file=sys.stderr)
         return BAD_DATA
+    except KeyboardInterrupt:
+        print(f"{parser.prog}: stopped by Ctrl-C", file=sys.stderr)
+        return STOPPED
     grade.remarks.append(printable(remark))
     return grade.report()
 

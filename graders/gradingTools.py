@@ -34,6 +34,7 @@ CONVENTIONS = (EXACT, RELEASED_2024)
 ERROR_BOUND = 1e-9
 
 PASSED, FAILED, BAD_DATA = 0, 1, 2
+STOPPED = 130  # 128 + SIGINT, as a shell reports a program that Ctrl-C ended
 
 
 def printable(text):

@@ -14,13 +14,14 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from trials import Results
 
-from rbs.submissions import SubmissionError, one_line
+from rbs.submissions import SubmissionError, brief
 
 GRADERS = Path(__file__).resolve().parent
 # A submission is a few text files; the released folder with its meshes and C library has some MB.
@@ -69,7 +70,7 @@ def _positive(kind, high):
             value = 0
         if not 0 < value <= high:
             raise argparse.ArgumentTypeError(
-                f"must be a number above 0 and up to {high}, not '{one_line(text, 40)}'"
+                f"must be a number above 0 and up to {high}, not '{brief(text, 40)}'"
             )
         return value
 
@@ -141,8 +142,12 @@ def run_limited(command, folder, seconds, errors=subprocess.DEVNULL):
     """Runs a command and whatever it starts, for so many seconds; returns its exit code.
 
     errors : a file that its standard error goes to; its output is dropped
+    Raises SubmissionError once `stop_all` has been called.
+
     The exit code is negative where a signal ended it, and None where the time was up.
     """
+    if _isStopped.is_set():
+        raise SubmissionError("stopped by Ctrl-C")
     process = subprocess.Popen(
         command,
         cwd=folder,
@@ -152,11 +157,25 @@ def run_limited(command, folder, seconds, errors=subprocess.DEVNULL):
         stderr=errors,
         start_new_session=True,
     )
+    _running.add(process)
     try:
         return process.wait(seconds)
     except subprocess.TimeoutExpired:
         return None
     finally:
+        _running.discard(process)
+        _end(process)
+
+
+# The processes that are running, in whichever thread, and whether no more shall be started.
+_running = set()
+_isStopped = threading.Event()
+
+
+def stop_all():
+    """Ends all processes that are running, and lets none be started any more."""
+    _isStopped.set()
+    for process in list(_running):
         _end(process)
 
 
@@ -193,6 +212,10 @@ def run_isolated(grader, folder, dataFolder, data, convention, limits):
                 remarks = run.remarks
             if run.begun is None:
                 break
+    for part in missing:
+        if part.name not in outcomes:
+            outcomes[part.name] = results = Results(part.shapes, sampleCount)
+            results.give_up(run.cause or "gave no results", len(part.samples(data, convention)))
     return [(part, outcomes[part.name]) for part in parts], remarks
 
 
@@ -247,11 +270,11 @@ class _Run:
                 if kind == "loaded":
                     self.isLoaded = True
                     self.remarks = [
-                        f"{one_line(name)}.py is not there: this project's is used"
+                        f"{brief(name)}.py is not there: this project's is used"
                         for name in value
                     ]
                 elif kind == "refused":
-                    self.cause = one_line(value)
+                    self.cause = brief(value)
                 elif kind == "begun":
                     self.begun = value
                 elif kind == "results":
@@ -285,5 +308,5 @@ class _Run:
         trace = self._trace.read_text(errors="replace")
         for file, line in re.findall(r'File "([^"\n]+)", line (\d+)', trace):
             if Path(file).is_relative_to(self._work):
-                return f", at {one_line(Path(file).relative_to(self._work))}:{line}"
+                return f", at {brief(Path(file).relative_to(self._work))}:{line}"
         return ""

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from gradingTools import PROJECT_DIRECTORY
-from isolation import copied, run_limited
+from isolation import GRADERS, copied, run_limited
 
-from rbs.submissions import one_line
+from rbs.submissions import brief
 
 # A fall, a collision, many of both, and constraints.
 SCENES = ("singlebox", "mixed", "tower_chain")
@@ -18,6 +18,8 @@ STEPS = 150
 EVERY = 50
 TIME_STEP = 0.02  # s
 SIZE = "320x180"
+# The address space that drawing takes, beside what a submission may have: OpenGL in software.
+DRAWING_MEGABYTES = 2048
 
 
 @dataclass
@@ -43,7 +45,9 @@ def draw_scene(scene, folder, target, limits):
         frames = Path(place) / "frames"
         said = Path(place) / "said.txt"
         command = [
-            sys.executable, "-B", str(PROJECT_DIRECTORY / "RigidBodySimulation.py"), scene,
+            sys.executable, "-B", str(GRADERS / "limitedRun.py"),
+            str(limits.megabytes + DRAWING_MEGABYTES),
+            str(PROJECT_DIRECTORY / "RigidBodySimulation.py"), scene,
             "--functions", str(work), "--time-step", str(TIME_STEP), "--steps", str(STEPS),
             "--screenshots", str(frames), "--every", str(EVERY), "--size", SIZE,
         ]  # fmt: skip
@@ -55,7 +59,7 @@ def draw_scene(scene, folder, target, limits):
             lines = said.read_text(encoding="utf-8", errors="replace").strip().splitlines()
             result.problem = f"ended with exit code {code}"
             if lines:
-                result.problem = one_line(lines[-1]).removeprefix("RigidBodySimulation.py: ")
+                result.problem = brief(lines[-1]).removeprefix("RigidBodySimulation.py: ")
         target.mkdir(parents=True, exist_ok=True)
         for frame in sorted(frames.glob("frame_*.png")) if frames.is_dir() else ():
             step = int(re.sub(r"\D", "", frame.stem))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from gradingTools import EXACT, RELEASED_2024, load_grader_data
 
-from rbs.submissions import describe, one_line
+from rbs.submissions import brief, describe
 
 
 class NotWritten(Exception):
@@ -101,7 +101,7 @@ class Results:
             return f"not implemented: {error}"
         if isinstance(error, WrongResult):
             return str(error)
-        text = one_line(error) if self._folder is None else describe(error, self._folder)
+        text = brief(error) if self._folder is None else describe(error, self._folder)
         return f"not implemented: {text}" if isinstance(error, NotImplementedError) else text
 
     def as_json(self):
@@ -115,12 +115,12 @@ class Results:
             array[...] = np.array(content["values"][key], dtype=np.float64).reshape(array.shape)
         for key, (cause, count, first) in content["problems"].items():
             if key in self.values:
-                self.problems[key] = one_line(cause), int(count), int(first)
+                self.problems[key] = brief(cause), int(count), int(first)
 
     def give_up(self, cause, sampleCount):
         """Notes one cause for all quantities and samples: nothing could be run."""
         for key in self.values:
-            self.problems[key] = one_line(cause), sampleCount, 0
+            self.problems[key] = brief(cause), sampleCount, 0
 
 
 # ---- Parts of a grader --------------------------------------------------------------------------

@@ -11,26 +11,7 @@ import os
 import sys
 from pathlib import Path
 
-MEGABYTE = 1 << 20
-# The most bytes of a file that a submission may write.
-LARGEST_FILE = 64 * MEGABYTE
-
-
-def limit(megabytes):
-    """Bounds the address space and the files of this process, where the system can do that."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return
-    for what, bound in (
-        (resource.RLIMIT_AS, megabytes * MEGABYTE),
-        (resource.RLIMIT_FSIZE, LARGEST_FILE),
-        (resource.RLIMIT_CORE, 0),
-    ):
-        _soft, hard = resource.getrlimit(what)
-        if hard != resource.RLIM_INFINITY:
-            bound = min(bound, hard)
-        resource.setrlimit(what, (bound, bound))
+from limitedRun import limit
 
 
 def main():

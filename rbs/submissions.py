@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
-from rbs.messages import InputError
+from rbs.messages import InputError, one_line, short
 
 PROGRAM_FOLDER = Path(__file__).resolve().parents[1]
 # What the released code imports besides NumPy and SciPy: cppyy, InitializeCCD, RBSLoadVis.
@@ -27,13 +27,12 @@ class SubmissionError(InputError):
     """A submission that cannot be loaded. The message is the cause, in one line."""
 
     def __init__(self, cause):
-        super().__init__(one_line(cause))
+        super().__init__(brief(cause))
 
 
-def one_line(text, limit=300):
-    """The text in one line without control characters, cut off where it is longer than limit."""
-    line = " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
-    return line if len(line) <= limit else line[: limit - 3] + "..."
+def brief(text, limit=300):
+    """What a submission says, in one line with single blanks, cut off at `limit` characters."""
+    return short(*one_line(text or " ").split(), limit=limit)
 
 
 # ---- Our own modules ----------------------------------------------------------------------------
@@ -163,7 +162,7 @@ def describe(error, folder):
         part in it, file and line are left out.
     """
     folder = Path(folder).resolve()
-    message = one_line(error)
+    message = brief(str(error))
     text = f"{type(error).__name__}: {message}" if message else type(error).__name__
     place = None
     trace = error.__traceback__
@@ -174,7 +173,7 @@ def describe(error, folder):
         trace = trace.tb_next
     if isinstance(error, SyntaxError) and error.filename and _within(error.filename, folder):
         place = error.filename, error.lineno
-        text = f"{type(error).__name__}: {one_line(error.msg)}"
+        text = f"{type(error).__name__}: {brief(error.msg)}"
     if place is None:
         return text
     return f"{Path(place[0]).name}:{place[1]}: {text}"

@@ -11,7 +11,7 @@ import numpy as np
 
 from rbs.bodies import StateError
 from rbs.sceneLines import scene_rows
-from rbs.submissions import SubmissionError, describe, load_submission, one_line
+from rbs.submissions import SubmissionError, brief, describe, load_submission
 from RBSFunctions import run_timestep
 
 # Our run_timestep's parameters in their order, and the values that they have where none is given.
@@ -160,8 +160,8 @@ def _numbers(meshName, name, value, shape):
         array = np.array(value, dtype=np.float64).reshape(shape)
     except (TypeError, ValueError):
         raise StateError(
-            f"{one_line(meshName, 60)}: {name} has shape {np.shape(value)}, not {shape}"
+            f"{brief(meshName, 60)}: {name} has shape {np.shape(value)}, not {shape}"
         ) from None
     if not np.isfinite(array).all():
-        raise StateError(f"{one_line(meshName, 60)}: {name} is not finite")
+        raise StateError(f"{brief(meshName, 60)}: {name} is not finite")
     return array

@@ -134,6 +134,33 @@ def test_who_is_half_done_is_told_what_is_missing(graded):
     ]
 
 
+@pytest.mark.parametrize("grader", NAMES)
+def test_the_skeleton_is_told_what_is_missing_and_nothing_else(grader, tmp_path):
+    write_submission(tmp_path / "student", studentVariants.SKELETON)
+    notes, count = notes_of(grade_student(grader, tmp_path / "student"))
+    failing = {"integrationGrading": 3, "ResolveCollisionsGrading": 7, "Constraints": 11}
+    assert count == failing[grader]
+    missing = {
+        "integrationGrading": ["integrate_timestep leaves the mesh as it was"],
+        "ResolveCollisionsGrading": [
+            "get_rotated_inv_IT gives the identity",
+            "resolve_collision leaves both meshes as they were",
+        ],
+        "Constraints": [
+            "every position is called valid and left as it was",
+            "every velocity is called valid and left as it was",
+        ],
+    }
+    told = [note.split(": ", 1)[1] for note in notes]
+    assert told == [f"not implemented: {what}" for what in missing[grader]]
+
+
+@pytest.mark.parametrize("grader", NAMES)
+def test_a_solution_may_change_its_arguments(grader, tmp_path):
+    write_submission(tmp_path / "student", studentVariants.IN_PLACE)
+    assert notes_of(grade_student(grader, tmp_path / "student")) == ([], 0)
+
+
 def test_table_and_sheets_say_the_same(graded):
     convention, printed, rows, out = graded
     header, *lines = printed.splitlines()
@@ -240,7 +267,7 @@ IMPULSE = "    # velocities\n"
         ("    raise NotImplementedError('later')\n",
          "not implemented: RBSFunctions.py:{line}: NotImplementedError: later"),
         ("    raise SystemExit(0)\n", "RBSFunctions.py:{line}: SystemExit: 0"),
-        ("    raise KeyError\n", "RBSFunctions.py:{line}: KeyError"),
+        ("    raise KeyError\n", "RBSFunctions.py:{line}: KeyError (in 51 of"),
         ("    m1.linVelocity = np.zeros((3, 3)); raise IndexError\n",
          "RBSFunctions.py:{line}: IndexError"),
     ],

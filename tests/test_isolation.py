@@ -3,6 +3,7 @@
 import csv
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -250,6 +251,28 @@ def test_texts_of_a_submission_are_made_harmless(tmp_path):
     assert "ValueError: \\<b\\>\\|\\`x\\`\\](http://y) \\[2J" in sheet
     for text in (sheet, graded.stdout, (tmp_path / "out" / "grades.csv").read_text()):
         assert "\x1b" not in text
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
+def test_ctrl_c_ends_all_in_one_line(tmp_path):
+    for name in ("one", "two", "three"):
+        write_submission(tmp_path / "all" / name, HOSTILE["endless-loop"])
+    command = [
+        sys.executable, ROOT / "graders" / "grade.py", tmp_path / "all", "--out", tmp_path / "out",
+        "--jobs", "2",
+    ]  # fmt: skip
+    environment = os.environ | {"TMPDIR": str(tmp_path)}
+    process = subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    begin = time.monotonic()
+    while len(list(tmp_path.glob("submission-*/answers.jsonl"))) < 2:
+        assert time.monotonic() - begin < 30
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    printed, errors = process.communicate(timeout=20)
+    assert (process.returncode, printed, errors) == (130, "", "grade.py: stopped by Ctrl-C\n")
+    assert not list(tmp_path.glob("submission-*"))
 
 
 # ---- Finding and unpacking ----------------------------------------------------------------------
