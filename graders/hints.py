@@ -101,8 +101,8 @@ INTEGRATION_MISTAKES = (
         "not implemented: integrate_timestep leaves the mesh as it was",
         "velocity left", "position left", "orientation left",
     ),
-    mistake("position", "the position moves with the velocity from before the step (explicit "
-            "Euler); semi-implicit Euler takes the new one", "explicit Euler"),
+    mistake("position", "explicit Euler: the position moves with the velocity from before the "
+            "step; semi-implicit Euler takes the new one", "explicit Euler"),
     mistake("position", "not implemented: the position stays as it was", "position left"),
     mistake("velocity", "not implemented: gravity; the velocity stays as it was", "velocity left"),
     mistake("velocity", "gravity pulls upwards; it is -9.8 along y", "gravity upwards"),
@@ -130,7 +130,7 @@ FIXED_INTEGRATION_MISTAKES = (
 # tensor does not fit the data.
 TENSOR_MISTAKES = (
     mistake("tensor", "your inertia tensor and the way it is turned are those of --convention "
-            "{other}, under which this passes", "tensor six times", "tensor turned the other way"),
+            "{other}, with whose data this passes", "tensor six times", "tensor turned the other way"),
     mistake("tensor", "your inertia tensor is 6 times {too small}, as in --convention {other}",
             "tensor six times"),
     mistake("tensor", "your inverse inertia tensor is turned to world axes the other way round: "
@@ -153,8 +153,8 @@ _IMPULSES = (
     mistake("angular", "the change of the angular velocities has the wrong sign",
             "angular impulse's sign"),
     mistake("impulse", "the impulse has the wrong sign", "impulse's sign"),
-    mistake("lost", "mesh 2's corrected linear velocity is lost (the released driver assigns it to "
-            "a misspelt attribute)", "velocity 2 lost"),
+    mistake("lost", "mesh 2's corrected linear velocity is lost, as if assigned to a misspelt "
+            "attribute", "velocity 2 lost"),
     mistake("lost", "mesh 2's corrected velocities are lost", "velocities 2 lost"),
     mistake("lost", "mesh 1's corrected linear velocity is lost", "velocity 1 lost"),
     mistake("lost", "mesh 1's corrected velocities are lost", "velocities 1 lost"),

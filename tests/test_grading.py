@@ -18,7 +18,7 @@ EXACT, RELEASED_2024 = "exact", "released-2024"
 # released one, which does not grade detection. Then what is told, and nothing else is.
 TOLD = {
     "complete": [],
-    "explicit-euler": [("integrationGrading", 1, 1, "(explicit Euler)")],
+    "explicit-euler": [("integrationGrading", 1, 1, "explicit Euler: ")],
     "quaternion-order": [("integrationGrading", 1, 1, "multiplied in the wrong order")],
     "normal-sign": [("ResolveCollisionsGrading", 2, 2, "the normal has the wrong sign")],
     "no-rotational-term": [("ResolveCollisionsGrading", 4, 4, "leaves out the rotational part")],
@@ -194,7 +194,7 @@ def test_a_right_solution_passes_under_the_released_convention(grader, tmp_path,
 @pytest.mark.parametrize(
     ("edits", "text"),
     [
-        (RELEASED, "are those of --convention released-2024, under which this passes"),
+        (RELEASED, "are those of --convention released-2024, with whose data this passes"),
         ([studentVariants.SMALL_TENSOR], "your inertia tensor is 6 times too small"),
         ([TURNED_BACK], "turned to world axes the other way round"),
     ],
