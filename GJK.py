@@ -1,7 +1,7 @@
 """Convex against convex: who touches whom, how deep, along which normal, and where.
 
-`is_collide` answers for two sets of points, `collide_turned` for two hulls that a simulation has
-turned. GJK itself is `separating_axes`. The rest has rooms of its own: hulls in rbs/hulls.py, the
+`is_collide` answers for two sets of points, `collide_rotated` for two hulls that a simulation has
+rotated. GJK itself is `separating_axes`. The rest has rooms of its own: hulls in rbs/hulls.py, the
 facets of the Minkowski difference in rbs/facets.py, contact patches in rbs/patches.py. They work on
 arrays of pairs with elementwise formulas, so that a pair's result has the same bits whatever else
 is in the array.
@@ -36,7 +36,7 @@ from functools import lru_cache
 import numpy as np
 
 from rbs.arrays import indices, take
-from rbs.facets import LEAST_GAP, axes_or_centre_lines, find_facets
+from rbs.facets import LEAST_GAP, all_facets, axes_or_centre_lines, find_facets
 from rbs.hulls import (
     EPS,
     FEATURE_TOLERANCE,
@@ -53,6 +53,10 @@ GJK_PROGRESS = 1e-12
 # GJK ends in a few iterations; rounding can make it cycle. Whatever it has not separated by then
 # goes on to the facets, which settle it.
 GJK_ITERATIONS = 48
+
+# To rule out facets of a pair takes longer than to look at all of up to this many combinations of
+# its edges.
+FEW_COMBINATIONS = 4000
 
 _ZERO = np.zeros((1, 3))
 _ZERO.setflags(write=False)
@@ -105,10 +109,10 @@ def is_collide(vertices1, vertices2):
     return True, depth, np.array([normal]), np.array([point]) + centres[1]
 
 
-def collide_turned(turned1, turned2, t, axis=None):
-    """Whether two turned hulls meet, for a simulation, which knows hulls and orientations.
+def collide_rotated(rotated1, rotated2, t, axis=None):
+    """Whether two rotated hulls meet, for a simulation, which knows hulls and orientations.
 
-    turned1, turned2 : `rbs.poses.Turned`
+    rotated1, rotated2 : `rbs.poses.RotatedShape`
     t : tuple of 3, centre of the second minus centre of the first
     axis : tuple of 3, unit, that may separate them; where it does not, or None, they are looked at.
         It changes no result
@@ -117,16 +121,16 @@ def collide_turned(turned1, turned2, t, axis=None):
     which they overlap least or are apart; and the point of hull 2 that is deepest inside hull 1,
     relative to the centre of hull 2, or None without a collision.
     """
-    hull1, hull2 = turned1.shape.hull, turned2.shape.hull
+    hull1, hull2 = rotated1.shape.hull, rotated2.shape.hull
     size = hull1.radius + hull2.radius
     if axis is not None:
-        highest = dot(axis, turned1.hullVertices).max()
-        lowest = dot(axis, turned2.hullVertices).min()
+        highest = dot(axis, rotated1.hullVertices).max()
+        lowest = dot(axis, rotated2.hullVertices).min()
         if lowest + dot(axis, t) - highest > LEAST_GAP * size:
             return False, 0.0, axis, None
     hulls = _hull_pair(hull1, hull2).rotated(
-        np.array((turned1.rotation, turned2.rotation)).T,
-        np.concatenate((turned1.hullVertices, turned2.hullVertices), axis=1),
+        np.array((rotated1.rotation, rotated2.rotation)).T,
+        np.concatenate((rotated1.hullVertices, rotated2.hullVertices), axis=1),
     )
     return _collide(hulls, t, TOUCH_TOLERANCE * size, FEATURE_TOLERANCE * size, axis)
 
@@ -138,12 +142,16 @@ def _hull_pair(hull1, hull2):
 
 
 def _collide(hulls, t, tolerance, patchTolerance, axis=None):
-    """`collide_turned` for a `HullSet` of two.
+    """`collide_rotated` for a `HullSet` of two.
 
     tolerance : hulls that are apart by no more touch; patchTolerance : see `contact_point`
     """
-    axes = None if axis is None else np.array([axis]).T
-    facets = find_facets(hulls, *_PAIR, np.array([t]).T, np.array([tolerance]), axes)
+    translation = np.array([t]).T
+    if hulls.edgeCount[0] * hulls.edgeCount[1] <= FEW_COMBINATIONS:
+        facets = all_facets(hulls, *_PAIR, translation)
+    else:
+        axes = None if axis is None else np.array([axis]).T
+        facets = find_facets(hulls, *_PAIR, translation, np.array([tolerance]), axes)
     penetration, normal = facets.minimal_penetration(0, t)
     if penetration < -tolerance:
         return False, 0.0, normal, None

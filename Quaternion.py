@@ -49,17 +49,16 @@ def exponential(q):
     """
     w, x, y, z = q
     squared = x * x + y * y + z * z
-    if isinstance(squared, np.ndarray):
-        angle = np.sqrt(squared)
-        small = angle < SMALL_ANGLE
+    isArray = isinstance(squared, np.ndarray)
+    angle = np.sqrt(squared) if isArray else math.sqrt(squared)
+    small, series = angle < SMALL_ANGLE, 1.0 - angle * angle / 6.0
+    if isArray:
         safe = np.where(small, 1.0, angle)
-        sinc = np.where(small, 1.0 - angle * angle / 6.0, np.sin(safe) / safe)
-        scale, cosine = np.exp(w), np.cos(angle)
+        sinc = np.where(small, series, np.sin(safe) / safe)
+        cosine, scale = np.cos(angle), np.exp(w)
     else:
-        angle = math.sqrt(squared)
-        small = angle < SMALL_ANGLE
-        sinc = 1.0 - angle * angle / 6.0 if small else float(np.sin(angle)) / angle
-        scale, cosine = float(np.exp(w)), float(np.cos(angle))
+        sinc = series if small else float(np.sin(angle)) / angle
+        cosine, scale = float(np.cos(angle)), float(np.exp(w))
     return scale * cosine, scale * sinc * x, scale * sinc * y, scale * sinc * z
 
 

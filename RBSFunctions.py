@@ -9,14 +9,12 @@ length units per second squared along -y. Vectors of one mesh are rows (1, 3), q
 with the scalar part first; (3,) and (4,) are accepted wherever one is passed in or assigned. The
 formulas stand once, on components, tuples or arrays: see rbs/vectors.py.
 
-Sources. Semi-implicit Euler, impulses and the inertia of a turned body: Baraff, Physically Based
-Modeling: Rigid Body Simulation, SIGGRAPH course notes, 2001. Mass, centre and inertia of a
-tetrahedron: Tonon, Explicit exact formulas for the 3-D tetrahedron inertia tensor, J. Mathematics
-and Statistics 1(1), 2005. One impulse a contact with friction along the sliding: Mirtich,
-Impulse-based dynamic simulation of rigid body systems, 1996. Positions corrected in proportion to
-the inverse masses: Müller, Heidelberger, Hennix, Ratcliff, Position based dynamics, 2007.
-Constraints on velocities with their effective mass: Catto, Modeling and solving constraints, Game
-Developers Conference 2009.
+Sources. Impulses and the inertia of a rotated body: Baraff, Rigid Body Simulation, SIGGRAPH course
+notes, 2001. Inertia of a tetrahedron: Tonon, Explicit exact formulas for the 3-D tetrahedron
+inertia tensor, J. Mathematics and Statistics 1(1), 2005. One impulse a contact, with friction along
+the sliding: Mirtich, Impulse-based dynamic simulation of rigid body systems, 1996. Positions
+corrected in proportion to the inverse masses: Müller et al., Position based dynamics, 2007.
+Constraints on velocities: Catto, Modeling and solving constraints, Game Developers Conference 2009.
 """
 
 import itertools
@@ -107,14 +105,14 @@ def run_timestep(
         bits through uniform grids and batches of pairs, and suits hundreds of bodies. It applies
         the formulas to arrays: what a subclass of Mesh has in place of a method is not called
 
-    Raises ValueError for a name that is not known, a number that is negative or not finite where it
-    must not be, and what `resolve_collision` refuses; `rbs.bodies.StateError`, which names the
-    body, where a number would become NaN, infinite or absurdly large. Whatever is raised, the
-    meshes are then as they were before the step.
+    Raises ValueError, which says what, for options that it refuses, a mesh that is in the list
+    twice, and a constraint of what is not there; `rbs.bodies.StateError`, which names the body,
+    where a number would become NaN, infinite or absurdly large. Whatever is raised, the meshes are
+    then as they were before the step.
     """
     timeStep, tolerance = _float(timeStep), _float(tolerance)
     contactSettings = contact_settings(CRCoeff, closingOnly, mu)
-    check_step_options(timeStep, tolerance, constraintScheduling, broadPhase)
+    check_step_options(meshes, timeStep, tolerance, constraintScheduling, broadPhase)
     if not enforceConstraints:
         constraints = ()
     project = partial(
@@ -133,8 +131,9 @@ def run_timestep(
             check_numbers(state_columns(meshes), meshes, "free flight")
         with report.phase("collisions"):
             for (i, m1), (j, m2) in itertools.combinations(enumerate(meshes), 2):
-                isCollision, *contact = m1.detect_collision(m2)
+                isCollision, depth, normal, point = m1.detect_collision(m2)
                 if isCollision:
+                    contact = depth, normal, point
                     impulses = resolve_collision(m1, m2, *contact, CRCoeff, **extensions)
                     report.add_contact(i, j, *contact, impulses)
             report.candidatePairs = math.comb(len(meshes), 2)
@@ -151,8 +150,11 @@ def run_timestep(
     return report
 
 
-def check_step_options(timeStep, tolerance, constraintScheduling, broadPhase):
+def check_step_options(meshes, timeStep, tolerance, constraintScheduling, broadPhase):
     """Raises ValueError for what `run_timestep` refuses, other than the settings of contacts."""
+    if len({id(mesh) for mesh in meshes}) < len(meshes):
+        twice = next(k for k, mesh in enumerate(meshes) if any(mesh is m for m in meshes[:k]))
+        raise ValueError(f"mesh {twice}, {meshes[twice].name!r}, is in the list twice")
     if not 0.0 <= timeStep < math.inf:
         raise ValueError(f"the time step must be finite and not negative, not {timeStep:g}")
     if not tolerance >= 0.0:
@@ -217,7 +219,7 @@ class Mesh(Posed):
         self.IT = np.zeros((3, 3))
         if len(self.origVertices) > 0:
             self._init_mass_properties()
-        self.set_fixed(isFixed)
+        self.isFixed = isFixed
         self._forget()
 
     def _table(self, what, rows, width, dtype):
@@ -262,17 +264,19 @@ class Mesh(Posed):
         self.hull = build_hull(self.origVertices)
         self.hullVolume = self.hull.volume
 
-    def set_fixed(self, isFixed):
-        """Fixes the mesh, at rest where it is, or frees it: from the next step on."""
-        self.isFixed = bool(isFixed)
-        if self.isFixed:
+    @property
+    def isFixed(self):
+        """Whether nothing moves the mesh. Assigning fixes it, at rest where it is, or frees it."""
+        return self.invMass == 0.0
+
+    @isFixed.setter
+    def isFixed(self, isFixed):
+        if isFixed:
             self.linVelocity, self.angVelocity = np.zeros((1, 3)), np.zeros((1, 3))
-        if self.isFixed or len(self.origVertices) == 0:
-            self.invMass = 0.0
-            self.invIT = np.zeros((3, 3))
+        if isFixed or len(self.origVertices) == 0:
+            self.invMass, self.invIT = 0.0, np.zeros((3, 3))
         else:
-            self.invMass = 1.0 / self.mass
-            self.invIT = np.linalg.inv(self.IT)
+            self.invMass, self.invIT = 1.0 / self.mass, np.linalg.inv(self.IT)
 
     def integrate_timestep(self, timeStep):
         """Moves the mesh on by timeStep seconds of free flight; a fixed mesh stays as it is.
@@ -280,7 +284,7 @@ class Mesh(Posed):
         Semi-implicit Euler: v ← v + g h, COM ← COM + v h with the new velocity, orientation ←
         exp(ω h/2) ∘ orientation. The angular velocity stays: the gyroscopic term is left out.
         """
-        if self.invMass == 0.0:
+        if self.isFixed:
             return
         linVelocity, position, orientation = free_flight(
             floats(self.linVelocity, 3), floats(self.angVelocity, 3),
@@ -294,12 +298,11 @@ class Mesh(Posed):
         pose1, pose2 = self.pose(), m.pose()
         if pose1 is None or pose2 is None:
             return False
-        lowX1, lowY1, lowZ1, highX1, highY1, highZ1 = pose1.box
-        lowX2, lowY2, lowZ2, highX2, highY2, highZ2 = pose2.box
+        a, b = pose1.box, pose2.box  # the least x, y, z and the greatest
         return (
-            lowX1 <= highX2 and lowX2 <= highX1
-            and lowY1 <= highY2 and lowY2 <= highY1
-            and lowZ1 <= highZ2 and lowZ2 <= highZ1
+            a[0] <= b[3] and b[0] <= a[3]
+            and a[1] <= b[4] and b[1] <= a[4]
+            and a[2] <= b[5] and b[2] <= a[5]
         )  # fmt: skip
 
     def detect_collision(self, m):
@@ -309,12 +312,12 @@ class Mesh(Posed):
         being hull 1: m has to move by depth along intNormal (1, 3) to separate, and intPosition
         (1, 3) is the point of m that is deepest inside this mesh. Two fixed meshes never collide.
         """
-        if (self.isFixed and m.isFixed) or not self.bounding_box_collision(m):
+        if not self.bounding_box_collision(m) or (self.isFixed and m.isFixed):
             return GJK.NO_COLLISION
         pose1, pose2 = self.pose(), m.pose()
         t = sub(pose2.position, pose1.position)
-        isCollision, depth, normal, point = GJK.collide_turned(
-            pose1.turned, pose2.turned, t, self.cachedAxes.get(m)
+        isCollision, depth, normal, point = GJK.collide_rotated(
+            pose1.rotated, pose2.rotated, t, self.cachedAxes.get(m)
         )
         self.cachedAxes[m] = normal
         if not isCollision:
@@ -326,7 +329,7 @@ class Mesh(Posed):
 
         None of a mesh that nothing moves: the ground leaves it where it is.
         """
-        if self.invMass == 0.0:
+        if self.isFixed:
             return None
         vertices = self.currVertices
         return vertices[vertices[:, 1].argmin()]
@@ -348,8 +351,9 @@ class Mesh(Posed):
 
     def body_state(self):
         """What a contact or a constraint reads and changes, in floats: `BodyState`."""
+        invInertia = np.zeros((3, 3)) if self.isFixed else self.get_rotated_inv_IT()
         return BodyState(
-            float(self.invMass), floats(self.get_rotated_inv_IT(), 9), floats(self.position, 3),
+            float(self.invMass), floats(invInertia, 9), floats(self.position, 3),
             floats(self.linVelocity, 3), floats(self.angVelocity, 3),
         )  # fmt: skip
 
@@ -447,11 +451,10 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
         bodies are pressed together, and never turns it round
 
     The interpenetration is split by inverse mass; one impulse at the contact point, which moves
-    along with m2, reverses the closing speed and scales it by the restitution. Two meshes that
-    cannot move stay as they are.
+    along with m2, reverses the closing speed and scales it by the restitution.
 
-    Returns the `ContactImpulses`, None of two meshes that cannot move. Raises ValueError for a
-    restitution that is not finite, and a friction that is negative or not finite.
+    Returns the `ContactImpulses`, None of two meshes that cannot move, which stay as they are.
+    Raises ValueError for a restitution that is not finite, or a friction that is negative or not.
     """
     settings = contact_settings(CRCoeff, closingOnly, mu)
     body1, body2 = m1.body_state(), m2.body_state()
@@ -612,17 +615,16 @@ def resolve_position_constraint(
 
     Of vectors given as tuples of three floats, the corrected positions are such tuples.
     """
-    body1, body2 = (
-        BodyState(_float(invMasses[k]), None, floats(currPositions[k], 3), None, None)
-        for k in range(2)
-    )
     point1, point2 = floats(currConstPoints[0], 3), floats(currConstPoints[1], 3)
+    position1, position2 = floats(currPositions[0], 3), floats(currPositions[1], 3)
     C, n = distance_error(point1, point2, _float(refValue))
-    isViolated = is_violated(C, bool(upper), _float(tolerance))
-    if isViolated and body1.invMass + body2.invMass > 0.0:
+    if not is_violated(C, bool(upper), _float(tolerance)):
+        return True, _as_given(currPositions, (position1, position2))
+    body1 = BodyState(_float(invMasses[0]), None, position1, None, None)
+    body2 = BodyState(_float(invMasses[1]), None, position2, None, None)
+    if body1.invMass + body2.invMass > 0.0:
         separate(body1, body2, C, n)
-    corrected = body1.position, body2.position
-    return not isViolated, _as_given(currPositions, corrected)
+    return False, _as_given(currPositions, (body1.position, body2.position))
 
 
 def resolve_velocity_constraint(
@@ -722,7 +724,7 @@ def project_constraints(bodies, constraints, maxIterations, tolerance, schedulin
     """
     if len(constraints) == 0:
         return 0
-    rows = ConstraintRows(constraints, bodies.isFixed, tolerance)
+    rows = ConstraintRows(constraints, bodies.isFixed, bodies.vertexCount, tolerance)
     maximumVisits = max(int(maxIterations), rows.total)
     if scheduling == "batches":
         with bodies.in_tables() as bodies:
@@ -879,7 +881,7 @@ def _apply_impulses(bodies, contacts, settings, report):
 
 def _resolve_ground(bodies, groundMesh, settings, report):
     """`resolve_collision` of every body that reaches the ground, at its lowest vertex."""
-    b, point = bodies.lowest_vertices()
+    b, point = bodies.lowest_points()
     if len(b) == 0:
         return
     # The ground is hull 2: the body moves up, against the normal, by how deep the vertex is.

@@ -1,3 +1,48 @@
-"""Rigid-body simulation: the rooms behind the modules at the top level."""
+"""The rooms behind the four modules of the coursework: one purpose each.
+
+A newcomer starts at `run_timestep` in RBSFunctions.py. Data flows one way: files → meshes → steps →
+pictures and recordings. Rooms import only what stands above them in this list, and nothing imports
+`graders`, `tests` or `report`.
+
+Algebra and geometry, below GJK.py
+    arrays        indexing of long arrays in few calls
+    vectors       vectors by component: tuples of floats, or arrays (3, n)
+    hulls         convex hulls, of one shape and of many bodies
+    facets        the facets of the Minkowski difference that can be nearest
+    patches       contact patches and their centres
+
+Bookkeeping of a step, below RBSFunctions.py: which pairs and constraints, and when
+    bodies        the state of meshes in tables; what a contact reads of a body
+    poses         what follows from a position and an orientation
+    broadphase    boxes that overlap, through uniform grids
+    batches       ordered batches of pairs, and what they may have missed
+    constraints   the constraints that can be corrected
+    schedules     which constraint is visited when
+    reports       what a step tells of itself
+
+Scenes, above RBSFunctions.py
+    messages      errors and lines for the terminal
+    files         reading with limits, writing whole or not at all
+    textfiles     text files, line by line
+    meshfiles     .mesh and .off
+    state         a scene in some state: energies, momenta, hashes
+    scenes        scene and constraint files
+    simulation    a scene, its settings, and its steps
+
+Recordings
+    recordingfiles  the layout of the file
+    recording       reading and writing it
+    replay          replaying, resuming, verifying
+    statistics      the numbers of every step, as a table or a plot
+
+What is seen; Polyscope is imported in drawing, cameras, pictures, panel and viewer only
+    pictureoptions  what the command line may ask of a picture
+    colours, drawables, backends, cameras, drawing, pictures, panel, viewer
+
+The program
+    opening       from names to scenes and recordings
+    headless      runs without a window
+    options       the command line
+"""
 
 __version__ = "0.1.0"

@@ -2,7 +2,7 @@
 
 `StateColumn` makes an attribute of a mesh a view of its row in the `StateTables` of its last step.
 `Bodies` has the tables of one step with a column a body, and what follows from the orientations:
-turned hulls, boxes, inverse inertia in world axes. Nothing here is physics: bodies are moved by
+rotated hulls, boxes, inverse inertia in world axes. Nothing here is physics: bodies are moved by
 whoever assigns to the tables.
 """
 
@@ -263,9 +263,9 @@ class Bodies:
     invMass : (n,); invInertia : (9, n), world axes, row by row
     box : (6, n), bounding boxes in the world before the collisions: least coordinates, then
         greatest ones negated. A mesh without vertices has none
-    hulls : HullSet, turned to the orientations
-    vertices : (3, ΣV), all vertices, turned, relative to their COMs; vertexStart (n,), where those
-        of a body begin
+    hulls : HullSet, rotated to the orientations
+    vertices : (3, ΣV), all vertices, rotated, relative to their COMs; those of a body begin at
+        vertexStart (n,), and it has vertexCount (n,) of them
     axes : `AxisCache`
     """
 
@@ -275,6 +275,7 @@ class Bodies:
         self._shapes = _shapes(tuple(meshes))
         self.axes = self._shapes.axes
         self.vertexStart = self._shapes.vertexStart
+        self.vertexCount = self._shapes.vertexCount
         tables = self._shapes.state
         tables.gather(meshes)
         columns = {
@@ -286,9 +287,9 @@ class Bodies:
         )
         self._gathered = self.motion.copy()
         self.orientation = columns["orientation"]
-        self.restInvInertia = columns["invIT"]
         self.invMass = tables.tables["invMass"]
         self.isFixed = self.invMass == 0.0
+        self.restInvInertia = np.where(self.isFixed, 0.0, columns["invIT"])
 
     position = property(lambda self: self.motion[0:3])
     velocity = property(lambda self: self.motion[3:9])
@@ -309,9 +310,9 @@ class Bodies:
         self.motion = np.where(self.isFixed, self.motion, moved)
         self.travel = self.position - before
         self.orientation = np.where(self.isFixed, self.orientation, orientation)
-        self.turn()
+        self.follow_orientations()
 
-    def turn(self):
+    def follow_orientations(self):
         """Works out what follows from the orientations: vertices, hulls, boxes, inertia."""
         shapes = self._shapes
         rotation = np.stack(rotation_matrices(self.orientation))
@@ -349,7 +350,7 @@ class Bodies:
         """Sets a body b, or bodies (m,), to a `BodyState` that something has changed."""
         self.motion[:, b] = np.concatenate((state.position, state.linVelocity, state.angVelocity))
 
-    def lowest_vertices(self):
+    def lowest_points(self):
         """`(b (m,), point (3, m))`: bodies that reach down to y = 0, and the lowest vertex of each.
 
         Of equally low ones, the first.
@@ -394,7 +395,11 @@ class MeshStates:
 
     @property
     def isFixed(self):
-        return np.array([m.invMass == 0.0 for m in self.meshes], dtype=bool)
+        return np.array([m.isFixed for m in self.meshes], dtype=bool)
+
+    @property
+    def vertexCount(self):
+        return np.array([len(m.origVertices) for m in self.meshes], dtype=np.intp)
 
     def state(self, b):
         return self.meshes[b].body_state()
@@ -403,12 +408,12 @@ class MeshStates:
         self.meshes[b].set_body_state(state)
 
     def arm(self, b, vertex):
-        return tuple(self.meshes[b].pose().turned.vertices[:, vertex].tolist())
+        return tuple(self.meshes[b].pose().rotated.vertices[:, vertex].tolist())
 
     @contextmanager
     def in_tables(self):
         """Yields the `Bodies`, and gives the meshes what has become of them."""
         bodies = Bodies(self.meshes)
-        bodies.turn()
+        bodies.follow_orientations()
         yield bodies
         bodies.write_back()

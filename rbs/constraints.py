@@ -16,10 +16,12 @@ class ConstraintRows:
     body1, vertex1, body2, vertex2 : (C,); refValue : (C,); upper : (C,) bool
     """
 
-    def __init__(self, constraints, isFixed, tolerance):
-        """constraints : rows `[m1, v1, m2, v2, refValue, upper]`; isFixed : (n,) bool"""
+    def __init__(self, constraints, isFixed, vertexCount, tolerance):
+        """constraints : rows `[m1, v1, m2, v2, refValue, upper]`; isFixed (n,) bool, vertexCount
+        (n,) : of the meshes; raises ValueError, which names constraint, mesh and vertex"""
         self.total = len(constraints)
-        table = np.array([tuple(row) for row in constraints], dtype=np.float64).reshape(-1, 6).T
+        table = _table(constraints)
+        _check_ends(table, vertexCount)
         body1, vertex1, body2, vertex2 = table[:4].astype(np.intp)
         movable = (body1 != body2) & ~(isFixed[body1] & isFixed[body2])
         movable &= (table[5] != 0) | (table[4] > tolerance)
@@ -51,6 +53,41 @@ class ConstraintRows:
         """Dict of each index: the bodies of it that are not fixed."""
         ends = zip(self.index.tolist(), self.body1.tolist(), self.body2.tolist(), strict=True)
         return {c: [b for b in pair if not isFixed[b]] for c, *pair in ends}
+
+
+def _table(constraints):
+    """The rows as columns (6, C) of floats; a number may be an array that holds one."""
+    try:
+        rows = np.array([tuple(row) for row in constraints], dtype=np.float64)
+    except (TypeError, ValueError):  # arrays of one among numbers
+        rows = np.array(
+            [[np.asarray(value, dtype=np.float64).item() for value in row] for row in constraints]
+        )
+    if rows.ndim != 2 or rows.shape[1] != 6:
+        raise ValueError("a constraint is a row of six: m1, v1, m2, v2, refValue, upper")
+    return rows.T
+
+
+def _check_ends(table, vertexCount):
+    """Raises ValueError where a constraint names a mesh or a vertex that is not there."""
+    for mesh, vertex in (table[0:2], table[2:4]):
+        known = (mesh >= 0) & (mesh < len(vertexCount)) & (mesh == np.floor(mesh))
+        count = vertexCount[np.where(known, mesh, 0).astype(np.intp)]
+        fits = known & (vertex >= 0) & (vertex < count) & (vertex == np.floor(vertex))
+        if not fits.all():
+            c = int(fits.argmin())
+            if not known[c]:
+                raise ValueError(
+                    f"constraint {c}: there is no mesh {mesh[c]:g}, only 0 to "
+                    f"{len(vertexCount) - 1}"
+                )
+            raise ValueError(
+                f"constraint {c}: mesh {mesh[c]:g} has no vertex {vertex[c]:g}, only 0 to "
+                f"{count[c] - 1}"
+            )
+    if not np.isfinite(table[4]).all():
+        c = int(np.isfinite(table[4]).argmin())
+        raise ValueError(f"constraint {c}: the reference value must be finite")
 
 
 class Anchor(tuple):

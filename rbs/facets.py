@@ -37,10 +37,6 @@ SURE_SINE = 1e-5
 # touching pair.
 LEAST_GAP = 1e-6
 
-# To rule out facets takes some hundred calls of NumPy, which is longer than to look at all of up to
-# this many combinations of edges.
-FEW_COMBINATIONS = 4000
-
 
 def find_facets(hulls, first, second, translation, margin, axes=None):
     """The facets of P pairs that can be nearest within a margin of the given translations.
@@ -50,7 +46,7 @@ def find_facets(hulls, first, second, translation, margin, axes=None):
     translation : (3, P), centre of the second minus centre of the first
     margin : (P,), lengths ≥ 0; how far the translation may change before the facets have to be
         found anew. A facet that is nearest at t + Δ has a penetration ≤ depth(t) + 2 |Δ| at t,
-        hence the rest is dropped. Few pairs keep all their facets, complete up to inf
+        hence the rest is dropped
     axes : `CachedAxes`, or the axes (3, P) that it takes. The better they are, the less there is to
         do; they do not change what `Facets` say of a pair that collides
 
@@ -58,10 +54,6 @@ def find_facets(hulls, first, second, translation, margin, axes=None):
     pairs. The order does not depend on the translation, so the same facet wins a tie. A pair that
     is further apart than its margin need not be complete: one plane shows that it is apart.
     """
-    if 0 < (hulls.edgeCount[first] * hulls.edgeCount[second]).sum() <= FEW_COMBINATIONS:
-        search = _FacetSearch(hulls, first, second, translation)
-        search.find_all()
-        return Facets.gathered(search.found, search.completeUpTo)
     if not isinstance(axes, CachedAxes):
         axes = CachedAxes(hulls, first, second, translation, axes)
     size = hulls.radius[first] + hulls.radius[second]
@@ -82,6 +74,16 @@ def find_facets(hulls, first, second, translation, margin, axes=None):
         found += [(take(rows, pair), *facets) for pair, *facets in search.found]
         completeUpTo[rows] = search.completeUpTo
     return Facets.gathered(found, completeUpTo)
+
+
+def all_facets(hulls, first, second, translation):
+    """All `Facets` of P pairs, at least one, whose order is that of `find_facets`.
+
+    For a single pair of bodies with few edges that takes less time than to rule most of them out.
+    """
+    search = _FacetSearch(hulls, first, second, translation)
+    search.find_all()
+    return Facets.gathered(search.found, search.completeUpTo)
 
 
 class Facets:
@@ -210,7 +212,7 @@ class _FacetSearch:
     those count below which every point that is looked at lies no deeper than the depth of the pair
     can be. The points are the vertex of B that is lowest along the cached axis, and the vertex that
     is deepest below the face that the first one is least below. The cached axis and that face also
-    bound the depth. Few pairs get all facets instead.
+    bound the depth.
 
     Everything is worked out for both hulls of P pairs together, in rows: row p has the faces and
     edges of the first one, row P + p those of the second.
@@ -333,15 +335,15 @@ class _FacetSearch:
         row, edge = take(rows, row[kept]), edge[kept]
         normals = take(self.normal, take(faces, kept, axis=1), axis=1)
         edges = _Edges(hulls, edge, self.own[row], normals)
-        for pair, normal, offset, isDoubtful in _edge_facets(edges, row, half):
-            isNear = offset - dot(normal, take(self.t, pair, axis=1)) <= take(bound, pair)
-            doubtful = indices(isNear & isDoubtful)
-            if len(doubtful):
-                own = pair[doubtful]
-                i, j = self.own[own], self.other[own]
-                offset[doubtful] = support_offsets(hulls, i, j, take(normal, doubtful, axis=1))
-            kept = indices(isNear)
-            self.found.append((take(pair, kept), take(normal, kept, axis=1), take(offset, kept)))
+        pair, normal, offset, isDoubtful = _edge_facets(edges, row, half)
+        isNear = offset - dot(normal, take(self.t, pair, axis=1)) <= take(bound, pair)
+        doubtful = indices(isNear & isDoubtful)
+        if len(doubtful):
+            own = pair[doubtful]
+            i, j = self.own[own], self.other[own]
+            offset[doubtful] = support_offsets(hulls, i, j, take(normal, doubtful, axis=1))
+        kept = indices(isNear)
+        self.found.append((take(pair, kept), take(normal, kept, axis=1), take(offset, kept)))
 
 
 class _Edges:
@@ -361,7 +363,7 @@ class _Edges:
 
 
 def _edge_facets(edges, row, count):
-    """Yields `(pair (K,), normal (3, K), offset (K,), isDoubtful (K,))`: facets that edges span.
+    """`(pair (K,), normal (3, K), offset (K,), isDoubtful (K,))`: facets that edges span.
 
     edges : `_Edges`; row : of each edge, in ascending order: pair p's of the first hull have p,
         those of the second count + p; count : how many pairs there are
@@ -373,26 +375,24 @@ def _edge_facets(edges, row, count):
     perRow = np.bincount(row, minlength=2 * count)
     begin = perRow.cumsum() - perRow
     pairA = row[: begin[count]]
-    start, length = begin[count + pairA], perRow[count + pairA]
-    for some in blocks(length):
-        a, b = ranges(start[some], length[some])  # all combinations of a pair's edges
-        a, b, side, sine2 = _crossing_arcs(edges, a + some.start, b)
-        vectorA, vectorB = take(edges.vector, a, axis=1), take(edges.vector, b, axis=1)
-        lengthA2, lengthB2 = edges.length2[a], edges.length2[b]
-        normal = cross(vectorA, vectorB)
-        length2 = dot(normal, normal)
-        spans = length2 > PARALLEL_SINE**2 * lengthA2 * lengthB2
-        normal = normal / np.where(spans, np.copysign(np.sqrt(length2), side), 1.0)
-        # what rounding left along nearly parallel edges is taken out again
-        normal = normal - vectorA * (dot(normal, vectorA) / lengthA2)
-        normal = normal - vectorB * (dot(normal, vectorB) / lengthB2)
-        normal = normal / np.sqrt(np.where(spans, dot(normal, normal), 1.0))
-        offset = dot(normal, take(edges.tail, a, axis=1) - take(edges.tail, b, axis=1))
-        spans = indices(spans)
-        yield (
-            take(pairA, take(a, spans)), take(normal, spans, axis=1), take(offset, spans),
-            sine2[spans] < SURE_SINE**2,
-        )  # fmt: skip
+    a, b = ranges(begin[count + pairA], perRow[count + pairA])  # all combinations of a pair's edges
+    a, b, side, sine2 = _crossing_arcs(edges, a, b)
+    vectorA, vectorB = take(edges.vector, a, axis=1), take(edges.vector, b, axis=1)
+    lengthA2, lengthB2 = edges.length2[a], edges.length2[b]
+    normal = cross(vectorA, vectorB)
+    length2 = dot(normal, normal)
+    spans = length2 > PARALLEL_SINE**2 * lengthA2 * lengthB2
+    normal = normal / np.where(spans, np.copysign(np.sqrt(length2), side), 1.0)
+    # what rounding left along nearly parallel edges is taken out again
+    normal = normal - vectorA * (dot(normal, vectorA) / lengthA2)
+    normal = normal - vectorB * (dot(normal, vectorB) / lengthB2)
+    normal = normal / np.sqrt(np.where(spans, dot(normal, normal), 1.0))
+    offset = dot(normal, take(edges.tail, a, axis=1) - take(edges.tail, b, axis=1))
+    spans = indices(spans)
+    return (
+        take(pairA, take(a, spans)), take(normal, spans, axis=1), take(offset, spans),
+        sine2[spans] < SURE_SINE**2,
+    )  # fmt: skip
 
 
 def _crossing_arcs(edges, a, b):

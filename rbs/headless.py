@@ -14,9 +14,10 @@ from dataclasses import dataclass
 from tqdm import tqdm
 
 from rbs.bodies import StateError
-from rbs.messages import print_error, shown_path
+from rbs.messages import print_error, print_note, shown_path
 from rbs.replay import Replay
 from rbs.scenes import scene_name
+from rbs.simulation import ADVICE_STEP
 
 # Seconds between two updates of the progress: so that it moves in a terminal, and so seldom that
 # the log of an hour's run stays readable.
@@ -91,6 +92,8 @@ def run_steps(simulation, steps, observers=()):
             for observe in observers:
                 observe(simulation)
             advance()
+            if done == ADVICE_STEP and not isinstance(simulation, Replay):
+                print_note(simulation.advice())
     return Run(stepSeconds, bool(interrupts), failure)
 
 

@@ -1,7 +1,7 @@
 """Convex hulls: what a body looks like to the collision test.
 
 `build_hull` makes the `Hull` of a point set, once a shape; a `HullSet` has the hulls of many bodies
-in flat tables, turned to where the bodies are, and answers what lies foremost in a direction.
+in flat tables, rotated to where the bodies are, and answers what lies foremost in a direction.
 
 Lengths are those of the points; every tolerance here is relative to the size of the hulls.
 """
@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from rbs.arrays import blocks, indices, ranges, take
+from rbs.arrays import indices, ranges, take
 from rbs.vectors import dot, mat_vec, transpose
 
 EPS = np.finfo(np.float64).eps
@@ -36,11 +36,6 @@ ROUNDING = 16 * EPS
 FLAT_EXTENT = 1e-13
 # Below this aspect Qhull is given the points stretched to a cube, lest it merge the thin sides.
 THIN_ASPECT = 1e-3
-
-# With more shapes than this, to go through them one by one takes longer than to list all vertices.
-MOST_SHAPES = 20
-# Bodies whose tables are turned at a time, which stay in the cache too.
-ROTATED_BODIES = 256
 
 
 # --------------------------------------------------------------------------------------------------
@@ -129,8 +124,8 @@ def _solid_hull(points, stretched):
     qhull = ConvexHull(stretched)
     triangles = qhull.simplices
     corners = stretched[triangles]
-    turned = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward = (turned * qhull.equations[:, :3]).sum(axis=1) < 0
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = (normal * qhull.equations[:, :3]).sum(axis=1) < 0
     triangles = np.where(inward[:, None], triangles[:, [0, 2, 1]], triangles)
     neighbours = np.where(inward[:, None], qhull.neighbors[:, [0, 2, 1]], qhull.neighbors)
 
@@ -215,7 +210,7 @@ def _point_hull(points):
 class HullSet:
     """The hulls of n bodies in flat tables, rotated to where the bodies are.
 
-    vertices : (3, ΣV), relative to the bodies' centres; at rest, or turned by `rotated`. Body b has
+    vertices : (3, ΣV), relative to the bodies' centres, at rest or rotated. Body b has
         vertexCount[b] of them from vertexStart[b] on
     rotation : (9, n), matrices row by row; None at rest
     radius : (n,), of each hull about its centre
@@ -265,17 +260,17 @@ class HullSet:
         self.entryCount = self.vertexCount + self.faceCount + self.edgeCount
 
     def rotated(self, rotation, vertices=None):
-        """These hulls, each turned.
+        """These hulls, each rotated.
 
         rotation : (9, n), each body's matrix row by row
-        vertices : (3, ΣV), the turned vertices, where they are at hand
+        vertices : (3, ΣV), the rotated vertices, where they are at hand
         """
-        turned = copy.copy(self)
+        result = copy.copy(self)
         if vertices is None:
             vertices = rotate_columns(rotation, self.vertices, self.vertexCount)
-        turned.vertices = vertices
-        turned.rotation = rotation
-        return turned
+        result.vertices = vertices
+        result.rotation = rotation
+        return result
 
     def boxes(self):
         """Least and greatest coordinates (3, n), (3, n) of each hull relative to its centre."""
@@ -291,20 +286,11 @@ class HullSet:
 
 
 def rotate_columns(rotation, table, count):
-    """A table (3, K) of count[b] columns for each body b, turned by the matrix rotation[:, b].
+    """A table (3, K) of count[b] columns for each body b, rotated by the matrix rotation[:, b].
 
     rotation : (9, n), matrices row by row; count : (n,)
     """
-    turned = np.empty_like(table)
-    ends = count.cumsum()
-    begin = 0
-    for b in range(0, len(count), ROTATED_BODIES):
-        some = slice(b, b + ROTATED_BODIES)
-        end = int(ends[some][-1])
-        own = rotation[:, some].repeat(count[some], axis=1)
-        turned[:, begin:end] = mat_vec(own, table[:, begin:end])
-        begin = end
-    return turned
+    return mat_vec(rotation.repeat(count, axis=1), table)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -322,36 +308,25 @@ def support_features(hulls, bodies, directions, tolerance=None):
     Returns `(level, first, last, count)`, (R,) each: how high the lowest vertex is along the
     direction; the feature's first and last vertices, columns in the set; how many it has.
     """
-    length, begin = take(hulls.vertexCount, bodies), take(hulls.vertexStart, bodies)
-    parts = []
-    for some in blocks(length):
-        count = length[some]
-        row, column = ranges(begin[some], count)
-        heights = dot(
-            directions[:, some].repeat(count, axis=1), take(hulls.vertices, column, axis=1)
-        )
-        end = count.cumsum()
-        start = end - count
-        least = level = np.minimum.reduceat(heights, start)
-        if tolerance is not None:
-            least = least + tolerance[some]
-        lowest = indices(heights <= take(least, row))
-        begins, ends = lowest.searchsorted(start), lowest.searchsorted(end)
-        first, last = take(column, take(lowest, begins)), take(column, take(lowest, ends - 1))
-        parts.append((level, first, last, ends - begins))
-    if len(parts) == 1:
-        return parts[0]
-    return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
+    count, begin = take(hulls.vertexCount, bodies), take(hulls.vertexStart, bodies)
+    row, column = ranges(begin, count)
+    heights = dot(directions.repeat(count, axis=1), take(hulls.vertices, column, axis=1))
+    end = count.cumsum()
+    start = end - count
+    level = np.minimum.reduceat(heights, start)
+    highest = level if tolerance is None else level + tolerance
+    lowest = indices(heights <= take(highest, row))
+    begins, ends = lowest.searchsorted(start), lowest.searchsorted(end)
+    first, last = take(column, take(lowest, begins)), take(column, take(lowest, ends - 1))
+    return level, first, last, ends - begins
 
 
 def approximate_supports(hulls, bodies, directions):
     """`(level, vertex)`: level and first of `support_features`, up to rounding and in less time.
 
-    The directions are turned into the frames of the shapes, of which there are few, for BLAS to
+    The directions are rotated into the frames of the shapes, of which there are few, for BLAS to
     multiply. Its rounding differs between machines and with the number of rows: a hint only.
     """
-    if len(hulls.shapes) > MOST_SHAPES:
-        return support_features(hulls, bodies, directions)[:2]
     if hulls.rotation is not None:
         inverse = transpose(take(hulls.rotation, bodies, axis=1))
         directions = mat_vec(inverse, directions)

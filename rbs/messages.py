@@ -5,6 +5,7 @@ From the top: the error that input causes; printing; the pieces that messages ar
 
 import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 # What every message on stderr begins with.
@@ -21,6 +22,13 @@ class InputError(ValueError):
 def print_error(message):
     """Tells what is wrong, or worth knowing, in one line on stderr."""
     print(f"{PROGRAM_NAME}: {one_line(message)}", file=sys.stderr)
+
+
+def print_note(message):
+    """Tells what is worth knowing, unless it is empty or stderr cannot take it."""
+    if message:
+        with suppress(OSError):
+            print_error(message)
 
 
 def one_line(text, limit=None):

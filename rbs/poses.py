@@ -29,8 +29,8 @@ class Shape:
         self.hullColumns = None if isAll else hull.vertexIndex
 
 
-class Turned:
-    """A `Shape` turned to an orientation.
+class RotatedShape:
+    """A `Shape` rotated to an orientation.
 
     key : bytes of the orientation; rotation : nine floats, matrix row by row
     vertices : (3, V), relative to the COM; hullVertices : (3, Vh), those of the hull
@@ -50,23 +50,23 @@ class Turned:
 
 
 class Pose:
-    """A `Turned` shape at a position.
+    """A `RotatedShape` at a position.
 
     key : bytes of the position; position : three floats
     box : six floats, least x, y, z and greatest x, y, z of the hull in the world
     """
 
-    def __init__(self, turned, key, position):
-        self.turned = turned
+    def __init__(self, rotated, key, position):
+        self.rotated = rotated
         self.key = key
         self.position = x, y, z = position
-        lowX, lowY, lowZ = turned.low
-        highX, highY, highZ = turned.high
+        lowX, lowY, lowZ = rotated.low
+        highX, highY, highZ = rotated.high
         self.box = (lowX + x, lowY + y, lowZ + z, highX + x, highY + y, highZ + z)
 
     def vertices(self):
         """The vertices in the world, (V, 3)."""
-        return np.ascontiguousarray((self.turned.vertices + np.array(self.position)[:, None]).T)
+        return np.ascontiguousarray((self.rotated.vertices + np.array(self.position)[:, None]).T)
 
 
 # The attributes of a mesh that are kept to save time, its state in tables included.
@@ -105,19 +105,32 @@ class Posed:
 
         It is kept until one of them changes, by assignment or in place.
         """
+        own = self.__dict__
+        kept = own["_pose"]
+        try:
+            if (
+                kept.key == own["position"].tobytes()
+                and kept.rotated.key == own["orientation"].tobytes()
+            ):
+                return kept
+        except (KeyError, AttributeError):  # in the state tables, not an array, or none yet
+            pass
+        return self._renewed_pose()
+
+    def _renewed_pose(self):
         positionKey, orientationKey = self._pose_key()
         kept = self._pose
-        if kept is not None and kept.key == positionKey and kept.turned.key == orientationKey:
+        if kept is not None and kept.key == positionKey and kept.rotated.key == orientationKey:
             return kept
         if self.hull is None:
             return None
         if self._shape is None:
             self._shape = Shape(self.origVertices, self.hull)
-        if kept is not None and kept.turned.key == orientationKey:
-            turned = kept.turned
+        if kept is not None and kept.rotated.key == orientationKey:
+            rotated = kept.rotated
         else:
-            turned = Turned(self._shape, orientationKey, floats(self.orientation, 4))
-        self._pose = Pose(turned, positionKey, floats(self.position, 3))
+            rotated = RotatedShape(self._shape, orientationKey, floats(self.orientation, 4))
+        self._pose = Pose(rotated, positionKey, floats(self.position, 3))
         return self._pose
 
     def _pose_key(self):
@@ -153,8 +166,8 @@ def world_vertices(restVertices, counts, positions, orientations):
     restVertices : (3, ΣV), of one body after the other; counts : (n,), how many each has
     positions : (3, n); orientations : (4, n)
     """
-    turned = rotate_columns(np.stack(rotation_matrices(orientations)), restVertices, counts)
-    return np.ascontiguousarray((turned + positions.repeat(counts, axis=1)).T)
+    rotated = rotate_columns(np.stack(rotation_matrices(orientations)), restVertices, counts)
+    return np.ascontiguousarray((rotated + positions.repeat(counts, axis=1)).T)
 
 
 def refresh_vertices(meshes):

@@ -18,7 +18,10 @@ PHASES = ("gather", "integrate", "collisions", "ground", "constraints", "writeBa
 
 
 class Contact(NamedTuple):
-    """One contact that a step has resolved. Vectors are tuples of 3 in world axes."""
+    """One contact that a step has resolved. Vectors are tuples of 3 in world axes.
+
+    No zero has a sign, so that the same contact is told in the same bits however it was found.
+    """
 
     body1: int  # index of the mesh
     body2: int  # likewise, or GROUND
@@ -53,7 +56,7 @@ class StepReport:
         for *columns, impulse, friction, arm in pending:
             friction = np.broadcast_to(np.reshape(friction, (3, -1)), arm.shape)
             columns = (*columns, impulse, friction, arm)
-            rows += zip(*(column.T.tolist() for column in columns), strict=True)
+            rows += zip(*((column.T + 0).tolist() for column in columns), strict=True)
         for _, i, j, depth, n, point, impulse, friction, arm in sorted(rows):
             vectors = tuple(n), tuple(point), impulse, tuple(friction), tuple(arm)
             self._contacts.append(Contact(i, j, depth, *vectors))
@@ -69,7 +72,11 @@ class StepReport:
             depth, normal = abs(depth), sub(ZERO, normal)
         if impulses is None:
             impulses = (0.0, ZERO, ZERO)
-        self._contacts.append(Contact(i, j, depth, normal, floats(point, 3), *impulses))
+        impulse, friction, arm = impulses
+        self._contacts.append(
+            Contact(i, j, depth, _unsigned(normal), _unsigned(point), impulse + 0.0,
+                    _unsigned(friction), _unsigned(arm))
+        )  # fmt: skip
 
     def add_columns(self, *columns):
         """Notes contacts that arrays describe; they become `Contact`s when they are asked for.
@@ -86,3 +93,9 @@ class StepReport:
         start = time.perf_counter()
         yield
         self.seconds[name] = time.perf_counter() - start
+
+
+def _unsigned(vector):
+    """The vector as a tuple of 3 floats, with 0.0 in place of -0.0."""
+    x, y, z = floats(vector, 3)
+    return x + 0.0, y + 0.0, z + 0.0

@@ -15,9 +15,11 @@ import numpy as np
 
 from rbs.bodies import StateError
 from rbs.cameras import apply_camera, load_camera, save_camera
+from rbs.messages import print_note
 from rbs.panel import MARGIN, PANEL_WIDTH, Panel
 from rbs.pictureoptions import PictureOptions, video_timing
 from rbs.pictures import Video, VideoError, save_picture, start_view
+from rbs.simulation import ADVICE_STEP
 
 # Frames and steps over which the milliseconds on screen are a median: half a second's worth.
 TIMED_STEPS = 25
@@ -157,6 +159,8 @@ class Viewer:
             return False
         if self.simulation.report is not None:
             self._recentSeconds.append(self.simulation.stepSeconds)
+            if self.simulation.stepCount == ADVICE_STEP:
+                print_note(self.simulation.advice())
             self._phases.append(self.simulation.report.seconds)
         self._film()
         return True
@@ -314,7 +318,7 @@ class Viewer:
 
     def set_fixed(self, isFixed):
         """Fixes or frees the picked body."""
-        self.picked().set_fixed(isFixed)
+        self.picked().isFixed = isFixed
         self.view.refresh()
 
     # Numbers.

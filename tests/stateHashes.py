@@ -1,7 +1,10 @@
 """Prints a hash of the state that scenes reach, to compare machines: `python tests/stateHashes.py`.
 
 Two lines are the same exactly when every position, orientation and velocity has the same bits.
-`--only` runs the scenes whose names are given.
+`--only` runs the scenes whose names are given; `--folders` runs all scenes of some folders instead,
+by default settings, so that two versions of the program can be compared:
+
+    python tests/stateHashes.py --folders data ../shared/course --steps 500
 """
 
 import argparse
@@ -14,7 +17,7 @@ import scipy
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from rbs.scenes import find_scene
+from rbs.scenes import find_scene, list_scenes
 from rbs.simulation import Settings, Simulation
 from rbs.state import hash_of
 
@@ -41,12 +44,18 @@ def state_hash(scene, steps, settings):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", metavar="SCENE", nargs="+")
-    only = parser.parse_args().only
+    parser.add_argument("--folders", metavar="DIR", nargs="+")
+    parser.add_argument("--steps", metavar="N", type=int, default=500, help="with --folders")
+    options = parser.parse_args()
+    runs = RUNS
+    if options.folders:
+        paths = [path for folder in options.folders for path in list_scenes(folder)]
+        runs = [(path, options.steps, {}) for path in paths]
     print(f"Python {platform.python_version()}, NumPy {np.__version__}, SciPy {scipy.__version__}, "
           f"{platform.system()} {platform.machine()}")
-    for scene, steps, settings in RUNS:
-        if only is None or scene in only:
-            what = " ".join([scene, str(steps), *(f"{k}={v}" for k, v in settings.items())])
+    for scene, steps, settings in runs:
+        if options.only is None or scene in options.only:
+            what = " ".join([str(scene), str(steps), *(f"{k}={v}" for k, v in settings.items())])
             print(state_hash(scene, steps, settings), what, flush=True)
 
 

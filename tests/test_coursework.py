@@ -4,7 +4,7 @@ import inspect
 
 import numpy as np
 import pytest
-from oracles import DATA, body, box_body, ground, quaternion, state_of
+from oracles import DATA, body, box_body, ground, quaternion, restore, state_of
 
 import RBSFunctions
 from RBSFunctions import Mesh, resolve_collision, run_timestep
@@ -155,18 +155,146 @@ def test_all_options_are_checked_before_anything_moves():
 
 
 @pytest.mark.parametrize("broadPhase", ["all", "grid"])
-def test_an_exception_leaves_the_meshes_as_they_were(broadPhase):
+def test_an_exception_leaves_the_meshes_as_they_were(broadPhase, monkeypatch):
     """In the middle of the constraints, after collisions have been resolved."""
     meshes = [
         box_body(2.0, 2.0, 2.0, (0.0, 0.9, 0.0), orientation=quaternion([0, 0, 1], 3)),
         box_body(2.0, 2.0, 2.0, (0.3, 2.8, 0.0)),
     ]
     before = state_of(meshes)
-    with pytest.raises(IndexError):
+
+    def failing(*arguments):
+        raise RuntimeError("not written yet")
+
+    constraints = [[0, 0, 1, 0, 1.0, True]]
+    options = {"constraints": constraints, "broadPhase": broadPhase}
+    with monkeypatch.context() as patch, pytest.raises(RuntimeError):
+        patch.setattr(RBSFunctions, "resolve_velocity_constraint", failing)
+        run_timestep(meshes, ground(), 0.02, 0.5, **options)
+    assert np.array_equal(state_of(meshes), before)
+    report = run_timestep(meshes, ground(), 0.02, 0.5, **options)
+    assert len(report.contacts) >= 2 and not np.array_equal(state_of(meshes), before)
+
+
+# --------------------------------------------------------------------------------------------------
+# What a caller may hand over
+# --------------------------------------------------------------------------------------------------
+
+broadPhases = pytest.mark.parametrize("broadPhase", ["all", "grid"])
+
+
+def two_boxes():
+    return [box_body(1.0, 1.0, 1.0, (3.0 * k, 50.0, 0.0)) for k in range(2)]
+
+
+@broadPhases
+@pytest.mark.parametrize(("row", "said"), [
+    ([0, 0, 2, 0, 1.0, True], "constraint 1: there is no mesh 2, only 0 to 1"),
+    ([-1, 0, 1, 0, 1.0, True], "constraint 1: there is no mesh -1"),
+    ([0.5, 0, 1, 0, 1.0, True], "constraint 1: there is no mesh 0.5"),
+    ([0, 8, 1, 0, 1.0, True], "constraint 1: mesh 0 has no vertex 8, only 0 to 7"),
+    ([0, 0, 1, -1, 1.0, True], "constraint 1: mesh 1 has no vertex -1"),
+    ([0, 0, 1, np.nan, 1.0, True], "constraint 1: mesh 1 has no vertex nan"),
+    ([0, 0, 1, 0, np.nan, True], "constraint 1: the reference value must be finite"),
+])  # fmt: skip
+def test_a_constraint_of_what_is_not_there_is_refused_by_name(row, said, broadPhase):
+    meshes = two_boxes()
+    before = state_of(meshes)
+    with pytest.raises(ValueError, match=said):
         run_timestep(
-            meshes, ground(), 0.02, 0.5, constraints=[[0, 0, 7, 0, 1.0, True]],
+            meshes, None, 0.02, 0.5, constraints=[[0, 0, 1, 0, 9.0, True], row],
             broadPhase=broadPhase,
         )  # fmt: skip
     assert np.array_equal(state_of(meshes), before)
-    report = run_timestep(meshes, ground(), 0.02, 0.5, broadPhase=broadPhase)
-    assert len(report.contacts) >= 2 and not np.array_equal(state_of(meshes), before)
+
+
+@broadPhases
+def test_a_reference_value_may_be_an_array_of_one(broadPhase):
+    states = []
+    for value in (2.0, np.array([2.0]), np.array([[2.0]])):
+        meshes = two_boxes()
+        run_timestep(
+            meshes, None, 0.02, 0.5, constraints=[[0, 0, 1, 0, value, True]], broadPhase=broadPhase
+        )
+        states.append(state_of(meshes))
+    assert not np.array_equal(states[0], state_of(two_boxes()))
+    assert all(np.array_equal(state, states[0]) for state in states)
+
+
+@broadPhases
+def test_a_mesh_that_is_in_the_list_twice_is_refused(broadPhase):
+    meshes = two_boxes()
+    with pytest.raises(ValueError, match="mesh 2, 'box', is in the list twice"):
+        run_timestep([*meshes, meshes[1]], None, 0.02, 0.5, broadPhase=broadPhase)
+
+
+@broadPhases
+def test_fixed_has_one_meaning(broadPhase):
+    """Fixed at the start, by assignment or by its inverse mass, a body stays; freed, it falls."""
+    for way in ("start", "isFixed", "invMass"):
+        lower = box_body(2.0, 2.0, 2.0, (0.0, 50.0, 0.0), isFixed=way == "start")
+        upper = box_body(2.0, 2.0, 2.0, (0.3, 51.9, 0.0))
+        if way == "isFixed":
+            lower.isFixed = True
+        elif way == "invMass":
+            lower.invMass = 0.0  # its inverse inertia is kept, and counts for nothing
+        upper.linVelocity = np.array([[0.5, -3.0, 0.2]])
+        assert lower.isFixed and not upper.isFixed
+        report = run_timestep([lower, upper], None, 0.02, 0.5, mu=0.3, broadPhase=broadPhase)
+        assert len(report.contacts) == 1
+        assert np.array_equal(state_of([lower])[0, :3], [0.0, 50.0, 0.0])
+        assert not state_of([lower])[0, 7:].any()
+        if way == "start":
+            expected = state_of([upper])
+        assert np.array_equal(state_of([upper]), expected)
+    lower.isFixed = False
+    run_timestep([lower], None, 0.02, 0.5, broadPhase=broadPhase)
+    assert lower.position[0, 1] < 50.0
+
+
+def test_the_sign_of_zero_is_kept_by_what_is_fixed_and_by_both_steps():
+    """To the last bit, which `array_equal` does not look at."""
+    states = []
+    for broadPhase in ("all", "grid"):
+        rng = np.random.default_rng(3)
+        meshes = [
+            box_body(2.0, 2.0, 2.0, (-0.0, 3.0 * k, -0.0), isFixed=k % 2 == 0) for k in range(6)
+        ]
+        for mesh in meshes[1::2]:
+            mesh.position = mesh.position + np.array([[0.0, 0.5, 0.0]]) * rng.random()
+            mesh.linVelocity = np.array([[-0.0, -20.0, 0.0]])
+        contacts = 0
+        for _ in range(150):
+            contacts += len(run_timestep(meshes, ground(), 0.02, 0.0, mu=0.3,
+                                         broadPhase=broadPhase).contacts)  # fmt: skip
+        assert contacts > 20
+        assert all(np.signbit(mesh.position[0, 0]) for mesh in meshes[::2])
+        states.append(state_of(meshes))
+    assert states[0].tobytes() == states[1].tobytes()
+
+
+@broadPhases
+def test_what_a_list_of_meshes_remembers_steers_no_result(broadPhase):
+    """A warm list against fresh copies, resumed at random steps, pushed and put elsewhere."""
+    rng = np.random.default_rng(8)
+    warm, _ = load("mixed")
+    contacts = 0
+    for _ in range(25):
+        for _ in range(rng.integers(1, 12)):
+            run_timestep(warm, ground(), 0.02, 0.5, broadPhase=broadPhase)
+        for mesh in warm:
+            if rng.random() < 0.1 and not mesh.isFixed:
+                mesh.linVelocity = mesh.linVelocity + rng.normal(size=(1, 3))
+            if rng.random() < 0.05:
+                mesh.position = mesh.position + rng.normal(size=(1, 3))
+        fresh, _ = load("mixed")
+        restore(fresh, state_of(warm))
+        for _ in range(3):
+            reports = [
+                run_timestep(meshes, ground(), 0.02, 0.5, broadPhase=broadPhase)
+                for meshes in (warm, fresh)
+            ]
+            assert state_of(warm).tobytes() == state_of(fresh).tobytes()
+            assert reports[0].contacts == reports[1].contacts
+            contacts += len(reports[0].contacts)
+    assert contacts > 30

@@ -5,6 +5,7 @@ inside a function.
 """
 
 import ast
+import re
 import sys
 
 import pytest
@@ -211,3 +212,17 @@ def test_every_room_says_what_it_is_for_and_is_not_too_long():
         assert len(ast.get_docstring(ast.parse(source)) or "") > 40, name
         if name.startswith("rbs") or name == "RigidBodySimulation":
             assert source.count("\n") <= MOST_LINES, name
+
+
+def test_rooms_import_only_what_the_introduction_lists_above_them():
+    known = rooms()
+    text = ast.get_docstring(ast.parse(known["rbs"].read_text("utf-8")))
+    listed = []
+    for line in text.splitlines():
+        names = re.match(r" {4}((?:[a-z]+, )*[a-z]+)(?:  |$)", line)
+        listed += names[1].split(", ") if names else ()
+    assert sorted(f"rbs.{name}" for name in listed) == sorted(set(known) - {*TOP, "rbs"})
+    for k, name in enumerate(listed):
+        used = imports(known[f"rbs.{name}"].read_text("utf-8"), known)
+        below = {other.removeprefix("rbs.") for other in used if other.startswith("rbs.")}
+        assert below <= set(listed[:k]), name

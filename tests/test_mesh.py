@@ -392,6 +392,28 @@ def test_bounding_boxes_touch_or_overlap():
 BOX, FACES, TETS = shape("box")
 
 
+def test_boxes_and_collisions_follow_position_and_orientation_each_by_itself():
+    """By assignment and in place: a box of 12 × 6 × 8 beside a small one, moved up or turned up."""
+    long, small = body("box"), box_body(1.0, 1.0, 1.0, (0.0, 5.5, 0.0))
+    upright = quaternion([0, 0, 1], 90)
+    flat, low = long.orientation.copy(), long.position.copy()
+
+    def touches():
+        assert long.bounding_box_collision(small) == small.bounding_box_collision(long)
+        assert long.bounding_box_collision(small) == long.detect_collision(small)[0]
+        return long.bounding_box_collision(small)
+
+    assert not touches()
+    long.orientation = upright[None]
+    assert touches()
+    long.orientation[:] = flat
+    assert not touches()
+    long.position = low + np.array([[0.0, 2.5, 0.0]])
+    assert touches()
+    long.position[:] = low
+    assert not touches()
+
+
 @pytest.mark.parametrize("changed", [
     dict(orientation=[0, 0, 0, 0]),
     dict(orientation=[np.nan, 0, 0, 1]),

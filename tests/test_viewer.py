@@ -20,6 +20,7 @@ import pytest
 from opengl import require_opengl, skip_or_fail
 from oracles import ROOT
 
+from rbs.broadphase import grid_overlaps
 from rbs.cameras import (
     FRAME_MARGIN,
     VIEW_DIRECTION,
@@ -58,7 +59,6 @@ from rbs.recording import Recorder
 from rbs.simulation import Simulation
 from rbs.statistics import step_quantities
 from rbs.viewer import Viewer
-from RBSFunctions import grid_overlaps
 from RigidBodySimulation import load_mesh_file, load_scene_file
 
 DATA = ROOT / "data"
