@@ -130,7 +130,8 @@ FIXED_INTEGRATION_MISTAKES = (
 # tensor does not fit the data.
 TENSOR_MISTAKES = (
     mistake("tensor", "your inertia tensor and the way it is turned are those of --convention "
-            "{other}, with whose data this passes", "tensor six times", "tensor turned the other way"),
+            "{other}, with whose data this passes",
+            "tensor six times", "tensor turned the other way"),
     mistake("tensor", "your inertia tensor is 6 times {too small}, as in --convention {other}",
             "tensor six times"),
     mistake("tensor", "your inverse inertia tensor is turned to world axes the other way round: "
