@@ -50,7 +50,7 @@ from rbs.scenes import (
 )
 from rbs.simulation import Simulation
 from rbs.statistics import StatsWriter, step_quantities
-from rbs.submittedSteps import SubmittedSteps
+from rbs.submittedsteps import SubmittedSteps
 
 # The loaders, by the names that they are known by.
 __all__ = ["flatten_meshes", "load_constraint_file", "load_mesh_file", "load_scene_file", "main"]

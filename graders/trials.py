@@ -105,7 +105,7 @@ class Results:
         return f"not implemented: {text}" if isinstance(error, NotImplementedError) else text
 
     def as_json(self):
-        """What `from_json` makes the same Results of; NaN and infinities are in it as they are."""
+        """What `read_json` takes over, for JSON; NaN and infinities are in it as they are."""
         values = {key: array.tolist() for key, array in self.values.items()}
         return {"values": values, "problems": self.problems}
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from rbs.meshfiles import LARGEST_COORDINATE, load_mesh_file
 from rbs.messages import short
-from rbs.sceneLines import fields_of
+from rbs.scenelines import fields_of
 from rbs.textfiles import LineReader, SceneError
 from RBSFunctions import Mesh
 

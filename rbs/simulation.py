@@ -55,7 +55,7 @@ class Simulation(Scene):
     first).
     """
 
-    runTimestep = None  # what makes the steps in place of run_timestep: `rbs.submittedSteps`
+    runTimestep = None  # what makes the steps in place of run_timestep: `rbs.submittedsteps`
 
     def __init__(
         self, scenePath, settings=None, constraintPath=None, *, allowOutsideMeshes=False

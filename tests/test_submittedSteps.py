@@ -13,10 +13,10 @@ from oracles import DATA, ROOT
 from program import run, summary_of
 from studentVariants import HALF_DONE, MISTAKES, write_submission
 
-from rbs.sceneLines import fields_of, scene_rows
+from rbs.scenelines import fields_of, scene_rows
 from rbs.simulation import Simulation
 from rbs.submissions import SubmissionError
-from rbs.submittedSteps import SubmittedSteps
+from rbs.submittedsteps import SubmittedSteps
 from RigidBodySimulation import load_constraint_file, load_mesh_file, load_scene_file
 
 STEPS = 60
@@ -90,7 +90,7 @@ def test_the_window_may_reset_fix_and_free_bodies(tmp_path):
     reached = simulation.state()
     assert simulation.report is None
     simulation.reset()
-    simulation.meshes[2].set_fixed(True)
+    simulation.meshes[2].isFixed = True
     held = simulation.meshes[2].position.copy()
     for _ in range(30):
         simulation.step()

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from rbs.bodies import StateError
-from rbs.sceneLines import scene_rows
+from rbs.scenelines import scene_rows
 from rbs.submissions import SubmissionError, brief, describe, load_submission
 from RBSFunctions import run_timestep
 
