@@ -30,10 +30,12 @@ from rbs.options import (
     DEFAULT_SCENE,
     DEFAULT_STEPS,
     SETTING_FIELDS,
+    STEP_PARAMETERS,
     WITHOUT_WINDOW,
     check_options,
     given_options,
     make_parser,
+    option_name,
     settings_of,
 )
 from rbs.pictureoptions import FASTEST_ENCODER, SLOWEST_VIDEO, PictureOptions, video_timing
@@ -48,6 +50,7 @@ from rbs.scenes import (
 )
 from rbs.simulation import Simulation
 from rbs.statistics import StatsWriter, step_quantities
+from rbs.submittedsteps import SubmittedSteps
 
 # The loaders, by the names that they are known by.
 __all__ = ["flatten_meshes", "load_constraint_file", "load_mesh_file", "load_scene_file", "main"]
@@ -96,6 +99,11 @@ def run_asked_mode(options, given):
         return finish_as_asked(options)
     if options.verify is not None:
         return verify_as_asked(options)
+    if options.functions is not None:
+        steps = SubmittedSteps(options.functions, load_mesh_file)
+        steps.check_options({option_name(one): STEP_PARAMETERS[one]
+                             for one in STEP_PARAMETERS if one in given})  # fmt: skip
+        steps.replace_those_of(Simulation)
     simulation = simulation_of(options, given)
     pictureOptions = picture_options_of(options)
     if given & WITHOUT_WINDOW:

@@ -1,22 +1,15 @@
 """How the graders make their bodies: with the right physics, or with that of the 2024 release.
 
-The quirks of the released material (contract, section 4) live here and nowhere else.
+The quirks of the released material (contract, section 4) live in `released/physics2024` and, for
+the data, here; and nowhere else.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
-from gradingTools import EXACT, RELEASED_2024, GraderDataError
+from gradingTools import RELEASED_2024, GraderDataError
+from released.physics2024 import INERTIA_FACTOR, inertia_tensor, rotation_matrix
+from rigidModel import DENSITY, solid
+from trials import NotWritten
 
-# A grader started from anywhere finds the simulation in the folder above. Importing this module
-# first is enough for the graders themselves.
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from Quaternion import Q2RotMatrix
-from RBSFunctions import Mesh
-
-DENSITY = 1.0
 UNTURNED = np.array([[1.0, 0.0, 0.0, 0.0]])
 
 # The data's key of a body's state afterwards, and the attribute of Mesh to compare it with.
@@ -26,59 +19,110 @@ RESULT_ATTRIBUTES = {
     "resultLinVelocities": "linVelocity",
     "resultAngVelocities": "angVelocity",
 }
+# How closely, relative to its size, a tensor must be the right one or the release's to be known as
+# such: far above its rounding, far below any mistake.
+TENSOR_TOLERANCE = 1e-9
 
 
-class ReleasedMesh(Mesh):
-    """A body with the inertia of the coursework's 2024 reference solution.
+class Bodies:
+    """Meshes of a grader's data, of the class that is graded.
 
-    Quirk 1: the tensor is six times too small, the tetrahedron's volume standing in its integral
-    where the Jacobian determinant, 6 × volume, belongs.
-    Quirk 2: the inverse tensor is turned to world axes as Rᵀ I⁻¹ R, the wrong way round.
+    functions, quaternion : the modules RBSFunctions and Quaternion that are graded
+    data : as `load_grader_data` gives them; convention : EXACT or RELEASED_2024
     """
 
-    def __init__(self, *arguments):
-        super().__init__(*arguments)
-        self.IT = self.IT / 6.0
-        self.invIT = self.invIT * 6.0
+    def __init__(self, functions, quaternion, data, convention):
+        self._modules = {"RBSFunctions": functions, "Quaternion": quaternion}
+        self._data = data
+        self._convention = convention
 
-    def get_rotated_inv_IT(self):
-        """Inverse inertia tensor (3, 3), 1 / (kg m²), as the release has it in world axes."""
-        rotation = Q2RotMatrix(self.orientation)
-        return rotation.T @ self.invIT @ rotation
+    def function(self, name, module="RBSFunctions"):
+        """A function of what is graded; raises NotWritten where there is none."""
+        function = getattr(self._modules[module], name, None)
+        if not callable(function):
+            raise NotWritten(f"{module}.py has no {name}")
+        return function
+
+    def resting(self, isFixed=False):
+        """Mesh 1, which stands still and unturned with its centre of mass at the origin."""
+        return self._make(1, np.zeros((1, 3)), UNTURNED.copy(), isFixed)
+
+    def moving(self, sample, isFixed=False):
+        """Mesh 2 in the random state of a sample; a fixed one has no velocity."""
+        position = self._data["randomPositions"][[sample]]
+        orientation = self._data["randomOrientations"][[sample]]
+        mesh = self._make(2, position, orientation, isFixed)
+        if not isFixed:
+            mesh.linVelocity = self._data["randomLinVelocities"][[sample]]
+            mesh.angVelocity = self._data["randomAngVelocities"][[sample]]
+        return mesh
+
+    def _make(self, k, position, orientation, isFixed):
+        # Copies, and new ones each time: the released class changes its arguments.
+        shape = [self._data[f"{part}{k}"].copy() for part in ("origVertices", "faces", "tets")]
+        mesh = self.function("Mesh")(f"mesh {k}", *shape, DENSITY, position, orientation, isFixed)
+        if self._convention == RELEASED_2024:
+            _give_released_inertia(mesh, self._data[f"origVertices{k}"], self._data[f"tets{k}"])
+        return mesh
 
 
-MESH_CLASSES = {EXACT: Mesh, RELEASED_2024: ReleasedMesh}
+def _give_released_inertia(mesh, vertices, tets):
+    """Sets the tensor of the release, absolutely, where the mesh has that one or the right one.
 
-
-def resting_mesh(data, convention):
-    """Mesh 1 of the data, which stands still and unturned with its centre of mass at the origin."""
-    return _make_mesh(data, 1, np.zeros((1, 3)), UNTURNED, convention)
-
-
-def moving_mesh(data, sample, convention):
-    """Mesh 2 of the data in the random state of a sample."""
-    position, orientation = data["randomPositions"][[sample]], data["randomOrientations"][[sample]]
-    mesh = _make_mesh(data, 2, position, orientation, convention)
-    mesh.linVelocity = data["randomLinVelocities"][[sample]]
-    mesh.angVelocity = data["randomAngVelocities"][[sample]]
-    return mesh
-
-
-def _make_mesh(data, k, position, orientation, convention):
-    shape = (data[f"{part}{k}"] for part in ("origVertices", "faces", "tets"))
+    So a solution passes whether its physics are the release's or right. Another tensor, or one
+    that is turned to world axes in neither way, is a mistake: it stays, and shows in the results.
+    So does the inverse of zero that a fixed mesh has.
+    """
+    right = inertia_tensor(vertices, tets, DENSITY)
+    own = getattr(mesh, "invIT", None)
+    known = [np.linalg.inv(right), np.linalg.inv(INERTIA_FACTOR * right)]
+    if not any(_same(own, tensor) for tensor in known):
+        return
+    own = np.array(own, dtype=np.float64).reshape(3, 3)
+    R = rotation_matrix(mesh.orientation)
     try:
-        return MESH_CLASSES[convention](f"mesh {k}", *shape, DENSITY, position, orientation, False)
-    except ValueError as problem:
-        raise GraderDataError(f"mesh {k} is not a body: {problem}") from None
+        rotated = mesh.get_rotated_inv_IT()
+    except Exception:  # it is asked for again where it is needed, and the error told there
+        rotated = None
+    mesh.IT, mesh.invIT = INERTIA_FACTOR * right, known[1]
+    if _same(rotated, R @ own @ R.T) or _same(rotated, R.T @ own @ R):
+
+        def get_rotated_inv_IT():
+            R = rotation_matrix(mesh.orientation)
+            return R.T @ np.reshape(mesh.invIT, (3, 3)) @ R
+
+        mesh.get_rotated_inv_IT = get_rotated_inv_IT
 
 
-def graded_samples(results, convention):
+def _same(value, tensor):
+    """Whether a value is an array of a tensor's nine numbers."""
+    try:
+        value = np.array(value, dtype=np.float64).reshape(3, 3)
+    except (TypeError, ValueError):
+        return False
+    return bool(np.abs(value - tensor).max() <= TENSOR_TOLERANCE * np.abs(tensor).max())
+
+
+def check_bodies(data):
+    """Raises GraderDataError unless both meshes of the data are bodies."""
+    for k in (1, 2):
+        if f"tets{k}" in data:
+            try:
+                solid(data, k)
+            except (ValueError, np.linalg.LinAlgError) as problem:
+                raise GraderDataError(f"mesh {k} is not a body: {problem}") from None
+
+
+def graded_samples(data, convention):
     """The numbers of the samples that have a result.
 
-    results : list of (n, ...) arrays, a row a sample
     All of them have one, except that quirk 3 left the rows of all but the first at zero.
     """
+    results = [data[key] for key in RESULT_ATTRIBUTES]
     hasResult = np.ones(len(results[0]), dtype=bool)
     if convention == RELEASED_2024:
         hasResult = np.any(np.hstack(results) != 0, axis=1)
-    return np.flatnonzero(hasResult)
+    samples = np.flatnonzero(hasResult)
+    if len(samples) == 0:
+        raise GraderDataError("no sample has a result")
+    return samples

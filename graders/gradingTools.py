@@ -1,4 +1,4 @@
-"""What the three graders share: safe reading of grader data, comparison, table and exit code.
+"""What the three graders share: safe reading of grader data, and options.
 
 Grader data are Python pickles (contract, section 3). A pickle is a program that may call any
 function it names, so they are read through an unpickler that knows a handful of names only.
@@ -13,12 +13,15 @@ import pickle
 import pickletools
 import stat
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-DATA_DIRECTORY = Path(__file__).resolve().parents[1] / "data"
+PROJECT_DIRECTORY = Path(__file__).resolve().parents[1]
+DATA_DIRECTORY = PROJECT_DIRECTORY / "data"
+# A grader started from anywhere finds the project's modules. To import this module first is enough.
+sys.path.insert(0, str(PROJECT_DIRECTORY))
 
 # The physics as it is, and the physics as the coursework's 2024 release computed it (quirks 1 to 3
 # of the contract).
@@ -31,9 +34,10 @@ CONVENTIONS = (EXACT, RELEASED_2024)
 ERROR_BOUND = 1e-9
 
 PASSED, FAILED, BAD_DATA = 0, 1, 2
+STOPPED = 130  # 128 + SIGINT, as a shell reports a program that Ctrl-C ended
 
 
-def _printable(text):
+def printable(text):
     """The text in one line, without what a terminal would take for orders."""
     return "".join(c if c.isprintable() else " " for c in text)
 
@@ -42,7 +46,7 @@ class GraderDataError(Exception):
     """The data cannot be graded against; the message is the cause, in one line."""
 
     def __init__(self, cause):
-        super().__init__(_printable(str(cause)))
+        super().__init__(printable(str(cause)))
 
 
 # ---- Layout of the data -------------------------------------------------------------------------
@@ -343,113 +347,14 @@ def _check_meaning(data):
                 raise GraderDataError(f"{key} names a vertex that does not exist")
 
 
-# ---- Comparison and report ----------------------------------------------------------------------
-
-
-@dataclass
-class Grade:
-    """The comparisons made by one grader, and what is said about them.
-
-    title : what is graded
-    remarks : lines for the head of the report
-    """
-
-    title: str
-    remarks: list = field(default_factory=list)
-    _rows: list = field(default_factory=list, init=False)
-    _failures: list = field(default_factory=list, init=False)
-    _largestError: float = field(default=0.0, init=False)
-
-    def compare(self, quantity, computed, expected, samples=None):
-        """Enter a quantity.
-
-        computed, expected : (n, ...) arrays, a row a sample; bools must agree
-        samples : (n,) the rows' numbers in the data, by default 0, 1, 2...
-        """
-        samples = np.arange(len(expected)) if samples is None else np.asarray(samples)
-        if len(samples) == 0:
-            self._rows.append((quantity, "-", "-", "0"))
-            return
-        if expected.dtype == np.bool_:
-            errors = (computed != expected).astype(float)
-            shown = f"{int(errors.sum())} differ"
-        else:
-            # A NaN on either side makes its row's error NaN, which max and argmax put first.
-            errors = np.abs(computed - expected).reshape(len(expected), -1).max(axis=1)
-            shown = f"{errors.max():.3e}"
-            self._largestError = float(np.fmax(self._largestError, errors.max()))
-        if not np.all(errors < ERROR_BOUND):
-            self._failures.append(quantity)
-        isFaultless = not np.any(errors != 0)
-        worst = "-" if isFaultless else str(samples[np.argmax(errors)])
-        self._rows.append((quantity, shown, worst, str(len(samples))))
-
-    def compare_pairs(self, quantity, computed, expected):
-        """Enter a quantity of both meshes: (2, n, ...) arrays."""
-        for k in (0, 1):
-            self.compare(f"{quantity}, mesh {k + 1}", computed[k], expected[k])
-
-    def report(self):
-        """Print the table and the verdict; return PASSED or FAILED."""
-        for line in (self.title, *self.remarks):
-            print(line)
-        print()
-        table = [("quantity", "largest error", "at sample", "samples"), *self._rows]
-        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-        for row in table:
-            cells = [row[0].ljust(widths[0])]
-            cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
-            print("   ".join(cells))
-        print()
-        if self._failures:
-            print(
-                f"FAIL: {len(self._failures)} of {len(self._rows)} quantities are not below "
-                f"{ERROR_BOUND:g}: {'; '.join(self._failures)}"
-            )
-            return FAILED
-        print(
-            f"PASS: all {len(self._rows)} quantities below {ERROR_BOUND:g}, "
-            f"largest error {self._largestError:.3e}"
-        )
-        return PASSED
+# ---- Command lines ------------------------------------------------------------------------------
 
 
 class OneLineParser(argparse.ArgumentParser):
     """Reports a wrong command line in one line, without the usage before it."""
 
     def error(self, message):
-        self.exit(BAD_DATA, f"{self.prog}: {_printable(message)} (--help lists the options)\n")
-
-
-def run_grader(description, fileName, layout, grade):
-    """Run a grader's command line; returns the exit code.
-
-    layout : dict from key to Layout, what the file must hold
-    grade : function of (data, convention) that returns a Grade, or raises GraderDataError
-    Exit codes: PASSED, FAILED, or BAD_DATA with one line on stderr.
-    """
-    parser = OneLineParser(
-        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--data",
-        metavar="DIR",
-        type=Path,
-        default=DATA_DIRECTORY,
-        help=f"the folder that holds {fileName} (default: the project's data)",
-    )
-    add_convention_argument(parser)
-    arguments = parser.parse_args()
-    path = arguments.data / fileName
-    try:
-        data = load_grader_data(path, layout)
-        with np.errstate(all="ignore"):  # what is not a number in the end is told by the table
-            result = grade(data, arguments.convention)
-    except GraderDataError as problem:
-        print(_printable(f"{parser.prog}: {path}: {problem}"), file=sys.stderr)
-        return BAD_DATA
-    result.remarks.append(f"data {path}, convention {arguments.convention}")
-    return result.report()
+        self.exit(BAD_DATA, f"{self.prog}: {printable(message)} (--help lists the options)\n")
 
 
 def add_convention_argument(parser):

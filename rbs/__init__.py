@@ -25,9 +25,12 @@ Scenes, above RBSFunctions.py
     files         reading with limits, writing whole or not at all
     textfiles     text files, line by line
     meshfiles     .mesh and .off
+    scenelines    lines of scene and constraint files, taken apart
     state         a scene in some state: energies, momenta, hashes
     scenes        scene and constraint files
     simulation    a scene, its settings, and its steps
+    submissions   modules of someone else in place of ours
+    submittedsteps  steps of a scene by a student's functions
 
 Recordings
     recordingfiles  the layout of the file

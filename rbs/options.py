@@ -71,19 +71,29 @@ SETTING_FIELDS = {
     "max_iterations": "maxIterations",
     "broad_phase": "broadPhase",
 }
+# Those that make run_timestep be called with a parameter that the coursework's may not have, each
+# with its name.
+STEP_PARAMETERS = {
+    "closing_only": "closingOnly",
+    "friction": "mu",
+    "scheduling": "constraintScheduling",
+    "max_iterations": "maxIterations",
+    "broad_phase": "broadPhase",
+}
 WITHOUT_WINDOW = frozenset({"headless", "screenshots", "video", "record", "stats", "plot"})
 # What does not go with what, and why.
 CONFLICTS = {
     "replay": (
-        {*SETTING_FIELDS, "record"},
+        {*SETTING_FIELDS, "record", "functions"},
         "a replay simulates nothing; --resume goes on with other settings, and may be recorded",
     ),
     "verify": (
-        {*SETTING_FIELDS, "steps", "every"} | WITHOUT_WINDOW - {"headless"},
+        {*SETTING_FIELDS, "functions", "steps", "every"} | WITHOUT_WINDOW - {"headless"},
         "it only compares, and with the settings of the recording",
     ),
     "finish": (
         {*SETTING_FIELDS, "scene", "constraints", "replay", "resume", "verify", "steps", "camera"}
+        | {"functions"}
         | WITHOUT_WINDOW - {"headless"},
         "it only makes one file of the chunks",
     ),
@@ -118,6 +128,11 @@ def make_parser():
         "--allow-outside-meshes", action="store_true",
         help="read meshes that a scene names by an absolute path, by .. or through a symbolic link "
         "out of its folder too (default: only those in its folder, or below)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--functions", metavar="DIR", type=PATH,
+        help="make the steps with the RBSFunctions.py of this folder, a student's for instance, "
+        "which runs with your rights; options that its run_timestep does not know are refused",
     )  # fmt: skip
 
     add_physics_options(parser)

@@ -15,6 +15,7 @@ import numpy as np
 
 from rbs.meshfiles import LARGEST_COORDINATE, load_mesh_file
 from rbs.messages import short
+from rbs.scenelines import fields_of
 from rbs.textfiles import LineReader, SceneError
 from RBSFunctions import Mesh
 
@@ -49,7 +50,7 @@ def load_scene_file(path, allowOutsideMeshes=False):
     returns a list of Mesh
     raises SceneError
     """
-    reader = LineReader(path)
+    reader = LineReader(path, fields_of)
     bodyCount = reader.count("bodies", low=1)
     loaded = {}
     meshes = []
@@ -95,7 +96,7 @@ def load_constraint_file(path, meshes):
     then the upper one; refValue in metres, upper a bool
     raises SceneError
     """
-    reader = LineReader(path)
+    reader = LineReader(path, fields_of)
     lineCount = reader.count("constraints")
     constraints = []
     for row in reader.rows(lineCount, "constraint", columns=6):

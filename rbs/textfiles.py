@@ -23,15 +23,18 @@ class SceneError(InputError):
 
 
 class LineReader:
-    """The lines of a text file that hold something, split at blanks, one after the other.
+    """The lines of a text file that hold something, split into fields, one after the other.
+
+    fieldsOf : function that splits a line into a list of str; by default at blanks
 
     Anything from a `#` to the end of its line is a comment. Blank lines, tabs, CR-LF and a
     byte-order mark make no difference. Whatever is wrong is raised as a SceneError that names the
     file and the line read last.
     """
 
-    def __init__(self, path):
+    def __init__(self, path, fieldsOf=lambda line: line.split("#", 1)[0].split()):
         self.path = path
+        self._fieldsOf = fieldsOf
         self.lineNumber = None
         self._lines = self._split(self._read())
         self._next = next(self._lines, None)
@@ -65,7 +68,7 @@ class LineReader:
             if len(line) > LONGEST_LINE:
                 self.lineNumber = number
                 raise self.error(f"a line must not be longer than {LONGEST_LINE} characters")
-            if fields := line.split("#", 1)[0].split():
+            if fields := self._fieldsOf(line):
                 yield number, fields
 
     def error(self, cause):

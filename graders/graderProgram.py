@@ -1,0 +1,101 @@
+"""The command line of the three graders."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from conventions import Bodies, check_bodies
+from gradeReport import make_grade
+from gradingTools import (
+    BAD_DATA,
+    DATA_DIRECTORY,
+    STOPPED,
+    GraderDataError,
+    OneLineParser,
+    add_convention_argument,
+    printable,
+)
+from isolation import Limits, add_limit_arguments, limits_of, run_isolated
+from trials import Results
+
+from rbs.submissions import SubmissionError, check_folder
+
+
+def run_grader(description, grader):
+    """Runs a grader's command line; returns the exit code.
+
+    Exit codes: PASSED, FAILED, or BAD_DATA with one line on stderr.
+    """
+    parser = OneLineParser(
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--data",
+        metavar="DIR",
+        type=Path,
+        default=DATA_DIRECTORY,
+        help=f"the folder that holds {grader.fileName} (default: the project's data)",
+    )
+    add_convention_argument(parser)
+    parser.add_argument(
+        "--modules",
+        metavar="DIR",
+        type=Path,
+        help="grade the RBSFunctions.py and Quaternion.py of this folder, a copy of which is run "
+        "in a process of its own (default: the project's)",
+    )
+    add_limit_arguments(parser)
+    arguments = parser.parse_args()
+    limits = limits_of(arguments)
+    if arguments.modules is None and limits != Limits():
+        parser.error("--time-limit and --memory-limit go with --modules")
+    path = arguments.data / grader.fileName
+    try:
+        data = grader.load(arguments.data)
+        check_bodies(data)
+        remark = f"data {path}, convention {arguments.convention}"
+        if arguments.modules is None:
+            grade = grade_own_modules(grader, data, arguments.convention)
+        else:
+            check_folder(arguments.modules)
+            grade = grade_submission(
+                grader, arguments.modules, arguments.data, data, arguments.convention, limits
+            )
+            remark += f", modules {arguments.modules}"
+    except GraderDataError as problem:
+        print(printable(f"{parser.prog}: {path}: {problem}"), file=sys.stderr)
+        return BAD_DATA
+    except SubmissionError as problem:
+        print(printable(f"{parser.prog}: {problem}"), file=sys.stderr)
+        return BAD_DATA
+    except KeyboardInterrupt:
+        print(f"{parser.prog}: stopped by Ctrl-C", file=sys.stderr)
+        return STOPPED
+    grade.remarks.append(printable(remark))
+    return grade.report()
+
+
+def grade_own_modules(grader, data, convention):
+    """The Grade of this project's modules, which run in this process."""
+    import Quaternion
+    import RBSFunctions
+
+    bodies = Bodies(RBSFunctions, Quaternion, data, convention)
+    outcomes = []
+    for part in grader.asked(convention, withExtras=False):
+        results = Results(part.shapes, len(data["randomPositions"]))
+        part.run(bodies, data, part.samples(data, convention), results)
+        outcomes.append((part, results))
+    return make_grade(grader, outcomes, data, convention)
+
+
+def grade_submission(grader, folder, dataFolder, data, convention, limits):
+    """The Grade of a student's modules.
+
+    folder : with the modules, of which a copy is run; dataFolder : where the data come from
+    Raises GraderDataError, and SubmissionError where the folder cannot be copied.
+    """
+    outcomes, remarks = run_isolated(grader, folder, dataFolder, data, convention, limits)
+    grade = make_grade(grader, outcomes, data, convention)
+    grade.remarks += remarks
+    return grade

@@ -1,0 +1,85 @@
+"""Stand-in for the released loader: its names and signatures, this project's reading of files.
+
+Meshes are built with the class `Mesh` of the RBSFunctions that Python finds, the student's.
+Whatever is wrong with a file is raised as a SceneError that names file, line and cause.
+"""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+from projectModules import our_module, scene_rows
+
+from RBSFunctions import Mesh as Mesh
+
+
+def load_mesh_file(file_path):
+    """`(vertices (V, 3), faces (F, 3), tets (T, 4))` of a .mesh or .off file, indices from 0."""
+    return our_module("RigidBodySimulation").load_mesh_file(file_path)
+
+
+def load_off_file(file_path):
+    """`(vertices (V, 3), faces (F, 3))` of a surface, its polygons cut into triangles."""
+    vertices, faces, _tets = load_mesh_file(file_path)
+    return vertices[:-1], faces  # the last vertex is the inner point that tetrahedra need
+
+
+def load_constraint_file(file_path, meshes):
+    """Rows `[m1, v1, m2, v2, refValue, upper]`, a lower and an upper one for each line.
+
+    refValue : m, the bound times the distance that the two vertices have now
+    """
+    return our_module("RigidBodySimulation").load_constraint_file(file_path, meshes)
+
+
+def load_scene_file(file_path):
+    """The meshes of a scene, a list of `Mesh`; mesh files are looked up beside the scene file.
+
+    This project's loader reads the whole scene first, and raises a SceneError if it is wrong.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of meshes that are not convex
+        count = len(our_module("RigidBodySimulation").load_scene_file(file_path))
+    folder = Path(file_path).parent
+    loaded = {}
+    meshes = []
+    for name, density, isFixed, position, orientation in scene_rows(file_path, count):
+        if name not in loaded:
+            loaded[name] = load_mesh_file(folder / name)
+        shape = (array.copy() for array in loaded[name])  # the released class changes its arrays
+        meshes.append(Mesh(name, *shape, density, position, orientation, isFixed))
+    return meshes
+
+
+def flatten_meshes(meshes, flattenFaces=True, constraints=()):
+    """All meshes as one: `(vertices, faces, densities, edges of constraints)`.
+
+    vertices (ΣV, 3), world; faces (ΣF, 3) int; densities (ΣV,), kg/m³, per vertex; edges (C, 2)
+    int, the two vertices of each constraint. Without flattenFaces, only the vertices are filled in:
+    faces and densities are empty, and the edges zero.
+    """
+    vertices = np.concatenate([np.zeros((0, 3)), *(mesh.currVertices for mesh in meshes)])
+    edges = np.zeros((len(constraints), 2), dtype=np.int64)
+    if not flattenFaces:
+        return vertices, np.zeros((0, 3), dtype=np.int64), np.zeros(0), edges
+    counts = [len(mesh.currVertices) for mesh in meshes]
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    faces = [
+        np.asarray(mesh.faces, np.int64) + start
+        for mesh, start in zip(meshes, starts[:-1], strict=True)
+    ]
+    densities = np.repeat([float(mesh.density) for mesh in meshes], counts)
+    for edge, (m1, v1, m2, v2, *_bound) in zip(edges, constraints, strict=True):
+        edge[:] = starts[m1] + v1, starts[m2] + v2
+    faces = np.concatenate([np.zeros((0, 3), dtype=np.int64), *faces])
+    return vertices, faces, densities, edges
+
+
+def update_visual_constraints(ps_mesh, vertices, constEdges):
+    """`(nodes (2 C, 3), edges (C, 2))` of a curve network that draws the constraints.
+
+    ps_mesh : of no account; vertices (V, 3); constEdges (C, 2), as `flatten_meshes` gives them
+    """
+    constEdges = np.asarray(constEdges, dtype=np.int64).reshape(-1, 2)
+    nodes = np.asarray(vertices)[constEdges.ravel()]
+    return nodes, np.arange(len(nodes)).reshape(-1, 2)

@@ -1,0 +1,63 @@
+"""Stand-in for cppyy: the one C function that the coursework's code calls, without a compiler.
+
+    PYTHONPATH=graders/released python RigidBodySimulation.py
+
+The released files hand C++ source code to cppyy, load the collision library and call
+`cppyy.gbl.isCollide`. Here the source code is passed over, and `isCollide` is this project's exact
+test of convex bodies.
+"""
+
+import sys
+from types import ModuleType
+
+import numpy as np
+from projectModules import our_module
+
+
+def _pass_over(*arguments, **options):
+    """Takes what would be compiled, and does nothing. Returns True, as cppyy does."""
+    return True
+
+
+cppdef = cppexec = include = c_include = _pass_over
+add_include_path = add_library_path = load_library = add_autoload_map = _pass_over
+
+
+def isCollide(n1, vertices1, COM1, n2, vertices2, COM2, depth, intNormal, intPosition):
+    """Whether two convex bodies collide; where they do, how is written into the last three.
+
+    n1, n2 : arrays (1,) or numbers, how many vertices there are
+    vertices1, vertices2 : (V, 3), in world axes
+    COM1, COM2 : (1, 3) or (3,); of no account here
+    depth : (1,), is set to how far they interpenetrate, ≥ 0
+    intNormal : (3,) or (1, 3), is set to the unit direction in which body 2 must move to separate
+    intPosition : (3,) or (1, 3), is set to the point of body 2 that lies deepest inside body 1
+
+    Returns a bool. Raises ValueError for arrays of another size.
+    """
+    bodies = [_first_rows(n, v) for n, v in ((n1, vertices1), (n2, vertices2))]
+    isCollision, *contact = our_module("GJK").is_collide(*bodies)
+    if isCollision:
+        for target, value in zip((depth, intNormal, intPosition), contact, strict=True):
+            target[...] = np.reshape(value, np.shape(target))
+    return bool(isCollision)
+
+
+def _first_rows(count, vertices):
+    vertices = np.asarray(vertices, dtype=np.float64)
+    count = int(np.ravel(count)[0])
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or not 0 < count <= len(vertices):
+        raise ValueError(f"isCollide: {count} vertices in an array of shape {vertices.shape}")
+    if not np.isfinite(vertices).all():
+        raise ValueError("isCollide: a vertex is not finite")
+    return vertices[:count]
+
+
+class _Global(ModuleType):
+    def __getattr__(self, name):
+        raise AttributeError(f"the stand-in for cppyy knows isCollide only, not {name}")
+
+
+gbl = _Global("cppyy.gbl", "The C++ global namespace, as far as the coursework uses it.")
+gbl.isCollide = isCollide
+sys.modules["cppyy.gbl"] = gbl  # for `import cppyy.gbl` and `from cppyy.gbl import isCollide`

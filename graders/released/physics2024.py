@@ -1,0 +1,62 @@
+"""The inertia of the coursework's 2024 reference solution, which its grader data were made with.
+
+Two quirks, which live here and nowhere else (contract, section 4):
+
+1. The tensor is six times too small: the integral over a tetrahedron holds its volume in place of
+   the Jacobian determinant, which is 6 × volume.
+2. The inverse tensor is turned to world axes as Rᵀ I⁻¹ R, the wrong way round.
+"""
+
+import numpy as np
+
+INERTIA_FACTOR = 1.0 / 6.0  # quirk 1
+
+
+def rotation_matrix(q):
+    """R (3, 3) with R v = q v q⁻¹, for a quaternion (4,) or (1, 4) of any length but zero."""
+    w, x, y, z = np.ravel(q) / np.linalg.norm(q)
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip
+
+
+def inertia_tensor(vertices, tets, density):
+    """The inertia tensor (3, 3) of a body about its COM, as it should be: in kg m².
+
+    vertices (V, 3), anywhere; tets (T, 4), in any orientation. Over a tetrahedron with the corners
+    x_i the integral of x xᵀ is V/20 (Σ x_i x_iᵀ + (Σ x_i)(Σ x_i)ᵀ); with C the sum of these times
+    the density, the tensor is tr(C) 1 − C.
+    """
+    corners = np.asarray(vertices, dtype=np.float64)[np.asarray(tets, dtype=np.int64)]
+    volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0
+    corners = corners - np.average(corners.mean(axis=1), axis=0, weights=volumes)
+    sums = corners.sum(axis=1)
+    moments = np.einsum("tki,tkj->tij", corners, corners) + np.einsum("ti,tj->tij", sums, sums)
+    covariance = density * np.einsum("t,tij->ij", volumes / 20.0, moments)
+    return np.trace(covariance) * np.eye(3) - covariance
+
+
+def released_class(Mesh):
+    """A subclass of a `Mesh` class whose bodies have the tensor of the release, set absolutely.
+
+    Whatever tensor the class computes is replaced; a fixed body keeps its inverse of zero.
+    """
+
+    class ReleasedMesh(Mesh):
+        def __init__(self, *arguments):
+            super().__init__(*arguments)
+            if len(self.origVertices) > 0:
+                self.IT = INERTIA_FACTOR * inertia_tensor(
+                    self.origVertices, self.tets, float(self.density)
+                )
+                if not self.isFixed:
+                    self.invIT = np.linalg.inv(self.IT)
+
+        def get_rotated_inv_IT(self):
+            """Inverse inertia tensor (3, 3), 1 / (kg m²), as the release has it in world axes."""
+            rotation = rotation_matrix(self.orientation)
+            return rotation.T @ self.invIT @ rotation
+
+    return ReleasedMesh

@@ -1,0 +1,39 @@
+"""Lines of scene and constraint files: taken apart, with commas between the numbers as blanks."""
+
+import re
+
+import numpy as np
+
+# The end of a mesh file's name, with what separates it from the numbers behind it.
+_NAME_END = re.compile(r"\.(?:mesh|off)(?=[\s,])", re.IGNORECASE)
+
+
+def fields_of(line):
+    """The fields of a line, a list of str; what follows a `#` is a comment.
+
+    The coursework's text prints commas between the numbers. They count as blanks, but for those in
+    the name of a mesh file.
+    """
+    line = line.split("#", 1)[0]
+    ends = [match.end() for match in _NAME_END.finditer(line)]
+    end = ends[-1] if ends else 0
+    return line[:end].split() + line[end:].replace(",", " ").split()
+
+
+def scene_rows(path, count):
+    """The bodies of a scene file, with the numbers as they stand in it.
+
+    path : of a scene that `load_scene_file` has read, so that nothing can be wrong with it
+    count : how many bodies it has found
+    Returns a list of (mesh file, density, isFixed, position (1, 3), orientation (1, 4)).
+    """
+    with open(path, encoding="utf-8-sig") as file:
+        lines = [fields for fields in map(fields_of, file) if fields]
+    rows = []
+    for fields in lines[1 : count + 1]:
+        name = " ".join(fields[:-9]).replace("\\", "/")
+        density, isFixed, *numbers = fields[-9:]
+        numbers = np.array(numbers, dtype=np.float64)
+        position, orientation = numbers[:3].reshape(1, 3), numbers[3:].reshape(1, 4)
+        rows.append((name, float(density), bool(int(isFixed)), position, orientation))
+    return rows

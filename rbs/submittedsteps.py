@@ -1,0 +1,167 @@
+"""Time steps by a student's functions, in place of our own, on a scene that our program shows.
+
+The program keeps its own meshes, which it draws and records; a student's `Mesh` stands behind each
+of them. Before a step the student's meshes get the state of ours, and afterwards ours get theirs.
+"""
+
+import inspect
+from pathlib import Path
+
+import numpy as np
+
+from rbs.bodies import StateError
+from rbs.scenelines import scene_rows
+from rbs.submissions import SubmissionError, brief, describe, load_submission
+from RBSFunctions import run_timestep
+
+# Our run_timestep's parameters in their order, and the values that they have where none is given.
+DEFAULTS = {name: one.default for name, one in inspect.signature(run_timestep).parameters.items()}
+PARAMETERS = tuple(DEFAULTS)
+# Those that the coursework's run_timestep has after its first four.
+COURSEWORK_PARAMETERS = {"enforceConstraints", "constraints", "maxIterations", "tolerance"}
+
+# A student's mesh is left as it is while its state is that of ours to within this, relative to the
+# size and in m: quaternions may be normalised in other ways.
+ROUNDING = 1e-12
+
+STATE_WIDTHS = {"position": 3, "orientation": 4, "linVelocity": 3, "angVelocity": 3}
+
+
+class SubmittedSteps:
+    """A student's run_timestep and Mesh, to be called in place of ours.
+
+    folder : with the student's modules, which are loaded
+    load_mesh_file : function that reads a mesh file
+
+    Raises SubmissionError where the modules cannot be loaded, or have no run_timestep or Mesh.
+    """
+
+    def __init__(self, folder, load_mesh_file):
+        submission = load_submission(folder, keepsNames=False)
+        if "RBSFunctions" in submission.missing:
+            raise SubmissionError(f"{folder}: there is no RBSFunctions.py")
+        self.folder = submission.folder
+        self._load_mesh_file = load_mesh_file
+        self._run_timestep, self._Mesh = (
+            self._function(submission.functions, name) for name in ("run_timestep", "Mesh")
+        )
+        try:
+            parameters = inspect.signature(self._run_timestep).parameters
+        except (TypeError, ValueError):
+            parameters = {}
+        self._takesAll = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
+        self._known = set(parameters)
+        self._scene = None
+
+    def _function(self, module, name):
+        function = getattr(module, name, None)
+        if not callable(function):
+            raise SubmissionError(f"{self.folder}: RBSFunctions.py has no {name}")
+        return function
+
+    def check_options(self, options):
+        """Raises SubmissionError for an option that the student's run_timestep does not know.
+
+        options : dict from the name of an option to that of the parameter
+        """
+        for option, parameter in options.items():
+            if not self._knows(parameter):
+                raise SubmissionError(
+                    f"{option} does not go with --functions: the run_timestep in {self.folder} "
+                    f"takes no {parameter}"
+                )
+
+    def _knows(self, parameter):
+        return self._takesAll or parameter in self._known
+
+    def replace_those_of(self, simulationClass):
+        """From now on, simulations of this class make their steps with the student's functions."""
+        simulationClass.runTimestep = lambda simulation, *arguments, **options: self.step(
+            simulation.scenePath, *arguments, **options
+        )
+
+    def step(self, scenePath, meshes, groundMesh, timeStep, CRCoeff, *arguments, **options):
+        """One step of our meshes, in place; returns None, as there is no report of it.
+
+        scenePath : of the scene that the meshes are from; then as for our `run_timestep`. What has
+            its default there is not handed on, unless the coursework has it too.
+
+        Raises StateError, and leaves our meshes as they were, where the student's step raises, does
+        not know an option, or gives what is not a state.
+        """
+        options |= dict(zip(PARAMETERS[4:], arguments, strict=False))
+        for name in options.keys() - COURSEWORK_PARAMETERS:
+            if options[name] == DEFAULTS[name]:
+                del options[name]
+            elif not self._knows(name):
+                raise StateError(f"the run_timestep in {self.folder} takes no {name}")
+        options = {name: value for name, value in options.items() if self._knows(name)}
+        try:
+            self._follow(meshes, scenePath)
+            self._run_timestep(self._meshes, self._ground, timeStep, CRCoeff, **options)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # whatever a student's function raises
+            raise StateError(describe(error, self.folder)) from None
+        states = [self._state(*pair) for pair in zip(meshes, self._meshes, strict=True)]
+        for mesh, state in zip(meshes, states, strict=True):
+            for name, value in state.items():
+                setattr(mesh, name, value)
+
+    def _follow(self, meshes, scenePath):
+        """Gives the student's meshes the state of ours; makes them first where it is needed.
+
+        They are made of the numbers in the scene's files, not of our meshes, whose vertices have
+        their COM subtracted already.
+        """
+        if self._scene != (scenePath, len(meshes)):
+            self._scene = scenePath, len(meshes)
+            self._rows = scene_rows(scenePath, len(meshes))
+            self._shapes = {}
+            self._meshes = [None] * len(meshes)
+            nothing = np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 4), int)
+            unturned = np.array([1.0, 0.0, 0.0, 0.0])
+            self._ground = self._Mesh("ground", *nothing, 0.0, np.zeros((1, 3)), unturned, True)
+        for k, mesh in enumerate(meshes):
+            theirs = self._meshes[k]
+            if theirs is None or bool(theirs.isFixed) != mesh.isFixed:
+                theirs = self._meshes[k] = self._make(k, mesh.isFixed)
+            for name in STATE_WIDTHS:
+                value = np.array(getattr(mesh, name), dtype=np.float64)
+                own = np.reshape(getattr(theirs, name), value.shape)
+                if not np.allclose(own, value, rtol=ROUNDING, atol=ROUNDING):
+                    setattr(theirs, name, value)
+                    theirs.currVertices = np.array(mesh.currVertices)
+
+    def _make(self, k, isFixed):
+        name, density, _isFixed, position, orientation = self._rows[k]
+        if name not in self._shapes:
+            self._shapes[name] = self._load_mesh_file(Path(self._scene[0]).parent / name)
+        shape = [array.copy() for array in self._shapes[name]]  # the released class changes them
+        return self._Mesh(
+            name, *shape, density, position.copy(), orientation.copy(), isFixed
+        )  # fmt: skip
+
+    def _state(self, mesh, theirs):
+        """The state of a student's mesh, in the shapes of ours: a dict of arrays."""
+        state = {}
+        for name, width in STATE_WIDTHS.items():
+            state[name] = _numbers(mesh.name, name, getattr(theirs, name, None), (1, width))
+        vertices = getattr(theirs, "currVertices", None)
+        state["currVertices"] = _numbers(
+            mesh.name, "currVertices", vertices, mesh.currVertices.shape
+        )
+        return state
+
+
+def _numbers(meshName, name, value, shape):
+    """A copy of an array in the given shape; StateError where it is none of finite numbers."""
+    try:
+        array = np.array(value, dtype=np.float64).reshape(shape)
+    except (TypeError, ValueError):
+        raise StateError(
+            f"{brief(meshName, 60)}: {name} has shape {np.shape(value)}, not {shape}"
+        ) from None
+    if not np.isfinite(array).all():
+        raise StateError(f"{brief(meshName, 60)}: {name} is not finite")
+    return array
