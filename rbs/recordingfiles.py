@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.files import check_regular, replace_file
+from rbs.files import check_regular, note_read, replace_file
 from rbs.messages import InputError, one_line
 from rbs.state import HASH_SIZE, STATE_WIDTHS
 
@@ -80,6 +80,7 @@ class RecordingFile:
         self._members = {}
         try:
             check_regular(self.path)
+            note_read(self.path)
             size = os.path.getsize(self.path)
             with open(self.path, "rb") as file, zipfile.ZipFile(file) as archive:
                 entries = archive.infolist()
