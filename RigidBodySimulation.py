@@ -23,7 +23,14 @@ from rbs.backends import find_backend
 from rbs.drawables import flatten_meshes
 from rbs.files import files_noted
 from rbs.headless import run_without_window, step_progress
-from rbs.interrupts import Interrupt, breakable, signals_left_alone, signals_watched, watch_signals
+from rbs.interrupts import (
+    Interrupt,
+    breakable,
+    ignore_signals,
+    signals_left_alone,
+    signals_watched,
+    watch_signals,
+)
 from rbs.meshfiles import load_mesh_file
 from rbs.messages import InputError, drop_stream, print_error, reason_of, shown_path
 from rbs.opening import list_files, load_recorded_scene, open_file, open_recording
@@ -295,7 +302,9 @@ def command():
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)
-    sys.exit(main())
+    code = main()
+    ignore_signals()
+    sys.exit(code)
 
 
 if __name__ == "__main__":

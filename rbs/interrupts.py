@@ -118,6 +118,13 @@ def signals_left_alone():
             signal.signal(number, _watch.note)
 
 
+def ignore_signals():
+    """For the end of the process, when all is written: as it ends, Python stops watching."""
+    for number in SIGNAL_NAMES:
+        if signal.getsignal(number) == _watch.note:
+            signal.signal(number, signal.SIG_IGN)
+
+
 def noted():
     """The signals that have come since watching began: a tuple of their numbers."""
     return tuple(_watch.noted)
