@@ -33,7 +33,14 @@ from rbs.interrupts import (
 )
 from rbs.meshfiles import load_mesh_file
 from rbs.messages import InputError, drop_stream, print_error, reason_of, shown_path
-from rbs.opening import list_files, load_recorded_scene, open_file, open_recording
+from rbs.opening import (
+    changed_files,
+    list_files,
+    load_recorded_scene,
+    open_file,
+    open_recording,
+    tell_changes,
+)
 from rbs.options import (
     DEFAULT_EVERY,
     DEFAULT_SCENE,
@@ -121,10 +128,14 @@ def simulation_of(options, given):
     """The Simulation, or Replay, that the command line asks for."""
     if options.replay is not None:
         recording = open_recording(options.replay)
-        return Replay(recording, scene_of(recording, options))
+        scene = scene_of(recording, options)
+        tell_changes(recording, scene)
+        return Replay(recording, scene)
     if options.resume is not None:
         recording = open_recording(options.resume)
         simulation = scene_of(recording, options)
+        if changed := changed_files(recording, simulation):
+            raise recording.error(f"{changed}, so it cannot be gone on with")
         step = recording.lastStep if options.from_step is None else options.from_step
         resume(recording, step, simulation)
         asked = settings_of(options)
@@ -226,8 +237,10 @@ def verify_as_asked(options):
     """--verify; returns the exit code, 0 or 1."""
     recording = open_recording(options.verify, mustBeFinite=False)
     simulation = scene_of(recording, options)
-    with step_progress(recording.lastStep - recording.firstStep) as advance:
-        wrong = verify(recording, simulation, advance)
+    wrong = changed_files(recording, simulation)
+    if not wrong:
+        with step_progress(recording.lastStep - recording.firstStep) as advance:
+            wrong = verify(recording, simulation, advance)
     path = shown_path(recording.path)
     if not wrong:
         print(f"{path}: the steps {recording.firstStep} to {recording.lastStep} are the same")

@@ -55,7 +55,8 @@ class Recording:
 
     Attributes: path, of the file, or of the folder that an interrupted recording has left;
     wasInterrupted, whether it is the latter; firstStep, lastStep; scene, constraints, paths as
-    recorded ("" for none); meshNames, list of str; files, a RecordingFile of each chunk;
+    recorded ("" for none); contentHashes, a simulation's, of what these and the meshes held, or
+    None in an older recording; meshNames, list of str; files, a RecordingFile of each chunk;
     settingsHistory, list of (step, dict), the fields of the settings that the steps from that one
     on were made with; version, numpyVersion.
 
@@ -102,6 +103,7 @@ class Recording:
         self._firstSteps = [head.firstStep for head in heads]
         self.meshNames = first.meshNames
         self.scene, self.constraints = first.scene, first.constraints
+        self.contentHashes = first.contentHashes
         self.version, self.numpyVersion = first.version, first.numpyVersion
         # A chunk's history goes back to the start of the recording.
         self.settingsHistory = last.settingsHistory
@@ -163,6 +165,10 @@ class Recording:
         head = {name: last.read_array(name, "Uifb") for name in names}
         return head | {"firstStep": first.read_array("firstStep", "i")}
 
+    def damage(self):
+        """What is wrong with its files as such, in a few words, or "": checksums, bookkeeping."""
+        return next(filter(None, (file.damage() for file in self.files)), "")
+
     def damaged_member(self):
         """Where a checksum is wrong: "file: array", or None."""
         for file in self.files:
@@ -197,6 +203,17 @@ class _Head:
                     f"not of {shape} and {np.dtype(dtype)}"
                 )
         self.settingsHistory = self._history()
+        self.contentHashes = self._hashes() if "contentHashes" in file.names() else None
+
+    def _hashes(self):
+        try:
+            hashes = json.loads(self._text("contentHashes"))
+            texts = [hashes["scene"], hashes["constraints"], *hashes["meshes"].values()]
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            texts = [None]
+        if not all(isinstance(text, str) for text in texts):
+            raise self.file.error("the hashes of its scene's files cannot be read")
+        return hashes
 
     def _integer(self, name):
         value = self.file.read_array(name, "i")
@@ -275,6 +292,7 @@ class Recorder:
             self._meshes = simulation.meshes
             self._scene = str(simulation.scenePath)
             self._constraints = str(simulation.constraintPath or "")
+            self._contentHashes = json.dumps(simulation.contentHashes)
         step = self._firstStep + self.frameCount
         if simulation.meshes is not self._meshes or simulation.stepCount != step:
             raise RecordingError(self.path, f"only step {step} of the same scene could follow")
@@ -349,6 +367,7 @@ class Recorder:
             "maxIterations": min(self._maxIterations, np.iinfo(np.int64).max),
             "scene": self._scene,
             "constraints": self._constraints,
+            "contentHashes": self._contentHashes,
             "meshNames": np.array([mesh.name for mesh in self._meshes], dtype=np.str_),
             "version": __version__,
             "numpyVersion": np.__version__,
@@ -370,12 +389,14 @@ def finish(path):
     """
     path = Path(path)
     if path.name in ("", ".."):  # also of "."
-        path = Path(os.path.abspath(path))
+        with named_errors(path):
+            path = Path(os.path.abspath(path))
     if path.suffix == PARTIAL_ENDING:
         path = path.with_suffix("")
     elif path.is_dir():
         raise RecordingError(path, "this is a folder, not a recording")
-    target = Path(os.path.realpath(path))
+    with named_errors(path):
+        target = Path(os.path.realpath(path))
     partialPath = partial_path(target)
     if not partialPath.is_dir():
         raise RecordingError(path, f"there is no interrupted recording of it, {partialPath.name}")
@@ -391,9 +412,9 @@ def finish(path):
             _check_holds(target, recording)
             _remove_chunks(partialPath)
         else:
-            damaged = recording.damaged_member()
-            if damaged is not None:
-                raise RecordingError(path, f"cannot be made, the array {damaged} is damaged")
+            damage = recording.damage()
+            if damage:
+                raise RecordingError(path, f"cannot be made: {damage}")
             with named_errors(path):
                 _join_chunks(recording.files, partialPath, target, recording.head())
     finally:

@@ -390,7 +390,7 @@ def test_finishing_is_refused_where_something_would_be_lost(tmp_path, inChunks):
     damaged = bytearray(content)
     damaged[content.index(b" \n", content.index(b"times.npy")) + 2] ^= 1
     chunk.write_bytes(damaged)
-    with pytest.raises(RecordingError, match="r.npz: cannot be made, the array .*chunk_000002.npz"):
+    with pytest.raises(RecordingError, match="r.npz: cannot be made: the array .*chunk_000002.npz"):
         finish(tmp_path / "r.npz")
     chunk.unlink()
     with pytest.raises(RecordingError, match="chunk_000003.npz: the states from step 2 on are mis"):
@@ -400,6 +400,22 @@ def test_finishing_is_refused_where_something_would_be_lost(tmp_path, inChunks):
     assert finish(tmp_path / "r.npz") == (tmp_path / "r.npz", 0, 4)
     with pytest.raises(RecordingError, match="there is no interrupted recording of it"):
         finish(tmp_path / "r.npz")
+
+
+@pytest.mark.parametrize("given", ["/", ".", "..", "folder", "folder/", "./", "//"])
+def test_finishing_a_folder_is_refused_in_one_line(tmp_path, given):
+    (tmp_path / "here" / "folder").mkdir(parents=True)
+    process = run(tmp_path / "here", "--finish", given)
+    assert (process.returncode, process.stdout) == (2, "")
+    (line,) = process.stderr.splitlines()
+    assert line.endswith(": this is a folder, not a recording")
+
+
+def test_an_interrupted_recording_is_finished_from_within(tmp_path, inChunks):
+    interrupted(tmp_path / "r.npz", 3).close()
+    process = run(tmp_path / "r.npz.part", "--finish", ".")
+    assert process.returncode == 0, process.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["r.npz"]
 
 
 def test_finishing_removes_chunks_that_are_in_the_file_already(tmp_path, inChunks):
