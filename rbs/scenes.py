@@ -19,8 +19,10 @@ from rbs.messages import short
 from rbs.textfiles import LineReader, SceneError
 from RBSFunctions import Mesh
 
-# Our own scenes and meshes.
-DATA_FOLDER = Path(__file__).resolve().parent.parent / "data"
+# Our own scenes and meshes: within the package where it is installed, else beside it, as in a
+# checkout. An installed package has other packages' folders beside it.
+_PACKAGE = Path(__file__).resolve().parent
+DATA_FOLDER = next(filter(Path.is_dir, [_PACKAGE / "data"]), _PACKAGE.parent / "data")
 SCENE_ENDING = "-scene.txt"
 CONSTRAINTS_ENDING = "-constraints.txt"
 # kg/m³: a neutron star has less than 1e19, and masses are still far from overflowing.
