@@ -195,7 +195,8 @@ def open_window_or_fall_back(simulation, options, pictureOptions):
 
     returns the exit code
     """
-    backend = find_backend(window=True)
+    with breakable():
+        backend = find_backend(window=True)
     if backend.opensWindow:
         from rbs.viewer import show_window
 

@@ -70,7 +70,9 @@ class Recording:
             for orientations that are none
         """
         self.path = Path(path)
-        partialPath = Path(str(path) + PARTIAL_ENDING)
+        # Beside the file that a link points at, since that is what is written.
+        partialPath = Path(str(os.path.realpath(path) if self.path.is_symlink() else path)
+                           + PARTIAL_ENDING)  # fmt: skip
         if not self.path.exists() and partialPath.is_dir():
             self.path = partialPath
         self.wasInterrupted = self.path.is_dir()

@@ -125,6 +125,20 @@ def test_links_are_followed(tmp_path, option, isThere):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["link", "there"]
 
 
+def test_an_interrupted_recording_is_found_through_its_link(tmp_path):
+    (tmp_path / "there").mkdir()
+    (tmp_path / "r.npz").symlink_to("there/long.npz")
+    process = start(tmp_path, "tower", "--record", "r.npz", "--steps", "1000000")
+    wait_for(lambda: list(tmp_path.glob("there/long.npz.part/chunk_*.npz")))
+    process.kill()
+    process.communicate()
+    process = run(tmp_path, "--replay", "r.npz", "--headless", "--steps", "2")
+    assert process.returncode == 0 and "an interrupted recording" in process.stderr
+    assert run(tmp_path, "--finish", "r.npz").returncode == 0
+    assert (tmp_path / "r.npz").is_symlink() and Recording(tmp_path / "r.npz").lastStep > 0
+    assert [path.name for path in (tmp_path / "there").iterdir()] == ["long.npz"]
+
+
 @pytest.mark.parametrize("option", KINDS)
 @pytest.mark.parametrize("kind", ["socket", "block device"])
 def test_what_is_neither_file_nor_pipe_is_refused(tmp_path, monkeypatch, option, kind):
