@@ -21,10 +21,26 @@ import numpy as np
 
 from rbs.backends import find_backend
 from rbs.drawables import flatten_meshes
+from rbs.files import files_noted
 from rbs.headless import run_without_window, step_progress
+from rbs.interrupts import (
+    Interrupt,
+    breakable,
+    ignore_signals,
+    signals_left_alone,
+    signals_watched,
+    watch_signals,
+)
 from rbs.meshfiles import load_mesh_file
-from rbs.messages import InputError, print_error, reason_of, shown_path
-from rbs.opening import list_files, load_recorded_scene, open_file, open_recording
+from rbs.messages import InputError, drop_stream, print_error, reason_of, shown_path
+from rbs.opening import (
+    changed_files,
+    list_files,
+    load_recorded_scene,
+    open_file,
+    open_recording,
+    tell_changes,
+)
 from rbs.options import (
     DEFAULT_EVERY,
     DEFAULT_SCENE,
@@ -63,12 +79,12 @@ def main(arguments=None):
     """Runs the command line.
 
     returns the exit code: 0, 1 where --verify finds a difference, 2 for bad input, 3 where the
-    numbers of a run go wrong, 130 after Ctrl-C
+    numbers of a run go wrong, 130 after Ctrl-C, 143 after kill
     """
     parser = make_parser()
     options = parser.parse_args(arguments)
     given = given_options(arguments)
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), signals_watched(), files_noted():
         warnings.simplefilter("always", NonConvexWarning)
         warnings.showwarning = lambda message, *where: print_error(f"warning: {message}")
         if hasattr(sys.stdout, "reconfigure"):  # a name may hold what the terminal has no sign for
@@ -87,7 +103,10 @@ def main(arguments=None):
             discard_output()
         except MemoryError as error:
             print_error(with_what_is_kept("there is not enough memory", error))
-        except KeyboardInterrupt as error:
+        except Interrupt as error:
+            print_error(with_what_is_kept(error, error))
+            return error.exitCode
+        except KeyboardInterrupt as error:  # where signals are not watched: in the window
             print_error(with_what_is_kept("stopped by Ctrl-C", error))
             return 130
     return 2
@@ -98,14 +117,16 @@ def run_asked_mode(options, given):
     if options.finish is not None:
         return finish_as_asked(options)
     if options.verify is not None:
-        return verify_as_asked(options)
-    if options.functions is not None:
-        steps = SubmittedSteps(options.functions, load_mesh_file)
-        steps.check_options({option_name(one): STEP_PARAMETERS[one]
-                             for one in STEP_PARAMETERS if one in given})  # fmt: skip
-        steps.replace_those_of(Simulation)
-    simulation = simulation_of(options, given)
-    pictureOptions = picture_options_of(options)
+        with breakable():
+            return verify_as_asked(options)
+    with breakable():
+        if options.functions is not None:
+            steps = SubmittedSteps(options.functions, load_mesh_file)
+            steps.check_options({option_name(one): STEP_PARAMETERS[one]
+                                 for one in STEP_PARAMETERS if one in given})  # fmt: skip
+            steps.replace_those_of(Simulation)
+        simulation = simulation_of(options, given)
+        pictureOptions = picture_options_of(options)
     if given & WITHOUT_WINDOW:
         return run_as_asked(simulation, options, pictureOptions)
     return open_window_or_fall_back(simulation, options, pictureOptions)
@@ -115,10 +136,14 @@ def simulation_of(options, given):
     """The Simulation, or Replay, that the command line asks for."""
     if options.replay is not None:
         recording = open_recording(options.replay)
-        return Replay(recording, scene_of(recording, options))
+        scene = scene_of(recording, options)
+        tell_changes(recording, scene)
+        return Replay(recording, scene)
     if options.resume is not None:
         recording = open_recording(options.resume)
         simulation = scene_of(recording, options)
+        if changed := changed_files(recording, simulation):
+            raise recording.error(f"{changed}, so it cannot be gone on with")
         step = recording.lastStep if options.from_step is None else options.from_step
         resume(recording, step, simulation)
         asked = settings_of(options)
@@ -166,11 +191,11 @@ def run_as_asked(simulation, options, pictureOptions):
             video = Video(options.video, view, *timing)
         return run_without_window(simulation, steps, recorder, stats, pictures, video)
     except BaseException as error:
-        kept = close_all(recorder, stats, video)
+        kept = close_all(recorder, stats, video, pictures)
         error.keptPaths = [str(shown_path(path)) for path in kept if path is not None]
         raise
     finally:
-        close_all(recorder, stats, video)
+        close_all(recorder, stats, video, pictures)
 
 
 def open_window_or_fall_back(simulation, options, pictureOptions):
@@ -178,12 +203,16 @@ def open_window_or_fall_back(simulation, options, pictureOptions):
 
     returns the exit code
     """
-    backend = find_backend(window=True)
+    with breakable():
+        backend = find_backend(window=True)
     if backend.opensWindow:
         from rbs.viewer import show_window
 
         open_here = partial(open_file, allowOutsideMeshes=options.allow_outside_meshes)
-        show_window(simulation, backend, open_here, list_files, step_quantities, pictureOptions)
+        with signals_left_alone():
+            show_window(
+                simulation, backend, open_here, list_files, step_quantities, pictureOptions
+            )
         return 0
     pictures = None
     if backend.name is None:
@@ -197,13 +226,19 @@ def open_window_or_fall_back(simulation, options, pictureOptions):
         steps = np.linspace(first, last, FALLBACK_PICTURES).round().astype(int).tolist()
         view = start_view(simulation, backend, pictureOptions)
         pictures = PictureSeries(folder, steps, view)
-    return run_without_window(simulation, steps_of(simulation, options), pictures=pictures)
+    try:
+        return run_without_window(simulation, steps_of(simulation, options), pictures=pictures)
+    finally:
+        close_all(pictures)
 
 
 def finish_as_asked(options):
     """--finish; returns the exit code, 0."""
     path, first, last = finish(options.finish)
-    print(f"{shown_path(path)}: the steps {first} to {last}, of an interrupted recording")
+    steps = f"the steps {first} to {last}, of an interrupted recording"
+    if last < first:
+        steps = "the run had ended before anything was recorded, and its folder is removed"
+    print(f"{shown_path(path)}: {steps}")
     return 0
 
 
@@ -211,8 +246,10 @@ def verify_as_asked(options):
     """--verify; returns the exit code, 0 or 1."""
     recording = open_recording(options.verify, mustBeFinite=False)
     simulation = scene_of(recording, options)
-    with step_progress(recording.lastStep - recording.firstStep) as advance:
-        wrong = verify(recording, simulation, advance)
+    wrong = changed_files(recording, simulation)
+    if not wrong:
+        with step_progress(recording.lastStep - recording.firstStep) as advance:
+            wrong = verify(recording, simulation, advance)
     path = shown_path(recording.path)
     if not wrong:
         print(f"{path}: the steps {recording.firstStep} to {recording.lastStep} are the same")
@@ -272,10 +309,25 @@ def discard_output():
     try:
         sys.stdout.flush()
     except OSError:
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, sys.stdout.fileno())
-        os.close(nowhere)
+        drop_stream(sys.stdout)
+
+
+def command():
+    """The program as a process of its own; ends it.
+
+    Signals are watched to its very end, and a standard stream that is closed is opened to nowhere:
+    else the next file that is opened would be in its place, and get what libraries print.
+    """
+    watch_signals()
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    code = main()
+    ignore_signals()
+    sys.exit(code)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command()

@@ -22,7 +22,9 @@ Bookkeeping of a step, below RBSFunctions.py: which pairs and constraints, and w
 
 Scenes, above RBSFunctions.py
     messages      errors and lines for the terminal
-    files         reading with limits, writing whole or not at all
+    files         reading with limits, names, locks
+    interrupts    signals that ask for the end, noted until nothing can be harmed
+    outputs       where a run may write, whole or not at all, and alone
     textfiles     text files, line by line
     meshfiles     .mesh and .off
     scenelines    lines of scene and constraint files, taken apart

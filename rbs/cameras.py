@@ -11,8 +11,9 @@ import math
 
 import numpy as np
 
-from rbs.files import atomic_write, read_bytes
+from rbs.files import read_bytes
 from rbs.messages import InputError, reason_of
+from rbs.outputs import atomic_write
 
 # From the middle of the scene to the camera: a little from the right, a little from above.
 VIEW_DIRECTION = (0.45, 0.36, 1.0)

@@ -1,15 +1,18 @@
-"""Files from outside, and files to be kept: reading with a limit, atomic writes.
+"""Files from outside, and files to be kept: reading with a limit, renaming what is whole, locks.
 
 Whatever is read may be missing, a folder, a device that never ends, or made by someone who means
 harm; whatever is written may meet a full disk or be cut short by a crash. Nothing here knows what
-is in a file. From the top: reading; atomic writes and what they are made of; locks.
+is in a file. From the top: reading, and what has been read; names; renaming; locks. What a run may
+write to is `rbs.outputs`'.
 """
 
 import errno
+import hashlib
 import os
 import stat
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import NamedTuple
 
 try:
     import fcntl
@@ -21,6 +24,58 @@ except ImportError:  # Windows
 TEXT_BYTES = 256 << 20
 # What is added to a file's name while it is written.
 PARTIAL_ENDING = ".part"
+# Bytes of the hash of a file's content.
+CONTENT_HASH_SIZE = 16
+
+
+class FileRead(NamedTuple):
+    """A file that has been read: its path as given, the same with links followed, and a hash of
+    its content, or "" where it is read piece by piece."""
+
+    path: str
+    realPath: str
+    contentHash: str
+
+
+# A list of FileRead for each `files_noted` that is in force, the innermost last.
+_notes = []
+
+
+@contextmanager
+def files_noted():
+    """Within it, whatever this program reads is noted: yields a list of FileRead, which grows."""
+    _notes.append([])
+    try:
+        yield _notes[-1]
+    finally:
+        _notes.pop()
+
+
+def note_read(path, content=None):
+    """Notes that a file is read, with the hash of its content where that is at hand."""
+    if _notes:
+        path, contentHash = os.fspath(path), "" if content is None else content_hash(content)
+        read = FileRead(path, os.path.realpath(path), contentHash)
+        for notes in _notes:
+            notes.append(read)
+
+
+def content_hash(content):
+    """BLAKE2b of a text file's bytes, in hexadecimal; lines may end in any system's way."""
+    content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    return hashlib.blake2b(content, digest_size=CONTENT_HASH_SIZE).hexdigest()
+
+
+def read_under(status):
+    """Under which path this program has read the file of that `os.stat`, or None if it has not.
+
+    It is told by its inode: names, links and the way to it make no difference.
+    """
+    for read in _notes[0] if _notes else ():
+        with suppress(OSError):
+            if os.path.samestat(os.stat(read.realPath), status):
+                return read.path
+    return None
 
 
 def read_bytes(path, limit=TEXT_BYTES):
@@ -36,6 +91,7 @@ def read_bytes(path, limit=TEXT_BYTES):
     if max(size, len(content)) > limit:
         cause = f"it is longer than {limit} bytes, the most that is read"
         raise OSError(errno.EFBIG, cause, str(path))
+    note_read(path, content)
     return content
 
 
@@ -48,39 +104,17 @@ def check_regular(path):
         raise OSError(errno.EINVAL, "this is a pipe or a device, not a file", str(path))
 
 
-@contextmanager
-def atomic_write(path, mode="wb", **options):
-    """Yields a file to write to, which takes the place of `path` when all went well.
+def path_of_name(name):
+    """The path that a name means which stands in a file: its letters are UTF-8 there.
 
-    Otherwise an old file of that name stays as it was, and nothing of the new one is left, except
-    FILE.part where the process is killed. raises OSError that names `path`
+    Where the system's locale cannot spell them, as with LC_ALL=C, it is the same bytes that count.
     """
-    partial = partial_path(path)
-    with named_errors(path):
-        try:
-            with open(partial, mode, **options) as file:
-                yield file
-            replace_file(partial, path)
-        except BaseException:
-            with suppress(OSError):
-                partial.unlink(missing_ok=True)
-            raise
-
-
-def check_target(path):
-    """Raises OSError where no file can be written at `path`; leaves nothing behind.
-
-    So a missing folder, or missing rights, are found out before hours are spent.
-    """
-    path = Path(path)
-    if path.is_dir():
-        raise IsADirectoryError(errno.EISDIR, "this is a folder, not a file", str(path))
-    partial = partial_path(path)
-    existed = partial.exists()
-    with named_errors(path):
-        open(partial, "ab").close()
-        if not existed:
-            partial.unlink()
+    try:
+        os.fsencode(name)
+    except UnicodeEncodeError:
+        with suppress(UnicodeEncodeError):
+            return os.fsdecode(os.fspath(name).encode("utf-8", "surrogateescape"))
+    return name
 
 
 def partial_path(path):
@@ -122,6 +156,22 @@ def named_errors(path):
         raise
 
 
+def lock(descriptor):
+    """Keeps an open file or folder for this program until the descriptor is closed.
+
+    Nothing happens where the system has no such locks. raises BlockingIOError where it is kept
+    already, by this program or another
+    """
+    if fcntl is None:
+        return
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError:  # some network file systems
+        pass
+
+
 def lock_folder(folder):
     """Keeps a folder for this program until the result is closed, or the program ends in any way.
 
@@ -132,11 +182,8 @@ def lock_folder(folder):
         return None
     descriptor = os.open(folder, os.O_RDONLY)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock(descriptor)
     except BlockingIOError:
         os.close(descriptor)
         raise
-    except OSError:  # some network file systems
-        os.close(descriptor)
-        return None
     return descriptor

@@ -5,16 +5,15 @@ From the top: `run_without_window`; stepping, with its progress and Ctrl-C; the 
 Units: metres, kilograms, seconds.
 """
 
-import signal
 import statistics
-import sys
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from tqdm import tqdm
 
 from rbs.bodies import StateError
-from rbs.messages import print_error, print_note, shown_path
+from rbs.interrupts import SIGNAL_NAMES, breakable, exit_code, noted, signals_watched
+from rbs.messages import QuietStream, print_error, print_note, shown_path
 from rbs.replay import Replay
 from rbs.scenes import scene_name
 from rbs.simulation import ADVICE_STEP
@@ -54,9 +53,7 @@ def run_without_window(simulation, steps, recorder=None, stats=None, pictures=No
     if run.failure:
         print_error(run.failure)
         return 3
-    if run.wasInterrupted:
-        return 130  # 128 + SIGINT, as a shell reports a program that Ctrl-C ended
-    return 0
+    return exit_code(run.stoppedBy) if run.stoppedBy else 0
 
 
 @dataclass
@@ -64,12 +61,15 @@ class Run:
     """What `run_steps` measured."""
 
     stepSeconds: list
-    wasInterrupted: bool
+    stoppedBy: int = 0  # a signal's number
     failure: str = ""  # of a StateError
 
 
 def run_steps(simulation, steps, observers=()):
     """Simulates `steps` steps, or fewer when Ctrl-C is pressed or a number goes wrong.
+
+    Ctrl-C, and other signals that ask for the end, do not break into a step, only the second does:
+    it raises Interrupt, in case a step never ends.
 
     observers : functions of the simulation, called at its start and after every step
     returns a Run; of a replay, which measures nothing, its times are empty
@@ -77,12 +77,13 @@ def run_steps(simulation, steps, observers=()):
     stepSeconds = []
     done = 0
     failure = ""
-    for observe in observers:
-        observe(simulation)
-    with interrupt_noted() as interrupts, step_progress(steps) as advance:
-        while done < steps and not interrupts:
+    with signals_watched(), step_progress(steps) as advance:
+        for observe in observers:
+            observe(simulation)
+        while done < steps and not noted():
             try:
-                simulation.step()
+                with breakable(2):
+                    simulation.step()
             except StateError as error:
                 failure = str(error)
                 break
@@ -94,7 +95,8 @@ def run_steps(simulation, steps, observers=()):
             advance()
             if done == ADVICE_STEP and not isinstance(simulation, Replay):
                 print_note(simulation.advice())
-    return Run(stepSeconds, bool(interrupts), failure)
+        stoppedBy = noted()[0] if noted() and done < steps else 0
+    return Run(stepSeconds, stoppedBy, failure)
 
 
 @contextmanager
@@ -103,42 +105,17 @@ def step_progress(steps):
 
     What cannot be shown, since stderr is closed or its disk is full, does not end the run.
     """
-    isTerminal = sys.stderr is not None and sys.stderr.isatty()
-    seconds = TERMINAL_SECONDS if isTerminal else LOG_SECONDS
+    stream = QuietStream()
+    seconds = TERMINAL_SECONDS if stream.isatty() else LOG_SECONDS
     # Without the delay, it would write as soon as it is made.
     progress = tqdm(
         total=steps, unit="step", leave=False, miniters=1, mininterval=seconds, delay=seconds,
-        disable=sys.stderr is None,
+        file=stream,
     )  # fmt: skip
-
-    def advance():
-        with suppress(OSError):
-            progress.update()
-
     try:
-        yield advance
+        yield progress.update
     finally:
-        with suppress(OSError):
-            progress.close()
-
-
-@contextmanager
-def interrupt_noted():
-    """Within it, Ctrl-C does not break into a step: the list that it yields becomes non-empty.
-
-    A second Ctrl-C acts as ever, in case a step never ends.
-    """
-    noted = []
-
-    def note(signalNumber, frame):
-        noted.append(signalNumber)
-        signal.signal(signal.SIGINT, previous)
-
-    previous = signal.signal(signal.SIGINT, note)
-    try:
-        yield noted
-    finally:
-        signal.signal(signal.SIGINT, previous)
+        progress.close()
 
 
 def summarise(simulation, run, startEnergies):
@@ -157,7 +134,8 @@ def summarise(simulation, run, startEnergies):
         "bodies": f"{len(meshes)}, {fixedCount} of them fixed",
         "constraints": constraint_summary(simulation),
         "steps": f"{simulation.stepCount} of {simulation.settings.timeStep:g} s: "
-        f"{simulation.time:.6g} s simulated" + ", stopped by Ctrl-C" * run.wasInterrupted
+        f"{simulation.time:.6g} s simulated"
+        + (f", stopped by {SIGNAL_NAMES[run.stoppedBy]}" if run.stoppedBy else "")
         + ", stopped by an error" * bool(run.failure),
         "time per step": stepTime,
         "kinetic energy": f"{kinetic:.6g} J at the start, {simulation.kinetic_energy():.6g} J now",

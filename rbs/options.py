@@ -15,6 +15,7 @@ from rbs.messages import PROGRAM_NAME, one_line, short
 from rbs.pictureoptions import (
     FASTEST_VIDEO,
     OVERLAYS,
+    PICTURE_NAME,
     PICTURE_SIZE,
     PICTURE_SIZES,
     SLOWEST_VIDEO,
@@ -311,15 +312,30 @@ def check_options(parser, options, given):
     inputs = ("scene", "constraints", "camera", "replay", "resume")
     for dest in (*inputs, "record", "stats", "plot", "video"):
         path = getattr(options, dest)
-        other = named.setdefault(path and os.path.realpath(path), dest)
-        if path is not None and other != dest and dest not in inputs:
+        if path is None:
+            continue
+        path = Path(real_path(path))
+        other = named.setdefault(path, dest)
+        if other != dest and dest not in inputs:
             parser.error(f"{option_name(dest)} and {option_name(other)} name the same file")
+        if dest not in inputs and options.screenshots is not None:
+            isThere = path.parent == Path(real_path(options.screenshots))
+            if isThere and PICTURE_NAME.fullmatch(path.name):
+                parser.error(f"{option_name(dest)} has the name of a picture of --screenshots")
     for dest, (companions, cause) in COMPANIONS.items():
         if dest in given and not given & companions:
             parser.error(f"{option_name(dest)} {cause}")
     for mode, (others, cause) in CONFLICTS.items():
         for dest in sorted(given & others if mode in given else ()):
             parser.error(f"{option_name(dest)} does not go with {option_name(mode)}: {cause}")
+
+
+def real_path(path):
+    """The path with links followed; as it is, where the current folder has been deleted."""
+    try:
+        return os.path.realpath(path)
+    except OSError:
+        return path
 
 
 def option_name(dest):

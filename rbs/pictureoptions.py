@@ -4,6 +4,7 @@ The command line names these choices without importing what draws. From the top:
 options of a picture; the timing of a video.
 """
 
+import re
 from dataclasses import dataclass
 
 # Width and height in pixels where nobody asks for others.
@@ -15,6 +16,8 @@ OVERLAYS = (
     "contacts", "impulses", "friction impulses", "velocities", "bounding boxes", "grid cells",
     "trails",
 )  # fmt: skip
+# The names of a series' pictures, with the number of the step.
+PICTURE_NAME = re.compile(r"frame_[0-9]{6,}\.png")
 VIDEO_ENDINGS = (".mp4", ".gif")
 # Pictures a second that a video has where nobody says: enough for motion to look smooth, and a
 # divisor of the usual 50 steps a second.

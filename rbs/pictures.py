@@ -13,8 +13,9 @@ import numpy as np
 from rbs.cameras import apply_camera
 from rbs.colours import BACKGROUND
 from rbs.drawing import SceneView, start_polyscope
-from rbs.files import check_target, named_errors, replace_file
 from rbs.messages import InputError
+from rbs.outputs import Output, OutputFolder, find_target
+from rbs.pictureoptions import PICTURE_NAME
 
 # What is told of a file that has no end; neither Polyscope nor the encoder says so.
 INCOMPLETE = "the {} could not be written to its end; is the disk full?"
@@ -55,9 +56,15 @@ class PictureSeries:
         steps : whole numbers, those of which `add` takes a picture; view : SceneView
         """
         self.folder = Path(folder)
-        with named_errors(folder):
-            self.folder.mkdir(parents=True, exist_ok=True)
-        check_target(self.folder / "frame.png")
+        self._place = OutputFolder(folder)
+        try:
+            Output(self.folder / "frame.png", keepsEnding=True).close()
+            for path in self.folder.iterdir():
+                if PICTURE_NAME.fullmatch(path.name):  # it may be written over
+                    find_target(path)
+        except BaseException:
+            self._place.close()
+            raise
         self.count = 0
         self._steps = steps
         self._view = view
@@ -71,23 +78,25 @@ class PictureSeries:
             save_picture(path, self._isTransparent)
             self.count += 1
 
+    def close(self):
+        """Gives the folder up, to other runs."""
+        self._place.close()
+
 
 def save_picture(path, isTransparent=False):
     """Writes what the camera sees as PNG, in place of an old file: whole or not at all."""
     import polyscope as ps
 
-    partial = partial_picture_path(path)
+    output = Output(path, keepsEnding=True)
     # Polyscope asks for both: a background of no opacity, and that this be kept.
     ps.set_background_color((*BACKGROUND, 0.0 if isTransparent else 1.0))
     try:
-        with named_errors(path):
-            open(partial, "wb").close()  # Polyscope would not say why it cannot write
-        ps.screenshot(str(partial), transparent_bg=isTransparent)
-        if not is_complete_png(partial):  # nor does it say that the disk is full
+        ps.screenshot(str(output.partialPath), transparent_bg=isTransparent)
+        if not is_complete_png(output.partialPath):  # it does not say that the disk is full
             raise OSError(errno.ENOSPC, INCOMPLETE.format("picture"), str(path))
-        replace_file(partial, path)
+        output.put()
     finally:
-        partial.unlink(missing_ok=True)
+        output.close()
 
 
 class Video:
@@ -112,10 +121,7 @@ class Video:
         self.count = 0
         self._view = view
         self._firstStep = self._lastStep = None
-        self._partialPath = partial_picture_path(self.path)
-        check_target(self.path)
-        with named_errors(path):
-            open(self._partialPath, "wb").close()
+        self._output = Output(path, keepsEnding=True)
         if self.path.suffix.lower() == ".gif":
             options = {"codec": "gif", "pix_fmt_out": "pal8", "quality": None}
             parameters = ["-filter_complex", GIF_FILTER]
@@ -123,7 +129,7 @@ class Video:
             options = {"codec": "libx264", "quality": VIDEO_QUALITY}
             parameters = ["-vf", EVEN_FILTER, "-movflags", "+faststart"]
         self._writer = imageio_ffmpeg.write_frames(
-            str(self._partialPath), ps.get_buffer_size(), fps=rate, macro_block_size=1,
+            str(self._output.partialPath), ps.get_buffer_size(), fps=rate, macro_block_size=1,
             output_params=parameters, ffmpeg_log_level="quiet", **options,
         )  # fmt: skip
         self._writer.send(None)
@@ -151,9 +157,9 @@ class Video:
     def save(self):
         """Ends the video and puts it in its place, where an old one may be; raises OSError."""
         self._writer.close()
-        if not is_complete_video(self._partialPath):  # the encoder says nothing
+        if not is_complete_video(self._output.partialPath):  # the encoder says nothing
             raise OSError(errno.ENOSPC, INCOMPLETE.format("video"), str(self.path))
-        replace_file(self._partialPath, self.path)
+        self._output.put()
 
     def summary(self, simulation):
         """How long it is, and how fast it plays, in words."""
@@ -164,13 +170,7 @@ class Video:
     def close(self):
         """Removes what was written beside the place. Does nothing after `save`."""
         self._writer.close()
-        self._partialPath.unlink(missing_ok=True)
-
-
-def partial_picture_path(path):
-    """Where a picture or video is written first: beside its place, and with its ending."""
-    path = Path(os.path.abspath(path))
-    return path.with_name(f"{path.stem}.part{path.suffix}")
+        self._output.close()
 
 
 def is_complete_png(path):

@@ -6,11 +6,11 @@ Nothing here loads a scene.
 Units: metres, kilograms, seconds.
 """
 
-import errno
 import json
 import math
 import os
 import shutil
+import tempfile
 import time
 from bisect import bisect_right
 from contextlib import suppress
@@ -21,6 +21,9 @@ import numpy as np
 
 from rbs import __version__
 from rbs.files import PARTIAL_ENDING, lock_folder, named_errors, partial_path
+from rbs.interrupts import noted, raise_if_more
+from rbs.messages import shown_path
+from rbs.outputs import copy_to_stream, find_target, keep_folder, release
 from rbs.recordingfiles import (
     FORMAT,
     SERIES,
@@ -42,6 +45,9 @@ JOINED_NAME = "whole.tmp"
 # run where that is more. So a run of a day leaves hundreds of files, not a hundred thousand.
 CHUNK_SECONDS = 1.0
 CHUNK_SHARE = 0.01
+# Seconds for which a signal does not break off the joining of the chunks: nearly all are joined
+# sooner, and who has a longer one may want to leave it to `--finish`.
+JOIN_PATIENCE = 1.0
 
 
 class Recording:
@@ -49,7 +55,8 @@ class Recording:
 
     Attributes: path, of the file, or of the folder that an interrupted recording has left;
     wasInterrupted, whether it is the latter; firstStep, lastStep; scene, constraints, paths as
-    recorded ("" for none); meshNames, list of str; files, a RecordingFile of each chunk;
+    recorded ("" for none); contentHashes, a simulation's, of what these and the meshes held, or
+    None in an older recording; meshNames, list of str; files, a RecordingFile of each chunk;
     settingsHistory, list of (step, dict), the fields of the settings that the steps from that one
     on were made with; version, numpyVersion.
 
@@ -63,7 +70,9 @@ class Recording:
             for orientations that are none
         """
         self.path = Path(path)
-        partialPath = Path(str(path) + PARTIAL_ENDING)
+        # Beside the file that a link points at, since that is what is written.
+        partialPath = Path(str(os.path.realpath(path) if self.path.is_symlink() else path)
+                           + PARTIAL_ENDING)  # fmt: skip
         if not self.path.exists() and partialPath.is_dir():
             self.path = partialPath
         self.wasInterrupted = self.path.is_dir()
@@ -96,6 +105,7 @@ class Recording:
         self._firstSteps = [head.firstStep for head in heads]
         self.meshNames = first.meshNames
         self.scene, self.constraints = first.scene, first.constraints
+        self.contentHashes = first.contentHashes
         self.version, self.numpyVersion = first.version, first.numpyVersion
         # A chunk's history goes back to the start of the recording.
         self.settingsHistory = last.settingsHistory
@@ -157,6 +167,10 @@ class Recording:
         head = {name: last.read_array(name, "Uifb") for name in names}
         return head | {"firstStep": first.read_array("firstStep", "i")}
 
+    def damage(self):
+        """What is wrong with its files as such, in a few words, or "": checksums, bookkeeping."""
+        return next(filter(None, (file.damage() for file in self.files)), "")
+
     def damaged_member(self):
         """Where a checksum is wrong: "file: array", or None."""
         for file in self.files:
@@ -191,6 +205,17 @@ class _Head:
                     f"not of {shape} and {np.dtype(dtype)}"
                 )
         self.settingsHistory = self._history()
+        self.contentHashes = self._hashes() if "contentHashes" in file.names() else None
+
+    def _hashes(self):
+        try:
+            hashes = json.loads(self._text("contentHashes"))
+            texts = [hashes["scene"], hashes["constraints"], *hashes["meshes"].values()]
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            texts = [None]
+        if not all(isinstance(text, str) for text in texts):
+            raise self.file.error("the hashes of its scene's files cannot be read")
+        return hashes
 
     def _integer(self, name):
         value = self.file.read_array(name, "i")
@@ -231,24 +256,26 @@ class Recorder:
     def __init__(self, path):
         """Makes the folder; raises OSError when that cannot be done, or RecordingError."""
         self.path = Path(path)
-        if self.path.is_dir():
-            raise IsADirectoryError(errno.EISDIR, "this is a folder, not a file", str(path))
-        self.partialPath = partial_path(self.path)
-        try:
-            # Now: a missing folder, or missing rights, are found out before hours are spent.
-            self.partialPath.mkdir()
-        except FileExistsError:
-            # A run that ended before its first chunk leaves an empty folder, which will do.
-            if not self.partialPath.is_dir() or any(self.partialPath.glob(f"{CHUNK_PREFIX}*.npz")):
-                raise RecordingError(
-                    self.partialPath,
-                    "an interrupted recording is kept here; make a file of it with --finish, look "
-                    "at it with --replay, or remove it",
-                ) from None
-        except OSError as error:
-            error.filename = str(path)  # the name that the caller knows
-            raise
-        self._folderLock = _lock(self.partialPath)
+        with named_errors(path):
+            self._target, self._isStream = find_target(path)
+            if self._isStream:  # a pipe, or /dev/null: the chunks are kept elsewhere
+                scratch = Path(tempfile.mkdtemp(prefix="rbs-"))
+                self._target = scratch / f"{self.path.name}.npz"
+            self.partialPath = partial_path(self._target)
+            try:
+                # Now: a missing folder, or missing rights, are found before hours are spent.
+                self._folderLock = keep_folder(self.partialPath)
+            except BlockingIOError:
+                raise _in_use(self.partialPath) from None
+        # A run that ended before its first chunk leaves an empty folder, which will do.
+        if any(self.partialPath.glob(f"{CHUNK_PREFIX}*.npz")):
+            release(self._folderLock)
+            raise RecordingError(
+                shown_path(self.partialPath),
+                "an interrupted recording is kept here; make a file of it with --finish, look "
+                "at it with --replay, or remove it",
+            )
+        self._isOpen = True
         self.frameCount = 0
         self._chunks = []  # paths
         self._frames = []
@@ -267,6 +294,7 @@ class Recorder:
             self._meshes = simulation.meshes
             self._scene = str(simulation.scenePath)
             self._constraints = str(simulation.constraintPath or "")
+            self._contentHashes = json.dumps(simulation.contentHashes)
         step = self._firstStep + self.frameCount
         if simulation.meshes is not self._meshes or simulation.stepCount != step:
             raise RecordingError(self.path, f"only step {step} of the same scene could follow")
@@ -287,14 +315,20 @@ class Recorder:
         """Writes the file, in place of an old one of that name: whole or not at all."""
         self._write_chunk()
         files = [RecordingFile(path) for path in self._chunks]
-        _join_chunks(files, self.partialPath, self.path, self._head(0))
+        with named_errors(self.path):
+            _join_chunks(files, self.partialPath, self._target, self._head(0))
+        if self._isStream:
+            copy_to_stream(self._target, self.path)
         self._chunks = []
-        self._unlock()
+        self._give_up()
 
-    def _unlock(self):
-        if self._folderLock is not None:
-            os.close(self._folderLock)
-            self._folderLock = None
+    def _give_up(self):
+        """Leaves the folder, if it is there still, to others. Nothing is written from now on."""
+        self._isOpen = False
+        if self._isStream and not self._chunks:
+            shutil.rmtree(self._target.parent, ignore_errors=True)
+        release(self._folderLock)
+        self._folderLock = None
 
     def close(self):
         """Keeps in FILE.npz.part/ what has not been saved; removes it where there is nothing.
@@ -304,12 +338,14 @@ class Recorder:
         with suppress(OSError):  # the disk may be full: what is on it is kept
             self._write_chunk()
         self._frames = []
-        self._unlock()
+        kept = None
         if self._chunks:
-            return self.partialPath
-        if self.partialPath.is_dir():
-            shutil.rmtree(self.partialPath, ignore_errors=True)
-        return None
+            # A pipe that has broken leaves the file that was to go into it.
+            kept = self.partialPath if self.partialPath.is_dir() else self._target
+        elif self._isOpen:
+            _remove_chunks(self.partialPath)
+        self._give_up()
+        return kept
 
     def _write_chunk(self):
         if not self._frames:
@@ -333,6 +369,7 @@ class Recorder:
             "maxIterations": min(self._maxIterations, np.iinfo(np.int64).max),
             "scene": self._scene,
             "constraints": self._constraints,
+            "contentHashes": self._contentHashes,
             "meshNames": np.array([mesh.name for mesh in self._meshes], dtype=np.str_),
             "version": __version__,
             "numpyVersion": np.__version__,
@@ -347,30 +384,43 @@ def finish(path):
     it is written the states are on the disk twice, and in memory there are BLOCK_BYTES of them.
 
     path : FILE.npz or FILE.npz.part
-    returns (path of FILE.npz, first step, last step)
+    returns (path of FILE.npz, first step, last step); the last is before the first where the run
+    was killed before its first chunk, and nothing but its empty folder was there to be removed
     raises RecordingError, also where there is another FILE.npz already, or where the run has not
     ended, or OSError; then nothing changes
     """
     path = Path(path)
+    if path.name in ("", ".."):  # also of "."
+        with named_errors(path):
+            path = Path(os.path.abspath(path))
     if path.suffix == PARTIAL_ENDING:
         path = path.with_suffix("")
-    partialPath = partial_path(path)
+    elif path.is_dir():
+        raise RecordingError(path, "this is a folder, not a recording")
+    with named_errors(path):
+        target = Path(os.path.realpath(path))
+    partialPath = partial_path(target)
     if not partialPath.is_dir():
         raise RecordingError(path, f"there is no interrupted recording of it, {partialPath.name}")
     lock = _lock(partialPath)
     try:
+        if not any(partialPath.glob(f"{CHUNK_PREFIX}*.npz")):
+            _remove_chunks(partialPath)
+            if partialPath.is_dir():
+                raise RecordingError(partialPath, "this is a folder, not a recording")
+            return path, 0, -1
         recording = Recording(partialPath, mustBeFinite=False)
-        if path.exists():
-            _check_holds(path, recording)
-            shutil.rmtree(partialPath)
+        if target.exists():
+            _check_holds(target, recording)
+            _remove_chunks(partialPath)
         else:
-            damaged = recording.damaged_member()
-            if damaged is not None:
-                raise RecordingError(path, f"cannot be made, the array {damaged} is damaged")
-            _join_chunks(recording.files, partialPath, path, recording.head())
+            damage = recording.damage()
+            if damage:
+                raise RecordingError(path, f"cannot be made: {damage}")
+            with named_errors(path):
+                _join_chunks(recording.files, partialPath, target, recording.head())
     finally:
-        if lock is not None:
-            os.close(lock)
+        release(lock)
     return path, recording.firstStep, recording.lastStep
 
 
@@ -381,21 +431,53 @@ def _join_chunks(files, partialPath, path, head):
     raises OSError or RecordingError, and then leaves everything as it was
     """
     rows = {}
+    check = _signal_check()
     for name in SERIES:
         count = sum(file.member(name).shape[0] for file in files)
-        rows[name] = (count, *files[0].member(name).shape[1:]), _joined(files, name)
+        rows[name] = (count, *files[0].member(name).shape[1:]), _joined(files, name, check)
     with named_errors(path):
         write_recording_file(partialPath / JOINED_NAME, path, rows, head)
     # From here on the chunks are not needed, and what of them cannot be removed does no harm.
-    shutil.rmtree(partialPath, ignore_errors=True)
+    _remove_chunks(partialPath)
 
 
-def _joined(files, name):
-    """The rows of one array through several files, BLOCK_BYTES at a time."""
+def _signal_check():
+    """A function that raises Interrupt if there was a signal since now, and patience is at an end.
+
+    Between two blocks, where the chunks are whole and what is joined of them can be dropped.
+    """
+    start, before = time.monotonic(), len(noted())
+
+    def check():
+        if time.monotonic() - start >= JOIN_PATIENCE:
+            raise_if_more(before)
+
+    return check
+
+
+def _remove_chunks(partialPath):
+    """Removes an interrupted recording, and its folder where there is nothing else in it.
+
+    The last chunk first: should the program be killed meanwhile, the others are a recording of the
+    first steps, which `finish` finds in the file that has been made of them all.
+    """
+    with suppress(OSError):
+        for pattern in (f"{CHUNK_PREFIX}*.npz", f"{CHUNK_PREFIX}*.tmp", JOINED_NAME):
+            for path in sorted(partialPath.glob(pattern), reverse=True):
+                os.unlink(path)
+        os.rmdir(partialPath)
+
+
+def _joined(files, name, check):
+    """The rows of one array through several files, BLOCK_BYTES at a time.
+
+    check : called before each
+    """
     for file in files:
         dtype, shape, _ = file.member(name)
         atOnce = max(1, BLOCK_BYTES // (math.prod(shape[1:]) * dtype.itemsize))
         for begin in range(0, shape[0], atOnce):
+            check()
             yield file.rows([name], begin, min(begin + atOnce, shape[0]))[name]
 
 
@@ -422,4 +504,9 @@ def _lock(partialPath):
     try:
         return lock_folder(partialPath)
     except BlockingIOError:
-        raise RecordingError(partialPath, "a program is still recording into it") from None
+        raise _in_use(partialPath) from None
+
+
+def _in_use(partialPath):
+    """The RecordingError about a folder that another run has. To be raised by the caller."""
+    return RecordingError(shown_path(partialPath), "a program is still recording into it")

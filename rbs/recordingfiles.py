@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.files import check_regular, replace_file
+from rbs.files import check_regular, note_read, replace_file
 from rbs.messages import InputError, one_line
 from rbs.state import HASH_SIZE, STATE_WIDTHS
 
@@ -29,6 +29,7 @@ from rbs.state import HASH_SIZE, STATE_WIDTHS
 #   settingsHistory     JSON, rows [step, settings]: what the steps from that one on were made with
 #   restitution, ...    each field of the settings as it was at the end
 #   scene, constraints  paths as given, "" for none; meshNames (n,)
+#   contentHashes       JSON, hashes of what these and the meshes held; older recordings have none
 #   version, numpyVersion, format
 #
 # Nothing in it is compressed. Compression would save 61 % of the stress scene's 4.3 kB per step, at
@@ -50,6 +51,18 @@ QUOTE_LENGTH = 80
 # lengths of the name and of the extra field that follow.
 LOCAL_HEADER = struct.Struct("<4s22xHH")
 LOCAL_SIGNATURE = b"PK\3\4"
+# The whole of it, what repeats it at the file's end, and what comes after that; PKWARE's APPNOTE,
+# sections 4.3.7 to 4.3.16. Numbers that do not fit have all bits set, and stand elsewhere.
+WHOLE_LOCAL_HEADER = struct.Struct("<4sHHHHHIIIHH")
+DIRECTORY_ENTRY = struct.Struct("<4sHHHHHHIIIHHHHHII")
+DIRECTORY_SIGNATURE = b"PK\1\2"
+END_RECORD = struct.Struct("<4sHHHHIIH")
+END_SIGNATURE = b"PK\5\6"
+LARGE_LOCATOR = struct.Struct("<4sIQI")
+LARGE_LOCATOR_SIGNATURE = b"PK\6\7"
+LARGE_END_RECORD = struct.Struct("<4sQHHIIQQQQ")
+LARGE_END_SIGNATURE = b"PK\6\6"
+UNFIT_16, UNFIT_32, LARGE_KIND = 0xFFFF, 0xFFFFFFFF, 1
 
 
 class RecordingError(InputError):
@@ -80,6 +93,7 @@ class RecordingFile:
         self._members = {}
         try:
             check_regular(self.path)
+            note_read(self.path)
             size = os.path.getsize(self.path)
             with open(self.path, "rb") as file, zipfile.ZipFile(file) as archive:
                 entries = archive.infolist()
@@ -182,6 +196,107 @@ class RecordingFile:
         except Exception as error:
             raise self.error(f"cannot be read ({one_line(error, QUOTE_LENGTH)})") from None
         return name and name.removesuffix(".npy")
+
+
+    def damage(self):
+        """What is wrong with the file, apart from what its arrays mean, in a few words; or ""."""
+        name = self.damaged_member()
+        if name is not None:
+            return f"the array {self.path}: {name} is damaged: its checksum is wrong"
+        try:
+            with open(self.path, "rb") as file:
+                place = misplaced_byte(file)
+        except (OSError, ValueError, struct.error) as error:
+            raise self.error(f"cannot be read ({one_line(error, QUOTE_LENGTH)})") from None
+        return "" if place is None else f"{self.path} is damaged: the archive's {place} is wrong"
+
+
+def misplaced_byte(file):
+    """What is wrong first in a zip file's bookkeeping, in a few words, or None.
+
+    Whatever is not an array's content must be there twice, or can be told from the rest: the
+    header before each array and the directory at the end agree, arrays follow each other without
+    gaps, all entries are made alike, and nothing else is in the file. The contents have checksums,
+    which are not looked at here.
+
+    file : open for reading, without compression; raises struct.error where it ends too soon
+    """
+    size = file.seek(0, os.SEEK_END)
+    end = size - END_RECORD.size
+    signature, disk, firstDisk, here, count, length, begin, comment = _unpack(
+        file, END_RECORD, end
+    )
+    if (signature, disk, firstDisk, here, comment) != (END_SIGNATURE, 0, 0, count, 0):
+        return "last record"
+    # Where a number does not fit, all its bits are set, and a second record before has it.
+    locator = _unpack(file, LARGE_LOCATOR, end - LARGE_LOCATOR.size)
+    if locator[0] == LARGE_LOCATOR_SIGNATURE:
+        end -= LARGE_LOCATOR.size + LARGE_END_RECORD.size
+        if locator[1:] != (0, end, 1):
+            return "large locator"
+        small = count, length, begin
+        record = _unpack(file, LARGE_END_RECORD, end)
+        signature, recordSize, made, need, disk, firstDisk, here, largeCount, length, begin = record
+        expected = LARGE_END_SIGNATURE, LARGE_END_RECORD.size - 12, need, 0, 0, largeCount
+        if (signature, recordSize, made, disk, firstDisk, here) != expected:
+            return "large last record"
+        count, unfits = largeCount, (UNFIT_16, UNFIT_32, UNFIT_32)
+        large = zip((count, length, begin), unfits, strict=True)
+        if any(value not in pair for value, pair in zip(small, large, strict=True)):
+            return "last record"
+    if begin + length != end:
+        return "last record"
+    position, offset, kinds = begin, 0, set()
+    for _ in range(count):
+        entry = _unpack(file, DIRECTORY_ENTRY, position)
+        signature, *kind, method, clock, date, checksum, packed, full = entry[:10]
+        nameSize, extraSize, commentSize, disk, kind3, kind4, start = entry[10:]
+        name, extra = file.read(nameSize), file.read(extraSize)
+        kinds.add((*kind, method, kind3, kind4))
+        position += DIRECTORY_ENTRY.size + nameSize + extraSize
+        label = f"entry of {one_line(name.decode('utf-8', 'replace'), QUOTE_LENGTH)}"
+        # The numbers that do not fit above, in this order.
+        unfit = [value == UNFIT_32 for value in (full, packed, start)]
+        large = iter(_large_numbers(extra, sum(unfit)))
+        full, packed, start = (
+            next(large, None) if isUnfit else value
+            for value, isUnfit in zip((full, packed, start), unfit, strict=True)
+        )
+        if (signature, commentSize, disk) != (DIRECTORY_SIGNATURE, 0, 0) or start != offset:
+            return label
+        if len(extra) != (4 + 8 * sum(unfit) if any(unfit) else 0):
+            return label
+        local = _unpack(file, WHOLE_LOCAL_HEADER, start)
+        localName, localExtra = file.read(local[9]), file.read(local[10])
+        sizes = local[7:9]
+        if sizes == (UNFIT_32, UNFIT_32):
+            sizes = tuple(_large_numbers(localExtra, 2))[::-1]
+            if len(localExtra) != 20:
+                return label
+        elif localExtra:
+            return label
+        expected = LOCAL_SIGNATURE, *kind[1:], method, clock, date, checksum
+        if (*local[:7], localName, *sizes) != (*expected, name, packed, full):
+            return label
+        offset = start + WHOLE_LOCAL_HEADER.size + len(localName) + len(localExtra) + packed
+    if position != end or offset != begin:
+        return "directory"
+    return None if len(kinds) < 2 else "directory: not all entries are of one kind, and one"
+
+
+def _unpack(file, layout, position):
+    """The fields of a record that stands at a position of a file."""
+    file.seek(max(position, 0))
+    return layout.unpack(file.read(layout.size))
+
+
+def _large_numbers(extra, count):
+    """The numbers of 8 bytes in a zip entry's extra field, `count` of them, or none."""
+    layout = struct.Struct(f"<HH{count}Q")
+    if count == 0 or len(extra) != layout.size:
+        return ()
+    kind, length, *numbers = layout.unpack(extra)
+    return numbers if (kind, length) == (LARGE_KIND, 8 * count) else ()
 
 
 def write_recording_file(partial, path, rows, head):

@@ -97,9 +97,9 @@ def verify(recording, simulation, advance=None):
         for row, expected in enumerate(block["hashes"]):
             if not np.array_equal(hash_of({n: block[n][row] for n in STATE_NAMES}), expected):
                 return f"step {begin + row} is damaged: its state does not match its hash"
-    damaged = recording.damaged_member()
-    if damaged is not None:
-        return f"the array {damaged} is damaged: its checksum is wrong"
+    damage = recording.damage()
+    if damage:
+        return damage
     first = recording.firstStep
     if first > 0:  # what came before was not recorded
         resume(recording, first, simulation)

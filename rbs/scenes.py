@@ -13,14 +13,17 @@ from pathlib import Path
 
 import numpy as np
 
+from rbs.files import path_of_name
 from rbs.meshfiles import LARGEST_COORDINATE, load_mesh_file
 from rbs.messages import short
 from rbs.scenelines import fields_of
 from rbs.textfiles import LineReader, SceneError
 from RBSFunctions import Mesh
 
-# Our own scenes and meshes.
-DATA_FOLDER = Path(__file__).resolve().parent.parent / "data"
+# Our own scenes and meshes: within the package where it is installed, else beside it, as in a
+# checkout. An installed package has other packages' folders beside it.
+_PACKAGE = Path(__file__).resolve().parent
+DATA_FOLDER = next(filter(Path.is_dir, [_PACKAGE / "data"]), _PACKAGE.parent / "data")
 SCENE_ENDING = "-scene.txt"
 CONSTRAINTS_ENDING = "-constraints.txt"
 # kg/m³: a neutron star has less than 1e19, and masses are still far from overflowing.
@@ -129,6 +132,32 @@ def find_scene(name):
     raise SceneError(name, None, f"there is no such scene, neither a file nor one of: {known}")
 
 
+def content_hashes(read, scenePath, constraintPath):
+    """What the files of a scene held when they were read, whatever their places.
+
+    read : list of FileRead, of the scene, its meshes and, unless constraintPath is None, of the
+        constraints, in that order
+    returns a dict of hashes: "scene", "constraints" ("" for none), and "meshes", a dict of them by
+    the names that the scene has for them
+    """
+    scene, *meshes = read
+    constraints = meshes.pop() if constraintPath is not None else None
+    folder = Path(scenePath).parent
+    names = [
+        os.path.relpath(mesh.path, folder) if Path(mesh.path).is_relative_to(folder) else mesh.path
+        for mesh in meshes
+    ]
+    # As letters, also where the locale has none of them and names are bytes.
+    names = [os.fsencode(name).decode("utf-8", "surrogateescape") for name in names]
+    return {
+        "scene": scene.contentHash,
+        "constraints": constraints.contentHash if constraints else "",
+        "meshes": {
+            name: mesh.contentHash for name, mesh in zip(names, meshes, strict=True)
+        },
+    }
+
+
 def list_scenes(folder):
     """The paths of all scenes in a folder, by name."""
     return sorted(Path(folder).glob(f"*{SCENE_ENDING}"))
@@ -161,7 +190,7 @@ def _body_row(reader, fields, what):
 def _load_mesh_beside(reader, fileName, allowOutside):
     """The mesh of a scene's current line; where there is none, the error names that line."""
     folder = Path(reader.path).parent
-    path = folder / fileName
+    path = folder / path_of_name(fileName)
     # realpath follows links and `..` as the system would.
     home, target = os.path.realpath(folder), os.path.realpath(path)
     if not allowOutside and not Path(target).is_relative_to(home):

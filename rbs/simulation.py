@@ -17,8 +17,9 @@ import numpy as np
 
 from rbs.bodies import StateError
 from rbs.broadphase import BROAD_PHASES
+from rbs.files import files_noted
 from rbs.messages import short
-from rbs.scenes import find_constraints, load_constraint_file, load_scene_file
+from rbs.scenes import content_hashes, find_constraints, load_constraint_file, load_scene_file
 from rbs.schedules import CONSTRAINT_SCHEDULINGS
 from rbs.state import Scene
 from RBSFunctions import Mesh, run_timestep
@@ -50,7 +51,8 @@ class Simulation(Scene):
     """A scene, what it is simulated with, and how far it has come.
 
     Attributes: scenePath; meshes, list of Mesh; constraintPath, or None; constraints, a list as
-    `load_constraint_file` gives it; groundMesh; settings; stepCount, the whole steps since the
+    `load_constraint_file` gives it; contentHashes, of the files that these are from, as
+    `content_hashes` gives them; groundMesh; settings; stepCount, the whole steps since the
     start; report, the last step's `StepReport`, and stepSeconds, how long it took (None before the
     first).
     """
@@ -73,10 +75,14 @@ class Simulation(Scene):
 
     def load(self, scenePath, constraintPath=None):
         """Changes to another scene, at its start. Where that raises SceneError, nothing changes."""
-        meshes = load_scene_file(scenePath, self._allowOutsideMeshes)
-        if constraintPath is None:
-            constraintPath = find_constraints(scenePath)
-        constraints = [] if constraintPath is None else load_constraint_file(constraintPath, meshes)
+        with files_noted() as read:
+            meshes = load_scene_file(scenePath, self._allowOutsideMeshes)
+            if constraintPath is None:
+                constraintPath = find_constraints(scenePath)
+            constraints = []
+            if constraintPath is not None:
+                constraints = load_constraint_file(constraintPath, meshes)
+        self.contentHashes = content_hashes(read, scenePath, constraintPath)
         self.meshes, self.constraints = meshes, constraints
         self.scenePath = Path(scenePath)
         self.constraintPath = constraintPath

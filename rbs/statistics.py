@@ -6,13 +6,16 @@ Units: metres, kilograms, seconds; times of phases in milliseconds.
 """
 
 import csv
+import io
 import math
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
-from rbs.files import atomic_write, check_target, named_errors, partial_path, replace_file
+from rbs.files import named_errors
+from rbs.interrupts import breakable
+from rbs.outputs import Output, open_stream
 from rbs.reports import PHASES
 
 # What `step_quantities` gives, each with its unit. A phase's time is called after the phase.
@@ -67,7 +70,11 @@ class StatsWriter:
     """Writes `step_quantities` of every step into a .csv file, as they come, and may plot them.
 
     A column each, named "name (unit)", after the number of the step; a number that is unknown is
-    left out. They go to FILE.csv.part line by line, which stays where the run does not end well.
+    left out. They go to FILE.csv.part line by line, which stays where the run does not end well;
+    those for a pipe or a device go there at once.
+
+    Attributes: path, plotPath, as given; partialPath, of the table that is written to a file, which
+    a plot needs too, or None.
     """
 
     def __init__(self, path=None, plotPath=None):
@@ -79,15 +86,37 @@ class StatsWriter:
             check_plotting()
         self.path = None if path is None else Path(path)
         self.plotPath = None if plotPath is None else Path(plotPath)
-        for target in (self.path, self.plotPath):
-            if target is not None:
-                check_target(target)
-        table = self.path or self.plotPath.with_name(self.plotPath.name + ".csv")
-        self.partialPath = partial_path(table)
-        with named_errors(path or plotPath):  # the name that the caller knows
-            self._file = open(self.partialPath, "w", encoding="utf-8", newline="", buffering=1)
-        self._writer = csv.writer(self._file, lineterminator="\n")
-        self._isEmpty = True
+        self._table = self._plot = self._stream = self._file = None
+        self._isEmpty, self._isSaved = True, False
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self):
+        streams = []
+        if self.plotPath is not None:
+            self._plot = Output(self.plotPath)
+        if self.path is not None:
+            self._table = Output(self.path)
+            if self._table.isStream:
+                self._table.close()
+                self._table = None
+                self._stream = open_stream(self.path)
+                streams.append(io.TextIOWrapper(self._stream, "utf-8", newline="",
+                                                write_through=True))  # fmt: skip
+        if self._table is None and self._plot is not None:
+            self._table = Output(self._plot.partialPath.with_name(f"{self.plotPath.name}.csv"))
+        self.partialPath = None
+        if self._table is not None:
+            self.partialPath = self._table.partialPath
+            with named_errors(self.path or self.plotPath):  # the name that the caller knows
+                self._file = open(
+                    self.partialPath, "w", encoding="utf-8", newline="", buffering=1
+                )
+            streams.append(self._file)
+        self._writers = [csv.writer(stream, lineterminator="\n") for stream in streams]
 
     def add(self, simulation):
         """Writes the line of the simulation's present step; raises OSError."""
@@ -97,33 +126,48 @@ class StatsWriter:
             if self._isEmpty:
                 names = [f"{name} ({unit})" if unit else name
                          for name, unit in QUANTITY_UNITS.items()]  # fmt: skip
-                self._writer.writerow(["step", *names])
+                self._write(["step", *names])
                 self._isEmpty = False
-            self._writer.writerow([simulation.stepCount, *values])
+            self._write([simulation.stepCount, *values])
+
+    def _write(self, row):
+        for writer in self._writers:
+            if self._stream is None:
+                writer.writerow(row)
+            else:
+                with breakable():  # who reads the pipe may have stopped
+                    writer.writerow(row)
 
     def save(self, title=""):
         """Plots, with that title, and puts the file in its place, instead of an old one."""
         with named_errors(self.path or self.plotPath):
-            self._file.close()
+            if self._file is not None:
+                self._file.close()
         try:
-            if self.plotPath is not None:
-                plot_stats(self.partialPath, self.plotPath, title)
+            if self._plot is not None:
+                with named_errors(self.plotPath):
+                    plot_stats(self.partialPath, self._plot.partialPath, title)
+                self._plot.put()
         finally:
-            if self.path is None:
-                self.partialPath.unlink()
-            else:
-                replace_file(self.partialPath, self.path)
+            if self.path is not None and self._stream is None:
+                self._table.put()
+            self._isSaved = True
+            self.close()
 
     def close(self):
         """Keeps in FILE.csv.part what has not been saved; removes it where there is nothing.
 
         returns the path of what is kept, or None
         """
-        with suppress(OSError):  # the disk may be full: what is on it is kept
-            self._file.close()
-        if self._isEmpty:
-            self.partialPath.unlink(missing_ok=True)
-        return self.partialPath if self.partialPath.exists() else None
+        for file in (self._file, self._stream):
+            with suppress(OSError):  # the disk may be full: what is on it is kept
+                if file is not None:
+                    file.close()
+        isKept = not (self._isEmpty or self._isSaved) and self._table is not None
+        for output in (self._plot, self._table):
+            if output is not None:
+                output.close(keepsPartial=isKept and output is self._table)
+        return self.partialPath if isKept else None
 
 
 # Okabe and Ito's colours, which the colour-blind tell apart: black, orange, sky blue, green,
@@ -154,7 +198,7 @@ def check_plotting():
 
 
 def plot_stats(csvPath, imagePath, title):
-    """Draws a file of `StatsWriter` as a PNG over time; raises OSError.
+    """Draws a file of `StatsWriter` as a PNG over time, piece by piece; raises OSError.
 
     Needs matplotlib, and no display.
     """
@@ -165,7 +209,8 @@ def plot_stats(csvPath, imagePath, title):
     columns = dict(zip(["step", *QUANTITY_UNITS], table.T, strict=True))
     figure = Figure(figsize=PLOT_INCHES, dpi=PLOT_DPI, layout="constrained")
     FigureCanvasAgg(figure)
-    figure.suptitle(title)
+    # A name that is not Unicode has letters that no font can draw.
+    figure.suptitle(title.encode("utf-8", "replace").decode("utf-8"))
     panels = figure.subplots(3, 2, sharex=True)
     for axes, (name, unit, quantities) in zip(panels.flat, PLOT_PANELS, strict=True):
         shown = [q for q in quantities if np.isfinite(columns[q]).any()]
@@ -189,5 +234,5 @@ def plot_stats(csvPath, imagePath, title):
             axes.set_yscale("symlog", linthresh=LOGARITHMIC_PANELS[name])
     for axes in panels[-1]:
         axes.set_xlabel("time (s)")
-    with atomic_write(imagePath) as file:
+    with open(imagePath, "wb") as file:
         figure.savefig(file, format="png")

@@ -436,6 +436,67 @@ def test_damaged_text_is_named_too(chain, tmp_path, capsys):
     assert "the array meshNames is damaged: its checksum is wrong" in capsys.readouterr().err
 
 
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    """A recording of three states of two bodies, of some 8 kB."""
+    path = tmp_path_factory.mktemp("short") / "r.npz"
+    return record(path, Simulation(DATA / "two_cylinder-scene.txt"), 2)
+
+
+def test_verifying_looks_at_every_byte_of_the_file(short, tmp_path, capsys):
+    """One bit of each byte of what stands between the arrays, and of every 20th byte of those."""
+    content = short.read_bytes()
+    assert Recording(short).damage() == ""
+    with zipfile.ZipFile(short) as archive:
+        inside = np.zeros(len(content), dtype=bool)
+        for entry in archive.infolist():
+            start = entry.header_offset + 30 + len(entry.filename) + 20
+            inside[start : start + entry.file_size] = True
+    rng = np.random.default_rng(20)
+    places = [k for k in range(len(content)) if not inside[k] or k % 20 == 0]
+    assert 2000 < len(places) < 6000 and not inside[-500:].any()
+    found = {"refused": 0, "told": 0}
+    bad = tmp_path / "bad.npz"
+    for place in places:
+        damaged = bytearray(content)
+        damaged[place] ^= 1 << rng.integers(8)
+        bad.write_bytes(damaged)
+        try:
+            assert Recording(bad, mustBeFinite=False).damage(), place
+            found["told"] += 1
+        except RecordingError as error:
+            assert "\n" not in str(error)
+            found["refused"] += 1
+    assert min(found.values()) > 100
+    # As a person sees it: the attributes of an entry, which no reader of zip files looks at.
+    damaged = bytearray(content)
+    damaged[content.rindex(b"PK\1\2") + 40] ^= 1
+    bad.write_bytes(damaged)
+    assert main(["--verify", str(bad)]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "bad.npz is damaged: the archive's directory" in line
+    bad.write_bytes(content + b"\0")
+    assert main(["--verify", str(bad)]) in (1, 2)
+
+
+@pytest.mark.parametrize("limit", [100, 3000])
+def test_archives_as_large_as_zip_files_can_be_are_read_too(short, tmp_path, monkeypatch, limit):
+    """Written as if 4 GB were that many bytes: lengths and places stand in other fields then."""
+    monkeypatch.setattr(zipfile, "ZIP64_LIMIT", limit)
+    path = record(tmp_path / "r.npz", Simulation(DATA / "two_cylinder-scene.txt"), 2)
+    content = path.read_bytes()
+    assert b"PK\6\6" in content and Recording(path).damage() == ""
+    rng = np.random.default_rng(21)
+    for place in range(content.index(b"PK\1\2"), len(content), 3):
+        damaged = bytearray(content)
+        damaged[place] ^= 1 << rng.integers(8)
+        (tmp_path / "bad.npz").write_bytes(damaged)
+        try:
+            assert Recording(tmp_path / "bad.npz", mustBeFinite=False).damage(), place
+        except RecordingError:
+            pass
+
+
 def test_verifying_names_the_first_step_that_another_run_differs_in(tmp_path, capsys):
     def push(simulation, step):
         if step == 12:

@@ -24,7 +24,7 @@ from program import DATA, environment, run
 
 import rbs.recording
 from rbs.cameras import CAMERA_WIDTHS, load_camera
-from rbs.files import atomic_write
+from rbs.outputs import atomic_write
 from rbs.pictures import is_complete_png, is_complete_video
 from rbs.recording import Recorder, Recording, finish
 from rbs.recordingfiles import RecordingError
@@ -251,10 +251,11 @@ BOTH = ["--record", "r.npz", "--stats", "s.csv"]
         ("os.fsync", BOTH, ["r.npz", "s.csv"]),
         ("os.replace", BOTH, ["r.npz", "s.csv"]),
         ("rbs.recordingfiles._write_member", BOTH, ["r.npz", "s.csv"]),
-        ("shutil.rmtree", BOTH, ["r.npz", "s.csv"]),
+        ("os.unlink", BOTH, ["r.npz", "s.csv"]),
+        ("os.rmdir", BOTH, ["r.npz", "s.csv"]),
         ("os.replace", ["--plot", "p.png"], ["p.png"]),
     ],
-    ids=["fsync", "replace", "write", "remove", "plot"],
+    ids=["fsync", "replace", "write", "unlink", "rmdir", "plot"],
 )
 def test_kill_at_any_point_leaves_the_old_file_or_a_whole_new_one(
     tmp_path, function, options, names
@@ -317,7 +318,8 @@ def test_kill_while_a_picture_or_a_video_is_drawn(tmp_path):
     # What it left does not stand in the way of the next run.
     assert run(tmp_path, *arguments).returncode == 0
     assert is_complete_video(tmp_path / "v.mp4")
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([*names, "frame_000004.png"])
+    left = {"frame_000002.part-1.png", "v.part-1.mp4", "v.part-2.mp4"}
+    assert {path.name for path in tmp_path.iterdir()} == {*names, "frame_000004.png", *left}
 
 
 # --------------------------------------------------------------------------------------------------
@@ -388,7 +390,7 @@ def test_finishing_is_refused_where_something_would_be_lost(tmp_path, inChunks):
     damaged = bytearray(content)
     damaged[content.index(b" \n", content.index(b"times.npy")) + 2] ^= 1
     chunk.write_bytes(damaged)
-    with pytest.raises(RecordingError, match="r.npz: cannot be made, the array .*chunk_000002.npz"):
+    with pytest.raises(RecordingError, match="r.npz: cannot be made: the array .*chunk_000002.npz"):
         finish(tmp_path / "r.npz")
     chunk.unlink()
     with pytest.raises(RecordingError, match="chunk_000003.npz: the states from step 2 on are mis"):
@@ -398,6 +400,22 @@ def test_finishing_is_refused_where_something_would_be_lost(tmp_path, inChunks):
     assert finish(tmp_path / "r.npz") == (tmp_path / "r.npz", 0, 4)
     with pytest.raises(RecordingError, match="there is no interrupted recording of it"):
         finish(tmp_path / "r.npz")
+
+
+@pytest.mark.parametrize("given", ["/", ".", "..", "folder", "folder/", "./", "//"])
+def test_finishing_a_folder_is_refused_in_one_line(tmp_path, given):
+    (tmp_path / "here" / "folder").mkdir(parents=True)
+    process = run(tmp_path / "here", "--finish", given)
+    assert (process.returncode, process.stdout) == (2, "")
+    (line,) = process.stderr.splitlines()
+    assert line.endswith(": this is a folder, not a recording")
+
+
+def test_an_interrupted_recording_is_finished_from_within(tmp_path, inChunks):
+    interrupted(tmp_path / "r.npz", 3).close()
+    process = run(tmp_path / "r.npz.part", "--finish", ".")
+    assert process.returncode == 0, process.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["r.npz"]
 
 
 def test_finishing_removes_chunks_that_are_in_the_file_already(tmp_path, inChunks):
@@ -534,7 +552,7 @@ def test_cut_mp4_is_noticed(tmp_path):
         assert not is_complete_video(path)
 
 
-def test_statistics_of_a_killed_run_do_not_stand_in_the_way(tmp_path):
+def test_statistics_of_a_killed_run_do_not_stand_in_the_way(tmp_path, capsys):
     (tmp_path / "s.csv.part").write_text("step\n0\n1")
     simulation = Simulation(DATA / "tet-scene.txt")
     writer = StatsWriter(tmp_path / "s.csv")
@@ -542,8 +560,12 @@ def test_statistics_of_a_killed_run_do_not_stand_in_the_way(tmp_path):
         writer.add(simulation)
         simulation.step()
     writer.save()
-    assert [path.name for path in tmp_path.iterdir()] == ["s.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["s.csv", "s.csv-1.part"]
     assert len((tmp_path / "s.csv").read_text().splitlines()) == 3
+    assert (tmp_path / "s.csv-1.part").read_text() == "step\n0\n1"
+    assert capsys.readouterr().err.endswith(
+        "s.csv.part: left by a run that was killed, and kept as s.csv-1.part\n"
+    )
 
 
 def test_camera_file_is_json(tmp_path):
