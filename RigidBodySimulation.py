@@ -14,7 +14,6 @@ import os
 import sys
 import warnings
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +23,7 @@ from rbs.drawables import flatten_meshes
 from rbs.headless import run_without_window, step_progress
 from rbs.meshfiles import load_mesh_file
 from rbs.messages import InputError, print_error, reason_of, shown_path
-from rbs.opening import list_files, load_recorded_scene, open_file, open_recording
+from rbs.opening import list_files, load_recorded_scene, open_recording
 from rbs.options import (
     DEFAULT_EVERY,
     DEFAULT_SCENE,
@@ -33,6 +32,7 @@ from rbs.options import (
     STEP_PARAMETERS,
     WITHOUT_WINDOW,
     check_options,
+    follows_suggestions,
     given_options,
     make_parser,
     option_name,
@@ -51,6 +51,7 @@ from rbs.scenes import (
 from rbs.simulation import Simulation
 from rbs.statistics import StatsWriter, step_quantities
 from rbs.submittedsteps import SubmittedSteps
+from rbs.suggestions import SceneOpener, suggested_settings, tell_suggestion
 
 # The loaders, by the names that they are known by.
 __all__ = ["flatten_meshes", "load_constraint_file", "load_mesh_file", "load_scene_file", "main"]
@@ -108,7 +109,9 @@ def run_asked_mode(options, given):
     pictureOptions = picture_options_of(options)
     if given & WITHOUT_WINDOW:
         return run_as_asked(simulation, options, pictureOptions)
-    return open_window_or_fall_back(simulation, options, pictureOptions)
+    follows = follows_suggestions(given)
+    opener = SceneOpener(simulation.settings, follows, options.allow_outside_meshes)
+    return open_window_or_fall_back(simulation, options, pictureOptions, opener)
 
 
 def simulation_of(options, given):
@@ -127,10 +130,13 @@ def simulation_of(options, given):
         simulation.settings = replace(simulation.settings, **changes)
         return simulation
     scenePath = find_scene(DEFAULT_SCENE if options.scene is None else options.scene)
-    return Simulation(
+    simulation = Simulation(
         scenePath, settings_of(options), options.constraints,
         allowOutsideMeshes=options.allow_outside_meshes,
     )  # fmt: skip
+    if follows_suggestions(given):
+        simulation.settings, simulation.suggestion = suggested_settings(scenePath)
+    return simulation
 
 
 def scene_of(recording, options):
@@ -164,6 +170,7 @@ def run_as_asked(simulation, options, pictureOptions):
             pictures = PictureSeries(options.screenshots, drawn, view, options.transparent)
         if options.video is not None:
             video = Video(options.video, view, *timing)
+        tell_suggestion(simulation)
         return run_without_window(simulation, steps, recorder, stats, pictures, video)
     except BaseException as error:
         kept = close_all(recorder, stats, video)
@@ -173,8 +180,10 @@ def run_as_asked(simulation, options, pictureOptions):
         close_all(recorder, stats, video)
 
 
-def open_window_or_fall_back(simulation, options, pictureOptions):
+def open_window_or_fall_back(simulation, options, pictureOptions, opener):
     """The window; without a display, pictures; without OpenGL, only the simulation.
+
+    opener : a SceneOpener, for what is opened in the window
 
     returns the exit code
     """
@@ -182,8 +191,8 @@ def open_window_or_fall_back(simulation, options, pictureOptions):
     if backend.opensWindow:
         from rbs.viewer import show_window
 
-        open_here = partial(open_file, allowOutsideMeshes=options.allow_outside_meshes)
-        show_window(simulation, backend, open_here, list_files, step_quantities, pictureOptions)
+        tell_suggestion(simulation)
+        show_window(simulation, backend, opener, list_files, step_quantities, pictureOptions)
         return 0
     pictures = None
     if backend.name is None:
@@ -197,6 +206,7 @@ def open_window_or_fall_back(simulation, options, pictureOptions):
         steps = np.linspace(first, last, FALLBACK_PICTURES).round().astype(int).tolist()
         view = start_view(simulation, backend, pictureOptions)
         pictures = PictureSeries(folder, steps, view)
+    tell_suggestion(simulation)
     return run_without_window(simulation, steps_of(simulation, options), pictures=pictures)
 
 

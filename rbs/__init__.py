@@ -46,6 +46,7 @@ The program
     opening       from names to scenes and recordings
     headless      runs without a window
     options       the command line
+    suggestions   settings that a scene file suggests
 """
 
 __version__ = "0.1.0"

@@ -52,9 +52,10 @@ class Simulation(Scene):
     Attributes: scenePath; meshes, list of Mesh; constraintPath, or None; constraints, a list as
     `load_constraint_file` gives it; groundMesh; settings; stepCount, the whole steps since the
     start; report, the last step's `StepReport`, and stepSeconds, how long it took (None before the
-    first).
+    first); suggestion, what the scene suggests of its settings, in words, or "".
     """
 
+    suggestion = ""  # `rbs.suggestions`
     runTimestep = None  # what makes the steps in place of run_timestep: `rbs.submittedsteps`
 
     def __init__(
