@@ -28,15 +28,18 @@ from rbs.colours import (
     SHADOW_COLOUR,
     TRAIL_COLOUR,
     VELOCITY_COLOUR,
-    body_colours,
+    BodyColours,
+    constraint_legend,
 )
 from rbs.drawables import (
     ConstraintLines,
     box_lines,
+    cast_shadows,
     find_creases,
     flatten_meshes,
     grid_cells,
     ground_squares,
+    surface_points,
 )
 from rbs.pictureoptions import OVERLAYS, PICTURE_SIZE
 
@@ -66,6 +69,13 @@ MOST_TRAILS = 30
 LONGEST_TRAIL_STEP = 60
 # The most boxes, and cells, that are drawn, for the time that their lines take.
 MOST_BOXES = 200
+# The ground: how far it is seen, in sizes of the scene; the camera's usual distance from what it
+# looks at, likewise; how far, in sizes, and by which factor the view moves before the ground does;
+# and where Polyscope ends to draw, a little less than twenty sizes away.
+GROUND_REACH = 9.0
+USUAL_DISTANCE = 1.6
+GROUND_SHIFT, GROUND_GROWTH = 0.5, 1.6
+FAR_CLIP = 19.0
 # How far over the ground the shadows lie, relative to the scene's size: the least that keeps the
 # two from flickering through each other in a 24-bit depth buffer.
 SHADOW_HEIGHT = 1e-3
@@ -87,8 +97,7 @@ def start_polyscope(backend, size=None):
     ps.set_up_dir("y_up")
     ps.set_ground_plane_mode("none")  # `SceneView` has its own, which is drawn three times faster
     ps.set_background_color(BACKGROUND)
-    # A window is redrawn all the time; of a picture, smooth edges are worth four times the work.
-    ps.set_SSAA_factor(1 if backend.opensWindow else 2)
+    ps.set_SSAA_factor(1)  # off-screen, more has no effect; see `rbs.pictures` and `rbs.viewer`
 
 
 class SceneView:
@@ -102,7 +111,7 @@ class SceneView:
     def __init__(self, simulation, sideWidth=0):
         """sideWidth : pixels on either side of the picture in which nothing shall be seen"""
         self._sideWidth = sideWidth
-        self.colouring = "density"
+        self.colouring = "body"
         self.shown = {"ground", "shadows"}
         self.rebuild(simulation)
 
@@ -112,7 +121,9 @@ class SceneView:
 
         self.simulation = simulation
         self.pick(None)
+        self.bodyColours = BodyColours(simulation.meshes)
         vertices, faces, self.bodyOfFace = flatten_meshes(simulation.meshes)
+        self._faces = faces
         ground = vertices * [1.0, 0.0, 1.0]
         points = np.concatenate([vertices, ground])
         low, high = np.min(points, axis=0), np.max(points, axis=0)
@@ -129,26 +140,42 @@ class SceneView:
         )
         self._bodies.set_selection_mode("faces_only")
         self._shadows = ps.register_surface_mesh(
-            "shadows", self._shadow_of(vertices), faces,
+            "shadows", cast_shadows(vertices, SHADOW_HEIGHT * self._size), faces,
             material="flat", back_face_policy="cull", color=SHADOW_COLOUR,
         )  # fmt: skip
-        self._register_ground((low + high) / 2.0)
         self._register_creases(vertices, faces)
         self._register_constraints(vertices)
+        self._colours = None
+        self._point_camera(points)
+        self._groundPlace = None
+        self.spread_ground()
         for name in LAYERS:
             self._show_layer(name)
-        self._colours = None
         self.refresh()
-        self._point_camera(points)
 
-    def _register_ground(self, middle):
+    def spread_ground(self):
+        """Lays the ground under what the camera looks at, where that has moved far enough."""
         import polyscope as ps
 
-        vertices, faces, colours, self.squareSide = ground_squares(self._size, middle)
+        middle = np.array(ps.get_view_center(), dtype=np.float64)
+        eye = np.array(ps.get_view_camera_parameters().get_position(), dtype=np.float64)
+        distance = float(np.linalg.norm(eye - middle))
+        size = max(self._size, distance / USUAL_DISTANCE)
+        if self._groundPlace is not None:
+            lastMiddle, lastSize = self._groundPlace
+            if (
+                np.linalg.norm((middle - lastMiddle)[[0, 2]]) < GROUND_SHIFT * lastSize
+                and 1.0 / GROUND_GROWTH < size / lastSize < GROUND_GROWTH
+            ):
+                return
+        self._groundPlace = middle, size
+        # Polyscope draws nothing that is further away.
+        reach = min(GROUND_REACH * size, max(FAR_CLIP * self._size - distance, 2.0 * self._size))
+        vertices, faces, colours, self.squareSide = ground_squares(size, middle, reach)
         self._ground = ps.register_surface_mesh(
-            "ground", vertices, faces, material="flat", back_face_policy="cull"
+            "ground", vertices, faces, material="flat", enabled="ground" in self.shown
         )
-        self._ground.add_color_quantity("squares", colours, defined_on="faces", enabled=True)
+        self._ground.add_color_quantity("squares", colours, defined_on="vertices", enabled=True)
 
     def _register_creases(self, vertices, faces):
         import polyscope as ps
@@ -192,16 +219,12 @@ class SceneView:
         aspect = max(width - 2 * self._sideWidth, width / 3) / height
         ps.look_at(*frame_camera(points, VIEW_DIRECTION, fieldOfView, aspect))
 
-    def _shadow_of(self, vertices):
-        """The bodies pressed onto the ground: straight below them, where they are going to fall."""
-        return vertices * [1.0, 0.0, 1.0] + [0.0, SHADOW_HEIGHT * self._size, 0.0]
-
     def refresh(self):
         """Draws everything as it is now, all from one instant, from the next frame on."""
         vertices = np.concatenate([mesh.currVertices for mesh in self.simulation.meshes])
         self._bodies.update_vertex_positions(vertices)
         if "shadows" in self.shown:
-            self._shadows.update_vertex_positions(self._shadow_of(vertices))
+            self._shadows.update_vertex_positions(cast_shadows(vertices, SHADOW_HEIGHT * self._size))
         if self._creases is not None:
             self._creases.update_node_positions(vertices[self._creaseNodes])
         if len(self._constraintLines.ends):
@@ -215,7 +238,7 @@ class SceneView:
         self._refresh_mark()
 
     def _refresh_colours(self):
-        colours = body_colours(self.simulation, self.colouring)
+        colours = self.bodyColours.of(self.simulation, self.colouring)
         if self.picked is not None:
             colours[self.picked] = PICKED_COLOUR
         if self._colours is None or not np.array_equal(colours, self._colours):
@@ -223,6 +246,15 @@ class SceneView:
                 "colour", colours[self.bodyOfFace], defined_on="faces", enabled=True
             )
         self._colours = colours
+
+    def legend(self):
+        """What the colours and arrows mean: rows (text, (r, g, b))."""
+        rows = self.bodyColours.legend(self.simulation.meshes, self.colouring)
+        if len(self._constraintLines.ends) and self.simulation.settings.enforceConstraints:
+            rows += constraint_legend()
+        return rows + [
+            (text(self), colour) for name, (text, colour) in _MEANINGS.items() if name in self.shown
+        ]
 
     def show(self, name, isShown):
         """Switches one of LAYERS on or off."""
@@ -320,11 +352,25 @@ class SceneView:
         longest = np.linalg.norm(arrows, axis=1).max(initial=0.0)
         return arrows * (LONGEST_IMPULSE * self._size / longest if longest > 0.0 else 0.0)
 
+    def _impulse_scale(self, what):
+        contacts, _ = self._contacts()
+        key = "impulse" if what.startswith("normal") else "friction"
+        values = np.array([getattr(c, key) for c in contacts]).reshape(len(contacts), -1)
+        longest = np.linalg.norm(values, axis=1).max(initial=0.0)
+        return f"{what}; the longest is {longest:.2g} N s"
+
+    def _velocity_scale(self):
+        speed = self.squareSide / VELOCITY_SECONDS
+        return f"velocity; as long as a square is {speed:g} m/s"
+
     def _draw_velocities(self, name, vertices):
-        moving = [mesh for mesh in self.simulation.meshes if not mesh.isFixed]
-        points = np.array([mesh.position[0] for mesh in moving])
-        arrows = VELOCITY_SECONDS * np.array([mesh.linVelocity[0] for mesh in moving])
-        draw_arrows(name, points, arrows, VELOCITY_COLOUR)
+        """Arrows that begin where the line from the centre of mass leaves the body."""
+        meshes = self.simulation.meshes
+        centres = np.concatenate([mesh.position for mesh in meshes])
+        velocities = np.concatenate([mesh.linVelocity for mesh in meshes])
+        points = surface_points(vertices, self._faces, self.bodyOfFace, centres, velocities)
+        moves = velocities.any(axis=1) & [not mesh.isFixed for mesh in meshes]
+        draw_arrows(name, points[moves], VELOCITY_SECONDS * velocities[moves], VELOCITY_COLOUR)
 
     def _boxes(self, vertices):
         """Bounding boxes of the bodies, low and high (n, 3)."""
@@ -372,6 +418,19 @@ _PAINTERS = {
     "bounding boxes": SceneView._draw_boxes,
     "grid cells": SceneView._draw_cells,
     "trails": SceneView._draw_trails,
+}
+
+
+# What the legend says of each overlay, given the SceneView, and its colour. Lengths in the picture
+# are told by the ground's squares.
+_MEANINGS = {
+    "contacts": (lambda view: "contact normal, towards body 1", NORMAL_COLOUR),
+    "impulses": (lambda view: view._impulse_scale("normal impulse"), IMPULSE_COLOUR),
+    "friction impulses": (lambda view: view._impulse_scale("friction impulse"), FRICTION_COLOUR),
+    "velocities": (lambda view: view._velocity_scale(), VELOCITY_COLOUR),
+    "bounding boxes": (lambda view: "bounding box", BOX_COLOUR),
+    "grid cells": (lambda view: "grid cell of the broad phase", tuple(CONSTRAINT_COLOURS[2])),
+    "trails": (lambda view: "path of a centre of mass", TRAIL_COLOUR),
 }
 
 

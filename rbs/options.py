@@ -251,7 +251,7 @@ def add_output_options(parser):
         help="where to look from, as saved from the window (default: all of the scene is seen)",
     )  # fmt: skip
     picture.add_argument(
-        "--colours", metavar="NAME", choices=COLOURINGS, default="density",
+        "--colours", metavar="NAME", choices=COLOURINGS, default="body",
         help=f"what bodies are coloured by: {', '.join(COLOURINGS)} "
         "(default: %(default)s)",
     )  # fmt: skip

@@ -10,7 +10,7 @@ import time
 import numpy as np
 
 from rbs.broadphase import BROAD_PHASES
-from rbs.colours import COLOURINGS, PICKED_COLOUR, legend
+from rbs.colours import COLOURINGS, PICKED_COLOUR
 from rbs.drawing import LAYERS, MOST_BOXES, MOST_TRAILS, TRAIL_LENGTH, VELOCITY_SECONDS
 from rbs.schedules import CONSTRAINT_SCHEDULINGS
 
@@ -303,7 +303,7 @@ class Panel:
 
         psim.Separator()
         view = self.viewer.view
-        for text, colour in legend(self.viewer.simulation.meshes, view.colouring):
+        for text, colour in view.legend():
             psim.ColorButton(text, (*colour, 1.0), psim.ImGuiColorEditFlags_NoTooltip)
             psim.SameLine()
             psim.Text(text)

@@ -36,7 +36,7 @@ class PictureOptions:
     size: tuple = PICTURE_SIZE
     camera: dict | None = None
     isTransparent: bool = False
-    colouring: str = "density"
+    colouring: str = "body"
     overlays: tuple = ()
 
 
