@@ -241,7 +241,8 @@ def picture_options_of(options):
 
         camera = load_camera(options.camera)
     return PictureOptions(
-        options.size, camera, options.transparent, options.colours, tuple(options.show or ())
+        options.size, camera, options.transparent, options.colours, tuple(options.show or ()),
+        options.legend,
     )
 
 

@@ -40,6 +40,7 @@ Recordings
 
 What is seen; Polyscope is imported in drawing, cameras, pictures, panel and viewer only
     pictureoptions  what the command line may ask of a picture
+    pngfiles        pictures as PNG files
     colours, drawables, backends, cameras, drawing, pictures, panel, viewer
 
 The program

@@ -11,6 +11,7 @@ From the top: starting Polyscope; `SceneView`; the overlays.
 """
 
 import math
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -45,6 +46,9 @@ from rbs.pictureoptions import OVERLAYS, PICTURE_SIZE
 
 # All that can be switched on and off.
 LAYERS = ("ground", "shadows", *OVERLAYS)
+# What is drawn at or within bodies, which are then seen through; and how opaque they are.
+SEE_THROUGH = frozenset({"contacts", "impulses", "friction impulses", "velocities"})
+BODY_OPACITY = 0.5
 # Half the width of the lines that edges are drawn as, relative to the scene's size.
 CREASE_RADIUS = 6e-4
 # Each line costs about 0.02 ms a frame where no graphics card helps. In a scene with more of them,
@@ -105,7 +109,8 @@ class SceneView:
 
     Attributes: simulation; colouring, a name of COLOURINGS; shown, a set of names of LAYERS;
     picked, the index of the body that is marked, or None, and pickedPoint, a point (3,) of it at
-    rest; squareSide, of the ground's squares in metres.
+    rest; squareSide, of the ground's squares in metres; hasLegend, whether pictures have one;
+    follows, whether the camera moves along with the picked body, or with all.
     """
 
     def __init__(self, simulation, sideWidth=0):
@@ -113,6 +118,7 @@ class SceneView:
         self._sideWidth = sideWidth
         self.colouring = "body"
         self.shown = {"ground", "shadows"}
+        self.hasLegend = self.follows = False
         self.rebuild(simulation)
 
     def rebuild(self, simulation):
@@ -135,8 +141,9 @@ class SceneView:
         self._trailStep = None
 
         # What lies behind is not drawn: bodies are closed, and it would cost half as much again.
+        # Surfaces are drawn in the order of their names: what is seen through has to be the last.
         self._bodies = ps.register_surface_mesh(
-            "bodies", vertices, faces, material="clay", back_face_policy="cull"
+            "solids", vertices, faces, material="clay", back_face_policy="cull"
         )
         self._bodies.set_selection_mode("faces_only")
         self._shadows = ps.register_surface_mesh(
@@ -146,6 +153,7 @@ class SceneView:
         self._register_creases(vertices, faces)
         self._register_constraints(vertices)
         self._colours = None
+        self._lastFocus = self._focus()
         self._point_camera(points)
         self._groundPlace = None
         self.spread_ground()
@@ -158,8 +166,7 @@ class SceneView:
         import polyscope as ps
 
         middle = np.array(ps.get_view_center(), dtype=np.float64)
-        eye = np.array(ps.get_view_camera_parameters().get_position(), dtype=np.float64)
-        distance = float(np.linalg.norm(eye - middle))
+        distance = float(np.linalg.norm(self._eye() - middle))
         size = max(self._size, distance / USUAL_DISTANCE)
         if self._groundPlace is not None:
             lastMiddle, lastSize = self._groundPlace
@@ -211,20 +218,70 @@ class SceneView:
         )
         self._lines.set_enabled(self.simulation.settings.enforceConstraints)
 
-    def _point_camera(self, points):
+    def _point_camera(self, points, sideWidth=None):
+        """Frames points (n, 3) between the panels; sideWidth : pixels on either side."""
         import polyscope as ps
 
         width, height = ps.get_window_size()
+        sideWidth = self._sideWidth if sideWidth is None else sideWidth
         fieldOfView = ps.get_view_camera_parameters().get_fov_vertical_deg()
-        aspect = max(width - 2 * self._sideWidth, width / 3) / height
-        ps.look_at(*frame_camera(points, VIEW_DIRECTION, fieldOfView, aspect))
+        aspect = max(width - 2 * sideWidth, width / 3) / height
+        camera = frame_camera(points, VIEW_DIRECTION, fieldOfView, aspect)
+        ps.look_at(*camera)
+        self._framed = points, self._eye()
+
+    def _eye(self):
+        """Where the camera is, (3,)."""
+        import polyscope as ps
+
+        return np.array(ps.get_view_camera_parameters().get_position(), dtype=np.float64)
+
+    def frame_all(self):
+        """Points the camera at all bodies as they are now."""
+        vertices = np.concatenate([mesh.currVertices for mesh in self.simulation.meshes])
+        self._point_camera(np.concatenate([vertices, vertices * [1.0, 0.0, 1.0]]))
+        self._lastFocus = self._focus()
+        self.spread_ground()
+
+    @contextmanager
+    def whole_width(self):
+        """Within it, a camera that still frames the scene between the panels does so without."""
+        points, eye = self._framed
+        isFramed = self._sideWidth and np.allclose(self._eye(), eye, rtol=1e-4)
+        if isFramed:
+            self._point_camera(points, sideWidth=0)
+        try:
+            yield
+        finally:
+            if isFramed:
+                self._point_camera(points)
+
+    def _focus(self):
+        """What the camera follows: the picked body, or the middle of the free ones, (3,)."""
+        free = [mesh.position[0] for mesh in self.simulation.meshes if not mesh.isFixed]
+        if self.picked is not None:
+            return self.simulation.meshes[self.picked].position[0].copy()
+        return np.mean(free, axis=0) if free else np.zeros(3)
+
+    def _follow(self):
+        """Moves the camera as what it follows has moved since the last time."""
+        import polyscope as ps
+
+        focus = self._focus()
+        way, self._lastFocus = focus - self._lastFocus, focus
+        if self.follows and way.any():
+            target = np.array(ps.get_view_center(), dtype=np.float64) + way
+            ps.look_at(self._eye() + way, target)
+            self.spread_ground()
 
     def refresh(self):
         """Draws everything as it is now, all from one instant, from the next frame on."""
+        self._follow()
         vertices = np.concatenate([mesh.currVertices for mesh in self.simulation.meshes])
         self._bodies.update_vertex_positions(vertices)
         if "shadows" in self.shown:
-            self._shadows.update_vertex_positions(cast_shadows(vertices, SHADOW_HEIGHT * self._size))
+            shadows = cast_shadows(vertices, SHADOW_HEIGHT * self._size)
+            self._shadows.update_vertex_positions(shadows)
         if self._creases is not None:
             self._creases.update_node_positions(vertices[self._creaseNodes])
         if len(self._constraintLines.ends):
@@ -273,6 +330,29 @@ class SceneView:
         else:
             remove_overlay(name)
             self._trail = []
+            self.set_see_through(self.isSeeThrough)
+
+    @property
+    def isSeeThrough(self):
+        """Whether bodies let what lies behind and within them be seen."""
+        return bool(SEE_THROUGH & self.shown)
+
+    def set_see_through(self, isOn):
+        """Lets bodies be seen through in the window; pictures are mixed of two instead."""
+        import polyscope as ps
+
+        ps.set_transparency_mode("simple" if isOn else "none")
+        self._bodies.set_transparency(BODY_OPACITY if isOn else 1.0)
+
+    def show_bodies(self, isShown):
+        """Shows the bodies with their creases, or not."""
+        self._bodies.set_enabled(isShown)
+        if self._creases is not None:
+            self._creases.set_enabled(isShown)
+
+    def show_shadows(self, isShown):
+        """Shows the shadows, or not, whatever `shown` says."""
+        self._shadows.set_enabled(isShown)
 
     def set_resizable(self, isResizable):
         """Lets the window be resized, or not."""
@@ -283,6 +363,7 @@ class SceneView:
     def pick(self, body, point=None):
         """Marks a body (its index) and a point (3,) of the world on it; None marks none."""
         self.picked, self.pickedPoint = body, None
+        self._lastFocus = self._focus()
         if body is not None:
             mesh = self.simulation.meshes[body]
             self.pickedPoint = QRotate(QConj(mesh.orientation), point - mesh.position)[0]
@@ -300,9 +381,9 @@ class SceneView:
         import polyscope as ps
 
         hit = ps.pick(screen_coords=pixel)
-        if not hit.is_hit or hit.structure_name not in ("bodies", "creases"):
+        if not hit.is_hit or hit.structure_name not in ("solids", "creases"):
             return None, None
-        if hit.structure_name == "bodies":
+        if hit.structure_name == "solids":
             return int(self.bodyOfFace[hit.structure_data["index"]]), hit.position
         vertices = self._creaseNodes
         if hit.structure_data["element_type"] == "edge":
@@ -355,8 +436,7 @@ class SceneView:
     def _impulse_scale(self, what):
         contacts, _ = self._contacts()
         key = "impulse" if what.startswith("normal") else "friction"
-        values = np.array([getattr(c, key) for c in contacts]).reshape(len(contacts), -1)
-        longest = np.linalg.norm(values, axis=1).max(initial=0.0)
+        longest = max((float(np.linalg.norm(getattr(c, key))) for c in contacts), default=0.0)
         return f"{what}; the longest is {longest:.2g} N s"
 
     def _velocity_scale(self):

@@ -260,6 +260,10 @@ def add_output_options(parser):
         help=f"what is drawn over them: {', '.join(OVERLAYS)}",
     )  # fmt: skip
     picture.add_argument(
+        "--legend", action="store_true",
+        help="in pictures and videos, say what the colours and arrows mean, as the window does",
+    )  # fmt: skip
+    picture.add_argument(
         "--transparent", action="store_true",
         help="with --screenshots: no background and no ground, only bodies and their shadows",
     )  # fmt: skip

@@ -263,7 +263,10 @@ class Viewer:
 
     def save_picture(self):
         """Writes what is seen, without the panel, as a PNG in out/<scene>."""
-        self._write(f"picture_{self.simulation.stepCount:06d}", ".png", save_picture)
+        self._write(
+            f"picture_{self.simulation.stepCount:06d}", ".png",
+            lambda path: save_picture(path, self.view),
+        )  # fmt: skip
 
     def save_camera(self):
         """Writes the camera, for --camera or to be dropped onto the window."""

@@ -20,6 +20,7 @@ import pytest
 from opengl import require_opengl, skip_or_fail
 from oracles import ROOT
 
+from Quaternion import QConj, QRotate
 from rbs.broadphase import grid_overlaps
 from rbs.cameras import (
     FRAME_MARGIN,
@@ -38,17 +39,20 @@ from rbs.colours import (
     PICKED_COLOUR,
     SEEN_BACKGROUND,
     VIRIDIS,
-    body_colours,
+    BodyColours,
     contact_islands,
-    legend,
 )
 from rbs.drawables import (
     GROUND_SQUARES,
+    SHADOW_SLANT,
     ConstraintLines,
     box_lines,
+    cast_shadows,
     find_creases,
+    flatten_meshes,
     grid_cells,
     ground_squares,
+    surface_points,
 )
 from rbs.drawing import LAYERS, MOST_CREASES, SceneView, start_polyscope
 from rbs.opening import list_files, open_file
@@ -56,7 +60,7 @@ from rbs.panel import Panel
 from rbs.pictureoptions import OVERLAYS, VIDEO_ENDINGS, video_timing
 from rbs.pictures import PictureSeries, Video
 from rbs.recording import Recorder
-from rbs.simulation import Simulation
+from rbs.simulation import Settings, Simulation
 from rbs.statistics import step_quantities
 from rbs.viewer import Viewer
 from RigidBodySimulation import load_mesh_file, load_scene_file
@@ -348,17 +352,26 @@ def test_colours_go_by_the_logarithm_of_the_density(tmp_path):
     rows = [f"box.mesh {d} {int(d == 5)} 0 {20 * k} 0 1 0 0 0" for k, d in enumerate(densities)]
     (tmp_path / "a-scene.txt").write_text("\n".join(["4", *rows]))
     meshes = load_scene_file(tmp_path / "a-scene.txt")
-    light, heavy, middle, fixed = body_colours(SimpleNamespace(meshes=meshes))
+    colours = BodyColours(meshes)
+    scene = SimpleNamespace(meshes=meshes)
+    before = colours.of(scene, "density")
+    light, heavy, middle, fixed = before
     np.testing.assert_allclose(light, VIRIDIS[0])
     np.testing.assert_allclose(heavy, VIRIDIS[-1])
     np.testing.assert_allclose(middle, VIRIDIS[len(VIRIDIS) // 2])
     np.testing.assert_allclose(fixed, FIXED_COLOUR)
-    assert [text for text, _ in legend(meshes)] == [
-        "density 10", "density 100", "density 1000", "fixed"
+    rows = colours.legend(meshes, "density")
+    assert [text for text, _ in rows] == [
+        "density 10 kg/m³", "density 100 kg/m³", "density 1000 kg/m³", "fixed"
     ]  # fmt: skip
-    np.testing.assert_allclose(legend(meshes)[1][1], middle)
+    np.testing.assert_allclose(rows[1][1], middle)
     one = SimpleNamespace(meshes=meshes[:1])
-    np.testing.assert_allclose(body_colours(one), VIRIDIS[[len(VIRIDIS) // 2]])
+    alone = BodyColours(one.meshes).of(one, "density")
+    np.testing.assert_allclose(alone, VIRIDIS[[len(VIRIDIS) // 2]])
+    # What is fixed or freed recolours no other.
+    meshes[0].isFixed, meshes[3].isFixed = True, False
+    np.testing.assert_array_equal(colours.of(scene, "density")[1:3], before[1:3])
+    np.testing.assert_array_equal(colours.of(scene, "density")[0], FIXED_COLOUR)
 
 
 def test_lightness_falls_from_light_to_heavy():
@@ -465,12 +478,74 @@ def test_islands_are_what_hangs_together_by_contacts_of_free_bodies():
     simulation = SimpleNamespace(
         meshes=meshes, report=SimpleNamespace(contacts=[contact(*pair) for pair in pairs])
     )
-    assert contact_islands(simulation).tolist() == [-1, 1, -1, -1, -1, 1, 1, -1]
-    colours = body_colours(simulation, "contact island")
+    assert contact_islands(meshes, pairs).tolist() == [-1, 1, -1, -1, -1, 1, 1, -1]
+    colours = BodyColours(meshes).of(simulation, "contact island")
     np.testing.assert_array_equal(colours[1], colours[6])
     np.testing.assert_allclose(colours[[0, 3]], [LONE_COLOUR, FIXED_COLOUR])
+    assert contact_islands(meshes, []).tolist() == [-1] * 8
     simulation.report = None
-    assert contact_islands(simulation).tolist() == [-1] * 8
+    colours = BodyColours(meshes).of(simulation, "contact island")
+    np.testing.assert_allclose(colours[[0, 1, 5]], [LONE_COLOUR] * 3)
+
+
+def test_islands_keep_their_colours_from_step_to_step():
+    meshes = [SimpleNamespace(isFixed=False) for _ in range(9)]
+    colours = BodyColours(meshes)
+
+    def after(step, *pairs):
+        report = SimpleNamespace(contacts=[contact(*pair) for pair in pairs])
+        scene = SimpleNamespace(meshes=meshes, report=report, stepCount=step)
+        return [tuple(c) for c in colours.of(scene, "contact island")]
+
+    first = after(1, (3, 4), (4, 5), (6, 7))
+    assert first[3] == first[5] != first[6] and first[0] == LONE_COLOUR
+    # A body with a lower index joins; a contact that pauses still counts; two islands merge.
+    second = after(2, (0, 3), (6, 7))
+    assert second[0] == second[5] == first[3] and second[6] == first[6]
+    merged = after(3, (5, 6))
+    assert {merged[k] for k in (0, 3, 4, 5, 6, 7)} == {first[3]}
+    # They part: the larger one keeps the colour.
+    parted = after(40, (0, 3), (3, 4), (4, 5), (6, 7))
+    assert parted[0] == parted[5] == first[3] != parted[6] != LONE_COLOUR
+
+
+def test_islands_of_a_pile_change_few_colours():
+    simulation = Simulation(DATA / "pile_200-scene.txt", Settings(broadPhase="grid"))
+    colours = BodyColours(simulation.meshes)
+    changed, before = [], None
+    for step in range(200):
+        simulation.step()
+        if step >= 150:
+            now = colours.of(simulation, "contact island")
+            if before is not None:
+                changed.append(np.mean(np.any(now != before, axis=1)))
+            before = now
+    assert len(np.unique(before, axis=0)) > 3
+    assert np.mean(changed) < 0.02
+
+
+def test_velocities_begin_where_they_leave_the_body():
+    simulation = Simulation(DATA / "cube-scene.txt")
+    vertices, faces, bodyOfFace = flatten_meshes(simulation.meshes)
+    centres = np.concatenate([mesh.position for mesh in simulation.meshes])
+    directions = np.random.default_rng(2).normal(size=centres.shape)
+    directions[0] = 0.0
+    points = surface_points(vertices, faces, bodyOfFace, centres, directions)
+    np.testing.assert_array_equal(points[0], centres[0])
+    # On an octahedron, the coordinates along its axes have absolute values of one sum.
+    for mesh, point, direction in list(zip(simulation.meshes, points, directions, strict=True))[1:]:
+        arm = QRotate(QConj(mesh.orientation), point - mesh.position)[0]
+        assert np.abs(arm).sum() == pytest.approx(3.4)
+        assert np.dot(point - mesh.position[0], direction) > 0.0
+        np.testing.assert_allclose(np.cross(point - mesh.position[0], direction), 0.0, atol=1e-9)
+
+
+def test_shadows_fall_aside_and_begin_under_what_stands():
+    vertices = np.array([[1.0, 0.0, 2.0], [1.0, 10.0, 2.0], [1.0, -0.5, 2.0]])
+    foot, top, sunk = cast_shadows(vertices, 0.01)
+    np.testing.assert_allclose(foot, [1.0, 0.01, 2.0])
+    np.testing.assert_allclose(top, [1.0 + 10 * SHADOW_SLANT[0], 0.01, 2.0 + 10 * SHADOW_SLANT[2]])
+    np.testing.assert_allclose(sunk, foot)
 
 
 def test_boxes_have_twelve_edges_along_the_axes():
@@ -499,18 +574,28 @@ def test_grid_cells_hold_the_corners_that_the_broad_phase_sorts_by():
 
 @pytest.mark.parametrize("size", [0.3, 7.0, 120.0, 5000.0])
 def test_ground_is_chequered_in_round_numbers_and_fades(size):
-    middle = np.array([3.0 * size, 0.0, -size])
-    vertices, faces, colours, side = ground_squares(size, middle)
+    middle, reach = np.array([3.0 * size, 0.4 * size, -size]), 9.0 * size
+    vertices, faces, colours, side = ground_squares(size, middle, reach)
     digit = side / 10.0 ** math.floor(math.log10(side) + 1e-9)
-    assert round(digit, 9) in (1.0, 2.0, 5.0) and len(faces) == GROUND_SQUARES**2
-    assert np.all(vertices[:, 1] == 0.0)
-    np.testing.assert_allclose(vertices / side, np.round(vertices / side), atol=1e-9)
-    centres = vertices[faces].mean(axis=1)
-    near = np.linalg.norm(centres - middle, axis=1) < 0.5 * size
-    assert len(np.unique(colours[near], axis=0)) == 2
-    rim = np.linalg.norm(centres - middle, axis=1) > 1.9 * size
+    assert round(digit, 9) in (1.0, 2.0, 5.0)
+    squares = vertices[vertices[:, 1] == 0.0]
+    assert len(squares) > 3 * GROUND_SQUARES**2 and len(squares) < 4 * GROUND_SQUARES**2
+    np.testing.assert_allclose(squares / side, np.round(squares / side), atol=1e-9)
+    # All else lies a little lower, and as far as the ground is seen.
+    assert -0.01 * size < vertices[:, 1].min() < 0.0
+    distance = np.linalg.norm((vertices - middle)[:, [0, 2]], axis=1)
+    assert distance.max() == pytest.approx(reach)
+    near = (distance < 0.5 * size) & (vertices[:, 1] == 0.0)
+    assert len(np.unique(np.round(colours[near], 9), axis=0)) == 2
+    # It ends in the colour of the sky, and the squares in that of what lies under them.
+    rim = distance > 0.999 * reach
     assert rim.any()
-    np.testing.assert_allclose(colours[rim], np.tile(SEEN_BACKGROUND, (rim.sum(), 1)))
+    np.testing.assert_allclose(colours[rim], np.tile(SEEN_BACKGROUND, (rim.sum(), 1)), atol=1e-5)
+    outer = (vertices[:, 1] == 0.0) & (distance > 0.98 * side * GROUND_SQUARES / 2)
+    assert len(np.unique(np.round(colours[outer & (distance < 0.1 * reach)], 9), axis=0)) <= 1
+    normals = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]],
+                       vertices[faces[:, 2]] - vertices[faces[:, 0]])  # fmt: skip
+    assert np.all(normals[: 2 * len(squares) // 4, 1] > 0.0)
 
 
 @pytest.mark.parametrize(
@@ -612,7 +697,10 @@ def twoBoxes(tmp_path, polyscope):
     rows = ["box.mesh 1 0 -25 12 0 1 0 0 0", "box.mesh 9 0 25 12 0 1 0 0 0",
             "box.mesh 3 1 0 12 0 1 0 0 0"]  # fmt: skip
     (tmp_path / "two-scene.txt").write_text("\n".join(["3", *rows]))
-    return SceneView(Simulation(tmp_path / "two-scene.txt"))
+    view = SceneView(Simulation(tmp_path / "two-scene.txt"))
+    view.colouring = "density"
+    view.refresh()
+    return view
 
 
 def test_bodies_are_drawn_in_their_colours_where_they_stand(polyscope, twoBoxes):
@@ -627,10 +715,11 @@ def test_bodies_are_drawn_in_their_colours_where_they_stand(polyscope, twoBoxes)
 def test_ground_sky_and_shadows_are_seen(polyscope, twoBoxes):
     shot = picture(polyscope)
     sky, bare = shot[5, 5], shot[pixel_of(polyscope, [-12.5, 0.0, 8.0])]
-    shadow = shot[pixel_of(polyscope, [25.0, 0.0, 3.0])]
+    # Of the middle of the right box, whose light comes from the upper left.
+    shadow = shot[pixel_of(polyscope, [25.0, 0.0, 0.0] + 12.0 * SHADOW_SLANT)]
     assert sky[2] > sky[0] + 0.02  # bluish
     assert np.ptp(bare) < 0.02 and 0.3 < np.mean(bare) < 0.9  # grey
-    assert np.mean(shadow) < 0.6 * np.mean(bare)
+    assert np.ptp(shadow) < 0.06 and np.mean(shadow) < 0.75 * np.mean(bare)
     # The lowest row looks at the ground right in front of the camera.
     assert np.max(np.ptp(shot[-1], axis=1)) < 0.05
 
@@ -760,10 +849,11 @@ def test_scenes_can_be_coloured_in_all_ways(polyscope, twoBoxes, colouring):
         twoBoxes.simulation.step()
     twoBoxes.refresh()
     shot = picture(polyscope)
-    colours = body_colours(twoBoxes.simulation, colouring)
+    colours = BodyColours(twoBoxes.simulation.meshes).of(twoBoxes.simulation, colouring)
     for mesh, colour in zip(twoBoxes.simulation.meshes, colours, strict=True):
         assert shows(shot[pixel_of(polyscope, mesh.position[0] + [0.0, 0.0, 4.0])], colour)
-    assert all(len(colour) == 3 for _, colour in legend(twoBoxes.simulation.meshes, colouring))
+    assert all(len(colour) == 3 for _, colour in twoBoxes.legend())
+    assert ("fixed", FIXED_COLOUR) in twoBoxes.legend()
 
 
 def test_pictures_without_background_are_transparent_there(tmp_path, polyscope, twoBoxes):
