@@ -354,6 +354,12 @@ class SceneView:
         """Shows the shadows, or not, whatever `shown` says."""
         self._shadows.set_enabled(isShown)
 
+    def set_supersampling(self, isOn):
+        """Draws the window twice as large and averages it, or not."""
+        import polyscope as ps
+
+        ps.set_SSAA_factor(2 if isOn else 1)
+
     def set_resizable(self, isResizable):
         """Lets the window be resized, or not."""
         import polyscope as ps

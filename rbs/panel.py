@@ -103,6 +103,7 @@ class Panel:
         if self.viewer.isReplay:
             self._draw_timeline()
         now = time.perf_counter()
+        self.viewer.choose_smoothness(now - self._lastFrame)
         self.viewer.play(now - self._lastFrame)
         self._lastFrame = now
 

@@ -84,7 +84,7 @@ def take_picture(view, isTransparent=False):
         if factor > 1:
             ps.set_window_size(width, height)
     if factor > 1:
-        picture = _averaged(picture, factor)
+        picture = averaged(picture, factor)
     if view.hasLegend:
         picture = _with_legend(picture, view)
     return np.ascontiguousarray(picture)
@@ -123,7 +123,7 @@ def _with_soft_shadows(shoot, view):
     return shot
 
 
-def _averaged(picture, factor):
+def averaged(picture, factor):
     """Each factor x factor pixels as one; (height, width, 3 or 4), uint8."""
     height, width, channels = picture.shape
     blocks = picture.reshape(height // factor, factor, width // factor, factor, channels)

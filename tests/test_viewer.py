@@ -36,6 +36,7 @@ from rbs.colours import (
     CONSTRAINT_COLOURS,
     FIXED_COLOUR,
     LONE_COLOUR,
+    PALETTE,
     PICKED_COLOUR,
     SEEN_BACKGROUND,
     VIRIDIS,
@@ -58,11 +59,20 @@ from rbs.drawing import LAYERS, MOST_CREASES, SceneView, start_polyscope
 from rbs.opening import list_files, open_file
 from rbs.panel import Panel
 from rbs.pictureoptions import OVERLAYS, VIDEO_ENDINGS, video_timing
-from rbs.pictures import PictureSeries, Video
+from rbs.pictures import (
+    SEEN_THROUGH,
+    SHADOW_OPACITY,
+    PictureSeries,
+    Video,
+    averaged,
+    take_picture,
+)
+from rbs.pngfiles import png_bytes
+from rbs.poses import refresh_vertices
 from rbs.recording import Recorder
 from rbs.simulation import Settings, Simulation
 from rbs.statistics import step_quantities
-from rbs.viewer import Viewer
+from rbs.viewer import TRIAL_FRAMES, Viewer
 from RigidBodySimulation import load_mesh_file, load_scene_file
 
 DATA = ROOT / "data"
@@ -93,6 +103,9 @@ class StillView:
 
     def set_resizable(self, isResizable):
         pass
+
+    def set_supersampling(self, isOn):
+        self.isSmooth = isOn
 
 
 def make_viewer(simulation, view):
@@ -164,6 +177,26 @@ def test_long_time_steps_play_too(viewer):
     for _ in range(11):
         viewer.play(0.1)
     assert viewer.simulation.stepCount == 2
+
+
+@pytest.mark.parametrize(
+    ("seconds", "expected"),
+    # Of a frame without smooth edges, and with them.
+    [((0.016, 0.017), [None, True, True]), ((0.016, 0.04), [None, True, False]),
+     ((0.03, 0.03), [None, False, False])],
+)  # fmt: skip
+def test_edges_are_smooth_where_there_is_time_for_it(viewer, seconds, expected):
+    viewer.view.isSmooth = None
+    found = [viewer.view.isSmooth]
+    for elapsed in seconds:
+        viewer.choose_smoothness(1.0)  # the first frame after a change
+        for _ in range(TRIAL_FRAMES - 1):
+            viewer.choose_smoothness(elapsed)
+        found.append(viewer.view.isSmooth)
+    assert found == expected
+    for _ in range(100):
+        viewer.choose_smoothness(0.001)
+    assert viewer.view.isSmooth == expected[-1]
 
 
 def test_step_and_reset_pause(viewer):
@@ -473,7 +506,7 @@ def contact(body1, body2):
 
 
 def test_islands_are_what_hangs_together_by_contacts_of_free_bodies():
-    meshes = [SimpleNamespace(isFixed=k == 3) for k in range(8)]
+    meshes = [SimpleNamespace(isFixed=k == 3, density=1.0) for k in range(8)]
     pairs = [(5, 6), (1, 5), (0, 3), (3, 4), (2, -1)]  # 3 is fixed, -1 the ground
     simulation = SimpleNamespace(
         meshes=meshes, report=SimpleNamespace(contacts=[contact(*pair) for pair in pairs])
@@ -489,7 +522,7 @@ def test_islands_are_what_hangs_together_by_contacts_of_free_bodies():
 
 
 def test_islands_keep_their_colours_from_step_to_step():
-    meshes = [SimpleNamespace(isFixed=False) for _ in range(9)]
+    meshes = [SimpleNamespace(isFixed=False, density=1.0) for _ in range(9)]
     colours = BodyColours(meshes)
 
     def after(step, *pairs):
@@ -510,7 +543,8 @@ def test_islands_keep_their_colours_from_step_to_step():
 
 
 def test_islands_of_a_pile_change_few_colours():
-    simulation = Simulation(DATA / "pile_200-scene.txt", Settings(broadPhase="grid"))
+    settings = Settings(broadPhase="grid", friction=0.5)
+    simulation = Simulation(DATA / "pile_200-scene.txt", settings)
     colours = BodyColours(simulation.meshes)
     changed, before = [], None
     for step in range(200):
@@ -521,7 +555,8 @@ def test_islands_of_a_pile_change_few_colours():
                 changed.append(np.mean(np.any(now != before, axis=1)))
             before = now
     assert len(np.unique(before, axis=0)) > 3
-    assert np.mean(changed) < 0.02
+    # What is left are islands that really merge or part; by the lowest index it were 0.13.
+    assert np.mean(changed) < 0.035
 
 
 def test_velocities_begin_where_they_leave_the_body():
@@ -775,7 +810,7 @@ def test_many_bodies_are_drawn_without_lines(tmp_path, polyscope):
     view.refresh()
     assert not polyscope.has_curve_network("creases")
     middle = view.simulation.meshes[30].position[0] + [0.0, 0.0, 4.0]
-    assert shows(picture(polyscope)[pixel_of(polyscope, middle)], VIRIDIS[4])
+    assert shows(picture(polyscope)[pixel_of(polyscope, middle)], PALETTE[30 % len(PALETTE)])
 
 
 def test_camera_is_kept_by_a_reset_and_comes_back_from_its_file(tmp_path, polyscope, twoBoxes):
@@ -865,6 +900,113 @@ def test_pictures_without_background_are_transparent_there(tmp_path, polyscope, 
     twoBoxes.show("ground", True)
     front = twoBoxes.simulation.meshes[0].position[0] + [0.0, 0.0, 4.0]
     assert shot[5, 5, 3] == 0.0 and shot[pixel_of(polyscope, front)][3] == 1.0
+
+
+def test_shadows_on_nothing_are_black_and_let_the_background_through(polyscope, twoBoxes):
+    twoBoxes.show("ground", False)
+    shot = take_picture(twoBoxes, isTransparent=True)
+    place = pixel_of(polyscope, [25.0, 0.0, 0.0] + 12.0 * SHADOW_SLANT)
+    assert shot[place].tolist() == [0, 0, 0, round(255 * SHADOW_OPACITY)]
+    twoBoxes.show("shadows", False)
+    assert take_picture(twoBoxes, isTransparent=True)[place][3] == 0
+    for name in ("ground", "shadows"):
+        twoBoxes.show(name, True)
+
+
+def test_edges_are_smooth_and_pictures_the_same_each_time(polyscope, twoBoxes):
+    rough, smooth = picture(polyscope), take_picture(twoBoxes)
+    assert smooth.shape == rough.shape and smooth.dtype == np.uint8
+    np.testing.assert_array_equal(smooth, take_picture(twoBoxes))
+    np.testing.assert_allclose(smooth.mean() / 255.0, rough.mean(), atol=0.005)
+    # They differ along edges and nowhere else: inside of faces there is nothing to average.
+    isOther = np.any(np.abs(smooth / 255.0 - rough) > 0.04, axis=2)
+    assert 0.002 < isOther.mean() < 0.08
+    place = pixel_of(polyscope, twoBoxes.simulation.meshes[0].position[0] + [0.0, 0.0, 4.0])
+    np.testing.assert_allclose(smooth[place] / 255.0, rough[place], atol=0.005)
+
+
+def test_averages_are_those_of_the_pixels_and_what_is_not_there_has_no_colour():
+    generator = np.random.default_rng(1)
+    large = generator.integers(0, 256, (6, 8, 3)).astype(np.uint8)
+    small = averaged(large, 2)
+    expected = large.reshape(3, 2, 4, 2, 3).mean(axis=(1, 3))
+    assert np.abs(small - expected).max() <= 0.5
+    red, nothing = [255, 0, 0, 255], [0, 255, 0, 0]
+    np.testing.assert_array_equal(
+        averaged(np.array([[red, nothing], [nothing, nothing]], np.uint8), 2),
+        [[[255, 0, 0, 64]]],
+    )
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 3), (5, 7, 3), (40, 30, 4)])
+def test_png_files_hold_the_picture(tmp_path, shape):
+    from matplotlib.image import imread
+
+    picture = np.random.default_rng(4).integers(0, 256, shape).astype(np.uint8)
+    picture[shape[0] // 2 :] = np.arange(shape[1])[:, None]
+    (tmp_path / "a.png").write_bytes(png_bytes(picture))
+    read = np.rint(255.0 * imread(tmp_path / "a.png")).astype(np.uint8)
+    np.testing.assert_array_equal(read, picture)
+
+
+def test_bodies_are_seen_through_while_contacts_are_shown(polyscope, twoBoxes):
+    place = pixel_of(polyscope, twoBoxes.simulation.meshes[0].position[0] + [0.0, 0.0, 4.0])
+    body = take_picture(twoBoxes)[place]
+    twoBoxes.show_bodies(False)
+    behind = take_picture(twoBoxes)[place]
+    twoBoxes.show_bodies(True)
+    twoBoxes.show("contacts", True)
+    mixed = (1.0 - SEEN_THROUGH) * body + SEEN_THROUGH * behind
+    np.testing.assert_allclose(take_picture(twoBoxes)[place], mixed, atol=2.0)
+    twoBoxes.show("contacts", False)
+    np.testing.assert_array_equal(take_picture(twoBoxes)[place], body)
+
+
+def test_legend_is_in_the_picture_where_it_is_asked_for(polyscope, twoBoxes):
+    bare = take_picture(twoBoxes)
+    twoBoxes.hasLegend = True
+    twoBoxes.show("velocities", True)
+    texts = [text for text, _ in twoBoxes.legend()]
+    assert texts[:3] == ["density 1 kg/m³", "density 9 kg/m³", "fixed"]
+    assert texts[3:] == [f"velocity; as long as a square is {twoBoxes.squareSide / 0.5:g} m/s"]
+    seen = take_picture(twoBoxes)
+    changed = np.any(seen != bare, axis=2)
+    assert changed[14:60, 14:120].mean() > 0.95 and not changed[:10].any()
+    samples = {tuple(pixel) for pixel in seen[14:120, 14:40].reshape(-1, 3).tolist()}
+    assert tuple(np.rint(255 * np.array(FIXED_COLOUR)).astype(int).tolist()) in samples
+    view = SceneView(Simulation(DATA / "cube-scene.txt"))
+    assert [text for text, _ in view.legend()] == [
+        "constraint slack", "constraint taut", "constraint exceeded"
+    ]  # fmt: skip
+
+
+def test_frame_all_and_follow_keep_the_bodies_in_the_picture(polyscope):
+    simulation = Simulation(DATA / "mixed-scene.txt")
+    view = SceneView(simulation)
+    for mesh in simulation.meshes:
+        mesh.position = mesh.position + [300.0, 0.0, -200.0]
+    refresh_vertices(simulation.meshes)
+    width, height = polyscope.get_window_size()
+
+    def are_seen():
+        pixels = [pixel_of(polyscope, mesh.position[0]) for mesh in simulation.meshes]
+        return all(0 <= row < height and 0 <= column < width for row, column in pixels)
+
+    view.refresh()
+    assert not are_seen()
+    view.frame_all()
+    assert are_seen()
+    # The ground has come along: below all of them it is grey, not of the sky's colour.
+    ground = picture(polyscope)[pixel_of(polyscope, [300.0, 0.0, -200.0])]
+    assert np.ptp(ground) < 0.05
+    view.follows = True
+    before = [pixel_of(polyscope, mesh.position[0]) for mesh in simulation.meshes]
+    for mesh in simulation.meshes:
+        mesh.position = mesh.position - [900.0, 0.0, 700.0]
+    refresh_vertices(simulation.meshes)
+    view.refresh()
+    after = [pixel_of(polyscope, mesh.position[0]) for mesh in simulation.meshes]
+    np.testing.assert_allclose(after, before, atol=1.0)
 
 
 def frames_of(path):
