@@ -59,6 +59,8 @@ CONSTRAINT_RADIUS = 1.2e-3
 # The longest impulse on screen, and every contact's normal, relative to the scene's size.
 LONGEST_IMPULSE = 0.1
 NORMAL_LENGTH = 0.05
+# Steps for which a contact is shown: a tenth of a second, with the usual time step.
+HELD_CONTACT_STEPS = 5
 # A velocity is drawn as the way that it leads in this time, in seconds.
 VELOCITY_SECONDS = 0.5
 # Half the widths of arrows, points and lines, relative to the scene's size.
@@ -110,7 +112,8 @@ class SceneView:
     Attributes: simulation; colouring, a name of COLOURINGS; shown, a set of names of LAYERS;
     picked, the index of the body that is marked, or None, and pickedPoint, a point (3,) of it at
     rest; squareSide, of the ground's squares in metres; hasLegend, whether pictures have one;
-    follows, whether the camera moves along with the picked body, or with all.
+    follows, whether the camera moves along with the picked body, or with all; isSmooth, whether
+    the window is drawn with smooth edges.
     """
 
     def __init__(self, simulation, sideWidth=0):
@@ -118,7 +121,7 @@ class SceneView:
         self._sideWidth = sideWidth
         self.colouring = "body"
         self.shown = {"ground", "shadows"}
-        self.hasLegend = self.follows = False
+        self.hasLegend = self.follows = self.isSmooth = False
         self.rebuild(simulation)
 
     def rebuild(self, simulation):
@@ -139,6 +142,7 @@ class SceneView:
         self._firstVertex = np.cumsum([0] + [len(m.currVertices) for m in simulation.meshes[:-1]])
         self._trail = []
         self._trailStep = None
+        self._heldContacts = {}  # step -> its contacts
 
         # What lies behind is not drawn: bodies are closed, and it would cost half as much again.
         # Surfaces are drawn in the order of their names: what is seen through has to be the last.
@@ -358,6 +362,7 @@ class SceneView:
         """Draws the window twice as large and averages it, or not."""
         import polyscope as ps
 
+        self.isSmooth = isOn
         ps.set_SSAA_factor(2 if isOn else 1)
 
     def set_resizable(self, isResizable):
@@ -410,9 +415,23 @@ class SceneView:
     # What the overlays consist of.
 
     def _contacts(self):
-        """The last step's contacts, and where they are now (m, 3): they go along with body 1."""
-        report = self.simulation.report
-        contacts = [] if report is None else report.contacts
+        """The contacts of the last steps, and where they are now (m, 3): they go with body 1.
+
+        Of each pair of bodies, those of its last step. A bounce is over before it is seen.
+        """
+        report, step = self.simulation.report, self.simulation.stepCount
+        if report is None:
+            self._heldContacts = {}
+        else:
+            self._heldContacts[step] = report.contacts
+        contacts, pairs = [], set()
+        for other in sorted(self._heldContacts, reverse=True):
+            if not 0 <= step - other < HELD_CONTACT_STEPS:
+                del self._heldContacts[other]
+                continue
+            found = [c for c in self._heldContacts[other] if (c.body1, c.body2) not in pairs]
+            pairs |= {(c.body1, c.body2) for c in found}
+            contacts += found
         positions = [self.simulation.meshes[c.body1].position[0] for c in contacts]
         arms = [contact.arm for contact in contacts]
         return contacts, np.array(positions).reshape(-1, 3) + np.array(arms).reshape(-1, 3)
@@ -427,7 +446,8 @@ class SceneView:
         normals = np.array([c.normal for c in contacts]).reshape(-1, 3)
         # Body 1 receives the opposite of what the contact gives to body 2.
         arrows = -normals * np.array([c.impulse for c in contacts]).reshape(-1, 1)
-        draw_arrows(name, points, self._scaled(arrows), IMPULSE_COLOUR)
+        # Thicker than the normals, along which they run.
+        draw_arrows(name, points, self._scaled(arrows), IMPULSE_COLOUR, 1.5 * ARROW_RADIUS)
 
     def _draw_friction(self, name, vertices):
         contacts, points = self._contacts()
@@ -528,7 +548,7 @@ def remove_overlay(name):
     ps.remove_curve_network(name, error_if_absent=False)
 
 
-def draw_arrows(name, points, arrows, colour):
+def draw_arrows(name, points, arrows, colour, radius=ARROW_RADIUS):
     """Points (m, 3) with arrows (m, 3) in metres, in place of the last ones of this name."""
     import polyscope as ps
 
@@ -538,7 +558,7 @@ def draw_arrows(name, points, arrows, colour):
             name, points, color=colour, radius=POINT_RADIUS, material="flat"
         )
         cloud.add_vector_quantity(
-            "arrows", arrows, vectortype="ambient", radius=ARROW_RADIUS, color=colour,
+            "arrows", arrows, vectortype="ambient", radius=radius, color=colour,
             material="flat", enabled=True,
         )  # fmt: skip
 

@@ -62,8 +62,8 @@ def take_picture(view, isTransparent=False):
     """What the camera sees, (height, width, 3), or 4 where it is transparent, uint8.
 
     Edges are smooth: the picture is drawn larger and averaged. Where bodies are see-through, it is
-    the mean of one with them and one without. Polyscope's own ways are of no use off-screen: its
-    supersampling has no effect with EGL, and its depth peeling takes nine times as long.
+    the mean of one with them and one without. Polyscope's own supersampling serves the window, and
+    has no effect off-screen with EGL; its depth peeling takes nine times as long.
     """
     import polyscope as ps
 
@@ -72,6 +72,9 @@ def take_picture(view, isTransparent=False):
     isOffscreen = ps.get_render_engine_backend_name() == OFFSCREEN_BACKEND
     isLarge = SUPERSAMPLING**2 * width * height > MOST_DRAWN_PIXELS
     factor = SUPERSAMPLING if isOffscreen and not isLarge else 1
+    isSmooth = view.isSmooth
+    if not isOffscreen:
+        view.set_supersampling(True)
     # Polyscope asks for both: a background of no opacity, and that this be kept.
     ps.set_background_color((*BACKGROUND, 0.0 if isTransparent else 1.0))
     if factor > 1:
@@ -81,6 +84,8 @@ def take_picture(view, isTransparent=False):
             picture = _draw(view, isTransparent)
     finally:
         ps.set_background_color((*BACKGROUND, 1.0))
+        if not isOffscreen:
+            view.set_supersampling(isSmooth)
         if factor > 1:
             ps.set_window_size(width, height)
     if factor > 1:

@@ -102,9 +102,10 @@ class Viewer:
     def choose_smoothness(self, elapsed):
         """Has edges drawn smoothly where frames stay fast with that; elapsed : since the last one.
 
-        Tried out once, in the first frames: without, then with.
+        Tried out once, in the first frames that play, without and then with: while nothing moves,
+        the scene is not drawn anew.
         """
-        if self._trial is None:
+        if self._trial is None or not self.isPlaying:
             return
         self._trial.append(elapsed)
         if len(self._trial) == TRIAL_FRAMES:
