@@ -58,8 +58,10 @@ def start_view(simulation, backend, options, sideWidth=0):
     return view
 
 
-def take_picture(view, isTransparent=False):
+def take_picture(view, isTransparent=False, isStill=True):
     """What the camera sees, (height, width, 3), or 4 where it is transparent, uint8.
+
+    isStill : whether it may take some time, which a video that plays in the window has not
 
     Edges are smooth: the picture is drawn larger and averaged. Where bodies are see-through, it is
     the mean of one with them and one without. Polyscope's own supersampling serves the window, and
@@ -73,7 +75,8 @@ def take_picture(view, isTransparent=False):
     isLarge = SUPERSAMPLING**2 * width * height > MOST_DRAWN_PIXELS
     factor = SUPERSAMPLING if isOffscreen and not isLarge else 1
     isSmooth = view.isSmooth
-    if not isOffscreen:
+    isChanged = isStill and not isOffscreen
+    if isChanged:
         view.set_supersampling(True)
     # Polyscope asks for both: a background of no opacity, and that this be kept.
     ps.set_background_color((*BACKGROUND, 0.0 if isTransparent else 1.0))
@@ -84,7 +87,7 @@ def take_picture(view, isTransparent=False):
             picture = _draw(view, isTransparent)
     finally:
         ps.set_background_color((*BACKGROUND, 1.0))
-        if not isOffscreen:
+        if isChanged:
             view.set_supersampling(isSmooth)
         if factor > 1:
             ps.set_window_size(width, height)
@@ -284,7 +287,7 @@ class Video:
         if (step - self._firstStep) % self.every == 0 and step != self._lastStep:
             self._view.refresh()
             try:
-                self._writer.send(take_picture(self._view))
+                self._writer.send(take_picture(self._view, isStill=False))
             except (OSError, StopIteration):  # of several lines, about a pipe
                 raise OSError(errno.ENOSPC, INCOMPLETE.format("video"), str(self.path)) from None
             self.count += 1

@@ -355,7 +355,7 @@ def test_size_camera_and_look_are_those_asked_for(tmp_path):
     camera = {"position": [0, 40, 90], "target": [0, 10, 0], "fieldOfView": 20}
     (tmp_path / "camera.json").write_text(json.dumps(camera))
     looks = {
-        "a": [], "b": ["--camera", "camera.json"], "c": ["--colours", "body"],
+        "a": [], "b": ["--camera", "camera.json"], "c": ["--colours", "density"],
         "d": ["--show", "bounding boxes", "trails"],
     }  # fmt: skip
     for folder, options in looks.items():
