@@ -118,7 +118,7 @@ class ConstraintLines:
 
 
 def ground_squares(size, middle, reach):
-    """The ground: a chequered disc under `middle` (3,), on a plain one that fades into the sky.
+    """The ground: a chequered disc under `middle` (3,), in plain rings that fade into the sky.
 
     size : metres, of what is looked at; reach : metres, how far the ground can be seen
     returns (vertices (V, 3), faces (F, 3), colours (V, 3), side of a square in metres: 1, 2 or 5
@@ -146,8 +146,9 @@ def ground_squares(size, middle, reach):
         (np.array(GROUND_COLOURS) - plain)[((row + column) % 2)[:, 0]], 4, axis=0
     )
 
-    # The plain disc: rings around the middle, of equal ratios.
-    radii = np.concatenate([[0.0], np.geomspace(FADE_BEGIN * reach, reach, GROUND_RINGS)])
+    # The plain rings, of equal ratios, begin under the last squares only: two layers would hide
+    # twice as much of what is drawn where bodies are see-through.
+    radii = np.geomspace(min(0.9 * radius, 0.5 * reach), reach, GROUND_RINGS)
     angles = np.linspace(0.0, 2.0 * math.pi, GROUND_SECTORS, endpoint=False)
     disc = np.stack(
         [
