@@ -14,7 +14,6 @@ import os
 import sys
 import warnings
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +36,6 @@ from rbs.opening import (
     changed_files,
     list_files,
     load_recorded_scene,
-    open_file,
     open_recording,
     tell_changes,
 )
@@ -49,6 +47,7 @@ from rbs.options import (
     STEP_PARAMETERS,
     WITHOUT_WINDOW,
     check_options,
+    follows_suggestions,
     given_options,
     make_parser,
     option_name,
@@ -67,6 +66,7 @@ from rbs.scenes import (
 from rbs.simulation import Simulation
 from rbs.statistics import StatsWriter, step_quantities
 from rbs.submittedsteps import SubmittedSteps
+from rbs.suggestions import SceneOpener, suggested_settings, tell_suggestion
 
 # The loaders, by the names that they are known by.
 __all__ = ["flatten_meshes", "load_constraint_file", "load_mesh_file", "load_scene_file", "main"]
@@ -129,7 +129,9 @@ def run_asked_mode(options, given):
         pictureOptions = picture_options_of(options)
     if given & WITHOUT_WINDOW:
         return run_as_asked(simulation, options, pictureOptions)
-    return open_window_or_fall_back(simulation, options, pictureOptions)
+    follows = follows_suggestions(given)
+    opener = SceneOpener(simulation.settings, follows, options.allow_outside_meshes)
+    return open_window_or_fall_back(simulation, options, pictureOptions, opener)
 
 
 def simulation_of(options, given):
@@ -152,10 +154,13 @@ def simulation_of(options, given):
         simulation.settings = replace(simulation.settings, **changes)
         return simulation
     scenePath = find_scene(DEFAULT_SCENE if options.scene is None else options.scene)
-    return Simulation(
+    simulation = Simulation(
         scenePath, settings_of(options), options.constraints,
         allowOutsideMeshes=options.allow_outside_meshes,
     )  # fmt: skip
+    if follows_suggestions(given):
+        simulation.settings, simulation.suggestion = suggested_settings(scenePath)
+    return simulation
 
 
 def scene_of(recording, options):
@@ -189,6 +194,7 @@ def run_as_asked(simulation, options, pictureOptions):
             pictures = PictureSeries(options.screenshots, drawn, view, options.transparent)
         if options.video is not None:
             video = Video(options.video, view, *timing)
+        tell_suggestion(simulation)
         return run_without_window(simulation, steps, recorder, stats, pictures, video)
     except BaseException as error:
         kept = close_all(recorder, stats, video, pictures)
@@ -198,8 +204,10 @@ def run_as_asked(simulation, options, pictureOptions):
         close_all(recorder, stats, video, pictures)
 
 
-def open_window_or_fall_back(simulation, options, pictureOptions):
+def open_window_or_fall_back(simulation, options, pictureOptions, opener):
     """The window; without a display, pictures; without OpenGL, only the simulation.
+
+    opener : a SceneOpener, for what is opened in the window
 
     returns the exit code
     """
@@ -208,10 +216,10 @@ def open_window_or_fall_back(simulation, options, pictureOptions):
     if backend.opensWindow:
         from rbs.viewer import show_window
 
-        open_here = partial(open_file, allowOutsideMeshes=options.allow_outside_meshes)
+        tell_suggestion(simulation)
         with signals_left_alone():
             show_window(
-                simulation, backend, open_here, list_files, step_quantities, pictureOptions
+                simulation, backend, opener, list_files, step_quantities, pictureOptions
             )
         return 0
     pictures = None
@@ -226,6 +234,7 @@ def open_window_or_fall_back(simulation, options, pictureOptions):
         steps = np.linspace(first, last, FALLBACK_PICTURES).round().astype(int).tolist()
         view = start_view(simulation, backend, pictureOptions)
         pictures = PictureSeries(folder, steps, view)
+    tell_suggestion(simulation)
     try:
         return run_without_window(simulation, steps_of(simulation, options), pictures=pictures)
     finally:
@@ -268,7 +277,8 @@ def picture_options_of(options):
 
         camera = load_camera(options.camera)
     return PictureOptions(
-        options.size, camera, options.transparent, options.colours, tuple(options.show or ())
+        options.size, camera, options.transparent, options.colours, tuple(options.show or ()),
+        options.legend,
     )
 
 

@@ -530,6 +530,16 @@ SCENES = {
     "settle": settle,
 }
 
+# The settings that show what a scene is named for, by its name: a comment in its file, which this
+# project's program follows where no option says otherwise.
+SUGGESTIONS = {
+    "mixed": "friction 0.5 restitution 0.3",    # it stays in the picture, for a minute and more
+    "incline": "friction 0.4",
+    "slide": "friction 0.2",
+    "roll": "friction 0.4",
+    "settle": "friction 0.4",
+}
+
 # What is tied together in a scene, by the scene's name.
 TIES = {
     "two_cylinder": two_cylinders_ties,
@@ -600,7 +610,8 @@ def main():
     boxVertices, boxFaces, _ = MESHES["box"]
     write_off(folder / "box.off", boxVertices, boxFaces)
     for name, makeBodies in SCENES.items():
-        write_lines(folder / f"{name}-scene.txt", scene_lines(makeBodies()))
+        suggestion = [f"# suggests {SUGGESTIONS[name]}"] if name in SUGGESTIONS else []
+        write_lines(folder / f"{name}-scene.txt", suggestion + scene_lines(makeBodies()))
     for name, makeTies in TIES.items():
         write_ties(folder / f"{name}-constraints.txt", makeTies())
 

@@ -42,12 +42,14 @@ Recordings
 
 What is seen; Polyscope is imported in drawing, cameras, pictures, panel and viewer only
     pictureoptions  what the command line may ask of a picture
+    pngfiles        pictures as PNG files
     colours, drawables, backends, cameras, drawing, pictures, panel, viewer
 
 The program
     opening       from names to scenes and recordings
     headless      runs without a window
     options       the command line
+    suggestions   settings that a scene file suggests
 """
 
 __version__ = "0.1.0"

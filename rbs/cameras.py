@@ -115,9 +115,14 @@ def frame_camera(points, direction, fieldOfView, aspect):
     up = np.cross(backward, right)
     middle = (np.min(points, axis=0) + np.max(points, axis=0)) / 2.0
     arms = points - middle
-    # A point at (x, y) beside the line of sight, z towards the camera, is seen from the distance D
-    # while |x| ≤ (D - z) tan(horizontal half angle), and |y| likewise.
+    # A point at (x, z), z towards the camera, is seen by a camera at (X, Z) while
+    # |x - X| ≤ (Z - z) t, t the tangent of half the angle: X + Z t ≥ x + z t, and likewise -X.
+    # The nearest camera has both sides touch, so that the scene fills the picture evenly.
+    depths = arms @ backward
     vertical = math.tan(math.radians(fieldOfView) / 2.0) * (1.0 - FRAME_MARGIN)
-    sideways, upwards = np.abs(arms @ right) / (vertical * aspect), np.abs(arms @ up) / vertical
-    distance = np.max(np.maximum(sideways, upwards) + arms @ backward)
-    return middle + distance * backward, middle
+    shift, distance = np.zeros(3), 0.0
+    for axis, tangent in ((right, vertical * aspect), (up, vertical)):
+        sides = np.max(arms @ axis + tangent * depths), np.max(-arms @ axis + tangent * depths)
+        shift += (sides[0] - sides[1]) / 2.0 * axis
+        distance = max(distance, (sides[0] + sides[1]) / (2.0 * tangent))
+    return middle + shift + distance * backward, middle + shift

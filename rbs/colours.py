@@ -1,6 +1,7 @@
 """Colours: of bodies by what is known of them, and of everything else that is drawn.
 
-From the top: the colours; `body_colours` and the ways to colour; `legend`; the colour map.
+From the top: the colours; `BodyColours`, the ways to colour and their legend; contact islands; the
+colour map.
 All colours are (r, g, b) from 0 to 1.
 """
 
@@ -15,7 +16,7 @@ FIXED_COLOUR = (0.72, 0.72, 0.72)
 PICKED_COLOUR = (0.90, 0.10, 0.55)
 # Of a body that touches no other free one, where bodies are coloured by what they touch.
 LONE_COLOUR = (0.93, 0.93, 0.90)
-SHADOW_COLOUR = (0.30, 0.31, 0.33)
+SHADOW_COLOUR = (0.41, 0.42, 0.45)
 CREASE_COLOUR = (0.10, 0.12, 0.15)
 # The colour map viridis at equal steps: its lightness falls evenly, also for the colour-blind.
 # From light to heavy, and without the map's darkest tenth, on which no edge would show.
@@ -29,7 +30,7 @@ PALETTE = np.array([
     [213, 94, 0], [204, 121, 167], [148, 203, 236], [126, 196, 160], [194, 106, 119],
 ]) / 255.0  # fmt: skip
 # The two greys of the ground's squares.
-GROUND_COLOURS = ((0.56, 0.57, 0.58), (0.61, 0.62, 0.63))
+GROUND_COLOURS = ((0.62, 0.63, 0.64), (0.68, 0.69, 0.70))
 # Constraints from slack over taut to too long or too short: light blue, yellow, vermilion, which
 # the colour-blind tell apart too (Okabe and Ito's palette).
 CONSTRAINT_COLOURS = np.array([[86, 180, 233], [240, 228, 66], [213, 94, 0]]) / 255.0
@@ -44,79 +45,131 @@ TRAIL_COLOUR = (0.35, 0.10, 0.45)
 TOP_SPEED = 30.0
 # Densities that the legend has room for; of more, it shows only the ends.
 LEGEND_LINES = 6
+# Steps for which a contact counts after it was there: the bounces of what rests are shorter.
+HELD_STEPS = 10
 
 
-def body_colours(simulation, colouring="density"):
-    """RGB of every body, (n, 3): grey if fixed, else by a name of COLOURINGS."""
-    isFixed = np.array([[mesh.isFixed] for mesh in simulation.meshes])
-    return np.where(isFixed, FIXED_COLOUR, COLOURINGS[colouring](simulation))
+class BodyColours:
+    """The colours of a scene's bodies, from step to step.
 
-
-def legend(meshes, colouring="density"):
-    """What the colours mean: rows (text, (r, g, b)).
-
-    colouring : a name of COLOURINGS. Of densities, all are named, or the ends of too many.
+    Densities are placed between the extremes that the scene begins with, and contact islands keep
+    their colours: what is fixed, freed or touched changes no other body's colour.
     """
-    free = [mesh for mesh in meshes if not mesh.isFixed]
-    lines = []
-    if colouring == "density":
-        densities = sorted({mesh.density for mesh in free})
-        if len(densities) > LEGEND_LINES:
-            densities = [densities[0], densities[-1]]
-        lines = [
-            (f"density {density:g}", tuple(colour_of_density(density, densities[0], densities[-1])))
-            for density in densities
-        ]
-    elif colouring == "speed":
-        speeds = {"at rest": 0.0, f"{TOP_SPEED / 2:g} m/s": 0.5, f"{TOP_SPEED:g} m/s or more": 1.0}
-        lines = [(text, tuple(viridis(place))) for text, place in speeds.items()]
-    elif colouring == "contact island":
-        lines = [("touches no other free body", LONE_COLOUR)]
-    return lines + [("fixed", FIXED_COLOUR)] * (len(free) < len(meshes))
+
+    def __init__(self, meshes):
+        densities = [mesh.density for mesh in meshes if not mesh.isFixed]
+        densities = densities or [mesh.density for mesh in meshes] or [1.0]
+        self._extremes = min(densities), max(densities)
+        self._islandColours = np.full(len(meshes), -1)  # indices into PALETTE; -1 of lone bodies
+        self._touching = {}  # pair of bodies -> the last step in which they touched
+
+    def of(self, simulation, colouring):
+        """RGB of every body, (n, 3): grey if fixed, else by a name of COLOURINGS."""
+        isFixed = np.array([[mesh.isFixed] for mesh in simulation.meshes])
+        return np.where(isFixed, FIXED_COLOUR, COLOURINGS[colouring](self, simulation))
+
+    def by_body(self, simulation):
+        """The palette over and over."""
+        return PALETTE[np.arange(len(simulation.meshes)) % len(PALETTE)]
+
+    def by_density(self, simulation):
+        """Viridis over the logarithm of the density."""
+        known = {mesh.density for mesh in simulation.meshes}
+        colours = {density: colour_of_density(density, *self._extremes) for density in known}
+        return np.array([colours[mesh.density] for mesh in simulation.meshes])
+
+    def by_speed(self, simulation):
+        """Viridis from rest, light, to TOP_SPEED and above, dark."""
+        velocities = np.concatenate([mesh.linVelocity for mesh in simulation.meshes])
+        place = np.clip(np.linalg.norm(velocities, axis=1) / TOP_SPEED, 0.0, 1.0)
+        steps = np.linspace(0.0, 1.0, len(VIRIDIS))
+        return np.stack([np.interp(place, steps, channel) for channel in VIRIDIS.T], axis=1)
+
+    def by_island(self, simulation):
+        """One colour for all that hang together by contacts, the one that most of them had."""
+        islands = contact_islands(simulation.meshes, self._recent_pairs(simulation))
+        before, now = self._islandColours, np.full(len(islands), -1)
+        # Claims on a colour that is in use: the island with most of its bodies keeps it.
+        held = (islands >= 0) & (before >= 0)
+        claims, counts = np.unique(
+            np.stack([islands[held], before[held]]), axis=1, return_counts=True
+        )
+        colourOf, wanted, taken = {}, {}, np.zeros(len(PALETTE), dtype=int)
+        for k in np.argsort(-counts, kind="stable"):
+            island, colour = claims[:, k].tolist()
+            wanted.setdefault(island, colour)
+            if island not in colourOf and not taken[colour]:
+                colourOf[island] = colour
+                taken[colour] += 1
+        for island in np.unique(islands[islands >= 0]).tolist():
+            if island not in colourOf:
+                # Where there are more islands than colours, some share one, and keep it too.
+                rarest = int(np.argmin(taken))
+                colourOf[island] = wanted.get(island, rarest) if taken[rarest] else rarest
+                taken[colourOf[island]] += 1
+            now[islands == island] = colourOf[island]
+        self._islandColours = now
+        return np.where(now[:, None] < 0, LONE_COLOUR, PALETTE[now])
+
+    def _recent_pairs(self, simulation):
+        """Pairs of bodies that touch, or did a few steps ago: what rests makes small bounces."""
+        step = getattr(simulation, "stepCount", 0)
+        if simulation.report is None:
+            self._touching = {}
+            return []
+        self._touching |= {(c.body1, c.body2): step for c in simulation.report.contacts}
+        self._touching = {
+            pair: last for pair, last in self._touching.items() if 0 <= step - last <= HELD_STEPS
+        }
+        return list(self._touching)
+
+    def legend(self, meshes, colouring):
+        """What the colours mean: rows (text, (r, g, b)).
+
+        colouring : a name of COLOURINGS. Of densities, all are named, or the ends of too many.
+        """
+        free = [mesh for mesh in meshes if not mesh.isFixed]
+        lines = []
+        if colouring == "density":
+            densities = sorted({mesh.density for mesh in free})
+            if len(densities) > LEGEND_LINES:
+                densities = [densities[0], densities[-1]]
+            lines = [
+                (f"density {density:g} kg/m³", tuple(colour_of_density(density, *self._extremes)))
+                for density in densities
+            ]
+        elif colouring == "speed":
+            speeds = {"at rest": 0.0, f"{TOP_SPEED / 2:g} m/s": 0.5,
+                      f"{TOP_SPEED:g} m/s or more": 1.0}  # fmt: skip
+            lines = [(text, tuple(viridis(place))) for text, place in speeds.items()]
+        elif colouring == "contact island":
+            lines = [("touches no other free body", LONE_COLOUR)]
+        return lines + [("fixed", FIXED_COLOUR)] * (len(free) < len(meshes))
 
 
-def colours_by_density(simulation):
-    """RGB of every body, (n, 3), by its density among the free bodies."""
-    meshes = simulation.meshes
-    densities = sorted({mesh.density for mesh in meshes if not mesh.isFixed})
-    if not densities:
-        return np.tile(FIXED_COLOUR, (len(meshes), 1))
-    colours = {d: colour_of_density(d, densities[0], densities[-1]) for d in densities}
-    return np.array([colours.get(mesh.density, FIXED_COLOUR) for mesh in meshes])
+# What each colour of a constraint says.
+CONSTRAINT_MEANINGS = ("constraint slack", "constraint taut", "constraint exceeded")
 
 
-def colours_by_body(simulation):
-    """RGB of every body, (n, 3): the palette over and over."""
-    return PALETTE[np.arange(len(simulation.meshes)) % len(PALETTE)]
+def constraint_legend():
+    """What the colours of constraints mean: rows (text, (r, g, b))."""
+    return [
+        (text, tuple(c)) for text, c in zip(CONSTRAINT_MEANINGS, CONSTRAINT_COLOURS, strict=True)
+    ]
 
 
-def colours_by_speed(simulation):
-    """RGB of every body, (n, 3): viridis from rest, light, to TOP_SPEED and above, dark."""
-    velocities = np.concatenate([mesh.linVelocity for mesh in simulation.meshes])
-    place = np.clip(np.linalg.norm(velocities, axis=1) / TOP_SPEED, 0.0, 1.0)
-    steps = np.linspace(0.0, 1.0, len(VIRIDIS))
-    return np.stack([np.interp(place, steps, channel) for channel in VIRIDIS.T], axis=1)
-
-
-def colours_by_island(simulation):
-    """RGB of every body, (n, 3): one colour for all that hang together by contacts."""
-    islands = contact_islands(simulation)
-    return np.where(islands[:, None] < 0, LONE_COLOUR, PALETTE[islands % len(PALETTE)])
-
-
-def contact_islands(simulation):
+def contact_islands(meshes, pairs):
     """For every body the lowest index among those that it is connected with by contacts.
 
+    pairs : (body, body) that touch, indices in `meshes`, or -1 for the ground
     Fixed bodies and the ground connect nothing. returns (n,) int, -1 for a body that touches no
-    other free one, and where no step has been made
+    other free one
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    count = len(simulation.meshes)
-    free = np.array([not mesh.isFixed for mesh in simulation.meshes] + [False])  # last: the ground
-    report = simulation.report
-    pairs = [(c.body1, c.body2) for c in report.contacts] if report is not None else []
+    count = len(meshes)
+    free = np.array([not mesh.isFixed for mesh in meshes] + [False])  # last: the ground
     pairs = np.array(pairs, dtype=np.intp).reshape(-1, 2)
     first, second = pairs[free[pairs].all(axis=1)].T
     links = coo_array((np.ones(len(first)), (first, second)), shape=(count, count))
@@ -132,7 +185,8 @@ def colour_of_density(density, lightest, heaviest):
     Where all bodies are equally dense, the middle of the map.
     """
     if heaviest > lightest:
-        return viridis(math.log(density / lightest) / math.log(heaviest / lightest))
+        place = math.log(density / lightest) / math.log(heaviest / lightest)
+        return viridis(min(max(place, 0.0), 1.0))
     return viridis(0.5)
 
 
@@ -143,8 +197,8 @@ def viridis(place):
 
 
 COLOURINGS = {
-    "density": colours_by_density,
-    "body": colours_by_body,
-    "speed": colours_by_speed,
-    "contact island": colours_by_island,
+    "body": BodyColours.by_body,
+    "density": BodyColours.by_density,
+    "speed": BodyColours.by_speed,
+    "contact island": BodyColours.by_island,
 }

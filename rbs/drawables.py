@@ -19,10 +19,17 @@ from rbs.poses import refresh_vertices
 CREASE_ANGLE = math.radians(30.0)
 # A bound that is exceeded by this fraction of itself gets the last colour of constraints in full.
 FULL_EXCESS = 0.05
-# How many squares the ground has along each side. They fade into the background from the first to
-# the second distance, relative to the scene's size.
-GROUND_SQUARES = 48
-GROUND_FADES = (0.7, 1.9)
+# How many squares the ground has across, and the least side of one, relative to what is looked at.
+GROUND_SQUARES = 80
+SQUARE_SIZE = 0.08
+# The plain ground around them: rings and sectors; where it begins to fade, relative to how far it
+# is seen; and how far it lies below the squares, relative to what is looked at.
+GROUND_RINGS, GROUND_SECTORS = 12, 96
+FADE_BEGIN = 0.12
+DISC_DEPTH = 2e-3
+# Where the shadow of a point falls that is 1 m above the ground: the light comes from the upper
+# left, over the usual camera's shoulder, as the shading of the bodies has it.
+SHADOW_SLANT = np.array([0.50, 0.0, -0.22])
 # The corners of a box, as 0 for its low and 1 for its high end along x, y, z, and its edges.
 BOX_CORNERS = np.array([[k >> 2 & 1, k >> 1 & 1, k & 1] for k in range(8)])
 BOX_EDGES = np.array([
@@ -110,29 +117,91 @@ class ConstraintLines:
         return np.stack([np.interp(place, (0, 1, 2), c) for c in CONSTRAINT_COLOURS.T], axis=1)
 
 
-def ground_squares(size, middle):
-    """The ground as a chequered square under `middle` (3,), for a scene of `size` metres.
+def ground_squares(size, middle, reach):
+    """The ground: a chequered disc under `middle` (3,), in plain rings that fade into the sky.
 
-    returns (vertices (V, 3), faces (F, 4), colours (F, 3), side of a square in metres: 1, 2 or 5
+    size : metres, of what is looked at; reach : metres, how far the ground can be seen
+    returns (vertices (V, 3), faces (F, 3), colours (V, 3), side of a square in metres: 1, 2 or 5
     times a power of ten)
     """
-    least = 2.0 * GROUND_FADES[1] * size / GROUND_SQUARES
+    least = SQUARE_SIZE * size
     power = 10.0 ** math.floor(math.log10(least))
     side = next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= least)
-    ticks = side * (np.arange(GROUND_SQUARES + 1) - GROUND_SQUARES // 2)
+    ticks = np.arange(GROUND_SQUARES) - GROUND_SQUARES // 2
     # Whole pairs of squares: the colours of the ground do not depend on the scene's place.
-    shiftX, _, shiftZ = 2.0 * side * np.round(np.asarray(middle) / (2.0 * side))
-    z, x = np.meshgrid(ticks + shiftZ, ticks + shiftX, indexing="ij")
-    vertices = np.stack([x, np.zeros_like(x), z], axis=-1).reshape(-1, 3)
-    index = np.arange(len(vertices)).reshape(len(ticks), -1)
-    corners = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
-    faces = np.stack(corners, axis=-1).reshape(-1, 4)
-    rows, columns = np.divmod(np.arange(len(faces)), GROUND_SQUARES)
-    colours = np.array(GROUND_COLOURS)[(rows + columns) % 2]
-    arms = (vertices[faces].mean(axis=1) - middle)[:, [0, 2]]
-    distance = np.linalg.norm(arms, axis=1) / size
-    fading = np.interp(distance, GROUND_FADES, (0.0, 1.0))[:, None]
-    return vertices, faces, (1.0 - fading) * colours + fading * SEEN_BACKGROUND, side
+    shift = 2.0 * side * np.round(np.asarray(middle) / (2.0 * side))
+    row, column = (ticks.ravel() for ticks in np.meshgrid(ticks, ticks, indexing="ij"))
+    radius = side * GROUND_SQUARES / 2
+    isSeen = side * np.hypot(row + 0.5, column + 0.5) < radius
+    row, column = row[isSeen, None], column[isSeen, None]
+    # Each square has its own corners, so that it ends sharply, and fades smoothly.
+    x, z = column + [0, 0, 1, 1], row + [0, 1, 1, 0]
+    squares = side * np.stack([x, np.zeros_like(x), z], axis=-1).reshape(-1, 3) + shift * [1, 0, 1]
+    corners = 4 * np.arange(len(row))[:, None, None] + [[0, 1, 2], [0, 2, 3]]
+    # Far squares would only flicker: they fade into the plain grey between them.
+    plain = np.mean(GROUND_COLOURS, axis=0)
+    contrast = 1.0 - _smooth(np.linalg.norm(squares - middle * np.array([1, 0, 1]), axis=1),
+                             0.45 * radius, 0.95 * radius)  # fmt: skip
+    colours = plain + contrast[:, None] * np.repeat(
+        (np.array(GROUND_COLOURS) - plain)[((row + column) % 2)[:, 0]], 4, axis=0
+    )
+
+    # The plain rings, of equal ratios, begin under the last squares only: two layers would hide
+    # twice as much of what is drawn where bodies are see-through.
+    radii = np.geomspace(min(0.9 * radius, 0.5 * reach), reach, GROUND_RINGS)
+    angles = np.linspace(0.0, 2.0 * math.pi, GROUND_SECTORS, endpoint=False)
+    disc = np.stack(
+        [
+            np.outer(radii, np.cos(angles)),
+            np.full((len(radii), len(angles)), -DISC_DEPTH * size),
+            np.outer(radii, np.sin(angles)),
+        ],
+        axis=-1,
+    ).reshape(-1, 3) + np.asarray(middle) * [1, 0, 1]
+    k = np.arange(GROUND_SECTORS)
+    quads = np.stack([k, (k + 1) % GROUND_SECTORS, GROUND_SECTORS + (k + 1) % GROUND_SECTORS,
+                      GROUND_SECTORS + k], axis=-1)  # fmt: skip
+    quads = (quads + GROUND_SECTORS * np.arange(len(radii) - 1)[:, None, None]).reshape(-1, 4)
+    rings = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+
+    vertices = np.concatenate([squares, disc])
+    colours = np.concatenate([colours, np.tile(plain, (len(disc), 1))])
+    distance = np.linalg.norm((vertices - middle)[:, [0, 2]], axis=1)
+    haze = _smooth(distance, FADE_BEGIN * reach, reach)[:, None]
+    faces = np.concatenate([corners.reshape(-1, 3), rings + len(squares)])
+    return vertices, faces, (1.0 - haze) * colours + haze * SEEN_BACKGROUND, side
+
+
+def _smooth(values, low, high):
+    """0 up to low, 1 from high on, and without a kink between."""
+    place = np.clip((values - low) / (high - low), 0.0, 1.0)
+    return place * place * (3.0 - 2.0 * place)
+
+
+def cast_shadows(vertices, height):
+    """Vertices (V, 3) as the light throws them onto the plane at this height in metres, (V, 3)."""
+    shadows = vertices + np.maximum(vertices[:, 1:2], 0.0) * SHADOW_SLANT
+    shadows[:, 1] = height
+    return shadows
+
+
+def surface_points(vertices, faces, bodyOfFace, centres, directions):
+    """Where rays from inside convex bodies leave them, (n, 3).
+
+    vertices (V, 3), faces (F, 3), bodyOfFace (F,) : as `flatten_meshes` gives them
+    centres, directions : (n, 3), a ray for each body; one of no direction stays in its centre
+    """
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = directions / np.where(lengths > 0.0, lengths, 1.0)
+    # A plane is reached after (height of the centre under it) / (speed towards it).
+    speeds = np.sum(normals * directions[bodyOfFace], axis=1)
+    heights = np.sum(normals * (a - centres[bodyOfFace]), axis=1)
+    isAhead = speeds > 1e-9 * np.linalg.norm(normals, axis=1)
+    ways = np.full(len(centres), math.inf)
+    np.minimum.at(ways, bodyOfFace[isAhead], np.maximum(heights, 0.0)[isAhead] / speeds[isAhead])
+    return centres + np.where(np.isfinite(ways), ways, 0.0)[:, None] * directions
 
 
 def box_lines(low, high):

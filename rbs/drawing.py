@@ -11,6 +11,7 @@ From the top: starting Polyscope; `SceneView`; the overlays.
 """
 
 import math
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -28,20 +29,26 @@ from rbs.colours import (
     SHADOW_COLOUR,
     TRAIL_COLOUR,
     VELOCITY_COLOUR,
-    body_colours,
+    BodyColours,
+    constraint_legend,
 )
 from rbs.drawables import (
     ConstraintLines,
     box_lines,
+    cast_shadows,
     find_creases,
     flatten_meshes,
     grid_cells,
     ground_squares,
+    surface_points,
 )
 from rbs.pictureoptions import OVERLAYS, PICTURE_SIZE
 
 # All that can be switched on and off.
 LAYERS = ("ground", "shadows", *OVERLAYS)
+# What is drawn at or within bodies, which are then seen through; and how opaque they are.
+SEE_THROUGH = frozenset({"contacts", "impulses", "friction impulses", "velocities"})
+BODY_OPACITY = 0.5
 # Half the width of the lines that edges are drawn as, relative to the scene's size.
 CREASE_RADIUS = 6e-4
 # Each line costs about 0.02 ms a frame where no graphics card helps. In a scene with more of them,
@@ -52,6 +59,8 @@ CONSTRAINT_RADIUS = 1.2e-3
 # The longest impulse on screen, and every contact's normal, relative to the scene's size.
 LONGEST_IMPULSE = 0.1
 NORMAL_LENGTH = 0.05
+# Steps for which a contact is shown: a tenth of a second, with the usual time step.
+HELD_CONTACT_STEPS = 5
 # A velocity is drawn as the way that it leads in this time, in seconds.
 VELOCITY_SECONDS = 0.5
 # Half the widths of arrows, points and lines, relative to the scene's size.
@@ -66,6 +75,13 @@ MOST_TRAILS = 30
 LONGEST_TRAIL_STEP = 60
 # The most boxes, and cells, that are drawn, for the time that their lines take.
 MOST_BOXES = 200
+# The ground: how far it is seen, in sizes of the scene; the camera's usual distance from what it
+# looks at, likewise; how far, in sizes, and by which factor the view moves before the ground does;
+# and where Polyscope ends to draw, a little less than twenty sizes away.
+GROUND_REACH = 9.0
+USUAL_DISTANCE = 1.6
+GROUND_SHIFT, GROUND_GROWTH = 0.5, 1.6
+FAR_CLIP = 19.0
 # How far over the ground the shadows lie, relative to the scene's size: the least that keeps the
 # two from flickering through each other in a 24-bit depth buffer.
 SHADOW_HEIGHT = 1e-3
@@ -87,8 +103,7 @@ def start_polyscope(backend, size=None):
     ps.set_up_dir("y_up")
     ps.set_ground_plane_mode("none")  # `SceneView` has its own, which is drawn three times faster
     ps.set_background_color(BACKGROUND)
-    # A window is redrawn all the time; of a picture, smooth edges are worth four times the work.
-    ps.set_SSAA_factor(1 if backend.opensWindow else 2)
+    ps.set_SSAA_factor(1)  # off-screen, more has no effect; see `rbs.pictures` and `rbs.viewer`
 
 
 class SceneView:
@@ -96,14 +111,17 @@ class SceneView:
 
     Attributes: simulation; colouring, a name of COLOURINGS; shown, a set of names of LAYERS;
     picked, the index of the body that is marked, or None, and pickedPoint, a point (3,) of it at
-    rest; squareSide, of the ground's squares in metres.
+    rest; squareSide, of the ground's squares in metres; hasLegend, whether pictures have one;
+    follows, whether the camera moves along with the picked body, or with all; isSmooth, whether
+    the window is drawn with smooth edges.
     """
 
     def __init__(self, simulation, sideWidth=0):
         """sideWidth : pixels on either side of the picture in which nothing shall be seen"""
         self._sideWidth = sideWidth
-        self.colouring = "density"
+        self.colouring = "body"
         self.shown = {"ground", "shadows"}
+        self.hasLegend = self.follows = self.isSmooth = False
         self.rebuild(simulation)
 
     def rebuild(self, simulation):
@@ -112,7 +130,9 @@ class SceneView:
 
         self.simulation = simulation
         self.pick(None)
+        self.bodyColours = BodyColours(simulation.meshes)
         vertices, faces, self.bodyOfFace = flatten_meshes(simulation.meshes)
+        self._faces = faces
         ground = vertices * [1.0, 0.0, 1.0]
         points = np.concatenate([vertices, ground])
         low, high = np.min(points, axis=0), np.max(points, axis=0)
@@ -122,33 +142,51 @@ class SceneView:
         self._firstVertex = np.cumsum([0] + [len(m.currVertices) for m in simulation.meshes[:-1]])
         self._trail = []
         self._trailStep = None
+        self._heldContacts = {}  # step -> its contacts
 
         # What lies behind is not drawn: bodies are closed, and it would cost half as much again.
+        # Surfaces are drawn in the order of their names: what is seen through has to be the last.
         self._bodies = ps.register_surface_mesh(
-            "bodies", vertices, faces, material="clay", back_face_policy="cull"
+            "solids", vertices, faces, material="clay", back_face_policy="cull"
         )
         self._bodies.set_selection_mode("faces_only")
         self._shadows = ps.register_surface_mesh(
-            "shadows", self._shadow_of(vertices), faces,
+            "shadows", cast_shadows(vertices, SHADOW_HEIGHT * self._size), faces,
             material="flat", back_face_policy="cull", color=SHADOW_COLOUR,
         )  # fmt: skip
-        self._register_ground((low + high) / 2.0)
         self._register_creases(vertices, faces)
         self._register_constraints(vertices)
+        self._colours = None
+        self._lastFocus = self._focus()
+        self._point_camera(points)
+        self._groundPlace = None
+        self.spread_ground()
         for name in LAYERS:
             self._show_layer(name)
-        self._colours = None
         self.refresh()
-        self._point_camera(points)
 
-    def _register_ground(self, middle):
+    def spread_ground(self):
+        """Lays the ground under what the camera looks at, where that has moved far enough."""
         import polyscope as ps
 
-        vertices, faces, colours, self.squareSide = ground_squares(self._size, middle)
+        middle = np.array(ps.get_view_center(), dtype=np.float64)
+        distance = float(np.linalg.norm(self._eye() - middle))
+        size = max(self._size, distance / USUAL_DISTANCE)
+        if self._groundPlace is not None:
+            lastMiddle, lastSize = self._groundPlace
+            if (
+                np.linalg.norm((middle - lastMiddle)[[0, 2]]) < GROUND_SHIFT * lastSize
+                and 1.0 / GROUND_GROWTH < size / lastSize < GROUND_GROWTH
+            ):
+                return
+        self._groundPlace = middle, size
+        # Polyscope draws nothing that is further away.
+        reach = min(GROUND_REACH * size, max(FAR_CLIP * self._size - distance, 2.0 * self._size))
+        vertices, faces, colours, self.squareSide = ground_squares(size, middle, reach)
         self._ground = ps.register_surface_mesh(
-            "ground", vertices, faces, material="flat", back_face_policy="cull"
+            "ground", vertices, faces, material="flat", enabled="ground" in self.shown
         )
-        self._ground.add_color_quantity("squares", colours, defined_on="faces", enabled=True)
+        self._ground.add_color_quantity("squares", colours, defined_on="vertices", enabled=True)
 
     def _register_creases(self, vertices, faces):
         import polyscope as ps
@@ -184,24 +222,70 @@ class SceneView:
         )
         self._lines.set_enabled(self.simulation.settings.enforceConstraints)
 
-    def _point_camera(self, points):
+    def _point_camera(self, points, sideWidth=None):
+        """Frames points (n, 3) between the panels; sideWidth : pixels on either side."""
         import polyscope as ps
 
         width, height = ps.get_window_size()
+        sideWidth = self._sideWidth if sideWidth is None else sideWidth
         fieldOfView = ps.get_view_camera_parameters().get_fov_vertical_deg()
-        aspect = max(width - 2 * self._sideWidth, width / 3) / height
-        ps.look_at(*frame_camera(points, VIEW_DIRECTION, fieldOfView, aspect))
+        aspect = max(width - 2 * sideWidth, width / 3) / height
+        camera = frame_camera(points, VIEW_DIRECTION, fieldOfView, aspect)
+        ps.look_at(*camera)
+        self._framed = points, self._eye()
 
-    def _shadow_of(self, vertices):
-        """The bodies pressed onto the ground: straight below them, where they are going to fall."""
-        return vertices * [1.0, 0.0, 1.0] + [0.0, SHADOW_HEIGHT * self._size, 0.0]
+    def _eye(self):
+        """Where the camera is, (3,)."""
+        import polyscope as ps
+
+        return np.array(ps.get_view_camera_parameters().get_position(), dtype=np.float64)
+
+    def frame_all(self):
+        """Points the camera at all bodies as they are now."""
+        vertices = np.concatenate([mesh.currVertices for mesh in self.simulation.meshes])
+        self._point_camera(np.concatenate([vertices, vertices * [1.0, 0.0, 1.0]]))
+        self._lastFocus = self._focus()
+        self.spread_ground()
+
+    @contextmanager
+    def whole_width(self):
+        """Within it, a camera that still frames the scene between the panels does so without."""
+        points, eye = self._framed
+        isFramed = self._sideWidth and np.allclose(self._eye(), eye, rtol=1e-4)
+        if isFramed:
+            self._point_camera(points, sideWidth=0)
+        try:
+            yield
+        finally:
+            if isFramed:
+                self._point_camera(points)
+
+    def _focus(self):
+        """What the camera follows: the picked body, or the middle of the free ones, (3,)."""
+        free = [mesh.position[0] for mesh in self.simulation.meshes if not mesh.isFixed]
+        if self.picked is not None:
+            return self.simulation.meshes[self.picked].position[0].copy()
+        return np.mean(free, axis=0) if free else np.zeros(3)
+
+    def _follow(self):
+        """Moves the camera as what it follows has moved since the last time."""
+        import polyscope as ps
+
+        focus = self._focus()
+        way, self._lastFocus = focus - self._lastFocus, focus
+        if self.follows and way.any():
+            target = np.array(ps.get_view_center(), dtype=np.float64) + way
+            ps.look_at(self._eye() + way, target)
+            self.spread_ground()
 
     def refresh(self):
         """Draws everything as it is now, all from one instant, from the next frame on."""
+        self._follow()
         vertices = np.concatenate([mesh.currVertices for mesh in self.simulation.meshes])
         self._bodies.update_vertex_positions(vertices)
         if "shadows" in self.shown:
-            self._shadows.update_vertex_positions(self._shadow_of(vertices))
+            shadows = cast_shadows(vertices, SHADOW_HEIGHT * self._size)
+            self._shadows.update_vertex_positions(shadows)
         if self._creases is not None:
             self._creases.update_node_positions(vertices[self._creaseNodes])
         if len(self._constraintLines.ends):
@@ -215,7 +299,7 @@ class SceneView:
         self._refresh_mark()
 
     def _refresh_colours(self):
-        colours = body_colours(self.simulation, self.colouring)
+        colours = self.bodyColours.of(self.simulation, self.colouring)
         if self.picked is not None:
             colours[self.picked] = PICKED_COLOUR
         if self._colours is None or not np.array_equal(colours, self._colours):
@@ -223,6 +307,15 @@ class SceneView:
                 "colour", colours[self.bodyOfFace], defined_on="faces", enabled=True
             )
         self._colours = colours
+
+    def legend(self):
+        """What the colours and arrows mean: rows (text, (r, g, b))."""
+        rows = self.bodyColours.legend(self.simulation.meshes, self.colouring)
+        if len(self._constraintLines.ends) and self.simulation.settings.enforceConstraints:
+            rows += constraint_legend()
+        return rows + [
+            (text(self), colour) for name, (text, colour) in _MEANINGS.items() if name in self.shown
+        ]
 
     def show(self, name, isShown):
         """Switches one of LAYERS on or off."""
@@ -241,6 +334,36 @@ class SceneView:
         else:
             remove_overlay(name)
             self._trail = []
+            self.set_see_through(self.isSeeThrough)
+
+    @property
+    def isSeeThrough(self):
+        """Whether bodies let what lies behind and within them be seen."""
+        return bool(SEE_THROUGH & self.shown)
+
+    def set_see_through(self, isOn):
+        """Lets bodies be seen through in the window; pictures are mixed of two instead."""
+        import polyscope as ps
+
+        ps.set_transparency_mode("simple" if isOn else "none")
+        self._bodies.set_transparency(BODY_OPACITY if isOn else 1.0)
+
+    def show_bodies(self, isShown):
+        """Shows the bodies with their creases, or not."""
+        self._bodies.set_enabled(isShown)
+        if self._creases is not None:
+            self._creases.set_enabled(isShown)
+
+    def show_shadows(self, isShown):
+        """Shows the shadows, or not, whatever `shown` says."""
+        self._shadows.set_enabled(isShown)
+
+    def set_supersampling(self, isOn):
+        """Draws the window twice as large and averages it, or not."""
+        import polyscope as ps
+
+        self.isSmooth = isOn
+        ps.set_SSAA_factor(2 if isOn else 1)
 
     def set_resizable(self, isResizable):
         """Lets the window be resized, or not."""
@@ -251,6 +374,7 @@ class SceneView:
     def pick(self, body, point=None):
         """Marks a body (its index) and a point (3,) of the world on it; None marks none."""
         self.picked, self.pickedPoint = body, None
+        self._lastFocus = self._focus()
         if body is not None:
             mesh = self.simulation.meshes[body]
             self.pickedPoint = QRotate(QConj(mesh.orientation), point - mesh.position)[0]
@@ -268,9 +392,9 @@ class SceneView:
         import polyscope as ps
 
         hit = ps.pick(screen_coords=pixel)
-        if not hit.is_hit or hit.structure_name not in ("bodies", "creases"):
+        if not hit.is_hit or hit.structure_name not in ("solids", "creases"):
             return None, None
-        if hit.structure_name == "bodies":
+        if hit.structure_name == "solids":
             return int(self.bodyOfFace[hit.structure_data["index"]]), hit.position
         vertices = self._creaseNodes
         if hit.structure_data["element_type"] == "edge":
@@ -291,9 +415,23 @@ class SceneView:
     # What the overlays consist of.
 
     def _contacts(self):
-        """The last step's contacts, and where they are now (m, 3): they go along with body 1."""
-        report = self.simulation.report
-        contacts = [] if report is None else report.contacts
+        """The contacts of the last steps, and where they are now (m, 3): they go with body 1.
+
+        Of each pair of bodies, those of its last step. A bounce is over before it is seen.
+        """
+        report, step = self.simulation.report, self.simulation.stepCount
+        if report is None:
+            self._heldContacts = {}
+        else:
+            self._heldContacts[step] = report.contacts
+        contacts, pairs = [], set()
+        for other in sorted(self._heldContacts, reverse=True):
+            if not 0 <= step - other < HELD_CONTACT_STEPS:
+                del self._heldContacts[other]
+                continue
+            found = [c for c in self._heldContacts[other] if (c.body1, c.body2) not in pairs]
+            pairs |= {(c.body1, c.body2) for c in found}
+            contacts += found
         positions = [self.simulation.meshes[c.body1].position[0] for c in contacts]
         arms = [contact.arm for contact in contacts]
         return contacts, np.array(positions).reshape(-1, 3) + np.array(arms).reshape(-1, 3)
@@ -308,7 +446,8 @@ class SceneView:
         normals = np.array([c.normal for c in contacts]).reshape(-1, 3)
         # Body 1 receives the opposite of what the contact gives to body 2.
         arrows = -normals * np.array([c.impulse for c in contacts]).reshape(-1, 1)
-        draw_arrows(name, points, self._scaled(arrows), IMPULSE_COLOUR)
+        # Thicker than the normals, along which they run.
+        draw_arrows(name, points, self._scaled(arrows), IMPULSE_COLOUR, 1.5 * ARROW_RADIUS)
 
     def _draw_friction(self, name, vertices):
         contacts, points = self._contacts()
@@ -320,11 +459,24 @@ class SceneView:
         longest = np.linalg.norm(arrows, axis=1).max(initial=0.0)
         return arrows * (LONGEST_IMPULSE * self._size / longest if longest > 0.0 else 0.0)
 
+    def _impulse_scale(self, what):
+        contacts, _ = self._contacts()
+        key = "impulse" if what.startswith("normal") else "friction"
+        longest = max((float(np.linalg.norm(getattr(c, key))) for c in contacts), default=0.0)
+        return f"{what}; the longest is {longest:.2g} N s"
+
+    def _velocity_scale(self):
+        speed = self.squareSide / VELOCITY_SECONDS
+        return f"velocity; as long as a square is {speed:g} m/s"
+
     def _draw_velocities(self, name, vertices):
-        moving = [mesh for mesh in self.simulation.meshes if not mesh.isFixed]
-        points = np.array([mesh.position[0] for mesh in moving])
-        arrows = VELOCITY_SECONDS * np.array([mesh.linVelocity[0] for mesh in moving])
-        draw_arrows(name, points, arrows, VELOCITY_COLOUR)
+        """Arrows that begin where the line from the centre of mass leaves the body."""
+        meshes = self.simulation.meshes
+        centres = np.concatenate([mesh.position for mesh in meshes])
+        velocities = np.concatenate([mesh.linVelocity for mesh in meshes])
+        points = surface_points(vertices, self._faces, self.bodyOfFace, centres, velocities)
+        moves = velocities.any(axis=1) & [not mesh.isFixed for mesh in meshes]
+        draw_arrows(name, points[moves], VELOCITY_SECONDS * velocities[moves], VELOCITY_COLOUR)
 
     def _boxes(self, vertices):
         """Bounding boxes of the bodies, low and high (n, 3)."""
@@ -375,6 +527,19 @@ _PAINTERS = {
 }
 
 
+# What the legend says of each overlay, given the SceneView, and its colour. Lengths in the picture
+# are told by the ground's squares.
+_MEANINGS = {
+    "contacts": (lambda view: "contact normal, towards body 1", NORMAL_COLOUR),
+    "impulses": (lambda view: view._impulse_scale("normal impulse"), IMPULSE_COLOUR),
+    "friction impulses": (lambda view: view._impulse_scale("friction impulse"), FRICTION_COLOUR),
+    "velocities": (lambda view: view._velocity_scale(), VELOCITY_COLOUR),
+    "bounding boxes": (lambda view: "bounding box", BOX_COLOUR),
+    "grid cells": (lambda view: "grid cell of the broad phase", tuple(CONSTRAINT_COLOURS[2])),
+    "trails": (lambda view: "path of a centre of mass", TRAIL_COLOUR),
+}
+
+
 def remove_overlay(name):
     """Removes what `draw_arrows` or `draw_lines` has drawn under this name, if anything."""
     import polyscope as ps
@@ -383,7 +548,7 @@ def remove_overlay(name):
     ps.remove_curve_network(name, error_if_absent=False)
 
 
-def draw_arrows(name, points, arrows, colour):
+def draw_arrows(name, points, arrows, colour, radius=ARROW_RADIUS):
     """Points (m, 3) with arrows (m, 3) in metres, in place of the last ones of this name."""
     import polyscope as ps
 
@@ -393,7 +558,7 @@ def draw_arrows(name, points, arrows, colour):
             name, points, color=colour, radius=POINT_RADIUS, material="flat"
         )
         cloud.add_vector_quantity(
-            "arrows", arrows, vectortype="ambient", radius=ARROW_RADIUS, color=colour,
+            "arrows", arrows, vectortype="ambient", radius=radius, color=colour,
             material="flat", enabled=True,
         )  # fmt: skip
 

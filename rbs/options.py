@@ -85,16 +85,17 @@ WITHOUT_WINDOW = frozenset({"headless", "screenshots", "video", "record", "stats
 # What does not go with what, and why.
 CONFLICTS = {
     "replay": (
-        {*SETTING_FIELDS, "record", "functions"},
+        {*SETTING_FIELDS, "basic", "record", "functions"},
         "a replay simulates nothing; --resume goes on with other settings, and may be recorded",
     ),
+    "resume": ({"basic"}, "it goes on with the settings of the recording"),
     "verify": (
-        {*SETTING_FIELDS, "functions", "steps", "every"} | WITHOUT_WINDOW - {"headless"},
+        {*SETTING_FIELDS, "basic", "functions", "steps", "every"} | WITHOUT_WINDOW - {"headless"},
         "it only compares, and with the settings of the recording",
     ),
     "finish": (
         {*SETTING_FIELDS, "scene", "constraints", "replay", "resume", "verify", "steps", "camera"}
-        | {"functions"}
+        | {"functions", "basic"}
         | WITHOUT_WINDOW - {"headless"},
         "it only makes one file of the chunks",
     ),
@@ -136,16 +137,27 @@ def make_parser():
         "which runs with your rights; options that its run_timestep does not know are refused",
     )  # fmt: skip
 
-    add_physics_options(parser)
-    add_constraint_options(parser)
+    add_settings_options(parser)
     add_output_options(parser)
     add_recording_options(parser)
     return parser
 
 
+def add_settings_options(parser):
+    """Those that change the settings: what a scene may suggest."""
+    add_physics_options(parser)
+    add_constraint_options(parser)
+
+
 def add_physics_options(parser):
     """Contacts, friction, the time step, the broad phase."""
     physics = parser.add_argument_group("simulation", PHYSICS_EXAMPLES)
+    physics.add_argument(
+        "--basic", action="store_true",
+        help="the coursework's behaviour, whatever the scene suggests (default: settings that a "
+        "scene suggests, as '# suggests friction 0.5' does, count where no option of this group or "
+        "the next is given)",
+    )  # fmt: skip
     physics.add_argument(
         "--restitution", metavar="E", type=option_type(plain_float, checked_restitution, "number"),
         default=DEFAULT_RESTITUTION,
@@ -240,13 +252,17 @@ def add_output_options(parser):
         help="where to look from, as saved from the window (default: all of the scene is seen)",
     )  # fmt: skip
     picture.add_argument(
-        "--colours", metavar="NAME", choices=COLOURINGS, default="density",
+        "--colours", metavar="NAME", choices=COLOURINGS, default="body",
         help=f"what bodies are coloured by: {', '.join(COLOURINGS)} "
         "(default: %(default)s)",
     )  # fmt: skip
     picture.add_argument(
         "--show", metavar="NAME", choices=OVERLAYS, action="extend", nargs="+",
         help=f"what is drawn over them: {', '.join(OVERLAYS)}",
+    )  # fmt: skip
+    picture.add_argument(
+        "--legend", action="store_true",
+        help="in pictures and videos, say what the colours and arrows mean, as the window does",
     )  # fmt: skip
     picture.add_argument(
         "--transparent", action="store_true",
@@ -342,6 +358,14 @@ def option_name(dest):
     """How an option is written on the command line."""
     names = {"from_step": "--from", "scene": "SCENE"}
     return names.get(dest, "--" + dest.replace("_", "-"))
+
+
+def follows_suggestions(given):
+    """Whether scenes run with what they suggest: unless a setting, --basic or --functions is given.
+
+    given : as `given_options` tells. A student's functions are looked at in the basic behaviour.
+    """
+    return not given & {*SETTING_FIELDS, "basic", "functions"}
 
 
 def settings_of(options):

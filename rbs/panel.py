@@ -10,8 +10,9 @@ import time
 import numpy as np
 
 from rbs.broadphase import BROAD_PHASES
-from rbs.colours import COLOURINGS, PICKED_COLOUR, legend
+from rbs.colours import COLOURINGS, PICKED_COLOUR
 from rbs.drawing import LAYERS, MOST_BOXES, MOST_TRAILS, TRAIL_LENGTH, VELOCITY_SECONDS
+from rbs.pictures import draw_legend
 from rbs.schedules import CONSTRAINT_SCHEDULINGS
 
 # In pixels. The panel is as high as its content.
@@ -94,6 +95,7 @@ class Panel:
             self._dropped = None
         self._handle_keys()
         self._handle_mouse()
+        self.viewer.view.spread_ground()
         self._draw_panel()
         self._draw_side()
         if self.viewer.picked() is not None:
@@ -101,6 +103,7 @@ class Panel:
         if self.viewer.isReplay:
             self._draw_timeline()
         now = time.perf_counter()
+        self.viewer.choose_smoothness(now - self._lastFrame)
         self.viewer.play(now - self._lastFrame)
         self._lastFrame = now
 
@@ -119,6 +122,8 @@ class Panel:
             viewer.seek(viewer.simulation.stepCount - 1)
         if psim.IsKeyPressed(psim.ImGuiKey_R, False):
             viewer.reset()
+        if psim.IsKeyPressed(psim.ImGuiKey_F, False):
+            viewer.view.frame_all()
 
     def _handle_mouse(self):
         """A click that does not drag picks a body."""
@@ -235,6 +240,12 @@ class Panel:
         if chosen is not None:
             view.colouring = chosen
             view.refresh()
+        if psim.Button("Frame all", BUTTON_SIZE):
+            view.frame_all()
+        psim.SetItemTooltip("F: points the camera at all bodies")
+        psim.SameLine()
+        _, view.follows = psim.Checkbox("follow", view.follows)
+        psim.SetItemTooltip("The camera goes along with the picked body, or with all")
         # In two columns.
         for number, name in enumerate(LAYERS):
             if number % 2:
@@ -302,11 +313,7 @@ class Panel:
         import polyscope.imgui as psim
 
         psim.Separator()
-        view = self.viewer.view
-        for text, colour in legend(self.viewer.simulation.meshes, view.colouring):
-            psim.ColorButton(text, (*colour, 1.0), psim.ImGuiColorEditFlags_NoTooltip)
-            psim.SameLine()
-            psim.Text(text)
+        draw_legend(self.viewer.view.legend())
 
     # What stands at the sides.
 

@@ -33,14 +33,15 @@ class PictureOptions:
 
     size : (width, height) in pixels; camera : as `load_camera` gives it, or None to see all of the
     scene; isTransparent : whether the background, and the ground, are left out; colouring : a name
-    of COLOURINGS; overlays : names of OVERLAYS
+    of COLOURINGS; overlays : names of OVERLAYS; hasLegend : whether their meaning is in the picture
     """
 
     size: tuple = PICTURE_SIZE
     camera: dict | None = None
     isTransparent: bool = False
-    colouring: str = "density"
+    colouring: str = "body"
     overlays: tuple = ()
+    hasLegend: bool = False
 
 
 def video_timing(timeStep, rate=None, every=None):

@@ -1,23 +1,37 @@
 """Pictures and videos of a scene, drawn off-screen or from the window.
 
-From the top: starting to draw; series of pictures; videos; whether a file is complete. Polyscope is
-imported inside the functions that use it.
+From the top: starting to draw; taking a picture; the legend; series of pictures; videos; whether a
+file is complete. Polyscope is imported inside the functions that use it.
 """
 
 import errno
 import os
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
+from rbs.backends import OFFSCREEN_BACKEND
 from rbs.cameras import apply_camera
 from rbs.colours import BACKGROUND
 from rbs.drawing import SceneView, start_polyscope
 from rbs.messages import InputError
 from rbs.outputs import Output, OutputFolder, find_target
 from rbs.pictureoptions import PICTURE_NAME
+from rbs.pngfiles import png_bytes
 
-# What is told of a file that has no end; neither Polyscope nor the encoder says so.
+# A picture is drawn as many times as large along each side, and averaged, as long as that takes no
+# more than so many pixels: 4K, and 0.6 GB.
+SUPERSAMPLING = 2
+MOST_DRAWN_PIXELS = 4 * 3840 * 2160
+# How much of what is behind a body is seen where bodies are see-through.
+SEEN_THROUGH = 0.55
+# How dark a shadow is where there is no ground.
+SHADOW_OPACITY = 0.4
+# Of the legend, in pixels: from the picture's upper left corner; and its rows' colour samples.
+LEGEND_MARGIN, SAMPLE_SIZE = 12, 18
+LEGEND_COLOUR = (0.19, 0.21, 0.25, 1.0)
+# What is told of a file that has no end; the encoder does not say so.
 INCOMPLETE = "the {} could not be written to its end; is the disk full?"
 FFMPEG_REMEDY = "Install it: pip install imageio-ffmpeg"
 # Of H.264 in imageio-ffmpeg's scale up to 10: no artefacts to be seen.
@@ -38,10 +52,145 @@ def start_view(simulation, backend, options, sideWidth=0):
     view = SceneView(simulation, sideWidth)
     if options.camera is not None:
         apply_camera(options.camera)
+    view.spread_ground()
+    view.hasLegend = options.hasLegend
     view.colouring = options.colouring
     view.shown.update(options.overlays)
     view.show("ground", not options.isTransparent)
     return view
+
+
+def take_picture(view, isTransparent=False, isStill=True):
+    """What the camera sees, (height, width, 3), or 4 where it is transparent, uint8.
+
+    isStill : whether it may take some time, which a video that plays in the window has not
+
+    Edges are smooth: the picture is drawn larger and averaged. Where bodies are see-through, it is
+    the mean of one with them and one without. Polyscope's own supersampling serves the window, and
+    has no effect off-screen with EGL; its depth peeling takes nine times as long.
+    """
+    import polyscope as ps
+
+    width, height = ps.get_window_size()
+    # Only off-screen does a window's size change at once.
+    isOffscreen = ps.get_render_engine_backend_name() == OFFSCREEN_BACKEND
+    isLarge = SUPERSAMPLING**2 * width * height > MOST_DRAWN_PIXELS
+    factor = SUPERSAMPLING if isOffscreen and not isLarge else 1
+    isSmooth = view.isSmooth
+    isChanged = isStill and not isOffscreen
+    if isChanged:
+        view.set_supersampling(True)
+    # Polyscope asks for both: a background of no opacity, and that this be kept.
+    ps.set_background_color((*BACKGROUND, 0.0 if isTransparent else 1.0))
+    if factor > 1:
+        ps.set_window_size(factor * width, factor * height)
+    try:
+        with view.whole_width():
+            picture = _draw(view, isTransparent)
+    finally:
+        ps.set_background_color((*BACKGROUND, 1.0))
+        if isChanged:
+            view.set_supersampling(isSmooth)
+        if factor > 1:
+            ps.set_window_size(width, height)
+    if factor > 1:
+        picture = averaged(picture, factor)
+    if view.hasLegend:
+        picture = _with_legend(picture, view)
+    return np.ascontiguousarray(picture)
+
+
+def _draw(view, isTransparent):
+    """The picture (height, width, 3 or 4) as large as the window, uint8."""
+    import polyscope as ps
+
+    def shoot():
+        shot = ps.screenshot_to_buffer(transparent_bg=isTransparent)
+        return shot if isTransparent else shot[:, :, :3]
+
+    view.set_see_through(False)
+    shots = [_with_soft_shadows(shoot, view) if isTransparent else shoot()]
+    if view.isSeeThrough:
+        view.show_bodies(False)
+        shots.append(_with_soft_shadows(shoot, view) if isTransparent else shoot())
+        view.show_bodies(True)
+        view.set_see_through(True)
+        mixed = (1.0 - SEEN_THROUGH) * shots[0] + SEEN_THROUGH * shots[1].astype(np.float32)
+        return np.rint(mixed).astype(np.uint8)
+    return shots[0]
+
+
+def _with_soft_shadows(shoot, view):
+    """A transparent shot in which the shadows are black and let the background through."""
+    if "shadows" not in view.shown:
+        return shoot()
+    withShadows = shoot()
+    view.show_shadows(False)
+    shot = shoot().copy()
+    view.show_shadows(True)
+    isShadow = (shot[:, :, 3] == 0) & (withShadows[:, :, 3] > 0)
+    shot[isShadow] = (0, 0, 0, round(255 * SHADOW_OPACITY))
+    return shot
+
+
+def averaged(picture, factor):
+    """Each factor x factor pixels as one; (height, width, 3 or 4), uint8."""
+    height, width, channels = picture.shape
+    blocks = picture.reshape(height // factor, factor, width // factor, factor, channels)
+    if channels == 3:
+        total = blocks.sum(axis=(1, 3), dtype=np.uint16)
+        return ((total + factor**2 // 2) // factor**2).astype(np.uint8)
+    # What is not there at all has no colour to give.
+    opacity = blocks[..., 3:].astype(np.float32)
+    weight = opacity.sum(axis=(1, 3))
+    colour = (blocks[..., :3] * opacity).sum(axis=(1, 3)) / np.maximum(weight, 1.0)
+    return np.rint(np.concatenate([colour, weight / factor**2], axis=2)).astype(np.uint8)
+
+
+def draw_legend(rows):
+    """Rows (text, (r, g, b)) into the present panel."""
+    import polyscope.imgui as psim
+
+    flags = psim.ImGuiColorEditFlags_NoTooltip
+    for text, colour in rows:
+        psim.ColorButton(text, (*colour, 1.0), flags, (SAMPLE_SIZE, SAMPLE_SIZE))
+        psim.SameLine()
+        psim.Text(text)
+
+
+def _with_legend(picture, view):
+    """The picture with its legend in the upper left corner."""
+    import polyscope as ps
+    import polyscope.imgui as psim
+
+    rows, place = view.legend(), {}
+    if not rows:
+        return picture
+
+    def draw():
+        psim.SetNextWindowPos((LEGEND_MARGIN, LEGEND_MARGIN), psim.ImGuiCond_Always)
+        psim.PushStyleColor(psim.ImGuiCol_WindowBg, LEGEND_COLOUR)
+        flags = psim.ImGuiWindowFlags_AlwaysAutoResize | psim.ImGuiWindowFlags_NoTitleBar
+        psim.Begin("Legend", flags=flags)
+        draw_legend(rows)
+        place["corner"], place["size"] = tuple(psim.GetWindowPos()), tuple(psim.GetWindowSize())
+        psim.End()
+        psim.PopStyleColor()
+
+    ps.set_build_default_gui_panels(False)
+    ps.set_open_imgui_window_for_user_callback(False)
+    ps.set_user_callback(draw)
+    try:
+        for _ in range(2):  # a panel knows its size from the second frame on
+            shot = ps.screenshot_to_buffer(transparent_bg=False, include_UI=True)
+    finally:
+        ps.clear_user_callback()
+    (left, top), (width, height) = (map(round, place[name]) for name in ("corner", "size"))
+    picture = picture.copy()
+    box = slice(top, top + height), slice(left, left + width)
+    picture[box] = 255
+    picture[(*box, slice(3))] = shot[box][:, :, :3]
+    return picture
 
 
 class PictureSeries:
@@ -75,7 +224,7 @@ class PictureSeries:
         if simulation.stepCount in self._steps:
             self._view.refresh()
             path = self.folder / f"frame_{simulation.stepCount:06d}.png"
-            save_picture(path, self._isTransparent)
+            save_picture(path, self._view, self._isTransparent)
             self.count += 1
 
     def close(self):
@@ -83,16 +232,13 @@ class PictureSeries:
         self._place.close()
 
 
-def save_picture(path, isTransparent=False):
+def save_picture(path, view, isTransparent=False):
     """Writes what the camera sees as PNG, in place of an old file: whole or not at all."""
-    import polyscope as ps
-
     output = Output(path, keepsEnding=True)
-    # Polyscope asks for both: a background of no opacity, and that this be kept.
-    ps.set_background_color((*BACKGROUND, 0.0 if isTransparent else 1.0))
     try:
-        ps.screenshot(str(output.partialPath), transparent_bg=isTransparent)
-        if not is_complete_png(output.partialPath):  # it does not say that the disk is full
+        with suppress(OSError):  # found below, as is what the system does not tell
+            output.partialPath.write_bytes(png_bytes(take_picture(view, isTransparent)))
+        if not is_complete_png(output.partialPath):
             raise OSError(errno.ENOSPC, INCOMPLETE.format("picture"), str(path))
         output.put()
     finally:
@@ -143,12 +289,9 @@ class Video:
         if self._firstStep is None:
             self._firstStep = step
         if (step - self._firstStep) % self.every == 0 and step != self._lastStep:
-            import polyscope as ps
-
             self._view.refresh()
-            picture = ps.screenshot_to_buffer(transparent_bg=False)[:, :, :3]
             try:
-                self._writer.send(np.ascontiguousarray(picture))
+                self._writer.send(take_picture(self._view, isStill=False))
             except (OSError, StopIteration):  # of several lines, about a pipe
                 raise OSError(errno.ENOSPC, INCOMPLETE.format("video"), str(self.path)) from None
             self.count += 1

@@ -4,8 +4,13 @@ import re
 
 import numpy as np
 
+from rbs.files import read_bytes
+
 # The end of a mesh file's name, with what separates it from the numbers behind it.
 _NAME_END = re.compile(r"\.(?:mesh|off)(?=[\s,])", re.IGNORECASE)
+
+# A comment line that suggests settings: "# suggests friction 0.5".
+_SUGGESTION = re.compile(r"\s*#+\s*suggests\s+(.*)")
 
 
 def fields_of(line):
@@ -37,3 +42,14 @@ def scene_rows(path, count):
         position, orientation = numbers[:3].reshape(1, 3), numbers[3:].reshape(1, 4)
         rows.append((name, float(density), bool(int(isFixed)), position, orientation))
     return rows
+
+
+def suggestion_lines(path):
+    """The words of the comment lines that begin with `# suggests`.
+
+    path : of a scene that `load_scene_file` has read
+    Returns a list of (line number, list of words).
+    """
+    lines = read_bytes(path).decode("utf-8-sig").splitlines()
+    found = ((number, _SUGGESTION.match(line)) for number, line in enumerate(lines, start=1))
+    return [(number, match[1].split()) for number, match in found if match]

@@ -54,9 +54,10 @@ class Simulation(Scene):
     `load_constraint_file` gives it; contentHashes, of the files that these are from, as
     `content_hashes` gives them; groundMesh; settings; stepCount, the whole steps since the
     start; report, the last step's `StepReport`, and stepSeconds, how long it took (None before the
-    first).
+    first); suggestion, what the scene suggests of its settings, in words, or "".
     """
 
+    suggestion = ""  # `rbs.suggestions`
     runTimestep = None  # what makes the steps in place of run_timestep: `rbs.submittedsteps`
 
     def __init__(

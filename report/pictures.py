@@ -120,7 +120,7 @@ def draw(name, size=SIZE):
         if "trails" in overlays and (steps < 50 or step % 5 == 0):
             view.refresh()
     view.refresh()
-    save_picture(FOLDER / f"{name}.png")
+    save_picture(FOLDER / f"{name}.png", view)
 
 
 if __name__ == "__main__":

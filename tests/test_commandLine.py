@@ -144,7 +144,7 @@ def test_ground_is_the_contract_s():
 
 
 def test_headless_run_ends_with_a_summary_of_what_happened(tmp_path):
-    summary = summary_of(run(tmp_path, "mixed", "--headless", "--steps", 120))
+    summary = summary_of(run(tmp_path, "mixed", "--basic", "--headless", "--steps", 120))
     simulation = Simulation(DATA / "mixed-scene.txt")
     potential = simulation.potential_energy()
     for _ in range(120):
@@ -332,8 +332,9 @@ def test_without_a_display_it_says_so_and_draws_off_screen(tmp_path):
     require_opengl()
     process = run(tmp_path, "mixed", "--steps", 40)
     assert summary_of(process)["pictures"] == f"{FALLBACK_PICTURES} in out/mixed"
-    (line,) = process.stderr.splitlines()
+    line, suggestion = process.stderr.splitlines()
     assert "no window: there is no display" in line and "out/mixed" in line
+    assert "mixed-scene.txt suggests friction" in suggestion
     pictures = sorted((tmp_path / "out" / "mixed").iterdir())
     assert [p.name for p in pictures] == [f"frame_{k:06d}.png" for k in (0, 10, 20, 30, 40)]
     assert {picture_size(p) for p in pictures} == {(1280, 720)}
@@ -354,7 +355,7 @@ def test_size_camera_and_look_are_those_asked_for(tmp_path):
     camera = {"position": [0, 40, 90], "target": [0, 10, 0], "fieldOfView": 20}
     (tmp_path / "camera.json").write_text(json.dumps(camera))
     looks = {
-        "a": [], "b": ["--camera", "camera.json"], "c": ["--colours", "body"],
+        "a": [], "b": ["--camera", "camera.json"], "c": ["--colours", "density"],
         "d": ["--show", "bounding boxes", "trails"],
     }  # fmt: skip
     for folder, options in looks.items():

@@ -85,7 +85,7 @@ def read_off(path):
 
 def read_scene(path):
     """Read a scene: a list of (meshFile, density, isFixed, position (3,), orientation (4,))."""
-    lines = path.read_text().splitlines()
+    lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
     assert len(lines) == 1 + int(lines[0])
     bodies = []
     for line in lines[1:]:

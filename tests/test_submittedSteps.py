@@ -35,7 +35,7 @@ def positions_of(folder, name, *arguments):
 def test_a_right_solution_moves_the_bodies_as_ours_does(scene, tmp_path):
     """Two programs that have nothing in common but the test for collisions."""
     student = write_submission(tmp_path / "student")
-    ours = positions_of(tmp_path, "ours", scene)
+    ours = positions_of(tmp_path, "ours", scene, "--basic")
     theirs = positions_of(tmp_path, "theirs", scene, "--functions", student)
     assert np.ptp(ours, axis=0).max() > 1.0
     assert theirs == pytest.approx(ours, abs=1e-9)

@@ -20,6 +20,7 @@ import pytest
 from opengl import require_opengl, skip_or_fail
 from oracles import ROOT
 
+from Quaternion import QConj, QRotate
 from rbs.broadphase import grid_overlaps
 from rbs.cameras import (
     FRAME_MARGIN,
@@ -35,30 +36,43 @@ from rbs.colours import (
     CONSTRAINT_COLOURS,
     FIXED_COLOUR,
     LONE_COLOUR,
+    PALETTE,
     PICKED_COLOUR,
     SEEN_BACKGROUND,
     VIRIDIS,
-    body_colours,
+    BodyColours,
     contact_islands,
-    legend,
 )
 from rbs.drawables import (
     GROUND_SQUARES,
+    SHADOW_SLANT,
     ConstraintLines,
     box_lines,
+    cast_shadows,
     find_creases,
+    flatten_meshes,
     grid_cells,
     ground_squares,
+    surface_points,
 )
-from rbs.drawing import LAYERS, MOST_CREASES, SceneView, start_polyscope
+from rbs.drawing import HELD_CONTACT_STEPS, LAYERS, MOST_CREASES, SceneView, start_polyscope
 from rbs.opening import list_files, open_file
 from rbs.panel import Panel
 from rbs.pictureoptions import OVERLAYS, VIDEO_ENDINGS, video_timing
-from rbs.pictures import PictureSeries, Video
+from rbs.pictures import (
+    SEEN_THROUGH,
+    SHADOW_OPACITY,
+    PictureSeries,
+    Video,
+    averaged,
+    take_picture,
+)
+from rbs.pngfiles import png_bytes
+from rbs.poses import refresh_vertices
 from rbs.recording import Recorder
-from rbs.simulation import Simulation
+from rbs.simulation import Settings, Simulation
 from rbs.statistics import step_quantities
-from rbs.viewer import Viewer
+from rbs.viewer import TRIAL_FRAMES, Viewer
 from RigidBodySimulation import load_mesh_file, load_scene_file
 
 DATA = ROOT / "data"
@@ -89,6 +103,9 @@ class StillView:
 
     def set_resizable(self, isResizable):
         pass
+
+    def set_supersampling(self, isOn):
+        self.isSmooth = isOn
 
 
 def make_viewer(simulation, view):
@@ -160,6 +177,29 @@ def test_long_time_steps_play_too(viewer):
     for _ in range(11):
         viewer.play(0.1)
     assert viewer.simulation.stepCount == 2
+
+
+@pytest.mark.parametrize(
+    ("seconds", "expected"),
+    # Of a frame without smooth edges, and with them.
+    [((0.016, 0.017), [None, True, True]), ((0.016, 0.04), [None, True, False]),
+     ((0.03, 0.03), [None, False, False])],
+)  # fmt: skip
+def test_edges_are_smooth_where_there_is_time_for_it(viewer, seconds, expected):
+    viewer.view.isSmooth = None
+    for _ in range(100):
+        viewer.choose_smoothness(0.001)  # paused
+    viewer.isPlaying = True
+    found = [viewer.view.isSmooth]
+    for elapsed in seconds:
+        viewer.choose_smoothness(1.0)  # the first frame after a change
+        for _ in range(TRIAL_FRAMES - 1):
+            viewer.choose_smoothness(elapsed)
+        found.append(viewer.view.isSmooth)
+    assert found == expected
+    for _ in range(100):
+        viewer.choose_smoothness(0.001)
+    assert viewer.view.isSmooth == expected[-1]
 
 
 def test_step_and_reset_pause(viewer):
@@ -348,17 +388,26 @@ def test_colours_go_by_the_logarithm_of_the_density(tmp_path):
     rows = [f"box.mesh {d} {int(d == 5)} 0 {20 * k} 0 1 0 0 0" for k, d in enumerate(densities)]
     (tmp_path / "a-scene.txt").write_text("\n".join(["4", *rows]))
     meshes = load_scene_file(tmp_path / "a-scene.txt")
-    light, heavy, middle, fixed = body_colours(SimpleNamespace(meshes=meshes))
+    colours = BodyColours(meshes)
+    scene = SimpleNamespace(meshes=meshes)
+    before = colours.of(scene, "density")
+    light, heavy, middle, fixed = before
     np.testing.assert_allclose(light, VIRIDIS[0])
     np.testing.assert_allclose(heavy, VIRIDIS[-1])
     np.testing.assert_allclose(middle, VIRIDIS[len(VIRIDIS) // 2])
     np.testing.assert_allclose(fixed, FIXED_COLOUR)
-    assert [text for text, _ in legend(meshes)] == [
-        "density 10", "density 100", "density 1000", "fixed"
+    rows = colours.legend(meshes, "density")
+    assert [text for text, _ in rows] == [
+        "density 10 kg/m³", "density 100 kg/m³", "density 1000 kg/m³", "fixed"
     ]  # fmt: skip
-    np.testing.assert_allclose(legend(meshes)[1][1], middle)
+    np.testing.assert_allclose(rows[1][1], middle)
     one = SimpleNamespace(meshes=meshes[:1])
-    np.testing.assert_allclose(body_colours(one), VIRIDIS[[len(VIRIDIS) // 2]])
+    alone = BodyColours(one.meshes).of(one, "density")
+    np.testing.assert_allclose(alone, VIRIDIS[[len(VIRIDIS) // 2]])
+    # What is fixed or freed recolours no other.
+    meshes[0].isFixed, meshes[3].isFixed = True, False
+    np.testing.assert_array_equal(colours.of(scene, "density")[1:3], before[1:3])
+    np.testing.assert_array_equal(colours.of(scene, "density")[0], FIXED_COLOUR)
 
 
 def test_lightness_falls_from_light_to_heavy():
@@ -460,17 +509,81 @@ def contact(body1, body2):
 
 
 def test_islands_are_what_hangs_together_by_contacts_of_free_bodies():
-    meshes = [SimpleNamespace(isFixed=k == 3) for k in range(8)]
+    meshes = [SimpleNamespace(isFixed=k == 3, density=1.0) for k in range(8)]
     pairs = [(5, 6), (1, 5), (0, 3), (3, 4), (2, -1)]  # 3 is fixed, -1 the ground
     simulation = SimpleNamespace(
         meshes=meshes, report=SimpleNamespace(contacts=[contact(*pair) for pair in pairs])
     )
-    assert contact_islands(simulation).tolist() == [-1, 1, -1, -1, -1, 1, 1, -1]
-    colours = body_colours(simulation, "contact island")
+    assert contact_islands(meshes, pairs).tolist() == [-1, 1, -1, -1, -1, 1, 1, -1]
+    colours = BodyColours(meshes).of(simulation, "contact island")
     np.testing.assert_array_equal(colours[1], colours[6])
     np.testing.assert_allclose(colours[[0, 3]], [LONE_COLOUR, FIXED_COLOUR])
+    assert contact_islands(meshes, []).tolist() == [-1] * 8
     simulation.report = None
-    assert contact_islands(simulation).tolist() == [-1] * 8
+    colours = BodyColours(meshes).of(simulation, "contact island")
+    np.testing.assert_allclose(colours[[0, 1, 5]], [LONE_COLOUR] * 3)
+
+
+def test_islands_keep_their_colours_from_step_to_step():
+    meshes = [SimpleNamespace(isFixed=False, density=1.0) for _ in range(9)]
+    colours = BodyColours(meshes)
+
+    def after(step, *pairs):
+        report = SimpleNamespace(contacts=[contact(*pair) for pair in pairs])
+        scene = SimpleNamespace(meshes=meshes, report=report, stepCount=step)
+        return [tuple(c) for c in colours.of(scene, "contact island")]
+
+    first = after(1, (3, 4), (4, 5), (6, 7))
+    assert first[3] == first[5] != first[6] and first[0] == LONE_COLOUR
+    # A body with a lower index joins; a contact that pauses still counts; two islands merge.
+    second = after(2, (0, 3), (6, 7))
+    assert second[0] == second[5] == first[3] and second[6] == first[6]
+    merged = after(3, (5, 6))
+    assert {merged[k] for k in (0, 3, 4, 5, 6, 7)} == {first[3]}
+    # They part: the larger one keeps the colour.
+    parted = after(40, (0, 3), (3, 4), (4, 5), (6, 7))
+    assert parted[0] == parted[5] == first[3] != parted[6] != LONE_COLOUR
+
+
+def test_islands_of_a_pile_change_few_colours():
+    settings = Settings(broadPhase="grid", friction=0.5)
+    simulation = Simulation(DATA / "pile_200-scene.txt", settings)
+    colours = BodyColours(simulation.meshes)
+    changed, before = [], None
+    for step in range(200):
+        simulation.step()
+        if step >= 150:
+            now = colours.of(simulation, "contact island")
+            if before is not None:
+                changed.append(np.mean(np.any(now != before, axis=1)))
+            before = now
+    assert len(np.unique(before, axis=0)) > 3
+    # What is left are islands that really merge or part; by the lowest index it were 0.13.
+    assert np.mean(changed) < 0.035
+
+
+def test_velocities_begin_where_they_leave_the_body():
+    simulation = Simulation(DATA / "cube-scene.txt")
+    vertices, faces, bodyOfFace = flatten_meshes(simulation.meshes)
+    centres = np.concatenate([mesh.position for mesh in simulation.meshes])
+    directions = np.random.default_rng(2).normal(size=centres.shape)
+    directions[0] = 0.0
+    points = surface_points(vertices, faces, bodyOfFace, centres, directions)
+    np.testing.assert_array_equal(points[0], centres[0])
+    # On an octahedron, the coordinates along its axes have absolute values of one sum.
+    for mesh, point, direction in list(zip(simulation.meshes, points, directions, strict=True))[1:]:
+        arm = QRotate(QConj(mesh.orientation), point - mesh.position)[0]
+        assert np.abs(arm).sum() == pytest.approx(3.4)
+        assert np.dot(point - mesh.position[0], direction) > 0.0
+        np.testing.assert_allclose(np.cross(point - mesh.position[0], direction), 0.0, atol=1e-9)
+
+
+def test_shadows_fall_aside_and_begin_under_what_stands():
+    vertices = np.array([[1.0, 0.0, 2.0], [1.0, 10.0, 2.0], [1.0, -0.5, 2.0]])
+    foot, top, sunk = cast_shadows(vertices, 0.01)
+    np.testing.assert_allclose(foot, [1.0, 0.01, 2.0])
+    np.testing.assert_allclose(top, [1.0 + 10 * SHADOW_SLANT[0], 0.01, 2.0 + 10 * SHADOW_SLANT[2]])
+    np.testing.assert_allclose(sunk, foot)
 
 
 def test_boxes_have_twelve_edges_along_the_axes():
@@ -499,18 +612,28 @@ def test_grid_cells_hold_the_corners_that_the_broad_phase_sorts_by():
 
 @pytest.mark.parametrize("size", [0.3, 7.0, 120.0, 5000.0])
 def test_ground_is_chequered_in_round_numbers_and_fades(size):
-    middle = np.array([3.0 * size, 0.0, -size])
-    vertices, faces, colours, side = ground_squares(size, middle)
+    middle, reach = np.array([3.0 * size, 0.4 * size, -size]), 9.0 * size
+    vertices, faces, colours, side = ground_squares(size, middle, reach)
     digit = side / 10.0 ** math.floor(math.log10(side) + 1e-9)
-    assert round(digit, 9) in (1.0, 2.0, 5.0) and len(faces) == GROUND_SQUARES**2
-    assert np.all(vertices[:, 1] == 0.0)
-    np.testing.assert_allclose(vertices / side, np.round(vertices / side), atol=1e-9)
-    centres = vertices[faces].mean(axis=1)
-    near = np.linalg.norm(centres - middle, axis=1) < 0.5 * size
-    assert len(np.unique(colours[near], axis=0)) == 2
-    rim = np.linalg.norm(centres - middle, axis=1) > 1.9 * size
+    assert round(digit, 9) in (1.0, 2.0, 5.0)
+    squares = vertices[vertices[:, 1] == 0.0]
+    assert len(squares) > 3 * GROUND_SQUARES**2 and len(squares) < 4 * GROUND_SQUARES**2
+    np.testing.assert_allclose(squares / side, np.round(squares / side), atol=1e-9)
+    # All else lies a little lower, and as far as the ground is seen.
+    assert -0.01 * size < vertices[:, 1].min() < 0.0
+    distance = np.linalg.norm((vertices - middle)[:, [0, 2]], axis=1)
+    assert distance.max() == pytest.approx(reach)
+    near = (distance < 0.5 * size) & (vertices[:, 1] == 0.0)
+    assert len(np.unique(np.round(colours[near], 9), axis=0)) == 2
+    # It ends in the colour of the sky, and the squares in that of what lies under them.
+    rim = distance > 0.999 * reach
     assert rim.any()
-    np.testing.assert_allclose(colours[rim], np.tile(SEEN_BACKGROUND, (rim.sum(), 1)))
+    np.testing.assert_allclose(colours[rim], np.tile(SEEN_BACKGROUND, (rim.sum(), 1)), atol=1e-5)
+    outer = (vertices[:, 1] == 0.0) & (distance > 0.98 * side * GROUND_SQUARES / 2)
+    assert len(np.unique(np.round(colours[outer & (distance < 0.1 * reach)], 9), axis=0)) <= 1
+    normals = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]],
+                       vertices[faces[:, 2]] - vertices[faces[:, 0]])  # fmt: skip
+    assert np.all(normals[: 2 * len(squares) // 4, 1] > 0.0)
 
 
 @pytest.mark.parametrize(
@@ -612,7 +735,10 @@ def twoBoxes(tmp_path, polyscope):
     rows = ["box.mesh 1 0 -25 12 0 1 0 0 0", "box.mesh 9 0 25 12 0 1 0 0 0",
             "box.mesh 3 1 0 12 0 1 0 0 0"]  # fmt: skip
     (tmp_path / "two-scene.txt").write_text("\n".join(["3", *rows]))
-    return SceneView(Simulation(tmp_path / "two-scene.txt"))
+    view = SceneView(Simulation(tmp_path / "two-scene.txt"))
+    view.colouring = "density"
+    view.refresh()
+    return view
 
 
 def test_bodies_are_drawn_in_their_colours_where_they_stand(polyscope, twoBoxes):
@@ -627,10 +753,11 @@ def test_bodies_are_drawn_in_their_colours_where_they_stand(polyscope, twoBoxes)
 def test_ground_sky_and_shadows_are_seen(polyscope, twoBoxes):
     shot = picture(polyscope)
     sky, bare = shot[5, 5], shot[pixel_of(polyscope, [-12.5, 0.0, 8.0])]
-    shadow = shot[pixel_of(polyscope, [25.0, 0.0, 3.0])]
+    # Of the middle of the right box, whose light comes from the upper left.
+    shadow = shot[pixel_of(polyscope, [25.0, 0.0, 0.0] + 12.0 * SHADOW_SLANT)]
     assert sky[2] > sky[0] + 0.02  # bluish
     assert np.ptp(bare) < 0.02 and 0.3 < np.mean(bare) < 0.9  # grey
-    assert np.mean(shadow) < 0.6 * np.mean(bare)
+    assert np.ptp(shadow) < 0.06 and np.mean(shadow) < 0.75 * np.mean(bare)
     # The lowest row looks at the ground right in front of the camera.
     assert np.max(np.ptp(shot[-1], axis=1)) < 0.05
 
@@ -686,7 +813,7 @@ def test_many_bodies_are_drawn_without_lines(tmp_path, polyscope):
     view.refresh()
     assert not polyscope.has_curve_network("creases")
     middle = view.simulation.meshes[30].position[0] + [0.0, 0.0, 4.0]
-    assert shows(picture(polyscope)[pixel_of(polyscope, middle)], VIRIDIS[4])
+    assert shows(picture(polyscope)[pixel_of(polyscope, middle)], PALETTE[30 % len(PALETTE)])
 
 
 def test_camera_is_kept_by_a_reset_and_comes_back_from_its_file(tmp_path, polyscope, twoBoxes):
@@ -737,7 +864,14 @@ def test_overlays_are_drawn_from_the_present_state_and_go_away(polyscope):
     simulation.step()
     view.refresh()
     contacts = len(simulation.report.contacts)
-    assert contacts and polyscope.get_point_cloud("contacts").n_points() == contacts
+    # Those of pairs that have parted a moment ago are still shown.
+    assert contacts and polyscope.get_point_cloud("contacts").n_points() >= contacts
+    recent = set()
+    for _ in range(HELD_CONTACT_STEPS):
+        simulation.step()
+        view.refresh()
+        recent |= {(c.body1, c.body2) for c in simulation.report.contacts}
+    assert polyscope.get_point_cloud("contacts").n_points() >= len(recent)
     for name in ("impulses", "velocities"):
         assert polyscope.has_point_cloud(name)
     for name in ("bounding boxes", "grid cells", "trails"):
@@ -760,10 +894,11 @@ def test_scenes_can_be_coloured_in_all_ways(polyscope, twoBoxes, colouring):
         twoBoxes.simulation.step()
     twoBoxes.refresh()
     shot = picture(polyscope)
-    colours = body_colours(twoBoxes.simulation, colouring)
+    colours = BodyColours(twoBoxes.simulation.meshes).of(twoBoxes.simulation, colouring)
     for mesh, colour in zip(twoBoxes.simulation.meshes, colours, strict=True):
         assert shows(shot[pixel_of(polyscope, mesh.position[0] + [0.0, 0.0, 4.0])], colour)
-    assert all(len(colour) == 3 for _, colour in legend(twoBoxes.simulation.meshes, colouring))
+    assert all(len(colour) == 3 for _, colour in twoBoxes.legend())
+    assert ("fixed", FIXED_COLOUR) in twoBoxes.legend()
 
 
 def test_pictures_without_background_are_transparent_there(tmp_path, polyscope, twoBoxes):
@@ -775,6 +910,113 @@ def test_pictures_without_background_are_transparent_there(tmp_path, polyscope, 
     twoBoxes.show("ground", True)
     front = twoBoxes.simulation.meshes[0].position[0] + [0.0, 0.0, 4.0]
     assert shot[5, 5, 3] == 0.0 and shot[pixel_of(polyscope, front)][3] == 1.0
+
+
+def test_shadows_on_nothing_are_black_and_let_the_background_through(polyscope, twoBoxes):
+    twoBoxes.show("ground", False)
+    shot = take_picture(twoBoxes, isTransparent=True)
+    place = pixel_of(polyscope, [25.0, 0.0, 0.0] + 12.0 * SHADOW_SLANT)
+    assert shot[place].tolist() == [0, 0, 0, round(255 * SHADOW_OPACITY)]
+    twoBoxes.show("shadows", False)
+    assert take_picture(twoBoxes, isTransparent=True)[place][3] == 0
+    for name in ("ground", "shadows"):
+        twoBoxes.show(name, True)
+
+
+def test_edges_are_smooth_and_pictures_the_same_each_time(polyscope, twoBoxes):
+    rough, smooth = picture(polyscope), take_picture(twoBoxes)
+    assert smooth.shape == rough.shape and smooth.dtype == np.uint8
+    np.testing.assert_array_equal(smooth, take_picture(twoBoxes))
+    np.testing.assert_allclose(smooth.mean() / 255.0, rough.mean(), atol=0.005)
+    # They differ along edges and nowhere else: inside of faces there is nothing to average.
+    isOther = np.any(np.abs(smooth / 255.0 - rough) > 0.04, axis=2)
+    assert 0.002 < isOther.mean() < 0.08
+    place = pixel_of(polyscope, twoBoxes.simulation.meshes[0].position[0] + [0.0, 0.0, 4.0])
+    np.testing.assert_allclose(smooth[place] / 255.0, rough[place], atol=0.005)
+
+
+def test_averages_are_those_of_the_pixels_and_what_is_not_there_has_no_colour():
+    generator = np.random.default_rng(1)
+    large = generator.integers(0, 256, (6, 8, 3)).astype(np.uint8)
+    small = averaged(large, 2)
+    expected = large.reshape(3, 2, 4, 2, 3).mean(axis=(1, 3))
+    assert np.abs(small - expected).max() <= 0.5
+    red, nothing = [255, 0, 0, 255], [0, 255, 0, 0]
+    np.testing.assert_array_equal(
+        averaged(np.array([[red, nothing], [nothing, nothing]], np.uint8), 2),
+        [[[255, 0, 0, 64]]],
+    )
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 3), (5, 7, 3), (40, 30, 4)])
+def test_png_files_hold_the_picture(tmp_path, shape):
+    from matplotlib.image import imread
+
+    picture = np.random.default_rng(4).integers(0, 256, shape).astype(np.uint8)
+    picture[shape[0] // 2 :] = np.arange(shape[1])[:, None]
+    (tmp_path / "a.png").write_bytes(png_bytes(picture))
+    read = np.rint(255.0 * imread(tmp_path / "a.png")).astype(np.uint8)
+    np.testing.assert_array_equal(read, picture)
+
+
+def test_bodies_are_seen_through_while_contacts_are_shown(polyscope, twoBoxes):
+    place = pixel_of(polyscope, twoBoxes.simulation.meshes[0].position[0] + [0.0, 0.0, 4.0])
+    body = take_picture(twoBoxes)[place]
+    twoBoxes.show_bodies(False)
+    behind = take_picture(twoBoxes)[place]
+    twoBoxes.show_bodies(True)
+    twoBoxes.show("contacts", True)
+    mixed = (1.0 - SEEN_THROUGH) * body + SEEN_THROUGH * behind
+    np.testing.assert_allclose(take_picture(twoBoxes)[place], mixed, atol=2.0)
+    twoBoxes.show("contacts", False)
+    np.testing.assert_array_equal(take_picture(twoBoxes)[place], body)
+
+
+def test_legend_is_in_the_picture_where_it_is_asked_for(polyscope, twoBoxes):
+    bare = take_picture(twoBoxes)
+    twoBoxes.hasLegend = True
+    twoBoxes.show("velocities", True)
+    texts = [text for text, _ in twoBoxes.legend()]
+    assert texts[:3] == ["density 1 kg/m³", "density 9 kg/m³", "fixed"]
+    assert texts[3:] == [f"velocity; as long as a square is {twoBoxes.squareSide / 0.5:g} m/s"]
+    seen = take_picture(twoBoxes)
+    changed = np.any(seen != bare, axis=2)
+    assert changed[14:60, 14:120].mean() > 0.95 and not changed[:10].any()
+    samples = {tuple(pixel) for pixel in seen[14:120, 14:40].reshape(-1, 3).tolist()}
+    assert tuple(np.rint(255 * np.array(FIXED_COLOUR)).astype(int).tolist()) in samples
+    view = SceneView(Simulation(DATA / "cube-scene.txt"))
+    assert [text for text, _ in view.legend()] == [
+        "constraint slack", "constraint taut", "constraint exceeded"
+    ]  # fmt: skip
+
+
+def test_frame_all_and_follow_keep_the_bodies_in_the_picture(polyscope):
+    simulation = Simulation(DATA / "mixed-scene.txt")
+    view = SceneView(simulation)
+    for mesh in simulation.meshes:
+        mesh.position = mesh.position + [300.0, 0.0, -200.0]
+    refresh_vertices(simulation.meshes)
+    width, height = polyscope.get_window_size()
+
+    def are_seen():
+        pixels = [pixel_of(polyscope, mesh.position[0]) for mesh in simulation.meshes]
+        return all(0 <= row < height and 0 <= column < width for row, column in pixels)
+
+    view.refresh()
+    assert not are_seen()
+    view.frame_all()
+    assert are_seen()
+    # The ground has come along: below all of them it is grey, not of the sky's colour.
+    ground = picture(polyscope)[pixel_of(polyscope, [300.0, 0.0, -200.0])]
+    assert np.ptp(ground) < 0.05
+    view.follows = True
+    before = [pixel_of(polyscope, mesh.position[0]) for mesh in simulation.meshes]
+    for mesh in simulation.meshes:
+        mesh.position = mesh.position - [900.0, 0.0, 700.0]
+    refresh_vertices(simulation.meshes)
+    view.refresh()
+    after = [pixel_of(polyscope, mesh.position[0]) for mesh in simulation.meshes]
+    np.testing.assert_allclose(after, before, atol=1.0)
 
 
 def frames_of(path):
