@@ -24,8 +24,9 @@ POINTS = 4
 # Of the size of the bodies, see `thickness`. Points that lie within this of each other are one.
 MERGE = 1e-3
 # Points that stand this much further apart than the nearest one are left out: the manifold is made
-# anew before they can touch.
-CULL = 0.2
+# anew before they can touch. With more, a rolling cylinder has corners far apart among its four,
+# and sinks between them.
+CULL = 0.05
 # Where sides of two faces coincide, corners may lie so far outside of the other face.
 OUTSIDE = 1e-6
 # A manifold is made anew when the relative pose has changed by so much. With more, its normal is
