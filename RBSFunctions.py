@@ -175,7 +175,7 @@ def check_step_options(
 ):
     """Raises ValueError for what `run_timestep` refuses, other than the settings of contacts."""
     if contactSolver == "soft-step" and closingOnly:
-        raise ValueError("closingOnly has no meaning for soft-step, where no contact ever pulls")
+        raise ValueError("closingOnly has no meaning for soft-step: no contact ever pulls")
     if substeps != int(substeps) or substeps < 1:
         raise ValueError(f"the substeps must be a whole number of 1 or more, not {substeps}")
     if not 0.0 <= timeStep < math.inf:

@@ -72,6 +72,8 @@ def legend(meshes, colouring="density"):
         lines = [(text, tuple(viridis(place))) for text, place in speeds.items()]
     elif colouring == "contact island":
         lines = [("touches no other free body", LONE_COLOUR)]
+    elif colouring == "sleep":
+        lines = [("asleep", LONE_COLOUR)]
     return lines + [("fixed", FIXED_COLOUR)] * (len(free) < len(meshes))
 
 
@@ -142,9 +144,18 @@ def viridis(place):
     return np.array([np.interp(place * steps[-1], steps, channel) for channel in VIRIDIS.T])
 
 
+def colours_by_sleep(simulation):
+    """RGB of every body, (n, 3): awake ones as by body, sleeping ones in one pale colour."""
+    report = simulation.report
+    isAsleep = None if report is None else report.isAsleep
+    colours = colours_by_body(simulation)
+    return colours if isAsleep is None else np.where(isAsleep[:, None], LONE_COLOUR, colours)
+
+
 COLOURINGS = {
     "density": colours_by_density,
     "body": colours_by_body,
     "speed": colours_by_speed,
     "contact island": colours_by_island,
+    "sleep": colours_by_sleep,
 }

@@ -63,7 +63,8 @@ class StepContacts:
         rotation2 = take(frames.rotation, self.second, axis=1)
         self.t = frames.translations(self.first, self.second)
         isGround = self.second == count - 1
-        normal, tangent = mat_vec(rotation1, manifolds.normal), mat_vec(rotation1, manifolds.tangent)
+        normal = mat_vec(rotation1, manifolds.normal)
+        tangent = mat_vec(rotation1, manifolds.tangent)
         self.normal = np.where(isGround, np.reshape(DOWN, (3, 1)), normal)
         self.tangent1 = np.where(isGround, np.reshape(ALONG, (3, 1)), tangent)
         self.tangent2 = cross(self.normal, self.tangent1)

@@ -1,8 +1,8 @@
 """Sleeping: bodies that have come to rest are left out of a step until something disturbs them.
 
-The rule is local: a body falls asleep when it and all that it touches, or is tied to, have been slow
-for a while. Box2D and Bullet put whole islands to sleep instead; in a heap, where everything hangs
-together, a few bodies that still roll would keep nearly all of it awake.
+The rule is local: a body falls asleep when it and all that it touches, or is tied to, have been
+slow for a while. Box2D and Bullet put whole islands to sleep instead; in a heap, where everything
+hangs together, a few bodies that still roll would keep nearly all of it awake.
 
 A sleeping body has no velocity, and holds what leans on it as a fixed one would. It wakes where
 somebody has moved it or what it touches, where a contact that it had is gone, and where a body that

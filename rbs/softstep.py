@@ -9,9 +9,9 @@ pushes out; the move; one relaxing sweep without the push, which takes its speed
 Restitution comes after the last substep.
 
 All manifolds are solved at once from the same velocities, so that nothing depends on an order. To
-make that converge, a body that is in N manifolds counts in each with a mass of m/N, and the impulses
-act on the whole of it: Tonge, Benevolenski, Voroshilov: Mass Splitting for Jitter-Free Parallel
-Rigid Body Simulation. SIGGRAPH 2012.
+make that converge, a body that is in N manifolds counts in each with a mass of m/N, and the
+impulses act on the whole of it: Tonge, Benevolenski, Voroshilov: Mass Splitting for Jitter-Free
+Parallel Rigid Body Simulation. SIGGRAPH 2012.
 
 Nothing here has a unit of its own: times are counted in substeps, speeds in √(g r).
 """
@@ -29,11 +29,9 @@ from rbs.manifolds import ANGLE_OF_CHORD, POINTS
 from rbs.reports import GROUND, StepReport
 from rbs.sleeping import Sleep, lost_links, speeds
 from rbs.softties import Ties
+from rbs.solverstate import CONTACT_SOLVERS as CONTACT_SOLVERS  # of this room, for its users
 from rbs.solverstate import SolverState
 from rbs.vectors import cross, dot, mat_vec, norm
-
-# What resolves contacts: one impulse after the other, or the solver of this room.
-CONTACT_SOLVERS = ("impulse", "soft-step")
 
 # How stiff contacts are. The frequency is relative to that of the substeps, 60 Hz at 1/400 s: with
 # split masses, half of it is visibly soft. A damping ratio far above 1 pushes out slowly.
@@ -44,9 +42,10 @@ DAMPING = 10.0
 PUSH_SPEED = 1.0
 # Restitution: closing speeds up to this many times what gravity adds in a step belong to resting.
 REST_STEPS = 2.0
-# With one sweep for restitution, what one contact gives back disturbs the others, and a box that
-# falls flat starts to spin.
+# With one sweep for restitution, what one contact gives back disturbs the others, and with one pass
+# over the points of a manifold, a box that falls flat starts to spin.
 RESTITUTION_SWEEPS = 8
+RESTITUTION_PASSES = 4
 
 
 def soft_step(
@@ -69,7 +68,7 @@ def soft_step(
         path = kept.pairs.path + np.where(isDisturbed, _way_since(kept.sleep, bodies), 0.0)
         if isGyroscopic:
             bodies.turn_gyroscopically(timeStep)
-        check_numbers(bodies.columns(), meshes, "the start")
+        check_numbers(bodies.columns(), meshes, "the last step")
     with report.phase("collisions"):
         speed = speeds(bodies.velocity, radius)
         isAsleep = kept.sleep.isAsleep & ~bodies.isFixed & ~isDisturbed
@@ -218,8 +217,8 @@ class _ContactSolver:
     """The contacts of a step as constraints on velocities, M manifolds at once.
 
     The relative motion of the two bodies of a manifold, in its frame n, t1, t2 about the middle of
-    its points, is a twist ξ of six numbers: Δv along n, t1, t2 and Δω about n, t1, t2. With the arms
-    r_i from the COMs to the middle and e one of the three axes,
+    its points, is a twist ξ of six numbers: Δv along n, t1, t2 and Δω about n, t1, t2. With the
+    arms r_i from the COMs to the middle and e one of the three axes,
 
         Δv · e = e · v2 + (r2 × e) · ω2 - e · v1 - (r1 × e) · ω1,        Δω · e = e · ω2 - e · ω1,
 
@@ -256,7 +255,6 @@ class _ContactSolver:
 
         # rows e of J for either body, without the sign, and M⁻¹ times them
         load = np.bincount(np.concatenate((first, second)), minlength=len(motion.invMass))
-        zeros = np.zeros((3, self.count))
         self.response = 0.0
         blocks = []
         for body, arm in zip((first, second), arms, strict=True):
@@ -272,14 +270,14 @@ class _ContactSolver:
             self.response = self.response + split * A
             linear = np.stack(axes, axis=1)  # (3, 3, M)
             blocks.append((linear, angular, invMass * linear, turning))
-        del zeros
         self._make_sparse(first, second, blocks, len(motion.invMass))
         self._make_normal_rows(isPoint)
         self._make_friction_rows()
         self._soften(radius, first, second)
         self.impulse = manifolds.impulse * isPoint
         self.friction = manifolds.friction.copy() if mu > 0.0 else np.zeros((3, self.count))
-        self.totalImpulse, self.totalFriction = np.zeros((POINTS, self.count)), np.zeros((3, self.count))
+        self.totalImpulse = np.zeros((POINTS, self.count))
+        self.totalFriction = np.zeros((3, self.count))
 
     def _make_sparse(self, first, second, blocks, count):
         """J, 6 M × 6 (n + 1), row r of manifold m at r M + m, and M⁻¹ Jᵀ."""
@@ -295,8 +293,9 @@ class _ContactSolver:
         def values(linear1, angular1, linear2, angular2):
             parts = []
             for r in range(6):
-                row = (-linear1[:, r], -angular1[:, r], linear2[:, r], angular2[:, r]) if r < 3 else (
-                    -angular1[:, r], angular2[:, r])  # fmt: skip
+                row = [-angular1[:, r], angular2[:, r]]
+                if r < 3:
+                    row = [-linear1[:, r], row[0], linear2[:, r], row[1]]
                 parts.append(np.concatenate(row).T.ravel())
             return np.concatenate(parts)
 
@@ -391,22 +390,27 @@ class _ContactSolver:
         bias = np.where(bounces, CRCoeff * closing, np.maximum(self.separation, 0.0) / self.h)
         before = self.impulse.copy(), self.friction.copy()
         for _ in range(RESTITUTION_SWEEPS):
-            self._solve(motion, self.twists(motion), bias, self.mass, 1.0)
+            self._solve(motion, self.twists(motion), bias, self.mass, 1.0, RESTITUTION_PASSES)
         self.totalImpulse += self.impulse - before[0]
         self.totalFriction += self.friction - before[1]
 
-    def _solve(self, motion, twist, bias, mass, memory):
+    def _solve(self, motion, twist, bias, mass, memory, passes=1):
         """Solves all manifolds for impulses, and applies what they have changed by.
 
-        Gauss and Seidel's method over a manifold's normals, each λ ≥ 0; then its friction.
+        passes : of Gauss and Seidel's method over the normals of a manifold, each λ ≥ 0; friction
+            follows. The order is always the same: where it alternates, high stacks sway
         """
         before = self.impulse
         impulse = before * memory
         speed = self.normal_speeds(twist) + bias
-        for k in range(POINTS):
-            impulse[k] = np.maximum(impulse[k] - mass[k] * speed[k], 0.0)
-            if k < POINTS - 1:
-                speed[k + 1 :] += self.K[k, k + 1 :] * (impulse[k] - before[k])
+        last = before
+        for _ in range(passes):
+            for k in range(POINTS):
+                new = np.maximum(impulse[k] - mass[k] * speed[k], 0.0)
+                left = slice(k + 1 if passes == 1 else 0, POINTS)
+                speed[left] += self.K[k, left] * (new - last[k])
+                impulse[k] = new
+            last = impulse
         change = impulse - before
         self.impulse = impulse
         friction = self.friction
@@ -421,7 +425,7 @@ class _ContactSolver:
         self.apply(motion, wrench)
 
     def _limited(self, friction, impulse):
-        """Coulomb's law: friction of at most μ Σ λ, and a twist of at most μ Σ λ times the lever."""
+        """Coulomb's law: friction of at most μ Σ λ, a twist of at most μ Σ λ times the lever."""
         limit = self.mu * impulse.sum(axis=0)
         size = np.sqrt(friction[0] * friction[0] + friction[1] * friction[1])
         friction[:2] *= np.minimum(limit / np.where(size > 0.0, size, 1.0), 1.0)
