@@ -40,6 +40,9 @@ DAMPING = 10.0
 # The largest speed that penetration is pushed out with, in √(g r) of the smaller body: 3 m/s for a
 # cube of a metre. More of it lets bodies that start inside each other burst apart.
 PUSH_SPEED = 1.0
+# A load doubles from substep to substep at most: a weight that is put on a tower is carried after
+# some of them.
+LOAD_GROWTH = 2.0
 # Restitution: closing speeds up to this many times what gravity adds in a step belong to resting.
 REST_STEPS = 2.0
 # With one sweep for restitution, what one contact gives back disturbs the others, and with one pass
@@ -100,7 +103,7 @@ def soft_step(
         for _ in range(substeps):
             motion.velocity[:, 1] += motion.gravity * h
             ties.warm_start(motion)
-            solver.apply(motion, solver.total_wrench())
+            solver.warm_start(motion)
             ties.sweep(motion, isSoft=True)
             solver.sweep(motion, isSoft=True)
             motion.move(h)
@@ -276,6 +279,7 @@ class _ContactSolver:
         self._soften(radius, first, second)
         self.impulse = manifolds.impulse * isPoint
         self.friction = manifolds.friction.copy() if mu > 0.0 else np.zeros((3, self.count))
+        self.started, self.weight = self.impulse, self.mass * (abs(GRAVITY) * h)
         self.totalImpulse = np.zeros((POINTS, self.count))
         self.totalFriction = np.zeros((3, self.count))
 
@@ -347,8 +351,22 @@ class _ContactSolver:
         """u, (4, M): positive where the bodies part."""
         return twist[0] + self.y * twist[4] - self.x * twist[5]
 
-    def total_wrench(self):
-        return self._wrench(self.impulse, self.friction)
+    def warm_start(self, motion):
+        """Begins with the impulses of the substep before, as far as they are a load.
+
+        A blow is over with its substep. To begin with it again would throw bodies apart that share
+        their mass with other contacts, since a sweep takes only a part of it back. So an impulse
+        grows by LOAD_GROWTH from one start to the next, or to what holds the bodies' own weight.
+        """
+        limit = np.maximum(LOAD_GROWTH * self.started, self.weight)
+        started = np.minimum(self.impulse, limit)
+        if self.mu > 0.0:
+            total = self.impulse.sum(axis=0)
+            self.friction = self.friction * (
+                started.sum(axis=0) / np.where(total > 0.0, total, 1.0)
+            )
+        self.impulse = self.started = started
+        self.apply(motion, self._wrench(started, self.friction))
 
     def _wrench(self, impulse, friction):
         """w, (6, M), of impulses along n and of friction."""
