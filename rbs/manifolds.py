@@ -81,7 +81,9 @@ class Manifolds:
         return cls(np.zeros(0, dtype=np.int64), **columns)
 
     def rows(self, some):
-        """The manifolds `some` (m,), or those where a mask is true."""
+        """The manifolds `some` (m,), ascending; all of them are these themselves."""
+        if len(some) == len(self.key):
+            return self
         columns = {name: getattr(self, name)[..., some] for name in COLUMNS}
         return Manifolds(self.key[some], **columns)
 

@@ -102,18 +102,22 @@ def soft_step(
         closing = solver.normal_speeds(solver.twists(motion))
         for _ in range(substeps):
             motion.velocity[:, 1] += motion.gravity * h
-            ties.warm_start(motion)
-            solver.warm_start(motion)
-            ties.sweep(motion, isSoft=True)
+            solver.warm_start()
+            if ties.count:
+                solver.apply(motion)
+                ties.warm_start(motion)
+                ties.sweep(motion, isSoft=True)
             solver.sweep(motion, isSoft=True)
+            solver.apply(motion)
             motion.move(h)
-            solver.move(motion)
+            solver.move(motion, ties.count > 0)
             ties.sweep(motion, isSoft=False)
             solver.sweep(motion, isSoft=False)
             solver.sum_impulses()
         impulse, friction = solver.impulse.copy(), solver.friction.copy()
         if CRCoeff != 0.0:
             solver.restitute(motion, closing, CRCoeff, REST_STEPS * fall)
+        solver.apply(motion)
         report.constraintVisits = ties.visits
     with report.phase("writeBack"):
         position, orientation, velocity = motion.result(bodies, isStill[:-1])
@@ -216,6 +220,14 @@ class _Motion:
         )
 
 
+def _products(a, b):
+    """aᵀ b of matrices (3, 3, M)."""
+    products = a[0][:, None] * b[0]
+    products += a[1][:, None] * b[1]
+    products += a[2][:, None] * b[2]
+    return products
+
+
 class _ContactSolver:
     """The contacts of a step as constraints on velocities, M manifolds at once.
 
@@ -258,7 +270,7 @@ class _ContactSolver:
 
         # rows e of J for either body, without the sign, and M⁻¹ times them
         load = np.bincount(np.concatenate((first, second)), minlength=len(motion.invMass))
-        self.response = 0.0
+        normals = frictions = coupling = 0.0
         blocks = []
         for body, arm in zip((first, second), arms, strict=True):
             angular = np.stack([cross(arm, e) for e in axes] + list(axes), axis=1)  # (3, 6, M)
@@ -266,17 +278,23 @@ class _ContactSolver:
             products = invInertia * angular
             turning = products[:, 0] + products[:, 1] + products[:, 2]
             invMass, split = take(motion.invMass, body), take(load, body)
-            A = angular[0][:, None] * turning[0] + angular[1][:, None] * turning[1]
-            A += angular[2][:, None] * turning[2]
-            for k in range(3):
-                A[k, k] += invMass
-            self.response = self.response + split * A
+            leverN, leverT = angular[:, self.NORMALS], angular[:, self.FRICTIONS]
+            turningN, turningT = turning[:, self.NORMALS], turning[:, self.FRICTIONS]
+            normal, friction = _products(leverN, turningN), _products(leverT, turningT)
+            for block, k in ((normal, 0), (friction, 0), (friction, 1)):
+                block[k, k] += invMass
+            normals = normals + split * normal
+            frictions = frictions + split * friction
+            coupling = coupling + split * _products(leverT, turningN)
             linear = np.stack(axes, axis=1)  # (3, 3, M)
             blocks.append((linear, angular, invMass * linear, turning))
+        self.coupling = coupling.reshape(9, -1)
         self._make_sparse(first, second, blocks, len(motion.invMass))
-        self._make_normal_rows(isPoint)
-        self._make_friction_rows()
+        self._make_normal_rows(normals, isPoint)
+        self._make_friction_rows(frictions)
         self._soften(radius, first, second)
+        self._renew()
+        self.twist = self.pending = None
         self.impulse = manifolds.impulse * isPoint
         self.friction = manifolds.friction.copy() if mu > 0.0 else np.zeros((3, self.count))
         self.started, self.weight = self.impulse, self.mass * (abs(GRAVITY) * h)
@@ -308,25 +326,21 @@ class _ContactSolver:
         data = values(linR1, angR1, linR2, angR2)
         self.MJ = csc_array((data, index, start), shape=shape[::-1])
 
-    def _make_normal_rows(self, isPoint):
+    def _make_normal_rows(self, A, isPoint):
         """K = B A Bᵀ, (4, 4, M): how the normal speeds respond to the impulses, B = (1, y, -x)."""
-        A = self.response[np.ix_(self.NORMALS, self.NORMALS)]
         B = np.stack((np.ones_like(self.x), self.y, -self.x))  # (3, 4, M)
         AB = A[:, 0, None] * B[0] + A[:, 1, None] * B[1] + A[:, 2, None] * B[2]
         self.K = B[0][:, None] * AB[0] + B[1][:, None] * AB[1] + B[2][:, None] * AB[2]
         diagonal = np.stack([self.K[k, k] for k in range(POINTS)])
         self.mass = isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
 
-    def _make_friction_rows(self):
-        """The inverse of the response of friction's three rows, and what the normals do to them."""
-        F = self.response[np.ix_(self.FRICTIONS, self.FRICTIONS)]
-        c0, c1, c2 = F[:, 0], F[:, 1], F[:, 2]
+    def _make_friction_rows(self, A):
+        """The inverse of the response of friction's three rows, which is symmetric."""
+        c0, c1, c2 = A[:, 0], A[:, 1], A[:, 2]
         r0, r1, r2 = cross(c1, c2), cross(c2, c0), cross(c0, c1)
         determinant = dot(c0, r0)
         safe = np.where(determinant > 0.0, determinant, 1.0)
-        self.frictionMass = np.concatenate((r0, r1, r2)) / safe  # symmetric, row by row
-        self.coupling = np.concatenate(self.response[np.ix_(self.FRICTIONS, self.NORMALS)])
-        self.coupling = self.coupling.reshape(9, -1)
+        self.frictionMass = np.concatenate((r0, r1, r2)) / safe
 
     def _soften(self, radius, first, second):
         """Catto's soft constraint: with the angular frequency ω and the damping ratio ζ, a spring
@@ -345,13 +359,14 @@ class _ContactSolver:
 
     def twists(self, motion):
         """ξ, (6, M)."""
+        self.apply(motion)
         return (self.J @ motion.velocity.ravel()).reshape(6, -1)
 
     def normal_speeds(self, twist):
         """u, (4, M): positive where the bodies part."""
         return twist[0] + self.y * twist[4] - self.x * twist[5]
 
-    def warm_start(self, motion):
+    def warm_start(self):
         """Begins with the impulses of the substep before, as far as they are a load.
 
         A blow is over with its substep. To begin with it again would throw bodies apart that share
@@ -366,7 +381,7 @@ class _ContactSolver:
                 started.sum(axis=0) / np.where(total > 0.0, total, 1.0)
             )
         self.impulse = self.started = started
-        self.apply(motion, self._wrench(started, self.friction))
+        self._add(self._wrench(started, self.friction))
 
     def _wrench(self, impulse, friction):
         """w, (6, M), of impulses along n and of friction."""
@@ -377,27 +392,43 @@ class _ContactSolver:
         wrench[5] = -(self.x * impulse).sum(axis=0)
         return wrench
 
-    def apply(self, motion, wrench):
-        motion.velocity += (self.MJ @ wrench.ravel()).reshape(-1, 6)
+    def apply(self, motion):
+        """Gives the bodies the impulses that have come together since the last time."""
+        if self.pending is not None:
+            motion.velocity += (self.MJ @ self.pending.ravel()).reshape(-1, 6)
+            self.pending = None
 
-    def move(self, motion):
+    def _add(self, wrench):
+        self.pending = wrench if self.pending is None else self.pending + wrench
+
+    def move(self, motion, hasTies):
         """The points come as far apart as the bodies have moved in a substep."""
         self.twist = self.twists(motion)
         self.separation += self.h * self.normal_speeds(self.twist)
+        if hasTies:
+            self.twist = None
+        self._renew()
+
+    def _renew(self):
+        """What depends on the separations: `gapSpeed`, and bias, masses and memory when soft.
+
+        A gap may close within a substep, and no more. What is closed pushes out.
+        """
+        isApart = self.separation > 0.0
+        self.gapSpeed = np.maximum(self.separation, 0.0) / self.h
+        push = np.minimum(np.maximum(self.biasRate * self.separation, -self.push), 0.0)
+        scale = np.where(isApart, 1.0, self.massScale)
+        memory = np.where(isApart, 1.0, 1.0 - self.impulseScale)
+        self.soft = self.gapSpeed + push, scale * self.mass, memory
 
     def sweep(self, motion, isSoft):
         """One pass over all contacts: in the soft one, penetration pushes out."""
-        twist = self.twists(motion)
-        # a gap may close within the substep, and no more
-        apart = self.separation > 0.0
-        bias = np.where(apart, self.separation / self.h, 0.0)
-        mass, memory = self.mass, 1.0
         if isSoft:
-            push = np.maximum(self.biasRate * self.separation, -self.push)
-            bias = np.where(apart, bias, push)
-            mass = np.where(apart, mass, self.massScale * mass)
-            memory = np.where(apart, 1.0, 1.0 - self.impulseScale)
-        self._solve(motion, twist, bias, mass, memory)
+            self._solve(motion, self.twists(motion), *self.soft)
+        else:
+            # since the move, only ties can have changed the velocities
+            twist = self.twist if self.twist is not None else self.twists(motion)
+            self._solve(motion, twist, self.gapSpeed, self.mass, 1.0)
 
     def restitute(self, motion, closing, CRCoeff, threshold):
         """Where bodies came together faster than the threshold and have touched, they part with e
@@ -440,7 +471,7 @@ class _ContactSolver:
             friction = self._limited(self.friction - mat_vec(self.frictionMass, slip), impulse)
         wrench = self._wrench(change, friction - self.friction)
         self.friction = friction
-        self.apply(motion, wrench)
+        self._add(wrench)
 
     def _limited(self, friction, impulse):
         """Coulomb's law: friction of at most μ Σ λ, a twist of at most μ Σ λ times the lever."""
