@@ -80,18 +80,13 @@ def soft_step(
         pairs, manifolds, frames = detect(bodies, hasGround, reach, path, kept)
         ties = Ties(constraints, bodies, kept)
         report.candidatePairs = len(pairs.key)
-        count = len(meshes) + 1
-        links = np.concatenate(
-            (np.stack(np.divmod(manifolds.key, count)), ties.links()), axis=1
-        )
         if sleeping:
-            lost = lost_links(manifolds.key, kept.manifolds.key, count)
-            isAsleep = kept.sleep.woken(isDisturbed, links, lost, speed, radius, GRAVITY)
-            isAsleep &= ~bodies.isFixed
+            isAsleep = _still_asleep(manifolds, ties, kept, bodies, isDisturbed, speed)
         else:
             isAsleep = np.zeros(len(meshes), dtype=bool)
-        isStill = np.append(isAsleep | bodies.isFixed, True)
-        rows = indices(~(isStill[manifolds.key // count] & isStill[manifolds.key % count]))
+        isStill = np.append(isAsleep | bodies.isFixed, True)  # the ground too
+        first, second = _pairs_of(manifolds, len(isStill))
+        rows = indices(~(isStill[first] & isStill[second]))
         active = manifolds.rows(rows)
         contacts = StepContacts(active, frames)
     with report.phase("constraints"):
@@ -114,39 +109,58 @@ def soft_step(
             ties.sweep(motion, isSoft=False)
             solver.sweep(motion, isSoft=False)
             solver.sum_impulses()
-        impulse, friction = solver.impulse.copy(), solver.friction.copy()
+        manifolds = _with_impulses(manifolds, rows, solver)
         if CRCoeff != 0.0:
             solver.restitute(motion, closing, CRCoeff, REST_STEPS * fall)
         solver.apply(motion)
         report.constraintVisits = ties.visits
     with report.phase("writeBack"):
-        position, orientation, velocity = motion.result(bodies, isStill[:-1])
-        bodies.motion = np.concatenate((position, velocity))
-        bodies.orientation = orientation
+        bodies.motion, bodies.orientation = motion.result(bodies, isStill[:-1])
         check_numbers(bodies.columns(), meshes, "contacts and constraints")
-        way = np.where(isStill[:-1], 0.0, norm(motion.shift.T) + norm(motion.turn.T) * radius)
-        impulses = manifolds.impulse.copy(), manifolds.friction.copy()
-        impulses[0][:, rows], impulses[1][:, rows] = impulse, friction
-        speed = speeds(bodies.velocity, radius)
-        touching = links if len(rows) == 0 else _touching(manifolds, impulses[0], ties, count)
         timer = np.zeros(len(meshes))
         if sleeping:
+            isPressed = (manifolds.impulse > 0.0).any(axis=0)
+            links = _pairs_of(manifolds, len(isStill))[:, isPressed]
+            links = np.concatenate((links, ties.links()), axis=1)
+            speed = speeds(bodies.velocity, radius)
             isAsleep, timer = kept.sleep.settled(
-                isAsleep, bodies.isFixed, touching, speed, radius, GRAVITY, timeStep
+                isAsleep, bodies.isFixed, links, speed, radius, GRAVITY, timeStep
             )
             bodies.motion[3:9] = np.where(isAsleep, 0.0, bodies.motion[3:9])
         bodies.write_back()
-        pairs.path = path + way
-        kept.pairs = pairs
-        kept.manifolds = manifolds.renewed(impulse=impulses[0], friction=impulses[1])
+        way = norm(motion.shift.T) + norm(motion.turn.T) * radius
+        pairs.path = path + np.where(isStill[:-1], 0.0, way)
+        kept.pairs, kept.manifolds = pairs, manifolds
         kept.sleep = Sleep(
             isAsleep=isAsleep, timer=timer, position=bodies.position.copy(),
             orientation=bodies.orientation.copy(), velocity=bodies.velocity.copy(),
         )  # fmt: skip
         ties.store(kept)
         report.isAsleep = isAsleep
-        _report_contacts(report, contacts, solver, bodies.position, count)
+        _report_contacts(report, contacts, solver, len(isStill))
     return report
+
+
+def _pairs_of(manifolds, count):
+    """The bodies (2, M) of manifolds; count : of bodies, and the ground."""
+    return np.stack(np.divmod(manifolds.key, count))
+
+
+def _still_asleep(manifolds, ties, kept, bodies, isDisturbed, speed):
+    """Which bodies (n,) sleep through this step; see rbs/sleeping.py."""
+    count = len(speed) + 1
+    links = np.concatenate((_pairs_of(manifolds, count), ties.links()), axis=1)
+    lost = lost_links(manifolds.key, kept.manifolds.key, count)
+    radius = bodies.hulls.radius
+    isAsleep = kept.sleep.woken(isDisturbed, links, lost, speed, radius, GRAVITY)
+    return isAsleep & ~bodies.isFixed
+
+
+def _with_impulses(manifolds, rows, solver):
+    """The manifolds with the impulses of the last substep, of the `rows` that were solved."""
+    impulse, friction = manifolds.impulse.copy(), manifolds.friction.copy()
+    impulse[:, rows], friction[:, rows] = solver.impulse, solver.friction
+    return manifolds.renewed(impulse=impulse, friction=friction)
 
 
 def _way_since(sleep, bodies):
@@ -159,15 +173,7 @@ def _way_since(sleep, bodies):
     return way + ANGLE_OF_CHORD * chord * bodies.hulls.radius
 
 
-def _touching(manifolds, impulse, ties, count):
-    """The pairs (2, L) that press on each other or are tied."""
-    pressed = indices((impulse > 0.0).any(axis=0))
-    return np.concatenate(
-        (np.stack(np.divmod(manifolds.key[pressed], count)), ties.links()), axis=1
-    )
-
-
-def _report_contacts(report, contacts, solver, position, count):
+def _report_contacts(report, contacts, solver, count):
     """Notes every point that has given an impulse or touches, at the start of the step.
 
     A manifold's friction is shared out by the normal impulses of its points.
@@ -211,12 +217,12 @@ class _Motion:
         self.turn += h * self.velocity[:-1, 3:]
 
     def result(self, bodies, isStill):
-        """`(position, orientation, velocity)` at the end of the step."""
+        """`(motion (9, n), orientation (4, n))` at the end of the step; see `Bodies`."""
         orientation = np.stack(turned(bodies.orientation, np.ascontiguousarray(self.turn.T)))
+        moved = np.concatenate((bodies.position + self.shift.T, self.velocity[:-1].T))
         return (
-            np.where(isStill, bodies.position, bodies.position + self.shift.T),
+            np.where(isStill, bodies.motion, moved),
             np.where(isStill, bodies.orientation, orientation),
-            np.where(isStill, bodies.velocity, self.velocity[:-1].T),
         )
 
 

@@ -305,8 +305,8 @@ def compare(meshes, rows, arrays, title, steps=60):
     bullet.pybullet.disconnect(bullet.client)
     medians = {name: 1e3 * np.median(seconds[10:]) for name, seconds in times.items()}
     ratios = [f"{medians['own'] / medians[name]:.2f} of {name}" for name in list(times)[1:]]
-    tell(title, ", ".join(f"{name} {ms:.2f} ms" for name, ms in medians.items()),
-         "ratios " + ", ".join(ratios))  # fmt: skip
+    print(f"{title:<44} {', '.join(f'{name} {ms:.2f} ms' for name, ms in medians.items())}: "
+          f"{', '.join(ratios)}", flush=True)  # fmt: skip
 
 
 ROWS = {f.__name__: f for f in (stack, pyramid, masses, slope, arch, bounce, heap, asleep, ties)}
