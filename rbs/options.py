@@ -332,6 +332,8 @@ def check_options(parser, options, given):
     for dest, (companions, cause) in COMPANIONS.items():
         if dest in given and not given & companions:
             parser.error(f"{option_name(dest)} {cause}")
+    if options.closing_only and options.solver == "soft-step":
+        parser.error("--closing-only has no meaning for --solver soft-step: no contact ever pulls")
     for mode, (others, cause) in CONFLICTS.items():
         for dest in sorted(given & others if mode in given else ()):
             parser.error(f"{option_name(dest)} does not go with {option_name(mode)}: {cause}")

@@ -353,6 +353,22 @@ def test_a_recording_can_be_verified_and_resumed_anywhere(tmp_path):
         assert np.array_equal(again.state()["positions"], later.frame(step)["positions"])
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--solver", "soft-step", "--closing-only"], "--closing-only has no meaning"),
+        (["--substeps", "4"], "--substeps is of --solver soft-step"),
+        (["--solver", "soft-step", "--substeps", "0"], "must be 1 or more"),
+    ],
+)
+def test_the_command_line_refuses_in_one_line(options, words):
+    run = subprocess.run(
+        [sys.executable, ROOT / "RigidBodySimulation.py", "stack", "--headless", *options],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert run.returncode == 2 and run.stderr.count("\n") == 1 and words in run.stderr
+
+
 # --------------------------------------------------------------------------------------------------
 # Sleeping
 # --------------------------------------------------------------------------------------------------
