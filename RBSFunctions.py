@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 import GJK
-from Quaternion import exponential, multiply, rotation_matrices
+from Quaternion import rotation_matrices
 from rbs.arrays import indices, take
 from rbs.batches import OrderedBatches
 from rbs.bodies import (
@@ -39,11 +39,14 @@ from rbs.bodies import (
     state_columns,
 )
 from rbs.broadphase import BROAD_PHASES
-from rbs.constraints import Anchor, ConstraintRows
+from rbs.constraints import Anchor, ConstraintRows, distance_error
+from rbs.flight import GRAVITY as GRAVITY  # it is asked for here
+from rbs.flight import free_flight, gyroscopic_velocity
 from rbs.hulls import build_hull
 from rbs.poses import Posed
 from rbs.reports import GROUND, StepReport
 from rbs.schedules import CONSTRAINT_SCHEDULINGS, batches, queue, sweep
+from rbs.softstep import CONTACT_SOLVERS, soft_step
 from rbs.vectors import (
     add,
     cross,
@@ -55,12 +58,8 @@ from rbs.vectors import (
     norm,
     rotate_tensor,
     scale,
-    sqrt,
     sub,
 )
-
-# Acceleration of free fall, length units / s².
-GRAVITY = -9.8
 
 # The ground's normal. It points into the body, which is why the depth there is negative.
 UPWARDS = (0.0, 1.0, 0.0)
@@ -84,6 +83,11 @@ def run_timestep(
     constraintScheduling="sweep",
     mu=0.0,
     broadPhase="all",
+    contactSolver="impulse",
+    substeps=8,
+    sleeping=True,
+    gyroscopic=False,
+    solverState=None,
 ):
     """Moves a scene on by one time step, in place, and returns a `StepReport`.
 
@@ -105,6 +109,12 @@ def run_timestep(
     broadPhase : "all" detects and resolves the pairs one after the other; "grid" gives the same
         bits through uniform grids and batches of pairs, and suits hundreds of bodies. It applies
         the formulas to arrays: what a subclass of Mesh has in place of a method is not called
+    contactSolver : "impulse" resolves one contact after the other; "soft-step" all contacts and
+        constraints together, several points a contact, in `substeps` substeps, so that piles rest;
+        with `sleeping`, what rests is left out until it is disturbed. See rbs/softstep.py
+    gyroscopic : whether the angular velocity changes in free flight, as Euler's equation has it
+    solverState : `rbs.solverstate.SolverState`, what a soft step leaves to the next, changed in
+        place; None starts cold
 
     Raises ValueError, which says what, for options that it refuses, a mesh that is in the list
     twice, and a constraint of what is not there; `rbs.bodies.StateError`, which names the body,
@@ -113,15 +123,21 @@ def run_timestep(
     """
     timeStep, tolerance = _float(timeStep), _float(tolerance)
     contactSettings = contact_settings(CRCoeff, closingOnly, mu)
-    check_step_options(timeStep, tolerance, constraintScheduling, broadPhase)
+    check_step_options(
+        timeStep, tolerance, constraintScheduling, broadPhase, contactSolver, substeps, closingOnly
+    )
     if not enforceConstraints:
         constraints = ()
     project = partial(
         project_constraints, constraints=constraints, maxIterations=maxIterations,
         tolerance=tolerance, scheduling=constraintScheduling,
     )  # fmt: skip
+    if contactSolver == "soft-step":
+        return soft_step(meshes, groundMesh is not None, timeStep, contactSettings.CRCoeff,
+                         contactSettings.mu, constraints, int(substeps), sleeping, gyroscopic,
+                         solverState)  # fmt: skip
     if broadPhase == "grid":
-        return _accelerated_step(meshes, groundMesh, timeStep, contactSettings, project)
+        return _accelerated_step(meshes, groundMesh, timeStep, contactSettings, project, gyroscopic)
 
     check_distinct(meshes)
     report = StepReport()
@@ -129,6 +145,8 @@ def run_timestep(
     with restored_on_error(meshes):
         with report.phase("integrate"):
             for mesh in meshes:
+                if gyroscopic:
+                    mesh.apply_gyroscopic_term(timeStep)
                 mesh.integrate_timestep(timeStep)
             check_numbers(state_columns(meshes), meshes, "free flight")
         with report.phase("collisions"):
@@ -152,8 +170,14 @@ def run_timestep(
     return report
 
 
-def check_step_options(timeStep, tolerance, constraintScheduling, broadPhase):
+def check_step_options(
+    timeStep, tolerance, constraintScheduling, broadPhase, contactSolver, substeps, closingOnly
+):
     """Raises ValueError for what `run_timestep` refuses, other than the settings of contacts."""
+    if contactSolver == "soft-step" and closingOnly:
+        raise ValueError("closingOnly has no meaning for soft-step: no contact ever pulls")
+    if substeps != int(substeps) or substeps < 1:
+        raise ValueError(f"the substeps must be a whole number of 1 or more, not {substeps}")
     if not 0.0 <= timeStep < math.inf:
         raise ValueError(f"the time step must be finite and not negative, not {timeStep:g}")
     if not tolerance >= 0.0:
@@ -161,6 +185,7 @@ def check_step_options(timeStep, tolerance, constraintScheduling, broadPhase):
     for what, name, known in (
         ("broad phase", broadPhase, BROAD_PHASES),
         ("constraint scheduling", constraintScheduling, CONSTRAINT_SCHEDULINGS),
+        ("contact solver", contactSolver, CONTACT_SOLVERS),
     ):
         if name not in known:
             raise ValueError(f"no {what} {name!r}; there are {', '.join(known)}")
@@ -292,6 +317,15 @@ class Mesh(Posed):
         self.linVelocity, self.position = _row(linVelocity, 3), _row(position, 3)
         self.orientation = _row(orientation, 4)
 
+    def apply_gyroscopic_term(self, timeStep):
+        """Turns the angular velocity as torque-free motion does; see `gyroscopic_velocity`."""
+        if self.invMass != 0.0:
+            angVelocity = gyroscopic_velocity(
+                floats(self.angVelocity, 3), floats(self.orientation, 4), floats(self.IT, 9),
+                _float(timeStep),
+            )  # fmt: skip
+            self.angVelocity = _row(angVelocity, 3)
+
     def bounding_box_collision(self, m):
         """Whether the axis-aligned boxes of this mesh and of m overlap or touch."""
         pose1, pose2 = self.pose(), m.pose()
@@ -373,29 +407,6 @@ def _float(value):
 def _row(value, count):
     """A new (1, count) array out of anything with `count` entries."""
     return np.array(value, dtype=np.float64).reshape(1, count)
-
-
-# --------------------------------------------------------------------------------------------------
-# Free flight
-# --------------------------------------------------------------------------------------------------
-
-
-def free_flight(linVelocity, angVelocity, position, orientation, timeStep):
-    """Semi-implicit Euler: the new `(linVelocity, position, orientation)` after timeStep seconds.
-
-    All on components: the velocity first, v ← v + g h; then the COM with the new velocity, x ← x +
-    v h; then the orientation, q ← exp(ω h/2) ∘ q, of unit length again.
-    """
-    down = (0.0, GRAVITY, 0.0)
-    if isinstance(linVelocity, np.ndarray):
-        down = np.reshape(down, (3, 1))
-    linVelocity = mul_add(linVelocity, timeStep, down)
-    position = mul_add(position, timeStep, linVelocity)
-    rotation = exponential((0.0, *scale(0.5 * timeStep, angVelocity)))
-    w, x, y, z = multiply(rotation, orientation)
-    # a product of unit quaternions drifts from unit length by rounding
-    length = sqrt(w * w + (x * x + y * y + z * z))
-    return linVelocity, position, (w / length, x / length, y / length, z / length)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -592,11 +603,6 @@ def apply_friction(body1, body2, arm1, arm2, normal, limit):
 # Distance constraints
 # --------------------------------------------------------------------------------------------------
 
-# When the two points of a constraint coincide, no direction separates them better than another:
-# they are moved apart along this one.
-COINCIDENT_DIRECTION = (0.0, 1.0, 0.0)
-
-
 def resolve_position_constraint(
     currPositions, currConstPoints, refValue, invMasses, upper, tolerance
 ):
@@ -684,18 +690,6 @@ def _as_given(given, pair):
 
 
 # On components: tuples of floats for one constraint, arrays (3, n) for many.
-
-
-def distance_error(point1, point2, refValue):
-    """`(C, n)` of a distance constraint: C = ‖p1 - p2‖ - refValue, n the unit vector of p1 - p2."""
-    d = sub(point1, point2)
-    length = norm(d)
-    if isinstance(length, np.ndarray):
-        safe = np.where(length > 0, length, 1.0)
-        return length - refValue, np.where(length > 0, d / safe, np.array([COINCIDENT_DIRECTION]).T)
-    if length == 0.0:
-        return -refValue, COINCIDENT_DIRECTION
-    return length - refValue, divide(d, length)
 
 
 def is_violated(C, upper, tolerance):
@@ -798,7 +792,7 @@ def _project_in_batches(bodies, rows, tolerance, maximumVisits):
 # --------------------------------------------------------------------------------------------------
 
 
-def _accelerated_step(meshes, groundMesh, timeStep, settings, project):
+def _accelerated_step(meshes, groundMesh, timeStep, settings, project, gyroscopic=False):
     """`run_timestep` on arrays, with the same bits; see there.
 
     The formulas are those above. Methods that a subclass of Mesh has of its own are not called.
@@ -809,6 +803,8 @@ def _accelerated_step(meshes, groundMesh, timeStep, settings, project):
     with report.phase("gather"):
         bodies = Bodies(meshes)
     with report.phase("integrate"):
+        if gyroscopic:
+            bodies.turn_gyroscopically(timeStep)
         linVelocity, position, orientation = free_flight(
             bodies.linVelocity, bodies.angVelocity, bodies.position, bodies.orientation, timeStep
         )

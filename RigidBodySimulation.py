@@ -151,7 +151,10 @@ def simulation_of(options, given):
         asked = settings_of(options)
         fields = {SETTING_FIELDS[name] for name in given & set(SETTING_FIELDS)}
         changes = {field: getattr(asked, field) for field in fields}
-        simulation.settings = replace(simulation.settings, **changes)
+        try:
+            simulation.settings = replace(simulation.settings, **changes)
+        except ValueError as error:  # of what was recorded and what is asked for now
+            raise InputError(str(error)) from None
         return simulation
     scenePath = find_scene(DEFAULT_SCENE if options.scene is None else options.scene)
     simulation = Simulation(

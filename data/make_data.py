@@ -509,6 +509,28 @@ def settle():
     ]
 
 
+def stack():
+    """Twenty boxes on top of each other: they stay with the soft-step solver, and sink without."""
+    return [Body("box.mesh", 60.0, (0.0, round(3.0 + HAIR + i * (6.0 + HAIR), 6), 0.0))
+            for i in range(20)]
+
+
+def pyramid():
+    """Boxes in fifteen rows, each standing on two of the row below."""
+    return [Body("box.mesh", 60.0, (12.5 * (column - (14 - row) / 2),
+                                    round(3.0 + HAIR + row * (6.0 + HAIR), 6), 0.0))
+            for row in range(15) for column in range(15 - row)]
+
+
+def dominoes():
+    """Slabs on end in a row, of which the first leans over: with friction, they fall in turn."""
+    upright = (1.0, 0.0, 0.0, 1.0)          # 90° about z
+    leaning = (1.0, 0.0, 0.0, 0.8)          # 77°
+    return [Body("slab.mesh", 60.0, (-90.0, 26.0, 0.0), leaning),
+            *(Body("slab.mesh", 60.0, (-60.0 + 22.0 * i, round(24.0 + HAIR, 6), 0.0), upright)
+              for i in range(9))]
+
+
 SCENES = {
     "singletet": single_tet,
     "singlebox": single_box,
@@ -528,6 +550,9 @@ SCENES = {
     "slide": slide,
     "roll": roll,
     "settle": settle,
+    "stack": stack,
+    "pyramid": pyramid,
+    "dominoes": dominoes,
 }
 
 # The settings that show what a scene is named for, by its name: a comment in its file, which this

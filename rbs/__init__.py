@@ -12,6 +12,7 @@ Algebra and geometry, below GJK.py
     patches       contact patches and their centres
 
 Bookkeeping of a step, below RBSFunctions.py: which pairs and constraints, and when
+    flight        gravity, free flight, the gyroscopic term
     bodies        the state of meshes in tables; what a contact reads of a body
     poses         what follows from a position and an orientation
     broadphase    boxes that overlap, through uniform grids
@@ -19,6 +20,15 @@ Bookkeeping of a step, below RBSFunctions.py: which pairs and constraints, and w
     constraints   the constraints that can be corrected
     schedules     which constraint is visited when
     reports       what a step tells of itself
+
+The solver in which piles rest, behind `contactSolver="soft-step"`
+    nearpairs         pairs that can touch soon
+    manifolds         up to four contact points a pair
+    contactdetection  which manifolds are kept, and which are made anew
+    softties          distance constraints, renewed every substep
+    sleeping          who sleeps, and who wakes
+    solverstate       what a step leaves to the next
+    softstep          the solver, with its derivation
 
 Scenes, above RBSFunctions.py
     messages      errors and lines for the terminal

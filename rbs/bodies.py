@@ -14,6 +14,7 @@ import numpy as np
 
 from Quaternion import rotation_matrices
 from rbs.arrays import find_sorted, indices, ranges, row_minima, take
+from rbs.flight import gyroscopic_velocity
 from rbs.hulls import FEATURE_TOLERANCE, HullSet, build_hull, rotate_columns
 from rbs.vectors import rotate_tensor
 
@@ -319,6 +320,13 @@ class Bodies:
         self.travel = self.position - before
         self.orientation = np.where(self.isFixed, self.orientation, orientation)
         self.follow_orientations()
+
+    def turn_gyroscopically(self, timeStep):
+        """Changes the angular velocities of free bodies as torque-free motion does."""
+        inertia = np.array([np.ravel(mesh.IT) for mesh in self.meshes], dtype=np.float64)
+        inertia = np.where(self.isFixed, np.eye(3).reshape(9, 1), inertia.T)
+        turned = gyroscopic_velocity(self.angVelocity, self.orientation, inertia, timeStep)
+        self.motion[6:9] = np.where(self.isFixed, self.angVelocity, turned)
 
     def follow_orientations(self):
         """Works out what follows from the orientations: vertices, hulls, boxes, inertia."""

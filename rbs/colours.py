@@ -111,6 +111,12 @@ class BodyColours:
         self._islandColours = now
         return np.where(now[:, None] < 0, LONE_COLOUR, PALETTE[now])
 
+    def by_sleep(self, simulation):
+        """Awake bodies as by body, sleeping ones in one pale colour."""
+        isAsleep = None if simulation.report is None else simulation.report.isAsleep
+        colours = self.by_body(simulation)
+        return colours if isAsleep is None else np.where(isAsleep[:, None], LONE_COLOUR, colours)
+
     def _recent_pairs(self, simulation):
         """Pairs of bodies that touch, or did a few steps ago: what rests makes small bounces."""
         step = getattr(simulation, "stepCount", 0)
@@ -144,6 +150,8 @@ class BodyColours:
             lines = [(text, tuple(viridis(place))) for text, place in speeds.items()]
         elif colouring == "contact island":
             lines = [("touches no other free body", LONE_COLOUR)]
+        elif colouring == "sleep":
+            lines = [("asleep", LONE_COLOUR)]
         return lines + [("fixed", FIXED_COLOUR)] * (len(free) < len(meshes))
 
 
@@ -201,4 +209,5 @@ COLOURINGS = {
     "density": BodyColours.by_density,
     "speed": BodyColours.by_speed,
     "contact island": BodyColours.by_island,
+    "sleep": BodyColours.by_sleep,
 }

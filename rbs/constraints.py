@@ -3,6 +3,11 @@
 import numpy as np
 
 from rbs.arrays import indices
+from rbs.vectors import divide, norm, sub
+
+# When the two points of a constraint coincide, no direction separates them better than another:
+# they are moved apart along this one.
+COINCIDENT_DIRECTION = (0.0, 1.0, 0.0)
 
 
 class ConstraintRows:
@@ -57,6 +62,8 @@ class ConstraintRows:
 
 def _table(constraints):
     """The rows as columns (6, C) of floats; a number may be an array that holds one."""
+    if len(constraints) == 0:
+        return np.zeros((6, 0))
     try:
         rows = np.array([tuple(row) for row in constraints], dtype=np.float64)
     except (TypeError, ValueError):  # arrays of one among numbers
@@ -101,3 +108,15 @@ class Anchor(tuple):
         anchor = super().__new__(cls, point)
         anchor.arm = arm
         return anchor
+
+
+def distance_error(point1, point2, refValue):
+    """`(C, n)` of a distance constraint: C = ‖p1 - p2‖ - refValue, n the unit vector of p1 - p2."""
+    d = sub(point1, point2)
+    length = norm(d)
+    if isinstance(length, np.ndarray):
+        safe = np.where(length > 0, length, 1.0)
+        return length - refValue, np.where(length > 0, d / safe, np.array([COINCIDENT_DIRECTION]).T)
+    if length == 0.0:
+        return -refValue, COINCIDENT_DIRECTION
+    return length - refValue, divide(d, length)

@@ -38,7 +38,7 @@ SURE_SINE = 1e-5
 LEAST_GAP = 1e-6
 
 
-def find_facets(hulls, first, second, translation, margin, axes=None):
+def find_facets(hulls, first, second, translation, margin, axes=None, separation=None):
     """The facets of P pairs that can be nearest within a margin of the given translations.
 
     hulls : HullSet
@@ -52,12 +52,12 @@ def find_facets(hulls, first, second, translation, margin, axes=None):
 
     Returns `Facets`, those of a pair in the order: faces of the first, faces of the second, edge
     pairs. The order does not depend on the translation, so the same facet wins a tie. A pair that
-    is further apart than its margin need not be complete: one plane shows that it is apart.
+    is further apart than its separation need not be complete: one plane shows that it is apart.
     """
     if not isinstance(axes, CachedAxes):
         axes = CachedAxes(hulls, first, second, translation, axes)
     size = hulls.radius[first] + hulls.radius[second]
-    leastDepth = -margin - TOUCH_TOLERANCE * size
+    leastDepth = -(margin if separation is None else separation) - TOUCH_TOLERANCE * size
     isApart = axes.penetration < np.minimum(leastDepth, -LEAST_GAP * size)
     apart, near = indices(isApart), indices(~isApart)
     offset = axes.offset[apart] + ROUNDING * size[apart]

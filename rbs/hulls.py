@@ -232,8 +232,8 @@ class HullSet:
 
     The rest is there once for each shape, that is, for all bodies with the same hull, at rest.
 
-    shape : (n,), the number of each body's hull among the distinct ones; shapes : their vertices,
-        (3, V) each
+    shape : (n,), the number of each body's hull among the distinct ones; distinct : a tuple of
+        those; shapes : their vertices, (3, V) each
     directions : (3, ΣD), outward unit normals of the faces; offsets : (ΣD,). Body b has
         faceCount[b] from faceStart[b] on
     edges : (3, ΣE), vectors; edgeTail : (ΣE,), a vertex, and edgeFaces : (2, ΣE), two faces,
@@ -243,7 +243,7 @@ class HullSet:
     def __init__(self, hulls):
         distinct = {id(hull): hull for hull in hulls}
         number = {key: k for k, key in enumerate(distinct)}
-        distinct = list(distinct.values())
+        self.distinct = distinct = tuple(distinct.values())
         self.shape = np.array([number[id(hull)] for hull in hulls], dtype=np.intp)
 
         def table(hulls, name):

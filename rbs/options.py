@@ -27,6 +27,7 @@ from rbs.simulation import (
     DEFAULT_RESTITUTION,
     DEFAULT_TIME_STEP,
     LEAST_VISITS,
+    MOST_SUBSTEPS,
     SWEEPS,
     Settings,
     at_least,
@@ -34,6 +35,7 @@ from rbs.simulation import (
     checked_restitution,
     checked_time_step,
 )
+from rbs.solverstate import CONTACT_SOLVERS, DEFAULT_SUBSTEPS
 from rbs.textfiles import plain_float, plain_int
 
 # What runs where no scene is named.
@@ -71,6 +73,10 @@ SETTING_FIELDS = {
     "scheduling": "constraintScheduling",
     "max_iterations": "maxIterations",
     "broad_phase": "broadPhase",
+    "solver": "contactSolver",
+    "substeps": "substeps",
+    "no_sleeping": "sleeping",
+    "gyroscopic": "gyroscopic",
 }
 # Those that make run_timestep be called with a parameter that the coursework's may not have, each
 # with its name.
@@ -80,6 +86,10 @@ STEP_PARAMETERS = {
     "scheduling": "constraintScheduling",
     "max_iterations": "maxIterations",
     "broad_phase": "broadPhase",
+    "solver": "contactSolver",
+    "substeps": "substeps",
+    "no_sleeping": "sleeping",
+    "gyroscopic": "gyroscopic",
 }
 WITHOUT_WINDOW = frozenset({"headless", "screenshots", "video", "record", "stats", "plot"})
 # What does not go with what, and why.
@@ -109,6 +119,8 @@ COMPANIONS = {
     ),
     "fps": ({"video"}, "says how fast --video plays, which is missing"),
     "transparent": ({"screenshots"}, "says how --screenshots draws, which is missing"),
+    "substeps": ({"solver", "resume"}, "is of --solver soft-step, which is missing"),
+    "no_sleeping": ({"solver", "resume"}, "is of --solver soft-step, which is missing"),
     "from_step": ({"resume"}, "says where --resume starts, which is missing"),
 }
 
@@ -184,6 +196,28 @@ def add_physics_options(parser):
         "--broad-phase", metavar="NAME", choices=BROAD_PHASES, default="all",
         help="all: every pair in turn; grid: the same motion to the last bit, found through a "
         "uniform grid, for hundreds of bodies (default: %(default)s)",
+    )  # fmt: skip
+    physics.add_argument(
+        "--solver", metavar="NAME", choices=CONTACT_SOLVERS, default="impulse",
+        help="impulse: one impulse a contact, one after the other, as in the coursework; "
+        "soft-step: all contacts and constraints together, several points each, so that piles rest "
+        "(default: %(default)s)",
+    )  # fmt: skip
+    physics.add_argument(
+        "--substeps", metavar="N",
+        type=option_type(plain_int, at_least(1, MOST_SUBSTEPS), "whole number"),
+        default=DEFAULT_SUBSTEPS,
+        help="of the soft-step solver in a step: more are stiffer (default: %(default)s)",
+    )  # fmt: skip
+    physics.add_argument(
+        "--no-sleeping", action="store_true",
+        help="with the soft-step solver: work on bodies at rest too (default: they are left out "
+        "until something disturbs them)",
+    )  # fmt: skip
+    physics.add_argument(
+        "--gyroscopic", action="store_true",
+        help="let bodies that spin tumble, as Euler's equation has it (default: the angular "
+        "velocity stays in free flight)",
     )  # fmt: skip
 
 
@@ -341,6 +375,8 @@ def check_options(parser, options, given):
     for dest, (companions, cause) in COMPANIONS.items():
         if dest in given and not given & companions:
             parser.error(f"{option_name(dest)} {cause}")
+    if options.closing_only and options.solver == "soft-step":
+        parser.error("--closing-only has no meaning for --solver soft-step: no contact ever pulls")
     for mode, (others, cause) in CONFLICTS.items():
         for dest in sorted(given & others if mode in given else ()):
             parser.error(f"{option_name(dest)} does not go with {option_name(mode)}: {cause}")
@@ -379,6 +415,10 @@ def settings_of(options):
         constraintScheduling=options.scheduling,
         maxIterations=options.max_iterations,
         broadPhase=options.broad_phase,
+        contactSolver=options.solver,
+        substeps=options.substeps,
+        sleeping=not options.no_sleeping,
+        gyroscopic=options.gyroscopic,
     )
 
 

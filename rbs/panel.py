@@ -14,6 +14,7 @@ from rbs.colours import COLOURINGS, PICKED_COLOUR
 from rbs.drawing import LAYERS, MOST_BOXES, MOST_TRAILS, TRAIL_LENGTH, VELOCITY_SECONDS
 from rbs.pictures import draw_legend
 from rbs.schedules import CONSTRAINT_SCHEDULINGS
+from rbs.solverstate import CONTACT_SOLVERS
 
 # In pixels. The panel is as high as its content.
 MARGIN = 12
@@ -32,6 +33,7 @@ CLICK_PIXELS = 4.0
 # The sliders' ends. More friction than rubber on dry stone; more steps than a frame has time for.
 MOST_FRICTION = 1.0
 MOST_STEPS_PER_FRAME = 20
+MOST_SUBSTEPS = 32
 # m/s: the largest push.
 MOST_PUSH = 40.0
 # Times real time that a replay is played with, backwards if negative.
@@ -41,6 +43,7 @@ ERROR_TEXT = (1.0, 0.45, 0.40, 1.0)
 # Settings that are one of some names: label, name in the settings, names to choose from, and what
 # it says under the mouse.
 CHOICES = [
+    ("solver", "contactSolver", CONTACT_SOLVERS, "soft-step: piles rest"),
     ("broad phase", "broadPhase", BROAD_PHASES, "The same motion; grid is faster for many bodies"),
 ]
 CONSTRAINT_CHOICES = [
@@ -214,9 +217,19 @@ class Panel:
         _, settings.friction = psim.SliderFloat(
             "friction", settings.friction, 0.0, MOST_FRICTION, "%.3f", clamp
         )
-        _, settings.closingOnly = psim.Checkbox("closing contacts only", settings.closingOnly)
-        psim.SetItemTooltip("Contacts that already separate receive no impulse")
         self._draw_choices(CHOICES)
+        if settings.contactSolver == "soft-step":
+            settings.closingOnly = False  # it has no meaning there
+            _, settings.substeps = psim.SliderInt(
+                "substeps", settings.substeps, 1, MOST_SUBSTEPS, "%d", clamp
+            )
+            _, settings.sleeping = psim.Checkbox("sleeping", settings.sleeping)
+            psim.SetItemTooltip("Bodies at rest are left out until something disturbs them")
+        else:
+            _, settings.closingOnly = psim.Checkbox("closing contacts only", settings.closingOnly)
+            psim.SetItemTooltip("Contacts that already separate receive no impulse")
+        _, settings.gyroscopic = psim.Checkbox("gyroscopic term", settings.gyroscopic)
+        psim.SetItemTooltip("Bodies that spin tumble")
         if viewer.simulation.constraints:
             changed, settings.enforceConstraints = psim.Checkbox(
                 "constraints", settings.enforceConstraints

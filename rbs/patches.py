@@ -47,6 +47,20 @@ def contact_point(verticesA, verticesB, t, normal, tolerance):
 
 def contact_points(hulls, first, second, t, normal, tolerance):
     """`contact_point` for P pairs of a HullSet: (3, P) from t and normal (3, P), tolerance (P,)."""
+    point, isPatch = sharp_contact_points(hulls, first, second, t, normal, tolerance)
+    for p in indices(isPatch).tolist():
+        point[:, p] = contact_point(
+            hulls.body_vertices(first[p]), hulls.body_vertices(second[p]), tuple(t[:, p].tolist()),
+            tuple(normal[:, p].tolist()), float(tolerance[p]),
+        )  # fmt: skip
+    return point
+
+
+def sharp_contact_points(hulls, first, second, t, normal, tolerance):
+    """`contact_points` where a corner touches, or two edges cross: `(point (3, P), isPatch (P,))`.
+
+    Where isPatch is true, the hulls touch along a segment or an area, and the point has no meaning.
+    """
     count = len(first)
     level, *ends, vertices = support_features(
         hulls, np.concatenate((first, second)), np.concatenate((-normal, normal), axis=1),
@@ -65,14 +79,9 @@ def contact_points(hulls, first, second, t, normal, tolerance):
         crossing = edges[crosses]
         s = np.minimum(np.maximum(numerator / np.where(crosses, denominator, 1.0), 0.0), 1.0)
         point[:, crossing] = (b0 + s * (b1 - b0))[:, crosses]
-    patch = (countA > 1) & (countB > 1)
-    patch[crossing] = False
-    for p in indices(patch).tolist():
-        point[:, p] = contact_point(
-            hulls.body_vertices(first[p]), hulls.body_vertices(second[p]), tuple(t[:, p].tolist()),
-            tuple(normal[:, p].tolist()), float(tolerance[p]),
-        )  # fmt: skip
-    return point
+    isPatch = (countA > 1) & (countB > 1)
+    isPatch[crossing] = False
+    return point, isPatch
 
 
 def _below_corner(corner, t, normal, level):

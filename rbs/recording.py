@@ -39,6 +39,8 @@ CHUNK_PREFIX = "chunk_"
 BLOCK_BYTES = 4 << 20
 # How far the length of a recorded quaternion may be from 1. Rounding makes about 1e-16 a step.
 UNIT_TOLERANCE = 1e-3
+# Before the names of the solver state's arrays.
+SOLVER_PREFIX = "solver."
 # What the file is called while the chunks are joined.
 JOINED_NAME = "whole.tmp"
 # What a crash may cost: the states since the last chunk, a second's worth, or a hundredth of the
@@ -154,6 +156,12 @@ class Recording:
     def hashes(self, step, count):
         """The hashes (count, 16) of the states from a step on."""
         return np.array([self.frame(k)["hashes"] for k in range(step, step + count)])
+
+    def solver_arrays(self):
+        """What the soft-step solver had left at the first step: dict, {} where that was nothing."""
+        names = [name for name in self.files[0].names() if name.startswith(SOLVER_PREFIX)]
+        arrays = {name: self.files[0].read_array(name, "uifb") for name in names}
+        return {name.removeprefix(SOLVER_PREFIX): values for name, values in arrays.items()}
 
     def settings_at(self, step):
         """What a step was made with: (the first step made so, dict of the settings' fields)."""
@@ -295,6 +303,7 @@ class Recorder:
             self._scene = str(simulation.scenePath)
             self._constraints = str(simulation.constraintPath or "")
             self._contentHashes = json.dumps(simulation.contentHashes)
+            self._solver = simulation.solverState.arrays()
         step = self._firstStep + self.frameCount
         if simulation.meshes is not self._meshes or simulation.stepCount != step:
             raise RecordingError(self.path, f"only step {step} of the same scene could follow")
@@ -374,6 +383,7 @@ class Recorder:
             "version": __version__,
             "numpyVersion": np.__version__,
             "format": FORMAT,
+            **{SOLVER_PREFIX + name: values for name, values in self._solver.items()},
         }
 
 

@@ -31,6 +31,7 @@ from rbs.state import HASH_SIZE, STATE_WIDTHS
 #   scene, constraints  paths as given, "" for none; meshNames (n,)
 #   contentHashes       JSON, hashes of what these and the meshes held; older recordings have none
 #   version, numpyVersion, format
+#   solver....          what the soft-step solver had left at the first state, where it had anything
 #
 # Nothing in it is compressed. Compression would save 61 % of the stress scene's 4.3 kB per step, at
 # 0.13 ms; but then no state could be read on its own, and a small file could unpack to any size.

@@ -13,6 +13,7 @@ import numpy as np
 from rbs.bodies import StateError
 from rbs.messages import one_line
 from rbs.recordingfiles import QUOTE_LENGTH
+from rbs.solverstate import SolverState
 from rbs.state import STATE_NAMES, Scene, hash_of
 
 # A setting that recordings of version 0.1.0 have. Its one value that is left is what is done now;
@@ -71,10 +72,25 @@ class Replay(Scene):
 def resume(recording, step, simulation):
     """Puts a simulation to where a recorded step has left it, to go on with the same bits.
 
-    Its settings become those that the recording went on with; later changes are not followed.
+    Its settings become those that the recording went on with; later changes are not followed. Where
+    steps were made with the soft-step solver, they are made again from the first one on: of what
+    that leaves to the next step, the recording holds only the beginning.
     raises RecordingError
     """
     check_pair_order(recording)
+    first = recording.firstStep
+    isRemembering = any(
+        fields.get("contactSolver") == "soft-step" for _, fields in recording.settingsHistory
+    )
+    if isRemembering and step > first:
+        resume(recording, first, simulation)
+        for k in range(first + 1, step + 1):
+            simulation.settings = restored_settings(recording, k, simulation.settings)
+            simulation.step()
+        if not np.array_equal(hash_of(simulation.state()), recording.frame(step)["hashes"]):
+            raise recording.error(
+                f"step {step} cannot be resumed: the steps before it do not lead there any more"
+            )
     frame = recording.frame(step)
     if not np.array_equal(hash_of(frame), frame["hashes"]):
         raise recording.error(f"step {step} is damaged: its state does not match its hash")
@@ -82,6 +98,11 @@ def resume(recording, step, simulation):
         recording, min(step + 1, recording.lastStep), simulation.settings
     )
     simulation.set_state(frame)
+    if step == first:
+        try:
+            simulation.solverState = SolverState.from_arrays(recording.solver_arrays())
+        except (KeyError, ValueError, TypeError):
+            raise recording.error("its solver state cannot be read") from None
     simulation.stepCount, simulation.time = step, float(frame["times"])
 
 

@@ -39,6 +39,7 @@ class StepReport:
     candidatePairs : number of pairs that the broad phase gave to the collision test
     constraintVisits : number of constraints looked at
     seconds : dict, the time spent in each phase, of PHASES
+    isAsleep : (n,) bool, which bodies the soft-step solver leaves out; None of the other one
     """
 
     def __init__(self):
@@ -47,6 +48,7 @@ class StepReport:
         self.candidatePairs = 0
         self.constraintVisits = 0
         self.seconds = {}
+        self.isAsleep = None
 
     @property
     def contacts(self):

@@ -75,7 +75,7 @@ def batches(visit_batch, bodies1, bodies2, isFixed, total, maximumVisits):
     As many visits as the sweep's, in another order: the result differs, within the same bounds.
     Returns their number.
     """
-    coloured = _coloured_batches(bodies1.tobytes(), bodies2.tobytes(), isFixed.tobytes())
+    coloured = coloured_batches(bodies1, bodies2, isFixed)
     left = total - len(bodies1)  # visits that find nothing, counted once a sweep
     visits = satisfiedInARow = 0
     while coloured and visits < maximumVisits:
@@ -89,11 +89,17 @@ def batches(visit_batch, bodies1, bodies2, isFixed, total, maximumVisits):
     return visits
 
 
-@lru_cache(maxsize=8)
-def _coloured_batches(bodies1, bodies2, isFixed):
-    """Rows of constraints in batches in which no two move the same body, by greedy colouring.
+def coloured_batches(bodies1, bodies2, isFixed):
+    """Rows of constraints in batches in which no two move the same body: a list of arrays.
 
-    bodies1, bodies2, isFixed : the bytes of the arrays that `batches` takes
+    bodies1, bodies2, isFixed : as for `batches`
+    """
+    return _coloured(bodies1.tobytes(), bodies2.tobytes(), isFixed.tobytes())
+
+
+@lru_cache(maxsize=8)
+def _coloured(bodies1, bodies2, isFixed):
+    """`coloured_batches` by greedy colouring, of the bytes of its arrays.
 
     A constraint gets the first batch that has neither of its bodies, fixed ones apart. The bits of
     an integer tell which batches have a body.

@@ -21,6 +21,7 @@ from rbs.files import files_noted
 from rbs.messages import short
 from rbs.scenes import content_hashes, find_constraints, load_constraint_file, load_scene_file
 from rbs.schedules import CONSTRAINT_SCHEDULINGS
+from rbs.solverstate import CONTACT_SOLVERS, DEFAULT_SUBSTEPS, SolverState
 from rbs.state import Scene
 from RBSFunctions import Mesh, run_timestep
 
@@ -42,6 +43,8 @@ LEAST_VISITS = 1000
 MANY_BODIES, WORTH_TELLING = 100, 2.0
 # After this step of a run: the first one takes longer than the others.
 ADVICE_STEP = 2
+# Substeps in a step at most: a thousand of them already take seconds for a heap.
+MOST_SUBSTEPS = 1000
 # Seconds. Outside of these a step changes nothing to be seen, or all there is to be seen; numbers
 # made of it soon overflow.
 TIME_STEPS = (1e-12, 1e3)
@@ -53,8 +56,9 @@ class Simulation(Scene):
     Attributes: scenePath; meshes, list of Mesh; constraintPath, or None; constraints, a list as
     `load_constraint_file` gives it; contentHashes, of the files that these are from, as
     `content_hashes` gives them; groundMesh; settings; stepCount, the whole steps since the
-    start; report, the last step's `StepReport`, and stepSeconds, how long it took (None before the
-    first); suggestion, what the scene suggests of its settings, in words, or "".
+    start; solverState, what the soft-step solver has left to the next step; report, the last step's
+    `StepReport`, and stepSeconds, how long it took (None before the first); suggestion, what the
+    scene suggests of its settings, in words, or "".
     """
 
     suggestion = ""  # `rbs.suggestions`
@@ -94,6 +98,7 @@ class Simulation(Scene):
     def _begin(self):
         self.stepCount = 0
         self.time = 0.0
+        self.solverState = SolverState()
         self.stepSeconds = self.report = None
 
     def reset(self):
@@ -116,6 +121,9 @@ class Simulation(Scene):
         infinite or absurdly large; the simulation then stays as it was before the step
         """
         settings = self.settings
+        isImpulse = settings.contactSolver == "impulse"
+        if isImpulse:  # what the other one has left is out of date
+            self.solverState.clear()
         begin = time.perf_counter()
         advance = self.runTimestep or run_timestep
         try:
@@ -133,6 +141,11 @@ class Simulation(Scene):
                     constraintScheduling=settings.constraintScheduling,
                     mu=settings.friction,
                     broadPhase=settings.broadPhase,
+                    contactSolver=settings.contactSolver,
+                    substeps=settings.substeps,
+                    sleeping=settings.sleeping,
+                    gyroscopic=settings.gyroscopic,
+                    solverState=None if isImpulse else self.solverState,
                 )
         except StateError as error:
             raise StateError(f"step {self.stepCount + 1} cannot be made: {error}") from None
@@ -147,6 +160,8 @@ class Simulation(Scene):
         """
         count = len(self.meshes)
         if count < MANY_BODIES or self.settings.broadPhase == "grid" or self.stepSeconds is None:
+            return ""
+        if self.settings.contactSolver != "impulse":  # it finds its pairs through a grid anyway
             return ""
         trial = copy.copy(self)
         trial.meshes = [copy.copy(mesh) for mesh in self.meshes]
@@ -174,7 +189,8 @@ class Settings:
     enforceConstraints : whether a scene's constraints are used
     constraintScheduling : a name of CONSTRAINT_SCHEDULINGS
     maxIterations : constraint visits in a step at most, or None for the default
-    broadPhase : a name of BROAD_PHASES
+    broadPhase : a name of BROAD_PHASES; contactSolver : a name of CONTACT_SOLVERS
+    substeps, sleeping : of the soft-step solver; gyroscopic : see `run_timestep`
     """
 
     restitution: float = DEFAULT_RESTITUTION
@@ -185,6 +201,10 @@ class Settings:
     constraintScheduling: str = "sweep"
     maxIterations: int | None = None
     broadPhase: str = "all"
+    contactSolver: str = "impulse"
+    substeps: int = DEFAULT_SUBSTEPS
+    sleeping: bool = True
+    gyroscopic: bool = False
 
     def change(self, name, value):
         """Sets a field; raises ValueError, and changes nothing, where it cannot have this value."""
@@ -195,12 +215,18 @@ class Settings:
         self.restitution = checked_restitution(float(self.restitution))
         self.timeStep = checked_time_step(float(self.timeStep))
         self.friction = checked_friction(float(self.friction))
-        if not (isinstance(self.closingOnly, bool) and isinstance(self.enforceConstraints, bool)):
-            raise ValueError("closingOnly and enforceConstraints must be true or false")
+        for name in ("closingOnly", "enforceConstraints", "sleeping", "gyroscopic"):
+            if not isinstance(getattr(self, name), bool):
+                raise ValueError(f"{name} must be true or false")
         if self.constraintScheduling not in CONSTRAINT_SCHEDULINGS:
             raise ValueError(f"there is no scheduling {self.constraintScheduling!r}")
         if self.broadPhase not in BROAD_PHASES:
             raise ValueError(f"there is no broad phase {self.broadPhase!r}")
+        if self.contactSolver not in CONTACT_SOLVERS:
+            raise ValueError(f"there is no contact solver {self.contactSolver!r}")
+        if self.contactSolver == "soft-step" and self.closingOnly:
+            raise ValueError("closingOnly has no meaning for soft-step: no contact ever pulls")
+        at_least(1, MOST_SUBSTEPS)(operator.index(self.substeps))
         if self.maxIterations is not None:
             at_least(0)(operator.index(self.maxIterations))
 

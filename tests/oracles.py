@@ -139,6 +139,24 @@ def minkowski_depth(points1, points2):
     return -equations[nearest, 3], equations[nearest, :3]
 
 
+def penetrations(meshes):
+    """How deep the bodies are in each other and in the ground, array (Q,) of what is above 0.
+
+    By the Minkowski difference of every pair whose boxes overlap; of two fixed ones, nothing.
+    """
+    vertices = [m.currVertices[m.hull.vertexIndex] for m in meshes]
+    low = np.array([v.min(axis=0) for v in vertices])
+    high = np.array([v.max(axis=0) for v in vertices])
+    meet = (low[:, None] <= high[None]).all(axis=2)
+    meet &= meet.T
+    depths = [-low[k, 1] for k, m in enumerate(meshes) if not m.isFixed]
+    for i, j in zip(*np.nonzero(np.triu(meet, 1)), strict=True):
+        if not (meshes[i].isFixed and meshes[j].isFixed):
+            depths.append(minkowski_depth(vertices[i], vertices[j])[0])
+    depths = np.array(depths)
+    return depths[depths > 0]
+
+
 def gap_along(points1, points2, normal):
     """How far the lowest of points2 stands above the highest of points1 along the normal."""
     normal = np.ravel(normal)

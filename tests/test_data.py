@@ -39,6 +39,7 @@ SCENES = {
     "tower_chain": (9, 1), "two_chain": (33, 10),
     "bridge": (18, 2), "net": (403, 4), "wrecking_ball": (12, 2),
     "incline": (4, 2), "slide": (8, 5), "roll": (7, 4), "settle": (4, 1),
+    "stack": (20, 0), "pyramid": (120, 0), "dominoes": (10, 0),
 }
 
 # Per constraint file: the number of ties.

@@ -1,0 +1,198 @@
+"""The contacts of a step: near pairs, their manifolds old and new, and where the points are now.
+
+Nothing here changes what is remembered: it makes the successors, for the step to keep at its end.
+"""
+
+import numpy as np
+
+from rbs.arrays import find_sorted, indices, take
+from rbs.facets import find_facets
+from rbs.manifolds import (
+    KEEP,
+    POINTS,
+    Manifolds,
+    ground_manifolds,
+    pair_manifolds,
+    pose_changes,
+    relative_poses,
+    tangents,
+    thickness,
+    turn_points,
+)
+from rbs.vectors import cross, dot, mat_vec, transpose
+
+# The ground's normal, from the body to the ground, and the direction that its friction begins at.
+DOWN, ALONG = (0.0, -1.0, 0.0), (1.0, 0.0, 0.0)
+
+
+class BodyFrames:
+    """Where n bodies and the ground are: columns of n + 1, the ground at the origin.
+
+    position : (3, n + 1); orientation : (4, n + 1); rotation : (9, n + 1)
+    """
+
+    def __init__(self, bodies):
+        self.position = np.concatenate((bodies.position, np.zeros((3, 1))), axis=1)
+        identity = np.array([[1.0], [0.0], [0.0], [0.0]])
+        self.orientation = np.concatenate((bodies.orientation, identity), axis=1)
+        identity = np.eye(3).reshape(9, 1)
+        self.rotation = np.concatenate((bodies.hulls.rotation, identity), axis=1)
+
+    def translations(self, first, second):
+        """From the first COM to the second, (3, P); to the ground, to the point right below."""
+        t = take(self.position, second, axis=1) - take(self.position, first, axis=1)
+        isGround = second == self.position.shape[1] - 1
+        t[0] = np.where(isGround, 0.0, t[0])
+        t[2] = np.where(isGround, 0.0, t[2])
+        return t
+
+
+class StepContacts:
+    """The manifolds of M pairs that can touch in this step, in world axes.
+
+    first, second : (M,); the ground is body n
+    normal, tangent1, tangent2 : (3, M), unit
+    arm : (3, 4, M), from the first COM to the points on the first body; t : (3, M)
+    separation : (4, M), along the normal; isPoint : (4, M) bool
+    """
+
+    def __init__(self, manifolds, frames):
+        count = frames.position.shape[1]
+        self.first, self.second = np.divmod(manifolds.key, count)
+        rotation1 = take(frames.rotation, self.first, axis=1)
+        rotation2 = take(frames.rotation, self.second, axis=1)
+        self.t = frames.translations(self.first, self.second)
+        isGround = self.second == count - 1
+        normal = mat_vec(rotation1, manifolds.normal)
+        tangent = mat_vec(rotation1, manifolds.tangent)
+        self.normal = np.where(isGround, np.reshape(DOWN, (3, 1)), normal)
+        self.tangent1 = np.where(isGround, np.reshape(ALONG, (3, 1)), tangent)
+        self.tangent2 = cross(self.normal, self.tangent1)
+        self.isPoint = manifolds.isPoint
+        self.arm = turn_points(rotation1, manifolds.anchor1)
+        across = turn_points(rotation2, manifolds.anchor2) + self.t[:, None] - self.arm
+        self.separation = dot(across, self.normal[:, None])
+
+
+def detect(bodies, hasGround, reach, path, kept):
+    """The contacts of a step: `(pairs, manifolds, frames)`.
+
+    reach : (n,), how far points of a body can come within the step
+    kept : `SolverState`; path : (n,), see `NearPairs`
+
+    Returns the `NearPairs`, the `Manifolds` of all pairs that are near enough to have one, with the
+    impulses that they begin with, and the `BodyFrames`.
+    """
+    count = len(reach) + 1
+    frames = BodyFrames(bodies)
+    radius = bodies.hulls.radius
+    pairs = kept.pairs.updated(bodies.box, radius, bodies.isFixed, reach, path)
+    first, second = np.divmod(pairs.key, count)
+    mark = pairs.path[first] + pairs.path[second]
+    near = reach[first] + reach[second]
+    isNear = pairs.gap - (mark - pairs.mark) <= near
+
+    keptRows, isValid = _valid_manifolds(kept.manifolds, frames, bodies, pairs.key[isNear])
+    valid = kept.manifolds.rows(keptRows[isValid])
+    isKnown = np.zeros(len(pairs.key), dtype=bool)
+    if len(valid.key) and len(pairs.key):
+        found = find_sorted(valid.key, pairs.key)
+        isKnown[found[found >= 0]] = True
+    asked = indices(isNear & ~isKnown)
+    new = [_new_pair_manifolds(bodies, frames, pairs, asked, first, second, near, mark)]
+    if hasGround:
+        new.append(_new_ground_manifolds(bodies, frames, reach, valid.key))
+    manifolds = valid
+    for made in new:
+        if len(made.key):
+            size = _sizes(bodies, *np.divmod(made.key, count))
+            made.inherit(kept.manifolds, size)
+            manifolds = manifolds.joined(made)
+    return pairs, manifolds, frames
+
+
+def _sizes(bodies, first, second):
+    """The `thickness` (M,) of the thinner body of each pair; of a body on the ground, its own."""
+    count = len(bodies.invMass)
+    size = thickness(bodies.hulls, first)
+    isBody = second < count
+    other = thickness(bodies.hulls, np.where(isBody, second, 0)) if count else size
+    return np.where(isBody, np.minimum(size, other), size)
+
+
+def _valid_manifolds(manifolds, frames, bodies, nearKey):
+    """`(rows, isValid)`: the manifolds of pairs that are still near, and which need not be renewed.
+
+    nearKey : (Q,), of the pairs of bodies that are near, sorted
+    """
+    count = frames.position.shape[1]
+    first, second = np.divmod(manifolds.key, count)
+    isGround = second == count - 1
+    isNear = isGround & ~take(bodies.isFixed, np.minimum(first, count - 2))
+    if len(nearKey):
+        isNear |= find_sorted(manifolds.key, nearKey) >= 0
+    rows = indices(isNear)
+    first, second = first[rows], second[rows]
+    t = frames.translations(first, second)
+    poses = relative_poses(first, second, t, frames.rotation, frames.orientation)
+    radius = bodies.hulls.radius
+    smaller = np.minimum(radius[first], radius[np.where(second < count - 1, second, first)])
+    change = pose_changes(manifolds.rows(rows), *poses, smaller)
+    return rows, change <= KEEP * _sizes(bodies, first, second)
+
+
+def _new_pair_manifolds(bodies, frames, pairs, asked, first, second, near, mark):
+    """The manifolds of the pairs `asked`; of those that are apart, notes the gap in `pairs`."""
+    if len(asked) == 0:
+        return Manifolds.none()
+    first, second = first[asked], second[asked]
+    t = frames.translations(first, second)
+    reserve = KEEP * _sizes(bodies, first, second)
+    separation = near[asked] + reserve
+    facets = find_facets(
+        bodies.hulls, first, second, t, np.zeros(len(asked)), take(pairs.axis, asked, axis=1),
+        separation,
+    )  # fmt: skip
+    penetration, normal = facets.minimal_penetrations(t)
+    isApart = penetration < -separation
+    pairs.axis[:, asked] = normal
+    pairs.gap[asked] = np.where(isApart, -penetration, -np.inf)
+    pairs.mark[asked] = mark[asked]
+    met = indices(~isApart)
+    if len(met) == 0:
+        return Manifolds.none()
+    first, second, t, normal = first[met], second[met], t[:, met], normal[:, met]
+    points = pair_manifolds(bodies.hulls, first, second, t, normal, penetration[met])
+    return _table(frames, first, second, t, normal, tangents(normal), *points)
+
+
+def _new_ground_manifolds(bodies, frames, reach, known):
+    """The manifolds of bodies near the ground that have no valid one; known : their keys."""
+    count = len(reach) + 1
+    size = thickness(bodies.hulls, np.arange(count - 1))
+    isNear = (bodies.box[1] <= reach + KEEP * size) & ~bodies.isFixed
+    isNear[known[known % count == count - 1] // count] = False
+    body = indices(isNear)
+    if len(body) == 0:
+        return Manifolds.none()
+    ground = np.full(len(body), count - 1)
+    t = frames.translations(body, ground)
+    arm, isPoint = ground_manifolds(bodies.hulls, body, bodies.position[1])
+    normal, tangent = (np.tile(np.reshape(v, (3, 1)), len(body)) for v in (DOWN, ALONG))
+    below = arm - t[:, None]
+    below[1] = 0.0
+    return _table(frames, body, ground, t, normal, tangent, arm, below, isPoint)
+
+
+def _table(frames, first, second, t, normal, tangent, point1, point2, isPoint):
+    """`Manifolds` without impulses, sorted, of points (3, 4, K) from the COMs, in world axes."""
+    into1 = transpose(take(frames.rotation, first, axis=1))
+    into2 = transpose(take(frames.rotation, second, axis=1))
+    translation, rotation = relative_poses(first, second, t, frames.rotation, frames.orientation)
+    key = first * frames.position.shape[1] + second
+    return Manifolds(
+        key, normal=mat_vec(into1, normal), tangent=mat_vec(into1, tangent),
+        anchor1=turn_points(into1, point1), anchor2=turn_points(into2, point2), isPoint=isPoint,
+        translation=translation, rotation=rotation,
+        impulse=np.zeros((POINTS, len(key))), friction=np.zeros((3, len(key))),
+    )  # fmt: skip

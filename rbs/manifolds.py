@@ -1,0 +1,420 @@
+"""Contact manifolds: up to four points where two hulls touch, kept from one step to the next.
+
+A manifold has the pair's normal n, from the first body to the second, and points that are worth an
+impulse each. Seen along n, they are the corners of the overlap of two faces, one of either hull:
+corners of one inside the other, and crossings of their sides. Of these, four are kept that span the
+overlap, the deepest always among them, as in van den Bergen: Collision Detection in Interactive 3D
+Environments, 2003, and Bullet's persistent manifold.
+
+From the top: `Manifolds`, the table; building manifolds, of pairs and on the ground; the polygons
+that hulls are made of; clipping; the choice of four.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+
+from rbs.arrays import find_sorted, indices, ranges, row_minima, take
+from rbs.hulls import FEATURE_TOLERANCE, support_features
+from rbs.patches import contact_points, sharp_contact_points
+from rbs.vectors import cross, dot, mat_vec, mul_add, norm, transpose
+
+POINTS = 4
+
+# Of the size of the bodies, see `thickness`. Points that lie within this of each other are one.
+MERGE = 1e-3
+# Points that stand this much further apart than the nearest one are left out: the manifold is made
+# anew before they can touch. With more, a rolling cylinder has corners far apart among its four,
+# and sinks between them.
+CULL = 0.05
+# Where sides of two faces coincide, corners may lie so far outside of the other face.
+OUTSIDE = 1e-6
+# A manifold is made anew when the relative pose has changed by so much. With more, its normal is
+# visibly out of date; with less, more time is spent on finding the same again.
+KEEP = 0.03
+# A point inherits the impulse of one that was so near, in the frame of the first body.
+MATCH = 0.5
+# Faces that are steeper than this against the normal's plane are not clipped: along the normal,
+# their planes run away from the hull's surface within rounding.
+LEAST_COSINE = 0.05
+# An angle is at most so many times the distance of the two unit quaternions, up to half a turn.
+ANGLE_OF_CHORD = 2.23
+
+# The columns of the table: of each name, the shape of a manifold's share.
+COLUMNS = {
+    "normal": (3,),
+    "tangent": (3,),
+    "anchor1": (3, POINTS),
+    "anchor2": (3, POINTS),
+    "isPoint": (POINTS,),
+    "translation": (3,),
+    "rotation": (4,),
+    "impulse": (POINTS,),
+    "friction": (3,),
+}
+
+
+class Manifolds:
+    """M manifolds, sorted by the pair i < j that they belong to. The ground is body n of n + 1.
+
+    key : (M,), i · (n + 1) + j
+    normal, tangent : (3, M), unit, in the frame of the first body; n and t1 of the solver
+    anchor1, anchor2 : (3, 4, M), where the points lie on either body, in its frame
+    isPoint : (4, M) bool; rows without a point have anchors that mean nothing
+    translation, rotation : (3, M), (4, M), of the second body in the first one's frame when the
+        manifold was made
+    impulse : (4, M), along the normal at the points, and friction (3, M), along t1 and t2 and the
+        twist about n: those of the last substep, mass · speed, to start the next one with
+    """
+
+    __slots__ = ("key", *COLUMNS)
+
+    def __init__(self, key, **columns):
+        self.key = key
+        for name in COLUMNS:
+            setattr(self, name, columns[name])
+
+    @classmethod
+    def none(cls):
+        columns = {name: np.zeros((*shape, 0)) for name, shape in COLUMNS.items()}
+        columns["isPoint"] = columns["isPoint"].astype(bool)
+        return cls(np.zeros(0, dtype=np.int64), **columns)
+
+    def rows(self, some):
+        """The manifolds `some` (m,), ascending; all of them are these themselves."""
+        if len(some) == len(self.key):
+            return self
+        columns = {name: getattr(self, name)[..., some] for name in COLUMNS}
+        return Manifolds(self.key[some], **columns)
+
+    def joined(self, other):
+        """These and others, in the order of their keys."""
+        key = np.concatenate((self.key, other.key))
+        order = key.argsort(kind="stable")
+        columns = {
+            name: np.concatenate((getattr(self, name), getattr(other, name)), axis=-1)[..., order]
+            for name in COLUMNS
+        }
+        return Manifolds(key[order], **columns)
+
+    def renewed(self, **columns):
+        """The same with other columns in place of those named."""
+        return Manifolds(self.key, **{n: getattr(self, n) for n in COLUMNS} | columns)
+
+    def inherit(self, old, size):
+        """Impulses of the manifolds that these take the place of; size : (M,), see `thickness`.
+
+        Each point in turn gets the impulse of the nearest old one that is left, as seen by the
+        first body, if it is near at all. The friction is carried over as a vector.
+        """
+        known = find_sorted(self.key, old.key) if len(old.key) else np.full(len(self.key), -1)
+        mine = indices(known >= 0)
+        if len(mine) == 0:
+            return
+        old = old.rows(known[mine])
+        free = old.isPoint.copy()
+        for k in range(POINTS):
+            away = self.anchor1[:, k, mine][:, None] - old.anchor1
+            distance = np.where(free, dot(away, away), np.inf)
+            nearest = distance.argmin(axis=0)
+            column = np.arange(len(mine))
+            isNear = distance[nearest, column] <= (MATCH * size[mine]) ** 2
+            isNear &= self.isPoint[k, mine]
+            self.impulse[k, mine] = np.where(isNear, old.impulse[nearest, column], 0.0)
+            free[nearest[isNear], column[isNear]] = False
+        force = old.tangent * old.friction[0] + cross(old.normal, old.tangent) * old.friction[1]
+        normal, tangent = self.normal[:, mine], self.tangent[:, mine]
+        self.friction[:, mine] = np.stack(
+            (dot(force, tangent), dot(force, cross(normal, tangent)), old.friction[2])
+        )
+
+
+def turn_points(matrix, points):
+    """Matrices (9, M) times points (3, 4, M)."""
+    products = matrix.reshape(3, 3, 1, -1) * points
+    return products[:, 0] + products[:, 1] + products[:, 2]
+
+
+def relative_poses(first, second, t, rotation, orientation):
+    """`(translation (3, M), rotation (4, M))` of the second body in the first one's frame.
+
+    t : (3, M), from the first COM to the second; rotation (9, n + 1), orientation (4, n + 1)
+    """
+    translation = mat_vec(transpose(take(rotation, first, axis=1)), t)
+    aw, ax, ay, az = take(orientation, first, axis=1)
+    bw, bx, by, bz = take(orientation, second, axis=1)
+    return translation, np.stack((
+        aw * bw + ax * bx + ay * by + az * bz,
+        aw * bx - ax * bw - ay * bz + az * by,
+        aw * by + ax * bz - ay * bw - az * bx,
+        aw * bz - ax * by + ay * bx - az * bw,
+    ))  # fmt: skip
+
+
+def pose_changes(manifolds, translation, rotation, radius):
+    """How far (M,) points of the second body can have moved in the first one's frame.
+
+    radius : (M,), of the smaller of the two bodies
+    """
+    cosine = np.zeros(len(radius))
+    for k in range(4):
+        cosine += manifolds.rotation[k] * rotation[k]
+    chord = np.sqrt(np.maximum(2.0 - 2.0 * np.abs(cosine), 0.0))
+    return norm(translation - manifolds.translation) + ANGLE_OF_CHORD * chord * radius
+
+
+def tangents(normal):
+    """Unit vectors (3, M) perpendicular to the normals (3, M): n × the axis it is farthest from."""
+    axis = np.abs(normal).argmin(axis=0)
+    unit = (np.arange(3)[:, None] == axis).astype(float)
+    across = cross(normal, unit)
+    return across / norm(across)
+
+
+# --------------------------------------------------------------------------------------------------
+# Building
+# --------------------------------------------------------------------------------------------------
+
+
+def pair_manifolds(hulls, first, second, t, normal, depth):
+    """Manifolds of K pairs that touch or nearly do: `(point1, point2, isPoint)`.
+
+    t, normal : (3, K); depth : (K,), the penetration along the normal, negative where they part
+    point1, point2 : (3, 4, K), on the first and on the second body, each from its COM, in world
+        axes: a point and its partner lie on one line along the normal
+    """
+    size = np.minimum(thickness(hulls, first), thickness(hulls, second))
+    tolerance = FEATURE_TOLERANCE * (hulls.radius[first] + hulls.radius[second])
+    u = tangents(normal)
+    frame = np.stack((u, cross(normal, u), normal), axis=1)  # (3, 3, K): axes t1, t2, n
+    faces = _Faces(hulls, first, normal), _Faces(hulls, second, -normal)
+    polygons = (
+        _Polygons(hulls, faces[0], np.zeros_like(t), frame),
+        _Polygons(hulls, faces[1], t, frame),
+    )
+    isFlat = (faces[0].cosine > LEAST_COSINE) & (faces[1].cosine > LEAST_COSINE)
+    row, u, v = _overlap_corners(*polygons, OUTSIDE * size)
+    some = isFlat[row]
+    row, u, v = row[some], u[some], v[some]
+    height1, height2 = (polygon.heights(row, u, v) for polygon in polygons)
+
+    # The deepest point, exact, where it is a corner or a crossing of edges. Of faces and parallel
+    # edges it is a corner of the overlap; where rounding has left none, it is worked out singly.
+    deepest, isPatch = sharp_contact_points(hulls, first, second, t, normal, tolerance)
+    hasCorner = np.zeros(len(first), dtype=bool)
+    hasCorner[row] = True
+    isLost = indices(isPatch & ~hasCorner)
+    if len(isLost):
+        deepest[:, isLost] = contact_points(
+            hulls, first[isLost], second[isLost], t[:, isLost], normal[:, isLost], tolerance[isLost]
+        )
+    sharp = indices(~(isPatch & hasCorner))
+    on2 = take(deepest + t, sharp, axis=1)
+    exact = [dot(on2, take(frame[:, k], sharp, axis=1)) for k in range(3)]
+    row = np.concatenate((sharp, row))
+    u, v = np.concatenate((exact[0], u)), np.concatenate((exact[1], v))
+    height1 = np.concatenate((exact[2] + depth[sharp], height1))
+    height2 = np.concatenate((exact[2], height2))
+    order = row.argsort(kind="stable")
+    row, u, v, height1, height2 = row[order], u[order], v[order], height1[order], height2[order]
+
+    chosen, isPoint = _four_points(row, u, v, height2 - height1, size)
+    u, v, height1, height2 = u[chosen], v[chosen], height1[chosen], height2[chosen]  # (4, K)
+    flat = frame[:, 0, None] * u + frame[:, 1, None] * v
+    point1 = mul_add(flat, height1, normal[:, None])
+    point2 = mul_add(flat, height2, normal[:, None]) - t[:, None]
+    return point1, point2, isPoint
+
+
+def ground_manifolds(hulls, bodies, height):
+    """Manifolds of bodies (K,) with the ground, as of `pair_manifolds`: `(point1, isPoint)`.
+
+    height : (K,), of the COMs above the ground
+    """
+    row, column = ranges(take(hulls.vertexStart, bodies), take(hulls.vertexCount, bodies))
+    x, y, z = take(hulls.vertices, column, axis=1)
+    chosen, isPoint = _four_points(row, x, z, y + height[row], thickness(hulls, bodies))
+    return take(hulls.vertices, column[chosen].ravel(), axis=1).reshape(3, POINTS, -1), isPoint
+
+
+def thickness(hulls, bodies):
+    """The size (K,) of bodies that tolerances of manifolds are relative to: the distance of the
+    COM from the nearest face. A thin body has a small one."""
+    return _face_table(hulls.distinct).thickness[hulls.shape[bodies]]
+
+
+class _FaceTable:
+    """The polygons of the faces of distinct hulls, in flat tables.
+
+    start, count : (ΣF,), where a face's corners begin, and how many there are
+    corner : (ΣC,), vertices of the hull, counter-clockwise seen from outside
+    following : (ΣC,), where the next corner of the same polygon is
+    thickness : (number of hulls,)
+    """
+
+    def __init__(self, hulls):
+        corners = [corner for hull in hulls for corner in _face_corners(hull)]
+        self.count = np.array([len(corner) for corner in corners], dtype=np.intp)
+        self.start = self.count.cumsum() - self.count
+        self.corner = np.concatenate(corners)
+        self.following = np.arange(1, len(self.corner) + 1)
+        self.following[self.start + self.count - 1] = self.start
+        self.thickness = np.array([hull.offsets.min() for hull in hulls])
+
+
+# The tables of the scenes at hand, each made once; they follow from the hulls alone.
+_face_table = lru_cache(maxsize=8)(_FaceTable)
+
+
+def _face_corners(hull):
+    """The vertices of each face of a hull, counter-clockwise about its normal: list of arrays."""
+    heights = dot(hull.directions.T[:, :, None], hull.vertices.T[:, None, :])
+    isCorner = heights >= hull.offsets[:, None] - FEATURE_TOLERANCE * hull.radius
+    n = hull.directions.T
+    t1 = tangents(n)
+    t2 = cross(n, t1)
+    corners = []
+    for face, own in enumerate(isCorner):
+        own = indices(own)
+        away = (hull.vertices[own] - hull.vertices[own].mean(axis=0)).T
+        angle = np.arctan2(dot(t2[:, face, None], away), dot(t1[:, face, None], away))
+        corners.append(own[angle.argsort(kind="stable")])
+    return corners
+
+
+class _Faces:
+    """The faces (K,) that bodies turn most towards a direction, of those that touch its support.
+
+    Others can be turned more towards it, but the deepest point is not on them.
+
+    body, face : (K,), the face counted over all hulls; normal : (3, K), outward, in world axes
+    cosine : (K,), of its angle with the direction
+    """
+
+    def __init__(self, hulls, bodies, direction):
+        self.body = bodies
+        tolerance = FEATURE_TOLERANCE * hulls.radius[bodies]
+        _, first, last, _ = support_features(hulls, bodies, -direction, tolerance)
+        # in the bodies' frames, where the faces' normals stand
+        turned = transpose(take(hulls.rotation, bodies, axis=1))
+        axis = mat_vec(turned, direction)
+        ends = [mat_vec(turned, take(hulls.vertices, v, axis=1)) for v in (first, last)]
+        count = take(hulls.faceCount, bodies)
+        row, face = ranges(take(hulls.faceStart, bodies), count)
+        normal, offset = take(hulls.directions, face, axis=1), take(hulls.offsets, face)
+        below = [offset - dot(normal, take(end, row, axis=1)) for end in ends]
+        isOwn = np.maximum(*below) <= 4.0 * tolerance[row]
+        cosine = np.where(isOwn, dot(normal, take(axis, row, axis=1)), -1.0)
+        least, best = row_minima(-cosine, row, count.cumsum() - count)
+        self.cosine = -least
+        self.face = take(face, best)
+        self.offset = take(offset, best)
+        self.normal = mat_vec(take(hulls.rotation, bodies, axis=1), take(normal, best, axis=1))
+
+
+class _Polygons:
+    """Faces (K,) seen along the pairs' normals, and their corners (C,).
+
+    start, count : (K,), of a face's corners; row (C,), the face of each; next (C,), the corner
+        after each; u, v : (C,)
+    """
+
+    def __init__(self, hulls, faces, origin, frame):
+        """origin : (3, K), the COM of the bodies; frame : (3, 3, K), t1, t2 and n in the middle"""
+        table = _face_table(hulls.distinct)
+        self.count = take(table.count, faces.face)
+        self.start = self.count.cumsum() - self.count
+        begin = take(table.start, faces.face)
+        self.row, corner = ranges(begin, self.count)
+        self.next = take(table.following, corner) - take(begin - self.start, self.row)
+        column = take(table.corner, corner) + take(hulls.vertexStart[faces.body], self.row)
+        position = take(hulls.vertices, column, axis=1) + take(origin, self.row, axis=1)
+        self.u, self.v = (
+            dot(position, take(frame[:, k], self.row, axis=1)) for k in range(2)
+        )
+        self._slopes = [dot(faces.normal, frame[:, k]) for k in range(3)]
+        self._offset = faces.offset + dot(faces.normal, origin)
+
+    def heights(self, row, u, v):
+        """How high (Q,) the planes of the faces `row` stand along n at the points u, v (Q,)."""
+        slopeU, slopeV, slopeN = (take(slope, row) for slope in self._slopes)
+        return (take(self._offset, row) - slopeU * u - slopeV * v) / slopeN
+
+
+def _overlap_corners(a, b, slack):
+    """The corners `(row, u, v)` of the overlaps of the polygons a and b, K of each, in a plane.
+
+    Seen along the normal, those of a run counter-clockwise and those of b clockwise.
+    slack : (K,), length by which a corner may lie outside: where sides coincide, rounding decides
+    """
+    # all combinations of a corner i of a, with the side after it, and a corner j of b
+    i, j = ranges(take(b.start, a.row), take(b.count, a.row))
+    row = take(a.row, i)
+    place = take(b.count, a.row).cumsum() - take(b.start + b.count, a.row)
+    afterI, afterJ = take(a.next, i), take(b.next, j)
+    au, av, bu, bv = take(a.u, i), take(a.v, i), take(b.u, j), take(b.v, j)
+    sideAu, sideAv = take(a.u, afterI) - au, take(a.v, afterI) - av
+    sideBu, sideBv = take(b.u, afterJ) - bu, take(b.v, afterJ) - bv
+    du, dv = bu - au, bv - av
+    # twice the areas: how far inside a is to the side of b, and b to that of a
+    insideB = sideBu * dv - sideBv * du
+    insideA = sideAu * dv - sideAv * du
+    slack = take(slack, row)
+    isOut = insideB < -slack * np.sqrt(sideBu * sideBu + sideBv * sideBv)
+    cornersA = indices(np.bincount(i, isOut, len(a.row)) == 0)
+    isOut = insideA < -slack * np.sqrt(sideAu * sideAu + sideAv * sideAv)
+    cornersB = indices(np.bincount(j, isOut, len(b.row)) == 0)
+    # two sides cross where the ends of each lie on different sides of the other
+    headA, headB = take(insideB, take(place, afterI) + j), take(insideA, take(place, i) + afterJ)
+    crosses = indices((insideB * headA < 0) & (insideA * headB < 0))
+    s = insideB[crosses] / (insideB[crosses] - headA[crosses])
+    u = au[crosses] + s * sideAu[crosses]
+    v = av[crosses] + s * sideAv[crosses]
+    return (
+        np.concatenate((a.row[cornersA], b.row[cornersB], row[crosses])),
+        np.concatenate((a.u[cornersA], b.u[cornersB], u)),
+        np.concatenate((a.v[cornersA], b.v[cornersB], v)),
+    )
+
+
+def _four_points(row, u, v, separation, size):
+    """Which four of each row's points span most: `(chosen (4, K), isPoint (4, K))`.
+
+    row : (Q,), ascending, each of 0 … K - 1 at least once; u, v, separation : (Q,); size : (K,)
+
+    The deepest; the farthest from it; the one that makes the largest triangle with these; and the
+    one that adds most to the triangle. Where none is left, `chosen` holds another and isPoint is
+    false.
+    """
+    start = row.searchsorted(np.arange(len(size)))
+    least, first = row_minima(separation, row, start)
+    isFar = separation - take(least, row) > CULL * take(size, row)
+    merge = MERGE * size
+
+    def farthest(measure):
+        """The point (K,) of each row with the largest measure, and the measure."""
+        negative, point = row_minima(np.where(isFar, np.inf, -measure), row, start)
+        return point, -negative
+
+    def area(p, q):
+        """Twice the area, signed, of the triangles that each point makes with p and q (K,)."""
+        pu, pv = u[p], v[p]
+        return take(u[q] - pu, row) * (v - take(pv, row)) - take(v[q] - pv, row) * (
+            u - take(pu, row)
+        )
+
+    away = np.hypot(u - take(u[first], row), v - take(v[first], row))
+    second, length = farthest(away)
+    areas = area(first, second)
+    third, size3 = farthest(np.abs(areas))
+    sense = np.where(areas[third] < 0, 1.0, -1.0)
+    beyond = np.maximum.reduce(
+        [take(sense, row) * outside for outside in
+         (areas, area(second, third), area(third, first))]
+    )  # fmt: skip
+    fourth, size4 = farthest(beyond)
+    isPoint = np.stack((
+        np.ones(len(size), dtype=bool), length > merge, size3 > merge * length,
+        (size3 > merge * length) & (size4 > merge * length),
+    ))  # fmt: skip
+    return np.stack((first, second, third, fourth)), isPoint

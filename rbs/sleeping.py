@@ -1,0 +1,99 @@
+"""Sleeping: bodies that have come to rest are left out of a step until something disturbs them.
+
+The rule is local: a body falls asleep when it and all that it touches, or is tied to, have been
+slow for a while. Box2D and Bullet put whole islands to sleep instead; in a heap, where everything
+hangs together, a few bodies that still roll would keep nearly all of it awake.
+
+A sleeping body has no velocity, and holds what leans on it as a fixed one would. It wakes where
+somebody has moved it or what it touches, where a contact that it had is gone, and where a body that
+touches it is fast again; so waking spreads by one body a step.
+"""
+
+import numpy as np
+
+from rbs.arrays import find_sorted, take
+from rbs.vectors import norm
+
+# Seconds that bodies have to be slow for before they sleep.
+SLEEP_SECONDS = 0.5
+# A body is slow below this part of √(g r), r its radius: a hundredth of the speed that it gets by
+# falling for half its radius.
+SLOW = 0.01
+
+
+class Sleep:
+    """Which of n bodies sleep, and for how long the others have been slow.
+
+    isAsleep : (n,) bool; timer : (n,), seconds
+    position, orientation, velocity : (3, n), (4, n), (6, n), as the last step has left them
+    """
+
+    COLUMNS = ("isAsleep", "timer", "position", "orientation", "velocity")
+
+    def __init__(self, **columns):
+        for name in self.COLUMNS:
+            setattr(self, name, columns[name])
+
+    @classmethod
+    def none(cls, bodies):
+        count = len(bodies.invMass)
+        return cls(
+            isAsleep=np.zeros(count, dtype=bool), timer=np.zeros(count),
+            position=bodies.position.copy(), orientation=bodies.orientation.copy(),
+            velocity=bodies.velocity.copy(),
+        )  # fmt: skip
+
+    def disturbed(self, bodies):
+        """Which bodies (n,) are not as the last step has left them."""
+        return (
+            (bodies.position != self.position).any(axis=0)
+            | (bodies.orientation != self.orientation).any(axis=0)
+            | (bodies.velocity != self.velocity).any(axis=0)
+        )
+
+    def woken(self, disturbed, links, lost, speed, radius, gravity):
+        """`isAsleep` (n,) at the beginning of a step.
+
+        disturbed : (n,); links : (2, L), bodies that touch or are tied, the ground being body n
+        lost : (2, K), those that did, and do no longer; speed : (n,), see `speeds`
+        """
+        if not self.isAsleep.any():
+            return self.isAsleep
+        wakes = np.append(disturbed | (speed > slow_speeds(radius, gravity)), False)
+        first, second = links
+        isStirred = wakes.copy()
+        isStirred[first[wakes[second]]] = True
+        isStirred[second[wakes[first]]] = True
+        isStirred[lost] = True
+        return self.isAsleep & ~isStirred[:-1]
+
+    def settled(self, isAsleep, isFixed, links, speed, radius, gravity, timeStep):
+        """`(isAsleep, timer)` (n,) at the end of a step; arguments as for `woken`."""
+        isStill = isAsleep | isFixed
+        isSlow = isStill | (speed <= slow_speeds(radius, gravity))
+        timer = np.where(isSlow, self.timer + timeStep, 0.0)
+        isRested = np.append(isStill | (timer >= SLEEP_SECONDS), True)
+        first, second = links
+        isHeldUp = np.zeros(len(isRested), dtype=bool)
+        isHeldUp[first[~isRested[second]]] = True
+        isHeldUp[second[~isRested[first]]] = True
+        sleeps = isRested[:-1] & ~isHeldUp[:-1] & ~isFixed
+        return isAsleep | sleeps, timer
+
+
+def slow_speeds(radius, gravity):
+    """Below which speed (n,) a body counts as slow."""
+    return SLOW * np.sqrt(abs(gravity) * radius)
+
+
+def speeds(velocity, radius):
+    """How fast a point of each body moves at most: |v| + |ω| r, (n,) of velocities (6, n)."""
+    return norm(velocity[0:3]) + norm(velocity[3:6]) * radius
+
+
+def lost_links(key, oldKey, count):
+    """Which pairs (2, K) of `oldKey` are not in `key` any more; both sorted, i · count + j."""
+    if len(oldKey) == 0:
+        return np.zeros((2, 0), dtype=np.intp)
+    isLost = find_sorted(oldKey, key) < 0 if len(key) else np.ones(len(oldKey), dtype=bool)
+    return np.stack(np.divmod(take(oldKey, isLost.nonzero()[0]), count))

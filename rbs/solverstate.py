@@ -1,0 +1,73 @@
+"""The state of the soft-step solver: all that one step leaves to the next, beside the bodies.
+
+Without it a step starts cold: it finds every contact anew and begins with no impulses. With it, a
+simulation that is saved with its bodies and restored goes on with the same bits.
+"""
+
+import numpy as np
+
+from rbs.manifolds import COLUMNS, Manifolds
+from rbs.nearpairs import NearPairs
+from rbs.sleeping import Sleep
+
+# What resolves contacts: one impulse after the other, or all together, see rbs/softstep.py.
+CONTACT_SOLVERS = ("impulse", "soft-step")
+# Substeps of the latter: of fewer, high stacks sag.
+DEFAULT_SUBSTEPS = 8
+
+
+class SolverState:
+    """What `run_timestep` takes as solverState, reads, and puts its successor's content into.
+
+    count : number of bodies; None before the first step
+    pairs : `NearPairs`; manifolds : `Manifolds`; sleep : `Sleep`
+    tieImpulse : (C,), of the distance constraints in the last substep, and tie (6, C), the rows
+        that they belong to
+    """
+
+    PARTS = {"pairs": NearPairs, "sleep": Sleep}
+
+    def __init__(self):
+        self.clear()
+
+    def clear(self):
+        """Forgets everything: the next step starts cold."""
+        self.count = None
+        self.pairs = self.manifolds = self.sleep = None
+        self.tie, self.tieImpulse = np.zeros((6, 0)), np.zeros(0)
+
+    def start(self, bodies):
+        """Makes the state of these bodies, unless it has one of as many."""
+        count = len(bodies.invMass)
+        if self.count != count:
+            self.clear()
+            self.count = count
+            self.pairs, self.manifolds = NearPairs.none(count), Manifolds.none()
+            self.sleep = Sleep.none(bodies)
+
+    def arrays(self):
+        """The content as arrays: dict, {} before the first step. `from_arrays` takes it back."""
+        if self.count is None:
+            return {}
+        found = {"tie": self.tie, "tieImpulse": self.tieImpulse}
+        for part, kind in self.PARTS.items():
+            for name in kind.COLUMNS:
+                found[f"{part}.{name}"] = getattr(getattr(self, part), name)
+        for name in ("key", *COLUMNS):
+            found[f"manifolds.{name}"] = getattr(self.manifolds, name)
+        return {name: np.array(value) for name, value in found.items()}
+
+    @classmethod
+    def from_arrays(cls, arrays):
+        """The `SolverState` that `arrays` was made from."""
+        state = cls()
+        if arrays:
+            arrays = {name: np.array(value) for name, value in arrays.items()}
+            for part, kind in cls.PARTS.items():
+                columns = {name: arrays[f"{part}.{name}"] for name in kind.COLUMNS}
+                setattr(state, part, kind(**columns))
+            columns = {name: arrays[f"manifolds.{name}"] for name in COLUMNS}
+            state.manifolds = Manifolds(arrays["manifolds.key"], **columns)
+            state.tie, state.tieImpulse = arrays["tie"], arrays["tieImpulse"]
+            state.count = len(state.pairs.path)
+        return state

@@ -1,0 +1,422 @@
+"""The soft-step solver: closed forms, conservation, rest, determinism, sleeping, recordings."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from oracles import (
+    DATA,
+    ROOT,
+    body,
+    box_body,
+    ground,
+    penetrations,
+    quaternion,
+    random_quaternions,
+    rotation,
+    state_of,
+)
+
+from rbs.flight import GRAVITY
+from rbs.hulls import HullSet
+from rbs.manifolds import pair_manifolds
+from rbs.recording import Recorder, Recording
+from rbs.replay import resume, verify
+from rbs.simulation import Settings, Simulation
+from rbs.solverstate import SolverState
+from RBSFunctions import run_timestep
+
+H = 0.02
+
+
+def simulate(meshes, steps, state=None, CRCoeff=0.0, mu=0.5, hasGround=True, timeStep=H, **more):
+    """Steps of the soft-step solver; returns its state and the last report."""
+    state = SolverState() if state is None else state
+    floor = ground() if hasGround else None
+    for _ in range(steps):
+        report = run_timestep(meshes, floor, timeStep, CRCoeff, mu=mu, contactSolver="soft-step",
+                              solverState=state, **more)  # fmt: skip
+    return state, report
+
+
+def positions(meshes):
+    return np.array([m.position[0] for m in meshes])
+
+
+def top_speed(meshes):
+    return max(np.linalg.norm(m.linVelocity) for m in meshes)
+
+
+def momentum(meshes):
+    """Linear and angular momentum about the origin, (6,)."""
+    total = np.zeros(6)
+    for m in meshes:
+        turn = rotation(m.orientation[0]).as_matrix()
+        spin = turn @ m.IT @ turn.T @ m.angVelocity[0]
+        push = m.mass * m.linVelocity[0]
+        total += np.concatenate((push, np.cross(m.position[0], push) + spin))
+    return total
+
+
+def some_heap(seed=3, count=7):
+    """Boxes, octahedra and cylinders that fall onto each other and do not touch at the start."""
+    rng = np.random.default_rng(seed)
+    turns = random_quaternions(rng, count)
+    return [
+        body(("box", "octahedron", "cylinder")[i % 3],
+             (rng.uniform(-4, 4), 9 + 17 * i, rng.uniform(-4, 4)), q, density=rng.uniform(1, 5))
+        for i, q in enumerate(turns)
+    ]  # fmt: skip
+
+
+# --------------------------------------------------------------------------------------------------
+# What is refused
+# --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"contactSolver": "hard-step"}, "no contact solver"),
+        ({"contactSolver": "soft-step", "closingOnly": True}, "closingOnly"),
+        ({"contactSolver": "soft-step", "substeps": 0}, "substeps"),
+        ({"contactSolver": "soft-step", "substeps": 2.5}, "substeps"),
+    ],
+)
+def test_what_has_no_sense_is_refused_in_one_line(options, words):
+    with pytest.raises(ValueError, match=words) as error:
+        run_timestep([box_body(2, 2, 2, (0, 5, 0))], ground(), H, 0.0, **options)
+    assert "\n" not in str(error.value)
+
+
+def test_a_wrong_number_leaves_bodies_and_solver_as_they_were():
+    meshes = [box_body(2, 2, 2, (0, 1 + 2 * i, 0)) for i in range(2)]
+    state, _ = simulate(meshes, 5)
+    meshes[1].linVelocity = np.array([[0.0, np.inf, 0.0]])
+    before, kept = state_of(meshes), state.arrays()
+    with pytest.raises(ArithmeticError, match="body 1"):
+        simulate(meshes, 1, state)
+    assert np.array_equal(state_of(meshes), before)
+    for name, values in state.arrays().items():
+        assert np.array_equal(values, kept[name]), name
+
+
+# --------------------------------------------------------------------------------------------------
+# Manifolds
+# --------------------------------------------------------------------------------------------------
+
+
+def manifold(mesh1, mesh2, normal, depth):
+    """`(point1 (P, 3), point2 (P, 3))` of two bodies, in the world."""
+    hulls = HullSet([mesh1.hull, mesh2.hull])
+    turns = [rotation(m.orientation[0]).as_matrix().reshape(9) for m in (mesh1, mesh2)]
+    t = (mesh2.position - mesh1.position).T
+    point1, point2, isPoint = pair_manifolds(
+        hulls.rotated(np.stack(turns, axis=1)), np.array([0]), np.array([1]), t,
+        np.reshape(normal, (3, 1)), np.array([depth]),
+    )  # fmt: skip
+    some = isPoint[:, 0]
+    return (point1[:, some, 0].T + mesh1.position, point2[:, some, 0].T + mesh2.position)
+
+
+def test_the_manifold_of_two_boxes_is_the_corners_of_their_overlap():
+    low = box_body(4, 2, 4, (0, 1, 0))
+    high = box_body(2, 2, 6, (0.5, 2.9, 0), orientation=quaternion((0, 1, 0), 0))
+    point1, point2 = manifold(low, high, (0, 1, 0), 0.1)
+    assert len(point1) == 4
+    corners = {(x, z) for x in (-0.5, 1.5) for z in (-2.0, 2.0)}
+    assert {(round(x, 9), round(z, 9)) for x, _, z in point1} == corners
+    assert np.allclose(point1[:, 1], 2.0) and np.allclose(point2[:, 1], 1.9)
+
+
+def test_crossed_edges_meet_in_one_point():
+    low = box_body(8, 2, 2, (0, 0, 0), orientation=quaternion((1, 0, 0), 45))
+    high = box_body(2, 2, 8, (0, 2 * np.sqrt(2) - 0.1, 0), orientation=quaternion((0, 0, 1), 45))
+    point1, point2 = manifold(low, high, (0, 1, 0), 0.1)
+    assert len(point1) == 1
+    assert np.allclose(point1, [[0, np.sqrt(2), 0]])
+    assert np.allclose(point2, [[0, np.sqrt(2) - 0.1, 0]])
+
+
+def test_the_deepest_point_is_always_in_the_manifold():
+    rng = np.random.default_rng(5)
+    met = 0
+    for _ in range(120):
+        names = rng.choice(["box", "octahedron", "tetrahedron", "cylinder"], 2)
+        turns = random_quaternions(rng, 2)
+        one = body(names[0], (0, 0, 0), turns[0])
+        two = body(names[1], rng.normal(size=3) * 4, turns[1])
+        isCollision, depth, normal, _ = one.detect_collision(two)
+        if not isCollision:
+            continue
+        met += 1
+        normal = normal[0]
+        point1, point2 = manifold(one, two, normal, depth)
+        along = (point2 - point1) @ normal
+        assert along.min() == pytest.approx(-depth, abs=1e-9)
+        # the points lie on lines along the normal
+        assert np.allclose(point2 - point1, along[:, None] * normal, atol=1e-9)
+        assert 1 <= len(point1) <= 4
+    assert 40 < met < 120
+
+
+# --------------------------------------------------------------------------------------------------
+# Physics
+# --------------------------------------------------------------------------------------------------
+
+
+def test_free_flight_over_substeps_is_that_of_gravity():
+    ball = body("octahedron", (0, 100, 0))
+    ball.linVelocity, ball.angVelocity = np.array([[3.0, 0, 0]]), np.array([[0, 2.0, 0]])
+    simulate([ball], 10, substeps=4)
+    h, n = H / 4, 40
+    assert ball.linVelocity[0] == pytest.approx([3.0, GRAVITY * 10 * H, 0])
+    assert ball.position[0] == pytest.approx([0.6, 100 + GRAVITY * h * h * n * (n + 1) / 2, 0])
+    turn = rotation(ball.orientation[0]).as_rotvec()
+    assert turn == pytest.approx([0, 2.0 * 10 * H, 0])
+
+
+@pytest.mark.parametrize("scale", [0.05, 1.0, 50.0])
+@pytest.mark.parametrize("timeStep", [1 / 240, 1 / 30])
+def test_a_stack_rests_whatever_its_size_and_the_time_step(scale, timeStep):
+    side = 2 * scale
+    meshes = [box_body(side, side, side, (0, (i + 0.5) * side, 0)) for i in range(4)]
+    start = positions(meshes)
+    simulate(meshes, round(2 / timeStep), timeStep=timeStep, sleeping=False)
+    # Springs whose frequency is relative to the substeps' give way by a part of g h², whatever the
+    # size: with h/8 = 0.15 / f, a load of N m g on a contact with the split mass m/2 sinks by
+    # 2 N g / (2 π f)², and N = 4, 3, 2, 1 add up to 20 g / (2 π 1.2 / h)² = 0.35 g h².
+    moved = np.abs(positions(meshes) - start).max()
+    assert moved < 0.7 * -GRAVITY * timeStep**2
+    assert top_speed(meshes) < 0.01 * np.sqrt(-GRAVITY * scale)
+
+
+def test_a_box_on_a_slope_holds_below_the_limit_and_slides_as_coulomb_has_it():
+    for degrees in (26, 30):  # arctan 0.5 is 26.565°
+        angle = np.radians(degrees)
+        q = quaternion((0, 0, 1), -degrees)
+        normal = np.array([np.sin(angle), np.cos(angle), 0])
+        meshes = [box_body(200, 2, 20, (0, 0, 0), orientation=q, isFixed=True),
+                  box_body(2, 2, 2, 2 * normal, orientation=q)]  # fmt: skip
+        start = positions(meshes)[1]
+        simulate(meshes, 100, hasGround=False, sleeping=False)
+        way = np.linalg.norm(positions(meshes)[1] - start)
+        pull = -GRAVITY * (np.sin(angle) - 0.5 * np.cos(angle))
+        if degrees == 26:
+            assert pull < 0 and way < 0.01
+        else:
+            assert way == pytest.approx(pull * 2.0**2 / 2, rel=0.02)
+
+
+@pytest.mark.parametrize("e", [0.5, 1.0])
+def test_a_ball_keeps_the_square_of_the_restitution_of_its_height(e):
+    ball = body("octahedron", (0, 0, 0))
+    low = ball.currVertices[:, 1].min()
+    ball.position = np.array([[0.0, 8.0 - low, 0.0]])
+    heights, state = [], SolverState()
+    for _ in range(160):
+        simulate([ball], 1, state, e)
+        heights.append(ball.position[0, 1] + low)
+    first = int((np.diff(heights) > 0).argmax())
+    assert max(heights[first:]) / 8.0 == pytest.approx(e * e, abs=0.03)
+
+
+def test_collisions_in_free_space_keep_momentum():
+    rng = np.random.default_rng(2)
+    turns = random_quaternions(rng, 3)
+    meshes = [body("box", (16.0 * i, 0.3 * i, 0), q) for i, q in enumerate(turns)]
+    for i, m in enumerate(meshes):
+        m.linVelocity = np.array([[5.0 - 5.0 * i, 0.0, 0.0]])
+    before = momentum(meshes)
+    total = sum(m.mass for m in meshes)
+    _, report = simulate(meshes, 40, CRCoeff=0.5, hasGround=False)
+    after = momentum(meshes)
+    fall = total * GRAVITY * 40 * H
+    assert after[:3] - before[:3] == pytest.approx([0, fall, 0], abs=1e-9 * abs(fall))
+    assert np.abs([m.linVelocity[0, 0] - 5 + 5 * i for i, m in enumerate(meshes)]).max() > 0.5
+
+
+def test_the_energy_of_bodies_that_fall_onto_each_other_stays_below_the_start():
+    meshes, state = some_heap(), SolverState()
+    energies = []
+    for _ in range(300):
+        simulate(meshes, 1, state, sleeping=False)
+        kinetic = sum(0.5 * m.mass * (m.linVelocity**2).sum() for m in meshes)
+        for m in meshes:
+            spin = rotation(m.orientation[0]).inv().apply(m.angVelocity[0])
+            kinetic += 0.5 * spin @ m.IT @ spin
+        energies.append(kinetic - sum(GRAVITY * m.mass * m.position[0, 1] for m in meshes))
+    assert max(energies) < energies[0] * (1 + 1e-3)
+    # a blow by a body thirty times as heavy, at 30 units / s, may gain something in its step
+    assert np.diff(energies).max() < 0.02 * energies[0]
+    assert energies[-1] < 0.5 * energies[0]
+    assert penetrations(meshes).max() < 0.2
+
+
+def test_a_chain_holds_its_load_and_gains_no_energy():
+    meshes = [box_body(2, 2, 2, (3.0 * i, 30, 0), isFixed=i == 0) for i in range(5)]
+    ties = []
+    for i in range(4):
+        gap = np.linalg.norm(meshes[i].currVertices[0] - meshes[i + 1].currVertices[0])
+        ties += [[i, 0, i + 1, 0, gap, True], [i, 0, i + 1, 0, 0.8 * gap, False]]
+    start = -GRAVITY * sum(m.mass * m.position[0, 1] for m in meshes[1:])
+    state = SolverState()
+    for _ in range(150):
+        simulate(meshes, 1, state, constraints=ties)
+        energy = sum(0.5 * m.mass * (m.linVelocity**2).sum() for m in meshes)
+        energy -= GRAVITY * sum(m.mass * m.position[0, 1] for m in meshes[1:])
+        assert energy < start * (1 + 1e-3)
+        for i, v, j, w, bound, upper in ties:
+            distance = np.linalg.norm(meshes[i].currVertices[v] - meshes[j].currVertices[w])
+            assert (distance - bound) * (1 if upper else -1) < 0.1
+    assert meshes[4].position[0, 1] < 25  # it has swung down
+
+
+def torque_free(steps, **options):
+    bar = box_body(8, 1, 2, (0, 1000, 0))
+    bar.angVelocity = np.array([[0.05, 0.02, 4.0]])  # nearly about the axis of middle inertia
+    bar.angVelocity = bar.angVelocity[:, [0, 2, 1]]
+    spins = []
+    for _ in range(steps):
+        run_timestep([bar], None, H, 0.0, gyroscopic=True, **options)
+        spins.append(bar.angVelocity[0].copy())
+    return bar, np.array(spins)
+
+
+def test_the_gyroscopic_term_has_the_same_bits_either_way_and_gains_no_energy():
+    bar, spins = torque_free(300)
+    _, other = torque_free(300, broadPhase="grid")
+    assert np.array_equal(spins, other)
+    turn = rotation(bar.orientation[0])
+    spin = turn.inv().apply(spins[-1])
+    start = np.array([0.05, 4.0, 0.02])
+    assert spin @ bar.IT @ spin <= start @ bar.IT @ start * (1 + 1e-9)
+    assert np.abs(spins - spins[0]).max() > 0.05  # it tumbles
+
+
+# --------------------------------------------------------------------------------------------------
+# The same bits
+# --------------------------------------------------------------------------------------------------
+
+
+def test_twice_the_same_input_gives_the_same_bits_also_in_another_process():
+    code = (
+        "import sys; sys.path[:0] = ['tests', '.']\n"
+        "from test_softstep import *\n"
+        "meshes = some_heap(); simulate(meshes, 120)\n"
+        "sys.stdout.write(state_of(meshes).tobytes().hex())\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True,
+                         check=True)  # fmt: skip
+    meshes = some_heap()
+    simulate(meshes, 120)
+    assert state_of(meshes).tobytes().hex() == run.stdout
+
+
+def test_what_is_saved_and_restored_goes_on_with_the_same_bits():
+    meshes = some_heap()
+    state, _ = simulate(meshes, 150)
+    assert len(state.manifolds.key) > 2 and state.manifolds.impulse.max() > 0.0
+    rows, arrays = state_of(meshes), state.arrays()
+    simulate(meshes, 60, state)
+    again = some_heap()
+    for m, row in zip(again, rows, strict=True):
+        m.position, m.orientation = row[None, :3].copy(), row[None, 3:7].copy()
+        m.linVelocity, m.angVelocity = row[None, 7:10].copy(), row[None, 10:].copy()
+    simulate(again, 60, SolverState.from_arrays(arrays))
+    assert np.array_equal(state_of(again), state_of(meshes))
+
+
+def test_a_recording_can_be_verified_and_resumed_anywhere(tmp_path):
+    settings = Settings(0.0, friction=0.5, contactSolver="soft-step")
+    simulation = Simulation(DATA / "tower-scene.txt", settings)
+
+    def record(name, steps):
+        recorder = Recorder(tmp_path / name)
+        recorder.add(simulation)
+        for _ in range(steps):
+            simulation.step()
+            recorder.add(simulation)
+        recorder.save()
+        return Recording(tmp_path / name)
+
+    whole = record("whole.npz", 120)
+    later = record("later.npz", 60)  # begins with a solver that remembers
+    assert later.firstStep == 120 and later.solver_arrays()
+    for recording in (whole, later):
+        assert verify(recording, Simulation(DATA / "tower-scene.txt", Settings())) == ""
+    again = Simulation(DATA / "tower-scene.txt", Settings())
+    resume(later, 150, again)
+    for step in range(151, 181):
+        again.step()
+        assert np.array_equal(again.state()["positions"], later.frame(step)["positions"])
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--solver", "soft-step", "--closing-only"], "--closing-only has no meaning"),
+        (["--substeps", "4"], "--substeps is of --solver soft-step"),
+        (["--solver", "soft-step", "--substeps", "0"], "must be 1 or more"),
+    ],
+)
+def test_the_command_line_refuses_in_one_line(options, words):
+    run = subprocess.run(
+        [sys.executable, ROOT / "RigidBodySimulation.py", "stack", "--headless", *options],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert run.returncode == 2 and run.stderr.count("\n") == 1 and words in run.stderr
+
+
+# --------------------------------------------------------------------------------------------------
+# Sleeping
+# --------------------------------------------------------------------------------------------------
+
+
+def sleeping_stack(count=3):
+    meshes = [box_body(2, 2, 2, (0, 1 + 2 * i, 0)) for i in range(count)]
+    meshes.append(box_body(2, 2, 2, (20, 1, 0)))
+    state, report = simulate(meshes, 100)
+    assert report.isAsleep.all() and top_speed(meshes) == 0.0
+    return meshes, state
+
+
+def test_what_rests_sleeps_and_stays_where_it_is():
+    meshes, state = sleeping_stack()
+    before = state_of(meshes)
+    simulate(meshes, 50, state)
+    assert np.array_equal(state_of(meshes), before)
+
+
+def test_a_blow_wakes_what_it_reaches_and_nothing_else():
+    meshes, state = sleeping_stack()
+    meshes[2].push(5.0 * meshes[2].mass * np.array([1.0, 0, 0]), meshes[2].position)
+    simulate(meshes, 4, state)
+    assert not state.sleep.isAsleep[2] and state.sleep.isAsleep[3]
+    simulate(meshes, 60, state)
+    assert meshes[2].position[0, 0] > 1.0
+
+
+def test_a_lost_support_wakes_what_stood_on_it():
+    meshes, state = sleeping_stack()
+    meshes[0].position = np.array([[50.0, 1.0, 0.0]])
+    simulate(meshes, 60, state)
+    assert meshes[1].position[0, 1] < 1.1 and meshes[2].position[0, 1] < 3.1
+
+
+def test_a_body_that_comes_down_wakes_what_it_lands_on():
+    meshes, state = sleeping_stack()
+    meshes[3].position = np.array([[0.6, 12.0, 0.0]])
+    simulate(meshes, 52, state)
+    assert not state.sleep.isAsleep[2]
+
+
+def test_the_report_tells_all_points_with_impulses_that_carry_the_weight():
+    meshes = [box_body(2, 2, 2, (0, 1 + 2 * i, 0)) for i in range(3)]
+    _, report = simulate(meshes, 200, sleeping=False)
+    contacts = report.contacts
+    assert len(contacts) == 12
+    under = [c.impulse for c in contacts if c.body1 == 0 and c.body2 == -1]
+    weight = -GRAVITY * sum(m.mass for m in meshes) * H
+    assert len(under) == 4 and sum(under) == pytest.approx(weight, rel=1e-2)
