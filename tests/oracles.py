@@ -34,6 +34,12 @@ IDENTITY = (1.0, 0.0, 0.0, 0.0)
 # --------------------------------------------------------------------------------------------------
 
 
+def body_count(path):
+    """How many bodies a scene file announces, in its first line that is no comment."""
+    lines = (line.split("#")[0].split() for line in path.read_text().splitlines())
+    return int(next(fields[0] for fields in lines if fields))
+
+
 def frozen(array):
     """The array, made read only."""
     array.setflags(write=False)

@@ -16,6 +16,7 @@ from oracles import (
     COURSE,
     DATA,
     body,
+    body_count,
     box_body,
     ground,
     needs_course,
@@ -354,7 +355,7 @@ CHEAP = {"maxIterations": 0, "constraintScheduling": "queue"}
 def frictions_of(path):
     """How many frictions a scene has with μ = 0.5, after a check that μ = 0 changes nothing."""
     steps, options = SHORT, CHEAP
-    if int(path.read_text().split()[0]) > MOST_BODIES:
+    if body_count(path) > MOST_BODIES:
         steps, options = 4, CHEAP | {"broadPhase": "grid"}
     without, frictions = run_scene(path, steps, **options)
     assert frictions == 0

@@ -165,7 +165,7 @@ def test_a_plot_of_a_scene_whose_name_is_no_text(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
-        ("mixed --headless --steps 2", 0, ""),
+        ("mixed --basic --headless --steps 2", 0, ""),
         ("{data}/tet-scene.txt --steps 2 --record {out}/r.npz --stats {out}/s.csv", 0, ""),
         ("--verify {out}/old.npz", 0, ""),
         ("--replay {out}/old.npz --stats {out}/s.csv", 0, ""),

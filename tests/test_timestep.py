@@ -18,6 +18,7 @@ from oracles import (
     DATA,
     SHAPES,
     body,
+    body_count,
     box_body,
     ground,
     needs_course,
@@ -758,7 +759,7 @@ MOST_BODIES = 50
 
 def scenes(folder):
     paths = sorted(folder.glob("*-scene.txt"))
-    return [p for p in paths if int(p.read_text().split()[0]) <= MOST_BODIES]
+    return [p for p in paths if body_count(p) <= MOST_BODIES]
 
 
 def run_scene(path):
