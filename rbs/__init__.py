@@ -25,7 +25,7 @@ The solver in which piles rest, behind `contactSolver="soft-step"`
     nearpairs         pairs that can touch soon
     manifolds         up to four contact points a pair
     contactdetection  which manifolds are kept, and which are made anew
-    softties          distance constraints, renewed every substep
+    softconstraints   distance constraints, renewed every substep
     sleeping          who sleeps, and who wakes
     solverstate       what a step leaves to the next
     softstep          the solver, with its derivation

@@ -28,7 +28,7 @@ from rbs.flight import GRAVITY, turned
 from rbs.manifolds import ANGLE_OF_CHORD, POINTS
 from rbs.reports import GROUND, StepReport
 from rbs.sleeping import Sleep, lost_links, speeds
-from rbs.softties import Ties
+from rbs.softconstraints import SoftConstraints
 from rbs.solverstate import CONTACT_SOLVERS as CONTACT_SOLVERS  # of this room, for its users
 from rbs.solverstate import SolverState
 from rbs.vectors import cross, dot, mat_vec, norm
@@ -78,10 +78,10 @@ def soft_step(
         fall = abs(GRAVITY) * timeStep
         reach = np.where(bodies.isFixed & (speed == 0.0) | isAsleep, 0.0, (speed + fall) * timeStep)
         pairs, manifolds, frames = detect(bodies, hasGround, reach, path, kept)
-        ties = Ties(constraints, bodies, kept)
+        joints = SoftConstraints(constraints, bodies, kept)
         report.candidatePairs = len(pairs.key)
         if sleeping:
-            isAsleep = _still_asleep(manifolds, ties, kept, bodies, isDisturbed, speed)
+            isAsleep = _still_asleep(manifolds, joints, kept, bodies, isDisturbed, speed)
         else:
             isAsleep = np.zeros(len(meshes), dtype=bool)
         isStill = np.append(isAsleep | bodies.isFixed, True)  # the ground too
@@ -93,27 +93,27 @@ def soft_step(
         motion = _Motion(bodies, isStill)
         h = timeStep / substeps
         solver = _ContactSolver(contacts, active, motion, radius, mu, h)
-        ties.begin(motion, isStill, frames, h)
+        joints.begin(motion, isStill, frames, h)
         closing = solver.normal_speeds(solver.twists(motion))
         for _ in range(substeps):
             motion.velocity[:, 1] += motion.gravity * h
             solver.warm_start()
-            if ties.count:
+            if joints.count:
                 solver.apply(motion)
-                ties.warm_start(motion)
-                ties.sweep(motion, isSoft=True)
+                joints.warm_start(motion)
+                joints.sweep(motion, isSoft=True)
             solver.sweep(motion, isSoft=True)
             solver.apply(motion)
             motion.move(h)
-            solver.move(motion, ties.count > 0)
-            ties.sweep(motion, isSoft=False)
+            solver.move(motion, joints.count > 0)
+            joints.sweep(motion, isSoft=False)
             solver.sweep(motion, isSoft=False)
             solver.sum_impulses()
         manifolds = _with_impulses(manifolds, rows, solver)
         if CRCoeff != 0.0:
             solver.restitute(motion, closing, CRCoeff, REST_STEPS * fall)
         solver.apply(motion)
-        report.constraintVisits = ties.visits
+        report.constraintVisits = joints.visits
     with report.phase("writeBack"):
         bodies.motion, bodies.orientation = motion.result(bodies, isStill[:-1])
         check_numbers(bodies.columns(), meshes, "contacts and constraints")
@@ -121,7 +121,7 @@ def soft_step(
         if sleeping:
             isPressed = (manifolds.impulse > 0.0).any(axis=0)
             links = _pairs_of(manifolds, len(isStill))[:, isPressed]
-            links = np.concatenate((links, ties.links()), axis=1)
+            links = np.concatenate((links, joints.links()), axis=1)
             speed = speeds(bodies.velocity, radius)
             isAsleep, timer = kept.sleep.settled(
                 isAsleep, bodies.isFixed, links, speed, radius, GRAVITY, timeStep
@@ -135,7 +135,7 @@ def soft_step(
             isAsleep=isAsleep, timer=timer, position=bodies.position.copy(),
             orientation=bodies.orientation.copy(), velocity=bodies.velocity.copy(),
         )  # fmt: skip
-        ties.store(kept)
+        joints.store(kept)
         report.isAsleep = isAsleep
         _report_contacts(report, contacts, solver, len(isStill))
     return report
@@ -146,10 +146,10 @@ def _pairs_of(manifolds, count):
     return np.stack(np.divmod(manifolds.key, count))
 
 
-def _still_asleep(manifolds, ties, kept, bodies, isDisturbed, speed):
+def _still_asleep(manifolds, joints, kept, bodies, isDisturbed, speed):
     """Which bodies (n,) sleep through this step; see rbs/sleeping.py."""
     count = len(speed) + 1
-    links = np.concatenate((_pairs_of(manifolds, count), ties.links()), axis=1)
+    links = np.concatenate((_pairs_of(manifolds, count), joints.links()), axis=1)
     lost = lost_links(manifolds.key, kept.manifolds.key, count)
     radius = bodies.hulls.radius
     isAsleep = kept.sleep.woken(isDisturbed, links, lost, speed, radius, GRAVITY)
@@ -432,7 +432,7 @@ class _ContactSolver:
         if isSoft:
             self._solve(motion, self.twists(motion), *self.soft)
         else:
-            # since the move, only ties can have changed the velocities
+            # since the move, only joints can have changed the velocities
             twist = self.twist if self.twist is not None else self.twists(motion)
             self._solve(motion, twist, self.gapSpeed, self.mass, 1.0)
 

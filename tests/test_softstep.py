@@ -256,18 +256,18 @@ def test_the_energy_of_bodies_that_fall_onto_each_other_stays_below_the_start():
 
 def test_a_chain_holds_its_load_and_gains_no_energy():
     meshes = [box_body(2, 2, 2, (3.0 * i, 30, 0), isFixed=i == 0) for i in range(5)]
-    ties = []
+    joints = []
     for i in range(4):
         gap = np.linalg.norm(meshes[i].currVertices[0] - meshes[i + 1].currVertices[0])
-        ties += [[i, 0, i + 1, 0, gap, True], [i, 0, i + 1, 0, 0.8 * gap, False]]
+        joints += [[i, 0, i + 1, 0, gap, True], [i, 0, i + 1, 0, 0.8 * gap, False]]
     start = -GRAVITY * sum(m.mass * m.position[0, 1] for m in meshes[1:])
     state = SolverState()
     for _ in range(150):
-        simulate(meshes, 1, state, constraints=ties)
+        simulate(meshes, 1, state, constraints=joints)
         energy = sum(0.5 * m.mass * (m.linVelocity**2).sum() for m in meshes)
         energy -= GRAVITY * sum(m.mass * m.position[0, 1] for m in meshes[1:])
         assert energy < start * (1 + 1e-3)
-        for i, v, j, w, bound, upper in ties:
+        for i, v, j, w, bound, upper in joints:
             distance = np.linalg.norm(meshes[i].currVertices[v] - meshes[j].currVertices[w])
             assert (distance - bound) * (1 if upper else -1) < 0.1
     assert meshes[4].position[0, 1] < 25  # it has swung down

@@ -18,11 +18,11 @@ from rbs.vectors import cross, dot, mat_vec
 # gives way looks wrong.
 FREQUENCY = 0.25
 DAMPING = 2.0
-# Passes over all ties in a sweep: a pull passes through a net by one body a pass.
+# Passes over all joints in a sweep: a pull passes through a net by one body a pass.
 PASSES = 4
 
 
-class Ties:
+class SoftConstraints:
     """C distance constraints: `|p1 - p2| ≤ refValue` where upper, else ≥.
 
     With d the unit vector of p1 - p2, the speed u = d · (v1 + ω1 × r1 - v2 - ω2 × r2) changes the
@@ -106,7 +106,7 @@ class Ties:
             self._apply(motion, batch, self.impulse[batch])
 
     def sweep(self, motion, isSoft):
-        """Passes over all ties; in the soft sweep, the errors are pulled out."""
+        """Passes over all joints; in the soft sweep, the errors are pulled out."""
         if not self.batches:
             return
         if not isSoft:
