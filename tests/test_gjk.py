@@ -26,6 +26,7 @@ from oracles import (
     rotation,
     shape,
     size_of,
+    thin_depth,
     turned,
     vertices_of,
 )
@@ -583,6 +584,32 @@ def test_thin_hulls(half1, half2):
     assert 30 <= hits <= 80
     # 1e-14 of the length is 1e-8 of the thickness: all that the vertices' rounding leaves
     assert worst < 1e-14
+
+
+@pytest.mark.parametrize("thin", [1e-6, 1e-8, 1e-10, 1e-12])
+def test_needles_in_the_same_place(thin):
+    """Of many long faces, nearly parallel to one another: the depth is one of the thickness."""
+    rng = np.random.default_rng(round(-np.log10(thin)))
+    names, hits = ("ellipsoid", "octahedron", "long-octahedron", "ellipsoid"), 0
+    for k in range(12):
+        factors = np.array([1.0, *rng.uniform(0.3, 3.0, 2) * thin])
+        points1, points2 = (
+            vertices_of(name) / np.abs(vertices_of(name)).max(axis=0) * factors
+            for name in (names[k % 4], "ellipsoid")
+        )
+        points2 = points2 * rng.uniform(0.5, 2.0)
+        if k % 3:
+            points2 = turned(points2, quaternion(rng.normal(size=3), 10.0 ** rng.uniform(-12, -3)))
+        points2 = points2 + 0.3 * rng.normal(size=3) * factors
+        q = random_quaternions(rng, 1)[0]
+        points1, points2 = turned(points1, q), turned(points2, q)
+        depth, result = thin_depth(points1, points2), GJK.is_collide(points1, points2)
+        assert result[0] == (depth > 0)
+        if result[0]:
+            hits += 1
+            assert abs(result[1] - depth) < 1e-15 * size_of(points1, points2)
+            assert_contact(points1, points2, result)
+    assert hits > 6
 
 
 @pytest.mark.parametrize("exponent", range(4, 14))
