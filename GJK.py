@@ -84,7 +84,8 @@ def is_collide(vertices1, vertices2):
     intPosition : (1, 3); the point of hull 2 that is deepest inside hull 1, the centre of the
         contact patch where a feature and not a vertex is deepest. intPosition + depth · intNormal
         lies on the surface of hull 1.
-    Without a collision the last three are zero, and read only.
+    Without a collision the last three are zero, and read only. Raises ValueError where points are
+    not finite, or the depth would not be.
     """
     centred = []
     centres = []
@@ -112,6 +113,8 @@ def is_collide(vertices1, vertices2):
     )
     if not isCollision:
         return NO_COLLISION
+    if not math.isfinite(depth * unit):
+        raise ValueError("the hulls are in each other by more than the largest number")
     position = np.array([point]) + centres[1]
     return True, depth * unit, np.array([normal]), position * unit
 

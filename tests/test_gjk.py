@@ -885,6 +885,13 @@ def test_powers_of_two_scale_the_answer_as_they_scale_the_points(power):
     assert 15 < hits < 36
 
 
+def test_a_depth_beyond_all_numbers_is_refused():
+    large = 1.7e308 * SIGNS
+    with pytest.raises(ValueError, match="more than the largest number"):
+        GJK.is_collide(large, large)
+    assert GJK.is_collide(large, 0.01 * large)[1] == pytest.approx(1.717e308)
+
+
 def test_a_hull_beyond_all_products_is_refused():
     with pytest.raises(ValueError, match="beyond 1e"):
         build_hull(vertices_of("box") * 1e80)
