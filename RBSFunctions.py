@@ -587,12 +587,12 @@ def apply_friction(body1, body2, arm1, arm2, normal, limit):
     """
     u = relative_velocity(body1, body2, arm1, arm2)
     across = mul_add(u, -dot(u, normal), normal)
-    speed = length = norm(across)
+    speed = norm(across)
     if isinstance(speed, np.ndarray):
-        length = np.where(speed > 0.0, speed, 1.0)
-        limit = np.maximum(limit, 0.0)
-    elif speed == 0.0 or limit <= 0.0:
-        return NO_FRICTION
+        length, limit = np.where(speed > 0.0, speed, 1.0), np.maximum(limit, 0.0)
+    else:
+        length, limit = speed or 1.0, max(limit, 0.0)
+    limit = limit + 0.0  # a zero has no sign, whichever of two zeros is taken for the greater
     t = divide(across, length)
     responses = inverse_effective_mass(body1, body2, arm1, arm2, t)
     impulse = apply_impulse(body1, body2, responses, t, speed, limit)
