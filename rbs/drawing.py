@@ -23,6 +23,7 @@ from rbs.colours import (
     CONSTRAINT_COLOURS,
     CREASE_COLOUR,
     FRICTION_COLOUR,
+    GROUND_COLOURS,
     IMPULSE_COLOUR,
     NORMAL_COLOUR,
     PICKED_COLOUR,
@@ -46,9 +47,11 @@ from rbs.pictureoptions import OVERLAYS, PICTURE_SIZE
 
 # All that can be switched on and off.
 LAYERS = ("ground", "shadows", *OVERLAYS)
-# What is drawn at or within bodies, which are then seen through; and how opaque they are.
+# What is drawn at or within bodies, which are then seen through. In the window, Polyscope shows the
+# mean of all that lies behind each other, the ground too, which would leave bodies pale: by which
+# factor their colours are moved away from the ground's.
 SEE_THROUGH = frozenset({"contacts", "impulses", "friction impulses", "velocities"})
-BODY_OPACITY = 0.5
+VIVIDNESS = 2.0
 # Half the width of the lines that edges are drawn as, relative to the scene's size.
 CREASE_RADIUS = 6e-4
 # Each line costs about 0.02 ms a frame where no graphics card helps. In a scene with more of them,
@@ -122,7 +125,7 @@ class SceneView:
         self._margins = (0, 0, 0, 0)  # what the panels take: left, top, right, bottom, in pixels
         self.colouring = "body"
         self.shown = {"ground", "shadows"}
-        self.hasLegend = self.follows = self.isSmooth = False
+        self.hasLegend = self.follows = self.isSmooth = self._isVivid = False
         self.rebuild(simulation)
 
     def rebuild(self, simulation):
@@ -341,6 +344,9 @@ class SceneView:
         colours = self.bodyColours.of(self.simulation, self.colouring)
         if self.picked is not None:
             colours[self.picked] = PICKED_COLOUR
+        if self._isVivid:
+            grey = np.mean(GROUND_COLOURS, axis=0)
+            colours = np.clip(grey + VIVIDNESS * (colours - grey), 0.0, 1.0)
         if self._colours is None or not np.array_equal(colours, self._colours):
             self._bodies.add_color_quantity(
                 "colour", colours[self.bodyOfFace], defined_on="faces", enabled=True
@@ -385,7 +391,9 @@ class SceneView:
         import polyscope as ps
 
         ps.set_transparency_mode("simple" if isOn else "none")
-        self._bodies.set_transparency(BODY_OPACITY if isOn else 1.0)
+        if isOn != self._isVivid:
+            self._isVivid = isOn
+            self._refresh_colours()
 
     def show_bodies(self, isShown):
         """Shows the bodies with their creases, or not."""

@@ -45,7 +45,7 @@ MOST_PUSH = 40.0
 # Seconds that a message stays for.
 MESSAGE_SECONDS = 20.0
 # Frames a second at most; and where nobody does anything and nothing plays for so many seconds.
-FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 8, 0.5
+FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
 # Settings that are one of some names: label, name in the settings, names to choose from, and what
 # it says under the mouse.
 CHOICES = [

@@ -65,7 +65,8 @@ class Session:
         self.xdotool("windowmove", self.window, 0, 0)
         self.xdotool("windowsize", self.window, *size)
         self.await_status(lambda status: status["windowSize"] == list(size))
-        self.await_frame()
+        # Keys go to the window that the mouse is over.
+        self.move_to(size[0] / 2, size[1] / 2)
 
     def xdotool(self, *arguments):
         done = subprocess.run(
@@ -209,13 +210,13 @@ def test_scenes_are_opened_from_the_list_and_by_what_is_typed(session, tmp_path)
         ("nosuch", "there is no such scene"),
         ("poem.txt", "this is not a scene"),
     ):
-        window.click("open")
+        window.click("open", lambda status: status["isTyping"])
         window.type_line(typed)
         status = window.await_status(lambda status, words=words: words in status["message"])
-        window.key("ctrl+a")
     # The message has moved nothing.
     for name in ("Play", "speed", "scene", "open"):
         assert status["places"][name] == before[name]
+    window.click("open", lambda status: status["isTyping"])
     window.type_line("mixed")
     status = window.await_status(lambda status: status["scene"] == "mixed-scene.txt")
     assert (status["friction"], status["restitution"], status["message"]) == (0.5, 0.3, "")

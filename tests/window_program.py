@@ -73,6 +73,7 @@ def status_of(panel):
         "speed": speed_name(viewer.playback.speed),
         "pace": viewer.playback.pace(),
         "restitution": simulation.settings.restitution,
+        "isTyping": bool(psim.GetIO().WantTextInput),
         "isHelpShown": panel.isHelpShown,
         "grabbed": None if viewer.grab is None else viewer.grab.body,
         "recorded": viewer.recorder and viewer.recorder.frameCount,
