@@ -5,9 +5,9 @@
 Energy: how much of the start's, the ground being the zero of heights, the bodies gain at most with
 restitution 1, in 1500 steps of 0.02 s. Spin: the angular velocity of a box of 2 m that turns at 10
 rad/s flat on a fixed one, with friction 0.5, after 4 s. Ground: how far below it the constraints
-press a vertex of the cube scene, in 500 steps and in the last 100 of them. Each as the coursework has
-it, with --closing-only, and with --solver soft-step. README.md has these numbers, and a test runs
-some of them again.
+press a vertex of the cube scene, in 500 steps and in the last 100 of them. Each as the coursework
+has it, with --closing-only, and with --solver soft-step. README.md has these numbers, and a test
+runs some of them again.
 """
 
 import argparse
