@@ -84,6 +84,10 @@ class Manifolds:
         columns["isPoint"] = columns["isPoint"].astype(bool)
         return cls(np.zeros(0, dtype=np.int64), **columns)
 
+    def bodies(self, count):
+        """The two bodies (2, M) of each, of as many bodies; the ground is `count`."""
+        return np.stack(np.divmod(self.key, count + 1))
+
     def rows(self, some):
         """The manifolds `some` (m,), ascending; all of them are these themselves."""
         if len(some) == len(self.key):
@@ -155,16 +159,16 @@ def relative_poses(first, second, t, rotation, orientation):
     ))  # fmt: skip
 
 
-def pose_changes(manifolds, translation, rotation, radius):
-    """How far (M,) points of the second body can have moved in the first one's frame.
+def pose_changes(translation, rotation, newTranslation, newRotation, radius):
+    """How far (M,) points of bodies of these radii (M,) are at most from where they were.
 
-    radius : (M,), of the smaller of the two bodies
+    translation, newTranslation : (3, M); rotation, newRotation : (4, M)
     """
     cosine = np.zeros(len(radius))
     for k in range(4):
-        cosine += manifolds.rotation[k] * rotation[k]
+        cosine += rotation[k] * newRotation[k]
     chord = np.sqrt(np.maximum(2.0 - 2.0 * np.abs(cosine), 0.0))
-    return norm(translation - manifolds.translation) + ANGLE_OF_CHORD * chord * radius
+    return norm(newTranslation - translation) + ANGLE_OF_CHORD * chord * radius
 
 
 def tangents(normal):
