@@ -110,16 +110,11 @@ def detect(bodies, hasGround, reach, path, kept):
         found = find_sorted(valid.key, pairs.key)
         isKnown[found[found >= 0]] = True
     asked = indices(isNear & ~isKnown)
-    new = [_new_pair_manifolds(bodies, frames, pairs, asked, first, second, near, mark)]
+    new = _new_pair_manifolds(bodies, frames, pairs, asked, first, second, near, mark)
     if hasGround:
-        new.append(_new_ground_manifolds(bodies, frames, reach, valid.key))
-    manifolds = valid
-    for made in new:
-        if len(made.key):
-            size = _sizes(bodies, *np.divmod(made.key, count))
-            made.inherit(kept.manifolds, size)
-            manifolds = manifolds.joined(made)
-    return pairs, manifolds, frames
+        new = new.joined(_new_ground_manifolds(bodies, frames, reach, valid.key))
+    new.inherit(kept.manifolds, _sizes(bodies, *new.bodies(count - 1)))
+    return pairs, valid.joined(new), frames
 
 
 def _sizes(bodies, first, second):

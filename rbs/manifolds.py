@@ -97,6 +97,8 @@ class Manifolds:
 
     def joined(self, other):
         """These and others, in the order of their keys."""
+        if len(other.key) == 0 or len(self.key) == 0:
+            return self if len(self.key) else other
         key = np.concatenate((self.key, other.key))
         order = key.argsort(kind="stable")
         columns = {
@@ -115,7 +117,9 @@ class Manifolds:
         Each point in turn gets the impulse of the nearest old one that is left, as seen by the
         first body, if it is near at all. The friction is carried over as a vector.
         """
-        known = find_sorted(self.key, old.key) if len(old.key) else np.full(len(self.key), -1)
+        if len(self.key) == 0 or len(old.key) == 0:
+            return
+        known = find_sorted(self.key, old.key)
         mine = indices(known >= 0)
         if len(mine) == 0:
             return

@@ -300,7 +300,7 @@ def test_the_energy_of_bodies_that_fall_onto_each_other_stays_below_the_start():
             kinetic += 0.5 * spin @ m.IT @ spin
         energies.append(kinetic - sum(GRAVITY * m.mass * m.position[0, 1] for m in meshes))
     assert max(energies) < energies[0] * (1 + 1e-3)
-    # a blow by a body thirty times as heavy, at 30 units / s, gives something back a few steps later
+    # a blow by a body thirty times as heavy, at 30 units / s, gives something back later
     assert np.diff(energies).max() < 0.01 * energies[0]
     assert energies[-1] < 0.5 * energies[0]
     assert penetrations(meshes).max() < 0.2
