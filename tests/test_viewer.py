@@ -137,7 +137,13 @@ def replay(tmp_path):
 # --------------------------------------------------------------------------------------------------
 
 
-def test_playing_keeps_pace_with_the_clock(viewer):
+@pytest.fixture
+def instant(monkeypatch):
+    """Stepping takes no time, however busy the machine is."""
+    monkeypatch.setattr("rbs.playback.time", SimpleNamespace(perf_counter=lambda: 0.0))
+
+
+def test_playing_keeps_pace_with_the_clock(viewer, instant):
     viewer.play(1.0)
     assert viewer.simulation.stepCount == 0  # paused
     viewer.toggle_play()
@@ -172,7 +178,7 @@ def test_slow_steps_do_not_keep_the_window_from_drawing(viewer, monkeypatch):
     assert len(made) == 1
 
 
-def test_long_time_steps_play_too(viewer):
+def test_long_time_steps_play_too(viewer, instant):
     viewer.simulation.settings.timeStep = 0.5
     viewer.toggle_play()
     for _ in range(11):
@@ -216,7 +222,7 @@ def test_step_and_reset_pause(viewer):
 
 
 @pytest.mark.parametrize(("speed", "steps"), [(0.1, 1), (0.25, 2), (1.0, 10), (4.0, 40)])
-def test_scene_plays_at_the_speed_that_is_asked_for(viewer, speed, steps):
+def test_scene_plays_at_the_speed_that_is_asked_for(viewer, instant, speed, steps):
     viewer.playback.speed = speed
     viewer.toggle_play()
     for _ in range(20):
@@ -341,7 +347,7 @@ def test_plots_grow_while_they_are_open_and_begin_anew_with_a_reset(viewer):
     assert len(viewer.history) == 0
 
 
-def test_replay_plays_at_any_speed_and_stops_at_its_ends(replay):
+def test_replay_plays_at_any_speed_and_stops_at_its_ends(replay, instant):
     simulation = replay.simulation
     replay.toggle_play()
     replay.play(0.041)
