@@ -218,13 +218,13 @@ class Panel:
 
     # The main column.
 
-    def _begin(self, title, box, flags=0):
-        """Begins a panel that fills a Box, whatever the window's size."""
+    def _begin(self, title, box, least=0, flags=0):
+        """Begins a panel as wide as a Box, and as high as its content, from `least` to the Box."""
         import polyscope.imgui as psim
 
         psim.SetNextWindowPos((box.left, box.top), psim.ImGuiCond_Always)
-        psim.SetNextWindowSize((box.width, box.height), psim.ImGuiCond_Always)
-        flags |= psim.ImGuiWindowFlags_NoMove | psim.ImGuiWindowFlags_NoResize
+        psim.SetNextWindowSizeConstraints((box.width, least), (box.width, box.height))
+        flags |= psim.ImGuiWindowFlags_NoMove | psim.ImGuiWindowFlags_AlwaysAutoResize
         flags |= psim.ImGuiWindowFlags_NoCollapse | psim.ImGuiWindowFlags_NoBringToFrontOnFocus
         psim.Begin(title, flags=flags)
 
@@ -413,7 +413,7 @@ class Panel:
             chosen = draw_choice("plot", self.plots.chosen, [ALL_PLOTS, *PLOTS],
                                  "All, or one as large as there is room")  # fmt: skip
             self.plots.chosen = chosen or self.plots.chosen
-            self.plots.draw(viewer.history)
+            self.plots.draw(viewer.history, self.layout.side.height - psim.GetCursorPosY())
         psim.PopItemWidth()
         psim.End()
 
@@ -509,8 +509,8 @@ class Panel:
         import polyscope.imgui as psim
 
         viewer, replay = self.viewer, self.viewer.simulation
-        self._begin("Timeline", self.layout.timeline,
-                    psim.ImGuiWindowFlags_NoTitleBar | psim.ImGuiWindowFlags_NoScrollbar)
+        flags = psim.ImGuiWindowFlags_NoTitleBar | psim.ImGuiWindowFlags_NoScrollbar
+        self._begin("Timeline", self.layout.timeline, self.layout.timeline.height, flags)
         total = replay.recording.frame(replay.lastStep)["times"]
         psim.Text(f"{replay.time:.2f} of {total:.2f} s   {replay.recording.path.name}")
         psim.SameLine(psim.GetContentRegionAvail()[0] - LABEL_WIDTH)
