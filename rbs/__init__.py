@@ -30,6 +30,9 @@ The solver in which piles rest, behind `contactSolver="soft-step"`
     solverstate       what a step leaves to the next
     softstep          the solver, with its derivation
 
+What a step may be asked
+    stepoptions   settings of contacts, options, and what of them is refused
+
 Scenes, above RBSFunctions.py
     messages      errors and lines for the terminal
     files         reading with limits, names, locks

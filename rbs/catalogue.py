@@ -12,8 +12,6 @@ SCENES = {
         "mixed": "seven shapes on the ground",
         "tower": "a tower that falls apart",
         "stress": "many shapes between fixed posts",
-        "pile_200": "a pile of 200 bodies",
-        "pile_1000": "a pile of 1000 bodies",
     },
     "constraints": {
         "cube": "eight bodies, constraints between every two",
@@ -29,9 +27,26 @@ SCENES = {
         "roll": "bodies that roll",
         "settle": "bodies that settle",
     },
-    "resting, with --solver soft-step --friction 0.5 --restitution 0": {
+    "standing": {
         "stack": "20 boxes on each other",
         "pyramid": "a pyramid of 120 boxes",
-        "dominoes": "ten dominoes, the first one pushed",
+        "arch": "an arch of 15 wedges",
+        "dome": "a dome of 44 blocks",
+        "round_tower": "a round tower of 67 blocks",
+        "card_house": "a house of 15 cards",
+        "ramp": "a box that friction holds, and one that it does not",
+    },
+    "falling over": {
+        "dominoes": "ten dominoes, the first one falls",
+        "wall": "a wall, and a wrecking ball",
+        "arch_blow": "an arch that a ball hits",
+        "cradle": "Newton's cradle",
+    },
+    "heaps and loads": {
+        "heap": "a dense heap of 1000 bodies",
+        "pile_200": "a pile of 200 bodies",
+        "pile_1000": "a pile of 1000 bodies",
+        "loaded_bridge": "a rope bridge, and what it carries",
+        "loaded_net": "a net, and what it carries",
     },
 }

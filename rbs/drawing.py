@@ -37,6 +37,7 @@ from rbs.drawables import (
     ConstraintLines,
     box_lines,
     cast_shadows,
+    contact_patches,
     find_creases,
     flatten_meshes,
     grid_cells,
@@ -59,9 +60,11 @@ CREASE_RADIUS = 6e-4
 MOST_CREASES = 4000
 # Half the width of the lines that constraints are drawn as, relative to the scene's size.
 CONSTRAINT_RADIUS = 1.2e-3
-# The longest impulse on screen, and every contact's normal, relative to the scene's size.
+# The longest impulse on screen, relative to the scene's size, and relative to the body of medium
+# size at most, so that arrows do not cover each other; and every contact's normal, relative to it.
 LONGEST_IMPULSE = 0.1
-NORMAL_LENGTH = 0.05
+IMPULSE_OF_BODY = 0.5
+NORMAL_LENGTH = 0.5
 # Steps for which a contact is shown: a tenth of a second, with the usual time step.
 HELD_CONTACT_STEPS = 5
 # A velocity is drawn as the way that it leads in this time, in seconds.
@@ -70,6 +73,7 @@ VELOCITY_SECONDS = 0.5
 ARROW_RADIUS = 3e-3
 POINT_RADIUS = 4e-3
 LINE_RADIUS = 8e-4
+PATCH_RADIUS = 1.6e-3
 # Pictures back that a trail goes, and the most bodies that have one: every second body has where
 # there are up to twice as many, and so on.
 TRAIL_LENGTH = 40
@@ -146,6 +150,8 @@ class SceneView:
         self._heldContacts = {}  # step -> its contacts
         self.show_spring(None)
         vertices = self._register_bodies()
+        bodySize = np.median(np.linalg.norm(np.subtract(*self._boxes(vertices)), axis=1))
+        self._longestArrow = min(LONGEST_IMPULSE * self._size, IMPULSE_OF_BODY * bodySize)
         self._register_constraints(vertices)
         self._lastFocus = self._focus()
         self._point_camera(points)
@@ -519,9 +525,23 @@ class SceneView:
         return contacts, np.array(positions).reshape(-1, 3) + np.array(arms).reshape(-1, 3)
 
     def _draw_contacts(self, name, vertices):
+        """Each pair's points with their outline, and one normal from the middle of them."""
         contacts, points = self._contacts()
-        normals = -NORMAL_LENGTH * self._size * np.array([c.normal for c in contacts])
-        draw_arrows(name, points, normals, NORMAL_COLOUR)
+        remove_overlay(name)
+        if contacts:
+            edges, middles, normals = contact_patches(
+                np.array([(c.body1, c.body2) for c in contacts]), points,
+                np.array([c.normal for c in contacts]),
+            )  # fmt: skip
+            arrows = -NORMAL_LENGTH * self._longestArrow * normals
+            draw_arrows(name, middles, arrows, NORMAL_COLOUR)
+            draw_lines(name, points, edges, NORMAL_COLOUR, PATCH_RADIUS)
+
+    def _contact_meaning(self):
+        report = self.simulation.report
+        # The step leaves out what touches nothing but sleeping bodies.
+        isSome = report is not None and report.isAsleep is not None and report.isAsleep.any()
+        return f"contact manifold{', of bodies awake' if isSome else ''}; normal, towards body 1"
 
     def _draw_impulses(self, name, vertices):
         contacts, points = self._contacts()
@@ -539,7 +559,7 @@ class SceneView:
 
     def _scaled(self, arrows):
         longest = np.linalg.norm(arrows, axis=1).max(initial=0.0)
-        return arrows * (LONGEST_IMPULSE * self._size / longest if longest > 0.0 else 0.0)
+        return arrows * (self._longestArrow / longest if longest > 0.0 else 0.0)
 
     def _impulse_scale(self, what):
         contacts, _ = self._contacts()
@@ -612,7 +632,7 @@ _PAINTERS = {
 # What the legend says of each overlay, given the SceneView, and its colour. Lengths in the picture
 # are told by the ground's squares.
 _MEANINGS = {
-    "contacts": (lambda view: "contact normal, towards body 1", NORMAL_COLOUR),
+    "contacts": (lambda view: view._contact_meaning(), NORMAL_COLOUR),
     "impulses": (lambda view: view._impulse_scale("normal impulse"), IMPULSE_COLOUR),
     "friction impulses": (lambda view: view._impulse_scale("friction impulse"), FRICTION_COLOUR),
     "velocities": (lambda view: view._velocity_scale(), VELOCITY_COLOUR),
@@ -634,7 +654,7 @@ def draw_arrows(name, points, arrows, colour, radius=ARROW_RADIUS):
     """Points (m, 3) with arrows (m, 3) in metres, in place of the last ones of this name."""
     import polyscope as ps
 
-    remove_overlay(name)
+    ps.remove_point_cloud(name, error_if_absent=False)
     if len(points):
         cloud = ps.register_point_cloud(
             name, points, color=colour, radius=POINT_RADIUS, material="flat"
@@ -645,12 +665,10 @@ def draw_arrows(name, points, arrows, colour, radius=ARROW_RADIUS):
         )  # fmt: skip
 
 
-def draw_lines(name, nodes, edges, colour):
+def draw_lines(name, nodes, edges, colour, radius=LINE_RADIUS):
     """Lines between nodes (n, 3), edges (m, 2), in place of the last ones of this name."""
     import polyscope as ps
 
-    remove_overlay(name)
+    ps.remove_curve_network(name, error_if_absent=False)
     if len(edges):
-        ps.register_curve_network(
-            name, nodes, edges, radius=LINE_RADIUS, color=colour, material="flat"
-        )
+        ps.register_curve_network(name, nodes, edges, radius=radius, color=colour, material="flat")
