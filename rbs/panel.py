@@ -236,21 +236,25 @@ class Panel:
         self._draw_controls()
         self._draw_files()
         isRoomy = self.layout.main.height >= ROOMY_HEIGHT
-        if not self.viewer.isReplay and self._section("Simulation", isRoomy):
-            self._draw_settings()
-        if self._section("Display", False):
+        if not self.viewer.isReplay:
+            if self._section("Simulation", isRoomy, "What the steps are made with"):
+                self._draw_settings()
+        if self._section("Display", False, "Colours, and what is drawn over the bodies"):
             self._draw_display()
-        if self._section("Save", False):
+        if self._section("Save", False, "Pictures, videos, recordings and cameras"):
             self._draw_save()
         psim.Separator()
         draw_legend(self.viewer.view.legend())
         psim.PopItemWidth()
         psim.End()
 
-    def _section(self, title, isOpen):
+    def _section(self, title, isOpen, tooltip):
         import polyscope.imgui as psim
 
-        return psim.CollapsingHeader(title, psim.ImGuiTreeNodeFlags_DefaultOpen if isOpen else 0)
+        flags = psim.ImGuiTreeNodeFlags_DefaultOpen if isOpen else 0
+        isShown = psim.CollapsingHeader(title, flags)
+        Tooltips.tell(tooltip)
+        return isShown
 
     def _buttons(self, *rows):
         """A row of equally wide buttons (label, function, tooltip)."""
@@ -406,9 +410,9 @@ class Panel:
         if viewer.picked() is not None:
             self._draw_body()
         self._draw_numbers()
-        if self._section("Milliseconds", True):
+        if self._section("Milliseconds", True, "Where the time goes; medians of the last steps"):
             self._draw_milliseconds()
-        viewer.isMeasuring = self._section("Plots", False)
+        viewer.isMeasuring = self._section("Plots", False, "Energy, momentum and errors over time")
         if viewer.isMeasuring:
             chosen = draw_choice("plot", self.plots.chosen, [ALL_PLOTS, *PLOTS],
                                  "All, or one as large as there is room")  # fmt: skip

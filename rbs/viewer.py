@@ -72,8 +72,9 @@ class Viewer:
 
     Attributes: simulation, a simulation or a replay; view, a SceneView; isPlaying; playback, a
     Playback, with the speed; pushSpeed, m/s; grab, what is dragged, or None; message, an error line
-    or ""; saved, a line about the last file that was written, or advice; video and recorder, those that are
-    being written, or None; isMeasuring, whether `history` grows: rows of time and quantities.
+    or ""; saved, a line about the last file that was written, or advice; video and recorder, those
+    that are being written, or None; isMeasuring, whether `history` grows: rows of time and
+    quantities.
     """
 
     def __init__(self, simulation, view, openFile, listFiles, measure):
