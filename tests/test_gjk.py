@@ -857,7 +857,8 @@ def test_flat_sets_far_from_the_origin_are_what_they_are(name):
         q1, q2 = random_quaternions(rng, 2)
         other = vertices_of(SHAPES[rng.integers(6)]) / 6
         away = 10.0 ** rng.uniform(0, 6) * rng.normal(size=3)
-        far = [turned(points, q1) + away, turned(other, q2) + 0.5 * rng.normal(size=3) + away]
+        flat = turned(points, q1) + 0.3 * rng.normal(size=3)
+        far = [flat + away, turned(other, q2) + 0.3 * rng.normal(size=3) + away]
         near = [p - away for p in far]
         results = [GJK.is_collide(*far), GJK.is_collide(*near)]
         rounding = 50 * EPS * np.abs(away).max() + 1e-12
