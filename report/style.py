@@ -38,6 +38,6 @@ def draw(function, path):
         figure, axis = pyplot.subplots(figsize=PANEL, layout="constrained")
         figure.get_layout_engine().set(w_pad=0.02, h_pad=0.04)
         answer = function(axis)
-        figure.savefig(path, metadata={"Date": None})
+        figure.savefig(path, metadata={"Date": None} if str(path).endswith("svg") else None)
         pyplot.close(figure)
     return answer
