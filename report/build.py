@@ -10,8 +10,8 @@ every number that the text quotes to numbers.json, looks whether a number contra
     python report/build.py --check                measures again, and compares with numbers.json
     python report/build.py --only scale --sizes 50 200 1000 3000
 
-It ends with 1 where a number contradicts a sentence, or where there are too many pages; the PDF is
-written all the same.
+It ends with 1 where a number contradicts a sentence, something failed, or there are too many pages;
+the PDF is written all the same.
 """
 
 import argparse
@@ -42,7 +42,7 @@ FOLDER = Path(__file__).resolve().parent
 FIGURES = FOLDER / "figures"
 NUMBERS = FOLDER / "numbers.json"
 CLAIMS = FOLDER / "claims.md"
-TIMED = ("scale", "scheduling", "restTimes")
+TIMED = ("scale", "slick", "scheduling", "restTimes")
 assert mechanisms and resting  # they add to the experiments
 REPEATABLE = ("constants", *experiments.EXPERIMENTS, *experiments.SILENT)
 # What these measure of MuJoCo and PyBullet stays where they are not installed.
@@ -78,25 +78,36 @@ def run_experiment(name, isDrawn=True):
     return numbers, time.perf_counter() - begin
 
 
-def run_experiments(names, isDrawn=True):
-    """Name → numbers, as many at a time as there are cores, the longest first."""
-    results = {}
+def run_experiments(names, isDrawn=True, done=lambda numbers: None):
+    """`(name → numbers, names that failed)`, as many at a time as there are cores, the longest
+    first.
+
+    done : is called with each one's `{name: numbers}`
+    """
+    results, failed = {}, []
     order = sorted(names, key=lambda name: -DURATIONS.get(name, 1))
     with concurrent.futures.ProcessPoolExecutor(os.cpu_count()) as pool:
         jobs = {pool.submit(run_experiment, name, isDrawn): name for name in order}
         for job in concurrent.futures.as_completed(jobs):
             name = jobs[job]
-            numbers, seconds = job.result()
+            try:
+                numbers, seconds = job.result()
+            except (Exception, SystemExit) as error:
+                failed.append(name)
+                print(f"{name:<22} FAILED: {type(error).__name__}: {error}", flush=True)
+                continue
             if numbers is not None:
                 results[name] = numbers
+                done({name: numbers})
             print(f"{name:<22} {seconds:6.1f} s", flush=True)
-    return results
+    return results, failed
 
 
 def draw_timings():
     """Figures and numbers of what has been timed."""
     return {
         "scale": style.draw(timings.scale, FIGURES / "scale.svg"),
+        "slick": style.draw(timings.slick, FIGURES / "slick.svg"),
         "scheduling": timings.scheduling(),
         "restTimes": timings.rest_times(),
     }
@@ -150,7 +161,9 @@ def check():
     kept, wrong = load_numbers(), 0
     for name in pictures.PICTURES:
         pictures.checked(name)
-    for name, numbers in run_experiments(REPEATABLE, isDrawn=False).items():
+    measured, failed = run_experiments(REPEATABLE, isDrawn=False)
+    wrong += len(failed)
+    for name, numbers in measured.items():
         old = kept.get(name, {})
         keys = set(numbers) if name in BESIDE_PEERS and not hasPeers() else set(numbers) | set(old)
         for key in sorted(keys):
@@ -166,7 +179,7 @@ def check():
 
 
 def measure_times(chosen, options):
-    if chosen & {"scale"}:
+    if chosen & {"scale", "slick"}:
         timings.measure_scale(timings.QUICK_SIZES if options.quick else options.sizes)
     if "scheduling" in chosen:
         timings.measure_scheduling()
@@ -196,8 +209,8 @@ def main():
 
     begin = time.perf_counter()
     FIGURES.mkdir(exist_ok=True)
-    save_numbers(run_experiments([name for name in (*REPEATABLE, *pictures.PICTURES, *VIDEOS)
-                                  if name in chosen]))  # fmt: skip
+    names = [name for name in (*REPEATABLE, *pictures.PICTURES, *VIDEOS) if name in chosen]
+    _, failed = run_experiments(names, done=save_numbers)
     if not options.keep_timings:
         measure_times(chosen, options)
     numbers = save_numbers(draw_timings() if chosen & set(TIMED) else {})
@@ -209,7 +222,9 @@ def main():
         print(f"CONTRADICTED {line}")
     if pages > MOST_PAGES:
         print(f"the report has {pages} pages; {MOST_PAGES} are allowed")
-    sys.exit(1 if contradicted or pages > MOST_PAGES else 0)
+    if failed:
+        print(f"failed: {', '.join(failed)}")
+    sys.exit(1 if contradicted or failed or pages > MOST_PAGES else 0)
 
 
 if __name__ == "__main__":

@@ -233,7 +233,7 @@ def batches(axis):
                      linewidths=0)  # fmt: skip
     axis.set(xlabel="turn of the pair in the list's order", ylabel="batch",
              xlim=(0, len(turn)), ylim=(last["batches"], -1))  # fmt: skip
-    axis.legend(loc="upper right", markerscale=1.5)
+    axis.legend(loc="lower left", markerscale=1.5)
     counts = np.array([len(step) for step in usual.steps])
     pairs, rounds = np.array([[len(step[0]["keys"]), step[0]["batches"]]
                               for step in usual.steps[100:]]).T  # fmt: skip

@@ -16,7 +16,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from experiments import BOX, ROOT, H, box, lowest_vertices, overlap_and_sinking
+from experiments import BOX, ROOT, H, box, heap_scene, lowest_vertices, overlap_and_sinking
 
 from rbs.backends import find_backend
 from rbs.pictureoptions import PictureOptions
@@ -200,9 +200,26 @@ def pyramid_soft():
     return Picture(simulation, look, {"the pyramid stands, to a decimetre": abs(sunk) < 0.1})
 
 
+HEAP_STEPS = 110
+
+
+def heap():
+    """A dense heap of a thousand bodies, with friction, while it collapses."""
+    simulation = Simulation(heap_scene(1000), Settings(broadPhase="grid", **RESTING))
+    start = max(mesh.position[0, 1] for mesh in simulation.meshes)
+    run(simulation, HEAP_STEPS)
+    top = max(mesh.position[0, 1] for mesh in simulation.meshes)
+    speeds = np.linalg.norm([mesh.linVelocity[0] for mesh in simulation.meshes], axis=1)
+    return Picture(simulation, camera((66, 62, 118), (0, 22, 0), 40), {
+        "it has come down by a fifth and more": top < 0.8 * start,
+        "half of its bodies move with a metre a second or more": np.median(speeds) > 1.0,
+        "bodies touch one other and more": len(simulation.report.contacts) > 500,
+    })  # fmt: skip
+
+
 PICTURES = {
     f"picture_{function.__name__}": function
-    for function in (stack, tunnel, cube, slope, pyramid_basic, pyramid_soft)
+    for function in (stack, tunnel, cube, slope, heap, pyramid_basic, pyramid_soft)
 }
 
 
@@ -221,6 +238,10 @@ CAPTIONS = {
     "picture_slope": (
         "the box on the steep slope slides", "as Coulomb's law has it, within a fifth",
         "the box on the gentle slope moves less than its own length",
+    ),
+    "picture_heap": (
+        "it has come down by a fifth and more",
+        "half of its bodies move with a metre a second or more", "bodies touch one other and more",
     ),
     "picture_pyramid_basic": ("the pyramid has collapsed",),
     "picture_pyramid_soft": ("the pyramid stands, to a decimetre",),

@@ -225,6 +225,24 @@ def scale(axis):
     }  # fmt: skip
 
 
+def slick(axis):
+    """Milliseconds per step against the number of bodies, without friction."""
+    _, _, rows = read(SCALE)
+    numbers = {}
+    for run, (_, colour, mark, dash) in RUNS.items():
+        bodies, times = times_of(rows, FRICTIONLESS, run)
+        if len(bodies):
+            axis.loglog(bodies, times, mark + dash, color=colour, markersize=2.5)
+            numbers[f"{KEYS[run]}Exponent"] = text(slope(bodies, times), 2)
+            numbers[f"{KEYS[run]}Points"] = str(len(bodies))
+    sizes = sorted({int(row["bodies"]) for row in rows if row["material"] == FRICTIONLESS})
+    axis.axhline(1e3 * H, color=style.GREY, linewidth=0.8, linestyle=":")
+    axis.set(xlabel="bodies N", ylabel="ms per step")
+    axis.set_xticks(sizes, list(map(str, sizes)))
+    axis.minorticks_off()
+    return numbers
+
+
 def rest_times():
     """Milliseconds of a step of the heap of `resting.resting`, awake and late."""
     _, _, rows = read(RESTING)

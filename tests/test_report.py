@@ -40,7 +40,7 @@ def without(pattern, text):
 
 def quoted():
     """The paths of numbers that the text names, each as a list of keys."""
-    return [path.strip(".").split(".") for path in re.findall(r"#n((?:\.\w+)+)", TEXT)]
+    return [path.strip(".").split(".") for path in re.findall(r"\bn((?:\.\w+)+)", TEXT)]
 
 
 def test_the_pdf_has_three_pages_at_most():
