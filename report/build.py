@@ -48,7 +48,9 @@ REPEATABLE = ("constants", *experiments.EXPERIMENTS, *experiments.SILENT)
 # What these measure of MuJoCo and PyBullet stays where they are not installed.
 BESIDE_PEERS = ("resting", "standing")
 VIDEOS = {f"video_{name}": name for name in videos.VIDEOS}
+SOURCE = FOLDER / "report.typ"
 MOST_PAGES = 3
+SIZES = ("9.8", "9.7", "9.6", "9.5", "9.4", "9.3", "9.2")  # points of the text
 # Seconds, roughly, of those that take long.
 DURATIONS = {
     "tunnelling": 80, "samebits": 75, "schedules": 60, "candidates": 50, "batches": 40,
@@ -130,26 +132,32 @@ def save_numbers(numbers):
                 numbers[name] = kept.get(name, {}) | numbers[name]
     numbers = {name: values for name, values in (kept | numbers).items()
                if name in (*REPEATABLE, *TIMED)}  # fmt: skip
+    numbers["figures"] = {figure: list(names) for figure, names in claims.FIGURES}
     NUMBERS.write_text(json.dumps(numbers, indent=1, sort_keys=True, ensure_ascii=False) + "\n")
     return numbers
 
 
 def typeset():
-    """report.pdf and, for the eye, a picture of each page in out/report; how many pages."""
+    """report.pdf and, for the eye, a picture of each page in out/report; how many pages.
+
+    The largest of SIZES is used with which it has no more than MOST_PAGES.
+    """
     import typst
 
-    source = FOLDER / "report.typ"
-    settings = {"root": str(FOLDER), "ignore_system_fonts": True}
-    # the same text gives the same bytes
-    typst.compile(str(source), output=str(FOLDER / "report.pdf"), timestamp=0, **settings)
     pages = FOLDER.parent / "out" / "report"
     pages.mkdir(parents=True, exist_ok=True)
-    for old in pages.glob("page*.png"):
-        old.unlink()
-    typst.compile(str(source), output=str(pages / "page{p}.png"), format="png", ppi=150.0,
-                  **settings)  # fmt: skip
-    count = len(list(pages.glob("page*.png")))
-    print(f"{FOLDER / 'report.pdf'}: {count} pages, pictures of them in {pages}")
+    for size in SIZES:
+        settings = {"root": str(FOLDER), "ignore_system_fonts": True, "sys_inputs": {"size": size}}
+        for old in pages.glob("page*.png"):
+            old.unlink()
+        typst.compile(str(SOURCE), output=str(pages / "page{p}.png"), format="png", ppi=150.0,
+                      **settings)  # fmt: skip
+        count = len(list(pages.glob("page*.png")))
+        if count <= MOST_PAGES:
+            break
+    # the same text gives the same bytes
+    typst.compile(str(SOURCE), output=str(FOLDER / "report.pdf"), timestamp=0, **settings)
+    print(f"report.pdf: {count} pages in {size} points, pictures of them in {pages}")
     return count
 
 
@@ -193,13 +201,13 @@ def main():
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--only", nargs="+", metavar="NAME", default=None,
-                        help=f"of {', '.join(sorted(known))}")
+                        help=f"of {', '.join(sorted(known))}")  # fmt: skip
     parser.add_argument("--keep-timings", action="store_true", help="measure no times")
     parser.add_argument("--sizes", nargs="+", type=int, metavar="N", default=timings.SIZES,
-                        help="bodies of the heaps that are timed (default: %(default)s)")
+                        help="bodies of the heaps timed (default: %(default)s)")  # fmt: skip
     parser.add_argument("--quick", action="store_true", help="time small heaps only")
     parser.add_argument("--check", action="store_true",
-                        help="compare what is measured with numbers.json, change nothing")
+                        help="measure, compare with numbers.json, change nothing")  # fmt: skip
     options = parser.parse_args()
     if options.check:
         sys.exit(1 if check() else 0)

@@ -22,10 +22,10 @@ class Claim(NamedTuple):
 
 
 def lookup(numbers, path):
-    """The text of a number, by "group.key" or "group.inner.key"."""
+    """The text of a number, by "group.key" or "group.inner.key"; "nan" of what is not measured."""
     for key in path.split("."):
-        numbers = numbers[key]
-    return numbers
+        numbers = numbers.get(key, {})
+    return numbers or "nan"  # of which no condition is true
 
 
 def value(numbers, path):
@@ -166,8 +166,8 @@ def holds(claim, numbers):
 
 def contradictions(numbers):
     """A line for each claim that the numbers do not bear out."""
-    unseen = [f"videos: {what} is never to be seen" for what, time in numbers["videos"].items()
-              if time == "never"]  # fmt: skip
+    times = numbers.get("videos", {})
+    unseen = [f"videos: {what} is never to be seen" for what in times if times[what] == "never"]
     return unseen + [f"{claim.where}: {sentence(claim, numbers)}" for claim in CLAIMS
                      if not holds(claim, numbers)]  # fmt: skip
 

@@ -532,14 +532,12 @@ def cliques(axis):
         (False, style.BLUE, "no constraints"), (True, style.VERMILION, "constraints")
     ):  # fmt: skip
         simulation = scene("cube", enforceConstraints=constrained)
-        squares, heights, visits, under = [], [], [], []
+        squares, heights, visits = [], [], []
         for _ in range(steps):
             simulation.step()
             visits.append(simulation.report.constraintVisits)
             squares.append(np.mean([np.sum(mesh.angVelocity**2) for mesh in simulation.meshes]))
-            low_ = lowest_vertices(simulation)
-            heights.append(low_.min())
-            under.append(int(np.sum(low_ < -0.1)))
+            heights.append(lowest_vertices(simulation).min())
         spins[constrained] = math.sqrt(np.mean(squares[late:]))
         low[constrained] = np.array(heights)
         t = H * np.arange(1, steps + 1)
@@ -553,9 +551,8 @@ def cliques(axis):
         "sweeps": text(np.mean(visits[late:]) / bounds, 1), "bounds": str(bounds),
         "violation": text(1e3 * violation, 2), "from": f"{late * H:g}", "to": f"{steps * H:g}",
         "deepest": text(-low[True].min(), 2), "deepestAt": text(t[deepest], 1),
-        "deepestStep": str(deepest + 1), "under": str(under[deepest]),
         "deepestLate": text(-low[True][late:].min(), 2),
-        "deepestWithout": text(-low[False].min(), 2),
+        "deepestWithout": text(max(0.0, -low[False].min()), 2),
     }  # fmt: skip
 
 
@@ -584,7 +581,7 @@ def stopping(axis):
         distances = np.array([stopping_distance(mu, E, h) for mu in mus])
         excesses[h] = distances - theory
         axis.semilogx(mus, excesses[h], mark, color=colour, label=f"h = {h:g} s")
-    axis.set(xlabel="friction μ", ylabel="stops beyond v²/2μg by / m", ylim=(-0.05, 0.8))
+    axis.set(xlabel="friction μ", ylabel="beyond v²/2μg / m", ylim=(-0.05, 0.8))
     axis.set_xticks([0.1, 0.2, 0.5, 1.0], ["0.1", "0.2", "0.5", "1"])
     axis.minorticks_off()
     axis.legend(loc="upper right")
@@ -719,4 +716,3 @@ def samebits():
         "end": text(1e6 * values[-1], 1),
         "reversedMetre": text(t[np.argmax(np.array(parted["reversed"]) > 1.0)], 0),
     }  # fmt: skip
-

@@ -242,7 +242,9 @@ def batches(axis):
         "bodies": "1000", "steps": str(len(counts)), "from": "100",
         "pairs": thousands(np.median(pairs)), "batches": text(np.median(rounds), 0),
         "size": text(np.median(pairs / rounds), 0),
-        "again": str(int(np.sum(counts > 1))), "squeezed": f"{100 * (1 - SQUEEZED):.0f}",
+        "again": str(int(np.sum(counts > 1))),
+        "needs": f"needed {np.sum(counts > 1)} times" if counts.max() > 1 else "never needed",
+        "squeezed": f"{100 * (1 - SQUEEZED):.0f}",
         "drawnBodies": "500", "drawnPairs": thousands(len(turn)),
         "drawnBatches": str(last["batches"]), "drawnNew": str(int(isNew.sum())),
         "drawnPasses": str(len(passes)), "cost": text(looked / len(turn), 1),
@@ -316,7 +318,7 @@ def queue(axis):
         (~violated, style.SKY, "visited: holds"), (violated, style.VERMILION, "corrected")
     ):  # fmt: skip
         axis.scatter(place[some], sweeps[some] + 0.5, s=1.0, color=colour, label=label,
-                     marker="|", linewidths=0.4)  # fmt: skip
+                     marker="|", linewidths=0.4, rasterized=True)  # fmt: skip
     axis.set(xlabel="constraint of the net", ylabel="sweep", xlim=(0, len(everyone)),
              ylim=(sweeps.max() + 1.2, 0))  # fmt: skip
     axis.grid(False)
@@ -345,4 +347,3 @@ def schedules():
         own["saved"] = text(100 * (1 - own["queue"] / own["sweep"]), 0)
         numbers[name] = {key: v for key, v in own.items() if isinstance(v, str)}
     return numbers
-

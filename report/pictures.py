@@ -16,7 +16,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from experiments import BOX, ROOT, H, box, heap_scene, lowest_vertices, overlap_and_sinking
+from experiments import BOX, ROOT, G, H, box, heap_scene, lowest_vertices, overlap_and_sinking
 
 from rbs.backends import find_backend
 from rbs.pictureoptions import PictureOptions
@@ -166,9 +166,8 @@ def slope():
     run(simulation, round(SLOPE_SECONDS / H))
     ways = [np.linalg.norm(mesh.position - start) for mesh, start in
             zip((steep, gentle), starts, strict=True)]  # fmt: skip
-    law = 0.5 * 9.8 * SLOPE_SECONDS ** 2 * (
-        math.sin(2 * math.atan(1 / 4)) - 0.4 * math.cos(2 * math.atan(1 / 4))
-    )
+    angle = 2 * math.atan(1 / 4)  # as the scene has it
+    law = 0.5 * G * SLOPE_SECONDS**2 * (math.sin(angle) - 0.4 * math.cos(angle))
     simulation.meshes = [*simulation.meshes, *ghosts(steep, states)]
     return Picture(simulation, camera((14, 26, 62), (0, 10, 0), 36), {
         "the box on the steep slope slides": ways[0] > 5.0,
@@ -210,7 +209,7 @@ def heap():
     run(simulation, HEAP_STEPS)
     top = max(mesh.position[0, 1] for mesh in simulation.meshes)
     speeds = np.linalg.norm([mesh.linVelocity[0] for mesh in simulation.meshes], axis=1)
-    return Picture(simulation, camera((66, 62, 118), (0, 22, 0), 40), {
+    return Picture(simulation, camera((115, 90, 205), (0, 32, 0), 38), {
         "it has come down by a fifth and more": top < 0.8 * start,
         "half of its bodies move with a metre a second or more": np.median(speeds) > 1.0,
         "bodies touch one other and more": len(simulation.report.contacts) > 500,

@@ -45,6 +45,6 @@ def draw(function, path):
         figure, axis = pyplot.subplots(figsize=size, layout="constrained")
         figure.get_layout_engine().set(w_pad=0.02, h_pad=0.04)
         answer = function(axis)
-        figure.savefig(path, metadata={"Date": None})
+        figure.savefig(path, metadata={"Date": None}, dpi=400)
         pyplot.close(figure)
     return answer

@@ -246,8 +246,9 @@ def slick(axis):
 def rest_times():
     """Milliseconds of a step of the heap of `resting.resting`, awake and late."""
     _, _, rows = read(RESTING)
-    numbers = {"bodies": str(resting.HEAP), "awakeFrom": str(AWAKE.start),
-               "awakeTo": str(AWAKE.stop), "lateFrom": str(LATE.start), "lateTo": str(LATE.stop)}
+    numbers = {"bodies": str(resting.HEAP)}
+    for name, window in (("awake", AWAKE), ("late", LATE)):
+        numbers |= {f"{name}From": str(window.start), f"{name}To": str(window.stop)}
     for row in rows:
         key = resting.ENGINES[row["engine"]][0]
         numbers[f"{key}Awake"] = milliseconds(row["awake"])

@@ -188,7 +188,6 @@ def make(name):
     print(f"{name}: {len(pictures)} frames, quality {quality}, {size / 1e3:.0f} kB", flush=True)
 
 
-
 if __name__ == "__main__":
     for name in sys.argv[1:]:
         make(name)
