@@ -38,15 +38,16 @@ from rbs.bodies import (
     restored_on_error,
     state_columns,
 )
-from rbs.broadphase import BROAD_PHASES
 from rbs.constraints import Anchor, ConstraintRows, distance_error
 from rbs.flight import GRAVITY as GRAVITY  # it is asked for here
 from rbs.flight import free_flight, gyroscopic_velocity
 from rbs.hulls import build_hull
 from rbs.poses import Posed
 from rbs.reports import GROUND, StepReport
-from rbs.schedules import CONSTRAINT_SCHEDULINGS, batches, queue, sweep
-from rbs.softstep import CONTACT_SOLVERS, soft_step
+from rbs.schedules import batches, queue, sweep
+from rbs.softstep import soft_step
+from rbs.stepoptions import ContactSettings as ContactSettings  # it is asked for here
+from rbs.stepoptions import check_step_options, contact_settings
 from rbs.vectors import (
     add,
     cross,
@@ -56,6 +57,7 @@ from rbs.vectors import (
     mat_vec,
     mul_add,
     norm,
+    number,
     rotate_tensor,
     scale,
     sub,
@@ -121,7 +123,7 @@ def run_timestep(
     where a number would become NaN, infinite or absurdly large. Whatever is raised, the meshes are
     then as they were before the step.
     """
-    timeStep, tolerance = _float(timeStep), _float(tolerance)
+    timeStep, tolerance = number(timeStep), number(tolerance)
     contactSettings = contact_settings(CRCoeff, closingOnly, mu)
     check_step_options(
         timeStep, tolerance, constraintScheduling, broadPhase, contactSolver, substeps, closingOnly
@@ -170,27 +172,6 @@ def run_timestep(
     return report
 
 
-def check_step_options(
-    timeStep, tolerance, constraintScheduling, broadPhase, contactSolver, substeps, closingOnly
-):
-    """Raises ValueError for what `run_timestep` refuses, other than the settings of contacts."""
-    if contactSolver == "soft-step" and closingOnly:
-        raise ValueError("closingOnly has no meaning for soft-step: no contact ever pulls")
-    if substeps != int(substeps) or substeps < 1:
-        raise ValueError(f"the substeps must be a whole number of 1 or more, not {substeps}")
-    if not 0.0 <= timeStep < math.inf:
-        raise ValueError(f"the time step must be finite and not negative, not {timeStep:g}")
-    if not tolerance >= 0.0:
-        raise ValueError(f"the tolerance must not be negative, not {tolerance:g}")
-    for what, name, known in (
-        ("broad phase", broadPhase, BROAD_PHASES),
-        ("constraint scheduling", constraintScheduling, CONSTRAINT_SCHEDULINGS),
-        ("contact solver", contactSolver, CONTACT_SOLVERS),
-    ):
-        if name not in known:
-            raise ValueError(f"no {what} {name!r}; there are {', '.join(known)}")
-
-
 # --------------------------------------------------------------------------------------------------
 # Mesh
 # --------------------------------------------------------------------------------------------------
@@ -229,7 +210,7 @@ class Mesh(Posed):
         self.origVertices = self._table("origVertices", origVertices, 3, np.float64)
         self.faces = self._table("faces", faces, 3, np.int64)
         self.tets = self._table("tets", tets, 4, np.int64)
-        self.density = _float(density)
+        self.density = number(density)
         self.position = _row(position, 3)
         self.orientation = _row(orientation, 4)
         length = math.hypot(*self.orientation[0].tolist())
@@ -312,7 +293,7 @@ class Mesh(Posed):
             return
         linVelocity, position, orientation = free_flight(
             floats(self.linVelocity, 3), floats(self.angVelocity, 3),
-            floats(self.position, 3), floats(self.orientation, 4), _float(timeStep),
+            floats(self.position, 3), floats(self.orientation, 4), number(timeStep),
         )  # fmt: skip
         self.linVelocity, self.position = _row(linVelocity, 3), _row(position, 3)
         self.orientation = _row(orientation, 4)
@@ -322,7 +303,7 @@ class Mesh(Posed):
         if self.invMass != 0.0:
             angVelocity = gyroscopic_velocity(
                 floats(self.angVelocity, 3), floats(self.orientation, 4), floats(self.IT, 9),
-                _float(timeStep),
+                number(timeStep),
             )  # fmt: skip
             self.angVelocity = _row(angVelocity, 3)
 
@@ -399,11 +380,6 @@ class Mesh(Posed):
         self.angVelocity = _row(state.angVelocity, 3)
 
 
-def _float(value):
-    """A Python float out of a number, or of an array that holds one."""
-    return value if type(value) is float else floats(value, 1)[0]
-
-
 def _row(value, count):
     """A new (1, count) array out of anything with `count` entries."""
     return np.array(value, dtype=np.float64).reshape(1, count)
@@ -416,14 +392,6 @@ def _row(value, count):
 NO_FRICTION = (0.0, 0.0, 0.0)
 
 
-class ContactSettings(NamedTuple):
-    """How contacts are resolved; see `resolve_collision`."""
-
-    CRCoeff: float
-    closingOnly: bool
-    mu: float
-
-
 class ContactImpulses(NamedTuple):
     """What a contact did: the impulse that body 2 receives along the normal, mass · speed, and
     across it, a vector; and the arm, from the COM of body 1 to where they act."""
@@ -431,16 +399,6 @@ class ContactImpulses(NamedTuple):
     impulse: float
     friction: tuple
     arm: tuple
-
-
-def contact_settings(CRCoeff, closingOnly, mu):
-    """The ContactSettings of a caller's arguments; raises ValueError."""
-    settings = ContactSettings(_float(CRCoeff), bool(closingOnly), _float(mu))
-    if not math.isfinite(settings.CRCoeff):
-        raise ValueError(f"the restitution must be finite, not {settings.CRCoeff:g}")
-    if not 0.0 <= settings.mu < math.inf:
-        raise ValueError(f"the friction must be finite and not negative, not {settings.mu:g}")
-    return settings
 
 
 def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOnly=False, mu=0.0):
@@ -470,19 +428,26 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     body1, body2 = m1.body_state(), m2.body_state()
     if body1.invMass + body2.invMass == 0.0:
         return None
-    depth, normal = _float(depth), floats(contactNormal, 3)
+    depth, normal = number(depth), floats(contactNormal, 3)
     # A depth of 0 does not tell which way the normal points; on the ground, it is into m1.
     isGround = len(m2.origVertices) == 0
     if depth < 0.0 or (depth == 0.0 and isGround):
         depth, normal = -depth, scale(-1.0, normal)
-    arm1, arm2 = correct_positions(body1, body2, depth, normal, floats(penPoint, 3))
-    impulse, friction = apply_contact_impulses(body1, body2, arm1, arm2, normal, settings)
+    bodies = body1, body2
+    arms = correct_positions(bodies, depth, normal, floats(penPoint, 3))
+    impulse, friction = apply_contact_impulses(bodies, arms, normal, settings)
     m1.set_body_state(body1)
     m2.set_body_state(body2)
-    return ContactImpulses(impulse, friction, arm1)
+    return ContactImpulses(impulse, friction, arms[0])
 
 
-# From here on, vectors are components: tuples of floats for one contact, arrays (3, n) for many.
+# From here on, vectors are components: tuples of floats for one contact, arrays (3, m) for many.
+# The two bodies of a contact are a pair of `BodyState`, with a pair of arms; or one, whose arrays
+# have both bodies along the last axis but one, as the arms then: (2, m), (3, 2, m), (9, 2, m). What
+# is done to both bodies of many contacts then takes as few calls as for one body.
+
+# The impulse that body 1 receives is opposite to that on body 2, and so are corrections.
+_OPPOSITE = np.array([[-1.0], [1.0]])
 
 
 def mass_weights(invMass1, invMass2):
@@ -491,90 +456,118 @@ def mass_weights(invMass1, invMass2):
     return invMass1 / total, invMass2 / total
 
 
-def separate(body1, body2, distance, direction):
+def separate(bodies, distance, direction):
     """Position correction: moves body 2 along the direction and body 1 against it.
 
     By `distance` in all, each in proportion to its inverse mass. Returns how far body 2 has moved.
     """
+    if isinstance(bodies, BodyState):
+        shift = _OPPOSITE * np.array(mass_weights(*bodies.invMass)) * distance
+        bodies.position = mul_add(bodies.position, shift, direction[:, None])
+        return shift[1]
+    body1, body2 = bodies
     weight1, weight2 = mass_weights(body1.invMass, body2.invMass)
     body1.position = mul_add(body1.position, -(weight1 * distance), direction)
     body2.position = mul_add(body2.position, weight2 * distance, direction)
     return weight2 * distance
 
 
-def correct_positions(body1, body2, depth, normal, penPoint):
-    """Separates two bodies that touch; returns the arms `(arm1, arm2)` from their COMs to the
-    contact point, which is penPoint, moved along with body 2."""
-    point = mul_add(penPoint, separate(body1, body2, depth, normal), normal)
-    return sub(point, body1.position), sub(point, body2.position)
+def correct_positions(bodies, depth, normal, penPoint):
+    """Separates two bodies that touch; returns the arms from their COMs to the contact point,
+    which is penPoint, moved along with body 2."""
+    point = mul_add(penPoint, separate(bodies, depth, normal), normal)
+    if isinstance(bodies, BodyState):
+        return point[:, None] - bodies.position
+    return sub(point, bodies[0].position), sub(point, bodies[1].position)
 
 
-def relative_velocity(body1, body2, arm1, arm2):
-    """Velocity of body 1 at arm1 minus that of body 2 at arm2, each v + ω × r."""
-    velocity1 = add(body1.linVelocity, cross(body1.angVelocity, arm1))
-    velocity2 = add(body2.linVelocity, cross(body2.angVelocity, arm2))
-    return sub(velocity1, velocity2)
+def velocity_at(body, arm):
+    """Velocity of a body's point at an arm from its COM, v + ω × r."""
+    return add(body.linVelocity, cross(body.angVelocity, arm))
 
 
-def inverse_effective_mass(body1, body2, arm1, arm2, direction):
-    """`(K, invInertiaRxN1, invInertiaRxN2)`: how two bodies that touch respond to an impulse.
+def relative_velocity(bodies, arms):
+    """Velocity of body 1 at its arm minus that of body 2 at its own."""
+    if isinstance(bodies, BodyState):
+        velocity = velocity_at(bodies, arms)
+        return velocity[:, 0] - velocity[:, 1]
+    return sub(velocity_at(bodies[0], arms[0]), velocity_at(bodies[1], arms[1]))
 
-    invInertiaRxN : I⁻¹ (r × n), the change of the angular velocity by a unit impulse along n at r
-    K : the change of the closing speed by it. A body's point at r gains m⁻¹ from the motion of the
-        COM and, from the rotation, ((I⁻¹ (r × n)) × r) · n = (r × n) · I⁻¹ (r × n); so
-        K = m_1⁻¹ + m_2⁻¹ + (r1 × n) · I1⁻¹ (r1 × n) + (r2 × n) · I2⁻¹ (r2 × n)
+
+def response_at(body, arm, direction):
+    """`(k, invInertiaRxN)`: how a body responds to a unit impulse along a direction n at an arm r.
+
+    invInertiaRxN : I⁻¹ (r × n), the change of the angular velocity
+    k : the change of the velocity of the point along n. It gains m⁻¹ from the motion of the COM
+        and, from the rotation, ((I⁻¹ (r × n)) × r) · n = (r × n) · I⁻¹ (r × n)
     """
-    rCrossN1, rCrossN2 = cross(arm1, direction), cross(arm2, direction)
-    invInertiaRxN1 = mat_vec(body1.invInertia, rCrossN1)
-    invInertiaRxN2 = mat_vec(body2.invInertia, rCrossN2)
-    K1 = body1.invMass + dot(rCrossN1, invInertiaRxN1)
-    K2 = body2.invMass + dot(rCrossN2, invInertiaRxN2)
-    return K1 + K2, invInertiaRxN1, invInertiaRxN2
+    rCrossN = cross(arm, direction)
+    invInertiaRxN = mat_vec(body.invInertia, rCrossN)
+    return body.invMass + dot(rCrossN, invInertiaRxN), invInertiaRxN
 
 
-def apply_impulse(body1, body2, responses, direction, change, limit=None):
+def inverse_effective_mass(bodies, arms, direction):
+    """`(K, responses)`: how two bodies that touch respond to an impulse between them.
+
+    K : the change of the closing speed by a unit impulse, the sum of the bodies' own
+    responses : I_i⁻¹ (r_i × n) of both; see `response_at`
+    """
+    if isinstance(bodies, BodyState):
+        k, responses = response_at(bodies, arms, direction[:, None])
+        return k[0] + k[1], responses
+    k1, response1 = response_at(bodies[0], arms[0], direction)
+    k2, response2 = response_at(bodies[1], arms[1], direction)
+    return k1 + k2, (response1, response2)
+
+
+def receive_impulse(body, impulse, direction, invInertiaRxN):
+    """Changes a body by an impulse j along n: v ← v + j m⁻¹ n and ω ← ω + j I⁻¹ (r × n)."""
+    body.linVelocity = mul_add(body.linVelocity, impulse * body.invMass, direction)
+    body.angVelocity = mul_add(body.angVelocity, impulse, invInertiaRxN)
+
+
+def apply_impulse(bodies, K, responses, direction, change, limit=None):
     """Lowers the closing speed along the direction by `change`; returns the impulse that does it.
 
-    responses : as `inverse_effective_mass` gives them; limit : of the impulse, if there is one
+    K, responses : as of `inverse_effective_mass`; limit : of the impulse, if there is one
 
-    The impulse j acts as -j n on body 1 and as +j n on body 2: v_i ← v_i ± j m_i⁻¹ n and ω_i ← ω_i
-    ± j I_i⁻¹ (r_i × n). It lowers the closing speed by j K; hence j = change / K, or the limit
-    where that is less.
+    The impulse j acts as -j n on body 1 and as +j n on body 2. It lowers the closing speed by j K;
+    hence j = change / K, or the limit where that is less.
     """
-    K, invInertiaRxN1, invInertiaRxN2 = responses
     impulse = change / K
     if limit is not None:
         isArray = isinstance(impulse, np.ndarray)
         impulse = np.minimum(impulse, limit) if isArray else min(impulse, limit)
-    body1.linVelocity = mul_add(body1.linVelocity, -impulse * body1.invMass, direction)
-    body1.angVelocity = mul_add(body1.angVelocity, -impulse, invInertiaRxN1)
-    body2.linVelocity = mul_add(body2.linVelocity, impulse * body2.invMass, direction)
-    body2.angVelocity = mul_add(body2.angVelocity, impulse, invInertiaRxN2)
+    if isinstance(bodies, BodyState):
+        receive_impulse(bodies, impulse * _OPPOSITE, direction[:, None], responses)
+    else:
+        receive_impulse(bodies[0], -impulse, direction, responses[0])
+        receive_impulse(bodies[1], impulse, direction, responses[1])
     return impulse
 
 
-def apply_contact_impulses(body1, body2, arm1, arm2, normal, settings, responses=None):
+def apply_contact_impulses(bodies, arms, normal, settings, response=None):
     """The impulses of a contact: `(impulse, friction)`, what body 2 receives along and across.
 
-    responses : as `inverse_effective_mass` gives them along the normal, if they are at hand
+    response : what `inverse_effective_mass` gives along the normal, if it is at hand
 
     Restitution asks that a closing speed of c become one of -e c: with u = v1 + ω1 × r1 - v2 -
     ω2 × r2 the impulse is j = (1 + e) (u · n) / K, K as of `inverse_effective_mass`.
     """
-    if responses is None:
-        responses = inverse_effective_mass(body1, body2, arm1, arm2, normal)
-    closingSpeed = dot(relative_velocity(body1, body2, arm1, arm2), normal)
+    if response is None:
+        response = inverse_effective_mass(bodies, arms, normal)
+    closingSpeed = dot(relative_velocity(bodies, arms), normal)
     change = (1.0 + settings.CRCoeff) * closingSpeed
     if settings.closingOnly:
         change = change * (change > 0)
-    impulse = apply_impulse(body1, body2, responses, normal, change)
+    impulse = apply_impulse(bodies, *response, normal, change)
     if settings.mu == 0:
         return impulse, NO_FRICTION
     limit = settings.mu * impulse
-    return impulse, apply_friction(body1, body2, arm1, arm2, normal, limit)
+    return impulse, apply_friction(bodies, arms, normal, limit)
 
 
-def apply_friction(body1, body2, arm1, arm2, normal, limit):
+def apply_friction(bodies, arms, normal, limit):
     """Coulomb friction at a contact; returns the impulse, a vector, that body 2 receives.
 
     limit : μ times the normal impulse; none where that is negative, as nothing is pressed there
@@ -585,17 +578,17 @@ def apply_friction(body1, body2, arm1, arm2, normal, limit):
     gives that much or its limit, whichever is less, and so never turns the sliding round. The
     kinetic energy changes by -j u · t + j² K / 2, which is at most 0 for 0 ≤ j ≤ u · t / K.
     """
-    u = relative_velocity(body1, body2, arm1, arm2)
+    u = relative_velocity(bodies, arms)
     across = mul_add(u, -dot(u, normal), normal)
-    speed = length = norm(across)
+    speed = norm(across)
     if isinstance(speed, np.ndarray):
-        length = np.where(speed > 0.0, speed, 1.0)
-        limit = np.maximum(limit, 0.0)
-    elif speed == 0.0 or limit <= 0.0:
-        return NO_FRICTION
+        length, limit = np.where(speed > 0.0, speed, 1.0), np.maximum(limit, 0.0)
+    else:
+        length, limit = speed or 1.0, max(limit, 0.0)
+    limit = limit + 0.0  # a zero has no sign, whichever of two zeros is taken for the greater
     t = divide(across, length)
-    responses = inverse_effective_mass(body1, body2, arm1, arm2, t)
-    impulse = apply_impulse(body1, body2, responses, t, speed, limit)
+    response = inverse_effective_mass(bodies, arms, t)
+    impulse = apply_impulse(bodies, *response, t, speed, limit)
     return scale(impulse, t)
 
 
@@ -622,13 +615,13 @@ def resolve_position_constraint(
     """
     point1, point2 = floats(currConstPoints[0], 3), floats(currConstPoints[1], 3)
     position1, position2 = floats(currPositions[0], 3), floats(currPositions[1], 3)
-    C, n = distance_error(point1, point2, _float(refValue))
-    if not is_violated(C, bool(upper), _float(tolerance)):
+    C, n = distance_error(point1, point2, number(refValue))
+    if not is_violated(C, bool(upper), number(tolerance)):
         return True, _as_given(currPositions, (position1, position2))
-    body1 = BodyState(_float(invMasses[0]), None, position1, None, None)
-    body2 = BodyState(_float(invMasses[1]), None, position2, None, None)
+    body1 = BodyState(number(invMasses[0]), None, position1, None, None)
+    body2 = BodyState(number(invMasses[1]), None, position2, None, None)
     if body1.invMass + body2.invMass > 0.0:
-        separate(body1, body2, C, n)
+        separate((body1, body2), C, n)
     return False, _as_given(currPositions, (body1.position, body2.position))
 
 
@@ -657,24 +650,23 @@ def resolve_velocity_constraint(
     pairs of new (1, 3) arrays, with J v = 0 unless it was valid. Bodies that both cannot move keep
     their velocities. Of vectors given as tuples of three floats, the results are such tuples.
     """
-    body1, body2 = (
+    bodies = body1, body2 = tuple(
         BodyState(
-            _float(invMasses[k]), floats(invInertiaTensors[k], 9), None,
+            number(invMasses[k]), floats(invInertiaTensors[k], 9), None,
             floats(currLinVelocities[k], 3), floats(currAngVelocities[k], 3),
         )
         for k in range(2)
     )  # fmt: skip
     point1, point2 = floats(currConstPoints[0], 3), floats(currConstPoints[1], 3)
-    arm1, arm2 = (
+    arms = tuple(
         point.arm if isinstance(point, Anchor) else sub(point, floats(position, 3))
         for point, position in zip((point1, point2), currPositions, strict=True)
     )
     _, n = distance_error(point1, point2, 0.0)
-    Jv = dot(relative_velocity(body1, body2, arm1, arm2), n)
-    wasValid = abs(Jv) <= _float(tolerance)
+    Jv = dot(relative_velocity(bodies, arms), n)
+    wasValid = abs(Jv) <= number(tolerance)
     if not wasValid and body1.invMass + body2.invMass > 0.0:
-        responses = inverse_effective_mass(body1, body2, arm1, arm2, n)
-        apply_impulse(body1, body2, responses, n, Jv)
+        apply_impulse(bodies, *inverse_effective_mass(bodies, arms, n), n, Jv)
     return (
         wasValid,
         _as_given(currLinVelocities, (body1.linVelocity, body2.linVelocity)),
@@ -689,7 +681,7 @@ def _as_given(given, pair):
     return _row(pair[0], 3), _row(pair[1], 3)
 
 
-# On components: tuples of floats for one constraint, arrays (3, n) for many.
+# On components: tuples of floats for one constraint, arrays for many, as for contacts.
 
 
 def is_violated(C, upper, tolerance):
@@ -697,17 +689,17 @@ def is_violated(C, upper, tolerance):
     return (C > tolerance) & upper | (C < -tolerance) & (upper ^ True)
 
 
-def solve_distance_constraint(body1, body2, arm1, arm2, C, n, tolerance):
+def solve_distance_constraint(bodies, arms, C, n, tolerance):
     """Corrects violated bounds by position and velocity, in place: both functions above, on arrays.
 
-    arm1, arm2 : (3, m), from each COM to its point; C, n : as of `distance_error`
+    arms : (3, 2, m), from each COM to its point; C, n : as of `distance_error`
 
     Moving the COMs along n leaves the arms and, as the points stay on one line, n as they are.
     """
-    separate(body1, body2, C, n)
-    Jv = dot(relative_velocity(body1, body2, arm1, arm2), n)
-    responses = inverse_effective_mass(body1, body2, arm1, arm2, n)
-    apply_impulse(body1, body2, responses, n, Jv * (abs(Jv) > tolerance))
+    separate(bodies, C, n)
+    Jv = dot(relative_velocity(bodies, arms), n)
+    response = inverse_effective_mass(bodies, arms, n)
+    apply_impulse(bodies, *response, n, Jv * (abs(Jv) > tolerance))
 
 
 def project_constraints(bodies, constraints, maxIterations, tolerance, scheduling):
@@ -760,26 +752,21 @@ def project_constraints(bodies, constraints, maxIterations, tolerance, schedulin
 
 def _project_in_batches(bodies, rows, tolerance, maximumVisits):
     """`project_constraints` for many at once. bodies : `Bodies`; rows : `ConstraintRows`"""
-    arms1, arms2 = (
-        take(bodies.vertices, bodies.vertexStart[body] + vertex, axis=1)
-        for body, vertex in ((rows.body1, rows.vertex1), (rows.body2, rows.vertex2))
-    )
+    ends, vertices = np.stack((rows.body1, rows.body2)), np.stack((rows.vertex1, rows.vertex2))
+    allArms = take(bodies.vertices, bodies.vertexStart[ends] + vertices, axis=1)
 
     def visit_batch(batch):
         """Corrects what is violated of the constraints (m,); returns whether anything was."""
-        b1, b2, arm1, arm2 = rows.body1[batch], rows.body2[batch], arms1[:, batch], arms2[:, batch]
-        point1 = take(bodies.position, b1, axis=1) + arm1
-        point2 = take(bodies.position, b2, axis=1) + arm2
-        C, n = distance_error(point1, point2, rows.refValue[batch])
+        b, arms = take(ends, batch, axis=1), take(allArms, batch, axis=2)
+        points = take(bodies.position, b, axis=1) + arms
+        C, n = distance_error(points[:, 0], points[:, 1], rows.refValue[batch])
         violated = indices(is_violated(C, rows.upper[batch], tolerance))
         if len(violated) == 0:
             return False
-        b1, b2 = b1[violated], b2[violated]
-        arm1, arm2, n = (take(table, violated, axis=1) for table in (arm1, arm2, n))
-        state1, state2 = bodies.states(b1), bodies.states(b2)
-        solve_distance_constraint(state1, state2, arm1, arm2, C[violated], n, tolerance)
-        bodies.store(b1, state1)
-        bodies.store(b2, state2)
+        b, arms, n = (take(table, violated, axis=-1) for table in (b, arms, n))
+        states = bodies.states(b)
+        solve_distance_constraint(states, arms, C[violated], n, tolerance)
+        bodies.store(b, states)
         return True
 
     return batches(
@@ -833,9 +820,9 @@ def _resolve_pairs(bodies, settings, report):
     pairs = OrderedBatches(bodies, mass_weights)
     report.candidatePairs = len(pairs.keys)
     contacts = None
-    while contacts is None and len(pairs.first) > 0:
+    while contacts is None and len(pairs.rank) > 0:
         for batch in pairs.detect():
-            shift = separate(batch.body1, batch.body2, batch.depth, batch.normal)
+            shift = separate(batch.bodies, batch.depth, batch.normal)
             pairs.store(batch, shift)
         contacts = pairs.validate()
     if contacts is not None:
@@ -844,34 +831,29 @@ def _resolve_pairs(bodies, settings, report):
 
 def _apply_impulses(bodies, contacts, settings, report):
     """The impulses batch by batch; what does not depend on velocities, for all contacts at once."""
-    first, second, normal = contacts.first, contacts.second, contacts.normal
-    if len(first) == 0:
+    ends, normal = contacts.bodies, contacts.normal
+    if ends.shape[1] == 0:
         return
     penPoint = contacts.points(bodies.hulls)
-    point = mul_add(penPoint, contacts.shift, normal)
-    arm1, arm2 = sub(point, contacts.after1), sub(point, contacts.after2)
-    all1, all2 = bodies.states(first), bodies.states(second)
-    responses = inverse_effective_mass(all1, all2, arm1, arm2, normal)
+    arms = mul_add(penPoint, contacts.shift, normal)[:, None] - contacts.after
+    states = bodies.states(ends)
+    K, responses = inverse_effective_mass(states, arms, normal)
     impulses, frictions = [], []
     for some in contacts.batches():
-        body1, body2 = (
-            BodyState(
-                own.invMass[some], own.invInertia[:, some], None,
-                *take(bodies.velocity, b[some], axis=1).reshape(2, 3, -1),
-            )
-            for b, own in ((first, all1), (second, all2))
-        )  # fmt: skip
+        b = ends[:, some]
+        velocity = take(bodies.velocity, b, axis=1)
+        both = BodyState(
+            states.invMass[:, some], states.invInertia[..., some], None, velocity[:3], velocity[3:]
+        )
         impulse, friction = apply_contact_impulses(
-            body1, body2, arm1[:, some], arm2[:, some], normal[:, some], settings,
-            tuple(response[..., some] for response in responses),
-        )  # fmt: skip
-        for b, body in ((first, body1), (second, body2)):
-            bodies.velocity[:, b[some]] = np.concatenate((body.linVelocity, body.angVelocity))
+            both, arms[..., some], normal[:, some], settings, (K[some], responses[..., some])
+        )
+        bodies.velocity[:, b] = np.concatenate((both.linVelocity, both.angVelocity))
         impulses.append(impulse)
         frictions.append(friction)
     friction = NO_FRICTION if settings.mu == 0 else np.concatenate(frictions, axis=1)
-    columns = contacts.rank, first, second, contacts.depth, normal, penPoint
-    report.add_columns(*columns, np.concatenate(impulses), friction, arm1)
+    columns = contacts.rank, *ends, contacts.depth, normal, penPoint
+    report.add_columns(*columns, np.concatenate(impulses), friction, arms[:, 0])
 
 
 def _resolve_ground(bodies, groundMesh, settings, report):
@@ -887,9 +869,9 @@ def _resolve_ground(bodies, groundMesh, settings, report):
         (still.invMass, still.invInertia, still.position, still.linVelocity, still.angVelocity)
     ))  # fmt: skip
     depth = -point[1]
-    arm1, arm2 = correct_positions(body, ground, depth, normal, point)
-    impulse, friction = apply_contact_impulses(body, ground, arm1, arm2, normal, settings)
+    arms = correct_positions((body, ground), depth, normal, point)
+    impulse, friction = apply_contact_impulses((body, ground), arms, normal, settings)
     bodies.store(b, body)
     rank, second = np.full(len(b), np.iinfo(np.intp).max), np.full(len(b), GROUND)  # after all
     impulse = np.ravel(impulse)  # a row, as the ground's inverse mass is
-    report.add_columns(rank, b, second, depth, normal, point, impulse, friction, arm1)
+    report.add_columns(rank, b, second, depth, normal, point, impulse, friction, arms[0])

@@ -41,12 +41,12 @@ class OrderedBatches:
     All pairs are known beforehand as long as no body moves further than its margin (n,), and often
     beyond.
 
-    first, second : (P,), sorted by batch, and within a batch by the order i < j
+    bodyPair : (2, P), sorted by batch, and within a batch by the order i < j
     rank : (P,), where each pair stands in the order i < j
     starts : (B + 1,), where the batches begin
     facets : `Facets` of the pairs; facetStart (P,), where those of a pair begin, and facetPair
         (K,), the pair of each facet, both counted from the batch's first one
-    invMass : of the first and of the second bodies, (P,) each
+    invMass : (2, P), of the bodies
     t : (3, P), translations that the facets were found at
     apart : (P,), the penetration below which a pair counts as apart; tolerance (P,), see
         `contact_point`
@@ -85,18 +85,16 @@ class OrderedBatches:
         rows : where each pair is in facets and t
         """
         bodies = self.bodies
-        batch = _batch_numbers(first.tolist(), second.tolist(), bodies.isFixed.tolist())
-        self.rank = batch.argsort(kind="stable")
-        self.starts = batch[self.rank].searchsorted(np.arange(batch.max(initial=-1) + 2))
-        self.first, self.second = first[self.rank], second[self.rank]
+        self.rank, self.starts = _in_batches(first, second, bodies.isFixed)
+        self.bodyPair = take(np.stack((first, second)), self.rank, axis=1)
         rows = rows[self.rank]
         self.facets = facets.of_pairs(rows)
-        begin = self.starts[batch[self.rank]]  # of each pair's batch
+        begin = self.starts[:-1].repeat(np.diff(self.starts))  # of each pair's batch
         self.facetStart = self.facets.start[:-1] - self.facets.start[begin]
         self.facetPair = (np.arange(len(rows)) - begin).repeat(np.diff(self.facets.start))
-        self.invMass = take(bodies.invMass, self.first), take(bodies.invMass, self.second)
+        self.invMass = take(bodies.invMass, self.bodyPair)
         self.t = take(t, rows, axis=1)
-        size = bodies.hulls.radius[self.first] + bodies.hulls.radius[self.second]
+        size = take(bodies.hulls.radius, self.bodyPair).sum(axis=0)
         self.apart = -TOUCH_TOLERANCE * size
         self.tolerance = FEATURE_TOLERANCE * size
 
@@ -111,10 +109,9 @@ class OrderedBatches:
         """The pairs from `begin` to `end` in the present positions."""
         bodies, facets = self.bodies, self.facets
         some = slice(begin, end)
-        first, second = self.first[some], self.second[some]
-        position1 = take(bodies.position, first, axis=1)
-        position2 = take(bodies.position, second, axis=1)
-        t = position2 - position1
+        pairs = self.bodyPair[:, some]
+        position = take(bodies.position, pairs, axis=1)
+        t = position[:, 1] - position[:, 0]
         # the pair's nearest facet, or the one that it is furthest apart along
         columns = slice(facets.start[begin], facets.start[end])
         normals, pair = facets.normal[:, columns], self.facetPair[columns]
@@ -127,7 +124,7 @@ class OrderedBatches:
         stale = indices(touches & ~isValid)
         if len(stale):
             exact = find_facets(
-                bodies.hulls, first[stale], second[stale], t[:, stale], np.zeros(len(stale)),
+                bodies.hulls, *pairs[:, stale], t[:, stale], np.zeros(len(stale)),
                 normal[:, stale],
             )  # fmt: skip
             penetration[stale], normal[:, stale] = exact.minimal_penetrations(t[:, stale])
@@ -135,15 +132,11 @@ class OrderedBatches:
         # where hulls overlap by more than rounding, so do their boxes
         doubtful = indices(touches & (penetration <= tolerance))
         if len(doubtful):
-            box1 = bodies.box_at(first[doubtful], position1[:, doubtful])
-            box2 = bodies.box_at(second[doubtful], position2[:, doubtful])
-            touches[doubtful] = (box1 <= overlap_limits(box2)).all(axis=0)
-        invMass1, invMass2 = (invMass[some] for invMass in self.invMass)
+            box = bodies.box_at(pairs[:, doubtful], position[..., doubtful])
+            touches[doubtful] = (box[:, 0] <= overlap_limits(box[:, 1])).all(axis=0)
         return Batch(
-            first, second, indices(touches), np.maximum(penetration, 0.0), normal,
-            position1, position2,
-            BodyState(invMass1, None, position1, None, None),
-            BodyState(invMass2, None, position2, None, None),
+            pairs, indices(touches), np.maximum(penetration, 0.0), normal, position,
+            BodyState(self.invMass[:, some], None, position, None, None),
         )  # fmt: skip
 
     def store(self, batch, shift):
@@ -152,8 +145,7 @@ class OrderedBatches:
         shift : (m,), how far each second body has moved along the normal
         """
         hits = batch.hits
-        for own, body in ((batch.first, batch.body1), (batch.second, batch.body2)):
-            self.bodies.position[:, own[hits]] = take(body.position, hits, axis=1)
+        self.bodies.position[:, batch.pairs[:, hits]] = take(batch.bodies.position, hits, axis=2)
         self._stored.append((batch, shift))
 
     def validate(self):
@@ -226,7 +218,7 @@ class OrderedBatches:
         margin = np.maximum(self.margin, MARGIN_GROWTH * displacement)
         facets = find_facets(bodies.hulls, first, second, t, margin[first] + margin[second])
         # all pairs in the order i < j
-        keys = np.concatenate((self.first * count + self.second, keys))
+        keys = np.concatenate((self.bodyPair[0] * count + self.bodyPair[1], keys))
         order = keys.argsort()
         keys = keys[order]
         facets = Facets.joined((self.facets, facets))
@@ -234,21 +226,25 @@ class OrderedBatches:
         self._arrange(*np.divmod(keys, count), order, facets, t)
 
 
-def _batch_numbers(first, second, isFixed):
-    """The batch (P,) of each pair: one more than the last batches of its two bodies.
+def _in_batches(first, second, isFixed):
+    """`(order (P,), starts (B + 1,))`: which pair is worked on when, and where each batch begins.
 
-    Pairs that share a body which can move keep their order, hence the bits of one pair at a time.
+    A pair's batch is the one after the last batches of its two bodies: pairs that share a body
+    which can move keep their order, hence the bits of one pair at a time.
     """
+    isFixed = isFixed.tolist()
     last = [-1] * len(isFixed)
     batch = []
-    for i, j in zip(first, second, strict=True):
+    for i, j in zip(first.tolist(), second.tolist(), strict=True):
         number = (last[i] if last[i] > last[j] else last[j]) + 1
         if not isFixed[i]:
             last[i] = number
         if not isFixed[j]:
             last[j] = number
         batch.append(number)
-    return np.array(batch, dtype=np.intp)
+    batch = np.array(batch, dtype=np.intp)
+    order = batch.argsort(kind="stable")
+    return order, batch[order].searchsorted(np.arange(batch.max(initial=-1) + 2))
 
 
 def _predicted_corrections(bodies, first, second, penetration, mass_weights):
@@ -272,55 +268,54 @@ def _predicted_corrections(bodies, first, second, penetration, mass_weights):
 class Batch:
     """Pairs that no common body which can move makes depend on each other, as they are found.
 
-    first, second : (m,), the bodies; hits : (H,), which of the pairs touch
+    pairs : (2, m), the bodies; hits : (H,), which of the pairs touch
     depth : (m,), ≥ 0; normal : (3, m), unit, from the first to the second
-    position1, position2 : (3, m), where the bodies are; body1, body2 : `BodyState` with the inverse
-        masses and positions, to be corrected
+    position : (3, 2, m), where the bodies are
+    bodies : `BodyState` with the inverse masses and positions, to be corrected
     """
 
-    def __init__(
-        self, first, second, hits, depth, normal, position1, position2, body1, body2
-    ):
-        self.first, self.second, self.hits = first, second, hits
-        self.depth, self.normal = depth, normal
-        self.position1, self.position2 = position1, position2
-        self.body1, self.body2 = body1, body2
+    def __init__(self, pairs, hits, depth, normal, position, bodies):
+        self.pairs, self.hits, self.depth, self.normal = pairs, hits, depth, normal
+        self.position, self.bodies = position, bodies
 
 
 class Contacts:
-    """The pairs that touched in a pass, H of them in the order of work.
+    """The pairs that touched in a pass, H of them, in batches of their own.
+
+    They are fewer, and larger, than those of all pairs that could have touched.
 
     starts : (B + 1,), where each batch of them begins
-    first, second : (H,), their bodies; rank : (H,), where they stand in the order i < j
+    bodies : (2, H); rank : (H,), where they stand in the order i < j
     depth : (H,); normal : (3, H); shift : (H,), how far the second body moved along the normal
-    before1, before2, after1, after2 : (3, H), where the bodies were and where they are then
+    before, after : (3, 2, H), where the bodies were and where they are then
     """
 
     def __init__(self, batches, stored):
         """stored : list of `(Batch, shift)`"""
         begins = batches.starts[:-1].tolist()
         hits = [batch.hits for batch, _ in stored]
-        self.starts = np.cumsum([0, *map(len, hits)])
         rows = [own + begin for own, begin in zip(hits, begins, strict=True)]
         rows = np.concatenate([np.zeros(0, dtype=np.intp), *rows])
-        self.first, self.second = batches.first[rows], batches.second[rows]
+        rows = rows[take(batches.rank, rows).argsort()]
+        first, second = take(batches.bodyPair, rows, axis=1)
+        order, self.starts = _in_batches(first, second, batches.bodies.isFixed)
+        rows = rows[order]
+        self.bodies = take(batches.bodyPair, rows, axis=1)
         self.rank, self.tolerance = batches.rank[rows], batches.tolerance[rows]
         columns = [
-            (batch.depth, batch.normal, batch.position1, batch.position2,
-             batch.body1.position, batch.body2.position, shift)
+            (batch.depth, batch.normal, batch.position, batch.bodies.position, shift)
             for batch, shift in stored
-        ]  # fmt: skip
+        ]
         joined = (np.concatenate(column, axis=-1) for column in zip(*columns, strict=True))
-        (
-            self.depth, self.normal, self.before1, self.before2, self.after1, self.after2,
-            self.shift,
-        ) = (take(column, rows, axis=-1) for column in joined)  # fmt: skip
+        self.depth, self.normal, self.before, self.after, self.shift = (
+            take(column, rows, axis=-1) for column in joined
+        )
 
     def points(self, hulls):
         """The point (3, H) of each second body that lies deepest in the first before they move."""
-        t = self.before2 - self.before1
-        point = contact_points(hulls, self.first, self.second, t, self.normal, self.tolerance)
-        return point + self.before2
+        t = self.before[:, 1] - self.before[:, 0]
+        point = contact_points(hulls, *self.bodies, t, self.normal, self.tolerance)
+        return point + self.before[:, 1]
 
     def batches(self):
         """The slices of the contacts that belong to one batch, in order."""
@@ -342,9 +337,9 @@ class PositionHistory:
         count = start.shape[1]
         self.square = count * count
         self.maximumDisplacement = np.zeros(count)
-        body = np.concatenate((contacts.first, contacts.second))
-        position = np.concatenate((contacts.after1, contacts.after2), axis=1)
-        turn = contacts.first * count + contacts.second
+        body = contacts.bodies.ravel()
+        position = contacts.after.reshape(3, -1)
+        turn = contacts.bodies[0] * count + contacts.bodies[1]
         away = position - take(start, body, axis=1)
         np.maximum.at(self.maximumDisplacement, body, norm(away))
         key = body * self.square + np.concatenate((turn, turn))

@@ -355,7 +355,7 @@ class Bodies:
         )  # fmt: skip
 
     def states(self, b):
-        """`BodyState` of the bodies b (m,), in arrays."""
+        """`BodyState` of the bodies b (m,), or of pairs of them (2, m), in arrays."""
         motion = take(self.motion, b, axis=1)
         return BodyState(
             take(self.invMass, b), take(self.invInertia, b, axis=1),
@@ -363,7 +363,7 @@ class Bodies:
         )  # fmt: skip
 
     def store(self, b, state):
-        """Sets a body b, or bodies (m,), to a `BodyState` that something has changed."""
+        """Sets a body b, or bodies, to a `BodyState` that something has changed."""
         self.motion[:, b] = np.concatenate((state.position, state.linVelocity, state.angVelocity))
 
     def lowest_points(self):

@@ -10,6 +10,7 @@ import re
 from pathlib import Path
 
 from rbs.broadphase import BROAD_PHASES
+from rbs.catalogue import SCENES
 from rbs.colours import COLOURINGS
 from rbs.messages import PROGRAM_NAME, one_line, short
 from rbs.pictureoptions import (
@@ -47,10 +48,22 @@ DEFAULT_EVERY = 10
 # The most steps, or visits, that can be asked for: more than there will be time for, and a number
 # that floats hold exactly.
 MOST_STEPS = 10**15
-# What --help ends with.
-EXAMPLES = """\
-Without options, the mixed scene opens in a window. Where there is no display, a scene runs
-off-screen: pictures go to out/<scene>, and a summary is printed."""
+# What --help begins with, and ends with.
+INTRODUCTION = """\
+Simulates rigid bodies that fall, collide and bounce, and shows them.
+
+  RigidBodySimulation.py                                  the mixed scene, in a window
+  RigidBodySimulation.py tower                            another scene; see the list below
+  RigidBodySimulation.py stress --video stress.mp4        a video
+  RigidBodySimulation.py bridge --record bridge.npz       a run without a window, recorded
+  RigidBodySimulation.py --replay bridge.npz              and looked at again
+
+Where there is no display, a scene runs off-screen: pictures go to out/<scene>, and a summary is
+printed."""
+SCENE_LIST = "scenes:\n" + "\n".join(
+    f"  {group}\n" + "\n".join(f"    {name:<18}{line}" for name, line in lines.items())
+    for group, lines in SCENES.items()
+)
 # An example for each group of options.
 PHYSICS_EXAMPLES = "RigidBodySimulation.py stress --friction 0.5 --restitution 0.2"
 CONSTRAINT_EXAMPLES = "RigidBodySimulation.py bridge --scheduling queue"
@@ -129,8 +142,9 @@ def make_parser():
     """The ArgumentParser of all options; their order is that of --help."""
     parser = OneLineParser(
         prog=PROGRAM_NAME,
-        description="Simulates rigid bodies that fall, collide and bounce, and shows them.",
-        epilog=EXAMPLES,
+        usage=f"{PROGRAM_NAME} [SCENE] [options]",
+        description=INTRODUCTION,
+        epilog=SCENE_LIST,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )

@@ -21,6 +21,11 @@ def floats(value, count):
     return tuple(np.asarray(value, dtype=np.float64).reshape(count).tolist())
 
 
+def number(value):
+    """A Python float out of a number, or of an array that holds one."""
+    return value if type(value) is float else floats(value, 1)[0]
+
+
 def add(a, b):
     """a + b."""
     if isinstance(a, np.ndarray):
@@ -96,7 +101,7 @@ def norm(v):
 def mat_vec(matrix, v):
     """Matrix times vector: nine entries row by row and three, or (9, n) and (3, n)."""
     if isinstance(v, np.ndarray):
-        products = matrix.reshape(3, 3, -1) * v
+        products = matrix.reshape(3, 3, *(matrix.shape[1:] or (1,))) * v
         result = products[:, 0]
         result += products[:, 1]
         result += products[:, 2]

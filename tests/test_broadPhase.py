@@ -101,7 +101,10 @@ def test_batches_keep_the_order_of_pairs_that_share_a_moving_body():
     isFixed = rng.random(40) < 0.2
     pairs = np.unique(np.sort(rng.integers(0, 40, (400, 2)), axis=1), axis=0)
     pairs = pairs[(pairs[:, 0] < pairs[:, 1]) & ~isFixed[pairs].all(axis=1)]
-    batch = rbs.batches._batch_numbers(*pairs.T.tolist(), isFixed.tolist())
+    order, starts = rbs.batches._in_batches(*pairs.T, isFixed)
+    assert sorted(order) == list(range(len(pairs))) == list(range(starts[-1]))
+    batch = np.empty(len(pairs), dtype=int)
+    batch[order] = np.arange(len(starts) - 1).repeat(np.diff(starts))
     shared = 0
     for later in range(len(pairs)):
         for earlier in range(later):
@@ -277,8 +280,9 @@ def pile(*arguments):
 def test_piles_are_made_as_asked():
     assert pile(200) == (DATA_FOLDER / "pile_200-scene.txt").read_text()
     assert pile(1000) == (DATA_FOLDER / "pile_1000-scene.txt").read_text()
+    assert pile(1000, "--heap") == (DATA_FOLDER / "heap-scene.txt").read_text()
     assert pile(30, "--seed", 5) != pile(30, "--seed", 6)
-    layer = [line.split() for line in pile(30, "--spread", "--shapes", "box").splitlines()[1:]]
+    layer = [line.split() for line in pile(30, "--spread", "--shapes", "box").splitlines()[2:]]
     assert len(layer) == 30 and {row[0] for row in layer} == {"box.mesh"}
     heights = [float(row[4]) for row in layer]
     assert max(heights) - min(heights) <= 1.0  # one layer, jittered by half a metre up and down

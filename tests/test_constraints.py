@@ -31,9 +31,9 @@ from scipy.linalg import block_diag, eigh
 from scipy.spatial.transform import Rotation
 
 import RBSFunctions
+from rbs.schedules import CONSTRAINT_SCHEDULINGS
 from rbs.simulation import CONSTRAINT_TOLERANCE, Settings, Simulation
 from RBSFunctions import (
-    CONSTRAINT_SCHEDULINGS,
     resolve_position_constraint,
     resolve_velocity_constraint,
     run_timestep,

@@ -273,6 +273,19 @@ def test_the_sign_of_zero_is_kept_by_what_is_fixed_and_by_both_steps():
     assert states[0].tobytes() == states[1].tobytes()
 
 
+def test_friction_where_nothing_is_pressed_keeps_the_bits_of_both_steps():
+    """A velocity of -0.0 and an impulse of nothing: 0.0 in both steps."""
+    states = []
+    for broadPhase in ("all", "grid"):
+        meshes = [box_body(2.0, 2.0, 2.0, (1.9 * k, 5.0, 0.0)) for k in range(2)]
+        for k, mesh in enumerate(meshes):  # they part
+            mesh.linVelocity = np.array([[2.0 * k - 1.0, -0.0, -0.0]])
+        report = run_timestep(meshes, None, 0.0, 0.5, mu=0.5, broadPhase=broadPhase)
+        assert len(report.contacts) == 1 and report.contacts[0].impulse < 0.0
+        states.append(state_of(meshes).tobytes())
+    assert states[0] == states[1]
+
+
 @broadPhases
 def test_what_a_list_of_meshes_remembers_steers_no_result(broadPhase):
     """A warm list against fresh copies, resumed at random steps, pushed and put elsewhere."""

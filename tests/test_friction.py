@@ -295,20 +295,20 @@ def test_arrays_and_floats_give_the_same_bits():
         settings = ContactSettings(e, closingOnly, mu)
 
         def resolve(bodies, depth, normal, point, settings=settings):
-            arms = correct_positions(*bodies, depth, normal, point)
-            return *apply_contact_impulses(*bodies, *arms, normal, settings), arms[0]
+            arms = correct_positions(bodies, depth, normal, point)
+            return *apply_contact_impulses(bodies, arms, normal, settings), arms
 
-        many = [BodyState(*state) for state in states]
-        impulse, friction, arm = resolve(many, depth, normal, point)
+        many = BodyState(*(np.stack(pair, axis=-2) for pair in zip(*states, strict=True)))
+        impulse, friction, arms = resolve(many, depth, normal, point)
         for c in range(count):
             one = [BodyState(*(column(x, c) for x in state)) for state in states]
             answer = resolve(one, *(column(x, c) for x in (depth, normal, point)))
             assert answer[0] == impulse[c]
-            assert all(answer[1][i] == friction[i][c] and answer[2][i] == arm[i][c]
-                       for i in range(3))  # fmt: skip
-            for a, b in zip(one, many, strict=True):
+            assert all(answer[1][i] == friction[i][c] for i in range(3))
+            for k in range(2):
+                assert list(answer[2][k]) == arms[:, k, c].tolist()
                 for name in ("position", "linVelocity", "angVelocity"):
-                    assert list(getattr(a, name)) == [x[c] for x in getattr(b, name)], (c, name)
+                    assert list(getattr(one[k], name)) == getattr(many, name)[:, k, c].tolist()
             sliding += any(answer[1])
     assert 2000 < sliding < 5000
 

@@ -26,6 +26,7 @@ from oracles import (
     rotation,
     shape,
     size_of,
+    thin_depth,
     turned,
     vertices_of,
 )
@@ -585,6 +586,32 @@ def test_thin_hulls(half1, half2):
     assert worst < 1e-14
 
 
+@pytest.mark.parametrize("thin", [1e-6, 1e-8, 1e-10, 1e-12])
+def test_needles_in_the_same_place(thin):
+    """Of many long faces, nearly parallel to one another: the depth is one of the thickness."""
+    rng = np.random.default_rng(round(-np.log10(thin)))
+    names, hits = ("ellipsoid", "octahedron", "long-octahedron", "ellipsoid"), 0
+    for k in range(12):
+        factors = np.array([1.0, *rng.uniform(0.3, 3.0, 2) * thin])
+        points1, points2 = (
+            vertices_of(name) / np.abs(vertices_of(name)).max(axis=0) * factors
+            for name in (names[k % 4], "ellipsoid")
+        )
+        points2 = points2 * rng.uniform(0.5, 2.0)
+        if k % 3:
+            points2 = turned(points2, quaternion(rng.normal(size=3), 10.0 ** rng.uniform(-12, -3)))
+        points2 = points2 + 0.3 * rng.normal(size=3) * factors
+        q = random_quaternions(rng, 1)[0]
+        points1, points2 = turned(points1, q), turned(points2, q)
+        depth, result = thin_depth(points1, points2), GJK.is_collide(points1, points2)
+        assert result[0] == (depth > 0)
+        if result[0]:
+            hits += 1
+            assert abs(result[1] - depth) < 1e-15 * size_of(points1, points2)
+            assert_contact(points1, points2, result)
+    assert hits > 6
+
+
 @pytest.mark.parametrize("exponent", range(4, 14))
 @pytest.mark.parametrize("pose", ["level", "turned"])
 def test_nearly_parallel_edges(exponent, pose):
@@ -856,6 +883,13 @@ def test_powers_of_two_scale_the_answer_as_they_scale_the_points(power):
         assert np.abs(scaled[3] / scale - point).max() < 1e-6
         hits += isCollision
     assert 15 < hits < 36
+
+
+def test_a_depth_beyond_all_numbers_is_refused():
+    large = 1.7e308 * SIGNS
+    with pytest.raises(ValueError, match="more than the largest number"):
+        GJK.is_collide(large, large)
+    assert GJK.is_collide(large, 0.01 * large)[1] == pytest.approx(1.717e308)
 
 
 def test_a_hull_beyond_all_products_is_refused():
