@@ -34,8 +34,8 @@ from rbs.solverstate import SolverState
 from rbs.vectors import cross, dot, mat_vec, norm
 
 # How stiff contacts are. The frequency is relative to that of the substeps, 60 Hz at 1/400 s: with
-# split masses, half of it is visibly soft; a fifth more, and a tower of rings bounces on itself ever
-# higher. A damping ratio far above 1 pushes out slowly.
+# split masses, half of it is visibly soft, and with a fifth more a tower of rings bounces on itself
+# ever higher. A damping ratio far above 1 pushes out slowly.
 FREQUENCY = 0.15
 DAMPING = 10.0
 # The largest speed that penetration is pushed out with, in √(g r) of the smaller body: 3 m/s for a
