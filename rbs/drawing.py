@@ -128,6 +128,7 @@ class SceneView:
 
     def __init__(self, simulation):
         self._margins = (0, 0, 0, 0)  # what the panels take: left, top, right, bottom, in pixels
+        self._windowSize = None
         self.colouring = "body"
         self.shown = {"ground", "shadows"}
         self.hasLegend = self._follows = self.isSmooth = self._isVivid = False
@@ -267,14 +268,14 @@ class SceneView:
         ps.look_at(*frame_camera(points, VIEW_DIRECTION, fieldOfView, size, margins))
         self._framed = points, self._eye()
 
-    def set_margins(self, margins):
+    def set_margins(self, margins, size):
         """Tells what the panels take of the window: pixels at the left, top, right and bottom.
 
-        A camera that still frames the scene goes on to do so.
+        size : of the window, (width, height). A camera that still frames the scene goes on to do so
         """
-        if margins != self._margins:
+        if (margins, size) != (self._margins, self._windowSize):
             isFramed = self._is_framed()
-            self._margins = margins
+            self._margins, self._windowSize = margins, size
             if isFramed:
                 self._point_camera(self._framed[0])
 
