@@ -188,7 +188,10 @@ def check():
 
 def measure_times(chosen, options):
     if chosen & {"scale", "slick"}:
-        timings.measure_scale(timings.QUICK_SIZES if options.quick else options.sizes)
+        if options.quick:
+            timings.measure_scale(timings.QUICK_SIZES, timings.QUICK_WINDOW)
+        else:
+            timings.measure_scale(options.sizes)
     if "scheduling" in chosen:
         timings.measure_scheduling()
     if "restTimes" in chosen:
@@ -205,7 +208,7 @@ def main():
     parser.add_argument("--keep-timings", action="store_true", help="measure no times")
     parser.add_argument("--sizes", nargs="+", type=int, metavar="N", default=timings.SIZES,
                         help="bodies of the heaps timed (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--quick", action="store_true", help="time small heaps only")
+    parser.add_argument("--quick", action="store_true", help="time small heaps, early")
     parser.add_argument("--check", action="store_true",
                         help="measure, compare with numbers.json, change nothing")  # fmt: skip
     options = parser.parse_args()

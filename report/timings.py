@@ -30,9 +30,9 @@ from rbs.simulation import Simulation
 FOLDER = Path(__file__).resolve().parent
 SCALE, SCHEDULING, RESTING = (FOLDER / f"{name}.csv" for name in ("scale", "scheduling", "resting"))
 SIZES = [100, 200, 500, 1000, 2000]
-QUICK_SIZES = [50, 100, 200, 400]
+QUICK_SIZES = [50, 100, 150, 200]
 FRICTION, FRICTIONLESS = "friction 0.5", "no friction"
-WINDOW = range(200, 300)
+WINDOW, QUICK_WINDOW = range(200, 300), range(60, 80)  # steps
 # Bodies, beyond which the loop over all pairs, and heaps without friction, take too long.
 MOST_LOOPED, MOST_FRICTIONLESS = 500, 1000
 # What the table compares, with and without friction.
@@ -88,7 +88,7 @@ def heap_runs(count, material):
     return runs
 
 
-def measure_scale(sizes):
+def measure_scale(sizes, window=WINDOW):
     """Writes scale.csv: medians of the milliseconds per step of dense heaps."""
     rows = []
     for material in (FRICTION, FRICTIONLESS):
@@ -96,8 +96,8 @@ def measure_scale(sizes):
             if material == FRICTIONLESS and count > MOST_FRICTIONLESS:
                 continue
             runs = heap_runs(count, benchmarkPiles.MATERIALS[material])
-            for (_, name), kept in benchmarkPiles.measure(runs, [WINDOW]).items():
-                row = benchmarkPiles.row_of("heap", count, material, name, WINDOW, kept)
+            for (_, name), kept in benchmarkPiles.measure(runs, [window]).items():
+                row = benchmarkPiles.row_of("heap", count, material, name, window, kept)
                 rows.append({key: row[key] for key in benchmarkPiles.COLUMNS if key in row})
                 print(material, count, name, row["milliseconds"], flush=True)
     write(SCALE, rows)
@@ -178,9 +178,11 @@ def scale(axis):
     """Milliseconds per step against the number of bodies, with friction."""
     machine, when, rows = read(SCALE)
     numbers = {
-        "machine": machine, "when": when[0], "from": str(WINDOW.start), "steps": str(WINDOW.stop),
+        "machine": machine, "when": when[0], "steps": rows[0]["steps"].replace("-", "–"),
         "load": "".join(part.rsplit(" ", 1)[1] for part in when if part.startswith("load average")),
-        "mu": f"{benchmarkPiles.MATERIALS[FRICTION].friction:g}", "realTime": f"{1e3 * H:g}",
+        "mu": f"{benchmarkPiles.MATERIALS[FRICTION].friction:g}",
+        "restitution": f"{benchmarkPiles.MATERIALS[FRICTION].restitution:g}",
+        "realTime": f"{1e3 * H:g}",
     }  # fmt: skip
     sizes = sorted({int(row["bodies"]) for row in rows})
     for run, (label, colour, mark, dash) in RUNS.items():
