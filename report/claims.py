@@ -149,8 +149,8 @@ FIGURES = [
     ("4", ("picture_slope", "stopping", "incline")),
     ("5", ("grid", "candidates", "scale")),
     ("6", ("batches", "queue")),
-    ("7", ("picture_heap", "slick")),
-    ("8", ("picture_pyramid_basic", "picture_pyramid_soft", "resting")),
+    ("7", ("picture_pyramid_basic", "picture_pyramid_soft", "resting")),
+    ("8", ("picture_heap", "slick")),
     ("Table 1", ("schedules", "scheduling")),
     ("Table 2", ("standing", "resting", "restTimes", "scale")),
 ]

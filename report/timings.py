@@ -147,6 +147,11 @@ def milliseconds(value):
     return text(value, 0 if value >= 10 else 1 if value >= 1 else 2)
 
 
+def listed(words):
+    """ "a", "a and b", "a, b and c"."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
 def scheduling():
     """The table of the report, as rows of text, and what the text says of it."""
     _, _, rows = read(SCHEDULING)
@@ -162,7 +167,7 @@ def scheduling():
     slow = [name.replace("_", " ") for name in mechanisms.CONSTRAINED
             if times[name, "queue"] > 0.95 * times[name, "sweep"]]  # fmt: skip
     numbers["noGain"] = (
-        f"on {' and '.join(slow)} it brings nothing" if slow else "here it pays in all four scenes"
+        f"on {listed(slow)} it brings nothing" if slow else "here it pays in all four scenes"
     )
     return numbers
 
@@ -203,8 +208,6 @@ def scale(axis):
                     numbers[f"{key}{suffix}{name}Ratio"] = text(grid[count] / own[count], 1)
                     numbers[f"{key}{suffix}{name}SoftRatio"] = text(soft[count] / own[count], 1)
     axis.axhline(1e3 * H, color=style.GREY, linewidth=0.8, linestyle=":")
-    axis.annotate("real time", (sizes[-1], 1e3 * H), xytext=(0, 1), textcoords="offset points",
-                  fontsize=7, color="0.35", ha="right", va="bottom")  # fmt: skip
     axis.set(xlabel="bodies N", ylabel="ms per step")
     axis.set_ylim(top=3e4)
     axis.legend(loc="upper left", ncols=2, columnspacing=0.8, fontsize=6.3)
