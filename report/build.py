@@ -119,14 +119,14 @@ def load_numbers():
     return json.loads(NUMBERS.read_text()) if NUMBERS.exists() else {}
 
 
-def hasPeers():
+def has_peers():
     return all(importlib.util.find_spec(name) for name in ("mujoco", "pybullet"))
 
 
 def save_numbers(numbers):
     """One number a line, sorted, so that a change is seen."""
     kept = load_numbers()
-    if not hasPeers():
+    if not has_peers():
         for name in BESIDE_PEERS:
             if name in numbers:
                 numbers[name] = kept.get(name, {}) | numbers[name]
@@ -173,7 +173,7 @@ def check():
     wrong += len(failed)
     for name, numbers in measured.items():
         old = kept.get(name, {})
-        keys = set(numbers) if name in BESIDE_PEERS and not hasPeers() else set(numbers) | set(old)
+        keys = set(numbers) if name in BESIDE_PEERS and not has_peers() else set(numbers) | set(old)
         for key in sorted(keys):
             if old.get(key) != numbers.get(key):
                 wrong += 1
