@@ -57,7 +57,6 @@ def test_no_number_is_typed_into_the_text():
     text = without(r"#formula\(\$.*?\$\)", text)
     text = without(r"#n(\.\w+)+", text)
     text = without(r"#table\(.*?\n {0,2}\)\]?\n", text)
-    text = without(r"#box\[0\.1 mm/s\]", text)  # where the plot of speeds ends
     text = without(r"\"[\w.]+\"", text)
     text = without(r"@\w+", text)
     text = without(r"Fig\.~\d[abc]|Table \d", text)
