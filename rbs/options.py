@@ -188,7 +188,8 @@ def add_physics_options(parser):
         "--restitution", metavar="E", type=option_type(plain_float, checked_restitution, "number"),
         default=DEFAULT_RESTITUTION,
         help="how much of their closing speed bodies keep in a collision, from 0 to 1 "
-        "(default: %(default)s, so that they bounce and come to rest)",
+        "(default: %(default)s, so that they bounce and come to rest). With 1, bodies gain energy, "
+        "1 to 14 %% in 1500 steps of our scenes; soft-step: less than 1 %%",
     )  # fmt: skip
     physics.add_argument(
         "--time-step", metavar="H", type=option_type(plain_float, checked_time_step, "number"),
@@ -198,12 +199,13 @@ def add_physics_options(parser):
     physics.add_argument(
         "--friction", metavar="MU", type=option_type(plain_float, checked_friction, "number"),
         default=0.0, help="coefficient of friction between bodies and with the ground "
-        "(default: %(default)s)",
+        "(default: %(default)s). A box that spins flat on another is not slowed down: after 4 s "
+        "it has 10 of 10 rad/s; soft-step: 0",
     )  # fmt: skip
     physics.add_argument(
         "--closing-only", action="store_true",
         help="leave contacts alone that already separate (default: they receive an impulse too, "
-        "as in the coursework)",
+        "as in the coursework); energy is gained and lost as without it",
     )  # fmt: skip
 
     physics.add_argument(
@@ -245,7 +247,9 @@ def add_constraint_options(parser):
         "NAME-scene.txt, if there is one)",
     )  # fmt: skip
     source.add_argument(
-        "--no-constraints", action="store_true", help="let all bodies go free",
+        "--no-constraints", action="store_true",
+        help="let all bodies go free (default: constraints come last in a step and may press "
+        "bodies into the ground, in the cube scene by 0.74 m; soft-step: 0.13 m)",
     )  # fmt: skip
     constraints.add_argument(
         "--max-iterations", metavar="N", type=WHOLE_NUMBER,

@@ -139,7 +139,7 @@ class Panel:
         hasSide = width >= ROOMY_WIDTH if self.isSideShown is None else self.isSideShown
         hasSide = hasSide or self.viewer.picked() is not None
         self.layout = arrange(width, height, hasSide, self.viewer.isReplay)
-        self.viewer.view.set_margins(self.layout.margins(width, height))
+        self.viewer.view.set_margins(self.layout.margins(width, height), (width, height))
 
     def toggle_side(self):
         """Shows or hides the column of numbers; a picked body, which it has, is picked no more."""
@@ -218,13 +218,13 @@ class Panel:
 
     # The main column.
 
-    def _begin(self, title, box, flags=0):
-        """Begins a panel that fills a Box, whatever the window's size."""
+    def _begin(self, title, box, least=0, flags=0):
+        """Begins a panel as wide as a Box, and as high as its content, from `least` to the Box."""
         import polyscope.imgui as psim
 
         psim.SetNextWindowPos((box.left, box.top), psim.ImGuiCond_Always)
-        psim.SetNextWindowSize((box.width, box.height), psim.ImGuiCond_Always)
-        flags |= psim.ImGuiWindowFlags_NoMove | psim.ImGuiWindowFlags_NoResize
+        psim.SetNextWindowSizeConstraints((box.width, least), (box.width, box.height))
+        flags |= psim.ImGuiWindowFlags_NoMove | psim.ImGuiWindowFlags_AlwaysAutoResize
         flags |= psim.ImGuiWindowFlags_NoCollapse | psim.ImGuiWindowFlags_NoBringToFrontOnFocus
         psim.Begin(title, flags=flags)
 
@@ -236,21 +236,25 @@ class Panel:
         self._draw_controls()
         self._draw_files()
         isRoomy = self.layout.main.height >= ROOMY_HEIGHT
-        if not self.viewer.isReplay and self._section("Simulation", isRoomy):
-            self._draw_settings()
-        if self._section("Display", False):
+        if not self.viewer.isReplay:
+            if self._section("Simulation", isRoomy, "What the steps are made with"):
+                self._draw_settings()
+        if self._section("Display", False, "Colours, and what is drawn over the bodies"):
             self._draw_display()
-        if self._section("Save", False):
+        if self._section("Save", False, "Pictures, videos, recordings and cameras"):
             self._draw_save()
         psim.Separator()
         draw_legend(self.viewer.view.legend())
         psim.PopItemWidth()
         psim.End()
 
-    def _section(self, title, isOpen):
+    def _section(self, title, isOpen, tooltip):
         import polyscope.imgui as psim
 
-        return psim.CollapsingHeader(title, psim.ImGuiTreeNodeFlags_DefaultOpen if isOpen else 0)
+        flags = psim.ImGuiTreeNodeFlags_DefaultOpen if isOpen else 0
+        isShown = psim.CollapsingHeader(title, flags)
+        Tooltips.tell(tooltip)
+        return isShown
 
     def _buttons(self, *rows):
         """A row of equally wide buttons (label, function, tooltip)."""
@@ -282,6 +286,9 @@ class Panel:
                              "Times real time")  # fmt: skip
         if chosen is not None:
             playback.speed = speeds[chosen]
+        if viewer.isReplay:
+            _, playback.isBackwards = psim.Checkbox("backwards", playback.isBackwards)
+            Tooltips.tell("Plays towards the start")
         pace = playback.pace()
         psim.Text("paused" if pace is None else f"{pace:.2g} × real time")
         self._buttons(
@@ -406,14 +413,14 @@ class Panel:
         if viewer.picked() is not None:
             self._draw_body()
         self._draw_numbers()
-        if self._section("Milliseconds", True):
+        if self._section("Milliseconds", True, "Where the time goes; medians of the last steps"):
             self._draw_milliseconds()
-        viewer.isMeasuring = self._section("Plots", False)
+        viewer.isMeasuring = self._section("Plots", False, "Energy, momentum and errors over time")
         if viewer.isMeasuring:
             chosen = draw_choice("plot", self.plots.chosen, [ALL_PLOTS, *PLOTS],
                                  "All, or one as large as there is room")  # fmt: skip
             self.plots.chosen = chosen or self.plots.chosen
-            self.plots.draw(viewer.history)
+            self.plots.draw(viewer.history, self.layout.side.height - psim.GetCursorPosY())
         psim.PopItemWidth()
         psim.End()
 
@@ -463,7 +470,7 @@ class Panel:
         psim.ColorButton("picked", (*PICKED_COLOUR, 1.0), psim.ImGuiColorEditFlags_NoTooltip)
         psim.SameLine()
         psim.Text(f"{mesh.name}, {'fixed' if mesh.isFixed else 'free'}")
-        psim.Text(f"mass {mesh.mass:.4g} kg, density {mesh.density:g} kg/m³")
+        psim.TextWrapped(f"mass {mesh.mass:.4g} kg, density {mesh.density:g} kg/m³")
         draw_vectors([
             (name, [f"{value:.2f}" for value in values[0]], unit)
             for name, values, unit in (
@@ -509,13 +516,10 @@ class Panel:
         import polyscope.imgui as psim
 
         viewer, replay = self.viewer, self.viewer.simulation
-        self._begin("Timeline", self.layout.timeline,
-                    psim.ImGuiWindowFlags_NoTitleBar | psim.ImGuiWindowFlags_NoScrollbar)
+        flags = psim.ImGuiWindowFlags_NoTitleBar | psim.ImGuiWindowFlags_NoScrollbar
+        self._begin("Timeline", self.layout.timeline, self.layout.timeline.height, flags)
         total = replay.recording.frame(replay.lastStep)["times"]
         psim.Text(f"{replay.time:.2f} of {total:.2f} s   {replay.recording.path.name}")
-        psim.SameLine(psim.GetContentRegionAvail()[0] - LABEL_WIDTH)
-        _, viewer.playback.isBackwards = psim.Checkbox("backwards", viewer.playback.isBackwards)
-        Tooltips.tell("Plays towards the start")
         psim.SetNextItemWidth(-1.0)
         moved, step = psim.SliderInt(
             "###step", replay.stepCount, replay.firstStep, replay.lastStep,

@@ -5,8 +5,9 @@ Polyscope is imported inside the functions that use it.
 
 import numpy as np
 
-# In pixels: the height of each plot where all are shown, and the least of one alone.
-PLOT_HEIGHT, LARGE_PLOT_HEIGHT = 250, 320
+# In pixels: the height of each plot where all are shown, the least of one alone, and that of what
+# stands below it.
+PLOT_HEIGHT, LARGE_PLOT_HEIGHT, READING_HEIGHT = 250, 320, 70
 # Plots from top to bottom: title, and what is called how in it.
 PLOTS = {
     "energy (J)": {"kinetic": "kineticEnergy", "potential": "potentialEnergy",
@@ -26,8 +27,11 @@ class Plots:
         self.chosen = ALL_PLOTS
         self.cursor = None
 
-    def draw(self, history):
-        """Draws the rows (time in s, dict of quantities); of what is not known, nothing."""
+    def draw(self, history, room):
+        """Draws the rows (time in s, dict of quantities); of what is not known, nothing.
+
+        room : pixels, the height that there is for one plot alone
+        """
         import polyscope.imgui as psim
 
         if not history:
@@ -38,15 +42,14 @@ class Plots:
         for title, names in PLOTS.items():
             values = np.array([[row[1][name] for name in names.values()] for row in history])
             if self.chosen in (ALL_PLOTS, title) and not np.all(np.isnan(values)):
-                self._draw_one(title, names, times, values, cursor)
+                height = max(LARGE_PLOT_HEIGHT, room - READING_HEIGHT)
+                height = PLOT_HEIGHT if self.chosen == ALL_PLOTS else height
+                self._draw_one(title, names, times, values, cursor, height)
 
-    def _draw_one(self, title, names, times, values, cursor):
+    def _draw_one(self, title, names, times, values, cursor, height):
         import polyscope.imgui as psim
         import polyscope.implot as implot
 
-        height = PLOT_HEIGHT
-        if self.chosen != ALL_PLOTS:
-            height = max(LARGE_PLOT_HEIGHT, psim.GetContentRegionAvail()[1] - 30)
         flags = implot.ImPlotFlags_NoMenus | implot.ImPlotFlags_NoMouseText
         if len(names) == 1:
             flags |= implot.ImPlotFlags_NoLegend

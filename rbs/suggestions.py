@@ -68,7 +68,8 @@ def _arguments_of(path, lineNumber, words):
 class SceneOpener:
     """Opens files for the window, each scene with the settings that it suggests.
 
-    What has been changed by hand goes on from scene to scene; all else is as the scene suggests.
+    What has been changed by hand goes on from scene to scene, as far as the solver knows it; all
+    else is as the scene suggests.
     """
 
     def __init__(self, settings, follows, allowOutsideMeshes=False):
@@ -92,6 +93,8 @@ class SceneOpener:
                 for field in fields(settings)
                 if getattr(settings, field.name) != getattr(self._begun, field.name)
             }  # fmt: skip
+            if byHand.get("contactSolver", begun.contactSolver) == "soft-step":
+                byHand["closingOnly"] = False  # it has no meaning there, and would be refused
             self._begun = begun
             opened.settings, opened.suggestion = replace(begun, **byHand), words
             opened.startSettings = replace(begun)

@@ -72,8 +72,9 @@ class Viewer:
 
     Attributes: simulation, a simulation or a replay; view, a SceneView; isPlaying; playback, a
     Playback, with the speed; pushSpeed, m/s; grab, what is dragged, or None; message, an error line
-    or ""; saved, a line about the last file that was written; video and recorder, those that are
-    being written, or None; isMeasuring, whether `history` grows: rows of time and quantities.
+    or ""; saved, a line about the last file that was written, or advice; video and recorder, those
+    that are being written, or None; isMeasuring, whether `history` grows: rows of time and
+    quantities.
     """
 
     def __init__(self, simulation, view, openFile, listFiles, measure):
@@ -176,7 +177,9 @@ class Viewer:
         if simulation.report is not None:
             self._recentSeconds.append(simulation.stepSeconds)
             if simulation.stepCount == ADVICE_STEP:
-                print_note(simulation.advice())
+                advice = simulation.advice()
+                self.saved = advice or self.saved
+                print_note(advice)
             self._phases.append(simulation.report.seconds)
         if self.recorder is not None:
             self._try_recording(lambda: self.recorder.add(simulation))

@@ -28,6 +28,7 @@ import io
 import itertools
 import math
 import os
+import random
 import shutil
 import signal
 import socket
@@ -52,6 +53,7 @@ from oracles import IDENTITY, SHAPES, body, quaternion, random_quaternions, turn
 import GJK
 import RigidBodySimulation
 from rbs.bodies import StateError
+from rbs.hulls import TOUCH_TOLERANCE
 from rbs.solverstate import SolverState
 from RBSFunctions import run_timestep
 
@@ -186,11 +188,11 @@ def pairs(rng, counts):
     largest = max(np.abs(points1).max(), np.abs(points2).max())
     # what coordinates are rounded by, relative to the size and to where they are, and numbers that
     # have no more digits
-    rounding = 100 * EPS * size + 16 * EPS * largest + 5e-323
+    rounding = 16 * EPS * (size + largest) + 5e-323
     if not isCollision:
         return [f"a miss, {expected:g} deep"] if expected > rounding else []
     found = []
-    if expected < -rounding:
+    if expected < -(TOUCH_TOLERANCE * size + rounding):
         # Qhull's is no distance: a corner may be as near as it likes
         found.append(f"hit, {-expected:g} apart") if isExact else None
     elif abs(depth - max(expected, 0.0)) > rounding:
@@ -452,7 +454,8 @@ CHANGES = (moved, moved_in_place, given_a_plain_vector, turned_over, pushed, fix
 def interrupts(rng, counts):
     """A recording, with signals; returns a list of complaints."""
     with tempfile.TemporaryDirectory() as folder:
-        return interruptions.one_run(Path(folder), rng, counts)
+        own = random.Random(int(rng.integers(2**32)))
+        return interruptions.one_run(Path(folder), own, counts)
 
 
 SCENE = """2

@@ -16,6 +16,7 @@ from oracles import (
     IDENTITY,
     SHAPES,
     box,
+    exact_depth,
     frozen,
     gap_along,
     height_over_surface,
@@ -856,13 +857,33 @@ def test_flat_sets_far_from_the_origin_are_what_they_are(name):
         q1, q2 = random_quaternions(rng, 2)
         other = vertices_of(SHAPES[rng.integers(6)]) / 6
         away = 10.0 ** rng.uniform(0, 6) * rng.normal(size=3)
-        far = [turned(points, q1) + away, turned(other, q2) + 0.5 * rng.normal(size=3) + away]
+        flat = turned(points, q1) + 0.3 * rng.normal(size=3)
+        far = [flat + away, turned(other, q2) + 0.3 * rng.normal(size=3) + away]
         near = [p - away for p in far]
         results = [GJK.is_collide(*far), GJK.is_collide(*near)]
         rounding = 50 * EPS * np.abs(away).max() + 1e-12
         assert abs(results[0][1] - results[1][1]) < rounding
         hits += results[1][0]
     assert 20 < hits < 115
+
+
+def test_sets_that_are_as_thin_as_their_rounding():
+    """Hairs far from the origin, whose ends are places that differ by the last bit."""
+    rng = np.random.default_rng(31)
+    hits = 0
+    for _ in range(60):
+        away = 1e5 * rng.normal(size=3)
+        ends = away + np.array([[1.0], [-1.0]]) * rng.normal(size=3)
+        hair = np.repeat(ends, 4, axis=0)
+        hair[::4, 2] += np.spacing(hair[::4, 2])
+        polygon = turned(SQUARE, random_quaternions(rng, 1)[0]) + away + 0.3 * rng.normal(size=3)
+        result, depth = GJK.is_collide(hair, polygon), exact_depth(hair, polygon)
+        rounding = 16 * EPS * np.abs(away).max()
+        assert result[0] or depth < rounding
+        if result[0] and depth > 0:
+            hits += 1
+            assert abs(result[1] - depth) < rounding
+    assert hits > 20
 
 
 @pytest.mark.parametrize("power", [-1030, -700, -333, -200, 200, 256, 333, 700, 1015])

@@ -10,7 +10,7 @@ from oracles import DATA, penetrations
 
 from rbs.flight import GRAVITY
 from rbs.simulation import Settings, Simulation
-from rbs.suggestions import suggested_settings
+from rbs.suggestions import SceneOpener, suggested_settings
 
 # What stays as it has been put: for how many steps it is looked at here, how far a body may have
 # moved by then, and how fast it may be. Joints are 1 mm wide, of the dome up to 1 cm, and every
@@ -54,6 +54,20 @@ def test_scene_suggests_what_it_rests_with(name):
     settings, words = suggested_settings(DATA / f"{name}-scene.txt")
     assert words == RESTING
     assert settings == Settings(0.0, friction=0.5, contactSolver="soft-step")
+
+
+def test_window_opens_them_after_a_scene_with_closing_contacts_only():
+    """The soft-step solver has no such thing: it is left behind, whoever asks for the solver."""
+    opener = SceneOpener(Settings(), True)
+    mixed, stack = (DATA / f"{name}-scene.txt" for name in ("mixed", "stack"))
+    settings = opener(mixed, None).settings
+    settings.change("closingOnly", True)
+    settings.change("timeStep", 0.01)
+    expected = Settings(0.0, 0.01, friction=0.5, contactSolver="soft-step")
+    assert opener(stack, settings).settings == expected
+    settings = opener(stack, expected).settings
+    settings.change("contactSolver", "impulse")
+    assert opener(mixed, settings).settings == Settings(0.3, 0.01, friction=0.5)
 
 
 @pytest.mark.parametrize("name", STANDING)

@@ -25,6 +25,7 @@ from rbs.cameras import (
     load_camera,
     save_camera,
 )
+from rbs.catalogue import SCENES
 from rbs.colours import (
     COLOURINGS,
     CONSTRAINT_COLOURS,
@@ -51,7 +52,7 @@ from rbs.drawables import (
 )
 from rbs.drawing import HELD_CONTACT_STEPS, LAYERS, MOST_CREASES, SceneView, start_polyscope
 from rbs.layout import TIMELINE_HEIGHT, arrange
-from rbs.opening import list_files, open_file
+from rbs.opening import find_file, list_files, open_file
 from rbs.panel import Panel
 from rbs.pictureoptions import OVERLAYS, VIDEO_ENDINGS, video_timing
 from rbs.pictures import (
@@ -65,11 +66,15 @@ from rbs.pictures import (
 from rbs.playback import SPEEDS, STEPPING_SECONDS, Playback, speed_name
 from rbs.pngfiles import png_bytes
 from rbs.poses import refresh_vertices
-from rbs.recording import Recorder
+from rbs.recording import Recorder, Recording
+from rbs.replay import verify
+from rbs.scenes import list_scenes, scene_name
 from rbs.simulation import Settings, Simulation
 from rbs.statistics import step_quantities
 from rbs.suggestions import SceneOpener
+from rbs.textfiles import SceneError
 from rbs.viewer import TRIAL_FRAMES, Viewer
+from rbs.widgets import counted
 from RigidBodySimulation import load_mesh_file, load_scene_file
 
 DATA = ROOT / "data"
@@ -137,7 +142,13 @@ def replay(tmp_path):
 # --------------------------------------------------------------------------------------------------
 
 
-def test_playing_keeps_pace_with_the_clock(viewer):
+@pytest.fixture
+def instant(monkeypatch):
+    """Stepping takes no time, however busy the machine is."""
+    monkeypatch.setattr("rbs.playback.time", SimpleNamespace(perf_counter=lambda: 0.0))
+
+
+def test_playing_keeps_pace_with_the_clock(viewer, instant):
     viewer.play(1.0)
     assert viewer.simulation.stepCount == 0  # paused
     viewer.toggle_play()
@@ -172,7 +183,7 @@ def test_slow_steps_do_not_keep_the_window_from_drawing(viewer, monkeypatch):
     assert len(made) == 1
 
 
-def test_long_time_steps_play_too(viewer):
+def test_long_time_steps_play_too(viewer, instant):
     viewer.simulation.settings.timeStep = 0.5
     viewer.toggle_play()
     for _ in range(11):
@@ -216,7 +227,7 @@ def test_step_and_reset_pause(viewer):
 
 
 @pytest.mark.parametrize(("speed", "steps"), [(0.1, 1), (0.25, 2), (1.0, 10), (4.0, 40)])
-def test_scene_plays_at_the_speed_that_is_asked_for(viewer, speed, steps):
+def test_scene_plays_at_the_speed_that_is_asked_for(viewer, instant, speed, steps):
     viewer.playback.speed = speed
     viewer.toggle_play()
     for _ in range(20):
@@ -341,7 +352,7 @@ def test_plots_grow_while_they_are_open_and_begin_anew_with_a_reset(viewer):
     assert len(viewer.history) == 0
 
 
-def test_replay_plays_at_any_speed_and_stops_at_its_ends(replay):
+def test_replay_plays_at_any_speed_and_stops_at_its_ends(replay, instant):
     simulation = replay.simulation
     replay.toggle_play()
     replay.play(0.041)
@@ -410,6 +421,192 @@ def test_fixed_body_stands_still_and_a_freed_one_falls_as_before(viewer):
     viewer.set_fixed(True)
     viewer.reset()
     assert not mesh.isFixed and mesh.invMass == invMass
+
+
+class HandsView(StillView):
+    """A StillView in which a pixel is (body, x) and shows that body x metres from its middle."""
+
+    size = 80.0
+
+    def __init__(self, simulation):
+        super().__init__()
+        self.simulation = simulation
+        self.spring = None
+
+    def body_at(self, pixel):
+        body, x = pixel
+        if body < 0:
+            return None, None
+        return body, self.simulation.meshes[body].position[0] + [x, 0.0, 0.0]
+
+    def distance_of(self, point):
+        return 100.0
+
+    def point_at(self, pixel, distance):
+        return np.array([0.0, 30.0, pixel[1]])
+
+    def aim(self, pixel):
+        return np.array([0.0, 20.0, 60.0]), np.array([0.0, 0.0, -1.0])
+
+
+@pytest.fixture
+def hands(tmp_path, monkeypatch):
+    """A Viewer of the mixed scene with hands, which writes into a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    simulation = Simulation(DATA / "mixed-scene.txt")
+    return make_viewer(simulation, HandsView(simulation))
+
+
+def test_dragged_body_follows_the_hand_and_flies_on_when_it_is_let_go(hands):
+    simulation, view = hands.simulation, hands.view
+    hands.grab_at((-1, 0.0))
+    assert hands.grab is None
+    hands.grab_at((2, 1.0))
+    assert hands.grab.body == 2 and hands.grab.target == pytest.approx(
+        simulation.meshes[2].position[0] + [1.0, 0.0, 0.0]
+    )
+    hands.drag_to((0, 15.0))
+    np.testing.assert_allclose(view.spring[1], [0.0, 30.0, 15.0])
+    for _ in range(60):
+        hands.step_once()
+    point = hands.grab.point(simulation.meshes[2])
+    assert np.linalg.norm(point - [0.0, 30.0, 15.0]) < 1.0  # it hangs there, and swings
+    hands.drag_to((0, 35.0))
+    for _ in range(6):
+        hands.step_once()
+    speed = simulation.meshes[2].linVelocity[0, 2]
+    assert speed > 10.0
+    hands.release()
+    assert hands.grab is None and view.spring is None
+    hands.step_once()
+    assert simulation.meshes[2].linVelocity[0, 2] == speed
+
+
+def test_fixed_bodies_and_recordings_are_not_dragged(hands, replay):
+    hands.simulation.meshes[1].isFixed = True
+    hands.grab_at((1, 0.0))
+    assert hands.grab is None and hands.message == "cylinder 1 is fixed"
+    replay.view = HandsView(replay.simulation)
+    for act in (lambda: replay.grab_at((1, 0.0)), lambda: replay.shoot((0, 0))):
+        replay.message = ""
+        act()
+        assert replay.grab is None and "a recording cannot be changed" in replay.message
+
+
+def test_shots_are_counted_and_gone_with_a_reset(hands, monkeypatch):
+    monkeypatch.setattr("rbs.viewer.MOST_SHOTS", 2)
+    for _ in range(3):
+        hands.shoot((0, 0))
+    assert len(hands.simulation.meshes) == 9 and "2 balls have been shot" in hands.message
+    hands.grab_at((8, 0.0))  # a ball can be dragged too
+    hands.step_once()
+    hands.reset()
+    assert len(hands.simulation.meshes) == 7 and hands.grab is None
+    hands.simulation.runTimestep = lambda *arguments, **options: None
+    hands.shoot((0, 0))
+    assert len(hands.simulation.meshes) == 7 and "--functions" in hands.message
+
+
+@pytest.mark.parametrize("end", ["button", "reset", "open", "scene's end"])
+def test_session_is_recorded_until_it_ends(hands, tmp_path, end):
+    simulation = hands.simulation
+    hands.step_once()
+    hands.view.picked = 3
+    hands.push([0.0, 1.0, 0.0])
+    hands.toggle_recording()
+    for step in range(30):
+        if step == 5:
+            hands.grab_at((2, 1.0))
+            hands.drag_to((0, 15.0))
+        if step == 20:
+            hands.release()
+            hands.shoot((0, 0))
+        if step == 25:
+            hands.set_fixed(True)
+        hands.step_once()
+    last = simulation.state()
+    hands.push([1.0, 0.0, 0.0])  # before no step
+    if end == "button":
+        hands.toggle_recording()
+    elif end == "reset":
+        hands.reset()
+    elif end == "open":
+        hands.open("tower")
+    else:
+        hands.stop_recording()
+    assert hands.recorder is None
+    assert hands.saved == "saved out/mixed/recording.npz, 30 steps"
+    recording = Recording(tmp_path / "out" / "mixed" / "recording.npz")
+    assert (recording.firstStep, recording.lastStep) == (1, 31)
+    frame = recording.frame(31)
+    np.testing.assert_array_equal(frame["positions"], last["positions"])
+    assert verify(recording, Simulation(DATA / "mixed-scene.txt")) == ""
+
+
+def test_recording_that_cannot_be_written_ends_and_is_told(hands, tmp_path):
+    hands.toggle_recording()
+    hands.step_once()
+
+    def fail(simulation):
+        raise OSError(28, "No space left on device")
+
+    hands.recorder.add = fail
+    hands.step_once()
+    assert hands.recorder is None and hands.simulation.stepCount == 2
+    assert hands.message.startswith("cannot write: No space left on device; what there is of the")
+
+
+def test_reset_restores_what_the_scene_suggests_and_restart_does_not(tmp_path):
+    opener = SceneOpener(Settings(), follows=True)
+    simulation = opener(DATA / "mixed-scene.txt", None)
+    viewer = Viewer(simulation, StillView(), opener, list_files, step_quantities)
+    viewer.simulation.settings.friction = 0.9
+    viewer.step_once()
+    viewer.restart()
+    assert viewer.simulation.settings.friction == 0.9 and viewer.simulation.stepCount == 0
+    viewer.reset()
+    assert viewer.simulation.settings.friction == 0.5
+    # What was changed by hand goes on to the next scene, and ends with a reset there.
+    viewer.simulation.settings.timeStep = 0.01
+    viewer.open("incline")
+    settings = viewer.simulation.settings
+    assert (settings.friction, settings.timeStep) == (0.4, 0.01)
+    viewer.reset()
+    assert (viewer.simulation.settings.friction, viewer.simulation.settings.timeStep) == (0.4, 0.02)
+
+
+def test_names_are_found_as_the_command_line_takes_them(tmp_path, monkeypatch):
+    home, beside = tmp_path / "home", tmp_path / "scenes"
+    for folder in (home, beside):
+        folder.mkdir()
+        (folder / "box.mesh").write_bytes((DATA / "box.mesh").read_bytes())
+        (folder / "own-scene.txt").write_text("1\nbox.mesh 1 0 0 9 0 1 0 0 0\n")
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.chdir(tmp_path)
+    assert find_file("~/own-scene.txt", beside) == home / "own-scene.txt"
+    assert find_file("own-scene.txt", beside) == beside / "own-scene.txt"
+    assert find_file("own", beside) == beside / "own-scene.txt"
+    assert find_file("scenes/own-scene.txt", "/") .resolve() == beside / "own-scene.txt"
+    assert find_file("tower", beside) == DATA / "tower-scene.txt"
+    with pytest.raises(SceneError, match="there is no such scene.*tower"):
+        find_file("nosuch", beside)
+    with pytest.raises(SceneError, match="there is no such file"):
+        find_file("~nobody-at-all/x-scene.txt", beside)
+    listed = list_files(beside)
+    assert listed[0][:2] == ("beside this scene", "own")
+    names = [one.name for one in listed]
+    assert len(names) == len(set(names)) and {"tower", "bridge"} <= set(names)
+
+
+def test_every_scene_of_ours_has_a_line():
+    known = {name for lines in SCENES.values() for name in lines}
+    assert {scene_name(path) for path in list_scenes(DATA)} == known
+    assert all(line and len(line) <= 60 for lines in SCENES.values() for line in lines.values())
+
+
+def test_words_are_counted():
+    assert counted(1, "contact") == "1 contact" and counted(0, "body") == "0 bodies"
+    assert counted(2, "solver iteration") == "2 solver iterations"
 
 
 # --------------------------------------------------------------------------------------------------
@@ -1265,6 +1462,43 @@ def test_checkbox_and_scene_list_work(polyscope, places, panel):
     click(polyscope, *places["cube"])
     assert viewer.simulation.scenePath == DATA / "cube-scene.txt"
     assert len(viewer.simulation.meshes) == 8
+
+
+def test_every_control_says_what_it_is_for_unless_an_error_is_shown(
+    polyscope, panel, monkeypatch, tmp_path
+):
+    import polyscope.imgui as psim
+
+    calls = []
+
+    def told(name, function):
+        def call(*arguments, **options):
+            calls.append((name, arguments[0]))
+            return function(*arguments, **options)
+
+        return call
+
+    kinds = ("Button", "Checkbox", "SliderFloat", "SliderInt", "InputDouble", "InputTextWithHint",
+             "BeginCombo", "CollapsingHeader", "SetItemTooltip")  # fmt: skip
+    for kind in kinds:
+        monkeypatch.setattr(psim, kind, told(kind, getattr(psim, kind)))
+    header = psim.CollapsingHeader
+    monkeypatch.setattr(psim, "CollapsingHeader", lambda *rest: bool(header(*rest)) or True)
+    panel.viewer.open(DATA / "cube-scene.txt")
+    panel.viewer.view.pick(1, panel.viewer.simulation.meshes[1].position[0])
+    panel.isSideShown = True
+    polyscope.frame_tick()
+    calls.clear()
+    polyscope.frame_tick()
+    controls = [k for k, (name, _) in enumerate(calls) if name != "SetItemTooltip"]
+    assert len(controls) > 40
+    silent = [calls[k][1] for k in controls if calls[k + 1 : k + 2] == []
+              or calls[k + 1][0] != "SetItemTooltip"]  # fmt: skip
+    assert silent == []
+    panel.viewer.message = "something is wrong"
+    calls.clear()
+    polyscope.frame_tick()
+    assert calls and all(name != "SetItemTooltip" for name, _ in calls)
 
 
 def test_file_dropped_onto_the_window_is_opened(polyscope, panel, tmp_path):
