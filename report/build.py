@@ -119,14 +119,14 @@ def load_numbers():
     return json.loads(NUMBERS.read_text()) if NUMBERS.exists() else {}
 
 
-def hasPeers():
+def has_peers():
     return all(importlib.util.find_spec(name) for name in ("mujoco", "pybullet"))
 
 
 def save_numbers(numbers):
     """One number a line, sorted, so that a change is seen."""
     kept = load_numbers()
-    if not hasPeers():
+    if not has_peers():
         for name in BESIDE_PEERS:
             if name in numbers:
                 numbers[name] = kept.get(name, {}) | numbers[name]
@@ -173,7 +173,7 @@ def check():
     wrong += len(failed)
     for name, numbers in measured.items():
         old = kept.get(name, {})
-        keys = set(numbers) if name in BESIDE_PEERS and not hasPeers() else set(numbers) | set(old)
+        keys = set(numbers) if name in BESIDE_PEERS and not has_peers() else set(numbers) | set(old)
         for key in sorted(keys):
             if old.get(key) != numbers.get(key):
                 wrong += 1
@@ -188,7 +188,10 @@ def check():
 
 def measure_times(chosen, options):
     if chosen & {"scale", "slick"}:
-        timings.measure_scale(timings.QUICK_SIZES if options.quick else options.sizes)
+        if options.quick:
+            timings.measure_scale(timings.QUICK_SIZES, timings.QUICK_WINDOW)
+        else:
+            timings.measure_scale(options.sizes)
     if "scheduling" in chosen:
         timings.measure_scheduling()
     if "restTimes" in chosen:
@@ -205,7 +208,7 @@ def main():
     parser.add_argument("--keep-timings", action="store_true", help="measure no times")
     parser.add_argument("--sizes", nargs="+", type=int, metavar="N", default=timings.SIZES,
                         help="bodies of the heaps timed (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--quick", action="store_true", help="time small heaps only")
+    parser.add_argument("--quick", action="store_true", help="time small heaps, early")
     parser.add_argument("--check", action="store_true",
                         help="measure, compare with numbers.json, change nothing")  # fmt: skip
     options = parser.parse_args()

@@ -335,7 +335,7 @@ def gyroscopic(axis):
     axis.plot(t, off, color=style.VERMILION, label="L, default")
     axis.plot(t, mended, color=style.GREEN, label="L, with the term")
     axis.plot(t, wander, "--", color=style.BLUE, label="ω, exact")
-    axis.set(xlabel="time / s", ylabel="angle from start / °", ylim=(-2, 2.0 * off.max()))
+    axis.set(xlabel="time / s", ylabel="angle / °", ylim=(-2, 2.0 * off.max()))
     axis.legend(loc="upper left")
     inertia = np.sort(np.diag(mesh.IT))
     return {
@@ -410,6 +410,7 @@ def tunnelling():
     return {
         "cube": f"{CUBE:g}", "one": text(one, 0),
         "least": text(min(least), 2), "most": text(max(least), 2),
+        "range": " to ".join(dict.fromkeys((text(min(least), 2), text(max(least), 2)))),
         "below": shares[False, 0.95], "above": shares[False, 1.05],
         "closingBelow": shares[True, 0.95], "closingAbove": shares[True, 1.05],
         "ratioBelow": "0.95", "ratioAbove": "1.05",
@@ -542,7 +543,7 @@ def cliques(axis):
         low[constrained] = np.array(heights)
         t = H * np.arange(1, steps + 1)
         axis.plot(t, np.minimum(low[constrained], 0.05), color=colour, linewidth=0.9, label=label)
-    axis.set(xlabel="time / s", ylabel="lowest vertex / m", xlim=(1.8, 6), ylim=(-1.0, 0.06))
+    axis.set(xlabel="time / s", ylabel="y / m", xlim=(1.8, 6), ylim=(-1.0, 0.06))
     axis.legend(loc="lower right", handlelength=1.0)
     violation, bounds = simulation.largest_violation(), len(simulation.constraints)
     deepest = low[True].argmin()

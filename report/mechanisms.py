@@ -184,9 +184,9 @@ class Passes:
             def detect(self):
                 for number, batch in enumerate(super().detect()):
                     yield batch
-                    touches = np.isin(np.arange(len(batch.first)), batch.hits)
+                    touches = np.isin(np.arange(batch.pairs.shape[1]), batch.hits)
                     number = np.full(len(touches), number)
-                    self.seen.append((batch.first, batch.second, number, touches))
+                    self.seen.append((*batch.pairs, number, touches))
 
             def validate(self):
                 contacts = super().validate()

@@ -30,9 +30,9 @@ from rbs.simulation import Simulation
 FOLDER = Path(__file__).resolve().parent
 SCALE, SCHEDULING, RESTING = (FOLDER / f"{name}.csv" for name in ("scale", "scheduling", "resting"))
 SIZES = [100, 200, 500, 1000, 2000]
-QUICK_SIZES = [50, 100, 200, 400]
+QUICK_SIZES = [50, 100, 150, 200]
 FRICTION, FRICTIONLESS = "friction 0.5", "no friction"
-WINDOW = range(200, 300)
+WINDOW, QUICK_WINDOW = range(200, 300), range(60, 80)  # steps
 # Bodies, beyond which the loop over all pairs, and heaps without friction, take too long.
 MOST_LOOPED, MOST_FRICTIONLESS = 500, 1000
 # What the table compares, with and without friction.
@@ -88,7 +88,7 @@ def heap_runs(count, material):
     return runs
 
 
-def measure_scale(sizes):
+def measure_scale(sizes, window=WINDOW):
     """Writes scale.csv: medians of the milliseconds per step of dense heaps."""
     rows = []
     for material in (FRICTION, FRICTIONLESS):
@@ -96,8 +96,8 @@ def measure_scale(sizes):
             if material == FRICTIONLESS and count > MOST_FRICTIONLESS:
                 continue
             runs = heap_runs(count, benchmarkPiles.MATERIALS[material])
-            for (_, name), kept in benchmarkPiles.measure(runs, [WINDOW]).items():
-                row = benchmarkPiles.row_of("heap", count, material, name, WINDOW, kept)
+            for (_, name), kept in benchmarkPiles.measure(runs, [window]).items():
+                row = benchmarkPiles.row_of("heap", count, material, name, window, kept)
                 rows.append({key: row[key] for key in benchmarkPiles.COLUMNS if key in row})
                 print(material, count, name, row["milliseconds"], flush=True)
     write(SCALE, rows)
@@ -147,6 +147,11 @@ def milliseconds(value):
     return text(value, 0 if value >= 10 else 1 if value >= 1 else 2)
 
 
+def listed(words):
+    """ "a", "a and b", "a, b and c"."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
 def scheduling():
     """The table of the report, as rows of text, and what the text says of it."""
     _, _, rows = read(SCHEDULING)
@@ -162,7 +167,7 @@ def scheduling():
     slow = [name.replace("_", " ") for name in mechanisms.CONSTRAINED
             if times[name, "queue"] > 0.95 * times[name, "sweep"]]  # fmt: skip
     numbers["noGain"] = (
-        f"on {' and '.join(slow)} it brings nothing" if slow else "here it pays in all four scenes"
+        f"on {listed(slow)} it brings nothing" if slow else "here it pays in all four scenes"
     )
     return numbers
 
@@ -178,9 +183,11 @@ def scale(axis):
     """Milliseconds per step against the number of bodies, with friction."""
     machine, when, rows = read(SCALE)
     numbers = {
-        "machine": machine, "when": when[0], "from": str(WINDOW.start), "steps": str(WINDOW.stop),
+        "machine": machine, "when": when[0], "steps": rows[0]["steps"].replace("-", "–"),
         "load": "".join(part.rsplit(" ", 1)[1] for part in when if part.startswith("load average")),
-        "mu": f"{benchmarkPiles.MATERIALS[FRICTION].friction:g}", "realTime": f"{1e3 * H:g}",
+        "mu": f"{benchmarkPiles.MATERIALS[FRICTION].friction:g}",
+        "restitution": f"{benchmarkPiles.MATERIALS[FRICTION].restitution:g}",
+        "realTime": f"{1e3 * H:g}",
     }  # fmt: skip
     sizes = sorted({int(row["bodies"]) for row in rows})
     for run, (label, colour, mark, dash) in RUNS.items():
@@ -201,8 +208,6 @@ def scale(axis):
                     numbers[f"{key}{suffix}{name}Ratio"] = text(grid[count] / own[count], 1)
                     numbers[f"{key}{suffix}{name}SoftRatio"] = text(soft[count] / own[count], 1)
     axis.axhline(1e3 * H, color=style.GREY, linewidth=0.8, linestyle=":")
-    axis.annotate("real time", (sizes[-1], 1e3 * H), xytext=(0, 1), textcoords="offset points",
-                  fontsize=7, color="0.35", ha="right", va="bottom")  # fmt: skip
     axis.set(xlabel="bodies N", ylabel="ms per step")
     axis.set_ylim(top=3e4)
     axis.legend(loc="upper left", ncols=2, columnspacing=0.8, fontsize=6.3)

@@ -56,8 +56,7 @@ def test_no_number_is_typed_into_the_text():
     text = without(r"#let [^\n]*|#import [^\n]*|#set [^\n]*|#show: [^\n]*|#table1\[", text)
     text = without(r"#formula\(\$.*?\$\)", text)
     text = without(r"#n(\.\w+)+", text)
-    text = without(r"#table\(.*?\n  \)\]", text)
-    text = without(r"#box\[0\.1 mm/s\]", text)  # where the plot of speeds ends
+    text = without(r"#table\(.*?\n {0,2}\)\]?\n", text)
     text = without(r"\"[\w.]+\"", text)
     text = without(r"@\w+", text)
     text = without(r"Fig\.~\d[abc]|Table \d", text)
@@ -94,7 +93,7 @@ def test_every_measurement_that_the_text_quotes_has_a_claim_or_a_figure(report):
     groups = {path.split(".")[0] for claim in claims.CLAIMS
               for path in claims.PATH.findall(claim.sentence)}  # fmt: skip
     groups |= {name for _, names in claims.FIGURES for name in names}
-    assert {path[0] for path in quoted()} <= groups | {"constants", "videos", "code"}
+    assert {path[0] for path in quoted()} <= groups | {"constants", "videos", "code", "figures"}
 
 
 @drawn
@@ -109,7 +108,7 @@ def test_a_number_that_contradicts_a_sentence_is_told(report):
     broken["stack"]["up10"] = "2.9"
     broken["standing"]["pyramidBasic"] = "1.0"
     told = claims.contradictions(broken)
-    assert len(told) == 3  # the growth of overlaps too
+    assert len(told) == 2
     assert any("ten boxes overlap by 2.9 m" in line for line in told)
 
 
@@ -149,18 +148,18 @@ def test_scenes_made_for_pictures_load(report):
 
 
 @drawn
-@pytest.mark.parametrize("name", ["queue", "OrderedBatches"])
-def test_what_is_watched_goes_the_same_way(report, name):
+@pytest.mark.parametrize(("name", "where"), [("queue", "two_chain"), ("OrderedBatches", "stack")])
+def test_what_is_watched_goes_the_same_way(report, name, where):
     mechanisms, scene = report("mechanisms"), report("experiments").scene
     watch = {"queue": mechanisms.Visits, "OrderedBatches": mechanisms.Passes}[name]()
 
     def positions():
-        simulation = scene("two_chain", constraintScheduling="queue", broadPhase="grid")
-        for _ in range(90):
+        simulation = scene(where, constraintScheduling="queue", broadPhase="grid")
+        for _ in range(100):
             simulation.step()
         return np.concatenate([mesh.position for mesh in simulation.meshes])
 
     alone = positions()
     with mechanisms.watched(name, watch.wrapper):
         assert (positions() == alone).all()
-    assert sum(map(len, watch.steps)) > 50
+    assert sum(map(len, watch.steps)) > 20
