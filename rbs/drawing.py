@@ -45,6 +45,7 @@ from rbs.drawables import (
     surface_points,
 )
 from rbs.pictureoptions import OVERLAYS, PICTURE_SIZE
+from rbs.poses import refresh_vertices
 
 # All that can be switched on and off.
 LAYERS = ("ground", "shadows", *OVERLAYS)
@@ -127,9 +128,10 @@ class SceneView:
 
     def __init__(self, simulation):
         self._margins = (0, 0, 0, 0)  # what the panels take: left, top, right, bottom, in pixels
+        self._windowSize = None
         self.colouring = "body"
         self.shown = {"ground", "shadows"}
-        self.hasLegend = self.follows = self.isSmooth = self._isVivid = False
+        self.hasLegend = self._follows = self.isSmooth = self._isVivid = False
         self.rebuild(simulation)
 
     def rebuild(self, simulation):
@@ -266,14 +268,14 @@ class SceneView:
         ps.look_at(*frame_camera(points, VIEW_DIRECTION, fieldOfView, size, margins))
         self._framed = points, self._eye()
 
-    def set_margins(self, margins):
+    def set_margins(self, margins, size):
         """Tells what the panels take of the window: pixels at the left, top, right and bottom.
 
-        A camera that still frames the scene goes on to do so.
+        size : of the window, (width, height). A camera that still frames the scene goes on to do so
         """
-        if margins != self._margins:
+        if (margins, size) != (self._margins, self._windowSize):
             isFramed = self._is_framed()
-            self._margins = margins
+            self._margins, self._windowSize = margins, size
             if isFramed:
                 self._point_camera(self._framed[0])
 
@@ -307,6 +309,17 @@ class SceneView:
             if isFramed:
                 self._point_camera(points)
 
+    @property
+    def follows(self):
+        """Whether the camera moves along with the picked body, or with all."""
+        return self._follows
+
+    @follows.setter
+    def follows(self, follows):
+        if follows and not self._follows:
+            self._lastFocus = self._focus()
+        self._follows = follows
+
     def _focus(self):
         """What the camera follows: the picked body, or the middle of the free ones, (3,)."""
         free = [mesh.position[0] for mesh in self.simulation.meshes if not mesh.isFixed]
@@ -318,9 +331,11 @@ class SceneView:
         """Moves the camera as what it follows has moved since the last time."""
         import polyscope as ps
 
+        if not self._follows:
+            return
         focus = self._focus()
         way, self._lastFocus = focus - self._lastFocus, focus
-        if self.follows and way.any():
+        if way.any():
             target = np.array(ps.get_view_center(), dtype=np.float64) + way
             ps.look_at(self._eye() + way, target)
             self.spread_ground()
@@ -329,6 +344,7 @@ class SceneView:
         """Draws everything as it is now, all from one instant, from the next frame on."""
         self._follow_body_count()
         self._follow()
+        refresh_vertices(self.simulation.meshes)  # all at once, which is faster
         vertices = np.concatenate([mesh.currVertices for mesh in self.simulation.meshes])
         self._bodies.update_vertex_positions(vertices)
         if "shadows" in self.shown:

@@ -20,6 +20,8 @@ from rbs.scenes import DATA_FOLDER
 GRAB_FREQUENCY = 2.0
 # Of the scene's size: the radius of the ball that is shot, and how far it flies in a second.
 SHOT_RADIUS, SHOT_SPEED = 0.03, 1.0
+# How many times as dense as the scene's median body: a lighter one bounces off a wall.
+SHOT_DENSITY = 4.0
 # Of the most bodies that can be shot into a scene: each makes the pictures and recordings larger.
 MOST_SHOTS = 200
 
@@ -82,13 +84,13 @@ def _unit_ball():
 
 
 def shot(meshes, size, position, direction):
-    """The `Change` that shoots a ball into a scene, as dense as its bodies are in the median.
+    """The `Change` that shoots a ball into a scene.
 
     size : of the scene, in metres; position (3,), of the ball; direction (3,), a unit vector
     """
     vertices, faces, tets = _unit_ball()
     body = len(meshes)
     shape = Shape(f"shot {body}", SHOT_RADIUS * size * vertices, faces, tets)
-    density = float(np.median([mesh.density for mesh in meshes]))
+    density = SHOT_DENSITY * float(np.median([mesh.density for mesh in meshes]))
     velocity = SHOT_SPEED * size * np.asarray(direction)
     return add(body, shape, density, position, velocity)

@@ -14,7 +14,7 @@ COLUMN_SHARE, LEAST_COLUMN, MOST_COLUMN = 0.25, 260, 420
 ROOMY_WIDTH = 1000
 # From this height on there is room for the settings without being asked.
 ROOMY_HEIGHT = 640
-TIMELINE_HEIGHT = 76
+TIMELINE_HEIGHT = 70
 
 
 class Box(NamedTuple):

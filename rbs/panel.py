@@ -139,7 +139,7 @@ class Panel:
         hasSide = width >= ROOMY_WIDTH if self.isSideShown is None else self.isSideShown
         hasSide = hasSide or self.viewer.picked() is not None
         self.layout = arrange(width, height, hasSide, self.viewer.isReplay)
-        self.viewer.view.set_margins(self.layout.margins(width, height))
+        self.viewer.view.set_margins(self.layout.margins(width, height), (width, height))
 
     def toggle_side(self):
         """Shows or hides the column of numbers; a picked body, which it has, is picked no more."""
@@ -286,6 +286,9 @@ class Panel:
                              "Times real time")  # fmt: skip
         if chosen is not None:
             playback.speed = speeds[chosen]
+        if viewer.isReplay:
+            _, playback.isBackwards = psim.Checkbox("backwards", playback.isBackwards)
+            Tooltips.tell("Plays towards the start")
         pace = playback.pace()
         psim.Text("paused" if pace is None else f"{pace:.2g} × real time")
         self._buttons(
@@ -467,7 +470,7 @@ class Panel:
         psim.ColorButton("picked", (*PICKED_COLOUR, 1.0), psim.ImGuiColorEditFlags_NoTooltip)
         psim.SameLine()
         psim.Text(f"{mesh.name}, {'fixed' if mesh.isFixed else 'free'}")
-        psim.Text(f"mass {mesh.mass:.4g} kg, density {mesh.density:g} kg/m³")
+        psim.TextWrapped(f"mass {mesh.mass:.4g} kg, density {mesh.density:g} kg/m³")
         draw_vectors([
             (name, [f"{value:.2f}" for value in values[0]], unit)
             for name, values, unit in (
@@ -517,9 +520,6 @@ class Panel:
         self._begin("Timeline", self.layout.timeline, self.layout.timeline.height, flags)
         total = replay.recording.frame(replay.lastStep)["times"]
         psim.Text(f"{replay.time:.2f} of {total:.2f} s   {replay.recording.path.name}")
-        psim.SameLine(psim.GetContentRegionAvail()[0] - LABEL_WIDTH)
-        _, viewer.playback.isBackwards = psim.Checkbox("backwards", viewer.playback.isBackwards)
-        Tooltips.tell("Plays towards the start")
         psim.SetNextItemWidth(-1.0)
         moved, step = psim.SliderInt(
             "###step", replay.stepCount, replay.firstStep, replay.lastStep,
