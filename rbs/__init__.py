@@ -24,9 +24,9 @@ Bookkeeping of a step, below RBSFunctions.py: which pairs and constraints, and w
 The solver in which piles rest, behind `contactSolver="soft-step"`
     nearpairs         pairs that can touch soon
     manifolds         up to four contact points a pair
+    sleeping          who sleeps, and who wakes
     contactdetection  which manifolds are kept, and which are made anew
     softconstraints   distance constraints, renewed every substep
-    sleeping          who sleeps, and who wakes
     solverstate       what a step leaves to the next
     softstep          the solver, with its derivation
 

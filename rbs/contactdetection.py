@@ -7,6 +7,7 @@ import numpy as np
 
 from rbs.arrays import find_sorted, indices, take
 from rbs.facets import find_facets
+from rbs.flight import GRAVITY
 from rbs.manifolds import (
     KEEP,
     POINTS,
@@ -21,6 +22,7 @@ from rbs.manifolds import (
     thickness,
     turn_points,
 )
+from rbs.sleeping import speeds
 from rbs.vectors import cross, dot, mat_vec, transpose
 
 # The ground's normal, from the body to the ground, and the direction that its friction begins at.
@@ -60,7 +62,7 @@ class StepContacts:
 
     def __init__(self, manifolds, frames):
         count = frames.position.shape[1]
-        self.first, self.second = np.divmod(manifolds.key, count)
+        self.first, self.second = manifolds.bodies(count - 1)
         rotation1 = take(frames.rotation, self.first, axis=1)
         rotation2 = take(frames.rotation, self.second, axis=1)
         self.t = frames.translations(self.first, self.second)
@@ -76,10 +78,17 @@ class StepContacts:
         self.separation = dot(across, self.normal[:, None])
 
 
+def reaches(bodies, isAsleep, timeStep):
+    """How far (n,) points of the bodies can come within the step."""
+    speed = speeds(bodies.velocity, bodies.hulls.radius)
+    reach = (speed + abs(GRAVITY) * timeStep) * timeStep
+    return np.where(isAsleep | bodies.isFixed & (speed == 0.0), 0.0, reach)
+
+
 def detect(bodies, hasGround, reach, path, kept):
     """The contacts of a step: `(pairs, manifolds, frames)`.
 
-    reach : (n,), how far points of a body can come within the step
+    reach : (n,), see `reaches`
     kept : `SolverState`; path : (n,), see `NearPairs`
 
     Returns the `NearPairs`, the `Manifolds` of all pairs that are near enough to have one, with the
@@ -101,16 +110,11 @@ def detect(bodies, hasGround, reach, path, kept):
         found = find_sorted(valid.key, pairs.key)
         isKnown[found[found >= 0]] = True
     asked = indices(isNear & ~isKnown)
-    new = [_new_pair_manifolds(bodies, frames, pairs, asked, first, second, near, mark)]
+    new = _new_pair_manifolds(bodies, frames, pairs, asked, first, second, near, mark)
     if hasGround:
-        new.append(_new_ground_manifolds(bodies, frames, reach, valid.key))
-    manifolds = valid
-    for made in new:
-        if len(made.key):
-            size = _sizes(bodies, *np.divmod(made.key, count))
-            made.inherit(kept.manifolds, size)
-            manifolds = manifolds.joined(made)
-    return pairs, manifolds, frames
+        new = new.joined(_new_ground_manifolds(bodies, frames, reach, valid.key))
+    new.inherit(kept.manifolds, _sizes(bodies, *new.bodies(count - 1)))
+    return pairs, valid.joined(new), frames
 
 
 def _sizes(bodies, first, second):
@@ -139,7 +143,8 @@ def _valid_manifolds(manifolds, frames, bodies, nearKey):
     poses = relative_poses(first, second, t, frames.rotation, frames.orientation)
     radius = bodies.hulls.radius
     smaller = np.minimum(radius[first], radius[np.where(second < count - 1, second, first)])
-    change = pose_changes(manifolds.rows(rows), *poses, smaller)
+    translation, rotation = manifolds.translation[:, rows], manifolds.rotation[:, rows]
+    change = pose_changes(translation, rotation, *poses, smaller)
     return rows, change <= KEEP * _sizes(bodies, first, second)
 
 

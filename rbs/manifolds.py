@@ -84,6 +84,10 @@ class Manifolds:
         columns["isPoint"] = columns["isPoint"].astype(bool)
         return cls(np.zeros(0, dtype=np.int64), **columns)
 
+    def bodies(self, count):
+        """The two bodies (2, M) of each, of as many bodies; the ground is `count`."""
+        return np.stack(np.divmod(self.key, count + 1))
+
     def rows(self, some):
         """The manifolds `some` (m,), ascending; all of them are these themselves."""
         if len(some) == len(self.key):
@@ -93,6 +97,8 @@ class Manifolds:
 
     def joined(self, other):
         """These and others, in the order of their keys."""
+        if len(other.key) == 0 or len(self.key) == 0:
+            return self if len(self.key) else other
         key = np.concatenate((self.key, other.key))
         order = key.argsort(kind="stable")
         columns = {
@@ -111,7 +117,9 @@ class Manifolds:
         Each point in turn gets the impulse of the nearest old one that is left, as seen by the
         first body, if it is near at all. The friction is carried over as a vector.
         """
-        known = find_sorted(self.key, old.key) if len(old.key) else np.full(len(self.key), -1)
+        if len(self.key) == 0 or len(old.key) == 0:
+            return
+        known = find_sorted(self.key, old.key)
         mine = indices(known >= 0)
         if len(mine) == 0:
             return
@@ -155,16 +163,16 @@ def relative_poses(first, second, t, rotation, orientation):
     ))  # fmt: skip
 
 
-def pose_changes(manifolds, translation, rotation, radius):
-    """How far (M,) points of the second body can have moved in the first one's frame.
+def pose_changes(translation, rotation, newTranslation, newRotation, radius):
+    """How far (M,) points of bodies of these radii (M,) are at most from where they were.
 
-    radius : (M,), of the smaller of the two bodies
+    translation, newTranslation : (3, M); rotation, newRotation : (4, M)
     """
     cosine = np.zeros(len(radius))
     for k in range(4):
-        cosine += manifolds.rotation[k] * rotation[k]
+        cosine += rotation[k] * newRotation[k]
     chord = np.sqrt(np.maximum(2.0 - 2.0 * np.abs(cosine), 0.0))
-    return norm(translation - manifolds.translation) + ANGLE_OF_CHORD * chord * radius
+    return norm(newTranslation - translation) + ANGLE_OF_CHORD * chord * radius
 
 
 def tangents(normal):

@@ -12,6 +12,7 @@ touches it is fast again; so waking spreads by one body a step.
 import numpy as np
 
 from rbs.arrays import find_sorted, take
+from rbs.manifolds import pose_changes
 from rbs.vectors import norm
 
 # Seconds that bodies have to be slow for before they sleep.
@@ -50,6 +51,13 @@ class Sleep:
             | (bodies.orientation != self.orientation).any(axis=0)
             | (bodies.velocity != self.velocity).any(axis=0)
         )
+
+    def travel(self, bodies):
+        """How far (n,) points of the bodies are at most from where the last step has left them."""
+        return pose_changes(
+            self.position, self.orientation, bodies.position, bodies.orientation,
+            bodies.hulls.radius,
+        )  # fmt: skip
 
     def woken(self, disturbed, links, lost, speed, radius, gravity):
         """`isAsleep` (n,) at the beginning of a step.

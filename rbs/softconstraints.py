@@ -1,4 +1,4 @@
-"""Distance constraints of the soft-step solver: each a soft bound on the speed of two points.
+"""Distance constraints of the soft-step solver: soft bounds on the distance of two points.
 
 They are visited one batch after the other, no two of a batch moving the same body, before the
 contacts of the same sweep. Arms and directions are those of the substep: frozen ones let a net gain
@@ -16,45 +16,61 @@ from rbs.vectors import cross, dot, mat_vec
 
 # Of the substeps' frequency, and the damping ratio: stiffer than contacts, since a mechanism that
 # gives way looks wrong.
-FREQUENCY = 0.25
+FREQUENCY = 0.4
 DAMPING = 2.0
-# Passes over all joints in a sweep: a pull passes through a net by one body a pass.
+# Passes over all constraints in a sweep: a pull passes through a net by one body a pass.
 PASSES = 4
 
 
 class SoftConstraints:
-    """C distance constraints: `|p1 - p2| ≤ refValue` where upper, else ≥.
+    """R pairs of points whose distance L is bounded: lower ≤ L ≤ upper.
 
-    With d the unit vector of p1 - p2, the speed u = d · (v1 + ω1 × r1 - v2 - ω2 × r2) changes the
-    distance, and an impulse λ along d on the first body and against it on the second bounds it:
-    λ ≤ 0 for an upper bound, which pulls, λ ≥ 0 for a lower one.
+    With d the unit vector of p1 - p2, the distance changes by
+
+        u = d · (v1 + ω1 × r1 - v2 - ω2 × r2) = J v,   J = [d, r1 × d, -d, -(r2 × d)],
+
+    and an impulse λ along d on the first body and against it on the second bounds it: λ ≤ 0 at the
+    upper bound, which pulls, λ ≥ 0 at the lower one. Of the two, the one that is nearer, or more
+    violated, is looked at in a sweep. Where they coincide, λ has either sign.
     """
 
     def __init__(self, constraints, bodies, kept):
-        rows = ConstraintRows(constraints, bodies.isFixed, bodies.vertexCount, 0.0)
-        self.rows = rows
-        self.count = len(rows.index)
-        self.body1, self.body2, self.sign = rows.body1, rows.body2, np.where(rows.upper, -1.0, 1.0)
-        self.key = np.stack(
-            (rows.body1, rows.vertex1, rows.body2, rows.vertex2, rows.refValue, rows.upper)
-        ).astype(float)
-        isKnown = np.array_equal(self.key, kept.tie)
-        self.impulse = kept.tieImpulse.copy() if isKnown else np.zeros(self.count)
+        self._set_bounds(ConstraintRows(constraints, bodies.isFixed, bodies.vertexCount, 0.0))
+        isKnown = np.array_equal(self.key, kept.constraint)
+        self.impulse = kept.constraintImpulse.copy() if isKnown else np.zeros(self.count)
         self.isFixed = bodies.isFixed
         self.visits = 0
-        self._arms = tuple(
-            take(bodies.vertices, bodies.vertexStart[body] + vertex, axis=1)
-            for body, vertex in ((rows.body1, rows.vertex1), (rows.body2, rows.vertex2))
+        self._arms = take(
+            bodies.vertices, (take(bodies.vertexStart, self.ends) + self.vertices).ravel(), axis=1
         )
 
+    def _set_bounds(self, rows):
+        """Brings the constraints of the same two points together: one of either kind, as a rule.
+
+        key : (6, R), body, vertex, body, vertex, lower, upper; ends, vertices : (2, R)
+        """
+        points = np.stack((rows.body1, rows.vertex1, rows.body2, rows.vertex2))
+        points, first, row = np.unique(points, axis=1, return_index=True, return_inverse=True)
+        lower, upper = np.full(len(first), -np.inf), np.full(len(first), np.inf)
+        row = row.ravel()
+        np.minimum.at(upper, row[rows.upper], rows.refValue[rows.upper])
+        np.maximum.at(lower, row[~rows.upper], rows.refValue[~rows.upper])
+        order = first.argsort()  # as in the scene: chains are visited from one end to the other
+        self.key = np.concatenate((points, [lower], [upper])).astype(float)[:, order]
+        self.ends, self.vertices = (self.key[k:4:2].astype(np.intp) for k in (0, 1))
+        self.lower, self.upper = self.key[4:]
+        self.isRigid = self.lower >= self.upper
+        self.count = len(order)
+
     def links(self):
-        """The bodies (2, C) that are tied."""
-        return np.stack((self.body1, self.body2))
+        """The bodies (2, R) that are held together."""
+        return self.ends
 
     def store(self, kept):
-        kept.tie, kept.tieImpulse = self.key, self.impulse
+        kept.constraint, kept.constraintImpulse = self.key, self.impulse
 
-    def begin(self, motion, isStill, frames, h):
+    def begin(self, motion, frames, h):
+        """Makes the batches of those that can move in this step."""
         self.h = h
         self.position = frames.position
         angle = 2.0 * math.pi * FREQUENCY
@@ -62,81 +78,68 @@ class SoftConstraints:
         a2 = angle * a1
         self.biasRate = angle / (h * a1)
         self.massScale, self.impulseScale = a2 / (1.0 + a2), 1.0 / (1.0 + a2)
-        isStill = isStill[:-1]
+        moves = (take(motion.invMass, self.ends) > 0.0).any(axis=0)
         self.batches = []
-        for batch in coloured_batches(self.body1, self.body2, self.isFixed):
-            moves = ~(isStill[self.body1[batch]] & isStill[self.body2[batch]])
-            if moves.any():
-                self.batches.append(batch[moves])
+        for batch in coloured_batches(*np.ascontiguousarray(self.ends), self.isFixed):
+            batch = batch[moves[batch]]
+            if len(batch):
+                self.batches.append((batch, self.ends[:, batch]))
 
     def _renew(self, motion):
-        """Arms, directions, masses and errors, where the bodies are now."""
-        arms = []
-        points = []
-        for body, arm in zip((self.body1, self.body2), self._arms, strict=True):
-            arm = _rotated(motion.turn[body].T, arm)
-            arms.append(arm)
-            points.append(take(self.position, body, axis=1) + motion.shift[body].T + arm)
-        self.C, d = distance_error(*points, self.rows.refValue)
-        self.d = d
-        self.levers, self.turning = [], []
-        K = np.zeros(self.count)
-        for body, arm in zip((self.body1, self.body2), arms, strict=True):
-            lever = cross(arm, d)
-            turning = mat_vec(take(motion.invInertia, body, axis=1), lever)
-            K = K + take(motion.invMass, body) + dot(lever, turning)
-            self.levers.append(lever)
-            self.turning.append(turning)
+        """Distances, Jacobians, effective masses, where the bodies are now."""
+        ends = self.ends.ravel()
+        arm = _rotated(take(motion.turn, ends, axis=0).T, self._arms)
+        point = take(self.position, ends, axis=1) + take(motion.shift, ends, axis=0).T + arm
+        count = self.count
+        self.length, d = distance_error(point[:, :count], point[:, count:], 0.0)
+        d = np.concatenate((d, -d), axis=1)
+        rCrossD = cross(arm, d)
+        turning = mat_vec(take(motion.invInertia, ends, axis=1), rCrossD)
+        invMass = take(motion.invMass, ends)
+        K = (invMass + dot(rCrossD, turning)).reshape(2, count).sum(axis=0)
         self.mass = np.where(K > 0.0, 1.0 / np.where(K > 0.0, K, 1.0), 0.0)
-
-    def _apply(self, motion, batch, impulse):
-        for body, turning, sign in (
-            (self.body1, self.turning[0], 1.0), (self.body2, self.turning[1], -1.0)
-        ):  # fmt: skip
-            b = body[batch]
-            push = sign * impulse
-            motion.velocity[b, :3] += (push * motion.invMass[b] * self.d[:, batch]).T
-            motion.velocity[b, 3:] += (push * turning[:, batch]).T
+        self.J = np.concatenate((d, rCrossD)).T.reshape(2, count, 6)
+        self.MJ = np.concatenate((invMass * d, turning)).T.reshape(2, count, 6)
 
     def warm_start(self, motion):
         if not self.batches:
             return
         self._renew(motion)
-        for batch in self.batches:
-            self._apply(motion, batch, self.impulse[batch])
+        for batch, ends in self.batches:
+            motion.velocity[ends] += self.MJ[:, batch] * self.impulse[batch][:, None]
 
     def sweep(self, motion, isSoft):
-        """Passes over all joints; in the soft sweep, the errors are pulled out."""
+        """Passes over all constraints; in the soft sweep, the errors are pulled out."""
         if not self.batches:
             return
         if not isSoft:
             self._renew(motion)
-        # > 0 where the bound leaves room
-        room = self.sign * self.C
-        isSlack = room > 0.0
-        bias = np.where(isSlack, self.C / self.h, self.biasRate * self.C if isSoft else 0.0)
-        scale = np.where(isSlack | (not isSoft), 1.0, self.massScale)
-        memory = np.where(isSlack | (not isSoft), 1.0, 1.0 - self.impulseScale)
+        isUpper = self.length - self.upper >= self.lower - self.length
+        C = self.length - np.where(isUpper, self.upper, self.lower)
+        isSlack = np.where(isUpper, C < 0.0, C > 0.0) & ~self.isRigid
+        bias = np.where(isSlack, C / self.h, self.biasRate * C if isSoft else 0.0)
+        isHard = isSlack | (not isSoft)
+        mass = np.where(isHard, 1.0, self.massScale) * self.mass
+        memory = np.where(isHard, 1.0, 1.0 - self.impulseScale)
+        least = np.where(isUpper | self.isRigid, -np.inf, 0.0)
+        most = np.where(isUpper & ~self.isRigid, 0.0, np.inf)
+        rows = [
+            (batch, ends, self.J[:, batch], self.MJ[:, batch],
+             *(column[batch] for column in (bias, mass, memory, least, most)))
+            for batch, ends in self.batches
+        ]  # fmt: skip
         for _ in range(PASSES):
-            for batch in self.batches:
-                self._visit(motion, batch, bias, scale, memory)
-                self.visits += len(batch)
+            for row in rows:
+                self._visit(motion.velocity, *row)
 
-    def _visit(self, motion, batch, bias, scale, memory):
-        d = self.d[:, batch]
-        speed = np.zeros(len(batch))
-        for body, lever, sign in (
-            (self.body1, self.levers[0], 1.0), (self.body2, self.levers[1], -1.0)
-        ):  # fmt: skip
-            velocity = motion.velocity[body[batch]].T
-            speed = speed + sign * (dot(d, velocity[:3]) + dot(lever[:, batch], velocity[3:]))
+    def _visit(self, velocity, batch, ends, J, MJ, bias, mass, memory, least, most):
+        """Solves a batch for its impulses, and applies what they have changed by."""
         old = self.impulse[batch]
-        change = scale[batch] * self.mass[batch] * (speed + bias[batch])
-        impulse = old * memory[batch] - change
-        sign = self.sign[batch]
-        impulse = sign * np.maximum(sign * impulse, 0.0)
+        speed = (J * velocity[ends]).sum(axis=(0, 2))
+        impulse = np.minimum(np.maximum(old * memory - mass * (speed + bias), least), most)
         self.impulse[batch] = impulse
-        self._apply(motion, batch, impulse - old)
+        velocity[ends] += MJ * (impulse - old)[:, None]
+        self.visits += len(batch)
 
 
 def _rotated(angle, v):

@@ -23,9 +23,9 @@ from scipy.sparse import csc_array, csr_array
 
 from rbs.arrays import indices, take
 from rbs.bodies import Bodies, check_numbers
-from rbs.contactdetection import StepContacts, detect
+from rbs.contactdetection import StepContacts, detect, reaches
 from rbs.flight import GRAVITY, turned
-from rbs.manifolds import ANGLE_OF_CHORD, POINTS
+from rbs.manifolds import POINTS
 from rbs.reports import GROUND, StepReport
 from rbs.sleeping import Sleep, lost_links, speeds
 from rbs.softconstraints import SoftConstraints
@@ -42,7 +42,9 @@ DAMPING = 10.0
 # cube of a metre. More of it lets bodies that start inside each other burst apart.
 PUSH_SPEED = 1.0
 # A load doubles from substep to substep at most: a weight that is put on a tower is carried after
-# some of them.
+# some of them. Where bodies part faster than gravity moves them in a step, it is halved, down to
+# what the step has begun with: a sweep takes back too little of what a heavy body has pressed out
+# of a light one, and the rest would throw them apart.
 LOAD_GROWTH = 2.0
 # Restitution: closing speeds up to this many times what gravity adds in a step belong to resting.
 REST_STEPS = 2.0
@@ -50,6 +52,8 @@ REST_STEPS = 2.0
 # over the points of a manifold, a box that falls flat starts to spin.
 RESTITUTION_SWEEPS = 8
 RESTITUTION_PASSES = 4
+# In place of zero under a fraction.
+TINY = np.finfo(float).tiny
 
 
 def soft_step(
@@ -67,129 +71,83 @@ def soft_step(
         bodies = Bodies(meshes)
         bodies.follow_orientations()
         kept.start(bodies)
-        radius = bodies.hulls.radius
         isDisturbed = kept.sleep.disturbed(bodies)
-        path = kept.pairs.path + np.where(isDisturbed, _way_since(kept.sleep, bodies), 0.0)
+        path = kept.pairs.path + np.where(isDisturbed, kept.sleep.travel(bodies), 0.0)
         if isGyroscopic:
             bodies.turn_gyroscopically(timeStep)
         check_numbers(bodies.columns(), meshes, "the last step")
     with report.phase("collisions"):
-        speed = speeds(bodies.velocity, radius)
-        isAsleep = kept.sleep.isAsleep & ~bodies.isFixed & ~isDisturbed
-        fall = abs(GRAVITY) * timeStep
-        reach = np.where(bodies.isFixed & (speed == 0.0) | isAsleep, 0.0, (speed + fall) * timeStep)
+        reach = reaches(bodies, kept.sleep.isAsleep & ~isDisturbed, timeStep)
         pairs, manifolds, frames = detect(bodies, hasGround, reach, path, kept)
-        joints = SoftConstraints(constraints, bodies, kept)
-        report.candidatePairs = len(pairs.key)
-        if sleeping:
-            isAsleep = _still_asleep(manifolds, joints, kept, bodies, isDisturbed, speed)
-        else:
-            isAsleep = np.zeros(len(meshes), dtype=bool)
-        isStill = np.append(isAsleep | bodies.isFixed, True)  # the ground too
-        first, second = _pairs_of(manifolds, len(isStill))
-        rows = indices(~(isStill[first] & isStill[second]))
-        active = manifolds.rows(rows)
-        contacts = StepContacts(active, frames)
+        distances = SoftConstraints(constraints, bodies, kept)
+        isAsleep = _still_asleep(sleeping, kept, bodies, isDisturbed, manifolds, distances)
     with report.phase("constraints"):
-        motion = _Motion(bodies, isStill)
-        h = timeStep / substeps
-        solver = _ContactSolver(contacts, active, motion, radius, mu, h)
-        joints.begin(motion, isStill, frames, h)
-        for _ in range(substeps):
-            motion.velocity[:, 1] += motion.gravity * h
-            solver.warm_start()
-            if joints.count:
-                solver.apply(motion)
-                joints.warm_start(motion)
-                joints.sweep(motion, isSoft=True)
-            solver.soft_sweep(motion)
-            solver.apply(motion)
-            motion.move(h)
-            solver.move(motion, joints.count > 0)
-            joints.sweep(motion, isSoft=False)
-            solver.relaxing_sweep(motion)
-            solver.sum_impulses()
-        manifolds = _with_impulses(manifolds, rows, solver)
-        if CRCoeff != 0.0:
-            solver.restitute(motion, CRCoeff, REST_STEPS * fall)
-        solver.apply(motion)
-        report.constraintVisits = joints.visits
+        motion = _Motion(bodies, isAsleep)
+        fall = abs(GRAVITY) * timeStep
+        contacts = _ContactSolver(manifolds, frames, motion, bodies, mu, fall, timeStep / substeps)
+        distances.begin(motion, frames, timeStep / substeps)
+        _make_substeps(motion, contacts, distances, substeps, timeStep / substeps)
+        manifolds = contacts.store(manifolds)
+        contacts.restitute(motion, CRCoeff)
     with report.phase("writeBack"):
-        bodies.motion, bodies.orientation = motion.result(bodies, isStill[:-1])
+        bodies.motion, bodies.orientation = motion.result(bodies)
         check_numbers(bodies.columns(), meshes, "contacts and constraints")
-        timer = np.zeros(len(meshes))
-        if sleeping:
-            isPressed = (manifolds.impulse > 0.0).any(axis=0)
-            links = _pairs_of(manifolds, len(isStill))[:, isPressed]
-            links = np.concatenate((links, joints.links()), axis=1)
-            speed = speeds(bodies.velocity, radius)
-            isAsleep, timer = kept.sleep.settled(
-                isAsleep, bodies.isFixed, links, speed, radius, GRAVITY, timeStep
-            )
-            bodies.motion[3:9] = np.where(isAsleep, 0.0, bodies.motion[3:9])
-        bodies.write_back()
-        way = norm(motion.shift.T) + norm(motion.turn.T) * radius
-        pairs.path = path + np.where(isStill[:-1], 0.0, way)
+        pairs.path = path + motion.travel(bodies.hulls.radius)
         kept.pairs, kept.manifolds = pairs, manifolds
-        kept.sleep = Sleep(
-            isAsleep=isAsleep, timer=timer, position=bodies.position.copy(),
-            orientation=bodies.orientation.copy(), velocity=bodies.velocity.copy(),
-        )  # fmt: skip
-        joints.store(kept)
-        report.isAsleep = isAsleep
-        _report_contacts(report, contacts, solver, len(isStill))
+        kept.sleep = _settled(sleeping, kept, bodies, isAsleep, distances, timeStep)
+        distances.store(kept)
+        bodies.write_back()
+    report.isAsleep, report.candidatePairs = kept.sleep.isAsleep, len(pairs.key)
+    report.constraintVisits = distances.visits
+    contacts.tell(report)
     return report
 
 
-def _pairs_of(manifolds, count):
-    """The bodies (2, M) of manifolds; count : of bodies, and the ground."""
-    return np.stack(np.divmod(manifolds.key, count))
+def _make_substeps(motion, contacts, distances, substeps, h):
+    """The substeps: gravity, warm start, soft sweep, move, relaxing sweep."""
+    for _ in range(substeps):
+        motion.fall(h)
+        contacts.warm_start()
+        if distances.count:
+            contacts.apply(motion)
+            distances.warm_start(motion)
+            distances.sweep(motion, isSoft=True)
+        contacts.soft_sweep(motion)
+        contacts.apply(motion)
+        motion.move(h)
+        contacts.move(motion)
+        if distances.count:
+            distances.sweep(motion, isSoft=False)
+        contacts.relaxing_sweep(motion, distances.count > 0)
+    contacts.apply(motion)
 
 
-def _still_asleep(manifolds, joints, kept, bodies, isDisturbed, speed):
+def _still_asleep(sleeping, kept, bodies, isDisturbed, manifolds, distances):
     """Which bodies (n,) sleep through this step; see rbs/sleeping.py."""
-    count = len(speed) + 1
-    links = np.concatenate((_pairs_of(manifolds, count), joints.links()), axis=1)
-    lost = lost_links(manifolds.key, kept.manifolds.key, count)
-    radius = bodies.hulls.radius
-    isAsleep = kept.sleep.woken(isDisturbed, links, lost, speed, radius, GRAVITY)
+    if not sleeping:
+        return np.zeros(len(isDisturbed), dtype=bool)
+    links = np.concatenate((manifolds.bodies(kept.count), distances.links()), axis=1)
+    lost = lost_links(manifolds.key, kept.manifolds.key, kept.count + 1)
+    speed = speeds(bodies.velocity, bodies.hulls.radius)
+    isAsleep = kept.sleep.woken(isDisturbed, links, lost, speed, bodies.hulls.radius, GRAVITY)
     return isAsleep & ~bodies.isFixed
 
 
-def _with_impulses(manifolds, rows, solver):
-    """The manifolds with the impulses of the last substep, of the `rows` that were solved."""
-    impulse, friction = manifolds.impulse.copy(), manifolds.friction.copy()
-    impulse[:, rows], friction[:, rows] = solver.impulse, solver.friction
-    return manifolds.renewed(impulse=impulse, friction=friction)
-
-
-def _way_since(sleep, bodies):
-    """How far (n,) points of the bodies are at most from where the last step has left them."""
-    cosine = np.zeros(len(bodies.invMass))
-    for k in range(4):
-        cosine += sleep.orientation[k] * bodies.orientation[k]
-    chord = np.sqrt(np.maximum(2.0 - 2.0 * np.abs(cosine), 0.0))
-    way = norm(bodies.position - sleep.position)
-    return way + ANGLE_OF_CHORD * chord * bodies.hulls.radius
-
-
-def _report_contacts(report, contacts, solver, count):
-    """Notes every point that has given an impulse or touches, at the start of the step.
-
-    A manifold's friction is shared out by the normal impulses of its points.
-    """
-    impulse = solver.totalImpulse
-    k, m = np.nonzero((impulse > 0.0) | (contacts.isPoint & (contacts.separation <= 0.0)))
-    first, second, normal = contacts.first[m], contacts.second[m], contacts.normal[:, m]
-    total = impulse.sum(axis=0)[m]
-    share = impulse[k, m] / np.where(total > 0.0, total, 1.0)
-    along, across = solver.totalFriction[0][m] * share, solver.totalFriction[1][m] * share
-    friction = contacts.tangent1[:, m] * along + contacts.tangent2[:, m] * across
-    arm = contacts.arm[:, k, m]
-    point = solver.start1[:, m] + arm
-    report.add_columns(
-        first * count + second, first, np.where(second == count - 1, GROUND, second),
-        np.maximum(-contacts.separation[k, m], 0.0), normal, point, impulse[k, m], friction, arm,
+def _settled(sleeping, kept, bodies, isAsleep, distances, timeStep):
+    """The `Sleep` at the end of the step; what falls asleep stands still."""
+    timer = np.zeros(len(isAsleep))
+    if sleeping:
+        isPressed = (kept.manifolds.impulse > 0.0).any(axis=0)
+        links = kept.manifolds.bodies(kept.count)[:, isPressed]
+        links = np.concatenate((links, distances.links()), axis=1)
+        speed = speeds(bodies.velocity, bodies.hulls.radius)
+        isAsleep, timer = kept.sleep.settled(
+            isAsleep, bodies.isFixed, links, speed, bodies.hulls.radius, GRAVITY, timeStep
+        )
+        bodies.motion[3:9] = np.where(isAsleep, 0.0, bodies.motion[3:9])
+    return Sleep(
+        isAsleep=isAsleep, timer=timer, position=bodies.position.copy(),
+        orientation=bodies.orientation.copy(), velocity=bodies.velocity.copy(),
     )  # fmt: skip
 
 
@@ -198,11 +156,13 @@ class _Motion:
 
     velocity : (n + 1, 6), linear and angular; shift, turn : (n, 3), sums of v h and of ω h: the
         orientation is exp(turn/2) ∘ q
-    invMass : (n + 1,), invInertia : (9, n + 1), 0 for what stands still; gravity : (n + 1,)
+    isStill : (n + 1,) bool, what is fixed or asleep, and the ground; for these, invMass : (n + 1,),
+        invInertia : (9, n + 1) and gravity : (n + 1,) are 0
     """
 
-    def __init__(self, bodies, isStill):
-        count = len(isStill)
+    def __init__(self, bodies, isAsleep):
+        count = len(isAsleep) + 1
+        isStill = self.isStill = np.append(isAsleep | bodies.isFixed, True)
         self.velocity = np.zeros((count, 6))
         self.velocity[:-1] = bodies.velocity.T
         self.invMass = np.where(isStill, 0.0, np.append(bodies.invMass, 0.0))
@@ -212,14 +172,23 @@ class _Motion:
         self.shift, self.turn = np.zeros((count - 1, 3)), np.zeros((count - 1, 3))
         self.start = bodies.position
 
+    def fall(self, h):
+        self.velocity[:, 1] += self.gravity * h
+
     def move(self, h):
         self.shift += h * self.velocity[:-1, :3]
         self.turn += h * self.velocity[:-1, 3:]
 
-    def result(self, bodies, isStill):
+    def travel(self, radius):
+        """How far (n,) points of the bodies have come at most."""
+        travel = norm(self.shift.T) + norm(self.turn.T) * radius
+        return np.where(self.isStill[:-1], 0.0, travel)
+
+    def result(self, bodies):
         """`(motion (9, n), orientation (4, n))` at the end of the step; see `Bodies`."""
         orientation = np.stack(turned(bodies.orientation, np.ascontiguousarray(self.turn.T)))
         moved = np.concatenate((bodies.position + self.shift.T, self.velocity[:-1].T))
+        isStill = self.isStill[:-1]
         return (
             np.where(isStill, bodies.motion, moved),
             np.where(isStill, bodies.orientation, orientation),
@@ -238,75 +207,93 @@ class _ContactSolver:
     """The contacts of a step as constraints on velocities, M manifolds at once.
 
     The relative motion of the two bodies of a manifold, in its frame n, t1, t2 about the middle of
-    its points, is a twist ξ of six numbers: Δv along n, t1, t2 and Δω about n, t1, t2. With the
-    arms r_i from the COMs to the middle and e one of the three axes,
+    its points, is a twist ξ of six numbers: Δv · n, Δω · t1, Δω · t2, which the normals see, and
+    Δv · t1, Δv · t2, Δω · n, which friction sees. With the arms r_i from the COMs to the middle and
+    e one of the three axes,
 
         Δv · e = e · v2 + (r2 × e) · ω2 - e · v1 - (r1 × e) · ω1,        Δω · e = e · ω2 - e · ω1,
 
     the rows of the Jacobian: ξ = J v. A wrench w in the same frame changes the velocities by
     M⁻¹ Jᵀ w. The points stand x along t1 and y along t2 from the middle; there, the normal speed is
-    u_k = ξ_0 + y_k ξ_4 - x_k ξ_5, and impulses λ_k along n make the wrench with
-    w_0 = Σ λ, w_4 = Σ y λ, w_5 = -Σ x λ. Friction acts in the middle, along t1 and t2, with a twist
-    about n: w_1, w_2, w_3.
+    u_k = ξ_0 + y_k ξ_1 - x_k ξ_2, or u = Bᵀ ξ, and impulses λ_k along n make the wrench B λ, that
+    is, w_0 = Σ λ, w_1 = Σ y λ, w_2 = -Σ x λ. Friction acts in the middle, along t1 and t2, with a
+    twist about n: w_3, w_4, w_5.
 
     With masses split, the twist of a manifold responds to its own wrench by A = J N M⁻¹ Jᵀ, 6 × 6,
     N the number of manifolds of each body. J and M⁻¹ Jᵀ are sparse, and frozen within the step.
     """
 
-    # What of the twist the normals see, and what friction does.
-    NORMALS, FRICTIONS = [0, 4, 5], [1, 2, 3]
+    def __init__(self, manifolds, frames, motion, bodies, mu, fall, h):
+        """Of the manifolds, those with a body that can move.
 
-    def __init__(self, contacts, manifolds, motion, radius, mu, h):
-        self.mu, self.h = mu, h
-        first, second = contacts.first, contacts.second
-        self.count = len(first)
-        isPoint = contacts.isPoint
+        fall : the speed that gravity adds within the step; h : s, of a substep
+        """
+        self.mu, self.fall, self.h = mu, fall, h
+        first, second = manifolds.bodies(len(motion.shift))
+        self.rows = indices(~(motion.isStill[first] & motion.isStill[second]))
+        manifolds = manifolds.rows(self.rows)
+        self.contacts = contacts = StepContacts(manifolds, frames)
+        self.count = len(contacts.first)
+        self._place_points()
+        self._make_rows(motion)
+        self._soften(bodies.hulls.radius)
+        self.separation = contacts.separation.copy()
+        self._renew()
+        self.twist = self.pending = None
+        self.impulse = manifolds.impulse * contacts.isPoint
+        self.friction = manifolds.friction.copy() if mu > 0.0 else np.zeros((3, self.count))
+        self.load = self.started = self.impulse
+        self.weight = self.mass * (abs(GRAVITY) * h)
+        self.parts = np.zeros((POINTS, self.count), dtype=bool)
+        self.totalImpulse = np.zeros((POINTS, self.count))
+        self.totalFriction = np.zeros((3, self.count))
+        self.closing = self._impact_speeds(motion)
+        self.start1 = take(motion.start, contacts.first, axis=1)
+
+    def _place_points(self):
+        """The middles of the manifolds, and where their points stand around them."""
+        contacts, isPoint = self.contacts, self.contacts.isPoint
         weight = isPoint / np.maximum(isPoint.sum(axis=0), 1)
         middle = sum(weight[k] * contacts.arm[:, k] for k in range(POINTS))
         # the points of the two bodies are `separation` apart: the middle is between them
         gap = sum(weight[k] * contacts.separation[k] for k in range(POINTS))
-        axes = contacts.normal, contacts.tangent1, contacts.tangent2
         away = contacts.arm - middle[:, None]
-        self.x, self.y = (dot(away, axis[:, None]) * isPoint for axis in axes[1:])
-        self.lever = np.sqrt(self.x * self.x + self.y * self.y)
+        x, y = (
+            dot(away, axis[:, None]) * isPoint for axis in (contacts.tangent1, contacts.tangent2)
+        )
+        self.B = np.stack((isPoint.astype(float), y, -x))  # (3, 4, M)
+        # what limits friction and the twist about n, for each unit of a normal impulse
+        self.limits = self.mu * np.stack((self.B[0], np.sqrt(x * x + y * y)))
         middle = middle + 0.5 * gap * contacts.normal
-        arms = middle, middle - contacts.t
-        self.separation = contacts.separation.copy()
-        self.start1 = take(motion.start, first, axis=1)
+        self.arms = middle, middle - contacts.t
 
-        # rows e of J for either body, without the sign, and M⁻¹ times them
-        load = np.bincount(np.concatenate((first, second)), minlength=len(motion.invMass))
+    def _make_rows(self, motion):
+        """The rows of J for either body, without the sign, M⁻¹ times them, and the blocks of A."""
+        contacts = self.contacts
+        n, t1, t2 = contacts.normal, contacts.tangent1, contacts.tangent2
+        bodies = contacts.first, contacts.second
+        load = np.bincount(np.concatenate(bodies), minlength=len(motion.invMass))
         normals = frictions = coupling = 0.0
         blocks = []
-        for body, arm in zip((first, second), arms, strict=True):
-            angular = np.stack([cross(arm, e) for e in axes] + list(axes), axis=1)  # (3, 6, M)
+        linear = np.stack((n, t1, t2), axis=1)  # (3, 3, M)
+        for body, arm in zip(bodies, self.arms, strict=True):
+            angular = np.stack((cross(arm, n), t1, t2, cross(arm, t1), cross(arm, t2), n), axis=1)
             invInertia = take(motion.invInertia, body, axis=1).reshape(3, 3, 1, -1)
             products = invInertia * angular
             turning = products[:, 0] + products[:, 1] + products[:, 2]
             invMass, split = take(motion.invMass, body), take(load, body)
-            leverN, leverT = angular[:, self.NORMALS], angular[:, self.FRICTIONS]
-            turningN, turningT = turning[:, self.NORMALS], turning[:, self.FRICTIONS]
-            normal, friction = _products(leverN, turningN), _products(leverT, turningT)
+            normal = _products(angular[:, :3], turning[:, :3])
+            friction = _products(angular[:, 3:], turning[:, 3:])
             for block, k in ((normal, 0), (friction, 0), (friction, 1)):
                 block[k, k] += invMass
             normals = normals + split * normal
             frictions = frictions + split * friction
-            coupling = coupling + split * _products(leverT, turningN)
-            linear = np.stack(axes, axis=1)  # (3, 3, M)
+            coupling = coupling + split * _products(angular[:, 3:], turning[:, :3])
             blocks.append((linear, angular, invMass * linear, turning))
         self.coupling = coupling.reshape(9, -1)
-        self.twist = self.pending = None
-        self._make_sparse(first, second, blocks, len(motion.invMass))
-        self._make_normal_rows(normals, isPoint)
+        self._make_sparse(*bodies, blocks, len(motion.invMass))
+        self._make_normal_rows(normals)
         self._make_friction_rows(frictions)
-        self._soften(radius, first, second)
-        self._renew()
-        self.impulse = manifolds.impulse * isPoint
-        self.friction = manifolds.friction.copy() if mu > 0.0 else np.zeros((3, self.count))
-        self.started, self.weight = self.impulse, self.mass * (abs(GRAVITY) * h)
-        self.closing = self._impact_speeds(motion, first, second, contacts.normal[1])
-        self.totalImpulse = np.zeros((POINTS, self.count))
-        self.totalFriction = np.zeros((3, self.count))
 
     def _make_sparse(self, first, second, blocks, count):
         """J, 6 M × 6 (n + 1), row r of manifold m at r M + m, and M⁻¹ Jᵀ."""
@@ -315,16 +302,19 @@ class _ContactSolver:
         six, three = np.arange(6), np.arange(3, 6)
         wide = np.concatenate((column1 + six, column2 + six), axis=1).ravel()
         narrow = np.concatenate((column1 + three, column2 + three), axis=1).ravel()
-        index = np.concatenate((wide, wide, wide, narrow, narrow, narrow)).astype(np.int32)
-        length = np.repeat(np.array([12, 12, 12, 6, 6, 6]), self.count)
-        start = np.concatenate(([0], length.cumsum())).astype(np.int32)
+        linearRow = {0: 0, 3: 1, 4: 2}  # of the rows, those that have a linear part
+        index = np.concatenate([wide if r in linearRow else narrow for r in range(6)])
+        length = np.repeat([12 if r in linearRow else 6 for r in range(6)], self.count)
+        start = np.concatenate(([0], length.cumsum()))
+        index, start = index.astype(np.int32), start.astype(np.int32)
 
         def values(linear1, angular1, linear2, angular2):
             parts = []
             for r in range(6):
                 row = [-angular1[:, r], angular2[:, r]]
-                if r < 3:
-                    row = [-linear1[:, r], row[0], linear2[:, r], row[1]]
+                if r in linearRow:
+                    k = linearRow[r]
+                    row = [-linear1[:, k], row[0], linear2[:, k], row[1]]
                 parts.append(np.concatenate(row).T.ravel())
             return np.concatenate(parts)
 
@@ -333,13 +323,13 @@ class _ContactSolver:
         data = values(linR1, angR1, linR2, angR2)
         self.MJ = csc_array((data, index, start), shape=shape[::-1])
 
-    def _make_normal_rows(self, A, isPoint):
-        """K = B A Bᵀ, (4, 4, M): how the normal speeds respond to the impulses, B = (1, y, -x)."""
-        B = np.stack((np.ones_like(self.x), self.y, -self.x))  # (3, 4, M)
+    def _make_normal_rows(self, A):
+        """K = Bᵀ A B, (4, 4, M): how the normal speeds respond to the impulses."""
+        B = self.B
         AB = A[:, 0, None] * B[0] + A[:, 1, None] * B[1] + A[:, 2, None] * B[2]
         self.K = B[0][:, None] * AB[0] + B[1][:, None] * AB[1] + B[2][:, None] * AB[2]
         diagonal = np.stack([self.K[k, k] for k in range(POINTS)])
-        self.mass = isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
+        self.mass = B[0] / np.where(diagonal > 0.0, diagonal, 1.0)
 
     def _make_friction_rows(self, A):
         """The inverse of the response of friction's three rows, which is symmetric."""
@@ -349,7 +339,7 @@ class _ContactSolver:
         safe = np.where(determinant > 0.0, determinant, 1.0)
         self.frictionMass = np.concatenate((r0, r1, r2)) / safe
 
-    def _soften(self, radius, first, second):
+    def _soften(self, radius):
         """Catto's soft constraint: with the angular frequency ω and the damping ratio ζ, a spring
         and damper that are integrated implicitly over h are an impulse
 
@@ -359,17 +349,19 @@ class _ContactSolver:
         a1 = 2.0 * DAMPING + angle
         a2 = angle * a1
         self.biasRate = angle / (self.h * a1)
-        self.massScale, self.impulseScale = a2 / (1.0 + a2), 1.0 / (1.0 + a2)
+        self.softMass, self.softMemory = a2 / (1.0 + a2) * self.mass, 1.0 - 1.0 / (1.0 + a2)
+        first, second = self.contacts.first, self.contacts.second
         isBody = second < len(radius)
         smaller = np.minimum(radius[first], radius[np.where(isBody, second, first)])
         self.push = PUSH_SPEED * np.sqrt(abs(GRAVITY) * smaller)
 
-    def _impact_speeds(self, motion, first, second, normalY):
+    def _impact_speeds(self, motion):
         """How fast (4, M) points come together when free flight has closed their gaps s: with the
         relative acceleration a along the normal, u² = u₀² - 2 a s."""
         speed = self.normal_speeds(self.twists(motion))
-        gravity = normalY * (motion.gravity[second] - motion.gravity[first])
-        gain = -2.0 * gravity * np.maximum(self.separation, 0.0)
+        contacts = self.contacts
+        gravity = motion.gravity[contacts.second] - motion.gravity[contacts.first]
+        gain = -2.0 * contacts.normal[1] * gravity * np.maximum(self.separation, 0.0)
         return -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
 
     def twists(self, motion):
@@ -378,8 +370,8 @@ class _ContactSolver:
         return (self.J @ motion.velocity.ravel()).reshape(6, -1)
 
     def normal_speeds(self, twist):
-        """u, (4, M): positive where the bodies part."""
-        return twist[0] + self.y * twist[4] - self.x * twist[5]
+        """u = Bᵀ ξ, (4, M): positive where the bodies part."""
+        return twist[0] + self.B[1] * twist[1] + self.B[2] * twist[2]
 
     def warm_start(self):
         """Begins with the impulses of the substep before, as far as they are a load.
@@ -388,24 +380,15 @@ class _ContactSolver:
         their mass with other contacts, since a sweep takes only a part of it back. So an impulse
         grows by LOAD_GROWTH from one start to the next, or to what holds the bodies' own weight.
         """
-        limit = np.maximum(LOAD_GROWTH * self.started, self.weight)
+        shrunk = np.maximum(self.started / LOAD_GROWTH, self.load)
+        limit = np.where(self.parts, shrunk, LOAD_GROWTH * self.started)
+        limit = np.maximum(limit, self.weight)
         started = np.minimum(self.impulse, limit)
         if self.mu > 0.0:
-            total = self.impulse.sum(axis=0)
-            self.friction = self.friction * (
-                started.sum(axis=0) / np.where(total > 0.0, total, 1.0)
-            )
+            total = np.maximum(self.impulse.sum(axis=0), TINY)
+            self.friction = self.friction * (started.sum(axis=0) / total)
         self.impulse = self.started = started
-        self._add(self._wrench(started, self.friction))
-
-    def _wrench(self, impulse, friction):
-        """w, (6, M), of impulses along n and of friction."""
-        wrench = np.empty((6, self.count))
-        wrench[0] = impulse.sum(axis=0)
-        wrench[1:4] = friction
-        wrench[4] = (self.y * impulse).sum(axis=0)
-        wrench[5] = -(self.x * impulse).sum(axis=0)
-        return wrench
+        self._add((self.B * started).sum(axis=1), self.friction)
 
     def apply(self, motion):
         """Gives the bodies the impulses that have come together since the last time."""
@@ -413,15 +396,16 @@ class _ContactSolver:
             motion.velocity += (self.MJ @ self.pending.ravel()).reshape(-1, 6)
             self.pending = None
 
-    def _add(self, wrench):
+    def _add(self, normals, friction):
+        """Adds a wrench, three rows of either, to what `apply` gives the bodies."""
+        wrench = np.concatenate((normals, friction))
         self.pending = wrench if self.pending is None else self.pending + wrench
 
-    def move(self, motion, hasTies):
+    def move(self, motion):
         """The points come as far apart as the bodies have moved in a substep."""
         self.twist = self.twists(motion)
-        self.separation += self.h * self.normal_speeds(self.twist)
-        if hasTies:
-            self.twist = None
+        self.speed = self.normal_speeds(self.twist)
+        self.separation += self.h * self.speed
         self._renew()
 
     def _renew(self):
@@ -431,34 +415,45 @@ class _ContactSolver:
         """
         isApart = self.separation > 0.0
         self.gapSpeed = np.maximum(self.separation, 0.0) / self.h
-        push = np.minimum(np.maximum(self.biasRate * self.separation, -self.push), 0.0)
-        scale = np.where(isApart, 1.0, self.massScale)
-        memory = np.where(isApart, 1.0, 1.0 - self.impulseScale)
-        self.soft = self.gapSpeed + push, scale * self.mass, memory
+        push = np.maximum(self.biasRate * self.separation, -self.push)
+        self.soft = (
+            np.where(isApart, self.gapSpeed, push),
+            np.where(isApart, self.mass, self.softMass),
+            np.where(isApart, 1.0, self.softMemory),
+        )
 
     def soft_sweep(self, motion):
         """One pass over all contacts in which penetration pushes out."""
         twist = self.twists(motion)
-        self._solve(twist, self.normal_speeds(twist), *self.soft)
+        speed = self.normal_speeds(twist)
+        self.parts = speed > self.fall
+        self._solve(twist, speed, *self.soft)
 
-    def relaxing_sweep(self, motion):
-        """One pass over all contacts that takes the speed of pushing out away again."""
-        # since the move, only distance constraints can have changed the velocities
-        twist = self.twist if self.twist is not None else self.twists(motion)
-        self._solve(twist, self.normal_speeds(twist), self.gapSpeed, self.mass, 1.0)
+    def relaxing_sweep(self, motion, isPulled):
+        """One pass over all contacts that takes the speed of pushing out away again.
 
-    def restitute(self, motion, CRCoeff, threshold):
-        """Where bodies came together faster than the threshold and have touched, they part with e
-        times that speed."""
-        bounces = (self.closing < -threshold) & (self.totalImpulse > 0.0)
-        if not bounces.any():
+        isPulled : whether anything else has changed the velocities since the move
+        """
+        if isPulled:
+            self.twist = self.twists(motion)
+            self.speed = self.normal_speeds(self.twist)
+        self._solve(self.twist, self.speed, self.gapSpeed, self.mass, 1.0)
+        self.totalImpulse += self.impulse
+        self.totalFriction += self.friction
+
+    def restitute(self, motion, CRCoeff):
+        """Where bodies came together faster than at rest and have touched, they part with e times
+        that speed."""
+        bounces = (self.closing < -REST_STEPS * self.fall) & (self.totalImpulse > 0.0)
+        if CRCoeff == 0.0 or not bounces.any():
             return
-        bias = np.where(bounces, CRCoeff * self.closing, np.maximum(self.separation, 0.0) / self.h)
-        before = self.impulse.copy(), self.friction.copy()
+        bias = np.where(bounces, CRCoeff * self.closing, self.gapSpeed)
+        before = self.impulse, self.friction
         for _ in range(RESTITUTION_SWEEPS):
             twist = self.twists(motion)
             speed = self.normal_speeds(twist)
             self._solve(twist, speed, bias, self.mass, 1.0, RESTITUTION_PASSES)
+        self.apply(motion)
         self.totalImpulse += self.impulse - before[0]
         self.totalFriction += self.friction - before[1]
 
@@ -480,28 +475,44 @@ class _ContactSolver:
                 speed[left] += self.K[k, left] * (new - last[k])
                 impulse[k] = new
             last = impulse
-        change = impulse - before
-        self.impulse = impulse
+        wrench = (self.B * (impulse - before)).sum(axis=1)
         friction = self.friction
         if self.mu > 0.0:
-            wrench = np.stack(
-                (change.sum(axis=0), (self.y * change).sum(axis=0), -(self.x * change).sum(axis=0))
-            )
-            slip = twist[1:4] + mat_vec(self.coupling, wrench)
-            friction = self._limited(self.friction - mat_vec(self.frictionMass, slip), impulse)
-        wrench = self._wrench(change, friction - self.friction)
-        self.friction = friction
-        self._add(wrench)
+            slip = twist[3:] + mat_vec(self.coupling, wrench)
+            friction = self._limited(friction - mat_vec(self.frictionMass, slip), impulse)
+        self._add(wrench, friction - self.friction)
+        self.impulse, self.friction = impulse, friction
 
     def _limited(self, friction, impulse):
         """Coulomb's law: friction of at most μ Σ λ, a twist of at most μ Σ λ times the lever."""
-        limit = self.mu * impulse.sum(axis=0)
+        limit, twistLimit = (self.limits * impulse).sum(axis=1)
         size = np.sqrt(friction[0] * friction[0] + friction[1] * friction[1])
-        friction[:2] *= np.minimum(limit / np.where(size > 0.0, size, 1.0), 1.0)
-        limit = self.mu * (self.lever * impulse).sum(axis=0)
-        friction[2] = np.minimum(np.maximum(friction[2], -limit), limit)
+        friction[:2] *= limit / np.maximum(np.maximum(size, limit), TINY)
+        friction[2] = np.minimum(np.maximum(friction[2], -twistLimit), twistLimit)
         return friction
 
-    def sum_impulses(self):
-        self.totalImpulse += self.impulse
-        self.totalFriction += self.friction
+    def store(self, manifolds):
+        """The manifolds with the impulses of the last substep."""
+        impulse, friction = manifolds.impulse.copy(), manifolds.friction.copy()
+        impulse[:, self.rows], friction[:, self.rows] = self.impulse, self.friction
+        return manifolds.renewed(impulse=impulse, friction=friction)
+
+    def tell(self, report):
+        """Notes every point that has given an impulse or touches, at the start of the step.
+
+        A manifold's friction is shared out by the normal impulses of its points.
+        """
+        contacts, impulse = self.contacts, self.totalImpulse
+        k, m = np.nonzero((impulse > 0.0) | (contacts.isPoint & (contacts.separation <= 0.0)))
+        first, second, normal = contacts.first[m], contacts.second[m], contacts.normal[:, m]
+        total = impulse.sum(axis=0)[m]
+        share = impulse[k, m] / np.where(total > 0.0, total, 1.0)
+        along, across = self.totalFriction[0][m] * share, self.totalFriction[1][m] * share
+        friction = contacts.tangent1[:, m] * along + contacts.tangent2[:, m] * across
+        arm = contacts.arm[:, k, m]
+        ground = len(report.isAsleep)
+        report.add_columns(
+            first * (ground + 1) + second, first, np.where(second == ground, GROUND, second),
+            np.maximum(-contacts.separation[k, m], 0.0), normal, self.start1[:, m] + arm,
+            impulse[k, m], friction, arm,
+        )  # fmt: skip

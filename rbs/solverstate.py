@@ -21,11 +21,12 @@ class SolverState:
 
     count : number of bodies; None before the first step
     pairs : `NearPairs`; manifolds : `Manifolds`; sleep : `Sleep`
-    tieImpulse : (C,), of the distance constraints in the last substep, and tie (6, C), the rows
-        that they belong to
+    constraintImpulse : (R,), of the distance constraints in the last substep, and
+        constraint (6, R), what they belong to, see `SoftConstraints`
     """
 
     PARTS = {"pairs": NearPairs, "sleep": Sleep}
+    COLUMNS = ("constraint", "constraintImpulse")
 
     def __init__(self):
         self.clear()
@@ -34,7 +35,7 @@ class SolverState:
         """Forgets everything: the next step starts cold."""
         self.count = None
         self.pairs = self.manifolds = self.sleep = None
-        self.tie, self.tieImpulse = np.zeros((6, 0)), np.zeros(0)
+        self.constraint, self.constraintImpulse = np.zeros((6, 0)), np.zeros(0)
 
     def start(self, bodies):
         """Makes the state of these bodies, unless it has one of as many."""
@@ -49,7 +50,7 @@ class SolverState:
         """The content as arrays: dict, {} before the first step. `from_arrays` takes it back."""
         if self.count is None:
             return {}
-        found = {"tie": self.tie, "tieImpulse": self.tieImpulse}
+        found = {name: getattr(self, name) for name in self.COLUMNS}
         for part, kind in self.PARTS.items():
             for name in kind.COLUMNS:
                 found[f"{part}.{name}"] = getattr(getattr(self, part), name)
@@ -68,6 +69,7 @@ class SolverState:
                 setattr(state, part, kind(**columns))
             columns = {name: arrays[f"manifolds.{name}"] for name in COLUMNS}
             state.manifolds = Manifolds(arrays["manifolds.key"], **columns)
-            state.tie, state.tieImpulse = arrays["tie"], arrays["tieImpulse"]
+            for name in cls.COLUMNS:
+                setattr(state, name, arrays[name])
             state.count = len(state.pairs.path)
         return state

@@ -94,6 +94,21 @@ FAULTS = (
           "and kept.rotated.key == own[\"orientation\"].tobytes()", "", "mesh"),
     Fault("queue, what depends on the second body stays clean", "rbs/schedules.py",
           "for b in constraints[c]:", "for b in constraints[c][:1]:", "constraints"),
+    Fault("reduction to four points, the wrong side", "rbs/manifolds.py",
+          "np.where(areas[third] < 0, 1.0, -1.0)", "np.where(areas[third] < 0, -1.0, 1.0)",
+          "softstep"),
+    Fault("normal at a ridge, a sign", "rbs/manifolds.py",
+          "normal[:, ridge] + weight[other]", "normal[:, ridge] - weight[other]", "softstep"),
+    Fault("waking, a lost contact wakes nobody", "rbs/sleeping.py",
+          "isStirred[lost] = True", "isStirred[lost] = False", "softstep"),
+    Fault("soft contact, a coefficient", "rbs/softstep.py",
+          "a2 = angle * a1", "a2 = angle", "softstep"),
+    Fault("friction of a manifold, no coefficient", "rbs/softstep.py",
+          "self.limits = self.mu * np.stack(", "self.limits = np.stack(", "softstep"),
+    Fault("restitution, the fall within the step", "rbs/softstep.py",
+          "speed * speed + gain", "speed * speed", "softstep"),
+    Fault("soft distance constraint, the sign of the second body", "rbs/softconstraints.py",
+          "np.concatenate((d, -d), axis=1)", "np.concatenate((d, d), axis=1)", "softstep"),
 )  # fmt: skip
 
 
