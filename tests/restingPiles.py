@@ -83,7 +83,7 @@ def stack():
     kinds = {"boxes": (6, BOX), "cubes": (2, (2, 2, 2))}
     for count, asked in ((10, "drift 0.01"), (20, "drift 0.02"), (40, "drift 0.1")):
         for name, (height, sides) in kinds.items():
-            substeps = 16 if (count, name) == (40, "cubes") else 8
+            substeps = 20 if (count, name) == (40, "cubes") else 8
             pile = Pile([
                 box_body(*sides, (0, (i + 0.5) * height, 0)) for i in range(count)
             ], substeps=substeps)  # fmt: skip
@@ -119,7 +119,7 @@ def masses():
     pile.run(1000)
     tell("one of 100 times their mass on four cubes",
          f"sinks {pile.sinking():.3f}, speed {pile.speeds().max():.2g}", "sinks 0.15, rests")
-    for name, height, sides, substeps in (("boxes", 6, BOX, 8), ("cubes", 2, (2, 2, 2), 16)):
+    for name, height, sides, substeps in (("boxes", 6, BOX, 8), ("cubes", 2, (2, 2, 2), 20)):
         pile = Pile([
             box_body(*sides, (0, (i + 0.5) * height, 0), density=10.0**i) for i in range(4)
         ], substeps=substeps)  # fmt: skip
@@ -267,32 +267,42 @@ def asleep(count=1000):
     tell("a blow on the top", f"{before - pile.state.sleep.isAsleep.sum()} wake", "some")
 
 
-def ties():
+def constraints():
     for name in ("net", "bridge"):
         simulation = Simulation(
             DATA_FOLDER / f"{name}-scene.txt",
             Settings(0.0, TIME_STEP, friction=FRICTION, contactSolver="soft-step"),
         )
         start = simulation.kinetic_energy() + simulation.potential_energy()
-        rise, worst = -np.inf, 0.0
+        rise, violations, seconds = -np.inf, [], []
         for _ in range(1000):
+            begin = time.process_time()
             simulation.step()
+            seconds.append(time.process_time() - begin)
             energy = simulation.kinetic_energy() + simulation.potential_energy()
             rise = max(rise, (energy - start) / abs(start))
-            worst = max(worst, simulation.largest_violation())
-        tell(f"{name}, 1000 steps", f"energy rises by {rise:.1e} at most, violation now "
-             f"{simulation.largest_violation():.3f}, ever {worst:.3f}", "no gain, 0.1")  # fmt: skip
+            violations.append(simulation.largest_violation())
+        tell(f"{name}, 1000 steps",
+             f"energy rises by {rise:.1e} at most, violation median {np.median(violations):.4f}, "
+             f"max {max(violations):.4f}, {1e3 * np.median(seconds):.1f} ms a step",
+             "no gain, 0.02, 0.1")  # fmt: skip
 
 
 def course(folder):
+    """The coursework's scenes. What is round rolls on, and what hangs swings on, beyond the end:
+    there is no rolling resistance and no air."""
     for path in sorted(Path(folder).glob("*-scene.txt")):
         settings = Settings(0.0, TIME_STEP, friction=FRICTION, contactSolver="soft-step")
         simulation = Simulation(path, settings)
         for _ in range(1000):
             simulation.step()
-        speed = max(np.linalg.norm(m.linVelocity) for m in simulation.meshes)
+        moving = [
+            f"{m.name} {speed:.2f}" for m in simulation.meshes
+            if (speed := np.linalg.norm(m.linVelocity)) > 1e-3
+        ]  # fmt: skip
         low, _ = simulation.lowest_point()
-        tell(path.name, f"largest speed {speed:.4f}, lowest point {low:.4f}", "rests, -0.05")
+        state = f"{len(moving)} still move: {', '.join(moving[:4])}" if moving else "rests"
+        tell(path.name, f"{state}; lowest point {low:.4f}", "rests, -0.05")
 
 
 def peers(sizes):
@@ -336,7 +346,7 @@ def compare(meshes, rows, arrays, title, steps=60):
 
 ROWS = {
     f.__name__: f
-    for f in (stack, pyramid, masses, slope, arch, masonry, bounce, heap, asleep, ties)
+    for f in (stack, pyramid, masses, slope, arch, masonry, bounce, heap, asleep, constraints)
 }
 
 

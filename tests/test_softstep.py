@@ -185,10 +185,10 @@ def test_a_stack_rests_whatever_its_size_and_the_time_step(scale, timeStep):
     start = positions(meshes)
     simulate(meshes, round(2 / timeStep), timeStep=timeStep, sleeping=False)
     # Springs whose frequency is relative to the substeps' give way by a part of g h², whatever the
-    # size: with h/8 = 0.15 / f, a load of N m g on a contact with the split mass m/2 sinks by
-    # 2 N g / (2 π f)², and N = 4, 3, 2, 1 add up to 20 g / (2 π 1.2 / h)² = 0.35 g h².
+    # size: with h/8 = 0.16 / f, a load of N m g on a contact with the split mass m/2 sinks by
+    # 2 N g / (2 π f)², and N = 4, 3, 2, 1 add up to 20 g / (2 π 1.28 / h)² = 0.31 g h².
     moved = np.abs(positions(meshes) - start).max()
-    assert moved < 0.7 * -GRAVITY * timeStep**2
+    assert moved < 0.5 * -GRAVITY * timeStep**2
     assert top_speed(meshes) < 0.01 * np.sqrt(-GRAVITY * scale)
 
 
@@ -300,8 +300,9 @@ def test_the_energy_of_bodies_that_fall_onto_each_other_stays_below_the_start():
             kinetic += 0.5 * spin @ m.IT @ spin
         energies.append(kinetic - sum(GRAVITY * m.mass * m.position[0, 1] for m in meshes))
     assert max(energies) < energies[0] * (1 + 1e-3)
-    # a blow by a body thirty times as heavy, at 30 units / s, gives something back later
-    assert np.diff(energies).max() < 0.01 * energies[0]
+    # what a blow by a much heavier body, at 30 units / s, gives back, it has taken just before
+    for k in range(10, len(energies)):
+        assert energies[k] < max(energies[k - 10 : k - 4]) + 1e-3 * energies[0]
     assert energies[-1] < 0.5 * energies[0]
     assert penetrations(meshes).max() < 0.2
 
