@@ -37,14 +37,17 @@ from functools import lru_cache
 import numpy as np
 
 from rbs.arrays import indices, take
-from rbs.facets import LEAST_GAP, all_facets, axes_or_centre_lines, find_facets
+from rbs.facets import LEAST_GAP, Facets, all_facets, axes_or_centre_lines, find_facets
 from rbs.hulls import (
     EPS,
     FEATURE_TOLERANCE,
+    FLAT_EXTENT,
+    THIN_ASPECT,
     TOUCH_TOLERANCE,
     HullSet,
     build_hull,
     support_features,
+    support_offsets,
 )
 from rbs.patches import contact_point
 from rbs.vectors import cross, dot
@@ -72,8 +75,7 @@ def is_collide(vertices1, vertices2):
     """Whether the convex hulls of two point sets meet, and the least translation to separate them.
 
     vertices1, vertices2 : (n1, 3), (n2, 3), finite; in any order, inner points allowed. Flat sets,
-        down to a single point, are allowed too. Of two needles or blades that are thinner than 1e-7
-        of their length and lie in the same place, the depth may be several times too large
+        down to a single point, are allowed too
 
     Returns `(isCollision, depth, intNormal, intPosition)`:
     isCollision : bool; hulls that touch within rounding collide, with a depth of 0
@@ -82,7 +84,8 @@ def is_collide(vertices1, vertices2):
     intPosition : (1, 3); the point of hull 2 that is deepest inside hull 1, the centre of the
         contact patch where a feature and not a vertex is deepest. intPosition + depth · intNormal
         lies on the surface of hull 1.
-    Without a collision the last three are zero, and read only.
+    Without a collision the last three are zero, and read only. Raises ValueError where points are
+    not finite, or the depth would not be.
     """
     centred = []
     centres = []
@@ -106,10 +109,12 @@ def is_collide(vertices1, vertices2):
     # a face's vertices are off its plane by their rounding, and by more at its far end
     patchTolerance = FEATURE_TOLERANCE * size + 32 * EPS * largest
     isCollision, depth, normal, point = _collide(
-        hulls, tuple(t.tolist()), tolerance, patchTolerance
+        hulls, tuple(t.tolist()), tolerance, patchTolerance, stretch=_stretch(hulls)
     )
     if not isCollision:
         return NO_COLLISION
+    if not math.isfinite(depth * unit):
+        raise ValueError("the hulls are in each other by more than the largest number")
     position = np.array([point]) + centres[1]
     return True, depth * unit, np.array([normal]), position * unit
 
@@ -154,13 +159,16 @@ def _hull_pair(hull1, hull2):
     return HullSet([hull1, hull2])
 
 
-def _collide(hulls, t, tolerance, patchTolerance, axis=None):
+def _collide(hulls, t, tolerance, patchTolerance, axis=None, stretch=None):
     """`collide_rotated` for a `HullSet` of two.
 
-    tolerance : hulls that are apart by no more touch; patchTolerance : see `contact_point`
+    tolerance : hulls that are apart by no more touch; patchTolerance : see `contact_point`;
+    stretch : as of `_stretch`, or None
     """
     translation = np.array([t]).T
-    if hulls.edgeCount[0] * hulls.edgeCount[1] <= FEW_COMBINATIONS:
+    if stretch is not None:
+        facets = _stretched_facets(hulls, translation, *stretch)
+    elif hulls.edgeCount[0] * hulls.edgeCount[1] <= FEW_COMBINATIONS:
         facets = all_facets(hulls, *_PAIR, translation)
     else:
         axes = None if axis is None else np.array([axis]).T
@@ -171,6 +179,33 @@ def _collide(hulls, t, tolerance, patchTolerance, axis=None):
     vertices1, vertices2 = hulls.body_vertices(0), hulls.body_vertices(1)
     point = contact_point(vertices1, vertices2, t, normal, patchTolerance)
     return True, max(penetration, 0.0), normal, point
+
+
+def _stretch(hulls):
+    """`(axes (3, 3), extents (3, 1))`: what makes a thin Minkowski difference round; else None.
+
+    axes : its principal ones, in rows; extents : along them, the largest where it is flat
+    """
+    padded = np.concatenate((hulls.vertices, np.zeros((3, 3))), axis=1)
+    axes = np.linalg.svd(padded, full_matrices=False)[0].T
+    projections = np.abs(axes @ hulls.vertices)
+    extents = np.maximum.reduceat(projections, hulls.vertexStart, axis=1).sum(axis=1)
+    extents = np.where(extents > FLAT_EXTENT * extents.max(), extents, extents.max())
+    return (axes, extents[:, None]) if extents.min() < THIN_ASPECT * extents.max() else None
+
+
+def _stretched_facets(hulls, translation, axes, extents):
+    """All facets of a pair of needles or blades, found where they are as wide as they are long.
+
+    An affine map takes facets to facets. Where all edges are nearly parallel, rounding would hide
+    which of them span one.
+    """
+    stretched = [build_hull((axes @ hulls.body_vertices(b) / extents).T) for b in range(2)]
+    facets = all_facets(HullSet(stretched), *_PAIR, axes @ translation / extents)
+    normal = axes.T @ (facets.normal / extents)
+    normal /= np.sqrt(dot(normal, normal))
+    offset = support_offsets(hulls, *np.repeat([[0], [1]], normal.shape[1], axis=1), normal)
+    return Facets(facets.start, normal, offset, facets.completeUpTo)
 
 
 # --------------------------------------------------------------------------------------------------

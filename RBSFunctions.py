@@ -586,12 +586,12 @@ def apply_friction(bodies, arms, normal, limit):
     """
     u = relative_velocity(bodies, arms)
     across = mul_add(u, -dot(u, normal), normal)
-    speed = length = norm(across)
+    speed = norm(across)
     if isinstance(speed, np.ndarray):
-        length = np.where(speed > 0.0, speed, 1.0)
-        limit = np.maximum(limit, 0.0)
-    elif speed == 0.0 or limit <= 0.0:
-        return NO_FRICTION
+        length, limit = np.where(speed > 0.0, speed, 1.0), np.maximum(limit, 0.0)
+    else:
+        length, limit = speed or 1.0, max(limit, 0.0)
+    limit = limit + 0.0  # a zero has no sign, whichever of two zeros is taken for the greater
     t = divide(across, length)
     response = inverse_effective_mass(bodies, arms, t)
     impulse = apply_impulse(bodies, *response, t, speed, limit)

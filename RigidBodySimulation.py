@@ -163,6 +163,7 @@ def simulation_of(options, given):
     )  # fmt: skip
     if follows_suggestions(given):
         simulation.settings, simulation.suggestion = suggested_settings(scenePath)
+        simulation.startSettings = replace(simulation.settings)
     return simulation
 
 

@@ -64,13 +64,57 @@ def make_tetrahedron(width, height, depth):
     return fill_convex(vertices, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 
 
-def make_box(width, height, depth):
-    """A box centred on the origin; sizes along x, y, z in metres."""
-    # Index = 4 (x > 0) + 2 (y > 0) + (z > 0).
-    vertices = np.array(list(itertools.product([-0.5, 0.5], repeat=3))) * [width, height, depth]
-    return fill_convex(vertices, [[0, 1, 3, 2], [4, 6, 7, 5],     # -x, +x
+def make_hexahedron(corners):
+    """Eight corners with six flat faces; corner 4 (x > 0) + 2 (y > 0) + (z > 0) as of a box."""
+    return fill_convex(corners, [[0, 1, 3, 2], [4, 6, 7, 5],     # -x, +x
                                  [0, 4, 5, 1], [2, 3, 7, 6],     # -y, +y
                                  [0, 2, 6, 4], [1, 5, 7, 3]])    # -z, +z
+
+
+def make_box(width, height, depth):
+    """A box centred on the origin; sizes along x, y, z in metres."""
+    corners = np.array(list(itertools.product([-0.5, 0.5], repeat=3))) * [width, height, depth]
+    return make_hexahedron(corners)
+
+
+def make_voussoir(count, inner, outer, width):
+    """One of `count` equal wedges of an arch, in the place of the keystone.
+
+    The arch is half a ring about the z axis, with the radii inner and outer; sizes in metres.
+    """
+    half = math.pi / (2 * count)
+    return make_hexahedron([(side * radius * math.sin(half), radius * math.cos(half), z)
+                            for side in (-1, 1) for radius in (inner, outer)
+                            for z in (-width / 2, width / 2)])
+
+
+# One of eleven equal sectors about the y axis reaches to z = ± x tan(π/11) = ± 0.29363 x.
+# A little less, 27/92 = 0.29348, leaves joints of 1 cm at most. Corners are multiples of 1/2⁹, for
+# which nine decimals are enough, x of 92 and z of 27 of them: the sides are flat to the last bit.
+DOME_SECTORS, DOME_GRID = 11, 1 / 2**9
+DOME_INNER, DOME_OUTER = 30.0, 37.0                 # radii, in metres
+DOME_JOINTS = (0.0, 20.0, 40.0, 58.0, 74.0)         # in degrees: where its rings meet
+
+
+def make_dome_block(ring):
+    """A block of a dome about the y axis, in its place on the x axis, between two joints."""
+    corners = []
+    for radius, joint in itertools.product((DOME_INNER, DOME_OUTER), DOME_JOINTS[ring:ring + 2]):
+        angle = math.radians(joint)
+        column = round(radius * math.cos(angle) / (92 * DOME_GRID))
+        y = round(radius * math.sin(angle) / DOME_GRID)
+        corners += [(92 * column, y, side * 27 * column) for side in (-1, 1)]
+    return make_hexahedron(DOME_GRID * np.array(corners))
+
+
+def make_ring_block(count, inner, outer, height):
+    """One of `count` equal blocks of a low ring about the y axis, in its place on the x axis.
+
+    inner, outer : of the middles of its sides from the axis, in metres
+    """
+    slope = math.tan(math.pi / count)
+    return make_hexahedron([(x, y, side * slope * x) for x in (inner, outer)
+                            for y in (-height / 2, height / 2) for side in (-1, 1)])
 
 
 def make_octahedron(a, b, c):
@@ -147,6 +191,10 @@ MESHES = {
     "ellipsoid": make_ellipsoid(2.0, 3.0, 5.0, subdivisions=2),
     "ball": make_ellipsoid(6.0, 6.0, 6.0, subdivisions=1),
     "slab": make_box(48.0, 2.0, 14.0),
+    "card": make_box(14.0, 0.4, 10.0),
+    "voussoir": make_voussoir(15, 34.0, 42.0, 14.0),
+    "ring_block": make_ring_block(6, 5.0, 11.0, 6.0),
+    **{f"dome_block_{ring + 1}": make_dome_block(ring) for ring in range(4)},
 }
 
 
@@ -401,22 +449,29 @@ def hanging_net_ties():
 CHAIN_LINKS = 5     # octahedra between the anchor and the ball
 
 
-def wrecking_ball():
-    """A ball on a chain is let go beside a stack of boxes and swings into it."""
-    anchorHeight, pitch = 70.0, 9.0
+def make_chain_and_ball(anchor, orientation):
+    """A chain on a fixed octahedron at `anchor`, and a ball at its end that is let go.
+
+    It swings towards +x, turned by the orientation.
+    """
+    pitch = 9.0
     slope = math.radians(25.0)          # of the chain, below the horizontal
-    along = np.array([-math.cos(slope), -math.sin(slope), 0.0])
-    chain = [Body("octahedron.mesh", 600.0, tuple(np.round(
-                  np.array([0.0, anchorHeight, 0.0]) + pitch * i * along, 3)), isFixed=i == 0)
+    along = turn(orientation, np.array([-math.cos(slope), -math.sin(slope), 0.0]))
+    chain = [Body("octahedron.mesh", 600.0, tuple(np.round(anchor + pitch * i * along, 3)),
+                  orientation, isFixed=i == 0)
              for i in range(CHAIN_LINKS + 1)]
     reach = pitch * CHAIN_LINKS + 11.0
-    ball = Body("ball.mesh", 2000.0, tuple(np.round(
-        np.array([0.0, anchorHeight, 0.0]) + reach * along, 3)))
+    return [*chain, Body("ball.mesh", 2000.0, tuple(np.round(anchor + reach * along, 3)),
+                         orientation)]
+
+
+def wrecking_ball():
+    """A ball on a chain is let go beside a stack of boxes and swings into it."""
     plinth = Body("box.mesh", 1000.0, (14.0, 3.0, 0.0), QUARTER_YAW, isFixed=True)
     # A hair above one another: boxes that touch from the start would be resolved in the first step.
     stack = [Body("box.mesh", 150.0, (14.0, 9.0 + 6.01 * i + 0.01, 0.0), QUARTER_YAW)
              for i in range(4)]
-    return [*chain, ball, plinth, *stack]
+    return [*make_chain_and_ball(np.array([0.0, 70.0, 0.0]), AS_MODELLED), plinth, *stack]
 
 
 def wrecking_ball_ties():
@@ -509,16 +564,20 @@ def settle():
     ]
 
 
+# What is built of blocks starts with joints of about a millimetre.
+JOINT = 0.001
+
+
 def stack():
     """Twenty boxes on top of each other: they stay with the soft-step solver, and sink without."""
-    return [Body("box.mesh", 60.0, (0.0, round(3.0 + HAIR + i * (6.0 + HAIR), 6), 0.0))
+    return [Body("box.mesh", 60.0, (0.0, round(3.0 + JOINT + i * (6.0 + JOINT), 6), 0.0))
             for i in range(20)]
 
 
 def pyramid():
     """Boxes in fifteen rows, each standing on two of the row below."""
     return [Body("box.mesh", 60.0, (12.5 * (column - (14 - row) / 2),
-                                    round(3.0 + HAIR + row * (6.0 + HAIR), 6), 0.0))
+                                    round(3.0 + JOINT + row * (6.0 + JOINT), 6), 0.0))
             for row in range(15) for column in range(15 - row)]
 
 
@@ -527,8 +586,177 @@ def dominoes():
     upright = (1.0, 0.0, 0.0, 1.0)          # 90° about z
     leaning = (1.0, 0.0, 0.0, 0.8)          # 77°
     return [Body("slab.mesh", 60.0, (-90.0, 26.0, 0.0), leaning),
-            *(Body("slab.mesh", 60.0, (-60.0 + 22.0 * i, round(24.0 + HAIR, 6), 0.0), upright)
+            *(Body("slab.mesh", 60.0, (-60.0 + 22.0 * i, round(24.0 + JOINT, 6), 0.0), upright)
               for i in range(9))]
+
+
+def centre_of_mass(mesh):
+    """(3,), of a tuple as those of MESHES."""
+    vertices, _, tets = mesh
+    corners = vertices[tets]
+    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1])
+    return np.average(corners.mean(axis=1), axis=0, weights=volumes)
+
+
+# Wedges are modelled about the axis of what they are a part of, in one place of it, and are turned
+# about it to the others.
+
+
+def make_block(name, density, axis, degrees, rise=0.0, away=(0.0, 0.0, 0.0)):
+    """A body of MESHES, turned about an axis through the origin.
+
+    axis : 1, y or 2, z; rise : metres; away : (3,), how far it is moved before it is turned
+    """
+    half = math.radians(degrees) / 2
+    orientation = [round(math.cos(half), COORDINATE_DECIMALS), 0.0, 0.0, 0.0]
+    orientation[1 + axis] = round(math.sin(half), COORDINATE_DECIMALS)
+    place = turn(orientation, centre_of_mass(MESHES[name]) + away) + [0.0, rise, 0.0]
+    return Body(f"{name}.mesh", density, tuple(np.round(place, 6)), tuple(orientation))
+
+
+def make_arch(name, count):
+    """Half a ring of `count` wedges about the z axis, which stands on the ground on its ends."""
+    degrees = [180.0 * ((count - 1) / 2 - i) / count for i in range(count)]
+    return [make_block(name, 60.0, 2, angle, JOINT, (0.0, 5 * JOINT, 0.0)) for angle in degrees]
+
+
+def arch():
+    """Fifteen wedges stand as an arch, held up by nothing but their weight."""
+    return make_arch("voussoir", 15)
+
+
+def arch_blow():
+    """The same arch, and a heavy ball that falls onto its shoulder."""
+    return [*make_arch("voussoir", 15), Body("ball.mesh", 2000.0, (20.0, 75.0, 0.0))]
+
+
+def dome():
+    """Four rings of eleven wedge-shaped blocks, which hold each other around an open eye."""
+    return [make_block(f"dome_block_{ring + 1}", 60.0, 1, 360.0 * i / DOME_SECTORS,
+                       (ring + 1) * JOINT)
+            for ring in range(4) for i in range(DOME_SECTORS)]
+
+
+def round_tower():
+    """Eleven rings of six blocks, each across the joints of the ring below, and a ball on top."""
+    blocks = [make_block("ring_block", 60.0, 1, 60.0 * i + 30.0 * (row % 2),
+                         3.0 + JOINT + row * (6.0 + JOINT), (JOINT, 0.0, 0.0))
+              for row in range(11) for i in range(6)]
+    return [*blocks, Body("ball.mesh", 20.0, (0.0, 70.5, 0.0))]
+
+
+CARD = np.ptp(MESHES["card"][0], axis=0)        # its length, thickness and width
+CARD_TILT = 68.0                                # degrees from the ground
+
+
+def card_house():
+    """Cards that lean on each other in pairs, three beside each other, two on top, and one."""
+    length, thickness, _ = CARD
+    half = math.radians(CARD_TILT) / 2
+    angle = 2 * half
+    # of a leaning card: how far its lowest corner is from its middle, across and down
+    drop = length / 2 * math.sin(angle) + thickness / 2 * math.cos(angle)
+    reach = length / 2 * math.cos(angle) + thickness / 2 * math.sin(angle)
+    pitch = 12.0                                # from pair to pair
+    bodies, floor = [], 0.0
+    for pairs in (3, 2, 1):
+        middles = [pitch * (i - (pairs - 1) / 2) for i in range(pairs)]
+        for middle, side in itertools.product(middles, (-1, 1)):
+            place = middle + side * (reach + JOINT / 2), floor + drop + JOINT, 0.0
+            turned = (math.cos(half), 0.0, 0.0, -side * math.sin(half))
+            bodies.append(Body("card.mesh", 60.0, tuple(np.round(place, 6)),
+                               tuple(np.round(turned, COORDINATE_DECIMALS))))
+        floor += 2 * drop + JOINT
+        for left, right in itertools.pairwise(middles):
+            # from the middle of the house outwards, over the pairs at either end
+            outwards = np.sign(left + right) or 0.0
+            place = (left + right) / 2 + outwards * (length - pitch) / 2
+            place += outwards * JOINT
+            bodies.append(Body("card.mesh", 60.0, tuple(np.round(
+                (place, floor + JOINT + thickness / 2, 0.0), 6))))
+        floor += thickness + JOINT
+    return bodies
+
+
+def wall():
+    """A wall of bricks, and a ball on a chain that swings into it."""
+    bricks = [Body("box.mesh", 60.0, (round((12.0 + JOINT) * (i - (6 - row % 2) / 2), 6),
+                                      round(3.0 + JOINT + row * (6.0 + JOINT), 6), 0.0))
+              for row in range(8) for i in range(7 - row % 2)]
+    return [*make_chain_and_ball(np.array([0.0, 80.0, 10.0]), QUARTER_YAW), *bricks]
+
+
+def ramp():
+    """Boxes on slopes of 26° and 28°: with μ = 0.5, whose friction angle is 26.6°, one stays."""
+    tilts = [(round(1 / math.tan(math.radians(angle / 2)), 6), 0.0, 0.0, -1.0)
+             for angle in (26.0, 28.0)]
+    return [*make_slope(tilts[0], -10.0, "box.mesh", 3.0, 12.0),
+            *make_slope(tilts[1], 10.0, "box.mesh", 3.0, 12.0)]
+
+
+CRADLE_BALLS = 5
+# Metres between its balls. They hit one after the other: what meets within one step moves on
+# together.
+CRADLE_GAP = 0.4
+
+
+def middle_of_a_face(mesh):
+    """(3,), of the face in the plane z = 0 that is the furthest along x, and above it."""
+    vertices, faces, _ = mesh
+    middles = vertices[np.array(faces)].mean(axis=1)
+    isFlat = (np.abs(middles[:, 2]) < 1e-6) & (middles[:, 1] > 0.0)
+    return max(middles[isFlat], key=lambda middle: middle[0])
+
+
+def cradle():
+    """Newton's cradle: five balls side by side on two strings each, of which one is let go.
+
+    The strings hold the ends of a ball's axis along z, about which nothing makes it turn.
+    """
+    height, length, angle = 70.0, 50.0, math.radians(40.0)
+    # turned about z, two faces of a ball look along ± x and meet those of the next ones squarely
+    x, y, _ = middle_of_a_face(MESHES["ball"])
+    half = -math.atan2(y, x) / 2
+    forward = tuple(np.round((math.cos(half), 0.0, 0.0, math.sin(half)), COORDINATE_DECIMALS))
+    pitch = 2 * math.hypot(x, y) + CRADLE_GAP
+    balls, hooks = [], []
+    for i in range(CRADLE_BALLS):
+        x = pitch * (i - (CRADLE_BALLS - 1) / 2)
+        swing = angle if i == 0 else 0.0
+        place = x - length * math.sin(swing), height - length * math.cos(swing), 0.0
+        balls.append(Body("ball.mesh", 60.0, tuple(np.round(place, 6)), forward))
+        hooks += [Body("octahedron.mesh", 60.0, (round(x, 6), height, z), isFixed=True)
+                  for z in (-20.0, 20.0)]
+    return balls + hooks
+
+
+def cradle_ties():
+    """The ends of each ball's axis along z to the tips of its hooks towards the balls."""
+    z = MESHES["ball"][0][:, 2]
+    return [Tie(i, int(ballEnd), CRADLE_BALLS + 2 * i + side, tip, 0.0, 1.0)
+            for i in range(CRADLE_BALLS)
+            for side, (ballEnd, tip) in enumerate([(z.argmin(), 4), (z.argmax(), 5)])]
+
+
+def loaded_bridge():
+    """The rope bridge, and boxes and cylinders that come to rest on it."""
+    deck = rope_bridge()[:15]
+    loads = [Body("box.mesh", 300.0, (-27.0 + 18.0 * i, 56.0, 0.0), QUARTER_YAW) for i in range(4)]
+    loads += [Body("cylinder.mesh", 60.0, (-18.0 + 18.0 * i, 80.0, 0.0), Z_TO_VERTICAL)
+              for i in range(3)]
+    return deck + loads
+
+
+def loaded_net():
+    """The net, and eighteen bodies, none of which fits through it, that fall into it."""
+    generator = random.Random(17)
+    net = hanging_net()[:NET_SIDE**2]
+    shapes = ["box.mesh", "ball.mesh", "cylinder.mesh"]
+    heap = [Body(shapes[(row + column + layer) % 3], 10.0,
+                 (24.0 * column, 108.0 + 24.0 * layer, 24.0 * row),
+                 random_orientation(generator))
+            for layer in range(2) for row in (-1, 0, 1) for column in (-1, 0, 1)]
+    return net + heap
 
 
 SCENES = {
@@ -553,8 +781,20 @@ SCENES = {
     "stack": stack,
     "pyramid": pyramid,
     "dominoes": dominoes,
+    "arch": arch,
+    "arch_blow": arch_blow,
+    "dome": dome,
+    "round_tower": round_tower,
+    "card_house": card_house,
+    "wall": wall,
+    "ramp": ramp,
+    "cradle": cradle,
+    "loaded_bridge": loaded_bridge,
+    "loaded_net": loaded_net,
 }
 
+# What rests: see rbs/softstep.py.
+RESTING = "solver soft-step friction 0.5 restitution 0"
 # The settings that show what a scene is named for, by its name: a comment in its file, which this
 # project's program follows where no option says otherwise.
 SUGGESTIONS = {
@@ -563,6 +803,11 @@ SUGGESTIONS = {
     "slide": "friction 0.2",
     "roll": "friction 0.4",
     "settle": "friction 0.4",
+    **dict.fromkeys([
+        "stack", "pyramid", "dominoes", "arch", "arch_blow", "dome", "round_tower", "card_house",
+        "wall", "ramp", "loaded_bridge", "loaded_net",
+    ], RESTING),
+    "cradle": "solver soft-step restitution 1",
 }
 
 # What is tied together in a scene, by the scene's name.
@@ -574,6 +819,10 @@ TIES = {
     "bridge": rope_bridge_ties,
     "net": hanging_net_ties,
     "wrecking_ball": wrecking_ball_ties,
+    "wall": wrecking_ball_ties,
+    "cradle": cradle_ties,
+    "loaded_bridge": rope_bridge_ties,
+    "loaded_net": hanging_net_ties,
 }
 
 
@@ -609,6 +858,11 @@ def write_off(path, vertices, faces):
     write_lines(path, lines)
 
 
+def suggestion_line(words):
+    """The comment by which a scene suggests settings."""
+    return f"# suggests {words}"
+
+
 def scene_lines(bodies):
     """The lines of a scene: their number, then `mesh density isFixed x y z qw qx qy qz` each."""
     lines = [str(len(bodies))]
@@ -635,7 +889,7 @@ def main():
     boxVertices, boxFaces, _ = MESHES["box"]
     write_off(folder / "box.off", boxVertices, boxFaces)
     for name, makeBodies in SCENES.items():
-        suggestion = [f"# suggests {SUGGESTIONS[name]}"] if name in SUGGESTIONS else []
+        suggestion = [suggestion_line(SUGGESTIONS[name])] if name in SUGGESTIONS else []
         write_lines(folder / f"{name}-scene.txt", suggestion + scene_lines(makeBodies()))
     for name, makeTies in TIES.items():
         write_ties(folder / f"{name}-constraints.txt", makeTies())

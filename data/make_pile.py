@@ -8,8 +8,9 @@ The bodies are turned at random and do not touch at the start. They stand on a j
 block of four layers, which drops and carpets the ground after 250 steps of 0.02 s, or with --spread
 a single layer with little to collide with. With --heap they are packed bounding box to bounding box
 into a block as high as wide, up to 130 m, which within 200 steps collapses into a heap, with
-friction one of 2 to 3 contacts a body. The same arguments give the same bytes. The meshes are those
-of this folder, so the scene has to lie here.
+friction one of 2 to 3 contacts a body. They suggest the settings with which they come to rest. The
+same arguments give the same bytes. The meshes are those of this folder, so the scene has to lie
+here. heap-scene.txt, pile_200-scene.txt and pile_1000-scene.txt are made here.
 """
 
 import argparse
@@ -19,7 +20,16 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from make_data import MESHES, Body, random_orientation, scene_lines, turn, write_lines
+from make_data import (
+    MESHES,
+    RESTING,
+    Body,
+    random_orientation,
+    scene_lines,
+    suggestion_line,
+    turn,
+    write_lines,
+)
 
 PILE_SHAPES = ["box", "tetrahedron", "octahedron", "cylinder"]
 DENSITY = 50.0          # kg / m³
@@ -156,7 +166,7 @@ def main():
         bodies = make_heap(options.count, options.shapes, options.seed)
     else:
         bodies = make_pile(options.count, options.shapes, options.spread, options.seed)
-    lines = scene_lines(bodies)
+    lines = [suggestion_line(RESTING), *scene_lines(bodies)]
     if options.out is None:
         sys.stdout.write("\n".join(lines) + "\n")
     else:

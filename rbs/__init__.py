@@ -43,6 +43,9 @@ Scenes, above RBSFunctions.py
     scenelines    lines of scene and constraint files, taken apart
     state         a scene in some state: energies, momenta, hashes
     scenes        scene and constraint files
+    catalogue     what our scenes show
+    changes       what is done to bodies by hand, and how it is recorded
+    grabbing      the spring that a body is dragged by, and the ball that is shot
     simulation    a scene, its settings, and its steps
     submissions   modules of someone else in place of ours
     submittedsteps  steps of a scene by a student's functions
@@ -53,10 +56,15 @@ Recordings
     replay          replaying, resuming, verifying
     statistics      the numbers of every step, as a table or a plot
 
-What is seen; Polyscope is imported in drawing, cameras, pictures, panel and viewer only
+What is seen; Polyscope is imported in cameras, drawing and all from pictures on but playback and
+layout
     pictureoptions  what the command line may ask of a picture
     pngfiles        pictures as PNG files
-    colours, drawables, backends, cameras, drawing, pictures, panel, viewer
+    colours, drawables, backends, cameras, drawing, pictures
+    playback      how many steps a frame makes
+    layout        where the panels lie
+    widgets, plots, helppanel, panel
+    viewer        what buttons and keys do, and the window itself
 
 The program
     opening       from names to scenes and recordings

@@ -101,11 +101,12 @@ def save_camera(path):
         file.write(json.dumps(camera, indent=2) + "\n")
 
 
-def frame_camera(points, direction, fieldOfView, aspect):
-    """Where a camera must stand to see all points, and as large as possible.
+def frame_camera(points, direction, fieldOfView, size, margins=(0, 0, 0, 0)):
+    """Where a camera must stand to see all points beside the panels, and as large as possible.
 
     points : (n, 3); direction : from the middle of their bounding box to the camera
-    fieldOfView : vertical, in degrees; aspect : width over height of the picture
+    fieldOfView : vertical, in degrees; size : width and height of the window; margins : what the
+    panels take of it at the left, top, right and bottom
     returns (position (3,), target (3,))
     """
     backward = np.asarray(direction, dtype=np.float64)
@@ -116,13 +117,23 @@ def frame_camera(points, direction, fieldOfView, aspect):
     middle = (np.min(points, axis=0) + np.max(points, axis=0)) / 2.0
     arms = points - middle
     # A point at (x, z), z towards the camera, is seen by a camera at (X, Z) while
-    # |x - X| ≤ (Z - z) t, t the tangent of half the angle: X + Z t ≥ x + z t, and likewise -X.
-    # The nearest camera has both sides touch, so that the scene fills the picture evenly.
+    # -(Z - z) s ≤ x - X ≤ (Z - z) t, s and t the tangents of the angles to the picture's sides:
+    # X + Z t ≥ x + z t, and -X + Z s ≥ -x + z s. The nearest camera has both sides touch.
     depths = arms @ backward
-    vertical = math.tan(math.radians(fieldOfView) / 2.0) * (1.0 - FRAME_MARGIN)
-    shift, distance = np.zeros(3), 0.0
-    for axis, tangent in ((right, vertical * aspect), (up, vertical)):
-        sides = np.max(arms @ axis + tangent * depths), np.max(-arms @ axis + tangent * depths)
-        shift += (sides[0] - sides[1]) / 2.0 * axis
-        distance = max(distance, (sides[0] + sides[1]) / (2.0 * tangent))
+    width, height = size
+    left, top, rightMargin, bottom = margins
+    perPixel = 2.0 * math.tan(math.radians(fieldOfView) / 2.0) / height
+    sides = []
+    for axis, low, high in (
+        (right, width / 2.0 - left, width / 2.0 - rightMargin),
+        (up, height / 2.0 - bottom, height / 2.0 - top),
+    ):
+        rim = FRAME_MARGIN / 2.0 * (low + high)
+        s, t = perPixel * (low - rim), perPixel * (high - rim)
+        ends = np.max(arms @ axis + t * depths), np.max(-arms @ axis + s * depths)
+        sides.append((axis, s, t, *ends))
+    distance = max((high + low) / (s + t) for _, s, t, high, low in sides)
+    shift = np.zeros(3)
+    for axis, s, t, high, low in sides:
+        shift += ((high - distance * t) - (low - distance * s)) / 2.0 * axis
     return middle + shift + distance * backward, middle + shift

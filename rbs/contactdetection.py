@@ -10,7 +10,9 @@ from rbs.facets import find_facets
 from rbs.manifolds import (
     KEEP,
     POINTS,
+    RIDGE,
     Manifolds,
+    contact_normals,
     ground_manifolds,
     pair_manifolds,
     pose_changes,
@@ -149,11 +151,11 @@ def _new_pair_manifolds(bodies, frames, pairs, asked, first, second, near, mark)
     t = frames.translations(first, second)
     reserve = KEEP * _sizes(bodies, first, second)
     separation = near[asked] + reserve
+    width = RIDGE * _sizes(bodies, first, second)
     facets = find_facets(
-        bodies.hulls, first, second, t, np.zeros(len(asked)), take(pairs.axis, asked, axis=1),
-        separation,
-    )  # fmt: skip
-    penetration, normal = facets.minimal_penetrations(t)
+        bodies.hulls, first, second, t, 0.5 * width, take(pairs.axis, asked, axis=1), separation
+    )
+    penetration, normal = contact_normals(bodies.hulls, facets, first, second, t, width)
     isApart = penetration < -separation
     pairs.axis[:, asked] = normal
     pairs.gap[asked] = np.where(isApart, -penetration, -np.inf)

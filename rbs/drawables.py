@@ -1,7 +1,7 @@
 """What is drawn, as arrays: surfaces and lines made of bodies, constraints, boxes and the ground.
 
 Nothing here draws, or needs Polyscope. From the top: all bodies as one surface, and its creases;
-constraint lines; the ground; boxes and grid cells.
+constraint lines; the ground; shadows; outlines of contacts; boxes and grid cells.
 
 Units: metres. The y axis points up.
 """
@@ -202,6 +202,33 @@ def surface_points(vertices, faces, bodyOfFace, centres, directions):
     ways = np.full(len(centres), math.inf)
     np.minimum.at(ways, bodyOfFace[isAhead], np.maximum(heights, 0.0)[isAhead] / speeds[isAhead])
     return centres + np.where(np.isfinite(ways), ways, 0.0)[:, None] * directions
+
+
+def contact_patches(pairs, points, normals):
+    """The outlines of contact manifolds: of each pair's points, once around the normal.
+
+    pairs : (m, 2), the bodies that touch; points, normals : (m, 3)
+    returns (edges (E, 2), indices of points; middles (P, 3) and normals (P, 3) of the P pairs)
+    """
+    _, first, patch, counts = np.unique(
+        pairs, axis=0, return_index=True, return_inverse=True, return_counts=True
+    )
+    patch, normals = patch.ravel(), normals[first]
+    middles = np.zeros((len(first), 3))
+    np.add.at(middles, patch, points)
+    middles /= counts[:, None]
+    # Some axis across the normal, from which angles are counted.
+    across = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
+    along = np.cross(normals, across)
+    away = points - middles[patch]
+    angle = np.arctan2(np.sum(along[patch] * away, axis=1), np.sum(across[patch] * away, axis=1))
+    order = np.lexsort((angle, patch))
+    # Each point to the next one of its patch, the last to the first.
+    begin = np.cumsum(counts) - counts
+    place = np.arange(len(order)) - begin[patch[order]]
+    following = order[begin[patch[order]] + (place + 1) % counts[patch[order]]]
+    edges = np.stack([order, following], axis=1)
+    return edges[order != following], middles, normals
 
 
 def box_lines(low, high):

@@ -23,6 +23,7 @@ from rbs.colours import (
     CONSTRAINT_COLOURS,
     CREASE_COLOUR,
     FRICTION_COLOUR,
+    GROUND_COLOURS,
     IMPULSE_COLOUR,
     NORMAL_COLOUR,
     PICKED_COLOUR,
@@ -36,6 +37,7 @@ from rbs.drawables import (
     ConstraintLines,
     box_lines,
     cast_shadows,
+    contact_patches,
     find_creases,
     flatten_meshes,
     grid_cells,
@@ -43,12 +45,15 @@ from rbs.drawables import (
     surface_points,
 )
 from rbs.pictureoptions import OVERLAYS, PICTURE_SIZE
+from rbs.poses import refresh_vertices
 
 # All that can be switched on and off.
 LAYERS = ("ground", "shadows", *OVERLAYS)
-# What is drawn at or within bodies, which are then seen through; and how opaque they are.
+# What is drawn at or within bodies, which are then seen through. In the window, Polyscope shows the
+# mean of all that lies behind each other, the ground too, which would leave bodies pale: by which
+# factor their colours are moved away from the ground's.
 SEE_THROUGH = frozenset({"contacts", "impulses", "friction impulses", "velocities"})
-BODY_OPACITY = 0.5
+VIVIDNESS = 2.0
 # Half the width of the lines that edges are drawn as, relative to the scene's size.
 CREASE_RADIUS = 6e-4
 # Each line costs about 0.02 ms a frame where no graphics card helps. In a scene with more of them,
@@ -56,9 +61,11 @@ CREASE_RADIUS = 6e-4
 MOST_CREASES = 4000
 # Half the width of the lines that constraints are drawn as, relative to the scene's size.
 CONSTRAINT_RADIUS = 1.2e-3
-# The longest impulse on screen, and every contact's normal, relative to the scene's size.
+# The longest impulse on screen, relative to the scene's size, and relative to the body of medium
+# size at most, so that arrows do not cover each other; and every contact's normal, relative to it.
 LONGEST_IMPULSE = 0.1
-NORMAL_LENGTH = 0.05
+IMPULSE_OF_BODY = 0.5
+NORMAL_LENGTH = 0.5
 # Steps for which a contact is shown: a tenth of a second, with the usual time step.
 HELD_CONTACT_STEPS = 5
 # A velocity is drawn as the way that it leads in this time, in seconds.
@@ -67,6 +74,7 @@ VELOCITY_SECONDS = 0.5
 ARROW_RADIUS = 3e-3
 POINT_RADIUS = 4e-3
 LINE_RADIUS = 8e-4
+PATCH_RADIUS = 1.6e-3
 # Pictures back that a trail goes, and the most bodies that have one: every second body has where
 # there are up to twice as many, and so on.
 TRAIL_LENGTH = 40
@@ -82,6 +90,8 @@ GROUND_REACH = 9.0
 USUAL_DISTANCE = 1.6
 GROUND_SHIFT, GROUND_GROWTH = 0.5, 1.6
 FAR_CLIP = 19.0
+# Of the way from the camera to what it looks at: where a shot begins.
+SHOT_BEGIN = 0.4
 # How far over the ground the shadows lie, relative to the scene's size: the least that keeps the
 # two from flickering through each other in a 24-bit depth buffer.
 SHADOW_HEIGHT = 1e-3
@@ -116,12 +126,12 @@ class SceneView:
     the window is drawn with smooth edges.
     """
 
-    def __init__(self, simulation, sideWidth=0):
-        """sideWidth : pixels on either side of the picture in which nothing shall be seen"""
-        self._sideWidth = sideWidth
+    def __init__(self, simulation):
+        self._margins = (0, 0, 0, 0)  # what the panels take: left, top, right, bottom, in pixels
+        self._windowSize = None
         self.colouring = "body"
         self.shown = {"ground", "shadows"}
-        self.hasLegend = self.follows = self.isSmooth = False
+        self.hasLegend = self._follows = self.isSmooth = self._isVivid = False
         self.rebuild(simulation)
 
     def rebuild(self, simulation):
@@ -130,20 +140,43 @@ class SceneView:
 
         self.simulation = simulation
         self.pick(None)
-        self.bodyColours = BodyColours(simulation.meshes)
-        vertices, faces, self.bodyOfFace = flatten_meshes(simulation.meshes)
-        self._faces = faces
+        vertices, _, _ = flatten_meshes(simulation.meshes)
         ground = vertices * [1.0, 0.0, 1.0]
         points = np.concatenate([vertices, ground])
         low, high = np.min(points, axis=0), np.max(points, axis=0)
         self._size = float(np.linalg.norm(high - low))
         ps.set_length_scale(self._size)
         ps.set_bounding_box(low, high)
-        self._firstVertex = np.cumsum([0] + [len(m.currVertices) for m in simulation.meshes[:-1]])
         self._trail = []
         self._trailStep = None
         self._heldContacts = {}  # step -> its contacts
+        self.show_spring(None)
+        vertices = self._register_bodies()
+        bodySize = np.median(np.linalg.norm(np.subtract(*self._boxes(vertices)), axis=1))
+        self._longestArrow = min(LONGEST_IMPULSE * self._size, IMPULSE_OF_BODY * bodySize)
+        self._register_constraints(vertices)
+        self._lastFocus = self._focus()
+        self._point_camera(points)
+        self._groundPlace = None
+        self.spread_ground()
+        for name in LAYERS:
+            self._show_layer(name)
+        self.refresh()
 
+    @property
+    def size(self):
+        """The diagonal of the box that holds the scene and its ground at the start, in metres."""
+        return self._size
+
+    def _register_bodies(self):
+        """Registers all bodies as one surface, and their shadows and edges; their vertices."""
+        import polyscope as ps
+
+        meshes = self.simulation.meshes
+        self.bodyColours = BodyColours(meshes)
+        vertices, faces, self.bodyOfFace = flatten_meshes(meshes)
+        self._bodyCount, self._faces = len(meshes), faces
+        self._firstVertex = np.cumsum([0] + [len(m.currVertices) for m in meshes[:-1]])
         # What lies behind is not drawn: bodies are closed, and it would cost half as much again.
         # Surfaces are drawn in the order of their names: what is seen through has to be the last.
         self._bodies = ps.register_surface_mesh(
@@ -155,15 +188,18 @@ class SceneView:
             material="flat", back_face_policy="cull", color=SHADOW_COLOUR,
         )  # fmt: skip
         self._register_creases(vertices, faces)
-        self._register_constraints(vertices)
         self._colours = None
-        self._lastFocus = self._focus()
-        self._point_camera(points)
-        self._groundPlace = None
-        self.spread_ground()
-        for name in LAYERS:
-            self._show_layer(name)
-        self.refresh()
+        return vertices
+
+    def _follow_body_count(self):
+        """Registers the bodies anew where some have been added or taken out; the camera stays."""
+        if len(self.simulation.meshes) == self._bodyCount:
+            return
+        if self.picked is not None and self.picked >= len(self.simulation.meshes):
+            self.pick(None)
+        self._register_bodies()
+        self._shadows.set_enabled("shadows" in self.shown)
+        self.set_see_through(self.isSeeThrough)
 
     def spread_ground(self):
         """Lays the ground under what the camera looks at, where that has moved far enough."""
@@ -222,17 +258,31 @@ class SceneView:
         )
         self._lines.set_enabled(self.simulation.settings.enforceConstraints)
 
-    def _point_camera(self, points, sideWidth=None):
-        """Frames points (n, 3) between the panels; sideWidth : pixels on either side."""
+    def _point_camera(self, points, margins=None):
+        """Frames points (n, 3) between the panels; margins : other ones than those in use."""
         import polyscope as ps
 
-        width, height = ps.get_window_size()
-        sideWidth = self._sideWidth if sideWidth is None else sideWidth
         fieldOfView = ps.get_view_camera_parameters().get_fov_vertical_deg()
-        aspect = max(width - 2 * sideWidth, width / 3) / height
-        camera = frame_camera(points, VIEW_DIRECTION, fieldOfView, aspect)
-        ps.look_at(*camera)
+        margins = self._margins if margins is None else margins
+        size = ps.get_window_size()
+        ps.look_at(*frame_camera(points, VIEW_DIRECTION, fieldOfView, size, margins))
         self._framed = points, self._eye()
+
+    def set_margins(self, margins, size):
+        """Tells what the panels take of the window: pixels at the left, top, right and bottom.
+
+        size : of the window, (width, height). A camera that still frames the scene goes on to do so
+        """
+        if (margins, size) != (self._margins, self._windowSize):
+            isFramed = self._is_framed()
+            self._margins, self._windowSize = margins, size
+            if isFramed:
+                self._point_camera(self._framed[0])
+
+    def _is_framed(self):
+        """Whether nobody has moved the camera since it was made to frame the scene."""
+        points, eye = self._framed
+        return np.allclose(self._eye(), eye, rtol=1e-4)
 
     def _eye(self):
         """Where the camera is, (3,)."""
@@ -250,15 +300,25 @@ class SceneView:
     @contextmanager
     def whole_width(self):
         """Within it, a camera that still frames the scene between the panels does so without."""
-        points, eye = self._framed
-        isFramed = self._sideWidth and np.allclose(self._eye(), eye, rtol=1e-4)
+        points, isFramed = self._framed[0], any(self._margins) and self._is_framed()
         if isFramed:
-            self._point_camera(points, sideWidth=0)
+            self._point_camera(points, (0, 0, 0, 0))
         try:
             yield
         finally:
             if isFramed:
                 self._point_camera(points)
+
+    @property
+    def follows(self):
+        """Whether the camera moves along with the picked body, or with all."""
+        return self._follows
+
+    @follows.setter
+    def follows(self, follows):
+        if follows and not self._follows:
+            self._lastFocus = self._focus()
+        self._follows = follows
 
     def _focus(self):
         """What the camera follows: the picked body, or the middle of the free ones, (3,)."""
@@ -271,16 +331,20 @@ class SceneView:
         """Moves the camera as what it follows has moved since the last time."""
         import polyscope as ps
 
+        if not self._follows:
+            return
         focus = self._focus()
         way, self._lastFocus = focus - self._lastFocus, focus
-        if self.follows and way.any():
+        if way.any():
             target = np.array(ps.get_view_center(), dtype=np.float64) + way
             ps.look_at(self._eye() + way, target)
             self.spread_ground()
 
     def refresh(self):
         """Draws everything as it is now, all from one instant, from the next frame on."""
+        self._follow_body_count()
         self._follow()
+        refresh_vertices(self.simulation.meshes)  # all at once, which is faster
         vertices = np.concatenate([mesh.currVertices for mesh in self.simulation.meshes])
         self._bodies.update_vertex_positions(vertices)
         if "shadows" in self.shown:
@@ -302,6 +366,9 @@ class SceneView:
         colours = self.bodyColours.of(self.simulation, self.colouring)
         if self.picked is not None:
             colours[self.picked] = PICKED_COLOUR
+        if self._isVivid:
+            grey = np.mean(GROUND_COLOURS, axis=0)
+            colours = np.clip(grey + VIVIDNESS * (colours - grey), 0.0, 1.0)
         if self._colours is None or not np.array_equal(colours, self._colours):
             self._bodies.add_color_quantity(
                 "colour", colours[self.bodyOfFace], defined_on="faces", enabled=True
@@ -346,7 +413,9 @@ class SceneView:
         import polyscope as ps
 
         ps.set_transparency_mode("simple" if isOn else "none")
-        self._bodies.set_transparency(BODY_OPACITY if isOn else 1.0)
+        if isOn != self._isVivid:
+            self._isVivid = isOn
+            self._refresh_colours()
 
     def show_bodies(self, isShown):
         """Shows the bodies with their creases, or not."""
@@ -402,6 +471,41 @@ class SceneView:
         vertex = vertices[hit.structure_data["index"]]
         return int(np.searchsorted(self._firstVertex, vertex, side="right")) - 1, hit.position
 
+    def distance_of(self, point):
+        """How far a point (3,) is in front of the camera, along its line of sight, in metres."""
+        import polyscope as ps
+
+        return float((point - self._eye()) @ ps.get_view_camera_parameters().get_look_dir())
+
+    def point_at(self, pixel, distance):
+        """The point (3,) that is seen at a pixel, so many metres in front of the camera."""
+        import polyscope as ps
+
+        ray = ps.screen_coords_to_world_ray(pixel)
+        gaze = np.array(ps.get_view_camera_parameters().get_look_dir())
+        return self._eye() + distance / float(ray @ gaze) * ray
+
+    def aim(self, pixel):
+        """Where a shot towards a pixel begins, (3,), over the ground, and its direction (3,)."""
+        import polyscope as ps
+
+        ray = np.array(ps.screen_coords_to_world_ray(pixel), dtype=np.float64)
+        distance = np.linalg.norm(np.array(ps.get_view_center()) - self._eye())
+        begin = self._eye() + SHOT_BEGIN * distance * ray
+        begin[1] = max(begin[1], 0.05 * self._size)
+        return begin, ray / np.linalg.norm(ray)
+
+    def show_spring(self, ends):
+        """Shows the spring that drags a body, from point to point (2, 3), or with None, none."""
+        import polyscope as ps
+
+        if ends is None:
+            ps.remove_curve_network("spring", error_if_absent=False)
+        elif ps.has_curve_network("spring"):
+            ps.get_curve_network("spring").update_node_positions(np.array(ends))
+        else:
+            draw_lines("spring", np.array(ends), np.array([[0, 1]]), PICKED_COLOUR)
+
     def _refresh_mark(self):
         import polyscope as ps
 
@@ -437,9 +541,23 @@ class SceneView:
         return contacts, np.array(positions).reshape(-1, 3) + np.array(arms).reshape(-1, 3)
 
     def _draw_contacts(self, name, vertices):
+        """Each pair's points with their outline, and one normal from the middle of them."""
         contacts, points = self._contacts()
-        normals = -NORMAL_LENGTH * self._size * np.array([c.normal for c in contacts])
-        draw_arrows(name, points, normals, NORMAL_COLOUR)
+        remove_overlay(name)
+        if contacts:
+            edges, middles, normals = contact_patches(
+                np.array([(c.body1, c.body2) for c in contacts]), points,
+                np.array([c.normal for c in contacts]),
+            )  # fmt: skip
+            arrows = -NORMAL_LENGTH * self._longestArrow * normals
+            draw_arrows(name, middles, arrows, NORMAL_COLOUR)
+            draw_lines(name, points, edges, NORMAL_COLOUR, PATCH_RADIUS)
+
+    def _contact_meaning(self):
+        report = self.simulation.report
+        # The step leaves out what touches nothing but sleeping bodies.
+        isSome = report is not None and report.isAsleep is not None and report.isAsleep.any()
+        return f"contact manifold{', of bodies awake' if isSome else ''}; normal, towards body 1"
 
     def _draw_impulses(self, name, vertices):
         contacts, points = self._contacts()
@@ -457,7 +575,7 @@ class SceneView:
 
     def _scaled(self, arrows):
         longest = np.linalg.norm(arrows, axis=1).max(initial=0.0)
-        return arrows * (LONGEST_IMPULSE * self._size / longest if longest > 0.0 else 0.0)
+        return arrows * (self._longestArrow / longest if longest > 0.0 else 0.0)
 
     def _impulse_scale(self, what):
         contacts, _ = self._contacts()
@@ -530,7 +648,7 @@ _PAINTERS = {
 # What the legend says of each overlay, given the SceneView, and its colour. Lengths in the picture
 # are told by the ground's squares.
 _MEANINGS = {
-    "contacts": (lambda view: "contact normal, towards body 1", NORMAL_COLOUR),
+    "contacts": (lambda view: view._contact_meaning(), NORMAL_COLOUR),
     "impulses": (lambda view: view._impulse_scale("normal impulse"), IMPULSE_COLOUR),
     "friction impulses": (lambda view: view._impulse_scale("friction impulse"), FRICTION_COLOUR),
     "velocities": (lambda view: view._velocity_scale(), VELOCITY_COLOUR),
@@ -552,7 +670,7 @@ def draw_arrows(name, points, arrows, colour, radius=ARROW_RADIUS):
     """Points (m, 3) with arrows (m, 3) in metres, in place of the last ones of this name."""
     import polyscope as ps
 
-    remove_overlay(name)
+    ps.remove_point_cloud(name, error_if_absent=False)
     if len(points):
         cloud = ps.register_point_cloud(
             name, points, color=colour, radius=POINT_RADIUS, material="flat"
@@ -563,12 +681,10 @@ def draw_arrows(name, points, arrows, colour, radius=ARROW_RADIUS):
         )  # fmt: skip
 
 
-def draw_lines(name, nodes, edges, colour):
+def draw_lines(name, nodes, edges, colour, radius=LINE_RADIUS):
     """Lines between nodes (n, 3), edges (m, 2), in place of the last ones of this name."""
     import polyscope as ps
 
-    remove_overlay(name)
+    ps.remove_curve_network(name, error_if_absent=False)
     if len(edges):
-        ps.register_curve_network(
-            name, nodes, edges, radius=LINE_RADIUS, color=colour, material="flat"
-        )
+        ps.register_curve_network(name, nodes, edges, radius=radius, color=colour, material="flat")

@@ -22,6 +22,9 @@ from rbs.simulation import ADVICE_STEP
 # the log of an hour's run stays readable.
 TERMINAL_SECONDS, LOG_SECONDS = 0.1, 10.0
 
+# Of what is told of energies, from the largest on.
+ENERGY_UNITS = {"TJ": 1e12, "GJ": 1e9, "MJ": 1e6, "kJ": 1e3}
+
 
 def run_without_window(simulation, steps, recorder=None, stats=None, pictures=None, video=None):
     """Runs, records, takes pictures and prints the summary; returns the exit code.
@@ -138,13 +141,22 @@ def summarise(simulation, run, startEnergies):
         + (f", stopped by {SIGNAL_NAMES[run.stoppedBy]}" if run.stoppedBy else "")
         + ", stopped by an error" * bool(run.failure),
         "time per step": stepTime,
-        "kinetic energy": f"{kinetic:.6g} J at the start, {simulation.kinetic_energy():.6g} J now",
-        "potential energy": f"{potential:.6g} J at the start, "
-        f"{simulation.potential_energy():.6g} J now",
+        "kinetic energy": f"{shown_energy(kinetic)} at the start, "
+        f"{shown_energy(simulation.kinetic_energy())} now",
+        "potential energy": f"{shown_energy(potential)} at the start, "
+        f"{shown_energy(simulation.potential_energy())} now",
         "lowest point": where,
         "numbers": "all finite" if simulation.is_finite() else "NOT ALL FINITE",
     }
     return "\n".join(f"{name:<17} {value}" for name, value in rows.items())
+
+
+def shown_energy(energy):
+    """An energy, given in J, in the unit that leaves one to three digits before the point."""
+    for unit, size in ENERGY_UNITS.items():
+        if abs(energy) >= size:
+            return f"{energy / size:.6g} {unit}"
+    return f"{energy:.6g} J"
 
 
 def constraint_summary(simulation):

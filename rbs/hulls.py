@@ -105,7 +105,9 @@ def build_hull(points):
 @lru_cache(maxsize=512)
 def _hull_of_bytes(data):
     points = np.frombuffer(data, dtype=np.float64).reshape(-1, 3)
-    centred = points - points.mean(axis=0)
+    # from near by: far from the origin, a mean of the points themselves is rounded as they are
+    centred = points - points[0]
+    centred -= centred.mean(axis=0)
     # three rows of zeros give even one or two points three principal axes
     axes = np.linalg.svd(np.vstack((centred, np.zeros((3, 3)))), full_matrices=False)[2]
     if np.linalg.det(axes) < 0:  # keep the handedness: facets keep their orientation

@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 from rbs.arrays import find_sorted, indices, ranges, row_minima, take
-from rbs.hulls import FEATURE_TOLERANCE, support_features
+from rbs.hulls import FEATURE_TOLERANCE, support_features, support_offsets
 from rbs.patches import contact_points, sharp_contact_points
 from rbs.vectors import cross, dot, mat_vec, mul_add, norm, transpose
 
@@ -32,6 +32,10 @@ OUTSIDE = 1e-6
 # A manifold is made anew when the relative pose has changed by so much. With more, its normal is
 # visibly out of date; with less, more time is spent on finding the same again.
 KEEP = 0.03
+# Of the size: two facets of the Minkowski difference whose penetrations differ by less than this
+# share the normal, if one minus the cosine between theirs is at least the second number. With a
+# larger width, boxes that stand side by side in a wall are pushed apart by their edges.
+RIDGE, LEAST_TURN = 0.02, 0.05
 # A point inherits the impulse of one that was so near, in the frame of the first body.
 MATCH = 0.5
 # Faces that are steeper than this against the normal's plane are not clipped: along the normal,
@@ -174,6 +178,35 @@ def tangents(normal):
 # --------------------------------------------------------------------------------------------------
 # Building
 # --------------------------------------------------------------------------------------------------
+
+
+def contact_normals(hulls, facets, first, second, t, width):
+    """`(penetration (K,), normal (3, K))` of pairs, the normals continuous across ridges.
+
+    The direction of least penetration jumps where two facets of the Minkowski difference are
+    equally near. That is where two edges meet side by side, as those of two cards that lean on each
+    other: either card's face makes the normal, and neither lets friction hold them up. Hulls with
+    edges rounded by a small radius would have a normal in between. So a facet that is nearest by
+    less than the width is mixed with the one that is turned away from it most.
+
+    facets : of the pairs, complete up to the width; t : (3, K); width : (K,), lengths
+    """
+    penetration, normal = facets.minimal_penetrations(t)
+    count = np.diff(facets.start)
+    pair = np.arange(len(count)).repeat(count)
+    excess = facets.offset - dot(facets.normal, take(t, pair, axis=1)) - take(penetration, pair)
+    weight = np.maximum(1.0 - excess / take(width, pair), 0.0)
+    turn = weight * (1.0 - dot(facets.normal, take(normal, pair, axis=1)))
+    least, other = row_minima(-turn, pair, facets.start[:-1])
+    ridge = indices(least < -LEAST_TURN)
+    if len(ridge):
+        other = other[ridge]
+        mean = normal[:, ridge] + weight[other] * facets.normal[:, other]
+        mean /= norm(mean)
+        normal[:, ridge] = mean
+        offset = support_offsets(hulls, first[ridge], second[ridge], mean)
+        penetration[ridge] = offset - dot(mean, t[:, ridge])
+    return penetration, normal
 
 
 def pair_manifolds(hulls, first, second, t, normal, depth):

@@ -1,21 +1,34 @@
 """From names to what they stand for: scenes and recordings opened as the user asks for them.
 
-From the top: any file, for the window; recordings; what lies in a folder.
+From the top: any file, for the window, and by what name; recordings; what lies in a folder.
 """
 
 import os
 from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
+from rbs.catalogue import SCENES
 from rbs.files import content_hash, path_of_name, read_bytes
 from rbs.messages import print_error, shown_path
 from rbs.recording import Recording
 from rbs.replay import Replay, check_bodies
-from rbs.scenes import DATA_FOLDER, find_scene, list_scenes, scene_name
+from rbs.scenes import DATA_FOLDER, SCENE_ENDING, find_scene, list_scenes, scene_name
 from rbs.simulation import Simulation
 from rbs.textfiles import SceneError
 
 RECORDING_ENDING = ".npz"
+# The heading of what lies beside the present scene.
+BESIDE = "beside this scene"
+
+
+class ListedFile(NamedTuple):
+    """A file that can be chosen: its group, its name in the list, a line about it, its path."""
+
+    group: str
+    name: str
+    line: str
+    path: Path
 
 
 def open_file(path, settings, allowOutsideMeshes=False):
@@ -24,12 +37,29 @@ def open_file(path, settings, allowOutsideMeshes=False):
     settings : a scene's; None for the usual ones; allowOutsideMeshes : see `load_scene_file`
     raises SceneError or RecordingError
     """
+    path = Path(path)
     if path.suffix == RECORDING_ENDING:
         recording = Recording(path)
         scene = load_recorded_scene(recording, allowOutsideMeshes=allowOutsideMeshes)
         tell_changes(recording, scene)
         return Replay(recording, scene)
     return Simulation(path, settings, allowOutsideMeshes=allowOutsideMeshes)
+
+
+def find_file(text, folder):
+    """The path of what a person has typed: a path, `~` for home, or the name of a scene.
+
+    text : seen from the current folder, then from `folder`, then as the name of a scene there, then
+    of one of ours
+    raises SceneError where there is nothing of the kind
+    """
+    path, folder = Path(os.path.expanduser(text)), Path(folder)
+    for place in (path, folder / path, folder / f"{path}{SCENE_ENDING}"):
+        if os.path.exists(place):
+            return place
+    if path.name == str(text) and not path.suffix:
+        return find_scene(text)
+    raise SceneError(text, None, "there is no such file")
 
 
 def open_recording(path, mustBeFinite=True):
@@ -147,8 +177,29 @@ def find_constraints_of(recording):
 
 
 def list_files(folder):
-    """Scenes and recordings in a folder: dict of what a person calls them, and their paths."""
-    recordings = sorted(Path(folder).glob(f"*{RECORDING_ENDING}"))
-    return {scene_name(path): path for path in list_scenes(folder)} | {
-        path.name: path for path in recordings
-    }
+    """What can be opened from a list: scenes and recordings in a folder, and our own scenes.
+
+    returns a list of ListedFile, group by group; no name is in it twice
+    """
+    folder = Path(folder)
+    listed = []
+    if folder.resolve() != DATA_FOLDER.resolve():
+        listed = [
+            ListedFile(BESIDE, scene_name(path), f"{path.name}", path)
+            for path in list_scenes(folder)
+        ]
+    listed += [
+        ListedFile(BESIDE, path.name, "a recording", path)
+        for path in sorted(folder.glob(f"*{RECORDING_ENDING}"))
+    ]
+    names = {one.name for one in listed}
+    ours = {scene_name(path): path for path in list_scenes(DATA_FOLDER)}
+    described = [(group, name, line) for group, lines in SCENES.items()
+                 for name, line in lines.items()]  # fmt: skip
+    known = {name for _, name, _ in described}
+    described += [("others of ours", name, "") for name in ours if name not in known]
+    return listed + [
+        ListedFile(group, name, line, ours[name])
+        for group, name, line in described
+        if name in ours and name not in names
+    ]

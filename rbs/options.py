@@ -10,6 +10,7 @@ import re
 from pathlib import Path
 
 from rbs.broadphase import BROAD_PHASES
+from rbs.catalogue import SCENES
 from rbs.colours import COLOURINGS
 from rbs.messages import PROGRAM_NAME, one_line, short
 from rbs.pictureoptions import (
@@ -47,10 +48,22 @@ DEFAULT_EVERY = 10
 # The most steps, or visits, that can be asked for: more than there will be time for, and a number
 # that floats hold exactly.
 MOST_STEPS = 10**15
-# What --help ends with.
-EXAMPLES = """\
-Without options, the mixed scene opens in a window. Where there is no display, a scene runs
-off-screen: pictures go to out/<scene>, and a summary is printed."""
+# What --help begins with, and ends with.
+INTRODUCTION = """\
+Simulates rigid bodies that fall, collide and bounce, and shows them.
+
+  RigidBodySimulation.py                                  the mixed scene, in a window
+  RigidBodySimulation.py tower                            another scene; see the list below
+  RigidBodySimulation.py stress --video stress.mp4        a video
+  RigidBodySimulation.py bridge --record bridge.npz       a run without a window, recorded
+  RigidBodySimulation.py --replay bridge.npz              and looked at again
+
+Where there is no display, a scene runs off-screen: pictures go to out/<scene>, and a summary is
+printed."""
+SCENE_LIST = "scenes:\n" + "\n".join(
+    f"  {group}\n" + "\n".join(f"    {name:<18}{line}" for name, line in lines.items())
+    for group, lines in SCENES.items()
+)
 # An example for each group of options.
 PHYSICS_EXAMPLES = "RigidBodySimulation.py stress --friction 0.5 --restitution 0.2"
 CONSTRAINT_EXAMPLES = "RigidBodySimulation.py bridge --scheduling queue"
@@ -129,8 +142,9 @@ def make_parser():
     """The ArgumentParser of all options; their order is that of --help."""
     parser = OneLineParser(
         prog=PROGRAM_NAME,
-        description="Simulates rigid bodies that fall, collide and bounce, and shows them.",
-        epilog=EXAMPLES,
+        usage=f"{PROGRAM_NAME} [SCENE] [options]",
+        description=INTRODUCTION,
+        epilog=SCENE_LIST,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
@@ -174,7 +188,8 @@ def add_physics_options(parser):
         "--restitution", metavar="E", type=option_type(plain_float, checked_restitution, "number"),
         default=DEFAULT_RESTITUTION,
         help="how much of their closing speed bodies keep in a collision, from 0 to 1 "
-        "(default: %(default)s, so that they bounce and come to rest)",
+        "(default: %(default)s, so that they bounce and come to rest). With 1, bodies gain energy, "
+        "1 to 14 %% in 1500 steps of our scenes; soft-step: less than 1 %%",
     )  # fmt: skip
     physics.add_argument(
         "--time-step", metavar="H", type=option_type(plain_float, checked_time_step, "number"),
@@ -184,12 +199,13 @@ def add_physics_options(parser):
     physics.add_argument(
         "--friction", metavar="MU", type=option_type(plain_float, checked_friction, "number"),
         default=0.0, help="coefficient of friction between bodies and with the ground "
-        "(default: %(default)s)",
+        "(default: %(default)s). A box that spins flat on another is not slowed down: after 4 s "
+        "it has 10 of 10 rad/s; soft-step: 0",
     )  # fmt: skip
     physics.add_argument(
         "--closing-only", action="store_true",
         help="leave contacts alone that already separate (default: they receive an impulse too, "
-        "as in the coursework)",
+        "as in the coursework); energy is gained and lost as without it",
     )  # fmt: skip
 
     physics.add_argument(
@@ -231,7 +247,9 @@ def add_constraint_options(parser):
         "NAME-scene.txt, if there is one)",
     )  # fmt: skip
     source.add_argument(
-        "--no-constraints", action="store_true", help="let all bodies go free",
+        "--no-constraints", action="store_true",
+        help="let all bodies go free (default: constraints come last in a step and may press "
+        "bodies into the ground, in the cube scene by 0.74 m; soft-step: 0.13 m)",
     )  # fmt: skip
     constraints.add_argument(
         "--max-iterations", metavar="N", type=WHOLE_NUMBER,

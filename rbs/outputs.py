@@ -177,6 +177,8 @@ def find_target(path):
     try:
         status = os.stat(path)
     except FileNotFoundError:  # nor what a link points at
+        if os.path.lexists(os.path.realpath(path)):  # only a folder that a .. leads out of is not
+            raise
         status = None
     if status is not None and stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, "this is a folder, not a file", str(path))

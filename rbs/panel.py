@@ -1,7 +1,8 @@
-"""The window's panels: how they look, and which of the viewer's functions their buttons call.
+"""The window's panels, keys and mouse: their look, and which of the viewer's functions they call.
 
-From the top: `Panel`, with its keys, mouse and timeline; plots; widgets. It is handed the viewer
-whose functions it calls. Polyscope is imported inside the functions that use it.
+From the top: `Panel`, with its keys and mouse; the main column; the column of numbers and the
+picked body; the timeline, messages and help. It is handed the viewer whose functions it calls.
+Polyscope is imported inside the functions that use it.
 """
 
 import math
@@ -12,195 +13,312 @@ import numpy as np
 from rbs.broadphase import BROAD_PHASES
 from rbs.colours import COLOURINGS, PICKED_COLOUR
 from rbs.drawing import LAYERS, MOST_BOXES, MOST_TRAILS, TRAIL_LENGTH, VELOCITY_SECONDS
+from rbs.helppanel import draw_help
+from rbs.layout import ROOMY_HEIGHT, ROOMY_WIDTH, arrange
 from rbs.pictures import draw_legend
+from rbs.playback import SPEEDS, speed_name
+from rbs.plots import ALL_PLOTS, PLOTS, Plots
 from rbs.schedules import CONSTRAINT_SCHEDULINGS
 from rbs.solverstate import CONTACT_SOLVERS
+from rbs.widgets import (
+    NumberField,
+    Tooltips,
+    counted,
+    draw_choice,
+    draw_error,
+    draw_table,
+    draw_vectors,
+)
 
-# In pixels. The panel is as high as its content.
-MARGIN = 12
-PANEL_WIDTH = 330
-BUTTON_SIZE = (74, 0)
-FIELD_WIDTH = 160
-SIDE_WIDTH = 330
-PLOT_SIZE = (-1.0, 190)
-TIMELINE_HEIGHT = 74
-SPEED_WIDTH = 150
-NUMBER_WIDTH = 56
-INDENT = 24
+# The room for the names beside fields, and how far sums are indented, in pixels.
+LABEL_WIDTH, INDENT = 112, 18
 # The mouse moves less than this between pressing and releasing where it picks, and does not turn
 # the camera.
 CLICK_PIXELS = 4.0
-# The sliders' ends. More friction than rubber on dry stone; more steps than a frame has time for.
+# The sliders' ends. More friction than rubber on dry stone.
 MOST_FRICTION = 1.0
-MOST_STEPS_PER_FRAME = 20
 MOST_SUBSTEPS = 32
+# s: the shortest and the longest step that the field takes.
+FIELD_TIME_STEPS = (1e-4, 1.0)
 # m/s: the largest push.
 MOST_PUSH = 40.0
-# Times real time that a replay is played with, backwards if negative.
-MOST_SPEED = 8.0
-# RGB and opacity.
-ERROR_TEXT = (1.0, 0.45, 0.40, 1.0)
+# Seconds that a message stays for.
+MESSAGE_SECONDS = 20.0
+# Frames a second at most; and where nobody does anything and nothing plays for so many seconds.
+FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
 # Settings that are one of some names: label, name in the settings, names to choose from, and what
 # it says under the mouse.
 CHOICES = [
-    ("solver", "contactSolver", CONTACT_SOLVERS, "soft-step: piles rest"),
-    ("broad phase", "broadPhase", BROAD_PHASES, "The same motion; grid is faster for many bodies"),
-]
+    ("solver", "contactSolver", CONTACT_SOLVERS,
+     "impulse: one contact after the other, as in the coursework; soft-step: all together, so that "
+     "piles rest"),
+    ("broad phase", "broadPhase", BROAD_PHASES,
+     "How pairs that may touch are found: the same motion, and grid is faster for many bodies"),
+]  # fmt: skip
 CONSTRAINT_CHOICES = [
-    ("scheduling", "constraintScheduling", CONSTRAINT_SCHEDULINGS, "In which order they are met"),
-]
-# Of the switches in the section Look.
+    ("scheduling", "constraintScheduling", CONSTRAINT_SCHEDULINGS,
+     "In which order the constraints are solved in an iteration"),
+]  # fmt: skip
+# Of the switches in the section Display.
 TOOLTIPS = {
-    "contacts": "Where bodies touch, and the normal, towards the body with the lower number",
-    "impulses": "What that body receives along the normal; the longest is the largest of the step",
-    "friction impulses": "What it receives across",
-    "velocities": f"How far a body comes in {VELOCITY_SECONDS:g} s",
-    "bounding boxes": f"Of the first {MOST_BOXES} bodies",
+    "ground": "The chequered plane y = 0",
+    "shadows": "Of the bodies on the ground",
+    "contacts": "Contact points and normals, towards the body with the lower number",
+    "impulses": "Normal impulse on that body; the longest arrow is the largest of the step",
+    "friction impulses": "Tangential impulse on that body",
+    "velocities": f"Of the centres of mass: how far a body comes in {VELOCITY_SECONDS:g} s",
+    "bounding boxes": f"Axis-aligned, of the first {MOST_BOXES} bodies",
     "grid cells": f"The first {MOST_BOXES} columns of the broad phase that hold a body",
     "trails": f"Where up to {MOST_TRAILS} centres of mass were in the last {TRAIL_LENGTH} pictures",
 }
-# Plots from top to bottom: title, and what is called how in it.
-PLOTS = [
-    ("energy (J)", {"kinetic": "kineticEnergy", "potential": "potentialEnergy",
-                    "total": "totalEnergy"}),
-    ("momentum (kg m/s)", {"x": "momentumX", "y": "momentumY", "z": "momentumZ"}),
-    ("deepest penetration (m)", {"depth": "deepestPenetration"}),
-    ("largest constraint violation (m)", {"violation": "largestViolation"}),
-]  # fmt: skip
 
 
 class Panel:
-    """The window's panels, timeline and keys: shows a Viewer and calls its functions.
+    """The window's panels, keys and mouse: shows a Viewer and calls its functions.
 
     Attributes: viewer; fields, its two NumberFields, restitution and time step; path, what is
-    typed into the field that opens a file.
+    typed into the field that opens a file; isHelpShown; isSideShown, whether the column of numbers
+    is, or None for as the window's width has it; layout, of the last frame.
     """
 
     def __init__(self, viewer):
         self.viewer = viewer
         self.path = ""
         self.fields = [
-            NumberField("restitution", "restitution", 0.1),
-            NumberField("time step (s)", "timeStep", 0.005),
-        ]
-        self._lastFrame = time.perf_counter()
+            NumberField("restitution", "restitution", 0.1, 0.0, 1.0,
+                        "Part of the closing speed that bodies keep in a collision, 0 to 1"),
+            NumberField("time step (s)", "timeStep", 0.005, *FIELD_TIME_STEPS,
+                        "Seconds that a step simulates"),
+        ]  # fmt: skip
+        self.isHelpShown = False
+        self.isSideShown = None
+        self.layout = None
+        self.plots = Plots()
+        self._lastFrame = self._lastAction = time.perf_counter()
         self._dropped = None
         self._pressedAt = None
+        self._told = None, 0.0  # the message that is shown, and since when
 
     def dropped(self, paths):
         """Polyscope's callback for files that are dropped onto the window: the last one counts."""
         self._dropped = paths[-1]
 
     def frame(self):
-        """Polyscope's callback: keys, panel, and the steps that are due."""
+        """Polyscope's callback: keys, panels, and the steps that are due."""
         if self._dropped is not None:
             self.viewer.open(self._dropped)
             self._dropped = None
         self._handle_keys()
         self._handle_mouse()
+        self.lay_out()
         self.viewer.view.spread_ground()
-        self._draw_panel()
-        self._draw_side()
-        if self.viewer.picked() is not None:
-            self._draw_body()
-        if self.viewer.isReplay:
+        text, isError = self._message()
+        Tooltips.areHidden = isError
+        self._draw_main()
+        if self.layout.side is not None:
+            self._draw_side()
+        if self.layout.timeline is not None:
             self._draw_timeline()
+        if text:
+            self._draw_message(text, isError)
+        if self.isHelpShown:
+            left, top, width, height = self.layout.picture
+            centre = left + width / 2, top + height / 2
+            self.isHelpShown = draw_help(centre, (width, height))
         now = time.perf_counter()
         self.viewer.choose_smoothness(now - self._lastFrame)
         self.viewer.play(now - self._lastFrame)
         self._lastFrame = now
+        self._choose_frame_rate(now)
+
+    def lay_out(self):
+        """Works out where everything lies in the window as it is, and tells the view."""
+        import polyscope as ps
+
+        width, height = ps.get_window_size()
+        hasSide = width >= ROOMY_WIDTH if self.isSideShown is None else self.isSideShown
+        hasSide = hasSide or self.viewer.picked() is not None
+        self.layout = arrange(width, height, hasSide, self.viewer.isReplay)
+        self.viewer.view.set_margins(self.layout.margins(width, height), (width, height))
+
+    def toggle_side(self):
+        """Shows or hides the column of numbers; a picked body, which it has, is picked no more."""
+        self.isSideShown = self.layout.side is None
+        if not self.isSideShown and self.viewer.picked() is not None:
+            self.viewer.view.pick(None)
+            self.viewer.view.refresh()
+
+    def _choose_frame_rate(self, now):
+        """Draws less often while nothing happens: a window that waits should not take a core."""
+        import polyscope as ps
+        import polyscope.imgui as psim
+
+        io = psim.GetIO()
+        isMoved = any(io.MouseDelta) or any(psim.IsMouseDown(k) for k in range(3)) or io.MouseWheel
+        if self.viewer.isPlaying or isMoved or io.WantTextInput or self._isKeyDown:
+            self._lastAction = now
+        isIdle = now - self._lastAction > IDLE_SECONDS
+        ps.set_max_fps(IDLE_RATE if isIdle else FRAME_RATE)
 
     def _handle_keys(self):
         import polyscope.imgui as psim
 
+        self._isKeyDown = False
         if psim.GetIO().WantTextInput:  # somebody types into a field
             return
         viewer = self.viewer
-        if psim.IsKeyPressed(psim.ImGuiKey_Space, False):
+
+        def pressed(*names, repeats=False):
+            keys = [getattr(psim, f"ImGuiKey_{name}") for name in names]
+            self._isKeyDown |= any(psim.IsKeyDown(key) for key in keys)
+            return any(psim.IsKeyPressed(key, repeats) for key in keys)
+
+        if pressed("Space"):
             viewer.toggle_play()
         # A key that is held down steps again and again.
-        if psim.IsKeyPressed(psim.ImGuiKey_S) or psim.IsKeyPressed(psim.ImGuiKey_RightArrow):
+        if pressed("S", "RightArrow", repeats=True):
             viewer.step_once()
-        if viewer.isReplay and psim.IsKeyPressed(psim.ImGuiKey_LeftArrow):
+        if pressed("LeftArrow", repeats=True) and viewer.isReplay:
             viewer.seek(viewer.simulation.stepCount - 1)
-        if psim.IsKeyPressed(psim.ImGuiKey_R, False):
+        if pressed("R"):
             viewer.reset()
-        if psim.IsKeyPressed(psim.ImGuiKey_F, False):
+        if pressed("Backspace"):
+            viewer.restart()
+        if pressed("F"):
             viewer.view.frame_all()
+        if pressed("B"):
+            viewer.shoot(tuple(psim.GetIO().MousePos))
+        if pressed("N"):
+            self.toggle_side()
+        if pressed("H", "F1") or (pressed("Slash") and psim.GetIO().KeyShift):
+            self.isHelpShown = not self.isHelpShown
+        if pressed("Escape"):
+            self.isHelpShown = False
 
     def _handle_mouse(self):
-        """A click that does not drag picks a body."""
+        """A click that does not drag picks a body; with Ctrl, the mouse drags one."""
         import polyscope.imgui as psim
 
-        io = psim.GetIO()
-        if psim.IsMouseClicked(0):
-            self._pressedAt = None if io.WantCaptureMouse else tuple(io.MousePos)
+        io, viewer = psim.GetIO(), self.viewer
+        mouse = tuple(io.MousePos)
+        if psim.IsMouseClicked(0) and not io.WantCaptureMouse:
+            if io.KeyCtrl:
+                viewer.grab_at(mouse)
+            else:
+                self._pressedAt = mouse
+        if viewer.grab is not None:
+            if psim.IsMouseDown(0):
+                viewer.drag_to(mouse)
+            else:
+                viewer.release()
         if psim.IsMouseReleased(0) and self._pressedAt is not None:
-            if math.dist(self._pressedAt, tuple(io.MousePos)) < CLICK_PIXELS:
-                self.viewer.pick_at(self._pressedAt)
+            if math.dist(self._pressedAt, mouse) < CLICK_PIXELS:
+                viewer.pick_at(self._pressedAt)
             self._pressedAt = None
 
-    # The panel.
+    # The main column.
 
-    def _draw_panel(self):
-        import polyscope as ps
+    def _begin(self, title, box, least=0, flags=0):
+        """Begins a panel as wide as a Box, and as high as its content, from `least` to the Box."""
         import polyscope.imgui as psim
 
-        most = ps.get_window_size()[1] - 2 * MARGIN
-        psim.SetNextWindowPos((MARGIN, MARGIN), psim.ImGuiCond_Once)
-        psim.SetNextWindowSizeConstraints((PANEL_WIDTH, 0), (PANEL_WIDTH, most))
-        psim.Begin("Rigid bodies", flags=psim.ImGuiWindowFlags_AlwaysAutoResize)
-        psim.PushItemWidth(FIELD_WIDTH)
+        psim.SetNextWindowPos((box.left, box.top), psim.ImGuiCond_Always)
+        psim.SetNextWindowSizeConstraints((box.width, least), (box.width, box.height))
+        flags |= psim.ImGuiWindowFlags_NoMove | psim.ImGuiWindowFlags_AlwaysAutoResize
+        flags |= psim.ImGuiWindowFlags_NoCollapse | psim.ImGuiWindowFlags_NoBringToFrontOnFocus
+        psim.Begin(title, flags=flags)
+
+    def _draw_main(self):
+        import polyscope.imgui as psim
+
+        self._begin("Rigid bodies", self.layout.main)
+        psim.PushItemWidth(psim.GetContentRegionAvail()[0] - LABEL_WIDTH)
         self._draw_controls()
         self._draw_files()
-        if not self.viewer.isReplay and self._section("Simulation", True):
-            self._draw_settings()
-        if self._section("Look", False):
-            self._draw_look()
-        if self._section("Save", False):
+        isRoomy = self.layout.main.height >= ROOMY_HEIGHT
+        if not self.viewer.isReplay:
+            if self._section("Simulation", isRoomy, "What the steps are made with"):
+                self._draw_settings()
+        if self._section("Display", False, "Colours, and what is drawn over the bodies"):
+            self._draw_display()
+        if self._section("Save", False, "Pictures, videos, recordings and cameras"):
             self._draw_save()
-        self._draw_legend()
+        psim.Separator()
+        draw_legend(self.viewer.view.legend())
         psim.PopItemWidth()
         psim.End()
 
-    def _section(self, title, isOpen):
+    def _section(self, title, isOpen, tooltip):
         import polyscope.imgui as psim
 
-        return psim.CollapsingHeader(title, psim.ImGuiTreeNodeFlags_DefaultOpen if isOpen else 0)
+        flags = psim.ImGuiTreeNodeFlags_DefaultOpen if isOpen else 0
+        isShown = psim.CollapsingHeader(title, flags)
+        Tooltips.tell(tooltip)
+        return isShown
+
+    def _buttons(self, *rows):
+        """A row of equally wide buttons (label, function, tooltip)."""
+        import polyscope.imgui as psim
+
+        gap = psim.GetStyle().ItemSpacing[0]
+        width = (psim.GetContentRegionAvail()[0] - gap * (len(rows) - 1)) / len(rows)
+        for place, (label, act, tooltip) in enumerate(rows):
+            if place:
+                psim.SameLine()
+            if psim.Button(label, (width, 0)):
+                act()
+            Tooltips.tell(tooltip)
 
     def _draw_controls(self):
         import polyscope.imgui as psim
 
-        viewer = self.viewer
+        viewer, playback = self.viewer, self.viewer.playback
         # ### gives the button one identity, whatever it says.
-        if psim.Button("Pause###play" if viewer.isPlaying else "Play###play", BUTTON_SIZE):
-            viewer.toggle_play()
-        psim.SetItemTooltip("Space")
-        psim.SameLine()
-        if psim.Button("Step", BUTTON_SIZE):
-            viewer.step_once()
-        psim.SetItemTooltip("S or Right")
-        psim.SameLine()
-        if psim.Button("Reset", BUTTON_SIZE):
-            viewer.reset()
-        psim.SetItemTooltip("R")
+        self._buttons(
+            ("Pause###play" if viewer.isPlaying else "Play###play", viewer.toggle_play,
+             "Space: simulate, or stop"),
+            ("Step", viewer.step_once, "S or Right: one time step"),
+            ("Reset", viewer.reset, "R: bodies and settings as the scene has them; Backspace keeps "
+             "the settings"),
+        )  # fmt: skip
+        speeds = {speed_name(speed): speed for speed in SPEEDS}
+        chosen = draw_choice("speed", speed_name(playback.speed), list(speeds),
+                             "Times real time")  # fmt: skip
+        if chosen is not None:
+            playback.speed = speeds[chosen]
+        if viewer.isReplay:
+            _, playback.isBackwards = psim.Checkbox("backwards", playback.isBackwards)
+            Tooltips.tell("Plays towards the start")
+        pace = playback.pace()
+        psim.Text("paused" if pace is None else f"{pace:.2g} × real time")
+        self._buttons(
+            ("Help", self._toggle_help, "H, F1 or ?: all keys, and what the mouse does"),
+            ("Numbers", self.toggle_side, "N: step, milliseconds and plots, at the right"),
+        )
+
+    def _toggle_help(self):
+        self.isHelpShown = not self.isHelpShown
 
     def _draw_files(self):
         import polyscope.imgui as psim
 
         viewer = self.viewer
-        files = viewer.files()
-        chosen = draw_choice("scene", viewer.name(), files, "Or drop a file onto the window")
-        if chosen is not None:
-            viewer.open(files[chosen])
-        entered, self.path = psim.InputTextWithHint(
-            "open", "path of a file", self.path, psim.ImGuiInputTextFlags_EnterReturnsTrue
+        tooltip = "Our scenes, and what lies beside this one; or drop a file onto the window"
+        chosen = draw_choice(
+            "scene", viewer.name(), lambda: [one[:3] for one in viewer.files()], tooltip
         )
-        psim.SetItemTooltip("A scene, a recording (.npz) or a camera (.json); then Enter")
-        if entered and self.path:
-            viewer.open(self.path)
-        if viewer.message:
-            draw_error(viewer.message)
+        if chosen is not None:
+            viewer.open(next(one.path for one in viewer.files() if one.name == chosen))
+        flags = psim.ImGuiInputTextFlags_EnterReturnsTrue | psim.ImGuiInputTextFlags_AutoSelectAll
+        entered, self.path = psim.InputTextWithHint("open", "name or path", self.path, flags)
+        Tooltips.tell("A scene (also by its name alone), a recording (.npz) or a camera (.json); "
+                      "then Enter")  # fmt: skip
+        if entered and self.path.strip():
+            viewer.open(self.path.strip())
+        suggestion = getattr(viewer.simulation, "suggestion", "")
+        if suggestion:
+            psim.TextWrapped(f"suggests {suggestion}")
+            Tooltips.tell("What the scene file suggests of its settings; Reset restores it")
 
     def _draw_settings(self):
         import polyscope.imgui as psim
@@ -210,30 +328,29 @@ class Panel:
         for field in self.fields:
             field.draw(settings)
         clamp = psim.ImGuiSliderFlags_AlwaysClamp  # also what is typed in with Ctrl-click
-        pace = "%d" if viewer.stepsPerFrame else "real time"
-        _, viewer.stepsPerFrame = psim.SliderInt(
-            "steps per frame", viewer.stepsPerFrame, 0, MOST_STEPS_PER_FRAME, pace, clamp
-        )
         _, settings.friction = psim.SliderFloat(
             "friction", settings.friction, 0.0, MOST_FRICTION, "%.3f", clamp
         )
+        Tooltips.tell("Coulomb's coefficient, between bodies and with the ground")
         self._draw_choices(CHOICES)
         if settings.contactSolver == "soft-step":
             settings.closingOnly = False  # it has no meaning there
             _, settings.substeps = psim.SliderInt(
                 "substeps", settings.substeps, 1, MOST_SUBSTEPS, "%d", clamp
             )
+            Tooltips.tell("Of the soft-step solver in a step: more are stiffer")
             _, settings.sleeping = psim.Checkbox("sleeping", settings.sleeping)
-            psim.SetItemTooltip("Bodies at rest are left out until something disturbs them")
+            Tooltips.tell("Bodies at rest are left out until something disturbs them")
         else:
             _, settings.closingOnly = psim.Checkbox("closing contacts only", settings.closingOnly)
-            psim.SetItemTooltip("Contacts that already separate receive no impulse")
+            Tooltips.tell("Contacts that already separate receive no impulse")
         _, settings.gyroscopic = psim.Checkbox("gyroscopic term", settings.gyroscopic)
-        psim.SetItemTooltip("Bodies that spin tumble")
+        Tooltips.tell("Bodies that spin tumble, as Euler's equation has it")
         if viewer.simulation.constraints:
             changed, settings.enforceConstraints = psim.Checkbox(
                 "constraints", settings.enforceConstraints
             )
+            Tooltips.tell("Whether the distance constraints are solved")
             if changed:
                 viewer.view.refresh()
             self._draw_choices(CONSTRAINT_CHOICES)
@@ -245,45 +362,82 @@ class Panel:
             if chosen is not None:
                 setattr(settings, name, chosen)
 
-    def _draw_look(self):
+    def _draw_display(self):
         import polyscope.imgui as psim
 
         view = self.viewer.view
-        chosen = draw_choice("colours", view.colouring, COLOURINGS)
+        chosen = draw_choice("colours", view.colouring, COLOURINGS, "What bodies are coloured by")
         if chosen is not None:
             view.colouring = chosen
             view.refresh()
-        if psim.Button("Frame all", BUTTON_SIZE):
-            view.frame_all()
-        psim.SetItemTooltip("F: points the camera at all bodies")
-        psim.SameLine()
+        self._buttons(("Frame all", view.frame_all, "F: points the camera at all bodies"))
         _, view.follows = psim.Checkbox("follow", view.follows)
-        psim.SetItemTooltip("The camera goes along with the picked body, or with all")
-        # In two columns.
-        for number, name in enumerate(LAYERS):
-            if number % 2:
-                psim.SameLine(PANEL_WIDTH / 2)
+        Tooltips.tell("The camera goes along with the picked body, or with all")
+        for name in LAYERS:
             changed, isShown = psim.Checkbox(name, name in view.shown)
-            if name in TOOLTIPS:
-                psim.SetItemTooltip(TOOLTIPS[name])
+            Tooltips.tell(TOOLTIPS.get(name, ""))
             if changed:
                 view.show(name, isShown)
+
+    def _draw_save(self):
+        import polyscope.imgui as psim
+
+        viewer = self.viewer
+        self._buttons(
+            ("Picture", viewer.save_picture, "A PNG of what is seen, without panels, in out/"),
+            ("Camera", viewer.save_camera, "For --camera, or to be dropped onto the window"),
+        )
+        isFilming, isRecording = viewer.video is not None, viewer.recorder is not None
+        self._buttons(
+            ("Stop###video" if isFilming else "Video###video", viewer.toggle_video,
+             "An .mp4 of what plays from now on, in out/"),
+            ("Stop###record" if isRecording else "Record###record", viewer.toggle_recording,
+             "A recording (.npz) of every step from now on, with what is done by hand, for "
+             "--replay, --resume and --verify, in out/"),
+        )  # fmt: skip
+        told = []
+        if viewer.video is not None:
+            told.append(f"video: {counted(viewer.video.count, 'frame')}")
+        if viewer.recorder is not None:
+            told.append(f"recording: {counted(viewer.recorder.frameCount - 1, 'step')}")
+        psim.Text(", ".join(told))
+
+    # The column at the right.
+
+    def _draw_side(self):
+        import polyscope.imgui as psim
+
+        viewer = self.viewer
+        self._begin("Numbers", self.layout.side)
+        psim.PushItemWidth(psim.GetContentRegionAvail()[0] - LABEL_WIDTH)
+        if viewer.picked() is not None:
+            self._draw_body()
+        self._draw_numbers()
+        if self._section("Milliseconds", True, "Where the time goes; medians of the last steps"):
+            self._draw_milliseconds()
+        viewer.isMeasuring = self._section("Plots", False, "Energy, momentum and errors over time")
+        if viewer.isMeasuring:
+            chosen = draw_choice("plot", self.plots.chosen, [ALL_PLOTS, *PLOTS],
+                                 "All, or one as large as there is room")  # fmt: skip
+            self.plots.chosen = chosen or self.plots.chosen
+            self.plots.draw(viewer.history, self.layout.side.height - psim.GetCursorPosY())
+        psim.PopItemWidth()
+        psim.End()
 
     def _draw_numbers(self):
         import polyscope.imgui as psim
 
-        viewer = self.viewer
-        simulation = viewer.simulation
-        psim.Text(f"{len(simulation.meshes)} bodies; squares of {viewer.view.squareSide:g} m")
+        simulation = self.viewer.simulation
+        square = self.viewer.view.squareSide
+        psim.Text(f"{counted(len(simulation.meshes), 'body')}; squares of {square:g} m")
         psim.Text(f"step {simulation.stepCount}, {simulation.time:.2f} s simulated")
         report = simulation.report
         if report is not None:
-            psim.Text(f"{len(report.contacts)} contacts, {report.candidatePairs} candidate pairs")
+            pairs = counted(report.candidatePairs, "broad-phase pair")
+            psim.Text(f"{counted(len(report.contacts), 'contact')}, {pairs}")
             if simulation.constraints:
-                bounds = len(simulation.constraints)
-                psim.Text(f"{report.constraintVisits} visits of {bounds} bounds")
-        if self._section("Milliseconds", True):
-            self._draw_milliseconds()
+                visits = counted(report.constraintVisits, "solver iteration")
+                psim.Text(f"{visits}, {counted(len(simulation.constraints), 'constraint bound')}")
 
     def _draw_milliseconds(self):
         import polyscope.imgui as psim
@@ -291,230 +445,113 @@ class Panel:
         frame, step = self.viewer.frame_milliseconds(), self.viewer.milliseconds()
         if frame is not None:
             whole, simulating = frame
+            psim.Text(f"{1e3 / whole:.0f} fps ({whole:.0f} ms)")
+            Tooltips.tell("Frames drawn in a second while it plays, and the time of each")
             draw_table([
-                (f"{whole:.1f}", f"a frame, {1e3 / whole:.0f} a second; of it"),
+                (f"{whole:.1f}", "frame; of it"),
                 (f"{simulating:.1f}", "simulating"),
-                (f"{whole - simulating:.1f}", "drawing, and waiting for it"),
-            ])
+                (f"{whole - simulating:.1f}", "drawing, waiting"),
+            ], INDENT)  # fmt: skip
             psim.Separator()
         if step is not None:
             phases = self.viewer.phase_milliseconds()
             draw_table([
-                (f"{step:.2f}", "a step; of it"),
+                (f"{step:.2f}", "step; of it"),
                 *((f"{ms:.2f}", name) for name, ms in phases.items()),
-            ])
-
-    def _draw_save(self):
-        import polyscope.imgui as psim
-
-        viewer = self.viewer
-        if psim.Button("Picture", BUTTON_SIZE):
-            viewer.save_picture()
-        psim.SameLine()
-        if psim.Button("Camera", BUTTON_SIZE):
-            viewer.save_camera()
-        psim.SetItemTooltip("For --camera, or to be dropped onto the window")
-        psim.SameLine()
-        if psim.Button("Video###video" if viewer.video is None else "End###video", BUTTON_SIZE):
-            viewer.toggle_video()
-        if viewer.video is not None:
-            psim.Text(f"recording, {viewer.video.count} pictures")
-        elif viewer.saved:
-            psim.TextWrapped(viewer.saved)
-
-    def _draw_legend(self):
-        import polyscope.imgui as psim
-
-        psim.Separator()
-        draw_legend(self.viewer.view.legend())
-
-    # What stands at the sides.
-
-    def _draw_side(self):
-        """Numbers and plots, at the upper right."""
-        import polyscope as ps
-        import polyscope.imgui as psim
-
-        width, height = ps.get_window_size()
-        if self.viewer.isReplay:
-            height -= TIMELINE_HEIGHT + MARGIN
-        corner = (width - MARGIN, MARGIN)
-        psim.SetNextWindowPos(corner, psim.ImGuiCond_Once, (1.0, 0.0))
-        psim.SetNextWindowSizeConstraints((SIDE_WIDTH, 0), (SIDE_WIDTH, height - 2 * MARGIN))
-        psim.Begin("Numbers", flags=psim.ImGuiWindowFlags_AlwaysAutoResize)
-        self._draw_numbers()
-        self.viewer.isMeasuring = self._section("Plots", False)
-        if self.viewer.isMeasuring:
-            draw_plots(self.viewer.history)
-        psim.End()
+            ], INDENT)  # fmt: skip
+        if frame is None and step is None:
+            psim.Text("They begin with the next step.")
 
     def _draw_body(self):
-        """The picked body, at the lower left, beside the panel."""
-        import polyscope as ps
         import polyscope.imgui as psim
 
         viewer, mesh = self.viewer, self.viewer.picked()
-        height = ps.get_window_size()[1]
-        above = MARGIN + (TIMELINE_HEIGHT + MARGIN if viewer.isReplay else 0)
-        corner = (PANEL_WIDTH + 2 * MARGIN, height - above)
-        psim.SetNextWindowPos(corner, psim.ImGuiCond_Appearing, (0.0, 1.0))
-        psim.SetNextWindowSizeConstraints((SIDE_WIDTH, 0), (SIDE_WIDTH, height))
-        psim.Begin("Body", flags=psim.ImGuiWindowFlags_AlwaysAutoResize)
+        psim.SeparatorText("Body")
         psim.ColorButton("picked", (*PICKED_COLOUR, 1.0), psim.ImGuiColorEditFlags_NoTooltip)
         psim.SameLine()
         psim.Text(f"{mesh.name}, {'fixed' if mesh.isFixed else 'free'}")
-        psim.Text(f"mass      {mesh.mass:.4g} kg, density {mesh.density:g}")
-        for name, values, unit in (
-            ("position ", mesh.position, "m"),
-            ("velocity ", mesh.linVelocity, "m/s"),
-            ("spin     ", mesh.angVelocity, "rad/s"),
-        ):
-            x, y, z = values[0]
-            psim.Text(f"{name} {x:8.2f} {y:8.2f} {z:8.2f} {unit}")
+        psim.TextWrapped(f"mass {mesh.mass:.4g} kg, density {mesh.density:g} kg/m³")
+        draw_vectors([
+            (name, [f"{value:.2f}" for value in values[0]], unit)
+            for name, values, unit in (
+                ("COM", mesh.position, "m"),
+                ("v", mesh.linVelocity, "m/s"),
+                ("spin", mesh.angVelocity, "rad/s"),
+            )
+        ])  # fmt: skip
         if not viewer.isReplay:
             self._draw_body_buttons()
-        psim.End()
+        psim.Separator()
 
     def _draw_body_buttons(self):
         import polyscope as ps
         import polyscope.imgui as psim
 
-        viewer = self.viewer
-        if psim.Button("Free###fix" if viewer.picked().isFixed else "Fix###fix", BUTTON_SIZE):
-            viewer.set_fixed(not viewer.picked().isFixed)
-        psim.SameLine()
-        psim.PushItemWidth(FIELD_WIDTH)
+        viewer, isFixed = self.viewer, self.viewer.picked().isFixed
+        if psim.Button("Free###fix" if isFixed else "Fix###fix"):
+            viewer.set_fixed(not isFixed)
+        Tooltips.tell("A fixed body has infinite mass: nothing moves it")
+        isFixed = viewer.picked().isFixed
+        psim.BeginDisabled(isFixed)
         _, viewer.pushSpeed = psim.SliderFloat(
-            "push", viewer.pushSpeed, 0.0, MOST_PUSH, "%.1f m/s"
+            "push", viewer.pushSpeed, 0.0, MOST_PUSH, "%.1f m/s", psim.ImGuiSliderFlags_AlwaysClamp
         )
-        psim.PopItemWidth()
+        Tooltips.tell("How much faster the centre of mass is after a push")
         camera = ps.get_view_camera_parameters()
         right = np.array(camera.get_right_dir())
         directions = {
             "Away": np.array(camera.get_look_dir()), "Left": -right,
             "Right": right, "Up": np.array([0.0, 1.0, 0.0]),
         }  # fmt: skip
-        for name, direction in directions.items():
-            if psim.Button(name, BUTTON_SIZE):
-                viewer.push(direction)
-            psim.SetItemTooltip("An impulse at the point that was clicked")
-            if name != "Up":
-                psim.SameLine()
+        self._buttons(*(
+            (name, lambda direction=direction: viewer.push(direction),
+             "An impulse at the point that was clicked")
+            for name, direction in directions.items()
+        ))  # fmt: skip
+        psim.EndDisabled()
+
+    # Below, above and over the picture.
 
     def _draw_timeline(self):
-        import polyscope as ps
         import polyscope.imgui as psim
 
         viewer, replay = self.viewer, self.viewer.simulation
-        width, height = ps.get_window_size()
-        left = PANEL_WIDTH + 2 * MARGIN
-        psim.SetNextWindowPos((left, height - TIMELINE_HEIGHT - MARGIN), psim.ImGuiCond_Always)
-        psim.SetNextWindowSize((width - left - MARGIN, TIMELINE_HEIGHT), psim.ImGuiCond_Always)
-        psim.Begin("Timeline", flags=psim.ImGuiWindowFlags_NoResize)
-        psim.SetNextItemWidth(width - left - SPEED_WIDTH - 10 * MARGIN)
+        flags = psim.ImGuiWindowFlags_NoTitleBar | psim.ImGuiWindowFlags_NoScrollbar
+        self._begin("Timeline", self.layout.timeline, self.layout.timeline.height, flags)
+        total = replay.recording.frame(replay.lastStep)["times"]
+        psim.Text(f"{replay.time:.2f} of {total:.2f} s   {replay.recording.path.name}")
+        psim.SetNextItemWidth(-1.0)
         moved, step = psim.SliderInt(
-            "###step", replay.stepCount, replay.firstStep, replay.lastStep, "step %d"
-        )
+            "###step", replay.stepCount, replay.firstStep, replay.lastStep,
+            f"step %d of {replay.lastStep}", psim.ImGuiSliderFlags_AlwaysClamp,
+        )  # fmt: skip
+        Tooltips.tell("Drag, or Ctrl-click to type a step")
         if moved:
             viewer.seek(step)
-        psim.SameLine()
-        psim.SetNextItemWidth(SPEED_WIDTH)
-        _, viewer.speed = psim.SliderFloat("speed", viewer.speed, -MOST_SPEED, MOST_SPEED, "%.1f x")
-        psim.SetItemTooltip("Times real time; negative: backwards")
         psim.End()
 
+    def _message(self):
+        """(what is to be told, whether it is an error); for a while only."""
+        viewer = self.viewer
+        text, now = viewer.message or viewer.saved, time.perf_counter()
+        if (text, bool(viewer.message)) != self._told[0]:
+            self._told = (text, bool(viewer.message)), now
+        if now - self._told[1] > MESSAGE_SECONDS:
+            viewer.message = viewer.saved = ""
+        return text, bool(viewer.message)
 
-def draw_plots(history):
-    """Time plots of the rows (time in s, dict of quantities); of what is not known, none."""
-    import polyscope.imgui as psim
-    import polyscope.implot as implot
-
-    if not history:
-        psim.Text("They begin with the next step.")
-        return
-    times = np.array([row[0] for row in history])
-    for title, names in PLOTS:
-        values = np.array([[row[1][name] for name in names.values()] for row in history])
-        if np.all(np.isnan(values)):
-            continue
-        flags = implot.ImPlotFlags_NoMenus | implot.ImPlotFlags_NoMouseText
-        if len(names) == 1:
-            flags |= implot.ImPlotFlags_NoLegend
-        if implot.BeginPlot(title, PLOT_SIZE, flags):
-            fit = implot.ImPlotAxisFlags_AutoFit
-            unlabelled = implot.ImPlotAxisFlags_NoLabel
-            implot.SetupAxes("", "", fit | unlabelled, fit | unlabelled)
-            implot.SetupAxisFormat(implot.ImAxis_Y1, "%.3g")
-            outside = implot.ImPlotLegendFlags_Outside | implot.ImPlotLegendFlags_Horizontal
-            implot.SetupLegend(implot.ImPlotLocation_South, outside)
-            for name, column in zip(names, values.T, strict=True):
-                implot.PlotLine(name, times, np.ascontiguousarray(column))
-            implot.EndPlot()
-
-
-class NumberField:
-    """A number to be typed into the panel. It takes effect with Enter, or on leaving the field."""
-
-    def __init__(self, label, name, step):
-        """name : of a field of the settings; step : what the buttons + and - change it by"""
-        self._label = label
-        self._name = name
-        self._step = step
-        self._typed = None
-        self.message = ""
-
-    def draw(self, settings):
-        """Draws the field; what `settings` refuses stays as it was, and the reason is shown."""
+    def _draw_message(self, text, isError):
+        """At the upper edge of the picture, where it moves nothing."""
         import polyscope.imgui as psim
 
-        value = getattr(settings, self._name)
-        changed, value = psim.InputDouble(self._label, value, self._step, 0.0, "%.4g")
-        if changed:
-            self._typed = value
-        if psim.IsItemDeactivatedAfterEdit() and self._typed is not None:
-            self.message = ""
-            try:
-                settings.change(self._name, self._typed)
-            except ValueError as error:
-                self.message = str(error)
-            self._typed = None
-        if self.message:
-            draw_error(self.message)
-
-
-def draw_error(message):
-    """A message in the panel that nobody overlooks."""
-    import polyscope.imgui as psim
-
-    psim.PushStyleColor(psim.ImGuiCol_Text, ERROR_TEXT)
-    psim.TextWrapped(message)
-    psim.PopStyleColor()
-
-
-def draw_table(rows):
-    """Rows (number, what it is), the numbers flush right; the first row is the sum of the rest."""
-    import polyscope.imgui as psim
-
-    left = psim.GetCursorPosX()
-    for place, (number, text) in enumerate(rows):
-        end = left + NUMBER_WIDTH + (INDENT if place else 0)
-        psim.SetCursorPosX(end - psim.CalcTextSize(number)[0])
-        psim.Text(number)
-        psim.SameLine(end + MARGIN)
-        psim.Text(text)
-
-
-def draw_choice(label, current, names, tooltip=""):
-    """A list to choose one name from; returns the chosen one, or None where nothing was."""
-    import polyscope.imgui as psim
-
-    chosen = None
-    isOpen = psim.BeginCombo(label, current, psim.ImGuiComboFlags_HeightLarge)
-    if tooltip and not isOpen:
-        psim.SetItemTooltip(tooltip)
-    if isOpen:
-        for name in names:
-            if psim.Selectable(name, selected=name == current):
-                chosen = name
-        psim.EndCombo()
-    return chosen
+        left, top, width, _ = self.layout.picture
+        psim.SetNextWindowPos((left, top), psim.ImGuiCond_Always)
+        psim.SetNextWindowSizeConstraints((width, 0), (width, 200))
+        psim.SetNextWindowBgAlpha(0.9)
+        flags = psim.ImGuiWindowFlags_NoTitleBar | psim.ImGuiWindowFlags_AlwaysAutoResize
+        psim.Begin("Message", flags=flags | psim.ImGuiWindowFlags_NoInputs)
+        if isError:
+            draw_error(text)
+        else:
+            psim.TextWrapped(text)
+        psim.End()

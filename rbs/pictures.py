@@ -46,10 +46,10 @@ class VideoError(InputError):
     """A video that cannot be made; one line."""
 
 
-def start_view(simulation, backend, options, sideWidth=0):
+def start_view(simulation, backend, options):
     """Starts Polyscope for pictures with these PictureOptions; returns a SceneView."""
     start_polyscope(backend, options.size)
-    view = SceneView(simulation, sideWidth)
+    view = SceneView(simulation)
     if options.camera is not None:
         apply_camera(options.camera)
     view.spread_ground()

@@ -20,12 +20,14 @@ from pathlib import Path
 import numpy as np
 
 from rbs import __version__
+from rbs.changes import body_count, initial_changes, pack_changes, unpack_changes
 from rbs.files import PARTIAL_ENDING, lock_folder, named_errors, partial_path
 from rbs.interrupts import noted, raise_if_more
 from rbs.messages import shown_path
 from rbs.outputs import copy_to_stream, find_target, keep_folder, release
 from rbs.recordingfiles import (
     FORMAT,
+    FORMAT_WITH_CHANGES,
     SERIES,
     RecordingError,
     RecordingFile,
@@ -41,6 +43,8 @@ BLOCK_BYTES = 4 << 20
 UNIT_TOLERANCE = 1e-3
 # Before the names of the solver state's arrays.
 SOLVER_PREFIX = "solver."
+# What added bodies are, and what has been done by hand: the beginnings of the arrays' names.
+CHANGE_PREFIXES = ("changes", "changeNumbers", "added.")
 # What the file is called while the chunks are joined.
 JOINED_NAME = "whole.tmp"
 # What a crash may cost: the states since the last chunk, a second's worth, or a hundredth of the
@@ -60,7 +64,8 @@ class Recording:
     recorded ("" for none); contentHashes, a simulation's, of what these and the meshes held, or
     None in an older recording; meshNames, list of str; files, a RecordingFile of each chunk;
     settingsHistory, list of (step, dict), the fields of the settings that the steps from that one
-    on were made with; version, numpyVersion.
+    on were made with; changes, list of (step, Change), what was done by hand before a step, or
+    before the recording began; version, numpyVersion.
 
     Where FILE.npz does not exist and FILE.npz.part/ does, that is what is read.
     """
@@ -99,13 +104,19 @@ class Recording:
         heads = [_Head(file) for file in self.files]
         first, last = heads[0], heads[-1]
         self.firstStep = expected = first.firstStep
+        names, self.changes = [], []
         for head in heads:
-            if head.firstStep != expected or head.meshNames != first.meshNames:
+            added = sum(change.kind == "add" for step, change in head.changes)
+            names = names or head.meshNames[: len(head.meshNames) - added]
+            isNext = head.firstStep == expected and head.meshNames[: len(names)] == names
+            if not isNext or len(head.meshNames) != len(names) + added:
                 raise head.file.error(f"the states from step {expected} on are missing before it")
+            names = head.meshNames
+            self.changes += head.changes
             expected += head.count
         self.lastStep = expected - 1
         self._firstSteps = [head.firstStep for head in heads]
-        self.meshNames = first.meshNames
+        self.meshNames = names
         self.scene, self.constraints = first.scene, first.constraints
         self.contentHashes = first.contentHashes
         self.version, self.numpyVersion = first.version, first.numpyVersion
@@ -128,8 +139,19 @@ class Recording:
                 step = begin + int(np.argmin(isUnit))
                 raise self.error(f"step {step}: orientations holds a quaternion not of length 1")
 
+    def body_count(self, step):
+        """How many bodies there are after a step: the first ones of `meshNames`."""
+        return body_count(self.changes, len(self.meshNames), step)
+
+    def changes_before(self, step):
+        """What was done by hand before a step was made; of the first one, before it all began."""
+        return [change for when, change in self.changes if when == step]
+
     def blocks(self, names):
-        """Walks through some arrays: yields (step of the first row, dict of arrays)."""
+        """Walks through some arrays: yields (step of the first row, dict of arrays).
+
+        They have rows for bodies that are added later, and none for those of later chunks.
+        """
         for file, first in zip(self.files, self._firstSteps, strict=True):
             members = [file.member(name) for name in names]
             count = members[0].shape[0]
@@ -151,7 +173,11 @@ class Recording:
         chunk = bisect_right(self._firstSteps, step) - 1
         row = step - self._firstSteps[chunk]
         rows = self.files[chunk].rows(SERIES, row, row + 1)
-        return {name: values[0] for name, values in rows.items()}
+        count = self.body_count(step)
+        return {
+            name: values[0][:count] if name in STATE_NAMES else values[0]
+            for name, values in rows.items()
+        }
 
     def hashes(self, step, count):
         """The hashes (count, 16) of the states from a step on."""
@@ -172,8 +198,10 @@ class Recording:
         """What it holds beside the states at its end, as arrays: dict, in the order of the file."""
         first, last = self.files[0], self.files[-1]
         names = [name for name in last.names() if name not in SERIES]
+        names = [name for name in names if not name.startswith(CHANGE_PREFIXES)]
         head = {name: last.read_array(name, "Uifb") for name in names}
-        return head | {"firstStep": first.read_array("firstStep", "i")}
+        head |= {"firstStep": first.read_array("firstStep", "i")}
+        return head | _head_of_changes(self.changes)
 
     def damage(self):
         """What is wrong with its files as such, in a few words, or "": checksums, bookkeeping."""
@@ -194,7 +222,7 @@ class _Head:
     def __init__(self, file):
         self.file = file
         self.firstStep = self._integer("firstStep")
-        if self._integer("format") != FORMAT:
+        if self._integer("format") not in (FORMAT, FORMAT_WITH_CHANGES):
             raise file.error("it was written by a newer version of this program")
         self.scene, self.constraints, self.version, self.numpyVersion = (
             self._text(name) for name in ("scene", "constraints", "version", "numpyVersion")
@@ -212,8 +240,18 @@ class _Head:
                     f"the array {name} is of the shape {member.shape} and the type {member.dtype}, "
                     f"not of {shape} and {np.dtype(dtype)}"
                 )
+        self.changes = self._changes()
         self.settingsHistory = self._history()
         self.contentHashes = self._hashes() if "contentHashes" in file.names() else None
+
+    def _changes(self):
+        names = [name for name in self.file.names() if name.startswith(CHANGE_PREFIXES)]
+        arrays = {name: self.file.read_array(name, "if") for name in names}
+        last = self.firstStep + self.count - 1
+        try:
+            return unpack_changes(arrays, self.meshNames, self.firstStep, last)
+        except ValueError as error:
+            raise self.file.error(f"the changes by hand cannot be read: {error}") from None
 
     def _hashes(self):
         try:
@@ -287,6 +325,7 @@ class Recorder:
         self.frameCount = 0
         self._chunks = []  # paths
         self._frames = []
+        self._changes = []  # (step, Change) since the last chunk
         self._history = []
         self._settings = None  # the last ones in the history
         self._start = self._lastChunk = time.monotonic()
@@ -304,9 +343,12 @@ class Recorder:
             self._constraints = str(simulation.constraintPath or "")
             self._contentHashes = json.dumps(simulation.contentHashes)
             self._solver = simulation.solverState.arrays()
+            initial = initial_changes(simulation.changes, simulation.stepCount == 0)
+            self._changes = [(simulation.stepCount, change) for change in initial]
         step = self._firstStep + self.frameCount
         if simulation.meshes is not self._meshes or simulation.stepCount != step:
             raise RecordingError(self.path, f"only step {step} of the same scene could follow")
+        self._bodyCount = len(simulation.meshes)
         state = simulation.state()
         self._frames.append({**state, "times": simulation.time, "hashes": hash_of(state)})
         self.frameCount += 1
@@ -320,12 +362,18 @@ class Recorder:
         if now - self._lastChunk >= patience or len(self._frames) * frameBytes >= BLOCK_BYTES:
             self._write_chunk()
 
+    def note(self, simulation, change):
+        """Keeps a `Change` that has been done to the simulation since the last state was kept."""
+        if self.frameCount:
+            self._changes.append((simulation.stepCount + 1, change))
+
     def save(self):
         """Writes the file, in place of an old one of that name: whole or not at all."""
         self._write_chunk()
         files = [RecordingFile(path) for path in self._chunks]
         with named_errors(self.path):
-            _join_chunks(files, self.partialPath, self._target, self._head(0))
+            changes = [change for file in files for change in _Head(file).changes]
+            _join_chunks(files, self.partialPath, self._target, self._head(0, changes))
         if self._isStream:
             copy_to_stream(self._target, self.path)
         self._chunks = []
@@ -359,18 +407,29 @@ class Recorder:
     def _write_chunk(self):
         if not self._frames:
             return
-        series = {name: np.array([frame[name] for frame in self._frames]) for name in SERIES}
+        # What has been done since then is part of no state yet.
+        lastStep = self._firstStep + self.frameCount - 1
+        changes = [(step, change) for step, change in self._changes if step <= lastStep]
+        series = {
+            name: np.array([_with_rows(frame[name], name, self._bodyCount)
+                            for frame in self._frames])
+            for name in SERIES
+        }  # fmt: skip
         rows = {name: (values.shape, [values]) for name, values in series.items()}
         path = self.partialPath / f"{CHUNK_PREFIX}{len(self._chunks):06d}.npz"
         with named_errors(self.path):
-            head = self._head(self.frameCount - len(self._frames))
+            head = self._head(self.frameCount - len(self._frames), changes)
             write_recording_file(path.with_suffix(".tmp"), path, rows, head)
         self._chunks.append(path)
         self._frames = []
+        self._changes = self._changes[len(changes) :]
         self._lastChunk = time.monotonic()
 
-    def _head(self, first):
-        """What a file holds beside the states. first : the place of its first state, from 0."""
+    def _head(self, first, changes):
+        """What a file holds beside the states.
+
+        first : the place of its first state, from 0; changes : list of (step, Change)
+        """
         return {
             "firstStep": self._firstStep + first,
             "settingsHistory": json.dumps(self._history),
@@ -379,12 +438,30 @@ class Recorder:
             "scene": self._scene,
             "constraints": self._constraints,
             "contentHashes": self._contentHashes,
-            "meshNames": np.array([mesh.name for mesh in self._meshes], dtype=np.str_),
+            "meshNames": np.array(
+                [mesh.name for mesh in self._meshes[: self._bodyCount]], dtype=np.str_
+            ),
             "version": __version__,
             "numpyVersion": np.__version__,
             "format": FORMAT,
             **{SOLVER_PREFIX + name: values for name, values in self._solver.items()},
+            **_head_of_changes(changes),
         }
+
+
+def _head_of_changes(changes):
+    """What a head says of changes: {} where there are none."""
+    return {"format": FORMAT_WITH_CHANGES, **pack_changes(changes)} if changes else {}
+
+
+def _with_rows(values, name, count):
+    """The rows of a state's array, and those of bodies that are not there yet, up to a count."""
+    if name not in STATE_NAMES or len(values) == count:
+        return values
+    rows = np.zeros((count, *values.shape[1:]))
+    rows[:, 0] = name == "orientations"
+    rows[: len(values)] = values
+    return rows
 
 
 def finish(path):
@@ -444,7 +521,8 @@ def _join_chunks(files, partialPath, path, head):
     check = _signal_check()
     for name in SERIES:
         count = sum(file.member(name).shape[0] for file in files)
-        rows[name] = (count, *files[0].member(name).shape[1:]), _joined(files, name, check)
+        shape = files[-1].member(name).shape[1:]
+        rows[name] = (count, *shape), _joined(files, name, shape, check)
     with named_errors(path):
         write_recording_file(partialPath / JOINED_NAME, path, rows, head)
     # From here on the chunks are not needed, and what of them cannot be removed does no harm.
@@ -478,17 +556,20 @@ def _remove_chunks(partialPath):
         os.rmdir(partialPath)
 
 
-def _joined(files, name, check):
+def _joined(files, name, rowShape, check):
     """The rows of one array through several files, BLOCK_BYTES at a time.
 
-    check : called before each
+    rowShape : of the last file, which has all bodies; check : called before each
     """
     for file in files:
         dtype, shape, _ = file.member(name)
         atOnce = max(1, BLOCK_BYTES // (math.prod(shape[1:]) * dtype.itemsize))
         for begin in range(0, shape[0], atOnce):
             check()
-            yield file.rows([name], begin, min(begin + atOnce, shape[0]))[name]
+            block = file.rows([name], begin, min(begin + atOnce, shape[0]))[name]
+            if shape[1:] != rowShape:
+                block = np.array([_with_rows(row, name, rowShape[0]) for row in block])
+            yield block
 
 
 def _check_holds(path, chunks):

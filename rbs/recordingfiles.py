@@ -32,11 +32,17 @@ from rbs.state import HASH_SIZE, STATE_WIDTHS
 #   contentHashes       JSON, hashes of what these and the meshes held; older recordings have none
 #   version, numpyVersion, format
 #   solver....          what the soft-step solver had left at the first state, where it had anything
+#   changes, changeNumbers, added....   what was done by hand, if anything was: see rbs/changes.py
+#
+# A change belongs to the step before which it was done, or to the first state, which it is part of.
+# Until a body is added, its rows are zeros, and its orientation is that of no rotation.
 #
 # Nothing in it is compressed. Compression would save 61 % of the stress scene's 4.3 kB per step, at
 # 0.13 ms; but then no state could be read on its own, and a small file could unpack to any size.
 
 FORMAT = 1
+# Of recordings with changes: an older program would not do them.
+FORMAT_WITH_CHANGES = 2
 # The arrays with a row for each state, in the order of the file: the type of their numbers and the
 # shape of a row, of a body's share of it where there is one for each body.
 SERIES = {

@@ -27,6 +27,8 @@ class Replay(Scene):
     Attributes, as a simulation's: meshes, groundMesh, constraints, settings (those that the present
     step was made with), scenePath, constraintPath, stepCount, time; report and stepSeconds, always
     None. Of its own: recording; firstStep, lastStep.
+
+    What was added by hand is in `meshes` from its step on: they are another list then.
     """
 
     report = None
@@ -44,6 +46,15 @@ class Replay(Scene):
         self.constraints = simulation.constraints
         check_bodies(recording, simulation)
         self.firstStep, self.lastStep = recording.firstStep, recording.lastStep
+        self._startFixed = {
+            change.body: simulation.meshes[change.body].isFixed
+            for _, change in recording.changes
+            if change.kind == "fix" and change.body < len(simulation.meshes)
+        }
+        for _, change in recording.changes:
+            if change.kind == "add":
+                redo(recording, change, simulation)
+        self._allMeshes = simulation.meshes
         self._settings = {
             first: restored_settings(recording, first, simulation.settings)
             for first, _ in recording.settingsHistory
@@ -54,10 +65,26 @@ class Replay(Scene):
         """Puts the bodies to where they were after that step, or after the nearest recorded one."""
         step = min(max(int(step), self.firstStep), self.lastStep)
         frame = self.recording.frame(step)
+        count = len(frame["positions"])
+        if len(self.meshes) != count:
+            self.meshes = self._allMeshes[:count]
+        self._fix_bodies(step)
         self.set_state(frame)
         self.stepCount = step
         self.time = float(frame["times"])
         self.settings = self._settings[self.recording.settings_at(step)[0]]
+
+    def _fix_bodies(self, step):
+        """Fixes and frees the bodies that this was done to, as they were after a step."""
+        isFixed = dict(self._startFixed)
+        for when, change in self.recording.changes:
+            if when <= step and change.kind == "fix":
+                isFixed[change.body] = bool(change.numbers[0])
+            elif when <= step and change.kind == "add":
+                isFixed.setdefault(change.body, False)
+        for body, isSo in isFixed.items():
+            if self.meshes[body].isFixed != isSo:
+                self.meshes[body].isFixed = isSo
 
     def step(self):
         """One step on; at the end, it stays there."""
@@ -86,11 +113,15 @@ def resume(recording, step, simulation):
         resume(recording, first, simulation)
         for k in range(first + 1, step + 1):
             simulation.settings = restored_settings(recording, k, simulation.settings)
+            redo_changes(recording, k, simulation)
             simulation.step()
         if not np.array_equal(hash_of(simulation.state()), recording.frame(step)["hashes"]):
             raise recording.error(
                 f"step {step} cannot be resumed: the steps before it do not lead there any more"
             )
+    else:
+        for k in range(first, step + 1):
+            redo_changes(recording, k, simulation, withPushes=False)
     frame = recording.frame(step)
     if not np.array_equal(hash_of(frame), frame["hashes"]):
         raise recording.error(f"step {step} is damaged: its state does not match its hash")
@@ -106,6 +137,21 @@ def resume(recording, step, simulation):
     simulation.stepCount, simulation.time = step, float(frame["times"])
 
 
+def redo_changes(recording, step, simulation, withPushes=True):
+    """Does to a simulation what was done by hand before a step; pushes are in the next state."""
+    for change in recording.changes_before(step):
+        if withPushes or change.kind != "push":
+            redo(recording, change, simulation)
+
+
+def redo(recording, change, simulation):
+    """Does a `Change` once more; raises RecordingError where it cannot be done."""
+    try:
+        simulation.change(change)
+    except ValueError as error:
+        raise recording.error(f"the changes by hand cannot be made: {error}") from None
+
+
 def verify(recording, simulation, advance=None):
     """Simulates a recording once more and compares the states, to the last bit.
 
@@ -116,7 +162,9 @@ def verify(recording, simulation, advance=None):
     check_pair_order(recording)
     for begin, block in recording.blocks([*STATE_NAMES, "hashes"]):
         for row, expected in enumerate(block["hashes"]):
-            if not np.array_equal(hash_of({n: block[n][row] for n in STATE_NAMES}), expected):
+            count = recording.body_count(begin + row)
+            state = {name: block[name][row][:count] for name in STATE_NAMES}
+            if not np.array_equal(hash_of(state), expected):
                 return f"step {begin + row} is damaged: its state does not match its hash"
     damage = recording.damage()
     if damage:
@@ -124,12 +172,15 @@ def verify(recording, simulation, advance=None):
     first = recording.firstStep
     if first > 0:  # what came before was not recorded
         resume(recording, first, simulation)
+    else:
+        redo_changes(recording, first, simulation)
     for begin, block in recording.blocks(["hashes", "times"]):
         for step, (expected, when) in enumerate(
             zip(block["hashes"], block["times"], strict=True), start=begin
         ):
             simulation.settings = restored_settings(recording, step, simulation.settings)
             if step > first:
+                redo_changes(recording, step, simulation)
                 try:
                     simulation.step()
                 except StateError as error:
@@ -155,11 +206,12 @@ def check_bodies(recording, simulation):
     """Raises RecordingError unless the simulation's scene has the bodies of the recording."""
     names = [mesh.name for mesh in simulation.meshes]
     scene = simulation.scenePath
-    if len(names) != len(recording.meshNames):
-        raise recording.error(
-            f"it has {len(recording.meshNames)} bodies, but {scene} has {len(names)}"
-        )
-    for ours, theirs in zip(names, recording.meshNames, strict=True):
+    theirNames = recording.meshNames
+    added = sum(change.kind == "add" for _, change in recording.changes)
+    theirNames = theirNames[: len(theirNames) - added]
+    if len(names) != len(theirNames):
+        raise recording.error(f"it has {len(theirNames)} bodies, but {scene} has {len(names)}")
+    for ours, theirs in zip(names, theirNames, strict=True):
         if ours != theirs:
             theirs = one_line(theirs, QUOTE_LENGTH)
             raise recording.error(f"its body '{theirs}' is called '{ours}' in {scene}")

@@ -54,7 +54,7 @@ def load_scene_file(path, allowOutsideMeshes=False):
     raises SceneError
     """
     reader = LineReader(path, fields_of)
-    bodyCount = reader.count("bodies", low=1)
+    bodyCount = reader.count("bodies", low=1, kind="a scene")
     loaded = {}
     meshes = []
     for index, row in enumerate(reader.rows(bodyCount, "body")):

@@ -58,7 +58,9 @@ class Simulation(Scene):
     `content_hashes` gives them; groundMesh; settings; stepCount, the whole steps since the
     start; solverState, what the soft-step solver has left to the next step; report, the last step's
     `StepReport`, and stepSeconds, how long it took (None before the first); suggestion, what the
-    scene suggests of its settings, in words, or "".
+    scene suggests of its settings, in words, or ""; changes, list of `Change`, what has been done
+    to the bodies by hand: all but the pushes before the last step; startSettings, a copy of those
+    that it began with, or that the scene suggests.
     """
 
     suggestion = ""  # `rbs.suggestions`
@@ -75,6 +77,7 @@ class Simulation(Scene):
         """
         self._allowOutsideMeshes = allowOutsideMeshes
         self.settings = Settings() if settings is None else settings
+        self.startSettings = replace(self.settings)
         self.groundMesh = make_ground()
         self.load(scenePath, constraintPath)
 
@@ -96,17 +99,33 @@ class Simulation(Scene):
         self._begin()
 
     def _begin(self):
+        self.changes = []
         self.stepCount = 0
         self.time = 0.0
         self.solverState = SolverState()
         self.stepSeconds = self.report = None
 
     def reset(self):
-        """Puts every body back to where the scene has it, at rest, and free or fixed as it was."""
+        """Puts every body back to where the scene has it, at rest, and free or fixed as it was.
+
+        Bodies that have been added are taken out: `meshes` is another list then.
+        """
+        if len(self.meshes) > self.sceneCount:
+            self.meshes = self.meshes[: self.sceneCount]
         for mesh, isFixed in zip(self.meshes, self._startFixed, strict=True):
             mesh.isFixed = isFixed
         self.set_state(self._startState)
         self._begin()
+
+    def change(self, change):
+        """Does a `Change` to the bodies, between two steps; raises ValueError where it cannot."""
+        change.apply(self.meshes)
+        self.changes.append(change)
+
+    @property
+    def sceneCount(self):
+        """How many bodies the scene has, without those that have been added."""
+        return len(self._startFixed)
 
     def max_iterations(self):
         """Constraint visits in a step at most: as set, or twenty sweeps and at least a thousand."""
@@ -150,6 +169,7 @@ class Simulation(Scene):
         except StateError as error:
             raise StateError(f"step {self.stepCount + 1} cannot be made: {error}") from None
         self.stepSeconds = time.perf_counter() - begin
+        self.changes = [one for one in self.changes if one.kind != "push"]
         self.stepCount += 1
         self.time += settings.timeStep
 

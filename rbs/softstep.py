@@ -34,7 +34,8 @@ from rbs.solverstate import SolverState
 from rbs.vectors import cross, dot, mat_vec, norm
 
 # How stiff contacts are. The frequency is relative to that of the substeps, 60 Hz at 1/400 s: with
-# split masses, half of it is visibly soft. A damping ratio far above 1 pushes out slowly.
+# split masses, half of it is visibly soft, and with a fifth more a tower of rings bounces on itself
+# ever higher. A damping ratio far above 1 pushes out slowly.
 FREQUENCY = 0.15
 DAMPING = 10.0
 # The largest speed that penetration is pushed out with, in √(g r) of the smaller body: 3 m/s for a
@@ -94,7 +95,6 @@ def soft_step(
         h = timeStep / substeps
         solver = _ContactSolver(contacts, active, motion, radius, mu, h)
         joints.begin(motion, isStill, frames, h)
-        closing = solver.normal_speeds(solver.twists(motion))
         for _ in range(substeps):
             motion.velocity[:, 1] += motion.gravity * h
             solver.warm_start()
@@ -102,16 +102,16 @@ def soft_step(
                 solver.apply(motion)
                 joints.warm_start(motion)
                 joints.sweep(motion, isSoft=True)
-            solver.sweep(motion, isSoft=True)
+            solver.soft_sweep(motion)
             solver.apply(motion)
             motion.move(h)
             solver.move(motion, joints.count > 0)
             joints.sweep(motion, isSoft=False)
-            solver.sweep(motion, isSoft=False)
+            solver.relaxing_sweep(motion)
             solver.sum_impulses()
         manifolds = _with_impulses(manifolds, rows, solver)
         if CRCoeff != 0.0:
-            solver.restitute(motion, closing, CRCoeff, REST_STEPS * fall)
+            solver.restitute(motion, CRCoeff, REST_STEPS * fall)
         solver.apply(motion)
         report.constraintVisits = joints.visits
     with report.phase("writeBack"):
@@ -295,15 +295,16 @@ class _ContactSolver:
             linear = np.stack(axes, axis=1)  # (3, 3, M)
             blocks.append((linear, angular, invMass * linear, turning))
         self.coupling = coupling.reshape(9, -1)
+        self.twist = self.pending = None
         self._make_sparse(first, second, blocks, len(motion.invMass))
         self._make_normal_rows(normals, isPoint)
         self._make_friction_rows(frictions)
         self._soften(radius, first, second)
         self._renew()
-        self.twist = self.pending = None
         self.impulse = manifolds.impulse * isPoint
         self.friction = manifolds.friction.copy() if mu > 0.0 else np.zeros((3, self.count))
         self.started, self.weight = self.impulse, self.mass * (abs(GRAVITY) * h)
+        self.closing = self._impact_speeds(motion, first, second, contacts.normal[1])
         self.totalImpulse = np.zeros((POINTS, self.count))
         self.totalFriction = np.zeros((3, self.count))
 
@@ -362,6 +363,14 @@ class _ContactSolver:
         isBody = second < len(radius)
         smaller = np.minimum(radius[first], radius[np.where(isBody, second, first)])
         self.push = PUSH_SPEED * np.sqrt(abs(GRAVITY) * smaller)
+
+    def _impact_speeds(self, motion, first, second, normalY):
+        """How fast (4, M) points come together when free flight has closed their gaps s: with the
+        relative acceleration a along the normal, u² = u₀² - 2 a s."""
+        speed = self.normal_speeds(self.twists(motion))
+        gravity = normalY * (motion.gravity[second] - motion.gravity[first])
+        gain = -2.0 * gravity * np.maximum(self.separation, 0.0)
+        return -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
 
     def twists(self, motion):
         """ξ, (6, M)."""
@@ -427,37 +436,42 @@ class _ContactSolver:
         memory = np.where(isApart, 1.0, 1.0 - self.impulseScale)
         self.soft = self.gapSpeed + push, scale * self.mass, memory
 
-    def sweep(self, motion, isSoft):
-        """One pass over all contacts: in the soft one, penetration pushes out."""
-        if isSoft:
-            self._solve(motion, self.twists(motion), *self.soft)
-        else:
-            # since the move, only joints can have changed the velocities
-            twist = self.twist if self.twist is not None else self.twists(motion)
-            self._solve(motion, twist, self.gapSpeed, self.mass, 1.0)
+    def soft_sweep(self, motion):
+        """One pass over all contacts in which penetration pushes out."""
+        twist = self.twists(motion)
+        self._solve(twist, self.normal_speeds(twist), *self.soft)
 
-    def restitute(self, motion, closing, CRCoeff, threshold):
+    def relaxing_sweep(self, motion):
+        """One pass over all contacts that takes the speed of pushing out away again."""
+        # since the move, only distance constraints can have changed the velocities
+        twist = self.twist if self.twist is not None else self.twists(motion)
+        self._solve(twist, self.normal_speeds(twist), self.gapSpeed, self.mass, 1.0)
+
+    def restitute(self, motion, CRCoeff, threshold):
         """Where bodies came together faster than the threshold and have touched, they part with e
         times that speed."""
-        bounces = (closing < -threshold) & (self.totalImpulse > 0.0)
+        bounces = (self.closing < -threshold) & (self.totalImpulse > 0.0)
         if not bounces.any():
             return
-        bias = np.where(bounces, CRCoeff * closing, np.maximum(self.separation, 0.0) / self.h)
+        bias = np.where(bounces, CRCoeff * self.closing, np.maximum(self.separation, 0.0) / self.h)
         before = self.impulse.copy(), self.friction.copy()
         for _ in range(RESTITUTION_SWEEPS):
-            self._solve(motion, self.twists(motion), bias, self.mass, 1.0, RESTITUTION_PASSES)
+            twist = self.twists(motion)
+            speed = self.normal_speeds(twist)
+            self._solve(twist, speed, bias, self.mass, 1.0, RESTITUTION_PASSES)
         self.totalImpulse += self.impulse - before[0]
         self.totalFriction += self.friction - before[1]
 
-    def _solve(self, motion, twist, bias, mass, memory, passes=1):
+    def _solve(self, twist, speed, bias, mass, memory, passes=1):
         """Solves all manifolds for impulses, and applies what they have changed by.
 
+        twist : (6, M), and speed (4, M), along the normal at the points, at present
         passes : of Gauss and Seidel's method over the normals of a manifold, each λ ≥ 0; friction
             follows. The order is always the same: where it alternates, high stacks sway
         """
         before = self.impulse
         impulse = before * memory
-        speed = self.normal_speeds(twist) + bias
+        speed = speed + bias
         last = before
         for _ in range(passes):
             for k in range(POINTS):

@@ -9,7 +9,7 @@ From the top: reading a scene's suggestions; how a scene is opened that may have
 from dataclasses import fields, replace
 
 from rbs.messages import print_note, short, shown_path
-from rbs.opening import open_file
+from rbs.opening import find_file, open_file
 from rbs.options import SETTING_FIELDS, OneLineParser, add_settings_options, settings_of
 from rbs.scenelines import suggestion_lines
 from rbs.simulation import Settings, Simulation
@@ -68,7 +68,8 @@ def _arguments_of(path, lineNumber, words):
 class SceneOpener:
     """Opens files for the window, each scene with the settings that it suggests.
 
-    What has been changed by hand goes on from scene to scene; all else is as the scene suggests.
+    What has been changed by hand goes on from scene to scene, as far as the solver knows it; all
+    else is as the scene suggests.
     """
 
     def __init__(self, settings, follows, allowOutsideMeshes=False):
@@ -77,11 +78,13 @@ class SceneOpener:
         self._follows = follows
         self._allowOutsideMeshes = allowOutsideMeshes
 
-    def __call__(self, path, settings):
+    def __call__(self, text, settings, folder="."):
         """The Simulation or Replay; see `open_file`.
 
+        text : a path, or what a person has typed, see `find_file`; folder : of the last scene;
         settings : those of the last scene, or None where there was none
         """
+        path = find_file(text, folder)
         opened = open_file(path, settings, self._allowOutsideMeshes)
         if isinstance(opened, Simulation) and self._follows:
             begun, words = suggested_settings(path)
@@ -90,8 +93,11 @@ class SceneOpener:
                 for field in fields(settings)
                 if getattr(settings, field.name) != getattr(self._begun, field.name)
             }  # fmt: skip
+            if byHand.get("contactSolver", begun.contactSolver) == "soft-step":
+                byHand["closingOnly"] = False  # it has no meaning there, and would be refused
             self._begun = begun
             opened.settings, opened.suggestion = replace(begun, **byHand), words
+            opened.startSettings = replace(begun)
             tell_suggestion(opened)
         return opened
 

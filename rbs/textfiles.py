@@ -93,10 +93,14 @@ class LineReader:
             raise self.error(f"{what} takes {width}, not {len(fields)}: '{short(*fields)}'")
         return fields
 
-    def count(self, what, low=0):
-        """A line that holds nothing but a whole number ≥ low, the number of `what`."""
-        (field,) = self.row(f"the number of {what}", columns=1)
-        return self.integer(field, f"the number of {what}", low)
+    def count(self, what, low=0, kind=""):
+        """A line that holds nothing but a whole number ≥ low, the number of `what`.
+
+        kind : what a file cannot be that begins otherwise, for the error
+        """
+        number = f"this is not {kind}: the number of {what}" if kind else f"the number of {what}"
+        (field,) = self.row(number, columns=1)
+        return self.integer(field, number, low)
 
     def rows(self, count, what, columns=None):
         """The next `count` lines as lists of fields, one at a time."""

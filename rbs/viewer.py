@@ -6,6 +6,7 @@ Polyscope is imported inside the functions that use it, never with this module. 
 `show_window`; `Viewer`.
 """
 
+import os
 import time
 from collections import deque
 from pathlib import Path
@@ -13,23 +14,22 @@ from statistics import median
 
 import numpy as np
 
+from rbs import changes
 from rbs.bodies import StateError
 from rbs.cameras import apply_camera, load_camera, save_camera
+from rbs.grabbing import MOST_SHOTS, Grab, shot
 from rbs.messages import print_note
-from rbs.panel import MARGIN, PANEL_WIDTH, Panel
+from rbs.panel import Panel
 from rbs.pictureoptions import PictureOptions, video_timing
 from rbs.pictures import Video, VideoError, save_picture, start_view
+from rbs.playback import Playback
+from rbs.recording import Recorder
+from rbs.recordingfiles import RecordingError
+from rbs.scenes import scene_name
 from rbs.simulation import ADVICE_STEP
 
 # Frames and steps over which the milliseconds on screen are a median: half a second's worth.
 TIMED_STEPS = 25
-# A frame makes the steps that are due, so that a scene plays at its true speed however fast it is
-# drawn, but goes on to draw after this many seconds of stepping: a window that is slower than the
-# scene plays in slow motion, and still answers to its buttons.
-STEPPING_SECONDS = 0.02
-# What is due after a pause in drawing, while the window is dragged for instance, is forgotten but
-# for this many seconds, so that the scene does not leap.
-CATCH_UP_SECONDS = 0.1
 # Steps that a plot goes back.
 PLOTTED_STEPS = 500
 # Smooth edges: after so many frames it is judged whether there is time for them, which there is
@@ -48,17 +48,21 @@ def show_window(simulation, backend, openFile, listFiles, measure, pictureOption
     import polyscope as ps
 
     options = pictureOptions or PictureOptions()
-    view = start_view(simulation, backend, options, PANEL_WIDTH + MARGIN)
+    view = start_view(simulation, backend, options)
     ps.set_build_default_gui_panels(False)
     ps.set_open_imgui_window_for_user_callback(False)
     viewer = Viewer(simulation, view, openFile, listFiles, measure)
     panel = Panel(viewer)
+    panel.lay_out()
+    if options.camera is None:
+        view.frame_all()
     ps.set_user_callback(panel.frame)
     ps.set_files_dropped_callback(panel.dropped)
     try:
         ps.show()
     finally:
         viewer.stop_video()
+        viewer.stop_recording()
         ps.clear_user_callback()
         ps.clear_files_dropped_callback()
 
@@ -66,29 +70,29 @@ def show_window(simulation, backend, openFile, listFiles, measure, pictureOption
 class Viewer:
     """What the window's buttons and keys do, apart from how they are drawn.
 
-    Attributes: simulation, a simulation or a replay; view, a SceneView; isPlaying; stepsPerFrame,
-    or 0 to keep pace with the clock; speed, of a replay, times real time; pushSpeed, m/s; message,
-    an error line or ""; saved, a line about the last file that was written; video, the one that is
-    being recorded, or None; isMeasuring, whether `history` grows: rows of time and quantities.
+    Attributes: simulation, a simulation or a replay; view, a SceneView; isPlaying; playback, a
+    Playback, with the speed; pushSpeed, m/s; grab, what is dragged, or None; message, an error line
+    or ""; saved, a line about the last file that was written, or advice; video and recorder, those
+    that are being written, or None; isMeasuring, whether `history` grows: rows of time and
+    quantities.
     """
 
     def __init__(self, simulation, view, openFile, listFiles, measure):
-        """openFile(path, settings) gives a simulation or a replay, or raises ValueError;
-        listFiles(folder) gives a dict of names and paths; measure(simulation) a dict of floats.
+        """openFile(text, settings, folder) gives a simulation or a replay, or raises ValueError;
+        listFiles(folder) gives a list of ListedFile; measure(simulation) a dict of floats.
         """
         self.simulation = simulation
         self.view = view
         self.isPlaying = False
-        self.stepsPerFrame = 0
-        self.speed = 1.0
+        self.playback = Playback()
         self.pushSpeed = DEFAULT_PUSH
+        self.grab = None
         self.message = self.saved = ""
-        self.video = None
+        self.video = self.recorder = None
         self.isMeasuring = False
         self.history = deque(maxlen=PLOTTED_STEPS)
         self._openFile, self._listFiles, self._measure = openFile, listFiles, measure
         self._settings = None if self.isReplay else simulation.settings
-        self._due = 0.0  # seconds of simulation that playing has fallen behind by
         self._phases = deque(maxlen=TIMED_STEPS)
         self._recentSeconds = deque(maxlen=TIMED_STEPS)
         self._frames = deque(maxlen=TIMED_STEPS)
@@ -126,67 +130,59 @@ class Viewer:
         self.isPlaying = not self.isPlaying
         self.message = ""
         if self.isPlaying and self.isReplay:
-            first, last = self.simulation.firstStep, self.simulation.lastStep
-            if self.simulation.stepCount == (last if self.speed > 0.0 else first):
-                self.seek(first if self.speed > 0.0 else last)
+            begin, end = self.simulation.firstStep, self.simulation.lastStep
+            if self.playback.isBackwards:
+                begin, end = end, begin
+            if self.simulation.stepCount == end:
+                self.seek(begin)
                 self.isPlaying = True
 
     def play(self, elapsed):
         """If playing, makes the steps that are due `elapsed` seconds after the last frame."""
         if not self.isPlaying:
-            self._due = 0.0
+            self.playback.stop()
             return
-        begin = time.perf_counter()
-        if self.isReplay:
-            self._play_replay(elapsed)
-        elif self.stepsPerFrame:
-            for _ in range(self.stepsPerFrame):
-                if not self._step():
-                    break
-        else:
-            self._play_in_time(elapsed)
+        begin, before = time.perf_counter(), self.simulation.time
+        step = self._step_replay if self.isReplay else self._step
+        self.playback.advance(elapsed, self.simulation.settings.timeStep, step)
         self._frames.append((elapsed, time.perf_counter() - begin))
+        self.playback.note(elapsed, abs(self.simulation.time - before))
         self._show()
 
-    def _play_in_time(self, elapsed):
-        timeStep = self.simulation.settings.timeStep
-        self._due = min(self._due + elapsed, max(CATCH_UP_SECONDS, timeStep))
-        begin = time.perf_counter()
-        while self._due >= timeStep:
-            self._due -= timeStep
-            if not self._step():
-                break
-            if time.perf_counter() - begin > STEPPING_SECONDS:
-                self._due = 0.0
-
-    def _play_replay(self, elapsed):
-        simulation = self.simulation
-        self._due += min(elapsed, CATCH_UP_SECONDS) * self.speed
-        timeStep = simulation.settings.timeStep
-        steps = int(self._due / timeStep)  # towards 0
-        if self.video is not None:  # no step is passed over in a video
-            steps = max(-1, min(1, steps))
-            self._due = steps * timeStep
-        self._due -= steps * timeStep
-        if steps:
-            simulation.seek(simulation.stepCount + steps)
-            self._film()
-        if simulation.stepCount == (simulation.lastStep if steps > 0 else simulation.firstStep):
-            self.isPlaying = self.isPlaying and not steps
+    def _step_replay(self):
+        """One step on, or back; pauses at the end. Whether it goes on."""
+        replay = self.simulation
+        replay.seek(replay.stepCount + (-1 if self.playback.isBackwards else 1))
+        self._film()
+        end = replay.firstStep if self.playback.isBackwards else replay.lastStep
+        self.isPlaying = self.isPlaying and replay.stepCount != end
+        return self.isPlaying
 
     def _step(self):
         """One step, if its numbers are sound; else pauses, with a message. Whether it was made."""
+        simulation = self.simulation
+        if self.isReplay:
+            simulation.step()
+            self._film()
+            return True
+        if self.grab is not None:
+            mesh = simulation.meshes[self.grab.body]
+            self._change(self.grab.change(mesh, simulation.settings.timeStep))
         try:
-            self.simulation.step()
+            simulation.step()
         except StateError as error:
             self.isPlaying = False
             self.message = str(error)
             return False
-        if self.simulation.report is not None:
-            self._recentSeconds.append(self.simulation.stepSeconds)
-            if self.simulation.stepCount == ADVICE_STEP:
-                print_note(self.simulation.advice())
-            self._phases.append(self.simulation.report.seconds)
+        if simulation.report is not None:
+            self._recentSeconds.append(simulation.stepSeconds)
+            if simulation.stepCount == ADVICE_STEP:
+                advice = simulation.advice()
+                self.saved = advice or self.saved
+                print_note(advice)
+            self._phases.append(simulation.report.seconds)
+        if self.recorder is not None:
+            self._try_recording(lambda: self.recorder.add(simulation))
         self._film()
         return True
 
@@ -203,6 +199,7 @@ class Viewer:
         if self.isMeasuring:
             self.history.append((self.simulation.time, self._measure(self.simulation)))
         self.view.refresh()
+        self._show_grab()
 
     def step_once(self):
         """A single step: pauses, if playing."""
@@ -219,7 +216,17 @@ class Viewer:
         self.view.refresh()
 
     def reset(self):
-        """Back to the start of the scene, paused. The camera stays."""
+        """Back to the start of the scene, paused, with the settings that it suggests."""
+        if not self.isReplay:
+            simulation = self.simulation
+            for name, value in vars(simulation.startSettings).items():
+                setattr(simulation.settings, name, value)
+        self.restart()
+
+    def restart(self):
+        """Back to the start of the scene, paused, with the present settings. The camera stays."""
+        self.stop_recording()
+        self.release()
         self.isPlaying = False
         self.message = ""
         self.simulation.reset()
@@ -234,13 +241,16 @@ class Viewer:
 
     def open(self, path):
         """Changes to another scene or recording, paused. A broken one only leaves its error in
-        `message`. The settings go on from scene to scene."""
+        `message`. The settings go on from scene to scene.
+
+        path : also as a person types it
+        """
         self.message = ""
         try:
             if Path(path).suffix == ".json":
-                apply_camera(load_camera(path))
+                apply_camera(load_camera(os.path.expanduser(path)))
                 return
-            simulation = self._openFile(Path(path), self._settings)
+            simulation = self._openFile(path, self._settings, self.simulation.scenePath.parent)
         except ValueError as error:
             self.message = str(error)
             return
@@ -248,6 +258,8 @@ class Viewer:
             self.message = f"{path}: cannot be read ({error or 'there is not enough memory'})"
             return
         self.stop_video()
+        self.stop_recording()
+        self.release()
         self.isPlaying = False
         self.simulation = simulation
         if not self.isReplay:
@@ -256,14 +268,12 @@ class Viewer:
         self.view.rebuild(simulation)
 
     def files(self):
-        """Names and paths of the scenes and recordings beside the current scene."""
+        """Scenes and recordings beside the current scene, and our own: list of ListedFile."""
         return self._listFiles(self.simulation.scenePath.parent)
 
     def name(self):
         """What the current scene is called."""
-        path = self.simulation.scenePath
-        names = [name for name, other in self.files().items() if other == path]
-        return names[0] if names else path.stem
+        return scene_name(self.simulation.scenePath)
 
     def _out_path(self, stem, ending):
         """A path in out/<scene> that does not exist yet; makes the folder."""
@@ -327,7 +337,92 @@ class Viewer:
             else:
                 self.saved = f"saved {video.path}, {video.count} pictures"
 
+    def toggle_recording(self):
+        """Begins a recording of what is simulated from now on, or ends it."""
+        if self.recorder is not None:
+            self.stop_recording()
+            return
+        self.message = ""
+        try:
+            self.recorder = Recorder(self._out_path("recording", ".npz"))
+        except (OSError, RecordingError) as error:
+            self.message = f"cannot write: {getattr(error, 'strerror', None) or error}"
+        else:
+            self._try_recording(lambda: self.recorder.add(self.simulation))
+
+    def stop_recording(self):
+        """Ends the recording, if there is one, with the last step that was made."""
+        if self.recorder is not None:
+            recorder, steps = self.recorder, self.recorder.frameCount - 1
+            self._try_recording(recorder.save)
+            if self.recorder is not None:
+                self.recorder = None
+                self.saved = f"saved {recorder.path}, {steps} step{'s' * (steps != 1)}"
+
+    def _try_recording(self, act):
+        """Does something to the recording; where it cannot be written, ends it, and says so."""
+        try:
+            act()
+        except (OSError, RecordingError) as error:
+            kept = self.recorder.close()
+            self.recorder = None
+            self.message = f"cannot write: {getattr(error, 'strerror', None) or error}"
+            if kept is not None:
+                self.message += f"; what there is of the recording is in {kept}"
+
     # Bodies.
+
+    def _change(self, change):
+        """Does a `Change` to the bodies, and records it."""
+        self.simulation.change(change)
+        if self.recorder is not None:
+            self.recorder.note(self.simulation, change)
+
+    def grab_at(self, pixel):
+        """Holds the body that is seen at a pixel, at the point that is seen, to be dragged."""
+        self.release()
+        body, point = self.view.body_at(pixel)
+        if body is None:
+            return
+        if self.isReplay:
+            self.message = "a recording cannot be changed: --resume goes on from it"
+        elif self.simulation.meshes[body].isFixed:
+            self.message = f"{self.simulation.meshes[body].name} is fixed"
+        else:
+            self.message = ""
+            self.grab = Grab(self.simulation.meshes[body], body, point)
+            self._grabDistance = self.view.distance_of(point)
+
+    def drag_to(self, pixel):
+        """Moves the hand to a pixel, as far from the camera as the body was picked up."""
+        if self.grab is not None:
+            self.grab.target = self.view.point_at(pixel, self._grabDistance)
+            self._show_grab()
+
+    def release(self):
+        """Lets go: what is dragged keeps its velocity, and is thrown."""
+        if self.grab is not None:
+            self.grab = None
+            self.view.show_spring(None)
+
+    def _show_grab(self):
+        if self.grab is not None:
+            mesh = self.simulation.meshes[self.grab.body]
+            self.view.show_spring((self.grab.point(mesh), self.grab.target))
+
+    def shoot(self, pixel):
+        """Shoots a ball into the scene, from the camera towards a pixel."""
+        simulation = self.simulation
+        self.message = ""
+        if self.isReplay:
+            self.message = "a recording cannot be changed: --resume goes on from it"
+        elif simulation.runTimestep is not None:
+            self.message = "with --functions nothing can be shot: they know the scene's bodies only"
+        elif len(simulation.meshes) - simulation.sceneCount >= MOST_SHOTS:
+            self.message = f"{MOST_SHOTS} balls have been shot: R takes them out"
+        else:
+            self._change(shot(simulation.meshes, self.view.size, *self.view.aim(pixel)))
+            self.view.refresh()
 
     def pick_at(self, pixel):
         """Picks the body at a pixel of the window, or none."""
@@ -341,12 +436,13 @@ class Viewer:
     def push(self, direction):
         """Pushes the picked body along a unit direction (3,), at the point that was clicked."""
         mesh = self.picked()
-        mesh.push(mesh.mass * self.pushSpeed * np.asarray(direction), self.view.picked_point())
+        impulse = mesh.mass * self.pushSpeed * np.asarray(direction)
+        self._change(changes.push(self.view.picked, impulse, self.view.picked_point()))
         self.view.refresh()
 
     def set_fixed(self, isFixed):
         """Fixes or frees the picked body."""
-        self.picked().isFixed = isFixed
+        self._change(changes.fix(self.view.picked, isFixed))
         self.view.refresh()
 
     # Numbers.

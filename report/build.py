@@ -1,17 +1,22 @@
 """Builds the report: `python report/build.py`.
 
-Runs the experiments, draws their plots, renders the pictures, measures the times, writes every
-number that the text quotes to numbers.json, and typesets report.typ to report.pdf.
+Runs the experiments, draws their plots, renders the pictures and videos, measures the times, writes
+every number that the text quotes to numbers.json, looks whether a number contradicts a sentence
+(`claims.py`), lists the claims in claims.md, and typesets report.typ to report.pdf.
 
     python report/build.py                        all of it
-    python report/build.py --keep-timings         with the times of scale.csv and scheduling.csv
-    python report/build.py --only tunnelling      one figure, its numbers and the PDF
+    python report/build.py --keep-timings         with the times of scale.csv and its neighbours
+    python report/build.py --only tunnelling      one experiment, its numbers and the PDF
     python report/build.py --check                measures again, and compares with numbers.json
     python report/build.py --only scale --sizes 50 200 1000 3000
+
+It ends with 1 where a number contradicts a sentence, something failed, or there are too many pages;
+the PDF is written all the same.
 """
 
 import argparse
 import concurrent.futures
+import importlib.util
 import io
 import json
 import os
@@ -24,58 +29,89 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
+import claims
 import experiments
+import mechanisms
 import pictures
+import resting
 import style
 import timings
+import videos
 
 FOLDER = Path(__file__).resolve().parent
 FIGURES = FOLDER / "figures"
 NUMBERS = FOLDER / "numbers.json"
-TIMED = ("scale", "phases", "scheduling", "peers")
+CLAIMS = FOLDER / "claims.md"
+TIMED = ("scale", "slick", "scheduling", "restTimes")
+assert mechanisms and resting  # they add to the experiments
 REPEATABLE = ("constants", *experiments.EXPERIMENTS, *experiments.SILENT)
+# What these measure of MuJoCo and PyBullet stays where they are not installed.
+BESIDE_PEERS = ("resting", "standing")
+VIDEOS = {f"video_{name}": name for name in videos.VIDEOS}
+SOURCE = FOLDER / "report.typ"
 MOST_PAGES = 3
+SIZES = ("9.8", "9.7", "9.6", "9.5", "9.4", "9.3", "9.2")  # points of the text
+# Seconds, roughly, of those that take long.
+DURATIONS = {
+    "tunnelling": 80, "samebits": 75, "schedules": 60, "candidates": 50, "batches": 40,
+    "resting": 40, "stack": 45, "restitution": 40, "corrections": 37, "stretch": 33,
+    "stopping": 31, "incline": 50, "separating": 25, "order": 20, "standing": 25, "videos": 60,
+    "video_resting": 60, "video_scale": 50, "video_constraints": 40,
+}  # fmt: skip
 
 
 def run_experiment(name, isDrawn=True):
-    """`(numbers, seconds)` of one experiment; draws its figure."""
+    """`(numbers, seconds)` of one experiment, picture or video; draws it.
+
+    Pictures and videos have no numbers: None.
+    """
     begin = time.perf_counter()
+    numbers = None
     if name == "constants":
         numbers = experiments.constants()
     elif name in experiments.SILENT:
         numbers = experiments.SILENT[name]()
-    else:
+    elif name in experiments.EXPERIMENTS:
         path = FIGURES / f"{name}.svg" if isDrawn else io.BytesIO()
         numbers = style.draw(experiments.EXPERIMENTS[name], path)
+    else:  # Polyscope starts once in a process
+        script, word = (videos, VIDEOS[name]) if name in VIDEOS else (pictures, name)
+        subprocess.run([sys.executable, script.__file__, word], check=True)
     return numbers, time.perf_counter() - begin
 
 
-def run_experiments(names, isDrawn=True):
-    """Name → numbers, as many at a time as there are cores, the longest first."""
-    results = {}
+def run_experiments(names, isDrawn=True, done=lambda numbers: None):
+    """`(name → numbers, names that failed)`, as many at a time as there are cores, the longest
+    first.
+
+    done : is called with each one's `{name: numbers}`
+    """
+    results, failed = {}, []
     order = sorted(names, key=lambda name: -DURATIONS.get(name, 1))
     with concurrent.futures.ProcessPoolExecutor(os.cpu_count()) as pool:
         jobs = {pool.submit(run_experiment, name, isDrawn): name for name in order}
         for job in concurrent.futures.as_completed(jobs):
             name = jobs[job]
-            results[name], seconds = job.result()
-            print(f"{name:<14} {seconds:6.1f} s", flush=True)
-    return results
-
-
-# Seconds, roughly, of those that take long.
-DURATIONS = {
-    "tunnelling": 80, "samebits": 75, "stack": 45, "restitution": 40, "corrections": 37,
-    "stretch": 33, "stopping": 31, "incline": 30, "separating": 25, "order": 20,
-}  # fmt: skip
+            try:
+                numbers, seconds = job.result()
+            except (Exception, SystemExit) as error:
+                failed.append(name)
+                print(f"{name:<22} FAILED: {type(error).__name__}: {error}", flush=True)
+                continue
+            if numbers is not None:
+                results[name] = numbers
+                done({name: numbers})
+            print(f"{name:<22} {seconds:6.1f} s", flush=True)
+    return results, failed
 
 
 def draw_timings():
     """Figures and numbers of what has been timed."""
     return {
         "scale": style.draw(timings.scale, FIGURES / "scale.svg"),
-        "phases": style.draw(timings.phases, FIGURES / "phases.svg"),
+        "slick": style.draw(timings.slick, FIGURES / "slick.svg"),
         "scheduling": timings.scheduling(),
+        "restTimes": timings.rest_times(),
     }
 
 
@@ -83,85 +119,123 @@ def load_numbers():
     return json.loads(NUMBERS.read_text()) if NUMBERS.exists() else {}
 
 
+def has_peers():
+    return all(importlib.util.find_spec(name) for name in ("mujoco", "pybullet"))
+
+
 def save_numbers(numbers):
     """One number a line, sorted, so that a change is seen."""
+    kept = load_numbers()
+    if not has_peers():
+        for name in BESIDE_PEERS:
+            if name in numbers:
+                numbers[name] = kept.get(name, {}) | numbers[name]
+    numbers = {name: values for name, values in (kept | numbers).items()
+               if name in (*REPEATABLE, *TIMED)}  # fmt: skip
+    numbers["figures"] = {figure: list(names) for figure, names in claims.FIGURES}
     NUMBERS.write_text(json.dumps(numbers, indent=1, sort_keys=True, ensure_ascii=False) + "\n")
+    return numbers
 
 
 def typeset():
-    """report.pdf and, for the eye, a picture of each page in out/report."""
+    """report.pdf and, for the eye, a picture of each page in out/report; how many pages.
+
+    The largest of SIZES is used with which it has no more than MOST_PAGES.
+    """
     import typst
 
-    source = FOLDER / "report.typ"
-    settings = {"root": str(FOLDER), "ignore_system_fonts": True}
-    # the same text gives the same bytes
-    typst.compile(str(source), output=str(FOLDER / "report.pdf"), timestamp=0, **settings)
     pages = FOLDER.parent / "out" / "report"
     pages.mkdir(parents=True, exist_ok=True)
-    for old in pages.glob("page*.png"):
-        old.unlink()
-    typst.compile(str(source), output=str(pages / "page{p}.png"), format="png", ppi=150.0,
-                  **settings)  # fmt: skip
-    count = len(list(pages.glob("page*.png")))
-    if count > MOST_PAGES:
-        sys.exit(f"the report has {count} pages; {MOST_PAGES} are allowed")
-    print(f"{FOLDER / 'report.pdf'}: {count} pages, pictures of them in {pages}")
+    for size in SIZES:
+        settings = {"root": str(FOLDER), "ignore_system_fonts": True, "sys_inputs": {"size": size}}
+        for old in pages.glob("page*.png"):
+            old.unlink()
+        typst.compile(str(SOURCE), output=str(pages / "page{p}.png"), format="png", ppi=150.0,
+                      **settings)  # fmt: skip
+        count = len(list(pages.glob("page*.png")))
+        if count <= MOST_PAGES:
+            break
+    # the same text gives the same bytes
+    typst.compile(str(SOURCE), output=str(FOLDER / "report.pdf"), timestamp=0, **settings)
+    print(f"report.pdf: {count} pages in {size} points, pictures of them in {pages}")
+    return count
 
 
 def check():
-    """Measures again what does not depend on the time; the number of differences."""
+    """Measures again what does not depend on the time; the number of differences.
+
+    Looks also at the states of the pictures, whether their captions are true.
+    """
     kept, wrong = load_numbers(), 0
-    for name, numbers in run_experiments(REPEATABLE, isDrawn=False).items():
-        for key in sorted(set(numbers) | set(kept.get(name, {}))):
-            old, new = kept.get(name, {}).get(key), numbers.get(key)
-            if old != new:
+    for name in pictures.PICTURES:
+        pictures.checked(name)
+    measured, failed = run_experiments(REPEATABLE, isDrawn=False)
+    wrong += len(failed)
+    for name, numbers in measured.items():
+        old = kept.get(name, {})
+        keys = set(numbers) if name in BESIDE_PEERS and not has_peers() else set(numbers) | set(old)
+        for key in sorted(keys):
+            if old.get(key) != numbers.get(key):
                 wrong += 1
-                print(f"{name}.{key}: {old} in numbers.json, {new} now")
+                print(f"{name}.{key}: {old.get(key)} in numbers.json, {numbers.get(key)} now")
+    contradicted = claims.contradictions(kept)
+    print(*contradicted, sep="\n", end="\n" if contradicted else "")
     count = sum(len(kept.get(name, {})) for name in REPEATABLE)
-    print(f"{count} numbers, {wrong} differ")
-    return wrong
+    print(f"{count} numbers, {wrong} differ; {len(claims.CLAIMS)} claims, "
+          f"{len(contradicted)} contradicted; {len(pictures.PICTURES)} captions true")  # fmt: skip
+    return wrong + len(contradicted)
+
+
+def measure_times(chosen, options):
+    if chosen & {"scale", "slick"}:
+        if options.quick:
+            timings.measure_scale(timings.QUICK_SIZES, timings.QUICK_WINDOW)
+        else:
+            timings.measure_scale(options.sizes)
+    if "scheduling" in chosen:
+        timings.measure_scheduling()
+    if "restTimes" in chosen:
+        timings.measure_resting()
 
 
 def main():
+    known = {*REPEATABLE, *TIMED, *pictures.PICTURES, *VIDEOS, "text"}
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--only", nargs="+", metavar="NAME", default=None,
-                        help=f"of {', '.join([*REPEATABLE, *TIMED, *pictures.PICTURES, 'text'])}")
+                        help=f"of {', '.join(sorted(known))}")  # fmt: skip
     parser.add_argument("--keep-timings", action="store_true", help="measure no times")
     parser.add_argument("--sizes", nargs="+", type=int, metavar="N", default=timings.SIZES,
-                        help="bodies of the piles that are timed (default: %(default)s)")
-    parser.add_argument("--quick", action="store_true", help="time small piles only")
+                        help="bodies of the heaps timed (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--quick", action="store_true", help="time small heaps, early")
     parser.add_argument("--check", action="store_true",
-                        help="compare what is measured with numbers.json, change nothing")
+                        help="measure, compare with numbers.json, change nothing")  # fmt: skip
     options = parser.parse_args()
     if options.check:
         sys.exit(1 if check() else 0)
-    known = {*REPEATABLE, *TIMED, *pictures.PICTURES, "text"}
-    chosen = set(known if options.only is None else options.only)
+    chosen = known if options.only is None else set(options.only)
     if not chosen <= known:
         parser.error(f"there is no {', '.join(sorted(chosen - known))}")
 
     begin = time.perf_counter()
     FIGURES.mkdir(exist_ok=True)
-    numbers = run_experiments([name for name in REPEATABLE if name in chosen])
-    save_numbers(load_numbers() | numbers)
-    for name in pictures.PICTURES:
-        if name in chosen:  # Polyscope starts once in a process
-            subprocess.run([sys.executable, pictures.__file__, name], check=True)
-            print(f"{name:<14} drawn", flush=True)
+    names = [name for name in (*REPEATABLE, *pictures.PICTURES, *VIDEOS) if name in chosen]
+    _, failed = run_experiments(names, done=save_numbers)
     if not options.keep_timings:
-        if chosen & {"scale", "phases"}:
-            timings.measure_scale(timings.QUICK_SIZES if options.quick else options.sizes)
-        if "scheduling" in chosen:
-            timings.measure_scheduling()
-    if "peers" in chosen and not options.keep_timings:
-        numbers["peers"] = load_numbers().get("peers", {}) | timings.peers()
-    if chosen & set(TIMED):
-        numbers |= draw_timings()
-    save_numbers(load_numbers() | numbers)
-    typeset()
+        measure_times(chosen, options)
+    numbers = save_numbers(draw_timings() if chosen & set(TIMED) else {})
+    CLAIMS.write_text(claims.table(numbers))
+    pages = typeset()
     print(f"built in {time.perf_counter() - begin:.0f} s")
+    contradicted = claims.contradictions(numbers)
+    for line in contradicted:
+        print(f"CONTRADICTED {line}")
+    if pages > MOST_PAGES:
+        print(f"the report has {pages} pages; {MOST_PAGES} are allowed")
+    if failed:
+        print(f"failed: {', '.join(failed)}")
+    sys.exit(1 if contradicted or failed or pages > MOST_PAGES else 0)
 
 
 if __name__ == "__main__":

@@ -1,17 +1,22 @@
 """The report's pictures, drawn off-screen by the program itself: `python report/pictures.py NAME`.
 
 Each is a scene of data/, or one made here of its meshes, at some step, seen by a camera of its own.
+Before it is drawn, the state is looked at: what the caption says must be true of it, or nothing is
+drawn (`checked`).
 """
 
+import copy
+import math
 import sys
 import tempfile
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from experiments import ROOT, box
+from experiments import BOX, ROOT, G, H, box, heap_scene, lowest_vertices, overlap_and_sinking
 
 from rbs.backends import find_backend
 from rbs.pictureoptions import PictureOptions
@@ -19,9 +24,21 @@ from rbs.pictures import save_picture, start_view
 from rbs.scenes import find_scene
 from rbs.simulation import Settings, Simulation
 
-SIZE = (960, 640)
+SIZE = (960, 660)
 FOLDER = Path(__file__).resolve().parent / "figures"
 UPRIGHT = (1, 0, 0, 0)
+
+
+class Picture(NamedTuple):
+    """What is drawn: a simulation in its state, and how; facts, what its caption says of the
+    state, sentence → whether it is true."""
+
+    simulation: Simulation
+    camera: dict
+    facts: dict
+    overlays: tuple = ()
+    colouring: str = "body"
+    transparent: bool = False
 
 
 def made_scene(rows, **settings):
@@ -36,89 +53,219 @@ def made_scene(rows, **settings):
         return Simulation(path, Settings(**settings), allowOutsideMeshes=True)
 
 
-def stack():
-    """Eight boxes after some seconds, beside eight fixed ones, which stand as they should."""
-    rows = [("box.mesh", 500, False, (-9, 6 * k + 3, 0), UPRIGHT) for k in range(8)]
-    rows += [("box.mesh", 500, True, (9, 6 * k + 3, 0), UPRIGHT) for k in range(8)]
-    return made_scene(rows), 100, "body", (), camera((52, 40, 74), (0, 22.5, 0), 36)
-
-
-def tunnel():
-    """Cubes thrown at a fixed wall, each faster than the one before."""
-    simulation = made_scene([("box.mesh", 500, True, (0, 0, 0), UPRIGHT)], closingOnly=True)
-    lanes = (-9.0, -3.0, 3.0, 9.0)
-    wall = box((1, 12, 26), (0, 6, 0), isFixed=True)
-    # what is fast enough begins where none of its steps ends in the wall's nearer half
-    starts, speeds = (-6.5, -10.0, -13.6, -20.8), (40.0, 70.0, 100.0, 160.0)
-    cubes = [box((2, 2, 2), (x, 6, z)) for x, z in zip(starts, lanes, strict=True)]
-    for cube, speed in zip(cubes, speeds, strict=True):
-        cube.linVelocity = np.array([[speed, 0.0, 0.0]])
-    simulation.meshes = [wall, *cubes]
-    return simulation, 10, "body", ("trails",), camera((-6, 19, 34), (-1, 3.5, 0), 42)
-
-
-def drift():
-    """One of each shape, long after the fall, with where they have come from."""
-    simulation = Simulation(find_scene("mixed"), Settings())
-    return simulation, 300, "body", ("trails",), camera((60, 90, 150), (-3, 0, 12), 36)
-
-
-def chains():
-    """Two chains among posts."""
-    look = camera((80, 90, 165), (34, 70, 0), 50)
-    return Simulation(find_scene("two_chain"), Settings()), 150, "density", (), look
-
-
-def cube():
-    """Eight bodies, each with constraints to all others, long after they have landed."""
-    look = camera((26, 30, 52), (0, 9, 0), 36)
-    return Simulation(find_scene("cube"), Settings()), 450, "body", ("velocities",), look
-
-
-def net():
-    """Bodies in a net, which stretches."""
-    settings = Settings(constraintScheduling="batches", broadPhase="grid")
-    look = camera((120, 105, 190), (0, 42, 0), 40)
-    return Simulation(find_scene("net"), settings), 140, "speed", (), look
-
-
-def slope():
-    """Boxes on two slopes, with friction, and their trails."""
-    simulation = Simulation(find_scene("incline"), Settings(friction=0.4))
-    return simulation, 340, "body", ("trails",), camera((28, 34, 78), (0, 9, 0), 40)
-
-
-def pile():
-    """A pile of a thousand bodies."""
-    settings = Settings(broadPhase="grid", friction=0.5)
-    look = camera((120, 95, 190), (0, -8, 10), 42)
-    return Simulation(find_scene("pile_1000"), settings), 250, "body", (), look
-
-
 def camera(position, target, fieldOfView):
     return {"position": np.array(position, dtype=float), "target": np.array(target, dtype=float),
             "fieldOfView": float(fieldOfView)}  # fmt: skip
 
 
+def run(simulation, steps):
+    for _ in range(steps):
+        simulation.step()
+    return simulation
+
+
+def ghosts(mesh, states):
+    """Copies of a body where it was: positions and orientations in states."""
+    copies = []
+    for position, orientation in states:
+        ghost = copy.copy(mesh)
+        ghost.position, ghost.orientation = position.copy(), orientation.copy()
+        copies.append(ghost)
+    return copies
+
+
+def eight_boxes():
+    rows = [("box.mesh", 500, False, (-6.5, 6 * k + 3, 0), UPRIGHT) for k in range(8)]
+    rows += [("box.mesh", 500, True, (6.5, 6 * k + 3, 0), UPRIGHT) for k in range(8)]
+    return made_scene(rows)
+
+
+STACK_STEPS = 100
+
+
+def stack():
+    """The lowest of eight boxes after two seconds, beside fixed ones, which keep their places."""
+    simulation = run(eight_boxes(), STACK_STEPS)
+    overlap, sinking = overlap_and_sinking(simulation.meshes[:8])
+    lowest = simulation.meshes[0].detect_collision(simulation.meshes[1])[1]
+    return Picture(simulation, camera((25, 20, 38), (0, 10.5, 0), 36), {
+        "the boxes stand in each other, by a quarter of a box and more": overlap > BOX[1] / 4,
+        "the lowest two overlap": lowest > 0.3,
+        "the top is lower by more than three metres": sinking > 3.0,
+        "the fixed boxes are where they were": simulation.meshes[15].position[0, 1] == 45.0,
+    })  # fmt: skip
+
+
+TUNNEL_STEPS = 10
+TUNNEL_SPEEDS = (40.0, 70.0, 100.0, 160.0)
+WALL = (1, 10, 17)
+
+
+def thrown_cubes():
+    """Cubes thrown at a fixed wall, each faster than the one before."""
+    simulation = made_scene([("box.mesh", 500, True, (0, 0, 0), UPRIGHT)], closingOnly=True)
+    wall = box(WALL, (0, 5, 0), isFixed=True)
+    # what is fast enough begins where none of its steps ends in the wall's nearer half
+    starts = (-6.5, -10.0, -13.6, -20.8)
+    cubes = [box((2, 2, 2), (x, 6, z)) for x, z in zip(starts, (-6, -2, 2, 6), strict=True)]
+    for cube, speed in zip(cubes, TUNNEL_SPEEDS, strict=True):
+        cube.linVelocity = np.array([[speed, 0.0, 0.0]])
+    simulation.meshes = [wall, *cubes]
+    return simulation
+
+
+def tunnel():
+    """Cubes that a wall has stopped, and others that it has not; the fast ones at every step."""
+    simulation = thrown_cubes()
+    wall, *cubes = simulation.meshes
+    passed, states = [set() for _ in cubes], [[] for _ in cubes]
+    for _ in range(TUNNEL_STEPS):
+        for k, cube in enumerate(cubes):
+            states[k].append((cube.position, cube.orientation))
+        simulation.step()
+        for contact in simulation.report.contacts:
+            if contact.body1 == 0:
+                passed[contact.body2 - 1].add(float(cubes[contact.body2 - 1].position[0, 0]) > 0)
+    x = np.array([cube.position[0, 0] for cube in cubes])
+    v = np.array([cube.linVelocity[0, 0] for cube in cubes])
+    seen = [ghost for k in (2, 3) for ghost in ghosts(cubes[k], states[k])
+            if -9 < ghost.position[0, 0] < 8]  # fmt: skip
+    simulation.meshes = [wall, *cubes, *seen]
+    return Picture(simulation, camera((-4, 15, 25), (0.5, 4.5, 0.5), 42), {
+        "two are thrown back": bool((x[:2] < 0).all() and (v[:2] < 0).all()),
+        "two are behind the wall": bool((x[2:] > 0).all() and (v[2:] > 0).all()),
+        "the fast ones were never in the nearer half": all(False not in p for p in passed[2:]),
+        "the slow ones were": all(False in p for p in passed[:2]),
+    })  # fmt: skip
+
+
+def cube():
+    """Eight bodies, each constrained to all others, when they are deepest in the ground."""
+    simulation = Simulation(find_scene("cube"), Settings())
+    deepest, best = 0.0, None
+    for _ in range(200):
+        simulation.step()
+        low = lowest_vertices(simulation).min()
+        if low < deepest:
+            deepest, best = low, simulation.state()
+    simulation.set_state(best)
+    return Picture(simulation, camera((11, 3.2, 20), (0, 3.4, 0), 40), {
+        "a vertex is more than half a metre below the ground": deepest < -0.5,
+    })  # fmt: skip
+
+
+SLOPE_SECONDS = 5.0
+
+
+def slope():
+    """Boxes on two slopes, with friction: one stays, the other one is shown where it was."""
+    simulation = Simulation(find_scene("incline"), Settings(friction=0.4))
+    steep, gentle = simulation.meshes[1], simulation.meshes[3]
+    starts = [steep.position.copy(), gentle.position.copy()]
+    states = [(starts[0], steep.orientation.copy())]
+    run(simulation, round(SLOPE_SECONDS / H))
+    ways = [np.linalg.norm(mesh.position - start) for mesh, start in
+            zip((steep, gentle), starts, strict=True)]  # fmt: skip
+    angle = 2 * math.atan(1 / 4)  # as the scene has it
+    law = 0.5 * G * SLOPE_SECONDS**2 * (math.sin(angle) - 0.4 * math.cos(angle))
+    simulation.meshes = [*simulation.meshes, *ghosts(steep, states)]
+    return Picture(simulation, camera((14, 26, 62), (0, 10, 0), 36), {
+        "the box on the steep slope slides": ways[0] > 5.0,
+        "as Coulomb's law has it, within a fifth": abs(ways[0] / law - 1) < 0.2,
+        "the box on the gentle slope moves less than its own length": ways[1] < 2.0,
+    })  # fmt: skip
+
+
+PYRAMID_STEPS = 500
+RESTING = {"friction": 0.5, "restitution": 0.0}
+
+
+def pyramid(**settings):
+    simulation = Simulation(find_scene("pyramid"), Settings(**RESTING, **settings))
+    rows = round(simulation.meshes[-1].position[0, 1] / BOX[1] + 0.5)
+    run(simulation, PYRAMID_STEPS)
+    # the scene begins with gaps between the boxes
+    sunk = (rows - 0.5) * BOX[1] - max(mesh.position[0, 1] for mesh in simulation.meshes)
+    return simulation, sunk, camera((80, 56, 172), (4, 41, 0), 36)
+
+
+def pyramid_basic():
+    simulation, sunk, look = pyramid(broadPhase="grid")
+    return Picture(simulation, look, {"the pyramid has collapsed": sunk > 20.0})
+
+
+def pyramid_soft():
+    simulation, sunk, look = pyramid(contactSolver="soft-step")
+    return Picture(simulation, look, {"the pyramid stands, to a decimetre": abs(sunk) < 0.1})
+
+
+HEAP_STEPS = 110
+
+
+def heap():
+    """A dense heap of a thousand bodies, with friction, while it collapses."""
+    simulation = Simulation(heap_scene(1000), Settings(broadPhase="grid", **RESTING))
+    start = max(mesh.position[0, 1] for mesh in simulation.meshes)
+    run(simulation, HEAP_STEPS)
+    top = max(mesh.position[0, 1] for mesh in simulation.meshes)
+    speeds = np.linalg.norm([mesh.linVelocity[0] for mesh in simulation.meshes], axis=1)
+    return Picture(simulation, camera((115, 90, 205), (0, 32, 0), 38), {
+        "it has come down by a fifth and more": top < 0.8 * start,
+        "half of its bodies move with a metre a second or more": np.median(speeds) > 1.0,
+        "bodies touch one other and more": len(simulation.report.contacts) > 500,
+    })  # fmt: skip
+
+
 PICTURES = {
     f"picture_{function.__name__}": function
-    for function in (stack, tunnel, drift, chains, cube, net, slope, pile)
+    for function in (stack, tunnel, cube, slope, heap, pyramid_basic, pyramid_soft)
 }
+
+
+# Name → what its caption says; `checked` compares it with what was looked at.
+CAPTIONS = {
+    "picture_stack": (
+        "the boxes stand in each other, by a quarter of a box and more",
+        "the lowest two overlap", "the top is lower by more than three metres",
+        "the fixed boxes are where they were",
+    ),
+    "picture_tunnel": (
+        "two are thrown back", "two are behind the wall",
+        "the fast ones were never in the nearer half", "the slow ones were",
+    ),
+    "picture_cube": ("a vertex is more than half a metre below the ground",),
+    "picture_slope": (
+        "the box on the steep slope slides", "as Coulomb's law has it, within a fifth",
+        "the box on the gentle slope moves less than its own length",
+    ),
+    "picture_heap": (
+        "it has come down by a fifth and more",
+        "half of its bodies move with a metre a second or more", "bodies touch one other and more",
+    ),
+    "picture_pyramid_basic": ("the pyramid has collapsed",),
+    "picture_pyramid_soft": ("the pyramid stands, to a decimetre",),
+}  # fmt: skip
+
+
+def checked(name):
+    """The Picture of this name; ends with a line where its caption is not true of it."""
+    picture = PICTURES[name]()
+    assert tuple(picture.facts) == CAPTIONS[name]
+    wrong = [fact for fact, isTrue in picture.facts.items() if not isTrue]
+    if wrong:
+        sys.exit(f"{name}: the caption is not true of the state drawn: {'; '.join(wrong)}")
+    return picture
 
 
 def draw(name, size=SIZE):
     """Writes figures/<name>.png; name : of PICTURES."""
-    simulation, steps, colouring, overlays, where = PICTURES[name]()
+    picture = checked(name)
     backend = find_backend(window=False)
     if backend.name is None:
         sys.exit(f"no pictures can be drawn: {backend.reason}. {backend.remedy}")
-    options = PictureOptions(size, where, False, colouring, overlays)
-    view = start_view(simulation, backend, options)
-    for step in range(1, steps + 1):
-        simulation.step()
-        # a trail remembers some forty places: of a short run every one, of a long one its end
-        if "trails" in overlays and (steps < 50 or step % 5 == 0):
-            view.refresh()
+    options = PictureOptions(size, picture.camera, picture.transparent, picture.colouring,
+                             picture.overlays)  # fmt: skip
+    view = start_view(picture.simulation, backend, options)
     view.refresh()
     save_picture(FOLDER / f"{name}.png", view)
 

@@ -13,8 +13,14 @@ COLOURS = [BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK]
 GREY = "0.55"
 
 CENTIMETRE = 1 / 2.54
-# A third of the text's width: plots are set at their own size, so 7.5 is 7.5 points on paper.
-PANEL = (5.75 * CENTIMETRE, 4.2 * CENTIMETRE)
+# Plots are set at their own size, so 7.5 is 7.5 points on paper: a third of the text's width, half
+# of it, and half of a column.
+PANEL, WIDE, NARROW = (
+    (width * CENTIMETRE, height * CENTIMETRE)
+    for width, height in ((5.75, 4.5), (8.75, 4.5), (4.2, 3.5))
+)
+SIZES = {"batches": WIDE, "queue": WIDE, "gyroscopic": NARROW, "cliques": NARROW,
+         "slick": NARROW}  # fmt: skip
 
 SETTINGS = {
     "font.family": "DejaVu Sans", "font.size": 7.5, "axes.labelsize": 7.5,
@@ -34,10 +40,11 @@ SETTINGS = {
 
 def draw(function, path):
     """Calls `function(axis)` on an empty panel, writes it to path (.svg), returns its answer."""
+    size = SIZES.get(function.__name__, PANEL)
     with pyplot.rc_context(SETTINGS):
-        figure, axis = pyplot.subplots(figsize=PANEL, layout="constrained")
+        figure, axis = pyplot.subplots(figsize=size, layout="constrained")
         figure.get_layout_engine().set(w_pad=0.02, h_pad=0.04)
         answer = function(axis)
-        figure.savefig(path, metadata={"Date": None})
+        figure.savefig(path, metadata={"Date": None}, dpi=400)
         pyplot.close(figure)
     return answer

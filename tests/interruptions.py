@@ -1,25 +1,19 @@
 """Interrupts recordings at random: any number of signals, at any time.
 
-    python tests/interruptions.py
-    python tests/interruptions.py --seconds 600 --seed 7
+    python tests/campaigns.py interrupts
 
 Each run records tower in many small chunks, and writes a table. One to five signals come at random
 times, often in bursts, and often while the recording is being saved: Ctrl-C, kill, hang-up, or kill
 -9, which no program can see. Half of the recordings that are left in pieces are finished by a
 `--finish` that is interrupted the same way. After all that there must be a whole recording, or a
 folder that `--finish` makes one of; whatever place a message names must be there; and no traceback.
-Prints counts, and each failure with its number; ends with exit code 1 if there was one.
 """
 
-import argparse
-import collections
 import os
-import random
 import re
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -140,32 +134,3 @@ def one_run(folder, rng, counts):
     if part.exists():
         found.append("--finish leaves the folder")
     return found
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--seconds", type=float, default=120.0)
-    parser.add_argument("--runs", type=int, default=10**9)
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # children would inherit its absence
-    counts, failures = collections.Counter(), 0
-    end = time.monotonic() + options.seconds
-    for run in range(options.runs):
-        if time.monotonic() > end:
-            break
-        rng = random.Random(f"{options.seed} {run}")
-        with tempfile.TemporaryDirectory() as folder:
-            found = one_run(Path(folder), rng, counts)
-        counts["runs"] += 1
-        failures += bool(found)
-        for text in found:
-            print(f"run {run} of seed {options.seed}: {text}", flush=True)
-    for name, count in sorted(counts.items()):
-        print(f"{name:<32} {count}")
-    print(f"{'failures':<32} {failures or 'none'}")
-    return int(failures > 0)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -5,6 +5,9 @@ the Minkowski difference, and the arrays of a shape are read only, so that whoev
 argument in place raises at once.
 """
 
+import itertools
+import math
+from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
 
@@ -143,6 +146,95 @@ def minkowski_depth(points1, points2):
     equations = ConvexHull(differences).equations
     nearest = equations[:, 3].argmax()
     return -equations[nearest, 3], equations[nearest, :3]
+
+
+def thin_depth(points1, points2):
+    """`minkowski_depth` of thin hulls, whose difference Qhull is given stretched to a cube.
+
+    An affine map takes facets to facets; the penetrations along them are worked out in extended
+    precision, at the points as they are.
+    """
+    differences = (points1[:, None] - points2[None]).reshape(-1, 3)
+    centred = differences - differences.mean(axis=0)
+    axes = np.linalg.svd(centred, full_matrices=False)[2]
+    extents = np.abs(centred @ axes.T).max(axis=0)
+    normals = ConvexHull(differences @ axes.T / extents).equations[:, :3] / extents @ axes
+    normals = normals.astype(np.longdouble)
+    normals /= np.sqrt((normals * normals).sum(axis=1, keepdims=True))
+    return float(((points1 @ normals.T).max(axis=0) - (points2 @ normals.T).min(axis=0)).min())
+
+
+def exact_depth(points1, points2):
+    """Depth of two hulls of few points, of any dimension, without rounding but for the last.
+
+    In whole numbers. The directions looked at are those across any two lines between points of a
+    set, which include the normals of all facets of A - B; of what lies in a plane, those in it too.
+    A negative depth is the widest gap along one of the directions, also those from point to point
+    and from point to line, and so minus the distance.
+    """
+    unit, sets = _whole_numbers(points1, points2)
+    lines = {}
+    for points in sets:
+        for a, b in itertools.combinations(points, 2):
+            d = _minus(a, b)
+            divisor = math.gcd(*d)
+            lines[max(tuple(s * x // divisor for x in d) for s in (1, -1))] = None
+    lines = list(lines)
+    normals = [n for d, e in itertools.combinations(lines, 2) if any(n := _cross(d, e))]
+    if not normals and lines:  # all on a line
+        across = _cross(lines[0], min(((0, 0, 1), (0, 1, 0), (1, 0, 0)),
+                                      key=lambda axis: abs(_dot(axis, lines[0]))))  # fmt: skip
+        normals = [lines[0], across, _cross(lines[0], across)]
+    elif not normals:  # two points
+        normals = [(1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    elif all(_dot(normals[0], d) == 0 for d in lines):  # all in a plane
+        normals = [normals[0], *(_cross(normals[0], d) for d in lines)]
+    least = _least_overlap(*sets, normals)
+    if least < 0:
+        between = [_minus(a, b) for a, b in itertools.product(*sets)]
+        normals += between
+        normals += [
+            tuple(_dot(d, d) * x - _dot(d, v) * y for x, y in zip(v, d, strict=True))
+            for v in between for d in lines
+        ]  # fmt: skip
+        least = _least_overlap(*sets, [n for n in normals if any(n)])
+    digits = 2 * max(0, 80 + (least.denominator.bit_length() - least.numerator.bit_length()) // 2)
+    root = math.isqrt((abs(least.numerator) << digits) // least.denominator)
+    return math.copysign(float(root * unit / 2 ** (digits // 2)), least)
+
+
+def _whole_numbers(*tables):
+    """`(unit, sets)`: each table's points once, as tuples of three whole numbers of units."""
+    fractions = [[tuple(map(Fraction, row)) for row in table.tolist()] for table in tables]
+    denominator = max(x.denominator for rows in fractions for row in rows for x in row)
+    whole = [[tuple(int(x * denominator) for x in row) for row in rows] for rows in fractions]
+    shift = math.gcd(*(x for rows in whole for row in rows for x in row)) or 1
+    sets = [list(dict.fromkeys(tuple(x // shift for x in row) for row in rows)) for rows in whole]
+    return Fraction(shift, denominator), sets
+
+
+def _least_overlap(points1, points2, normals):
+    """The least overlap of two sets along the normals and against them: its square, with a sign."""
+    best, best2 = None, 1
+    for n in normals:
+        heights1, heights2 = [_dot(n, p) for p in points1], [_dot(n, p) for p in points2]
+        overlap = min(max(heights1) - min(heights2), max(heights2) - min(heights1))
+        signed, length2 = overlap * abs(overlap), _dot(n, n)
+        if best is None or signed * best2 < best * length2:
+            best, best2 = signed, length2
+    return Fraction(best, best2)
+
+
+def _minus(a, b):
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 def penetrations(meshes):

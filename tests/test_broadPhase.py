@@ -294,8 +294,9 @@ def pile(*arguments):
 def test_piles_are_made_as_asked():
     assert pile(200) == (DATA_FOLDER / "pile_200-scene.txt").read_text()
     assert pile(1000) == (DATA_FOLDER / "pile_1000-scene.txt").read_text()
+    assert pile(1000, "--heap") == (DATA_FOLDER / "heap-scene.txt").read_text()
     assert pile(30, "--seed", 5) != pile(30, "--seed", 6)
-    layer = [line.split() for line in pile(30, "--spread", "--shapes", "box").splitlines()[1:]]
+    layer = [line.split() for line in pile(30, "--spread", "--shapes", "box").splitlines()[2:]]
     assert len(layer) == 30 and {row[0] for row in layer} == {"box.mesh"}
     heights = [float(row[4]) for row in layer]
     assert max(heights) - min(heights) <= 1.0  # one layer, jittered by half a metre up and down

@@ -154,11 +154,12 @@ def test_headless_run_ends_with_a_summary_of_what_happened(tmp_path):
     assert summary["bodies"] == "7, 0 of them fixed"
     assert summary["steps"] == "120 of 0.02 s: 2.4 s simulated"
     assert float(summary["time per step"].split(" ms median")[0]) > 0.0
+    # This scene weighs 480 t.
     assert summary["kinetic energy"] == (
-        f"0 J at the start, {simulation.kinetic_energy():.6g} J now"
+        f"0 J at the start, {simulation.kinetic_energy() / 1e6:.6g} MJ now"
     )
     assert summary["potential energy"] == (
-        f"{potential:.6g} J at the start, {simulation.potential_energy():.6g} J now"
+        f"{potential / 1e6:.6g} MJ at the start, {simulation.potential_energy() / 1e6:.6g} MJ now"
     )
     assert summary["lowest point"] == f"y = {y:.4g} m ({name})"
     assert summary["numbers"] == "all finite"
@@ -332,7 +333,7 @@ def test_without_a_display_it_says_so_and_draws_off_screen(tmp_path):
     require_opengl()
     process = run(tmp_path, "mixed", "--steps", 40)
     assert summary_of(process)["pictures"] == f"{FALLBACK_PICTURES} in out/mixed"
-    line, suggestion = process.stderr.splitlines()
+    line, suggestion, *_ = process.stderr.splitlines()  # progress, where it takes long
     assert "no window: there is no display" in line and "out/mixed" in line
     assert "mixed-scene.txt suggests friction" in suggestion
     pictures = sorted((tmp_path / "out" / "mixed").iterdir())
@@ -556,6 +557,12 @@ def test_help_names_every_option_with_its_default(tmp_path):
                   "--plot FILE.png", "--finish FILE.npz", "--allow-outside-meshes"):  # fmt: skip
         assert words in process.stdout
     assert max(map(len, process.stdout.splitlines())) <= 100
+    # It begins with what people want, and lists the scenes.
+    lines = process.stdout.splitlines()
+    commands = [line for line in lines[:15] if line.startswith("  RigidBodySimulation.py")]
+    assert len(commands) == 5
+    scenes = {line.split()[0] for line in lines[5:] if line.startswith("    ") and line.split()}
+    assert {path.name.removesuffix("-scene.txt") for path in DATA.glob("*-scene.txt")} <= scenes
 
 
 def run_then_ask(folder, arguments, question):
@@ -572,7 +579,8 @@ def run_then_ask(folder, arguments, question):
 
 LOADED = "sorted(n for n in sys.modules if n.startswith(('rbs.', 'polyscope')) and n in {0!r})"
 # What is seen, and the window.
-SEEN = ["polyscope", "rbs.cameras", "rbs.drawing", "rbs.panel", "rbs.pictures", "rbs.viewer"]
+SEEN = ["polyscope", "rbs.cameras", "rbs.drawing", "rbs.panel", "rbs.pictures", "rbs.viewer",
+        "rbs.widgets", "rbs.plots", "rbs.helppanel"]  # fmt: skip
 
 
 @pytest.mark.parametrize(

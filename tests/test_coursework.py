@@ -253,24 +253,39 @@ def test_fixed_has_one_meaning(broadPhase):
 
 
 def test_the_sign_of_zero_is_kept_by_what_is_fixed_and_by_both_steps():
-    """To the last bit, which `array_equal` does not look at."""
-    states = []
+    """To the last bit, which `array_equal` does not look at; in states and in reports."""
+    runs = []
     for broadPhase in ("all", "grid"):
         rng = np.random.default_rng(3)
+        tilts = [quaternion([1.0, 0.0, s], 20.0 * t) for s in (1.0, -1.0) for t in (1, 0, -1, 0)]
         meshes = [
-            box_body(2.0, 2.0, 2.0, (-0.0, 3.0 * k, -0.0), isFixed=k % 2 == 0) for k in range(6)
+            box_body(2.0, 2.0, 2.0, (-0.0, 3.0 * k, -0.0), orientation=q, isFixed=k % 2 == 0)
+            for k, q in enumerate(tilts)
         ]
         for mesh in meshes[1::2]:
             mesh.position = mesh.position + np.array([[0.0, 0.5, 0.0]]) * rng.random()
             mesh.linVelocity = np.array([[-0.0, -20.0, 0.0]])
-        contacts = 0
+        contacts = []
         for _ in range(150):
-            contacts += len(run_timestep(meshes, ground(), 0.02, 0.0, mu=0.3,
-                                         broadPhase=broadPhase).contacts)  # fmt: skip
-        assert contacts > 20
+            report = run_timestep(meshes, ground(), 0.02, 0.0, mu=0.3, broadPhase=broadPhase)
+            contacts += report.contacts
+        assert len(contacts) > 20
         assert all(np.signbit(mesh.position[0, 0]) for mesh in meshes[::2])
-        states.append(state_of(meshes))
-    assert states[0].tobytes() == states[1].tobytes()
+        runs.append((state_of(meshes).tobytes(), repr(contacts)))
+    assert runs[0] == runs[1]
+
+
+def test_friction_where_nothing_is_pressed_keeps_the_bits_of_both_steps():
+    """A velocity of -0.0 and an impulse of nothing: 0.0 in both steps."""
+    states = []
+    for broadPhase in ("all", "grid"):
+        meshes = [box_body(2.0, 2.0, 2.0, (1.9 * k, 5.0, 0.0)) for k in range(2)]
+        for k, mesh in enumerate(meshes):  # they part
+            mesh.linVelocity = np.array([[2.0 * k - 1.0, -0.0, -0.0]])
+        report = run_timestep(meshes, None, 0.0, 0.5, mu=0.5, broadPhase=broadPhase)
+        assert len(report.contacts) == 1 and report.contacts[0].impulse < 0.0
+        states.append(state_of(meshes).tobytes())
+    assert states[0] == states[1]
 
 
 @broadPhases

@@ -30,6 +30,10 @@ MESHES = {
     "ellipsoid.mesh": (162, {3}, None),
     "ball.mesh": (42, {3}, None),
     "slab.mesh": (8, {4}, 48 * 2 * 14),
+    "card.mesh": (8, {4}, 14 * 0.4 * 10),
+    "voussoir.mesh": (8, {4}, math.sin(math.pi / 15) / 2 * (42**2 - 34**2) * 14),
+    "ring_block.mesh": (8, {4}, math.tan(math.pi / 6) * (11**2 - 5**2) * 6),
+    **{f"dome_block_{ring}.mesh": (8, {4}, None) for ring in (1, 2, 3, 4)},
 }
 
 # Per scene: the number of bodies, and how many of them are fixed.
@@ -40,12 +44,16 @@ SCENES = {
     "bridge": (18, 2), "net": (403, 4), "wrecking_ball": (12, 2),
     "incline": (4, 2), "slide": (8, 5), "roll": (7, 4), "settle": (4, 1),
     "stack": (20, 0), "pyramid": (120, 0), "dominoes": (10, 0),
+    "arch": (15, 0), "arch_blow": (16, 0), "dome": (44, 0), "round_tower": (67, 0),
+    "card_house": (15, 0), "wall": (59, 1), "ramp": (4, 2), "cradle": (15, 10),
+    "loaded_bridge": (22, 2), "loaded_net": (418, 4),
 }
 
 # Per constraint file: the number of ties.
 TIES = {
     "two_cylinder": 2, "cube": 28, "tower_chain": 8, "two_chain": 16,
-    "bridge": 28, "net": 2 * 20 * 19, "wrecking_ball": 6,
+    "bridge": 28, "net": 2 * 20 * 19, "wrecking_ball": 6, "wall": 6, "cradle": 10,
+    "loaded_bridge": 28, "loaded_net": 2 * 20 * 19,
 }
 
 FILES = [*MESHES, "box.off", *(f"{name}-scene.txt" for name in SCENES),
@@ -210,6 +218,17 @@ def test_round_shapes_touch_what_they_approximate():
     edges = np.linalg.norm(sphere[faces] - sphere[np.roll(faces, 1, axis=1)], axis=2)
     assert edges.max() < 1.3 * edges.min()
     assert 0.95 < ConvexHull(sphere).volume / (4 / 3 * math.pi) < 1
+
+
+def test_blocks_make_a_whole_ring():
+    """Blocks of a dome: as many sectors of a circle as there are, and as much of the next joint."""
+    rings = [read_mesh(DATA / f"dome_block_{ring}.mesh")[0] for ring in (1, 2, 3, 4)]
+    for vertices in rings:
+        angles = np.arctan2(np.abs(vertices[:, 2]), vertices[:, 0])
+        assert 0.9995 * math.pi / 11 < angles.min() and angles.max() < math.pi / 11
+    for below, above in itertools.pairwise(rings):
+        joints = [{tuple(vertex) for vertex in vertices} for vertices in (below, above)]
+        assert len(joints[0] & joints[1]) == 4
 
 
 def test_off_is_the_surface_of_the_mesh():

@@ -16,6 +16,7 @@ from oracles import (
     IDENTITY,
     SHAPES,
     box,
+    exact_depth,
     frozen,
     gap_along,
     height_over_surface,
@@ -26,6 +27,7 @@ from oracles import (
     rotation,
     shape,
     size_of,
+    thin_depth,
     turned,
     vertices_of,
 )
@@ -585,6 +587,32 @@ def test_thin_hulls(half1, half2):
     assert worst < 1e-14
 
 
+@pytest.mark.parametrize("thin", [1e-6, 1e-8, 1e-10, 1e-12])
+def test_needles_in_the_same_place(thin):
+    """Of many long faces, nearly parallel to one another: the depth is one of the thickness."""
+    rng = np.random.default_rng(round(-np.log10(thin)))
+    names, hits = ("ellipsoid", "octahedron", "long-octahedron", "ellipsoid"), 0
+    for k in range(12):
+        factors = np.array([1.0, *rng.uniform(0.3, 3.0, 2) * thin])
+        points1, points2 = (
+            vertices_of(name) / np.abs(vertices_of(name)).max(axis=0) * factors
+            for name in (names[k % 4], "ellipsoid")
+        )
+        points2 = points2 * rng.uniform(0.5, 2.0)
+        if k % 3:
+            points2 = turned(points2, quaternion(rng.normal(size=3), 10.0 ** rng.uniform(-12, -3)))
+        points2 = points2 + 0.3 * rng.normal(size=3) * factors
+        q = random_quaternions(rng, 1)[0]
+        points1, points2 = turned(points1, q), turned(points2, q)
+        depth, result = thin_depth(points1, points2), GJK.is_collide(points1, points2)
+        assert result[0] == (depth > 0)
+        if result[0]:
+            hits += 1
+            assert abs(result[1] - depth) < 1e-15 * size_of(points1, points2)
+            assert_contact(points1, points2, result)
+    assert hits > 6
+
+
 @pytest.mark.parametrize("exponent", range(4, 14))
 @pytest.mark.parametrize("pose", ["level", "turned"])
 def test_nearly_parallel_edges(exponent, pose):
@@ -829,13 +857,33 @@ def test_flat_sets_far_from_the_origin_are_what_they_are(name):
         q1, q2 = random_quaternions(rng, 2)
         other = vertices_of(SHAPES[rng.integers(6)]) / 6
         away = 10.0 ** rng.uniform(0, 6) * rng.normal(size=3)
-        far = [turned(points, q1) + away, turned(other, q2) + 0.5 * rng.normal(size=3) + away]
+        flat = turned(points, q1) + 0.3 * rng.normal(size=3)
+        far = [flat + away, turned(other, q2) + 0.3 * rng.normal(size=3) + away]
         near = [p - away for p in far]
         results = [GJK.is_collide(*far), GJK.is_collide(*near)]
         rounding = 50 * EPS * np.abs(away).max() + 1e-12
         assert abs(results[0][1] - results[1][1]) < rounding
         hits += results[1][0]
     assert 20 < hits < 115
+
+
+def test_sets_that_are_as_thin_as_their_rounding():
+    """Hairs far from the origin, whose ends are places that differ by the last bit."""
+    rng = np.random.default_rng(31)
+    hits = 0
+    for _ in range(60):
+        away = 1e5 * rng.normal(size=3)
+        ends = away + np.array([[1.0], [-1.0]]) * rng.normal(size=3)
+        hair = np.repeat(ends, 4, axis=0)
+        hair[::4, 2] += np.spacing(hair[::4, 2])
+        polygon = turned(SQUARE, random_quaternions(rng, 1)[0]) + away + 0.3 * rng.normal(size=3)
+        result, depth = GJK.is_collide(hair, polygon), exact_depth(hair, polygon)
+        rounding = 16 * EPS * np.abs(away).max()
+        assert result[0] or depth < rounding
+        if result[0] and depth > 0:
+            hits += 1
+            assert abs(result[1] - depth) < rounding
+    assert hits > 20
 
 
 @pytest.mark.parametrize("power", [-1030, -700, -333, -200, 200, 256, 333, 700, 1015])
@@ -856,6 +904,13 @@ def test_powers_of_two_scale_the_answer_as_they_scale_the_points(power):
         assert np.abs(scaled[3] / scale - point).max() < 1e-6
         hits += isCollision
     assert 15 < hits < 36
+
+
+def test_a_depth_beyond_all_numbers_is_refused():
+    large = 1.7e308 * SIGNS
+    with pytest.raises(ValueError, match="more than the largest number"):
+        GJK.is_collide(large, large)
+    assert GJK.is_collide(large, 0.01 * large)[1] == pytest.approx(1.717e308)
 
 
 def test_a_hull_beyond_all_products_is_refused():

@@ -13,7 +13,10 @@ from oracles import ROOT
 
 TOP = ("RBSFunctions", "RigidBodySimulation", "Quaternion", "GJK")
 # The rooms that draw, and the window.
-POLYSCOPE_ROOMS = {"rbs.cameras", "rbs.drawing", "rbs.pictures", "rbs.panel", "rbs.viewer"}
+POLYSCOPE_ROOMS = {
+    "rbs.cameras", "rbs.drawing", "rbs.pictures", "rbs.widgets", "rbs.plots", "rbs.helppanel",
+    "rbs.panel", "rbs.viewer",
+}  # fmt: skip
 # What uses the rooms, and is used by none of them.
 USERS = {"tests", "report", "graders"}
 # What looks at an internal on purpose, and at which: what it holds, or how often it is called, is

@@ -177,14 +177,6 @@ def test_the_folder_of_a_run_without_a_chunk_is_finished_too(tmp_path, left):
     assert (tmp_path / "r.npz.part" / "letter.txt").read_text() == "dear"
 
 
-def test_the_campaign_runs(tmp_path):
-    command = [sys.executable, ROOT / "tests" / "interruptions.py", "--runs", "3", "--seed", "5"]
-    process = subprocess.run(command, capture_output=True, text=True, timeout=300)
-    assert process.returncode == 0, process.stdout + process.stderr
-    counts = dict(line.rsplit(None, 1) for line in process.stdout.splitlines())
-    assert counts["runs"] == "3" and int(counts["signals"]) >= 3 and counts["failures"] == "none"
-
-
 # --------------------------------------------------------------------------------------------------
 # Standard error that is closed or broken
 # --------------------------------------------------------------------------------------------------

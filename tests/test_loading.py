@@ -642,9 +642,9 @@ BROKEN = {
                   ": the surface cannot be filled from one point"),
     # scenes
     "scene: no count": ("a-scene.txt", replaced("3\n", ""),
-                        ":1: the number of bodies takes 1 column, not 10"),
+                        ":1: this is not a scene: the number of bodies takes 1 column, not 10"),
     "scene: no bodies": ("a-scene.txt", lambda _: "0\n",
-                         ":1: the number of bodies must be at least 1, not 0"),
+                         ":1: this is not a scene: the number of bodies must be at least 1, not 0"),
     "scene: count too large": ("a-scene.txt", replaced("3\n", "4\n"),
                                ":4: the file ends before body 4 of 4"),
     "scene: count too small": ("a-scene.txt", replaced("3\n", "2\n"),

@@ -70,6 +70,18 @@ def test_a_device_stays_one(tmp_path, option):
 
 
 @pytest.mark.parametrize("option", KINDS)
+def test_a_way_through_a_folder_that_is_not_there_harms_no_device(tmp_path, option):
+    require(option)
+    make_node(tmp_path / "null", stat.S_IFCHR, 1, 3)
+    (tmp_path / "loop").symlink_to("loop")
+    for name in ("null", "loop"):
+        process = run(tmp_path, "singletet", option, f"absent/../{name}", *STEPS)
+        assert_refused(process, f"absent/../{name}: No such file")
+    assert stat.S_ISCHR((tmp_path / "null").lstat().st_mode) and (tmp_path / "loop").is_symlink()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["loop", "null"]
+
+
+@pytest.mark.parametrize("option", KINDS)
 def test_a_pipe_is_written_to(tmp_path, option):
     require(option)
     pipe, got = tmp_path / "pipe", []

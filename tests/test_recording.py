@@ -586,7 +586,7 @@ HOSTILE = {
     "nan": (lambda good, bad: rewritten(
                 good, bad, angVelocities=nan_at(np.load(good)["angVelocities"], 17)),
             "step 17: angVelocities holds numbers that are not finite"),
-    "newer": (lambda good, bad: rewritten(good, bad, format=2), "a newer version of this program"),
+    "newer": (lambda good, bad: rewritten(good, bad, format=3), "a newer version of this program"),
     "history": (lambda good, bad: rewritten(good, bad, settingsHistory="[[0, 1]]"),
                 "the history of its settings cannot be read"),
     "deep history": (lambda good, bad: rewritten(good, bad, settingsHistory="[" * 100_000),

@@ -1,23 +1,17 @@
-"""The viewer: what is drawn where, what buttons and keys do, and the window itself.
+"""The viewer: what is drawn where, and what buttons and keys do.
 
-Pictures are judged by their pixels. In the process of the tests, Polyscope draws off-screen; only
-the last test opens a window, in a process of its own.
+Pictures are judged by their pixels. Polyscope draws off-screen here; the real window is opened by
+tests/test_window.py.
 """
 
 import colorsys
-import json
 import math
-import os
-import shutil
-import signal
-import subprocess
-import sys
 import time
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from opengl import require_opengl, skip_or_fail
+from opengl import require_opengl
 from oracles import ROOT
 
 from Quaternion import QConj, QRotate
@@ -31,6 +25,7 @@ from rbs.cameras import (
     load_camera,
     save_camera,
 )
+from rbs.catalogue import SCENES
 from rbs.colours import (
     COLOURINGS,
     CONSTRAINT_COLOURS,
@@ -56,7 +51,8 @@ from rbs.drawables import (
     surface_points,
 )
 from rbs.drawing import HELD_CONTACT_STEPS, LAYERS, MOST_CREASES, SceneView, start_polyscope
-from rbs.opening import list_files, open_file
+from rbs.layout import TIMELINE_HEIGHT, arrange
+from rbs.opening import find_file, list_files, open_file
 from rbs.panel import Panel
 from rbs.pictureoptions import OVERLAYS, VIDEO_ENDINGS, video_timing
 from rbs.pictures import (
@@ -67,12 +63,18 @@ from rbs.pictures import (
     averaged,
     take_picture,
 )
+from rbs.playback import SPEEDS, STEPPING_SECONDS, Playback, speed_name
 from rbs.pngfiles import png_bytes
 from rbs.poses import refresh_vertices
-from rbs.recording import Recorder
+from rbs.recording import Recorder, Recording
+from rbs.replay import verify
+from rbs.scenes import list_scenes, scene_name
 from rbs.simulation import Settings, Simulation
 from rbs.statistics import step_quantities
+from rbs.suggestions import SceneOpener
+from rbs.textfiles import SceneError
 from rbs.viewer import TRIAL_FRAMES, Viewer
+from rbs.widgets import counted
 from RigidBodySimulation import load_mesh_file, load_scene_file
 
 DATA = ROOT / "data"
@@ -104,12 +106,16 @@ class StillView:
     def set_resizable(self, isResizable):
         pass
 
+    def show_spring(self, ends):
+        self.spring = ends
+
     def set_supersampling(self, isOn):
         self.isSmooth = isOn
 
 
 def make_viewer(simulation, view):
-    return Viewer(simulation, view, open_file, list_files, step_quantities)
+    opener = SceneOpener(Settings(), follows=False)
+    return Viewer(simulation, view, opener, list_files, step_quantities)
 
 
 @pytest.fixture
@@ -136,7 +142,13 @@ def replay(tmp_path):
 # --------------------------------------------------------------------------------------------------
 
 
-def test_playing_keeps_pace_with_the_clock(viewer):
+@pytest.fixture
+def instant(monkeypatch):
+    """Stepping takes no time, however busy the machine is."""
+    monkeypatch.setattr("rbs.playback.time", SimpleNamespace(perf_counter=lambda: 0.0))
+
+
+def test_playing_keeps_pace_with_the_clock(viewer, instant):
     viewer.play(1.0)
     assert viewer.simulation.stepCount == 0  # paused
     viewer.toggle_play()
@@ -171,7 +183,7 @@ def test_slow_steps_do_not_keep_the_window_from_drawing(viewer, monkeypatch):
     assert len(made) == 1
 
 
-def test_long_time_steps_play_too(viewer):
+def test_long_time_steps_play_too(viewer, instant):
     viewer.simulation.settings.timeStep = 0.5
     viewer.toggle_play()
     for _ in range(11):
@@ -214,12 +226,44 @@ def test_step_and_reset_pause(viewer):
     np.testing.assert_array_equal(viewer.simulation.state()["positions"], start)
 
 
-def test_steps_per_frame_do_not_look_at_the_clock(viewer):
-    viewer.stepsPerFrame = 3
+@pytest.mark.parametrize(("speed", "steps"), [(0.1, 1), (0.25, 2), (1.0, 10), (4.0, 40)])
+def test_scene_plays_at_the_speed_that_is_asked_for(viewer, instant, speed, steps):
+    viewer.playback.speed = speed
     viewer.toggle_play()
-    viewer.play(0.0)
-    viewer.play(5.0)
-    assert viewer.simulation.stepCount == 6
+    for _ in range(20):
+        viewer.play(0.0101)  # 0.202 s in all, of steps of 0.02 s
+    assert viewer.simulation.stepCount == steps
+    assert viewer.playback.pace() == pytest.approx(steps * 0.02 / 0.202)
+    viewer.toggle_play()
+    viewer.play(0.01)
+    assert viewer.playback.pace() is None
+
+
+def test_as_fast_as_possible_fills_the_time_of_a_frame(viewer, monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr("rbs.playback.time", SimpleNamespace(perf_counter=lambda: clock[0]))
+    step = viewer.simulation.step
+
+    def timed_step():
+        clock[0] += 0.003
+        step()
+
+    monkeypatch.setattr(viewer.simulation, "step", timed_step)
+    viewer.playback.speed = math.inf
+    viewer.toggle_play()
+    viewer.play(0.001)
+    assert viewer.simulation.stepCount == math.ceil(STEPPING_SECONDS / 0.003)
+
+
+def test_pace_is_that_of_the_last_second():
+    playback = Playback()
+    assert playback.pace() is None
+    for k in range(100):
+        playback.note(0.1, 0.1 if k < 80 else 0.025)
+    assert playback.pace() == pytest.approx(0.25)
+    assert [speed_name(speed) for speed in SPEEDS] == [
+        "0.1 ×", "0.25 ×", "1 ×", "4 ×", "as fast as possible"
+    ]  # fmt: skip
 
 
 def test_values_out_of_range_are_refused_and_change_nothing():
@@ -239,7 +283,7 @@ def test_values_out_of_range_are_refused_and_change_nothing():
 
 
 def test_scenes_beside_the_current_one_can_be_chosen(viewer):
-    files = viewer.files()
+    files = {one.name: one.path for one in viewer.files()}
     assert files["tower"] == DATA / "tower-scene.txt" and viewer.name() == "mixed"
     viewer.toggle_play()
     viewer.simulation.settings.restitution = 0.25
@@ -251,9 +295,10 @@ def test_scenes_beside_the_current_one_can_be_chosen(viewer):
 
 def test_broken_file_shows_its_error_and_keeps_the_current_scene(viewer, tmp_path):
     for name, cause in (("broken-scene.txt", ":1: the file ends before body 1 of 2"),
+                        ("poem.txt", ":1: this is not a scene: the number of bodies"),
                         ("broken.npz", ": this is not a recording"),
                         ("broken.json", ":1: this is not a JSON file")):  # fmt: skip
-        (tmp_path / name).write_text("2\n" if name.endswith("txt") else "nothing")
+        (tmp_path / name).write_text("2\n" if name.endswith("scene.txt") else "nothing")
         viewer.step_once()
         count = viewer.simulation.stepCount
         viewer.open(tmp_path / name)
@@ -307,19 +352,20 @@ def test_plots_grow_while_they_are_open_and_begin_anew_with_a_reset(viewer):
     assert len(viewer.history) == 0
 
 
-def test_replay_plays_at_any_speed_and_stops_at_its_ends(replay):
+def test_replay_plays_at_any_speed_and_stops_at_its_ends(replay, instant):
     simulation = replay.simulation
     replay.toggle_play()
     replay.play(0.041)
     assert simulation.stepCount == 2
-    replay.speed = -1.0
+    replay.playback.isBackwards = True
     replay.play(0.021)
     assert simulation.stepCount == 1
     replay.play(0.1)
     assert simulation.stepCount == 0 and not replay.isPlaying
-    replay.speed = 8.0
+    replay.playback.speed, replay.playback.isBackwards = 4.0, False
     replay.seek(30)
     replay.toggle_play()
+    replay.play(0.1)
     replay.play(0.1)
     assert simulation.stepCount == 40 and not replay.isPlaying
     replay.toggle_play()  # from the start again
@@ -375,6 +421,192 @@ def test_fixed_body_stands_still_and_a_freed_one_falls_as_before(viewer):
     viewer.set_fixed(True)
     viewer.reset()
     assert not mesh.isFixed and mesh.invMass == invMass
+
+
+class HandsView(StillView):
+    """A StillView in which a pixel is (body, x) and shows that body x metres from its middle."""
+
+    size = 80.0
+
+    def __init__(self, simulation):
+        super().__init__()
+        self.simulation = simulation
+        self.spring = None
+
+    def body_at(self, pixel):
+        body, x = pixel
+        if body < 0:
+            return None, None
+        return body, self.simulation.meshes[body].position[0] + [x, 0.0, 0.0]
+
+    def distance_of(self, point):
+        return 100.0
+
+    def point_at(self, pixel, distance):
+        return np.array([0.0, 30.0, pixel[1]])
+
+    def aim(self, pixel):
+        return np.array([0.0, 20.0, 60.0]), np.array([0.0, 0.0, -1.0])
+
+
+@pytest.fixture
+def hands(tmp_path, monkeypatch):
+    """A Viewer of the mixed scene with hands, which writes into a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    simulation = Simulation(DATA / "mixed-scene.txt")
+    return make_viewer(simulation, HandsView(simulation))
+
+
+def test_dragged_body_follows_the_hand_and_flies_on_when_it_is_let_go(hands):
+    simulation, view = hands.simulation, hands.view
+    hands.grab_at((-1, 0.0))
+    assert hands.grab is None
+    hands.grab_at((2, 1.0))
+    assert hands.grab.body == 2 and hands.grab.target == pytest.approx(
+        simulation.meshes[2].position[0] + [1.0, 0.0, 0.0]
+    )
+    hands.drag_to((0, 15.0))
+    np.testing.assert_allclose(view.spring[1], [0.0, 30.0, 15.0])
+    for _ in range(60):
+        hands.step_once()
+    point = hands.grab.point(simulation.meshes[2])
+    assert np.linalg.norm(point - [0.0, 30.0, 15.0]) < 1.0  # it hangs there, and swings
+    hands.drag_to((0, 35.0))
+    for _ in range(6):
+        hands.step_once()
+    speed = simulation.meshes[2].linVelocity[0, 2]
+    assert speed > 10.0
+    hands.release()
+    assert hands.grab is None and view.spring is None
+    hands.step_once()
+    assert simulation.meshes[2].linVelocity[0, 2] == speed
+
+
+def test_fixed_bodies_and_recordings_are_not_dragged(hands, replay):
+    hands.simulation.meshes[1].isFixed = True
+    hands.grab_at((1, 0.0))
+    assert hands.grab is None and hands.message == "cylinder 1 is fixed"
+    replay.view = HandsView(replay.simulation)
+    for act in (lambda: replay.grab_at((1, 0.0)), lambda: replay.shoot((0, 0))):
+        replay.message = ""
+        act()
+        assert replay.grab is None and "a recording cannot be changed" in replay.message
+
+
+def test_shots_are_counted_and_gone_with_a_reset(hands, monkeypatch):
+    monkeypatch.setattr("rbs.viewer.MOST_SHOTS", 2)
+    for _ in range(3):
+        hands.shoot((0, 0))
+    assert len(hands.simulation.meshes) == 9 and "2 balls have been shot" in hands.message
+    hands.grab_at((8, 0.0))  # a ball can be dragged too
+    hands.step_once()
+    hands.reset()
+    assert len(hands.simulation.meshes) == 7 and hands.grab is None
+    hands.simulation.runTimestep = lambda *arguments, **options: None
+    hands.shoot((0, 0))
+    assert len(hands.simulation.meshes) == 7 and "--functions" in hands.message
+
+
+@pytest.mark.parametrize("end", ["button", "reset", "open", "scene's end"])
+def test_session_is_recorded_until_it_ends(hands, tmp_path, end):
+    simulation = hands.simulation
+    hands.step_once()
+    hands.view.picked = 3
+    hands.push([0.0, 1.0, 0.0])
+    hands.toggle_recording()
+    for step in range(30):
+        if step == 5:
+            hands.grab_at((2, 1.0))
+            hands.drag_to((0, 15.0))
+        if step == 20:
+            hands.release()
+            hands.shoot((0, 0))
+        if step == 25:
+            hands.set_fixed(True)
+        hands.step_once()
+    last = simulation.state()
+    hands.push([1.0, 0.0, 0.0])  # before no step
+    if end == "button":
+        hands.toggle_recording()
+    elif end == "reset":
+        hands.reset()
+    elif end == "open":
+        hands.open("tower")
+    else:
+        hands.stop_recording()
+    assert hands.recorder is None
+    assert hands.saved == "saved out/mixed/recording.npz, 30 steps"
+    recording = Recording(tmp_path / "out" / "mixed" / "recording.npz")
+    assert (recording.firstStep, recording.lastStep) == (1, 31)
+    frame = recording.frame(31)
+    np.testing.assert_array_equal(frame["positions"], last["positions"])
+    assert verify(recording, Simulation(DATA / "mixed-scene.txt")) == ""
+
+
+def test_recording_that_cannot_be_written_ends_and_is_told(hands, tmp_path):
+    hands.toggle_recording()
+    hands.step_once()
+
+    def fail(simulation):
+        raise OSError(28, "No space left on device")
+
+    hands.recorder.add = fail
+    hands.step_once()
+    assert hands.recorder is None and hands.simulation.stepCount == 2
+    assert hands.message.startswith("cannot write: No space left on device; what there is of the")
+
+
+def test_reset_restores_what_the_scene_suggests_and_restart_does_not(tmp_path):
+    opener = SceneOpener(Settings(), follows=True)
+    simulation = opener(DATA / "mixed-scene.txt", None)
+    viewer = Viewer(simulation, StillView(), opener, list_files, step_quantities)
+    viewer.simulation.settings.friction = 0.9
+    viewer.step_once()
+    viewer.restart()
+    assert viewer.simulation.settings.friction == 0.9 and viewer.simulation.stepCount == 0
+    viewer.reset()
+    assert viewer.simulation.settings.friction == 0.5
+    # What was changed by hand goes on to the next scene, and ends with a reset there.
+    viewer.simulation.settings.timeStep = 0.01
+    viewer.open("incline")
+    settings = viewer.simulation.settings
+    assert (settings.friction, settings.timeStep) == (0.4, 0.01)
+    viewer.reset()
+    assert (viewer.simulation.settings.friction, viewer.simulation.settings.timeStep) == (0.4, 0.02)
+
+
+def test_names_are_found_as_the_command_line_takes_them(tmp_path, monkeypatch):
+    home, beside = tmp_path / "home", tmp_path / "scenes"
+    for folder in (home, beside):
+        folder.mkdir()
+        (folder / "box.mesh").write_bytes((DATA / "box.mesh").read_bytes())
+        (folder / "own-scene.txt").write_text("1\nbox.mesh 1 0 0 9 0 1 0 0 0\n")
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.chdir(tmp_path)
+    assert find_file("~/own-scene.txt", beside) == home / "own-scene.txt"
+    assert find_file("own-scene.txt", beside) == beside / "own-scene.txt"
+    assert find_file("own", beside) == beside / "own-scene.txt"
+    assert find_file("scenes/own-scene.txt", "/") .resolve() == beside / "own-scene.txt"
+    assert find_file("tower", beside) == DATA / "tower-scene.txt"
+    with pytest.raises(SceneError, match="there is no such scene.*tower"):
+        find_file("nosuch", beside)
+    with pytest.raises(SceneError, match="there is no such file"):
+        find_file("~nobody-at-all/x-scene.txt", beside)
+    listed = list_files(beside)
+    assert listed[0][:2] == ("beside this scene", "own")
+    names = [one.name for one in listed]
+    assert len(names) == len(set(names)) and {"tower", "bridge"} <= set(names)
+
+
+def test_every_scene_of_ours_has_a_line():
+    known = {name for lines in SCENES.values() for name in lines}
+    assert {scene_name(path) for path in list_scenes(DATA)} == known
+    assert all(line and len(line) <= 60 for lines in SCENES.values() for line in lines.values())
+
+
+def test_words_are_counted():
+    assert counted(1, "contact") == "1 contact" and counted(0, "body") == "0 bodies"
+    assert counted(2, "solver iteration") == "2 solver iterations"
 
 
 # --------------------------------------------------------------------------------------------------
@@ -486,12 +718,51 @@ def test_camera_sees_all_of_a_scene_and_stands_no_further_than_it_must():
     generator = np.random.default_rng(3)
     for aspect in (0.5, 1.0, 16 / 9):
         points = generator.normal(size=(50, 3)) * [30.0, 5.0, 10.0] + [7.0, 20.0, -3.0]
-        position, target = frame_camera(points, VIEW_DIRECTION, 45.0, aspect)
+        position, target = frame_camera(points, VIEW_DIRECTION, 45.0, (900 * aspect, 900))
         x, y, depth = in_camera(points, position, target)
         half = math.tan(math.radians(22.5))
         reach = np.maximum(np.abs(x) / (depth * half * aspect), np.abs(y) / (depth * half))
         assert np.all(depth > 0.0)
         assert np.max(reach) == pytest.approx(1.0 - FRAME_MARGIN)
+
+
+@pytest.mark.parametrize("margins", [(320, 0, 320, 0), (240, 0, 0, 66), (0, 30, 250, 90)])
+def test_camera_frames_a_scene_beside_the_panels(margins):
+    generator = np.random.default_rng(4)
+    points = generator.normal(size=(60, 3)) * [40.0, 6.0, 12.0] + [-3.0, 9.0, 5.0]
+    width, height = 1280, 720
+    position, target = frame_camera(points, VIEW_DIRECTION, 45.0, (width, height), margins)
+    right, up, depth = in_camera(points, position, target)
+    scale = height / 2 / math.tan(math.radians(22.5)) / depth
+    x, y = width / 2 + scale * right, height / 2 - scale * up
+    left, top, rightMargin, bottom = margins
+    seenWidth, seenHeight = width - left - rightMargin, height - top - bottom
+    x, y = (x - left) / seenWidth, (y - top) / seenHeight
+    assert x.min() >= FRAME_MARGIN / 2 - 1e-9 and x.max() <= 1.0 - FRAME_MARGIN / 2 + 1e-9
+    assert y.min() >= FRAME_MARGIN / 2 - 1e-9 and y.max() <= 1.0 - FRAME_MARGIN / 2 + 1e-9
+    # As large as possible: it touches both sides, or top and bottom, and stands in the middle.
+    assert max(np.ptp(x), np.ptp(y)) == pytest.approx(1.0 - FRAME_MARGIN)
+
+
+@pytest.mark.parametrize("hasTimeline", [False, True])
+@pytest.mark.parametrize("hasSide", [False, True])
+@pytest.mark.parametrize("size", [(800, 500), (1280, 720), (1920, 1080), (3840, 2160)])
+def test_panels_lie_at_the_edges_and_beside_the_picture(size, hasSide, hasTimeline):
+    width, height = size
+    layout = arrange(width, height, hasSide, hasTimeline)
+    boxes = [box for box in layout if box is not None]
+    assert len(boxes) == 2 + hasSide + hasTimeline
+    covered = np.zeros((height, width), dtype=int)
+    for left, top, wide, high in boxes:
+        assert left >= 0 and top >= 0 and left + wide <= width and top + high <= height
+        covered[top : top + high, left : left + wide] += 1
+    assert (covered == 1).sum() >= width * height - width * TIMELINE_HEIGHT
+    assert covered.max() == 1
+    assert layout.picture.width >= 0.35 * width and layout.picture.height >= 0.8 * height
+    assert layout.main.width >= 260
+    left, top, right, bottom = layout.margins(width, height)
+    assert (left, top) == layout.picture[:2]
+    assert (width - right - left, height - bottom - top) == layout.picture[2:]
 
 
 def in_camera(points, position, target):
@@ -1171,15 +1442,14 @@ def type_into(ps, place, text):
 
 def test_numbers_typed_into_the_fields_are_checked(polyscope, places, panel):
     simulation = panel.viewer.simulation
-    restitution, timeStep = panel.fields
-    type_into(polyscope, places["restitution"], "0.9")
-    assert simulation.settings.restitution == 0.9 and restitution.message == ""
-    type_into(polyscope, places["restitution"], "1.5")
-    assert simulation.settings.restitution == 0.9
-    assert restitution.message == "the restitution must lie between 0 and 1, not 1.5"
-    polyscope.frame_tick()  # the message has moved the field below it
-    type_into(polyscope, places["time step (s)"], "0.005")
-    assert simulation.settings.timeStep == 0.005 and timeStep.message == ""
+    before = dict(places)
+    for typed, expected in (("0.9", 0.9), ("1.1", 1.0), ("-3", 0.0), ("nan", 0.0)):
+        type_into(polyscope, places["restitution"], typed)
+        assert simulation.settings.restitution == expected
+    for typed, expected in (("0.005", 0.005), ("0", 1e-4), ("7", 1.0)):
+        type_into(polyscope, places["time step (s)"], typed)
+        assert simulation.settings.timeStep == expected
+    assert panel.viewer.message == "" and places == before  # nothing has moved
     assert simulation.stepCount == 0 and not panel.viewer.isPlaying
 
 
@@ -1192,6 +1462,43 @@ def test_checkbox_and_scene_list_work(polyscope, places, panel):
     click(polyscope, *places["cube"])
     assert viewer.simulation.scenePath == DATA / "cube-scene.txt"
     assert len(viewer.simulation.meshes) == 8
+
+
+def test_every_control_says_what_it_is_for_unless_an_error_is_shown(
+    polyscope, panel, monkeypatch, tmp_path
+):
+    import polyscope.imgui as psim
+
+    calls = []
+
+    def told(name, function):
+        def call(*arguments, **options):
+            calls.append((name, arguments[0]))
+            return function(*arguments, **options)
+
+        return call
+
+    kinds = ("Button", "Checkbox", "SliderFloat", "SliderInt", "InputDouble", "InputTextWithHint",
+             "BeginCombo", "CollapsingHeader", "SetItemTooltip")  # fmt: skip
+    for kind in kinds:
+        monkeypatch.setattr(psim, kind, told(kind, getattr(psim, kind)))
+    header = psim.CollapsingHeader
+    monkeypatch.setattr(psim, "CollapsingHeader", lambda *rest: bool(header(*rest)) or True)
+    panel.viewer.open(DATA / "cube-scene.txt")
+    panel.viewer.view.pick(1, panel.viewer.simulation.meshes[1].position[0])
+    panel.isSideShown = True
+    polyscope.frame_tick()
+    calls.clear()
+    polyscope.frame_tick()
+    controls = [k for k, (name, _) in enumerate(calls) if name != "SetItemTooltip"]
+    assert len(controls) > 40
+    silent = [calls[k][1] for k in controls if calls[k + 1 : k + 2] == []
+              or calls[k + 1][0] != "SetItemTooltip"]  # fmt: skip
+    assert silent == []
+    panel.viewer.message = "something is wrong"
+    calls.clear()
+    polyscope.frame_tick()
+    assert calls and all(name != "SetItemTooltip" for name, _ in calls)
 
 
 def test_file_dropped_onto_the_window_is_opened(polyscope, panel, tmp_path):
@@ -1222,173 +1529,3 @@ def test_constraints_can_be_switched_off_and_their_scheduling_chosen(polyscope, 
         click(polyscope, *places[name])
         assert settings.constraintScheduling == name
         polyscope.frame_tick()
-
-
-# --------------------------------------------------------------------------------------------------
-# The window
-# --------------------------------------------------------------------------------------------------
-
-# What a busy machine without a graphics card may take for one effect, in seconds.
-PATIENCE = 120.0
-
-
-@pytest.fixture
-def display():
-    """The name of a virtual screen."""
-    missing = [tool for tool in ("Xvfb", "xdotool") if shutil.which(tool) is None]
-    if missing:
-        skip_or_fail(f"{' and '.join(missing)} missing: apt-get install xvfb xdotool")
-    reader, writer = os.pipe()
-    # It chooses a free number itself, and writes it when it is ready.
-    server = subprocess.Popen(
-        ["Xvfb", "-displayfd", str(writer), "-screen", "0", "1280x900x24"],
-        pass_fds=[writer], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    os.close(writer)
-    with os.fdopen(reader) as answer:
-        number = answer.readline().strip()
-    yield f":{number}"
-    server.terminate()
-    server.wait(timeout=20)
-
-
-class Session:
-    """The real window on a virtual screen, driven by a mouse and keys; see window_program.py."""
-
-    def __init__(self, display, folder, path):
-        self.statusPath = folder / "status.json"
-        self.environment = {**os.environ, "DISPLAY": display, "PYTHONPATH": str(ROOT)}
-        self.process = subprocess.Popen(
-            [sys.executable, ROOT / "tests" / "window_program.py", path, self.statusPath],
-            cwd=folder, env=self.environment, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
-        try:
-            self.await_status(lambda status: "Play" in status["places"])
-        except AssertionError as error:
-            skip_or_fail(f"no window opens on the virtual screen: {error}")
-        found = self.xdotool("search", "--sync", "--onlyvisible", "--name", "Rigid bodies")
-        self.window = found.split()[0]
-
-    def xdotool(self, *arguments):
-        done = subprocess.run(
-            ["xdotool", *map(str, arguments)], env=self.environment, capture_output=True,
-            text=True, timeout=60,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stderr
-        return done.stdout
-
-    def status(self):
-        return json.loads(self.statusPath.read_text())
-
-    def await_status(self, isReached, patience=PATIENCE):
-        """The status as soon as isReached(status); the window must live, and time not be up."""
-        end = time.monotonic() + patience
-        while time.monotonic() < end:
-            assert self.process.poll() is None, self.process.stderr.read()
-            if self.statusPath.exists() and isReached(status := self.status()):
-                return status
-            time.sleep(0.05)
-        raise AssertionError(f"not within {patience} s: {self.status()}")
-
-    def await_frame(self):
-        """Waits until another frame has been drawn."""
-        last = self.status()["frameCount"]
-        self.await_status(lambda status: status["frameCount"] > last)
-
-    def click_at(self, x, y):
-        """A click that every frame sees: the button is down for at least two."""
-        self.xdotool("mousemove", "--window", self.window, round(x), round(y))
-        for action in ("mousedown", "mouseup"):
-            self.await_frame()
-            self.await_frame()
-            self.xdotool(action, 1)
-        self.await_frame()
-        self.await_frame()
-
-    def click(self, label, isReached=None, along=0.0):
-        """Clicks a widget, `along` its width; over again until isReached(status), if given."""
-        for _ in range(5):
-            places = self.await_status(lambda status: label in status["places"])["places"]
-            x, y, width = places[label]
-            self.click_at(x + along * width, y)
-            if isReached is None:
-                return self.status()
-            try:
-                return self.await_status(isReached, patience=PATIENCE / 10)
-            except AssertionError:
-                continue
-        raise AssertionError(f"clicking {label} has no effect: {self.status()}")
-
-    def type_line(self, text):
-        self.xdotool("type", "--delay", 100, text)
-        self.xdotool("key", "Return")
-
-    def close(self):
-        self.process.send_signal(signal.SIGINT)
-        try:
-            self.process.communicate(timeout=60)
-        finally:
-            self.process.kill()
-            self.process.wait()
-
-
-@pytest.fixture
-def session(display, tmp_path):
-    """Opens a Session on a path; it is closed at the end."""
-    opened = []
-
-    def open_session(path):
-        opened.append(Session(display, tmp_path, path))
-        return opened[-1]
-
-    yield open_session
-    for one in opened:
-        one.close()
-
-
-def test_a_session_in_the_window(session, tmp_path):
-    window = session(DATA / "tower-scene.txt")
-    window.click("Play", lambda status: status["isPlaying"])
-    window.await_status(lambda status: status["step"] >= 5)
-    # Friction, while it plays.
-    status = window.click("friction", lambda status: status["friction"] > 0.1, along=0.2)
-    assert status["isPlaying"]
-    window.click("Pause", lambda status: not status["isPlaying"])
-    before = window.status()["step"]
-    window.click("Step", lambda status: status["step"] > before)
-    window.click("Reset", lambda status: status["step"] == 0)
-    # An overlay, and the plots.
-    window.click("Look", lambda status: "contacts" in status["places"])
-    window.click("contacts", lambda status: "contacts" in status["shown"])
-    window.click("Plots")
-    window.click("Step", lambda status: status["plotted"] > 0)
-    # A body is picked where it is seen, pushed and fixed.
-    x, y = window.status()["bodies"][1]
-    window.click_at(x, y)
-    status = window.await_status(lambda status: status["picked"] == 1)
-    speed = status["velocity"][1]
-    window.click("Up", lambda status: status["velocity"][1] > speed + 1.0)
-    window.click("Fix", lambda status: status["isFixed"] and status["velocity"] == [0, 0, 0])
-    window.click("Free", lambda status: not status["isFixed"])
-    # A picture.
-    window.click("Save", lambda status: "Picture" in status["places"])
-    window.click("Picture", lambda status: status["saved"])
-    (saved,) = (tmp_path / "out" / "tower").iterdir()
-    assert saved.read_bytes()[:4] == b"\x89PNG"
-    # Another scene from the list, and one from a path; a path to nothing is told.
-    window.click("scene", lambda status: "cube" in status["places"])
-    window.click("cube", lambda status: status["scene"] == "cube-scene.txt")
-    window.click("open")
-    window.type_line(tmp_path / "none-scene.txt")
-    window.await_status(lambda status: "there is no such file" in status["message"])
-    window.close()
-    assert window.process.returncode == 0
-
-
-def test_a_replay_in_the_window_is_scrubbed(session, replay, tmp_path):
-    window = session(tmp_path / "tower.npz")
-    assert "friction" not in window.status()["places"]
-    status = window.click("step", lambda status: status["step"] > 10, along=0.6)
-    assert status["isReplay"] and 15 < status["step"] < 35
-    window.click("Play", lambda status: status["step"] == 40)
-    window.click("Reset", lambda status: status["step"] == 0)

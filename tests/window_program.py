@@ -13,12 +13,16 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import polyscope as ps
 import polyscope.imgui as psim
 
 from rbs.backends import find_backend
-from rbs.opening import list_files, open_file
+from rbs.opening import list_files
 from rbs.panel import Panel
+from rbs.playback import speed_name
+from rbs.simulation import Settings
 from rbs.statistics import step_quantities
+from rbs.suggestions import SceneOpener
 from rbs.viewer import show_window
 
 WIDGETS = (
@@ -27,6 +31,10 @@ WIDGETS = (
 )  # fmt: skip
 # A field's rectangle holds its label, and buttons: its number is at the left.
 INTO_FIELD = 15.0
+
+
+# Pictures a second that the panel has asked for.
+FRAME_RATES = [0]
 
 
 def noting(draw, places):
@@ -60,14 +68,26 @@ def status_of(panel):
         "saved": viewer.saved,
         "plotted": len(viewer.history),
         "frame": viewer.frame_milliseconds(),
+        "bodyCount": len(simulation.meshes),
+        "time": simulation.time,
+        "speed": speed_name(viewer.playback.speed),
+        "pace": viewer.playback.pace(),
+        "restitution": simulation.settings.restitution,
+        "isTyping": bool(psim.GetIO().WantTextInput),
+        "isHelpShown": panel.isHelpShown,
+        "grabbed": None if viewer.grab is None else viewer.grab.body,
+        "recorded": viewer.recorder and viewer.recorder.frameCount,
+        "layout": panel.layout,
+        "positions": [mesh.position[0].tolist() for mesh in simulation.meshes],
+        "windowSize": ps.get_window_size(),
+        "frameRate": FRAME_RATES[-1],
+        "changes": [one.kind for one in getattr(simulation, "changes", ())],
         "bodies": [project(mesh.position[0]) for mesh in simulation.meshes],
     }
 
 
 def project(point):
     """The pixel (x, y) at which a point (3,) is seen."""
-    import polyscope as ps
-
     camera = ps.get_view_camera_parameters()
     arm = point - np.array(camera.get_position())
     axes = camera.get_right_dir(), camera.get_up_dir(), camera.get_look_dir()
@@ -81,7 +101,13 @@ def main(scene, statusPath):
     places, frameCount = {}, itertools.count()
     for kind in WIDGETS:
         setattr(psim, kind, noting(getattr(psim, kind), places))
-    frame = Panel.frame
+    frame, set_max_fps = Panel.frame, ps.set_max_fps
+
+    def told_rate(rate):
+        FRAME_RATES.append(rate)
+        set_max_fps(rate)
+
+    ps.set_max_fps = told_rate
 
     def told_frame(panel):
         places.clear()
@@ -96,9 +122,8 @@ def main(scene, statusPath):
     if not backend.opensWindow:
         sys.exit(backend.reason)
     try:
-        show_window(
-            open_file(Path(scene), None), backend, open_file, list_files, step_quantities
-        )
+        opener = SceneOpener(Settings(), follows=True)
+        show_window(opener(scene, None), backend, opener, list_files, step_quantities)
     except KeyboardInterrupt:
         pass
 

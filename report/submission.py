@@ -1,0 +1,83 @@
+"""The coursework's one ZIP: `python report/submission.py [FILE.zip]`.
+
+    report.pdf, claims.md       what was found, and what measures it
+    videos/                     which the captions name
+    code/                       the four modules, the rooms of rbs/ that they need, data/, graders/
+
+By default it is written to out/submission.zip. The same files give the same bytes. Nothing of the
+coursework's own scenes or grader data is in it.
+"""
+
+import argparse
+import sys
+import zipfile
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from rbs.messages import InputError
+from rbs.outputs import atomic_write
+
+ROOT = Path(__file__).resolve().parent.parent
+MODULES = ("RBSFunctions.py", "GJK.py", "Quaternion.py", "RigidBodySimulation.py")
+VIDEOS = ("movement", "constraints", "friction", "scale", "resting")
+# folder of the code → what of it goes along
+CODE = {
+    ".": (*MODULES, "LICENSE", "pyproject.toml"),
+    "rbs": ("*.py",),
+    "data": ("*.mesh", "*.off", "*.txt", "*.data", "*.py"),
+    "graders": ("*.py",),
+    "graders/released": ("*.py",),
+    "graders/released/ours": ("*.py",),
+}
+# Of every file in the ZIP: the earliest time that it can hold.
+TIME = (1980, 1, 1, 0, 0, 0)
+
+
+def contents():
+    """Name in the ZIP → path, in order; raises InputError that names what is missing."""
+    files = {"report.pdf": ROOT / "report/report.pdf", "claims.md": ROOT / "report/claims.md"}
+    files |= {f"videos/{name}.mp4": ROOT / f"report/videos/{name}.mp4" for name in VIDEOS}
+    for folder, patterns in CODE.items():
+        for pattern in patterns:
+            found = sorted((ROOT / folder).glob(pattern))
+            if not found:
+                raise InputError(f"{folder}/{pattern}: there is no such file")
+            names = {f"code/{path.relative_to(ROOT).as_posix()}": path for path in found}
+            files |= names
+    for path in files.values():
+        if not path.is_file():
+            raise InputError(f"{path}: missing; python report/build.py makes it")
+    return dict(sorted(files.items()))
+
+
+def write(target):
+    """Writes the ZIP, whole or not at all; how many files it has."""
+    files = contents()
+    with atomic_write(target, "wb") as file, zipfile.ZipFile(file, "w") as archive:
+        for name, path in files.items():
+            entry = zipfile.ZipInfo(name, TIME)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.external_attr = 0o100644 << 16
+            archive.writestr(entry, path.read_bytes())
+    return len(files)
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("file", nargs="?", type=Path, default=ROOT / "out/submission.zip",
+                        metavar="FILE.zip")  # fmt: skip
+    target = parser.parse_args().file
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        count = write(target)
+    except (InputError, OSError) as error:
+        print(f"submission.py: {error}", file=sys.stderr)
+        sys.exit(2)
+    print(f"{target}: {count} files, {target.stat().st_size / 1e6:.1f} MB")
+
+
+if __name__ == "__main__":
+    main()
