@@ -450,9 +450,15 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
 _OPPOSITE = np.array([[-1.0], [1.0]])
 
 
-def mass_weights(invMass1, invMass2):
-    """w_i = m_i⁻¹ / (m_1⁻¹ + m_2⁻¹), each body's part in a correction; not both masses infinite."""
+def mass_weights(invMasses):
+    """w_i = m_i⁻¹ / (m_1⁻¹ + m_2⁻¹), each body's part in a correction; not both masses infinite.
+
+    invMasses : pair of numbers, or (2, m); so are the weights
+    """
+    invMass1, invMass2 = invMasses
     total = invMass1 + invMass2
+    if isinstance(invMasses, np.ndarray):
+        return invMasses / total
     return invMass1 / total, invMass2 / total
 
 
@@ -462,11 +468,11 @@ def separate(bodies, distance, direction):
     By `distance` in all, each in proportion to its inverse mass. Returns how far body 2 has moved.
     """
     if isinstance(bodies, BodyState):
-        shift = _OPPOSITE * np.array(mass_weights(*bodies.invMass)) * distance
+        shift = _OPPOSITE * mass_weights(bodies.invMass) * distance
         bodies.position = mul_add(bodies.position, shift, direction[:, None])
         return shift[1]
     body1, body2 = bodies
-    weight1, weight2 = mass_weights(body1.invMass, body2.invMass)
+    weight1, weight2 = mass_weights((body1.invMass, body2.invMass))
     body1.position = mul_add(body1.position, -(weight1 * distance), direction)
     body2.position = mul_add(body2.position, weight2 * distance, direction)
     return weight2 * distance

@@ -34,6 +34,10 @@ LEAST_MARGIN = 0.005
 # pass is made again.
 MARGIN_GROWTH = 2.0
 
+# What a pair's margin is of those of its two bodies together, or of the corrections that are
+# predicted: bodies that are pushed seldom go apart, or meet, by as much as both of them move.
+PAIR_MARGIN = 0.7
+
 
 class OrderedBatches:
     """The pairs that can touch in this step, in batches that are worked on one after the other.
@@ -55,7 +59,7 @@ class OrderedBatches:
     """
 
     def __init__(self, bodies, mass_weights):
-        """mass_weights : function of two arrays of inverse masses, each body's part in a correction
+        """mass_weights : each body's part in a correction, (2, m), of inverse masses (2, m)
 
         It predicts how far contacts are going to move the bodies, which no result depends on.
         """
@@ -69,7 +73,7 @@ class OrderedBatches:
         t = take(bodies.position, second, axis=1) - take(bodies.position, first, axis=1)
         axes = CachedAxes(bodies.hulls, first, second, t, bodies.axes.lookup(first, second))
         moves = _predicted_corrections(bodies, first, second, axes.penetration, mass_weights)
-        margin = np.maximum(self.margin[first] + self.margin[second], moves)
+        margin = PAIR_MARGIN * np.maximum(self.margin[first] + self.margin[second], moves)
         facets = find_facets(bodies.hulls, first, second, t, margin, axes)
         penetration, self.axis = facets.minimal_penetrations(t)
         bodies.axes.store(first, second, self.axis)
@@ -85,16 +89,17 @@ class OrderedBatches:
         rows : where each pair is in facets and t
         """
         bodies = self.bodies
-        self.rank, self.starts = _in_batches(first, second, bodies.isFixed)
+        self.rank, self.starts, batch = _in_batches(first, second, bodies.isFixed)
         self.bodyPair = take(np.stack((first, second)), self.rank, axis=1)
         rows = rows[self.rank]
         self.facets = facets.of_pairs(rows)
-        begin = self.starts[:-1].repeat(np.diff(self.starts))  # of each pair's batch
+        begin = take(self.starts, batch)  # of each pair's batch
         self.facetStart = self.facets.start[:-1] - self.facets.start[begin]
         self.facetPair = (np.arange(len(rows)) - begin).repeat(np.diff(self.facets.start))
         self.invMass = take(bodies.invMass, self.bodyPair)
         self.t = take(t, rows, axis=1)
-        size = take(bodies.hulls.radius, self.bodyPair).sum(axis=0)
+        radius1, radius2 = take(bodies.hulls.radius, self.bodyPair)
+        size = radius1 + radius2
         self.apart = -TOUCH_TOLERANCE * size
         self.tolerance = FEATURE_TOLERANCE * size
 
@@ -227,7 +232,8 @@ class OrderedBatches:
 
 
 def _in_batches(first, second, isFixed):
-    """`(order (P,), starts (B + 1,))`: which pair is worked on when, and where each batch begins.
+    """`(order (P,), starts (B + 1,), batch (P,))`: which pair is worked on when, where each batch
+    begins, and the batch of each pair in this order.
 
     A pair's batch is the one after the last batches of its two bodies: pairs that share a body
     which can move keep their order, hence the bits of one pair at a time.
@@ -244,7 +250,8 @@ def _in_batches(first, second, isFixed):
         batch.append(number)
     batch = np.array(batch, dtype=np.intp)
     order = batch.argsort(kind="stable")
-    return order, batch[order].searchsorted(np.arange(batch.max(initial=-1) + 2))
+    batch = batch[order]
+    return order, batch.searchsorted(np.arange(batch.max(initial=-1) + 2)), batch
 
 
 def _predicted_corrections(bodies, first, second, penetration, mass_weights):
@@ -255,7 +262,7 @@ def _predicted_corrections(bodies, first, second, penetration, mass_weights):
     A body gives way to the deepest of its contacts by its weight. As cached axes overestimate the
     penetration, it counts up to what the two bodies have travelled in this step.
     """
-    weight1, weight2 = mass_weights(take(bodies.invMass, first), take(bodies.invMass, second))
+    weight1, weight2 = mass_weights(take(bodies.invMass, np.stack((first, second))))
     travel = norm(bodies.travel)
     depth = np.maximum(penetration, 0.0)
     depth = np.minimum(depth, take(travel, first) + take(travel, second))
@@ -298,7 +305,7 @@ class Contacts:
         rows = np.concatenate([np.zeros(0, dtype=np.intp), *rows])
         rows = rows[take(batches.rank, rows).argsort()]
         first, second = take(batches.bodyPair, rows, axis=1)
-        order, self.starts = _in_batches(first, second, batches.bodies.isFixed)
+        order, self.starts, _ = _in_batches(first, second, batches.bodies.isFixed)
         rows = rows[order]
         self.bodies = take(batches.bodyPair, rows, axis=1)
         self.rank, self.tolerance = batches.rank[rows], batches.tolerance[rows]

@@ -48,10 +48,12 @@ MESSAGE_SECONDS = 20.0
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
 # Settings that are one of some names: label, name in the settings, names to choose from, and what
 # it says under the mouse.
-CHOICES = [
+SOLVER_CHOICES = [
     ("solver", "contactSolver", CONTACT_SOLVERS,
      "impulse: one contact after the other, as in the coursework; soft-step: all together, so that "
      "piles rest"),
+]  # fmt: skip
+BROAD_PHASE_CHOICES = [
     ("broad phase", "broadPhase", BROAD_PHASES,
      "How pairs that may touch are found: the same motion, and grid is faster for many bodies"),
 ]  # fmt: skip
@@ -332,7 +334,7 @@ class Panel:
             "friction", settings.friction, 0.0, MOST_FRICTION, "%.3f", clamp
         )
         Tooltips.tell("Coulomb's coefficient, between bodies and with the ground")
-        self._draw_choices(CHOICES)
+        self._draw_choices(SOLVER_CHOICES)
         if settings.contactSolver == "soft-step":
             settings.closingOnly = False  # it has no meaning there
             _, settings.substeps = psim.SliderInt(
@@ -342,6 +344,7 @@ class Panel:
             _, settings.sleeping = psim.Checkbox("sleeping", settings.sleeping)
             Tooltips.tell("Bodies at rest are left out until something disturbs them")
         else:
+            self._draw_choices(BROAD_PHASE_CHOICES)
             _, settings.closingOnly = psim.Checkbox("closing contacts only", settings.closingOnly)
             Tooltips.tell("Contacts that already separate receive no impulse")
         _, settings.gyroscopic = psim.Checkbox("gyroscopic term", settings.gyroscopic)

@@ -9,6 +9,7 @@ Units: metres, kilograms, seconds. The y axis points up.
 import math
 import os
 import warnings
+from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
@@ -120,7 +121,7 @@ def load_constraint_file(path, meshes):
 def find_scene(name):
     """The path of a scene: `name` itself if it is one, else data/<name>-scene.txt.
 
-    raises SceneError that lists the scenes of data/ when there is neither
+    raises SceneError that names the scenes of data/ whose names are like it when there is neither
     """
     path = Path(name)
     if os.path.exists(path):  # unlike path.exists(), does not raise where it cannot look
@@ -128,8 +129,10 @@ def find_scene(name):
     ours = DATA_FOLDER / f"{name}{SCENE_ENDING}"
     if path.name == str(name) and os.path.exists(ours):
         return ours
-    known = ", ".join(scene_name(scene) for scene in list_scenes(DATA_FOLDER))
-    raise SceneError(name, None, f"there is no such scene, neither a file nor one of: {known}")
+    known = [scene_name(scene) for scene in list_scenes(DATA_FOLDER)]
+    similar = get_close_matches(str(name), known)
+    cause = "there is no such scene, neither a file nor one of ours, which --help lists"
+    raise SceneError(name, None, cause + f"; similar: {', '.join(similar)}" * bool(similar))
 
 
 def content_hashes(read, scenePath, constraintPath):

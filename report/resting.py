@@ -107,7 +107,7 @@ def resting(axis):
         numbers[f"{key}Speed"] = text(speed, 1 if speed < 100 else 0)
         numbers[f"{key}Overlap"] = text(1e2 * depths[late].mean(), 1)
         numbers[f"{key}Worst"] = text(1e2 * depths.max(), 0)
-    upper.set(ylabel="m/s", ylim=(7e-5, 3e3), yticks=[1e-4, 1e-2, 1])
+    upper.set(ylabel="m/s", ylim=(7e-5, 2e6), yticks=[1e-4, 1e-2, 1])
     upper.minorticks_off()
     upper.legend(loc="upper right", ncols=2, columnspacing=0.8)
     lower.set(xlabel="time / s", ylabel="m", ylim=(8e-4, 8), yticks=[1e-3, 1e-1])

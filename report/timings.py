@@ -32,10 +32,11 @@ SCALE, SCHEDULING, RESTING = (FOLDER / f"{name}.csv" for name in ("scale", "sche
 SIZES = [100, 200, 500, 1000, 2000]
 QUICK_SIZES = [50, 100, 150, 200]
 FRICTION, FRICTIONLESS = "friction 0.5", "no friction"
-WINDOW, QUICK_WINDOW = range(200, 300), range(60, 80)  # steps
+WINDOW, QUICK_WINDOW = range(200, 260), range(60, 80)  # steps
 # Bodies, beyond which the loop over all pairs, and heaps without friction, take too long.
 MOST_LOOPED, MOST_FRICTIONLESS = 500, 1000
-# What the table compares, with and without friction.
+# The table compares heaps of so many bodies, or of as many as there are below, with and without
+# friction.
 COMPARED = 1000
 
 RUNS = {  # name in the table → label, colour, marker, dash
@@ -190,6 +191,7 @@ def scale(axis):
         "realTime": f"{1e3 * H:g}",
     }  # fmt: skip
     sizes = sorted({int(row["bodies"]) for row in rows})
+    compared = max([size for size in sizes if size <= COMPARED], default=sizes[0])
     for run, (label, colour, mark, dash) in RUNS.items():
         bodies, times = times_of(rows, FRICTION, run)
         if not len(bodies):
@@ -202,7 +204,7 @@ def scale(axis):
             own = dict(zip(*times_of(rows, material, run), strict=True))
             grid = dict(zip(*times_of(rows, material, "grid"), strict=True))
             soft = dict(zip(*times_of(rows, material, "soft step"), strict=True))
-            for count, name in ((min(COMPARED, sizes[-1]), ""), (200, "200"), (sizes[-1], "Most")):
+            for count, name in ((compared, ""), (sizes[-1], "Most")):
                 if count in own:
                     numbers[key + suffix + name] = milliseconds(own[count])
                     numbers[f"{key}{suffix}{name}Ratio"] = text(grid[count] / own[count], 1)
@@ -220,7 +222,7 @@ def scale(axis):
     phases = {name: float(last[name] or 0) for name in benchmarkPiles.PHASES}
     return numbers | {
         "least": str(sizes[0]), "most": mechanisms.thousands(most),
-        "compared": mechanisms.thousands(min(COMPARED, most)), "looped": str(looped),
+        "compared": mechanisms.thousands(compared), "looped": str(looped),
         "loopLooped": milliseconds(loop[looped]), "gridLooped": milliseconds(grid[looped]),
         "loopRatio": text(loop[looped] / grid[looped], 1),
         "collisions": text(100 * phases["collisions"] / sum(phases.values()), 0),

@@ -182,6 +182,8 @@ def make(name):
         if not is_complete_video(output.partialPath):
             sys.exit(f"video {name} could not be written")
         size = output.partialPath.stat().st_size
+        if size > MOST_BYTES:
+            sys.exit(f"video {name} has {size} bytes; {MOST_BYTES} are allowed")
         output.put()
     finally:
         output.close()

@@ -109,6 +109,8 @@ FAULTS = (
           "speed * speed + gain", "speed * speed", "softstep"),
     Fault("soft distance constraint, the sign of the second body", "rbs/softconstraints.py",
           "np.concatenate((d, -d), axis=1)", "np.concatenate((d, d), axis=1)", "softstep"),
+    Fault("validity of facets, the way moved is left out", "rbs/facets.py",
+          "penetration + norm(shift) <= self", "penetration <= self", "broadPhase"),
 )  # fmt: skip
 
 

@@ -539,7 +539,7 @@ def test_what_is_no_file_is_not_read(folder, capsys, case):
 
 def test_name_that_is_not_for_a_terminal_is_told_in_one_line(folder, capsys):
     (folder / "a\nb-scene.txt").write_text("0\n")
-    assert_refused(folder, ["a\nb-scene.txt", "--headless"], "a b-scene.txt:1: the number", capsys)
+    assert_refused(folder, ["a\nb-scene.txt", "--headless"], "a b-scene.txt:1: this is not", capsys)
 
 
 # --------------------------------------------------------------------------------------------------

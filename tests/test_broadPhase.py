@@ -4,6 +4,7 @@ import shutil
 import subprocess
 import sys
 
+import heapCampaign
 import numpy as np
 import pytest
 from oracles import box_body, quaternion
@@ -101,10 +102,11 @@ def test_batches_keep_the_order_of_pairs_that_share_a_moving_body():
     isFixed = rng.random(40) < 0.2
     pairs = np.unique(np.sort(rng.integers(0, 40, (400, 2)), axis=1), axis=0)
     pairs = pairs[(pairs[:, 0] < pairs[:, 1]) & ~isFixed[pairs].all(axis=1)]
-    order, starts = rbs.batches._in_batches(*pairs.T, isFixed)
+    order, starts, inOrder = rbs.batches._in_batches(*pairs.T, isFixed)
     assert sorted(order) == list(range(len(pairs))) == list(range(starts[-1]))
+    assert inOrder.tolist() == np.arange(len(starts) - 1).repeat(np.diff(starts)).tolist()
     batch = np.empty(len(pairs), dtype=int)
-    batch[order] = np.arange(len(starts) - 1).repeat(np.diff(starts))
+    batch[order] = inOrder
     shared = 0
     for later in range(len(pairs)):
         for earlier in range(later):
@@ -113,6 +115,18 @@ def test_batches_keep_the_order_of_pairs_that_share_a_moving_body():
                 shared += 1
                 assert batch[earlier] < batch[later]
     assert shared > 1000 and batch.max() < len(pairs) - 1
+
+
+def test_margins_change_no_bit_of_heaps_of_mixed_sizes():
+    """With none, facets are searched again and again within a step; with large ones, hardly."""
+    contacts, counts = 0, 0
+    for seed in (1, 2, 3):
+        differing, some, counted = heapCampaign.compare(seed, 20, 20)
+        assert differing == [], seed
+        contacts, counts = contacts + some, counts + counted
+    none, usual, large = counts
+    assert contacts > 500 and none[0] > 3 * usual[0] and usual[0] > 1.2 * large[0]
+    assert none[1] > 1.5 * usual[1] > 0
 
 
 def state_of(meshes):

@@ -462,7 +462,7 @@ def test_polyscope_that_does_not_start_does_not_end_the_program(tmp_path, polysc
 # --------------------------------------------------------------------------------------------------
 
 WRONG = {
-    "unknown scene": (["nosuch"], "nosuch: there is no such scene, neither a file nor one of: "),
+    "unknown scene": (["nosuch"], "nosuch: there is no such scene, neither a file nor one of ours"),
     "folder": (["."], ".: this is a folder, not a file"),
     "broken scene": (["bad-scene.txt"], "bad-scene.txt:2: the density must be positive, not -1"),
     "broken mesh": (["mesh-scene.txt"], "broken.mesh:1: a .mesh file starts with"),

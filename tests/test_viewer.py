@@ -588,8 +588,8 @@ def test_names_are_found_as_the_command_line_takes_them(tmp_path, monkeypatch):
     assert find_file("own", beside) == beside / "own-scene.txt"
     assert find_file("scenes/own-scene.txt", "/") .resolve() == beside / "own-scene.txt"
     assert find_file("tower", beside) == DATA / "tower-scene.txt"
-    with pytest.raises(SceneError, match="there is no such scene.*tower"):
-        find_file("nosuch", beside)
+    with pytest.raises(SceneError, match="there is no such scene.*; similar: tower"):
+        find_file("towr", beside)
     with pytest.raises(SceneError, match="there is no such file"):
         find_file("~nobody-at-all/x-scene.txt", beside)
     listed = list_files(beside)

@@ -1,0 +1,127 @@
+"""Lets seeded heaps of mixed sizes collapse with both steps, and compares the states bit by bit.
+
+    python tests/heapCampaign.py [--heaps 200] [--bodies 24] [--steps 25]
+
+The accelerated step guesses how far contacts will move the bodies of a pair, and looks for facets
+within that margin. Here the margin is zero, so that it is always too small; as usual; and much too
+large. That may change what a step costs, never what comes of it. Prints how many searches for facets
+and passes over the pairs there were; exit code 1 where a bit differs.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import rbs.batches
+from rbs.scenes import DATA_FOLDER
+from rbs.simulation import make_ground
+from rbs.state import STATE_NAMES
+from RBSFunctions import Mesh, run_timestep
+from RigidBodySimulation import load_mesh_file
+
+SHAPES = ("box", "tetrahedron", "octahedron", "cylinder")
+SIZES = (0.3, 3.0)  # the least and the largest body, in multiples of a shape's
+# What the margins are multiplied by.
+FACTORS = (0.0, 1.0, 10.0)
+
+
+def make_heap(seed, count):
+    """`count` meshes of mixed shapes and sizes, turned at random, that overlap above the ground."""
+    rng = np.random.default_rng(seed)
+    meshes = []
+    side = 9.0 * count ** (1 / 3)
+    for k in range(count):
+        vertices, faces, tets = load_mesh_file(DATA_FOLDER / f"{SHAPES[k % len(SHAPES)]}.mesh")
+        size = np.exp(rng.uniform(*np.log(SIZES)))
+        orientation = rng.normal(size=4)
+        position = rng.uniform((-side / 2, 4.0, -side / 2), (side / 2, 4.0 + side, side / 2))
+        mesh = Mesh(f"{k}", size * vertices, faces, tets, rng.uniform(0.5, 2.0), position,
+                    orientation, isFixed=k % 11 == 10)  # fmt: skip
+        if not mesh.isFixed:
+            mesh.linVelocity = rng.normal(size=(1, 3)) * [3.0, 10.0, 3.0]
+            mesh.angVelocity = rng.normal(size=(1, 3))
+        meshes.append(mesh)
+    return meshes
+
+
+class Counts:
+    """How many searches for facets and passes over the pairs there are within the `with` block."""
+
+    def __enter__(self):
+        self.searches = self.passes = 0
+        self._kept = rbs.batches.find_facets, rbs.batches.OrderedBatches.detect
+        findFacets, detect = self._kept
+
+        def counted_search(hulls, *arguments):
+            self.searches += 1
+            return findFacets(hulls, *arguments)
+
+        def counted_pass(batches):
+            self.passes += 1
+            return detect(batches)
+
+        rbs.batches.find_facets = counted_search
+        rbs.batches.OrderedBatches.detect = counted_pass
+        return self
+
+    def __exit__(self, *error):
+        rbs.batches.find_facets, rbs.batches.OrderedBatches.detect = self._kept
+
+
+def states(seed, count, steps, broadPhase, mu):
+    """`(states, contacts)` of a heap: (steps, bodies, 13), and how many contacts it had."""
+    meshes, found, contacts = make_heap(seed, count), [], 0
+    for _ in range(steps):
+        report = run_timestep(meshes, make_ground(), 0.02, 0.3, broadPhase=broadPhase, mu=mu)
+        contacts += len(report.contacts)
+        names = STATE_NAMES.values()
+        found.append([np.concatenate([np.ravel(getattr(m, n)) for n in names]) for m in meshes])
+    return np.array(found), contacts
+
+
+def compare(seed, count, steps):
+    """`(differing, contacts, counts)` of a heap: which of FACTORS give other bits than pair by pair;
+    contacts; searches and passes with each factor, (3, 2)."""
+    mu = 0.5 * (seed % 2)
+    expected, contacts = states(seed, count, steps, "all", mu)
+    differing, counts = [], []
+    pairMargin = rbs.batches.PAIR_MARGIN
+    for factor in FACTORS:
+        rbs.batches.PAIR_MARGIN = factor * pairMargin
+        try:
+            with Counts() as counted:
+                found, _ = states(seed, count, steps, "grid", mu)
+        finally:
+            rbs.batches.PAIR_MARGIN = pairMargin
+        counts.append((counted.searches, counted.passes))
+        if not np.array_equal(expected, found):
+            differing.append(factor)
+    return differing, contacts, np.array(counts)
+
+
+def main(arguments=None):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--heaps", type=int, default=200)
+    parser.add_argument("--bodies", type=int, default=24)
+    parser.add_argument("--steps", type=int, default=25)
+    options = parser.parse_args(arguments)
+    failed, contacts, counts = 0, 0, np.zeros((len(FACTORS), 2), dtype=int)
+    for seed in range(options.heaps):
+        differing, some, counted = compare(seed, options.bodies, options.steps)
+        contacts, counts = contacts + some, counts + counted
+        failed += bool(differing)
+        if differing:
+            print(f"heap {seed} differs with margins times {differing}", flush=True)
+    print(f"{options.heaps} heaps, {options.heaps * options.steps} steps, {contacts} contacts")
+    for factor, (searches, passes) in zip(FACTORS, counts.tolist(), strict=True):
+        print(f"margins times {factor:4g}: {searches} searches for facets, {passes} passes")
+    print("all have the same bits" if not failed else f"{failed} heaps differ")
+    return int(failed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
