@@ -3,9 +3,9 @@
     python tests/heapCampaign.py [--heaps 200] [--bodies 24] [--steps 25]
 
 The accelerated step guesses how far contacts will move the bodies of a pair, and looks for facets
-within that margin. Here the margin is zero, so that it is always too small; as usual; and much too
-large. That may change what a step costs, never what comes of it. Prints how many searches for facets
-and passes over the pairs there were; exit code 1 where a bit differs.
+within that margin. Here the margin is zero, always too small; as usual; and much too large. That
+may change what a step costs, never what comes of it. Prints how many searches for facets and passes
+over the pairs there were; exit code 1 where a bit differs.
 """
 
 import argparse
@@ -84,7 +84,7 @@ def states(seed, count, steps, broadPhase, mu):
 
 
 def compare(seed, count, steps):
-    """`(differing, contacts, counts)` of a heap: which of FACTORS give other bits than pair by pair;
+    """`(differing, contacts, counts)` of a heap: which of FACTORS give other bits;
     contacts; searches and passes with each factor, (3, 2)."""
     mu = 0.5 * (seed % 2)
     expected, contacts = states(seed, count, steps, "all", mu)
