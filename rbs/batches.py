@@ -36,7 +36,7 @@ MARGIN_GROWTH = 2.0
 
 # What a pair's margin is of those of its two bodies together, or of the corrections that are
 # predicted: bodies that are pushed seldom go apart, or meet, by as much as both of them move.
-PAIR_MARGIN = 0.7
+PAIR_MARGIN = 0.85
 
 
 class OrderedBatches:
