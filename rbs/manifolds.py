@@ -195,7 +195,8 @@ def contact_normals(hulls, facets, first, second, t, width):
     equally near. That is where two edges meet side by side, as those of two cards that lean on each
     other: either card's face makes the normal, and neither lets friction hold them up. Hulls with
     edges rounded by a small radius would have a normal in between. So a facet that is nearest by
-    less than the width is mixed with the one that is turned away from it most.
+    less than the width is mixed with the one that is turned away from it most, unless that is the
+    other side of a hull that is nearly flat.
 
     facets : of the pairs, complete up to the width; t : (3, K); width : (K,), lengths
     """
@@ -204,7 +205,8 @@ def contact_normals(hulls, facets, first, second, t, width):
     pair = np.arange(len(count)).repeat(count)
     excess = facets.offset - dot(facets.normal, take(t, pair, axis=1)) - take(penetration, pair)
     weight = np.maximum(1.0 - excess / take(width, pair), 0.0)
-    turn = weight * (1.0 - dot(facets.normal, take(normal, pair, axis=1)))
+    turn = 1.0 - dot(facets.normal, take(normal, pair, axis=1))
+    turn = weight * np.where(turn < 2.0 - LEAST_TURN, turn, 0.0)
     least, other = row_minima(-turn, pair, facets.start[:-1])
     ridge = indices(least < -LEAST_TURN)
     if len(ridge):

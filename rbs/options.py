@@ -7,6 +7,7 @@ settings that they ask for; kinds of values.
 import argparse
 import os
 import re
+import sys
 from pathlib import Path
 
 from rbs.broadphase import BROAD_PHASES
@@ -442,6 +443,13 @@ def settings_of(options):
 
 class OneLineParser(argparse.ArgumentParser):
     """Reports a wrong command line in one line: argparse itself puts the whole usage before it."""
+
+    def parse_args(self, args=None, namespace=None):
+        words = sys.argv[1:] if args is None else args
+        for word in map(str, words):
+            if word.startswith("--") and word.endswith("=--"):  # argparse makes an empty list of it
+                self.error(f"argument {word[:-3]}: '--' is not a value")
+        return super().parse_args(args, namespace)
 
     def error(self, message):
         self.exit(2, f"{self.prog}: {one_line(message)} (--help lists the options)\n")

@@ -468,6 +468,7 @@ WRONG = {
     "broken mesh": (["mesh-scene.txt"], "broken.mesh:1: a .mesh file starts with"),
     "restitution nan": (["--restitution", "nan"], "--restitution: the restitution must lie"),
     "restitution 2": (["--restitution", "2"], "must lie between 0 and 1, not 2"),
+    "dashes for a value": (["--steps=--"], "argument --steps: '--' is not a value"),
     "restitution text": (["--restitution", "high"], "--restitution: 'high' is not a number"),
     "no time step": (["--time-step", "0"], "the time step must be positive and finite, not 0"),
     "time step inf": (["--time-step", "inf"], "must be positive and finite, not inf"),

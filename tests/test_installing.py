@@ -90,7 +90,7 @@ def test_an_installed_program_needs_no_checkout(built, tmp_path, kind):
     assert "constraints       " in process.stdout and str(site) in process.stdout
     process = call(here, program, "--verify", "r.npz")
     assert process.stdout == "r.npz: the steps 0 to 3 are the same\n", process.stderr
-    process = call(here, program, "nosuch", "--headless")
+    process = call(here, program, "wrecking", "--headless")
     assert process.returncode == 2 and "wrecking_ball" in process.stderr
     code = "import RBSFunctions; print(RBSFunctions.__file__)"
     process = call(here, scripts / "python", "-c", code)

@@ -14,15 +14,6 @@ from rbs.recording import Recording
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals and shells are Unix's here")
 
-
-@pytest.fixture(autouse=True)
-def hang_up_is_heard():
-    """Under nohup a run would leave hang-ups alone, as it should, and these tests send some."""
-    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
-    yield
-    signal.signal(signal.SIGHUP, before)
-
-
 # Sends itself signals at the n-th call of a function, before it does anything. Every state is a
 # chunk by itself.
 SIGNALLED = """

@@ -289,6 +289,14 @@ def test_collisions_in_free_space_keep_momentum():
     assert np.abs([m.linVelocity[0, 0] - 5 + 5 * i for i, m in enumerate(meshes)]).max() > 0.5
 
 
+def test_hulls_that_are_nearly_flat_have_a_normal():
+    """Both sides of such a hull are equally near: they have no mean."""
+    meshes = [box_body(4, 1e-4, 4, (0.3 * i, 1.0, 0)) for i in range(2)]
+    simulate(meshes, 20, hasGround=False)
+    assert np.isfinite(positions(meshes)).all()
+    assert penetrations(meshes).max() < 1e-4
+
+
 def test_the_energy_of_bodies_that_fall_onto_each_other_stays_below_the_start():
     meshes, state = some_heap(), SolverState()
     energies = []
