@@ -62,7 +62,7 @@ def print_result(title, kept):
     pairs = np.median([report.candidatePairs for report in reports])
     contacts = np.median([len(report.contacts) for report in reports])
     visits = np.mean([report.constraintVisits for report in reports])
-    print(f"  {pairs:g} pairs with overlapping boxes, {contacts:g} contacts (medians), "
+    print(f"  {pairs:g} broad-phase pairs, {contacts:g} contacts (medians), "
           f"{visits:g} constraint visits (mean)")
 
 
