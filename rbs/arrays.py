@@ -14,6 +14,8 @@ def take(table, index, axis=None):
     """`table.take(index, axis)` for indices that are known to be in range.
 
     To clip them is twice as fast as to check them; without an axis, the table counts as flat.
+    The rows of what `table[:, index]` makes are not contiguous, and all that is worked out from it
+    later is slow, a soft step by a fifth; here they are.
     """
     return table.take(index, axis=axis, mode="clip")
 

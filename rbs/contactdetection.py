@@ -143,7 +143,9 @@ def _valid_manifolds(manifolds, frames, bodies, nearKey):
     poses = relative_poses(first, second, t, frames.rotation, frames.orientation)
     radius = bodies.hulls.radius
     smaller = np.minimum(radius[first], radius[np.where(second < count - 1, second, first)])
-    translation, rotation = manifolds.translation[:, rows], manifolds.rotation[:, rows]
+    translation, rotation = (
+        take(column, rows, axis=1) for column in (manifolds.translation, manifolds.rotation)
+    )
     change = pose_changes(translation, rotation, *poses, smaller)
     return rows, change <= KEEP * _sizes(bodies, first, second)
 
@@ -168,7 +170,8 @@ def _new_pair_manifolds(bodies, frames, pairs, asked, first, second, near, mark)
     met = indices(~isApart)
     if len(met) == 0:
         return Manifolds.none()
-    first, second, t, normal = first[met], second[met], t[:, met], normal[:, met]
+    first, second = first[met], second[met]
+    t, normal = take(t, met, axis=1), take(normal, met, axis=1)
     points = pair_manifolds(bodies.hulls, first, second, t, normal, penetration[met])
     return _table(frames, first, second, t, normal, tangents(normal), *points)
 

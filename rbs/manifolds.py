@@ -92,7 +92,7 @@ class Manifolds:
         """The manifolds `some` (m,), ascending; all of them are these themselves."""
         if len(some) == len(self.key):
             return self
-        columns = {name: getattr(self, name)[..., some] for name in COLUMNS}
+        columns = {name: take(getattr(self, name), some, axis=-1) for name in COLUMNS}
         return Manifolds(self.key[some], **columns)
 
     def joined(self, other):
@@ -102,7 +102,9 @@ class Manifolds:
         key = np.concatenate((self.key, other.key))
         order = key.argsort(kind="stable")
         columns = {
-            name: np.concatenate((getattr(self, name), getattr(other, name)), axis=-1)[..., order]
+            name: take(
+                np.concatenate((getattr(self, name), getattr(other, name)), axis=-1), order, axis=-1
+            )
             for name in COLUMNS
         }
         return Manifolds(key[order], **columns)

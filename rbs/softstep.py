@@ -87,9 +87,11 @@ def soft_step(
         fall = abs(GRAVITY) * timeStep
         contacts = _ContactSolver(manifolds, frames, motion, bodies, mu, fall, timeStep / substeps)
         distances.begin(motion, frames, timeStep / substeps)
+        closing = contacts.impact_speeds(motion) if CRCoeff else None
         _make_substeps(motion, contacts, distances, substeps, timeStep / substeps)
         manifolds = contacts.store(manifolds)
-        contacts.restitute(motion, CRCoeff)
+        if CRCoeff:
+            contacts.restitute(motion, CRCoeff, closing)
     with report.phase("writeBack"):
         bodies.motion, bodies.orientation = motion.result(bodies)
         check_numbers(bodies.columns(), meshes, "contacts and constraints")
@@ -248,7 +250,6 @@ class _ContactSolver:
         self.parts = np.zeros((POINTS, self.count), dtype=bool)
         self.totalImpulse = np.zeros((POINTS, self.count))
         self.totalFriction = np.zeros((3, self.count))
-        self.closing = self._impact_speeds(motion)
         self.start1 = take(motion.start, contacts.first, axis=1)
 
     def _place_points(self):
@@ -356,7 +357,7 @@ class _ContactSolver:
         smaller = np.minimum(radius[first], radius[np.where(isBody, second, first)])
         self.push = PUSH_SPEED * np.sqrt(abs(GRAVITY) * smaller)
 
-    def _impact_speeds(self, motion):
+    def impact_speeds(self, motion):
         """How fast (4, M) points come together when free flight has closed their gaps s: with the
         relative acceleration a along the normal, u² = u₀² - 2 a s."""
         speed = self.normal_speeds(self.twists(motion))
@@ -442,13 +443,13 @@ class _ContactSolver:
         self.totalImpulse += self.impulse
         self.totalFriction += self.friction
 
-    def restitute(self, motion, CRCoeff):
+    def restitute(self, motion, CRCoeff, closing):
         """Where bodies came together faster than at rest and have touched, they part with e times
-        that speed."""
-        bounces = (self.closing < -REST_STEPS * self.fall) & (self.totalImpulse > 0.0)
-        if CRCoeff == 0.0 or not bounces.any():
+        that speed. closing : (4, M), of `impact_speeds`"""
+        bounces = (closing < -REST_STEPS * self.fall) & (self.totalImpulse > 0.0)
+        if not bounces.any():
             return
-        bias = np.where(bounces, CRCoeff * self.closing, self.gapSpeed)
+        bias = np.where(bounces, CRCoeff * closing, self.gapSpeed)
         before = self.impulse, self.friction
         for _ in range(RESTITUTION_SWEEPS):
             twist = self.twists(motion)
