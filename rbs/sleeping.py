@@ -20,6 +20,9 @@ SLEEP_SECONDS = 0.5
 # A body is slow below this part of √(g r), r its radius: a hundredth of the speed that it gets by
 # falling for half its radius.
 SLOW = 0.01
+# What starts to slide is slow for a while, too: nothing falls asleep that is faster than this part
+# of what gravity would have added meanwhile. A slope holds what it would hold at 0.25° less.
+STARTING = 0.004
 
 
 class Sleep:
@@ -80,7 +83,8 @@ class Sleep:
         isStill = isAsleep | isFixed
         isSlow = isStill | (speed <= slow_speeds(radius, gravity))
         timer = np.where(isSlow, self.timer + timeStep, 0.0)
-        isRested = np.append(isStill | (timer >= SLEEP_SECONDS), True)
+        starting = STARTING * abs(gravity) * SLEEP_SECONDS
+        isRested = np.append(isStill | (timer >= SLEEP_SECONDS) & (speed <= starting), True)
         first, second = links
         isHeldUp = np.zeros(len(isRested), dtype=bool)
         isHeldUp[first[~isRested[second]]] = True

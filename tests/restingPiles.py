@@ -252,12 +252,19 @@ def heap(count=1000):
 
 def asleep(count=1000):
     with tempfile.TemporaryDirectory() as folder:
-        meshes = load_scene_file(make_scene("heap", count, folder))
+        scene = make_scene("heap", count, folder)
+        meshes, awakeMeshes = load_scene_file(scene), load_scene_file(scene)
     pile = Pile(meshes)
-    awake = np.median(pile.run(600)[-50:])
+    pile.run(600)
     pile.settings["sleeping"] = True
-    sleeping = np.median(pile.run(500)[-50:])
+    pile.run(500)
     share = pile.state.sleep.isAsleep.mean()
+    # the same state without sleeping, in turns
+    restore(awakeMeshes, state_of(meshes))
+    awake = Pile(awakeMeshes)
+    awake.state = SolverState.from_arrays(pile.state.arrays())
+    seconds = np.array([(pile.run(1)[0], awake.run(1)[0]) for _ in range(100)])
+    sleeping, awake = np.median(seconds[10:], axis=0)
     tell(f"heap of {count} asleep 10 s after step 600",
          f"{100 * share:.1f} %, a step takes {sleeping / awake:.2f} of one awake", "95 %, 0.3")
     top = int(pile.positions()[:, 1].argmax())
