@@ -85,10 +85,10 @@ def reaches(bodies, isAsleep, timeStep):
     return np.where(isAsleep | bodies.isFixed & (speed == 0.0), 0.0, reach)
 
 
-def detect(bodies, hasGround, reach, path, kept):
+def detect(bodies, hasGround, reach, path, kept, timeStep):
     """The contacts of a step: `(pairs, manifolds, frames)`.
 
-    reach : (n,), see `reaches`
+    reach : (n,), see `reaches`; timeStep : s, of the whole step
     kept : `SolverState`; path : (n,), see `NearPairs`
 
     Returns the `NearPairs`, the `Manifolds` of all pairs that are near enough to have one, with the
@@ -112,7 +112,7 @@ def detect(bodies, hasGround, reach, path, kept):
     asked = indices(isNear & ~isKnown)
     new = _new_pair_manifolds(bodies, frames, pairs, asked, first, second, near, mark)
     if hasGround:
-        new = new.joined(_new_ground_manifolds(bodies, frames, reach, valid.key))
+        new = new.joined(_new_ground_manifolds(bodies, frames, reach, valid.key, timeStep))
     new.inherit(kept.manifolds, _sizes(bodies, *new.bodies(count - 1)))
     return pairs, valid.joined(new), frames
 
@@ -172,11 +172,13 @@ def _new_pair_manifolds(bodies, frames, pairs, asked, first, second, near, mark)
         return Manifolds.none()
     first, second = first[met], second[met]
     t, normal = take(t, met, axis=1), take(normal, met, axis=1)
-    points = pair_manifolds(bodies.hulls, first, second, t, normal, penetration[met])
+    points = pair_manifolds(
+        bodies.hulls, first, second, t, normal, penetration[met], near[asked[met]]
+    )
     return _table(frames, first, second, t, normal, tangents(normal), *points)
 
 
-def _new_ground_manifolds(bodies, frames, reach, known):
+def _new_ground_manifolds(bodies, frames, reach, known, timeStep):
     """The manifolds of bodies near the ground that have no valid one; known : their keys."""
     count = len(reach) + 1
     size = thickness(bodies.hulls, np.arange(count - 1))
@@ -187,7 +189,11 @@ def _new_ground_manifolds(bodies, frames, reach, known):
         return Manifolds.none()
     ground = np.full(len(body), count - 1)
     t = frames.translations(body, ground)
-    arm, isPoint = ground_manifolds(bodies.hulls, body, bodies.position[1])
+    shift, turn = (
+        timeStep * take(column, body, axis=1) for column in (bodies.linVelocity, bodies.angVelocity)
+    )
+    height = bodies.position[1, body]
+    arm, isPoint = ground_manifolds(bodies.hulls, body, height, reach[body], shift, turn)
     normal, tangent = (np.tile(np.reshape(v, (3, 1)), len(body)) for v in (DOWN, ALONG))
     below = arm - t[:, None]
     below[1] = 0.0

@@ -23,9 +23,9 @@ POINTS = 4
 
 # Of the size of the bodies, see `thickness`. Points that lie within this of each other are one.
 MERGE = 1e-3
-# Points that stand this much further apart than the nearest one are left out: the manifold is made
-# anew before they can touch. With more, a rolling cylinder has corners far apart among its four,
-# and sinks between them.
+# Points that stand this much further apart than the nearest one are left out, unless the bodies can
+# come as far within the step: the manifold is made anew before they can touch. With more, a rolling
+# cylinder has corners far apart among its four, and sinks between them.
 CULL = 0.05
 # Where sides of two faces coincide, corners may lie so far outside of the other face.
 OUTSIDE = 1e-6
@@ -221,10 +221,11 @@ def contact_normals(hulls, facets, first, second, t, width):
     return penetration, normal
 
 
-def pair_manifolds(hulls, first, second, t, normal, depth):
+def pair_manifolds(hulls, first, second, t, normal, depth, reach):
     """Manifolds of K pairs that touch or nearly do: `(point1, point2, isPoint)`.
 
     t, normal : (3, K); depth : (K,), the penetration along the normal, negative where they part
+    reach : (K,), how far points of the two bodies together can come within the step
     point1, point2 : (3, 4, K), on the first and on the second body, each from its COM, in world
         axes: a point and its partner lie on one line along the normal
     """
@@ -263,7 +264,8 @@ def pair_manifolds(hulls, first, second, t, normal, depth):
     order = row.argsort(kind="stable")
     row, u, v, height1, height2 = row[order], u[order], v[order], height1[order], height2[order]
 
-    chosen, isPoint = _four_points(row, u, v, height2 - height1, size)
+    separation = height2 - height1
+    chosen, isPoint = _four_points(row, u, v, separation, separation, size, reach)
     u, v, height1, height2 = u[chosen], v[chosen], height1[chosen], height2[chosen]  # (4, K)
     flat = frame[:, 0, None] * u + frame[:, 1, None] * v
     point1 = mul_add(flat, height1, normal[:, None])
@@ -271,14 +273,18 @@ def pair_manifolds(hulls, first, second, t, normal, depth):
     return point1, point2, isPoint
 
 
-def ground_manifolds(hulls, bodies, height):
+def ground_manifolds(hulls, bodies, height, reach, shift, turn):
     """Manifolds of bodies (K,) with the ground, as of `pair_manifolds`: `(point1, isPoint)`.
 
-    height : (K,), of the COMs above the ground
+    height : (K,), of the COMs above the ground; reach : (K,), as there
+    shift, turn : (3, K), the translations and rotation vectors of the step's free flight
     """
     row, column = ranges(take(hulls.vertexStart, bodies), take(hulls.vertexCount, bodies))
     x, y, z = take(hulls.vertices, column, axis=1)
-    chosen, isPoint = _four_points(row, x, z, y + height[row], thickness(hulls, bodies))
+    separation = y + take(height, row)
+    # (shift + turn × r)_y
+    later = separation + take(shift[1], row) + take(turn[2], row) * x - take(turn[0], row) * z
+    chosen, isPoint = _four_points(row, x, z, separation, later, thickness(hulls, bodies), reach)
     return take(hulls.vertices, column[chosen].ravel(), axis=1).reshape(3, POINTS, -1), isPoint
 
 
@@ -422,18 +428,19 @@ def _overlap_corners(a, b, slack):
     )
 
 
-def _four_points(row, u, v, separation, size):
+def _four_points(row, u, v, separation, later, size, reach):
     """Which four of each row's points span most: `(chosen (4, K), isPoint (4, K))`.
 
-    row : (Q,), ascending, each of 0 … K - 1 at least once; u, v, separation : (Q,); size : (K,)
+    row : (Q,), ascending, each of 0 … K - 1 at least once; u, v : (Q,)
+    separation, later : (Q,), now, and expected at the end of the step; size, reach : (K,)
 
-    The deepest; the farthest from it; the one that makes the largest triangle with these; and the
-    one that adds most to the triangle. Where none is left, `chosen` holds another and isPoint is
-    false.
+    The deepest; the one that is going to be the deepest, or, if that is the same, the farthest from
+    it; the one that makes the largest triangle with these; and the one that adds most to the
+    triangle. Where none is left, `chosen` holds another and isPoint is false.
     """
     start = row.searchsorted(np.arange(len(size)))
     least, first = row_minima(separation, row, start)
-    isFar = separation - take(least, row) > CULL * take(size, row)
+    isFar = separation - take(least, row) > take(np.maximum(CULL * size, reach), row)
     merge = MERGE * size
 
     def farthest(measure):
@@ -449,7 +456,9 @@ def _four_points(row, u, v, separation, size):
         )
 
     away = np.hypot(u - take(u[first], row), v - take(v[first], row))
-    second, length = farthest(away)
+    deepest, following = row_minima(later, row, start)
+    second = np.where(later[first] - deepest > merge, following, farthest(away)[0])
+    length = away[second]
     areas = area(first, second)
     third, size3 = farthest(np.abs(areas))
     sense = np.where(areas[third] < 0, 1.0, -1.0)

@@ -47,6 +47,9 @@ PUSH_SPEED = 1.0
 # what the step has begun with: a sweep takes back too little of what a heavy body has pressed out
 # of a light one, and the rest would throw them apart.
 LOAD_GROWTH = 2.0
+# Where points still come together this many times faster than what gravity adds in a step, there is
+# a second sweep: a light body between a heavy one and the ground would be pressed into either.
+HIT_STEPS = 10.0
 # Restitution: closing speeds up to this many times what gravity adds in a step belong to resting.
 REST_STEPS = 2.0
 # With one sweep for restitution, what one contact gives back disturbs the others, and with one pass
@@ -79,7 +82,7 @@ def soft_step(
         check_numbers(bodies.columns(), meshes, "the last step")
     with report.phase("collisions"):
         reach = reaches(bodies, kept.sleep.isAsleep & ~isDisturbed, timeStep)
-        pairs, manifolds, frames = detect(bodies, hasGround, reach, path, kept)
+        pairs, manifolds, frames = detect(bodies, hasGround, reach, path, kept, timeStep)
         distances = SoftConstraints(constraints, bodies, kept)
         isAsleep = _still_asleep(sleeping, kept, bodies, isDisturbed, manifolds, distances)
     with report.phase("constraints"):
@@ -115,13 +118,18 @@ def _make_substeps(motion, contacts, distances, substeps, h):
             contacts.apply(motion)
             distances.warm_start(motion)
             distances.sweep(motion, isSoft=True)
-        contacts.soft_sweep(motion)
-        contacts.apply(motion)
+        contacts.measure(motion)
+        contacts.soft_sweep()
+        contacts.measure(motion)
+        if contacts.are_hit():
+            contacts.soft_sweep()
+            contacts.measure(motion)
         motion.move(h)
-        contacts.move(motion)
+        contacts.move()
         if distances.count:
             distances.sweep(motion, isSoft=False)
-        contacts.relaxing_sweep(motion, distances.count > 0)
+            contacts.measure(motion)
+        contacts.relaxing_sweep()
     contacts.apply(motion)
 
 
@@ -242,7 +250,7 @@ class _ContactSolver:
         self._soften(bodies.hulls.radius)
         self.separation = contacts.separation.copy()
         self._renew()
-        self.twist = self.pending = None
+        self.pending = None
         self.impulse = manifolds.impulse * contacts.isPoint
         self.friction = manifolds.friction.copy() if mu > 0.0 else np.zeros((3, self.count))
         self.load = self.started = self.impulse
@@ -360,20 +368,18 @@ class _ContactSolver:
     def impact_speeds(self, motion):
         """How fast (4, M) points come together when free flight has closed their gaps s: with the
         relative acceleration a along the normal, u² = u₀² - 2 a s."""
-        speed = self.normal_speeds(self.twists(motion))
-        contacts = self.contacts
+        self.measure(motion)
+        contacts, speed = self.contacts, self.speed
         gravity = motion.gravity[contacts.second] - motion.gravity[contacts.first]
         gain = -2.0 * contacts.normal[1] * gravity * np.maximum(self.separation, 0.0)
         return -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
 
-    def twists(self, motion):
-        """ξ, (6, M)."""
+    def measure(self, motion):
+        """Works out the twists ξ, (6, M), and the speeds along the normals u = Bᵀ ξ, (4, M), which
+        are positive where the bodies part."""
         self.apply(motion)
-        return (self.J @ motion.velocity.ravel()).reshape(6, -1)
-
-    def normal_speeds(self, twist):
-        """u = Bᵀ ξ, (4, M): positive where the bodies part."""
-        return twist[0] + self.B[1] * twist[1] + self.B[2] * twist[2]
+        self.twist = (self.J @ motion.velocity.ravel()).reshape(6, -1)
+        self.speed = self.twist[0] + self.B[1] * self.twist[1] + self.B[2] * self.twist[2]
 
     def warm_start(self):
         """Begins with the impulses of the substep before, as far as they are a load.
@@ -403,10 +409,8 @@ class _ContactSolver:
         wrench = np.concatenate((normals, friction))
         self.pending = wrench if self.pending is None else self.pending + wrench
 
-    def move(self, motion):
+    def move(self):
         """The points come as far apart as the bodies have moved in a substep."""
-        self.twist = self.twists(motion)
-        self.speed = self.normal_speeds(self.twist)
         self.separation += self.h * self.speed
         self._renew()
 
@@ -424,22 +428,19 @@ class _ContactSolver:
             np.where(isApart, 1.0, self.softMemory),
         )
 
-    def soft_sweep(self, motion):
+    def soft_sweep(self):
         """One pass over all contacts in which penetration pushes out."""
-        twist = self.twists(motion)
-        speed = self.normal_speeds(twist)
-        self.parts = speed > self.fall
-        self._solve(twist, speed, *self.soft)
+        self.parts = self.speed > self.fall
+        self._solve(*self.soft)
 
-    def relaxing_sweep(self, motion, isPulled):
-        """One pass over all contacts that takes the speed of pushing out away again.
+    def are_hit(self):
+        """Whether points are about to meet at such a speed that one sweep is not enough."""
+        isHit = self.speed + self.gapSpeed < -HIT_STEPS * self.fall
+        return (isHit & self.contacts.isPoint).any()
 
-        isPulled : whether anything else has changed the velocities since the move
-        """
-        if isPulled:
-            self.twist = self.twists(motion)
-            self.speed = self.normal_speeds(self.twist)
-        self._solve(self.twist, self.speed, self.gapSpeed, self.mass, 1.0)
+    def relaxing_sweep(self):
+        """One pass over all contacts that takes the speed of pushing out away again."""
+        self._solve(self.gapSpeed, self.mass, 1.0)
         self.totalImpulse += self.impulse
         self.totalFriction += self.friction
 
@@ -452,23 +453,22 @@ class _ContactSolver:
         bias = np.where(bounces, CRCoeff * closing, self.gapSpeed)
         before = self.impulse, self.friction
         for _ in range(RESTITUTION_SWEEPS):
-            twist = self.twists(motion)
-            speed = self.normal_speeds(twist)
-            self._solve(twist, speed, bias, self.mass, 1.0, RESTITUTION_PASSES)
+            self.measure(motion)
+            self._solve(bias, self.mass, 1.0, RESTITUTION_PASSES)
         self.apply(motion)
         self.totalImpulse += self.impulse - before[0]
         self.totalFriction += self.friction - before[1]
 
-    def _solve(self, twist, speed, bias, mass, memory, passes=1):
-        """Solves all manifolds for impulses, and applies what they have changed by.
+    def _solve(self, bias, mass, memory, passes=1):
+        """Solves all manifolds for impulses, of the motion that has been measured, and notes what
+        they have changed by.
 
-        twist : (6, M), and speed (4, M), along the normal at the points, at present
         passes : of Gauss and Seidel's method over the normals of a manifold, each λ ≥ 0; friction
             follows. The order is always the same: where it alternates, high stacks sway
         """
         before = self.impulse
         impulse = before * memory
-        speed = speed + bias
+        speed = self.speed + bias
         last = before
         for _ in range(passes):
             for k in range(POINTS):
@@ -480,7 +480,7 @@ class _ContactSolver:
         wrench = (self.B * (impulse - before)).sum(axis=1)
         friction = self.friction
         if self.mu > 0.0:
-            slip = twist[3:] + mat_vec(self.coupling, wrench)
+            slip = self.twist[3:] + mat_vec(self.coupling, wrench)
             friction = self._limited(friction - mat_vec(self.frictionMass, slip), impulse)
         self._add(wrench, friction - self.friction)
         self.impulse, self.friction = impulse, friction

@@ -212,7 +212,7 @@ def bounce():
             if shape == "cube":
                 pile = Pile([box_body(2, 2, 2, (0, 6, 0))], e)
             else:
-                ball = load_body("ball")
+                ball = body("ball")
                 ball.position = np.array([[0.0, 5.0 - ball.currVertices[:, 1].min(), 0.0]])
                 pile = Pile([ball], e)
             rest = -pile.meshes[0].currVertices[:, 1].min() + pile.start[0, 1]
@@ -228,13 +228,6 @@ def bounce():
             tell(f"bounces of a {shape}, e = {e:g}",
                  f"heights × {', '.join(f'{r:.3f}' for r in ratios)}; energy at most "
                  f"{max(energies) / (-GRAVITY * tops[0]):.4f} of the start", f"{e * e:g} ± 0.02")
-
-
-def load_body(name):
-    from rbs.meshfiles import load_mesh_file
-
-    return Mesh(name, *load_mesh_file(DATA_FOLDER / f"{name}.mesh"), 1.0, (0, 0, 0), (1, 0, 0, 0),
-                False)  # fmt: skip
 
 
 def heap(count=1000):

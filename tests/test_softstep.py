@@ -114,7 +114,7 @@ def manifold(mesh1, mesh2, normal, depth):
     t = (mesh2.position - mesh1.position).T
     point1, point2, isPoint = pair_manifolds(
         hulls.rotated(np.stack(turns, axis=1)), np.array([0]), np.array([1]), t,
-        np.reshape(normal, (3, 1)), np.array([depth]),
+        np.reshape(normal, (3, 1)), np.array([depth]), np.zeros(1),
     )  # fmt: skip
     some = isPoint[:, 0]
     return (point1[:, some, 0].T + mesh1.position, point2[:, some, 0].T + mesh2.position)
@@ -224,6 +224,38 @@ def test_a_box_on_a_slope_holds_below_the_limit_and_slides_as_coulomb_has_it():
             assert pull < 0 and way < 0.01
         else:
             assert way == pytest.approx(pull * 2.0**2 / 2, rel=0.02)
+
+
+def test_what_starts_to_slide_does_not_fall_asleep():
+    # at 28° a body of 50 units is slow, for its size, for longer than it takes to fall asleep
+    angle = np.radians(28)
+    q = quaternion((0, 0, 1), -28)
+    up = np.array([np.sin(angle), np.cos(angle), 0])
+    meshes = [box_body(5000, 50, 500, (0, 0, 0), orientation=q, isFixed=True),
+              box_body(50, 50, 50, 50 * up, orientation=q)]  # fmt: skip
+    start = positions(meshes)[1]
+    simulate(meshes, 200, hasGround=False)
+    way = np.linalg.norm(positions(meshes)[1] - start)
+    pull = -GRAVITY * (np.sin(angle) - 0.5 * np.cos(angle))
+    assert way == pytest.approx(pull * 4.0**2 / 2, rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["tetrahedron", "octahedron", "cylinder", "ellipsoid", "box"])
+def test_what_is_thrown_at_the_ground_does_not_go_through_its_surface(name):
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        thrown = body(name, orientation=random_quaternions(rng, 1)[0])
+        radius = thrown.hull.radius
+        thrown.position = np.array([[0.0, 2.5 * radius, 0.0]])
+        thrown.linVelocity = np.array([[3.0, -10.0, 0.0]]) * np.sqrt(radius / 5)
+        thrown.angVelocity = rng.normal(size=(1, 3)) * 2 * np.sqrt(5 / radius)
+        state, lowest, hits = SolverState(), [], 0
+        for _ in range(150):
+            report = simulate([thrown], 1, state)[1]
+            lowest.append(thrown.currVertices[:, 1].min())
+            hits += bool(report.contacts)
+        assert hits > 10
+        assert min(lowest) > -0.005 * radius
 
 
 @pytest.mark.parametrize("e", [0.5, 1.0])
