@@ -18,7 +18,7 @@ from rbs import changes
 from rbs.bodies import StateError
 from rbs.cameras import apply_camera, load_camera, save_camera
 from rbs.grabbing import MOST_SHOTS, Grab, shot
-from rbs.messages import print_note
+from rbs.messages import print_note, reason_of
 from rbs.panel import Panel
 from rbs.pictureoptions import PictureOptions, video_timing
 from rbs.pictures import Video, VideoError, save_picture, start_view
@@ -192,7 +192,7 @@ class Viewer:
                 self.video.add(self.simulation)
             except OSError as error:
                 self.stop_video()
-                self.message = f"cannot write: {error.strerror or error}"
+                self.message = _cannot_write(error)
 
     def _show(self):
         """Draws the present state, and adds it to the plots."""
@@ -254,8 +254,11 @@ class Viewer:
         except ValueError as error:
             self.message = str(error)
             return
-        except (OSError, MemoryError) as error:
-            self.message = f"{path}: cannot be read ({error or 'there is not enough memory'})"
+        except OSError as error:
+            self.message = f"{path}: cannot be read ({reason_of(error)})"
+            return
+        except MemoryError:
+            self.message = f"{path}: cannot be read (there is not enough memory)"
             return
         self.stop_video()
         self.stop_recording()
@@ -292,7 +295,7 @@ class Viewer:
             path = self._out_path(stem, ending)
             write(path)
         except OSError as error:
-            self.message = f"cannot write: {error.strerror or error}"
+            self.message = _cannot_write(error)
             return
         self.saved = f"saved {path}"
 
@@ -319,7 +322,7 @@ class Viewer:
         except VideoError as error:
             self.message = str(error)
         except OSError as error:
-            self.message = f"cannot write: {error.strerror or error}"
+            self.message = _cannot_write(error)
         else:
             self.view.set_resizable(False)  # all pictures of a video are of one size
             self._film()
@@ -333,7 +336,7 @@ class Viewer:
                 video.save()
             except OSError as error:
                 video.close()
-                self.message = f"cannot write: {error.strerror or error}"
+                self.message = _cannot_write(error)
             else:
                 self.saved = f"saved {video.path}, {video.count} pictures"
 
@@ -346,7 +349,7 @@ class Viewer:
         try:
             self.recorder = Recorder(self._out_path("recording", ".npz"))
         except (OSError, RecordingError) as error:
-            self.message = f"cannot write: {getattr(error, 'strerror', None) or error}"
+            self.message = _cannot_write(error)
         else:
             self._try_recording(lambda: self.recorder.add(self.simulation))
 
@@ -366,7 +369,7 @@ class Viewer:
         except (OSError, RecordingError) as error:
             kept = self.recorder.close()
             self.recorder = None
-            self.message = f"cannot write: {getattr(error, 'strerror', None) or error}"
+            self.message = _cannot_write(error)
             if kept is not None:
                 self.message += f"; what there is of the recording is in {kept}"
 
@@ -464,3 +467,8 @@ class Viewer:
         if not self._frames:
             return None
         return tuple(1e3 * median(column) for column in zip(*self._frames, strict=True))
+
+
+def _cannot_write(error):
+    """What the window says of an OSError or RecordingError."""
+    return f"cannot write: {reason_of(error)}"
