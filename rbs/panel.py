@@ -15,6 +15,7 @@ from rbs.colours import COLOURINGS, PICKED_COLOUR
 from rbs.drawing import LAYERS, MOST_BOXES, MOST_TRAILS, TRAIL_LENGTH, VELOCITY_SECONDS
 from rbs.helppanel import draw_help
 from rbs.layout import ROOMY_HEIGHT, ROOMY_WIDTH, arrange
+from rbs.messages import counted
 from rbs.pictures import draw_legend
 from rbs.playback import SPEEDS, speed_name
 from rbs.plots import ALL_PLOTS, PLOTS, Plots
@@ -23,7 +24,6 @@ from rbs.solverstate import CONTACT_SOLVERS
 from rbs.widgets import (
     NumberField,
     Tooltips,
-    counted,
     draw_choice,
     draw_error,
     draw_table,

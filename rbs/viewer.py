@@ -18,7 +18,7 @@ from rbs import changes
 from rbs.bodies import StateError
 from rbs.cameras import apply_camera, load_camera, save_camera
 from rbs.grabbing import MOST_SHOTS, Grab, shot
-from rbs.messages import print_note, reason_of
+from rbs.messages import counted, print_note, reason_of
 from rbs.panel import Panel
 from rbs.pictureoptions import PictureOptions, video_timing
 from rbs.pictures import Video, VideoError, save_picture, start_view
@@ -338,7 +338,7 @@ class Viewer:
                 video.close()
                 self.message = _cannot_write(error)
             else:
-                self.saved = f"saved {video.path}, {video.count} pictures"
+                self.saved = f"saved {video.path}, {counted(video.count, 'picture')}"
 
     def toggle_recording(self):
         """Begins a recording of what is simulated from now on, or ends it."""
@@ -360,7 +360,7 @@ class Viewer:
             self._try_recording(recorder.save)
             if self.recorder is not None:
                 self.recorder = None
-                self.saved = f"saved {recorder.path}, {steps} step{'s' * (steps != 1)}"
+                self.saved = f"saved {recorder.path}, {counted(steps, 'step')}"
 
     def _try_recording(self, act):
         """Does something to the recording; where it cannot be written, ends it, and says so."""

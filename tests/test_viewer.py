@@ -52,6 +52,7 @@ from rbs.drawables import (
 )
 from rbs.drawing import HELD_CONTACT_STEPS, LAYERS, MOST_CREASES, SceneView, start_polyscope
 from rbs.layout import TIMELINE_HEIGHT, arrange
+from rbs.messages import counted
 from rbs.opening import find_file, list_files, open_file
 from rbs.panel import Panel
 from rbs.pictureoptions import OVERLAYS, VIDEO_ENDINGS, video_timing
@@ -74,7 +75,6 @@ from rbs.statistics import step_quantities
 from rbs.suggestions import SceneOpener
 from rbs.textfiles import SceneError
 from rbs.viewer import TRIAL_FRAMES, Viewer
-from rbs.widgets import counted
 from RigidBodySimulation import load_mesh_file, load_scene_file
 
 DATA = ROOT / "data"
