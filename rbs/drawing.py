@@ -292,7 +292,7 @@ class SceneView:
 
     def frame_all(self):
         """Points the camera at all bodies as they are now."""
-        vertices = np.concatenate([mesh.currVertices for mesh in self.simulation.meshes])
+        vertices = refresh_vertices(self.simulation.meshes)
         self._point_camera(np.concatenate([vertices, vertices * [1.0, 0.0, 1.0]]))
         self._lastFocus = self._focus()
         self.spread_ground()
@@ -344,8 +344,7 @@ class SceneView:
         """Draws everything as it is now, all from one instant, from the next frame on."""
         self._follow_body_count()
         self._follow()
-        refresh_vertices(self.simulation.meshes)  # all at once, which is faster
-        vertices = np.concatenate([mesh.currVertices for mesh in self.simulation.meshes])
+        vertices = refresh_vertices(self.simulation.meshes)  # all at once, which is faster
         self._bodies.update_vertex_positions(vertices)
         if "shadows" in self.shown:
             shadows = cast_shadows(vertices, SHADOW_HEIGHT * self._size)
