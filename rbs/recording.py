@@ -106,10 +106,9 @@ class Recording:
         self.firstStep = expected = first.firstStep
         names, self.changes = [], []
         for head in heads:
-            added = sum(change.kind == "add" for step, change in head.changes)
-            names = names or head.meshNames[: len(head.meshNames) - added]
-            isNext = head.firstStep == expected and head.meshNames[: len(names)] == names
-            if not isNext or len(head.meshNames) != len(names) + added:
+            before = body_count(head.changes, len(head.meshNames), head.firstStep - 1)
+            names = names or head.meshNames[:before]
+            if head.firstStep != expected or head.meshNames[:before] != names:
                 raise head.file.error(f"the states from step {expected} on are missing before it")
             names = head.meshNames
             self.changes += head.changes

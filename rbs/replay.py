@@ -206,9 +206,7 @@ def check_bodies(recording, simulation):
     """Raises RecordingError unless the simulation's scene has the bodies of the recording."""
     names = [mesh.name for mesh in simulation.meshes]
     scene = simulation.scenePath
-    theirNames = recording.meshNames
-    added = sum(change.kind == "add" for _, change in recording.changes)
-    theirNames = theirNames[: len(theirNames) - added]
+    theirNames = recording.meshNames[: recording.body_count(recording.firstStep - 1)]
     if len(names) != len(theirNames):
         raise recording.error(f"it has {len(theirNames)} bodies, but {scene} has {len(names)}")
     for ours, theirs in zip(names, theirNames, strict=True):

@@ -355,6 +355,14 @@ def test_hostile_changes_are_refused(altered, cause):
         unpack_changes(arrays, names, 0, 4)
 
 
+def test_more_added_bodies_than_names_are_refused():
+    _, arrays, names = with_changes()
+    shape = {key.replace(".7.", ".-1."): array for key, array in arrays.items()}
+    arrays = shape | {"changes": np.array([[0, 2, -1]]), "changeNumbers": np.ones((1, 14))}
+    with pytest.raises(ValueError, match="there is no body -1 at step 0"):
+        unpack_changes(arrays, [], 0, 4)
+
+
 @pytest.mark.parametrize(
     ("name", "change"),
     [
