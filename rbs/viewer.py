@@ -38,6 +38,8 @@ TRIAL_FRAMES = 20
 FAST_FRAME, SMOOTH_FRAME = 0.018, 0.022
 # m/s that a push gives to a body's centre of mass.
 DEFAULT_PUSH = 8.0
+# What is said where somebody drags or shoots in a recording.
+UNCHANGEABLE = "a recording cannot be changed: --resume goes on from it"
 
 
 def show_window(simulation, backend, openFile, listFiles, measure, pictureOptions=None):
@@ -388,7 +390,7 @@ class Viewer:
         if body is None:
             return
         if self.isReplay:
-            self.message = "a recording cannot be changed: --resume goes on from it"
+            self.message = UNCHANGEABLE
         elif self.simulation.meshes[body].isFixed:
             self.message = f"{self.simulation.meshes[body].name} is fixed"
         else:
@@ -418,7 +420,7 @@ class Viewer:
         simulation = self.simulation
         self.message = ""
         if self.isReplay:
-            self.message = "a recording cannot be changed: --resume goes on from it"
+            self.message = UNCHANGEABLE
         elif simulation.runTimestep is not None:
             self.message = "with --functions nothing can be shot: they know the scene's bodies only"
         elif len(simulation.meshes) - simulation.sceneCount >= MOST_SHOTS:
