@@ -206,14 +206,6 @@ class Recording:
         """What is wrong with its files as such, in a few words, or "": checksums, bookkeeping."""
         return next(filter(None, (file.damage() for file in self.files)), "")
 
-    def damaged_member(self):
-        """Where a checksum is wrong: "file: array", or None."""
-        for file in self.files:
-            name = file.damaged_member()
-            if name:
-                return f"{file.path}: {name}"
-        return None
-
 
 class _Head:
     """What one file of a recording holds beside the states, checked."""

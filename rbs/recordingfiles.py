@@ -204,7 +204,6 @@ class RecordingFile:
             raise self.error(f"cannot be read ({one_line(error, QUOTE_LENGTH)})") from None
         return name and name.removesuffix(".npy")
 
-
     def damage(self):
         """What is wrong with the file, apart from what its arrays mean, in a few words; or ""."""
         name = self.damaged_member()
