@@ -131,14 +131,10 @@ class Posed:
 
     def _pose_key(self):
         """The bytes of position and of orientation, by which a pose is known."""
-        own = self.__dict__
-        try:
-            return own["position"].tobytes(), own["orientation"].tobytes()
-        except (KeyError, AttributeError):  # in the state tables, or not given as an array
-            return (
-                np.asarray(self.position, dtype=np.float64).tobytes(),
-                np.asarray(self.orientation, dtype=np.float64).tobytes(),
-            )
+        return (
+            np.asarray(self.position, dtype=np.float64).tobytes(),
+            np.asarray(self.orientation, dtype=np.float64).tobytes(),
+        )
 
     def _forget(self):
         """Drops what is kept."""
