@@ -521,8 +521,7 @@ class Panel:
         viewer, replay = self.viewer, self.viewer.simulation
         flags = psim.ImGuiWindowFlags_NoTitleBar | psim.ImGuiWindowFlags_NoScrollbar
         self._begin("Timeline", self.layout.timeline, self.layout.timeline.height, flags)
-        total = replay.recording.frame(replay.lastStep)["times"]
-        psim.Text(f"{replay.time:.2f} of {total:.2f} s   {replay.recording.path.name}")
+        psim.Text(f"{replay.time:.2f} of {replay.lastTime:.2f} s   {replay.recording.path.name}")
         psim.SetNextItemWidth(-1.0)
         moved, step = psim.SliderInt(
             "###step", replay.stepCount, replay.firstStep, replay.lastStep,
