@@ -149,8 +149,8 @@ def simulation_of(options, given):
         step = recording.lastStep if options.from_step is None else options.from_step
         resume(recording, step, simulation)
         asked = settings_of(options)
-        fields = {SETTING_FIELDS[name] for name in given & set(SETTING_FIELDS)}
-        changes = {field: getattr(asked, field) for field in fields}
+        changes = {field: getattr(asked, field)
+                   for name, field in SETTING_FIELDS.items() if name in given}  # fmt: skip
         try:
             simulation.settings = replace(simulation.settings, **changes)
         except ValueError as error:  # of what was recorded and what is asked for now

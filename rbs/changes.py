@@ -128,7 +128,7 @@ def unpack_changes(arrays, names, first, last):
         if not 0 <= kind < len(KINDS):
             raise ValueError(f"there is no kind {kind}")
         name, shape = KINDS[kind], None
-        if not (body == count if name == "add" else 0 <= body < count):
+        if body < 0 or not (body == count if name == "add" else body < count):
             raise ValueError(f"there is no body {short(str(body))} at step {step}")
         if name == "add":
             count += 1

@@ -49,10 +49,12 @@ from rbs.poses import refresh_vertices
 
 # All that can be switched on and off.
 LAYERS = ("ground", "shadows", *OVERLAYS)
+# What shows the contacts of the last steps.
+CONTACT_OVERLAYS = frozenset({"contacts", "impulses", "friction impulses"})
 # What is drawn at or within bodies, which are then seen through. In the window, Polyscope shows the
 # mean of all that lies behind each other, the ground too, which would leave bodies pale: by which
 # factor their colours are moved away from the ground's.
-SEE_THROUGH = frozenset({"contacts", "impulses", "friction impulses", "velocities"})
+SEE_THROUGH = CONTACT_OVERLAYS | {"velocities"}
 VIVIDNESS = 2.0
 # Half the width of the lines that edges are drawn as, relative to the scene's size.
 CREASE_RADIUS = 6e-4
@@ -292,7 +294,7 @@ class SceneView:
 
     def frame_all(self):
         """Points the camera at all bodies as they are now."""
-        vertices = np.concatenate([mesh.currVertices for mesh in self.simulation.meshes])
+        vertices = refresh_vertices(self.simulation.meshes)
         self._point_camera(np.concatenate([vertices, vertices * [1.0, 0.0, 1.0]]))
         self._lastFocus = self._focus()
         self.spread_ground()
@@ -344,8 +346,7 @@ class SceneView:
         """Draws everything as it is now, all from one instant, from the next frame on."""
         self._follow_body_count()
         self._follow()
-        refresh_vertices(self.simulation.meshes)  # all at once, which is faster
-        vertices = np.concatenate([mesh.currVertices for mesh in self.simulation.meshes])
+        vertices = refresh_vertices(self.simulation.meshes)  # all at once, which is faster
         self._bodies.update_vertex_positions(vertices)
         if "shadows" in self.shown:
             shadows = cast_shadows(vertices, SHADOW_HEIGHT * self._size)
@@ -357,6 +358,8 @@ class SceneView:
         self._refresh_colours()
         if "trails" in self.shown:
             self._extend_trails()
+        if CONTACT_OVERLAYS & self.shown:
+            self._find_contacts()
         for name, paint in _PAINTERS.items():
             if name in self.shown:
                 paint(self, name, vertices)
@@ -518,8 +521,8 @@ class SceneView:
 
     # What the overlays consist of.
 
-    def _contacts(self):
-        """The contacts of the last steps, and where they are now (m, 3): they go with body 1.
+    def _find_contacts(self):
+        """Finds the contacts of the last steps, and where they are now: they go with body 1.
 
         Of each pair of bodies, those of its last step. A bounce is over before it is seen.
         """
@@ -538,11 +541,12 @@ class SceneView:
             contacts += found
         positions = [self.simulation.meshes[c.body1].position[0] for c in contacts]
         arms = [contact.arm for contact in contacts]
-        return contacts, np.array(positions).reshape(-1, 3) + np.array(arms).reshape(-1, 3)
+        self._contacts = contacts
+        self._contactPoints = np.array(positions).reshape(-1, 3) + np.array(arms).reshape(-1, 3)
 
     def _draw_contacts(self, name, vertices):
         """Each pair's points with their outline, and one normal from the middle of them."""
-        contacts, points = self._contacts()
+        contacts, points = self._contacts, self._contactPoints
         remove_overlay(name)
         if contacts:
             edges, middles, normals = contact_patches(
@@ -560,7 +564,7 @@ class SceneView:
         return f"contact manifold{', of bodies awake' if isSome else ''}; normal, towards body 1"
 
     def _draw_impulses(self, name, vertices):
-        contacts, points = self._contacts()
+        contacts, points = self._contacts, self._contactPoints
         normals = np.array([c.normal for c in contacts]).reshape(-1, 3)
         # Body 1 receives the opposite of what the contact gives to body 2.
         arrows = -normals * np.array([c.impulse for c in contacts]).reshape(-1, 1)
@@ -568,7 +572,7 @@ class SceneView:
         draw_arrows(name, points, self._scaled(arrows), IMPULSE_COLOUR, 1.5 * ARROW_RADIUS)
 
     def _draw_friction(self, name, vertices):
-        contacts, points = self._contacts()
+        contacts, points = self._contacts, self._contactPoints
         arrows = -np.array([c.friction for c in contacts]).reshape(-1, 3)
         some = arrows.any(axis=1)
         draw_arrows(name, points[some], self._scaled(arrows[some]), FRICTION_COLOUR)
@@ -577,10 +581,8 @@ class SceneView:
         longest = np.linalg.norm(arrows, axis=1).max(initial=0.0)
         return arrows * (self._longestArrow / longest if longest > 0.0 else 0.0)
 
-    def _impulse_scale(self, what):
-        contacts, _ = self._contacts()
-        key = "impulse" if what.startswith("normal") else "friction"
-        longest = max((float(np.linalg.norm(getattr(c, key))) for c in contacts), default=0.0)
+    def _impulse_scale(self, what, impulse):
+        longest = max((math.hypot(*impulse(contact)) for contact in self._contacts), default=0.0)
         return f"{what}; the longest is {longest:.2g} N s"
 
     def _velocity_scale(self):
@@ -649,8 +651,14 @@ _PAINTERS = {
 # are told by the ground's squares.
 _MEANINGS = {
     "contacts": (lambda view: view._contact_meaning(), NORMAL_COLOUR),
-    "impulses": (lambda view: view._impulse_scale("normal impulse"), IMPULSE_COLOUR),
-    "friction impulses": (lambda view: view._impulse_scale("friction impulse"), FRICTION_COLOUR),
+    "impulses": (
+        lambda view: view._impulse_scale("normal impulse", lambda contact: [contact.impulse]),
+        IMPULSE_COLOUR,
+    ),
+    "friction impulses": (
+        lambda view: view._impulse_scale("friction impulse", lambda contact: contact.friction),
+        FRICTION_COLOUR,
+    ),
     "velocities": (lambda view: view._velocity_scale(), VELOCITY_COLOUR),
     "bounding boxes": (lambda view: "bounding box", BOX_COLOUR),
     "grid cells": (lambda view: "grid cell of the broad phase", tuple(CONSTRAINT_COLOURS[2])),

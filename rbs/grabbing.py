@@ -22,7 +22,7 @@ GRAB_FREQUENCY = 2.0
 SHOT_RADIUS, SHOT_SPEED = 0.03, 1.0
 # How many times as dense as the scene's median body: a lighter one bounces off a wall.
 SHOT_DENSITY = 4.0
-# Of the most bodies that can be shot into a scene: each makes the pictures and recordings larger.
+# The most balls that can be shot into a scene: each makes the pictures and recordings larger.
 MOST_SHOTS = 200
 
 

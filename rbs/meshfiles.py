@@ -10,7 +10,7 @@ import os
 
 import numpy as np
 
-from rbs.messages import short
+from rbs.messages import counted, short
 from rbs.textfiles import LineReader, SceneError
 
 # Metres: from here on a body of ordinary size has but a few digits left for its shape, and
@@ -305,7 +305,7 @@ def _not_closed(low, high, count):
     """What is wrong with a surface one of whose edges belongs to so many triangles."""
     return (
         f"the surface is not closed: the edge between the vertices {low} and {high} "
-        f"belongs to {count} triangle{'s' * (count != 1)}, not to 2"
+        f"belongs to {counted(count, 'triangle')}, not to 2"
     )
 
 

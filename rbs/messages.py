@@ -99,6 +99,12 @@ def short(*words, limit=40):
     return text if len(text) <= limit else text[: limit - 3] + "..."
 
 
+def counted(count, noun):
+    """So many of something: 1 contact, 2 contacts, 3 bodies."""
+    plural = noun[:-1] + "ies" if noun.endswith("y") else noun + "s"
+    return f"{count} {noun if count == 1 else plural}"
+
+
 def shown_path(path):
     """The path relative to the current folder where it lies in it, which is shorter to read."""
     try:

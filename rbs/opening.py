@@ -185,7 +185,7 @@ def list_files(folder):
     listed = []
     if folder.resolve() != DATA_FOLDER.resolve():
         listed = [
-            ListedFile(BESIDE, scene_name(path), f"{path.name}", path)
+            ListedFile(BESIDE, scene_name(path), path.name, path)
             for path in list_scenes(folder)
         ]
     listed += [

@@ -77,7 +77,7 @@ RigidBodySimulation.py --replay tower.npz
 RigidBodySimulation.py --resume tower.npz --from 500 --friction 0.4"""
 
 # Options by what they are for, under the names that argparse gives them. First those that change
-# the settings, each with the field that it changes.
+# the settings, each with the field that it changes; "no_" switches one off.
 SETTING_FIELDS = {
     "restitution": "restitution",
     "time_step": "timeStep",
@@ -95,15 +95,9 @@ SETTING_FIELDS = {
 # Those that make run_timestep be called with a parameter that the coursework's may not have, each
 # with its name.
 STEP_PARAMETERS = {
-    "closing_only": "closingOnly",
-    "friction": "mu",
-    "scheduling": "constraintScheduling",
-    "max_iterations": "maxIterations",
-    "broad_phase": "broadPhase",
-    "solver": "contactSolver",
-    "substeps": "substeps",
-    "no_sleeping": "sleeping",
-    "gyroscopic": "gyroscopic",
+    name: "mu" if name == "friction" else field
+    for name, field in SETTING_FIELDS.items()
+    if name not in {"restitution", "time_step", "no_constraints"}
 }
 WITHOUT_WINDOW = frozenset({"headless", "screenshots", "video", "record", "stats", "plot"})
 # What does not go with what, and why.
@@ -425,20 +419,11 @@ def follows_suggestions(given):
 
 def settings_of(options):
     """The `Settings` that the command line's options ask for."""
-    return Settings(
-        restitution=options.restitution,
-        timeStep=options.time_step,
-        closingOnly=options.closing_only,
-        friction=options.friction,
-        enforceConstraints=not options.no_constraints,
-        constraintScheduling=options.scheduling,
-        maxIterations=options.max_iterations,
-        broadPhase=options.broad_phase,
-        contactSolver=options.solver,
-        substeps=options.substeps,
-        sleeping=not options.no_sleeping,
-        gyroscopic=options.gyroscopic,
-    )
+    asked = {}
+    for name, field in SETTING_FIELDS.items():
+        value = getattr(options, name)
+        asked[field] = not value if name.startswith("no_") else value
+    return Settings(**asked)
 
 
 class OneLineParser(argparse.ArgumentParser):

@@ -15,6 +15,7 @@ from rbs.colours import COLOURINGS, PICKED_COLOUR
 from rbs.drawing import LAYERS, MOST_BOXES, MOST_TRAILS, TRAIL_LENGTH, VELOCITY_SECONDS
 from rbs.helppanel import draw_help
 from rbs.layout import ROOMY_HEIGHT, ROOMY_WIDTH, arrange
+from rbs.messages import counted
 from rbs.pictures import draw_legend
 from rbs.playback import SPEEDS, speed_name
 from rbs.plots import ALL_PLOTS, PLOTS, Plots
@@ -23,7 +24,6 @@ from rbs.solverstate import CONTACT_SOLVERS
 from rbs.widgets import (
     NumberField,
     Tooltips,
-    counted,
     draw_choice,
     draw_error,
     draw_table,
@@ -48,19 +48,19 @@ MESSAGE_SECONDS = 20.0
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
 # Settings that are one of some names: label, name in the settings, names to choose from, and what
 # it says under the mouse.
-SOLVER_CHOICES = [
-    ("solver", "contactSolver", CONTACT_SOLVERS,
-     "impulse: one contact after the other, as in the coursework; soft-step: all together, so that "
-     "piles rest"),
-]  # fmt: skip
-BROAD_PHASE_CHOICES = [
-    ("broad phase", "broadPhase", BROAD_PHASES,
-     "How pairs that may touch are found: the same motion, and grid is faster for many bodies"),
-]  # fmt: skip
-CONSTRAINT_CHOICES = [
-    ("scheduling", "constraintScheduling", CONSTRAINT_SCHEDULINGS,
-     "In which order the constraints are solved in an iteration"),
-]  # fmt: skip
+SOLVER_CHOICE = (
+    "solver", "contactSolver", CONTACT_SOLVERS,
+    "impulse: one contact after the other, as in the coursework; soft-step: all together, so that "
+    "piles rest",
+)  # fmt: skip
+BROAD_PHASE_CHOICE = (
+    "broad phase", "broadPhase", BROAD_PHASES,
+    "How pairs that may touch are found: the same motion, and grid is faster for many bodies",
+)  # fmt: skip
+SCHEDULING_CHOICE = (
+    "scheduling", "constraintScheduling", CONSTRAINT_SCHEDULINGS,
+    "In which order the constraints are solved in an iteration",
+)  # fmt: skip
 # Of the switches in the section Display.
 TOOLTIPS = {
     "ground": "The chequered plane y = 0",
@@ -334,7 +334,7 @@ class Panel:
             "friction", settings.friction, 0.0, MOST_FRICTION, "%.3f", clamp
         )
         Tooltips.tell("Coulomb's coefficient, between bodies and with the ground")
-        self._draw_choices(SOLVER_CHOICES)
+        self._draw_setting(*SOLVER_CHOICE)
         if settings.contactSolver == "soft-step":
             settings.closingOnly = False  # it has no meaning there
             _, settings.substeps = psim.SliderInt(
@@ -344,7 +344,7 @@ class Panel:
             _, settings.sleeping = psim.Checkbox("sleeping", settings.sleeping)
             Tooltips.tell("Bodies at rest are left out until something disturbs them")
         else:
-            self._draw_choices(BROAD_PHASE_CHOICES)
+            self._draw_setting(*BROAD_PHASE_CHOICE)
             _, settings.closingOnly = psim.Checkbox("closing contacts only", settings.closingOnly)
             Tooltips.tell("Contacts that already separate receive no impulse")
         _, settings.gyroscopic = psim.Checkbox("gyroscopic term", settings.gyroscopic)
@@ -356,14 +356,13 @@ class Panel:
             Tooltips.tell("Whether the distance constraints are solved")
             if changed:
                 viewer.view.refresh()
-            self._draw_choices(CONSTRAINT_CHOICES)
+            self._draw_setting(*SCHEDULING_CHOICE)
 
-    def _draw_choices(self, choices):
+    def _draw_setting(self, label, name, names, tooltip):
         settings = self.viewer.simulation.settings
-        for label, name, names, tooltip in choices:
-            chosen = draw_choice(label, getattr(settings, name), names, tooltip)
-            if chosen is not None:
-                setattr(settings, name, chosen)
+        chosen = draw_choice(label, getattr(settings, name), names, tooltip)
+        if chosen is not None:
+            setattr(settings, name, chosen)
 
     def _draw_display(self):
         import polyscope.imgui as psim
@@ -521,8 +520,7 @@ class Panel:
         viewer, replay = self.viewer, self.viewer.simulation
         flags = psim.ImGuiWindowFlags_NoTitleBar | psim.ImGuiWindowFlags_NoScrollbar
         self._begin("Timeline", self.layout.timeline, self.layout.timeline.height, flags)
-        total = replay.recording.frame(replay.lastStep)["times"]
-        psim.Text(f"{replay.time:.2f} of {total:.2f} s   {replay.recording.path.name}")
+        psim.Text(f"{replay.time:.2f} of {replay.lastTime:.2f} s   {replay.recording.path.name}")
         psim.SetNextItemWidth(-1.0)
         moved, step = psim.SliderInt(
             "###step", replay.stepCount, replay.firstStep, replay.lastStep,

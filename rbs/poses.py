@@ -96,10 +96,6 @@ class Posed:
         """Holds until position or orientation change."""
         self._currVertices = self._pose_key(), vertices
 
-    def has_current_vertices(self):
-        """Whether currVertices are at hand, or have to be worked out when they are asked for."""
-        return self._currVertices[0] == self._pose_key()
-
     def pose(self):
         """The `Pose` at the present position and orientation; None without vertices.
 
@@ -135,14 +131,10 @@ class Posed:
 
     def _pose_key(self):
         """The bytes of position and of orientation, by which a pose is known."""
-        own = self.__dict__
-        try:
-            return own["position"].tobytes(), own["orientation"].tobytes()
-        except (KeyError, AttributeError):  # in the state tables, or not given as an array
-            return (
-                np.asarray(self.position, dtype=np.float64).tobytes(),
-                np.asarray(self.orientation, dtype=np.float64).tobytes(),
-            )
+        return (
+            np.asarray(self.position, dtype=np.float64).tobytes(),
+            np.asarray(self.orientation, dtype=np.float64).tobytes(),
+        )
 
     def _forget(self):
         """Drops what is kept."""
@@ -174,15 +166,21 @@ def refresh_vertices(meshes):
     """Works out the currVertices that are not at hand of all these meshes, in one go.
 
     For those who look at all of them: mesh by mesh, NumPy's calls would take most of the time.
+    returns the currVertices of one mesh after the other, (ΣV, 3), to be read only
     """
-    meshes = [m for m in meshes if not m.has_current_vertices()]
-    if not meshes:
-        return
-    counts = np.array([len(m.origVertices) for m in meshes])
-    vertices = world_vertices(
-        np.concatenate([m.origVertices for m in meshes]).T, counts,
-        np.array([np.ravel(m.position) for m in meshes], dtype=np.float64).T,
-        np.array([np.ravel(m.orientation) for m in meshes], dtype=np.float64).T,
-    )  # fmt: skip
-    for m, own in zip(meshes, np.split(vertices, counts.cumsum()[:-1]), strict=True):
-        m.currVertices = own
+    keys = [m._pose_key() for m in meshes]
+    stale = [k for k, m in enumerate(meshes) if m._currVertices[0] != keys[k]]
+    if stale:
+        moved = [meshes[k] for k in stale]
+        counts = np.array([len(m.origVertices) for m in moved])
+        vertices = world_vertices(
+            np.concatenate([m.origVertices for m in moved]).T, counts,
+            np.array([np.ravel(m.position) for m in moved], dtype=np.float64).T,
+            np.array([np.ravel(m.orientation) for m in moved], dtype=np.float64).T,
+        )  # fmt: skip
+        ends = counts.cumsum().tolist()
+        for k, begin, end in zip(stale, [0, *ends[:-1]], ends, strict=True):
+            meshes[k]._currVertices = keys[k], vertices[begin:end]
+        if len(stale) == len(meshes):
+            return vertices
+    return np.concatenate([np.empty((0, 3)), *(m._currVertices[1] for m in meshes)])

@@ -106,10 +106,9 @@ class Recording:
         self.firstStep = expected = first.firstStep
         names, self.changes = [], []
         for head in heads:
-            added = sum(change.kind == "add" for step, change in head.changes)
-            names = names or head.meshNames[: len(head.meshNames) - added]
-            isNext = head.firstStep == expected and head.meshNames[: len(names)] == names
-            if not isNext or len(head.meshNames) != len(names) + added:
+            before = body_count(head.changes, len(head.meshNames), head.firstStep - 1)
+            names = names or head.meshNames[:before]
+            if head.firstStep != expected or head.meshNames[:before] != names:
                 raise head.file.error(f"the states from step {expected} on are missing before it")
             names = head.meshNames
             self.changes += head.changes
@@ -206,14 +205,6 @@ class Recording:
     def damage(self):
         """What is wrong with its files as such, in a few words, or "": checksums, bookkeeping."""
         return next(filter(None, (file.damage() for file in self.files)), "")
-
-    def damaged_member(self):
-        """Where a checksum is wrong: "file: array", or None."""
-        for file in self.files:
-            name = file.damaged_member()
-            if name:
-                return f"{file.path}: {name}"
-        return None
 
 
 class _Head:

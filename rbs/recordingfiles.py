@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rbs.files import check_regular, note_read, replace_file
-from rbs.messages import InputError, one_line
+from rbs.messages import InputError, one_line, reason_of
 from rbs.state import HASH_SIZE, STATE_WIDTHS
 
 # A recording is an .npz file that `np.load(FILE)` reads. With s steps of n bodies it holds
@@ -117,7 +117,7 @@ class RecordingFile:
         except RecordingError:
             raise
         except OSError as error:
-            raise self.error(f"cannot be read ({error.strerror or error})") from None
+            raise self.error(f"cannot be read ({reason_of(error)})") from None
         except Exception as error:
             # Whatever zipfile and NumPy's header parser raise about bytes that are neither.
             raise self.error(f"this is not a recording ({one_line(error, QUOTE_LENGTH)})") from None
@@ -174,7 +174,7 @@ class RecordingFile:
             content = content[len(content) - math.prod(member.shape) * member.dtype.itemsize :]
             return np.frombuffer(content, member.dtype).reshape(member.shape)
         except OSError as error:
-            raise self.error(f"cannot be read ({error.strerror or error})") from None
+            raise self.error(f"cannot be read ({reason_of(error)})") from None
         except Exception:  # whatever zipfile raises where the file's two directories disagree
             raise self.error(f"the array {name} is damaged: its checksum is wrong") from None
 
@@ -192,7 +192,7 @@ class RecordingFile:
                         raise self.error("the file has become shorter since it was opened")
                     result[name] = np.frombuffer(content, dtype).reshape(-1, *shape[1:])
         except OSError as error:
-            raise self.error(f"cannot be read ({error.strerror or error})") from None
+            raise self.error(f"cannot be read ({reason_of(error)})") from None
         return result
 
     def damaged_member(self):
@@ -203,7 +203,6 @@ class RecordingFile:
         except Exception as error:
             raise self.error(f"cannot be read ({one_line(error, QUOTE_LENGTH)})") from None
         return name and name.removesuffix(".npy")
-
 
     def damage(self):
         """What is wrong with the file, apart from what its arrays mean, in a few words; or ""."""

@@ -26,7 +26,7 @@ class Replay(Scene):
 
     Attributes, as a simulation's: meshes, groundMesh, constraints, settings (those that the present
     step was made with), scenePath, constraintPath, stepCount, time; report and stepSeconds, always
-    None. Of its own: recording; firstStep, lastStep.
+    None. Of its own: recording; firstStep, lastStep; lastTime, of the last step, in s.
 
     What was added by hand is in `meshes` from its step on: they are another list then.
     """
@@ -46,6 +46,7 @@ class Replay(Scene):
         self.constraints = simulation.constraints
         check_bodies(recording, simulation)
         self.firstStep, self.lastStep = recording.firstStep, recording.lastStep
+        self.lastTime = float(recording.frame(self.lastStep)["times"])
         self._startFixed = {
             change.body: simulation.meshes[change.body].isFixed
             for _, change in recording.changes
@@ -206,9 +207,7 @@ def check_bodies(recording, simulation):
     """Raises RecordingError unless the simulation's scene has the bodies of the recording."""
     names = [mesh.name for mesh in simulation.meshes]
     scene = simulation.scenePath
-    theirNames = recording.meshNames
-    added = sum(change.kind == "add" for _, change in recording.changes)
-    theirNames = theirNames[: len(theirNames) - added]
+    theirNames = recording.meshNames[: recording.body_count(recording.firstStep - 1)]
     if len(names) != len(theirNames):
         raise recording.error(f"it has {len(theirNames)} bodies, but {scene} has {len(names)}")
     for ours, theirs in zip(names, theirNames, strict=True):

@@ -18,7 +18,7 @@ from rbs import changes
 from rbs.bodies import StateError
 from rbs.cameras import apply_camera, load_camera, save_camera
 from rbs.grabbing import MOST_SHOTS, Grab, shot
-from rbs.messages import print_note
+from rbs.messages import counted, print_note, reason_of
 from rbs.panel import Panel
 from rbs.pictureoptions import PictureOptions, video_timing
 from rbs.pictures import Video, VideoError, save_picture, start_view
@@ -38,6 +38,8 @@ TRIAL_FRAMES = 20
 FAST_FRAME, SMOOTH_FRAME = 0.018, 0.022
 # m/s that a push gives to a body's centre of mass.
 DEFAULT_PUSH = 8.0
+# What is said where somebody drags or shoots in a recording.
+UNCHANGEABLE = "a recording cannot be changed: --resume goes on from it"
 
 
 def show_window(simulation, backend, openFile, listFiles, measure, pictureOptions=None):
@@ -192,7 +194,7 @@ class Viewer:
                 self.video.add(self.simulation)
             except OSError as error:
                 self.stop_video()
-                self.message = f"cannot write: {error.strerror or error}"
+                self.message = _cannot_write(error)
 
     def _show(self):
         """Draws the present state, and adds it to the plots."""
@@ -254,8 +256,11 @@ class Viewer:
         except ValueError as error:
             self.message = str(error)
             return
-        except (OSError, MemoryError) as error:
-            self.message = f"{path}: cannot be read ({error or 'there is not enough memory'})"
+        except OSError as error:
+            self.message = f"{path}: cannot be read ({reason_of(error)})"
+            return
+        except MemoryError:
+            self.message = f"{path}: cannot be read (there is not enough memory)"
             return
         self.stop_video()
         self.stop_recording()
@@ -292,7 +297,7 @@ class Viewer:
             path = self._out_path(stem, ending)
             write(path)
         except OSError as error:
-            self.message = f"cannot write: {error.strerror or error}"
+            self.message = _cannot_write(error)
             return
         self.saved = f"saved {path}"
 
@@ -319,7 +324,7 @@ class Viewer:
         except VideoError as error:
             self.message = str(error)
         except OSError as error:
-            self.message = f"cannot write: {error.strerror or error}"
+            self.message = _cannot_write(error)
         else:
             self.view.set_resizable(False)  # all pictures of a video are of one size
             self._film()
@@ -333,9 +338,9 @@ class Viewer:
                 video.save()
             except OSError as error:
                 video.close()
-                self.message = f"cannot write: {error.strerror or error}"
+                self.message = _cannot_write(error)
             else:
-                self.saved = f"saved {video.path}, {video.count} pictures"
+                self.saved = f"saved {video.path}, {counted(video.count, 'picture')}"
 
     def toggle_recording(self):
         """Begins a recording of what is simulated from now on, or ends it."""
@@ -346,7 +351,7 @@ class Viewer:
         try:
             self.recorder = Recorder(self._out_path("recording", ".npz"))
         except (OSError, RecordingError) as error:
-            self.message = f"cannot write: {getattr(error, 'strerror', None) or error}"
+            self.message = _cannot_write(error)
         else:
             self._try_recording(lambda: self.recorder.add(self.simulation))
 
@@ -357,7 +362,7 @@ class Viewer:
             self._try_recording(recorder.save)
             if self.recorder is not None:
                 self.recorder = None
-                self.saved = f"saved {recorder.path}, {steps} step{'s' * (steps != 1)}"
+                self.saved = f"saved {recorder.path}, {counted(steps, 'step')}"
 
     def _try_recording(self, act):
         """Does something to the recording; where it cannot be written, ends it, and says so."""
@@ -366,7 +371,7 @@ class Viewer:
         except (OSError, RecordingError) as error:
             kept = self.recorder.close()
             self.recorder = None
-            self.message = f"cannot write: {getattr(error, 'strerror', None) or error}"
+            self.message = _cannot_write(error)
             if kept is not None:
                 self.message += f"; what there is of the recording is in {kept}"
 
@@ -385,7 +390,7 @@ class Viewer:
         if body is None:
             return
         if self.isReplay:
-            self.message = "a recording cannot be changed: --resume goes on from it"
+            self.message = UNCHANGEABLE
         elif self.simulation.meshes[body].isFixed:
             self.message = f"{self.simulation.meshes[body].name} is fixed"
         else:
@@ -415,7 +420,7 @@ class Viewer:
         simulation = self.simulation
         self.message = ""
         if self.isReplay:
-            self.message = "a recording cannot be changed: --resume goes on from it"
+            self.message = UNCHANGEABLE
         elif simulation.runTimestep is not None:
             self.message = "with --functions nothing can be shot: they know the scene's bodies only"
         elif len(simulation.meshes) - simulation.sceneCount >= MOST_SHOTS:
@@ -464,3 +469,8 @@ class Viewer:
         if not self._frames:
             return None
         return tuple(1e3 * median(column) for column in zip(*self._frames, strict=True))
+
+
+def _cannot_write(error):
+    """What the window says of an OSError or RecordingError."""
+    return f"cannot write: {reason_of(error)}"

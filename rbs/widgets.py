@@ -125,9 +125,3 @@ def draw_vectors(rows):
             psim.Text(number)
         psim.SameLine(left + right - unitWidth)
         psim.Text(unit)
-
-
-def counted(count, noun):
-    """So many of something: 1 contact, 2 contacts, 3 bodies."""
-    plural = noun[:-1] + "ies" if noun.endswith("y") else noun + "s"
-    return f"{count} {noun if count == 1 else plural}"

@@ -265,7 +265,7 @@ class RandomScene:
         return meshes
 
     def step(self, meshes, **options):
-        """Makes a step; returns what can be compared: the state's bytes and what is told."""
+        """Makes a step; returns its `outcome`, or the state and why the step was refused."""
         try:
             report = run_timestep(
                 meshes, self.ground, self.timeStep, self.CRCoeff, constraints=self.constraints,
@@ -273,7 +273,7 @@ class RandomScene:
             )  # fmt: skip
         except StateError as error:
             return oracles.state_of(meshes).tobytes(), f"refused: {error}"
-        return oracles.state_of(meshes).tobytes(), repr(report.contacts)
+        return oracles.outcome(meshes, report)
 
 
 def bits(rng, counts):

@@ -1,4 +1,4 @@
-"""Lets seeded heaps of mixed sizes collapse with both steps, and compares the states bit by bit.
+"""Lets seeded heaps of mixed sizes collapse with both steps, and compares them bit by bit.
 
     python tests/heapCampaign.py [--heaps 200] [--bodies 24] [--steps 25]
 
@@ -16,12 +16,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from oracles import body, ground, outcome
+
 import rbs.batches
-from rbs.scenes import DATA_FOLDER
-from rbs.simulation import make_ground
-from rbs.state import STATE_NAMES
-from RBSFunctions import Mesh, run_timestep
-from RigidBodySimulation import load_mesh_file
+from RBSFunctions import run_timestep
 
 SHAPES = ("box", "tetrahedron", "octahedron", "cylinder")
 SIZES = (0.3, 3.0)  # the least and the largest body, in multiples of a shape's
@@ -35,12 +33,11 @@ def make_heap(seed, count):
     meshes = []
     side = 9.0 * count ** (1 / 3)
     for k in range(count):
-        vertices, faces, tets = load_mesh_file(DATA_FOLDER / f"{SHAPES[k % len(SHAPES)]}.mesh")
         size = np.exp(rng.uniform(*np.log(SIZES)))
         orientation = rng.normal(size=4)
         position = rng.uniform((-side / 2, 4.0, -side / 2), (side / 2, 4.0 + side, side / 2))
-        mesh = Mesh(f"{k}", size * vertices, faces, tets, rng.uniform(0.5, 2.0), position,
-                    orientation, isFixed=k % 11 == 10)  # fmt: skip
+        density = rng.uniform(0.5, 2.0)
+        mesh = body(SHAPES[k % len(SHAPES)], position, orientation, density, k % 11 == 10, size)
         if not mesh.isFixed:
             mesh.linVelocity = rng.normal(size=(1, 3)) * [3.0, 10.0, 3.0]
             mesh.angVelocity = rng.normal(size=(1, 3))
@@ -72,33 +69,32 @@ class Counts:
         rbs.batches.find_facets, rbs.batches.OrderedBatches.detect = self._kept
 
 
-def states(seed, count, steps, broadPhase, mu):
-    """`(states, contacts)` of a heap: (steps, bodies, 13), and how many contacts it had."""
-    meshes, found, contacts = make_heap(seed, count), [], 0
+def outcomes_of(seed, count, steps, broadPhase, mu):
+    """`(outcomes, contacts)` of a heap: the `outcome` of each step, and its contacts."""
+    meshes, outcomes, contacts = make_heap(seed, count), [], 0
     for _ in range(steps):
-        report = run_timestep(meshes, make_ground(), 0.02, 0.3, broadPhase=broadPhase, mu=mu)
+        report = run_timestep(meshes, ground(), 0.02, 0.3, broadPhase=broadPhase, mu=mu)
         contacts += len(report.contacts)
-        names = STATE_NAMES.values()
-        found.append([np.concatenate([np.ravel(getattr(m, n)) for n in names]) for m in meshes])
-    return np.array(found), contacts
+        outcomes.append(outcome(meshes, report))
+    return outcomes, contacts
 
 
 def compare(seed, count, steps):
     """`(differing, contacts, counts)` of a heap: which of FACTORS give other bits;
     contacts; searches and passes with each factor, (3, 2)."""
     mu = 0.5 * (seed % 2)
-    expected, contacts = states(seed, count, steps, "all", mu)
+    expected, contacts = outcomes_of(seed, count, steps, "all", mu)
     differing, counts = [], []
     pairMargin = rbs.batches.PAIR_MARGIN
     for factor in FACTORS:
         rbs.batches.PAIR_MARGIN = factor * pairMargin
         try:
             with Counts() as counted:
-                found, _ = states(seed, count, steps, "grid", mu)
+                found, _ = outcomes_of(seed, count, steps, "grid", mu)
         finally:
             rbs.batches.PAIR_MARGIN = pairMargin
         counts.append((counted.searches, counted.passes))
-        if not np.array_equal(expected, found):
+        if found != expected:
             differing.append(factor)
     return differing, contacts, np.array(counts)
 

@@ -95,7 +95,7 @@ def complaints(folder, code, errors, sent):
     if (folder / "r.npz").exists():
         try:
             recording = Recording(folder / "r.npz")
-            if recording.damaged_member() is not None:
+            if recording.damage() != "":
                 found.append("r.npz is damaged")
         except ValueError as error:
             found.append(f"r.npz cannot be read: {error}")

@@ -94,6 +94,14 @@ def state_of(meshes):
     return np.array(rows).reshape(len(meshes), 13)
 
 
+def outcome(meshes, report):
+    """What a step has led to: the bytes of the state, and the contacts that it tells of, in full.
+
+    Two outcomes are equal where every bit is, the signs of zeros included.
+    """
+    return state_of(meshes).tobytes(), repr(report.contacts)
+
+
 def restore(meshes, rows):
     """Gives meshes the state that `state_of` took, as a caller does: by assigning attributes."""
     for m, row in zip(meshes, rows, strict=True):

@@ -1,4 +1,4 @@
-"""The program by subprocess, and what it must agree with."""
+"""The program by subprocess, what it must agree with, and recordings made without it."""
 
 import os
 import subprocess
@@ -7,6 +7,7 @@ import sys
 import numpy as np
 from oracles import ROOT, ground
 
+from rbs.recording import Recorder
 from rbs.state import STATE_NAMES
 from RBSFunctions import run_timestep
 from RigidBodySimulation import load_scene_file
@@ -45,3 +46,16 @@ def by_hand(scene, steps, restitution, timeStep, **options):
         for plural, name in STATE_NAMES.items():
             states[plural].append([getattr(mesh, name).ravel() for mesh in meshes])
     return {plural: np.array(series) for plural, series in states.items()}
+
+
+def record(path, simulation, steps, change=None):
+    """Records `steps` steps; change(simulation, step) is called before each of them."""
+    recorder = Recorder(path)
+    recorder.add(simulation)
+    for step in range(1, steps + 1):
+        if change is not None:
+            change(simulation, step)
+        simulation.step()
+        recorder.add(simulation)
+    recorder.save()
+    return path

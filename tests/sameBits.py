@@ -16,9 +16,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from oracles import outcome
+
 from rbs.scenes import DATA_FOLDER, find_scene
 from rbs.simulation import Settings, Simulation
-from rbs.state import STATE_NAMES
 
 
 def parse_arguments(arguments=None):
@@ -46,13 +47,10 @@ def compare(scene, steps, mu):
             simulation.step()
             spent.append(time.perf_counter() - start)
         seconds.append(spent)
-        one, other = (simulation.state() for simulation in simulations)
-        if not all(np.array_equal(one[name], other[name]) for name in STATE_NAMES):
+        one, other = (outcome(simulation.meshes, simulation.report) for simulation in simulations)
+        if one != other:
             return len(simulations[0].meshes), contacts, step, np.median(seconds, axis=0)
-        reports = [simulation.report.contacts for simulation in simulations]
-        if reports[0] != reports[1]:
-            return len(simulations[0].meshes), contacts, step, np.median(seconds, axis=0)
-        contacts += sum(contact.body2 >= 0 for contact in reports[0])
+        contacts += sum(contact.body2 >= 0 for contact in simulations[0].report.contacts)
     return len(simulations[0].meshes), contacts, None, np.median(seconds, axis=0)
 
 

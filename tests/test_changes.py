@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from oracles import ROOT
-from program import run
+from program import record, run
 
 from Quaternion import QRotate
 from rbs import changes
@@ -295,12 +295,7 @@ def test_chunks_of_a_killed_session_are_one_recording(tmp_path, monkeypatch):
 
 
 def test_recording_without_hands_is_as_it_was(tmp_path):
-    simulation, recorder = scene(), Recorder(tmp_path / "plain.npz")
-    recorder.add(simulation)
-    simulation.step()
-    recorder.add(simulation)
-    recorder.save()
-    with np.load(tmp_path / "plain.npz") as file:
+    with np.load(record(tmp_path / "plain.npz", scene(), 1)) as file:
         assert int(file["format"]) == 1
         assert not any(name.startswith(("change", "added")) for name in file)
 
@@ -358,6 +353,14 @@ def test_hostile_changes_are_refused(altered, cause):
     _, arrays, names = with_changes(**altered)
     with pytest.raises(ValueError, match=cause):
         unpack_changes(arrays, names, 0, 4)
+
+
+def test_more_added_bodies_than_names_are_refused():
+    _, arrays, names = with_changes()
+    shape = {key.replace(".7.", ".-1."): array for key, array in arrays.items()}
+    arrays = shape | {"changes": np.array([[0, 2, -1]]), "changeNumbers": np.ones((1, 14))}
+    with pytest.raises(ValueError, match="there is no body -1 at step 0"):
+        unpack_changes(arrays, [], 0, 4)
 
 
 @pytest.mark.parametrize(

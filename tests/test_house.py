@@ -9,6 +9,7 @@ import re
 import sys
 
 import pytest
+from mutations import FAULTS
 from oracles import ROOT
 
 TOP = ("RBSFunctions", "RigidBodySimulation", "Quaternion", "GJK")
@@ -230,3 +231,11 @@ def test_rooms_import_only_what_the_introduction_lists_above_them():
         used = imports(known[f"rbs.{name}"].read_text("utf-8"), known)
         below = {other.removeprefix("rbs.") for other in used if other.startswith("rbs.")}
         assert below <= set(listed[:k]), name
+
+
+def test_faults_that_the_tests_must_notice_can_be_put_in():
+    for fault in FAULTS:
+        source = (ROOT / fault.file).read_text(encoding="utf-8")
+        assert source.count(fault.text) == 1, fault.what
+        for name in fault.tests.split():
+            assert (ROOT / "tests" / f"test_{name}.py").is_file(), fault.what

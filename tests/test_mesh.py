@@ -572,10 +572,16 @@ def test_world_vertices_of_many_are_those_of_each():
     for m, twin, position, orientation in zip(ones, many, positions, orientations, strict=True):
         m.position = twin.position = position
         m.orientation = twin.orientation = orientation
-    refresh_vertices(many)
+    together = refresh_vertices(many)
     for m, twin in zip(ones, many, strict=True):
-        assert twin.has_current_vertices() and not m.has_current_vertices()
+        assert np.shares_memory(twin.currVertices, together)
+        assert not np.shares_memory(m.currVertices, together)
         assert np.array_equal(m.currVertices, twin.currVertices)
+    assert np.array_equal(together, np.concatenate([m.currVertices for m in ones]))
+    for k in (0, 3, 17, 39):
+        ones[k].position = many[k].position = many[k].position + 1.0
+    assert np.array_equal(refresh_vertices(many), np.concatenate([m.currVertices for m in ones]))
+    assert refresh_vertices([]).shape == (0, 3)
 
 
 def test_a_mesh_may_be_in_several_lists():

@@ -7,10 +7,10 @@ import warnings
 import numpy as np
 import pytest
 from oracles import body, box_body, ground, state_of
-from program import DATA, run
+from program import DATA, record, run
 
 from rbs.bodies import LARGEST_NUMBER, StateError
-from rbs.recording import Recorder, Recording
+from rbs.recording import Recording
 from rbs.replay import verify
 from rbs.simulation import Settings, Simulation
 from rbs.viewer import Viewer
@@ -80,9 +80,7 @@ def test_program_ends_with_one_line_and_keeps_the_recording(tmp_path):
     simulation.step()
     # 1.8e73 m a step: it leaves the numbers' range after some dozen of them
     simulation.meshes[4].linVelocity = np.array([[0.9 * LARGEST_NUMBER, 0.0, 0.0]])
-    recorder = Recorder(tmp_path / "start.npz")
-    recorder.add(simulation)
-    recorder.save()
+    record(tmp_path / "start.npz", simulation, 0)
     process = run(
         tmp_path, "--resume", "start.npz", "--record", "r.npz", "--stats", "s.csv",
         "--steps", "400", PYTHONWARNINGS="always",
@@ -112,12 +110,7 @@ def test_program_ends_with_one_line_and_keeps_the_recording(tmp_path):
 
 def test_verify_reports_a_step_that_cannot_be_made(tmp_path):
     simulation = Simulation(DATA / "tet-scene.txt")
-    recorder = Recorder(tmp_path / "r.npz")
-    recorder.add(simulation)
-    for _ in range(3):
-        simulation.step()
-        recorder.add(simulation)
-    recorder.save()
+    record(tmp_path / "r.npz", simulation, 3)
     other = Simulation(DATA / "tet-scene.txt")
     other.meshes[0].invIT = other.meshes[0].invIT * math.nan
     other.meshes[0].linVelocity = np.array([[0.0, 0.0, 0.0]])

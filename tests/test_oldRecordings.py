@@ -53,7 +53,7 @@ def test_the_recordings_are_what_they_are_said_to_be():
     assert pair_order(Recording(COLOURED)) == ["coloured"]
     for path in (OLD, COLOURED):
         assert path.stat().st_size < 100_000 and Recording(path).version == "0.1.0"
-        assert Recording(path).damaged_member() is None
+        assert Recording(path).damage() == ""
 
 
 @pytest.mark.parametrize(("path", "steps"), [(OLD, 40), (COLOURED, 10)])

@@ -96,7 +96,7 @@ def test_a_pipe_is_written_to(tmp_path, option):
     assert [path.name for path in tmp_path.iterdir()] == ["pipe"]
     if option == "--record":
         (tmp_path / "r.npz").write_bytes(got[0])
-        assert Recording(tmp_path / "r.npz").damaged_member() is None
+        assert Recording(tmp_path / "r.npz").damage() == ""
         assert np.load(tmp_path / "r.npz")["positions"].shape == (4, 1, 3)
     if option == "--stats":
         assert got[0].count(b"\n") == 5

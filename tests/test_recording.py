@@ -14,7 +14,7 @@ import zipfile
 import numpy as np
 import pytest
 from oracles import ROOT
-from program import DATA, PROGRAM, by_hand, environment, run, summary_of
+from program import DATA, PROGRAM, by_hand, environment, record, run, summary_of
 
 import rbs.recording
 from rbs import __version__
@@ -27,19 +27,6 @@ from rbs.statistics import QUANTITY_UNITS, StatsWriter, step_quantities
 from RigidBodySimulation import load_scene_file, main
 
 STRESS = DATA / "stress-scene.txt"
-
-
-def record(path, simulation, steps, change=None):
-    """Records `steps` steps; change(simulation, step) is called before each of them."""
-    recorder = Recorder(path)
-    recorder.add(simulation)
-    for step in range(1, steps + 1):
-        if change is not None:
-            change(simulation, step)
-        simulation.step()
-        recorder.add(simulation)
-    recorder.save()
-    return path
 
 
 def assert_same_state(one, other):

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from opengl import require_opengl
-from oracles import ROOT
+from program import DATA, record
 
 from Quaternion import QConj, QRotate
 from rbs.broadphase import grid_overlaps
@@ -52,6 +52,7 @@ from rbs.drawables import (
 )
 from rbs.drawing import HELD_CONTACT_STEPS, LAYERS, MOST_CREASES, SceneView, start_polyscope
 from rbs.layout import TIMELINE_HEIGHT, arrange
+from rbs.messages import counted
 from rbs.opening import find_file, list_files, open_file
 from rbs.panel import Panel
 from rbs.pictureoptions import OVERLAYS, VIDEO_ENDINGS, video_timing
@@ -66,7 +67,7 @@ from rbs.pictures import (
 from rbs.playback import SPEEDS, STEPPING_SECONDS, Playback, speed_name
 from rbs.pngfiles import png_bytes
 from rbs.poses import refresh_vertices
-from rbs.recording import Recorder, Recording
+from rbs.recording import Recording
 from rbs.replay import verify
 from rbs.scenes import list_scenes, scene_name
 from rbs.simulation import Settings, Simulation
@@ -74,10 +75,7 @@ from rbs.statistics import step_quantities
 from rbs.suggestions import SceneOpener
 from rbs.textfiles import SceneError
 from rbs.viewer import TRIAL_FRAMES, Viewer
-from rbs.widgets import counted
 from RigidBodySimulation import load_mesh_file, load_scene_file
-
-DATA = ROOT / "data"
 
 # Shading changes the brightness and the saturation of a colour, and moves its hue, on a circle of
 # length 1, by less than this. The ends of the scale of densities lie 0.4 apart.
@@ -127,14 +125,8 @@ def viewer():
 @pytest.fixture
 def replay(tmp_path):
     """A Viewer of a recording of 40 steps of the tower that draws nothing."""
-    simulation = Simulation(DATA / "tower-scene.txt")
-    recorder = Recorder(tmp_path / "tower.npz")
-    recorder.add(simulation)
-    for _ in range(40):
-        simulation.step()
-        recorder.add(simulation)
-    recorder.save()
-    return make_viewer(open_file(tmp_path / "tower.npz", None), StillView())
+    path = record(tmp_path / "tower.npz", Simulation(DATA / "tower-scene.txt"), 40)
+    return make_viewer(open_file(path, None), StillView())
 
 
 # --------------------------------------------------------------------------------------------------

@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 from opengl import skip_or_fail
 from oracles import ROOT
-from program import run
+from program import DATA, record, run
 
-from rbs.recording import Recorder, Recording
+from rbs.recording import Recording
 from rbs.replay import verify
 from rbs.simulation import Simulation
 
-DATA = ROOT / "data"
 # What a busy machine without a graphics card may take for one effect, in seconds.
 PATIENCE = 120.0
 
@@ -223,14 +222,7 @@ def test_scenes_are_opened_from_the_list_and_by_what_is_typed(session, tmp_path)
 
 
 def test_a_replay_in_the_window_is_scrubbed(session, tmp_path):
-    simulation = Simulation(DATA / "tower-scene.txt")
-    recorder = Recorder(tmp_path / "tower.npz")
-    recorder.add(simulation)
-    for _ in range(40):
-        simulation.step()
-        recorder.add(simulation)
-    recorder.save()
-    window = session(tmp_path / "tower.npz")
+    window = session(record(tmp_path / "tower.npz", Simulation(DATA / "tower-scene.txt"), 40))
     status = window.status()
     assert "friction" not in status["places"] and status["layout"][2] is not None
     status = window.click("step", lambda status: status["step"] > 10, along=0.6)

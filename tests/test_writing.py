@@ -224,7 +224,7 @@ sys.exit(main(sys.argv[3:]))
 
 
 def whole_recording(path):
-    assert Recording(path).lastStep == 6 and Recording(path).damaged_member() is None
+    assert Recording(path).lastStep == 6 and Recording(path).damage() == ""
     assert np.load(path)["positions"].shape == (7, 25, 3)
 
 
@@ -287,7 +287,7 @@ def test_kill_at_any_point_leaves_the_old_file_or_a_whole_new_one(
         # What was simulated is not lost, once there was a chunk on the disk.
         if list(folder.glob("r.npz.part/chunk_*.npz")):
             left = Recording(folder / "r.npz.part")
-            assert left.damaged_member() is None
+            assert left.damage() == ""
     assert process.returncode == 0 and count > 1
     # The last name's file is old while the program is killed, and new in the end.
     assert outcomes >= {(name, False) for name in names} | {(names[-1], True)}
