@@ -240,8 +240,9 @@ def test_what_starts_to_slide_does_not_fall_asleep():
     assert way == pytest.approx(pull * 4.0**2 / 2, rel=0.02)
 
 
+@pytest.mark.parametrize("below", ["ground", "slab"])
 @pytest.mark.parametrize("name", ["tetrahedron", "octahedron", "cylinder", "ellipsoid", "box"])
-def test_what_is_thrown_at_the_ground_does_not_go_through_its_surface(name):
+def test_what_is_thrown_down_does_not_go_through_the_surface(name, below):
     for seed in range(6):
         rng = np.random.default_rng(seed)
         thrown = body(name, orientation=random_quaternions(rng, 1)[0])
@@ -249,13 +250,30 @@ def test_what_is_thrown_at_the_ground_does_not_go_through_its_surface(name):
         thrown.position = np.array([[0.0, 2.5 * radius, 0.0]])
         thrown.linVelocity = np.array([[3.0, -10.0, 0.0]]) * np.sqrt(radius / 5)
         thrown.angVelocity = rng.normal(size=(1, 3)) * 2 * np.sqrt(5 / radius)
-        state, lowest, hits = SolverState(), [], 0
+        meshes = [thrown]
+        if below == "slab":
+            meshes.append(box_body(40 * radius, radius, 40 * radius, (0, -radius / 2, 0),
+                                   isFixed=True))  # fmt: skip
+        state, lowest, touches = SolverState(), [], 0
         for _ in range(150):
-            report = simulate([thrown], 1, state)[1]
+            report = simulate(meshes, 1, state, hasGround=below == "ground")[1]
             lowest.append(thrown.currVertices[:, 1].min())
-            hits += bool(report.contacts)
-        assert hits > 10
+            touches += bool(report.contacts)
+        assert touches > 10
         assert min(lowest) > -0.005 * radius
+
+
+def test_a_light_body_that_a_heavy_one_hits_is_not_pressed_far_into_the_ground():
+    light = box_body(4, 2, 4, (0, 1, 0))
+    heavy = box_body(4, 4, 4, (0.5, 5.0, 0.3), density=5.0)
+    heavy.linVelocity = np.array([[0.0, -20.0, 0.0]])
+    state, lowest, isHit = SolverState(), [], False
+    for _ in range(60):
+        report = simulate([light, heavy], 1, state)[1]
+        lowest.append(light.currVertices[:, 1].min())
+        isHit |= any((c.body1, c.body2) == (0, 1) for c in report.contacts)
+    assert isHit
+    assert min(lowest) > -0.25  # of a height of 2; 0.84 with one sweep a substep
 
 
 @pytest.mark.parametrize("e", [0.5, 1.0])
