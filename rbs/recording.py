@@ -41,8 +41,8 @@ CHUNK_PREFIX = "chunk_"
 BLOCK_BYTES = 4 << 20
 # How far the length of a recorded quaternion may be from 1. Rounding makes about 1e-16 a step.
 UNIT_TOLERANCE = 1e-3
-# Before the names of the solver state's arrays.
-SOLVER_PREFIX = "solver."
+# Before the names of the solver state's arrays, at the first state and at the last one.
+SOLVER_PREFIX, END_SOLVER_PREFIX = "solver.", "solverAtEnd."
 # What added bodies are, and what has been done by hand: the beginnings of the arrays' names.
 CHANGE_PREFIXES = ("changes", "changeNumbers", "added.")
 # What the file is called while the chunks are joined.
@@ -182,11 +182,19 @@ class Recording:
         """The hashes (count, 16) of the states from a step on."""
         return np.array([self.frame(k)["hashes"] for k in range(step, step + count)])
 
-    def solver_arrays(self):
-        """What the soft-step solver had left at the first step: dict, {} where that was nothing."""
-        names = [name for name in self.files[0].names() if name.startswith(SOLVER_PREFIX)]
-        arrays = {name: self.files[0].read_array(name, "uifb") for name in names}
-        return {name.removeprefix(SOLVER_PREFIX): values for name, values in arrays.items()}
+    def solver_arrays(self, step):
+        """What the soft-step solver had left at a step, as a dict; {} where that is not known.
+
+        It is known of the first and of the last step.
+        """
+        ends = (self.lastStep, self.files[-1], END_SOLVER_PREFIX), (
+            self.firstStep, self.files[0], SOLVER_PREFIX
+        )  # fmt: skip
+        for end, file, prefix in ends:
+            names = [name for name in file.names() if step == end and name.startswith(prefix)]
+            if names:
+                return {name.removeprefix(prefix): file.read_array(name, "uifb") for name in names}
+        return {}
 
     def settings_at(self, step):
         """What a step was made with: (the first step made so, dict of the settings' fields)."""
@@ -342,6 +350,7 @@ class Recorder:
         self._bodyCount = len(simulation.meshes)
         state = simulation.state()
         self._frames.append({**state, "times": simulation.time, "hashes": hash_of(state)})
+        self._endSolver = simulation.solverState.arrays()
         self.frameCount += 1
         if simulation.settings != self._settings:
             self._settings = replace(simulation.settings)
@@ -436,6 +445,7 @@ class Recorder:
             "numpyVersion": np.__version__,
             "format": FORMAT,
             **{SOLVER_PREFIX + name: values for name, values in self._solver.items()},
+            **{END_SOLVER_PREFIX + name: values for name, values in self._endSolver.items()},
             **_head_of_changes(changes),
         }
 

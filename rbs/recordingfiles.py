@@ -31,7 +31,8 @@ from rbs.state import HASH_SIZE, STATE_WIDTHS
 #   scene, constraints  paths as given, "" for none; meshNames (n,)
 #   contentHashes       JSON, hashes of what these and the meshes held; older recordings have none
 #   version, numpyVersion, format
-#   solver....          what the soft-step solver had left at the first state, where it had anything
+#   solver...., solverAtEnd....   what the soft-step solver had left at the first state and at the
+#                       last one, where it had anything; older recordings do not have the latter
 #   changes, changeNumbers, added....   what was done by hand, if anything was: see rbs/changes.py
 #
 # A change belongs to the step before which it was done, or to the first state, which it is part of.

@@ -100,9 +100,9 @@ class Replay(Scene):
 def resume(recording, step, simulation):
     """Puts a simulation to where a recorded step has left it, to go on with the same bits.
 
-    Its settings become those that the recording went on with; later changes are not followed. Where
-    steps were made with the soft-step solver, they are made again from the first one on: of what
-    that leaves to the next step, the recording holds only the beginning.
+    Its settings become those that the recording went on with; later changes are not followed. What
+    the soft-step solver leaves to the next step is recorded at the beginning and at the end only:
+    to go on in between, the steps before are made again.
     raises RecordingError
     """
     check_pair_order(recording)
@@ -110,7 +110,8 @@ def resume(recording, step, simulation):
     isRemembering = any(
         fields.get("contactSolver") == "soft-step" for _, fields in recording.settingsHistory
     )
-    if isRemembering and step > first:
+    solver = recording.solver_arrays(step)
+    if isRemembering and step > first and not solver:
         resume(recording, first, simulation)
         for k in range(first + 1, step + 1):
             simulation.settings = restored_settings(recording, k, simulation.settings)
@@ -130,9 +131,9 @@ def resume(recording, step, simulation):
         recording, min(step + 1, recording.lastStep), simulation.settings
     )
     simulation.set_state(frame)
-    if step == first:
+    if solver or step == first:
         try:
-            simulation.solverState = SolverState.from_arrays(recording.solver_arrays())
+            simulation.solverState = SolverState.from_arrays(solver)
         except (KeyError, ValueError, TypeError):
             raise recording.error("its solver state cannot be read") from None
     simulation.stepCount, simulation.time = step, float(frame["times"])

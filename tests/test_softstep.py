@@ -470,7 +470,7 @@ def test_a_recording_can_be_verified_and_resumed_anywhere(tmp_path):
 
     whole = record("whole.npz", 120)
     later = record("later.npz", 60)  # begins with a solver that remembers
-    assert later.firstStep == 120 and later.solver_arrays()
+    assert later.firstStep == 120 and later.solver_arrays(120)
     for recording in (whole, later):
         assert verify(recording, Simulation(DATA / "tower-scene.txt", Settings())) == ""
     again = Simulation(DATA / "tower-scene.txt", Settings())
@@ -478,6 +478,31 @@ def test_a_recording_can_be_verified_and_resumed_anywhere(tmp_path):
     for step in range(151, 181):
         again.step()
         assert np.array_equal(again.state()["positions"], later.frame(step)["positions"])
+
+
+def test_a_recording_is_resumed_at_its_end_without_a_step(tmp_path, monkeypatch):
+    settings = Settings(0.0, friction=0.5, contactSolver="soft-step")
+    simulation = Simulation(DATA / "tower-scene.txt", settings)
+    saved, interrupted = (Recorder(tmp_path / name) for name in ("saved.npz", "interrupted.npz"))
+    for step in range(131):
+        for recorder in (saved, interrupted):
+            recorder.add(simulation)
+        if step < 130:
+            simulation.step()
+    assert simulation.solverState.manifolds.impulse.max() > 0.0
+    saved.save()
+    interrupted.close()
+    resumed = []
+    with monkeypatch.context() as patch:
+        patch.setattr(Simulation, "step", None)
+        for name in ("saved.npz", "interrupted.npz"):
+            resumed.append(Simulation(DATA / "tower-scene.txt", Settings()))
+            resume(Recording(tmp_path / name), 130, resumed[-1])
+    for _ in range(40):
+        for each in (simulation, *resumed):
+            each.step()
+    for each in resumed:
+        assert np.array_equal(each.state()["positions"], simulation.state()["positions"])
 
 
 @pytest.mark.parametrize(
