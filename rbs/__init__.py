@@ -27,6 +27,7 @@ The solver in which piles rest, behind `contactSolver="soft-step"`
     sleeping          who sleeps, and who wakes
     contactdetection  which manifolds are kept, and which are made anew
     softconstraints   distance constraints, renewed every substep
+    impactenergy      how much energy restitution may give back
     solverstate       what a step leaves to the next
     softstep          the solver, with its derivation
 

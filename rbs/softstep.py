@@ -25,6 +25,7 @@ from rbs.arrays import indices, take
 from rbs.bodies import Bodies, check_numbers
 from rbs.contactdetection import StepContacts, detect, reaches
 from rbs.flight import GRAVITY, turned
+from rbs.impactenergy import ImpactEnergy
 from rbs.manifolds import POINTS
 from rbs.reports import GROUND, StepReport
 from rbs.sleeping import Sleep, lost_links, speeds
@@ -94,7 +95,7 @@ def soft_step(
         _make_substeps(motion, contacts, distances, substeps, timeStep / substeps)
         manifolds = contacts.store(manifolds)
         if CRCoeff:
-            contacts.restitute(motion, CRCoeff, closing)
+            contacts.restitute(motion, CRCoeff, closing, bodies, distances.links())
     with report.phase("writeBack"):
         bodies.motion, bodies.orientation = motion.result(bodies)
         check_numbers(bodies.columns(), meshes, "contacts and constraints")
@@ -444,20 +445,31 @@ class _ContactSolver:
         self.totalImpulse += self.impulse
         self.totalFriction += self.friction
 
-    def restitute(self, motion, CRCoeff, closing):
+    def restitute(self, motion, CRCoeff, closing, bodies, links):
         """Where bodies came together faster than at rest and have touched, they part with e times
-        that speed. closing : (4, M), of `impact_speeds`"""
+        that speed, as far as their energy allows.
+
+        closing : (4, M), of `impact_speeds`; links : (2, R), bodies that constraints hold together
+        """
         bounces = (closing < -REST_STEPS * self.fall) & (self.totalImpulse > 0.0)
         if not bounces.any():
             return
         bias = np.where(bounces, CRCoeff * closing, self.gapSpeed)
-        before = self.impulse, self.friction
+        self.apply(motion)
+        before, velocity = (self.impulse, self.friction), motion.velocity[:-1].copy()
         for _ in range(RESTITUTION_SWEEPS):
             self.measure(motion)
             self._solve(bias, self.mass, 1.0, RESTITUTION_PASSES)
         self.apply(motion)
-        self.totalImpulse += self.impulse - before[0]
-        self.totalFriction += self.friction - before[1]
+        first, second = self.contacts.first, self.contacts.second
+        energy = ImpactEnergy(bodies, motion.isStill[:-1], motion.shift, motion.result(bodies)[1])
+        links = np.concatenate(((first, second), links), axis=1)
+        share = energy.share(velocity, motion.velocity[:-1], links)
+        taken = (share - 1.0)[:, None] * (motion.velocity[:-1] - velocity)
+        motion.velocity[:-1] += taken
+        share = take(share, np.where(motion.isStill[first], second, first))
+        self.totalImpulse += share * (self.impulse - before[0])
+        self.totalFriction += share * (self.friction - before[1])
 
     def _solve(self, bias, mass, memory, passes=1):
         """Solves all manifolds for impulses, of the motion that has been measured, and notes what

@@ -118,6 +118,8 @@ FAULTS = (
     Fault("sleeping, what starts to slide", "rbs/sleeping.py",
           "(timer >= SLEEP_SECONDS) & (speed <= starting)", "(timer >= SLEEP_SECONDS)",
           "softstep"),
+    Fault("restitution, whatever energy it asks for", "rbs/impactenergy.py",
+          "np.where(a + b > left,", "np.where(a + b > np.inf,", "softstep"),
     Fault("validity of facets, the way moved is left out", "rbs/facets.py",
           "penetration + norm(shift) <= self", "penetration <= self", "broadPhase"),
 )  # fmt: skip

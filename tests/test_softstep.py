@@ -348,22 +348,41 @@ def test_hulls_that_are_nearly_flat_have_a_normal():
     assert penetrations(meshes).max() < 1e-4
 
 
+def energy(meshes):
+    """The kinetic energy, and the potential energy above y = 0."""
+    total = 0.0
+    for m in meshes:
+        spin = rotation(m.orientation[0]).inv().apply(m.angVelocity[0])
+        total += 0.5 * (m.mass * (m.linVelocity**2).sum() + spin @ m.IT @ spin)
+        total -= GRAVITY * m.mass * m.position[0, 1]
+    return total
+
+
 def test_the_energy_of_bodies_that_fall_onto_each_other_stays_below_the_start():
     meshes, state = some_heap(), SolverState()
     energies = []
     for _ in range(300):
         simulate(meshes, 1, state, sleeping=False)
-        kinetic = sum(0.5 * m.mass * (m.linVelocity**2).sum() for m in meshes)
-        for m in meshes:
-            spin = rotation(m.orientation[0]).inv().apply(m.angVelocity[0])
-            kinetic += 0.5 * spin @ m.IT @ spin
-        energies.append(kinetic - sum(GRAVITY * m.mass * m.position[0, 1] for m in meshes))
+        energies.append(energy(meshes))
     assert max(energies) < energies[0] * (1 + 1e-3)
     # what a blow by a much heavier body, at 30 units / s, gives back, it has taken just before
     for k in range(10, len(energies)):
         assert energies[k] < max(energies[k - 10 : k - 4]) + 1e-3 * energies[0]
     assert energies[-1] < 0.5 * energies[0]
     assert penetrations(meshes).max() < 0.2
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_elastic_bodies_that_hit_each_other_gain_no_energy_in_any_step(seed):
+    meshes, state, hits = some_heap(seed), SolverState(), 0
+    energies = [energy(meshes)]
+    for _ in range(400):
+        report = simulate(meshes, 1, state, CRCoeff=1.0, mu=0.0)[1]
+        energies.append(energy(meshes))
+        hits += any(c.body2 >= 0 and c.impulse > 0.0 for c in report.contacts)
+    assert hits > 10
+    assert np.diff(energies).max() < 1e-6 * energies[0]
+    assert energies[-1] > 0.5 * energies[0]  # they still bounce
 
 
 def test_a_chain_holds_its_load_and_gains_no_energy():
