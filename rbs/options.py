@@ -184,7 +184,7 @@ def add_physics_options(parser):
         default=DEFAULT_RESTITUTION,
         help="how much of their closing speed bodies keep in a collision, from 0 to 1 "
         "(default: %(default)s, so that they bounce and come to rest). With 1, bodies gain energy, "
-        "1 to 14 %% in 1500 steps of our scenes; soft-step: less than 1 %%",
+        "1 to 14 %% in 1500 steps of our scenes; soft-step: none",
     )  # fmt: skip
     physics.add_argument(
         "--time-step", metavar="H", type=option_type(plain_float, checked_time_step, "number"),
@@ -244,7 +244,7 @@ def add_constraint_options(parser):
     source.add_argument(
         "--no-constraints", action="store_true",
         help="let all bodies go free (default: constraints come last in a step and may press "
-        "bodies into the ground, in the cube scene by 0.74 m; soft-step: 0.13 m)",
+        "bodies into the ground, in the cube scene by 0.74 m; soft-step: 0.01 m)",
     )  # fmt: skip
     constraints.add_argument(
         "--max-iterations", metavar="N", type=WHOLE_NUMBER,
