@@ -16,9 +16,6 @@ from Quaternion import rotation_matrices
 from rbs.flight import GRAVITY
 from rbs.vectors import rotate_tensor
 
-# In place of zero under a fraction.
-TINY = np.finfo(float).tiny
-
 
 class ImpactEnergy:
     """What the energy of n bodies may be at the end of a step.
@@ -33,9 +30,9 @@ class ImpactEnergy:
         """
         self.isStill = isStill
         self.mass = np.where(isStill, 0.0, 1.0 / np.where(isStill, 1.0, bodies.invMass))
-        self.inertia = self._inertia(bodies.invInertia)
-        start = bodies.velocity.T
-        self.limit = 0.5 * self._products(start, start) + self.mass * GRAVITY * shift[:, 1]
+        start, inertia = bodies.velocity.T, self._inertia(bodies.invInertia)
+        self.limit = 0.5 * self._products(inertia, start, start)
+        self.limit += self.mass * GRAVITY * shift[:, 1]
         rotation = np.stack(rotation_matrices(orientation))
         self.inertia = self._inertia(np.stack(rotate_tensor(rotation, bodies.restInvInertia)))
 
@@ -52,11 +49,12 @@ class ImpactEnergy:
         group = connected_components(graph, directed=False)[1]
         # the energy is that before plus b s + a s²
         change = after - before
-        a = np.bincount(group, 0.5 * self._products(change, change))
-        b = np.bincount(group, self._products(before, change))
-        left = np.bincount(group, self.limit - 0.5 * self._products(before, before))
+        a = np.bincount(group, 0.5 * self._products(self.inertia, change, change))
+        b = np.bincount(group, self._products(self.inertia, before, change))
+        kinetic = 0.5 * self._products(self.inertia, before, before)
+        left = np.bincount(group, self.limit - kinetic)
         root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
-        share = np.where(a + b > left, (root - b) / np.maximum(2.0 * a, TINY), 1.0)
+        share = np.where(a + b > left, (root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 1.0)
         return np.clip(share, 0.0, 1.0)[group]
 
     def _inertia(self, invInertia):
@@ -64,7 +62,7 @@ class ImpactEnergy:
         matrices = np.where(self.isStill, np.eye(3).reshape(9, 1), invInertia).T.reshape(-1, 3, 3)
         return np.where(self.isStill[:, None, None], 0.0, np.linalg.inv(matrices))
 
-    def _products(self, v, w):
+    def _products(self, inertia, v, w):
         """vᵀ M w (n,) of velocities (n, 6)."""
-        turning = (self.inertia @ w[:, 3:, None])[:, :, 0]
+        turning = (inertia @ w[:, 3:, None])[:, :, 0]
         return self.mass * (v[:, :3] * w[:, :3]).sum(axis=1) + (v[:, 3:] * turning).sum(axis=1)

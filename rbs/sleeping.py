@@ -21,7 +21,8 @@ SLEEP_SECONDS = 0.5
 # falling for half its radius.
 SLOW = 0.01
 # What starts to slide is slow for a while, too: nothing falls asleep that is faster than this part
-# of what gravity would have added meanwhile. A slope holds what it would hold at 0.25° less.
+# of what gravity would have added meanwhile. So a slope may be 0.2° too steep for friction, and
+# what lies on it still falls asleep.
 STARTING = 0.004
 
 
