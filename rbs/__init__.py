@@ -20,6 +20,7 @@ Bookkeeping of a step, below RBSFunctions.py: which pairs and constraints, and w
     constraints   the constraints that can be corrected
     schedules     which constraint is visited when
     reports       what a step tells of itself
+    islands       bodies that hang together
 
 The solver in which piles rest, behind `contactSolver="soft-step"`
     nearpairs         pairs that can touch soon

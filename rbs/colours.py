@@ -9,6 +9,8 @@ import math
 
 import numpy as np
 
+from rbs.islands import islands
+
 BACKGROUND = (0.62, 0.70, 0.80)
 # What Polyscope's tone mapping, which leaves flat surfaces alone, makes of it.
 SEEN_BACKGROUND = (0.839, 0.886, 0.945)
@@ -173,18 +175,10 @@ def contact_islands(meshes, pairs):
     Fixed bodies and the ground connect nothing. returns (n,) int, -1 for a body that touches no
     other free one
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    count = len(meshes)
-    free = np.array([not mesh.isFixed for mesh in meshes] + [False])  # last: the ground
-    pairs = np.array(pairs, dtype=np.intp).reshape(-1, 2)
-    first, second = pairs[free[pairs].all(axis=1)].T
-    links = coo_array((np.ones(len(first)), (first, second)), shape=(count, count))
-    labels = connected_components(links, directed=False)[1]
+    links = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
+    labels = islands(links, np.array([not mesh.isFixed for mesh in meshes]))
     lowest = np.unique(labels, return_index=True)[1]
-    touched = np.isin(np.arange(count), np.concatenate([first, second]))
-    return np.where(touched, lowest[labels], -1)
+    return np.where(np.bincount(labels)[labels] > 1, lowest[labels], -1)
 
 
 def colour_of_density(density, lightest, heaviest):

@@ -2,18 +2,17 @@
 
 Newton's law of restitution lets two points part with e times the speed that they met with. Where
 several pairs meet in one step, this can ask for more energy than there was: Stronge: Rigid body
-collisions with friction. Proceedings of the Royal Society A, 1990. So bodies that touch, or that
-constraints hold together, form a group, and of what restitution changes in their velocities, they
-keep a share: the largest with which the energy of the group is no higher than at the start of the
-step. As the share is the same for a whole group, momentum is kept.
+collisions with friction. Proceedings of the Royal Society A, 1990. So of what restitution changes
+in the velocities of an island, of bodies that touch or that constraints hold together, it keeps a
+share: the largest with which its energy is no higher than at the start of the step. As the share is
+the same for a whole island, momentum is kept.
 """
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from Quaternion import rotation_matrices
 from rbs.flight import GRAVITY
+from rbs.islands import islands
 from rbs.vectors import rotate_tensor
 
 
@@ -42,20 +41,16 @@ class ImpactEnergy:
         before, after : (n, 6), without and with restitution
         links : (2, L), bodies that touch or are held together; the ground is body n
         """
-        count = len(self.mass)
-        isStill = np.append(self.isStill, True)
-        first, second = links[:, ~isStill[links].any(axis=0)]
-        graph = csr_array((np.ones(len(first)), (first, second)), shape=(count, count))
-        group = connected_components(graph, directed=False)[1]
+        island = islands(links, ~self.isStill)
         # the energy is that before plus b s + a s²
         change = after - before
-        a = np.bincount(group, 0.5 * self._products(self.inertia, change, change))
-        b = np.bincount(group, self._products(self.inertia, before, change))
+        a = np.bincount(island, 0.5 * self._products(self.inertia, change, change))
+        b = np.bincount(island, self._products(self.inertia, before, change))
         kinetic = 0.5 * self._products(self.inertia, before, before)
-        left = np.bincount(group, self.limit - kinetic)
+        left = np.bincount(island, self.limit - kinetic)
         root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
         share = np.where(a + b > left, (root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 1.0)
-        return np.clip(share, 0.0, 1.0)[group]
+        return np.clip(share, 0.0, 1.0)[island]
 
     def _inertia(self, invInertia):
         """The tensors (n, 3, 3) of inverse ones (9, n)."""
