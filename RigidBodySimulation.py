@@ -13,6 +13,7 @@ Units: metres, kilograms, seconds. The y axis points up and the ground is the pl
 import os
 import sys
 import warnings
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,25 +21,17 @@ import numpy as np
 
 from rbs.backends import find_backend
 from rbs.drawables import flatten_meshes
-from rbs.files import files_noted
-from rbs.headless import run_without_window, step_progress
-from rbs.interrupts import (
-    Interrupt,
-    breakable,
-    ignore_signals,
-    signals_left_alone,
-    signals_watched,
-    watch_signals,
+from rbs.files import check_outputs
+from rbs.headless import (
+    SIGNAL_NAMES,
+    interrupt,
+    run_without_window,
+    signals_handled,
+    step_progress,
 )
 from rbs.meshfiles import load_mesh_file
-from rbs.messages import InputError, drop_stream, print_error, reason_of, shown_path
-from rbs.opening import (
-    changed_files,
-    list_files,
-    load_recorded_scene,
-    open_recording,
-    tell_changes,
-)
+from rbs.messages import InputError, print_error, reason_of, shown_path
+from rbs.opening import list_files, open_replay
 from rbs.options import (
     DEFAULT_EVERY,
     DEFAULT_SCENE,
@@ -54,8 +47,8 @@ from rbs.options import (
     settings_of,
 )
 from rbs.pictureoptions import FASTEST_ENCODER, SLOWEST_VIDEO, PictureOptions, video_timing
-from rbs.recording import Recorder, finish
-from rbs.replay import Replay, resume, verify
+from rbs.recording import Recorder, Recording, RecordingError
+from rbs.replay import Replay, check_functions, resume, verify
 from rbs.scenes import (
     NonConvexWarning,
     find_scene,
@@ -64,7 +57,7 @@ from rbs.scenes import (
     scene_name,
 )
 from rbs.simulation import Simulation
-from rbs.statistics import StatsWriter, step_quantities
+from rbs.statistics import PlotWriter, StatsWriter, step_quantities
 from rbs.submittedsteps import SubmittedSteps
 from rbs.suggestions import SceneOpener, suggested_settings, tell_suggestion
 
@@ -84,49 +77,45 @@ def main(arguments=None):
     parser = make_parser()
     options = parser.parse_args(arguments)
     given = given_options(arguments)
-    with warnings.catch_warnings(), signals_watched(), files_noted():
+    with warnings.catch_warnings(), signals_handled(interrupt):
         warnings.simplefilter("always", NonConvexWarning)
         warnings.showwarning = lambda message, *where: print_error(f"warning: {message}")
         if hasattr(sys.stdout, "reconfigure"):  # a name may hold what the terminal has no sign for
             sys.stdout.reconfigure(errors="backslashreplace")
         try:
             check_options(parser, options, given)
-            code = run_asked_mode(options, given)
-            if sys.stdout is not None:  # it was closed before the start
-                sys.stdout.flush()
-            return code
+            return run_asked_mode(options, given)
         except (InputError, ImportError) as error:
-            print_error(with_what_is_kept(error, error))
+            print_error(error)
         except OSError as error:
-            cause = f"{error.filename or 'cannot write'}: {reason_of(error)}"
-            print_error(with_what_is_kept(cause, error))
-            discard_output()
-        except MemoryError as error:
-            print_error(with_what_is_kept("there is not enough memory", error))
-        except Interrupt as error:
-            print_error(with_what_is_kept(error, error))
-            return error.exitCode
-        except KeyboardInterrupt as error:  # where signals are not watched: in the window
-            print_error(with_what_is_kept("stopped by Ctrl-C", error))
-            return 130
+            print_error(f"{error.filename or 'cannot write'}: {reason_of(error)}")
+        except MemoryError:
+            print_error("there is not enough memory")
+        except KeyboardInterrupt as error:
+            number = error.args[0] if error.args else 2
+            print_error(f"stopped by {SIGNAL_NAMES[number]}")
+            return 128 + number
     return 2
 
 
 def run_asked_mode(options, given):
     """What the command line asks for; returns the exit code."""
-    if options.finish is not None:
-        return finish_as_asked(options)
+    Simulation.submitted = None
+    if options.functions is not None:
+        steps = SubmittedSteps(options.functions)
+        steps.check_options({option_name(one): STEP_PARAMETERS[one]
+                             for one in STEP_PARAMETERS if one in given})  # fmt: skip
+        Simulation.submitted = steps
     if options.verify is not None:
-        with breakable():
-            return verify_as_asked(options)
-    with breakable():
-        if options.functions is not None:
-            steps = SubmittedSteps(options.functions, load_mesh_file)
-            steps.check_options({option_name(one): STEP_PARAMETERS[one]
-                                 for one in STEP_PARAMETERS if one in given})  # fmt: skip
-            steps.replace_those_of(Simulation)
-        simulation = simulation_of(options, given)
-        pictureOptions = picture_options_of(options)
+        return verify_as_asked(options)
+    simulation = simulation_of(options, given)
+    check_outputs(
+        {option_name(one): getattr(options, one)
+         for one in ("record", "stats", "plot", "video") if one in given},
+        [options.replay or options.resume or os.devnull, *simulation.source.files(),
+         options.camera or os.devnull],
+    )  # fmt: skip
+    pictureOptions = picture_options_of(options)
     if given & WITHOUT_WINDOW:
         return run_as_asked(simulation, options, pictureOptions)
     follows = follows_suggestions(given)
@@ -137,17 +126,11 @@ def run_asked_mode(options, given):
 def simulation_of(options, given):
     """The Simulation, or Replay, that the command line asks for."""
     if options.replay is not None:
-        recording = open_recording(options.replay)
-        scene = scene_of(recording, options)
-        tell_changes(recording, scene)
-        return Replay(recording, scene)
+        return open_replay(options.replay)
     if options.resume is not None:
-        recording = open_recording(options.resume)
-        simulation = scene_of(recording, options)
-        if changed := changed_files(recording, simulation):
-            raise recording.error(f"{changed}, so it cannot be gone on with")
+        recording = Recording(options.resume)
         step = recording.lastStep if options.from_step is None else options.from_step
-        resume(recording, step, simulation)
+        simulation = resume(recording, step)
         asked = settings_of(options)
         changes = {field: getattr(asked, field)
                    for name, field in SETTING_FIELDS.items() if name in given}  # fmt: skip
@@ -162,28 +145,22 @@ def simulation_of(options, given):
         allowOutsideMeshes=options.allow_outside_meshes,
     )  # fmt: skip
     if follows_suggestions(given):
-        simulation.settings, simulation.suggestion = suggested_settings(scenePath)
+        simulation.settings, simulation.suggestion = suggested_settings(simulation.source)
         simulation.startSettings = replace(simulation.settings)
     return simulation
 
 
-def scene_of(recording, options):
-    """The Simulation of a recording's scene, whose files may be where the options say."""
-    return load_recorded_scene(
-        recording, options.scene, options.constraints, options.allow_outside_meshes
-    )
-
-
 def run_as_asked(simulation, options, pictureOptions):
     """A run without a window, with what is to be written of it; returns the exit code."""
-    recorder = stats = pictures = video = None
     steps = steps_of(simulation, options)
     timing = None if options.video is None else video_timing_of(simulation, options)
-    try:
-        if options.record is not None:
-            recorder = Recorder(options.record)
-        if options.stats is not None or options.plot is not None:
-            stats = StatsWriter(options.stats, options.plot)
+    writers = []
+    with ExitStack() as stack:
+
+        def start(writer):
+            stack.callback(writer.close)
+            writers.append(writer)
+
         if options.screenshots is not None or options.video is not None:
             from rbs.pictures import PictureSeries, Video, start_view
 
@@ -195,17 +172,17 @@ def run_as_asked(simulation, options, pictureOptions):
         if options.screenshots is not None:
             first = simulation.stepCount
             drawn = range(first, first + steps + 1, options.every or DEFAULT_EVERY)
-            pictures = PictureSeries(options.screenshots, drawn, view, options.transparent)
+            start(PictureSeries(options.screenshots, drawn, view, options.transparent))
         if options.video is not None:
-            video = Video(options.video, view, *timing)
+            start(Video(options.video, view, *timing))
+        if options.record is not None:
+            start(Recorder(options.record))
+        if options.stats is not None:
+            start(StatsWriter(options.stats))
+        if options.plot is not None:
+            start(PlotWriter(options.plot))
         tell_suggestion(simulation)
-        return run_without_window(simulation, steps, recorder, stats, pictures, video)
-    except BaseException as error:
-        kept = close_all(recorder, stats, video, pictures)
-        error.keptPaths = [str(shown_path(path)) for path in kept if path is not None]
-        raise
-    finally:
-        close_all(recorder, stats, video, pictures)
+        return run_without_window(simulation, steps, writers)
 
 
 def open_window_or_fall_back(simulation, options, pictureOptions, opener):
@@ -215,18 +192,14 @@ def open_window_or_fall_back(simulation, options, pictureOptions, opener):
 
     returns the exit code
     """
-    with breakable():
-        backend = find_backend(window=True)
+    backend = find_backend(window=True)
     if backend.opensWindow:
         from rbs.viewer import show_window
 
         tell_suggestion(simulation)
-        with signals_left_alone():
-            show_window(
-                simulation, backend, opener, list_files, step_quantities, pictureOptions
-            )
+        show_window(simulation, backend, opener, list_files, step_quantities, pictureOptions)
         return 0
-    pictures = None
+    writers = []
     if backend.name is None:
         print_error(f"no window and no pictures: {backend.reason}. {backend.remedy}")
     else:
@@ -237,35 +210,25 @@ def open_window_or_fall_back(simulation, options, pictureOptions, opener):
         first, last = simulation.stepCount, simulation.stepCount + steps_of(simulation, options)
         steps = np.linspace(first, last, FALLBACK_PICTURES).round().astype(int).tolist()
         view = start_view(simulation, backend, pictureOptions)
-        pictures = PictureSeries(folder, steps, view)
+        writers = [PictureSeries(folder, steps, view)]
     tell_suggestion(simulation)
-    try:
-        return run_without_window(simulation, steps_of(simulation, options), pictures=pictures)
-    finally:
-        close_all(pictures)
-
-
-def finish_as_asked(options):
-    """--finish; returns the exit code, 0."""
-    path, first, last = finish(options.finish)
-    steps = f"the steps {first} to {last}, of an interrupted recording"
-    if last < first:
-        steps = "the run had ended before anything was recorded, and its folder is removed"
-    print(f"{shown_path(path)}: {steps}")
-    return 0
+    return run_without_window(simulation, steps_of(simulation, options), writers)
 
 
 def verify_as_asked(options):
     """--verify; returns the exit code, 0 or 1."""
-    recording = open_recording(options.verify, mustBeFinite=False)
-    simulation = scene_of(recording, options)
-    wrong = changed_files(recording, simulation)
-    if not wrong:
-        with step_progress(recording.lastStep - recording.firstStep) as advance:
-            wrong = verify(recording, simulation, advance)
+    recording = Recording(options.verify)
+    steps = f"steps {recording.firstStep}–{recording.lastStep}"
+    check_functions(recording, Simulation.submitted)
+    with step_progress(recording.lastStep - recording.firstStep) as advance:
+        try:
+            wrong = verify(recording, advance)
+        except RecordingError as error:
+            print_error(error)
+            return 1
     path = shown_path(recording.path)
     if not wrong:
-        print(f"{path}: the steps {recording.firstStep} to {recording.lastStep} are the same")
+        print(f"{path}: {steps} are identical, bit for bit")
         return 0
     if recording.numpyVersion != np.__version__:
         wrong += f" (recorded with NumPy {recording.numpyVersion}, this is {np.__version__})"
@@ -305,42 +268,9 @@ def steps_of(simulation, options):
     return DEFAULT_STEPS if options.steps is None else options.steps
 
 
-def close_all(*writers):
-    """Closes those that are not None; returns the paths of what they keep, or None of each."""
-    return [writer.close() for writer in writers if writer is not None]
-
-
-def with_what_is_kept(message, error):
-    """The message, and where to find what there is of the run that the error has ended."""
-    kept = getattr(error, "keptPaths", ())
-    return f"{message}; what there is of the run is in {' and '.join(kept)}" if kept else message
-
-
-def discard_output():
-    """Drops what standard output could not take: at its end, Python would try, and fail, again."""
-    if sys.stdout is None:
-        return
-    try:
-        sys.stdout.flush()
-    except OSError:
-        drop_stream(sys.stdout)
-
-
 def command():
-    """The program as a process of its own; ends it.
-
-    Signals are watched to its very end, and a standard stream that is closed is opened to nowhere:
-    else the next file that is opened would be in its place, and get what libraries print.
-    """
-    watch_signals()
-    for number in range(3):
-        try:
-            os.fstat(number)
-        except OSError:
-            os.open(os.devnull, os.O_RDWR)
-    code = main()
-    ignore_signals()
-    sys.exit(code)
+    """The program as a process of its own; ends it."""
+    sys.exit(main())
 
 
 if __name__ == "__main__":

@@ -37,9 +37,7 @@ What a step may be asked
 
 Scenes, above RBSFunctions.py
     messages      errors and lines for the terminal
-    files         reading with limits, names, locks
-    interrupts    signals that ask for the end, noted until nothing can be harmed
-    outputs       where a run may write, whole or not at all, and alone
+    files         reading with a limit, writing whole files
     textfiles     text files, line by line
     meshfiles     .mesh and .off
     scenelines    lines of scene and constraint files, taken apart
@@ -53,10 +51,9 @@ Scenes, above RBSFunctions.py
     submittedsteps  steps of a scene by a student's functions
 
 Recordings
-    recordingfiles  the layout of the file
-    recording       reading and writing it
-    replay          replaying, resuming, verifying
-    statistics      the numbers of every step, as a table or a plot
+    recording     writing and reading the HDF5 file
+    replay        replaying, resuming, verifying
+    statistics    the numbers of every step, as a table or a plot
 
 What is seen; Polyscope is imported in cameras, drawing and all from pictures on but playback and
 layout

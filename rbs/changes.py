@@ -1,4 +1,4 @@
-"""What a user does to the bodies between two steps: `Change`, and changes as arrays for recordings.
+"""What a user does to the bodies between two steps: `Change`, and changes as text for recordings.
 
 A body is pushed, which dragging does with every step; fixed or freed; or added to the scene. A
 change is made through `Simulation.change` only, so that what is done by hand can be recorded, and
@@ -11,15 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.messages import short
 from RBSFunctions import Mesh
-
-# What can be done, in the order of the numbers that recordings have for it, and how many floats
-# each takes: impulse and point; 1 to fix, 0 to free; density, position, orientation, velocities.
-KIND_WIDTHS = {"push": 6, "fix": 1, "add": 14}
-KINDS = tuple(KIND_WIDTHS)
-# The parts of a shape: what numbers it holds, and how many a row.
-SHAPE_PARTS = {"vertices": ("<f8", 3), "faces": ("<i8", 3), "tets": ("<i8", 4)}
 
 
 class Shape(NamedTuple):
@@ -32,9 +24,10 @@ class Shape(NamedTuple):
 
 
 class Change(NamedTuple):
-    """One of KINDS, done to a body (its index) with some numbers; shape : of a body that is added.
+    """What is done to a body (its index) with some numbers; shape : of a body that is added.
 
-    `push` gives an impulse (3,), in N s, at a point (3,) of the world.
+    kind, numbers : "push" with an impulse (3,), in N s, and a point (3,) of the world; "fix" with
+        1 to fix and 0 to free; "add" with density, position, orientation and velocities
     """
 
     kind: str
@@ -83,74 +76,25 @@ def _floats(vector):
     return np.ravel(vector).astype(np.float64).tolist()
 
 
-def pack_changes(changes):
-    """Changes as arrays for a recording: dict, {} of none. changes : list of (step, Change).
-
-    `changes` (c, 3) has step, kind and body of each, `changeNumbers` (c, 14) its numbers, and
-    `added.K.vertices`, `.faces`, `.tets` the shape of the added body K.
-    """
-    if not changes:
-        return {}
-    numbers = np.zeros((len(changes), max(KIND_WIDTHS.values())))
-    arrays = {
-        "changes": np.array([(step, KINDS.index(one.kind), one.body) for step, one in changes]),
-        "changeNumbers": numbers,
-    }
-    for row, (_, one) in zip(numbers, changes, strict=True):
-        row[: len(one.numbers)] = one.numbers
-        if one.shape is not None:
-            for part, (dtype, _) in SHAPE_PARTS.items():
-                arrays[f"added.{one.body}.{part}"] = getattr(one.shape, part).astype(dtype)
-    return arrays
+def to_record(change):
+    """A Change as a dict that JSON holds to the last bit; `from_record` takes it back."""
+    record = change._asdict()
+    if change.shape is None:
+        del record["shape"]
+    else:
+        vertices, faces, tets = (np.asarray(part).tolist() for part in change.shape[1:])
+        record["shape"] = [change.shape.name, vertices, faces, tets]
+    return record
 
 
-def unpack_changes(arrays, names, first, last):
-    """The list of (step, Change) that `pack_changes` made the arrays of.
-
-    names : of all bodies, those that are added at the end; first, last : of the steps that a change
-    may belong to. raises ValueError, which says what is wrong
-    """
-    rows, numbers = arrays.get("changes"), arrays.get("changeNumbers")
-    if rows is None and numbers is None:
-        return []
-    width = max(KIND_WIDTHS.values())
-    if rows is None or numbers is None or rows.ndim != 2 or rows.shape[1] != 3:
-        raise ValueError("not of three columns")
-    if numbers.shape != (len(rows), width) or not np.isfinite(numbers).all():
-        raise ValueError(f"without {width} finite numbers each")
-    steps = rows[:, 0]
-    if (np.diff(steps) < 0).any() or not ((first <= steps) & (steps <= last)).all():
-        raise ValueError("not in the order of the steps")
-    isAdded = rows[:, 1] == KINDS.index("add")
-    count = len(names) - int(isAdded.sum())
-    changes = []
-    for (step, kind, body), values in zip(rows.tolist(), numbers.tolist(), strict=True):
-        if not 0 <= kind < len(KINDS):
-            raise ValueError(f"there is no kind {kind}")
-        name, shape = KINDS[kind], None
-        if body < 0 or not (body == count if name == "add" else body < count):
-            raise ValueError(f"there is no body {short(str(body))} at step {step}")
-        if name == "add":
-            count += 1
-            shape = _shape_of(arrays, body, names[body])
-        changes.append((step, Change(name, body, tuple(values[: KIND_WIDTHS[name]]), shape)))
-    return changes
-
-
-def _shape_of(arrays, body, name):
-    parts = []
-    for part, (dtype, width) in SHAPE_PARTS.items():
-        array = arrays.get(f"added.{body}.{part}")
-        isRight = array is not None and array.dtype == np.dtype(dtype) and array.ndim == 2
-        if not isRight or array.shape[1] != width or not np.isfinite(array).all():
-            raise ValueError(f"the {part} of body {body} are missing or no such")
-        parts.append(array)
-    return Shape(name, *parts)
-
-
-def body_count(changes, count, step):
-    """How many bodies there are after a step. changes : list of (step, Change); count : at last"""
-    return count - sum(one.kind == "add" and when > step for when, one in changes)
+def from_record(record):
+    """The Change that `to_record` made the dict of; raises KeyError, TypeError or ValueError."""
+    shape = record.get("shape")
+    if shape is not None:
+        name, vertices, *indices = shape
+        faces, tets = (np.array(part, dtype=np.int64) for part in indices)
+        shape = Shape(name, np.array(vertices, dtype=np.float64), faces, tets)
+    return Change(record["kind"], record["body"], tuple(record["numbers"]), shape)
 
 
 def initial_changes(changes, isStart):

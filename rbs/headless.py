@@ -1,10 +1,11 @@
 """Runs without a window: stepping, what watches it, and the summary at its end.
 
-From the top: `run_without_window`; stepping, with its progress and Ctrl-C; the summary.
+From the top: `run_without_window`; stepping, with its progress; signals; the summary.
 
 Units: metres, kilograms, seconds.
 """
 
+import signal
 import statistics
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,51 +13,36 @@ from dataclasses import dataclass
 from tqdm import tqdm
 
 from rbs.bodies import StateError
-from rbs.interrupts import SIGNAL_NAMES, breakable, exit_code, noted, signals_watched
-from rbs.messages import QuietStream, print_error, print_note, shown_path
+from rbs.messages import print_error, shown_path
 from rbs.replay import Replay
-from rbs.scenes import scene_name
-from rbs.simulation import ADVICE_STEP
 
-# Seconds between two updates of the progress: so that it moves in a terminal, and so seldom that
-# the log of an hour's run stays readable.
-TERMINAL_SECONDS, LOG_SECONDS = 0.1, 10.0
-
+# What people call the signals that ask a program to end. Windows has no SIGHUP.
+SIGNAL_NAMES = {
+    getattr(signal, name): text
+    for name, text in {"SIGINT": "Ctrl-C", "SIGTERM": "kill", "SIGHUP": "a hang-up"}.items()
+    if hasattr(signal, name)
+}
 # Of what is told of energies, from the largest on.
 ENERGY_UNITS = {"TJ": 1e12, "GJ": 1e9, "MJ": 1e6, "kJ": 1e3}
 
 
-def run_without_window(simulation, steps, recorder=None, stats=None, pictures=None, video=None):
-    """Runs, records, takes pictures and prints the summary; returns the exit code.
+def run_without_window(simulation, steps, writers=()):
+    """Runs, writes what is asked for and prints the summary; returns the exit code.
 
-    recorder, stats : a Recorder and a StatsWriter, or None
-    pictures, video : a PictureSeries and a Video, or None
+    writers : each has add(simulation), called at the start and after every step; then
+        save(simulation) and summary(simulation), the name and text of a row; see `Recorder`
     """
-    helpers = (recorder, stats, pictures, video)
-    observers = [helper.add for helper in helpers if helper is not None]
     startEnergies = simulation.kinetic_energy(), simulation.potential_energy()
-    run = run_steps(simulation, steps, observers)
-    if recorder is not None:
-        recorder.save()
-    if stats is not None:
-        stats.save(f"{scene_name(simulation.scenePath)}, to step {simulation.stepCount}")
-    if video is not None:
-        video.save()
+    run = run_steps(simulation, steps, [writer.add for writer in writers])
+    for writer in writers:
+        writer.save(simulation)
     print(summarise(simulation, run, startEnergies))
-    if pictures is not None:
-        print(f"{'pictures':<17} {pictures.count} in {shown_path(pictures.folder)}")
-    if video is not None:
-        print(f"{'video':<17} {shown_path(video.path)}: {video.summary(simulation)}")
-    if recorder is not None:
-        print(f"{'recording':<17} {shown_path(recorder.path)}")
-    if stats is not None and stats.path is not None:
-        print(f"{'statistics':<17} {shown_path(stats.path)}")
-    if stats is not None and stats.plotPath is not None:
-        print(f"{'plot':<17} {shown_path(stats.plotPath)}")
+    for writer in writers:
+        print("{:<17} {}".format(*writer.summary(simulation)))
     if run.failure:
         print_error(run.failure)
         return 3
-    return exit_code(run.stoppedBy) if run.stoppedBy else 0
+    return 128 + run.stoppedBy if run.stoppedBy else 0
 
 
 @dataclass
@@ -69,56 +55,73 @@ class Run:
 
 
 def run_steps(simulation, steps, observers=()):
-    """Simulates `steps` steps, or fewer when Ctrl-C is pressed or a number goes wrong.
-
-    Ctrl-C, and other signals that ask for the end, do not break into a step, only the second does:
-    it raises Interrupt, in case a step never ends.
+    """Simulates `steps` steps, or fewer if a signal asks for the end or a number goes wrong.
 
     observers : functions of the simulation, called at its start and after every step
     returns a Run; of a replay, which measures nothing, its times are empty
     """
-    stepSeconds = []
-    done = 0
-    failure = ""
-    with signals_watched(), step_progress(steps) as advance:
+    run = Run([])
+    with signals_noted() as noted, step_progress(steps) as advance:
         for observe in observers:
             observe(simulation)
-        while done < steps and not noted():
-            try:
-                with breakable(2):
-                    simulation.step()
-            except StateError as error:
-                failure = str(error)
+        for _ in range(steps):
+            if noted:
+                run.stoppedBy = noted[0]
                 break
-            done += 1
+            try:
+                simulation.step()
+            except StateError as error:
+                run.failure = str(error)
+                break
             if simulation.stepSeconds is not None:
-                stepSeconds.append(simulation.stepSeconds)
+                run.stepSeconds.append(simulation.stepSeconds)
             for observe in observers:
                 observe(simulation)
             advance()
-            if done == ADVICE_STEP and not isinstance(simulation, Replay):
-                print_note(simulation.advice())
-        stoppedBy = noted()[0] if noted() and done < steps else 0
-    return Run(stepSeconds, stoppedBy, failure)
+    return run
 
 
 @contextmanager
 def step_progress(steps):
-    """Shows how far a run has come, on stderr; yields a function to call after every step.
-
-    What cannot be shown, since stderr is closed or its disk is full, does not end the run.
-    """
-    stream = QuietStream()
-    seconds = TERMINAL_SECONDS if stream.isatty() else LOG_SECONDS
-    # Without the delay, it would write as soon as it is made.
-    progress = tqdm(
-        total=steps, unit="step", leave=False, miniters=1, mininterval=seconds, delay=seconds,
-        file=stream,
-    )  # fmt: skip
-    try:
+    """Shows in a terminal how far a run has come; yields a function to call after every step."""
+    with tqdm(total=steps, unit="step", leave=False, disable=None) as progress:
         yield progress.update
+
+
+@contextmanager
+def signals_handled(handle):
+    """Within it, Ctrl-C, kill and a hang-up call handle(number, frame); nohup is respected."""
+    before = {number: signal.getsignal(number) for number in SIGNAL_NAMES}
+    for number, handler in before.items():
+        if handler != signal.SIG_IGN or number == signal.SIGINT:
+            signal.signal(number, handle)
+    try:
+        yield
     finally:
-        progress.close()
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def signals_noted():
+    """Within it, signals are noted in the list that it yields, so that a run ends after its step.
+
+    The second one raises KeyboardInterrupt, in case a step never ends.
+    """
+    noted = []
+
+    def note(number, frame):
+        if noted:
+            raise KeyboardInterrupt(number)
+        noted.append(number)
+
+    with signals_handled(note):
+        yield noted
+
+
+def interrupt(number, frame):
+    """Handles any signal as Python handles Ctrl-C; the exception's argument is the number."""
+    raise KeyboardInterrupt(number)
 
 
 def summarise(simulation, run, startEnergies):

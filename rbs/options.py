@@ -5,7 +5,6 @@ settings that they ask for; kinds of values.
 """
 
 import argparse
-import os
 import re
 import sys
 from pathlib import Path
@@ -17,13 +16,13 @@ from rbs.messages import PROGRAM_NAME, one_line, short
 from rbs.pictureoptions import (
     FASTEST_VIDEO,
     OVERLAYS,
-    PICTURE_NAME,
     PICTURE_SIZE,
     PICTURE_SIZES,
     SLOWEST_VIDEO,
     VIDEO_ENDINGS,
     VIDEO_RATE,
 )
+from rbs.recording import RECORDING_ENDINGS
 from rbs.schedules import CONSTRAINT_SCHEDULINGS
 from rbs.simulation import (
     DEFAULT_RESTITUTION,
@@ -56,8 +55,8 @@ Simulates rigid bodies that fall, collide and bounce, and shows them.
   RigidBodySimulation.py                                  the mixed scene, in a window
   RigidBodySimulation.py tower                            another scene; see the list below
   RigidBodySimulation.py stress --video stress.mp4        a video
-  RigidBodySimulation.py bridge --record bridge.npz       a run without a window, recorded
-  RigidBodySimulation.py --replay bridge.npz              and looked at again
+  RigidBodySimulation.py bridge --record bridge.h5       a run without a window, recorded
+  RigidBodySimulation.py --replay bridge.h5              and looked at again
 
 Where there is no display, a scene runs off-screen: pictures go to out/<scene>, and a summary is
 printed."""
@@ -72,9 +71,9 @@ OUTPUT_EXAMPLES = """\
 RigidBodySimulation.py stress --screenshots out/stress --every 25
 RigidBodySimulation.py bridge --video bridge.mp4 --steps 300"""
 RECORDING_EXAMPLES = """\
-RigidBodySimulation.py tower --record tower.npz --stats tower.csv --steps 1000
-RigidBodySimulation.py --replay tower.npz
-RigidBodySimulation.py --resume tower.npz --from 500 --friction 0.4"""
+RigidBodySimulation.py tower --record tower.h5 --stats tower.csv --steps 1000
+RigidBodySimulation.py --replay tower.h5
+RigidBodySimulation.py --resume tower.h5 --from 500 --friction 0.4"""
 
 # Options by what they are for, under the names that argparse gives them. First those that change
 # the settings, each with the field that it changes; "no_" switches one off.
@@ -103,19 +102,17 @@ WITHOUT_WINDOW = frozenset({"headless", "screenshots", "video", "record", "stats
 # What does not go with what, and why.
 CONFLICTS = {
     "replay": (
-        {*SETTING_FIELDS, "basic", "record", "functions"},
+        {*SETTING_FIELDS, "scene", "constraints", "basic", "record", "functions"},
         "a replay simulates nothing; --resume goes on with other settings, and may be recorded",
     ),
-    "resume": ({"basic"}, "it goes on with the settings of the recording"),
-    "verify": (
-        {*SETTING_FIELDS, "basic", "functions", "steps", "every"} | WITHOUT_WINDOW - {"headless"},
-        "it only compares, and with the settings of the recording",
+    "resume": (
+        {"scene", "constraints", "basic"},
+        "it goes on with the scene and the settings of the recording",
     ),
-    "finish": (
-        {*SETTING_FIELDS, "scene", "constraints", "replay", "resume", "verify", "steps", "camera"}
-        | {"functions", "basic"}
+    "verify": (
+        {*SETTING_FIELDS, "scene", "constraints", "basic", "steps", "every"}
         | WITHOUT_WINDOW - {"headless"},
-        "it only makes one file of the chunks",
+        "it only compares, and with the scene and the settings of the recording",
     ),
     "video": ({"transparent"}, "videos have no transparency"),
 }
@@ -321,30 +318,24 @@ def add_recording_options(parser):
     """Recordings and statistics."""
     recordings = parser.add_argument_group("recordings", RECORDING_EXAMPLES)
     recordings.add_argument(
-        "--record", metavar="FILE.npz", type=PATH,
-        help="write the state after every step, and the starting state; no window opens. What a "
-        "crash leaves is in FILE.npz.part, and is found there by the options below",
+        "--record", metavar="FILE.h5", type=option_type(str, checked_recording, "path"),
+        help="write the state after every step, and the starting state; no window opens. The file "
+        "can be read while it grows, and after a crash",
     )  # fmt: skip
     source = recordings.add_mutually_exclusive_group()
     source.add_argument(
-        "--replay", metavar="FILE.npz", type=PATH,
-        help="show a recording, simulating nothing. SCENE and --constraints say where its files "
-        "are now, if they have moved; so they do with --resume and --verify",
+        "--replay", metavar="FILE.h5", type=PATH,
+        help="show a recording, simulating nothing",
     )  # fmt: skip
     source.add_argument(
-        "--resume", metavar="FILE.npz", type=PATH,
+        "--resume", metavar="FILE.h5", type=PATH,
         help="go on from a recorded state, with the settings of the recording and those that are "
         "given as options",
     )  # fmt: skip
     source.add_argument(
-        "--verify", metavar="FILE.npz", type=PATH,
+        "--verify", metavar="FILE.h5", type=PATH,
         help="simulate once more and compare every state to the last bit; exit code 1, and the "
         "first step that differs, where they are not the same",
-    )  # fmt: skip
-    recordings.add_argument(
-        "--finish", metavar="FILE.npz", type=PATH,
-        help="make a recording of what a run that was killed has left in FILE.npz.part, and remove "
-        "that folder",
     )  # fmt: skip
     recordings.add_argument(
         "--from", dest="from_step", metavar="STEP", type=WHOLE_NUMBER,
@@ -370,21 +361,6 @@ def given_options(arguments):
 
 def check_options(parser, options, given):
     """Ends the program with one line where the given options do not go together."""
-    named = {}
-    # What is read comes first. It may be read twice, but not be written over.
-    inputs = ("scene", "constraints", "camera", "replay", "resume")
-    for dest in (*inputs, "record", "stats", "plot", "video"):
-        path = getattr(options, dest)
-        if path is None:
-            continue
-        path = Path(real_path(path))
-        other = named.setdefault(path, dest)
-        if other != dest and dest not in inputs:
-            parser.error(f"{option_name(dest)} and {option_name(other)} name the same file")
-        if dest not in inputs and options.screenshots is not None:
-            isThere = path.parent == Path(real_path(options.screenshots))
-            if isThere and PICTURE_NAME.fullmatch(path.name):
-                parser.error(f"{option_name(dest)} has the name of a picture of --screenshots")
     for dest, (companions, cause) in COMPANIONS.items():
         if dest in given and not given & companions:
             parser.error(f"{option_name(dest)} {cause}")
@@ -393,14 +369,6 @@ def check_options(parser, options, given):
     for mode, (others, cause) in CONFLICTS.items():
         for dest in sorted(given & others if mode in given else ()):
             parser.error(f"{option_name(dest)} does not go with {option_name(mode)}: {cause}")
-
-
-def real_path(path):
-    """The path with links followed; as it is, where the current folder has been deleted."""
-    try:
-        return os.path.realpath(path)
-    except OSError:
-        return path
 
 
 def option_name(dest):
@@ -475,9 +443,17 @@ def checked_video(path):
     return path
 
 
+def checked_recording(path):
+    """The path, if its ending is that of a recording; else ValueError."""
+    if Path(path).suffix not in RECORDING_ENDINGS:
+        endings = " or ".join(RECORDING_ENDINGS)
+        raise ValueError(f"the name of a recording must end in {endings}, not '{path}'")
+    return path
+
+
 def checked_path(path):
     """The path, if it is one at all; else ValueError."""
-    if not path or "\0" in path:
+    if not path:
         raise ValueError("the name of a file or folder must not be empty")
     return path
 

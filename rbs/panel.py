@@ -313,7 +313,7 @@ class Panel:
             viewer.open(next(one.path for one in viewer.files() if one.name == chosen))
         flags = psim.ImGuiInputTextFlags_EnterReturnsTrue | psim.ImGuiInputTextFlags_AutoSelectAll
         entered, self.path = psim.InputTextWithHint("open", "name or path", self.path, flags)
-        Tooltips.tell("A scene (also by its name alone), a recording (.npz) or a camera (.json); "
+        Tooltips.tell("A scene (also by its name alone), a recording (.h5) or a camera (.json); "
                       "then Enter")  # fmt: skip
         if entered and self.path.strip():
             viewer.open(self.path.strip())
@@ -394,7 +394,7 @@ class Panel:
             ("Stop###video" if isFilming else "Video###video", viewer.toggle_video,
              "An .mp4 of what plays from now on, in out/"),
             ("Stop###record" if isRecording else "Record###record", viewer.toggle_recording,
-             "A recording (.npz) of every step from now on, with what is done by hand, for "
+             "A recording (.h5) of every step from now on, with what is done by hand, for "
              "--replay, --resume and --verify, in out/"),
         )  # fmt: skip
         told = []

@@ -1,7 +1,6 @@
 """What a recording is good for: replaying it, resuming it, verifying it.
 
-From the top: `Replay`, which stands in for a simulation; `resume` and `verify`, which need one;
-whether bodies and settings fit.
+From the top: `Replay`, which stands in for a simulation; `resume` and `verify`; the settings.
 
 Units: metres, kilograms, seconds.
 """
@@ -12,20 +11,17 @@ import numpy as np
 
 from rbs.bodies import StateError
 from rbs.messages import one_line
-from rbs.recordingfiles import QUOTE_LENGTH
+from rbs.recording import QUOTE_LENGTH
+from rbs.simulation import Simulation
 from rbs.solverstate import SolverState
-from rbs.state import STATE_NAMES, Scene, hash_of
-
-# A setting that recordings of version 0.1.0 have. Its one value that is left is what is done now;
-# with the other, pairs were resolved in rounds of a graph colouring.
-PAIR_ORDER, PRESENT_ORDER = "pairOrder", "sequential"
+from rbs.state import Scene
 
 
 class Replay(Scene):
     """A recording in place of a simulation: has its attributes, and steps, but simulates nothing.
 
-    Attributes, as a simulation's: meshes, groundMesh, constraints, settings (those that the present
-    step was made with), scenePath, constraintPath, stepCount, time; report and stepSeconds, always
+    Attributes, as a simulation's: source, scenePath, meshes, groundMesh, constraints, settings
+    (those that the present step was made with), stepCount, time; report and stepSeconds, always
     None. Of its own: recording; firstStep, lastStep; lastTime, of the last step, in s.
 
     What was added by hand is in `meshes` from its step on: they are another list then.
@@ -34,28 +30,19 @@ class Replay(Scene):
     report = None
     stepSeconds = None
 
-    def __init__(self, recording, simulation):
-        """Stands at the recording's first step.
-
-        simulation : of the recorded scene; its meshes are moved from now on
-        raises RecordingError when the bodies or the settings do not fit
-        """
+    def __init__(self, recording):
+        """Stands at the recording's first step; raises RecordingError or SceneError."""
         self.recording = recording
-        self.scenePath, self.constraintPath = simulation.scenePath, simulation.constraintPath
-        self.meshes, self.groundMesh = simulation.meshes, simulation.groundMesh
-        self.constraints = simulation.constraints
-        check_bodies(recording, simulation)
+        simulation = recorded_scene(recording)
+        self.source, self.scenePath = simulation.source, simulation.scenePath
+        self.groundMesh, self.constraints = simulation.groundMesh, simulation.constraints
         self.firstStep, self.lastStep = recording.firstStep, recording.lastStep
-        self.lastTime = float(recording.frame(self.lastStep)["times"])
-        self._startFixed = {
-            change.body: simulation.meshes[change.body].isFixed
-            for _, change in recording.changes
-            if change.kind == "fix" and change.body < len(simulation.meshes)
-        }
+        self.lastTime = recording.frame(self.lastStep)["times"]
+        self._startFixed = [mesh.isFixed for mesh in simulation.meshes]
         for _, change in recording.changes:
             if change.kind == "add":
                 redo(recording, change, simulation)
-        self._allMeshes = simulation.meshes
+        self.meshes = self._allMeshes = simulation.meshes
         self._settings = {
             first: restored_settings(recording, first, simulation.settings)
             for first, _ in recording.settingsHistory
@@ -71,21 +58,19 @@ class Replay(Scene):
             self.meshes = self._allMeshes[:count]
         self._fix_bodies(step)
         self.set_state(frame)
-        self.stepCount = step
-        self.time = float(frame["times"])
+        self.stepCount, self.time = step, frame["times"]
         self.settings = self._settings[self.recording.settings_at(step)[0]]
 
     def _fix_bodies(self, step):
         """Fixes and frees the bodies that this was done to, as they were after a step."""
-        isFixed = dict(self._startFixed)
-        for when, change in self.recording.changes:
-            if when <= step and change.kind == "fix":
-                isFixed[change.body] = bool(change.numbers[0])
-            elif when <= step and change.kind == "add":
-                isFixed.setdefault(change.body, False)
-        for body, isSo in isFixed.items():
-            if self.meshes[body].isFixed != isSo:
-                self.meshes[body].isFixed = isSo
+        changes = self.recording.changes
+        for body in {one.body: None for _, one in changes if one.kind == "fix"}:
+            isFixed = self._startFixed[body] if body < len(self._startFixed) else False
+            for when, one in changes:
+                if one.kind == "fix" and one.body == body and when <= step:
+                    isFixed = bool(one.numbers[0])
+            if self._allMeshes[body].isFixed != isFixed:
+                self._allMeshes[body].isFixed = isFixed
 
     def step(self):
         """One step on; at the end, it stays there."""
@@ -97,46 +82,64 @@ class Replay(Scene):
         self.seek(self.firstStep)
 
 
-def resume(recording, step, simulation):
-    """Puts a simulation to where a recorded step has left it, to go on with the same bits.
+def recorded_scene(recording):
+    """The Simulation of a recording's scene, at the scene's start; raises RecordingError."""
+    with recording.reading():
+        return Simulation(recording.source)
+
+
+def check_functions(recording, submitted):
+    """Raises RecordingError unless a recording was made with these functions.
+
+    submitted : `SubmittedSteps`, or None for this program's own functions
+    """
+    if recording.functions and submitted is None:
+        raise recording.error(
+            f"it was made with the functions in {recording.functionsFolder}, which --functions "
+            "must name"
+        )
+    if submitted is not None and not recording.functions:
+        raise recording.error("it was made without --functions")
+    if submitted is not None and recording.functions != submitted.digest:
+        raise recording.error(f"the functions in {submitted.folder} are not those that made it")
+
+
+def resume(recording, step, simulation=None):
+    """The Simulation of a recording, put to where a step has left it, to go on with the same bits.
 
     Its settings become those that the recording went on with; later changes are not followed. What
-    the soft-step solver leaves to the next step is recorded at the beginning and at the end only:
-    to go on in between, the steps before are made again.
+    the soft-step solver leaves to the next step is recorded every few steps: from the last of them,
+    the steps up to this one are made again.
     raises RecordingError
     """
-    check_pair_order(recording)
-    first = recording.firstStep
-    isRemembering = any(
-        fields.get("contactSolver") == "soft-step" for _, fields in recording.settingsHistory
-    )
-    solver = recording.solver_arrays(step)
-    if isRemembering and step > first and not solver:
-        resume(recording, first, simulation)
-        for k in range(first + 1, step + 1):
-            simulation.settings = restored_settings(recording, k, simulation.settings)
-            redo_changes(recording, k, simulation)
-            simulation.step()
-        if not np.array_equal(hash_of(simulation.state()), recording.frame(step)["hashes"]):
-            raise recording.error(
-                f"step {step} cannot be resumed: the steps before it do not lead there any more"
-            )
-    else:
-        for k in range(first, step + 1):
-            redo_changes(recording, k, simulation, withPushes=False)
-    frame = recording.frame(step)
-    if not np.array_equal(hash_of(frame), frame["hashes"]):
-        raise recording.error(f"step {step} is damaged: its state does not match its hash")
+    simulation = simulation or recorded_scene(recording)
+    check_functions(recording, simulation.submitted)
+    frame, start = recording.frame(step), step
+    settings = [fields for first, fields in recording.settingsHistory if first <= step]
+    if any(fields.get("contactSolver") == "soft-step" for fields in settings):
+        start, arrays = recording.solver_state(step)
+        with recording.reading():
+            simulation.solverState = SolverState.from_arrays(arrays)
+    for k in range(recording.firstStep, start + 1):
+        redo_changes(recording, k, simulation, withPushes=False)
+    begin = recording.frame(start)
+    simulation.set_state(begin)
+    simulation.stepCount, simulation.time = start, begin["times"]
+    for k in range(start + 1, step + 1):
+        step_again(recording, k, simulation)
+    if difference(simulation, frame):
+        raise recording.error(f"step {step} cannot be resumed: {difference(simulation, frame)}")
     simulation.settings = restored_settings(
         recording, min(step + 1, recording.lastStep), simulation.settings
     )
-    simulation.set_state(frame)
-    if solver or step == first:
-        try:
-            simulation.solverState = SolverState.from_arrays(solver)
-        except (KeyError, ValueError, TypeError):
-            raise recording.error("its solver state cannot be read") from None
-    simulation.stepCount, simulation.time = step, float(frame["times"])
+    return simulation
+
+
+def step_again(recording, step, simulation):
+    """Makes a recorded step once more, with its settings and what was done by hand before it."""
+    simulation.settings = restored_settings(recording, step, simulation.settings)
+    redo_changes(recording, step, simulation)
+    simulation.step()
 
 
 def redo_changes(recording, step, simulation, withPushes=True):
@@ -148,84 +151,52 @@ def redo_changes(recording, step, simulation, withPushes=True):
 
 def redo(recording, change, simulation):
     """Does a `Change` once more; raises RecordingError where it cannot be done."""
-    try:
+    with recording.reading():
         simulation.change(change)
-    except ValueError as error:
-        raise recording.error(f"the changes by hand cannot be made: {error}") from None
 
 
-def verify(recording, simulation, advance=None):
+def verify(recording, advance=None):
     """Simulates a recording once more and compares the states, to the last bit.
 
-    simulation : of the recorded scene, at its start; advance : called after every step
+    advance : called after every step
     returns what is wrong first, in a few words, or ""
     raises RecordingError when the recording cannot be read or its settings have no sense
     """
-    check_pair_order(recording)
-    for begin, block in recording.blocks([*STATE_NAMES, "hashes"]):
-        for row, expected in enumerate(block["hashes"]):
-            count = recording.body_count(begin + row)
-            state = {name: block[name][row][:count] for name in STATE_NAMES}
-            if not np.array_equal(hash_of(state), expected):
-                return f"step {begin + row} is damaged: its state does not match its hash"
-    damage = recording.damage()
-    if damage:
-        return damage
+    simulation = recorded_scene(recording)
     first = recording.firstStep
     if first > 0:  # what came before was not recorded
-        resume(recording, first, simulation)
+        simulation = resume(recording, first, simulation)
     else:
         redo_changes(recording, first, simulation)
-    for begin, block in recording.blocks(["hashes", "times"]):
-        for step, (expected, when) in enumerate(
-            zip(block["hashes"], block["times"], strict=True), start=begin
-        ):
-            simulation.settings = restored_settings(recording, step, simulation.settings)
-            if step > first:
-                redo_changes(recording, step, simulation)
-                try:
-                    simulation.step()
-                except StateError as error:
-                    return f"step {step} differs: {error}"
-                if advance is not None:
-                    advance()
-            state = simulation.state()
-            if not np.array_equal(hash_of(state), expected):
-                return f"step {step} differs: {_difference(state, recording.frame(step))}"
-            if simulation.time != when:
-                return f"step {step} differs: its time is {simulation.time!r} s, not {when} s"
+        simulation.settings = restored_settings(recording, first, simulation.settings)
+    for step in range(first, recording.lastStep + 1):
+        if step > first:
+            try:
+                step_again(recording, step, simulation)
+            except StateError as error:
+                return f"step {step} differs: {error}"
+            if advance is not None:
+                advance()
+        if differs := difference(simulation, recording.frame(step)):
+            return f"step {step} differs: {differs}"
     return ""
 
 
-def _difference(state, other):
-    """Which array differs most, and by how much."""
-    differences = {name: np.max(np.abs(state[name] - other[name])) for name in STATE_NAMES}
-    name = max(differences, key=differences.get)
-    return f"{name} by up to {differences[name]:.3g}"
+def difference(simulation, frame):
+    """How a simulation's state differs most from a recorded one, in a few words; "" if in no bit.
 
-
-def check_bodies(recording, simulation):
-    """Raises RecordingError unless the simulation's scene has the bodies of the recording."""
-    names = [mesh.name for mesh in simulation.meshes]
-    scene = simulation.scenePath
-    theirNames = recording.meshNames[: recording.body_count(recording.firstStep - 1)]
-    if len(names) != len(theirNames):
-        raise recording.error(f"it has {len(theirNames)} bodies, but {scene} has {len(names)}")
-    for ours, theirs in zip(names, theirNames, strict=True):
-        if ours != theirs:
-            theirs = one_line(theirs, QUOTE_LENGTH)
-            raise recording.error(f"its body '{theirs}' is called '{ours}' in {scene}")
-
-
-def check_pair_order(recording):
-    """Raises RecordingError where a step resolved its pairs in an order that there is no more."""
-    for step, fields in recording.settingsHistory:
-        order = fields.get(PAIR_ORDER, PRESENT_ORDER)
-        if order != PRESENT_ORDER:
-            raise recording.error(
-                f"step {step}: it was recorded with another version, whose pair order "
-                f"'{one_line(order, QUOTE_LENGTH)}' has been taken out: it can be replayed only"
-            )
+    frame : as `Recording.frame` returns it
+    """
+    state = {**simulation.state(), "times": np.float64(simulation.time)}
+    largest = {
+        name: np.max(np.abs(values - frame[name]), initial=0.0)
+        for name, values in state.items()
+        if values.tobytes() != np.asarray(frame[name]).tobytes()
+    }
+    if not largest:
+        return ""
+    name = max(largest, key=largest.get)
+    return f"{name} by up to {largest[name]:.3g}"
 
 
 def restored_settings(recording, step, settings):
@@ -235,7 +206,6 @@ def restored_settings(recording, step, settings):
     raises RecordingError when the recording has a setting that is unknown or has no sense
     """
     _, fields = recording.settings_at(step)
-    fields = {name: value for name, value in fields.items() if name != PAIR_ORDER}
     unknown = sorted(set(fields) - set(asdict(settings)))
     if unknown:
         raise recording.error(

@@ -4,8 +4,6 @@ import re
 
 import numpy as np
 
-from rbs.files import read_bytes
-
 # The end of a mesh file's name, with what separates it from the numbers behind it.
 _NAME_END = re.compile(r"\.(?:mesh|off)(?=[\s,])", re.IGNORECASE)
 
@@ -25,15 +23,14 @@ def fields_of(line):
     return line[:end].split() + line[end:].replace(",", " ").split()
 
 
-def scene_rows(path, count):
-    """The bodies of a scene file, with the numbers as they stand in it.
+def scene_rows(text, count):
+    """The bodies of a scene, with the numbers as they stand in its file.
 
-    path : of a scene that `load_scene_file` has read, so that nothing can be wrong with it
+    text : of a scene file that `load_scene_file` has accepted, so that nothing can be wrong with it
     count : how many bodies it has found
     Returns a list of (mesh file, density, isFixed, position (1, 3), orientation (1, 4)).
     """
-    with open(path, encoding="utf-8-sig") as file:
-        lines = [fields for fields in map(fields_of, file) if fields]
+    lines = [fields for fields in map(fields_of, text.splitlines()) if fields]
     rows = []
     for fields in lines[1 : count + 1]:
         name = " ".join(fields[:-9]).replace("\\", "/")
@@ -44,12 +41,10 @@ def scene_rows(path, count):
     return rows
 
 
-def suggestion_lines(path):
-    """The words of the comment lines that begin with `# suggests`.
+def suggestion_lines(text):
+    """The words of a scene's comment lines that begin with `# suggests`.
 
-    path : of a scene that `load_scene_file` has read
     Returns a list of (line number, list of words).
     """
-    lines = read_bytes(path).decode("utf-8-sig").splitlines()
-    found = ((number, _SUGGESTION.match(line)) for number, line in enumerate(lines, start=1))
+    found = ((k, _SUGGESTION.match(line)) for k, line in enumerate(text.splitlines(), start=1))
     return [(number, match[1].split()) for number, match in found if match]

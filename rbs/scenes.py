@@ -1,7 +1,7 @@
 """Scene and constraint files: where they are, and what is in them.
 
-From the top: loading a scene and its constraints; finding them by name; the parts of a scene's
-lines.
+From the top: loading a scene and its constraints; what a scene is made from, so that a recording
+can hold it; finding files by name; the parts of a scene's lines.
 
 Units: metres, kilograms, seconds. The y axis points up.
 """
@@ -9,16 +9,16 @@ Units: metres, kilograms, seconds. The y axis points up.
 import math
 import os
 import warnings
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
 
-from rbs.files import path_of_name
 from rbs.meshfiles import LARGEST_COORDINATE, load_mesh_file
 from rbs.messages import short
 from rbs.scenelines import fields_of
-from rbs.textfiles import LineReader, SceneError
+from rbs.textfiles import LineReader, SceneError, read_text
 from RBSFunctions import Mesh
 
 # Our own scenes and meshes: within the package where it is installed, else beside it, as in a
@@ -54,9 +54,17 @@ def load_scene_file(path, allowOutsideMeshes=False):
     returns a list of Mesh
     raises SceneError
     """
-    reader = LineReader(path, fields_of)
+    return _make_bodies(LineReader(path, fields_of), {}, allowOutsideMeshes)
+
+
+def _make_bodies(reader, shapes, allowOutsideMeshes=False):
+    """The list of Mesh of a scene's lines.
+
+    shapes : dict of what `load_mesh_file` returns, by the names of the mesh files; those that are
+        missing are read, and added
+    """
     bodyCount = reader.count("bodies", low=1, kind="a scene")
-    loaded = {}
+    seen = set()
     meshes = []
     for index, row in enumerate(reader.rows(bodyCount, "body")):
         row = _body_row(reader, row, f"body {index + 1} of {bodyCount}")
@@ -75,15 +83,15 @@ def load_scene_file(path, allowOutsideMeshes=False):
         scale = 1.0 if largest < 1e300 else largest
         length = math.hypot(*(component / scale for component in orientation))
         orientation = [component / scale / length for component in orientation]
-        isNew = fileName not in loaded
-        if isNew:
-            loaded[fileName] = _load_mesh_beside(reader, fileName, allowOutsideMeshes)
+        if fileName not in shapes:
+            shapes[fileName] = _load_mesh_beside(reader, fileName, allowOutsideMeshes)
         name = f"{Path(fileName).stem} {index}"
         mesh = _make_body(
-            reader, name, *loaded[fileName], density, position, orientation, isFixed
+            reader, name, *shapes[fileName], density, position, orientation, isFixed
         )  # fmt: skip
         meshes.append(mesh)
-        if isNew:
+        if fileName not in seen:
+            seen.add(fileName)
             _warn_unless_convex(fileName, mesh)
     reader.expect_end(f"{bodyCount} bodies")
     return meshes
@@ -100,7 +108,10 @@ def load_constraint_file(path, meshes):
     then the upper one; refValue in metres, upper a bool
     raises SceneError
     """
-    reader = LineReader(path, fields_of)
+    return _make_constraints(LineReader(path, fields_of), meshes)
+
+
+def _make_constraints(reader, meshes):
     lineCount = reader.count("constraints")
     constraints = []
     for row in reader.rows(lineCount, "constraint", columns=6):
@@ -118,6 +129,50 @@ def load_constraint_file(path, meshes):
     return constraints
 
 
+@dataclass
+class SceneSource:
+    """What a scene is made from: with it, a scene can be made again without its files.
+
+    path, constraintPath : of the files that it was read from; constraintPath is None for none
+    scene, constraints : the texts of these files; constraints is "" for none
+    shapes : dict of (vertices, faces, tets), as `load_mesh_file` returns them, by the names that
+        the scene has for its mesh files; `make` reads those that are missing
+    """
+
+    path: Path
+    scene: str
+    constraintPath: Path | None = None
+    constraints: str = ""
+    shapes: dict = field(default_factory=dict)
+
+    @classmethod
+    def of_files(cls, scenePath, constraintPath=None):
+        """Reads the texts; raises SceneError.
+
+        constraintPath : by default, the file that belongs to the scene by its name, if any
+        """
+        source = cls(Path(scenePath), read_text(scenePath), constraintPath)
+        if constraintPath is None:
+            source.constraintPath = find_constraints(scenePath)
+        if source.constraintPath is not None:
+            source.constraints = read_text(source.constraintPath)
+        return source
+
+    def make(self, allowOutsideMeshes=False):
+        """Returns (list of Mesh, list of constraints); raises SceneError."""
+        reader = LineReader(self.path, fields_of, self.scene)
+        meshes = _make_bodies(reader, self.shapes, allowOutsideMeshes)
+        if self.constraintPath is None:
+            return meshes, []
+        reader = LineReader(self.constraintPath, fields_of, self.constraints)
+        return meshes, _make_constraints(reader, meshes)
+
+    def files(self):
+        """The paths of all files that it was read from."""
+        meshes = [self.path.parent / name for name in self.shapes]
+        return [self.path, *filter(None, [self.constraintPath]), *meshes]
+
+
 def find_scene(name):
     """The path of a scene: `name` itself if it is one, else data/<name>-scene.txt.
 
@@ -133,32 +188,6 @@ def find_scene(name):
     similar = get_close_matches(str(name), known)
     cause = "there is no such scene, neither a file nor one of ours, which --help lists"
     raise SceneError(name, None, cause + f"; similar: {', '.join(similar)}" * bool(similar))
-
-
-def content_hashes(read, scenePath, constraintPath):
-    """What the files of a scene held when they were read, whatever their places.
-
-    read : list of FileRead, of the scene, its meshes and, unless constraintPath is None, of the
-        constraints, in that order
-    returns a dict of hashes: "scene", "constraints" ("" for none), and "meshes", a dict of them by
-    the names that the scene has for them
-    """
-    scene, *meshes = read
-    constraints = meshes.pop() if constraintPath is not None else None
-    folder = Path(scenePath).parent
-    names = [
-        os.path.relpath(mesh.path, folder) if Path(mesh.path).is_relative_to(folder) else mesh.path
-        for mesh in meshes
-    ]
-    # As letters, also where the locale has none of them and names are bytes.
-    names = [os.fsencode(name).decode("utf-8", "surrogateescape") for name in names]
-    return {
-        "scene": scene.contentHash,
-        "constraints": constraints.contentHash if constraints else "",
-        "meshes": {
-            name: mesh.contentHash for name, mesh in zip(names, meshes, strict=True)
-        },
-    }
 
 
 def list_scenes(folder):
@@ -193,7 +222,7 @@ def _body_row(reader, fields, what):
 def _load_mesh_beside(reader, fileName, allowOutside):
     """The mesh of a scene's current line; where there is none, the error names that line."""
     folder = Path(reader.path).parent
-    path = folder / path_of_name(fileName)
+    path = folder / fileName
     # realpath follows links and `..` as the system would.
     home, target = os.path.realpath(folder), os.path.realpath(path)
     if not allowOutside and not Path(target).is_relative_to(home):

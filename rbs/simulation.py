@@ -6,20 +6,18 @@ the window use too; the ground.
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
 
-import copy
 import math
 import operator
 import time
 from dataclasses import dataclass, replace
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 
 from rbs.bodies import StateError
 from rbs.broadphase import BROAD_PHASES
-from rbs.files import files_noted
 from rbs.messages import short
-from rbs.scenes import content_hashes, find_constraints, load_constraint_file, load_scene_file
+from rbs.scenes import SceneSource
 from rbs.schedules import CONSTRAINT_SCHEDULINGS
 from rbs.solverstate import CONTACT_SOLVERS, DEFAULT_SUBSTEPS, SolverState
 from rbs.state import Scene
@@ -38,11 +36,6 @@ CONSTRAINT_TOLERANCE = 1e-3
 # times over, and what the coursework allows where the constraints are few.
 SWEEPS = 20
 LEAST_VISITS = 1000
-# From so many bodies on it is worth a try whether the grid is faster, and worth a line if it is so
-# many times as fast.
-MANY_BODIES, WORTH_TELLING = 100, 2.0
-# After this step of a run: the first one takes longer than the others.
-ADVICE_STEP = 2
 # Substeps in a step at most: a thousand of them already take seconds for a heap.
 MOST_SUBSTEPS = 1000
 # Seconds. Outside of these a step changes nothing to be seen, or all there is to be seen; numbers
@@ -53,49 +46,35 @@ TIME_STEPS = (1e-12, 1e3)
 class Simulation(Scene):
     """A scene, what it is simulated with, and how far it has come.
 
-    Attributes: scenePath; meshes, list of Mesh; constraintPath, or None; constraints, a list as
-    `load_constraint_file` gives it; contentHashes, of the files that these are from, as
-    `content_hashes` gives them; groundMesh; settings; stepCount, the whole steps since the
-    start; solverState, what the soft-step solver has left to the next step; report, the last step's
-    `StepReport`, and stepSeconds, how long it took (None before the first); suggestion, what the
-    scene suggests of its settings, in words, or ""; changes, list of `Change`, what has been done
-    to the bodies by hand: all but the pushes before the last step; startSettings, a copy of those
-    that it began with, or that the scene suggests.
+    Attributes: source, a SceneSource, and scenePath, its path; meshes, list of Mesh; constraints,
+    a list as `load_constraint_file` gives it; groundMesh; settings; stepCount, the whole steps
+    since the start; solverState, what the soft-step solver has left to the next step; report, the
+    last step's `StepReport`, and stepSeconds, how long it took (None before the first); suggestion,
+    what the scene suggests of its settings, in words, or ""; changes, list of `Change`, what has
+    been done to the bodies by hand: all but the pushes before the last step; startSettings, a copy
+    of those that it began with, or that the scene suggests.
     """
 
     suggestion = ""  # `rbs.suggestions`
-    runTimestep = None  # what makes the steps in place of run_timestep: `rbs.submittedsteps`
+    submitted = None  # `SubmittedSteps` that make the steps in place of run_timestep
 
-    def __init__(
-        self, scenePath, settings=None, constraintPath=None, *, allowOutsideMeshes=False
-    ):
+    def __init__(self, scene, settings=None, constraintPath=None, *, allowOutsideMeshes=False):
         """Loads the scene; raises SceneError.
 
+        scene : the path of a scene file, or a SceneSource
         constraintPath : a constraint file; by default the one that belongs to the scene by its
             name, if there is one
         allowOutsideMeshes : see `load_scene_file`
         """
-        self._allowOutsideMeshes = allowOutsideMeshes
         self.settings = Settings() if settings is None else settings
         self.startSettings = replace(self.settings)
         self.groundMesh = make_ground()
-        self.load(scenePath, constraintPath)
-
-    def load(self, scenePath, constraintPath=None):
-        """Changes to another scene, at its start. Where that raises SceneError, nothing changes."""
-        with files_noted() as read:
-            meshes = load_scene_file(scenePath, self._allowOutsideMeshes)
-            if constraintPath is None:
-                constraintPath = find_constraints(scenePath)
-            constraints = []
-            if constraintPath is not None:
-                constraints = load_constraint_file(constraintPath, meshes)
-        self.contentHashes = content_hashes(read, scenePath, constraintPath)
-        self.meshes, self.constraints = meshes, constraints
-        self.scenePath = Path(scenePath)
-        self.constraintPath = constraintPath
+        if not isinstance(scene, SceneSource):
+            scene = SceneSource.of_files(scene, constraintPath)
+        self.source, self.scenePath = scene, scene.path
+        self.meshes, self.constraints = scene.make(allowOutsideMeshes)
         self._startState = self.state()
-        self._startFixed = [mesh.isFixed for mesh in meshes]
+        self._startFixed = [mesh.isFixed for mesh in self.meshes]
         self._begin()
 
     def _begin(self):
@@ -144,7 +123,9 @@ class Simulation(Scene):
         if isImpulse:  # what the other one has left is out of date
             self.solverState.clear()
         begin = time.perf_counter()
-        advance = self.runTimestep or run_timestep
+        advance = run_timestep
+        if self.submitted is not None:
+            advance = partial(self.submitted.step, self.source)
         try:
             with np.errstate(all="ignore"):  # what overflows is told in one line below
                 self.report = advance(
@@ -172,33 +153,6 @@ class Simulation(Scene):
         self.changes = [one for one in self.changes if one.kind != "push"]
         self.stepCount += 1
         self.time += settings.timeStep
-
-    def advice(self):
-        """What would give the same bits much faster, in one line; "" if nothing would.
-
-        Measured after a step, on copies of the bodies, with the grid against that step.
-        """
-        count = len(self.meshes)
-        if count < MANY_BODIES or self.settings.broadPhase == "grid" or self.stepSeconds is None:
-            return ""
-        if self.settings.contactSolver != "impulse":  # it finds its pairs through a grid anyway
-            return ""
-        trial = copy.copy(self)
-        trial.meshes = [copy.copy(mesh) for mesh in self.meshes]
-        trial.settings = replace(self.settings, broadPhase="grid")
-        try:
-            trial.step()  # makes the tables
-            trial.step()
-        except StateError:
-            return ""
-        ratio = self.stepSeconds / trial.stepSeconds
-        if ratio < WORTH_TELLING:
-            return ""
-        return (
-            f"{count} bodies, pair by pair: with --broad-phase grid a step has the same bits and "
-            f"takes {1e3 * trial.stepSeconds:.0f} ms instead of {1e3 * self.stepSeconds:.0f}, "
-            f"{ratio:.0f} times as fast"
-        )
 
 
 @dataclass

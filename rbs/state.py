@@ -1,17 +1,17 @@
 """A scene in some state: what a simulation and a replay of a recording have in common.
 
-From the top: the four arrays that a state consists of, and its hash; `Scene`, which gets and sets
+From the top: the four arrays that a state consists of; `Scene`, which gets and sets
 the state of its bodies and measures it.
 
 Units: metres, kilograms, seconds.
 """
 
-import hashlib
 import math
 
 import numpy as np
 
 from Quaternion import QConj, QRotate
+from rbs.bodies import state_columns
 from rbs.poses import refresh_vertices
 from RBSFunctions import GRAVITY
 
@@ -23,8 +23,6 @@ STATE_NAMES = {
     "angVelocities": "angVelocity",
 }
 STATE_WIDTHS = {"positions": 3, "orientations": 4, "linVelocities": 3, "angVelocities": 3}
-# Bytes of a state's hash.
-HASH_SIZE = 16
 # The shapes of the values of a body that its energies and momenta are made of.
 _ROWS = {
     "mass": (1,), "IT": (3, 3), "position": (3,), "orientation": (4,), "linVelocity": (3,),
@@ -46,11 +44,8 @@ class Scene:
 
         returns a dict with these four names
         """
-        return {
-            plural: np.array([getattr(mesh, name) for mesh in self.meshes], dtype=np.float64)
-            .reshape(len(self.meshes), STATE_WIDTHS[plural])
-            for plural, name in STATE_NAMES.items()
-        }  # fmt: skip
+        columns = state_columns(self.meshes)
+        return {plural: columns[name].T.copy() for plural, name in STATE_NAMES.items()}
 
     def set_state(self, state):
         """Puts the bodies into a state that `state()` gave, in this scene."""
@@ -115,15 +110,3 @@ class Scene:
     def is_finite(self):
         """Whether no number of the state is NaN or infinite."""
         return all(bool(np.all(np.isfinite(values))) for values in self.state().values())
-
-
-def hash_of(state):
-    """BLAKE2b (16,) uint8 of the bytes of a state's four arrays, in the order of STATE_NAMES.
-
-    Two states have the same hash if they are the same to the last bit; that two others have it by
-    chance will not happen in any number of steps that a computer can make.
-    """
-    digest = hashlib.blake2b(digest_size=HASH_SIZE)
-    for name in STATE_NAMES:
-        digest.update(np.ascontiguousarray(state[name], dtype="<f8"))
-    return np.frombuffer(digest.digest(), dtype=np.uint8)

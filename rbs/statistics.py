@@ -1,22 +1,21 @@
 """Statistics of a run: the quantities of a step, a table of them, and its plot.
 
-From the top: the quantities and their units; `StatsWriter`, which writes a table; plotting one.
+From the top: the quantities and their units; `StatsWriter`, a table of them; `PlotWriter`.
 
 Units: metres, kilograms, seconds; times of phases in milliseconds.
 """
 
 import csv
-import io
 import math
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
-from rbs.files import named_errors
-from rbs.interrupts import breakable
-from rbs.outputs import Output, open_stream
+from rbs.files import atomic_write, named_errors, partial_path, put_in_place
+from rbs.messages import shown_path
 from rbs.reports import PHASES
+from rbs.scenes import scene_name
 
 # What `step_quantities` gives, each with its unit. A phase's time is called after the phase.
 QUANTITY_UNITS = {
@@ -67,107 +66,77 @@ def step_quantities(simulation):
 
 
 class StatsWriter:
-    """Writes `step_quantities` of every step into a .csv file, as they come, and may plot them.
+    """Writes `step_quantities` of every step into a .csv file, as they come.
 
     A column each, named "name (unit)", after the number of the step; a number that is unknown is
-    left out. They go to FILE.csv.part line by line, which stays where the run does not end well;
-    those for a pipe or a device go there at once.
-
-    Attributes: path, plotPath, as given; partialPath, of the table that is written to a file, which
-    a plot needs too, or None.
+    left out. Until `save`, the table is FILE.part.csv.
     """
 
-    def __init__(self, path=None, plotPath=None):
-        """path, plotPath : of the .csv and the .png; of the two, one may be None
-
-        raises OSError when nothing can be written there, ImportError when nothing can be plotted
-        """
-        if plotPath is not None:
-            check_plotting()
-        self.path = None if path is None else Path(path)
-        self.plotPath = None if plotPath is None else Path(plotPath)
-        self._table = self._plot = self._stream = self._file = None
-        self._isEmpty, self._isSaved = True, False
-        try:
-            self._open()
-        except BaseException:
-            self.close()
-            raise
-
-    def _open(self):
-        streams = []
-        if self.plotPath is not None:
-            self._plot = Output(self.plotPath)
-        if self.path is not None:
-            self._table = Output(self.path)
-            if self._table.isStream:
-                self._table.close()
-                self._table = None
-                self._stream = open_stream(self.path)
-                streams.append(io.TextIOWrapper(self._stream, "utf-8", newline="",
-                                                write_through=True))  # fmt: skip
-        if self._table is None and self._plot is not None:
-            self._table = Output(self._plot.partialPath.with_name(f"{self.plotPath.name}.csv"))
-        self.partialPath = None
-        if self._table is not None:
-            self.partialPath = self._table.partialPath
-            with named_errors(self.path or self.plotPath):  # the name that the caller knows
-                self._file = open(
-                    self.partialPath, "w", encoding="utf-8", newline="", buffering=1
-                )
-            streams.append(self._file)
-        self._writers = [csv.writer(stream, lineterminator="\n") for stream in streams]
+    def __init__(self, path):
+        """Raises OSError that names `path` when nothing can be written there."""
+        self.path, self._partial = Path(path), partial_path(path)
+        with named_errors(path):
+            self._file = open(self._partial, "w", encoding="utf-8", newline="", buffering=1)
+            self._writer = csv.writer(self._file, lineterminator="\n")
+            names = [f"{name} ({unit})" if unit else name for name, unit in QUANTITY_UNITS.items()]
+            self._writer.writerow(["step", *names])
 
     def add(self, simulation):
         """Writes the line of the simulation's present step; raises OSError."""
         values = step_quantities(simulation).values()
-        values = ["" if math.isnan(value) else value for value in values]
-        with named_errors(self.path or self.plotPath):
-            if self._isEmpty:
-                names = [f"{name} ({unit})" if unit else name
-                         for name, unit in QUANTITY_UNITS.items()]  # fmt: skip
-                self._write(["step", *names])
-                self._isEmpty = False
-            self._write([simulation.stepCount, *values])
+        with named_errors(self.path):
+            self._writer.writerow(
+                [simulation.stepCount, *("" if math.isnan(value) else value for value in values)]
+            )
 
-    def _write(self, row):
-        for writer in self._writers:
-            if self._stream is None:
-                writer.writerow(row)
-            else:
-                with breakable():  # who reads the pipe may have stopped
-                    writer.writerow(row)
-
-    def save(self, title=""):
-        """Plots, with that title, and puts the file in its place, instead of an old one."""
-        with named_errors(self.path or self.plotPath):
-            if self._file is not None:
-                self._file.close()
-        try:
-            if self._plot is not None:
-                with named_errors(self.plotPath):
-                    plot_stats(self.partialPath, self._plot.partialPath, title)
-                self._plot.put()
-        finally:
-            if self.path is not None and self._stream is None:
-                self._table.put()
-            self._isSaved = True
-            self.close()
+    def save(self, simulation):
+        """Puts the file in its place, instead of an old one; raises OSError."""
+        with named_errors(self.path):
+            self._file.close()
+            put_in_place(self._partial, self.path)
 
     def close(self):
-        """Keeps in FILE.csv.part what has not been saved; removes it where there is nothing.
+        """Removes what was not saved."""
+        with suppress(OSError):  # on a full disk, for what is still to be written
+            self._file.close()
+        if self._partial.is_file() and self._partial != self.path:
+            self._partial.unlink()
 
-        returns the path of what is kept, or None
-        """
-        for file in (self._file, self._stream):
-            with suppress(OSError):  # the disk may be full: what is on it is kept
-                if file is not None:
-                    file.close()
-        isKept = not (self._isEmpty or self._isSaved) and self._table is not None
-        for output in (self._plot, self._table):
-            if output is not None:
-                output.close(keepsPartial=isKept and output is self._table)
-        return self.partialPath if isKept else None
+    def summary(self, simulation):
+        """Name and text of its row in the summary of a run."""
+        return "statistics", shown_path(self.path)
+
+
+class PlotWriter:
+    """Plots `step_quantities` of every step as a PNG. Needs matplotlib, and no display."""
+
+    def __init__(self, path):
+        """Raises ImportError, which says what to install, where nothing can be plotted."""
+        try:
+            import matplotlib  # noqa: F401
+        except ImportError:
+            raise ImportError("--plot needs matplotlib: pip install matplotlib") from None
+        self.path = Path(path)
+        with named_errors(path):
+            partial_path(path).parent.stat()
+        self._rows = []
+
+    def add(self, simulation):
+        """Keeps the numbers of the simulation's present step."""
+        self._rows.append(list(step_quantities(simulation).values()))
+
+    def save(self, simulation):
+        """Draws the plot, in place of an old one; raises OSError."""
+        title = f"{scene_name(simulation.scenePath)}, to step {simulation.stepCount}"
+        with atomic_write(self.path) as partial:
+            plot_quantities(self._rows, partial, title)
+
+    def close(self):
+        """There is nothing to remove."""
+
+    def summary(self, simulation):
+        """Name and text of its row in the summary of a run."""
+        return "plot", shown_path(self.path)
 
 
 # Okabe and Ito's colours, which the colour-blind tell apart: black, orange, sky blue, green,
@@ -189,28 +158,15 @@ PLOT_INCHES = (12.0, 10.0)
 PLOT_DPI = 120
 
 
-def check_plotting():
-    """Raises ImportError, which says what to install, where nothing can be plotted."""
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError:
-        raise ImportError("--plot needs matplotlib. Install it: pip install matplotlib") from None
-
-
-def plot_stats(csvPath, imagePath, title):
-    """Draws a file of `StatsWriter` as a PNG over time, piece by piece; raises OSError.
-
-    Needs matplotlib, and no display.
-    """
+def plot_quantities(rows, path, title):
+    """Draws what `step_quantities` gave of each step as a PNG over time; raises OSError."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    table = np.genfromtxt(csvPath, delimiter=",", skip_header=1, encoding="utf-8", ndmin=2)
-    columns = dict(zip(["step", *QUANTITY_UNITS], table.T, strict=True))
+    columns = dict(zip(QUANTITY_UNITS, np.array(rows).T, strict=True))
     figure = Figure(figsize=PLOT_INCHES, dpi=PLOT_DPI, layout="constrained")
     FigureCanvasAgg(figure)
-    # A name that is not Unicode has letters that no font can draw.
-    figure.suptitle(title.encode("utf-8", "replace").decode("utf-8"))
+    figure.suptitle(title)
     panels = figure.subplots(3, 2, sharex=True)
     for axes, (name, unit, quantities) in zip(panels.flat, PLOT_PANELS, strict=True):
         shown = [q for q in quantities if np.isfinite(columns[q]).any()]
@@ -234,5 +190,4 @@ def plot_stats(csvPath, imagePath, title):
             axes.set_yscale("symlog", linthresh=LOGARITHMIC_PANELS[name])
     for axes in panels[-1]:
         axes.set_xlabel("time (s)")
-    with open(imagePath, "wb") as file:
-        figure.savefig(file, format="png")
+    figure.savefig(path, format="png")

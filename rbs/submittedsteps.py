@@ -5,7 +5,7 @@ of them. Before a step the student's meshes get the state of ours, and afterward
 """
 
 import inspect
-from pathlib import Path
+from hashlib import sha256
 
 import numpy as np
 
@@ -31,17 +31,20 @@ class SubmittedSteps:
     """A student's run_timestep and Mesh, to be called in place of ours.
 
     folder : with the student's modules, which are loaded
-    load_mesh_file : function that reads a mesh file
+
+    Attributes: folder, resolved; digest, of all Python files in it: recordings tell by it whether
+    these functions made them.
 
     Raises SubmissionError where the modules cannot be loaded, or have no run_timestep or Mesh.
     """
 
-    def __init__(self, folder, load_mesh_file):
+    def __init__(self, folder):
         submission = load_submission(folder, keepsNames=False)
         if "RBSFunctions" in submission.missing:
             raise SubmissionError(f"{folder}: there is no RBSFunctions.py")
         self.folder = submission.folder
-        self._load_mesh_file = load_mesh_file
+        files = sorted(self.folder.glob("*.py"))
+        self.digest = sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
         self._run_timestep, self._Mesh = (
             self._function(submission.functions, name) for name in ("run_timestep", "Mesh")
         )
@@ -51,7 +54,7 @@ class SubmittedSteps:
             parameters = {}
         self._takesAll = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
         self._known = set(parameters)
-        self._scene = None
+        self._source = None
 
     def _function(self, module, name):
         function = getattr(module, name, None)
@@ -74,16 +77,10 @@ class SubmittedSteps:
     def _knows(self, parameter):
         return self._takesAll or parameter in self._known
 
-    def replace_those_of(self, simulationClass):
-        """From now on, simulations of this class make their steps with the student's functions."""
-        simulationClass.runTimestep = lambda simulation, *arguments, **options: self.step(
-            simulation.scenePath, *arguments, **options
-        )
-
-    def step(self, scenePath, meshes, groundMesh, timeStep, CRCoeff, *arguments, **options):
+    def step(self, source, meshes, groundMesh, timeStep, CRCoeff, *arguments, **options):
         """One step of our meshes, in place; returns None, as there is no report of it.
 
-        scenePath : of the scene that the meshes are from; then as for our `run_timestep`. What has
+        source : the SceneSource that the meshes are from; then as for our `run_timestep`. What has
             its default there is not handed on, unless the coursework has it too.
 
         Raises StateError, and leaves our meshes as they were, where the student's step raises, does
@@ -97,7 +94,7 @@ class SubmittedSteps:
                 raise StateError(f"the run_timestep in {self.folder} takes no {name}")
         options = {name: value for name, value in options.items() if self._knows(name)}
         try:
-            self._follow(meshes, scenePath)
+            self._follow(meshes, source)
             self._run_timestep(self._meshes, self._ground, timeStep, CRCoeff, **options)
         except KeyboardInterrupt:
             raise
@@ -108,16 +105,15 @@ class SubmittedSteps:
             for name, value in state.items():
                 setattr(mesh, name, value)
 
-    def _follow(self, meshes, scenePath):
+    def _follow(self, meshes, source):
         """Gives the student's meshes the state of ours; makes them first where it is needed.
 
         They are made of the numbers in the scene's files, not of our meshes, whose vertices have
         their COM subtracted already.
         """
-        if self._scene != (scenePath, len(meshes)):
-            self._scene = scenePath, len(meshes)
-            self._rows = scene_rows(scenePath, len(meshes))
-            self._shapes = {}
+        if self._source is not source:
+            self._source = source
+            self._rows = scene_rows(source.scene, len(meshes))
             self._meshes = [None] * len(meshes)
             nothing = np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 4), int)
             unturned = np.array([1.0, 0.0, 0.0, 0.0])
@@ -135,9 +131,8 @@ class SubmittedSteps:
 
     def _make(self, k, isFixed):
         name, density, _isFixed, position, orientation = self._rows[k]
-        if name not in self._shapes:
-            self._shapes[name] = self._load_mesh_file(Path(self._scene[0]).parent / name)
-        shape = [array.copy() for array in self._shapes[name]]  # the released class changes them
+        # The released class changes its arrays.
+        shape = [array.copy() for array in self._source.shapes[name]]
         return self._Mesh(
             name, *shape, density, position.copy(), orientation.copy(), isFixed
         )  # fmt: skip

@@ -26,22 +26,21 @@ class SuggestionParser(OneLineParser):
         raise ValueError(message.removeprefix("argument --"))
 
 
-def suggested_settings(path):
-    """What a scene file suggests: (Settings, words), the words in one line, "" if there are none.
+def suggested_settings(source):
+    """What a SceneSource suggests: (Settings, words), the words in one line, "" if there are none.
 
-    path : of a scene that can be read
     raises SceneError that names file and line where a suggestion is none
     """
     parser = SuggestionParser(add_help=False, allow_abbrev=False)
     add_settings_options(parser)
     arguments, words = [], []
-    for lineNumber, line in suggestion_lines(path):
-        arguments += _arguments_of(path, lineNumber, line)
+    for lineNumber, line in suggestion_lines(source.scene):
+        arguments += _arguments_of(source.path, lineNumber, line)
         words += line
         try:
             settings = settings_of(parser.parse_args(arguments))
         except ValueError as error:
-            raise SceneError(path, lineNumber, f"suggested settings: {error}") from None
+            raise SceneError(source.path, lineNumber, f"suggested settings: {error}") from None
     if not words:
         return Settings(), ""
     return settings, " ".join(words)
@@ -87,7 +86,7 @@ class SceneOpener:
         path = find_file(text, folder)
         opened = open_file(path, settings, self._allowOutsideMeshes)
         if isinstance(opened, Simulation) and self._follows:
-            begun, words = suggested_settings(path)
+            begun, words = suggested_settings(opened.source)
             byHand = {} if settings is None else {
                 field.name: getattr(settings, field.name)
                 for field in fields(settings)

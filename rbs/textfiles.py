@@ -9,9 +9,6 @@ import math
 from rbs.files import read_bytes
 from rbs.messages import InputError, reason_of, short
 
-# The longest line of a text file, in characters: a face of a hundred thousand corners.
-LONGEST_LINE = 1 << 20
-
 
 class SceneError(InputError):
     """A file, or a name of one, that cannot be used. Reads "file:line: cause" in one line."""
@@ -20,6 +17,23 @@ class SceneError(InputError):
         """lineNumber : counted from 1, or None where the file as a whole is meant."""
         place = f"{path}:{lineNumber}" if lineNumber else f"{path}"
         super().__init__(f"{place}: {cause}")
+
+
+def read_text(path):
+    """Returns the text of a file in UTF-8, with or without a byte-order mark; raises SceneError."""
+    try:
+        text = read_bytes(path).decode("utf-8-sig")
+    except FileNotFoundError:
+        raise SceneError(path, None, "there is no such file") from None
+    except IsADirectoryError:
+        raise SceneError(path, None, "this is a folder, not a file") from None
+    except OSError as error:
+        raise SceneError(path, None, f"cannot be read ({reason_of(error)})") from None
+    except UnicodeDecodeError:
+        raise SceneError(path, None, "this is not a text file") from None
+    if "\0" in text:
+        raise SceneError(path, None, "this is not a text file")
+    return text
 
 
 class LineReader:
@@ -32,42 +46,19 @@ class LineReader:
     file and the line read last.
     """
 
-    def __init__(self, path, fieldsOf=lambda line: line.split("#", 1)[0].split()):
+    def __init__(self, path, fieldsOf=lambda line: line.split("#", 1)[0].split(), text=None):
+        """text : what the file holds, or None to read it; then raises SceneError."""
         self.path = path
         self._fieldsOf = fieldsOf
         self.lineNumber = None
-        self._lines = self._split(self._read())
+        self._lines = self._split(read_text(path) if text is None else text)
         self._next = next(self._lines, None)
         if self._next is None:
             raise self.error("the file is empty")
 
-    def _read(self):
-        """The bytes of the file, which are UTF-8."""
-        try:
-            content = read_bytes(self.path)
-        except FileNotFoundError:
-            raise self.error("there is no such file") from None
-        except IsADirectoryError as error:
-            raise self.error(reason_of(error)) from None
-        except (OSError, ValueError) as error:  # ValueError: a name that no file can have
-            raise self.error(f"cannot be read ({reason_of(error)})") from None
-        try:
-            if b"\0" in content:
-                raise ValueError("NUL bytes do not occur in text")
-            content.decode("utf-8-sig")
-        except ValueError:
-            raise self.error("this is not a text file") from None
-        return content
-
-    def _split(self, content):
+    def _split(self, text):
         """Yields (line number, fields) of the lines with something in them, one at a time."""
-        text = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig", newline=None)
-        number = 0
-        while line := text.readline(LONGEST_LINE + 1):
-            number += 1
-            if len(line) > LONGEST_LINE:
-                self.lineNumber = number
-                raise self.error(f"a line must not be longer than {LONGEST_LINE} characters")
+        for number, line in enumerate(io.StringIO(text, newline=None), start=1):
             if fields := self._fieldsOf(line):
                 yield number, fields
 

@@ -9,6 +9,7 @@ Polyscope is imported inside the functions that use it, never with this module. 
 import os
 import time
 from collections import deque
+from contextlib import suppress
 from pathlib import Path
 from statistics import median
 
@@ -18,15 +19,13 @@ from rbs import changes
 from rbs.bodies import StateError
 from rbs.cameras import apply_camera, load_camera, save_camera
 from rbs.grabbing import MOST_SHOTS, Grab, shot
-from rbs.messages import counted, print_note, reason_of
+from rbs.messages import counted, reason_of
 from rbs.panel import Panel
 from rbs.pictureoptions import PictureOptions, video_timing
 from rbs.pictures import Video, VideoError, save_picture, start_view
 from rbs.playback import Playback
-from rbs.recording import Recorder
-from rbs.recordingfiles import RecordingError
+from rbs.recording import Recorder, RecordingError
 from rbs.scenes import scene_name
-from rbs.simulation import ADVICE_STEP
 
 # Frames and steps over which the milliseconds on screen are a median: half a second's worth.
 TIMED_STEPS = 25
@@ -74,7 +73,7 @@ class Viewer:
 
     Attributes: simulation, a simulation or a replay; view, a SceneView; isPlaying; playback, a
     Playback, with the speed; pushSpeed, m/s; grab, what is dragged, or None; message, an error line
-    or ""; saved, a line about the last file that was written, or advice; video and recorder, those
+    or ""; saved, a line about the last file that was written; video and recorder, those
     that are being written, or None; isMeasuring, whether `history` grows: rows of time and
     quantities.
     """
@@ -143,6 +142,8 @@ class Viewer:
         """If playing, makes the steps that are due `elapsed` seconds after the last frame."""
         if not self.isPlaying:
             self.playback.stop()
+            if self.recorder is not None:
+                self._try_recording(self.recorder.flush)
             return
         begin, before = time.perf_counter(), self.simulation.time
         step = self._step_replay if self.isReplay else self._step
@@ -178,10 +179,6 @@ class Viewer:
             return False
         if simulation.report is not None:
             self._recentSeconds.append(simulation.stepSeconds)
-            if simulation.stepCount == ADVICE_STEP:
-                advice = simulation.advice()
-                self.saved = advice or self.saved
-                print_note(advice)
             self._phases.append(simulation.report.seconds)
         if self.recorder is not None:
             self._try_recording(lambda: self.recorder.add(simulation))
@@ -347,10 +344,12 @@ class Viewer:
         if self.recorder is not None:
             self.stop_recording()
             return
-        self.message = ""
+        self.message = UNCHANGEABLE if self.isReplay else ""
+        if self.isReplay:
+            return
         try:
-            self.recorder = Recorder(self._out_path("recording", ".npz"))
-        except (OSError, RecordingError) as error:
+            self.recorder = Recorder(self._out_path("recording", ".h5"))
+        except OSError as error:
             self.message = _cannot_write(error)
         else:
             self._try_recording(lambda: self.recorder.add(self.simulation))
@@ -369,11 +368,10 @@ class Viewer:
         try:
             act()
         except (OSError, RecordingError) as error:
-            kept = self.recorder.close()
-            self.recorder = None
+            recorder, self.recorder = self.recorder, None
+            with suppress(OSError):  # said below
+                recorder.close()
             self.message = _cannot_write(error)
-            if kept is not None:
-                self.message += f"; what there is of the recording is in {kept}"
 
     # Bodies.
 
@@ -421,7 +419,7 @@ class Viewer:
         self.message = ""
         if self.isReplay:
             self.message = UNCHANGEABLE
-        elif simulation.runTimestep is not None:
+        elif simulation.submitted is not None:
             self.message = "with --functions nothing can be shot: they know the scene's bodies only"
         elif len(simulation.meshes) - simulation.sceneCount >= MOST_SHOTS:
             self.message = f"{MOST_SHOTS} balls have been shot: R takes them out"

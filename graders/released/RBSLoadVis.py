@@ -40,10 +40,10 @@ def load_scene_file(file_path):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of meshes that are not convex
         count = len(our_module("RigidBodySimulation").load_scene_file(file_path))
-    folder = Path(file_path).parent
+    folder, text = Path(file_path).parent, Path(file_path).read_text("utf-8-sig")
     loaded = {}
     meshes = []
-    for name, density, isFixed, position, orientation in scene_rows(file_path, count):
+    for name, density, isFixed, position, orientation in scene_rows(text, count):
         if name not in loaded:
             loaded[name] = load_mesh_file(folder / name)
         shape = (array.copy() for array in loaded[name])  # the released class changes its arrays
