@@ -6,19 +6,19 @@ file is complete. Polyscope is imported inside the functions that use it.
 
 import errno
 import os
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from rbs.backends import OFFSCREEN_BACKEND
 from rbs.cameras import apply_camera
 from rbs.colours import BACKGROUND
 from rbs.drawing import SceneView, start_polyscope
+from rbs.files import named_errors
 from rbs.messages import InputError
 from rbs.outputs import Output, OutputFolder, find_target
 from rbs.pictureoptions import PICTURE_NAME
-from rbs.pngfiles import png_bytes
 
 # A picture is drawn as many times as large along each side, and averaged, as long as that takes no
 # more than so many pixels: 4K, and 0.6 GB.
@@ -236,10 +236,8 @@ def save_picture(path, view, isTransparent=False):
     """Writes what the camera sees as PNG, in place of an old file: whole or not at all."""
     output = Output(path, keepsEnding=True)
     try:
-        with suppress(OSError):  # found below, as is what the system does not tell
-            output.partialPath.write_bytes(png_bytes(take_picture(view, isTransparent)))
-        if not is_complete_png(output.partialPath):
-            raise OSError(errno.ENOSPC, INCOMPLETE.format("picture"), str(path))
+        with named_errors(path):
+            Image.fromarray(take_picture(view, isTransparent)).save(output.partialPath)
         output.put()
     finally:
         output.close()
@@ -314,12 +312,6 @@ class Video:
         """Removes what was written beside the place. Does nothing after `save`."""
         self._writer.close()
         self._output.close()
-
-
-def is_complete_png(path):
-    """Whether a file begins and ends like a PNG. What is missing at the end is found so."""
-    content = Path(path).read_bytes()
-    return content.startswith(b"\x89PNG\r\n\x1a\n") and content.endswith(b"IEND\xaeB`\x82")
 
 
 def is_complete_video(path):

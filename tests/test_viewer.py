@@ -65,7 +65,6 @@ from rbs.pictures import (
     take_picture,
 )
 from rbs.playback import SPEEDS, STEPPING_SECONDS, Playback, speed_name
-from rbs.pngfiles import png_bytes
 from rbs.poses import refresh_vertices
 from rbs.recording import Recording
 from rbs.replay import verify
@@ -1209,17 +1208,6 @@ def test_averages_are_those_of_the_pixels_and_what_is_not_there_has_no_colour():
         averaged(np.array([[red, nothing], [nothing, nothing]], np.uint8), 2),
         [[[255, 0, 0, 64]]],
     )
-
-
-@pytest.mark.parametrize("shape", [(1, 1, 3), (5, 7, 3), (40, 30, 4)])
-def test_png_files_hold_the_picture(tmp_path, shape):
-    from matplotlib.image import imread
-
-    picture = np.random.default_rng(4).integers(0, 256, shape).astype(np.uint8)
-    picture[shape[0] // 2 :] = np.arange(shape[1])[:, None]
-    (tmp_path / "a.png").write_bytes(png_bytes(picture))
-    read = np.rint(255.0 * imread(tmp_path / "a.png")).astype(np.uint8)
-    np.testing.assert_array_equal(read, picture)
 
 
 def test_bodies_are_seen_through_while_contacts_are_shown(polyscope, twoBoxes):
