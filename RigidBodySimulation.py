@@ -201,11 +201,11 @@ def run_as_asked(simulation, options, pictureOptions):
         tell_suggestion(simulation)
         return run_without_window(simulation, steps, recorder, stats, pictures, video)
     except BaseException as error:
-        kept = close_all(recorder, stats, video, pictures)
+        kept = close_all(recorder, stats, video)
         error.keptPaths = [str(shown_path(path)) for path in kept if path is not None]
         raise
     finally:
-        close_all(recorder, stats, video, pictures)
+        close_all(recorder, stats, video)
 
 
 def open_window_or_fall_back(simulation, options, pictureOptions, opener):
@@ -239,10 +239,7 @@ def open_window_or_fall_back(simulation, options, pictureOptions, opener):
         view = start_view(simulation, backend, pictureOptions)
         pictures = PictureSeries(folder, steps, view)
     tell_suggestion(simulation)
-    try:
-        return run_without_window(simulation, steps_of(simulation, options), pictures=pictures)
-    finally:
-        close_all(pictures)
+    return run_without_window(simulation, steps_of(simulation, options), pictures=pictures)
 
 
 def finish_as_asked(options):

@@ -11,9 +11,8 @@ import math
 
 import numpy as np
 
-from rbs.files import read_bytes
+from rbs.files import atomic_write, read_bytes
 from rbs.messages import InputError, reason_of
-from rbs.outputs import atomic_write
 
 # From the middle of the scene to the camera: a little from the right, a little from above.
 VIEW_DIRECTION = (0.45, 0.36, 1.0)
@@ -97,8 +96,8 @@ def save_camera(path):
         "target": (position + distance * gaze).tolist(),
         "fieldOfView": float(parameters.get_fov_vertical_deg()),
     }
-    with atomic_write(path, "w", encoding="ascii") as file:
-        file.write(json.dumps(camera, indent=2) + "\n")
+    with atomic_write(path) as partial:
+        partial.write_text(json.dumps(camera, indent=2) + "\n", encoding="ascii")
 
 
 def frame_camera(points, direction, fieldOfView, size, margins=(0, 0, 0, 0)):

@@ -117,7 +117,7 @@ def path_of_name(name):
     return name
 
 
-def partial_path(path):
+def unfinished_path(path):
     """Where a file is written before it is put in its place: in the same folder."""
     path = Path(path)
     return path.with_name(path.name + PARTIAL_ENDING)
@@ -187,3 +187,38 @@ def lock_folder(folder):
         os.close(descriptor)
         raise
     return descriptor
+
+
+def partial_path(path):
+    """Returns the path under which to write a file until it is whole: film.mp4, film.part.mp4.
+
+    A target that exists and is no regular file, such as /dev/null or a pipe, is its own partial
+    path: it is simply opened and written. Links are followed.
+    """
+    target = Path(os.path.realpath(path))
+    if target.exists() and not target.is_file():
+        return target
+    return target.with_name(f"{target.stem}.part{target.suffix}")
+
+
+def put_in_place(partial, path):
+    """Gives a finished file its name, in place of an old one; partial : of `partial_path`."""
+    target = Path(os.path.realpath(path))
+    if partial != target:
+        os.replace(partial, target)
+
+
+@contextmanager
+def atomic_write(path):
+    """Yields the path of a file to write, which replaces `path` if no error is raised.
+
+    Raises OSError that names `path`; an old file of that name then stays as it was.
+    """
+    partial = partial_path(path)
+    try:
+        with named_errors(path):
+            yield partial
+            put_in_place(partial, path)
+    finally:
+        if partial.is_file():
+            partial.unlink()

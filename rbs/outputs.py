@@ -18,10 +18,10 @@ from rbs.files import (
     lock,
     lock_folder,
     named_errors,
-    partial_path,
     read_under,
     replace_file,
 )
+from rbs.files import unfinished_path as partial_path
 from rbs.interrupts import breakable
 from rbs.messages import print_note, shown_path
 

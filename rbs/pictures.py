@@ -15,10 +15,9 @@ from rbs.backends import OFFSCREEN_BACKEND
 from rbs.cameras import apply_camera
 from rbs.colours import BACKGROUND
 from rbs.drawing import SceneView, start_polyscope
-from rbs.files import named_errors
+from rbs.files import atomic_write
 from rbs.messages import InputError
-from rbs.outputs import Output, OutputFolder, find_target
-from rbs.pictureoptions import PICTURE_NAME
+from rbs.outputs import Output
 
 # A picture is drawn as many times as large along each side, and averaged, as long as that takes no
 # more than so many pixels: 4K, and 0.6 GB.
@@ -205,15 +204,7 @@ class PictureSeries:
         steps : whole numbers, those of which `add` takes a picture; view : SceneView
         """
         self.folder = Path(folder)
-        self._place = OutputFolder(folder)
-        try:
-            Output(self.folder / "frame.png", keepsEnding=True).close()
-            for path in self.folder.iterdir():
-                if PICTURE_NAME.fullmatch(path.name):  # it may be written over
-                    find_target(path)
-        except BaseException:
-            self._place.close()
-            raise
+        self.folder.mkdir(parents=True, exist_ok=True)
         self.count = 0
         self._steps = steps
         self._view = view
@@ -227,20 +218,11 @@ class PictureSeries:
             save_picture(path, self._view, self._isTransparent)
             self.count += 1
 
-    def close(self):
-        """Gives the folder up, to other runs."""
-        self._place.close()
-
-
 def save_picture(path, view, isTransparent=False):
     """Writes what the camera sees as PNG, in place of an old file: whole or not at all."""
-    output = Output(path, keepsEnding=True)
-    try:
-        with named_errors(path):
-            Image.fromarray(take_picture(view, isTransparent)).save(output.partialPath)
-        output.put()
-    finally:
-        output.close()
+    picture = take_picture(view, isTransparent)
+    with atomic_write(path) as partial:
+        Image.fromarray(picture).save(partial)
 
 
 class Video:

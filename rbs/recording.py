@@ -21,7 +21,8 @@ import numpy as np
 
 from rbs import __version__
 from rbs.changes import body_count, initial_changes, pack_changes, unpack_changes
-from rbs.files import PARTIAL_ENDING, lock_folder, named_errors, partial_path
+from rbs.files import PARTIAL_ENDING, lock_folder, named_errors
+from rbs.files import unfinished_path as partial_path
 from rbs.interrupts import noted, raise_if_more
 from rbs.messages import shown_path
 from rbs.outputs import copy_to_stream, find_target, keep_folder, release

@@ -25,7 +25,7 @@ from program import DATA, environment, run
 
 import rbs.recording
 from rbs.cameras import CAMERA_WIDTHS, load_camera
-from rbs.outputs import atomic_write
+from rbs.files import atomic_write, partial_path
 from rbs.pictures import is_complete_video
 from rbs.recording import Recorder, Recording, finish
 from rbs.recordingfiles import RecordingError
@@ -161,9 +161,7 @@ def test_read_only_folder(tmp_path, mount, case):
         process = run(folder, *arguments, PYTHONDONTWRITEBYTECODE="1")
         assert (process.returncode, process.stdout) == (2, ""), process.stderr
         (line,) = process.stderr.splitlines()
-        # Of pictures, the folder is looked at before the first is drawn.
-        told = "frame.png" if case == "picture" else name
-        assert line == f"RigidBodySimulation.py: {told}: {cause}"
+        assert line == f"RigidBodySimulation.py: {name}: {cause}"
         assert (folder / name).read_bytes() == OLD
         assert [path.name for path in folder.iterdir() if path.name != "disk"] == [name]
     finally:
@@ -195,7 +193,7 @@ def test_camera_on_a_full_disk(tmp_path, mount):
     (folder / "filler").write_bytes(bytes(4096))
     process = save()
     assert process.returncode == 1 and f"{FULL}: '{path}'" in process.stderr
-    assert path.read_bytes() == OLD and not (folder / "camera.json.part").exists()
+    assert path.read_bytes() == OLD and not (folder / "camera.part.json").exists()
     (folder / "filler").unlink()
     assert save().returncode == 0
     assert load_camera(path)["fieldOfView"] > 0.0
@@ -321,7 +319,7 @@ def test_kill_while_a_picture_or_a_video_is_drawn(tmp_path):
     # What it left does not stand in the way of the next run.
     assert run(tmp_path, *arguments).returncode == 0
     assert is_complete_video(tmp_path / "v.mp4")
-    left = {"frame_000002.part-1.png", "v.part-1.mp4", "v.part-2.mp4"}
+    left = {"v.part-1.mp4", "v.part-2.mp4"}
     assert {path.name for path in tmp_path.iterdir()} == {*names, "frame_000004.png", *left}
 
 
@@ -515,17 +513,29 @@ def test_run_that_ends_in_between_says_where_its_states_are(
 
 def test_file_is_written_whole_or_not_at_all(tmp_path):
     path = tmp_path / "a.txt"
-    with atomic_write(path, "w") as file:
-        file.write("one")
-        assert not path.exists()
+    with atomic_write(path) as partial:
+        partial.write_text("one")
+        assert partial.name == "a.part.txt" and not path.exists()
     assert path.read_text() == "one"
-    with pytest.raises(ZeroDivisionError), atomic_write(path, "w") as file:
-        file.write("two")
+    with pytest.raises(ZeroDivisionError), atomic_write(path) as partial:
+        partial.write_text("two")
         raise ZeroDivisionError
     assert path.read_text() == "one" and [p.name for p in tmp_path.iterdir()] == ["a.txt"]
-    with pytest.raises(OSError) as raised, atomic_write(tmp_path / "no" / "a.txt"):
-        pass
+    with pytest.raises(OSError) as raised, atomic_write(tmp_path / "no" / "a.txt") as partial:
+        partial.write_text("three")
     assert raised.value.filename == str(tmp_path / "no" / "a.txt")
+
+
+def test_links_and_devices_are_written_through(tmp_path):
+    (tmp_path / "folder").mkdir()
+    link = tmp_path / "link.txt"
+    link.symlink_to("folder/a.txt")
+    with atomic_write(link) as partial:
+        partial.write_text("one")
+    assert link.is_symlink() and (tmp_path / "folder" / "a.txt").read_text() == "one"
+    with atomic_write("/dev/null") as partial:
+        partial.write_text("one")
+    assert partial_path("/dev/null") == partial and partial.is_char_device()
 
 
 def test_cut_gif_is_noticed(tmp_path):
