@@ -14,9 +14,9 @@ from pictures import RESTING, camera, eight_boxes, thrown_cubes
 
 from rbs.backends import find_backend
 from rbs.cameras import apply_camera
-from rbs.outputs import Output
+from rbs.files import atomic_write
 from rbs.pictureoptions import PictureOptions
-from rbs.pictures import is_complete_video, start_view, take_picture
+from rbs.pictures import Encoder, start_view, take_picture
 from rbs.scenes import find_scene
 from rbs.simulation import Settings, Simulation
 
@@ -147,8 +147,6 @@ def videos():
 
 def make(name):
     """Writes videos/<name>.mp4, of at most MOST_BYTES."""
-    import imageio_ffmpeg
-
     backend = find_backend(window=False)
     if backend.name is None:
         sys.exit(f"no videos can be drawn: {backend.reason}. {backend.remedy}")
@@ -165,28 +163,20 @@ def make(name):
         view.refresh()
         pictures += segment.hold * [take_picture(view, isStill=False)]
     FOLDER.mkdir(exist_ok=True)
-    output = Output(FOLDER / f"{name}.mp4", keepsEnding=True)
-    try:
+    with atomic_write(FOLDER / f"{name}.mp4") as partial:
         for quality in QUALITIES:
-            writer = imageio_ffmpeg.write_frames(
-                str(output.partialPath), SIZE, fps=RATE, macro_block_size=1, codec="libx264",
-                quality=None, ffmpeg_log_level="quiet",
-                output_params=["-crf", str(quality), "-preset", "slow", "-movflags", "+faststart"],
-            )  # fmt: skip
-            writer.send(None)
+            encoder = Encoder(partial, SIZE, RATE, (
+                "-vcodec", "libx264", "-pix_fmt", "yuv420p", "-crf", str(quality),
+                "-preset", "slow", "-movflags", "+faststart",
+            ))  # fmt: skip
             for picture in pictures:
-                writer.send(picture)
-            writer.close()
-            if output.partialPath.stat().st_size <= MOST_BYTES:
+                encoder.write(picture)
+            encoder.finish()
+            size = partial.stat().st_size
+            if size <= MOST_BYTES:
                 break
-        if not is_complete_video(output.partialPath):
-            sys.exit(f"video {name} could not be written")
-        size = output.partialPath.stat().st_size
-        if size > MOST_BYTES:
+        else:
             sys.exit(f"video {name} has {size} bytes; {MOST_BYTES} are allowed")
-        output.put()
-    finally:
-        output.close()
     print(f"{name}: {len(pictures)} frames, quality {quality}, {size / 1e3:.0f} kB", flush=True)
 
 
