@@ -5,6 +5,7 @@ tests/test_window.py.
 """
 
 import colorsys
+import json
 import math
 import time
 from types import SimpleNamespace
@@ -20,7 +21,6 @@ from rbs.cameras import (
     FRAME_MARGIN,
     VIEW_DIRECTION,
     CameraError,
-    apply_camera,
     frame_camera,
     load_camera,
     save_camera,
@@ -917,20 +917,10 @@ def test_videos_play_in_real_time_unless_told_otherwise(timeStep, rate, every, e
     ("text", "cause"),
     [
         ("", "1: this is not a JSON file: Expecting value"),
-        ("[1, 2]", "a camera has position, target, fieldOfView and nothing else"),
-        ('{"position": [1, 2, 3], "target": [0, 0, 0]}', "a camera has"),
-        ('{"position": [1, 2], "target": [0, 0, 0], "fieldOfView": 45}',
-         "position must be 3 numbers"),
-        ('{"position": [1, 2, "x"], "target": [0, 0, 0], "fieldOfView": 45}',
-         "position must be 3 numbers"),
-        ('{"position": [1, 2, NaN], "target": [0, 0, 0], "fieldOfView": 45}',
-         "position must be finite"),
-        ('{"position": [1, 2, 3], "target": [0, 0, 0], "fieldOfView": 0}',
-         "fieldOfView must lie between 1 and 150 degrees"),
-        ('{"position": [1, 2, 3], "target": [1, 9, 3], "fieldOfView": 45}',
-         "the camera must not look straight up or down, or nowhere"),
+        ("[1, 2]", "this is not a camera of Polyscope's: it needs viewMat"),
+        ('{"viewMat": [1, 2, 3], "fov": 45}', "this is not a camera of Polyscope's"),
     ],
-)  # fmt: skip
+)
 def test_broken_camera_files_are_told_in_one_line(tmp_path, text, cause):
     path = tmp_path / "camera.json"
     path.write_text(text)
@@ -1079,18 +1069,24 @@ def test_many_bodies_are_drawn_without_lines(tmp_path, polyscope):
 
 
 def test_camera_is_kept_by_a_reset_and_comes_back_from_its_file(tmp_path, polyscope, twoBoxes):
-    apply_camera({"position": np.array([60.0, 30.0, 50.0]), "target": np.array([0.0, 9.0, 0.0]),
-                  "fieldOfView": 30.0})  # fmt: skip
-    seen = picture(polyscope)
+    polyscope.set_vertical_fov_degrees(30.0)
+    polyscope.look_at((60.0, 30.0, 50.0), (0.0, 9.0, 0.0))
+    seen, size = picture(polyscope), polyscope.get_window_size()
     save_camera(tmp_path / "camera.json")
     viewer = make_viewer(twoBoxes.simulation, twoBoxes)
     viewer.step_once()
     viewer.reset()
     np.testing.assert_allclose(picture(polyscope), seen, atol=0.02)
+    polyscope.set_vertical_fov_degrees(45.0)
     twoBoxes.rebuild(twoBoxes.simulation)
     assert np.abs(picture(polyscope) - seen).max() > 0.2
+    # It is Polyscope's own file, which would change the window's size too.
+    camera = json.loads((tmp_path / "camera.json").read_text())
+    assert (camera["windowWidth"], camera["windowHeight"]) == size
+    camera |= {"windowWidth": 320, "windowHeight": 240, "farClip": 1.0}
+    (tmp_path / "camera.json").write_text(json.dumps(camera))
     viewer.open(tmp_path / "camera.json")
-    assert viewer.message == ""
+    assert viewer.message == "" and polyscope.get_window_size() == size
     # A single-precision camera: hair lines may fall into the next pixel.
     assert np.mean(np.abs(picture(polyscope) - seen)) < 1e-3
     polyscope.set_vertical_fov_degrees(45.0)
