@@ -73,7 +73,7 @@ from rbs.simulation import Settings, Simulation
 from rbs.statistics import step_quantities
 from rbs.suggestions import SceneOpener
 from rbs.textfiles import SceneError
-from rbs.viewer import TRIAL_FRAMES, Viewer
+from rbs.viewer import Viewer
 from RigidBodySimulation import load_mesh_file, load_scene_file
 
 # Shading changes the brightness and the saturation of a colour, and moves its hue, on a circle of
@@ -105,9 +105,6 @@ class StillView:
 
     def show_spring(self, ends):
         self.spring = ends
-
-    def set_supersampling(self, isOn):
-        self.isSmooth = isOn
 
 
 def make_viewer(simulation, view):
@@ -180,29 +177,6 @@ def test_long_time_steps_play_too(viewer, instant):
     for _ in range(11):
         viewer.play(0.1)
     assert viewer.simulation.stepCount == 2
-
-
-@pytest.mark.parametrize(
-    ("seconds", "expected"),
-    # Of a frame without smooth edges, and with them.
-    [((0.016, 0.017), [None, True, True]), ((0.016, 0.04), [None, True, False]),
-     ((0.03, 0.03), [None, False, False])],
-)  # fmt: skip
-def test_edges_are_smooth_where_there_is_time_for_it(viewer, seconds, expected):
-    viewer.view.isSmooth = None
-    for _ in range(100):
-        viewer.choose_smoothness(0.001)  # paused
-    viewer.isPlaying = True
-    found = [viewer.view.isSmooth]
-    for elapsed in seconds:
-        viewer.choose_smoothness(1.0)  # the first frame after a change
-        for _ in range(TRIAL_FRAMES - 1):
-            viewer.choose_smoothness(elapsed)
-        found.append(viewer.view.isSmooth)
-    assert found == expected
-    for _ in range(100):
-        viewer.choose_smoothness(0.001)
-    assert viewer.view.isSmooth == expected[-1]
 
 
 def test_step_and_reset_pause(viewer):
@@ -1381,6 +1355,22 @@ def test_keys_play_step_and_reset(polyscope, panel):
     assert viewer.simulation.stepCount == count + 2
     press(polyscope, psim.ImGuiKey_R)
     assert viewer.simulation.stepCount == 0
+
+
+def test_edges_are_smooth_while_nothing_moves(polyscope, panel):
+    import polyscope.imgui as psim
+
+    view = panel.viewer.view
+    assert view.isSmooth
+    for _ in range(2):
+        press(polyscope, psim.ImGuiKey_Space)
+        assert view.isSmooth != panel.viewer.isPlaying
+    psim.GetIO().AddMousePosEvent(640, 300)
+    polyscope.frame_tick()
+    for isDown in (True, False):
+        psim.GetIO().AddMouseButtonEvent(0, isDown)
+        polyscope.frame_tick()
+        assert view.isSmooth != isDown
 
 
 def test_buttons_play_step_and_reset(polyscope, places, panel):
