@@ -198,7 +198,7 @@ def _with_legend(picture, view):
 class PictureSeries:
     """Pictures of chosen steps, DIR/frame_<step, six digits>.png.
 
-    Attributes: folder; count, the pictures so far; path, the last one.
+    Attributes: folder; count, the pictures so far.
     """
 
     def __init__(self, folder, steps, view, isTransparent=False):
