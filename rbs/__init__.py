@@ -58,7 +58,6 @@ Recordings
 What is seen; Polyscope is imported in cameras, drawing and all from pictures on but playback and
 layout
     pictureoptions  what the command line may ask of a picture
-    pngfiles        pictures as PNG files
     colours, drawables, backends, cameras, drawing, pictures
     playback      how many steps a frame makes
     layout        where the panels lie

@@ -2,13 +2,6 @@
 
 import numpy as np
 
-# A step makes and drops hundreds of arrays of some hundred kilobytes. The C library of Linux gives
-# such memory back to the system each time, and getting it again costs as much as the arithmetic,
-# until a larger block has been freed: it then keeps up to twice that size (mallopt(3), dynamic
-# M_MMAP_THRESHOLD, below 32 MiB). The block is not touched, so it takes no memory.
-KEPT_MEMORY = 31 * 2**20
-np.empty(KEPT_MEMORY, dtype=np.uint8)
-
 
 def take(table, index, axis=None):
     """`table.take(index, axis)` for indices that are known to be in range.

@@ -1,7 +1,7 @@
 """What can be drawn with on this machine: a window, off-screen pictures, or nothing.
 
-Polyscope is tried out in a process of its own and never imported here: where a graphics library is
-missing, it may end the whole process instead of raising an error.
+Polyscope is tried out in a process of its own, because on a display that has no GLX or no driver,
+opening its window ends the process by a segmentation fault.
 """
 
 import os
@@ -13,8 +13,18 @@ WINDOW_BACKEND = "openGL3_glfw"
 OFFSCREEN_BACKEND = "openGL3_egl"
 # Polyscope links against the first and loads the others when it starts.
 DEBIAN_PACKAGES = "libx11-6 libegl1 libgl1 libgl1-mesa-dri"
-# Starting takes about a second; a driver that hangs shall not hang this program.
-PROBE_SECONDS = 60
+# Ends well if Polyscope starts with the backend that is given, or else prints the cause.
+PROBE = """
+import os, sys
+try:
+    import polyscope as ps
+    ps.set_use_prefs_file(False)  # else it leaves files behind
+    ps.set_errors_throw_exceptions(True)
+    ps.init(sys.argv[1])
+except Exception as error:
+    print(error, flush=True)
+    os._exit(1)  # at its usual end, Polyscope would add that it has not been started
+"""
 
 
 @dataclass
@@ -69,21 +79,11 @@ def has_display():
 
 def _probe(backendName):
     """Starts Polyscope in another process: None where that works, else what went wrong."""
-    program = (
-        "import polyscope; polyscope.set_use_prefs_file(False); "  # else it leaves files behind
-        f"polyscope.init({backendName!r})"
-    )
-    try:
-        result = subprocess.run(
-            [sys.executable, "-c", program], capture_output=True, text=True, timeout=PROBE_SECONDS
-        )
-    except subprocess.TimeoutExpired:
-        return f"{backendName} did not start within {PROBE_SECONDS} s"
+    command = [sys.executable, "-c", PROBE, backendName]
+    result = subprocess.run(command, capture_output=True, text=True)
     if result.returncode == 0:
         return None
-    lines = (result.stdout + result.stderr).splitlines()
-    for mark in ("ImportError: ", "ModuleNotFoundError: ", "emitted error: ", "[ERROR] "):
-        for line in lines:
-            if mark in line:
-                return line.split(mark, 1)[1].split(". ")[0].rstrip(".")
+    if result.returncode == 1 and result.stdout:
+        cause = result.stdout.splitlines()[-1].rpartition("] ")[2]
+        return cause.removeprefix("ERROR: ").split(". ")[0].rstrip(".")
     return f"{backendName} ended with code {result.returncode}"

@@ -11,24 +11,19 @@ import math
 
 import numpy as np
 
-from rbs.files import read_bytes
+from rbs.files import atomic_write, read_bytes
 from rbs.messages import InputError, reason_of
-from rbs.outputs import atomic_write
 
 # From the middle of the scene to the camera: a little from the right, a little from above.
 VIEW_DIRECTION = (0.45, 0.36, 1.0)
 # The free rim of a picture, as a fraction of its size.
 FRAME_MARGIN = 0.08
-# The names in a camera file, and how many numbers each has.
-CAMERA_WIDTHS = {"position": 3, "target": 3, "fieldOfView": 1}
-# Degrees, upwards: beyond, a picture is hardly one any more.
-FIELDS_OF_VIEW = (1.0, 150.0)
-# The longest file that is looked at, in bytes: a camera takes some 200.
-CAMERA_BYTES = 1 << 20
+# What a camera file has to hold.
+CAMERA = "it needs viewMat, a rigid motion as 16 numbers, and fov, an angle in degrees"
 # Metres: as far as Polyscope's single precision still tells what is seen, and more.
 FARTHEST_CAMERA = 1e9
-# The sine of the least angle between the line of sight and the vertical: of single precision too.
-STEEPEST_GAZE = 1e-6
+# The longest file that is looked at, in bytes: a camera takes some 600.
+CAMERA_BYTES = 1 << 20
 
 
 class CameraError(InputError):
@@ -36,69 +31,46 @@ class CameraError(InputError):
 
 
 def load_camera(path):
-    """Reads a camera as `save_camera` writes it.
+    """Reads a camera as Polyscope writes it, of which it would ignore a broken one silently.
 
-    returns a dict: position (3,) and target (3,), where the camera is and what it looks at, in
-    metres; fieldOfView, upwards, in degrees
+    returns a dict: viewMat (4, 4), from the world to the camera; fov, upwards, in degrees
     raises CameraError that says in one line what is wrong with the file
     """
     try:
         camera = json.loads(read_bytes(path, CAMERA_BYTES))
+        viewMat = np.array(camera["viewMat"], dtype=np.float64).reshape(4, 4)
+        fov = float(camera["fov"])
+        # Of NaN, all of these are false.
+        isRigid = np.allclose(viewMat[:3, :3] @ viewMat[:3, :3].T, np.eye(3), atol=1e-3)
+        if not (isRigid and np.all(np.abs(viewMat) < FARTHEST_CAMERA) and 0.0 < fov < 180.0):
+            raise ValueError("no camera sees a scene from there")
     except OSError as error:
         raise CameraError(f"{path}: {reason_of(error)}") from None
     except json.JSONDecodeError as error:
         raise CameraError(f"{path}:{error.lineno}: this is not a JSON file: {error.msg}") from None
-    except (ValueError, RecursionError):  # of bytes that are no text, of brackets without end
-        raise CameraError(f"{path}: this is not a JSON file") from None
-    if not isinstance(camera, dict) or set(camera) != set(CAMERA_WIDTHS):
-        raise CameraError(f"{path}: a camera has {', '.join(CAMERA_WIDTHS)} and nothing else")
-    values = {}
-    for name, width in CAMERA_WIDTHS.items():
-        numbers = [camera[name]] if width == 1 else camera[name]
-        try:
-            if len(numbers) != width or not all(type(x) in (int, float) for x in numbers):
-                raise TypeError("text, or lists of lists")
-            values[name] = np.array(numbers, dtype=np.float64)
-        except (TypeError, OverflowError):
-            what = "a number" if width == 1 else f"{width} numbers"
-            raise CameraError(f"{path}: {name} must be {what}") from None
-        if not np.all(np.isfinite(values[name])):
-            raise CameraError(f"{path}: {name} must be finite")
-        if np.max(np.abs(values[name])) > FARTHEST_CAMERA:
-            raise CameraError(f"{path}: {name} must not exceed {FARTHEST_CAMERA:g}")
-    values["fieldOfView"] = float(values["fieldOfView"][0])
-    low, high = FIELDS_OF_VIEW
-    if not low <= values["fieldOfView"] <= high:
-        raise CameraError(f"{path}: fieldOfView must lie between {low:g} and {high:g} degrees")
-    gaze = values["target"] - values["position"]
-    if np.linalg.norm(gaze[[0, 2]]) <= STEEPEST_GAZE * np.linalg.norm(gaze):
-        raise CameraError(f"{path}: the camera must not look straight up or down, or nowhere")
-    return values
+    except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
+        raise CameraError(f"{path}: this is not a camera of Polyscope's: {CAMERA}") from None
+    return {"viewMat": viewMat, "fov": fov}
 
 
 def apply_camera(camera):
-    """Puts Polyscope's camera where `load_camera` says."""
+    """Puts Polyscope's camera where `load_camera` says.
+
+    Polyscope's own `set_view_from_json` would also change the window's size and how far is seen,
+    and leaves the angle as it is.
+    """
     import polyscope as ps
 
-    ps.set_vertical_fov_degrees(camera["fieldOfView"])
-    ps.look_at(camera["position"], camera["target"])
+    ps.set_vertical_fov_degrees(camera["fov"])
+    ps.set_camera_view_matrix(camera["viewMat"])
 
 
 def save_camera(path):
     """Writes Polyscope's camera as JSON, in place of an old file: whole or not at all."""
     import polyscope as ps
 
-    parameters = ps.get_view_camera_parameters()
-    position = np.array(parameters.get_position(), dtype=np.float64)
-    gaze = np.array(parameters.get_look_dir(), dtype=np.float64)
-    distance = np.linalg.norm(np.array(ps.get_view_center()) - position)
-    camera = {
-        "position": position.tolist(),
-        "target": (position + distance * gaze).tolist(),
-        "fieldOfView": float(parameters.get_fov_vertical_deg()),
-    }
-    with atomic_write(path, "w", encoding="ascii") as file:
-        file.write(json.dumps(camera, indent=2) + "\n")
+    with atomic_write(path) as partial:
+        partial.write_text(ps.get_view_as_json() + "\n", encoding="ascii")
 
 
 def frame_camera(points, direction, fieldOfView, size, margins=(0, 0, 0, 0)):

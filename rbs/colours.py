@@ -47,23 +47,19 @@ TRAIL_COLOUR = (0.35, 0.10, 0.45)
 TOP_SPEED = 30.0
 # Densities that the legend has room for; of more, it shows only the ends.
 LEGEND_LINES = 6
-# Steps for which a contact counts after it was there: the bounces of what rests are shorter.
-HELD_STEPS = 10
 
 
 class BodyColours:
-    """The colours of a scene's bodies, from step to step.
+    """The colours of a scene's bodies.
 
-    Densities are placed between the extremes that the scene begins with, and contact islands keep
-    their colours: what is fixed, freed or touched changes no other body's colour.
+    Densities are placed between the extremes that the scene begins with: what is fixed or freed
+    changes no other body's colour.
     """
 
     def __init__(self, meshes):
         densities = [mesh.density for mesh in meshes if not mesh.isFixed]
         densities = densities or [mesh.density for mesh in meshes] or [1.0]
         self._extremes = min(densities), max(densities)
-        self._islandColours = np.full(len(meshes), -1)  # indices into PALETTE; -1 of lone bodies
-        self._touching = {}  # pair of bodies -> the last step in which they touched
 
     def of(self, simulation, colouring):
         """RGB of every body, (n, 3): grey if fixed, else by a name of COLOURINGS."""
@@ -88,48 +84,17 @@ class BodyColours:
         return np.stack([np.interp(place, steps, channel) for channel in VIRIDIS.T], axis=1)
 
     def by_island(self, simulation):
-        """One colour for all that hang together by contacts, the one that most of them had."""
-        islands = contact_islands(simulation.meshes, self._recent_pairs(simulation))
-        before, now = self._islandColours, np.full(len(islands), -1)
-        # Claims on a colour that is in use: the island with most of its bodies keeps it.
-        held = (islands >= 0) & (before >= 0)
-        claims, counts = np.unique(
-            np.stack([islands[held], before[held]]), axis=1, return_counts=True
-        )
-        colourOf, wanted, taken = {}, {}, np.zeros(len(PALETTE), dtype=int)
-        for k in np.argsort(-counts, kind="stable"):
-            island, colour = claims[:, k].tolist()
-            wanted.setdefault(island, colour)
-            if island not in colourOf and not taken[colour]:
-                colourOf[island] = colour
-                taken[colour] += 1
-        for island in np.unique(islands[islands >= 0]).tolist():
-            if island not in colourOf:
-                # Where there are more islands than colours, some share one, and keep it too.
-                rarest = int(np.argmin(taken))
-                colourOf[island] = wanted.get(island, rarest) if taken[rarest] else rarest
-                taken[colourOf[island]] += 1
-            now[islands == island] = colourOf[island]
-        self._islandColours = now
-        return np.where(now[:, None] < 0, LONE_COLOUR, PALETTE[now])
+        """The palette's colour of the lowest index among all that hang together by contacts."""
+        contacts = () if simulation.report is None else simulation.report.contacts
+        pairs = [(contact.body1, contact.body2) for contact in contacts]
+        lowest = contact_islands(simulation.meshes, pairs)
+        return np.where(lowest[:, None] < 0, LONE_COLOUR, PALETTE[lowest % len(PALETTE)])
 
     def by_sleep(self, simulation):
         """Awake bodies as by body, sleeping ones in one pale colour."""
         isAsleep = None if simulation.report is None else simulation.report.isAsleep
         colours = self.by_body(simulation)
         return colours if isAsleep is None else np.where(isAsleep[:, None], LONE_COLOUR, colours)
-
-    def _recent_pairs(self, simulation):
-        """Pairs of bodies that touch, or did a few steps ago: what rests makes small bounces."""
-        step = getattr(simulation, "stepCount", 0)
-        if simulation.report is None:
-            self._touching = {}
-            return []
-        self._touching |= {(c.body1, c.body2): step for c in simulation.report.contacts}
-        self._touching = {
-            pair: last for pair, last in self._touching.items() if 0 <= step - last <= HELD_STEPS
-        }
-        return list(self._touching)
 
     def legend(self, meshes, colouring):
         """What the colours mean: rows (text, (r, g, b)).

@@ -115,7 +115,7 @@ def start_polyscope(backend, size=None):
     ps.set_up_dir("y_up")
     ps.set_ground_plane_mode("none")  # `SceneView` has its own, which is drawn three times faster
     ps.set_background_color(BACKGROUND)
-    ps.set_SSAA_factor(1)  # off-screen, more has no effect; see `rbs.pictures` and `rbs.viewer`
+    ps.set_SSAA_factor(1)  # off-screen, more has no effect; see `rbs.pictures` and `rbs.panel`
 
 
 class SceneView:

@@ -128,10 +128,10 @@ class Panel:
             centre = left + width / 2, top + height / 2
             self.isHelpShown = draw_help(centre, (width, height))
         now = time.perf_counter()
-        self.viewer.choose_smoothness(now - self._lastFrame)
         self.viewer.play(now - self._lastFrame)
         self._lastFrame = now
         self._choose_frame_rate(now)
+        self._choose_smoothness()
 
     def lay_out(self):
         """Works out where everything lies in the window as it is, and tells the view."""
@@ -161,6 +161,13 @@ class Panel:
             self._lastAction = now
         isIdle = now - self._lastAction > IDLE_SECONDS
         ps.set_max_fps(IDLE_RATE if isIdle else FRAME_RATE)
+
+    def _choose_smoothness(self):
+        """Draws smooth edges, which take four times as long, unless bodies or the camera move."""
+        import polyscope.imgui as psim
+
+        isHeld = any(psim.IsMouseDown(k) for k in range(3)) and not psim.GetIO().WantCaptureMouse
+        self.viewer.view.set_supersampling(not (self.viewer.isPlaying or isHeld))
 
     def _handle_keys(self):
         import polyscope.imgui as psim

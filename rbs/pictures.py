@@ -1,24 +1,25 @@
 """Pictures and videos of a scene, drawn off-screen or from the window.
 
-From the top: starting to draw; taking a picture; the legend; series of pictures; videos; whether a
-file is complete. Polyscope is imported inside the functions that use it.
+From the top: starting to draw; taking a picture; the legend; series of pictures; videos, and the
+encoder of their files. Polyscope is imported inside the functions that use it.
 """
 
 import errno
-import os
+import subprocess
+import tempfile
 from contextlib import suppress
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from rbs.backends import OFFSCREEN_BACKEND
 from rbs.cameras import apply_camera
 from rbs.colours import BACKGROUND
 from rbs.drawing import SceneView, start_polyscope
-from rbs.messages import InputError
-from rbs.outputs import Output, OutputFolder, find_target
-from rbs.pictureoptions import PICTURE_NAME
-from rbs.pngfiles import png_bytes
+from rbs.files import atomic_write, named_errors, partial_path, put_in_place
+from rbs.messages import InputError, shown_path
 
 # A picture is drawn as many times as large along each side, and averaged, as long as that takes no
 # more than so many pixels: 4K, and 0.6 GB.
@@ -31,15 +32,16 @@ SHADOW_OPACITY = 0.4
 # Of the legend, in pixels: from the picture's upper left corner; and its rows' colour samples.
 LEGEND_MARGIN, SAMPLE_SIZE = 12, 18
 LEGEND_COLOUR = (0.19, 0.21, 0.25, 1.0)
-# What is told of a file that has no end; the encoder does not say so.
-INCOMPLETE = "the {} could not be written to its end; is the disk full?"
 FFMPEG_REMEDY = "Install it: pip install imageio-ffmpeg"
-# Of H.264 in imageio-ffmpeg's scale up to 10: no artefacts to be seen.
-VIDEO_QUALITY = 7
-# Whose pictures have even sides.
-EVEN_FILTER = "crop=trunc(iw/2)*2:trunc(ih/2)*2"
-# One palette for all of a GIF, without dithering, which would flicker and make it larger.
-GIF_FILTER = "split[a][b];[a]palettegen=stats_mode=full[p];[b][p]paletteuse=dither=none"
+# Arguments of ffmpeg by a video's ending. Of .mp4: no artefacts to be seen; sides are made even,
+# as the codec wants them; and playing can begin before the file is there to its end. Of .gif: one
+# palette for all, without dithering, which would flicker and make it larger.
+CODECS = {
+    ".mp4": ("-f", "mp4", "-vcodec", "libx264", "-pix_fmt", "yuv420p", "-crf", "15",
+             "-vf", "crop=trunc(iw/2)*2:trunc(ih/2)*2", "-movflags", "+faststart"),
+    ".gif": ("-f", "gif", "-filter_complex",
+             "split[a][b];[a]palettegen=stats_mode=full[p];[b][p]paletteuse=dither=none"),
+}  # fmt: skip
 
 
 class VideoError(InputError):
@@ -196,7 +198,7 @@ def _with_legend(picture, view):
 class PictureSeries:
     """Pictures of chosen steps, DIR/frame_<step, six digits>.png.
 
-    Attributes: folder; count, the pictures so far; path, the last one.
+    Attributes: folder; count, the pictures so far.
     """
 
     def __init__(self, folder, steps, view, isTransparent=False):
@@ -205,15 +207,7 @@ class PictureSeries:
         steps : whole numbers, those of which `add` takes a picture; view : SceneView
         """
         self.folder = Path(folder)
-        self._place = OutputFolder(folder)
-        try:
-            Output(self.folder / "frame.png", keepsEnding=True).close()
-            for path in self.folder.iterdir():
-                if PICTURE_NAME.fullmatch(path.name):  # it may be written over
-                    find_target(path)
-        except BaseException:
-            self._place.close()
-            raise
+        self.folder.mkdir(parents=True, exist_ok=True)
         self.count = 0
         self._steps = steps
         self._view = view
@@ -227,22 +221,22 @@ class PictureSeries:
             save_picture(path, self._view, self._isTransparent)
             self.count += 1
 
+    def save(self, simulation):
+        """Does nothing: each picture is whole when it is taken."""
+
     def close(self):
-        """Gives the folder up, to other runs."""
-        self._place.close()
+        """Does nothing: each picture is whole when it is taken."""
+
+    def summary(self, simulation):
+        """Name and text of its row in the summary of a run."""
+        return "pictures", f"{self.count} in {shown_path(self.folder)}"
 
 
 def save_picture(path, view, isTransparent=False):
     """Writes what the camera sees as PNG, in place of an old file: whole or not at all."""
-    output = Output(path, keepsEnding=True)
-    try:
-        with suppress(OSError):  # found below, as is what the system does not tell
-            output.partialPath.write_bytes(png_bytes(take_picture(view, isTransparent)))
-        if not is_complete_png(output.partialPath):
-            raise OSError(errno.ENOSPC, INCOMPLETE.format("picture"), str(path))
-        output.put()
-    finally:
-        output.close()
+    picture = take_picture(view, isTransparent)
+    with atomic_write(path) as partial:
+        Image.fromarray(picture).save(partial, "PNG")
 
 
 class Video:
@@ -257,28 +251,15 @@ class Video:
         write at `path`."""
         import polyscope as ps
 
-        try:
-            import imageio_ffmpeg
-        except ImportError:
-            raise VideoError(f"no video: imageio-ffmpeg is missing. {FFMPEG_REMEDY}") from None
-
         self.path = Path(path)
         self.rate, self.every = rate, every
         self.count = 0
         self._view = view
         self._firstStep = self._lastStep = None
-        self._output = Output(path, keepsEnding=True)
-        if self.path.suffix.lower() == ".gif":
-            options = {"codec": "gif", "pix_fmt_out": "pal8", "quality": None}
-            parameters = ["-filter_complex", GIF_FILTER]
-        else:
-            options = {"codec": "libx264", "quality": VIDEO_QUALITY}
-            parameters = ["-vf", EVEN_FILTER, "-movflags", "+faststart"]
-        self._writer = imageio_ffmpeg.write_frames(
-            str(self._output.partialPath), ps.get_buffer_size(), fps=rate, macro_block_size=1,
-            output_params=parameters, ffmpeg_log_level="quiet", **options,
-        )  # fmt: skip
-        self._writer.send(None)
+        self._partial = partial_path(path)
+        codec = CODECS[self.path.suffix.lower()]
+        with named_errors(path):
+            self._encoder = Encoder(self._partial, ps.get_buffer_size(), rate, codec)
 
     def add(self, simulation):
         """Takes a picture each `every` steps, from the first call on, but of no step twice.
@@ -290,55 +271,88 @@ class Video:
             self._firstStep = step
         if (step - self._firstStep) % self.every == 0 and step != self._lastStep:
             self._view.refresh()
-            try:
-                self._writer.send(take_picture(self._view, isStill=False))
-            except (OSError, StopIteration):  # of several lines, about a pipe
-                raise OSError(errno.ENOSPC, INCOMPLETE.format("video"), str(self.path)) from None
+            with named_errors(self.path):
+                self._encoder.write(take_picture(self._view, isStill=False))
             self.count += 1
             self._lastStep = step
 
-    def save(self):
+    def save(self, simulation):
         """Ends the video and puts it in its place, where an old one may be; raises OSError."""
-        self._writer.close()
-        if not is_complete_video(self._output.partialPath):  # the encoder says nothing
-            raise OSError(errno.ENOSPC, INCOMPLETE.format("video"), str(self.path))
-        self._output.put()
+        with named_errors(self.path):
+            self._encoder.finish()
+            put_in_place(self._partial, self.path)
 
     def summary(self, simulation):
-        """How long it is, and how fast it plays, in words."""
+        """Name and text of its row in the summary of a run: its length, and how fast it plays."""
         factor = self.rate * self.every * simulation.settings.timeStep
-        pace = "in real time" if abs(factor - 1.0) < 0.01 else f"at {factor:.3g} times real time"
-        return f"{self.count} pictures, {self.rate:.4g} a second, {pace}"
+        pace = "real time" if abs(factor - 1.0) < 0.01 else f"{factor:.3g} × real time"
+        text = f"{self.count} frames at {self.rate:.4g} fps ({pace})"
+        return "video", f"{shown_path(self.path)}: {text}"
 
     def close(self):
         """Removes what was written beside the place. Does nothing after `save`."""
-        self._writer.close()
-        self._output.close()
+        self._encoder.stop()
+        if self._partial.is_file():
+            self._partial.unlink()
 
 
-def is_complete_png(path):
-    """Whether a file begins and ends like a PNG. What is missing at the end is found so."""
-    content = Path(path).read_bytes()
-    return content.startswith(b"\x89PNG\r\n\x1a\n") and content.endswith(b"IEND\xaeB`\x82")
+class Encoder:
+    """An ffmpeg process that writes a video of the pictures that it is given.
 
+    Its exit status tells whether the file is whole. Ctrl-C in a terminal does not reach it, since
+    it is in a session of its own: a run ends after its step, and its video is finished.
+    """
 
-def is_complete_video(path):
-    """Whether an .mp4 or .gif has its beginning and its end; its pictures are not looked at."""
-    with open(path, "rb") as file:
-        size = file.seek(0, os.SEEK_END)
-        if Path(path).suffix.lower() == ".gif":
-            file.seek(max(size - 1, 0))
-            return size > 0 and file.read() == b";"
-        # A row of boxes, each with its length and kind before it.
-        position, kinds = 0, set()
-        while position < size:
-            file.seek(position)
-            head = file.read(16)
-            length, kind = int.from_bytes(head[:4], "big"), head[4:8]
-            if length == 1:  # the length follows in eight bytes
-                length = int.from_bytes(head[8:16], "big")
-            if length < 8 or position + length > size:
-                return False
-            kinds.add(kind)
-            position += length
-    return {b"moov", b"mdat"} <= kinds
+    def __init__(self, path, size, rate, arguments):
+        """size : width and height of the pictures; rate : pictures a second; arguments : of ffmpeg
+
+        Raises VideoError where there is no ffmpeg, OSError where `path` cannot be written.
+        """
+        try:
+            import imageio_ffmpeg
+        except ImportError:
+            raise VideoError(f"no video: imageio-ffmpeg is missing. {FFMPEG_REMEDY}") from None
+
+        Path(path).touch()
+        self._path = path
+        self._errors = tempfile.TemporaryFile()
+        command = [
+            imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error",
+            "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", "{}x{}".format(*size),
+            "-r", str(Fraction(rate).limit_denominator()), "-i", "-", *arguments, str(path),
+        ]  # fmt: skip
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=self._errors,
+            start_new_session=True,
+        )  # fmt: skip
+
+    def write(self, picture):
+        """Adds a picture (height, width, 3), uint8; raises OSError where the process has ended."""
+        try:
+            self._process.stdin.write(picture)
+        except OSError:
+            raise self._failure() from None
+
+    def finish(self):
+        """Ends the video; raises OSError if its file is not whole."""
+        with suppress(OSError):  # the exit status tells
+            self._process.stdin.close()
+        if self._process.wait() != 0:
+            raise self._failure()
+        self._errors.close()
+
+    def stop(self):
+        """Ends the process, whatever there is of the file. Does nothing after `finish`."""
+        self._process.kill()
+        with suppress(OSError):
+            self._process.stdin.close()
+        self._process.wait()
+        self._errors.close()
+
+    def _failure(self):
+        """The OSError of a process that has ended too early, with the last that it has said."""
+        code = self._process.wait()
+        self._errors.seek(0)
+        said = self._errors.read().decode(errors="replace").splitlines() or [f"exit code {code}"]
+        cause = f"the video is not whole: {said[-1].rpartition('] ')[2]}"
+        return OSError(errno.EIO, cause, str(self._path))

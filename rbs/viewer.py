@@ -31,10 +31,6 @@ from rbs.scenes import scene_name
 TIMED_STEPS = 25
 # Steps that a plot goes back.
 PLOTTED_STEPS = 500
-# Smooth edges: after so many frames it is judged whether there is time for them, which there is
-# while frames take less than the first of these many seconds without, and the second one with.
-TRIAL_FRAMES = 20
-FAST_FRAME, SMOOTH_FRAME = 0.018, 0.022
 # m/s that a push gives to a body's centre of mass.
 DEFAULT_PUSH = 8.0
 # What is said where somebody drags or shoots in a recording.
@@ -97,32 +93,11 @@ class Viewer:
         self._phases = deque(maxlen=TIMED_STEPS)
         self._recentSeconds = deque(maxlen=TIMED_STEPS)
         self._frames = deque(maxlen=TIMED_STEPS)
-        self._trial = []  # seconds of the frames by which smooth edges are chosen; None afterwards
 
     @property
     def isReplay(self):
         """Whether a recording is shown, which can be sought in; else a scene is simulated."""
         return hasattr(self.simulation, "seek")
-
-    def choose_smoothness(self, elapsed):
-        """Has edges drawn smoothly where frames stay fast with that; elapsed : since the last one.
-
-        Tried out once, in the first frames that play, without and then with: while nothing moves,
-        the scene is not drawn anew.
-        """
-        if self._trial is None or not self.isPlaying:
-            return
-        self._trial.append(elapsed)
-        if len(self._trial) == TRIAL_FRAMES:
-            # The later half: the first frames, and those after a change, take longer.
-            isFast = median(self._trial[TRIAL_FRAMES // 2 :]) < FAST_FRAME
-            self.view.set_supersampling(isFast)
-            if not isFast:
-                self._trial = None
-        elif len(self._trial) == 2 * TRIAL_FRAMES:
-            if median(self._trial[-TRIAL_FRAMES // 2 :]) > SMOOTH_FRAME:
-                self.view.set_supersampling(False)
-            self._trial = None
 
     # Time.
 
@@ -332,7 +307,7 @@ class Viewer:
             video, self.video = self.video, None
             self.view.set_resizable(True)
             try:
-                video.save()
+                video.save(self.simulation)
             except OSError as error:
                 video.close()
                 self.message = _cannot_write(error)

@@ -29,12 +29,28 @@ FOLDER = Path(__file__).resolve().parent / "figures"
 UPRIGHT = (1, 0, 0, 0)
 
 
+class Camera(NamedTuple):
+    """Where a camera is, what it looks at, (3,) in metres, and its angle upwards in degrees."""
+
+    position: tuple
+    target: tuple
+    fieldOfView: float
+
+    def apply(self, view):
+        """Looks from there at what a SceneView shows."""
+        import polyscope as ps
+
+        ps.set_vertical_fov_degrees(self.fieldOfView)
+        ps.look_at(self.position, self.target)
+        view.spread_ground()
+
+
 class Picture(NamedTuple):
     """What is drawn: a simulation in its state, and how; facts, what its caption says of the
     state, sentence → whether it is true."""
 
     simulation: Simulation
-    camera: dict
+    camera: Camera
     facts: dict
     overlays: tuple = ()
     colouring: str = "body"
@@ -51,11 +67,6 @@ def made_scene(rows, **settings):
         path = Path(folder) / "made-scene.txt"
         path.write_text("\n".join(lines) + "\n")
         return Simulation(path, Settings(**settings), allowOutsideMeshes=True)
-
-
-def camera(position, target, fieldOfView):
-    return {"position": np.array(position, dtype=float), "target": np.array(target, dtype=float),
-            "fieldOfView": float(fieldOfView)}  # fmt: skip
 
 
 def run(simulation, steps):
@@ -88,7 +99,7 @@ def stack():
     simulation = run(eight_boxes(), STACK_STEPS)
     overlap, sinking = overlap_and_sinking(simulation.meshes[:8])
     lowest = simulation.meshes[0].detect_collision(simulation.meshes[1])[1]
-    return Picture(simulation, camera((25, 20, 38), (0, 10.5, 0), 36), {
+    return Picture(simulation, Camera((25, 20, 38), (0, 10.5, 0), 36), {
         "the boxes stand in each other, by a quarter of a box and more": overlap > BOX[1] / 4,
         "the lowest two overlap": lowest > 0.3,
         "the top is lower by more than three metres": sinking > 3.0,
@@ -131,7 +142,7 @@ def tunnel():
     seen = [ghost for k in (2, 3) for ghost in ghosts(cubes[k], states[k])
             if -9 < ghost.position[0, 0] < 8]  # fmt: skip
     simulation.meshes = [wall, *cubes, *seen]
-    return Picture(simulation, camera((-4, 15, 25), (0.5, 4.5, 0.5), 42), {
+    return Picture(simulation, Camera((-4, 15, 25), (0.5, 4.5, 0.5), 42), {
         "two are thrown back": bool((x[:2] < 0).all() and (v[:2] < 0).all()),
         "two are behind the wall": bool((x[2:] > 0).all() and (v[2:] > 0).all()),
         "the fast ones were never in the nearer half": all(False not in p for p in passed[2:]),
@@ -149,7 +160,7 @@ def cube():
         if low < deepest:
             deepest, best = low, simulation.state()
     simulation.set_state(best)
-    return Picture(simulation, camera((11, 3.2, 20), (0, 3.4, 0), 40), {
+    return Picture(simulation, Camera((11, 3.2, 20), (0, 3.4, 0), 40), {
         "a vertex is more than half a metre below the ground": deepest < -0.5,
     })  # fmt: skip
 
@@ -169,7 +180,7 @@ def slope():
     angle = 2 * math.atan(1 / 4)  # as the scene has it
     law = 0.5 * G * SLOPE_SECONDS**2 * (math.sin(angle) - 0.4 * math.cos(angle))
     simulation.meshes = [*simulation.meshes, *ghosts(steep, states)]
-    return Picture(simulation, camera((14, 26, 62), (0, 10, 0), 36), {
+    return Picture(simulation, Camera((14, 26, 62), (0, 10, 0), 36), {
         "the box on the steep slope slides": ways[0] > 5.0,
         "as Coulomb's law has it, within a fifth": abs(ways[0] / law - 1) < 0.2,
         "the box on the gentle slope moves less than its own length": ways[1] < 2.0,
@@ -186,7 +197,7 @@ def pyramid(**settings):
     run(simulation, PYRAMID_STEPS)
     # the scene begins with gaps between the boxes
     sunk = (rows - 0.5) * BOX[1] - max(mesh.position[0, 1] for mesh in simulation.meshes)
-    return simulation, sunk, camera((80, 56, 172), (4, 41, 0), 36)
+    return simulation, sunk, Camera((80, 56, 172), (4, 41, 0), 36)
 
 
 def pyramid_basic():
@@ -209,7 +220,7 @@ def heap():
     run(simulation, HEAP_STEPS)
     top = max(mesh.position[0, 1] for mesh in simulation.meshes)
     speeds = np.linalg.norm([mesh.linVelocity[0] for mesh in simulation.meshes], axis=1)
-    return Picture(simulation, camera((115, 90, 205), (0, 32, 0), 38), {
+    return Picture(simulation, Camera((115, 90, 205), (0, 32, 0), 38), {
         "it has come down by a fifth and more": top < 0.8 * start,
         "half of its bodies move with a metre a second or more": np.median(speeds) > 1.0,
         "bodies touch one other and more": len(simulation.report.contacts) > 500,
@@ -263,9 +274,9 @@ def draw(name, size=SIZE):
     backend = find_backend(window=False)
     if backend.name is None:
         sys.exit(f"no pictures can be drawn: {backend.reason}. {backend.remedy}")
-    options = PictureOptions(size, picture.camera, picture.transparent, picture.colouring,
-                             picture.overlays)  # fmt: skip
+    options = PictureOptions(size, None, picture.transparent, picture.colouring, picture.overlays)
     view = start_view(picture.simulation, backend, options)
+    picture.camera.apply(view)
     view.refresh()
     save_picture(FOLDER / f"{name}.png", view)
 

@@ -15,8 +15,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from rbs.files import atomic_write
 from rbs.messages import InputError
-from rbs.outputs import atomic_write
 
 ROOT = Path(__file__).resolve().parent.parent
 MODULES = ("RBSFunctions.py", "GJK.py", "Quaternion.py", "RigidBodySimulation.py")
@@ -54,7 +54,7 @@ def contents():
 def write(target):
     """Writes the ZIP, whole or not at all; how many files it has."""
     files = contents()
-    with atomic_write(target, "wb") as file, zipfile.ZipFile(file, "w") as archive:
+    with atomic_write(target) as partial, zipfile.ZipFile(partial, "w") as archive:
         for name, path in files.items():
             entry = zipfile.ZipInfo(name, TIME)
             entry.compress_type = zipfile.ZIP_DEFLATED

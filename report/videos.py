@@ -10,13 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 from experiments import heap_scene, lowest_vertices, overlap_and_sinking, silent
-from pictures import RESTING, camera, eight_boxes, thrown_cubes
+from pictures import RESTING, Camera, eight_boxes, thrown_cubes
 
 from rbs.backends import find_backend
-from rbs.cameras import apply_camera
-from rbs.outputs import Output
+from rbs.files import atomic_write
 from rbs.pictureoptions import PictureOptions
-from rbs.pictures import is_complete_video, start_view, take_picture
+from rbs.pictures import Encoder, start_view, take_picture
 from rbs.scenes import find_scene
 from rbs.simulation import Settings, Simulation
 
@@ -34,7 +33,7 @@ class Segment(NamedTuple):
 
     what: str
     simulation: Simulation
-    camera: dict
+    camera: Camera
     begin: int
     end: int
     every: int
@@ -49,9 +48,9 @@ def scene(name, **settings):
 
 def movement():
     boxes, cubes = eight_boxes(), thrown_cubes()
-    yield Segment("overlap", boxes, camera((25, 20, 38), (0, 10.5, 0), 36), 0, 130, 1,
+    yield Segment("overlap", boxes, Camera((25, 20, 38), (0, 10.5, 0), 36), 0, 130, 1,
                   lambda s: overlap_and_sinking(s.meshes[:8])[0] > 1.0)  # fmt: skip
-    yield Segment("through", cubes, camera((-4, 15, 25), (0.5, 4.5, 0.5), 42), 0, 14, 1,
+    yield Segment("through", cubes, Camera((-4, 15, 25), (0.5, 4.5, 0.5), 42), 0, 14, 1,
                   lambda s: s.meshes[3].position[0, 0] > 1.5, hold=6)  # fmt: skip
 
 
@@ -62,18 +61,18 @@ def post_hit(simulation):
 
 
 def constraints():
-    yield Segment("pressed", scene("cube"), camera((11, 3.2, 20), (0, 3.4, 0), 40), 95, 220, 1,
+    yield Segment("pressed", scene("cube"), Camera((11, 3.2, 20), (0, 3.4, 0), 40), 95, 220, 1,
                   lambda s: lowest_vertices(s).min() < -0.7)  # fmt: skip
     chains = scene("two_chain")
     x, y, z = chains.meshes[20].position[0]
-    yield Segment("post", chains, camera((x + 30, y + 18, z + 42), (x, y + 6, z), 40), 330, 430, 1,
+    yield Segment("post", chains, Camera((x + 30, y + 18, z + 42), (x, y + 6, z), 40), 330, 430, 1,
                   post_hit)  # fmt: skip
 
 
 def friction():
     slopes = scene("incline", friction=0.4)
     start = slopes.meshes[1].position.copy()
-    yield Segment("slides", slopes, camera((14, 26, 62), (0, 10, 0), 36), 0, 300, 2,
+    yield Segment("slides", slopes, Camera((14, 26, 62), (0, 10, 0), 36), 0, 300, 2,
                   lambda s: np.linalg.norm(s.meshes[1].position - start) > 6.0)  # fmt: skip
 
 
@@ -83,13 +82,13 @@ def scale():
     high = np.max([mesh.position[0] for mesh in heap.meshes], axis=0)
     middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
     target = middle * [1, 0.55, 1]
-    look = camera(target + size * np.array([0.25, 0.28, 0.75]), target, 40)
+    look = Camera(target + size * np.array([0.25, 0.28, 0.75]), target, 40)
     yield Segment("collapses", heap, look, 0, 240, 2,
                   lambda s: max(m.position[0, 1] for m in s.meshes) < 0.7 * high[1])  # fmt: skip
 
 
 def resting():
-    look = camera((80, 56, 172), (4, 41, 0), 36)
+    look = Camera((80, 56, 172), (4, 41, 0), 36)
     basic = scene("pyramid", broadPhase="grid", **RESTING)
     yield Segment("falls", basic, look, 0, 280, 2,
                   lambda s: max(m.position[0, 1] for m in s.meshes) < 75)  # fmt: skip
@@ -97,7 +96,7 @@ def resting():
     yield Segment("sleeps", soft, look, 0, 120, 2, lambda s: s.report.isAsleep.all(),
                   colouring="sleep")  # fmt: skip
     heap = Simulation(heap_scene(200), Settings(contactSolver="soft-step", **RESTING))
-    yield Segment("heapSleeps", heap, camera((75, 60, 120), (0, 8, 0), 36), 150, 850, 6,
+    yield Segment("heapSleeps", heap, Camera((75, 60, 120), (0, 8, 0), 36), 150, 850, 6,
                   lambda s: s.report.isAsleep.mean() > 0.5, colouring="sleep")  # fmt: skip
 
 
@@ -147,46 +146,36 @@ def videos():
 
 def make(name):
     """Writes videos/<name>.mp4, of at most MOST_BYTES."""
-    import imageio_ffmpeg
-
     backend = find_backend(window=False)
     if backend.name is None:
         sys.exit(f"no videos can be drawn: {backend.reason}. {backend.remedy}")
     view, pictures = None, []
     for segment, isNew in frames(name):
         if view is None:
-            options = PictureOptions(SIZE, segment.camera, colouring=segment.colouring)
+            options = PictureOptions(SIZE)
             view = start_view(segment.simulation, backend, options)
         elif isNew:
             view.rebuild(segment.simulation)
+        if isNew:
             view.colouring = segment.colouring
-            apply_camera(segment.camera)
-            view.spread_ground()
+            segment.camera.apply(view)
         view.refresh()
         pictures += segment.hold * [take_picture(view, isStill=False)]
     FOLDER.mkdir(exist_ok=True)
-    output = Output(FOLDER / f"{name}.mp4", keepsEnding=True)
-    try:
+    with atomic_write(FOLDER / f"{name}.mp4") as partial:
         for quality in QUALITIES:
-            writer = imageio_ffmpeg.write_frames(
-                str(output.partialPath), SIZE, fps=RATE, macro_block_size=1, codec="libx264",
-                quality=None, ffmpeg_log_level="quiet",
-                output_params=["-crf", str(quality), "-preset", "slow", "-movflags", "+faststart"],
-            )  # fmt: skip
-            writer.send(None)
+            encoder = Encoder(partial, SIZE, RATE, (
+                "-vcodec", "libx264", "-pix_fmt", "yuv420p", "-crf", str(quality),
+                "-preset", "slow", "-movflags", "+faststart",
+            ))  # fmt: skip
             for picture in pictures:
-                writer.send(picture)
-            writer.close()
-            if output.partialPath.stat().st_size <= MOST_BYTES:
+                encoder.write(picture)
+            encoder.finish()
+            size = partial.stat().st_size
+            if size <= MOST_BYTES:
                 break
-        if not is_complete_video(output.partialPath):
-            sys.exit(f"video {name} could not be written")
-        size = output.partialPath.stat().st_size
-        if size > MOST_BYTES:
+        else:
             sys.exit(f"video {name} has {size} bytes; {MOST_BYTES} are allowed")
-        output.put()
-    finally:
-        output.close()
     print(f"{name}: {len(pictures)} frames, quality {quality}, {size / 1e3:.0f} kB", flush=True)
 
 

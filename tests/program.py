@@ -14,6 +14,8 @@ from RigidBodySimulation import load_scene_file
 
 PROGRAM = ROOT / "RigidBodySimulation.py"
 DATA = ROOT / "data"
+# A camera file's content: it stands at (0, 10, 90) and looks along -z.
+CAMERA = {"viewMat": [1, 0, 0, 0, 0, 1, 0, -10, 0, 0, 1, -90, 0, 0, 0, 1], "fov": 20}
 
 
 def environment(**changes):

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from opengl import require_opengl
 from oracles import COURSE, ROOT, needs_course
-from program import DATA, by_hand, environment, run, summary_of
+from program import CAMERA, DATA, by_hand, environment, run, summary_of
 
 from rbs import headless
 from rbs.backends import DEBIAN_PACKAGES
@@ -353,7 +353,8 @@ def test_screenshots_are_numbered_by_step(tmp_path):
 
 def test_size_camera_and_look_are_those_asked_for(tmp_path):
     require_opengl()
-    camera = {"position": [0, 40, 90], "target": [0, 10, 0], "fieldOfView": 20}
+    # A size in the file has no effect on the picture's.
+    camera = {**CAMERA, "windowWidth": 640, "windowHeight": 640}
     (tmp_path / "camera.json").write_text(json.dumps(camera))
     looks = {
         "a": [], "b": ["--camera", "camera.json"], "c": ["--colours", "density"],

@@ -22,7 +22,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from oracles import ROOT
-from program import DATA
+from program import CAMERA, DATA
 from test_loading import CUBE, SCENE, TETRAHEDRON
 
 from rbs.cameras import CameraError, load_camera
@@ -228,14 +228,13 @@ def test_what_is_loaded_can_be_simulated(folder):
 
 def test_camera(folder):
     path = folder / "camera.json"
-    camera = {"position": [0, 40, 90.5], "target": [0, 10, 0], "fieldOfView": 20}
-    content = json.dumps(camera, indent=1).encode()
+    content = json.dumps(CAMERA, indent=1).encode()
 
     def check(operations):
         path.write_bytes(mutated_text(content, operations))
         camera = load_camera(path)
-        assert np.isfinite(camera["position"]).all() and np.isfinite(camera["target"]).all()
-        assert 1.0 <= camera["fieldOfView"] <= 150.0
+        assert camera["viewMat"].shape == (4, 4) and np.isfinite(camera["viewMat"]).all()
+        assert 0.0 < camera["fov"] < 180.0
 
     fuzz("camera", check, CameraError)
 

@@ -193,7 +193,7 @@ def test_rooms_import_nothing_that_uses_them():
         used = imports(path.read_text("utf-8"), known)
         assert not used & (set(folders) - set(known) | USERS), name
         allowed = set(known) | set(sys.stdlib_module_names)
-        allowed |= {"numpy", "scipy", "tqdm", "polyscope", "matplotlib", "imageio_ffmpeg"}
+        allowed |= {"numpy", "scipy", "tqdm", "polyscope", "matplotlib", "imageio_ffmpeg", "PIL"}
         assert used <= allowed, name
 
 

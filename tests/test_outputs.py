@@ -4,6 +4,7 @@ All devices are made, or linked to, in a scratch folder: no test names one of th
 output, since a program that is wrong would replace it.
 """
 
+import json
 import os
 import shutil
 import signal
@@ -18,7 +19,7 @@ import numpy as np
 import pytest
 from opengl import require_opengl
 from oracles import ROOT
-from program import DATA, PROGRAM, environment, run
+from program import CAMERA, DATA, PROGRAM, environment, run
 
 from rbs.recording import Recording
 
@@ -195,9 +196,7 @@ def inputs(tmp_path):
     """A folder with all that a run may read, and other ways to the same files."""
     for name in ("cube-scene.txt", "cube-constraints.txt", "octahedron.mesh"):
         shutil.copy(DATA / name, tmp_path)
-    (tmp_path / "camera.json").write_text(
-        '{"position": [0, 40, 90], "target": [0, 10, 0], "fieldOfView": 20}'
-    )
+    (tmp_path / "camera.json").write_text(json.dumps(CAMERA))
     (tmp_path / "to-the-mesh").symlink_to("octahedron.mesh")
     os.link(tmp_path / "octahedron.mesh", tmp_path / "also-the-mesh")
     os.link(tmp_path / "cube-scene.txt", tmp_path / "s.csv.part")

@@ -1,5 +1,6 @@
 """Blanks, letters beyond ASCII and Windows' separators, in the names of all files."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -8,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 from opengl import require_opengl
-from program import DATA, PROGRAM, environment, run, summary_of
+from program import CAMERA, DATA, PROGRAM, environment, run, summary_of
 
 from rbs.recording import Recording
 from rbs.simulation import Simulation
@@ -63,7 +64,7 @@ def test_pictures_and_videos_may_have_blanks_and_any_letter(strange, tmp_path):
     require_opengl()
     pytest.importorskip("imageio_ffmpeg", reason="pip install imageio-ffmpeg")
     camera = strange / "meine Kamera ü.json"
-    camera.write_text('{"position": [0, 40, 90], "target": [0, 10, 0], "fieldOfView": 20}')
+    camera.write_text(json.dumps(CAMERA))
     summary = summary_of(run(
         tmp_path, strange / SCENE, "--steps", 4, "--screenshots", "viele Bilder é", "--every", 2,
         "--video", "ein Film ö.mp4", "--size", "160x120", "--camera", camera,
