@@ -17,8 +17,8 @@ from RBSFunctions import run_timestep
 # Our run_timestep's parameters in their order, and the values that they have where none is given.
 DEFAULTS = {name: one.default for name, one in inspect.signature(run_timestep).parameters.items()}
 PARAMETERS = tuple(DEFAULTS)
-# Those that the coursework's run_timestep has after its first four.
-COURSEWORK_PARAMETERS = {"enforceConstraints", "constraints", "maxIterations", "tolerance"}
+# Those that the coursework's run_timestep has: the first four by their place, the others by name.
+COURSEWORK_PARAMETERS = set(PARAMETERS[:8])
 
 # A student's mesh is left as it is while its state is that of ours to within this, relative to the
 # size and in m: quaternions may be normalised in other ways.
@@ -68,7 +68,7 @@ class SubmittedSteps:
         options : dict from the name of an option to that of the parameter
         """
         for option, parameter in options.items():
-            if not self._knows(parameter):
+            if parameter not in PARAMETERS[:5] and not self._knows(parameter):
                 raise SubmissionError(
                     f"{option} does not go with --functions: the run_timestep in {self.folder} "
                     f"takes no {parameter}"

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rbs.outputs
 from campaigns import CAMPAIGNS, run_campaign
 from oracles import ROOT, exact_depth, minkowski_depth, random_quaternions, thin_depth, turned
 from oracles import vertices_of as vertices
 
 import GJK
 import rbs.batches
-import rbs.outputs
 import RBSFunctions
 from rbs.poses import Posed
 from rbs.solverstate import SolverState

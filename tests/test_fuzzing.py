@@ -23,13 +23,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from oracles import ROOT
 from program import CAMERA, DATA
+from rbs.recordingfiles import RecordingError
 from test_loading import CUBE, SCENE, TETRAHEDRON
 
 from rbs.cameras import CameraError, load_camera
 from rbs.meshfiles import tetrahedron_volumes
 from rbs.options import MOST_STEPS, make_parser
 from rbs.recording import Recording
-from rbs.recordingfiles import RecordingError
 from rbs.replay import Replay
 from rbs.scenes import NonConvexWarning
 from rbs.simulation import Simulation
