@@ -177,7 +177,7 @@ TABLE = (
         "maxIterations", "maxIterations", None, int, "max-iterations",
         "constraint visits in a step at most, but at least one of each (default: 20 of each, and "
         "at least 1000)",
-        limits=(0, 10**15), limitsInStep=POSITIVE, solver="impulse", isOfConstraints=True,
+        limits=(0, 10**15), solver="impulse", isOfConstraints=True,
         defaultInStep=1000,
     ),
     Setting(
