@@ -22,6 +22,7 @@ have checksums. Until a body is added by hand, its rows are zeros.
 Units: metres, kilograms, seconds.
 """
 
+import ctypes
 import io
 import json
 import math
@@ -54,6 +55,9 @@ CHUNK_BYTES = 16 << 10
 # Steps between two states of the soft-step solver that are kept, some seconds of a large scene.
 # More make the file smaller; resuming from the middle repeats up to as many steps.
 SOLVER_STEPS = 100
+# How often HDF5 reads what looks damaged in a file that is being written, or was when the run was
+# killed. Each time it waits twice as long, a second in all; by itself, it would try 100 times.
+READ_ATTEMPTS = 30
 # The parts of a mesh, as `load_mesh_file` returns them.
 MESH_PARTS = ("vertices", "faces", "tets")
 # Bytes of room in a file, for HDF5's own tables and for chunks that are not full yet.
@@ -376,14 +380,21 @@ class Recording:
 def _open(path):
     """Opens an HDF5 file to be read, also one that is being written, or was when it was killed.
 
-    That is tried last: HDF5 waits there for whatever is missing, for ever in a truncated file.
+    That is tried last: HDF5 reads again there what looks damaged, in case it is being written.
     """
     try:
         return h5py.File(path, "r", locking=False)
     except OSError as error:
         if "already open for write" not in str(error):
             raise
-        return h5py.File(path, "r", swmr=True, locking=False)
+    access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
+    access.set_file_locking(False, True)
+    # A function that h5py has no name for; it is found where libraries know those they depend on.
+    limit = getattr(ctypes.CDLL(h5py.h5p.__file__), "H5Pset_metadata_read_attempts", None)
+    if limit is not None:
+        limit(ctypes.c_int64(access.id), ctypes.c_uint(READ_ATTEMPTS))
+    flags = h5py.h5f.ACC_RDONLY | h5py.h5f.ACC_SWMR_READ
+    return h5py.File(h5py.h5f.open(os.fsencode(path), flags, fapl=access))
 
 
 def _bytes_of(text):
