@@ -22,6 +22,7 @@ have checksums. Until a body is added by hand, its rows are zeros.
 Units: metres, kilograms, seconds.
 """
 
+import ctypes
 import io
 import json
 import math
@@ -56,6 +57,9 @@ CHUNK_BYTES = 16 << 10
 # Steps between two states of the soft-step solver that are kept, some seconds of a large scene.
 # More make the file smaller; resuming from the middle repeats up to as many steps.
 SOLVER_STEPS = 100
+# How often HDF5 reads what looks damaged in a file that is being written, or was when the run was
+# killed. Each time it waits twice as long, a second in all; by itself, it would try 100 times.
+READ_ATTEMPTS = 30
 # The parts of a mesh, as `load_mesh_file` returns them.
 MESH_PARTS = ("vertices", "faces", "tets")
 # Bytes of room in a file, for HDF5's own tables and for chunks that are not full yet.
@@ -190,7 +194,7 @@ class Recorder:
         self._events = [{"step": self._firstStep, "change": to_record(one)} for one in initial]
         meshes = [array.nbytes for arrays in source.shapes.values() for array in arrays]
         self._check_room(sum(meshes) + len(_bytes_of(source.scene + source.constraints)))
-        file.attrs.update({
+        _set_attributes(file, {
             "format": FORMAT,
             "firstStep": self._firstStep,
             "bodies": simulation.sceneCount,
@@ -201,13 +205,11 @@ class Recorder:
             "version": __version__,
             "numpyVersion": np.__version__,
         })  # fmt: skip
-        settings = file.create_group("settings").attrs
-        for name, value in asdict(self._settings).items():
-            settings[name] = h5py.Empty("<i8") if value is None else value
+        _set_attributes(file.create_group("settings"), asdict(self._settings))
         self._write_whole("scene", _bytes_of(source.scene))
         self._write_whole("constraints", _bytes_of(source.constraints))
         for k, (fileName, arrays) in enumerate(source.shapes.items()):
-            file.create_group(f"meshes/{k}").attrs["file"] = fileName
+            _set_attributes(file.create_group(f"meshes/{k}"), {"file": fileName})
             for part, values in zip(MESH_PARTS, arrays, strict=True):
                 self._write_whole(f"meshes/{k}/{part}", values)
         for name, width in STATE_WIDTHS.items():
@@ -278,7 +280,7 @@ class Recording:
             raise self.error("this is not a recording")
         with self.reading():
             self._file = _open(path)
-            head = self._file.attrs
+            head = _attributes_of(self._file)
             if head.get("format") != FORMAT:
                 raise self.error("this is an HDF5 file, but not a recording")
             self.firstStep = int(head["firstStep"])
@@ -287,7 +289,7 @@ class Recording:
                 raise self.error("it holds no state")
             names = "functions", "functionsFolder", "version", "numpyVersion"
             self.functions, self.functionsFolder, self.version, self.numpyVersion = (
-                str(head[name]) for name in names
+                head[name] for name in names
             )
             self.source = self._read_source()
             self._bodyCount = int(head["bodies"])
@@ -308,7 +310,7 @@ class Recording:
             raise self.error(f"it is damaged ({one_line(error, QUOTE_LENGTH)})") from None
 
     def _read_source(self):
-        head = self._file.attrs
+        head = _attributes_of(self._file)
         path, constraintPath = (self.path.parent / head[name] for name in ("scene", "constraints"))
         source = SceneSource(path, self._text("scene"))
         if head["constraints"]:
@@ -316,7 +318,8 @@ class Recording:
         meshes = self._file["meshes"]
         for k in range(len(meshes)):
             group = meshes[str(k)]
-            source.shapes[group.attrs["file"]] = tuple(group[part][()] for part in MESH_PARTS)
+            fileName = _attributes_of(group)["file"]
+            source.shapes[fileName] = tuple(group[part][()] for part in MESH_PARTS)
         return source
 
     def _text(self, name):
@@ -324,8 +327,7 @@ class Recording:
         return self._file[name][()].tobytes().decode("utf-8") if name in self._file else ""
 
     def _read_events(self):
-        start = self._file["settings"].attrs
-        self.settingsHistory = [(self.firstStep, {name: _plain(start[name]) for name in start})]
+        self.settingsHistory = [(self.firstStep, _attributes_of(self._file["settings"]))]
         self.changes = []
         for line in self._text("events").splitlines():
             event = json.loads(line)
@@ -378,14 +380,21 @@ class Recording:
 def _open(path):
     """Opens an HDF5 file to be read, also one that is being written, or was when it was killed.
 
-    That is tried last: HDF5 waits there for whatever is missing, for ever in a truncated file.
+    That is tried last: HDF5 reads again there what looks damaged, in case it is being written.
     """
     try:
         return h5py.File(path, "r", locking=False)
     except OSError as error:
         if "already open for write" not in str(error):
             raise
-        return h5py.File(path, "r", swmr=True, locking=False)
+    access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
+    access.set_file_locking(False, True)
+    # A function that h5py has no name for; it is found where libraries know those they depend on.
+    limit = getattr(ctypes.CDLL(h5py.h5p.__file__), "H5Pset_metadata_read_attempts", None)
+    if limit is not None:
+        limit(ctypes.c_int64(access.id), ctypes.c_uint(READ_ATTEMPTS))
+    flags = h5py.h5f.ACC_RDONLY | h5py.h5f.ACC_SWMR_READ
+    return h5py.File(h5py.h5f.open(os.fsencode(path), flags, fapl=access))
 
 
 def _bytes_of(text):
@@ -397,8 +406,22 @@ def _shown_name(path):
     return "" if path is None else path.name.encode("utf-8", "replace").decode("utf-8")
 
 
-def _plain(value):
-    """An attribute as the Python value that it was."""
-    if isinstance(value, h5py.Empty):
-        return None
-    return value.item() if isinstance(value, np.generic) else value
+def _set_attributes(group, values):
+    """Gives a group attributes. Texts have a fixed length: HDF5 has no checksums for others."""
+    for name, value in values.items():
+        if isinstance(value, str):
+            content = value.encode("utf-8")
+            value = np.array(content, h5py.string_dtype("utf-8", max(1, len(content))))
+        group.attrs[name] = h5py.Empty("<i8") if value is None else value
+
+
+def _attributes_of(group):
+    """The attributes of a group, a dict of the Python values that they were."""
+    found = {}
+    for name, value in group.attrs.items():
+        if isinstance(value, bytes):
+            value = value.decode("utf-8")
+        elif isinstance(value, h5py.Empty):
+            value = None
+        found[name] = value.item() if isinstance(value, np.generic) else value
+    return found

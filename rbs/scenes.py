@@ -151,9 +151,11 @@ class SceneSource:
 
         constraintPath : by default, the file that belongs to the scene by its name, if any
         """
-        source = cls(Path(scenePath), read_text(scenePath), constraintPath)
+        source = cls(Path(scenePath), read_text(scenePath))
         if constraintPath is None:
             source.constraintPath = find_constraints(scenePath)
+        else:
+            source.constraintPath = Path(constraintPath)
         if source.constraintPath is not None:
             source.constraints = read_text(source.constraintPath)
         return source

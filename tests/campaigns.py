@@ -3,18 +3,15 @@
     python tests/campaigns.py CAMPAIGN [--minutes 10] [--seed 1]
 
 CAMPAIGN is one of
-    pairs       `is_collide` against whole-number arithmetic and stretched Minkowski differences:
-                points, segments, collinear points with duplicates, polygons, needles, blades,
-                lattices and solids; overlapping, kissing and apart; up to 1e8 from the origin, and
-                from 1e-307 to 1e308 in size
-    bits        hostile scenes: pair by pair against the grid, the sweep against the queue, a list
-                that has been stepped against fresh copies of it, and the soft-step solver twice
-                and after it was saved and restored; all bit by bit
-    changes     meshes changed between steps, in every way that Python offers, against meshes
-                built anew
-    interrupts  recordings and signals, see tests/interruptions.py
-    places      outputs to devices, pipes, sockets, links and folders, best run as root, who may
-                destroy them; all of them are made in a scratch folder
+    pairs    `is_collide` against whole-number arithmetic and stretched Minkowski differences:
+             points, segments, collinear points with duplicates, polygons, needles, blades, lattices
+             and solids; overlapping, kissing and apart; up to 1e8 from the origin, and from 1e-307
+             to 1e308 in size
+    bits     hostile scenes: pair by pair against the grid, the sweep against the queue, a list that
+             has been stepped against fresh copies of it, and the soft-step solver twice and after
+             it was saved and restored; all bit by bit
+    changes  meshes changed between steps, in every way that Python offers, against meshes built
+             anew
 
 Prints counts, and each failure with the number of its case, which `--case N` runs alone; ends with
 exit code 1 if there was one.
@@ -22,20 +19,10 @@ exit code 1 if there was one.
 
 import argparse
 import collections
-import contextlib
 import copy
-import io
 import itertools
 import math
-import os
-import random
-import shutil
-import signal
-import socket
-import stat
 import sys
-import tempfile
-import threading
 import time
 import traceback
 import warnings
@@ -46,12 +33,10 @@ from scipy.spatial import QhullError
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import interruptions
 import oracles
 from oracles import IDENTITY, SHAPES, body, quaternion, random_quaternions, turned
 
 import GJK
-import RigidBodySimulation
 from rbs.bodies import StateError
 from rbs.hulls import TOUCH_TOLERANCE
 from rbs.solverstate import SolverState
@@ -447,153 +432,10 @@ CHANGES = (moved, moved_in_place, given_a_plain_vector, turned_over, pushed, fix
 
 
 # --------------------------------------------------------------------------------------------------
-# Interrupts, and places
-# --------------------------------------------------------------------------------------------------
-
-
-def interrupts(rng, counts):
-    """A recording, with signals; returns a list of complaints."""
-    with tempfile.TemporaryDirectory() as folder:
-        own = random.Random(int(rng.integers(2**32)))
-        return interruptions.one_run(Path(folder), own, counts)
-
-
-SCENE = """2
-box.mesh 1 1 0 5 0 1 0 0 0
-box.mesh 1 0 0 20 0 1 0 0 0
-"""
-# What a whole output begins with, by the option.
-WHOLE = {"--stats": b"step,time (s)", "--plot": b"\x89PNG", "--record": b"PK\3\4"}
-
-
-def furnish(folder):
-    """Makes one of everything in the folder; returns what could not be made."""
-    missing = []
-    (folder / "a-scene.txt").write_text(SCENE)
-    (folder / "a-constraints.txt").write_text("1\n0 0 1 0 0.5 2\n")
-    shutil.copy(oracles.DATA / "box.mesh", folder / "box.mesh")
-    for name in ("old", "read-only", "kept/deep"):
-        (folder / name).parent.mkdir(exist_ok=True)
-        (folder / name).write_bytes(b"what was there")
-    (folder / "read-only").chmod(0o400)
-    os.mkfifo(folder / "pipe")
-    listener = socket.socket(socket.AF_UNIX)
-    with contextlib.chdir(folder):  # its whole path may be too long
-        listener.bind("socket")
-    listener.close()
-    for name, kind, numbers in (
-        ("null", stat.S_IFCHR, (1, 3)),
-        ("full", stat.S_IFCHR, (1, 7)),
-        ("disk", stat.S_IFBLK, (7, 250)),
-    ):
-        try:
-            os.mknod(folder / name, kind | 0o600, os.makedev(*numbers))
-        except OSError:
-            missing.append(name)
-    links = {"to-old": "old", "to-null": "null", "to-full": "full", "to-folder": "kept",
-             "to-disk": "disk", "to-nothing": "kept/new", "loop": "loop", "to-pipe": "pipe",
-             "to-scene": "a-scene.txt", "to-mesh": "kept/../box.mesh", "twice": "to-old",
-             "to-socket": "socket"}  # fmt: skip
-    for name, target in links.items():
-        (folder / name).symlink_to(target)
-    os.link(folder / "a-scene.txt", folder / "same-as-scene")
-    os.link(folder / "box.mesh", folder / "same-as-mesh")
-    return missing
-
-
-def contents(folder):
-    """What stands in a folder and below: dict of path to kind, device, link and bytes."""
-    found = {}
-    for path in sorted(folder.rglob("*")):
-        status = path.lstat()
-        content = path.read_bytes() if stat.S_ISREG(status.st_mode) else None
-        link = os.readlink(path) if path.is_symlink() else None
-        name = str(path.relative_to(folder))
-        found[name] = (stat.S_IFMT(status.st_mode), status.st_rdev, link, content)
-    return found
-
-
-SPELLINGS = ("{}", "./{}", "kept/../{}", "{folder}/{}", "kept/deeper/../../{}")
-
-
-def places(rng, counts):
-    """A run whose outputs go to random places; returns a list of complaints."""
-    with tempfile.TemporaryDirectory() as name, contextlib.ExitStack() as stack:
-        folder = Path(name).resolve() / "scratch"
-        folder.mkdir()
-        for missing in furnish(folder):
-            counts[f"{missing} cannot be made here"] += 1
-        before = contents(folder)
-        targets = [*before, "new", "kept/new too", "absent/new", "old/new"]
-        options = {}
-        for option in rng.choice(["--stats", "--stats", "--record", "--plot"], rng.integers(1, 3)):
-            spelling = SPELLINGS[rng.integers(len(SPELLINGS))]
-            options[str(option)] = spelling.format(
-                targets[rng.integers(len(targets))], folder=folder
-            )
-        arguments = ["a-scene.txt", "--steps", "3", *itertools.chain(*options.items())]
-        reader = os.open(folder / "pipe", os.O_RDWR)  # so that no writer waits for one
-        stack.callback(os.close, reader)
-        stack.callback(threading_reader(reader))
-        errors = io.StringIO()
-        stack.enter_context(contextlib.redirect_stdout(io.StringIO()))
-        stack.enter_context(contextlib.redirect_stderr(errors))
-        stack.enter_context(contextlib.chdir(folder))
-        try:
-            code = RigidBodySimulation.main(arguments)
-        except SystemExit as end:  # of the options' parser
-            code = end.code
-        except BaseException:
-            return [f"{arguments}: {traceback.format_exc()[-600:]}"]
-        after = contents(folder)
-        counts["written" if code == 0 else "refused in words"] += 1
-    found = []
-    if code not in (0, 2) or (code == 2) != (len(errors.getvalue().splitlines()) == 1):
-        found.append(f"exit code {code}, stderr {errors.getvalue()!r}")
-    begins = tuple(WHOLE[option] for option in options)
-    for name in {**before, **after}:
-        old, new = before.get(name), after.get(name)
-        if old == new:
-            continue
-        isOutput = new is not None and new[0] == stat.S_IFREG and new[3].startswith(begins)
-        isFree = old is None or (old[0] == stat.S_IFREG and old[3] == b"what was there")
-        if isOutput and isFree:
-            counts["files written"] += 1
-        elif old is not None or (name != "absent" and Path(name).name not in errors.getvalue()):
-            found.append(f"{name} was {str(old)[:80]}, and is {str(new)[:80]}")
-    counts["devices, pipes, sockets and links that stayed"] += sum(
-        kind not in (stat.S_IFREG, stat.S_IFDIR) for kind, *_ in after.values()
-    )
-    return [f"{arguments}: {text}" for text in found]
-
-
-def threading_reader(descriptor):
-    """Reads what comes, until what is returned is called."""
-    os.set_blocking(descriptor, False)
-    ended = threading.Event()
-
-    def read():
-        while not ended.is_set():
-            try:
-                os.read(descriptor, 1 << 16)
-            except BlockingIOError:
-                time.sleep(0.002)
-
-    reader = threading.Thread(target=read, daemon=True)
-    reader.start()
-
-    def end():
-        ended.set()
-        reader.join()
-
-    return end
-
-
-# --------------------------------------------------------------------------------------------------
 # The program
 # --------------------------------------------------------------------------------------------------
 
-CAMPAIGNS = {one.__name__: one for one in (pairs, bits, changes, interrupts, places)}
+CAMPAIGNS = {one.__name__: one for one in (pairs, bits, changes)}
 
 
 def run_campaign(name, cases, seconds, seed):
@@ -628,7 +470,6 @@ def main():
     parser.add_argument("--case", type=int, help="this one alone")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # children would inherit its absence
     cases = range(options.cases) if options.case is None else [options.case]
     counts, failures = run_campaign(options.campaign, cases, 60 * options.minutes, options.seed)
     for case, complaint in failures[:MOST_FAILURES]:

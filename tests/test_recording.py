@@ -46,8 +46,9 @@ def test_recording_holds_every_step_as_stepping_by_hand_gives_it(tmp_path):
         settings, head = recording["settings"].attrs, recording.attrs
         assert settings["timeStep"] == 0.03 and settings["restitution"] == 0.8
         assert settings["closingOnly"] and isinstance(settings["maxIterations"], h5py.Empty)
-        assert head["scene"] == "mixed-scene.txt" and head["constraints"] == ""
-        assert (head["version"], head["numpyVersion"]) == (__version__, np.__version__)
+        assert head["scene"] == b"mixed-scene.txt" and head["constraints"] == b""
+        assert head["version"].decode() == __version__
+        assert head["numpyVersion"].decode() == np.__version__
         assert recording["scene"][()].tobytes() == scene.read_bytes()
     # The two ways of treating contacts that part must differ here, or the flag was not tested.
     assert not np.array_equal(expected["positions"], by_hand(scene, 130, 0.8, 0.03)["positions"])
