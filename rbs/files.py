@@ -1,8 +1,4 @@
-"""Files: reading with a size limit, writing whole files only, and no output over an input.
-
-A run can be made again bit for bit, so nothing here protects it from a power cut. What is kept is
-an old file, until the new one is whole.
-"""
+"""Files: reading with a size limit, writing whole files only, and no output over an input."""
 
 import errno
 import os

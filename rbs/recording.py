@@ -44,6 +44,8 @@ from rbs.state import STATE_NAMES, STATE_WIDTHS
 
 RECORDING_ENDINGS = (".h5", ".hdf5")
 FORMAT = "rigid-body recording 1"
+# The oldest HDF5 that readers need; newer ones would save nothing.
+HDF5_VERSION = ("v110", "v110")
 # Seconds between two flushes. Fewer cost time; more is what a killed run may lose.
 FLUSH_SECONDS = 0.5
 # Bytes of states that are held back at most between two flushes.
@@ -88,7 +90,7 @@ class Recorder:
         with named_errors(path):
             open(self._partial, "wb").close()  # says in fewer words than HDF5 what is wrong
         # Unlocked, since others read it while it is written, and network drives may lack locks.
-        self._file = h5py.File(self._partial, "w", libver="latest", locking=False)
+        self._file = h5py.File(self._partial, "w", libver=HDF5_VERSION, locking=False)
         self.frameCount = 0
         self._rows = {name: [] for name in (*STATE_NAMES, "times")}
         self._events, self._solverStates = [], []
