@@ -41,7 +41,7 @@ Scenes, above RBSFunctions.py
     textfiles     text files, line by line
     meshfiles     .mesh and .off
     scenelines    lines of scene and constraint files, taken apart
-    state         a scene in some state: energies, momenta, hashes
+    state         a scene in some state: energies, momenta
     scenes        scene and constraint files
     catalogue     what our scenes show
     changes       what is done to bodies by hand, and how it is recorded

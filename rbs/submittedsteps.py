@@ -20,8 +20,8 @@ PARAMETERS = tuple(DEFAULTS)
 # Those that the coursework's run_timestep has: the first four by their place, the others by name.
 COURSEWORK_PARAMETERS = set(PARAMETERS[:8])
 
-# A student's mesh is left as it is while its state is that of ours to within this, relative to the
-# size and in m: quaternions may be normalised in other ways.
+# A student's vertices are left as they are while the state is that of ours to within this, relative
+# to the size and in m: quaternions may be normalised in other ways.
 ROUNDING = 1e-12
 
 STATE_WIDTHS = {"position": 3, "orientation": 4, "linVelocity": 3, "angVelocity": 3}
@@ -122,12 +122,15 @@ class SubmittedSteps:
             theirs = self._meshes[k]
             if theirs is None or bool(theirs.isFixed) != mesh.isFixed:
                 theirs = self._meshes[k] = self._make(k, mesh.isFixed)
+            hasMoved = False
             for name in STATE_WIDTHS:
                 value = np.array(getattr(mesh, name), dtype=np.float64)
-                own = np.reshape(getattr(theirs, name), value.shape)
-                if not np.allclose(own, value, rtol=ROUNDING, atol=ROUNDING):
+                own = np.asarray(getattr(theirs, name), dtype=np.float64).reshape(value.shape)
+                if own.tobytes() != value.tobytes():
                     setattr(theirs, name, value)
-                    theirs.currVertices = np.array(mesh.currVertices)
+                    hasMoved |= not np.allclose(own, value, rtol=ROUNDING, atol=ROUNDING)
+            if hasMoved:
+                theirs.currVertices = np.array(mesh.currVertices)
 
     def _make(self, k, isFixed):
         name, density, _isFixed, position, orientation = self._rows[k]

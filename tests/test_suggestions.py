@@ -8,6 +8,7 @@ from program import DATA, by_hand, run, summary_of
 from rbs.opening import open_file
 from rbs.options import SETTING_FIELDS, make_parser
 from rbs.recording import Recording
+from rbs.scenes import SceneSource
 from rbs.simulation import Settings, Simulation
 from rbs.suggestions import SUGGESTIONS, SceneOpener, suggested_settings
 from rbs.textfiles import SceneError
@@ -48,7 +49,7 @@ def test_every_option_that_changes_the_settings_is_a_word():
     ],
 )  # fmt: skip
 def test_words_are_those_of_the_command_line(make_scene, lines, expected):
-    assert suggested_settings(make_scene(*lines))[0] == expected
+    assert suggested_settings(SceneSource.of_files(make_scene(*lines)))[0] == expected
 
 
 @pytest.mark.parametrize(
@@ -71,7 +72,7 @@ def test_words_are_those_of_the_command_line(make_scene, lines, expected):
 def test_what_cannot_be_suggested_is_told_with_file_and_line(make_scene, words, cause):
     path = make_scene("# suggests restitution 0.1", f"# suggests {words}")
     with pytest.raises(SceneError) as error:
-        suggested_settings(path)
+        suggested_settings(SceneSource.of_files(path))
     assert str(error.value).startswith(f"{path}:3: {cause}")
 
 
@@ -87,9 +88,9 @@ def test_wrong_suggestion_ends_the_program_unless_it_is_not_asked_for(make_scene
 
 def recorded_settings(folder, *words):
     """The settings that a run with these words has recorded, and what it has told on stderr."""
-    process = run(folder, *words, "--record", "r.npz", "--steps", 2)
+    process = run(folder, *words, "--record", "r.h5", "--steps", 2)
     assert process.returncode == 0, process.stderr
-    ((_, settings),) = Recording(folder / "r.npz").settingsHistory
+    ((_, settings),) = Recording(folder / "r.h5").settingsHistory
     return settings, process.stderr
 
 
@@ -98,11 +99,11 @@ def test_suggestions_are_used_told_and_recorded_unless_an_option_is_given(tmp_pa
     settings, errors = recorded_settings(tmp_path, "mixed")
     assert (settings["friction"], settings["restitution"]) == (0.5, 0.3)
     assert errors == told.format(DATA / "mixed-scene.txt") + "\n"
-    process = run(tmp_path, "--verify", "r.npz")
+    process = run(tmp_path, "--verify", "r.h5")
     assert process.returncode == 0 and process.stderr == ""
-    process = run(tmp_path, "--resume", "r.npz", "--record", "s.npz", "--steps", 2)
+    process = run(tmp_path, "--resume", "r.h5", "--record", "s.h5", "--steps", 2)
     assert process.returncode == 0 and process.stderr == ""
-    assert Recording(tmp_path / "s.npz").settingsHistory[0][1]["friction"] == 0.5
+    assert Recording(tmp_path / "s.h5").settingsHistory[0][1]["friction"] == 0.5
 
     for words in (["--basic"], ["--friction", "0"], ["--broad-phase", "all"]):
         settings, errors = recorded_settings(tmp_path, "mixed", *words)
@@ -111,23 +112,23 @@ def test_suggestions_are_used_told_and_recorded_unless_an_option_is_given(tmp_pa
     assert (settings["friction"], settings["restitution"]) == (0.0, 0.9)
     # A recording in the basic behaviour goes on in it, and is verified in it.
     settings, _ = recorded_settings(tmp_path, "mixed", "--basic")
-    assert run(tmp_path, "--verify", "r.npz").returncode == 0
-    process = run(tmp_path, "--resume", "r.npz", "--basic")
+    assert run(tmp_path, "--verify", "r.h5").returncode == 0
+    process = run(tmp_path, "--resume", "r.h5", "--basic")
     assert process.returncode == 2 and "--basic does not go with --resume" in process.stderr
 
 
 def test_basic_is_run_timestep_with_its_defaults(tmp_path):
-    process = run(tmp_path, "mixed", "--basic", "--record", "r.npz", "--steps", 120)
+    process = run(tmp_path, "mixed", "--basic", "--record", "r.h5", "--steps", 120)
     assert process.returncode == 0
     expected = by_hand(DATA / "mixed-scene.txt", 120, 0.5, 0.02)["positions"][-1]
-    assert (Recording(tmp_path / "r.npz").frame(120)["positions"] == expected).all()
+    assert (Recording(tmp_path / "r.h5").frame(120)["positions"] == expected).all()
 
 
 def test_in_the_window_each_scene_has_what_it_suggests_and_what_was_changed_by_hand(capsys):
     mixed, slide, tower = (DATA / f"{name}-scene.txt" for name in ("mixed", "slide", "tower"))
-    first = Simulation(mixed, suggested_settings(mixed)[0])
-    opener = SceneOpener(first.settings, True)
-    assert opener(slide, first.settings).settings == Settings(friction=0.2)
+    first, _ = suggested_settings(SceneSource.of_files(mixed))
+    opener = SceneOpener(first, True)
+    assert opener(slide, first).settings == Settings(friction=0.2)
     assert "slide-scene.txt suggests friction 0.2" in capsys.readouterr().err
     settings = opener(tower, Settings(friction=0.2, timeStep=0.01)).settings
     assert settings == Settings(timeStep=0.01)
