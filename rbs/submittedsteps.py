@@ -32,7 +32,7 @@ class SubmittedSteps:
 
     folder : with the student's modules, which are loaded
 
-    Attributes: folder, resolved; digest, of all Python files in it: recordings tell by it whether
+    Attributes: folder, resolved; digest, of the Python files in it: recordings tell by it whether
     these functions made them.
 
     Raises SubmissionError where the modules cannot be loaded, or have no run_timestep or Mesh.
@@ -44,7 +44,8 @@ class SubmittedSteps:
             raise SubmissionError(f"{folder}: there is no RBSFunctions.py")
         self.folder = submission.folder
         files = sorted(self.folder.glob("*.py"))
-        self.digest = sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+        texts = [file.name.encode() + b"\0" + file.read_bytes() + b"\0" for file in files]
+        self.digest = sha256(b"".join(texts)).hexdigest()
         self._run_timestep, self._Mesh = (
             self._function(submission.functions, name) for name in ("run_timestep", "Mesh")
         )
