@@ -4,15 +4,15 @@ A newcomer starts at `run_timestep` in RBSFunctions.py. Data flows one way: file
 pictures and recordings. Rooms import only what stands above them in this list, and nothing imports
 `graders`, `tests` or `report`.
 
-What a step may be asked
-    settings      the table of settings; their values for a scene; what is refused
-
 Algebra and geometry, below GJK.py
     arrays        indexing of long arrays in few calls
     vectors       vectors by component: tuples of floats, or arrays (3, n)
     hulls         convex hulls, of one shape and of many bodies
     facets        the facets of the Minkowski difference that can be nearest
     patches       contact patches and their centres
+
+What a step may be asked
+    settings      the table of settings; their values for a scene; what is refused
 
 Bookkeeping of a step, below RBSFunctions.py: which pairs and constraints, and when
     flight        gravity, free flight, the gyroscopic term

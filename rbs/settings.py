@@ -103,7 +103,7 @@ TABLE = (
     Setting(
         "restitution", "CRCoeff", 0.5, float, "restitution",
         "how bouncy contacts are: the fraction of the approach speed that is returned, 0 to 1. "
-        "With 1, bodies gain energy, 1 to 14 %% in 1500 steps of our scenes; with soft-step, none",
+        "With 1, bodies slowly gain energy, except with --solver soft-step",
         "restitution",
         "How bouncy: the fraction of the approach speed that is returned, 0 to 1",
         (0.0, 1.0), limits=(0.0, 1.0),
@@ -115,7 +115,7 @@ TABLE = (
     Setting(
         "friction", "mu", 0.0, float, "friction",
         "coefficient of friction between bodies and with the ground. A box that spins flat on "
-        "another is not slowed down: after 4 s it has 10 of 10 rad/s; with soft-step, 0",
+        "another is slowed down with --solver soft-step only",
         "friction", "Coulomb's coefficient of friction, between bodies and with the ground",
         (0.0, 1.0), limits=POSITIVE, limitsInStep=POSITIVE,
     ),
@@ -162,7 +162,7 @@ TABLE = (
     Setting(
         "enforceConstraints", "enforceConstraints", True, bool, "no-constraints",
         "let all bodies go free (constraints come last in a step and may press bodies into the "
-        "ground, in the cube scene by 0.74 m; with soft-step, by 0.01 m)",
+        "ground; hardly with --solver soft-step)",
         "constraints", "Enforce the distance constraints", isOfConstraints=True,
     ),
     Setting(

@@ -11,7 +11,7 @@ import numpy as np
 
 from rbs.bodies import StateError
 from rbs.scenes import SceneSource
-from rbs.settings import Settings
+from rbs.settings import CONSTRAINT_TOLERANCE, Settings
 from rbs.solverstate import SolverState
 from rbs.state import Scene
 from RBSFunctions import Mesh, run_timestep
@@ -96,6 +96,7 @@ class Simulation(Scene):
         arguments = settings.arguments()
         if settings.contactSolver == "impulse":
             arguments["maxIterations"] = self.max_iterations()
+            arguments["tolerance"] = CONSTRAINT_TOLERANCE  # a student's default may be another one
             self.solverState.clear()  # what the other solver has left is out of date
         else:
             arguments["solverState"] = self.solverState

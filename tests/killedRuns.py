@@ -40,6 +40,7 @@ def killed_run(folder, scene, seconds, isReplayed):
     )  # fmt: skip
     table = folder / "s.part.csv"
     while not table.exists() or len(table.read_bytes().splitlines()) < 2:
+        assert process.poll() is None, "the program has ended"
         time.sleep(0.01)
     end = time.monotonic() + seconds
     time.sleep(max(0.0, seconds - MOST_LOST))

@@ -6,7 +6,7 @@ from oracles import DATA, random_quaternions, turned
 
 from rbs.drawables import contact_patches
 from rbs.simulation import Simulation
-from rbs.suggestions import suggested_settings
+from rbs.suggestions import apply_settings
 
 SQUARE = np.array([(-1, 0, -2), (1, 0, 2), (-1, 0, 2), (1, 0, -2)], dtype=float)
 UP = np.array([0.0, 1.0, 0.0])
@@ -46,7 +46,8 @@ def test_view_outlines_the_manifolds_of_bodies_awake():
 
     start_polyscope(backend)
     path = DATA / "stack-scene.txt"
-    simulation = Simulation(path, suggested_settings(path)[0])
+    simulation = Simulation(path)
+    apply_settings(simulation, {})
     view = SceneView(simulation)
     view.show("contacts", True)
     for _ in range(20):

@@ -9,8 +9,9 @@ import pytest
 from oracles import DATA, penetrations
 
 from rbs.flight import GRAVITY
-from rbs.simulation import Settings, Simulation
-from rbs.suggestions import SceneOpener, suggested_settings
+from rbs.scenes import SceneSource
+from rbs.simulation import Simulation
+from rbs.suggestions import apply_settings, recommended_values
 
 # What stays as it has been put: for how many steps it is looked at here, how far a body may have
 # moved by then, and how fast it may be. Joints are 1 mm wide, of the dome up to 1 cm, and every
@@ -19,7 +20,7 @@ STANDING = {
     "stack": (400, 20 * 0.007, 0.05), "pyramid": (150, 15 * 0.005, 5e-3), "arch": (400, 0.05, 1e-4),
     "dome": (200, 0.05, 1e-6), "card_house": (200, 0.05, 1e-6),
 }  # fmt: skip
-RESTING = "solver soft-step friction 0.5 restitution 0"
+RESTING = {"contactSolver": "soft-step", "friction": 0.5, "restitution": 0.0}
 SUGGESTING = [*STANDING, "dominoes", "round_tower", "arch_blow", "wall", "ramp", "loaded_bridge",
               "loaded_net", "heap", "pile_200", "pile_1000"]  # fmt: skip
 
@@ -27,9 +28,9 @@ SUGGESTING = [*STANDING, "dominoes", "round_tower", "arch_blow", "wall", "ramp",
 def open_scene(name):
     """A `Simulation` as the program opens it, without sleep."""
     path = DATA / f"{name}-scene.txt"
-    settings, _ = suggested_settings(path)
-    settings.sleeping = False
-    return Simulation(path, settings)
+    simulation = Simulation(path)
+    apply_settings(simulation, {"sleeping": False})
+    return simulation
 
 
 def run(simulation, steps):
@@ -50,24 +51,9 @@ def energy(simulation):
 
 
 @pytest.mark.parametrize("name", SUGGESTING)
-def test_scene_suggests_what_it_rests_with(name):
-    settings, words = suggested_settings(DATA / f"{name}-scene.txt")
-    assert words == RESTING
-    assert settings == Settings(0.0, friction=0.5, contactSolver="soft-step")
-
-
-def test_window_opens_them_after_a_scene_with_closing_contacts_only():
-    """The soft-step solver has no such thing: it is left behind, whoever asks for the solver."""
-    opener = SceneOpener(Settings(), True)
-    mixed, stack = (DATA / f"{name}-scene.txt" for name in ("mixed", "stack"))
-    settings = opener(mixed, None).settings
-    settings.change("closingOnly", True)
-    settings.change("timeStep", 0.01)
-    expected = Settings(0.0, 0.01, friction=0.5, contactSolver="soft-step")
-    assert opener(stack, settings).settings == expected
-    settings = opener(stack, expected).settings
-    settings.change("contactSolver", "impulse")
-    assert opener(mixed, settings).settings == Settings(0.3, 0.01, friction=0.5)
+def test_scene_recommends_what_it_rests_with(name):
+    values = recommended_values(SceneSource.of_files(DATA / f"{name}-scene.txt"))
+    assert values == RESTING
 
 
 @pytest.mark.parametrize("name", STANDING)
