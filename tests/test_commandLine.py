@@ -152,15 +152,6 @@ def test_headless_run_ends_with_a_summary_of_what_happened(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_headless_run_does_not_import_polyscope(tmp_path):
-    fakes = tmp_path / "fakes"
-    fakes.mkdir()
-    (fakes / "polyscope.py").write_text("raise SystemExit('polyscope was imported')")
-    process = run(tmp_path, "tet", "--headless", "--steps", 2, "--record", "r.h5",
-                  PYTHONPATH=str(fakes))  # fmt: skip
-    assert summary_of(process)["recording"] == "r.h5" and process.stderr == ""
-
-
 class Terminal(io.StringIO):
     """Takes what a terminal is told."""
 

@@ -10,7 +10,6 @@ from program import CAMERA, DATA, run, summary_of
 
 from rbs.recording import Recording
 from rbs.replay import Replay
-from rbs.simulation import Simulation
 from rbs.textfiles import SceneError
 from RigidBodySimulation import load_scene_file
 
@@ -102,19 +101,3 @@ def test_the_ending_tells_a_name_with_blanks_from_a_column_too_many(strange):
         (strange / "b-scene.txt").write_text(f"1\n{line}\n")
         with pytest.raises(SceneError, match=cause):
             load_scene_file(strange / "b-scene.txt")
-
-
-def test_the_strange_scene_runs_like_any_other(strange):
-    """The same bodies under plain names have the same bits."""
-    plain = strange / "plain-scene.txt"
-    shutil.copy(DATA / "box.mesh", strange)
-    shutil.copy(DATA / "octahedron.mesh", strange)
-    plain.write_text("2\nbox.mesh 1 0 0 9 0 1 0 0 0\noctahedron.mesh 2 0 0 30 0 1 0 0 0\n")
-    constraints = strange / SCENE.replace("-scene", "-constraints")
-    simulations = Simulation(strange / SCENE), Simulation(plain, constraintPath=constraints)
-    for simulation in simulations:
-        for _ in range(60):
-            simulation.step()
-    one, other = (simulation.state() for simulation in simulations)
-    for name in one:
-        np.testing.assert_array_equal(one[name], other[name])
