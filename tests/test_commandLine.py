@@ -85,20 +85,6 @@ def test_reset_leads_to_the_same_bits_again():
         np.testing.assert_array_equal(simulation.state()[name], first[name])
 
 
-def test_state_put_into_another_simulation_goes_on_with_the_same_bits():
-    one, other = Simulation(DATA / "stress-scene.txt"), Simulation(DATA / "stress-scene.txt")
-    for _ in range(100):
-        one.step()
-    other.set_state(one.state())
-    for mesh, twin in zip(one.meshes, other.meshes, strict=True):
-        np.testing.assert_array_equal(mesh.currVertices, twin.currVertices)
-    for _ in range(20):
-        one.step()
-        other.step()
-    for name in STATE_NAMES:
-        np.testing.assert_array_equal(one.state()[name], other.state()[name])
-
-
 def test_state_is_a_copy():
     simulation = Simulation(DATA / "singlebox-scene.txt")
     state = simulation.state()
