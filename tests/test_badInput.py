@@ -1,12 +1,12 @@
 """What the program is given and cannot use: each case ends in one line and exit code 2.
 
 The line names the file, the line in it where there is one, and the cause; nothing is written. What
-makes a text file a broken one stands in `test_loading.py`, and the fuzzing in `test_fuzzing.py`.
+makes a text file a broken one stands in `test_loading.py`, what makes grader data so in
+`test_graders.py`, and the fuzzing in `test_fuzzing.py`.
 """
 
 import json
 import os
-import pickle
 import runpy
 import subprocess
 import sys
@@ -409,66 +409,6 @@ def test_a_recording_is_not_written_over_while_it_is_read(folder, recorded, caps
 # --------------------------------------------------------------------------------------------------
 
 GRADERS = ROOT / "graders"
-INTEGRATION = pickle.loads((DATA / "integration.data").read_bytes())
-
-
-class Intruder:
-    """Pickles to a call: a mark in the current folder, by the shell."""
-
-    def __reduce__(self):
-        return os.system, ("touch intruded",)
-
-
-def at(index, value):
-    """A function that changes one entry of a copy of an array."""
-
-    def change(array):
-        array = array.copy()
-        array[index] = value
-        return array
-
-    return change
-
-
-def grader_data(**changes):
-    return pickle.dumps(INTEGRATION | {k: change(INTEGRATION[k]) for k, change in changes.items()})
-
-
-GRADER_DATA = {
-    "none": (None, "cannot be read: No such file or directory"),
-    "empty": (b"", "not a readable data file: "),
-    "text": (b"1 2 3\n", "not a readable data file: "),
-    "cut off": (pickle.dumps(INTEGRATION)[:-1000], "not a readable data file: "),
-    "runs code": (pickle.dumps(Intruder()), "not a readable data file: posix.system is refused"),
-    "a list": (pickle.dumps([1]), "holds a list in place of a dictionary"),
-    "no entries": (pickle.dumps({}), "has no entry randomPositions, "),
-    "NaN": (grader_data(randomPositions=at((3, 1), np.nan)),
-            "randomPositions holds a number that is not finite"),
-    "zero quaternion": (grader_data(randomOrientations=at(9, 0.0)),
-                        "randomOrientations holds a zero quaternion"),
-    "two columns": (grader_data(randomPositions=lambda a: a[:, :2]),
-                    "randomPositions has an axis of length 2 in place of 3"),
-    "a sample fewer": (grader_data(resultPositions=lambda a: a[1:]),
-                       "resultPositions has an axis of length 99 in place of 100"),
-    "no sample": (grader_data(randomPositions=lambda a: a[:0]), "randomPositions is empty"),
-    "text for numbers": (grader_data(randomPositions=lambda a: a.astype(str).tolist()),
-                         "randomPositions holds a str in place of a number"),
-    "an array of text": (grader_data(randomPositions=lambda a: a.astype(str)),
-                         "not a readable data file: an array of dtype 'U"),
-    "integers of 400 digits": (grader_data(randomPositions=lambda a: [[10**400] * 3] * 100),
-                               "randomPositions holds object where float is expected"),
-    "bytes that are not there": (b"\x80\x04\x8e" + b"\xff" * 7 + b"\x7f.",
-                                 "not a readable data file: "),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("case", GRADER_DATA)
-def test_grader_data_that_cannot_be_used(folder, monkeypatch, capsys, case):
-    content, message = GRADER_DATA[case]
-    if content is not None:
-        (folder / "integration.data").write_bytes(content)
-    assert_grader_refuses(monkeypatch, capsys, [], f"integration.data: {message}")
-    assert not (folder / "intruded").exists()
 
 
 def test_grader_data_over_the_limit_are_not_read(folder, monkeypatch, capsys):

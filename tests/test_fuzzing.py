@@ -22,19 +22,19 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from oracles import ROOT
-from program import CAMERA, DATA
-from rbs.recordingfiles import RecordingError
+from program import CAMERA, DATA, record
 from test_loading import CUBE, SCENE, TETRAHEDRON
 
+import rbs.recording
 from rbs.cameras import CameraError, load_camera
 from rbs.meshfiles import tetrahedron_volumes
 from rbs.options import MOST_STEPS, make_parser
-from rbs.recording import Recording
-from rbs.replay import Replay
+from rbs.recording import Recorder, Recording, RecordingError
+from rbs.replay import Replay, verify
 from rbs.scenes import NonConvexWarning
 from rbs.simulation import Simulation
 from rbs.textfiles import SceneError
-from RigidBodySimulation import load_constraint_file, load_mesh_file, load_scene_file, main
+from RigidBodySimulation import load_constraint_file, load_mesh_file, load_scene_file
 
 sys.path.insert(0, str(ROOT / "graders"))
 
@@ -239,19 +239,31 @@ def test_camera(folder):
     fuzz("camera", check, CameraError)
 
 
-def test_recording(folder):
-    path = folder / "r.npz"
-    assert main(["a-scene.txt", "--steps", "2", "--record", "r.npz"]) == 0
-    content = path.read_bytes()
+@pytest.mark.parametrize("isKilled", [False, True])
+def test_recording(folder, monkeypatch, isKilled):
+    """Whole, and as a killed run leaves it."""
+    monkeypatch.setattr(rbs.recording, "READ_ATTEMPTS", 10)  # else it would take long
+    simulation = Simulation("a-scene.txt")
+    if isKilled:
+        recorder = Recorder("r.h5")
+        for _ in range(3):
+            recorder.add(simulation)
+            simulation.step()
+        recorder.flush()
+    else:
+        record("r.h5", simulation, 2)
+    content, path = (folder / "r.h5").read_bytes(), folder / "bad.h5"
 
     def check(operations):
-        path.write_bytes(mutated_bytes(content, operations))
+        # Behind these bytes, most are in no use yet.
+        changed = mutated_bytes(content[:12_000], operations)
+        path.write_bytes(changed + content[len(changed) :])
         recording = Recording(path)
-        frame = recording.frame(recording.lastStep)
-        assert all(np.isfinite(values).all() for values in frame.values())
-        Replay(recording, Simulation("a-scene.txt"))
+        Replay(recording).seek(recording.lastStep)
+        verify(recording)
 
-    fuzz("recording", check, RecordingError)
+    fuzz(f"recording {isKilled}", check, (RecordingError, SceneError))
+    assert verify(Recording("r.h5")) == ""
 
 
 @pytest.mark.parametrize("protocol", [0, 2, 5])

@@ -337,6 +337,15 @@ UNUSABLE = {
         pickled(assign("randomOrientations", lambda a: 0 * a)),
         "zero quaternion",
     ),
+    "no vertex": lambda: (pickled(assign("origVertices1", lambda a: a[:0])), "is empty"),
+    "huge integers": lambda: (
+        pickled(assign("depth", lambda a: [10**400] * len(a))),
+        "depth holds object where float is expected",
+    ),
+    "bytes that are not there": lambda: (
+        b"\x80\x04\x8e" + b"\xff" * 7 + b"\x7f.",
+        "not a readable data file",
+    ),
     "flat mesh": lambda: (
         pickled(assign("origVertices1", lambda a: a * [1, 1, 0])),
         "mesh 1 is not a body",

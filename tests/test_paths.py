@@ -1,18 +1,15 @@
 """Blanks, letters beyond ASCII and Windows' separators, in the names of all files."""
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 from opengl import require_opengl
-from program import CAMERA, DATA, PROGRAM, environment, run, summary_of
+from program import CAMERA, DATA, run, summary_of
 
 from rbs.recording import Recording
-from rbs.simulation import Simulation
+from rbs.replay import Replay
 from rbs.textfiles import SceneError
 from RigidBodySimulation import load_scene_file
 
@@ -42,7 +39,7 @@ def test_every_file_of_a_run_may_have_blanks_and_any_letter(strange, tmp_path):
     pytest.importorskip("matplotlib", reason="pip install matplotlib")
     out = tmp_path / "à côté de"
     out.mkdir()
-    recording, stats, plot = (out / f"mein Lauf ß.{ending}" for ending in ("npz", "csv", "png"))
+    recording, stats, plot = (out / f"mein Lauf ß.{ending}" for ending in ("h5", "csv", "png"))
     summary = summary_of(run(
         tmp_path, f"{FOLDER}/{SCENE}", "--steps", 30, "--record", recording, "--stats", stats,
         "--plot", plot,
@@ -50,7 +47,8 @@ def test_every_file_of_a_run_may_have_blanks_and_any_letter(strange, tmp_path):
     assert summary["scene"] == f"{FOLDER}/{SCENE}" and summary["constraints"].startswith("2 bounds")
     for path, what in ((recording, "recording"), (stats, "statistics"), (plot, "plot")):
         assert summary[what] == f"à côté de/{path.name}" and path.stat().st_size > 1000
-    assert Recording(recording).meshNames == ["ein großer Würfel 0", "Achtflächner é 1"]
+    names = [mesh.name for mesh in Replay(Recording(recording)).meshes]
+    assert names == ["ein großer Würfel 0", "Achtflächner é 1"]
     for arguments in (["--verify", recording], ["--replay", recording, "--headless"],
                       ["--resume", recording, "--steps", 3, "--headless"]):  # fmt: skip
         process = run(tmp_path, *arguments)
@@ -70,7 +68,7 @@ def test_pictures_and_videos_may_have_blanks_and_any_letter(strange, tmp_path):
         "--video", "ein Film ö.mp4", "--size", "160x120", "--camera", camera,
     ))  # fmt: skip
     assert summary["pictures"] == "3 in viele Bilder é"
-    assert summary["video"].startswith("ein Film ö.mp4: 3 pictures")
+    assert summary["video"].startswith("ein Film ö.mp4: 3 frames")
     assert len(list((tmp_path / "viele Bilder é").glob("frame_*.png"))) == 3
     assert (tmp_path / "ein Film ö.mp4").stat().st_size > 500
 
@@ -93,20 +91,6 @@ def test_windows_separators_and_line_endings_make_no_difference(strange, separat
         np.testing.assert_array_equal(mesh.currVertices, other.currVertices)
 
 
-def test_a_recording_from_windows_finds_its_scene(strange, tmp_path):
-    recording = tmp_path / "r.npz"
-    run(strange, SCENE, "--steps", 3, "--record", recording)
-    with np.load(recording) as content:
-        arrays = dict(content)
-    assert str(arrays["scene"]) == SCENE
-    arrays["scene"] = np.array(f"C:\\Users\\Jörg\\{SCENE}")
-    constraints = SCENE.replace("-scene", "-constraints")
-    arrays["constraints"] = np.array(f"C:\\Users\\Jörg\\{constraints}")
-    np.savez(strange / "w.npz", **arrays)
-    process = run(tmp_path, "--verify", f"{FOLDER}/w.npz")
-    assert process.returncode == 0, process.stderr
-
-
 def test_the_ending_tells_a_name_with_blanks_from_a_column_too_many(strange):
     for line, cause in (
         ("box.mesh 1 1 0 0 9 0 1 0 0 0", "body 1 of 1 takes 10 columns, not 11"),
@@ -117,78 +101,3 @@ def test_the_ending_tells_a_name_with_blanks_from_a_column_too_many(strange):
         (strange / "b-scene.txt").write_text(f"1\n{line}\n")
         with pytest.raises(SceneError, match=cause):
             load_scene_file(strange / "b-scene.txt")
-
-
-def test_the_strange_scene_runs_like_any_other(strange):
-    """The same bodies under plain names have the same bits."""
-    plain = strange / "plain-scene.txt"
-    shutil.copy(DATA / "box.mesh", strange)
-    shutil.copy(DATA / "octahedron.mesh", strange)
-    plain.write_text("2\nbox.mesh 1 0 0 9 0 1 0 0 0\noctahedron.mesh 2 0 0 30 0 1 0 0 0\n")
-    constraints = strange / SCENE.replace("-scene", "-constraints")
-    simulations = Simulation(strange / SCENE), Simulation(plain, constraintPath=constraints)
-    for simulation in simulations:
-        for _ in range(60):
-            simulation.step()
-    one, other = (simulation.state() for simulation in simulations)
-    for name in one:
-        np.testing.assert_array_equal(one[name], other[name])
-
-
-@pytest.mark.skipif(os.name == "nt", reason="Windows has one encoding of names")
-def test_a_locale_of_ascii_reads_the_same_names(strange, tmp_path):
-    plain = {"LC_ALL": "C", "PYTHONUTF8": "0"}
-    scene = f"{FOLDER}/{SCENE}"
-    summary_of(run(tmp_path, scene, "--steps", 3, "--record", "u.npz"))
-    process = run(tmp_path, scene, "--steps", 3, "--record", "c.npz", "--stats", "c.csv", **plain)
-    assert summary_of(process)["bodies"].startswith("2,") and process.stderr == ""
-    assert Recording(tmp_path / "c.npz").meshNames == ["ein großer Würfel 0", "Achtflächner é 1"]
-    # Each locale reads what was recorded in the other.
-    assert run(tmp_path, "--verify", "u.npz", **plain).returncode == 0
-    assert run(tmp_path, "--verify", "c.npz").returncode == 0
-    (strange / "ein großer Würfel.mesh").unlink()
-    process = run(tmp_path, scene, "--headless", **plain)
-    assert process.returncode == 2 and len(process.stderr.splitlines()) == 1
-    assert "there is no mesh file" in process.stderr
-
-
-@pytest.mark.skipif(os.name == "nt", reason="Windows' names are text")
-def test_a_plot_of_a_scene_whose_name_is_no_text(tmp_path):
-    pytest.importorskip("matplotlib", reason="pip install matplotlib")
-    shutil.copy(DATA / "box.mesh", tmp_path)
-    name = os.fsdecode(b"\xff-scene.txt")
-    (tmp_path / name).write_text("1\nbox.mesh 1 0 0 9 0 1 0 0 0\n")
-    process = run(tmp_path, name, "--steps", 2, "--plot", "p.png")
-    assert process.returncode == 0 and (tmp_path / "p.png").exists(), process.stderr
-
-
-@pytest.mark.skipif(os.name == "nt", reason="Windows does not delete a current folder")
-@pytest.mark.parametrize(
-    ("arguments", "code", "words"),
-    [
-        ("mixed --basic --headless --steps 2", 0, ""),
-        ("{data}/tet-scene.txt --steps 2 --record {out}/r.npz --stats {out}/s.csv", 0, ""),
-        ("--verify {out}/old.npz", 0, ""),
-        ("--replay {out}/old.npz --stats {out}/s.csv", 0, ""),
-        ("--resume {out}/old.npz --steps 2 --record {out}/r.npz", 0, ""),
-        ("tet --steps 2 --stats s.csv", 2, "s.csv: "),
-        ("tet --steps 2 --record r.npz", 2, "r.npz: "),
-        ("a-scene.txt --headless", 2, "a-scene.txt: there is no such scene"),
-        ("--finish r.npz", 2, "r.npz: "),
-        ("--finish .", 2, ".: "),
-    ],
-)
-def test_a_current_folder_that_has_been_deleted(tmp_path, arguments, code, words):
-    out, gone = tmp_path / "out", tmp_path / "gone"
-    out.mkdir()
-    assert run(out, "tet", "--steps", 2, "--record", "old.npz").returncode == 0
-    gone.mkdir()
-    arguments = arguments.format(data=DATA, out=out)
-    command = f"cd '{gone}' && rmdir '{gone}' && exec '{sys.executable}' '{PROGRAM}' {arguments}"
-    process = subprocess.run(["sh", "-c", command], capture_output=True, text=True,
-                             env=environment(), timeout=120)  # fmt: skip
-    assert process.returncode == code, process.stderr
-    assert len(process.stderr.splitlines()) == (code > 0), process.stderr
-    if words:
-        assert process.stderr.startswith(f"RigidBodySimulation.py: {words}"), process.stderr
-    assert not gone.exists()
