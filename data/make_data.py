@@ -117,6 +117,21 @@ def make_ring_block(count, inner, outer, height):
                             for y in (-height / 2, height / 2) for side in (-1, 1)])
 
 
+# The blocks of a tray are eighths of a ring. Half of one reaches to z = ± x tan(π/8) = ± 0.41421 x;
+# 53/128 = 0.41406 leaves joints of 1 cm at most, and corners for which nine decimals are enough.
+TRAY_BLOCKS, TRAY_SLOPE, TRAY_HEIGHT = 8, 53 / 128, 6.0
+
+
+def make_tray_block(foot, brim, outer, height):
+    """A block of a low wall about the y axis, in its place on the x axis.
+
+    foot, brim, outer : how far its inner side at the bottom and at the top, and its outer side, are
+        from the axis; in metres
+    """
+    profile = [(foot, -height / 2), (brim, height / 2), (outer, -height / 2), (outer, height / 2)]
+    return make_hexahedron([(x, y, side * TRAY_SLOPE * x) for x, y in profile for side in (-1, 1)])
+
+
 def make_octahedron(a, b, c):
     """An octahedron with its tips on the axes, at ±a, ±b and ±c metres."""
     vertices = [[a, 0, 0], [0, b, 0], [-a, 0, 0], [0, -b, 0], [0, 0, c], [0, 0, -c]]
@@ -194,6 +209,7 @@ MESHES = {
     "card": make_box(14.0, 0.4, 10.0),
     "voussoir": make_voussoir(15, 34.0, 42.0, 14.0),
     "ring_block": make_ring_block(6, 5.0, 11.0, 6.0),
+    "tray_block": make_tray_block(foot=22.0, brim=23.0, outer=26.0, height=TRAY_HEIGHT),
     **{f"dome_block_{ring + 1}": make_dome_block(ring) for ring in range(4)},
 }
 
@@ -296,16 +312,24 @@ def tet_rain():
 
 
 def mixed_shapes():
-    """One of each shape, and another box, fall onto a wide plate and onto each other."""
-    return [
-        Body("long-octahedron.mesh", 60.0, (0.0, 14.0, 0.0), (1.0, 0.9, 0.0, 0.1)),
-        Body("cylinder.mesh", 60.0, (19.0, 15.0, 4.0), (1.0, 0.2, 0.0, 0.0)),
-        Body("ellipsoid.mesh", 60.0, (-5.0, 26.0, 5.0), (1.0, 0.0, 1.0, 1.0)),
-        Body("box.mesh", 60.0, (8.0, 30.0, -2.0), (1.0, 0.3, 0.0, 0.2)),
-        Body("tetrahedron.mesh", 60.0, (20.0, 34.0, 0.0), (1.0, 0.0, 0.5, 1.0)),
-        Body("octahedron.mesh", 60.0, (-6.0, 37.0, 2.0), (1.0, 0.0, 0.4, 0.2)),
-        Body("box.mesh", 60.0, (4.0, 46.0, 1.0), (1.0, 1.0, 0.0, 0.4)),
+    """One of each shape, and another box, fall onto each other in a tray, and stay in it.
+
+    They start where none of them is thrown over the wall, which is low. With restitution 1, they
+    bounce over it.
+    """
+    bodies = [
+        Body("long-octahedron.mesh", 60.0, (5.0, 33.0, 2.0), (1.0, 0.9, 0.0, 0.1)),
+        Body("cylinder.mesh", 60.0, (-6.0, 12.0, -7.0), (1.0, 0.2, 0.0, 0.0)),
+        Body("ellipsoid.mesh", 60.0, (-6.0, 35.0, -10.0), (1.0, 0.0, 1.0, 1.0)),
+        Body("box.mesh", 60.0, (3.0, 17.0, 10.0), (1.0, 0.3, 0.0, 0.2)),
+        Body("tetrahedron.mesh", 60.0, (-11.0, 38.0, 3.0), (1.0, 0.0, 0.5, 1.0)),
+        Body("octahedron.mesh", 60.0, (9.0, 16.0, -1.0), (1.0, 0.0, 0.4, 0.2)),
+        Body("box.mesh", 60.0, (-10.0, 25.0, 6.0), (1.0, 1.0, 0.0, 0.4)),
     ]
+    rise = TRAY_HEIGHT / 2 + POST_CLEARANCE
+    tray = [make_block("tray_block", 4000.0, 1, 360.0 * (i + 0.5) / TRAY_BLOCKS, rise)
+            for i in range(TRAY_BLOCKS)]
+    return bodies + [block._replace(isFixed=True) for block in tray]
 
 
 def tower():
@@ -798,7 +822,6 @@ RESTING = "solver soft-step friction 0.5 restitution 0"
 # The settings that show what a scene is named for, by its name: a comment in its file, which this
 # project's program follows where no option says otherwise.
 SUGGESTIONS = {
-    "mixed": "friction 0.5 restitution 0.3",    # it stays in the picture, for a minute and more
     "incline": "friction 0.4",
     "slide": "friction 0.2",
     "roll": "friction 0.4",
