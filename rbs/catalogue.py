@@ -9,7 +9,7 @@ SCENES = {
         "tet": "25 tetrahedra",
     },
     "piling up": {
-        "mixed": "seven shapes on the ground",
+        "mixed": "seven shapes in a tray",
         "tower": "a tower that falls apart",
         "stress": "many shapes between fixed posts",
     },

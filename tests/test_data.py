@@ -33,13 +33,14 @@ MESHES = {
     "card.mesh": (8, {4}, 14 * 0.4 * 10),
     "voussoir.mesh": (8, {4}, math.sin(math.pi / 15) / 2 * (42**2 - 34**2) * 14),
     "ring_block.mesh": (8, {4}, math.tan(math.pi / 6) * (11**2 - 5**2) * 6),
+    "tray_block.mesh": (8, {4}, 53 / 64 * (3 * 26**2 - (23**3 - 22**3))),
     **{f"dome_block_{ring}.mesh": (8, {4}, None) for ring in (1, 2, 3, 4)},
 }
 
 # Per scene: the number of bodies, and how many of them are fixed.
 SCENES = {
     "singletet": (1, 0), "singlebox": (1, 0), "single_cylinder": (1, 0), "two_cylinder": (2, 0),
-    "tet": (25, 0), "mixed": (7, 0), "tower": (9, 0), "stress": (41, 16), "cube": (8, 0),
+    "tet": (25, 0), "mixed": (15, 8), "tower": (9, 0), "stress": (41, 16), "cube": (8, 0),
     "tower_chain": (9, 1), "two_chain": (33, 10),
     "bridge": (18, 2), "net": (403, 4), "wrecking_ball": (12, 2),
     "incline": (4, 2), "slide": (8, 5), "roll": (7, 4), "settle": (4, 1),
