@@ -19,7 +19,7 @@ from program import CAMERA, DATA, by_hand, environment, run, summary_of
 from rbs.backends import DEBIAN_PACKAGES
 from rbs.headless import run_steps
 from rbs.recording import Recording
-from rbs.simulation import DEFAULT_RESTITUTION, DEFAULT_TIME_STEP, Simulation
+from rbs.simulation import Simulation
 from rbs.state import STATE_NAMES
 from RBSFunctions import Mesh
 from RigidBodySimulation import FALLBACK_PICTURES, load_constraint_file, load_scene_file, main
@@ -198,7 +198,7 @@ def chain_by_hand(file=None, **options):
     """Positions of the chain in each step by run_timestep alone, with the constraints of a file."""
     if file is not None:
         options["constraints"] = load_constraint_file(file, load_scene_file(CHAIN))
-    return by_hand(CHAIN, CHAIN_STEPS, DEFAULT_RESTITUTION, DEFAULT_TIME_STEP, **options)[
+    return by_hand(CHAIN, CHAIN_STEPS, 0.5, 0.02, **options)[
         "positions"]  # fmt: skip
 
 
