@@ -45,9 +45,8 @@ from rbs.hulls import build_hull
 from rbs.poses import Posed
 from rbs.reports import GROUND, StepReport
 from rbs.schedules import batches, queue, sweep
+from rbs.settings import check_arguments
 from rbs.softstep import soft_step
-from rbs.stepoptions import ContactSettings as ContactSettings  # it is asked for here
-from rbs.stepoptions import check_step_options, contact_settings
 from rbs.vectors import (
     add,
     cross,
@@ -123,11 +122,14 @@ def run_timestep(
     where a number would become NaN, infinite or absurdly large. Whatever is raised, the meshes are
     then as they were before the step.
     """
-    timeStep, tolerance = number(timeStep), number(tolerance)
+    checked = check_arguments(
+        timeStep=timeStep, CRCoeff=CRCoeff, enforceConstraints=enforceConstraints,
+        maxIterations=maxIterations, tolerance=tolerance, closingOnly=closingOnly,
+        constraintScheduling=constraintScheduling, mu=mu, broadPhase=broadPhase,
+        contactSolver=contactSolver, substeps=substeps, sleeping=sleeping, gyroscopic=gyroscopic,
+    )  # fmt: skip
+    timeStep, tolerance = checked["timeStep"], checked["tolerance"]
     contactSettings = contact_settings(CRCoeff, closingOnly, mu)
-    check_step_options(
-        timeStep, tolerance, constraintScheduling, broadPhase, contactSolver, substeps, closingOnly
-    )
     if not enforceConstraints:
         constraints = ()
     project = partial(
@@ -136,7 +138,7 @@ def run_timestep(
     )  # fmt: skip
     if contactSolver == "soft-step":
         return soft_step(meshes, groundMesh is not None, timeStep, contactSettings.CRCoeff,
-                         contactSettings.mu, constraints, int(substeps), sleeping, gyroscopic,
+                         contactSettings.mu, constraints, checked["substeps"], sleeping, gyroscopic,
                          solverState)  # fmt: skip
     if broadPhase == "grid":
         return _accelerated_step(meshes, groundMesh, timeStep, contactSettings, project, gyroscopic)
@@ -170,6 +172,19 @@ def run_timestep(
             report.constraintVisits = project(MeshStates(meshes))
         check_numbers(state_columns(meshes), meshes, "contacts and constraints")
     return report
+
+
+class ContactSettings(NamedTuple):
+    """How contacts are resolved; see `resolve_collision`."""
+
+    CRCoeff: float
+    closingOnly: bool
+    mu: float
+
+
+def contact_settings(CRCoeff, closingOnly, mu):
+    """The ContactSettings of a caller's arguments; raises ValueError."""
+    return ContactSettings(**check_arguments(CRCoeff=CRCoeff, closingOnly=closingOnly, mu=mu))
 
 
 # --------------------------------------------------------------------------------------------------

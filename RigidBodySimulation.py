@@ -14,7 +14,6 @@ import os
 import sys
 import warnings
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,19 +35,21 @@ from rbs.options import (
     DEFAULT_EVERY,
     DEFAULT_SCENE,
     DEFAULT_STEPS,
-    SETTING_FIELDS,
-    STEP_PARAMETERS,
+    SETTING_OPTIONS,
     WITHOUT_WINDOW,
-    check_options,
-    follows_suggestions,
-    given_options,
-    make_parser,
+    given_settings,
     option_name,
-    settings_of,
+    parse_options,
 )
-from rbs.pictureoptions import FASTEST_ENCODER, SLOWEST_VIDEO, PictureOptions, video_timing
+from rbs.pictureoptions import (
+    FASTEST_ENCODER,
+    PICTURE_SIZE,
+    SLOWEST_VIDEO,
+    PictureOptions,
+    video_timing,
+)
 from rbs.recording import Recorder, Recording, RecordingError
-from rbs.replay import Replay, check_functions, resume, verify
+from rbs.replay import check_functions, resume, verify
 from rbs.scenes import (
     NonConvexWarning,
     find_scene,
@@ -56,10 +57,11 @@ from rbs.scenes import (
     load_scene_file,
     scene_name,
 )
+from rbs.settings import IgnoredSetting
 from rbs.simulation import Simulation
 from rbs.statistics import PlotWriter, StatsWriter, step_quantities
 from rbs.submittedsteps import SubmittedSteps
-from rbs.suggestions import SceneOpener, suggested_settings, tell_suggestion
+from rbs.suggestions import SceneOpener, apply_settings, note_recommended
 
 # The loaders, by the names that they are known by.
 __all__ = ["flatten_meshes", "load_constraint_file", "load_mesh_file", "load_scene_file", "main"]
@@ -74,17 +76,14 @@ def main(arguments=None):
     returns the exit code: 0, 1 where --verify finds a difference, 2 for bad input, 3 where the
     numbers of a run go wrong, 130 after Ctrl-C, 143 after kill
     """
-    parser = make_parser()
-    options = parser.parse_args(arguments)
-    given = given_options(arguments)
+    options = parse_options(arguments)
     with warnings.catch_warnings(), signals_handled(interrupt):
         warnings.simplefilter("always", NonConvexWarning)
         warnings.showwarning = lambda message, *where: print_error(f"warning: {message}")
         if hasattr(sys.stdout, "reconfigure"):  # a name may hold what the terminal has no sign for
             sys.stdout.reconfigure(errors="backslashreplace")
         try:
-            check_options(parser, options, given)
-            return run_asked_mode(options, given)
+            return run_asked_mode(options)
         except (InputError, ImportError) as error:
             print_error(error)
         except OSError as error:
@@ -98,32 +97,35 @@ def main(arguments=None):
     return 2
 
 
-def run_asked_mode(options, given):
+def run_asked_mode(options):
     """What the command line asks for; returns the exit code."""
     Simulation.submitted = None
     if options.functions is not None:
-        steps = SubmittedSteps(options.functions)
-        steps.check_options({option_name(one): STEP_PARAMETERS[one]
-                             for one in STEP_PARAMETERS if one in given})  # fmt: skip
-        Simulation.submitted = steps
+        Simulation.submitted = SubmittedSteps(options.functions)
+        Simulation.submitted.check_options(
+            {option_name(dest): one.parameter
+             for dest, one in SETTING_OPTIONS.items() if dest in options}
+        )  # fmt: skip
     if options.verify is not None:
         return verify_as_asked(options)
-    simulation = simulation_of(options, given)
+    simulation = simulation_of(options)
     check_outputs(
         {option_name(one): getattr(options, one)
-         for one in ("record", "stats", "plot", "video") if one in given},
+         for one in ("record", "stats", "plot", "video") if one in options},
         [options.replay or options.resume or os.devnull, *simulation.source.files(),
          options.camera or os.devnull],
     )  # fmt: skip
     pictureOptions = picture_options_of(options)
-    if given & WITHOUT_WINDOW:
+    if WITHOUT_WINDOW & set(options):
         return run_as_asked(simulation, options, pictureOptions)
-    follows = follows_suggestions(given)
-    opener = SceneOpener(simulation.settings, follows, options.allow_outside_meshes)
+    opener = SceneOpener(
+        simulation, given_settings(options), ignores_recommendations(options),
+        options.allow_outside_meshes,
+    )  # fmt: skip
     return open_window_or_fall_back(simulation, options, pictureOptions, opener)
 
 
-def simulation_of(options, given):
+def simulation_of(options):
     """The Simulation, or Replay, that the command line asks for."""
     if options.replay is not None:
         return open_replay(options.replay)
@@ -131,23 +133,22 @@ def simulation_of(options, given):
         recording = Recording(options.resume)
         step = recording.lastStep if options.from_step is None else options.from_step
         simulation = resume(recording, step)
-        asked = settings_of(options)
-        changes = {field: getattr(asked, field)
-                   for name, field in SETTING_FIELDS.items() if name in given}  # fmt: skip
         try:
-            simulation.settings = replace(simulation.settings, **changes)
-        except ValueError as error:  # of what was recorded and what is asked for now
-            raise InputError(str(error)) from None
+            simulation.settings = simulation.settings.changed(**given_settings(options))
+        except IgnoredSetting as error:
+            raise InputError(error.inOptions) from None
         return simulation
-    scenePath = find_scene(DEFAULT_SCENE if options.scene is None else options.scene)
     simulation = Simulation(
-        scenePath, settings_of(options), options.constraints,
+        find_scene(options.scene or DEFAULT_SCENE), constraintPath=options.constraints,
         allowOutsideMeshes=options.allow_outside_meshes,
     )  # fmt: skip
-    if follows_suggestions(given):
-        simulation.settings, simulation.suggestion = suggested_settings(simulation.source)
-        simulation.startSettings = replace(simulation.settings)
+    apply_settings(simulation, given_settings(options), ignores_recommendations(options))
     return simulation
+
+
+def ignores_recommendations(options):
+    """Whether scenes run without what they recommend, as a student's functions always do."""
+    return bool(options.basic or options.functions)
 
 
 def run_as_asked(simulation, options, pictureOptions):
@@ -172,7 +173,7 @@ def run_as_asked(simulation, options, pictureOptions):
         if options.screenshots is not None:
             first = simulation.stepCount
             drawn = range(first, first + steps + 1, options.every or DEFAULT_EVERY)
-            start(PictureSeries(options.screenshots, drawn, view, options.transparent))
+            start(PictureSeries(options.screenshots, drawn, view, bool(options.transparent)))
         if options.video is not None:
             start(Video(options.video, view, *timing))
         if options.record is not None:
@@ -181,7 +182,7 @@ def run_as_asked(simulation, options, pictureOptions):
             start(StatsWriter(options.stats))
         if options.plot is not None:
             start(PlotWriter(options.plot))
-        tell_suggestion(simulation)
+        note_recommended(simulation)
         return run_without_window(simulation, steps, writers)
 
 
@@ -196,7 +197,7 @@ def open_window_or_fall_back(simulation, options, pictureOptions, opener):
     if backend.opensWindow:
         from rbs.viewer import show_window
 
-        tell_suggestion(simulation)
+        note_recommended(simulation)
         show_window(simulation, backend, opener, list_files, step_quantities, pictureOptions)
         return 0
     writers = []
@@ -211,7 +212,7 @@ def open_window_or_fall_back(simulation, options, pictureOptions, opener):
         steps = np.linspace(first, last, FALLBACK_PICTURES).round().astype(int).tolist()
         view = start_view(simulation, backend, pictureOptions)
         writers = [PictureSeries(folder, steps, view)]
-    tell_suggestion(simulation)
+    note_recommended(simulation)
     return run_without_window(simulation, steps_of(simulation, options), writers)
 
 
@@ -244,9 +245,9 @@ def picture_options_of(options):
 
         camera = load_camera(options.camera)
     return PictureOptions(
-        options.size, camera, options.transparent, options.colours, tuple(options.show or ()),
-        options.legend,
-    )
+        options.size or PICTURE_SIZE, camera, bool(options.transparent), options.colours or "body",
+        tuple(options.show or ()), bool(options.legend),
+    )  # fmt: skip
 
 
 def video_timing_of(simulation, options):
@@ -262,7 +263,7 @@ def video_timing_of(simulation, options):
 
 def steps_of(simulation, options):
     """How many steps a run without a window makes: of a replay, no more than were recorded."""
-    if isinstance(simulation, Replay):
+    if simulation.isReplay:
         left = simulation.lastStep - simulation.stepCount
         return left if options.steps is None else min(left, options.steps)
     return DEFAULT_STEPS if options.steps is None else options.steps

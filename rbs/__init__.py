@@ -4,6 +4,9 @@ A newcomer starts at `run_timestep` in RBSFunctions.py. Data flows one way: file
 pictures and recordings. Rooms import only what stands above them in this list, and nothing imports
 `graders`, `tests` or `report`.
 
+What a step may be asked
+    settings      the table of settings; their values for a scene; what is refused
+
 Algebra and geometry, below GJK.py
     arrays        indexing of long arrays in few calls
     vectors       vectors by component: tuples of floats, or arrays (3, n)
@@ -32,16 +35,13 @@ The solver in which piles rest, behind `contactSolver="soft-step"`
     solverstate       what a step leaves to the next
     softstep          the solver, with its derivation
 
-What a step may be asked
-    stepoptions   settings of contacts, options, and what of them is refused
-
 Scenes, above RBSFunctions.py
     messages      errors and lines for the terminal
     files         reading with a limit, writing whole files
     textfiles     text files, line by line
     meshfiles     .mesh and .off
     scenelines    lines of scene and constraint files, taken apart
-    state         a scene in some state: energies, momenta, hashes
+    state         a scene in some state: energies, momenta
     scenes        scene and constraint files
     catalogue     what our scenes show
     changes       what is done to bodies by hand, and how it is recorded
@@ -68,7 +68,7 @@ The program
     opening       from names to scenes and recordings
     headless      runs without a window
     options       the command line
-    suggestions   settings that a scene file suggests
+    suggestions   settings that a scene file recommends
 """
 
 __version__ = "0.1.0"

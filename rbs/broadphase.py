@@ -12,9 +12,6 @@ import numpy as np
 
 from rbs.arrays import indices, ranges, take
 
-# How a step finds its pairs: one after the other, or through the grid.
-BROAD_PHASES = ("all", "grid")
-
 # A level of the grid has columns as wide as its largest box and holds boxes down to this fraction
 # of it. Smaller ones would crowd the columns, and more levels would cost more look-ups.
 GRID_SHRINK = 1 / 8

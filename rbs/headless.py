@@ -14,7 +14,6 @@ from tqdm import tqdm
 
 from rbs.bodies import StateError
 from rbs.messages import print_error, shown_path
-from rbs.replay import Replay
 
 # What people call the signals that ask a program to end. Windows has no SIGHUP.
 SIGNAL_NAMES = {
@@ -130,7 +129,7 @@ def summarise(simulation, run, startEnergies):
     fixedCount = sum(mesh.isFixed for mesh in meshes)
     kinetic, potential = startEnergies
     y, lowestName = simulation.lowest_point()
-    stepTime = "a recording" if isinstance(simulation, Replay) else "no step was made"
+    stepTime = "a recording" if simulation.isReplay else "no step was made"
     if run.stepSeconds:
         median = statistics.median(run.stepSeconds)
         stepTime = f"{1e3 * median:.2f} ms median, {sum(run.stepSeconds):.1f} s in total"

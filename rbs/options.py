@@ -1,7 +1,7 @@
 """The command line's options: what there is, which values they take, what goes with what.
 
-From the top: the parser and its groups; which options were given, and whether they go together; the
-settings that they ask for; kinds of values.
+From the top: the parser and its groups; which options are given, and whether they go together; the
+settings that they give; kinds of values.
 """
 
 import argparse
@@ -9,7 +9,6 @@ import re
 import sys
 from pathlib import Path
 
-from rbs.broadphase import BROAD_PHASES
 from rbs.catalogue import SCENES
 from rbs.colours import COLOURINGS
 from rbs.messages import PROGRAM_NAME, one_line, short
@@ -23,20 +22,7 @@ from rbs.pictureoptions import (
     VIDEO_RATE,
 )
 from rbs.recording import RECORDING_ENDINGS
-from rbs.schedules import CONSTRAINT_SCHEDULINGS
-from rbs.simulation import (
-    DEFAULT_RESTITUTION,
-    DEFAULT_TIME_STEP,
-    LEAST_VISITS,
-    MOST_SUBSTEPS,
-    SWEEPS,
-    Settings,
-    at_least,
-    checked_friction,
-    checked_restitution,
-    checked_time_step,
-)
-from rbs.solverstate import CONTACT_SOLVERS, DEFAULT_SUBSTEPS
+from rbs.settings import BY_OPTION
 from rbs.textfiles import plain_float, plain_int
 
 # What runs where no scene is named.
@@ -75,34 +61,13 @@ RigidBodySimulation.py tower --record tower.h5 --stats tower.csv --steps 1000
 RigidBodySimulation.py --replay tower.h5
 RigidBodySimulation.py --resume tower.h5 --from 500 --friction 0.4"""
 
-# Options by what they are for, under the names that argparse gives them. First those that change
-# the settings, each with the field that it changes; "no_" switches one off.
-SETTING_FIELDS = {
-    "restitution": "restitution",
-    "time_step": "timeStep",
-    "closing_only": "closingOnly",
-    "friction": "friction",
-    "no_constraints": "enforceConstraints",
-    "scheduling": "constraintScheduling",
-    "max_iterations": "maxIterations",
-    "broad_phase": "broadPhase",
-    "solver": "contactSolver",
-    "substeps": "substeps",
-    "no_sleeping": "sleeping",
-    "gyroscopic": "gyroscopic",
-}
-# Those that make run_timestep be called with a parameter that the coursework's may not have, each
-# with its name.
-STEP_PARAMETERS = {
-    name: "mu" if name == "friction" else field
-    for name, field in SETTING_FIELDS.items()
-    if name not in {"restitution", "time_step", "no_constraints"}
-}
+# The options that change the settings, under the names that argparse gives them.
+SETTING_OPTIONS = {option.replace("-", "_"): one for option, one in BY_OPTION.items()}
 WITHOUT_WINDOW = frozenset({"headless", "screenshots", "video", "record", "stats", "plot"})
 # What does not go with what, and why.
 CONFLICTS = {
     "replay": (
-        {*SETTING_FIELDS, "scene", "constraints", "basic", "record", "functions"},
+        {*SETTING_OPTIONS, "scene", "constraints", "basic", "record", "functions"},
         "a replay simulates nothing; --resume goes on with other settings, and may be recorded",
     ),
     "resume": (
@@ -110,11 +75,12 @@ CONFLICTS = {
         "it goes on with the scene and the settings of the recording",
     ),
     "verify": (
-        {*SETTING_FIELDS, "scene", "constraints", "basic", "steps", "every"}
+        {*SETTING_OPTIONS, "scene", "constraints", "basic", "steps", "every"}
         | WITHOUT_WINDOW - {"headless"},
         "it only compares, and with the scene and the settings of the recording",
     ),
     "video": ({"transparent"}, "videos have no transparency"),
+    "no_constraints": ({"constraints"}, "all bodies go free"),
 }
 # What makes no sense without another option.
 COMPANIONS = {
@@ -124,8 +90,6 @@ COMPANIONS = {
     ),
     "fps": ({"video"}, "says how fast --video plays, which is missing"),
     "transparent": ({"screenshots"}, "says how --screenshots draws, which is missing"),
-    "substeps": ({"solver", "resume"}, "is of --solver soft-step, which is missing"),
-    "no_sleeping": ({"solver", "resume"}, "is of --solver soft-step, which is missing"),
     "from_step": ({"resume"}, "says where --resume starts, which is missing"),
 }
 
@@ -139,6 +103,7 @@ def make_parser():
         epilog=SCENE_LIST,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
+        argument_default=argparse.SUPPRESS,
     )
     parser.add_argument(
         "scene", metavar="SCENE", nargs="?", type=PATH,
@@ -155,16 +120,11 @@ def make_parser():
         "which runs with your rights; options that its run_timestep does not know are refused",
     )  # fmt: skip
 
-    add_settings_options(parser)
+    add_physics_options(parser)
+    add_constraint_options(parser)
     add_output_options(parser)
     add_recording_options(parser)
     return parser
-
-
-def add_settings_options(parser):
-    """Those that change the settings: what a scene may suggest."""
-    add_physics_options(parser)
-    add_constraint_options(parser)
 
 
 def add_physics_options(parser):
@@ -172,87 +132,51 @@ def add_physics_options(parser):
     physics = parser.add_argument_group("simulation", PHYSICS_EXAMPLES)
     physics.add_argument(
         "--basic", action="store_true",
-        help="the coursework's behaviour, whatever the scene suggests (default: settings that a "
-        "scene suggests, as '# suggests friction 0.5' does, count where no option of this group or "
-        "the next is given)",
+        help="the coursework's behaviour, whatever the scene recommends (by default, settings that "
+        "a scene recommends, as '# suggests friction 0.5' does, are used unless they are given)",
     )  # fmt: skip
-    physics.add_argument(
-        "--restitution", metavar="E", type=option_type(plain_float, checked_restitution, "number"),
-        default=DEFAULT_RESTITUTION,
-        help="how much of their closing speed bodies keep in a collision, from 0 to 1 "
-        "(default: %(default)s, so that they bounce and come to rest). With 1, bodies gain energy, "
-        "1 to 14 %% in 1500 steps of our scenes; soft-step: none",
-    )  # fmt: skip
-    physics.add_argument(
-        "--time-step", metavar="H", type=option_type(plain_float, checked_time_step, "number"),
-        default=DEFAULT_TIME_STEP,
-        help="seconds per step (default: %(default)s)",
-    )  # fmt: skip
-    physics.add_argument(
-        "--friction", metavar="MU", type=option_type(plain_float, checked_friction, "number"),
-        default=0.0, help="coefficient of friction between bodies and with the ground "
-        "(default: %(default)s). A box that spins flat on another is not slowed down: after 4 s "
-        "it has 10 of 10 rad/s; soft-step: 0",
-    )  # fmt: skip
-    physics.add_argument(
-        "--closing-only", action="store_true",
-        help="leave contacts alone that already separate (default: they receive an impulse too, "
-        "as in the coursework); energy is gained and lost as without it",
-    )  # fmt: skip
-
-    physics.add_argument(
-        "--broad-phase", metavar="NAME", choices=BROAD_PHASES, default="all",
-        help="all: every pair in turn; grid: the same motion to the last bit, found through a "
-        "uniform grid, for hundreds of bodies (default: %(default)s)",
-    )  # fmt: skip
-    physics.add_argument(
-        "--solver", metavar="NAME", choices=CONTACT_SOLVERS, default="impulse",
-        help="impulse: one impulse a contact, one after the other, as in the coursework; "
-        "soft-step: all contacts and constraints together, several points each, so that piles rest "
-        "(default: %(default)s)",
-    )  # fmt: skip
-    physics.add_argument(
-        "--substeps", metavar="N",
-        type=option_type(plain_int, at_least(1, MOST_SUBSTEPS), "whole number"),
-        default=DEFAULT_SUBSTEPS,
-        help="of the soft-step solver in a step: more are stiffer (default: %(default)s)",
-    )  # fmt: skip
-    physics.add_argument(
-        "--no-sleeping", action="store_true",
-        help="with the soft-step solver: work on bodies at rest too (default: they are left out "
-        "until something disturbs them)",
-    )  # fmt: skip
-    physics.add_argument(
-        "--gyroscopic", action="store_true",
-        help="let bodies that spin tumble, as Euler's equation has it (default: the angular "
-        "velocity stays in free flight)",
-    )  # fmt: skip
+    for one in BY_OPTION.values():
+        if not one.isOfConstraints:
+            add_setting(physics, one)
 
 
 def add_constraint_options(parser):
     """Which constraints there are, and how they are solved."""
     constraints = parser.add_argument_group("constraints", CONSTRAINT_EXAMPLES)
-    source = constraints.add_mutually_exclusive_group()
-    source.add_argument(
+    constraints.add_argument(
         "--constraints", metavar="FILE", type=PATH,
         help="the constraints between the bodies (default: NAME-constraints.txt beside "
         "NAME-scene.txt, if there is one)",
     )  # fmt: skip
-    source.add_argument(
-        "--no-constraints", action="store_true",
-        help="let all bodies go free (default: constraints come last in a step and may press "
-        "bodies into the ground, in the cube scene by 0.74 m; soft-step: 0.01 m)",
-    )  # fmt: skip
-    constraints.add_argument(
-        "--max-iterations", metavar="N", type=WHOLE_NUMBER,
-        help=f"constraint visits in a step at most, but at least one of each (default: {SWEEPS} of "
-        f"each, and at least {LEAST_VISITS})",
-    )  # fmt: skip
-    constraints.add_argument(
-        "--scheduling", metavar="NAME", choices=CONSTRAINT_SCHEDULINGS, default="sweep",
-        help="sweep: in order, over and over; queue: the same result with fewer visits; batches: "
-        "in another order, many at once, for hundreds of constraints (default: %(default)s)",
-    )  # fmt: skip
+    for one in BY_OPTION.values():
+        if one.isOfConstraints:
+            add_setting(constraints, one)
+
+
+def add_setting(group, one):
+    """Adds the option of a Setting; its value is there only where it is given."""
+    name = "--" + one.option
+    only = "" if one.solver is None else f"with --solver {one.solver}: "
+    if one.kind is bool:
+        group.add_argument(name, action="store_true", help=only + one.help)
+        return
+    default = "" if one.default is None else f" (default: {one.default})"
+    metavar = {float: "X", int: "N"}.get(one.kind, "NAME")
+    group.add_argument(
+        name, metavar=metavar, type=setting_type(one), help=only + one.help + default
+    )
+
+
+def setting_type(one):
+    """An argparse type of a Setting."""
+
+    def parse(text):
+        try:
+            return one.parsed(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return parse
 
 
 def add_output_options(parser):
@@ -288,7 +212,7 @@ def add_output_options(parser):
     picture = parser.add_argument_group("picture")
     picture.add_argument(
         "--size", metavar="WxH", type=option_type(str, checked_size, "size"),
-        default=PICTURE_SIZE, help="in pixels, also of the window (default: "
+        help="in pixels, also of the window (default: "
         f"{'x'.join(map(str, PICTURE_SIZE))})",
     )  # fmt: skip
     picture.add_argument(
@@ -296,9 +220,8 @@ def add_output_options(parser):
         help="where to look from, as saved from the window (default: all of the scene is seen)",
     )  # fmt: skip
     picture.add_argument(
-        "--colours", metavar="NAME", choices=COLOURINGS, default="body",
-        help=f"what bodies are coloured by: {', '.join(COLOURINGS)} "
-        "(default: %(default)s)",
+        "--colours", metavar="NAME", choices=COLOURINGS,
+        help=f"what bodies are coloured by: {', '.join(COLOURINGS)} (default: body)",
     )  # fmt: skip
     picture.add_argument(
         "--show", metavar="NAME", choices=OVERLAYS, action="extend", nargs="+",
@@ -352,20 +275,26 @@ def add_recording_options(parser):
     )  # fmt: skip
 
 
-def given_options(arguments):
-    """The set of the options that the command line has, and not only by their defaults."""
+class Options(dict):
+    """The options that are given, by argparse's names; as attributes, all others are None."""
+
+    __getattr__ = dict.get
+
+
+def parse_options(arguments=None):
+    """The Options of a command line; ends the program with one line where it is wrong."""
     parser = make_parser()
-    parser.set_defaults(**dict.fromkeys(vars(parser.parse_args([]))))
-    return {name for name, value in vars(parser.parse_args(arguments)).items() if value is not None}
+    options = Options(vars(parser.parse_args(arguments)))
+    check_options(parser, options)
+    return options
 
 
-def check_options(parser, options, given):
+def check_options(parser, options):
     """Ends the program with one line where the given options do not go together."""
+    given = set(options)
     for dest, (companions, cause) in COMPANIONS.items():
         if dest in given and not given & companions:
             parser.error(f"{option_name(dest)} {cause}")
-    if options.closing_only and options.solver == "soft-step":
-        parser.error("--closing-only has no meaning for --solver soft-step: no contact ever pulls")
     for mode, (others, cause) in CONFLICTS.items():
         for dest in sorted(given & others if mode in given else ()):
             parser.error(f"{option_name(dest)} does not go with {option_name(mode)}: {cause}")
@@ -377,21 +306,13 @@ def option_name(dest):
     return names.get(dest, "--" + dest.replace("_", "-"))
 
 
-def follows_suggestions(given):
-    """Whether scenes run with what they suggest: unless a setting, --basic or --functions is given.
-
-    given : as `given_options` tells. A student's functions are looked at in the basic behaviour.
-    """
-    return not given & {*SETTING_FIELDS, "basic", "functions"}
-
-
-def settings_of(options):
-    """The `Settings` that the command line's options ask for."""
-    asked = {}
-    for name, field in SETTING_FIELDS.items():
-        value = getattr(options, name)
-        asked[field] = not value if name.startswith("no_") else value
-    return Settings(**asked)
+def given_settings(options):
+    """The settings that the options give: dict by the fields of `Settings`."""
+    return {
+        one.name: not one.default if one.kind is bool else options[dest]
+        for dest, one in SETTING_OPTIONS.items()
+        if dest in options
+    }
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -422,6 +343,18 @@ def option_type(convert, check, kind):
             raise argparse.ArgumentTypeError(str(error)) from None
 
     return parse
+
+
+def at_least(low, high):
+    """A check that numbers are not below `low`, and not above `high`."""
+
+    def check(value):
+        if not low <= value <= high:
+            bound = f"{low} or more" if value < low else f"{high} or less"
+            raise ValueError(f"must be {bound}, not {short(str(value))}")
+        return value
+
+    return check
 
 
 def checked_size(text):

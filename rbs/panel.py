@@ -10,7 +10,6 @@ import time
 
 import numpy as np
 
-from rbs.broadphase import BROAD_PHASES
 from rbs.colours import COLOURINGS, PICKED_COLOUR
 from rbs.drawing import LAYERS, MOST_BOXES, MOST_TRAILS, TRAIL_LENGTH, VELOCITY_SECONDS
 from rbs.helppanel import draw_help
@@ -19,13 +18,13 @@ from rbs.messages import counted
 from rbs.pictures import draw_legend
 from rbs.playback import SPEEDS, speed_name
 from rbs.plots import ALL_PLOTS, PLOTS, Plots
-from rbs.schedules import CONSTRAINT_SCHEDULINGS
-from rbs.solverstate import CONTACT_SOLVERS
+from rbs.settings import CHOSEN
 from rbs.widgets import (
     NumberField,
     Tooltips,
     draw_choice,
     draw_error,
+    draw_slider,
     draw_table,
     draw_vectors,
 )
@@ -35,32 +34,14 @@ LABEL_WIDTH, INDENT = 112, 18
 # The mouse moves less than this between pressing and releasing where it picks, and does not turn
 # the camera.
 CLICK_PIXELS = 4.0
-# The sliders' ends. More friction than rubber on dry stone.
-MOST_FRICTION = 1.0
-MOST_SUBSTEPS = 32
-# s: the shortest and the longest step that the field takes.
-FIELD_TIME_STEPS = (1e-4, 1.0)
+# Of the fields to type into: what their buttons + and - change, and the least and greatest value.
+FIELDS = {"timeStep": (0.005, 1e-4, 1.0)}
 # m/s: the largest push.
 MOST_PUSH = 40.0
 # Seconds that a message stays for.
 MESSAGE_SECONDS = 20.0
 # Frames a second at most; and where nobody does anything and nothing plays for so many seconds.
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
-# Settings that are one of some names: label, name in the settings, names to choose from, and what
-# it says under the mouse.
-SOLVER_CHOICE = (
-    "solver", "contactSolver", CONTACT_SOLVERS,
-    "impulse: one contact after the other, as in the coursework; soft-step: all together, so that "
-    "piles rest",
-)  # fmt: skip
-BROAD_PHASE_CHOICE = (
-    "broad phase", "broadPhase", BROAD_PHASES,
-    "How pairs that may touch are found: the same motion, and grid is faster for many bodies",
-)  # fmt: skip
-SCHEDULING_CHOICE = (
-    "scheduling", "constraintScheduling", CONSTRAINT_SCHEDULINGS,
-    "In which order the constraints are solved in an iteration",
-)  # fmt: skip
 # Of the switches in the section Display.
 TOOLTIPS = {
     "ground": "The chequered plane y = 0",
@@ -78,20 +59,18 @@ TOOLTIPS = {
 class Panel:
     """The window's panels, keys and mouse: shows a Viewer and calls its functions.
 
-    Attributes: viewer; fields, its two NumberFields, restitution and time step; path, what is
-    typed into the field that opens a file; isHelpShown; isSideShown, whether the column of numbers
-    is, or None for as the window's width has it; layout, of the last frame.
+    Attributes: viewer; path, what is typed into the field that opens a file; isHelpShown;
+    isSideShown, whether the column of numbers is, or None for as the window's width has it; layout,
+    of the last frame.
     """
 
     def __init__(self, viewer):
         self.viewer = viewer
         self.path = ""
-        self.fields = [
-            NumberField("restitution", "restitution", 0.1, 0.0, 1.0,
-                        "Part of the closing speed that bodies keep in a collision, 0 to 1"),
-            NumberField("time step (s)", "timeStep", 0.005, *FIELD_TIME_STEPS,
-                        "Seconds that a step simulates"),
-        ]  # fmt: skip
+        self._fields = {
+            name: NumberField(CHOSEN[name].label, name, *ends, CHOSEN[name].tooltip)
+            for name, ends in FIELDS.items()
+        }
         self.isHelpShown = False
         self.isSideShown = None
         self.layout = None
@@ -324,52 +303,35 @@ class Panel:
                       "then Enter")  # fmt: skip
         if entered and self.path.strip():
             viewer.open(self.path.strip())
-        suggestion = getattr(viewer.simulation, "suggestion", "")
-        if suggestion:
-            psim.TextWrapped(f"suggests {suggestion}")
-            Tooltips.tell("What the scene file suggests of its settings; Reset restores it")
+        if viewer.simulation.recommended:
+            psim.TextWrapped(f"Scene settings: {viewer.simulation.recommended}")
+            Tooltips.tell("Settings recommended by the scene file. Reset restores them.")
 
     def _draw_settings(self):
+        """The settings that the solver heeds, each as its table has it."""
         import polyscope.imgui as psim
 
-        viewer = self.viewer
-        settings = viewer.simulation.settings
-        for field in self.fields:
-            field.draw(settings)
-        clamp = psim.ImGuiSliderFlags_AlwaysClamp  # also what is typed in with Ctrl-click
-        _, settings.friction = psim.SliderFloat(
-            "friction", settings.friction, 0.0, MOST_FRICTION, "%.3f", clamp
-        )
-        Tooltips.tell("Coulomb's coefficient, between bodies and with the ground")
-        self._draw_setting(*SOLVER_CHOICE)
-        if settings.contactSolver == "soft-step":
-            settings.closingOnly = False  # it has no meaning there
-            _, settings.substeps = psim.SliderInt(
-                "substeps", settings.substeps, 1, MOST_SUBSTEPS, "%d", clamp
-            )
-            Tooltips.tell("Of the soft-step solver in a step: more are stiffer")
-            _, settings.sleeping = psim.Checkbox("sleeping", settings.sleeping)
-            Tooltips.tell("Bodies at rest are left out until something disturbs them")
-        else:
-            self._draw_setting(*BROAD_PHASE_CHOICE)
-            _, settings.closingOnly = psim.Checkbox("closing contacts only", settings.closingOnly)
-            Tooltips.tell("Contacts that already separate receive no impulse")
-        _, settings.gyroscopic = psim.Checkbox("gyroscopic term", settings.gyroscopic)
-        Tooltips.tell("Bodies that spin tumble, as Euler's equation has it")
-        if viewer.simulation.constraints:
-            changed, settings.enforceConstraints = psim.Checkbox(
-                "constraints", settings.enforceConstraints
-            )
-            Tooltips.tell("Whether the distance constraints are solved")
-            if changed:
-                viewer.view.refresh()
-            self._draw_setting(*SCHEDULING_CHOICE)
-
-    def _draw_setting(self, label, name, names, tooltip):
-        settings = self.viewer.simulation.settings
-        chosen = draw_choice(label, getattr(settings, name), names, tooltip)
-        if chosen is not None:
-            setattr(settings, name, chosen)
+        simulation = self.viewer.simulation
+        settings = simulation.settings
+        for one in CHOSEN.values():
+            isHeeded = one.solver in (None, settings.contactSolver)
+            if not one.label or not isHeeded or one.isOfConstraints and not simulation.constraints:
+                continue
+            value = getattr(settings, one.name)
+            if one.name in self._fields:
+                self._fields[one.name].draw(settings)
+                continue
+            if one.kind is bool:
+                isChanged, value = psim.Checkbox(one.label, value)
+            elif one.sliderEnds is None:
+                value = draw_choice(one.label, value, one.kind)
+                isChanged = value is not None
+            else:
+                isChanged, value = draw_slider(one.label, value, *one.sliderEnds)
+            Tooltips.tell(one.tooltip)
+            if isChanged:
+                settings.change(one.name, value)
+                self.viewer.view.refresh()
 
     def _draw_display(self):
         import polyscope.imgui as psim

@@ -12,8 +12,6 @@ import numpy as np
 
 from rbs.arrays import indices
 
-CONSTRAINT_SCHEDULINGS = ("sweep", "queue", "batches")
-
 
 def sweep(visit, constraints, total, maximumVisits):
     """Visits in the list's order, over and over, until as many in a row as there are found nothing.

@@ -30,7 +30,6 @@ from rbs.manifolds import POINTS
 from rbs.reports import GROUND, StepReport
 from rbs.sleeping import Sleep, lost_links, speeds
 from rbs.softconstraints import SoftConstraints
-from rbs.solverstate import CONTACT_SOLVERS as CONTACT_SOLVERS  # of this room, for its users
 from rbs.solverstate import SolverState
 from rbs.vectors import cross, dot, mat_vec, norm
 

@@ -10,11 +10,6 @@ from rbs.manifolds import COLUMNS, Manifolds
 from rbs.nearpairs import NearPairs
 from rbs.sleeping import Sleep
 
-# What resolves contacts: one impulse after the other, or all together, see rbs/softstep.py.
-CONTACT_SOLVERS = ("impulse", "soft-step")
-# Substeps of the latter: of fewer, high stacks sag.
-DEFAULT_SUBSTEPS = 8
-
 
 class SolverState:
     """What `run_timestep` takes as solverState, reads, and puts its successor's content into.

@@ -33,11 +33,30 @@ _ROWS = {
 class Scene:
     """Bodies and their constraints in some state: what a simulation and a replay have in common.
 
-    Attributes: meshes, list of Mesh; constraints, rows [m1, v1, m2, v2, refValue, upper].
+    Whoever shows, writes or measures a scene uses nothing but these attributes, and `step`, one
+    step on, and `reset`, back to the start:
+
+    source, scenePath : a SceneSource, and its path; meshes : list of Mesh; groundMesh : Mesh
+    constraints : rows [m1, v1, m2, v2, refValue, upper]; settings : Settings
+    stepCount, time : steps since the start, and s; report, stepSeconds : the last step's
+        `StepReport`, and how long it took; None before the first one, and in a replay
+    recommended : the settings that the scene file recommends and that are used, in words, or ""
+    isReplay : whether it is a recording, with `seek`, firstStep, lastStep and lastTime
     """
 
-    meshes = ()
-    constraints = ()
+    source = scenePath = groundMesh = settings = report = stepSeconds = None
+    meshes = constraints = ()
+    stepCount, time = 0, 0.0
+    recommended = ""
+    isReplay = False
+
+    def step(self):
+        """One step on."""
+        raise NotImplementedError
+
+    def reset(self):
+        """Back to the start."""
+        raise NotImplementedError
 
     def state(self):
         """Copies of positions (n, 3), orientations (n, 4), linVelocities and angVelocities (n, 3).

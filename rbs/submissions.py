@@ -17,8 +17,10 @@ from types import ModuleType
 from rbs.messages import InputError, one_line, short
 
 PROGRAM_FOLDER = Path(__file__).resolve().parents[1]
-# What the released code imports besides NumPy and SciPy: cppyy, InitializeCCD, RBSLoadVis.
-STAND_INS = PROGRAM_FOLDER / "graders" / "released"
+# What the released code imports besides NumPy and SciPy: cppyy, InitializeCCD, RBSLoadVis. It lies
+# within the package where that is installed, as `rbs.scenes.DATA_FOLDER` does.
+_INSTALLED = PROGRAM_FOLDER / "rbs" / "released"
+STAND_INS = _INSTALLED if _INSTALLED.is_dir() else PROGRAM_FOLDER / "graders" / "released"
 # The modules that a submission may bring. Where it lacks one, ours takes its place.
 SUBMITTED_MODULES = ("RBSFunctions", "Quaternion")
 

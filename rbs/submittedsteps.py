@@ -17,11 +17,11 @@ from RBSFunctions import run_timestep
 # Our run_timestep's parameters in their order, and the values that they have where none is given.
 DEFAULTS = {name: one.default for name, one in inspect.signature(run_timestep).parameters.items()}
 PARAMETERS = tuple(DEFAULTS)
-# Those that the coursework's run_timestep has after its first four.
-COURSEWORK_PARAMETERS = {"enforceConstraints", "constraints", "maxIterations", "tolerance"}
+# Those that the coursework's run_timestep has: the first four by their place, the others by name.
+COURSEWORK_PARAMETERS = set(PARAMETERS[:8])
 
-# A student's mesh is left as it is while its state is that of ours to within this, relative to the
-# size and in m: quaternions may be normalised in other ways.
+# A student's vertices are left as they are while the state is that of ours to within this, relative
+# to the size and in m: quaternions may be normalised in other ways.
 ROUNDING = 1e-12
 
 STATE_WIDTHS = {"position": 3, "orientation": 4, "linVelocity": 3, "angVelocity": 3}
@@ -32,7 +32,7 @@ class SubmittedSteps:
 
     folder : with the student's modules, which are loaded
 
-    Attributes: folder, resolved; digest, of all Python files in it: recordings tell by it whether
+    Attributes: folder, resolved; digest, of the Python files in it: recordings tell by it whether
     these functions made them.
 
     Raises SubmissionError where the modules cannot be loaded, or have no run_timestep or Mesh.
@@ -44,7 +44,8 @@ class SubmittedSteps:
             raise SubmissionError(f"{folder}: there is no RBSFunctions.py")
         self.folder = submission.folder
         files = sorted(self.folder.glob("*.py"))
-        self.digest = sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+        texts = [file.name.encode() + b"\0" + file.read_bytes() + b"\0" for file in files]
+        self.digest = sha256(b"".join(texts)).hexdigest()
         self._run_timestep, self._Mesh = (
             self._function(submission.functions, name) for name in ("run_timestep", "Mesh")
         )
@@ -68,7 +69,7 @@ class SubmittedSteps:
         options : dict from the name of an option to that of the parameter
         """
         for option, parameter in options.items():
-            if not self._knows(parameter):
+            if parameter not in PARAMETERS[:5] and not self._knows(parameter):
                 raise SubmissionError(
                     f"{option} does not go with --functions: the run_timestep in {self.folder} "
                     f"takes no {parameter}"
@@ -122,12 +123,15 @@ class SubmittedSteps:
             theirs = self._meshes[k]
             if theirs is None or bool(theirs.isFixed) != mesh.isFixed:
                 theirs = self._meshes[k] = self._make(k, mesh.isFixed)
+            hasMoved = False
             for name in STATE_WIDTHS:
                 value = np.array(getattr(mesh, name), dtype=np.float64)
-                own = np.reshape(getattr(theirs, name), value.shape)
-                if not np.allclose(own, value, rtol=ROUNDING, atol=ROUNDING):
+                own = np.asarray(getattr(theirs, name), dtype=np.float64).reshape(value.shape)
+                if own.tobytes() != value.tobytes():
                     setattr(theirs, name, value)
-                    theirs.currVertices = np.array(mesh.currVertices)
+                    hasMoved |= not np.allclose(own, value, rtol=ROUNDING, atol=ROUNDING)
+            if hasMoved:
+                theirs.currVertices = np.array(mesh.currVertices)
 
     def _make(self, k, isFixed):
         name, density, _isFixed, position, orientation = self._rows[k]

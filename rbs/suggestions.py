@@ -1,80 +1,93 @@
-"""Settings that a scene file suggests, in a comment that other programs pass over.
+"""Settings that a scene file recommends, in a comment that other programs pass over.
 
     # suggests friction 0.5 restitution 0.2 scheduling queue broad-phase grid
 
 The words are the names of the command line's options that change the settings, without the dashes.
-From the top: reading a scene's suggestions; how a scene is opened that may have some.
+From the top: reading a scene's recommendations; how a scene is opened that may have some.
 """
 
-from dataclasses import fields, replace
+from dataclasses import asdict, replace
 
-from rbs.messages import print_note, short, shown_path
+from rbs.messages import InputError, print_note, short, shown_path
 from rbs.opening import find_file, open_file
-from rbs.options import SETTING_FIELDS, OneLineParser, add_settings_options, settings_of
 from rbs.scenelines import suggestion_lines
-from rbs.simulation import Settings, Simulation
+from rbs.settings import BY_OPTION, CHOSEN, IgnoredSetting, Settings
+from rbs.simulation import Simulation
 from rbs.textfiles import SceneError
 
-# The words that may be suggested, each with the name that argparse gives its option.
-SUGGESTIONS = {name.replace("_", "-"): name for name in SETTING_FIELDS}
 
+def recommended_values(source):
+    """What a SceneSource recommends: dict from a field of the settings to its value.
 
-class SuggestionParser(OneLineParser):
-    """Raises ValueError for what the command line would refuse."""
-
-    def error(self, message):
-        raise ValueError(message.removeprefix("argument --"))
-
-
-def suggested_settings(source):
-    """What a SceneSource suggests: (Settings, words), the words in one line, "" if there are none.
-
-    raises SceneError that names file and line where a suggestion is none
+    raises SceneError, with file and line, if a recommendation is invalid
     """
-    parser = SuggestionParser(add_help=False, allow_abbrev=False)
-    add_settings_options(parser)
-    arguments, words = [], []
-    for lineNumber, line in suggestion_lines(source.scene):
-        arguments += _arguments_of(source.path, lineNumber, line)
-        words += line
+    values = {}
+    for lineNumber, words in suggestion_lines(source.scene):
         try:
-            settings = settings_of(parser.parse_args(arguments))
+            values |= _values_of(words)
+            Settings(**values)
         except ValueError as error:
-            raise SceneError(source.path, lineNumber, f"suggested settings: {error}") from None
-    if not words:
-        return Settings(), ""
-    return settings, " ".join(words)
+            raise SceneError(source.path, lineNumber, f"recommended settings: {error}") from None
+    return values
 
 
-def _arguments_of(path, lineNumber, words):
-    """The words as the command line has them."""
-    arguments, isValue = [], False
-    for word in words:
-        if word in SUGGESTIONS:
-            arguments.append("--" + word)
-            isValue = True
-        elif isValue and not word.startswith("--"):
-            arguments.append(word)
-            isValue = False
+def _values_of(words):
+    """The values that a line's words stand for; raises ValueError."""
+    values, words = {}, list(words)
+    while words:
+        word = words.pop(0)
+        if word not in BY_OPTION:
+            known = ", ".join(BY_OPTION)
+            raise ValueError(f"'{short(word)}' is none; there are {known}")
+        one = BY_OPTION[word]
+        if one.kind is bool:
+            values[one.name] = not one.default
+        elif not words:
+            raise ValueError(f"{word} has no value")
         else:
-            raise SceneError(
-                path, lineNumber,
-                f"'{short(word)}' cannot be suggested; what can: {', '.join(SUGGESTIONS)}",
-            )  # fmt: skip
-    return arguments
+            try:
+                values[one.name] = one.parsed(words.pop(0))
+            except ValueError as error:
+                raise ValueError(f"{word} {error}") from None
+    return values
+
+
+def apply_settings(simulation, given, isBasic=False):
+    """Gives a simulation the settings that its scene recommends, with those that are given.
+
+    given : dict by field; a given setting overrides that recommendation, and the others hold
+    isBasic : whether recommendations are ignored
+    raises SceneError, or InputError for a given setting that the solver ignores
+    """
+    recommended = {} if isBasic else recommended_values(simulation.source)
+    try:
+        simulation.settings = Settings(**recommended).changed(**given)
+    except IgnoredSetting as error:
+        cause = error.inOptions
+        if "contactSolver" in recommended and "contactSolver" not in given:
+            cause += f", which {shown_path(simulation.scenePath)} recommends; --basic ignores that"
+        raise InputError(cause) from None
+    used = [
+        one for name, one in CHOSEN.items()
+        if name in recommended and getattr(simulation.settings, name) == recommended[name]
+    ]  # fmt: skip
+    simulation.recommended = ", ".join(
+        one.label if one.kind is bool else f"{one.option} {recommended[one.name]}" for one in used
+    )
+    simulation.startSettings = replace(simulation.settings)
 
 
 class SceneOpener:
-    """Opens files for the window, each scene with the settings that it suggests.
+    """Opens files for the window, each scene with the settings that it recommends.
 
-    What has been changed by hand goes on from scene to scene, as far as the solver knows it; all
-    else is as the scene suggests.
+    What was given on the command line, or changed by hand, goes on from scene to scene, as far as
+    the solver heeds it.
     """
 
-    def __init__(self, settings, follows, allowOutsideMeshes=False):
-        """settings : what the window begins with; follows : whether suggestions are used at all"""
-        self._begun = replace(settings)
-        self._follows = follows
+    def __init__(self, simulation, given, isBasic=False, allowOutsideMeshes=False):
+        """simulation : what the window begins with; given, isBasic : as for `apply_settings`"""
+        self._begun = None if simulation.isReplay else replace(simulation.settings)
+        self._given, self._isBasic = dict(given), isBasic
         self._allowOutsideMeshes = allowOutsideMeshes
 
     def __call__(self, text, settings, folder="."):
@@ -83,26 +96,26 @@ class SceneOpener:
         text : a path, or what a person has typed, see `find_file`; folder : of the last scene;
         settings : those of the last scene, or None where there was none
         """
-        path = find_file(text, folder)
-        opened = open_file(path, settings, self._allowOutsideMeshes)
-        if isinstance(opened, Simulation) and self._follows:
-            begun, words = suggested_settings(opened.source)
-            byHand = {} if settings is None else {
-                field.name: getattr(settings, field.name)
-                for field in fields(settings)
-                if getattr(settings, field.name) != getattr(self._begun, field.name)
-            }  # fmt: skip
-            if byHand.get("contactSolver", begun.contactSolver) == "soft-step":
-                byHand["closingOnly"] = False  # it has no meaning there, and would be refused
-            self._begun = begun
-            opened.settings, opened.suggestion = replace(begun, **byHand), words
-            opened.startSettings = replace(begun)
-            tell_suggestion(opened)
+        opened = open_file(find_file(text, folder), None, self._allowOutsideMeshes)
+        if isinstance(opened, Simulation):
+            if settings is not None and self._begun is not None:
+                begun = asdict(self._begun)
+                self._given |= {name: value for name, value in asdict(settings).items()
+                                if value != begun[name]}  # fmt: skip
+            recommended = {} if self._isBasic else recommended_values(opened.source)
+            solver = self._given.get("contactSolver", recommended.get("contactSolver"))
+            solver = solver or CHOSEN["contactSolver"].default
+            heeded = {name: value for name, value in self._given.items()
+                      if CHOSEN[name].solver in (None, solver)}  # fmt: skip
+            apply_settings(opened, heeded, self._isBasic)
+            self._begun = replace(opened.settings)
+            note_recommended(opened)
         return opened
 
 
-def tell_suggestion(simulation):
-    """Says in one line that a scene runs with what it suggests, if it does."""
-    if getattr(simulation, "suggestion", ""):
+def note_recommended(simulation):
+    """Says in one line that a scene runs with settings that it recommends, if it does."""
+    if simulation.recommended:
         path = shown_path(simulation.scenePath)
-        print_note(f"{path} suggests {simulation.suggestion}; --basic does without")
+        print_note(f"using the settings recommended in {path} ({simulation.recommended}); --basic "
+                   "ignores them")  # fmt: skip

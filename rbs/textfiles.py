@@ -27,10 +27,10 @@ def read_text(path):
         raise SceneError(path, None, "there is no such file") from None
     except IsADirectoryError:
         raise SceneError(path, None, "this is a folder, not a file") from None
-    except OSError as error:
-        raise SceneError(path, None, f"cannot be read ({reason_of(error)})") from None
     except UnicodeDecodeError:
         raise SceneError(path, None, "this is not a text file") from None
+    except (OSError, ValueError) as error:  # a ValueError for a NUL in the name
+        raise SceneError(path, None, f"cannot be read ({reason_of(error)})") from None
     if "\0" in text:
         raise SceneError(path, None, "this is not a text file")
     return text

@@ -97,7 +97,7 @@ class Viewer:
     @property
     def isReplay(self):
         """Whether a recording is shown, which can be sought in; else a scene is simulated."""
-        return hasattr(self.simulation, "seek")
+        return self.simulation.isReplay
 
     # Time.
 
@@ -190,11 +190,9 @@ class Viewer:
         self.view.refresh()
 
     def reset(self):
-        """Back to the start of the scene, paused, with the settings that it suggests."""
+        """Back to the start of the scene, paused, with the settings that it began with."""
         if not self.isReplay:
-            simulation = self.simulation
-            for name, value in vars(simulation.startSettings).items():
-                setattr(simulation.settings, name, value)
+            vars(self.simulation.settings).update(vars(self.simulation.startSettings))
         self.restart()
 
     def restart(self):

@@ -23,22 +23,16 @@ import style
 
 from Quaternion import QConj, QRotate
 from rbs.scenes import find_scene
-from rbs.simulation import (
-    CONSTRAINT_TOLERANCE,
-    DEFAULT_RESTITUTION,
-    DEFAULT_TIME_STEP,
-    Settings,
-    Simulation,
-    make_ground,
-)
+from rbs.settings import CHOSEN, CONSTRAINT_TOLERANCE
+from rbs.simulation import Settings, Simulation, make_ground
 from RBSFunctions import GRAVITY, Mesh, resolve_collision, run_timestep
 from RigidBodySimulation import load_mesh_file
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT / "data"
 G = -GRAVITY
-H = DEFAULT_TIME_STEP
-E = DEFAULT_RESTITUTION
+H = CHOSEN["timeStep"].default
+E = CHOSEN["restitution"].default
 BOX = np.array([12.0, 6.0, 8.0])  # sizes of data/box.mesh
 
 EXPERIMENTS = {}

@@ -15,8 +15,8 @@ from mechanisms import boxes
 
 from rbs.broadphase import grid_overlaps
 from rbs.scenes import find_scene
+from rbs.settings import CHOSEN
 from rbs.simulation import Simulation
-from rbs.solverstate import DEFAULT_SUBSTEPS
 
 sys.path.insert(0, str(ROOT / "tests"))
 import benchmarkPiles
@@ -157,5 +157,5 @@ def code():
     return {
         "solver": str(lines(SOLVER_ROOMS)), "solverRooms": str(len(SOLVER_ROOMS)),
         "grid": str(lines(GRID_ROOMS)),
-        "substeps": NUMERALS[DEFAULT_SUBSTEPS],
+        "substeps": NUMERALS[CHOSEN["substeps"].default],
     }  # fmt: skip

@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import scipy
 
 from rbs.scenes import find_scene, scene_name
-from rbs.schedules import CONSTRAINT_SCHEDULINGS
+from rbs.settings import CONSTRAINT_SCHEDULINGS
 from rbs.simulation import Settings, Simulation
 
 

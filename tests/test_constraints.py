@@ -31,8 +31,8 @@ from scipy.linalg import block_diag, eigh
 from scipy.spatial.transform import Rotation
 
 import RBSFunctions
-from rbs.schedules import CONSTRAINT_SCHEDULINGS
-from rbs.simulation import CONSTRAINT_TOLERANCE, Settings, Simulation
+from rbs.settings import CONSTRAINT_SCHEDULINGS, CONSTRAINT_TOLERANCE
+from rbs.simulation import Settings, Simulation
 from RBSFunctions import (
     resolve_position_constraint,
     resolve_velocity_constraint,

@@ -14,8 +14,9 @@ from pathlib import Path
 import pytest
 from oracles import ROOT
 from program import environment
+from studentVariants import STUDENT
 
-PROJECT = ("rbs", "data", "README.md", "LICENSE", "pyproject.toml")
+PROJECT = ("rbs", "data", "graders", "README.md", "LICENSE", "pyproject.toml")
 
 
 def call(folder, *command, **changes):
@@ -85,11 +86,13 @@ def test_an_installed_program_needs_no_checkout(built, tmp_path, kind):
     # What else may be called `data` beside the package is none of ours.
     (site / "data").mkdir(exist_ok=True)
     program = scripts / "rigid-body-simulation"
-    process = call(here, program, "cube", "--steps", 3, "--record", "r.npz", "--stats", "s.csv")
+    process = call(here, program, "cube", "--steps", 3, "--record", "r.h5", "--stats", "s.csv")
     assert process.returncode == 0 and process.stderr == "", process.stderr
     assert "constraints       " in process.stdout and str(site) in process.stdout
-    process = call(here, program, "--verify", "r.npz")
-    assert process.stdout == "r.npz: the steps 0 to 3 are the same\n", process.stderr
+    process = call(here, program, "--verify", "r.h5")
+    assert process.stdout == "r.h5: steps 0–3 are identical, bit for bit\n", process.stderr
+    process = call(here, program, "tet", "--steps", 3, "--functions", STUDENT)
+    assert process.returncode == 0, process.stderr
     process = call(here, program, "wrecking", "--headless")
     assert process.returncode == 2 and "wrecking_ball" in process.stderr
     code = "import RBSFunctions; print(RBSFunctions.__file__)"

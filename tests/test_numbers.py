@@ -189,18 +189,18 @@ def test_restitution_beyond_its_range_follows_the_formula(e):
 
 @pytest.mark.parametrize("e", [-0.01, 1.01, math.nan, math.inf])
 def test_settings_refuse_a_restitution_beyond_its_range(e):
-    with pytest.raises(ValueError, match="the restitution must lie between 0 and 1, not"):
+    with pytest.raises(ValueError, match="restitution must be a finite number, 0 to 1, not"):
         Settings(restitution=e)
 
 
 @pytest.mark.parametrize("arguments, cause", [
-    ({"CRCoeff": math.nan}, "the restitution must be finite, not nan"),
-    ({"CRCoeff": -math.inf}, "the restitution must be finite, not -inf"),
-    ({"mu": -0.1}, "the friction must be finite and not negative, not -0.1"),
-    ({"mu": math.nan}, "the friction must be finite and not negative, not nan"),
-    ({"mu": math.inf}, "the friction must be finite and not negative, not inf"),
-    ({"timeStep": -0.02}, "the time step must be finite and not negative, not -0.02"),
-    ({"timeStep": math.nan}, "the time step must be finite and not negative, not nan"),
+    ({"CRCoeff": math.nan}, "CRCoeff must be a finite number, not nan"),
+    ({"CRCoeff": -math.inf}, "CRCoeff must be a finite number, not -inf"),
+    ({"mu": -0.1}, "mu must be a finite number of 0 or more, not -0.1"),
+    ({"mu": math.nan}, "mu must be a finite number of 0 or more, not nan"),
+    ({"mu": math.inf}, "mu must be a finite number of 0 or more, not inf"),
+    ({"timeStep": -0.02}, "timeStep must be a finite number of 0 or more, not -0.02"),
+    ({"timeStep": math.nan}, "timeStep must be a finite number of 0 or more, not nan"),
 ])  # fmt: skip
 def test_functions_refuse_what_has_no_meaning(arguments, cause):
     meshes = [box_body(2, 2, 2, (0, 5, 0)), box_body(2, 2, 2, (0.5, 6.5, 0))]

@@ -285,7 +285,7 @@ EDITS = {
     "an event": (put("events", 0, 0), "it is damaged"),
     "no state": (lambda file: file["times"].resize(0, axis=0), "it holds no state"),
     "a setting": (lambda file: file["settings"].attrs.__setitem__("friction", -1.0),
-                  "step 0: the friction must be finite and not negative, not -1"),
+                  "step 0: friction must be a finite number of 0 or more, not -1"),
     "a new setting": (lambda file: file["settings"].attrs.__setitem__("wind", 1.0),
                       "it has a setting that this version does not know: wind"),
     "the format": (lambda file: file.attrs.__setitem__("format", "x"),

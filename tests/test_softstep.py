@@ -17,11 +17,12 @@ from oracles import (
     rotation,
     state_of,
 )
+from program import record
 
 from rbs.flight import GRAVITY
 from rbs.hulls import HullSet
 from rbs.manifolds import pair_manifolds
-from rbs.recording import Recorder, Recording
+from rbs.recording import Recording
 from rbs.replay import resume, verify
 from rbs.simulation import Settings, Simulation
 from rbs.solverstate import SolverState
@@ -478,22 +479,14 @@ def test_a_recording_can_be_verified_and_resumed_anywhere(tmp_path):
     settings = Settings(0.0, friction=0.5, contactSolver="soft-step")
     simulation = Simulation(DATA / "tower-scene.txt", settings)
 
-    def record(name, steps):
-        recorder = Recorder(tmp_path / name)
-        recorder.add(simulation)
-        for _ in range(steps):
-            simulation.step()
-            recorder.add(simulation)
-        recorder.save()
-        return Recording(tmp_path / name)
-
-    whole = record("whole.npz", 120)
-    later = record("later.npz", 60)  # begins with a solver that remembers
-    assert later.firstStep == 120 and later.solver_arrays(120)
+    whole = Recording(record(tmp_path / "whole.h5", simulation, 120))
+    # This one begins with a solver that remembers.
+    later = Recording(record(tmp_path / "later.h5", simulation, 60))
+    kept, arrays = later.solver_state(120)
+    assert kept == later.firstStep == 120 and arrays
     for recording in (whole, later):
-        assert verify(recording, Simulation(DATA / "tower-scene.txt", Settings())) == ""
-    again = Simulation(DATA / "tower-scene.txt", Settings())
-    resume(later, 150, again)
+        assert verify(recording) == ""
+    again = resume(later, 150)
     for step in range(151, 181):
         again.step()
         assert np.array_equal(again.state()["positions"], later.frame(step)["positions"])
@@ -502,26 +495,15 @@ def test_a_recording_can_be_verified_and_resumed_anywhere(tmp_path):
 def test_a_recording_is_resumed_at_its_end_without_a_step(tmp_path, monkeypatch):
     settings = Settings(0.0, friction=0.5, contactSolver="soft-step")
     simulation = Simulation(DATA / "tower-scene.txt", settings)
-    saved, interrupted = (Recorder(tmp_path / name) for name in ("saved.npz", "interrupted.npz"))
-    for step in range(131):
-        for recorder in (saved, interrupted):
-            recorder.add(simulation)
-        if step < 130:
-            simulation.step()
+    record(tmp_path / "tower.h5", simulation, 130)
     assert simulation.solverState.manifolds.impulse.max() > 0.0
-    saved.save()
-    interrupted.close()
-    resumed = []
     with monkeypatch.context() as patch:
         patch.setattr(Simulation, "step", None)
-        for name in ("saved.npz", "interrupted.npz"):
-            resumed.append(Simulation(DATA / "tower-scene.txt", Settings()))
-            resume(Recording(tmp_path / name), 130, resumed[-1])
+        resumed = resume(Recording(tmp_path / "tower.h5"), 130)
     for _ in range(40):
-        for each in (simulation, *resumed):
+        for each in (simulation, resumed):
             each.step()
-    for each in resumed:
-        assert np.array_equal(each.state()["positions"], simulation.state()["positions"])
+    assert np.array_equal(resumed.state()["positions"], simulation.state()["positions"])
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,14 @@ import numpy as np
 import pytest
 from opengl import require_opengl
 from oracles import DATA, ROOT
-from program import run, summary_of
+from program import record, run, summary_of
 from studentVariants import HALF_DONE, MISTAKES, write_submission
 
+from rbs.recording import Recording
+from rbs.replay import resume
 from rbs.scenelines import fields_of, scene_rows
 from rbs.simulation import Simulation
+from rbs.state import STATE_NAMES
 from rbs.submissions import SubmissionError
 from rbs.submittedsteps import SubmittedSteps
 from RigidBodySimulation import load_constraint_file, load_mesh_file, load_scene_file
@@ -24,11 +27,11 @@ STEPS = 60
 
 def positions_of(folder, name, *arguments):
     """Positions (steps + 1, n, 3) of a recorded run."""
-    path = folder / f"{name}.npz"
+    path = folder / f"{name}.h5"
     process = run(folder, *arguments, "--steps", STEPS, "--record", path)
     assert process.returncode == 0, process.stderr
-    with np.load(path) as recording:
-        return recording["positions"]
+    recording = Recording(path)
+    return np.array([recording.frame(step)["positions"] for step in range(STEPS + 1)])
 
 
 @pytest.mark.parametrize("scene", ["mixed", "tower_chain", "two_cylinder"])
@@ -61,10 +64,10 @@ def test_a_com_that_is_not_subtracted_shows_in_the_vertices(tmp_path):
     scene = tmp_path / "a-scene.txt"
     scene.write_text("1\ntetrahedron.mesh 1 0 0 50 0 1 0 0 0\n")
     simulation = Simulation(scene)
-    steps = SubmittedSteps(student, load_mesh_file)
+    steps = SubmittedSteps(student)
     rest = simulation.meshes[0].origVertices
     offset = load_mesh_file(tmp_path / "tetrahedron.mesh")[0][0] - rest[0]
-    steps.step(scene, simulation.meshes, simulation.groundMesh, 0.02, 0.5, True, [], 1000, 1e-3)
+    steps.step(simulation.source, simulation.meshes, simulation.groundMesh, 0.02, 0.5)
     mesh = simulation.meshes[0]
     assert mesh.position == pytest.approx(np.array([[0.0, 50.0 - 9.8 * 0.02**2, 0.0]]))
     assert mesh.currVertices == pytest.approx(rest + offset + mesh.position)
@@ -75,16 +78,14 @@ def test_our_functions_are_ours_again(tmp_path):
     """Loading a student's modules leaves ours where they were, in this very process."""
     names = ("Quaternion", "RBSFunctions", "GJK")
     before = [importlib.import_module(name) for name in names]
-    steps = SubmittedSteps(write_submission(tmp_path / "student"), load_mesh_file)
+    steps = SubmittedSteps(write_submission(tmp_path / "student"))
     assert [importlib.import_module(name) for name in names] == before
     assert steps.folder == (tmp_path / "student").resolve()
 
 
 def test_the_window_may_reset_fix_and_free_bodies(tmp_path):
-    scene = DATA / "mixed-scene.txt"
-    steps = SubmittedSteps(write_submission(tmp_path / "student"), load_mesh_file)
-    steps.replace_those_of(Stepped)
-    simulation = Stepped(scene)
+    simulation = Simulation(DATA / "mixed-scene.txt")
+    simulation.submitted = SubmittedSteps(write_submission(tmp_path / "student"))
     for _ in range(30):
         simulation.step()
     reached = simulation.state()
@@ -101,10 +102,6 @@ def test_the_window_may_reset_fix_and_free_bodies(tmp_path):
         simulation.step()
     # Not to the bit: the student normalises the first quaternion in another way than we do.
     assert simulation.state()["positions"] == pytest.approx(reached["positions"], abs=1e-9)
-
-
-class Stepped(Simulation):
-    """A class of its own, so that the steps of others stay ours."""
 
 
 @pytest.mark.parametrize(
@@ -166,20 +163,80 @@ def test_what_goes_wrong_is_told_in_one_line(edit, code, cause, tmp_path):
 
 def test_a_step_that_fails_changes_nothing(tmp_path):
     edit = ("    up = np.array([[0.0, 1.0, 0.0]])\n", "    raise ValueError\n")
-    steps = SubmittedSteps(write_submission(tmp_path / "student", [edit]), load_mesh_file)
-    steps.replace_those_of(Stepped)
-    simulation = Stepped(DATA / "mixed-scene.txt")
+    simulation = Simulation(DATA / "mixed-scene.txt")
+    simulation.submitted = SubmittedSteps(write_submission(tmp_path / "student", [edit]))
     before = simulation.state()
     with pytest.raises(ArithmeticError, match=r"step 1 cannot be made: RBSFunctions.py:\d+: Value"):
         simulation.step()
     assert all(np.array_equal(before[name], value) for name, value in simulation.state().items())
 
 
+def test_a_recording_belongs_to_the_functions_that_made_it(tmp_path):
+    """It goes on, and is verified, with these functions only; it is replayed without."""
+    student, scene = write_submission(tmp_path / "student"), tmp_path / "scene"
+    shutil.copytree(DATA, scene)
+    for name, *options in (("theirs.h5", "--functions", student), ("ours.h5",)):
+        path = scene / "mixed-scene.txt"
+        process = run(tmp_path, path, "--basic", "--steps", STEPS, "--record", name, *options)
+        assert process.returncode == 0, process.stderr
+    shutil.rmtree(scene)
+    theirs = Recording(tmp_path / "theirs.h5")
+    assert theirs.functions == SubmittedSteps(student).digest
+    assert theirs.functionsFolder == "student"
+    assert Recording(tmp_path / "ours.h5").functions == ""
+
+    def assert_refused(name, cause, *options):
+        for mode in ("--verify", "--resume"):
+            process = run(tmp_path, mode, name, *options)
+            assert (process.returncode, process.stdout) == (2, "")
+            (line,) = process.stderr.splitlines()
+            assert f"{name}: {cause}" in line
+
+    assert_refused("theirs.h5", "it was made with the functions in student, which --functions")
+    assert_refused("ours.h5", "it was made without --functions", "--functions", student)
+    process = run(tmp_path, "--verify", "theirs.h5", "--functions", student)
+    assert (process.returncode, process.stderr) == (0, "")
+    process = run(tmp_path, "--resume", "theirs.h5", "--from", 40, "--steps", STEPS - 40,
+                  "--record", "later.h5", "--functions", student)  # fmt: skip
+    assert process.returncode == 0, process.stderr
+    later = Recording(tmp_path / "later.h5")
+    assert (later.firstStep, later.lastStep, later.functions) == (40, STEPS, theirs.functions)
+    for step in range(40, STEPS + 1):
+        states = later.frame(step), theirs.frame(step)
+        assert all(states[0][name].tobytes() == states[1][name].tobytes() for name in STATE_NAMES)
+    process = run(tmp_path, "--replay", "theirs.h5", "--headless")
+    assert process.returncode == 0
+    (line,) = process.stderr.splitlines()
+    assert line.endswith("theirs.h5: recorded with the functions in student, not with ours")
+    with open(student / "Quaternion.py", "a") as file:
+        file.write("# later\n")
+    cause = f"the functions in {student.resolve()} are not those that made it"
+    assert_refused("theirs.h5", cause, "--functions", student)
+
+
+def test_a_resumed_run_has_the_same_bits_also_of_the_smallest_spin(tmp_path):
+    """The upper box lands flat on the lower one: what turns it is the rounding alone."""
+    shutil.copy(DATA / "box.mesh", tmp_path)
+    scene = tmp_path / "a-scene.txt"
+    scene.write_text("2\nbox.mesh 1 1 0.1 9.3 0.7 1 0 0 0\nbox.mesh 1 0 0.1 35 0.7 1 0 0 0\n")
+    simulation = Simulation(scene)
+    simulation.submitted = SubmittedSteps(write_submission(tmp_path / "student"))
+    recording = Recording(record(tmp_path / "a.h5", simulation, 110))
+    again = Simulation(recording.source)
+    again.submitted = SubmittedSteps(tmp_path / "student")
+    resume(recording, 105, again)
+    assert 0.0 < np.abs(again.meshes[1].angVelocity).max() < 1e-12
+    for _ in range(5):
+        again.step()
+    for name, values in again.state().items():
+        assert values.tobytes() == recording.frame(110)[name].tobytes()
+
+
 def test_a_folder_without_functions_is_refused(tmp_path):
     for arguments, cause in (
         (("--functions", tmp_path), "holds neither RBSFunctions.py nor Quaternion.py"),
         (("--functions", tmp_path / "no"), "there is no such folder"),
-        (("--functions", tmp_path, "--replay", "x.npz"), "--functions does not go with --replay"),
+        (("--functions", tmp_path, "--replay", "x.h5"), "--functions does not go with --replay"),
     ):
         process = run(tmp_path, *arguments, "--headless")
         assert process.returncode == 2
@@ -187,7 +244,7 @@ def test_a_folder_without_functions_is_refused(tmp_path):
         assert cause in line
     (tmp_path / "Quaternion.py").write_text("")
     with pytest.raises(SubmissionError, match="there is no RBSFunctions.py"):
-        SubmittedSteps(tmp_path, load_mesh_file)
+        SubmittedSteps(tmp_path)
 
 
 # ---- Pictures in the sheets of grade.py ---------------------------------------------------------
@@ -256,8 +313,8 @@ def test_scenes_and_constraints_may_have_commas(tmp_path):
         for folder, meshes in ((tmp_path, with_commas), (DATA, without))
     ]
     assert constraints[0] == constraints[1] != []
-    rows = zip(scene_rows(path, len(without)), scene_rows(plain, len(without)), strict=True)
-    for one, other in rows:
+    rows = [scene_rows(each.read_text(), len(without)) for each in (path, plain)]
+    for one, other in zip(*rows, strict=True):
         assert one[:3] == other[:3]
         assert all(np.array_equal(a, b) for a, b in zip(one[3:], other[3:], strict=True))
     assert summary_of(run(tmp_path, path, "--headless", "--steps", 1))["numbers"] == "all finite"
