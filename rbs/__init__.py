@@ -12,6 +12,7 @@ Algebra and geometry, below GJK.py
     patches       contact patches and their centres
 
 What a step may be asked
+    messages      errors and lines for the terminal
     settings      the table of settings; their values for a scene; what is refused
 
 Bookkeeping of a step, below RBSFunctions.py: which pairs and constraints, and when
@@ -36,7 +37,6 @@ The solver in which piles rest, behind `contactSolver="soft-step"`
     softstep          the solver, with its derivation
 
 Scenes, above RBSFunctions.py
-    messages      errors and lines for the terminal
     files         reading with a limit, writing whole files
     textfiles     text files, line by line
     meshfiles     .mesh and .off

@@ -8,6 +8,7 @@ the checks of `run_timestep`.
 import math
 from dataclasses import asdict, dataclass, make_dataclass
 
+from rbs.messages import short
 from rbs.vectors import number
 
 BROAD_PHASES = ("all", "grid")
@@ -71,8 +72,8 @@ class Setting:
         except (TypeError, ValueError, OverflowError):
             found = math.nan
         if not low <= found <= high or math.isinf(found) or found != value:
-            shown = f"{value:g}" if isinstance(value, float) else value
-            raise ValueError(f"must be {self._allowed(low, high)}, not {shown}")
+            shown = f"{value:g}" if isinstance(value, float) else repr(value)
+            raise ValueError(f"must be {self._allowed(low, high)}, not {short(shown)}")
         return found
 
     def _allowed(self, low, high):

@@ -52,7 +52,7 @@ def test_words_are_those_of_the_command_line(make_scene, lines, expected):
         ("frictoin 0.5", "'frictoin' is none; there are restitution, "),
         ("friction 0.5 0.4", "'0.4' is none"),
         ("friction", "friction has no value"),
-        ("friction x", "friction must be a finite number of 0 or more, not x"),
+        ("friction x", "friction must be a finite number of 0 or more, not 'x'"),
         ("friction -1", "friction must be a finite number of 0 or more, not -1"),
         ("scheduling quick", "scheduling must be one of sweep, queue, batches, not 'quick'"),
         ("closing-only 1", "'1' is none"),
