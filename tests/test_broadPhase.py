@@ -177,7 +177,7 @@ def test_a_body_beyond_its_margin_is_not_missed(monkeypatch):
         rbs.batches, "_predicted_corrections", lambda bodies, first, *_: np.zeros(len(first))
     )
     monkeypatch.setattr(rbs.batches.OrderedBatches, "_add_missed_pairs", counted)
-    assert assert_same_motion(DATA_FOLDER / "mixed-scene.txt", 150, 0.5) > 10
+    assert assert_same_motion(DATA_FOLDER / "tower-scene.txt", 150, 0.5) > 10
     known, new = np.sum(added, axis=0)
     assert known > 0 and new == 0  # the boxes of all of these overlapped from the start
 
