@@ -123,7 +123,7 @@ def test_headless_run_ends_with_a_summary_of_what_happened(tmp_path):
         simulation.step()
     y, name = simulation.lowest_point()
     assert summary["scene"].endswith("mixed-scene.txt")
-    assert summary["bodies"] == "7, 0 of them fixed"
+    assert summary["bodies"] == "15, 8 of them fixed"
     assert summary["steps"] == "120 of 0.02 s: 2.4 s simulated"
     assert float(summary["time per step"].split(" ms median")[0]) > 0.0
     # This scene weighs 480 t.
@@ -270,9 +270,8 @@ def test_without_a_display_it_says_so_and_draws_off_screen(tmp_path):
     require_opengl()
     process = run(tmp_path, "mixed", "--steps", 40)
     assert summary_of(process)["pictures"] == f"{FALLBACK_PICTURES} in out/mixed"
-    line, suggestion, *_ = process.stderr.splitlines()  # progress, where it takes long
+    (line,) = process.stderr.splitlines()
     assert "no window: there is no display" in line and "out/mixed" in line
-    assert "recommended in" in suggestion and "mixed-scene.txt" in suggestion
     pictures = sorted((tmp_path / "out" / "mixed").iterdir())
     assert [p.name for p in pictures] == [f"frame_{k:06d}.png" for k in (0, 10, 20, 30, 40)]
     assert {picture_size(p) for p in pictures} == {(1280, 720)}
