@@ -16,13 +16,13 @@ n_k being the outward unit normal of the facet and h_k its distance from the ori
 depth · n_k of the minimal facet separates the pair. A facet of M is a face of A, a face of B turned
 round, or the parallelogram of an edge of A and an edge of B whose arcs on the Gauss map cross.
 
-Three stages share the work. GJK decides whether two hulls are apart and stops at the first
-separating axis [1, 2]. For the rest, the facets of M near t are found among the faces and, with
-the Gauss map [3], the edge pairs; where these are many, a bound excludes most: a facet with the
-normal n has, for every pair of points a of A and b of B on it, a penetration ≥ n · (a - b - t). At
-last the two features that support the minimal facet give the contact patch and its centre. As n_k
-and h_k do not depend on t, the facets of a pair stay right while its bodies only translate. A
-simulation asks for the facets at once: an axis cached from its last step does what GJK does, and
+Three stages share the work of `is_collide`. GJK decides whether two hulls are apart and stops at
+the first separating axis [1, 2]. For the rest, the facets of M near t are found among the faces
+and, with the Gauss map [3], the edge pairs; where these are many, a bound excludes most: a facet
+with the normal n has, for every pair of points a of A and b of B on it, a penetration ≥ n · (a - b
+- t). At last the two features that support the minimal facet give the contact patch and its centre.
+As n_k and h_k do not depend on t, the facets of a pair stay right while its bodies only translate.
+A simulation asks for the facets at once: an axis cached from its last step does what GJK does, and
 bounds them too.
 
 [1] Gilbert, Johnson, Keerthi: A fast procedure for computing the distance between complex objects

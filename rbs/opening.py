@@ -57,7 +57,7 @@ def find_file(text, folder):
     """
     path, folder = Path(os.path.expanduser(text)), Path(folder)
     for place in (path, folder / path, folder / f"{path}{SCENE_ENDING}"):
-        if os.path.exists(place):
+        if os.path.isfile(place):
             return place
     if path.name == str(text) and not path.suffix:
         return find_scene(text)

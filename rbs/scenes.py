@@ -181,11 +181,12 @@ def find_scene(name):
     raises SceneError that names the scenes of data/ whose names are like it when there is neither
     """
     path = Path(name)
+    ours = DATA_FOLDER / f"{name}{SCENE_ENDING}"
+    isOurs = path.name == str(name) and os.path.exists(ours)
+    if isOurs and not os.path.isfile(path):  # a folder of that name does not hide the scene
+        return ours
     if os.path.exists(path):  # unlike path.exists(), does not raise where it cannot look
         return path
-    ours = DATA_FOLDER / f"{name}{SCENE_ENDING}"
-    if path.name == str(name) and os.path.exists(ours):
-        return ours
     known = [scene_name(scene) for scene in list_scenes(DATA_FOLDER)]
     similar = get_close_matches(str(name), known)
     cause = "there is no such scene, neither a file nor one of ours, which --help lists"

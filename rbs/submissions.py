@@ -16,6 +16,8 @@ from types import ModuleType
 
 from rbs.messages import InputError, one_line, short
 
+# The modules beside the package, whose names a submission may take.
+OUR_MODULES = ("Quaternion", "GJK", "RBSFunctions", "RigidBodySimulation")
 PROGRAM_FOLDER = Path(__file__).resolve().parents[1]
 # What the released code imports besides NumPy and SciPy: cppyy, InitializeCCD, RBSLoadVis. It lies
 # within the package where that is installed, as `rbs.scenes.DATA_FOLDER` does.
@@ -55,6 +57,9 @@ def our_module(name):
 
 
 def _is_ours(module):
+    """Whether it is one of our modules; where they are installed, others lie beside them."""
+    if getattr(module, "__name__", None) not in OUR_MODULES:
+        return False
     file = getattr(module, "__file__", None)
     return file is not None and Path(file).resolve().parent == PROGRAM_FOLDER
 
@@ -66,7 +71,7 @@ def _our_names():
     Our modules get to know each other by these imports, and keep working when their names are
     given back.
     """
-    names = {path.stem for path in PROGRAM_FOLDER.glob("*.py")}
+    names = set(OUR_MODULES)
     hidden = {name: sys.modules.pop(name) for name in names & set(sys.modules)}
     sys.modules.update({name: module for name, module in hidden.items() if _is_ours(module)})
     sys.modules.update(_OURS)
@@ -150,7 +155,8 @@ def _give_up_names(folder):
     for name in {path.stem for path in folder.iterdir()} & set(sys.modules):
         module = sys.modules[name]
         file = getattr(module, "__file__", None)
-        if file is not None and Path(file).resolve().parent in (PROGRAM_FOLDER, STAND_INS):
+        isStandIn = file is not None and Path(file).resolve().parent == STAND_INS
+        if isStandIn or _is_ours(module):
             dropped[name] = sys.modules.pop(name)
             if _is_ours(module):
                 _OURS[name] = module

@@ -189,7 +189,8 @@ def scene():
 def test_recording_of_a_played_scene_is_verified(played):
     path, states = played
     recording = Recording(path)
-    assert [recording.body_count(step) for step in (0, 19, 20, 49, 50, 80)] == [15, 15, 16, 16, 17, 17]
+    counts = [recording.body_count(step) for step in (0, 19, 20, 49, 50, 80)]
+    assert counts == [15, 15, 16, 16, 17, 17]
     kinds = [change.kind for _, change in recording.changes]
     assert kinds.count("push") == 32 and kinds.count("add") == kinds.count("fix") == 2
     assert verify(recording) == ""

@@ -9,6 +9,7 @@ import pytest
 from oracles import COURSE, ROOT, needs_course
 
 from rbs.meshfiles import tetrahedron_volumes
+from rbs.opening import find_file
 from rbs.scenes import (
     CONVEXITY_TOLERANCE,
     NonConvexWarning,
@@ -560,6 +561,8 @@ def test_scenes_are_found_by_path_and_by_bare_name(sceneFolder, monkeypatch):
         find_scene("mxied")
     with pytest.raises(SceneError, match="there is no such scene"):
         find_scene("../data/tower")
+    (sceneFolder / "tower").mkdir()  # does not hide the scene
+    assert find_scene("tower") == find_file("tower", ".") == DATA / "tower-scene.txt"
 
 
 # --------------------------------------------------------------------------------------------------
