@@ -547,14 +547,14 @@ def test_a_replay_is_not_recorded(replay, tmp_path, monkeypatch):
 
 def test_reset_restores_what_the_scene_suggests_and_restart_does_not(tmp_path):
     opener = SceneOpener(Settings(), follows=True)
-    simulation = opener(DATA / "mixed-scene.txt", None)
+    simulation = opener(DATA / "slide-scene.txt", None)
     viewer = Viewer(simulation, StillView(), opener, list_files, step_quantities)
     viewer.simulation.settings.friction = 0.9
     viewer.step_once()
     viewer.restart()
     assert viewer.simulation.settings.friction == 0.9 and viewer.simulation.stepCount == 0
     viewer.reset()
-    assert viewer.simulation.settings.friction == 0.5
+    assert viewer.simulation.settings.friction == 0.2
     # What was changed by hand goes on to the next scene, and ends with a reset there.
     viewer.simulation.settings.timeStep = 0.01
     viewer.open("incline")

@@ -218,7 +218,7 @@ def test_scenes_are_opened_from_the_list_and_by_what_is_typed(session, tmp_path)
     window.click("open", lambda status: status["isTyping"])
     window.type_line("mixed")
     status = window.await_status(lambda status: status["scene"] == "mixed-scene.txt")
-    assert (status["friction"], status["restitution"], status["message"]) == (0.5, 0.3, "")
+    assert (status["friction"], status["restitution"], status["message"]) == (0.0, 0.5, "")
 
 
 def test_a_replay_in_the_window_is_scrubbed(session, tmp_path):
