@@ -266,8 +266,8 @@ class Panel:
             ("Pause###play" if viewer.isPlaying else "Play###play", viewer.toggle_play,
              "Space: simulate, or stop"),
             ("Step", viewer.step_once, "S or Right: one time step"),
-            ("Reset", viewer.reset, "R: bodies and settings as the scene has them; Backspace keeps "
-             "the settings"),
+            ("Reset", viewer.reset, "R: bodies and settings as at the start; Backspace keeps the "
+             "settings"),
         )  # fmt: skip
         speeds = {speed_name(speed): speed for speed in SPEEDS}
         chosen = draw_choice("speed", speed_name(playback.speed), list(speeds),

@@ -69,9 +69,9 @@ from rbs.poses import refresh_vertices
 from rbs.recording import Recording
 from rbs.replay import verify
 from rbs.scenes import list_scenes, scene_name
-from rbs.simulation import Settings, Simulation
+from rbs.simulation import Simulation
 from rbs.statistics import step_quantities
-from rbs.suggestions import SceneOpener
+from rbs.suggestions import SceneOpener, apply_settings
 from rbs.textfiles import SceneError
 from rbs.viewer import Viewer
 from RigidBodySimulation import load_mesh_file, load_scene_file
@@ -108,7 +108,7 @@ class StillView:
 
 
 def make_viewer(simulation, view):
-    opener = SceneOpener(Settings(), follows=False)
+    opener = SceneOpener(simulation, {}, isBasic=True)
     return Viewer(simulation, view, opener, list_files, step_quantities)
 
 
@@ -234,9 +234,9 @@ def test_pace_is_that_of_the_last_second():
 def test_values_out_of_range_are_refused_and_change_nothing():
     settings = Simulation(DATA / "tet-scene.txt").settings
     for name, values, cause in (
-        ("restitution", (-0.1, 1.0001, math.nan, math.inf), "the restitution must lie between 0"),
-        ("timeStep", (0.0, -0.02, math.nan, math.inf), "the time step must be positive"),
-        ("friction", (-0.1, math.nan, math.inf), "the friction must be finite"),
+        ("restitution", (-0.1, 1.0001, math.nan, math.inf), "restitution must be .*, 0 to 1, not"),
+        ("timeStep", (0.0, -0.02, math.nan, math.inf), "timeStep must be .*, 1e-12 to 1000, not"),
+        ("friction", (-0.1, math.nan, math.inf), "friction must be .* of 0 or more, not"),
     ):
         before = getattr(settings, name)
         for value in values:
@@ -545,9 +545,10 @@ def test_a_replay_is_not_recorded(replay, tmp_path, monkeypatch):
     assert replay.simulation.stepCount == 1 and not (tmp_path / "out").exists()
 
 
-def test_reset_restores_what_the_scene_suggests_and_restart_does_not(tmp_path):
-    opener = SceneOpener(Settings(), follows=True)
-    simulation = opener(DATA / "mixed-scene.txt", None)
+def test_reset_restores_what_the_scene_began_with_and_restart_does_not(tmp_path):
+    simulation = Simulation(DATA / "mixed-scene.txt")
+    apply_settings(simulation, {})
+    opener = SceneOpener(simulation, {})
     viewer = Viewer(simulation, StillView(), opener, list_files, step_quantities)
     viewer.simulation.settings.friction = 0.9
     viewer.step_once()
@@ -555,13 +556,14 @@ def test_reset_restores_what_the_scene_suggests_and_restart_does_not(tmp_path):
     assert viewer.simulation.settings.friction == 0.9 and viewer.simulation.stepCount == 0
     viewer.reset()
     assert viewer.simulation.settings.friction == 0.5
-    # What was changed by hand goes on to the next scene, and ends with a reset there.
+    # What was changed by hand goes on to the next scene, which begins with it.
     viewer.simulation.settings.timeStep = 0.01
     viewer.open("incline")
     settings = viewer.simulation.settings
     assert (settings.friction, settings.timeStep) == (0.4, 0.01)
+    settings.friction = 0.9
     viewer.reset()
-    assert (viewer.simulation.settings.friction, viewer.simulation.settings.timeStep) == (0.4, 0.02)
+    assert (settings.friction, settings.timeStep) == (0.4, 0.01)
 
 
 def test_names_are_found_as_the_command_line_takes_them(tmp_path, monkeypatch):
@@ -1308,7 +1310,8 @@ def places(monkeypatch, polyscope):
     import polyscope.imgui as psim
 
     result = {}
-    for kind in ("Button", "Selectable", "BeginCombo", "InputDouble", "Checkbox"):
+    for kind in ("Button", "Selectable", "BeginCombo", "InputDouble", "Checkbox", "SliderFloat",
+                 "SliderInt"):  # fmt: skip
         monkeypatch.setattr(psim, kind, noting(getattr(psim, kind), result))
     return result
 
@@ -1395,9 +1398,6 @@ def type_into(ps, place, text):
 def test_numbers_typed_into_the_fields_are_checked(polyscope, places, panel):
     simulation = panel.viewer.simulation
     before = dict(places)
-    for typed, expected in (("0.9", 0.9), ("1.1", 1.0), ("-3", 0.0), ("nan", 0.0)):
-        type_into(polyscope, places["restitution"], typed)
-        assert simulation.settings.restitution == expected
     for typed, expected in (("0.005", 0.005), ("0", 1e-4), ("7", 1.0)):
         type_into(polyscope, places["time step (s)"], typed)
         assert simulation.settings.timeStep == expected
@@ -1405,9 +1405,30 @@ def test_numbers_typed_into_the_fields_are_checked(polyscope, places, panel):
     assert simulation.stepCount == 0 and not panel.viewer.isPlaying
 
 
+def test_sliders_are_dragged_and_typed_into(polyscope, places, panel):
+    import polyscope.imgui as psim
+
+    settings = panel.viewer.simulation.settings
+    x, y = places["friction"]
+    click(polyscope, x + 20.0, y)
+    assert 0.05 < settings.friction < 0.95 and settings.friction == round(settings.friction, 3)
+    for typed, expected in (("0.9", 0.9), ("1.1", 1.0), ("-3", 0.0)):
+        for isDown in (True, False):
+            psim.GetIO().AddKeyEvent(psim.ImGuiMod_Ctrl, isDown)
+            polyscope.frame_tick()
+            if isDown:
+                click(polyscope, *places["restitution"])
+        for character in typed:
+            psim.GetIO().AddInputCharacter(ord(character))
+            polyscope.frame_tick()
+        press(polyscope, psim.ImGuiKey_Enter)
+        polyscope.frame_tick()
+        assert settings.restitution == expected
+
+
 def test_checkbox_and_scene_list_work(polyscope, places, panel):
     viewer = panel.viewer
-    click(polyscope, *places["closing contacts only"])
+    click(polyscope, *places["approaching contacts only"])
     assert viewer.simulation.settings.closingOnly
     click(polyscope, *places["scene"])
     polyscope.frame_tick()
@@ -1463,10 +1484,10 @@ def test_file_dropped_onto_the_window_is_opened(polyscope, panel, tmp_path):
 
 
 def test_constraints_can_be_switched_off_and_their_scheduling_chosen(polyscope, places, panel):
-    settings = panel.viewer.simulation.settings
     polyscope.frame_tick()
     assert "scheduling" not in places  # the mixed scene has no constraints
     panel.viewer.open(DATA / "cube-scene.txt")
+    settings = panel.viewer.simulation.settings
     polyscope.frame_tick()
     polyscope.frame_tick()  # the panel has grown
     click(polyscope, *places["constraints"])
