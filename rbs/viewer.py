@@ -46,21 +46,19 @@ def show_window(simulation, backend, openFile, listFiles, measure, pictureOption
 
     options = pictureOptions or PictureOptions()
     view = start_view(simulation, backend, options)
-    ps.set_build_default_gui_panels(False)
-    ps.set_open_imgui_window_for_user_callback(False)
     viewer = Viewer(simulation, view, openFile, listFiles, measure)
     panel = Panel(viewer)
     panel.lay_out()
     if options.camera is None:
         view.frame_all()
-    ps.set_user_callback(panel.frame)
+    view.set_callback(panel.frame)
     ps.set_files_dropped_callback(panel.dropped)
     try:
         ps.show()
     finally:
         viewer.stop_video()
         viewer.stop_recording()
-        ps.clear_user_callback()
+        view.set_callback(None)
         ps.clear_files_dropped_callback()
 
 

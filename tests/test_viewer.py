@@ -55,13 +55,14 @@ from rbs.layout import TIMELINE_HEIGHT, arrange
 from rbs.messages import counted
 from rbs.opening import find_file, list_files, open_file
 from rbs.panel import Panel
-from rbs.pictureoptions import OVERLAYS, VIDEO_ENDINGS, video_timing
+from rbs.pictureoptions import OVERLAYS, VIDEO_ENDINGS, PictureOptions, video_timing
 from rbs.pictures import (
     SEEN_THROUGH,
     SHADOW_OPACITY,
     PictureSeries,
     Video,
     averaged,
+    start_view,
     take_picture,
 )
 from rbs.playback import SPEEDS, STEPPING_SECONDS, Playback, speed_name
@@ -1181,6 +1182,22 @@ def test_bodies_are_seen_through_while_contacts_are_shown(polyscope, twoBoxes):
     np.testing.assert_array_equal(take_picture(twoBoxes)[place], body)
 
 
+def test_bodies_are_seen_through_from_the_start_where_contacts_are_asked_for(
+    polyscope, twoBoxes, monkeypatch
+):
+    monkeypatch.setattr("rbs.pictures.start_polyscope", lambda *arguments: None)
+    simulation = twoBoxes.simulation
+    place = pixel_of(polyscope, simulation.meshes[0].position[0] + [0.0, 0.0, 4.0])
+    shots = []
+    for overlays in ((), ("contacts",)):
+        view = start_view(simulation, None, PictureOptions(overlays=overlays))
+        shots.append(picture(polyscope)[place])
+    view.refresh()
+    np.testing.assert_allclose(picture(polyscope)[place], shots[1], atol=0.01)
+    assert np.abs(shots[1] - shots[0]).max() > 0.1
+    view.show("contacts", False)
+
+
 def test_legend_is_in_the_picture_where_it_is_asked_for(polyscope, twoBoxes):
     bare = take_picture(twoBoxes)
     twoBoxes.hasLegend = True
@@ -1276,12 +1293,10 @@ def panel(polyscope):
     """The panel over the mixed scene, drawn frame by frame through Polyscope's callback."""
     simulation = Simulation(DATA / "mixed-scene.txt")
     result = Panel(make_viewer(simulation, SceneView(simulation)))
-    polyscope.set_build_default_gui_panels(False)
-    polyscope.set_open_imgui_window_for_user_callback(False)
-    polyscope.set_user_callback(result.frame)
+    result.viewer.view.set_callback(result.frame)
     polyscope.frame_tick()
     yield result
-    polyscope.clear_user_callback()
+    result.viewer.view.set_callback(None)
 
 
 def press(ps, key):
@@ -1311,7 +1326,7 @@ def places(monkeypatch, polyscope):
 
     result = {}
     for kind in ("Button", "Selectable", "BeginCombo", "InputDouble", "Checkbox", "SliderFloat",
-                 "SliderInt"):  # fmt: skip
+                 "SliderInt", "CollapsingHeader"):  # fmt: skip
         monkeypatch.setattr(psim, kind, noting(getattr(psim, kind), result))
     return result
 
@@ -1472,6 +1487,33 @@ def test_every_control_says_what_it_is_for_unless_an_error_is_shown(
     calls.clear()
     polyscope.frame_tick()
     assert calls and all(name != "SetItemTooltip" for name, _ in calls)
+
+
+def test_panel_goes_on_after_a_picture_with_a_legend(
+    polyscope, places, panel, tmp_path, monkeypatch
+):
+    import polyscope.imgui as psim
+
+    monkeypatch.chdir(tmp_path)
+    panel.viewer.view.hasLegend = True
+    panel.viewer.view.show("velocities", True)
+    click(polyscope, *places["Save"])
+    click(polyscope, *places["Picture"])
+    assert panel.viewer.saved == "saved out/mixed/picture_000000.png"
+    press(polyscope, psim.ImGuiKey_S)
+    assert panel.viewer.simulation.stepCount == 1
+    shoot = polyscope.screenshot_to_buffer
+
+    def fail(**options):
+        if options.get("include_UI"):
+            raise OSError(28, "No space left on device")
+        return shoot(**options)
+
+    monkeypatch.setattr(polyscope, "screenshot_to_buffer", fail)
+    panel.viewer.save_picture()
+    assert panel.viewer.message == "cannot write: No space left on device"
+    press(polyscope, psim.ImGuiKey_S)
+    assert panel.viewer.simulation.stepCount == 2
 
 
 def test_file_dropped_onto_the_window_is_opened(polyscope, panel, tmp_path):
