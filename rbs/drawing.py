@@ -383,7 +383,7 @@ class SceneView:
 
     def legend(self):
         """What the colours and arrows mean: rows (text, (r, g, b))."""
-        rows = self.bodyColours.legend(self.simulation.meshes, self.colouring)
+        rows = self.bodyColours.legend(self.simulation, self.colouring)
         if len(self._constraintLines.ends) and self.simulation.settings.enforceConstraints:
             rows += constraint_legend()
         return rows + [
@@ -569,8 +569,7 @@ class SceneView:
 
     def _contact_meaning(self):
         report = self.simulation.report
-        # The step leaves out what touches nothing but sleeping bodies.
-        isSome = report is not None and report.isAsleep is not None and report.isAsleep.any()
+        isSome = report is not None and report.hasSleepers
         return f"contact manifold{', of bodies awake' if isSome else ''}; normal, towards body 1"
 
     def _draw_impulses(self, name, vertices):
@@ -593,6 +592,8 @@ class SceneView:
 
     def _impulse_scale(self, what, impulse):
         longest = max((math.hypot(*impulse(contact)) for contact in self._contacts), default=0.0)
+        if longest == 0.0:
+            return f"no {what} this step"
         return f"{what}; the longest is {longest:.2g} N s"
 
     def _velocity_scale(self):
