@@ -8,6 +8,9 @@ import colorsys
 import json
 import math
 import time
+from collections import Counter
+from dataclasses import asdict
+from itertools import count
 from types import SimpleNamespace
 
 import numpy as np
@@ -26,6 +29,7 @@ from rbs.cameras import (
     save_camera,
 )
 from rbs.catalogue import SCENES
+from rbs.changes import fix
 from rbs.colours import (
     COLOURINGS,
     CONSTRAINT_COLOURS,
@@ -69,10 +73,10 @@ from rbs.pictures import (
 from rbs.playback import SPEEDS, STEPPING_SECONDS, Playback, speed_name
 from rbs.poses import refresh_vertices
 from rbs.recording import Recording
-from rbs.replay import Replay, verify
+from rbs.replay import Replay, restored_settings, verify
 from rbs.reports import StepReport
 from rbs.scenes import list_scenes, scene_name
-from rbs.settings import Settings
+from rbs.settings import CHOSEN, Settings
 from rbs.simulation import Simulation
 from rbs.statistics import step_quantities
 from rbs.suggestions import SceneOpener, apply_settings
@@ -1706,3 +1710,216 @@ def test_constraints_can_be_switched_off_and_their_scheduling_chosen(polyscope, 
         click(polyscope, *places[name])
         assert settings.constraintScheduling == name
         polyscope.frame_tick()
+
+
+# --------------------------------------------------------------------------------------------------
+# Somebody who presses everything
+# --------------------------------------------------------------------------------------------------
+
+SMALL_SCENES = ("tet", "cube", "mixed", "tower", "two_chain", "stack", "cradle", "slide", "ramp",
+                "roll")  # fmt: skip
+
+
+class RandomUser:
+    """Does at random what the window allows. Attribute: counts, how often each thing was done."""
+
+    def __init__(self, ps, panel, recordings, seed):
+        self.ps, self.panel, self.viewer = ps, panel, panel.viewer
+        self.recordings = recordings
+        self.random = np.random.default_rng(seed)
+        self.counts = Counter()
+        self.note_settings()
+
+    def note_settings(self):
+        self.expected = asdict(self.viewer.simulation.settings)
+
+    def choice(self, values):
+        values = list(values)
+        return values[self.random.integers(len(values))]
+
+    def pixel(self):
+        """Of a body, as far as it is in the picture."""
+        width, height = self.ps.get_window_size()
+        row, column = pixel_of(self.ps, self.choice(self.viewer.simulation.meshes).position[0])
+        return min(max(column, 0), width - 1), min(max(row, 0), height - 1)
+
+    def act(self):
+        """Does something that can be done now, rather what was seldom done, and draws a frame."""
+        names = [name for name in vars(RandomUser) if name.startswith("do_")]
+        weights = np.array([0.8 ** self.counts[name] for name in names])
+        isDone = False
+        while not isDone:
+            name = str(self.random.choice(names, p=weights / weights.sum()))
+            isDone = getattr(self, name)() is not False
+        self.counts[name] += 1
+        if self.viewer.grab is None:  # else the panel would let go: no mouse button is down
+            self.ps.frame_tick()
+        else:
+            self.viewer.play(0.04)
+
+    def do_play(self):
+        self.viewer.playback.speed = self.choice(SPEEDS)
+        self.viewer.playback.isBackwards = bool(self.random.integers(2))
+        self.viewer.toggle_play()
+
+    def do_step(self):
+        for _ in range(self.random.integers(1, 4)):
+            self.viewer.step_once()
+
+    def do_seek(self):
+        if not self.viewer.isReplay:
+            return False
+        self.viewer.seek(int(self.random.integers(-2, self.viewer.simulation.lastStep + 3)))
+
+    def do_reset(self):
+        self.viewer.reset()
+        if not self.viewer.isReplay:
+            self.expected = asdict(self.viewer.simulation.startSettings)
+
+    def do_restart(self):
+        self.viewer.restart()
+
+    def do_pick(self):
+        self.viewer.pick_at(self.pixel())
+        return self.viewer.picked() is not None
+
+    def do_push(self):
+        if self.viewer.isReplay or self.viewer.picked() is None or self.viewer.picked().isFixed:
+            return False
+        direction = self.random.normal(size=3)
+        self.viewer.push(direction / np.linalg.norm(direction))
+
+    def do_fix(self):
+        if self.viewer.isReplay or self.viewer.picked() is None:
+            return False
+        self.viewer.set_fixed(not self.viewer.picked().isFixed)
+
+    def do_grab(self):
+        self.viewer.grab_at(self.pixel())
+        return self.viewer.grab is not None
+
+    def do_drag(self):
+        if self.viewer.grab is None:
+            return False
+        self.viewer.drag_to(self.pixel())
+        self.viewer.step_once()
+
+    def do_release(self):
+        if self.viewer.grab is None:
+            return False
+        self.viewer.release()
+
+    def do_shoot(self):
+        self.viewer.shoot(self.pixel())
+        return not self.viewer.isReplay
+
+    def do_open_scene(self):
+        self.viewer.open(self.choice(SMALL_SCENES))
+        assert self.viewer.message == ""
+        self.note_settings()
+
+    def do_open_recording(self):
+        self.viewer.open(self.choice(self.recordings))
+        assert self.viewer.isReplay
+
+    def do_colours(self):
+        self.viewer.view.colouring = self.choice(COLOURINGS)
+        self.viewer.view.refresh()
+
+    def do_overlay(self):
+        name = self.choice(LAYERS)
+        self.viewer.view.show(name, name not in self.viewer.view.shown)
+
+    def do_camera(self):
+        self.viewer.view.follows = not self.viewer.view.follows
+        self.viewer.view.frame_all()
+
+    def do_picture(self):
+        self.viewer.view.hasLegend = bool(self.random.integers(2))
+        self.viewer.save_picture()
+        assert self.viewer.saved.endswith(".png") and self.viewer.message == ""
+
+    def do_video(self):
+        self.viewer.toggle_video()
+
+    def do_recording(self):
+        self.viewer.toggle_recording()
+        return not self.viewer.isReplay
+
+    def do_setting(self):
+        settings = self.viewer.simulation.settings
+        heeded = [one for one in CHOSEN.values() if one.solver in (None, settings.contactSolver)]
+        one = self.choice(one for one in heeded if one.label)
+        if self.viewer.isReplay:
+            return False
+        if one.kind is bool:
+            value = not getattr(settings, one.name)
+        elif isinstance(one.kind, tuple):
+            value = self.choice(one.kind)
+        else:
+            low, high = one.sliderEnds or (0.005, 0.03)
+            value = one.kind(self.random.uniform(low, high))
+        settings.change(one.name, value)
+        assert getattr(settings, one.name) == value
+        if one.name != "contactSolver":
+            self.expected[one.name] = value
+        else:  # what the new solver ignores gets its default
+            ignored = [other.name for other in CHOSEN.values() if other.solver not in (None, value)]
+            self.expected |= {name: CHOSEN[name].default for name in ignored} | {one.name: value}
+
+
+def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
+    polyscope, tmp_path, monkeypatch
+):
+    import polyscope.imgui as psim
+
+    monkeypatch.chdir(tmp_path)
+    clock = count(step=0.004)
+    for module in ("panel", "viewer", "playback"):
+        still = SimpleNamespace(perf_counter=lambda: next(clock))
+        monkeypatch.setattr(f"rbs.{module}.time", still)
+    header = psim.CollapsingHeader
+    monkeypatch.setattr(psim, "CollapsingHeader", lambda *rest: bool(header(*rest)) or True)
+    size = polyscope.get_window_size()
+    polyscope.set_window_size(640, 150)
+    monkeypatch.setattr("rbs.pictures.SUPERSAMPLING", 1)
+
+    def change_by_hand(simulation, step):
+        if step == 4:
+            simulation.change(shot(simulation.meshes, 40.0, [0.0, 9.0, 30.0], [0.0, 0.0, -1.0]))
+            simulation.change(fix(1, True))
+
+    recordings = []
+    for name, settings in (("tower", {}), ("stack", {"contactSolver": "soft-step"})):
+        simulation = Simulation(DATA / f"{name}-scene.txt", Settings(**settings))
+        path = record(tmp_path / f"{name}.h5", simulation, 12, change_by_hand)
+        recordings.append(path)
+    simulation = Simulation(DATA / "mixed-scene.txt")
+    view = SceneView(simulation)
+    viewer = Viewer(simulation, view, SceneOpener(simulation, {}), list_files, step_quantities)
+    panel = Panel(viewer)
+    panel.isSideShown = True
+    panel.lay_out()
+    view.set_callback(panel.frame)
+    user, where = RandomUser(polyscope, panel, recordings, seed=7), Counter()
+    while user.counts.total() < 500:
+        user.act()
+        simulation = viewer.simulation
+        assert simulation.is_finite()
+        settings = asdict(simulation.settings)
+        if viewer.isReplay:
+            now = restored_settings(simulation.recording, simulation.stepCount, Settings())
+            assert settings == asdict(now)
+        else:
+            assert settings == user.expected
+        where["replay" if viewer.isReplay else settings["contactSolver"]] += 1
+    viewer.stop_video()
+    viewer.stop_recording()
+    viewer.release()
+    view.set_callback(None)
+    polyscope.set_window_size(*size)
+    names = {name for name in vars(RandomUser) if name.startswith("do_")}
+    assert len(names) == 21 and min(user.counts[name] for name in names) >= 10, user.counts
+    assert len(where) == 3 and min(where.values()) >= 60, where
+    made = list(tmp_path.glob("out/*/recording*.h5"))
+    assert made and all(verify(Recording(path)) == "" for path in made)
