@@ -232,8 +232,12 @@ class Panel:
             self._draw_display()
         if self._section("Save", False, "Pictures, videos, recordings and cameras"):
             self._draw_save()
-        psim.Separator()
-        draw_legend(self.viewer.view.legend())
+        rows = self.viewer.view.legend()
+        if rows:
+            psim.Separator()
+            psim.PushTextWrapPos(0.0)
+            draw_legend(rows)
+            psim.PopTextWrapPos()
         psim.PopItemWidth()
         psim.End()
 
