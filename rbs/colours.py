@@ -92,15 +92,18 @@ class BodyColours:
 
     def by_sleep(self, simulation):
         """Awake bodies as by body, sleeping ones in one pale colour."""
-        isAsleep = None if simulation.report is None else simulation.report.isAsleep
-        colours = self.by_body(simulation)
-        return colours if isAsleep is None else np.where(isAsleep[:, None], LONE_COLOUR, colours)
+        report, colours = simulation.report, self.by_body(simulation)
+        if report is not None and report.hasSleepers:
+            # Bodies that have been added since the step come last.
+            colours[np.flatnonzero(report.isAsleep)] = LONE_COLOUR
+        return colours
 
-    def legend(self, meshes, colouring):
+    def legend(self, simulation, colouring):
         """What the colours mean: rows (text, (r, g, b)).
 
         colouring : a name of COLOURINGS. Of densities, all are named, or the ends of too many.
         """
+        meshes, report = simulation.meshes, simulation.report
         free = [mesh for mesh in meshes if not mesh.isFixed]
         lines = []
         if colouring == "density":
@@ -116,7 +119,8 @@ class BodyColours:
                       f"{TOP_SPEED:g} m/s or more": 1.0}  # fmt: skip
             lines = [(text, tuple(viridis(place))) for text, place in speeds.items()]
         elif colouring == "contact island":
-            lines = [("touches no other free body", LONE_COLOUR)]
+            isSome = report is not None and report.hasSleepers
+            lines = [(f"touches no other {'awake' if isSome else 'free'} body", LONE_COLOUR)]
         elif colouring == "sleep":
             lines = [("asleep", LONE_COLOUR)]
         return lines + [("fixed", FIXED_COLOUR)] * (len(free) < len(meshes))

@@ -113,6 +113,8 @@ def start_polyscope(backend, size=None):
     ps.init(backend.name)
     ps.set_automatically_compute_scene_extents(False)
     ps.set_up_dir("y_up")
+    ps.set_build_default_gui_panels(False)
+    ps.set_open_imgui_window_for_user_callback(False)
     ps.set_ground_plane_mode("none")  # `SceneView` has its own, which is drawn three times faster
     ps.set_background_color(BACKGROUND)
     ps.set_SSAA_factor(1)  # off-screen, more has no effect; see `rbs.pictures` and `rbs.panel`
@@ -125,12 +127,13 @@ class SceneView:
     picked, the index of the body that is marked, or None, and pickedPoint, a point (3,) of it at
     rest; squareSide, of the ground's squares in metres; hasLegend, whether pictures have one;
     follows, whether the camera moves along with the picked body, or with all; isSmooth, whether
-    the window is drawn with smooth edges.
+    the window is drawn with smooth edges; callback, which draws the panels in each frame, or None.
     """
 
     def __init__(self, simulation):
         self._margins = (0, 0, 0, 0)  # what the panels take: left, top, right, bottom, in pixels
         self._windowSize = None
+        self.callback = None
         self.colouring = "body"
         self.shown = {"ground", "shadows"}
         self.hasLegend = self._follows = self.isSmooth = self._isVivid = False
@@ -380,7 +383,7 @@ class SceneView:
 
     def legend(self):
         """What the colours and arrows mean: rows (text, (r, g, b))."""
-        rows = self.bodyColours.legend(self.simulation.meshes, self.colouring)
+        rows = self.bodyColours.legend(self.simulation, self.colouring)
         if len(self._constraintLines.ends) and self.simulation.settings.enforceConstraints:
             rows += constraint_legend()
         return rows + [
@@ -436,6 +439,13 @@ class SceneView:
 
         self.isSmooth = isOn
         ps.set_SSAA_factor(2 if isOn else 1)
+
+    def set_callback(self, callback):
+        """Gives Polyscope the function that draws the panels in each frame, or with None, none."""
+        import polyscope as ps
+
+        self.callback = callback
+        ps.set_user_callback(callback)
 
     def set_resizable(self, isResizable):
         """Lets the window be resized, or not."""
@@ -559,8 +569,7 @@ class SceneView:
 
     def _contact_meaning(self):
         report = self.simulation.report
-        # The step leaves out what touches nothing but sleeping bodies.
-        isSome = report is not None and report.isAsleep is not None and report.isAsleep.any()
+        isSome = report is not None and report.hasSleepers
         return f"contact manifold{', of bodies awake' if isSome else ''}; normal, towards body 1"
 
     def _draw_impulses(self, name, vertices):
@@ -583,6 +592,8 @@ class SceneView:
 
     def _impulse_scale(self, what, impulse):
         longest = max((math.hypot(*impulse(contact)) for contact in self._contacts), default=0.0)
+        if longest == 0.0:
+            return f"no {what} this step"
         return f"{what}; the longest is {longest:.2g} N s"
 
     def _velocity_scale(self):

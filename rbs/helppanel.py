@@ -7,7 +7,7 @@ KEYS = {
     "Space": "play, pause",
     "S, Right": "one step on",
     "Left": "one step back, in a recording",
-    "R": "reset: bodies and settings as the scene has them",
+    "R": "reset: bodies and settings as at the start",
     "Backspace": "restart: bodies as the scene has them, settings as they are",
     "B": "shoot a ball at what is under the mouse",
     "F": "frame all bodies",

@@ -18,6 +18,7 @@ from rbs.messages import counted
 from rbs.pictures import draw_legend
 from rbs.playback import SPEEDS, speed_name
 from rbs.plots import ALL_PLOTS, PLOTS, Plots
+from rbs.reports import PHASES
 from rbs.settings import CHOSEN
 from rbs.widgets import (
     NumberField,
@@ -231,8 +232,12 @@ class Panel:
             self._draw_display()
         if self._section("Save", False, "Pictures, videos, recordings and cameras"):
             self._draw_save()
-        psim.Separator()
-        draw_legend(self.viewer.view.legend())
+        rows = self.viewer.view.legend()
+        if rows:
+            psim.Separator()
+            psim.PushTextWrapPos(0.0)
+            draw_legend(rows)
+            psim.PopTextWrapPos()
         psim.PopItemWidth()
         psim.End()
 
@@ -266,8 +271,8 @@ class Panel:
             ("Pause###play" if viewer.isPlaying else "Play###play", viewer.toggle_play,
              "Space: simulate, or stop"),
             ("Step", viewer.step_once, "S or Right: one time step"),
-            ("Reset", viewer.reset, "R: bodies and settings as the scene has them; Backspace keeps "
-             "the settings"),
+            ("Reset", viewer.reset, "R: bodies and settings as at the start; Backspace keeps the "
+             "settings"),
         )  # fmt: skip
         speeds = {speed_name(speed): speed for speed in SPEEDS}
         chosen = draw_choice("speed", speed_name(playback.speed), list(speeds),
@@ -275,7 +280,9 @@ class Panel:
         if chosen is not None:
             playback.speed = speeds[chosen]
         if viewer.isReplay:
-            _, playback.isBackwards = psim.Checkbox("backwards", playback.isBackwards)
+            isChanged, isBackwards = psim.Checkbox("backwards", playback.isBackwards)
+            if isChanged:
+                playback.isBackwards = isBackwards
             Tooltips.tell("Plays towards the start")
         pace = playback.pace()
         psim.Text("paused" if pace is None else f"{pace:.2g} × real time")
@@ -342,7 +349,9 @@ class Panel:
             view.colouring = chosen
             view.refresh()
         self._buttons(("Frame all", view.frame_all, "F: points the camera at all bodies"))
-        _, view.follows = psim.Checkbox("follow", view.follows)
+        isChanged, follows = psim.Checkbox("follow", view.follows)
+        if isChanged:
+            view.follows = follows
         Tooltips.tell("The camera goes along with the picked body, or with all")
         for name in LAYERS:
             changed, isShown = psim.Checkbox(name, name in view.shown)
@@ -384,7 +393,7 @@ class Panel:
         if viewer.picked() is not None:
             self._draw_body()
         self._draw_numbers()
-        if self._section("Milliseconds", True, "Where the time goes; medians of the last steps"):
+        if self._section("Milliseconds", True, "Where the time goes; means of the last steps"):
             self._draw_milliseconds()
         viewer.isMeasuring = self._section("Plots", False, "Energy, momentum and errors over time")
         if viewer.isMeasuring:
@@ -404,33 +413,28 @@ class Panel:
         psim.Text(f"step {simulation.stepCount}, {simulation.time:.2f} s simulated")
         report = simulation.report
         if report is not None:
-            pairs = counted(report.candidatePairs, "broad-phase pair")
-            psim.Text(f"{counted(len(report.contacts), 'contact')}, {pairs}")
+            if report.hasSleepers:
+                psim.Text(f"contacts of awake bodies: {report.contactCount}")
+            else:
+                psim.Text(counted(report.contactCount, "contact"))
+            psim.Text(counted(report.candidatePairs, "broad-phase pair"))
             if simulation.constraints:
-                visits = counted(report.constraintVisits, "solver iteration")
+                visits = counted(report.constraintVisits, "constraint visit")
                 psim.Text(f"{visits}, {counted(len(simulation.constraints), 'constraint bound')}")
 
     def _draw_milliseconds(self):
         import polyscope.imgui as psim
 
-        frame, step = self.viewer.frame_milliseconds(), self.viewer.milliseconds()
-        if frame is not None:
-            whole, simulating = frame
-            psim.Text(f"{1e3 / whole:.0f} fps ({whole:.0f} ms)")
+        frame, step = self.viewer.frame_milliseconds(), self.viewer.step_milliseconds()
+        names = {"frame": "frame; of it", "step": "step; of it", **PHASES}
+        if frame:
+            psim.Text(f"{1e3 / frame['frame']:.0f} fps ({frame['frame']:.0f} ms)")
             Tooltips.tell("Frames drawn in a second while it plays, and the time of each")
-            draw_table([
-                (f"{whole:.1f}", "frame; of it"),
-                (f"{simulating:.1f}", "simulating"),
-                (f"{whole - simulating:.1f}", "drawing, waiting"),
-            ], INDENT)  # fmt: skip
+            draw_table([(f"{ms:.1f}", names.get(name, name)) for name, ms in frame.items()], INDENT)
             psim.Separator()
-        if step is not None:
-            phases = self.viewer.phase_milliseconds()
-            draw_table([
-                (f"{step:.2f}", "step; of it"),
-                *((f"{ms:.2f}", name) for name, ms in phases.items()),
-            ], INDENT)  # fmt: skip
-        if frame is None and step is None:
+        if step:
+            draw_table([(f"{ms:.2f}", names.get(name, name)) for name, ms in step.items()], INDENT)
+        if not frame and not step:
             psim.Text("They begin with the next step.")
 
     def _draw_body(self):
@@ -464,9 +468,9 @@ class Panel:
         Tooltips.tell("A fixed body has infinite mass: nothing moves it")
         isFixed = viewer.picked().isFixed
         psim.BeginDisabled(isFixed)
-        _, viewer.pushSpeed = psim.SliderFloat(
-            "push", viewer.pushSpeed, 0.0, MOST_PUSH, "%.1f m/s", psim.ImGuiSliderFlags_AlwaysClamp
-        )
+        isChanged, speed = draw_slider("push", viewer.pushSpeed, 0.0, MOST_PUSH, "%.1f m/s")
+        if isChanged:
+            viewer.pushSpeed = speed
         Tooltips.tell("How much faster the centre of mass is after a push")
         camera = ps.get_view_camera_parameters()
         right = np.array(camera.get_right_dir())

@@ -57,7 +57,8 @@ def start_view(simulation, backend, options):
     view.spread_ground()
     view.hasLegend = options.hasLegend
     view.colouring = options.colouring
-    view.shown.update(options.overlays)
+    for name in options.overlays:
+        view.show(name, True)
     view.show("ground", not options.isTransparent)
     return view
 
@@ -179,14 +180,12 @@ def _with_legend(picture, view):
         psim.End()
         psim.PopStyleColor()
 
-    ps.set_build_default_gui_panels(False)
-    ps.set_open_imgui_window_for_user_callback(False)
     ps.set_user_callback(draw)
     try:
         for _ in range(2):  # a panel knows its size from the second frame on
             shot = ps.screenshot_to_buffer(transparent_bg=False, include_UI=True)
     finally:
-        ps.clear_user_callback()
+        ps.set_user_callback(view.callback)
     (left, top), (width, height) = (map(round, place[name]) for name in ("corner", "size"))
     picture = picture.copy()
     box = slice(top, top + height), slice(left, left + width)

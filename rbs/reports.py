@@ -13,8 +13,12 @@ GROUND = -1
 
 ZERO = (0.0, 0.0, 0.0)
 
-# The phases that a step may have, in order. The basic one has no tables to gather and write back.
-PHASES = ("gather", "integrate", "collisions", "ground", "constraints", "writeBack")
+# The phases that a step may have, in order, and their names in the window. The basic one has no
+# tables to gather and write back. The soft-step solver solves contacts and constraints together.
+PHASES = {
+    "gather": "gather", "integrate": "integrate", "collisions": "collisions", "ground": "ground",
+    "contactSolver": "contact solver", "constraints": "constraints", "writeBack": "write back",
+}  # fmt: skip
 
 
 class Contact(NamedTuple):
@@ -63,6 +67,16 @@ class StepReport:
             vectors = tuple(n), tuple(point), impulse, tuple(friction), tuple(arm)
             self._contacts.append(Contact(i, j, depth, *vectors))
         return self._contacts
+
+    @property
+    def contactCount(self):
+        """How many contacts there are; does not list them."""
+        return len(self._contacts) + sum(len(columns[0]) for columns in self._pending)
+
+    @property
+    def hasSleepers(self):
+        """Whether bodies sleep; contacts among them are not listed."""
+        return self.isAsleep is not None and bool(self.isAsleep.any())
 
     def add_contact(self, i, j, depth, normal, point, impulses):
         """Notes what `resolve_collision` was given, and what it returned: ContactImpulses or None.

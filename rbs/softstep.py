@@ -85,7 +85,7 @@ def soft_step(
         pairs, manifolds, frames = detect(bodies, hasGround, reach, path, kept, timeStep)
         distances = SoftConstraints(constraints, bodies, kept)
         isAsleep = _still_asleep(sleeping, kept, bodies, isDisturbed, manifolds, distances)
-    with report.phase("constraints"):
+    with report.phase("contactSolver"):
         motion = _Motion(bodies, isAsleep)
         fall = abs(GRAVITY) * timeStep
         contacts = _ContactSolver(manifolds, frames, motion, bodies, mu, fall, timeStep / substeps)

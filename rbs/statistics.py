@@ -38,8 +38,9 @@ def step_quantities(simulation):
     """The numbers about a simulation's present step, or a replay's: dict of the names above.
 
     What only the step itself can tell, from `deepestPenetration` on, is NaN before the first step
-    and in a replay. The deepest penetration is that which contacts were found with, before they
-    were corrected; without a contact it is 0.
+    and in a replay, and so are the times of phases that a step does not have. The deepest
+    penetration is that which contacts were found with, before they were corrected; without a
+    contact it is 0.
     """
     kinetic, potential = simulation.kinetic_energy(), simulation.potential_energy()
     values = [
@@ -53,13 +54,12 @@ def step_quantities(simulation):
     ]
     report = simulation.report
     if report is not None:
-        contacts = report.contacts
         values += [
-            max((contact.depth for contact in contacts), default=0.0),
-            len(contacts),
+            max((contact.depth for contact in report.contacts), default=0.0),
+            report.contactCount,
             report.candidatePairs,
             report.constraintVisits,
-            *(1e3 * report.seconds.get(phase, 0.0) for phase in PHASES),
+            *(1e3 * report.seconds.get(phase, math.nan) for phase in PHASES),
         ]
     values += [math.nan] * (len(QUANTITY_UNITS) - len(values))
     return dict(zip(QUANTITY_UNITS, values, strict=True))

@@ -9,9 +9,9 @@ Polyscope is imported inside the functions that use it, never with this module. 
 import os
 import time
 from collections import deque
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from statistics import median
+from statistics import fmean
 
 import numpy as np
 
@@ -27,14 +27,14 @@ from rbs.playback import Playback
 from rbs.recording import Recorder, RecordingError
 from rbs.scenes import scene_name
 
-# Frames and steps over which the milliseconds on screen are a median: half a second's worth.
+# Frames and steps over which the milliseconds on screen are a mean: half a second's worth.
 TIMED_STEPS = 25
 # Steps that a plot goes back.
 PLOTTED_STEPS = 500
 # m/s that a push gives to a body's centre of mass.
 DEFAULT_PUSH = 8.0
 # What is said where somebody drags or shoots in a recording.
-UNCHANGEABLE = "a recording cannot be changed: --resume goes on from it"
+UNCHANGEABLE = "Recordings are read-only; --resume continues from one"
 
 
 def show_window(simulation, backend, openFile, listFiles, measure, pictureOptions=None):
@@ -46,21 +46,19 @@ def show_window(simulation, backend, openFile, listFiles, measure, pictureOption
 
     options = pictureOptions or PictureOptions()
     view = start_view(simulation, backend, options)
-    ps.set_build_default_gui_panels(False)
-    ps.set_open_imgui_window_for_user_callback(False)
     viewer = Viewer(simulation, view, openFile, listFiles, measure)
     panel = Panel(viewer)
     panel.lay_out()
     if options.camera is None:
         view.frame_all()
-    ps.set_user_callback(panel.frame)
+    view.set_callback(panel.frame)
     ps.set_files_dropped_callback(panel.dropped)
     try:
         ps.show()
     finally:
         viewer.stop_video()
         viewer.stop_recording()
-        ps.clear_user_callback()
+        view.set_callback(None)
         ps.clear_files_dropped_callback()
 
 
@@ -90,9 +88,9 @@ class Viewer:
         self.history = deque(maxlen=PLOTTED_STEPS)
         self._openFile, self._listFiles, self._measure = openFile, listFiles, measure
         self._settings = None if self.isReplay else simulation.settings
-        self._phases = deque(maxlen=TIMED_STEPS)
-        self._recentSeconds = deque(maxlen=TIMED_STEPS)
-        self._frames = deque(maxlen=TIMED_STEPS)
+        # Of each step and frame, the seconds of the whole and of its parts.
+        self._steps, self._frames = deque(maxlen=TIMED_STEPS), deque(maxlen=TIMED_STEPS)
+        self._spent = {}  # seconds of the present frame, by what they were spent on
 
     @property
     def isReplay(self):
@@ -120,17 +118,20 @@ class Viewer:
             if self.recorder is not None:
                 self._try_recording(self.recorder.flush)
             return
-        begin, before = time.perf_counter(), self.simulation.time
+        if self.playback.pace() is not None:  # the first one has waited for somebody to press Play
+            self._frames.append({"frame": elapsed, **self._spent})
+        self._spent = {}
+        before = self.simulation.time
         step = self._step_replay if self.isReplay else self._step
         self.playback.advance(elapsed, self.simulation.settings.timeStep, step)
-        self._frames.append((elapsed, time.perf_counter() - begin))
         self.playback.note(elapsed, abs(self.simulation.time - before))
         self._show()
 
     def _step_replay(self):
         """One step on, or back; pauses at the end. Whether it goes on."""
         replay = self.simulation
-        replay.seek(replay.stepCount + (-1 if self.playback.isBackwards else 1))
+        with self._timed("reading the recording"):
+            replay.seek(replay.stepCount + (-1 if self.playback.isBackwards else 1))
         self._film()
         end = replay.firstStep if self.playback.isBackwards else replay.lastStep
         self.isPlaying = self.isPlaying and replay.stepCount != end
@@ -147,26 +148,35 @@ class Viewer:
             mesh = simulation.meshes[self.grab.body]
             self._change(self.grab.change(mesh, simulation.settings.timeStep))
         try:
-            simulation.step()
+            with self._timed("simulating"):
+                simulation.step()
         except StateError as error:
             self.isPlaying = False
             self.message = str(error)
             return False
         if simulation.report is not None:
-            self._recentSeconds.append(simulation.stepSeconds)
-            self._phases.append(simulation.report.seconds)
+            self._steps.append({"step": simulation.stepSeconds, **simulation.report.seconds})
         if self.recorder is not None:
-            self._try_recording(lambda: self.recorder.add(simulation))
+            with self._timed("recording"):
+                self._try_recording(lambda: self.recorder.add(simulation))
         self._film()
         return True
 
     def _film(self):
         if self.video is not None:
             try:
-                self.video.add(self.simulation)
+                with self._timed("filming"):
+                    self.video.add(self.simulation)
             except OSError as error:
                 self.stop_video()
                 self.message = _cannot_write(error)
+
+    @contextmanager
+    def _timed(self, name):
+        """Adds the seconds of the `with` block to what the present frame spends on it."""
+        begin = time.perf_counter()
+        yield
+        self._spent[name] = self._spent.get(name, 0.0) + time.perf_counter() - begin
 
     def _show(self):
         """Draws the present state, and adds it to the plots."""
@@ -206,7 +216,7 @@ class Viewer:
         self.view.refresh()
 
     def _forget(self):
-        for memory in (self.history, self._recentSeconds, self._phases, self._frames):
+        for memory in (self.history, self._steps, self._frames):
             memory.clear()
 
     # Files.
@@ -217,7 +227,7 @@ class Viewer:
 
         path : also as a person types it
         """
-        self.message = ""
+        self.message = self.saved = ""
         try:
             if Path(path).suffix == ".json":
                 apply_camera(load_camera(os.path.expanduser(path)))
@@ -423,23 +433,26 @@ class Viewer:
 
     # Numbers.
 
-    def milliseconds(self):
-        """Median time of the last steps, or None before the first."""
-        return 1e3 * median(self._recentSeconds) if self._recentSeconds else None
-
-    def phase_milliseconds(self):
-        """Median time of each phase of the last steps: dict of name and ms, empty before them."""
-        names = self._phases[-1] if self._phases else ()
-        return {
-            name: 1e3 * median(seconds.get(name, 0.0) for seconds in self._phases)
-            for name in names
-        }  # fmt: skip
+    def step_milliseconds(self):
+        """Means of the last steps: see `_mean_milliseconds`; of "step", each phase, and "other"."""
+        return _mean_milliseconds(self._steps, "other")
 
     def frame_milliseconds(self):
-        """Medians of (a frame while playing, the part of it spent simulating), or None."""
-        if not self._frames:
-            return None
-        return tuple(1e3 * median(column) for column in zip(*self._frames, strict=True))
+        """Likewise of the last frames while it played: of "frame", and what it was spent on."""
+        return _mean_milliseconds(self._frames, "drawing, waiting")
+
+
+def _mean_milliseconds(rows, rest):
+    """Means in ms: a dict, first of the whole, which is the sum of the others; last, of the rest.
+
+    rows : dicts of seconds, first of the whole, then of its parts; where there are none, nor are
+    there means
+    """
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    means = {name: 1e3 * fmean(row.get(name, 0.0) for row in rows) for name in names}
+    if means:
+        means[rest] = means[names[0]] - sum(means[name] for name in names[1:])
+    return means
 
 
 def _cannot_write(error):

@@ -87,14 +87,14 @@ def draw_choice(label, current, names, tooltip=""):
     return chosen
 
 
-def draw_slider(label, value, low, high):
+def draw_slider(label, value, low, high, shown="%.3f"):
     """A slider for a float or an int; returns (whether it was moved, the value as it is shown)."""
     import polyscope.imgui as psim
 
     clamp = psim.ImGuiSliderFlags_AlwaysClamp  # also what is typed in with Ctrl-click
     if isinstance(value, int):
         return psim.SliderInt(label, value, low, high, "%d", clamp)
-    isMoved, moved = psim.SliderFloat(label, value, low, high, "%.3f", clamp)
+    isMoved, moved = psim.SliderFloat(label, value, low, high, shown, clamp)
     return isMoved, round(moved, 3) if isMoved else value
 
 

@@ -219,7 +219,7 @@ def scale(axis):
     grid = dict(zip(*times_of(rows, FRICTION, "grid"), strict=True))
     looped, most = int(max(loop)), sizes[-1]
     last = [row for row in rows if (row["material"], row["run"]) == (FRICTION, "grid")][-1]
-    phases = {name: float(last[name] or 0) for name in benchmarkPiles.PHASES}
+    phases = {name: float(last.get(name) or 0) for name in benchmarkPiles.PHASES}
     return numbers | {
         "least": str(sizes[0]), "most": mechanisms.thousands(most),
         "compared": mechanisms.thousands(compared), "looped": str(looped),

@@ -327,7 +327,8 @@ def draw_phases(axis, rows, _names):
     """What share of the grid's step each phase has, a bar a number of bodies."""
     own = [row for row in rows if row["run"] == "grid"]
     bottom = np.zeros(len(own))
-    for phase, colour in zip(PHASES, COLOURS[1:], strict=True):
+    phases = [phase for phase in PHASES if any(row.get(phase) for row in own)]
+    for phase, colour in zip(phases, COLOURS[1:], strict=False):
         share = np.array([float(row[phase]) / float(row["milliseconds"]) for row in own])
         axis.bar([str(row["bodies"]) for row in own], share, bottom=bottom, color=colour,
                  label=phase)  # fmt: skip

@@ -8,6 +8,9 @@ import colorsys
 import json
 import math
 import time
+from collections import Counter
+from dataclasses import asdict
+from itertools import count
 from types import SimpleNamespace
 
 import numpy as np
@@ -26,6 +29,7 @@ from rbs.cameras import (
     save_camera,
 )
 from rbs.catalogue import SCENES
+from rbs.changes import fix
 from rbs.colours import (
     COLOURINGS,
     CONSTRAINT_COLOURS,
@@ -51,27 +55,31 @@ from rbs.drawables import (
     surface_points,
 )
 from rbs.drawing import HELD_CONTACT_STEPS, LAYERS, MOST_CREASES, SceneView, start_polyscope
+from rbs.grabbing import shot
 from rbs.layout import TIMELINE_HEIGHT, arrange
 from rbs.messages import counted
 from rbs.opening import find_file, list_files, open_file
 from rbs.panel import Panel
-from rbs.pictureoptions import OVERLAYS, VIDEO_ENDINGS, video_timing
+from rbs.pictureoptions import OVERLAYS, VIDEO_ENDINGS, PictureOptions, video_timing
 from rbs.pictures import (
     SEEN_THROUGH,
     SHADOW_OPACITY,
     PictureSeries,
     Video,
     averaged,
+    start_view,
     take_picture,
 )
 from rbs.playback import SPEEDS, STEPPING_SECONDS, Playback, speed_name
 from rbs.poses import refresh_vertices
 from rbs.recording import Recording
-from rbs.replay import verify
+from rbs.replay import Replay, restored_settings, verify
+from rbs.reports import StepReport
 from rbs.scenes import list_scenes, scene_name
-from rbs.simulation import Settings, Simulation
+from rbs.settings import CHOSEN, Settings
+from rbs.simulation import Simulation
 from rbs.statistics import step_quantities
-from rbs.suggestions import SceneOpener
+from rbs.suggestions import SceneOpener, apply_settings
 from rbs.textfiles import SceneError
 from rbs.viewer import Viewer
 from RigidBodySimulation import load_mesh_file, load_scene_file
@@ -108,7 +116,7 @@ class StillView:
 
 
 def make_viewer(simulation, view):
-    opener = SceneOpener(Settings(), follows=False)
+    opener = SceneOpener(simulation, {}, isBasic=True)
     return Viewer(simulation, view, opener, list_files, step_quantities)
 
 
@@ -184,11 +192,54 @@ def test_step_and_reset_pause(viewer):
     viewer.toggle_play()
     viewer.step_once()
     assert not viewer.isPlaying and viewer.simulation.stepCount == 1
-    assert viewer.milliseconds() == pytest.approx(1e3 * viewer.simulation.stepSeconds)
     viewer.toggle_play()
     viewer.reset()
-    assert not viewer.isPlaying and viewer.milliseconds() is None
+    assert not viewer.isPlaying and viewer.step_milliseconds() == {}
     np.testing.assert_array_equal(viewer.simulation.state()["positions"], start)
+
+
+@pytest.mark.parametrize("solver", ["impulse", "soft-step"])
+def test_milliseconds_of_phases_add_up_to_those_of_the_step(solver):
+    simulation = Simulation(DATA / "tower-scene.txt", Settings(contactSolver=solver))
+    viewer = make_viewer(simulation, StillView())
+    seconds = []
+    for _ in range(3):
+        viewer.step_once()
+        seconds.append(simulation.stepSeconds)
+    step, *phases, other = viewer.step_milliseconds().items()
+    assert step == ("step", pytest.approx(1e3 * np.mean(seconds)))
+    assert other[0] == "other" and other[1] >= 0.0
+    assert [name for name, _ in phases] == {
+        "impulse": ["integrate", "collisions", "ground", "constraints"],
+        "soft-step": ["gather", "collisions", "contactSolver", "writeBack"],
+    }[solver]
+    assert sum(ms for _, ms in phases) + other[1] == pytest.approx(step[1])
+
+
+def test_filming_and_reading_are_not_called_simulating(viewer, replay, monkeypatch):
+    clock = [0.0]
+    for module in ("viewer", "playback"):
+        monkeypatch.setattr(f"rbs.{module}.time", SimpleNamespace(perf_counter=lambda: clock[0]))
+
+    def takes(seconds):
+        def act(*arguments):
+            clock[0] += seconds
+
+        return act
+
+    monkeypatch.setattr(viewer.simulation, "step", takes(0.001))
+    monkeypatch.setattr(replay.simulation, "seek", takes(0.002))
+    viewer.video = SimpleNamespace(add=takes(0.016))
+    for one in (viewer, replay):
+        one.toggle_play()
+        for _ in range(4):
+            one.play(0.021)
+    assert viewer.frame_milliseconds() == pytest.approx(
+        {"frame": 21.0, "simulating": 1.0, "filming": 16.0, "drawing, waiting": 4.0}
+    )
+    assert replay.frame_milliseconds() == pytest.approx(
+        {"frame": 21.0, "reading the recording": 2.0, "drawing, waiting": 19.0}
+    )
 
 
 @pytest.mark.parametrize(("speed", "steps"), [(0.1, 1), (0.25, 2), (1.0, 10), (4.0, 40)])
@@ -234,9 +285,9 @@ def test_pace_is_that_of_the_last_second():
 def test_values_out_of_range_are_refused_and_change_nothing():
     settings = Simulation(DATA / "tet-scene.txt").settings
     for name, values, cause in (
-        ("restitution", (-0.1, 1.0001, math.nan, math.inf), "the restitution must lie between 0"),
-        ("timeStep", (0.0, -0.02, math.nan, math.inf), "the time step must be positive"),
-        ("friction", (-0.1, math.nan, math.inf), "the friction must be finite"),
+        ("restitution", (-0.1, 1.0001, math.nan, math.inf), "restitution must be .*, 0 to 1, not"),
+        ("timeStep", (0.0, -0.02, math.nan, math.inf), "timeStep must be .*, 1e-12 to 1000, not"),
+        ("friction", (-0.1, math.nan, math.inf), "friction must be .* of 0 or more, not"),
     ):
         before = getattr(settings, name)
         for value in values:
@@ -337,7 +388,7 @@ def test_replay_plays_at_any_speed_and_stops_at_its_ends(replay, instant):
     replay.toggle_play()  # from the start again
     assert simulation.stepCount == 0 and replay.isPlaying
     replay.step_once()
-    assert simulation.stepCount == 1 and replay.milliseconds() is None
+    assert simulation.stepCount == 1 and replay.step_milliseconds() == {}
 
 
 def test_settings_outlive_a_replay(viewer, replay, tmp_path):
@@ -456,7 +507,8 @@ def test_fixed_bodies_and_recordings_are_not_dragged(hands, replay):
     for act in (lambda: replay.grab_at((1, 0.0)), lambda: replay.shoot((0, 0))):
         replay.message = ""
         act()
-        assert replay.grab is None and "a recording cannot be changed" in replay.message
+        assert replay.grab is None
+        assert replay.message == "Recordings are read-only; --resume continues from one"
 
 
 def test_shots_are_counted_and_gone_with_a_reset(hands, monkeypatch):
@@ -540,14 +592,16 @@ def test_all_steps_of_a_paused_session_can_be_read(hands, monkeypatch):
 def test_a_replay_is_not_recorded(replay, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     replay.toggle_recording()
-    assert replay.recorder is None and "a recording cannot be changed" in replay.message
+    assert replay.recorder is None
+    assert replay.message == "Recordings are read-only; --resume continues from one"
     replay.step_once()
     assert replay.simulation.stepCount == 1 and not (tmp_path / "out").exists()
 
 
-def test_reset_restores_what_the_scene_suggests_and_restart_does_not(tmp_path):
-    opener = SceneOpener(Settings(), follows=True)
-    simulation = opener(DATA / "slide-scene.txt", None)
+def test_reset_restores_what_the_scene_began_with_and_restart_does_not(tmp_path):
+    simulation = Simulation(DATA / "slide-scene.txt")
+    apply_settings(simulation, {})
+    opener = SceneOpener(simulation, {})
     viewer = Viewer(simulation, StillView(), opener, list_files, step_quantities)
     viewer.simulation.settings.friction = 0.9
     viewer.step_once()
@@ -555,13 +609,14 @@ def test_reset_restores_what_the_scene_suggests_and_restart_does_not(tmp_path):
     assert viewer.simulation.settings.friction == 0.9 and viewer.simulation.stepCount == 0
     viewer.reset()
     assert viewer.simulation.settings.friction == 0.2
-    # What was changed by hand goes on to the next scene, and ends with a reset there.
+    # What was changed by hand goes on to the next scene, which begins with it.
     viewer.simulation.settings.timeStep = 0.01
     viewer.open("incline")
     settings = viewer.simulation.settings
     assert (settings.friction, settings.timeStep) == (0.4, 0.01)
+    settings.friction = 0.9
     viewer.reset()
-    assert (viewer.simulation.settings.friction, viewer.simulation.settings.timeStep) == (0.4, 0.02)
+    assert (settings.friction, settings.timeStep) == (0.4, 0.01)
 
 
 def test_names_are_found_as_the_command_line_takes_them(tmp_path, monkeypatch):
@@ -595,7 +650,7 @@ def test_every_scene_of_ours_has_a_line():
 
 def test_words_are_counted():
     assert counted(1, "contact") == "1 contact" and counted(0, "body") == "0 bodies"
-    assert counted(2, "solver iteration") == "2 solver iterations"
+    assert counted(2, "constraint visit") == "2 constraint visits"
 
 
 # --------------------------------------------------------------------------------------------------
@@ -610,14 +665,14 @@ def test_colours_go_by_the_logarithm_of_the_density(tmp_path):
     (tmp_path / "a-scene.txt").write_text("\n".join(["4", *rows]))
     meshes = load_scene_file(tmp_path / "a-scene.txt")
     colours = BodyColours(meshes)
-    scene = SimpleNamespace(meshes=meshes)
+    scene = SimpleNamespace(meshes=meshes, report=None)
     before = colours.of(scene, "density")
     light, heavy, middle, fixed = before
     np.testing.assert_allclose(light, VIRIDIS[0])
     np.testing.assert_allclose(heavy, VIRIDIS[-1])
     np.testing.assert_allclose(middle, VIRIDIS[len(VIRIDIS) // 2])
     np.testing.assert_allclose(fixed, FIXED_COLOUR)
-    rows = colours.legend(meshes, "density")
+    rows = colours.legend(scene, "density")
     assert [text for text, _ in rows] == [
         "density 10 kg/m³", "density 100 kg/m³", "density 1000 kg/m³", "fixed"
     ]  # fmt: skip
@@ -782,6 +837,41 @@ def test_islands_are_what_hangs_together_by_contacts_of_free_bodies():
     simulation.report = None
     colours = BodyColours(meshes).of(simulation, "contact island")
     np.testing.assert_allclose(colours[[0, 1, 5]], [LONE_COLOUR] * 3)
+
+
+def sleeping_tower():
+    """A Simulation of the tower with the soft-step solver after a step, its second body asleep."""
+    simulation = Simulation(DATA / "tower-scene.txt", Settings(contactSolver="soft-step"))
+    simulation.step()
+    simulation.report.isAsleep[1] = True
+    return simulation
+
+
+def test_balls_are_coloured_by_sleep_before_their_first_step():
+    simulation = sleeping_tower()
+    meshes = simulation.meshes
+    simulation.change(shot(meshes, 10.0, [0.0, 90.0, 0.0], [0.0, 1.0, 0.0]))
+    colours = BodyColours(meshes).of(simulation, "sleep")
+    np.testing.assert_array_equal(colours[1], LONE_COLOUR)
+    np.testing.assert_array_equal(colours[[2, 9]], PALETTE[[2, 9]])
+
+
+def test_legend_knows_that_contacts_of_sleeping_bodies_are_not_listed():
+    simulation = sleeping_tower()
+    colours = BodyColours(simulation.meshes)
+    assert colours.legend(simulation, "contact island")[0][0] == "touches no other awake body"
+    simulation.report.isAsleep[:] = False
+    assert colours.legend(simulation, "contact island")[0][0] == "touches no other free body"
+
+
+@pytest.mark.parametrize("settings", [{}, {"broadPhase": "grid"}, {"contactSolver": "soft-step"}])
+def test_contacts_are_counted_without_being_listed(settings):
+    simulation = Simulation(DATA / "stack-scene.txt", Settings(**settings))
+    for _ in range(20):
+        simulation.step()
+    count = simulation.report.contactCount
+    assert count == len(simulation.report.contacts) > 0
+    assert count == simulation.report.contactCount
 
 
 def test_velocities_begin_where_they_leave_the_body():
@@ -1179,6 +1269,32 @@ def test_bodies_are_seen_through_while_contacts_are_shown(polyscope, twoBoxes):
     np.testing.assert_array_equal(take_picture(twoBoxes)[place], body)
 
 
+def test_bodies_are_seen_through_from_the_start_where_contacts_are_asked_for(
+    polyscope, twoBoxes, monkeypatch
+):
+    monkeypatch.setattr("rbs.pictures.start_polyscope", lambda *arguments: None)
+    simulation = twoBoxes.simulation
+    place = pixel_of(polyscope, simulation.meshes[0].position[0] + [0.0, 0.0, 4.0])
+    shots = []
+    for overlays in ((), ("contacts",)):
+        view = start_view(simulation, None, PictureOptions(overlays=overlays))
+        shots.append(picture(polyscope)[place])
+    view.refresh()
+    np.testing.assert_allclose(picture(polyscope)[place], shots[1], atol=0.01)
+    assert np.abs(shots[1] - shots[0]).max() > 0.1
+    view.show("contacts", False)
+
+
+def test_legend_says_that_there_is_no_friction(polyscope):
+    simulation = Simulation(DATA / "tower-scene.txt")
+    view = SceneView(simulation)
+    view.show("friction impulses", True)
+    simulation.step()
+    view.refresh()
+    assert view.legend()[-1][0] == "no friction impulse this step"
+    view.show("friction impulses", False)
+
+
 def test_legend_is_in_the_picture_where_it_is_asked_for(polyscope, twoBoxes):
     bare = take_picture(twoBoxes)
     twoBoxes.hasLegend = True
@@ -1274,12 +1390,10 @@ def panel(polyscope):
     """The panel over the mixed scene, drawn frame by frame through Polyscope's callback."""
     simulation = Simulation(DATA / "mixed-scene.txt")
     result = Panel(make_viewer(simulation, SceneView(simulation)))
-    polyscope.set_build_default_gui_panels(False)
-    polyscope.set_open_imgui_window_for_user_callback(False)
-    polyscope.set_user_callback(result.frame)
+    result.viewer.view.set_callback(result.frame)
     polyscope.frame_tick()
     yield result
-    polyscope.clear_user_callback()
+    result.viewer.view.set_callback(None)
 
 
 def press(ps, key):
@@ -1308,7 +1422,8 @@ def places(monkeypatch, polyscope):
     import polyscope.imgui as psim
 
     result = {}
-    for kind in ("Button", "Selectable", "BeginCombo", "InputDouble", "Checkbox"):
+    for kind in ("Button", "Selectable", "BeginCombo", "InputDouble", "Checkbox", "SliderFloat",
+                 "SliderInt", "CollapsingHeader"):  # fmt: skip
         monkeypatch.setattr(psim, kind, noting(getattr(psim, kind), result))
     return result
 
@@ -1395,9 +1510,6 @@ def type_into(ps, place, text):
 def test_numbers_typed_into_the_fields_are_checked(polyscope, places, panel):
     simulation = panel.viewer.simulation
     before = dict(places)
-    for typed, expected in (("0.9", 0.9), ("1.1", 1.0), ("-3", 0.0), ("nan", 0.0)):
-        type_into(polyscope, places["restitution"], typed)
-        assert simulation.settings.restitution == expected
     for typed, expected in (("0.005", 0.005), ("0", 1e-4), ("7", 1.0)):
         type_into(polyscope, places["time step (s)"], typed)
         assert simulation.settings.timeStep == expected
@@ -1405,9 +1517,30 @@ def test_numbers_typed_into_the_fields_are_checked(polyscope, places, panel):
     assert simulation.stepCount == 0 and not panel.viewer.isPlaying
 
 
+def test_sliders_are_dragged_and_typed_into(polyscope, places, panel):
+    import polyscope.imgui as psim
+
+    settings = panel.viewer.simulation.settings
+    x, y = places["friction"]
+    click(polyscope, x + 20.0, y)
+    assert 0.05 < settings.friction < 0.95 and settings.friction == round(settings.friction, 3)
+    for typed, expected in (("0.9", 0.9), ("1.1", 1.0), ("-3", 0.0)):
+        for isDown in (True, False):
+            psim.GetIO().AddKeyEvent(psim.ImGuiMod_Ctrl, isDown)
+            polyscope.frame_tick()
+            if isDown:
+                click(polyscope, *places["restitution"])
+        for character in typed:
+            psim.GetIO().AddInputCharacter(ord(character))
+            polyscope.frame_tick()
+        press(polyscope, psim.ImGuiKey_Enter)
+        polyscope.frame_tick()
+        assert settings.restitution == expected
+
+
 def test_checkbox_and_scene_list_work(polyscope, places, panel):
     viewer = panel.viewer
-    click(polyscope, *places["closing contacts only"])
+    click(polyscope, *places["approaching contacts only"])
     assert viewer.simulation.settings.closingOnly
     click(polyscope, *places["scene"])
     polyscope.frame_tick()
@@ -1453,6 +1586,102 @@ def test_every_control_says_what_it_is_for_unless_an_error_is_shown(
     assert calls and all(name != "SetItemTooltip" for name, _ in calls)
 
 
+@pytest.fixture
+def texts(monkeypatch, polyscope):
+    """The texts of the panel, in the order in which they are drawn."""
+    import polyscope.imgui as psim
+
+    result, draw = [], psim.Text
+    monkeypatch.setattr(psim, "Text", lambda text: (result.append(text), draw(text)))
+    return result
+
+
+def test_numbers_are_called_what_they_are(polyscope, panel, texts, monkeypatch):
+    viewer = panel.viewer
+    panel.isSideShown = True
+    viewer.open(DATA / "cube-scene.txt")
+    viewer.step_once()
+    polyscope.frame_tick()
+    report = viewer.simulation.report
+    assert {f"{report.constraintVisits} constraint visits, 56 constraint bounds", "0 contacts",
+            "28 broad-phase pairs"} <= set(texts)  # fmt: skip
+    viewer.open(DATA / "tower-scene.txt")
+    viewer.simulation.settings.change("contactSolver", "soft-step")
+    # Contacts are counted, not listed: that takes long where there are thousands of them.
+    monkeypatch.setattr(StepReport, "contacts", None)
+    viewer.step_once()
+    texts.clear()
+    polyscope.frame_tick()
+    assert {"contact solver", "write back", "other"} <= set(texts)
+    assert f"{viewer.simulation.report.contactCount} contacts" in texts
+    viewer.simulation.report.isAsleep[:] = True
+    texts.clear()
+    polyscope.frame_tick()
+    assert f"contacts of awake bodies: {viewer.simulation.report.contactCount}" in texts
+
+
+@pytest.mark.parametrize("kind", ["impulse", "soft-step", "recording"])
+def test_widgets_write_nothing_while_nobody_touches_them(polyscope, panel, tmp_path, kind, texts):
+    import polyscope.imgui as psim
+
+    viewer = panel.viewer
+    settings = Settings(friction=0.4, restitution=0.7,
+                        contactSolver="impulse" if kind == "recording" else kind)  # fmt: skip
+    simulation = Simulation(DATA / "cube-scene.txt", settings)
+    if kind == "recording":
+        simulation = Replay(Recording(record(tmp_path / "cube.h5", simulation, 3)))
+    viewer.simulation, viewer.pushSpeed = simulation, 0.4
+    viewer.view.rebuild(simulation)
+    simulation.step()
+    viewer.view.pick(1, simulation.meshes[1].position[0])
+    panel.isSideShown = True
+    before = repr(simulation.settings)
+    state = {name: values.tobytes() for name, values in simulation.state().items()}
+    for _ in range(10):
+        polyscope.frame_tick()
+    assert repr(simulation.settings) == before and "friction=0.4," in before
+    assert {name: values.tobytes() for name, values in simulation.state().items()} == state
+    assert repr(viewer.pushSpeed) == "0.4" and simulation.stepCount == 1
+    assert viewer.playback.isBackwards is False and viewer.view.follows is False
+    press(polyscope, psim.ImGuiKey_S)
+    assert simulation.stepCount == 2  # the panel is still Polyscope's callback
+
+
+def test_line_about_a_file_is_forgotten_in_the_next_scene(polyscope, panel, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    panel.viewer.save_camera()
+    assert panel.viewer.saved
+    panel.viewer.open("tet")
+    assert panel.viewer.saved == ""
+
+
+def test_panel_goes_on_after_a_picture_with_a_legend(
+    polyscope, places, panel, tmp_path, monkeypatch
+):
+    import polyscope.imgui as psim
+
+    monkeypatch.chdir(tmp_path)
+    panel.viewer.view.hasLegend = True
+    panel.viewer.view.show("velocities", True)
+    click(polyscope, *places["Save"])
+    click(polyscope, *places["Picture"])
+    assert panel.viewer.saved == "saved out/mixed/picture_000000.png"
+    press(polyscope, psim.ImGuiKey_S)
+    assert panel.viewer.simulation.stepCount == 1
+    shoot = polyscope.screenshot_to_buffer
+
+    def fail(**options):
+        if options.get("include_UI"):
+            raise OSError(28, "No space left on device")
+        return shoot(**options)
+
+    monkeypatch.setattr(polyscope, "screenshot_to_buffer", fail)
+    panel.viewer.save_picture()
+    assert panel.viewer.message == "cannot write: No space left on device"
+    press(polyscope, psim.ImGuiKey_S)
+    assert panel.viewer.simulation.stepCount == 2
+
+
 def test_file_dropped_onto_the_window_is_opened(polyscope, panel, tmp_path):
     panel.dropped([str(DATA / "tet-scene.txt"), str(DATA / "cube-scene.txt")])
     polyscope.frame_tick()
@@ -1463,10 +1692,10 @@ def test_file_dropped_onto_the_window_is_opened(polyscope, panel, tmp_path):
 
 
 def test_constraints_can_be_switched_off_and_their_scheduling_chosen(polyscope, places, panel):
-    settings = panel.viewer.simulation.settings
     polyscope.frame_tick()
     assert "scheduling" not in places  # the mixed scene has no constraints
     panel.viewer.open(DATA / "cube-scene.txt")
+    settings = panel.viewer.simulation.settings
     polyscope.frame_tick()
     polyscope.frame_tick()  # the panel has grown
     click(polyscope, *places["constraints"])
@@ -1481,3 +1710,218 @@ def test_constraints_can_be_switched_off_and_their_scheduling_chosen(polyscope, 
         click(polyscope, *places[name])
         assert settings.constraintScheduling == name
         polyscope.frame_tick()
+
+
+# --------------------------------------------------------------------------------------------------
+# Somebody who presses everything
+# --------------------------------------------------------------------------------------------------
+
+SMALL_SCENES = ("cube", "mixed", "tower", "two_chain", "slide", "stack", "cradle", "ramp", "arch",
+                "dominoes")  # fmt: skip
+
+
+class RandomUser:
+    """Does at random what the window allows. Attribute: counts, how often each thing was done."""
+
+    def __init__(self, ps, panel, recordings, seed):
+        self.ps, self.panel, self.viewer = ps, panel, panel.viewer
+        self.recordings = recordings
+        self.random = np.random.default_rng(seed)
+        self.counts = Counter()
+        self.note_settings()
+
+    def note_settings(self):
+        self.expected = asdict(self.viewer.simulation.settings)
+
+    def choice(self, values):
+        values = list(values)
+        return values[self.random.integers(len(values))]
+
+    def pixel(self):
+        """Of a body, as far as it is in the picture."""
+        width, height = self.ps.get_window_size()
+        row, column = pixel_of(self.ps, self.choice(self.viewer.simulation.meshes).position[0])
+        return min(max(column, 0), width - 1), min(max(row, 0), height - 1)
+
+    def act(self):
+        """Does something that can be done now, rather what was seldom done, and draws a frame."""
+        names = [name for name in vars(RandomUser) if name.startswith("do_")]
+        # These are possible only while a body is picked, or held.
+        isRare = np.isin(names, ("do_push", "do_fix", "do_drag", "do_release"))
+        weights = 0.8 ** np.array([self.counts[name] for name in names]) * np.where(isRare, 6, 1)
+        isDone = False
+        while not isDone:
+            name = str(self.random.choice(names, p=weights / weights.sum()))
+            isDone = getattr(self, name)() is not False
+        self.counts[name] += 1
+        if self.viewer.grab is None:  # else the panel would let go: no mouse button is down
+            self.ps.frame_tick()
+        else:
+            self.viewer.play(0.04)
+
+    def do_play(self):
+        self.viewer.playback.speed = self.choice(SPEEDS)
+        self.viewer.playback.isBackwards = bool(self.random.integers(2))
+        self.viewer.toggle_play()
+
+    def do_step(self):
+        for _ in range(self.random.integers(1, 4)):
+            self.viewer.step_once()
+
+    def do_seek(self):
+        if not self.viewer.isReplay:
+            return False
+        self.viewer.seek(int(self.random.integers(-2, self.viewer.simulation.lastStep + 3)))
+
+    def do_reset(self):
+        self.viewer.reset()
+        if not self.viewer.isReplay:
+            self.expected = asdict(self.viewer.simulation.startSettings)
+
+    def do_restart(self):
+        self.viewer.restart()
+
+    def do_pick(self):
+        self.viewer.pick_at(self.pixel())
+        return self.viewer.picked() is not None
+
+    def do_push(self):
+        if self.viewer.isReplay or self.viewer.picked() is None or self.viewer.picked().isFixed:
+            return False
+        direction = self.random.normal(size=3)
+        self.viewer.push(direction / np.linalg.norm(direction))
+
+    def do_fix(self):
+        if self.viewer.isReplay or self.viewer.picked() is None:
+            return False
+        self.viewer.set_fixed(not self.viewer.picked().isFixed)
+
+    def do_grab(self):
+        self.viewer.grab_at(self.pixel())
+        return self.viewer.grab is not None
+
+    def do_drag(self):
+        if self.viewer.grab is None:
+            return False
+        self.viewer.drag_to(self.pixel())
+        self.viewer.step_once()
+
+    def do_release(self):
+        if self.viewer.grab is None:
+            return False
+        self.viewer.release()
+
+    def do_shoot(self):
+        self.viewer.shoot(self.pixel())
+        return not self.viewer.isReplay
+
+    def do_open_scene(self):
+        self.viewer.open(self.choice(SMALL_SCENES))
+        assert self.viewer.message == ""
+        self.note_settings()
+
+    def do_open_recording(self):
+        self.viewer.open(self.choice(self.recordings))
+        assert self.viewer.isReplay
+
+    def do_colours(self):
+        self.viewer.view.colouring = self.choice(COLOURINGS)
+        self.viewer.view.refresh()
+
+    def do_overlay(self):
+        name = self.choice(LAYERS)
+        self.viewer.view.show(name, name not in self.viewer.view.shown)
+
+    def do_camera(self):
+        self.viewer.view.follows = not self.viewer.view.follows
+        self.viewer.view.frame_all()
+
+    def do_picture(self):
+        self.viewer.view.hasLegend = bool(self.random.integers(2))
+        self.viewer.save_picture()
+        assert self.viewer.saved.endswith(".png") and self.viewer.message == ""
+
+    def do_video(self):
+        self.viewer.toggle_video()
+
+    def do_recording(self):
+        self.viewer.toggle_recording()
+        return not self.viewer.isReplay
+
+    def do_setting(self):
+        settings = self.viewer.simulation.settings
+        heeded = [one for one in CHOSEN.values() if one.solver in (None, settings.contactSolver)]
+        one = self.choice(one for one in heeded if one.label)
+        if self.viewer.isReplay:
+            return False
+        if one.kind is bool:
+            value = not getattr(settings, one.name)
+        elif isinstance(one.kind, tuple):
+            value = self.choice(one.kind)
+        else:
+            low, high = one.sliderEnds or (0.005, 0.03)
+            value = one.kind(self.random.uniform(low, high))
+        settings.change(one.name, value)
+        assert getattr(settings, one.name) == value
+        if one.name != "contactSolver":
+            self.expected[one.name] = value
+        else:  # what the new solver ignores gets its default
+            ignored = [other.name for other in CHOSEN.values() if other.solver not in (None, value)]
+            self.expected |= {name: CHOSEN[name].default for name in ignored} | {one.name: value}
+
+
+def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
+    polyscope, tmp_path, monkeypatch
+):
+    import polyscope.imgui as psim
+
+    monkeypatch.chdir(tmp_path)
+    clock = count(step=0.004)
+    for module in ("panel", "viewer", "playback"):
+        still = SimpleNamespace(perf_counter=lambda: next(clock))
+        monkeypatch.setattr(f"rbs.{module}.time", still)
+    header = psim.CollapsingHeader
+    monkeypatch.setattr(psim, "CollapsingHeader", lambda *rest: bool(header(*rest)) or True)
+    size = polyscope.get_window_size()
+    polyscope.set_window_size(640, 150)
+    monkeypatch.setattr("rbs.pictures.SUPERSAMPLING", 1)
+
+    def change_by_hand(simulation, step):
+        if step == 4:
+            simulation.change(shot(simulation.meshes, 40.0, [0.0, 9.0, 30.0], [0.0, 0.0, -1.0]))
+            simulation.change(fix(1, True))
+
+    recordings = []
+    for name, settings in (("tower", {}), ("stack", {"contactSolver": "soft-step"})):
+        simulation = Simulation(DATA / f"{name}-scene.txt", Settings(**settings))
+        path = record(tmp_path / f"{name}.h5", simulation, 12, change_by_hand)
+        recordings.append(path)
+    simulation = Simulation(DATA / "mixed-scene.txt")
+    view = SceneView(simulation)
+    viewer = Viewer(simulation, view, SceneOpener(simulation, {}), list_files, step_quantities)
+    panel = Panel(viewer)
+    panel.isSideShown = True
+    panel.lay_out()
+    view.set_callback(panel.frame)
+    user, where = RandomUser(polyscope, panel, recordings, seed=2), Counter()
+    while user.counts.total() < 500:
+        user.act()
+        simulation = viewer.simulation
+        assert simulation.is_finite()
+        settings = asdict(simulation.settings)
+        if viewer.isReplay:
+            now = restored_settings(simulation.recording, simulation.stepCount, Settings())
+            assert settings == asdict(now)
+        else:
+            assert settings == user.expected
+        where["replay" if viewer.isReplay else settings["contactSolver"]] += 1
+    viewer.stop_video()
+    viewer.stop_recording()
+    viewer.release()
+    view.set_callback(None)
+    polyscope.set_window_size(*size)
+    names = {name for name in vars(RandomUser) if name.startswith("do_")}
+    assert len(names) == 21 and min(user.counts[name] for name in names) >= 10, user.counts
+    assert len(where) == 3 and min(where.values()) >= 50, where
+    made = list(tmp_path.glob("out/*/recording*.h5"))
+    assert made and all(verify(Recording(path)) == "" for path in made)

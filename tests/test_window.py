@@ -231,7 +231,7 @@ def test_a_replay_in_the_window_is_scrubbed(session, tmp_path):
     window.key("Left", lambda status: status["step"] == 39)
     window.click("backwards")
     window.click("Play", lambda status: status["step"] == 0)
-    window.key("b", lambda status: "a recording cannot be changed" in status["message"])
+    window.key("b", lambda status: "Recordings are read-only" in status["message"])
 
 
 def test_bodies_are_dragged_thrown_and_shot_and_the_recording_is_verified(session, tmp_path):

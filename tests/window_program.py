@@ -17,12 +17,11 @@ import polyscope as ps
 import polyscope.imgui as psim
 
 from rbs.backends import find_backend
-from rbs.opening import list_files
+from rbs.opening import list_files, open_file
 from rbs.panel import Panel
 from rbs.playback import speed_name
-from rbs.simulation import Settings
 from rbs.statistics import step_quantities
-from rbs.suggestions import SceneOpener
+from rbs.suggestions import SceneOpener, apply_settings
 from rbs.viewer import show_window
 
 WIDGETS = (
@@ -122,8 +121,11 @@ def main(scene, statusPath):
     if not backend.opensWindow:
         sys.exit(backend.reason)
     try:
-        opener = SceneOpener(Settings(), follows=True)
-        show_window(opener(scene, None), backend, opener, list_files, step_quantities)
+        simulation = open_file(scene, None)
+        if not simulation.isReplay:
+            apply_settings(simulation, {})
+        opener = SceneOpener(simulation, {})
+        show_window(simulation, backend, opener, list_files, step_quantities)
     except KeyboardInterrupt:
         pass
 
