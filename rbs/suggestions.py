@@ -72,7 +72,8 @@ def apply_settings(simulation, given, isBasic=False):
         if name in recommended and getattr(simulation.settings, name) == recommended[name]
     ]  # fmt: skip
     simulation.recommended = ", ".join(
-        one.label if one.kind is bool else f"{one.option} {recommended[one.name]}" for one in used
+        one.label if one.kind is bool else f"{one.option} {shown(recommended[one.name])}"
+        for one in used
     )
     simulation.startSettings = replace(simulation.settings)
 
@@ -111,6 +112,11 @@ class SceneOpener:
             self._begun = replace(opened.settings)
             note_recommended(opened)
         return opened
+
+
+def shown(value):
+    """A setting's value for a person to read."""
+    return f"{value:g}" if isinstance(value, float) else value
 
 
 def note_recommended(simulation):

@@ -91,7 +91,7 @@ def test_recommendations_are_used_reported_and_recorded(tmp_path):
     assert settings == Settings(**standing)
     assert errors == (
         f"RigidBodySimulation.py: using the settings recommended in {DATA / 'stack-scene.txt'} "
-        "(restitution 0.0, friction 0.5, solver soft-step); --basic ignores them\n"
+        "(restitution 0, friction 0.5, solver soft-step); --basic ignores them\n"
     )
     process = run(tmp_path, "--verify", "r.h5")
     assert process.returncode == 0 and process.stderr == ""
