@@ -515,14 +515,14 @@ def test_shots_are_counted_and_gone_with_a_reset(hands, monkeypatch):
     monkeypatch.setattr("rbs.viewer.MOST_SHOTS", 2)
     for _ in range(3):
         hands.shoot((0, 0))
-    assert len(hands.simulation.meshes) == 9 and "2 balls have been shot" in hands.message
+    assert len(hands.simulation.meshes) == 17 and "2 balls have been shot" in hands.message
     hands.grab_at((8, 0.0))  # a ball can be dragged too
     hands.step_once()
     hands.reset()
-    assert len(hands.simulation.meshes) == 7 and hands.grab is None
+    assert len(hands.simulation.meshes) == 15 and hands.grab is None
     hands.simulation.submitted = object()
     hands.shoot((0, 0))
-    assert len(hands.simulation.meshes) == 7 and "--functions" in hands.message
+    assert len(hands.simulation.meshes) == 15 and "--functions" in hands.message
 
 
 @pytest.mark.parametrize("end", ["button", "reset", "open", "scene's end"])

@@ -261,15 +261,15 @@ def test_bodies_are_dragged_thrown_and_shot_and_the_recording_is_verified(sessio
     window.xdotool("keyup", "ctrl")
     window.await_status(lambda status: status["grabbed"] is None)
     window.move_to(640, 400)
-    window.key("b", lambda status: status["bodyCount"] == 8)
+    window.key("b", lambda status: status["bodyCount"] == 16)
     last = window.status()["step"]
     window.await_status(lambda status: status["step"] > last + 10)
     window.click("Stop", lambda status: "recording.h5" in status["saved"])
-    window.key("r", lambda status: status["bodyCount"] == 7 and status["step"] == 0)
+    window.key("r", lambda status: status["bodyCount"] == 15 and status["step"] == 0)
     path = tmp_path / "out" / "mixed" / "recording.h5"
     recording = Recording(path)
     kinds = {change.kind for _, change in recording.changes}
-    assert kinds == {"push", "add"} and recording.body_count(recording.lastStep) == 8
+    assert kinds == {"push", "add"} and recording.body_count(recording.lastStep) == 16
     assert verify(recording) == ""
     done = run(tmp_path, "--verify", path)
     assert done.returncode == 0 and "are identical" in done.stdout
