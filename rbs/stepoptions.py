@@ -33,8 +33,12 @@ def check_step_options(
     """Raises ValueError for what `run_timestep` refuses, other than the settings of contacts."""
     if contactSolver == "soft-step" and closingOnly:
         raise ValueError("closingOnly has no meaning for soft-step: no contact ever pulls")
-    if substeps != int(substeps) or substeps < 1:
-        raise ValueError(f"the substeps must be a whole number of 1 or more, not {substeps}")
+    try:
+        isWhole = substeps == int(substeps) and substeps >= 1
+    except (TypeError, ValueError, OverflowError):  # None, NaN, infinity
+        isWhole = False
+    if not isWhole:
+        raise ValueError(f"substeps must be a whole number of 1 or more, not {substeps}")
     if not 0.0 <= timeStep < math.inf:
         raise ValueError(f"the time step must be finite and not negative, not {timeStep:g}")
     if not tolerance >= 0.0:
