@@ -21,12 +21,13 @@ class SolverState:
 
     count : number of bodies; None before the first step
     pairs : `NearPairs`; manifolds : `Manifolds`; sleep : `Sleep`
-    constraintImpulse : (R,), of the distance constraints in the last substep, and
-        constraint (6, R), what they belong to, see `SoftConstraints`
+    constraint : (6, R), what distance constraints there were, see `SoftConstraints`
+    constraintImpulse : (R,), of these in the last substep; constraintOffset and constraintSubstep
+        (R,), as offset and substep of `Manifolds`
     """
 
     PARTS = {"pairs": NearPairs, "sleep": Sleep}
-    COLUMNS = ("constraint", "constraintImpulse")
+    COLUMNS = ("constraint", "constraintImpulse", "constraintOffset", "constraintSubstep")
 
     def __init__(self):
         self.clear()
@@ -35,7 +36,8 @@ class SolverState:
         """Forgets everything: the next step starts cold."""
         self.count = None
         self.pairs = self.manifolds = self.sleep = None
-        self.constraint, self.constraintImpulse = np.zeros((6, 0)), np.zeros(0)
+        self.constraint = np.zeros((6, 0))
+        self.constraintImpulse = self.constraintOffset = self.constraintSubstep = np.zeros(0)
 
     def start(self, bodies):
         """Makes the state of these bodies, unless it has one of as many."""
