@@ -110,7 +110,7 @@ def detect(bodies, hasGround, reach, path, kept, timeStep):
         found = find_sorted(valid.key, pairs.key)
         isKnown[found[found >= 0]] = True
     asked = indices(isNear & ~isKnown)
-    new = _new_pair_manifolds(bodies, frames, pairs, asked, first, second, near, mark)
+    new, pairs = _new_pair_manifolds(bodies, frames, pairs, asked, first, second, near, mark)
     if hasGround:
         new = new.joined(_new_ground_manifolds(bodies, frames, reach, valid.key, timeStep))
     new.inherit(kept.manifolds, sizes(bodies, *new.bodies(count - 1)))
@@ -151,9 +151,9 @@ def _valid_manifolds(manifolds, frames, bodies, nearKey):
 
 
 def _new_pair_manifolds(bodies, frames, pairs, asked, first, second, near, mark):
-    """The manifolds of the pairs `asked`; of those that are apart, notes the gap in `pairs`."""
+    """The manifolds of the pairs `asked`, and `pairs` with the gaps of those that are apart."""
     if len(asked) == 0:
-        return Manifolds.none()
+        return Manifolds.none(), pairs
     first, second = first[asked], second[asked]
     t = frames.translations(first, second)
     reserve = KEEP * sizes(bodies, first, second)
@@ -164,18 +164,16 @@ def _new_pair_manifolds(bodies, frames, pairs, asked, first, second, near, mark)
     )
     penetration, normal = contact_normals(bodies.hulls, facets, first, second, t, width)
     isApart = penetration < -separation
-    pairs.axis[:, asked] = normal
-    pairs.gap[asked] = np.where(isApart, -penetration, -np.inf)
-    pairs.mark[asked] = mark[asked]
+    pairs = pairs.noted(asked, normal, np.where(isApart, -penetration, -np.inf), mark[asked])
     met = indices(~isApart)
     if len(met) == 0:
-        return Manifolds.none()
+        return Manifolds.none(), pairs
     first, second = first[met], second[met]
     t, normal = take(t, met, axis=1), take(normal, met, axis=1)
     points = pair_manifolds(
         bodies.hulls, first, second, t, normal, penetration[met], near[asked[met]]
     )
-    return _table(frames, first, second, t, normal, tangents(normal), *points)
+    return _table(frames, first, second, t, normal, tangents(normal), *points), pairs
 
 
 def _new_ground_manifolds(bodies, frames, reach, known, timeStep):

@@ -99,6 +99,20 @@ class Manifolds:
         columns = {name: take(getattr(self, name), some, axis=-1) for name in COLUMNS}
         return Manifolds(self.key[some], **columns)
 
+    def resized(self, old, count):
+        """`(manifolds, left)` of `count` bodies in place of `old`, changed at the end of the list.
+
+        left : (K,), bodies that have touched what has been removed
+        """
+        first, second = self.bodies(old)
+        isGround = second == old
+        isKept = (first < count) & (isGround | (second < count))
+        left = first[~isKept & (first < count)]
+        some = self.rows(indices(isKept))
+        first, second = first[isKept], np.where(isGround, count, second)[isKept]
+        columns = {name: getattr(some, name) for name in COLUMNS}
+        return Manifolds(first * (count + 1) + second, **columns), left
+
     def joined(self, other):
         """These and others, in the order of their keys."""
         if len(other.key) == 0 or len(self.key) == 0:

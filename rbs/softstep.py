@@ -72,11 +72,11 @@ def soft_step(
     report = StepReport()
     if len(meshes) == 0 or timeStep == 0.0:
         return report
-    kept = SolverState() if state is None else state
     with report.phase("gather"):
         bodies = Bodies(meshes)
         bodies.follow_orientations()
-        kept.start(bodies)
+        state = SolverState() if state is None else state
+        kept = state.begun(bodies)
         isDisturbed = kept.sleep.disturbed(bodies)
         path = kept.pairs.path + np.where(isDisturbed, kept.sleep.travel(bodies), 0.0)
         if isGyroscopic:
@@ -105,6 +105,7 @@ def soft_step(
         kept.sleep = _settled(sleeping, kept, bodies, isAsleep, distances, timeStep)
         distances.store(kept)
         bodies.write_back()
+        state.replace(kept)
     report.isAsleep, report.candidatePairs = kept.sleep.isAsleep, len(pairs.key)
     report.constraintVisits = distances.visits
     contacts.tell(report)
