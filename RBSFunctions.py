@@ -361,7 +361,7 @@ class Mesh(Posed):
         if self.isFixed:
             return None
         vertices = self.currVertices
-        return vertices[vertices[:, 1].argmin()]
+        return vertices[vertices[:, 1].argmin()].copy()
 
     def get_rotated_inv_IT(self):
         """Inverse inertia tensor in world axes, R I⁻¹ Rᵀ: (3, 3)."""

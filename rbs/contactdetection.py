@@ -110,14 +110,14 @@ def detect(bodies, hasGround, reach, path, kept, timeStep):
         found = find_sorted(valid.key, pairs.key)
         isKnown[found[found >= 0]] = True
     asked = indices(isNear & ~isKnown)
-    new = _new_pair_manifolds(bodies, frames, pairs, asked, first, second, near, mark)
+    new, pairs = _new_pair_manifolds(bodies, frames, pairs, asked, first, second, near, mark)
     if hasGround:
         new = new.joined(_new_ground_manifolds(bodies, frames, reach, valid.key, timeStep))
-    new.inherit(kept.manifolds, _sizes(bodies, *new.bodies(count - 1)))
+    new.inherit(kept.manifolds, sizes(bodies, *new.bodies(count - 1)))
     return pairs, valid.joined(new), frames
 
 
-def _sizes(bodies, first, second):
+def sizes(bodies, first, second):
     """The `thickness` (M,) of the thinner body of each pair; of a body on the ground, its own."""
     count = len(bodies.invMass)
     size = thickness(bodies.hulls, first)
@@ -147,35 +147,33 @@ def _valid_manifolds(manifolds, frames, bodies, nearKey):
         take(column, rows, axis=1) for column in (manifolds.translation, manifolds.rotation)
     )
     change = pose_changes(translation, rotation, *poses, smaller)
-    return rows, change <= KEEP * _sizes(bodies, first, second)
+    return rows, change <= KEEP * sizes(bodies, first, second)
 
 
 def _new_pair_manifolds(bodies, frames, pairs, asked, first, second, near, mark):
-    """The manifolds of the pairs `asked`; of those that are apart, notes the gap in `pairs`."""
+    """The manifolds of the pairs `asked`, and `pairs` with the gaps of those that are apart."""
     if len(asked) == 0:
-        return Manifolds.none()
+        return Manifolds.none(), pairs
     first, second = first[asked], second[asked]
     t = frames.translations(first, second)
-    reserve = KEEP * _sizes(bodies, first, second)
+    reserve = KEEP * sizes(bodies, first, second)
     separation = near[asked] + reserve
-    width = RIDGE * _sizes(bodies, first, second)
+    width = RIDGE * sizes(bodies, first, second)
     facets = find_facets(
         bodies.hulls, first, second, t, 0.5 * width, take(pairs.axis, asked, axis=1), separation
     )
     penetration, normal = contact_normals(bodies.hulls, facets, first, second, t, width)
     isApart = penetration < -separation
-    pairs.axis[:, asked] = normal
-    pairs.gap[asked] = np.where(isApart, -penetration, -np.inf)
-    pairs.mark[asked] = mark[asked]
+    pairs = pairs.noted(asked, normal, np.where(isApart, -penetration, -np.inf), mark[asked])
     met = indices(~isApart)
     if len(met) == 0:
-        return Manifolds.none()
+        return Manifolds.none(), pairs
     first, second = first[met], second[met]
     t, normal = take(t, met, axis=1), take(normal, met, axis=1)
     points = pair_manifolds(
         bodies.hulls, first, second, t, normal, penetration[met], near[asked[met]]
     )
-    return _table(frames, first, second, t, normal, tangents(normal), *points)
+    return _table(frames, first, second, t, normal, tangents(normal), *points), pairs
 
 
 def _new_ground_manifolds(bodies, frames, reach, known, timeStep):
@@ -211,4 +209,5 @@ def _table(frames, first, second, t, normal, tangent, point1, point2, isPoint):
         anchor1=turn_points(into1, point1), anchor2=turn_points(into2, point2), isPoint=isPoint,
         translation=translation, rotation=rotation,
         impulse=np.zeros((POINTS, len(key))), friction=np.zeros((3, len(key))),
+        offset=np.zeros((POINTS, len(key))), substep=np.zeros(len(key)),
     )  # fmt: skip

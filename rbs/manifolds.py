@@ -55,6 +55,8 @@ COLUMNS = {
     "rotation": (4,),
     "impulse": (POINTS,),
     "friction": (3,),
+    "offset": (POINTS,),
+    "substep": (),
 }
 
 
@@ -69,6 +71,8 @@ class Manifolds:
         manifold was made
     impulse : (4, M), along the normal at the points, and friction (3, M), along t1 and t2 and the
         twist about n: those of the last substep, mass · speed, to start the next one with
+    offset : (4, M), lengths: from which penetration on the points press, see rbs/offsets.py
+    substep : (M,), seconds, of the substeps that these are of; 0 where there have been none
     """
 
     __slots__ = ("key", *COLUMNS)
@@ -95,6 +99,20 @@ class Manifolds:
         columns = {name: take(getattr(self, name), some, axis=-1) for name in COLUMNS}
         return Manifolds(self.key[some], **columns)
 
+    def resized(self, old, count):
+        """`(manifolds, left)` of `count` bodies in place of `old`, changed at the end of the list.
+
+        left : (K,), bodies that have touched what has been removed
+        """
+        first, second = self.bodies(old)
+        isGround = second == old
+        isKept = (first < count) & (isGround | (second < count))
+        left = first[~isKept & (first < count)]
+        some = self.rows(indices(isKept))
+        first, second = first[isKept], np.where(isGround, count, second)[isKept]
+        columns = {name: getattr(some, name) for name in COLUMNS}
+        return Manifolds(first * (count + 1) + second, **columns), left
+
     def joined(self, other):
         """These and others, in the order of their keys."""
         if len(other.key) == 0 or len(self.key) == 0:
@@ -114,10 +132,10 @@ class Manifolds:
         return Manifolds(self.key, **{n: getattr(self, n) for n in COLUMNS} | columns)
 
     def inherit(self, old, size):
-        """Impulses of the manifolds that these take the place of; size : (M,), see `thickness`.
+        """Takes over from the manifolds that these replace; size : (M,), see `thickness`.
 
-        Each point in turn gets the impulse of the nearest old one that is left, as seen by the
-        first body, if it is near at all. The friction is carried over as a vector.
+        Each point in turn gets impulse and offset of the nearest old one that is left, as seen by
+        the first body, if it is near at all. The friction is carried over as a vector.
         """
         if len(self.key) == 0 or len(old.key) == 0:
             return
@@ -135,12 +153,14 @@ class Manifolds:
             isNear = distance[nearest, column] <= (MATCH * size[mine]) ** 2
             isNear &= self.isPoint[k, mine]
             self.impulse[k, mine] = np.where(isNear, old.impulse[nearest, column], 0.0)
+            self.offset[k, mine] = np.where(isNear, old.offset[nearest, column], 0.0)
             free[nearest[isNear], column[isNear]] = False
         force = old.tangent * old.friction[0] + cross(old.normal, old.tangent) * old.friction[1]
         normal, tangent = self.normal[:, mine], self.tangent[:, mine]
         self.friction[:, mine] = np.stack(
             (dot(force, tangent), dot(force, cross(normal, tangent)), old.friction[2])
         )
+        self.substep[mine] = old.substep
 
 
 def turn_points(matrix, points):

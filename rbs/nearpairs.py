@@ -41,6 +41,28 @@ class NearPairs:
             gap=np.zeros(0), mark=np.zeros(0),
         )  # fmt: skip
 
+    def resized(self, count):
+        """The `NearPairs` of as many bodies: some more, or less, at the end of the list."""
+        old = len(self.path)
+        first, second = np.divmod(self.key, old + 1)
+        left = indices(second < count)
+        more = NearPairs.none(max(count - old, 0))
+        columns = {
+            name: np.concatenate((getattr(self, name)[..., :count], getattr(more, name)), axis=-1)
+            for name in ("fatBox", "isFixed", "path")
+        }
+        for name in ("axis", "gap", "mark"):
+            columns[name] = take(getattr(self, name), left, axis=-1)
+        return NearPairs(key=first[left] * (count + 1) + second[left], **columns)
+
+    def noted(self, asked, axis, gap, mark):
+        """The same with what has been found out about the pairs `asked` (K,)."""
+        columns = {name: getattr(self, name) for name in self.COLUMNS}
+        for name, found in (("axis", axis), ("gap", gap), ("mark", mark)):
+            columns[name] = columns[name].copy()
+            columns[name][..., asked] = found
+        return NearPairs(**columns)
+
     def updated(self, box, radius, isFixed, reach, path):
         """The `NearPairs` of this step; the present ones stay as they are.
 

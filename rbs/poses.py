@@ -85,10 +85,13 @@ class Posed:
 
     @property
     def currVertices(self):
+        """They cannot be written into: they follow from the pose. What is assigned can be."""
         key = self._pose_key()
         if self._currVertices[0] != key:
             pose = self.pose()
-            self._currVertices = key, np.zeros((0, 3)) if pose is None else pose.vertices()
+            vertices = np.zeros((0, 3)) if pose is None else pose.vertices()
+            vertices.flags.writeable = False
+            self._currVertices = key, vertices
         return self._currVertices[1]
 
     @currVertices.setter
@@ -178,6 +181,7 @@ def refresh_vertices(meshes):
             np.array([np.ravel(m.position) for m in moved], dtype=np.float64).T,
             np.array([np.ravel(m.orientation) for m in moved], dtype=np.float64).T,
         )  # fmt: skip
+        vertices.flags.writeable = False
         ends = counts.cumsum().tolist()
         for k, begin, end in zip(stale, [0, *ends[:-1]], ends, strict=True):
             meshes[k]._currVertices = keys[k], vertices[begin:end]

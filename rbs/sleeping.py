@@ -48,6 +48,19 @@ class Sleep:
             velocity=bodies.velocity.copy(),
         )  # fmt: skip
 
+    def resized(self, bodies, stirred):
+        """The `Sleep` of bodies some of which, at the end of the list, have come or gone.
+
+        stirred : (K,), those that wake. The new ones count as moved: what they touch wakes.
+        """
+        columns = vars(Sleep.none(bodies))
+        columns["velocity"] = np.full_like(columns["velocity"], np.nan)
+        count = min(len(self.timer), len(columns["timer"]))
+        for name in self.COLUMNS:
+            columns[name][..., :count] = getattr(self, name)[..., :count]
+        columns["isAsleep"][stirred], columns["timer"][stirred] = False, 0.0
+        return Sleep(**columns)
+
     def disturbed(self, bodies):
         """Which bodies (n,) are not as the last step has left them."""
         return (

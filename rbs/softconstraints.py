@@ -11,6 +11,7 @@ import numpy as np
 
 from rbs.arrays import take
 from rbs.constraints import ConstraintRows, distance_error
+from rbs.offsets import converted, lasting, ratios
 from rbs.schedules import coloured_batches
 from rbs.vectors import cross, dot, mat_vec
 
@@ -18,6 +19,9 @@ from rbs.vectors import cross, dot, mat_vec
 # gives way looks wrong.
 FREQUENCY = 0.4
 DAMPING = 2.0
+# Of the smaller body's radius: how far before its bound a constraint may begin to act, see
+# rbs/offsets.py. A heavier load than that takes gives way when substeps become longer.
+MOST_OFFSET = 0.03
 # Passes over all constraints in a sweep: a pull passes through a net by one body a pass.
 PASSES = 4
 
@@ -37,7 +41,11 @@ class SoftConstraints:
     def __init__(self, constraints, bodies, kept):
         self._set_bounds(ConstraintRows(constraints, bodies.isFixed, bodies.vertexCount, 0.0))
         isKnown = np.array_equal(self.key, kept.constraint)
-        self.impulse = kept.constraintImpulse.copy() if isKnown else np.zeros(self.count)
+        columns = kept.constraintImpulse, kept.constraintOffset, kept.constraintSubstep
+        self.impulse, self.offset, self.substep = (
+            column.copy() if isKnown else np.zeros(self.count) for column in columns
+        )
+        self.mostOffset = MOST_OFFSET * take(bodies.hulls.radius, self.ends).min(axis=0)
         self.isFixed = bodies.isFixed
         self.visits = 0
         self._arms = take(
@@ -69,7 +77,14 @@ class SoftConstraints:
         return self.ends
 
     def store(self, kept):
+        """Leaves to the next step what it starts with."""
+        if self.batches and self.offset.any():
+            sign, violation = self._violations()
+            offset = sign * lasting(sign * self.offset, violation)
+            self.offset = np.where(self.moves, offset, self.offset)
         kept.constraint, kept.constraintImpulse = self.key, self.impulse
+        kept.constraintOffset = self.offset
+        kept.constraintSubstep = np.where(self.moves, self.h, self.substep)
 
     def begin(self, motion, frames, h):
         """Makes the batches of those that can move in this step."""
@@ -80,12 +95,34 @@ class SoftConstraints:
         a2 = angle * a1
         self.biasRate = angle / (h * a1)
         self.massScale, self.impulseScale = a2 / (1.0 + a2), 1.0 / (1.0 + a2)
-        moves = (take(motion.invMass, self.ends) > 0.0).any(axis=0)
+        moves = self.moves = (take(motion.invMass, self.ends) > 0.0).any(axis=0)
         self.batches = []
         for batch in coloured_batches(*np.ascontiguousarray(self.ends), self.isFixed):
             batch = batch[moves[batch]]
             if len(batch):
                 self.batches.append((batch, self.ends[:, batch]))
+        self._convert(motion)
+
+    def _convert(self, motion):
+        """Brings what substeps of another length have left to that of these; see rbs/offsets.py."""
+        ratio = np.where(self.moves, ratios(self.h, self.substep), 1.0)
+        if (ratio == 1.0).all():
+            return
+        self._renew(motion)
+        stiffness = (2.0 * math.pi * FREQUENCY) ** 2 * self.mass * ratio / self.h
+        sign, violation = self._violations()
+        give = np.maximum(-sign * self.impulse, 0.0)
+        give /= np.where(stiffness > 0.0, stiffness, np.inf)
+        offset = converted(sign * self.offset, give, violation, ratio, self.mostOffset)
+        self.offset = np.where(ratio == 1.0, self.offset, sign * offset)
+        self.impulse *= ratio
+
+    def _violations(self):
+        """`(sign, violation)` (R,) of the bounds that act, or are nearer: 1 of an upper one."""
+        isUpper = self.length - self.upper >= self.lower - self.length
+        isUpper = np.where(self.impulse == 0.0, isUpper, self.impulse < 0.0)
+        sign = np.where(isUpper, 1.0, -1.0)
+        return sign, sign * (self.length - np.where(isUpper, self.upper, self.lower))
 
     def _renew(self, motion):
         """Distances, Jacobians, effective masses, where the bodies are now."""
@@ -116,8 +153,9 @@ class SoftConstraints:
             return
         if not isSoft:
             self._renew(motion)
-        isUpper = self.length - self.upper >= self.lower - self.length
-        C = self.length - np.where(isUpper, self.upper, self.lower)
+        length = self.length - self.offset
+        isUpper = length - self.upper >= self.lower - length
+        C = length - np.where(isUpper, self.upper, self.lower)
         isSlack = np.where(isUpper, C < 0.0, C > 0.0) & ~self.isRigid
         bias = np.where(isSlack, C / self.h, self.biasRate * C if isSoft else 0.0)
         isHard = isSlack | (not isSoft)

@@ -23,10 +23,11 @@ from scipy.sparse import csc_array, csr_array
 
 from rbs.arrays import indices, take
 from rbs.bodies import Bodies, check_numbers
-from rbs.contactdetection import StepContacts, detect, reaches
+from rbs.contactdetection import StepContacts, detect, reaches, sizes
 from rbs.flight import GRAVITY, turned
 from rbs.impactenergy import ImpactEnergy
-from rbs.manifolds import POINTS
+from rbs.manifolds import KEEP, POINTS
+from rbs.offsets import converted, lasting, ratios
 from rbs.reports import GROUND, StepReport
 from rbs.sleeping import Sleep, lost_links, speeds
 from rbs.softconstraints import SoftConstraints
@@ -70,11 +71,11 @@ def soft_step(
     report = StepReport()
     if len(meshes) == 0 or timeStep == 0.0:
         return report
-    kept = SolverState() if state is None else state
     with report.phase("gather"):
         bodies = Bodies(meshes)
         bodies.follow_orientations()
-        kept.start(bodies)
+        state = SolverState() if state is None else state
+        kept = state.begun(bodies)
         isDisturbed = kept.sleep.disturbed(bodies)
         path = kept.pairs.path + np.where(isDisturbed, kept.sleep.travel(bodies), 0.0)
         if isGyroscopic:
@@ -103,6 +104,7 @@ def soft_step(
         kept.sleep = _settled(sleeping, kept, bodies, isAsleep, distances, timeStep)
         distances.store(kept)
         bodies.write_back()
+        state.replace(kept)
     report.isAsleep, report.candidatePairs = kept.sleep.isAsleep, len(pairs.key)
     report.constraintVisits = distances.visits
     contacts.tell(report)
@@ -248,11 +250,13 @@ class _ContactSolver:
         self._place_points()
         self._make_rows(motion)
         self._soften(bodies.hulls.radius)
-        self.separation = contacts.separation.copy()
-        self._renew()
         self.pending = None
         self.impulse = manifolds.impulse * contacts.isPoint
         self.friction = manifolds.friction.copy() if mu > 0.0 else np.zeros((3, self.count))
+        self.offset = manifolds.offset
+        self._convert(ratios(h, manifolds.substep), sizes(bodies, contacts.first, contacts.second))
+        self.separation = contacts.separation + self.offset
+        self._renew()
         self.load = self.started = self.impulse
         self.weight = self.mass * (abs(GRAVITY) * h)
         self.parts = np.zeros((POINTS, self.count), dtype=bool)
@@ -364,6 +368,21 @@ class _ContactSolver:
         isBody = second < len(radius)
         smaller = np.minimum(radius[first], radius[np.where(isBody, second, first)])
         self.push = PUSH_SPEED * np.sqrt(abs(GRAVITY) * smaller)
+
+    def _convert(self, ratio, size):
+        """Brings what substeps of another length have left to that of these; see rbs/offsets.py.
+
+        ratio : (M,), of the lengths; size : (M,), of `sizes`
+        """
+        if (ratio == 1.0).all():
+            return
+        # of substeps of that length: the spring's m ω² h, and by what it gives way at PUSH_SPEED
+        stiffness = (2.0 * math.pi * FREQUENCY) ** 2 * self.mass * ratio / self.h
+        most = self.push / (self.biasRate * ratio)
+        give = np.minimum(self.impulse / np.where(stiffness > 0.0, stiffness, np.inf), most)
+        depth = -self.contacts.separation
+        self.offset = converted(self.offset, give, depth, ratio, KEEP * size)
+        self.impulse, self.friction = self.impulse * ratio, self.friction * ratio
 
     def impact_speeds(self, motion):
         """How fast (4, M) points come together when free flight has closed their gaps s: with the
@@ -505,10 +524,17 @@ class _ContactSolver:
         return friction
 
     def store(self, manifolds):
-        """The manifolds with the impulses of the last substep."""
-        impulse, friction = manifolds.impulse.copy(), manifolds.friction.copy()
-        impulse[:, self.rows], friction[:, self.rows] = self.impulse, self.friction
-        return manifolds.renewed(impulse=impulse, friction=friction)
+        """The manifolds with what they start the next step with."""
+        columns = {
+            name: getattr(manifolds, name).copy()
+            for name in ("impulse", "friction", "offset", "substep")
+        }
+        if self.offset.any():
+            self.offset = lasting(self.offset, self.offset - self.separation)
+        for name in ("impulse", "friction", "offset"):
+            columns[name][:, self.rows] = getattr(self, name)
+        columns["substep"][self.rows] = self.h
+        return manifolds.renewed(**columns)
 
     def tell(self, report):
         """Notes every point that has given an impulse or touches, at the start of the step.

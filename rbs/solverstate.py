@@ -14,14 +14,17 @@ from rbs.sleeping import Sleep
 class SolverState:
     """What `run_timestep` takes as solverState, reads, and puts its successor's content into.
 
+    It belongs to a list of bodies, to the end of which others may be added, or from it be removed.
+
     count : number of bodies; None before the first step
     pairs : `NearPairs`; manifolds : `Manifolds`; sleep : `Sleep`
-    constraintImpulse : (R,), of the distance constraints in the last substep, and
-        constraint (6, R), what they belong to, see `SoftConstraints`
+    constraint : (6, R), what distance constraints there were, see `SoftConstraints`
+    constraintImpulse : (R,), of these in the last substep; constraintOffset and constraintSubstep
+        (R,), as offset and substep of `Manifolds`
     """
 
     PARTS = {"pairs": NearPairs, "sleep": Sleep}
-    COLUMNS = ("constraint", "constraintImpulse")
+    COLUMNS = ("constraint", "constraintImpulse", "constraintOffset", "constraintSubstep")
 
     def __init__(self):
         self.clear()
@@ -30,16 +33,31 @@ class SolverState:
         """Forgets everything: the next step starts cold."""
         self.count = None
         self.pairs = self.manifolds = self.sleep = None
-        self.constraint, self.constraintImpulse = np.zeros((6, 0)), np.zeros(0)
+        self.constraint = np.zeros((6, 0))
+        self.constraintImpulse = self.constraintOffset = self.constraintSubstep = np.zeros(0)
 
-    def start(self, bodies):
-        """Makes the state of these bodies, unless it has one of as many."""
+    def begun(self, bodies):
+        """The state that a step of these bodies begins with: another one, this stays as it is.
+
+        Bodies that have been added are awake, without contacts; what has touched bodies that have
+        been removed is awake, too.
+        """
         count = len(bodies.invMass)
-        if self.count != count:
-            self.clear()
-            self.count = count
-            self.pairs, self.manifolds = NearPairs.none(count), Manifolds.none()
-            self.sleep = Sleep.none(bodies)
+        state = SolverState()
+        state.replace(self)
+        if self.count is None:
+            state.pairs, state.manifolds = NearPairs.none(count), Manifolds.none()
+            state.sleep = Sleep.none(bodies)
+        elif self.count != count:
+            state.pairs = self.pairs.resized(count)
+            state.manifolds, left = self.manifolds.resized(self.count, count)
+            state.sleep = self.sleep.resized(bodies, left)
+        state.count = count
+        return state
+
+    def replace(self, other):
+        """Takes over the content of another state. Nobody writes into the arrays of a state."""
+        self.__dict__.update(other.__dict__)
 
     def arrays(self):
         """The content as arrays: dict, {} before the first step. `from_arrays` takes it back."""

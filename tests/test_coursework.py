@@ -154,6 +154,13 @@ def test_all_options_are_checked_before_anything_moves():
         assert np.array_equal(mesh.position, [[0.0, 5.0, 0.0]])
 
 
+@pytest.mark.parametrize("substeps", [np.inf, np.nan, None, 2.5, 0])
+def test_substeps_that_are_no_number_of_steps_are_refused(substeps):
+    words = f"substeps must be a whole number of 1 or more, not {substeps}"
+    with pytest.raises(ValueError, match=words):
+        run_timestep([], None, 0.02, 0.5, contactSolver="soft-step", substeps=substeps)
+
+
 @pytest.mark.parametrize("broadPhase", ["all", "grid"])
 def test_an_exception_leaves_the_meshes_as_they_were(broadPhase, monkeypatch):
     """In the middle of the constraints, after collisions have been resolved."""

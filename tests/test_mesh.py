@@ -564,6 +564,28 @@ def test_world_vertices_that_are_assigned_hold_until_the_pose_changes():
     assert np.array_equal(mesh.currVertices, boxes(1)[0].currVertices + 1.0)
 
 
+def test_world_vertices_cannot_be_written_into():
+    """Neither those of one mesh, nor of all, nor by what the step hands to a contact."""
+    meshes = boxes(3)
+    expected = [m.currVertices.copy() for m in meshes]
+    meshes[0].lowest_vertex()[:] = 7.0
+    for refresh in (False, True):
+        if refresh:
+            for m in meshes:
+                m.position = m.position + 0.0 * m.position
+            refresh_vertices(meshes)
+        for m, vertices in zip(meshes, expected, strict=True):
+            with pytest.raises(ValueError, match="read-only"):
+                m.currVertices[0] = 7.0
+            with pytest.raises(ValueError, match="read-only"):
+                m.currVertices += 1.0
+            assert np.array_equal(m.currVertices, vertices)
+    with pytest.raises(ValueError, match="read-only"):
+        refresh_vertices(boxes(2))[0] = 7.0
+    meshes[0].currVertices = meshes[0].currVertices + 1.0  # as the released code assigns them
+    meshes[0].currVertices[0] = 7.0
+
+
 def test_world_vertices_of_many_are_those_of_each():
     rng = np.random.default_rng(5)
     shapes = [SHAPES[k % len(SHAPES)] for k in range(40)]

@@ -19,6 +19,7 @@ from oracles import (
 )
 from program import record
 
+from rbs import softstep
 from rbs.flight import GRAVITY
 from rbs.hulls import HullSet
 from rbs.manifolds import pair_manifolds
@@ -101,6 +102,40 @@ def test_a_wrong_number_leaves_bodies_and_solver_as_they_were():
     assert np.array_equal(state_of(meshes), before)
     for name, values in state.arrays().items():
         assert np.array_equal(values, kept[name]), name
+
+
+@pytest.mark.parametrize("where", ["detect", "_make_substeps", "_settled", "check_numbers"])
+def test_whatever_is_raised_leaves_the_solver_as_it_was(where, monkeypatch):
+    """Also after a body has been added, which the step has to make room for."""
+    meshes = some_heap(count=5)
+    state, _ = simulate(meshes, 100)
+    meshes.append(box_body(2, 2, 2, (0, 60, 0)))
+    before, kept = state_of(meshes), state.arrays()
+    original = getattr(softstep, where)
+
+    def failing(*arguments):
+        original(*arguments)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(softstep, where, failing)
+        simulate(meshes, 1, state)
+    assert np.array_equal(state_of(meshes), before)
+    assert state.arrays().keys() == kept.keys()
+    assert all(np.array_equal(values, kept[name]) for name, values in state.arrays().items())
+
+
+def test_what_a_step_finds_out_about_pairs_is_kept_only_if_it_ends(monkeypatch):
+    """Also where no body leaves its box, and all else of the pairs stays as it was."""
+    meshes, state = some_heap(count=5), SolverState()
+    simulate(meshes, 60, state)
+    for _ in range(30):
+        kept = state.arrays()
+        with monkeypatch.context() as patch, pytest.raises(TypeError):
+            patch.setattr(softstep, "_make_substeps", None)
+            simulate(meshes, 1, state)
+        assert all(np.array_equal(values, kept[name]) for name, values in state.arrays().items())
+        simulate(meshes, 1, state)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -443,6 +478,78 @@ def test_the_gyroscopic_term_has_the_same_bits_either_way_and_gains_no_energy():
 
 
 # --------------------------------------------------------------------------------------------------
+# Another time step
+# --------------------------------------------------------------------------------------------------
+
+
+def largest_motion(meshes, state, seconds, **options):
+    """The largest speed that a body comes to, and how far the bodies come at most."""
+    start, speed, way = positions(meshes), 0.0, 0.0
+    for _ in range(round(seconds / options.get("timeStep", H))):
+        simulate(meshes, 1, state, **options)
+        speed = max(speed, top_speed(meshes))
+        way = max(way, np.abs(positions(meshes) - start).max())
+    return speed, way
+
+
+SMALL = {"timeStep": 0.001}
+OTHER_STEPS = [({}, SMALL, 0.3), (SMALL, {}, 1.0), ({}, {"substeps": 32}, 0.5),
+               ({}, {"substeps": 4}, 1.5), ({"substeps": 4}, {}, 1.0)]  # fmt: skip
+
+
+@pytest.mark.parametrize(("before", "after", "seconds"), OTHER_STEPS)
+@pytest.mark.parametrize("sleeping", [False, True])
+def test_a_stack_at_rest_stays_where_it_is_with_another_time_step(before, after, seconds, sleeping):
+    meshes = [box_body(12, 6, 8, (0, 3 + 6 * i, 0)) for i in range(20)]
+    steps = 400 if before is SMALL else 200
+    state, _ = simulate(meshes, steps, sleeping=sleeping, **before)
+    assert top_speed(meshes) < 0.05
+    speed, way = largest_motion(meshes, state, seconds, sleeping=sleeping, **after)
+    assert speed < 0.2 and way < 0.1
+
+
+def test_a_time_step_that_varies_disturbs_no_stack():
+    """By as much as the time between two pictures does."""
+    meshes = [box_body(12, 6, 8, (0, 3 + 6 * i, 0)) for i in range(20)]
+    state, _ = simulate(meshes, 100, sleeping=False)
+    start = positions(meshes)
+    for k in range(60):
+        simulate(meshes, 1, state, timeStep=(0.016, 0.017)[k % 2], sleeping=False)
+        assert top_speed(meshes) < 0.05
+    assert np.abs(positions(meshes) - start).max() < 0.02
+
+
+def test_what_a_tower_has_stood_on_does_not_float_when_it_is_gone():
+    meshes = [box_body(12, 6, 8, (0, 3 + 6 * i, 0)) for i in range(20)]
+    state, _ = simulate(meshes, 150, sleeping=False)
+    simulate(meshes, 50, state, substeps=4, sleeping=False)
+    # the lowest has been held where it was, though it would have sunk: 20 boxes on m/2, see above
+    assert -state.manifolds.offset.min() > 0.01
+    for k, mesh in enumerate(meshes[1:]):
+        mesh.position = np.array([[100.0 + 20.0 * k, 3.0, 0.0]])
+    simulate(meshes, 50, state, substeps=4, sleeping=False)
+    assert abs(meshes[0].position[0, 1] - 3.0) < 2e-3
+
+
+def test_bodies_in_each_other_part_whatever_the_time_step_was():
+    meshes = [box_body(2, 2, 2, (0, 1 + 1.5 * i, 0)) for i in range(2)]
+    state, _ = simulate(meshes, 2)
+    simulate(meshes, 300, state, timeStep=0.002, sleeping=False)
+    assert penetrations(meshes).max() < 0.01
+
+
+@pytest.mark.parametrize(("before", "after", "seconds"), OTHER_STEPS[:2])
+def test_a_chain_at_rest_stays_where_it_is_with_another_time_step(before, after, seconds):
+    meshes = [box_body(2, 2, 2, (0, 30 - 3.0 * i, 0), isFixed=i == 0, density=1 + 300 * (i == 3))
+              for i in range(4)]  # fmt: skip
+    ties = [[i, v, i + 1, v + 2, 1.0, True] for i in range(3) for v in (0, 5)]  # corners
+    state, _ = simulate(meshes, 300 if before is SMALL else 150, constraints=ties, **before)
+    assert top_speed(meshes) < 0.02
+    speed, way = largest_motion(meshes, state, 0.5 * seconds, constraints=ties, **after)
+    assert speed < 0.05 and way < 0.01
+
+
+# --------------------------------------------------------------------------------------------------
 # The same bits
 # --------------------------------------------------------------------------------------------------
 
@@ -563,6 +670,56 @@ def test_a_body_that_comes_down_wakes_what_it_lands_on():
     meshes[3].position = np.array([[0.6, 12.0, 0.0]])
     simulate(meshes, 52, state)
     assert not state.sleep.isAsleep[2]
+
+
+def test_a_body_that_is_added_far_away_changes_no_bit_of_what_sleeps():
+    meshes, state = sleeping_stack()
+    before, kept = state_of(meshes), state.manifolds
+    far = box_body(2, 2, 2, (1e4, 500, 0))
+    meshes.append(far)
+    simulate(meshes, 10, state)
+    assert np.array_equal(state_of(meshes[:4]), before)
+    assert state.sleep.isAsleep.tolist() == [True] * 4 + [False]
+    pairs = kept.bodies(4)
+    assert np.array_equal(state.manifolds.bodies(5), np.where(pairs == 4, 5, pairs))
+    assert np.array_equal(state.manifolds.impulse, kept.impulse)
+    assert far.position[0, 1] < 500
+    del meshes[-1]
+    simulate(meshes, 10, state)
+    assert np.array_equal(state_of(meshes), before) and state.sleep.isAsleep.all()
+
+
+def test_a_body_that_is_added_far_away_changes_no_bit_of_what_moves():
+    runs = []
+    for isAdded in (False, True):
+        meshes = some_heap()
+        state, _ = simulate(meshes, 90)
+        if isAdded:
+            meshes.append(box_body(2, 2, 2, (1e4, 500, 0)))
+        simulate(meshes, 60, state)
+        runs.append(state_of(meshes[:7]))
+    assert np.array_equal(*runs)
+
+
+@pytest.mark.parametrize("height", [7.0, 9.0])
+def test_a_body_that_is_added_wakes_what_it_touches_or_lands_on(height):
+    meshes, state = sleeping_stack()
+    meshes.append(box_body(2, 2, 2, (0.3, height, 0)))
+    simulate(meshes, 2 if height == 7.0 else 40, state)
+    assert not state.sleep.isAsleep[2] and state.sleep.isAsleep[3]
+    simulate(meshes, 150, state)
+    assert meshes[4].position[0, 1] == pytest.approx(7.0, abs=0.02) and state.sleep.isAsleep.all()
+
+
+def test_a_body_that_is_removed_from_the_end_wakes_what_stood_on_it():
+    meshes, state = sleeping_stack()
+    meshes.append(box_body(2, 2, 2, (40, 1, 0)))
+    meshes[0].position = np.array([[40.0, 3.0, 0.0]])
+    simulate(meshes, 200, state)
+    assert state.sleep.isAsleep.all()
+    del meshes[-1]
+    simulate(meshes, 40, state)
+    assert meshes[0].position[0, 1] < 1.1 and state.sleep.isAsleep[3]
 
 
 def test_the_report_tells_all_points_with_impulses_that_carry_the_weight():
