@@ -28,6 +28,7 @@ Bookkeeping of a step, below RBSFunctions.py: which pairs and constraints, and w
 
 The solver in which piles rest, behind `contactSolver="soft-step"`
     nearpairs         pairs that can touch soon
+    offsets           how a load is held when substeps change their length
     manifolds         up to four contact points a pair
     sleeping          who sleeps, and who wakes
     contactdetection  which manifolds are kept, and which are made anew

@@ -27,14 +27,6 @@ def test_a_push_gives_its_momentum_and_its_moment():
         np.testing.assert_allclose(spin, moment * free, rtol=1e-11, atol=1e-9)
 
 
-def test_unknown_names_are_refused():
-    meshes = [body("box", (0, 9, 0))]
-    before = state_of(meshes)
-    with pytest.raises(ValueError, match="no broad phase 'x'; there are "):
-        run_timestep(meshes, ground(), 0.02, 0.5, broadPhase="x")
-    np.testing.assert_array_equal(state_of(meshes), before)
-
-
 def test_overlap_of_points_with_figures_is_the_point():
     point = [(0.25, 0.5), (0.25, 0.5)]
     assert overlap_centre(point, SQUARE, 1e-10) == (0.25, 0.5)

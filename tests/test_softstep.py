@@ -77,21 +77,6 @@ def some_heap(seed=3, count=7):
 # --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"contactSolver": "hard-step"}, "no contact solver"),
-        ({"contactSolver": "soft-step", "closingOnly": True}, "closingOnly"),
-        ({"contactSolver": "soft-step", "substeps": 0}, "substeps"),
-        ({"contactSolver": "soft-step", "substeps": 2.5}, "substeps"),
-    ],
-)
-def test_what_has_no_sense_is_refused_in_one_line(options, words):
-    with pytest.raises(ValueError, match=words) as error:
-        run_timestep([box_body(2, 2, 2, (0, 5, 0))], ground(), H, 0.0, **options)
-    assert "\n" not in str(error.value)
-
-
 def test_a_wrong_number_leaves_bodies_and_solver_as_they_were():
     meshes = [box_body(2, 2, 2, (0, 1 + 2 * i, 0)) for i in range(2)]
     state, _ = simulate(meshes, 5)
@@ -611,22 +596,6 @@ def test_a_recording_is_resumed_at_its_end_without_a_step(tmp_path, monkeypatch)
         for each in (simulation, resumed):
             each.step()
     assert np.array_equal(resumed.state()["positions"], simulation.state()["positions"])
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--solver", "soft-step", "--closing-only"], "--closing-only has no meaning"),
-        (["--substeps", "4"], "--substeps is of --solver soft-step"),
-        (["--solver", "soft-step", "--substeps", "0"], "must be 1 or more"),
-    ],
-)
-def test_the_command_line_refuses_in_one_line(options, words):
-    run = subprocess.run(
-        [sys.executable, ROOT / "RigidBodySimulation.py", "stack", "--headless", *options],
-        capture_output=True, text=True,
-    )  # fmt: skip
-    assert run.returncode == 2 and run.stderr.count("\n") == 1 and words in run.stderr
 
 
 # --------------------------------------------------------------------------------------------------
