@@ -129,7 +129,7 @@ def run_timestep(
         contactSolver=contactSolver, substeps=substeps, sleeping=sleeping, gyroscopic=gyroscopic,
     )  # fmt: skip
     timeStep, tolerance = checked["timeStep"], checked["tolerance"]
-    contactSettings = contact_settings(CRCoeff, closingOnly, mu)
+    contactSettings = ContactSettings(*(checked[name] for name in ContactSettings._fields))
     if not enforceConstraints:
         constraints = ()
     project = partial(

@@ -10,7 +10,7 @@ when something is to be seen.
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
 
-import os
+import signal
 import sys
 import warnings
 from contextlib import ExitStack
@@ -91,7 +91,7 @@ def main(arguments=None):
         except MemoryError:
             print_error("there is not enough memory")
         except KeyboardInterrupt as error:
-            number = error.args[0] if error.args else 2
+            number = error.args[0] if error.args else signal.SIGINT
             print_error(f"stopped by {SIGNAL_NAMES[number]}")
             return 128 + number
     return 2
@@ -112,8 +112,8 @@ def run_asked_mode(options):
     check_outputs(
         {option_name(one): getattr(options, one)
          for one in ("record", "stats", "plot", "video") if one in options},
-        [options.replay or options.resume or os.devnull, *simulation.source.files(),
-         options.camera or os.devnull],
+        [*filter(None, (options.replay, options.resume, options.camera)),
+         *simulation.source.files()],
     )  # fmt: skip
     pictureOptions = picture_options_of(options)
     if WITHOUT_WINDOW & set(options):

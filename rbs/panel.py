@@ -321,7 +321,7 @@ class Panel:
         simulation = self.viewer.simulation
         settings = simulation.settings
         for one in CHOSEN.values():
-            isHeeded = one.solver in (None, settings.contactSolver)
+            isHeeded = one.isHeededBy(settings.contactSolver)
             if not one.label or not isHeeded or one.isOfConstraints and not simulation.constraints:
                 continue
             value = getattr(settings, one.name)

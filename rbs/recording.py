@@ -47,7 +47,7 @@ RECORDING_ENDINGS = (".h5", ".hdf5")
 FORMAT = "rigid-body recording 1"
 # The oldest HDF5 that readers need; newer ones would save nothing.
 HDF5_VERSION = ("v110", "v110")
-# Seconds between two flushes. Fewer cost time; more is what a killed run may lose.
+# Seconds between two flushes. Less costs time; with more, a killed run loses more.
 FLUSH_SECONDS = 0.5
 # Bytes of states that are held back at most between two flushes.
 PENDING_BYTES = 4 << 20
@@ -81,7 +81,7 @@ class Recorder:
     """Writes the states of a simulation into a file, as they come.
 
     Where there is no file of that name yet, the recording grows in its place; where there is one,
-    beside it, as FILE.part.h5, and replaces the old one when it is closed.
+    beside it, as FILE.part.h5, and replaces the old one when it is saved.
 
     Events are dicts with a `step` and one of two more keys: `settings`, those that this step and
     later ones were made with; `change`, what was done by hand before it, see `rbs.changes`.
@@ -291,7 +291,7 @@ class Recording:
             self.functions, self.functionsFolder, self.version, self.numpyVersion = (
                 head[name] for name in names
             )
-            self.source = self._read_source()
+            self.source = self._read_source(head)
             self._bodyCount = int(head["bodies"])
             self._read_events()
 
@@ -309,8 +309,7 @@ class Recording:
         except Exception as error:  # of h5py, JSON, zipfile and NumPy
             raise self.error(f"it is damaged ({one_line(error, QUOTE_LENGTH)})") from None
 
-    def _read_source(self):
-        head = _attributes_of(self._file)
+    def _read_source(self, head):
         path, constraintPath = (self.path.parent / head[name] for name in ("scene", "constraints"))
         source = SceneSource(path, self._text("scene"))
         if head["constraints"]:

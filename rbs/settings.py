@@ -93,10 +93,9 @@ class Setting:
                 pass
         return self.checked(text)
 
-    @property
-    def isNegated(self):
-        """Whether the option switches it off."""
-        return self.kind is bool and self.default
+    def isHeededBy(self, solver):
+        """Whether a contact solver, by its name, heeds it."""
+        return self.solver in (None, solver)
 
 
 POSITIVE = (0.0, math.inf)
@@ -192,6 +191,11 @@ BY_PARAMETER = {one.parameter: one for one in TABLE}
 BY_OPTION = {one.option: one for one in CHOSEN.values()}
 
 
+def heeded(values, solver):
+    """Those of some values, a dict by the fields of `Settings`, that a contact solver heeds."""
+    return {name: value for name, value in values.items() if CHOSEN[name].isHeededBy(solver)}
+
+
 class IgnoredSetting(ValueError):
     """A setting that the contact solver ignores. Attribute: inOptions, the same for a terminal."""
 
@@ -217,7 +221,7 @@ class _Values:
         """The settings that the contact solver does not heed and that have no default value."""
         return [
             one for one in CHOSEN.values()
-            if one.solver not in (None, self.contactSolver)
+            if not one.isHeededBy(self.contactSolver)
             and getattr(self, one.name) != one.default
         ]  # fmt: skip
 
@@ -227,11 +231,7 @@ class _Values:
         Where they change the solver, what the new one ignores of the others gets its default.
         """
         solver = values.get("contactSolver", self.contactSolver)
-        kept = {
-            name: value for name, value in asdict(self).items()
-            if CHOSEN[name].solver in (None, solver)
-        }  # fmt: skip
-        return Settings(**{**kept, **values})
+        return Settings(**{**heeded(asdict(self), solver), **values})
 
     def change(self, name, value):
         """Changes a field in place; raises ValueError, and changes nothing, as `changed` does."""
@@ -241,7 +241,7 @@ class _Values:
         """What `run_timestep` is to be passed: dict by its parameters, without what is ignored."""
         return {
             one.parameter: getattr(self, one.name) for one in CHOSEN.values()
-            if one.solver in (None, self.contactSolver)
+            if one.isHeededBy(self.contactSolver)
         }  # fmt: skip
 
 
@@ -271,6 +271,6 @@ def check_arguments(**arguments):
     for parameter, value in checked.items():
         one = BY_PARAMETER[parameter]
         default = one.default if one.defaultInStep is None else one.defaultInStep
-        if solver and one.solver not in (None, solver) and value != default:
+        if solver and not one.isHeededBy(solver) and value != default:
             raise ValueError(f"{parameter} has no effect with contactSolver {solver!r}")
     return checked

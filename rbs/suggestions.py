@@ -11,7 +11,7 @@ from dataclasses import asdict, replace
 from rbs.messages import InputError, print_note, short, shown_path
 from rbs.opening import find_file, open_file
 from rbs.scenelines import suggestion_lines
-from rbs.settings import BY_OPTION, CHOSEN, IgnoredSetting, Settings
+from rbs.settings import BY_OPTION, CHOSEN, IgnoredSetting, Settings, heeded
 from rbs.simulation import Simulation
 from rbs.textfiles import SceneError
 
@@ -106,9 +106,7 @@ class SceneOpener:
             recommended = {} if self._isBasic else recommended_values(opened.source)
             solver = self._given.get("contactSolver", recommended.get("contactSolver"))
             solver = solver or CHOSEN["contactSolver"].default
-            heeded = {name: value for name, value in self._given.items()
-                      if CHOSEN[name].solver in (None, solver)}  # fmt: skip
-            apply_settings(opened, heeded, self._isBasic)
+            apply_settings(opened, heeded(self._given, solver), self._isBasic)
             self._begun = replace(opened.settings)
             note_recommended(opened)
         return opened

@@ -200,6 +200,11 @@ def test_a_run_does_not_write_over_what_it_reads(tmp_path, capsys, name):
     assert (tmp_path / name).read_bytes() == before
 
 
+def test_statistics_may_go_to_a_device(capsys):
+    assert main(["tet", "--steps", "2", "--stats", os.devnull]) == 0
+    assert not os.path.isfile(os.devnull)
+
+
 def test_no_more_is_read_than_the_limit(tmp_path):
     (tmp_path / "a").write_bytes(bytes(100))
     assert read_bytes(tmp_path / "a", 100) == bytes(100)
