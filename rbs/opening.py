@@ -28,15 +28,14 @@ class ListedFile(NamedTuple):
     path: Path
 
 
-def open_file(path, settings, allowOutsideMeshes=False):
+def open_file(path, allowOutsideMeshes=False):
     """The Simulation of a scene file, or the Replay of a recording, for the window.
 
-    settings : a scene's; None for the usual ones; allowOutsideMeshes : see `load_scene_file`
-    raises SceneError or RecordingError
+    allowOutsideMeshes : see `load_scene_file`; raises SceneError or RecordingError
     """
     if Path(path).suffix in RECORDING_ENDINGS:
         return open_replay(path)
-    return Simulation(path, settings, allowOutsideMeshes=allowOutsideMeshes)
+    return Simulation(path, allowOutsideMeshes=allowOutsideMeshes)
 
 
 def open_replay(path):

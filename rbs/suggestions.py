@@ -97,7 +97,7 @@ class SceneOpener:
         text : a path, or what a person has typed, see `find_file`; folder : of the last scene;
         settings : those of the last scene, or None where there was none
         """
-        opened = open_file(find_file(text, folder), None, self._allowOutsideMeshes)
+        opened = open_file(find_file(text, folder), self._allowOutsideMeshes)
         if isinstance(opened, Simulation):
             if settings is not None and self._begun is not None:
                 begun = asdict(self._begun)

@@ -130,7 +130,7 @@ def viewer():
 def replay(tmp_path):
     """A Viewer of a recording of 40 steps of the tower that draws nothing."""
     path = record(tmp_path / "tower.h5", Simulation(DATA / "tower-scene.txt"), 40)
-    return make_viewer(open_file(path, None), StillView())
+    return make_viewer(open_file(path), StillView())
 
 
 # --------------------------------------------------------------------------------------------------

@@ -121,7 +121,7 @@ def main(scene, statusPath):
     if not backend.opensWindow:
         sys.exit(backend.reason)
     try:
-        simulation = open_file(scene, None)
+        simulation = open_file(scene)
         if not simulation.isReplay:
             apply_settings(simulation, {})
         opener = SceneOpener(simulation, {})
