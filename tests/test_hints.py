@@ -13,7 +13,6 @@ import Constraints
 import integrationGrading
 import make_reference
 import ResolveCollisionsGrading
-from decimalMath import extended_precision
 from gradingTools import EXACT, RELEASED_2024
 from hints import explain
 
@@ -30,8 +29,7 @@ PARTS = {
 @pytest.fixture(scope="module")
 def released_folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("released")
-    with extended_precision():
-        make_reference.make_reference(folder, RELEASED_2024)
+    make_reference.make_reference(folder, RELEASED_2024)
     return folder
 
 
