@@ -21,6 +21,7 @@ import numpy as np
 from rbs.backends import find_backend
 from rbs.drawables import flatten_meshes
 from rbs.files import check_outputs
+from rbs.gltf import GltfWriter
 from rbs.headless import (
     SIGNAL_NAMES,
     interrupt,
@@ -111,7 +112,7 @@ def run_asked_mode(options):
     simulation = simulation_of(options)
     check_outputs(
         {option_name(one): getattr(options, one)
-         for one in ("record", "stats", "plot", "video") if one in options},
+         for one in ("record", "stats", "plot", "video", "export") if one in options},
         [*filter(None, (options.replay, options.resume, options.camera)),
          *simulation.source.files()],
     )  # fmt: skip
@@ -182,6 +183,8 @@ def run_as_asked(simulation, options, pictureOptions):
             start(StatsWriter(options.stats))
         if options.plot is not None:
             start(PlotWriter(options.plot))
+        if options.export is not None:
+            start(GltfWriter(options.export))
         note_recommended(simulation)
         return run_without_window(simulation, steps, writers)
 

@@ -60,6 +60,7 @@ What is seen; Polyscope is imported in cameras, drawing and all from pictures on
 layout
     pictureoptions  what the command line may ask of a picture
     colours, drawables, backends, cameras, drawing, pictures
+    gltf          export of a run to 3-D programs
     playback      how many steps a frame makes
     layout        where the panels lie
     widgets, plots, helppanel, panel

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from rbs.arrays import ranges
 from rbs.broadphase import grid_levels
 from rbs.colours import CONSTRAINT_COLOURS, GROUND_COLOURS, SEEN_BACKGROUND
 from rbs.poses import refresh_vertices
@@ -78,6 +79,27 @@ def find_creases(vertices, faces):
     cosines = np.sum(normals[faceOf] * normals[neighbour], axis=1)
     isCrease = (tails < heads) & (cosines < math.cos(CREASE_ANGLE))
     return np.column_stack([tails[isCrease], heads[isCrease]])
+
+
+def corner_normals(vertices, faces):
+    """The unit normals (F, 3, 3) at the corners of faces (F, 3), as a smooth surface has them.
+
+    At a corner, the faces around its vertex are averaged, by their areas, that meet the corner's
+    own face at less than CREASE_ANGLE. vertices (V, 3)
+    """
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    across = np.cross(b - a, c - a)
+    normals = across / np.linalg.norm(across, axis=1, keepdims=True)
+    # all pairs of corners at one vertex
+    order = np.argsort(faces.ravel(), kind="stable")
+    count = np.bincount(faces.ravel())
+    vertex = faces.ravel()
+    own, other = ranges((count.cumsum() - count)[vertex], count[vertex])
+    other = order[other]
+    isAlike = np.sum(normals[own // 3] * normals[other // 3], axis=1) > math.cos(CREASE_ANGLE)
+    sums = np.zeros((faces.size, 3))
+    np.add.at(sums, own[isAlike], across[other[isAlike] // 3])
+    return (sums / np.linalg.norm(sums, axis=1, keepdims=True)).reshape(-1, 3, 3)
 
 
 class ConstraintLines:

@@ -63,7 +63,9 @@ RigidBodySimulation.py --resume tower.h5 --from 500 --friction 0.4"""
 
 # The options that change the settings, under the names that argparse gives them.
 SETTING_OPTIONS = {option.replace("-", "_"): one for option, one in BY_OPTION.items()}
-WITHOUT_WINDOW = frozenset({"headless", "screenshots", "video", "record", "stats", "plot"})
+WITHOUT_WINDOW = frozenset(
+    {"headless", "screenshots", "video", "record", "stats", "plot", "export"}
+)
 # What does not go with what, and why.
 CONFLICTS = {
     "replay": (
@@ -273,6 +275,11 @@ def add_recording_options(parser):
         "--plot", metavar="FILE.png", type=PATH,
         help="draw the same numbers over time; needs matplotlib; no window opens",
     )  # fmt: skip
+    recordings.add_argument(
+        "--export", metavar="FILE.glb", type=option_type(str, checked_export, "path"),
+        help="write the run as an animated glTF 2.0 file, for Blender and other 3-D programs; "
+        "needs pygltflib; no window opens",
+    )  # fmt: skip
 
 
 class Options(dict):
@@ -373,6 +380,13 @@ def checked_video(path):
     if Path(path).suffix.lower() not in VIDEO_ENDINGS:
         endings = " or ".join(VIDEO_ENDINGS)
         raise ValueError(f"the name of a video must end in {endings}, not '{path}'")
+    return path
+
+
+def checked_export(path):
+    """The path, if its ending is .glb; else ValueError."""
+    if Path(path).suffix.lower() != ".glb":
+        raise ValueError(f"the name of an export must end in .glb, not '{path}'")
     return path
 
 
