@@ -19,7 +19,6 @@ import Constraints
 import integrationGrading
 import ResolveCollisionsGrading
 from archives import find_submissions, modules_of
-from conventions import check_bodies
 from gradeReport import Grade
 from graderProgram import grade_submission
 from gradingTools import (
@@ -64,7 +63,7 @@ class Outcome:
         return not self.refusal and not any(grade.failures for grade in self.grades.values())
 
 
-def grade_entry(entry, dataFolder, data, convention, limits, picturesFolder):
+def grade_entry(entry, dataFolder, data, limits, picturesFolder):
     """The Outcome of a submission. data : dict from a grader's module to its data
 
     picturesFolder : for pictures of scenes, or None for none
@@ -77,7 +76,7 @@ def grade_entry(entry, dataFolder, data, convention, limits, picturesFolder):
                 outcome.remarks.append(printable(f"modules found in {where}"))
             for grader in GRADERS:
                 outcome.grades[grader.module] = grade_submission(
-                    grader, folder, dataFolder, data[grader.module], convention, limits
+                    grader, folder, dataFolder, data[grader.module], limits
                 )
             if picturesFolder is not None:
                 outcome.scenes = [
@@ -115,7 +114,7 @@ def make_parser():
         default=DATA_DIRECTORY,
         help="the folder that holds the graders' data (default: the project's data)",
     )
-    add_convention_argument(parser)
+    add_convention_argument(parser, default=None)
     add_limit_arguments(parser)
     parser.add_argument(
         "--scenes",
@@ -149,9 +148,8 @@ def main():
         data = {}
         for grader in GRADERS:
             path = arguments.data / grader.fileName
-            data[grader.module] = grader.load(arguments.data)
-            check_bodies(data[grader.module])
-            grader.remarks(data[grader.module], arguments.convention)
+            data[grader.module] = grader.load(arguments.data, arguments.convention)
+        convention = ", ".join(dict.fromkeys(one["convention"] for one in data.values()))
         path = arguments.out
         arguments.out.mkdir(parents=True, exist_ok=True)
     except SubmissionError as problem:
@@ -166,8 +164,7 @@ def main():
     with ThreadPoolExecutor(arguments.jobs) as executor:
         waiting = [
             executor.submit(
-                grade_entry, entry, arguments.data, data, arguments.convention,
-                limits_of(arguments), pictures,
+                grade_entry, entry, arguments.data, data, limits_of(arguments), pictures
             )
             for entry in entries
         ]  # fmt: skip
@@ -181,16 +178,16 @@ def main():
     outcomes = [one.result() for one in waiting]
     print_table(outcomes)
     try:
-        write_csv(arguments.out / "grades.csv", outcomes, arguments.convention)
+        write_csv(arguments.out / "grades.csv", outcomes, convention)
         for outcome in outcomes:
-            write_sheet(arguments.out / f"{outcome.name}.md", outcome, arguments.convention)
+            write_sheet(arguments.out / f"{outcome.name}.md", outcome, convention)
     except OSError as problem:
         where = problem.filename or arguments.out
         parser.exit(BAD_DATA, printable(f"{parser.prog}: {where}: {problem.strerror}") + "\n")
     passed = sum(outcome.passes for outcome in outcomes)
     print()
     print(
-        f"{passed} of {len(outcomes)} pass, convention {arguments.convention}, "
+        f"{passed} of {len(outcomes)} pass, convention {convention}, "
         f"{time.perf_counter() - begin:.1f} s; sheets and grades.csv in {arguments.out}"
     )
     return PASSED if passed == len(outcomes) else FAILED

@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from conventions import Bodies, check_bodies
+from conventions import Bodies
 from gradeReport import make_grade
 from gradingTools import (
     BAD_DATA,
@@ -36,7 +36,7 @@ def run_grader(description, grader):
         default=DATA_DIRECTORY,
         help=f"the folder that holds {grader.fileName} (default: the project's data)",
     )
-    add_convention_argument(parser)
+    add_convention_argument(parser, default=None)
     parser.add_argument(
         "--modules",
         metavar="DIR",
@@ -51,16 +51,13 @@ def run_grader(description, grader):
         parser.error("--time-limit and --memory-limit go with --modules")
     path = arguments.data / grader.fileName
     try:
-        data = grader.load(arguments.data)
-        check_bodies(data)
-        remark = f"data {path}, convention {arguments.convention}"
+        data = grader.load(arguments.data, arguments.convention)
+        remark = f"data {path}, convention {data['convention']}"
         if arguments.modules is None:
-            grade = grade_own_modules(grader, data, arguments.convention)
+            grade = grade_own_modules(grader, data)
         else:
             check_folder(arguments.modules)
-            grade = grade_submission(
-                grader, arguments.modules, arguments.data, data, arguments.convention, limits
-            )
+            grade = grade_submission(grader, arguments.modules, arguments.data, data, limits)
             remark += f", modules {arguments.modules}"
     except GraderDataError as problem:
         print(printable(f"{parser.prog}: {path}: {problem}"), file=sys.stderr)
@@ -75,27 +72,27 @@ def run_grader(description, grader):
     return grade.report()
 
 
-def grade_own_modules(grader, data, convention):
+def grade_own_modules(grader, data):
     """The Grade of this project's modules, which run in this process."""
     import Quaternion
     import RBSFunctions
 
-    bodies = Bodies(RBSFunctions, Quaternion, data, convention)
+    bodies = Bodies(RBSFunctions, Quaternion, data)
     outcomes = []
-    for part in grader.asked(convention, withExtras=False):
+    for part in grader.asked(data, withExtras=False):
         results = Results(part.shapes, len(data["randomPositions"]))
-        part.run(bodies, data, part.samples(data, convention), results)
+        part.run(bodies, data, part.samples(data), results)
         outcomes.append((part, results))
-    return make_grade(grader, outcomes, data, convention)
+    return make_grade(grader, outcomes, data)
 
 
-def grade_submission(grader, folder, dataFolder, data, convention, limits):
+def grade_submission(grader, folder, dataFolder, data, limits):
     """The Grade of a student's modules.
 
     folder : with the modules, of which a copy is run; dataFolder : where the data come from
     Raises GraderDataError, and SubmissionError where the folder cannot be copied.
     """
-    outcomes, remarks = run_isolated(grader, folder, dataFolder, data, convention, limits)
-    grade = make_grade(grader, outcomes, data, convention)
+    outcomes, remarks = run_isolated(grader, folder, dataFolder, data, limits)
+    grade = make_grade(grader, outcomes, data)
     grade.remarks += remarks
     return grade

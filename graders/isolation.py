@@ -189,24 +189,25 @@ def _end(process):
     process.wait()
 
 
-def run_isolated(grader, folder, dataFolder, data, convention, limits):
+def run_isolated(grader, folder, dataFolder, data, limits):
     """What a student's modules compute: `(list of (Part, Results), remarks)`.
 
     A part at which the process ends is given up, and another process goes on with the next one.
     """
     sampleCount = len(data["randomPositions"])
-    parts = grader.asked(convention, withExtras=True)
+    parts = grader.asked(data, withExtras=True)
     outcomes = {}
     remarks = []
     with copied(folder) as work:
         while missing := [part for part in parts if part.name not in outcomes]:
-            run = _Run(grader, work, Path(dataFolder).resolve(), convention, limits, missing)
+            place, convention = Path(dataFolder).resolve(), data["convention"]
+            run = _Run(grader, work, place, convention, limits, missing)
             for part in missing:
                 results = Results(part.shapes, sampleCount)
                 if part.name in run.contents and run.read(part, results):
                     outcomes[part.name] = results
                 elif part.name == run.begun or not run.isLoaded:
-                    results.give_up(run.cause, len(part.samples(data, convention)))
+                    results.give_up(run.cause, len(part.samples(data)))
                     outcomes[part.name] = results
             if run.remarks:
                 remarks = run.remarks
@@ -215,7 +216,7 @@ def run_isolated(grader, folder, dataFolder, data, convention, limits):
     for part in missing:
         if part.name not in outcomes:
             outcomes[part.name] = results = Results(part.shapes, sampleCount)
-            results.give_up(run.cause or "gave no results", len(part.samples(data, convention)))
+            results.give_up(run.cause or "gave no results", len(part.samples(data)))
     return [(part, outcomes[part.name]) for part in parts], remarks
 
 

@@ -29,14 +29,14 @@ def main():
     from rbs.submissions import SubmissionError, load_submission
 
     grader = importlib.import_module(order["grader"]).GRADER
-    data = grader.load(Path(order["data"]))
+    data = grader.load(Path(order["data"]), order["convention"])
     with open(order["answers"], "w", encoding="utf-8") as answers:
 
         def tell(kind, value, **more):
             answers.write(json.dumps({"kind": kind, "value": value, **more}) + "\n")
             answers.flush()
 
-        folder, convention = order["folder"], order["convention"]
+        folder = order["folder"]
         os.chdir(folder)
         try:
             submission = load_submission(folder)
@@ -44,13 +44,13 @@ def main():
             tell("refused", str(error))
             return
         tell("loaded", submission.missing)
-        bodies = Bodies(submission.functions, submission.quaternion, data, convention)
-        for part in grader.asked(convention, withExtras=True):
+        bodies = Bodies(submission.functions, submission.quaternion, data)
+        for part in grader.asked(data, withExtras=True):
             if part.name in order["parts"]:
                 tell("begun", part.name)
                 results = Results(part.shapes, len(data["randomPositions"]), folder)
                 try:
-                    part.run(bodies, data, part.samples(data, convention), results)
+                    part.run(bodies, data, part.samples(data), results)
                     tell("results", results.as_json(), part=part.name)
                 except Exception as error:  # there may be no memory left even for the results
                     tell("refused", f"gave no results: {type(error).__name__}: {error}")
