@@ -4,6 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from archives import find_submissions, modules_of
 from conventions import Bodies
 from gradeReport import make_grade
 from gradingTools import (
@@ -15,10 +16,18 @@ from gradingTools import (
     add_convention_argument,
     printable,
 )
-from isolation import Limits, add_limit_arguments, limits_of, run_isolated
+from isolation import (
+    Limits,
+    Stopped,
+    add_limit_arguments,
+    limits_of,
+    prepare_terminal,
+    run_isolated,
+)
+from likeness import origin_remarks
 from trials import Results
 
-from rbs.submissions import SubmissionError, check_folder
+from rbs.submissions import SubmissionError
 
 
 def run_grader(description, grader):
@@ -49,6 +58,7 @@ def run_grader(description, grader):
     limits = limits_of(arguments)
     if arguments.modules is None and limits != Limits():
         parser.error("--time-limit and --memory-limit go with --modules")
+    prepare_terminal()
     path = arguments.data / grader.fileName
     try:
         data = grader.load(arguments.data, arguments.convention)
@@ -56,8 +66,12 @@ def run_grader(description, grader):
         if arguments.modules is None:
             grade = grade_own_modules(grader, data)
         else:
-            check_folder(arguments.modules)
-            grade = grade_submission(grader, arguments.modules, arguments.data, data, limits)
+            given = {grader.module: data}
+            (entry,) = find_submissions([arguments.modules])
+            with modules_of(entry) as (folder, remarks):
+                grades = grade_submission([grader], folder, arguments.data, given, limits)
+                grade = grades[grader.module]
+                grade.remarks += [*remarks, *origin_remarks(folder)]
             remark += f", modules {arguments.modules}"
     except GraderDataError as problem:
         print(printable(f"{parser.prog}: {path}: {problem}"), file=sys.stderr)
@@ -65,8 +79,8 @@ def run_grader(description, grader):
     except SubmissionError as problem:
         print(printable(f"{parser.prog}: {problem}"), file=sys.stderr)
         return BAD_DATA
-    except KeyboardInterrupt:
-        print(f"{parser.prog}: stopped by Ctrl-C", file=sys.stderr)
+    except (KeyboardInterrupt, Stopped) as problem:
+        print(f"{parser.prog}: stopped", file=sys.stderr)
         return STOPPED
     grade.remarks.append(printable(remark))
     return grade.report()
@@ -86,13 +100,14 @@ def grade_own_modules(grader, data):
     return make_grade(grader, outcomes, data)
 
 
-def grade_submission(grader, folder, dataFolder, data, limits):
-    """The Grade of a student's modules.
+def grade_submission(graders, folder, dataFolder, data, limits):
+    """A dict from a grader's module to the Grade of a student's modules.
 
     folder : with the modules, of which a copy is run; dataFolder : where the data come from
-    Raises GraderDataError, and SubmissionError where the folder cannot be copied.
+    data : dict from a grader's module to its data. Raises GraderDataError.
     """
-    outcomes, remarks = run_isolated(grader, folder, dataFolder, data, limits)
-    grade = make_grade(grader, outcomes, data)
-    grade.remarks += remarks
-    return grade
+    outcomes = run_isolated(graders, folder, dataFolder, data, limits)
+    return {
+        grader.module: make_grade(grader, outcomes[grader.module], data[grader.module])
+        for grader in graders
+    }
