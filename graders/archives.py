@@ -21,7 +21,7 @@ from rbs.submissions import SUBMITTED_MODULES, SubmissionError
 
 TARS = (".tar", ".tar.gz", ".tgz")
 ARCHIVES = (".zip", *TARS)
-# Loose files among hand-ins that get a line of their own, since they may well be somebody's work.
+# Loose files that are refused by name, since they may well be somebody's work.
 UNREAD = (".7z", ".rar", ".py")
 # Folders that are nobody's solution, in lower case, beside those that begin with a dot.
 PASSED_OVER = {"__pycache__", "__macosx", "env", "venv", "node_modules", "site-packages"}
@@ -31,8 +31,10 @@ MOST_BYTES = 64 << 20
 MOST_FILES = 2000
 # Characters of a name, so that "NAME-2.md" is a name for a file, too.
 LONGEST_NAME = 80
-# As learning platforms name downloads: NAME_ID_assignsubmission_file_FILE, NAME_late_ID_ID_FILE.
-DOWNLOAD = re.compile(r"(.+?)(?:_late)?_(\d+)_(?:\d+|assignsubmission_file)(?:_(.*))?", re.IGNORECASE)
+# Downloads of Moodle, NAME_ID_assignsubmission_file_FILE, and of Canvas, NAME_LATE_ID_ID_FILE.
+DOWNLOAD = re.compile(
+    r"(.+?)(?:_late)?_(\d+)_(?:\d+|assignsubmission_file)(?:_(.*))?", re.IGNORECASE
+)
 MODULE_FILES = {f"{name}.py".lower(): f"{name}.py" for name in SUBMITTED_MODULES}
 FUNCTIONS = "rbsfunctions.py"
 
@@ -87,14 +89,13 @@ def _inside(folder):
     """The hand-ins in a folder, in order: (name, path, loose files)."""
     found, loose = [], {}
     for path in sorted(folder.iterdir()):
-        download = DOWNLOAD.fullmatch(path.name)
-        ending = path.suffix.lower()
         if _is_passed_over(path.name):
             continue
+        download, ending = DOWNLOAD.fullmatch(path.name), path.suffix.lower()
         if path.is_dir() or _is_archive(path):
             found.append((_name_of(path), path, ()))
         elif download and ending == ".py":
-            file = re.sub(r"-\d+\.py$", ".py", download[3] or "", flags=re.IGNORECASE)
+            file = re.sub(r"-\d+(\.\w+)$", r"\1", download[3] or "")  # handed in once more
             loose.setdefault(download.group(1, 2), []).append((file, path))
         elif ending in UNREAD:
             found.append((plain(path.name), path, ()))
@@ -140,19 +141,16 @@ def modules_of(entry):
     Raises SubmissionError where there is no RBSFunctions.py, or nothing can be read.
     """
     with tempfile.TemporaryDirectory(prefix="submission-", ignore_cleanup_errors=True) as place:
-        folder = Path(place).resolve() / "modules"
-        folder.mkdir()
-        with ExitStack() as stack:
-            try:
+        folder = Path(place).resolve()
+        try:
+            with ExitStack() as stack:
                 remarks = _take(_members(entry, stack), folder, entry.isAnonymous)
-            except SubmissionError:
-                raise
-            except OSError as error:
-                raise SubmissionError(f"cannot be read: {error.strerror or error}") from None
-            except (zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, ValueError):
-                raise SubmissionError("is no ZIP or tar, or a damaged one") from None
-            except RuntimeError:
-                raise SubmissionError("is encrypted, or packed in a way that is not read") from None
+        except OSError as error:
+            raise SubmissionError(f"cannot be read: {error.strerror or error}") from None
+        except (zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, ValueError):
+            raise SubmissionError("is no ZIP or tar, or a damaged one") from None
+        except RuntimeError:
+            raise SubmissionError("is encrypted, or packed in a way that is not read") from None
         yield folder, remarks
 
 
@@ -167,10 +165,9 @@ def _members(entry, stack):
         members = list(_in_folder(entry.path))
     elif _is_archive(entry.path):
         members = list(_in_archive(entry.path.name, open(entry.path, "rb"), stack))
-    elif entry.path.suffix.lower() == ".py":
-        raise SubmissionError("a single file is not read: put it into a folder with the others")
     else:
-        raise SubmissionError(f"{entry.path.suffix} archives are not read: unpack it")
+        raise SubmissionError(f"a loose {entry.path.suffix} file is not read: put RBSFunctions.py "
+                              "and what it needs into a folder, a ZIP or a tar")  # fmt: skip
     if not any(parts[-1].lower() == FUNCTIONS for parts, _ in members):
         for parts, opener in members[:]:
             if parts[-1].lower().endswith(ARCHIVES):
@@ -215,17 +212,15 @@ def _take(members, target, isAnonymous):
         more = f"; its {unread[0]} file is not read" if unread else ""
         raise SubmissionError(f"holds no RBSFunctions.py{more}")
     top, *others = sorted(folders, key=lambda folder: (len(folder), folder))
-    shown = ["a folder" if isAnonymous else "/".join(one) for one in (top, *others)]
+    shown = ["a folder" if isAnonymous else "/".join(one) or "." for one in (top, *others)]
     remarks = [f"modules found in {shown[0]}"] if top else []
     remarks += [f"another RBSFunctions.py, in {one}, is not graded" for one in shown[1:]]
 
-    depth = len(top)
-    wanted = [(parts[depth:], opener) for parts, opener in members if parts[:depth] == top]
+    wanted = [(p[len(top) :], opener) for p, opener in members if p[: len(top)] == top]
+    wanted.sort(key=lambda one: len(one[0]))
     names = {parts[0] for parts, _ in wanted}
-    shallow = sorted(range(len(wanted)), key=lambda k: (len(wanted[k][0]), wanted[k][0]))
-    left, lost = MOST_BYTES, len(shallow[MOST_FILES:])
-    for k in sorted(shallow[:MOST_FILES]):  # in the archive's order: a tar is read in one go
-        parts, opener = wanted[k]
+    left, lost = MOST_BYTES, len(wanted[MOST_FILES:])
+    for parts, opener in wanted[:MOST_FILES]:
         right = MODULE_FILES.get(parts[0].lower())
         if len(parts) == 1 and right and right not in names:
             remarks.append(f"{parts[0]} is read as {right}")
@@ -239,6 +234,4 @@ def _take(members, target, isAnonymous):
         path = target.joinpath(*parts)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
-    if lost:
-        remarks.append(f"{lost} files are left out: too many or too large")
-    return remarks
+    return remarks + [f"{lost} files are left out: too many or too large"] * bool(lost)

@@ -16,46 +16,30 @@ import sys
 import tempfile
 import threading
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from trials import Results
 
 from rbs.submissions import SubmissionError, brief
 
-GRADERS = Path(__file__).resolve().parent
-DEFAULT_SECONDS = 30.0
-DEFAULT_MEGABYTES = 2048
+WORKER = Path(__file__).resolve().with_name("worker.py")
 # Seconds that a process may take beside the time limits of its parts, to start and to end.
 GRACE = 20
 
 
-@dataclass(frozen=True)
-class Limits:
-    """seconds : of a part, by the clock; megabytes : of a process's address space"""
-
-    seconds: float = DEFAULT_SECONDS
-    megabytes: int = DEFAULT_MEGABYTES
-
-
 def add_limit_arguments(parser):
+    """Two options; what they give, `seconds` and `megabytes`, is what is called limits here."""
     parser.add_argument(
-        "--time-limit",
-        metavar="SECONDS",
-        type=_positive(float, 86400),
-        default=DEFAULT_SECONDS,
+        "--time-limit", dest="seconds", metavar="SECONDS", type=positive(float, 86400), default=30.0,
         help="how long a submission may take for each part of a grader (default: %(default)g)",
-    )
+    )  # fmt: skip
     parser.add_argument(
-        "--memory-limit",
-        metavar="MB",
-        type=_positive(int, 1 << 20),
-        default=DEFAULT_MEGABYTES,
+        "--memory-limit", dest="megabytes", metavar="MB", type=positive(int, 1 << 20), default=2048,
         help="how much memory a submission may ask for (default: %(default)d)",
-    )
+    )  # fmt: skip
 
 
-def _positive(kind, high):
+def positive(kind, high):
     """An argparse type: a number above 0, and not above `high`."""
 
     def parse(text):
@@ -67,27 +51,6 @@ def _positive(kind, high):
         )
 
     return parse
-
-
-def limits_of(arguments):
-    return Limits(arguments.time_limit, arguments.memory_limit)
-
-
-class Stopped(BaseException):
-    """SIGTERM or a hang-up; its argument is the exit code. Ctrl-C is Python's KeyboardInterrupt."""
-
-
-def prepare_terminal():
-    """Lets a signal end the program in good order, and print what its output has no letters for."""
-
-    def stop(number, _frame):
-        raise Stopped(128 + number)
-
-    for name in ("SIGTERM", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), stop)
-    for stream in (sys.stdout, sys.stderr):
-        stream.reconfigure(errors="replace")
 
 
 # ---- Processes ----------------------------------------------------------------------------------
@@ -103,12 +66,8 @@ def copied(folder):
 def environment(folder):
     """The environment of a student's program: nothing that would change its numbers or its ways,
     and no display on which it could open a window."""
-    dropped = {"DISPLAY", "WAYLAND_DISPLAY"}
-    kept = {
-        name: value
-        for name, value in os.environ.items()
-        if not name.startswith("PYTHON") and name not in dropped
-    }
+    dropped = ("PYTHON", "DISPLAY", "WAYLAND_DISPLAY")
+    kept = {name: text for name, text in os.environ.items() if not name.startswith(dropped)}
     return kept | {
         "PYTHONHASHSEED": "0",
         "PYTHONDONTWRITEBYTECODE": "1",
@@ -124,22 +83,16 @@ def run_limited(words, folder, seconds, megabytes, errors=subprocess.DEVNULL):
     """Runs `worker.py` with these words, and whatever it starts, for so many seconds.
 
     errors : a file that its standard error goes to; its output is dropped
-    Raises SubmissionError once `stop_all` has been called.
-
     Returns its exit code, negative where a signal ended it, and None where the time was up.
+    Raises SubmissionError once `stop_all` has been called.
     """
     if _isStopped.is_set():
         raise SubmissionError("stopped")
-    limits = megabytes, int(seconds) + 1
     process = subprocess.Popen(
-        [sys.executable, "-B", GRADERS / "worker.py", *map(str, (*limits, *words))],
-        cwd=folder,
-        env=environment(folder.parent),
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=errors,
-        start_new_session=True,
-    )
+        [sys.executable, "-B", *map(str, (WORKER, megabytes, int(seconds) + 1, *words))],
+        cwd=folder, env=environment(folder.parent), start_new_session=True,
+        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors,
+    )  # fmt: skip
     _running.add(process)
     try:
         return process.wait(seconds)
@@ -181,7 +134,7 @@ def run_isolated(graders, folder, dataFolder, data, limits):
     data : dict from a grader's module to its data, which the process reads from dataFolder
 
     One process runs all parts. A part at which it ends is given up, and another process goes on
-    with the next one.
+    with the next one; modules that cannot be imported end all parts at once.
     """
     parts = {
         (grader.module, part.name): part
@@ -189,24 +142,19 @@ def run_isolated(graders, folder, dataFolder, data, limits):
         for part in grader.asked(data[grader.module], withExtras=True)
     }
     outcomes = {}
-    conventions = {grader.module: data[grader.module]["convention"] for grader in graders}
+    order = {"conventions": {one.module: data[one.module]["convention"] for one in graders}}
+    order |= {"data": str(dataFolder.resolve()), "seconds": limits.seconds}
     while missing := [key for key in parts if key not in outcomes]:
-        order = {"parts": missing, "conventions": conventions, "data": str(dataFolder.resolve())}
-        contents, begun, cause = _run(order, folder, limits)
+        contents, isLoaded, cause = _run(order | {"parts": missing}, folder, limits)
         for key in missing:
             given = data[key[0]]
-            results = Results(parts[key].shapes, len(given["randomPositions"]))
-            tried = len(parts[key].samples(given))
+            results = outcomes[key] = Results(parts[key].shapes, len(given["randomPositions"]))
             if key in contents:
-                try:
-                    results.read_json(contents[key])
-                except (ValueError, KeyError, TypeError, AttributeError):
-                    results.give_up("gave no readable results", tried)
-            elif key == begun or begun is None and not contents:
-                results.give_up(cause, tried)
-            else:
+                results.read_json(contents[key])
                 continue
-            outcomes[key] = results
+            results.give_up(cause, len(parts[key].samples(given)))
+            if isLoaded:
+                break
     return {
         grader.module: [(parts[key], outcomes[key]) for key in parts if key[0] == grader.module]
         for grader in graders
@@ -216,40 +164,32 @@ def run_isolated(graders, folder, dataFolder, data, limits):
 def _run(order, folder, limits):
     """One process of `worker.py`, on a copy of a folder, and what it has left.
 
-    Returns a dict from (module, part) to results as `Results.as_json` has them; the part at which
-    it has ended, or None; and why it has ended.
+    Returns a dict from (module, part) to results as `Results.as_json` has them; whether the modules
+    could be imported; and why it has ended.
     """
-    contents, begun, isLoaded, cause = {}, None, False, None
+    contents, isLoaded, cause = {}, False, None
     with copied(folder) as work:
         answers, trace = work.parent / "answers.jsonl", work.parent / "trace.txt"
-        for path in (answers, trace):
-            path.touch()
         places = {"folder": str(work), "answers": str(answers), "trace": str(trace)}
         seconds = (len(order["parts"]) + 1) * limits.seconds + GRACE
-        words = [json.dumps(order | places | {"seconds": limits.seconds})]
-        code = run_limited(words, work, seconds, limits.megabytes)
-        for line in answers.read_text(encoding="utf-8", errors="replace").splitlines():
-            try:
+        code = run_limited([json.dumps(order | places)], work, seconds, limits.megabytes)
+        for line in answers.read_text(encoding="utf-8").splitlines() if answers.exists() else ():
+            with suppress(ValueError):  # of a line that is cut off
                 answer = json.loads(line)
                 isLoaded = isLoaded or "loaded" in answer
-                cause = answer.get("refused", cause)
-                if "begun" in answer:
-                    begun = tuple(answer["begun"])
-                elif "results" in answer and tuple(answer["part"]) == begun:
-                    contents[begun], begun = answer["results"], None
-            except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-                continue  # cut off, or not ours
-        if cause is None:
-            during = "" if isLoaded else " while the modules were imported"
-            said = trace.read_text(errors="replace")
-            cause = _reason(code, said, limits) + during + _place(said, work)
-    return contents, begun, brief(cause)
+                cause = answer.get("refused")
+                if "part" in answer:
+                    contents[tuple(answer["part"])] = answer["results"]
+        during = "" if isLoaded else " while the modules were imported"
+        said = trace.read_text(errors="replace") if trace.exists() else ""
+        cause = cause or _reason(code, said, limits.seconds) + during + _place(said, work)
+    return contents, isLoaded, cause
 
 
-def _reason(code, said, limits):
+def _reason(code, said, seconds):
     """Why a process has ended before its time; said : what it has left in its trace."""
     if code is None or "Timeout (" in said:
-        return f"stopped after {limits.seconds:g} s"
+        return f"stopped after {seconds:g} s"
     if code < 0:
         name = signal.Signals(-code).name if -code in set(signal.Signals) else str(-code)
         return f"crashed the interpreter ({name})"
@@ -260,5 +200,5 @@ def _place(said, work):
     """Where the student's program was, as ", at FILE:LINE"; or nothing."""
     for file, line in re.findall(r'File "([^"\n]+)", line (\d+)', said):
         if Path(file).is_relative_to(work):
-            return f", at {brief(Path(file).relative_to(work))}:{line}"
+            return f", at {Path(file).relative_to(work)}:{line}"
     return ""

@@ -80,7 +80,10 @@ def write_likeness(path, prints):
     """
     pairs = [(likeness(prints[a], prints[b]), a, b) for a, b in itertools.combinations(prints, 2)]
     pairs = sorted((pair for pair in pairs if pair[0] > REPORTED), key=lambda one: -one[0])
-    with atomic_write(path) as partial, open(partial, "w", encoding="utf-8-sig", newline="") as file:
+    with (
+        atomic_write(path) as partial,
+        open(partial, "w", encoding="utf-8-sig", newline="") as file,
+    ):
         writer = csv.writer(file)
         writer.writerow(("submission", "other submission", "likeness in percent"))
         writer.writerows((a, b, f"{100 * same:.0f}") for same, a, b in pairs)

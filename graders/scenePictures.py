@@ -66,5 +66,3 @@ def draw_scene(scene, folder, target, limits):
             shutil.copyfile(frame, path)
             result.pictures.append((step * TIME_STEP, path))
     return result
-
-

@@ -16,6 +16,7 @@ from urllib.parse import quote
 from gradingTools import ERROR_BOUND, printable
 
 from rbs.files import atomic_write
+from rbs.messages import short
 from rbs.submissions import SubmissionError
 
 GRADES = ("submission", "grader", "passed", "of", "largest error", "notes", "remarks", "failed",
@@ -34,7 +35,7 @@ def rows_of(outcome):
     row |= {"submission": outcome.name, "path": outcome.path}
     row |= {"remarks": BETWEEN.join(outcome.remarks), "passed": "0"}
     if outcome.refusal:
-        return [row | {"notes": outcome.refusal}]
+        return [row | {"notes": outcome.refusal, "failed": "everything: refused"}]
     rows = []
     for module, grade in outcome.grades.items():
         error = grade.largest_error
@@ -60,7 +61,10 @@ def passes(rows):
 
 def write_rows(path, columns, rows):
     """A CSV file, whole or as it was before; with the mark that Excel knows UTF-8 by. OSError"""
-    with atomic_write(path) as partial, open(partial, "w", encoding="utf-8-sig", newline="") as file:
+    with (
+        atomic_write(path) as partial,
+        open(partial, "w", encoding="utf-8-sig", newline="") as file,
+    ):
         writer = csv.writer(file)
         writer.writerow(columns)
         writer.writerows([_plain_cell(str(row[column])) for column in columns] for row in rows)
@@ -82,29 +86,27 @@ def _plain_cell(text):
     return f"'{text}" if text.startswith(FORMULA_STARTS) and text != "-" else text
 
 
-def table_of(rows):
-    """The lines of the printed table, one for each submission and grader."""
-    table = [("submission", "grader", "passed", "largest error", "hint")]
+def print_table(rows):
+    """One line for each submission and grader."""
+    table, last = [("submission", "grader", "passed", "largest error", "hint")], None
     for row in rows:
-        notes = row["notes"].split(BETWEEN) if row["notes"] else []
-        if not table[-1][0] == row["submission"] and row["remarks"]:
-            notes += row["remarks"].split(BETWEEN)
-        note = re.sub(r"^[^:]*: (hint: )?(?=.)", "", notes[0]) if notes else ""
-        if row["grader"] == "-" or not row["notes"]:
-            note = notes[0] if notes else ""
-        if len(note) > NOTE_WIDTH:
-            note = note[: NOTE_WIDTH - 3] + "..."
+        name, grader = row["submission"], row["grader"]
+        notes = _split(row["notes"])
+        notes = [re.sub(r"^[^:]*: (hint: )?(?=.)", "", note) for note in notes if grader != "-"]
+        notes += _split(row["notes"]) * (grader == "-") + _split(row["remarks"]) * (name != last)
         more = f" (+{len(notes) - 1})" if len(notes) > 1 else ""
-        passed = "refused" if row["grader"] == "-" else f"{row['passed']}/{row['of']}"
-        table.append(
-            (row["submission"], row["grader"], passed, row["largest error"], printable(note) + more)
-        )
+        passed = "refused" if grader == "-" else f"{row['passed']}/{row['of']}"
+        note = short(printable("".join(notes[:1])), limit=NOTE_WIDTH) if notes else ""
+        table.append((name, grader, passed, row["largest error"], note + more))
+        last = name
     widths = [max(map(_width, column)) for column in zip(*table, strict=True)]
-    return [
-        "  ".join(cell + " " * (width - _width(cell)) for cell, width in zip(row, widths, strict=True))
-        .rstrip()
-        for row in table
-    ]  # fmt: skip
+    for row in table:
+        cells = [one + " " * (w - _width(one)) for one, w in zip(row, widths, strict=True)]
+        print("  ".join(cells).rstrip())
+
+
+def _split(cell):
+    return cell.split(BETWEEN) if cell else []
 
 
 def _width(text):
@@ -112,16 +114,19 @@ def _width(text):
     return sum(1 + (unicodedata.east_asian_width(letter) in "WF") for letter in text)
 
 
-def summary_of(rows, totals):
-    """Lines on the class: marks, what fails how often, and the commonest notes."""
-    count = len({row["submission"] for row in rows})
-    lines = [f"marks: mean {statistics.mean(totals):.1f}, median {statistics.median(totals):g}"]
-    failed = Counter(part for row in rows for part in row["failed"].split(BETWEEN) if part)
-    failed["refused"] = failed.pop("-", 0)
-    lines += [f"{number:4} of {count}: {part}" for part, number in failed.most_common() if number]
-    notes = Counter(note for row in rows for note in row["notes"].split(BETWEEN) if note)
-    lines += ["commonest notes:"] * bool(notes)
-    return lines + [f"{number:4} x {note}" for note, number in notes.most_common(MOST_NOTES)]
+def summary_of(rows, marks):
+    """Lines on the class: marks, what fails how often, and the commonest notes.
+
+    rows : of grades.csv; marks : dict from a submission's name to its row of marks.csv
+    """
+    totals = [float(row["total"]) for row in marks.values()]
+    failed = Counter(part for row in rows for part in _split(row["failed"]))
+    notes = Counter(note for row in rows for note in _split(row["notes"]))
+    return [
+        f"marks: mean {statistics.mean(totals):.1f}, median {statistics.median(totals):g}",
+        *(f"{count:4} of {len(marks)} fail: {part}" for part, count in failed.most_common()),
+        *(f"{count:4} x {printable(note)}" for note, count in notes.most_common(MOST_NOTES)),
+    ]
 
 
 def write_sheet(path, outcome, marks):

@@ -16,9 +16,8 @@ import signal
 import sys
 from pathlib import Path
 
-MEGABYTE = 1 << 20
 # The most bytes of a file that a submission may write.
-LARGEST_FILE = 64 * MEGABYTE
+LARGEST_FILE = 64 << 20
 PR_SET_PDEATHSIG = 1  # of Linux's prctl
 
 
@@ -31,12 +30,9 @@ def limit(megabytes, seconds):
         import resource
     except ImportError:  # Windows
         return
-    for what, bound in (
-        (resource.RLIMIT_AS, megabytes * MEGABYTE),
-        (resource.RLIMIT_FSIZE, LARGEST_FILE),
-        (resource.RLIMIT_CPU, seconds),
-        (resource.RLIMIT_CORE, 0),
-    ):
+    bounds = {"AS": megabytes << 20, "FSIZE": LARGEST_FILE, "CPU": seconds, "CORE": 0}
+    for name, bound in bounds.items():
+        what = getattr(resource, f"RLIMIT_{name}")
         _soft, hard = resource.getrlimit(what)
         if hard != resource.RLIM_INFINITY:
             bound = min(bound, hard)
@@ -50,8 +46,11 @@ def limit(megabytes, seconds):
 def grade(order):
     trace = open(order["trace"], "w")  # stays open as long as the process lives
     faulthandler.enable(trace)
-    faulthandler.dump_traceback_later(order["seconds"], file=trace, exit=True)
 
+    def start_clock():
+        faulthandler.dump_traceback_later(order["seconds"], file=trace, exit=True)
+
+    start_clock()
     import gradingTools  # noqa: F401  puts the project on the path
     from conventions import Bodies
     from trials import Results
@@ -75,9 +74,8 @@ def grade(order):
             return tell(refused=str(error))
         tell(loaded=True)
         for module, name in order["parts"]:
+            start_clock()
             (part,) = (one for one in graders[module].parts if one.name == name)
-            tell(begun=[module, name])
-            faulthandler.dump_traceback_later(order["seconds"], file=trace, exit=True)
             given = data[module]
             results = Results(part.shapes, len(given["randomPositions"]), folder)
             try:
