@@ -84,8 +84,8 @@ def grade_entry(entry, isKnown, data, arguments):
             outcome.grades = grades
     except SubmissionError as error:
         outcome.refusal = str(error)
-    except OSError as error:
-        outcome.refusal = printable(f"cannot be graded: {error.strerror or error}")
+    except Exception as error:  # a mistake of ours in one must not cost the others their grades
+        outcome.refusal = printable(f"cannot be graded: {type(error).__name__}: {error}")
     outcome.seconds = time.perf_counter() - begin
     return outcome
 
