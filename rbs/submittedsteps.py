@@ -38,7 +38,8 @@ class SubmittedSteps:
     inOurLoop : whether `basic_step` takes the place of the student's run_timestep
 
     Attributes: folder, resolved; digest, of the Python files in it, and of whose loop it is:
-    recordings tell by it whether these functions made them; functions, the module RBSFunctions.
+    recordings tell by it whether these functions made them; functions, the module RBSFunctions;
+    run_timestep, what makes the steps.
 
     Raises SubmissionError where the modules cannot be loaded, or have no run_timestep or Mesh.
     """
@@ -54,11 +55,11 @@ class SubmittedSteps:
         self.functions = submission.functions
         self._Mesh = self._function("Mesh")
         if inOurLoop:
-            self._run_timestep = partial(basic_step, self.functions)
+            self.run_timestep = partial(basic_step, self.functions)
         else:
-            self._run_timestep = self._function("run_timestep")
+            self.run_timestep = self._function("run_timestep")
         try:
-            parameters = inspect.signature(self._run_timestep).parameters
+            parameters = inspect.signature(self.run_timestep).parameters
         except (TypeError, ValueError):
             parameters = {}
         self._takesAll = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
@@ -104,7 +105,7 @@ class SubmittedSteps:
         options = {name: value for name, value in options.items() if self._knows(name)}
         try:
             theirs, ground = self.follow(meshes, source)
-            self._run_timestep(theirs, ground, timeStep, CRCoeff, **options)
+            self.run_timestep(theirs, ground, timeStep, CRCoeff, **options)
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # whatever a student's function raises
