@@ -47,13 +47,13 @@ class SceneResult:
     """A scene by a student's functions, compared with ours.
 
     problem : the first difference, or what went wrong; "" for nothing
-    remarks : list of str; largest : difference of what agrees, relative to its scale
+    remarks : dict to the first step; largest : difference of what agrees, relative to its scale
     pictures : list of (time in s, path)
     """
 
     name: str
     problem: str = ""
-    remarks: list = field(default_factory=list)
+    remarks: dict = field(default_factory=dict)
     largest: float = 0.0
     pictures: list = field(default_factory=list)
 
@@ -137,8 +137,8 @@ def main():
         parser.exit(BAD_DATA, printable(f"{parser.prog}: {problem}") + "\n")
     except KeyboardInterrupt:
         parser.exit(STOPPED, f"{parser.prog}: stopped by Ctrl-C\n")
-    for remark in result.remarks:
-        print(printable(remark))
+    for text, step in result.remarks.items():
+        print(printable(f"from step {step} on: {text}"))
     agree = f"{given.steps} steps agree; the largest relative difference is {result.largest:.1e}"
     print(printable(result.problem or agree))
     return FAILED if result.problem else PASSED
