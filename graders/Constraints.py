@@ -114,10 +114,10 @@ def store_pair(results, key, sample, pair):
 def expected_in(shapes):
     """A function that takes the expected values of these quantities out of the data."""
     keys = {quantity.split(",")[0] for quantity in shapes}
-    return lambda data, convention: by_mesh({key: np.array(data[key]) for key in keys})
+    return lambda data: by_mesh({key: np.array(data[key]) for key in keys})
 
 
-def remarks(data, convention):
+def remarks(data):
     keys = ("positionWasValidUpper", "positionWasValidLower", "velocityWasValid")
     return [f"{key}: True in {data[key].sum()} of {len(data[key])} samples" for key in keys]
 

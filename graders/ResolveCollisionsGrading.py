@@ -84,7 +84,7 @@ def contact_of(data, sample):
     return *contact, RESTITUTION
 
 
-def colliding_samples(data, convention):
+def colliding_samples(data):
     return np.flatnonzero(data["isCollision"])
 
 
@@ -100,11 +100,11 @@ def resolve_fixed(bodies, data, samples, results):
             results.values[FIXED][sample] = np.concatenate(state)
 
 
-def expected_contacts(data, convention):
+def expected_contacts(data):
     return {key: data[key] for key in ("isCollision", *CONTACT_SHAPES)}
 
 
-def expected_results(data, convention):
+def expected_results(data):
     return by_mesh({key: np.array(data[key]) for key in RESULT_ATTRIBUTES})
 
 
@@ -116,9 +116,9 @@ def fixed_state(*arguments):
     return {FIXED: fixed_resolution(*arguments)}
 
 
-def remarks(data, convention):
+def remarks(data):
     hits = f"{data['isCollision'].sum()} of {len(data['isCollision'])} poses collide"
-    if convention == EXACT:
+    if data["convention"] == EXACT:
         return [hits]
     return [hits, "detection is not graded: the released one is approximate"]
 

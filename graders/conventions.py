@@ -5,9 +5,9 @@ the data, here; and nowhere else.
 """
 
 import numpy as np
-from gradingTools import RELEASED_2024, GraderDataError
+from gradingTools import EXACT, RELEASED_2024
 from released.physics2024 import INERTIA_FACTOR, inertia_tensor, rotation_matrix
-from rigidModel import DENSITY, solid
+from rigidModel import DENSITY
 from trials import NotWritten
 
 UNTURNED = np.array([[1.0, 0.0, 0.0, 0.0]])
@@ -28,13 +28,12 @@ class Bodies:
     """Meshes of a grader's data, of the class that is graded.
 
     functions, quaternion : the modules RBSFunctions and Quaternion that are graded
-    data : as `load_grader_data` gives them; convention : EXACT or RELEASED_2024
+    data : as `Grader.load` gives them
     """
 
-    def __init__(self, functions, quaternion, data, convention):
+    def __init__(self, functions, quaternion, data):
         self._modules = {"RBSFunctions": functions, "Quaternion": quaternion}
         self._data = data
-        self._convention = convention
 
     def function(self, name, module="RBSFunctions"):
         """A function of what is graded; raises NotWritten where there is none."""
@@ -61,7 +60,7 @@ class Bodies:
         # Copies, and new ones each time: the released class changes its arguments.
         shape = [self._data[f"{part}{k}"].copy() for part in ("origVertices", "faces", "tets")]
         mesh = self.function("Mesh")(f"mesh {k}", *shape, DENSITY, position, orientation, isFixed)
-        if self._convention == RELEASED_2024:
+        if self._data["convention"] == RELEASED_2024:
             _give_released_inertia(mesh, self._data[f"origVertices{k}"], self._data[f"tets{k}"])
         return mesh
 
@@ -103,26 +102,10 @@ def _same(value, tensor):
     return bool(np.abs(value - tensor).max() <= TENSOR_TOLERANCE * np.abs(tensor).max())
 
 
-def check_bodies(data):
-    """Raises GraderDataError unless both meshes of the data are bodies."""
-    for k in (1, 2):
-        if f"tets{k}" in data:
-            try:
-                solid(data, k)
-            except (ValueError, np.linalg.LinAlgError) as problem:
-                raise GraderDataError(f"mesh {k} is not a body: {problem}") from None
-
-
-def graded_samples(data, convention):
+def graded_samples(data):
     """The numbers of the samples that have a result.
 
     All of them have one, except that quirk 3 left the rows of all but the first at zero.
     """
-    results = [data[key] for key in RESULT_ATTRIBUTES]
-    hasResult = np.ones(len(results[0]), dtype=bool)
-    if convention == RELEASED_2024:
-        hasResult = np.any(np.hstack(results) != 0, axis=1)
-    samples = np.flatnonzero(hasResult)
-    if len(samples) == 0:
-        raise GraderDataError("no sample has a result")
-    return samples
+    hasResult = np.any(np.hstack([data[key] for key in RESULT_ATTRIBUTES]) != 0, axis=1)
+    return np.flatnonzero(hasResult | (data["convention"] == EXACT))

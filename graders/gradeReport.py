@@ -13,12 +13,14 @@ from trials import comparable
 class Quantity:
     """One row of the table.
 
+    part : name of the Part that it belongs to
     error : the largest error, NaN if a number is missing or not a number; None if nothing was
         compared. Of bools, the number that differ
     isFlag : whether it is one of bools; worst : the sample with the largest error, or None
     count : how many samples were compared; isRight : whether the quantity passes
     """
 
+    part: str
     name: str
     error: float | None
     isFlag: bool
@@ -97,15 +99,15 @@ class Grade:
         return FAILED if self.failures else PASSED
 
 
-def make_grade(grader, outcomes, data, convention):
+def make_grade(grader, outcomes, data):
     """The Grade of what has been computed.
 
     outcomes : list of (Part, Results)
     """
-    grade = Grade(grader.title, grader.remarks(data, convention))
+    grade = Grade(grader.title, grader.remarks(data))
     for part, results in outcomes:
-        expected = part.expected(data, convention)
-        tried = part.samples(data, convention)
+        expected = part.expected(data)
+        tried = part.samples(data)
         rows = [
             _compared(part, key, results, expected, comparable(
                 part, key, results.values, expected, tried
@@ -121,7 +123,7 @@ def make_grade(grader, outcomes, data, convention):
         grade.notes += _named(causes, part.name, part.shapes)
         wrong = [row.name for row in rows if not row.isRight]
         hints = {}
-        for key, texts in explain(part, results.values, data, convention).items():
+        for key, texts in explain(part, results.values, data).items():
             for text in texts:
                 hints.setdefault(_marked(text), []).append(key)
         grade.notes += _named(hints, part.name, wrong)
@@ -149,9 +151,9 @@ def _compared(part, key, results, expected, samples):
     wanted = np.asarray(expected[key])
     isFlag = wanted.dtype == np.bool_
     if key in results.problems and not np.isfinite(results.values[key]).any():
-        return Quantity(key, None, isFlag, None, 0, False)
+        return Quantity(part.name, key, None, isFlag, None, 0, False)
     if len(samples) == 0:
-        return Quantity(key, None, isFlag, None, 0, key not in results.problems)
+        return Quantity(part.name, key, None, isFlag, None, 0, key not in results.problems)
     # A NaN on either side makes its row's error NaN, which max and argmax put first.
     with np.errstate(all="ignore"):
         errors = np.abs(results.values[key] - wanted.astype(float))[samples]
@@ -161,4 +163,4 @@ def _compared(part, key, results, expected, samples):
     error = errors.sum() if isFlag else errors.max()
     worst = int(samples[np.argmax(errors)]) if np.any(errors != 0) else None
     isRight = bool(np.all(errors < ERROR_BOUND)) and key not in results.problems
-    return Quantity(key, float(error), isFlag, worst, len(samples), isRight)
+    return Quantity(part.name, key, float(error), isFlag, worst, len(samples), isRight)

@@ -338,6 +338,9 @@ def _check_meaning(data):
     """Refuse numbers of the right shape that no body can have."""
     if not np.all(np.any(data["randomOrientations"] != 0, axis=1)):
         raise GraderDataError("randomOrientations holds a zero quaternion")
+    results = [array for key, array in data.items() if key.startswith("result")]
+    if results and not any(map(np.any, results)):
+        raise GraderDataError("no sample has a result")
     for k in (1, 2):
         for key in (f"faces{k}", f"tets{k}"):
             indices = data.get(key)
@@ -357,11 +360,11 @@ class OneLineParser(argparse.ArgumentParser):
         self.exit(BAD_DATA, f"{self.prog}: {printable(message)} (--help lists the options)\n")
 
 
-def add_convention_argument(parser):
+def add_convention_argument(parser, default=EXACT):
     parser.add_argument(
         "--convention",
         choices=CONVENTIONS,
-        default=EXACT,
+        default=default,
         help="the physics behind the data: right, or as released with the coursework in 2024 "
-        "(default: %(default)s)",
+        f"(default: {default or 'recognised from the data'})",
     )

@@ -38,14 +38,14 @@ def mistake(group, text, *names):
     return Mistake(text, frozenset(names), group)
 
 
-def explain(part, values, data, convention):
+def explain(part, values, data):
     """What explains a part's wrong numbers: dict from quantity to list of hints.
 
     part : Part with a model; values : dict from quantity to what was computed, NaN where nothing
     A mistake, or two, that explain all of the part's quantities come first. If none do, those that
     explain a single wrong quantity are told for it.
     """
-    tried = part.samples(data, convention)
+    tried = part.samples(data)
     finite = [key for key in part.shapes if _is_complete(part, key, values, tried)]
 
     def agree(key, others):
@@ -53,14 +53,14 @@ def explain(part, values, data, convention):
         difference = np.asarray(values[key], float) - np.asarray(others[key], float)
         return bool(np.all(np.abs(difference[samples]) < ERROR_BOUND))
 
-    expected = part.expected(data, convention)
+    expected = part.expected(data)
     wrong = [key for key in finite if not agree(key, expected)]
     if part.model is None or not wrong:
         return {}
     found = {}
     with np.errstate(all="ignore"):
-        for texts, names in _trials(part.mistakes, convention):
-            outcome = part.model(data, convention, names)
+        for texts, names in _trials(part.mistakes, data["convention"]):
+            outcome = part.model(data, names)
             explained = [key for key in finite if agree(key, outcome)]
             if explained == finite:
                 return dict.fromkeys(wrong, texts)

@@ -45,7 +45,7 @@ def integrate_fixed(bodies, data, samples, results):
             results.values[FIXED][sample] = np.concatenate(pose)
 
 
-def expected_results(data, convention):
+def expected_results(data):
     return {key: data[key] for key in RESULT_ATTRIBUTES}
 
 
@@ -53,8 +53,8 @@ def fixed_pose(*arguments):
     return {FIXED: fixed_integration(*arguments)}
 
 
-def remarks(data, convention):
-    count = len(graded_samples(data, convention))
+def remarks(data):
+    count = len(graded_samples(data))
     return [f"{count} of {len(data['randomPositions'])} samples graded"]
 
 

@@ -11,7 +11,7 @@ Units: m, kg, s, rad. `mistakes` is a set of the names that the functions look f
 from dataclasses import dataclass
 
 import numpy as np
-from gradingTools import RELEASED_2024
+from gradingTools import RELEASED_2024, GraderDataError
 from released.physics2024 import INERTIA_FACTOR, inertia_tensor
 
 from rbs.submissions import our_module
@@ -76,7 +76,7 @@ def turned(matrices, v):
 # ---- Integration --------------------------------------------------------------------------------
 
 
-def integration(data, convention, mistakes=frozenset()):
+def integration(data, mistakes=frozenset()):
     """What `Mesh.integrate_timestep` makes of each state: semi-implicit Euler.
 
     Returns a dict with resultPositions, resultOrientations, resultLinVelocities and
@@ -98,14 +98,14 @@ def integration(data, convention, mistakes=frozenset()):
     }
 
 
-def fixed_integration(data, convention, mistakes=frozenset()):
+def fixed_integration(data, mistakes=frozenset()):
     """The pose (n, 7), position and orientation, of a fixed mesh after `integrate_timestep`."""
     poses = data["randomPositions"], unit(data["randomOrientations"])
     if "fixed is free" in mistakes:
         atRest = data | {
             key: np.zeros_like(data[key]) for key in ("randomLinVelocities", "randomAngVelocities")
         }
-        moved = integration(atRest, convention, mistakes)
+        moved = integration(atRest, mistakes)
         poses = moved["resultPositions"], moved["resultOrientations"]
     return np.hstack(poses)
 
@@ -162,6 +162,16 @@ def solid(data, k):
     return Solid(mass, centre, vertices, tensor, atOrigin)
 
 
+def check_bodies(data):
+    """Raises GraderDataError unless both meshes of the data are bodies."""
+    for k in (1, 2):
+        if f"tets{k}" in data:
+            try:
+                solid(data, k)
+            except (ValueError, np.linalg.LinAlgError) as problem:
+                raise GraderDataError(f"mesh {k} is not a body: {problem}") from None
+
+
 def world_inverse_tensors(body, R, convention, mistakes):
     """(n, 3, 3) inverse inertia tensors in world axes, R I⁻¹ Rᵀ; of the release, Rᵀ (I/6)⁻¹ R."""
     isReleased = convention == RELEASED_2024
@@ -181,10 +191,10 @@ def world_inverse_tensors(body, R, convention, mistakes):
     return R @ inverse @ R.transpose(0, 2, 1)
 
 
-def rotated_tensors(data, convention, mistakes=frozenset()):
+def rotated_tensors(data, mistakes=frozenset()):
     """World inverse inertia tensors of mesh 2, (n, 9), in units of `tensor_unit`."""
     R = rotations(data["randomOrientations"])
-    tensors = world_inverse_tensors(solid(data, 2), R, convention, mistakes)
+    tensors = world_inverse_tensors(solid(data, 2), R, data["convention"], mistakes)
     return tensors.reshape(len(R), 9) / tensor_unit(data)
 
 
@@ -208,7 +218,7 @@ class _Pair:
     w: list
 
 
-def _pair(data, convention, mistakes):
+def _pair(data, mistakes):
     bodies = solid(data, 1), solid(data, 2)
     n = len(data["randomPositions"])
     zero = np.zeros((n, 3))
@@ -217,7 +227,7 @@ def _pair(data, convention, mistakes):
         invMass=[1.0 / body.mass for body in bodies],
         R=R,
         invTensor=[
-            world_inverse_tensors(body, turn, convention, mistakes)
+            world_inverse_tensors(body, turn, data["convention"], mistakes)
             for body, turn in zip(bodies, R, strict=True)
         ],
         x=[zero, data["randomPositions"]],
@@ -238,7 +248,7 @@ def _weights(invMass, mistakes):
 # ---- Collisions ---------------------------------------------------------------------------------
 
 
-def detection(data, convention, mistakes=frozenset()):
+def detection(data, mistakes=frozenset()):
     """isCollision (n,), depth (n,), intNormal and intPosition (n, 3), out of the data's contacts.
 
     Where the COM is not subtracted the meshes lie elsewhere, and collisions are looked for again by
@@ -274,13 +284,13 @@ def _contacts_of_shifted_meshes(data):
     }
 
 
-def resolution(data, convention, mistakes=frozenset()):
+def resolution(data, mistakes=frozenset()):
     """Both bodies after `resolve_collision` with the data's depth, normal and point.
 
     Returns a dict of (2, n, ...) arrays: resultPositions, resultOrientations, resultLinVelocities,
     resultAngVelocities. Samples without a collision stay as they are.
     """
-    pair = _pair(data, convention, mistakes)
+    pair = _pair(data, mistakes)
     hit = data["isCollision"]
     n = np.where(hit[:, None], data["intNormal"], 0.0)
     depth = np.where(hit, data["depth"], 0.0)
@@ -303,10 +313,10 @@ def resolution(data, convention, mistakes=frozenset()):
     }
 
 
-def fixed_resolution(data, convention, mistakes=frozenset()):
+def fixed_resolution(data, mistakes=frozenset()):
     """The state (n, 13) of mesh 1, were it fixed, after `resolve_collision`: that from before."""
     if "fixed is free" in mistakes:
-        return np.hstack([pair[0] for pair in resolution(data, convention, mistakes).values()])
+        return np.hstack([pair[0] for pair in resolution(data, mistakes).values()])
     state = np.zeros((len(data["depth"]), 13))
     state[:, 3] = 1.0  # at the origin, unturned, at rest
     return state
@@ -363,13 +373,13 @@ def _constrained_points(data, pair, mistakes):
     return [R @ restPoint + x for R, x in zip(pair.R, pair.x, strict=True)]
 
 
-def position_constraints(data, convention, mistakes=frozenset()):
+def position_constraints(data, mistakes=frozenset()):
     """`resolve_position_constraint` on both bounds.
 
     Returns a dict with positionWasValidUpper (n,), correctedPositionsUpper (2, n, 3), and the same
     of the lower bound.
     """
-    pair = _pair(data, convention, frozenset())
+    pair = _pair(data, frozenset())
     points = _constrained_points(data, pair, mistakes)
     weights = _weights(pair.invMass, mistakes)
     gap = points[0] - points[1]
@@ -395,13 +405,13 @@ def position_constraints(data, convention, mistakes=frozenset()):
     return results
 
 
-def velocity_constraints(data, convention, mistakes=frozenset()):
+def velocity_constraints(data, mistakes=frozenset()):
     """`resolve_velocity_constraint`: velocityWasValid (n,), and (2, n, 3) corrected velocities.
 
     J v = 0 afterwards is an impulse along n that stops the change of the distance: a collision's
     without restitution.
     """
-    pair = _pair(data, convention, mistakes)
+    pair = _pair(data, mistakes)
     points = _constrained_points(data, pair, mistakes)
     n = unit(points[0] - points[1])
     arms = [point - x for point, x in zip(points, pair.x, strict=True)]

@@ -2,13 +2,12 @@
 
 import re
 import shutil
-import sys
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from gradingTools import PROJECT_DIRECTORY
-from isolation import GRADERS, copied, run_limited
+from isolation import copied, run_limited
 
 from rbs.submissions import brief
 
@@ -44,15 +43,15 @@ def draw_scene(scene, folder, target, limits):
     with copied(folder) as work, tempfile.TemporaryDirectory(prefix="scenes-") as place:
         frames = Path(place) / "frames"
         said = Path(place) / "said.txt"
-        command = [
-            sys.executable, "-B", str(GRADERS / "limitedRun.py"),
-            str(limits.megabytes + DRAWING_MEGABYTES),
+        words = [
             str(PROJECT_DIRECTORY / "RigidBodySimulation.py"), scene,
             "--functions", str(work), "--time-step", str(TIME_STEP), "--steps", str(STEPS),
             "--screenshots", str(frames), "--every", str(EVERY), "--size", SIZE,
         ]  # fmt: skip
         with open(said, "wb") as errors:
-            code = run_limited(command, work, limits.seconds, errors)
+            code = run_limited(
+                words, work, limits.seconds, limits.megabytes + DRAWING_MEGABYTES, errors
+            )
         if code is None:
             result.problem = f"stopped after {limits.seconds:g} s"
         elif code != 0:
@@ -67,5 +66,3 @@ def draw_scene(scene, folder, target, limits):
             shutil.copyfile(frame, path)
             result.pictures.append((step * TIME_STEP, path))
     return result
-
-

@@ -8,7 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
-from gradingTools import EXACT, RELEASED_2024, load_grader_data
+from gradingTools import CONVENTIONS, ERROR_BOUND, EXACT, RELEASED_2024, load_grader_data
+from rigidModel import check_bodies
 
 from rbs.submissions import brief, describe
 
@@ -126,7 +127,7 @@ class Results:
 # ---- Parts of a grader --------------------------------------------------------------------------
 
 
-def every_sample(data, convention):
+def every_sample(data):
     """The numbers of all samples."""
     return np.arange(len(data["randomPositions"]))
 
@@ -138,11 +139,11 @@ class Part:
     name : what is called, for messages
     shapes : dict from quantity to the shape of its value in a sample, () for a single number
     run : function of (bodies, data, samples, results) that fills the results in
-    expected : function of (data, convention) that gives a dict of the values to compare with
-    model : function of (data, convention, names of mistakes) that gives the values after mistakes;
+    expected : function of the data that gives a dict of the values to compare with
+    model : function of (data, names of mistakes) that gives the values after mistakes;
         None where nothing is known of them
     mistakes : the `hints.Mistake`s that may explain wrong values
-    samples : function of (data, convention) that gives the numbers of the samples to be tried
+    samples : function of the data that gives the numbers of the samples to be tried
     conditional : quantities that mean something only where the first quantity is true, both in what
         is computed and in what is expected
     isExtra : whether it looks at what the data do not show; only a student's modules are asked
@@ -166,7 +167,7 @@ class Grader:
     """One of the three graders.
 
     module : the name of its file; fileName, layout : of its data; parts : tuple of Part
-    remarks : function of (data, convention) that gives lines for the head of the report
+    remarks : function of the data that gives lines for the head of the report
     added : entries that the graders need and the file does not have
     """
 
@@ -178,16 +179,37 @@ class Grader:
     remarks: Callable
     added: dict = field(default_factory=dict)
 
-    def load(self, folder):
-        """The grader's data out of a folder, with what is added; raises GraderDataError."""
-        return load_grader_data(folder / self.fileName, self.layout) | self.added
+    def load(self, folder, convention=None):
+        """The grader's data out of a folder, with what is added, and with their convention.
 
-    def asked(self, convention, withExtras):
-        """The parts that are graded in a convention, with or without the extra ones."""
+        convention : EXACT or RELEASED_2024; None for the one in which the formulas give the data's
+            results, or most of them
+        Raises GraderDataError.
+        """
+        data = load_grader_data(folder / self.fileName, self.layout) | self.added
+        check_bodies(data)
+        tried = [data | {"convention": one} for one in CONVENTIONS]
+        if convention is not None:
+            return tried[CONVENTIONS.index(convention)]
+        return min(tried, key=self._misfits)
+
+    def _misfits(self, data):
+        """How many of the data's results the formulas do not give in the data's convention."""
+        count = 0
+        for part in self.asked(data, withExtras=False):
+            expected, computed = part.expected(data), part.model(data)
+            for key in part.shapes:
+                difference = np.asarray(computed[key], float) - expected[key]
+                samples = comparable(part, key, expected, computed, part.samples(data))
+                count += np.sum(~(np.abs(difference[samples]) < ERROR_BOUND))
+        return count
+
+    def asked(self, data, withExtras):
+        """The parts that are graded in the data's convention, with or without the extra ones."""
         return tuple(
             part
             for part in self.parts
-            if convention in part.conventions and (withExtras or not part.isExtra)
+            if data["convention"] in part.conventions and (withExtras or not part.isExtra)
         )
 
 

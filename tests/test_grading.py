@@ -211,7 +211,9 @@ def test_the_exact_convention_tells_the_quirks_of_the_release(edits, text, tmp_p
 
 def test_data_of_the_other_convention_are_told_apart_from_a_mistake(tmp_path, released_data):
     write_submission(tmp_path / "student")
-    graded = grade_student("Constraints", tmp_path / "student", "--data", released_data)
+    graded = grade_student(
+        "Constraints", tmp_path / "student", "--data", released_data, "--convention", EXACT
+    )
     assert notes_of(graded) == (
         ["resolve_velocity_constraint: hint: these are the numbers of --convention exact, but not "
          "those of the data"],

@@ -37,31 +37,31 @@ def released_folder(tmp_path_factory):
 
 @pytest.fixture(params=PARTS)
 def case(request, released_folder):
-    """(part, data, convention)"""
+    """(part, data)"""
     grader, part, convention = PARTS[request.param]
-    return part, grader.load(DATA if convention == EXACT else released_folder), convention
+    return part, grader.load(DATA if convention == EXACT else released_folder, convention)
 
 
-def rows(part, outcome, data, convention):
+def rows(part, outcome, data):
     """All of a part's numbers at the samples that are tried, in one array."""
-    samples = part.samples(data, convention)
+    samples = part.samples(data)
     columns = [np.asarray(outcome[key], float)[samples].ravel() for key in part.shapes]
     return np.concatenate(columns)
 
 
 def test_without_a_mistake_the_model_gives_the_expected_numbers(case):
-    part, data, convention = case
-    computed = rows(part, part.model(data, convention, frozenset()), data, convention)
-    expected = rows(part, part.expected(data, convention), data, convention)
+    part, data = case
+    computed = rows(part, part.model(data, frozenset()), data)
+    expected = rows(part, part.expected(data), data)
     assert computed == pytest.approx(expected, abs=1e-11)
 
 
 def test_each_mistake_changes_numbers_and_no_two_the_same(case):
-    part, data, convention = case
-    base = rows(part, part.model(data, convention, frozenset()), data, convention)
+    part, data = case
+    base = rows(part, part.model(data, frozenset()), data)
     outcomes = {}
     for one in part.mistakes:
-        outcomes[one.text] = rows(part, part.model(data, convention, one.names), data, convention)
+        outcomes[one.text] = rows(part, part.model(data, one.names), data)
     changing = {text for text, values in outcomes.items() if np.abs(values - base).max() > 1e-6}
     if "fixed" not in part.name:  # there, all others act only on a mesh that is not fixed
         assert changing == set(outcomes)
@@ -71,13 +71,13 @@ def test_each_mistake_changes_numbers_and_no_two_the_same(case):
 
 
 def test_each_mistake_is_told_by_its_own_text(case):
-    part, data, convention = case
+    part, data = case
     for one in part.mistakes:
         values = {
             key: np.asarray(value, float)
-            for key, value in part.model(data, convention, one.names).items()
+            for key, value in part.model(data, one.names).items()
         }
-        told = explain(part, values, data, convention)
+        told = explain(part, values, data)
         if "fixed" in part.name and one.group != "fixed":
             assert told == {}
             continue
@@ -88,10 +88,10 @@ def test_each_mistake_is_told_by_its_own_text(case):
 
 
 def test_numbers_that_nothing_explains_get_no_hint(case):
-    part, data, convention = case
+    part, data = case
     generator = np.random.Generator(np.random.PCG64(1))
     values = {}
-    for key, value in part.expected(data, convention).items():
+    for key, value in part.expected(data).items():
         value = np.asarray(value, float)
         values[key] = value + 1e-6 * generator.normal(size=value.shape)
-    assert explain(part, values, data, convention) == {}
+    assert explain(part, values, data) == {}
