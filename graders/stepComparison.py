@@ -201,7 +201,9 @@ class Comparison:
             return
         if len(kinds) == 1:
             ours, theirs = (ours,), (theirs,)
-        ours, theirs = (SimpleNamespace(**dict(zip(kinds, values))) for values in (ours, theirs))
+        ours, theirs = (
+            SimpleNamespace(**dict(zip(kinds, values, strict=False))) for values in (ours, theirs)
+        )
         self.compare(label + "{}", kinds, ours, theirs, function)
         names = list(inspect.signature(own).parameters)
         for name, value, before in zip(names, given, copies, strict=False):
@@ -254,8 +256,8 @@ class Comparison:
     def stale(self, states):
         """Whose currVertices are not those of the position and orientation, in words; or ""."""
         for state, shadow in zip(states[:-1], self.shadows, strict=False):
-            orientation, position = (np.reshape(state[name], (1, -1)) for name in list(STATE)[1::-1])
-            vertices = QRotate(orientation, shadow.origVertices) + position
+            vertices = QRotate(state["orientation"].reshape(1, 4), shadow.origVertices)
+            vertices = vertices + state["position"].reshape(1, 3)
             if self.gap(vertices, state["currVertices"], "length") > TOLERANCE:
                 return f"; currVertices of {shadow.name} are not those of its position"
         return ""
@@ -284,7 +286,7 @@ def told(ours, theirs):
 
 def main():
     order = json.loads(sys.argv[1])
-    answer = {"step": 1, "problem": "", "remarks": {}, "largest": 0.0}
+    answer = {"step": 1, "problem": "", "remarks": [], "largest": 0.0}
 
     def tell(**changes):
         answer.update(changes)
@@ -297,7 +299,8 @@ def main():
         while not comparison.problem and ours.stepCount < order["steps"]:
             tell(step=ours.stepCount + 1)
             comparison.step()
-        tell(**{name: getattr(comparison, name) for name in ("problem", "remarks", "largest")})
+        remarks = [f"from step {step} on: {text}" for text, step in comparison.remarks.items()]
+        tell(problem=comparison.problem, remarks=remarks, largest=comparison.largest)
     except Exception as error:
         tell(problem=describe(error, Path.cwd()))
     os._exit(0)  # whatever the submission has registered for the end, or left running
