@@ -21,12 +21,12 @@ import Constraints
 import integrationGrading
 import ResolveCollisionsGrading
 from archives import find_submissions, modules_of
+from compare import SCENES, compare_scene
 from graderProgram import grade_submission, load_data, make_parser, run_program
 from gradingTools import FAILED, PASSED, printable
 from isolation import positive, stop_all
 from likeness import fingerprint, origin_remarks, write_likeness
 from marks import DEFAULT_SCHEME, load_scheme, marks_row, write_gradescope
-from scenePictures import SCENES, draw_scene
 from sheets import (
     BETWEEN, GRADES, passes, print_table, read_rows, rows_of, summary_of, write_rows, write_sheet,
 )  # fmt: skip
@@ -44,7 +44,7 @@ class Outcome:
 
     name, path : as they are shown; refusal : why there are no grades, or ""; remarks : list of str
     grades, conventions : dicts from a grader's module to its Grade, and to its data's convention
-    scenes : list of objects with `name`, `problem`, "" if all is right, and `pictures`
+    scenes : list of `compare.SceneResult`
     seconds : it took; fingerprint : of its code, for `likeness`
     """
 
@@ -80,7 +80,7 @@ def grade_entry(entry, isKnown, data, arguments):
             outcome.remarks = [printable(one) for one in dict.fromkeys(remarks)]
             if arguments.scenes:
                 pictures = arguments.out / "pictures" / entry.name
-                outcome.scenes = [draw_scene(one, folder, pictures, arguments) for one in SCENES]
+                outcome.scenes = [compare_scene(one, folder, pictures, arguments) for one in SCENES]
             outcome.grades = grades
     except SubmissionError as error:
         outcome.refusal = str(error)

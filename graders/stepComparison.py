@@ -1,0 +1,310 @@
+"""A student's steps beside ours: the process that `compare` runs within limits, not by hand.
+
+Each step of the student's begins with our state. Every call in it of a function that the coursework
+asks for is made by ours too, on the same input. Where all calls agree and the step does not, it is
+made again by `basic_step`, our loop around the student's functions: the first call that the two
+make in another order, or in another state, is what differs.
+"""
+
+import copy
+import inspect
+import itertools
+import json
+import math
+import os
+import sys
+from functools import partial, wraps
+from pathlib import Path
+from types import SimpleNamespace
+
+import gradingTools  # noqa: F401  puts the project on the path
+import numpy as np
+from released.physics2024 import INERTIA_FACTOR
+
+import RBSFunctions
+from Quaternion import QRotate
+from rbs.bodies import StateError
+from rbs.settings import Settings
+from rbs.simulation import Simulation
+from rbs.submissions import describe
+from rbs.submittedsteps import SubmittedSteps, basic_step
+
+# A number differs where it is further from ours than this part of its scale, the largest length,
+# speed or angular speed in the scene, or of its own size. The roundings of a call stay below 1e-13,
+# and mistakes are seldom below 1e-5. Of depths below it, rounding decides whether bodies touch.
+TOLERANCE = 1e-9
+# The quantities of a new mesh, of a state, and that functions return, each with its scale.
+BUILT = {"origVertices": "own", "invMass": "own", "invIT": "own"}
+STATE = {"position": "length", "orientation": "own", "linVelocity": "speed", "angVelocity": "spin"}
+RETURNED = {
+    "integrate_timestep": {}, "resolve_collision": {},  # they change meshes
+    "get_rotated_inv_IT": {"the tensor": "own"},
+    "detect_collision": {
+        "isCollision": bool, "depth": "length", "intNormal": "own", "intPosition": "length",
+    },
+    "resolve_position_constraint": {"positionWasValid": bool, "correctedPositions": "length"},
+    "resolve_velocity_constraint": {
+        "velocityWasValid": bool, "correctedLinVelocities": "speed",
+        "correctedAngVelocities": "spin",
+    },
+}  # fmt: skip
+RELEASED = "as in the coursework's released run_timestep, and not counted as a difference"
+END = "the end of the step"
+
+
+class Comparison:
+    """Steps of a scene by our functions and by those of a folder, from the same states.
+
+    problem : the first difference, or ""; largest : of numbers that agree, relative to their scales
+    remarks : what else there is to say, a dict to the first step that it is true of
+    """
+
+    def __init__(self, folder, ours):
+        self.problem, self.remarks, self.largest, self.number = "", {}, 0.0, 1
+        self.ours, self.driven = ours, Simulation(ours.source)  # the student's functions move these
+        self.driven.settings = ours.settings
+        self.steps = self.driven.submitted = SubmittedSteps(folder)
+        self.loops = self.steps.run_timestep, partial(basic_step, self.steps.functions)
+        self.shadows = [*Simulation(ours.source).meshes, ours.groundMesh]
+        self.names = [*(mesh.name for mesh in ours.meshes), "the ground"]
+        meshes, ground = self.steps.follow(ours.meshes, ours.source)
+        self.theirs = [*meshes, ground]
+        self.index = {id(mesh): k for k, mesh in enumerate(self.theirs)}
+        self.set_scales()
+        for mesh, shadow in zip(meshes, self.shadows, strict=False):
+            released = shadow.invIT / INERTIA_FACTOR
+            if not shadow.isFixed and self.gap(released, mesh.invIT) <= TOLERANCE:
+                mesh.IT, mesh.invIT = shadow.IT.copy(), shadow.invIT.copy()
+                self.remarks["the skeleton's inertia tensor, six times too small, is replaced"] = 1
+            self.compare("Mesh: {} of " + shadow.name, BUILT, shadow, mesh, type(mesh).__init__)
+        for owner, own in ((type(ground), RBSFunctions.Mesh), (self.steps.functions, RBSFunctions)):
+            for name in RETURNED:
+                if name in vars(own) and hasattr(owner, name):
+                    setattr(owner, name, self.watched(getattr(owner, name), vars(own)[name]))
+
+    # ---- Steps ----------------------------------------------------------------------------------
+
+    def step(self):
+        """A step of both; sets `problem` at the first difference."""
+        self.set_scales()
+        self.number, start = self.ours.stepCount + 1, self.ours.state()
+        try:
+            events, visits = self.run(start, self.loops[0])
+            theirs = self.driven.state()
+            self.ours.step()
+            gaps = [self.gap(ours, theirs[name], kind) for (name, ours), kind in
+                    zip(self.ours.state().items(), STATE.values(), strict=True)]  # fmt: skip
+            if max(gaps) <= TOLERANCE:
+                self.largest = max(self.largest, *gaps)
+                if stale := self.stale(events[-1][2]):
+                    self.remarks.setdefault(f"after the step, {stale}", self.number)
+            elif not self.problem:
+                self.explain(events, visits, *self.run(start, self.loops[1]))
+        except StateError as error:
+            self.problem = self.problem or str(error)
+
+    def run(self, start, loop):
+        """A step of the student's meshes from a state: `(events, visits)`.
+
+        events : (label, bodies, states of all before it, depth) of calls that move bodies, and of
+            the end; visits : of constraints, whether each was valid
+        """
+        self.events, self.visits = [], []
+        self.steps.run_timestep, self.driven.stepCount = loop, self.number - 1
+        self.driven.set_state(start)
+        self.driven.step()
+        return [*self.events, (END, [], self.states(), math.inf)], self.visits
+
+    def explain(self, events, visits, loopEvents, loopVisits):
+        """Finds what the student's run_timestep does otherwise than ours, unless it is a tie."""
+        count = max(1, len(self.ours.constraints))
+        most = math.ceil(self.ours.max_iterations() / count)  # quirk 5 of the release
+        stopsEarly = len(visits) == most < len(loopVisits) and not all(visits[-count:])
+        if stopsEarly:
+            text = f"the constraints' loop ends after {most} visits, {RELEASED}"
+            self.remarks.setdefault(text, self.number)
+        last = "the start of the step", [], events[0][2]
+        for event, other in zip(events, loopEvents, strict=False):
+            for k, name in itertools.product(range(len(self.ours.meshes)), STATE):
+                ours, theirs, before = (one[2][k][name] for one in (other, event, last))
+                if self.gap(ours, theirs, STATE[name]) <= TOLERANCE:
+                    continue
+                what = f"{name} of {self.names[k]} after {last[0]}"
+                if name == "linVelocity" and [k] == last[1][1:] and np.array_equal(theirs, before):
+                    text = f"run_timestep loses a corrected linVelocity, {RELEASED}"  # quirk 4
+                    self.remarks.setdefault(text, self.number)
+                else:
+                    self.differs(f"{what} differs{told(ours, theirs)}", self.loops[0])
+                return
+            if event[0] != other[0]:
+                isTie = min(event[3], other[3]) <= TOLERANCE * self.scales["length"]
+                if not isTie and not (stopsEarly and event[0] == END):
+                    text = f"after {last[0]} comes {event[0]} in place of {other[0]}"
+                    self.differs(text + self.stale(event[2]), self.loops[0])
+                return
+            last = event
+
+    # ---- Calls ----------------------------------------------------------------------------------
+
+    def states(self):
+        """What the student's meshes have now, a dict of arrays for each."""
+        names = *STATE, "currVertices"
+        return [{name: np.array(getattr(mesh, name)) for name in names} for mesh in self.theirs]
+
+    def watched(self, function, own):
+        """The function, each call of which our own makes too; calls that move bodies are noted."""
+        name = own.__name__
+
+        @wraps(function)
+        def call(*given, **options):
+            given += tuple(options.values())
+            if self.problem:
+                return function(*given)
+            states = self.states()
+            bodies = [self.index[id(one)] for one in given if id(one) in self.index]
+            if not bodies:  # constraints get positions: those of the bodies that are there
+                COMs = np.array([state["position"].ravel() for state in states[:-1]])
+                bodies = [int(abs(COMs - one).sum(axis=1).argmin()) for one in given[0]]
+            label = f"{name}({', '.join(self.names[k] for k in bodies)})"
+            copies = [one if id(one) in self.index else copy.deepcopy(one) for one in given]
+            result = function(*given)
+            isMoving = not RETURNED[name]
+            if name == "resolve_position_constraint":
+                self.visits.append(bool(result[0]))
+                isMoving = not result[0]
+            isFree = not all(self.shadows[k].isFixed for k in bodies)
+            if isMoving and isFree:
+                depth = abs(np.ravel(given[2])[0]) if name == "resolve_collision" else math.inf
+                self.events.append((label, bodies, states, depth))
+            if isFree or name != "detect_collision":
+                self.check(f"{label}: ", function, own, bodies, states, given, copies, result)
+            if self.problem and name == "detect_collision":
+                isBox = given[0].bounding_box_collision(given[1])
+                self.problem += "" if isBox else "; bounding_box_collision is False"
+                self.problem += self.stale(states)
+            return result
+
+        return call
+
+    def check(self, label, function, own, bodies, states, given, copies, theirs):
+        """Makes a call by our own function, and compares what it returns and leaves."""
+        for k in bodies:
+            for name in STATE:
+                setattr(self.shadows[k], name, states[k][name].reshape(1, -1))
+        ours = own(*(self.shadows[self.index[id(one)]] if id(one) in self.index else one
+                     for one in copies))  # fmt: skip
+        kinds = RETURNED[own.__name__]
+        if not kinds:
+            for k in bodies:
+                meshes = self.shadows[k], self.theirs[k]
+                self.compare(f"{label}{{}} of {self.names[k]}", STATE, *meshes, function)
+            return
+        if len(kinds) == 1:
+            ours, theirs = (ours,), (theirs,)
+        ours, theirs = (
+            SimpleNamespace(**dict(zip(kinds, values, strict=False))) for values in (ours, theirs)
+        )
+        self.compare(label + "{}", kinds, ours, theirs, function)
+        names = list(inspect.signature(own).parameters)
+        for name, value, before in zip(names, given, copies, strict=False):
+            if name.startswith("curr") and not np.array_equal(value, before):
+                self.differs(f"{label}changes its argument {name} in place", function)
+
+    # ---- Numbers --------------------------------------------------------------------------------
+
+    def set_scales(self):
+        """The scales of a step's numbers, from our state before it."""
+        speed, spin, length = (
+            max(np.abs(getattr(mesh, name)).max() for mesh in self.ours.meshes)
+            for name in ("linVelocity", "angVelocity", "currVertices")
+        )
+        radius = min(np.abs(mesh.origVertices).max() for mesh in self.ours.meshes)
+        fall = abs(RBSFunctions.GRAVITY) * self.ours.settings.timeStep
+        speed = max(fall, speed, spin * radius)
+        self.scales = {"length": length, "speed": speed, "spin": speed / radius, "own": 0.0}
+
+    def gap(self, ours, theirs, kind="own"):
+        """The largest distance of numbers, relative to their scale."""
+        ours, theirs = as_arrays(ours, theirs)
+        scale = max(self.scales[kind], np.abs(ours).max(), sys.float_info.min)
+        gap = np.abs(theirs - ours).max() / scale
+        return math.inf if math.isnan(gap) else gap
+
+    def compare(self, what, kinds, ours, theirs, function):
+        """Notes the first attribute of two objects that differs. what : with {} for its name"""
+        for name, kind in kinds.items():
+            own, other = getattr(ours, name), getattr(theirs, name, None)
+            if kind is bool:
+                if bool(own) != bool(other):
+                    depth = (ours if own else theirs).depth if name == "isCollision" else math.inf
+                    if np.ravel(depth)[0] > TOLERANCE * self.scales["length"]:
+                        self.differs(f"{what.format(name)} is {bool(other)}, not {own}", function)
+                    return
+                if name == "isCollision" and not own:
+                    return
+            elif (gap := self.gap(own, other, kind)) > TOLERANCE:
+                self.differs(f"{what.format(name)} differs{told(own, other)}", function)
+            else:
+                self.largest = max(self.largest, gap)
+
+    def differs(self, text, function):
+        """Notes a difference, and where the function begins, if it is the first one."""
+        code = inspect.unwrap(function).__code__
+        place = f"{Path(code.co_filename).name}:{code.co_firstlineno}"
+        self.problem = self.problem or f"step {self.number}: {text}; {place}"
+
+    def stale(self, states):
+        """Whose currVertices are not those of the position and orientation, in words; or ""."""
+        for state, shadow in zip(states[:-1], self.shadows, strict=False):
+            vertices = QRotate(state["orientation"].reshape(1, 4), shadow.origVertices)
+            vertices = vertices + state["position"].reshape(1, 3)
+            if self.gap(vertices, state["currVertices"], "length") > TOLERANCE:
+                return f"; currVertices of {shadow.name} are not those of its position"
+        return ""
+
+
+def as_arrays(ours, theirs):
+    """Both as arrays of floats; theirs is NaN where it has not the shape of ours."""
+    ours = np.atleast_1d(np.array(ours, dtype=np.float64))
+    try:
+        theirs = np.array(theirs, dtype=np.float64).reshape(ours.shape)
+    except (TypeError, ValueError):
+        theirs = np.full(ours.shape, np.nan)
+    if ours.shape[-1] == 4 and np.sum(ours * theirs) < 0.0:  # the same rotation
+        theirs = -theirs
+    return ours, theirs
+
+
+def told(ours, theirs):
+    """By how much numbers differ, and the row of them where they do most, or where one is NaN."""
+    ours, theirs = as_arrays(ours, theirs)
+    distance = np.abs(theirs - ours)
+    at = np.unravel_index(distance.argmax(), ours.shape)
+    rows = (np.array2string(one[at[:-1]], precision=4) for one in (ours, theirs))
+    return " by {:.1e} (ours {}, theirs {})".format(distance[at], *rows)
+
+
+def main():
+    order = json.loads(sys.argv[1])
+    answer = {"step": 1, "problem": "", "remarks": [], "largest": 0.0}
+
+    def tell(**changes):
+        answer.update(changes)
+        Path(order["answer"]).write_text(json.dumps(answer), encoding="utf-8")
+
+    settings = Settings(timeStep=order["timeStep"], restitution=order["restitution"])
+    ours = Simulation(order["scene"], settings, order["constraints"])
+    try:
+        comparison = Comparison(Path.cwd(), ours)
+        while not comparison.problem and ours.stepCount < order["steps"]:
+            tell(step=ours.stepCount + 1)
+            comparison.step()
+        remarks = [f"from step {step} on: {text}" for text, step in comparison.remarks.items()]
+        tell(problem=comparison.problem, remarks=remarks, largest=comparison.largest)
+    except Exception as error:
+        tell(problem=describe(error, Path.cwd()))
+    os._exit(0)  # whatever the submission has registered for the end, or left running
+
+
+if __name__ == "__main__":
+    main()
