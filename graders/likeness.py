@@ -24,7 +24,7 @@ LEFT_OUT = (ast.expr_context, ast.Import, ast.ImportFrom, ast.arguments, ast.ali
 
 
 def fingerprint(folder):
-    """The runs of a folder's RBSFunctions.py: a frozenset of numbers, empty if it cannot be read."""
+    """The runs of a folder's RBSFunctions.py: a frozenset of int, empty if it cannot be read."""
     try:
         tree = ast.parse((folder / "RBSFunctions.py").read_bytes())
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):

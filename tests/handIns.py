@@ -18,7 +18,13 @@ from pathlib import Path
 
 from oracles import ROOT
 from studentVariants import (
-    HALF_DONE, MISTAKES, SKELETON, STUDENT, files_of, write_submission, write_zip,
+    HALF_DONE,
+    MISTAKES,
+    SKELETON,
+    STUDENT,
+    files_of,
+    write_submission,
+    write_zip,
 )  # fmt: skip
 
 RIGHT, WRONG = "all is right", "something is wrong"
