@@ -168,7 +168,7 @@ def make_options():
     option("--anonymous", action="store_true",
            help="write numbers in place of names and paths")  # fmt: skip
     option("--key", metavar="FILE", type=Path,
-           help="the file for whose number is whose (default: DIR-key.csv, beside DIR)")  # fmt: skip
+           help="the file that says whose number is whose (default: DIR-key.csv)")  # fmt: skip
     option("--jobs", metavar="N", type=positive(int, MOST_JOBS), default=os.cpu_count() or 1,
            help="how many are graded at a time (default: one for each processor)")  # fmt: skip
     return parser

@@ -88,8 +88,9 @@ def run_limited(words, folder, seconds, megabytes, errors=subprocess.DEVNULL):
     """
     if _isStopped.is_set():
         raise SubmissionError("stopped")
+    words = map(str, (megabytes, int(seconds) + 1, os.getpid(), *words))
     process = subprocess.Popen(
-        [sys.executable, "-B", WORKER, *map(str, (megabytes, int(seconds) + 1, os.getpid(), *words))],
+        [sys.executable, "-B", WORKER, *words],
         cwd=folder, env=environment(folder.parent), start_new_session=True,
         stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors,
     )  # fmt: skip

@@ -92,8 +92,8 @@ OURS = {name: (ROOT / name).read_bytes() for name in ("RBSFunctions.py", "GJK.py
 VIDEO = os.urandom(6 << 20)
 LATIN = "AUTHOR = 'Jörg'\n" + TEXT
 
-# From the name of a file or folder to (its content: files of a folder, or bytes; name in the tables;
-# what is to come of it: RIGHT, WRONG or the refusal; a text among the remarks and notes).
+# From the name of a file or folder to (its content: files of a folder, or bytes; its name in the
+# tables; what is to come of it: RIGHT, WRONG or the refusal; a text among the remarks and notes).
 HAND_INS = {
     # names and places
     "Müller Anna_10001_assignsubmission_file": (SOLUTION, "Müller Anna", RIGHT, ""),
@@ -120,7 +120,7 @@ HAND_INS = {
                         "holds no RBSFunctions.py", ""),
     "no quaternion": ({"RBSFunctions.py": TEXT}, "no quaternion", WRONG,
                       "there is no Quaternion.py"),
-    "own quaternion": ({"RBSFunctions.py": QUATERNION + TEXT.replace("from Quaternion import *", "")},
+    "own quaternion": ({"RBSFunctions.py": QUATERNION + TEXT.replace("from Quaternion", "from math")},
                        "own quaternion", RIGHT, ""),
     "empty": ({"Quaternion.py": QUATERNION, "code/RBSFunctions.py": ""}, "empty", WRONG,
               "RBSFunctions.py has no Mesh"),
@@ -141,18 +141,18 @@ HAND_INS = {
     # what lies beside the code
     "video.zip": (zipped(IN_CODE | {"code/run.mp4": VIDEO, "report.pdf": b"%PDF"}), "video", RIGHT,
                   ""),
-    "with env": (SOLUTION | {f"env/lib/m{k}.py": "1/0" for k in range(2100)}, "with env", RIGHT, ""),
+    "with env": (SOLUTION | {f"env/m{k}.py": "1/0" for k in range(2100)}, "with env", RIGHT, ""),
     "mac.zip": (zipped(IN_CODE | {"__MACOSX/code/._RBSFunctions.py": b"\0", "code/Icon\r": b"",
                                   "shots/10:30.png": b"", ".DS_Store": b""}), "mac", RIGHT, ""),
-    "colon.zip": (zipped({f"CW: final/{k}": v for k, v in SOLUTION.items()}), "colon", RIGHT, "CW_"),
+    "colon.zip": (zipped({f"CW: a/{k}": v for k, v in SOLUTION.items()}), "colon", RIGHT, "CW_ a"),
     "locked.zip": (encrypted(SOLUTION), "locked", "is encrypted", ""),
     "cut.zip": (zipped(SOLUTION)[:3000], "cut", "is no ZIP or tar, or a damaged one", ""),
     "escaping.zip": (zipped(SOLUTION | {"../escaped.py": b"", "/tmp/escaped.py": b""}
                             | link("pointer", "/etc/passwd")), "escaping", RIGHT, ""),
     # whose it is
-    "copy of Möller": (SOLUTION | {"RBSFunctions.py": renamed(TEXT)}, "copy of Möller", RIGHT, ""),
+    "copy": (SOLUTION | {"RBSFunctions.py": renamed(TEXT)}, "copy", RIGHT, ""),
     "ours": (OURS, "ours", RIGHT, "100% of RBSFunctions.py is this project's own code"),
-    "borrowing": (top("import rbs.hulls"), "borrowing", RIGHT, "imports this project's package rbs"),
+    "borrowing": (top("import rbs.hulls"), "borrowing", RIGHT, "imports this project's"),
     # what runs
     "prints": (edited((START, "    print('x' * 10_000)\n" * 20 + START)), "prints", RIGHT, ""),
     "asks": (edited((START, "    input('depth? ')\n")), "asks", WRONG, "EOFError"),
@@ -225,7 +225,7 @@ def mismatches(out, expected):
 
 
 def stopped(process, out, count, number):
-    """Sends a signal once so many have been graded; returns (exit code, last line, how many have)."""
+    """Sends a signal once so many are graded; returns (exit code, what it says, how many are)."""
     while len(rows_in(out / "marks.csv")) < count and process.poll() is None:
         time.sleep(0.05)
     process.send_signal(number)
@@ -252,7 +252,7 @@ def main():
         process = start(folder / "class", "--out", out, "--resume", *options)
         code, line, graded = stopped(process, out, count, number)
         time.sleep(1.0)
-        print(f"{number.name}: exit code {code}, '{line}', {graded} graded, workers left: {workers()}")
+        print(f"{number.name}: exit code {code}, '{line}', {graded} graded, left: {workers()}")
     environment = os.environ | {"PYTHONIOENCODING": "cp1252"}
     begin = time.perf_counter()
     process = start(folder / "class", "--out", out, "--resume", *options, env=environment)
