@@ -43,11 +43,11 @@ def notes_of(process):
 
 @pytest.fixture(scope="module")
 def graded(tmp_path_factory):
-    """All hand-ins, stopped by Ctrl-C and gone on with where the output has no letters for hints,
-    and is closed: (folder of the hand-ins, output folder, what the first run said, the second's)."""
+    """All hand-ins, stopped by Ctrl-C and gone on with where the output has no letters for hints:
+    (folder of the hand-ins, output folder, what the first run said, what the second one did)."""
     place = tmp_path_factory.mktemp("class")
     write_hand_ins(place / "in")
-    arguments = place / "in", "--out", place / "out", "--time-limit", 2, "--jobs", 2
+    arguments = place / "in", "--out", place / "out", "--time-limit", 4, "--jobs", 2
     process = start(*arguments)
     first = stopped(process, place / "out", 8, signal.SIGINT)
     kept = (place / "out" / "marks.csv").read_bytes().splitlines()[1:]
@@ -87,13 +87,13 @@ def test_the_table_says_the_same_where_letters_are_missing(graded):
     lines = printed.splitlines()
     assert lines[0].split() == ["submission", "grader", "passed", "largest", "error", "hint"]
     for row, line in zip(rows, lines[1:], strict=False):
-        name = row["submission"].removeprefix("'")
-        assert line.startswith((name, name.encode("cp1252", "replace").decode("cp1252"), "M"))
+        name = row["submission"].removeprefix("'").encode("ascii", "replace")
+        assert line.encode("ascii", "replace").startswith(name)
         assert row["grader"] in line
         assert (f" {row['passed']}/{row['of']} " in line) != (" refused " in line)
     passing = sum(fate == RIGHT for fate, _text in EXPECTED.values())
     assert lines[-1].startswith(f"{passing} of {len(EXPECTED)} pass, ")
-    assert "6 of 48 fail: everything: refused" in printed
+    assert f"6 of {len(EXPECTED)} fail: everything: refused" in printed
 
 
 def test_marks_sheets_and_results_agree(graded):
