@@ -3,8 +3,8 @@
     python graders/Constraints.py [--data DIR] [--convention exact|released-2024]
     python graders/Constraints.py --modules DIR    a student's RBSFunctions and Quaternion
 
-The upper and the lower bound are resolved on the same state, and the velocities with the positions
-uncorrected.
+As in the release, the upper and then the lower bound are resolved on the same arrays, and the
+velocities with the positions uncorrected.
 """
 
 import sys
@@ -12,109 +12,105 @@ import sys
 import numpy as np
 from graderProgram import run_grader
 from gradingTools import CONSTRAINT_LAYOUT
-from hints import POSITION_CONSTRAINT_MISTAKES, VELOCITY_CONSTRAINT_MISTAKES
 from rigidModel import (
-    LOWER_FACTOR,
+    BOUNDS,
     POSITION_TOLERANCE,
-    UPPER_FACTOR,
+    TOLERANCES,
     VELOCITY_TOLERANCE,
+    distance_rates,
     position_constraints,
+    position_tolerances,
     velocity_constraints,
+    velocity_tolerances,
 )
-from trials import Grader, Part, by_mesh, flag, numbers, returned
+from trials import FEW, Grader, Part, WrongResult, by_mesh, few_samples, returned
 
-BOUNDS = (("Upper", UPPER_FACTOR), ("Lower", LOWER_FACTOR))
-VELOCITY_KEYS = ("correctedLinVelocities", "correctedAngVelocities")
-POSITION_SHAPES = {
-    quantity: shape
-    for bound, _factor in BOUNDS
-    for quantity, shape in (
-        (f"positionWasValid{bound}", ()),
-        (f"correctedPositions{bound}, mesh 1", (3,)),
-        (f"correctedPositions{bound}, mesh 2", (3,)),
-    )
-}
-VELOCITY_SHAPES = {"velocityWasValid": ()} | {
-    f"{key}, mesh {k}": (3,) for key in VELOCITY_KEYS for k in (1, 2)
-}
+POSITION = {"positionWasValid": 1, "correctedPositions": 6}
+VELOCITY = {"velocityWasValid": 1, "correctedLinVelocities": 6, "correctedAngVelocities": 6}
 
 
-def constrained_points(bodies, mesh1, mesh2):
-    """World positions, a pair of (1, 3), of the two points that the constraint joins.
+def constrained(bodies, sample):
+    """(pair of meshes, their positions, the world positions of the points that are joined).
 
-    As in the released grader, both are rest vertex 0 of mesh 1, carried along by either mesh.
+    As in the released grader, both points are rest vertex 0 of mesh 1, carried along by either.
     """
+    meshes = bodies.resting(), bodies.moving(sample)
     rotate = bodies.function("QRotate", "Quaternion")
-    restPoint = np.array(mesh1.origVertices[:1])
-    return tuple(
-        np.reshape(rotate(mesh.orientation, restPoint), (1, 3)) + mesh.position
-        for mesh in (mesh1, mesh2)
+    restPoint = np.array(meshes[0].origVertices[:1])
+    points = tuple(
+        np.reshape(rotate(mesh.orientation, restPoint.copy()), (1, 3)) + mesh.position
+        for mesh in meshes
     )
+    return meshes, tuple(mesh.position for mesh in meshes), points
 
 
-def resolve_positions(bodies, data, samples, results):
-    for sample in samples:
-        with results.attempt(sample, *POSITION_SHAPES):
-            for bound, factor in BOUNDS:
-                keys = [key for key in POSITION_SHAPES if bound in key]
-                with results.attempt(sample, *keys):
-                    # Meshes of their own for each bound, should the function change its arguments.
-                    meshes = bodies.resting(), bodies.moving(sample)
-                    wasValid, corrected = returned(
-                        bodies.function("resolve_position_constraint")(
-                            tuple(mesh.position for mesh in meshes),
-                            constrained_points(bodies, *meshes),
-                            factor * data["refValues"][sample],
-                            tuple(mesh.invMass for mesh in meshes),
-                            bound == "Upper",
-                            POSITION_TOLERANCE,
-                        ),
-                        2,
-                        "resolve_position_constraint",
-                    )
-                    store_flag(results, keys[0], sample, wasValid)
-                    store_pair(results, f"correctedPositions{bound}", sample, corrected)
+def resolve_positions(bodies, data, sample):
+    name = "resolve_position_constraint"
+    meshes, *arrays = constrained(bodies, sample)
+    before = [array.copy() for pair in arrays for array in pair]
+    invMasses = tuple(mesh.invMass for mesh in meshes)
+    for bound, factor in BOUNDS.items():
+        values = bodies.function(name)(
+            *arrays, factor * data["refValues"][sample], invMasses, bound == "Upper",
+            POSITION_TOLERANCE,
+        )  # fmt: skip
+        wasValid, corrected = returned(values, name, POSITION)
+        yield f"positionWasValid{bound}", wasValid
+        if not all(map(np.array_equal, before, [array for pair in arrays for array in pair])):
+            corrected = [WrongResult(
+                f"{name} changes its arguments in place: the released grader calls it with the "
+                "same arrays for the upper and then for the lower bound"
+            )] * 2  # fmt: skip
+        yield from by_mesh(f"correctedPositions{bound}", corrected)
 
 
-def resolve_velocities(bodies, data, samples, results):
-    for sample in samples:
-        with results.attempt(sample, *VELOCITY_SHAPES):
-            meshes = bodies.resting(), bodies.moving(sample)
-            wasValid, *corrected = returned(
-                bodies.function("resolve_velocity_constraint")(
-                    tuple(mesh.position for mesh in meshes),
-                    constrained_points(bodies, *meshes),
-                    tuple(mesh.linVelocity for mesh in meshes),
-                    tuple(mesh.angVelocity for mesh in meshes),
-                    tuple(mesh.invMass for mesh in meshes),
-                    tuple(mesh.get_rotated_inv_IT() for mesh in meshes),
-                    VELOCITY_TOLERANCE,
-                ),
-                3,
-                "resolve_velocity_constraint",
-            )
-            store_flag(results, "velocityWasValid", sample, wasValid)
-            for key, pair in zip(VELOCITY_KEYS, corrected, strict=True):
-                store_pair(results, key, sample, pair)
+def resolve_within_tolerances(bodies, data, sample):
+    name = "resolve_position_constraint"
+    meshes, positions, points = constrained(bodies, sample)
+    length = np.linalg.norm(points[0] - points[1])
+
+    def is_valid(bound, tolerance, invMasses):
+        arrays = [tuple(array.copy() for array in pair) for pair in (positions, points)]
+        bound, isUpper = BOUNDS[bound] * data["refValues"][sample], bound == "Upper"
+        values = bodies.function(name)(*arrays, bound, invMasses, isUpper, tolerance)
+        return returned(values, name, POSITION)[0]
+
+    for bound, factor in BOUNDS.items():
+        C = abs(length - float(factor * data["refValues"][sample, 0]))
+        for place, tolerance in TOLERANCES.items():
+            invMasses = tuple(mesh.invMass for mesh in meshes)
+            quantity = f"{bound.lower()} bound, C {place} the tolerance"
+            yield quantity, is_valid(bound, tolerance * C, invMasses)
+    yield "two fixed meshes", is_valid("Upper", 2.0 * C + length, (0.0, 0.0))
 
 
-def store_flag(results, key, sample, wasValid):
-    with results.attempt(sample, key):
-        results.values[key][sample] = flag(wasValid, key)
+def resolve_velocities(bodies, data, sample):
+    wasValid, *corrected = resolved_velocities(bodies, sample, VELOCITY_TOLERANCE)
+    yield "velocityWasValid", wasValid
+    for key, pair in zip(list(VELOCITY)[1:], corrected, strict=True):
+        yield from by_mesh(key, pair)
 
 
-def store_pair(results, key, sample, pair):
-    rows = [f"{key}, mesh {k}" for k in (1, 2)]
-    with results.attempt(sample, *rows):
-        for row, value in zip(rows, returned(pair, 2, key), strict=True):
-            with results.attempt(sample, row):
-                results.values[row][sample] = numbers(value, 3, row)
+def resolved_velocities(bodies, sample, tolerance):
+    name = "resolve_velocity_constraint"
+    meshes, *arrays = constrained(bodies, sample)
+    values = bodies.function(name)(
+        *arrays,
+        *(tuple(getattr(m, key) for m in meshes) for key in ("linVelocity", "angVelocity", "invMass")),
+        tuple(mesh.get_rotated_inv_IT() for mesh in meshes),
+        tolerance,
+    )  # fmt: skip
+    return returned(values, name, VELOCITY)
 
 
-def expected_in(shapes):
-    """A function that takes the expected values of these quantities out of the data."""
-    keys = {quantity.split(",")[0] for quantity in shapes}
-    return lambda data: by_mesh({key: np.array(data[key]) for key in keys})
+def stop_within_tolerances(bodies, data, sample):
+    rate = distance_rates(data)[sample]
+    for place, factor in TOLERANCES.items():
+        yield f"|J v| {place} the tolerance", resolved_velocities(bodies, sample, factor * rate)[0]
+
+
+def moving_samples(data):
+    return np.flatnonzero(distance_rates(data) > VELOCITY_TOLERANCE)[:FEW]
 
 
 def remarks(data):
@@ -129,18 +125,36 @@ GRADER = Grader(
     CONSTRAINT_LAYOUT,
     (
         Part(
-            "resolve_position_constraint", POSITION_SHAPES, resolve_positions,
-            expected_in(POSITION_SHAPES), lambda *arguments: by_mesh(
-                position_constraints(*arguments)
-            ),
-            POSITION_CONSTRAINT_MISTAKES,
+            "resolve_position_constraint",
+            {
+                quantity: shape
+                for bound in BOUNDS
+                for quantity, shape in (
+                    (f"positionWasValid{bound}", bool),
+                    (f"correctedPositions{bound}, mesh 1", 3),
+                    (f"correctedPositions{bound}, mesh 2", 3),
+                )
+            },
+            resolve_positions, position_constraints,
         ),
         Part(
-            "resolve_velocity_constraint", VELOCITY_SHAPES, resolve_velocities,
-            expected_in(VELOCITY_SHAPES), lambda *arguments: by_mesh(
-                velocity_constraints(*arguments)
-            ),
-            VELOCITY_CONSTRAINT_MISTAKES,
+            "resolve_position_constraint and its tolerance",
+            {
+                f"{bound.lower()} bound, C {place} the tolerance": bool
+                for bound in BOUNDS for place in TOLERANCES
+            } | {"two fixed meshes": bool},
+            resolve_within_tolerances, position_tolerances, few_samples, isExtra=True,
+        ),
+        Part(
+            "resolve_velocity_constraint",
+            {"velocityWasValid": bool}
+            | {f"{key}, mesh {k}": 3 for key in list(VELOCITY)[1:] for k in (1, 2)},
+            resolve_velocities, velocity_constraints,
+        ),
+        Part(
+            "resolve_velocity_constraint and its tolerance",
+            {f"|J v| {place} the tolerance": bool for place in TOLERANCES},
+            stop_within_tolerances, velocity_tolerances, moving_samples, isExtra=True,
         ),
     ),
     remarks,

@@ -145,6 +145,8 @@ def modules_of(entry):
         try:
             with ExitStack() as stack:
                 remarks = _take(_members(entry, stack), folder, entry.isAnonymous)
+        except SubmissionError:
+            raise
         except OSError as error:
             raise SubmissionError(f"cannot be read: {error.strerror or error}") from None
         except (zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, ValueError):
@@ -216,7 +218,7 @@ def _take(members, target, isAnonymous):
     remarks = [f"modules found in {shown[0]}"] if top else []
     remarks += [f"another RBSFunctions.py, in {one}, is not graded" for one in shown[1:]]
 
-    wanted = [(p[len(top) :], opener) for p, opener in members if p[: len(top)] == top]
+    wanted = [(p[len(top) :], one) for p, one in members if p[: len(top)] == top != p]
     wanted.sort(key=lambda one: len(one[0]))
     names = {parts[0] for parts, _ in wanted}
     left, lost = MOST_BYTES, len(wanted[MOST_FILES:])

@@ -28,8 +28,17 @@ from isolation import positive, stop_all
 from likeness import fingerprint, origin_remarks, write_likeness
 from marks import DEFAULT_SCHEME, load_scheme, marks_row, write_gradescope
 from sheets import (
-    BETWEEN, GRADES, passes, print_table, read_rows, rows_of, summary_of, write_rows, write_sheet,
+    BETWEEN,
+    GRADES,
+    passes,
+    print_table,
+    read_rows,
+    rows_of,
+    summary_of,
+    write_rows,
+    write_sheet,
 )  # fmt: skip
+from tqdm import tqdm
 
 from rbs.submissions import SubmissionError
 
@@ -84,8 +93,8 @@ def grade_entry(entry, isKnown, data, arguments):
             outcome.grades = grades
     except SubmissionError as error:
         outcome.refusal = str(error)
-    except OSError as error:
-        outcome.refusal = printable(f"cannot be graded: {error.strerror or error}")
+    except Exception as error:  # a mistake of ours in one must not cost the others their grades
+        outcome.refusal = printable(f"cannot be graded: {type(error).__name__}: {error}")
     outcome.seconds = time.perf_counter() - begin
     return outcome
 
@@ -155,21 +164,14 @@ def make_options():
     option("--marks", metavar="FILE", type=Path, default=DEFAULT_SCHEME,
            help="the marks that each part gives (default: graders/marks.ini)")  # fmt: skip
     option("--scenes", action="store_true",
-           help=f"run {', '.join(SCENES)} with each submission, with pictures in its sheet")  # fmt: skip
+           help=f"compare the steps of {', '.join(SCENES)} with ours, too")  # fmt: skip
     option("--anonymous", action="store_true",
            help="write numbers in place of names and paths")  # fmt: skip
     option("--key", metavar="FILE", type=Path,
-           help="with --anonymous, the file for the names (default: DIR-key.csv, beside DIR)")  # fmt: skip
+           help="the file that says whose number is whose (default: DIR-key.csv)")  # fmt: skip
     option("--jobs", metavar="N", type=positive(int, MOST_JOBS), default=os.cpu_count() or 1,
-           help="how many submissions are graded at a time (default: one for each processor)")  # fmt: skip
+           help="how many are graded at a time (default: one for each processor)")  # fmt: skip
     return parser
-
-
-def show_progress(count, total):
-    """How many are graded, on stderr if that is a terminal."""
-    if sys.stderr.isatty():
-        end = "\n" if count == total else ""
-        print(f"\r{count} of {total} graded", end=end, file=sys.stderr, flush=True)
 
 
 def main(arguments):
@@ -190,7 +192,9 @@ def main(arguments):
                 executor.submit(grade_entry, entry, entry.name in known, data, arguments)
                 for entry in entries
             ]
-            for count, done in enumerate(as_completed(waiting), start=1):
+            for done in tqdm(
+                as_completed(waiting), total=len(waiting), disable=None, unit=" graded"
+            ):
                 outcome = done.result()
                 prints[outcome.name] = outcome.fingerprint
                 try:
@@ -198,7 +202,6 @@ def main(arguments):
                         ledger.add(outcome)
                 except OSError as problem:  # such as a table that is open in Excel
                     trouble = problem
-                show_progress(count, len(waiting))
         except KeyboardInterrupt:
             executor.shutdown(wait=False, cancel_futures=True)
             stop_all()

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from gradingTools import ERROR_BOUND, FAILED, PASSED
 from hints import explain
-from trials import comparable
 
 
 @dataclass(frozen=True)
@@ -104,60 +103,59 @@ def make_grade(grader, outcomes, data):
 
     outcomes : list of (Part, Results)
     """
-    grade = Grade(grader.title, grader.remarks(data))
-    for part, results in outcomes:
-        expected = part.expected(data)
-        tried = part.samples(data)
-        rows = [
-            _compared(part, key, results, expected, comparable(
-                part, key, results.values, expected, tried
-            ))
-            for key in part.shapes
-        ]  # fmt: skip
-        grade.quantities += rows
-        causes = {}
-        for key, (cause, count, first) in results.problems.items():
-            if count < len(tried):
-                cause += f" (in {count} of {len(tried)} samples, first in {first})"
-            causes.setdefault(cause, []).append(key)
-        grade.notes += _named(causes, part.name, part.shapes)
-        wrong = [row.name for row in rows if not row.isRight]
-        hints = {}
-        for key, texts in explain(part, results.values, data).items():
-            for text in texts:
-                hints.setdefault(_marked(text), []).append(key)
-        grade.notes += _named(hints, part.name, wrong)
+    remarks = dict.fromkeys(text for _part, results in outcomes for text in results.remarks)
+    grade = Grade(grader.title, [*grader.remarks(data), *remarks])
+    for function in dict.fromkeys(part.function for part, _results in outcomes):
+        _add_function(grade, function, [o for o in outcomes if o[0].function == function], data)
     return grade
 
 
-def _marked(text):
-    """A hint as such; what is not implemented is no guess."""
-    return text if text.startswith("not implemented") else f"hint: {text}"
+def _add_function(grade, function, outcomes, data):
+    """Adds the quantities and notes of the parts that call a function."""
+    causes, wrong = {}, set()
+    for part, results in outcomes:
+        expected, tried = part.expected(data), part.samples(data)
+        for key in part.shapes:
+            samples = part.comparable(key, tried, results.values, expected)
+            row = _compared(part, key, results, expected[key], samples)
+            grade.quantities.append(row)
+            wrong |= set() if row.isRight else {key}
+        for key, (cause, count, first) in results.problems.items():
+            where = f" (in {count} of {len(tried)} samples, first in {first})"
+            where = where if count < len(tried) else ""
+            causes.setdefault(cause, (where, []))[1].append(key)
+    parts = [part for part, _results in outcomes]
+    for cause, (where, keys) in causes.items():
+        grade.notes.append((_named(keys, parts, lambda shapes: shapes), cause + where))
+    hints = {}
+    for key, texts in explain(function, [(p, r.values) for p, r in outcomes], data).items():
+        for text in texts:
+            hints.setdefault(text, set()).add(key)
+    for text, keys in hints.items():
+        known = text if text.startswith("not implemented") else f"hint: {text}"
+        of = function if keys >= wrong else _named(keys, parts, wrong.intersection)
+        grade.notes.append((of, known))
 
 
-def _named(notes, partName, quantities):
-    """(names, text) of notes: the quantities' names, or the part's where it is about all of them.
-
-    notes : dict from text to list of quantities
-    """
-    return [
-        (partName if set(keys) >= set(quantities) else "; ".join(keys), text)
-        for text, keys in notes.items()
-    ]
+def _named(keys, parts, quantities):
+    """Names of quantities, or of a part where it is about all of its quantities."""
+    names = []
+    for part in parts:
+        own = [key for key in part.shapes if key in keys]
+        names += [part.name] if own and set(own) >= set(quantities(part.shapes)) else own
+    return "; ".join(names)
 
 
-def _compared(part, key, results, expected, samples):
+def _compared(part, key, results, wanted, samples):
     """The Quantity of one key, compared at these samples."""
-    wanted = np.asarray(expected[key])
-    isFlag = wanted.dtype == np.bool_
+    isFlag = part.shapes[key] is bool
     if key in results.problems and not np.isfinite(results.values[key]).any():
         return Quantity(part.name, key, None, isFlag, None, 0, False)
     if len(samples) == 0:
         return Quantity(part.name, key, None, isFlag, None, 0, key not in results.problems)
     # A NaN on either side makes its row's error NaN, which max and argmax put first.
     with np.errstate(all="ignore"):
-        errors = np.abs(results.values[key] - wanted.astype(float))[samples]
-    errors = errors.reshape(len(samples), -1).max(axis=1)
+        errors = np.abs(results.values[key] - wanted)[samples].max(axis=1)
     if isFlag:
         errors[np.isnan(errors)] = 1.0  # no answer is a wrong one
     error = errors.sum() if isFlag else errors.max()

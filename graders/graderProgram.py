@@ -88,7 +88,7 @@ def run_program(parser, main):
 
 
 def load_data(graders, arguments):
-    """A dict from each grader's module to its data. Raises GraderDataError, which names the file."""
+    """A dict from each grader's module to its data. GraderDataError names the file."""
     data = {}
     for grader in graders:
         try:

@@ -30,7 +30,7 @@ GRACE = 20
 def add_limit_arguments(parser):
     """Two options; what they give, `seconds` and `megabytes`, is what is called limits here."""
     parser.add_argument(
-        "--time-limit", dest="seconds", metavar="SECONDS", type=positive(float, 86400), default=30.0,
+        "--time-limit", dest="seconds", metavar="SECONDS", type=positive(float, 86400), default=30,
         help="how long a submission may take for each part of a grader (default: %(default)g)",
     )  # fmt: skip
     parser.add_argument(
@@ -88,8 +88,9 @@ def run_limited(words, folder, seconds, megabytes, errors=subprocess.DEVNULL):
     """
     if _isStopped.is_set():
         raise SubmissionError("stopped")
+    words = map(str, (megabytes, int(seconds) + 1, os.getpid(), *words))
     process = subprocess.Popen(
-        [sys.executable, "-B", *map(str, (WORKER, megabytes, int(seconds) + 1, *words))],
+        [sys.executable, "-B", WORKER, *words],
         cwd=folder, env=environment(folder.parent), start_new_session=True,
         stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors,
     )  # fmt: skip

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from gradingTools import ERROR_BOUND, GraderDataError
+from hints import mistakes_of
 
 from rbs.files import atomic_write
 
@@ -14,11 +15,12 @@ SCENES = "scenes"
 
 
 def load_scheme(path, graders, data):
-    """The marks of a file: dict from a part's name to (its marks, quantities that do not count).
+    """The marks of a file: dict from what it names to (its marks, quantities that do not count).
 
     data : dict from a grader's module to its data. Raises GraderDataError, OSError
     """
-    parts = {part.name: (part, data[one.module]) for one in graders for part in one.parts}
+    parts = [(part, data[one.module]) for one in graders for part in one.parts]
+    names = [*dict.fromkeys(word for one, _ in parts for word in (one.function, one.name)), SCENES]
     parser = configparser.ConfigParser(delimiters=("=",), interpolation=None)
     parser.optionxform = str  # capitals stay
     scheme = {}
@@ -27,19 +29,24 @@ def load_scheme(path, graders, data):
             parser.read_file(file)
         for heading in parser.sections():
             for name, text in parser[heading].items():
-                if name not in (*parts, SCENES):
-                    raise ValueError(f"no part '{name}', but {', '.join((*parts, SCENES))}")
-                scheme[name] = float(text), _free(*parts[name]) if name in parts else ()
+                if name not in names:
+                    raise ValueError(f"'{name}' is none of {', '.join(names)}")
+                free = [_free(*one) for one in parts if _is_of(one[0].name, name)]
+                scheme[name] = float(text), [key for keys in free for key in keys]
     except (configparser.Error, ValueError) as problem:
         raise GraderDataError(f"{path}: {' '.join(str(problem).split())}") from None
     return scheme
 
 
+def _is_of(part, name):
+    return part == name or part.startswith(f"{name} ")
+
+
 def _free(part, data):
     """The quantities of a part that come out right where nothing is written."""
-    expected = part.expected(data)
-    stubs = [one.names for one in part.mistakes if one.text.startswith("not implemented")]
-    results = [part.model(data, names) for names in stubs]
+    expected, mistakes = part.expected(data), mistakes_of(part.function)
+    stubs = [one.names for one in mistakes if one.text.startswith("not implemented")]
+    results = [part.after_mistakes(data, names) for names in stubs]
     return [
         key for key in expected
         if results and all(np.allclose(one[key], expected[key], 0, ERROR_BOUND) for one in results)
@@ -53,7 +60,9 @@ def marks_of(outcome, scheme):
     quantities = [one for grade in outcome.grades.values() for one in grade.quantities]
     marks = {}
     for name, (most, free) in scheme.items():
-        tried = [(one.name, one.isRight) for one in quantities if one.part == name]
+        nearer = [one for one in scheme if _is_of(one, name) and one != name]
+        tried = [(one.name, one.isRight) for one in quantities if _is_of(one.part, name)
+                 and not any(_is_of(one.part, other) for other in nearer)]  # fmt: skip
         if name == SCENES:
             tried = [(f"{one.name}: {one.problem}", not one.problem) for one in outcome.scenes]
         counted = [one for one in tried if not one[1] or one[0] not in free]

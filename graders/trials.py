@@ -8,10 +8,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
-from gradingTools import CONVENTIONS, ERROR_BOUND, EXACT, RELEASED_2024, load_grader_data
+from gradingTools import CONVENTIONS, ERROR_BOUND, WIDTHS, load_grader_data
 from rigidModel import check_bodies
 
 from rbs.submissions import brief, describe
+
+# Of what the data do not show, the number of samples that are tried.
+FEW = 20
+ATTRIBUTES = dict(
+    zip(WIDTHS, ("position", "orientation", "linVelocity", "angVelocity"), strict=True)
+)
 
 
 class NotWritten(Exception):
@@ -25,16 +31,26 @@ class WrongResult(Exception):
 # ---- What functions return ----------------------------------------------------------------------
 
 
-def returned(values, count, name):
-    """The `count` values that a function has returned; NotWritten or WrongResult if not as many."""
+def returned(values, function, sizes):
+    """The values that a function has returned, as a tuple.
+
+    sizes : dict from what is to be returned, in order, to how many numbers it is
+    Raises NotWritten or WrongResult for values that are not as many, or in another order.
+    """
+    order = f"({', '.join(sizes)})"
     if values is None:
-        raise NotWritten(f"{name} returns nothing")
+        raise NotWritten(f"{function} returns nothing")
     try:
         values = tuple(values)
     except TypeError:
-        raise WrongResult(f"{name} returns a {type(values).__name__}, not {count} values") from None
-    if len(values) != count:
-        raise WrongResult(f"{name} returns {len(values)} values, not {count}")
+        kind = type(values).__name__
+        raise WrongResult(f"{function} returns a {kind}, not {len(sizes)} values") from None
+    if len(values) != len(sizes):
+        raise WrongResult(f"{function} returns {len(values)} values, not {len(sizes)}: {order}")
+    found = [sum(np.size(one) for one in v) if isinstance(v, list | tuple) else np.size(v)
+             for v in values]  # fmt: skip
+    if found != [*sizes.values()] and sorted(found) == sorted(sizes.values()):
+        raise WrongResult(f"{function} returns its values in the wrong order: it must be {order}")
     return values
 
 
@@ -59,9 +75,22 @@ def flag(value, what):
     return bool(number)
 
 
-def attribute(mesh, name, count):
-    """An attribute of a mesh as an array (count,)."""
-    return numbers(getattr(mesh, name, None), count, f"the mesh's {name}")
+def results_of(mesh, ending=""):
+    """Yields what `Part.compute` does, of a mesh's state: "resultPositions", or with an ending."""
+    for name, attribute in ATTRIBUTES.items():
+        yield f"result{name}{ending}", getattr(mesh, attribute, None), f"the mesh's {attribute}"
+
+
+def state_of(mesh):
+    """The state of a mesh in one array (13,): position, orientation and velocities."""
+    values = zip(results_of(mesh), WIDTHS.values(), strict=True)
+    return np.concatenate([numbers(value, width, what) for (_, value, what), width in values])
+
+
+def by_mesh(key, pair):
+    """Yields what `Part.compute` does, of a pair of vectors, one for each mesh."""
+    for k, value in enumerate(returned(pair, key, {"mesh 1": 3, "mesh 2": 3}), start=1):
+        yield f"{key}, mesh {k}", value
 
 
 # ---- Results ------------------------------------------------------------------------------------
@@ -70,25 +99,27 @@ def attribute(mesh, name, count):
 class Results:
     """Numbers of all samples, NaN where there are none, and why not.
 
-    values : dict from quantity to array (n,) or (n, w)
+    values : dict from quantity to array (n, w)
     problems : dict from quantity to (cause, number of samples, the first of them)
+    remarks : list of str, of the bodies
     """
 
     def __init__(self, shapes, sampleCount, folder=None):
-        """shapes : dict from quantity to the shape of a sample, () for a single number
+        """shapes : dict from quantity to how many numbers it has in a sample, or `bool`
 
         folder : of the student's modules, which causes name files relative to
         """
-        self.values = {key: np.full((sampleCount, *shape), np.nan) for key, shape in shapes.items()}
+        self._shapes = shapes
+        self.values = {key: np.full((sampleCount, int(w)), np.nan) for key, w in _widths(shapes)}
         self.problems = {}
+        self.remarks = []
         self._folder = folder
 
     @contextmanager
-    def attempt(self, sample, *keys):
+    def attempt(self, sample, keys):
         """Within it, whatever goes wrong is noted as the problem of these quantities."""
         try:
-            with np.errstate(all="ignore"):  # what is not a number in the end shows in the table
-                yield
+            yield
         except (KeyboardInterrupt, GeneratorExit):
             raise
         except BaseException as error:  # SystemExit, too, must not end the grader
@@ -105,10 +136,18 @@ class Results:
         text = brief(error) if self._folder is None else describe(error, self._folder)
         return f"not implemented: {text}" if isinstance(error, NotImplementedError) else text
 
+    def take(self, key, sample, value, what):
+        """Keeps a value of a quantity; an exception in place of one is raised."""
+        if isinstance(value, Exception):
+            raise value
+        width = self._shapes[key]
+        value = flag(value, what) if width is bool else numbers(value, width, what)
+        self.values[key][sample] = value
+
     def as_json(self):
         """What `read_json` takes over, for JSON; NaN and infinities are in it as they are."""
         values = {key: array.tolist() for key, array in self.values.items()}
-        return {"values": values, "problems": self.problems}
+        return {"values": values, "problems": self.problems, "remarks": self.remarks}
 
     def read_json(self, content):
         """Takes over what `as_json` gave; raises ValueError or KeyError for anything else."""
@@ -117,11 +156,16 @@ class Results:
         for key, (cause, count, first) in content["problems"].items():
             if key in self.values:
                 self.problems[key] = brief(cause), int(count), int(first)
+        self.remarks = [brief(text) for text in content["remarks"]]
 
     def give_up(self, cause, sampleCount):
         """Notes one cause for all quantities and samples: nothing could be run."""
         for key in self.values:
             self.problems[key] = brief(cause), sampleCount, 0
+
+
+def _widths(shapes):
+    return [(key, 1 if width is bool else width) for key, width in shapes.items()]
 
 
 # ---- Parts of a grader --------------------------------------------------------------------------
@@ -132,17 +176,21 @@ def every_sample(data):
     return np.arange(len(data["randomPositions"]))
 
 
+def few_samples(data):
+    """The first samples, for what the data do not show."""
+    return every_sample(data)[:FEW]
+
+
 @dataclass(frozen=True)
 class Part:
     """What can be graded by itself: if it fails, or never ends, the others are graded all the same.
 
-    name : what is called, for messages
-    shapes : dict from quantity to the shape of its value in a sample, () for a single number
-    run : function of (bodies, data, samples, results) that fills the results in
-    expected : function of the data that gives a dict of the values to compare with
-    model : function of (data, names of mistakes) that gives the values after mistakes;
-        None where nothing is known of them
-    mistakes : the `hints.Mistake`s that may explain wrong values
+    name : what is called, and perhaps how
+    shapes : dict from quantity to how many numbers it has in a sample, or `bool`
+    compute : generator of (bodies, data, sample) that calls what is graded, and yields quantities,
+        in order, with their values or what is wrong with them, and perhaps a name for messages
+    model : function of (data, names of mistakes) that gives the values after mistakes, of pairs of
+        meshes as (2, n, w)
     samples : function of the data that gives the numbers of the samples to be tried
     conditional : quantities that mean something only where the first quantity is true, both in what
         is computed and in what is expected
@@ -152,14 +200,56 @@ class Part:
 
     name: str
     shapes: dict
-    run: Callable
-    expected: Callable
-    model: Callable | None = None
-    mistakes: tuple = ()
+    compute: Callable
+    model: Callable
     samples: Callable = every_sample
     conditional: tuple = ()
     isExtra: bool = False
-    conventions: tuple = (EXACT, RELEASED_2024)
+    conventions: tuple = CONVENTIONS
+
+    @property
+    def function(self):
+        """The name of what is called."""
+        return self.name.split()[0]
+
+    def run(self, bodies, data, samples, results):
+        """Fills the results in, at these samples."""
+        for sample in samples:
+            missing = list(self.shapes)
+            # What is not a number in the end shows in the table.
+            with results.attempt(sample, missing), np.errstate(all="ignore"):
+                for key, value, *what in self.compute(bodies, data, sample):
+                    missing.remove(key)
+                    with results.attempt(sample, [key]):
+                        results.take(key, sample, value, *what or [key])
+        results.remarks = bodies.remarks
+
+    def expected(self, data):
+        """Values to compare with: the data's own, or the model's where they show nothing."""
+        if self.isExtra:
+            return self.after_mistakes(data, frozenset())
+        return self._by_quantity(data)
+
+    def after_mistakes(self, data, names):
+        """What a program with these mistakes computes: dict from quantity to array (n, w)."""
+        return self._by_quantity(self.model(data, names))
+
+    def _by_quantity(self, values):
+        """Of pairs of meshes, "KEY, mesh 1" and "KEY, mesh 2" are taken apart."""
+        rows = {}
+        for quantity, width in _widths(self.shapes):
+            key, _comma, mesh = quantity.partition(", mesh ")
+            array = np.asarray(values[key], dtype=np.float64)
+            rows[quantity] = (array[int(mesh) - 1] if mesh else array).reshape(-1, width)
+        return rows
+
+    def comparable(self, key, samples, *tables):
+        """Those of the samples at which a quantity means something in all these tables of values."""
+        if key in self.conditional:
+            condition = next(iter(self.shapes))
+            for table in tables:
+                samples = samples[table[condition][samples, 0] == 1]
+        return samples
 
 
 @dataclass(frozen=True)
@@ -188,20 +278,18 @@ class Grader:
         """
         data = load_grader_data(folder / self.fileName, self.layout) | self.added
         check_bodies(data)
-        tried = [data | {"convention": one} for one in CONVENTIONS]
-        if convention is not None:
-            return tried[CONVENTIONS.index(convention)]
-        return min(tried, key=self._misfits)
+        tried = {one: data | {"convention": one} for one in CONVENTIONS}
+        return tried[convention] if convention else min(tried.values(), key=self._misfits)
 
     def _misfits(self, data):
         """How many of the data's results the formulas do not give in the data's convention."""
         count = 0
         for part in self.asked(data, withExtras=False):
-            expected, computed = part.expected(data), part.model(data)
+            expected, computed = part.expected(data), part.after_mistakes(data, frozenset())
             for key in part.shapes:
-                difference = np.asarray(computed[key], float) - expected[key]
-                samples = comparable(part, key, expected, computed, part.samples(data))
-                count += np.sum(~(np.abs(difference[samples]) < ERROR_BOUND))
+                samples = part.comparable(key, part.samples(data), expected, computed)
+                difference = np.abs(computed[key] - expected[key])[samples]
+                count += np.sum(~(difference < ERROR_BOUND))
         return count
 
     def asked(self, data, withExtras):
@@ -211,24 +299,3 @@ class Grader:
             for part in self.parts
             if data["convention"] in part.conventions and (withExtras or not part.isExtra)
         )
-
-
-def comparable(part, key, values, others, samples):
-    """Those of the samples at which a quantity of two sets of values means something in both."""
-    if key not in part.conditional:
-        return samples
-    condition = next(iter(part.shapes))
-    both = (np.asarray(values[condition]) == 1) & (np.asarray(others[condition]) == 1)
-    return samples[both[samples]]
-
-
-def by_mesh(values):
-    """A dict whose arrays of pairs, (2, n, w), are taken apart: "KEY, mesh 1", "KEY, mesh 2"."""
-    rows = {}
-    for key, array in values.items():
-        array = np.asarray(array)
-        if array.ndim == 3:
-            rows |= {f"{key}, mesh {k + 1}": array[k] for k in (0, 1)}
-        else:
-            rows[key] = array
-    return rows

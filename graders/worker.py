@@ -1,10 +1,11 @@
 """Runs a script, or grades a student's modules, within limits that the operating system keeps.
 
-    python graders/worker.py MEGABYTES SECONDS SCRIPT ARGUMENT...
-    python graders/worker.py MEGABYTES SECONDS ORDER        as `isolation` gives it, in JSON
+    python graders/worker.py MEGABYTES SECONDS PARENT SCRIPT ARGUMENT...
+    python graders/worker.py MEGABYTES SECONDS PARENT ORDER     as `isolation` gives it, in JSON
 
-Grading writes a line of JSON for each thing that is done, so that what was done is known however
-the process ends. SECONDS are of processor time; a part's time by the clock is in the order.
+PARENT is the number of the process that starts it; SECONDS are of processor time, and a part's time
+by the clock is in the order. Grading writes a line of JSON for each thing that is done, so that
+what was done is known however the process ends.
 """
 
 import faulthandler
@@ -21,10 +22,10 @@ LARGEST_FILE = 64 << 20
 PR_SET_PDEATHSIG = 1  # of Linux's prctl
 
 
-def limit(megabytes, seconds):
+def limit(megabytes, seconds, parent):
     """Bounds the memory, files and processor time of this process and of those that it starts.
 
-    On Linux it also ends when the grader does, however that ends.
+    On Linux it also ends when its parent does, however that ends.
     """
     try:
         import resource
@@ -41,6 +42,8 @@ def limit(megabytes, seconds):
         import ctypes
 
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:  # it has ended before
+            os._exit(1)
 
 
 def grade(order):
@@ -89,10 +92,10 @@ def grade(order):
 
 
 if __name__ == "__main__":
-    megabytes, seconds, script = sys.argv[1:4]
-    limit(int(megabytes), int(seconds))
+    *numbers, script = sys.argv[1:5]
+    limit(*map(int, numbers))
     if script.endswith(".py"):
-        del sys.argv[:3]
+        del sys.argv[:4]
         sys.path[0] = str(Path(script).resolve().parent)
         runpy.run_path(script, run_name="__main__")
     else:

@@ -93,8 +93,8 @@ class Submission:
     """Loaded modules of a student.
 
     folder : where they lie
-    functions, quaternion : the modules RBSFunctions and Quaternion; where there is no Quaternion.py,
-        RBSFunctions, which then has its functions or does without
+    functions, quaternion : the modules RBSFunctions and Quaternion; without a Quaternion.py both
+        are RBSFunctions, which then has its functions or does without
     missing : names of the modules that are not there
     """
 
@@ -161,7 +161,8 @@ def _give_up_names(names):
         module = sys.modules[name]
         file = getattr(module, "__file__", None)
         isStandIn = file is not None and STAND_INS in (
-            Path(file).resolve().parent, Path(file).resolve().parent / "released",
+            Path(file).resolve().parent,
+            Path(file).resolve().parent / "released",
         )
         if isStandIn or _is_ours(module):
             dropped[name] = sys.modules.pop(name)
