@@ -7,6 +7,7 @@ As in the release, the upper and then the lower bound are resolved on the same a
 velocities with the positions uncorrected.
 """
 
+import itertools
 import sys
 
 import numpy as np
@@ -19,18 +20,23 @@ from rigidModel import (
     VELOCITY_TOLERANCE,
     distance_rates,
     position_constraints,
-    position_tolerances,
     velocity_constraints,
-    velocity_tolerances,
 )
 from trials import FEW, Grader, Part, WrongResult, by_mesh, few_samples, returned
 
-POSITION = {"positionWasValid": 1, "correctedPositions": 6}
-VELOCITY = {"velocityWasValid": 1, "correctedLinVelocities": 6, "correctedAngVelocities": 6}
+POSITION, VELOCITY = "resolve_position_constraint", "resolve_velocity_constraint"
+RETURNED = {
+    POSITION: {"positionWasValid": 1, "correctedPositions": 6},
+    VELOCITY: {"velocityWasValid": 1, "correctedLinVelocities": 6, "correctedAngVelocities": 6},
+}
+IN_PLACE = (
+    f"{POSITION} changes its arguments in place: the released grader calls it for the upper and "
+    "then for the lower bound, with the same arrays"
+)
 
 
 def constrained(bodies, sample):
-    """(pair of meshes, their positions, the world positions of the points that are joined).
+    """(pair of meshes, [their positions, the world positions of the points that are joined]).
 
     As in the released grader, both points are rest vertex 0 of mesh 1, carried along by either.
     """
@@ -41,72 +47,61 @@ def constrained(bodies, sample):
         np.reshape(rotate(mesh.orientation, restPoint.copy()), (1, 3)) + mesh.position
         for mesh in meshes
     )
-    return meshes, tuple(mesh.position for mesh in meshes), points
+    return meshes, [tuple(mesh.position for mesh in meshes), points]
 
 
 def resolve_positions(bodies, data, sample):
-    name = "resolve_position_constraint"
-    meshes, *arrays = constrained(bodies, sample)
+    meshes, arrays = constrained(bodies, sample)
     before = [array.copy() for pair in arrays for array in pair]
     invMasses = tuple(mesh.invMass for mesh in meshes)
     for bound, factor in BOUNDS.items():
-        values = bodies.function(name)(
+        wasValid, corrected = returned(bodies.function(POSITION)(
             *arrays, factor * data["refValues"][sample], invMasses, bound == "Upper",
             POSITION_TOLERANCE,
-        )  # fmt: skip
-        wasValid, corrected = returned(values, name, POSITION)
+        ), POSITION, RETURNED[POSITION])  # fmt: skip
         yield f"positionWasValid{bound}", wasValid
-        if not all(map(np.array_equal, before, [array for pair in arrays for array in pair])):
-            corrected = [WrongResult(
-                f"{name} changes its arguments in place: the released grader calls it with the "
-                "same arrays for the upper and then for the lower bound"
-            )] * 2  # fmt: skip
+        if not all(map(np.array_equal, before, itertools.chain(*arrays))):
+            corrected = [WrongResult(IN_PLACE)] * 2
         yield from by_mesh(f"correctedPositions{bound}", corrected)
 
 
-def resolve_within_tolerances(bodies, data, sample):
-    name = "resolve_position_constraint"
-    meshes, positions, points = constrained(bodies, sample)
-    length = np.linalg.norm(points[0] - points[1])
+def check_tolerances(bodies, data, sample):
+    def is_valid(bound, tolerance, invMasses=None):
+        """On meshes of its own. tolerance : in units of C"""
+        meshes, arrays = constrained(bodies, sample)
+        refValue = BOUNDS[bound] * data["refValues"][sample]
+        C = float(np.linalg.norm(arrays[1][0] - arrays[1][1]) - refValue[0])
+        return returned(bodies.function(POSITION)(
+            *arrays, refValue, invMasses or tuple(mesh.invMass for mesh in meshes),
+            bound == "Upper", tolerance * abs(C),
+        ), POSITION, RETURNED[POSITION])[0]  # fmt: skip
 
-    def is_valid(bound, tolerance, invMasses):
-        arrays = [tuple(array.copy() for array in pair) for pair in (positions, points)]
-        bound, isUpper = BOUNDS[bound] * data["refValues"][sample], bound == "Upper"
-        values = bodies.function(name)(*arrays, bound, invMasses, isUpper, tolerance)
-        return returned(values, name, POSITION)[0]
-
-    for bound, factor in BOUNDS.items():
-        C = abs(length - float(factor * data["refValues"][sample, 0]))
+    for bound in BOUNDS:
         for place, tolerance in TOLERANCES.items():
-            invMasses = tuple(mesh.invMass for mesh in meshes)
-            quantity = f"{bound.lower()} bound, C {place} the tolerance"
-            yield quantity, is_valid(bound, tolerance * C, invMasses)
-    yield "two fixed meshes", is_valid("Upper", 2.0 * C + length, (0.0, 0.0))
-
-
-def resolve_velocities(bodies, data, sample):
-    wasValid, *corrected = resolved_velocities(bodies, sample, VELOCITY_TOLERANCE)
-    yield "velocityWasValid", wasValid
-    for key, pair in zip(list(VELOCITY)[1:], corrected, strict=True):
-        yield from by_mesh(key, pair)
+            yield f"C {place} the tolerance, {bound}", is_valid(bound, tolerance)
+    yield "two fixed meshes", is_valid("Upper", TOLERANCES["within"], (0.0, 0.0))
 
 
 def resolved_velocities(bodies, sample, tolerance):
-    name = "resolve_velocity_constraint"
-    meshes, *arrays = constrained(bodies, sample)
-    values = bodies.function(name)(
-        *arrays,
-        *(tuple(getattr(m, key) for m in meshes) for key in ("linVelocity", "angVelocity", "invMass")),
-        tuple(mesh.get_rotated_inv_IT() for mesh in meshes),
-        tolerance,
-    )  # fmt: skip
-    return returned(values, name, VELOCITY)
+    meshes, arrays = constrained(bodies, sample)
+    for name in ("linVelocity", "angVelocity", "invMass"):
+        arrays.append(tuple(getattr(mesh, name) for mesh in meshes))
+    arrays.append(tuple(mesh.get_rotated_inv_IT() for mesh in meshes))
+    return returned(bodies.function(VELOCITY)(*arrays, tolerance), VELOCITY, RETURNED[VELOCITY])
 
 
-def stop_within_tolerances(bodies, data, sample):
-    rate = distance_rates(data)[sample]
+def resolve_velocities(bodies, data, sample):
+    values = resolved_velocities(bodies, sample, VELOCITY_TOLERANCE)
+    wasValid, linear, angular = zip(RETURNED[VELOCITY], values, strict=True)
+    yield wasValid
+    yield from by_mesh(*linear)
+    yield from by_mesh(*angular)
+
+
+def check_velocity_tolerance(bodies, data, sample):
     for place, factor in TOLERANCES.items():
-        yield f"|J v| {place} the tolerance", resolved_velocities(bodies, sample, factor * rate)[0]
+        tolerance = factor * distance_rates(data)[sample]
+        yield f"|J v| {place} the tolerance", resolved_velocities(bodies, sample, tolerance)[0]
 
 
 def moving_samples(data):
@@ -118,6 +113,10 @@ def remarks(data):
     return [f"{key}: True in {data[key].sum()} of {len(data[key])} samples" for key in keys]
 
 
+def shapes(flags, pairs):
+    return {key: bool for key in flags} | {f"{key}, mesh {k}": 3 for key in pairs for k in (1, 2)}
+
+
 GRADER = Grader(
     "Constraints",
     "Resolution of distance constraints",
@@ -125,36 +124,25 @@ GRADER = Grader(
     CONSTRAINT_LAYOUT,
     (
         Part(
-            "resolve_position_constraint",
-            {
-                quantity: shape
-                for bound in BOUNDS
-                for quantity, shape in (
-                    (f"positionWasValid{bound}", bool),
-                    (f"correctedPositions{bound}, mesh 1", 3),
-                    (f"correctedPositions{bound}, mesh 2", 3),
-                )
-            },
+            POSITION,
+            shapes(["positionWasValidUpper"], ["correctedPositionsUpper"])
+            | shapes(["positionWasValidLower"], ["correctedPositionsLower"]),
             resolve_positions, position_constraints,
         ),
         Part(
-            "resolve_position_constraint and its tolerance",
-            {
-                f"{bound.lower()} bound, C {place} the tolerance": bool
-                for bound in BOUNDS for place in TOLERANCES
-            } | {"two fixed meshes": bool},
-            resolve_within_tolerances, position_tolerances, few_samples, isExtra=True,
+            f"{POSITION} and its tolerance",
+            shapes([f"C {place} the tolerance, {b}" for b in BOUNDS for place in TOLERANCES], [])
+            | shapes(["two fixed meshes"], []),
+            check_tolerances, position_constraints, few_samples, isExtra=True,
         ),
         Part(
-            "resolve_velocity_constraint",
-            {"velocityWasValid": bool}
-            | {f"{key}, mesh {k}": 3 for key in list(VELOCITY)[1:] for k in (1, 2)},
+            VELOCITY, shapes(["velocityWasValid"], list(RETURNED[VELOCITY])[1:]),
             resolve_velocities, velocity_constraints,
         ),
         Part(
-            "resolve_velocity_constraint and its tolerance",
-            {f"|J v| {place} the tolerance": bool for place in TOLERANCES},
-            stop_within_tolerances, velocity_tolerances, moving_samples, isExtra=True,
+            f"{VELOCITY} and its tolerance",
+            shapes([f"|J v| {place} the tolerance" for place in TOLERANCES], []),
+            check_velocity_tolerance, velocity_constraints, moving_samples, isExtra=True,
         ),
     ),
     remarks,

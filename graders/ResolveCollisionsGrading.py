@@ -18,8 +18,7 @@ from rigidModel import (
     RESTITUTION,
     UP,
     detection,
-    fixed_resolution,
-    ground_resolution,
+    further_resolution,
     resolution,
     rotated_tensors,
     tensor_unit,
@@ -59,20 +58,18 @@ def contact_of(data, sample):
     return [data[key][sample].copy() for key in list(CONTACT)[1:]]
 
 
-def resolve_fixed(bodies, data, sample):
+def resolve_further(bodies, data, sample):
+    """With a fixed mesh; and with the ground as `run_timestep` has it: the depth is negative, and
+    what touches the ground may be fixed, too."""
     meshes = bodies.resting(isFixed=True), bodies.moving(sample)
     bodies.function("resolve_collision")(*meshes, *contact_of(data, sample), RESTITUTION)
     yield "a fixed mesh's state", state_of(meshes[0])
-
-
-def resolve_on_the_ground(bodies, data, sample):
-    """As `run_timestep` calls it: the depth is negative, and a fixed mesh may touch it, too."""
     for name, isFixed in (("on the ground", False), ("fixed on the ground", True)):
-        meshes = bodies.moving(sample, isFixed), bodies.ground()
+        mesh = bodies.moving(sample, isFixed)
         depth, _normal, point = contact_of(data, sample)
         contact = -depth, UP.copy(), point, GROUND_RESTITUTION
-        bodies.function("resolve_collision")(*meshes, *contact)
-        state = state_of(meshes[0])
+        bodies.function("resolve_collision")(mesh, bodies.ground(), *contact)
+        state = state_of(mesh)
         if isFixed and np.isnan(state).any():
             state = WrongResult("resolve_collision divides 0 by 0 where both meshes are fixed")
         yield name, state
@@ -106,12 +103,9 @@ GRADER = Grader(
             resolve, resolution,
         ),
         Part(
-            "resolve_collision with a fixed mesh", {"a fixed mesh's state": 13},
-            resolve_fixed, fixed_resolution, colliding_samples, isExtra=True,
-        ),
-        Part(
-            "resolve_collision with the ground", {"on the ground": 13, "fixed on the ground": 13},
-            resolve_on_the_ground, ground_resolution, colliding_samples, isExtra=True,
+            "resolve_collision with fixed meshes and the ground",
+            {"a fixed mesh's state": 13, "on the ground": 13, "fixed on the ground": 13},
+            resolve_further, further_resolution, colliding_samples, isExtra=True,
         ),
     ),
     remarks,

@@ -11,7 +11,7 @@ import sys
 import numpy as np
 from graderProgram import run_grader
 from gradingTools import EXACT, INTEGRATION_LAYOUT, WIDTHS
-from rigidModel import TIME_STEP, carried, exponentials, integration, turn_rows, unmoved
+from rigidModel import TIME_STEP, carried, exponentials, further_integration, integration, turn_rows
 from trials import Grader, Part, WrongResult, few_samples, numbers, results_of, state_of
 
 # The step does not depend on the body's shape, and the data give none: any free body will do.
@@ -71,7 +71,7 @@ GRADER = Grader(
         Part(
             "integrate_timestep of a fixed mesh, and currVertices",
             {"a fixed mesh's pose": 7, "currVertices": 12},
-            integrate_further, unmoved, few_samples, isExtra=True,
+            integrate_further, further_integration, few_samples, isExtra=True,
         ),
         Part(
             "QExp", {"QExp of one row": 4, "QExp of several rows": 12},

@@ -1,14 +1,14 @@
 """The graders' own rigid-body formulas in plain NumPy, all samples at once, with known mistakes.
 
 Each function computes what a part of a grader is to give, from the inputs in the data; and what a
-program would give whose author had made certain mistakes, which `mistakes.md` lists by the names
-that are looked for here. `hints` compares. Nothing is imported from the simulation or a student.
+program would give whose author had made certain mistakes: `mistakes` is a set of the names that are
+listed in `mistakes.md`. `hints` compares. Nothing is imported from the simulation or a student.
 
 Arrays of samples have the sample first: vectors (n, 3), quaternions (n, 4), tensors (n, 3, 3).
-Units: m, kg, s, rad. `mistakes` is a set of names.
+Units: m, kg, s, rad.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from gradingTools import RELEASED_2024, WIDTHS, GraderDataError
@@ -21,18 +21,24 @@ from released.physics2024 import (
 
 from rbs.submissions import our_module
 
-GRAVITY = 9.8  # m/s²
+UP = np.array([[0.0, 1.0, 0.0]])
+GRAVITY = -9.8 * UP  # m/s²
 DENSITY = 1.0
 TIME_STEP = 0.1  # s
 RESTITUTION = 0.5
-GROUND_RESTITUTION = 0.3  # another one, that 1 - e may be told from e
-UP = np.array([[0.0, 1.0, 0.0]])
+GROUND_RESTITUTION = 0.3  # another one, which tells 1 - e from e
 # The bounds of a constraint, in units of the sample's reference value, and the tolerances.
 BOUNDS = {"Upper": 1.2, "Lower": 0.8}
 POSITION_TOLERANCE = 1e-6  # m
 VELOCITY_TOLERANCE = 1e-5  # m/s
-# Tolerances within which, and beyond which, a constraint is violated, in units of its violation.
+# Tolerances, in units of a constraint's error, that the error is within, and beyond.
 TOLERANCES = {"within": 2.0, "beyond": 0.5}
+NONE = frozenset()
+
+
+def unless(mistakes, right, wrong):
+    """What is right, unless a mistake is made. wrong : dict from its name to what comes of it"""
+    return next((value for name, value in wrong.items() if name in mistakes), right)
 
 
 # ---- Algebra ------------------------------------------------------------------------------------
@@ -65,92 +71,77 @@ def exponential(q):
     return np.exp(q[:, :1]) * np.hstack([np.cos(angle), np.sinc(angle / np.pi) * q[:, 1:]])
 
 
-def turned(matrices, v):
-    """Matrix times vector, row by row."""
-    return np.einsum("nij,nj->ni", matrices, v)
-
-
 # ---- Integration --------------------------------------------------------------------------------
 
 
-def integration(data, mistakes=frozenset()):
+def integration(data, mistakes=NONE):
     """What `Mesh.integrate_timestep` makes of each state: semi-implicit Euler."""
-    x, v, w = (data[f"random{name}"] for name in ("Positions", "LinVelocities", "AngVelocities"))
-    q = unit(data["randomOrientations"])
-    gravity = GRAVITY * np.array([0.0, 0.0, -1.0] if "gravity along z" in mistakes else -UP[0])
-    if "gravity upwards" in mistakes:
-        gravity = -gravity
-    if "gravity of 9.81" in mistakes:
-        gravity = 9.81 / GRAVITY * gravity
-    if "gravity times mass" in mistakes:
-        gravity = solid(data, 2).mass * gravity
-    newV = v + (1.0 if "velocity without h" in mistakes else TIME_STEP) * gravity
-    if "velocity left" in mistakes:
-        newV = v
-    old = {"explicit Euler", "half acceleration"} & mistakes
-    shift = (1.0 if "position without h" in mistakes else TIME_STEP) * (v if old else newV)
-    if {"half acceleration", "half acceleration too"} & mistakes:
-        shift = shift + 0.5 * TIME_STEP**2 * gravity
-    return {
-        "resultPositions": x if "position left" in mistakes else x + shift,
-        "resultOrientations": _new_orientation(q, w, mistakes),
-        "resultLinVelocities": newV,
-        "resultAngVelocities": w,
-    }
-
-
-def _new_orientation(q, w, mistakes):
-    """exp([0, ω h/2]) ∘ q, with mistakes."""
-    if "orientation left" in mistakes:
-        return q
-    half = 0.5 * (1.0 if "orientation without h" in mistakes else TIME_STEP) * w
-    half = (2.0 if "whole angle" in mistakes else 1.0) * half
-    half = -half if "turned backwards" in mistakes else half
+    x, q, v, w = (data[f"random{name}"] for name in WIDTHS)
+    h, q = TIME_STEP, unit(q)
+    gravity = unless(mistakes, GRAVITY, {
+        "gravity upwards": -GRAVITY,
+        "gravity of 9.81": -9.81 * UP,
+        "gravity along z": GRAVITY[:, [0, 2, 1]],
+        "gravity times mass": data["solids"][2].mass * GRAVITY,
+    })  # fmt: skip
+    newV = v + gravity * unless(mistakes, h, {"velocity left": 0.0, "velocity without h": 1.0})
+    shift = unless(mistakes, h * newV, {
+        "position left": 0.0,
+        "position without h": newV,
+        "explicit Euler": h * v,
+        "half acceleration": h * v + h**2 / 2 * gravity,
+        "half acceleration too": h * newV + h**2 / 2 * gravity,
+    })  # fmt: skip
+    half = w * unless(mistakes, h / 2, {
+        "orientation without h": 0.5, "whole angle": h, "turned backwards": -h / 2
+    })  # fmt: skip
     zero = np.zeros((len(q), 1))
     pure = np.hstack([half, zero] if "scalar last" in mistakes else [zero, half])
-    turn = exponential(pure)
-    if {"first order", "first order, any length"} & mistakes:
-        turn = pure + np.array([1.0, 0.0, 0.0, 0.0])
+    first = pure + np.array([1.0, 0.0, 0.0, 0.0])
+    names = "first order", "first order, any length"
+    turn = unless(mistakes, exponential(pure), dict.fromkeys(names, first))
     product = multiply(q, turn) if "quaternion order" in mistakes else multiply(turn, q)
-    return unit(product) if "first order" in mistakes else product
+    return {
+        "resultPositions": x + shift,
+        "resultOrientations": unless(mistakes, product, {
+            "orientation left": q, "first order": unit(product)
+        }),
+        "resultLinVelocities": newV,
+        "resultAngVelocities": w,
+    }  # fmt: skip
 
 
-def unmoved(data, mistakes=frozenset()):
-    """A fixed mesh's pose (n, 7) after `integrate_timestep`, and how far `currVertices` are from
-    where a free mesh then is: nowhere."""
-    n = len(data["randomPositions"])
+def further_integration(data, mistakes=NONE):
+    """The pose (n, 7) of a mesh that is fixed, which stays; and of a free one how far
+    `currVertices` are from where its vertices are, which is nowhere."""
+    step, still = integration(data, mistakes), {}
     poses = data["randomPositions"], unit(data["randomOrientations"])
+    now = carried(data, step["resultPositions"], step["resultOrientations"])
+    late = carried(data, *poses) - now
     if "fixed is free" in mistakes:
-        rest = {f"random{name}": np.zeros((n, 3)) for name in ("LinVelocities", "AngVelocities")}
-        moved = integration(data | rest, mistakes)
-        poses = moved["resultPositions"], moved["resultOrientations"]
-    step = integration(data, mistakes)
-    after = carried(data, step["resultPositions"], step["resultOrientations"])
-    before = carried(data, data["randomPositions"], data["randomOrientations"])
-    difference = before - after if "vertices left" in mistakes else 0.0 * after
-    return {"a fixed mesh's pose": np.hstack(poses), "currVertices": difference}
+        still = {f"random{name}": 0.0 * poses[0] for name in ("LinVelocities", "AngVelocities")}
+        poses = list(integration(data | still, mistakes).values())[:2]
+    return {
+        "a fixed mesh's pose": np.hstack(poses),
+        "currVertices": unless(mistakes, 0.0 * late, {"vertices left": late}),
+    }
 
 
 def carried(data, positions, orientations):
     """The vertices of mesh 2 in these poses, (n, 3 V)."""
-    body = solid(data, 2)
-    R = rotation_matrices(orientations)
-    vertices = np.einsum("nij,vj->nvi", R, body.vertices - body.centre) + positions[:, None]
-    return vertices.reshape(len(positions), -1)
+    R, body = rotation_matrices(orientations), data["solids"][2]
+    vertices = np.einsum("nij,vj->nvi", R, body.vertices) + positions[:, None]
+    return vertices.reshape(len(R), -1)
 
 
-def exponentials(data, mistakes=frozenset()):
+def exponentials(data, mistakes=NONE):
     """`QExp` of each sample's turn as a single row, and of that row between two others."""
-    rows = turn_rows(data)
-    one = exponential(rows[1])
-    return {
-        "QExp of one row": one,
-        "QExp of several rows": np.hstack([exponential(part) for part in rows]),
-    }
+    rows = [exponential(row) for row in turn_rows(data)]
+    return {"QExp of one row": rows[1], "QExp of several rows": np.hstack(rows)}
 
 
 def turn_rows(data):
-    """Three (n, 4): rows without a turn, [0, ω h/2], and a turn by more than that."""
+    """Three (n, 4): rows without a turn, [0, ω h/2], and rows that turn further."""
     pure = np.insert(0.5 * TIME_STEP * data["randomAngVelocities"], 0, 0.0, axis=1)
     return 0.0 * pure, pure, 3.0 * pure
 
@@ -158,12 +149,11 @@ def turn_rows(data):
 # ---- Masses and tensors -------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Solid:
+class Solid(NamedTuple):
     """Mass properties of a body of density 1.
 
     mass : kg; centre (3,) : the COM in the data's coordinates
-    vertices (V, 3) : the data's; tensor (3, 3) : about the COM
+    vertices (V, 3) : with the COM as origin; tensor (3, 3) : about the COM
     """
 
     mass: float
@@ -172,50 +162,40 @@ class Solid:
     tensor: np.ndarray
 
 
-def solid(data, k):
-    """The Solid of mesh k of the data, 1 or 2; raises ValueError where it has no volume."""
-    vertices, tets = data[f"origVertices{k}"], data[f"tets{k}"]
-    corners = vertices[tets]
-    volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0
-    mass = DENSITY * float(volumes.sum())
-    if not 0.0 < mass < np.inf:
-        raise ValueError(f"density {DENSITY:g} times volume {volumes.sum():g} gives no mass")
-    centre = np.average(corners.mean(axis=1), axis=0, weights=volumes)
-    return Solid(mass, centre, vertices, inertia_tensor(vertices, tets, DENSITY))
-
-
-def check_bodies(data):
-    """Raises GraderDataError unless both meshes of the data are bodies."""
-    for k in (1, 2):
-        if f"tets{k}" in data:
-            try:
-                solid(data, k)
-            except (ValueError, np.linalg.LinAlgError) as problem:
-                raise GraderDataError(f"mesh {k} is not a body: {problem}") from None
+def solids_of(data):
+    """Dict from 1 and 2 to the Solid of that mesh; raises GraderDataError for what is no body."""
+    solids = {}
+    for k in (k for k in (1, 2) if f"tets{k}" in data):
+        vertices, tets = data[f"origVertices{k}"], data[f"tets{k}"]
+        corners = vertices[tets]
+        volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0
+        mass = DENSITY * float(volumes.sum())
+        if not 0.0 < mass < np.inf:
+            raise GraderDataError(f"mesh {k} is not a body: its volume is {volumes.sum():g}")
+        centre = np.average(corners.mean(axis=1), axis=0, weights=volumes)
+        tensor = inertia_tensor(vertices, tets, DENSITY)
+        solids[k] = Solid(mass, centre, vertices - centre, tensor)
+    return solids
 
 
 def world_inverse_tensors(data, k, R, mistakes):
     """(n, 3, 3) inverse inertia tensors in world axes: R I⁻¹ Rᵀ, or what the release has."""
-    body, isReleased = solid(data, k), data["convention"] == RELEASED_2024
-    tensor = body.tensor
-    if "tensor about the origin" in mistakes:  # Steiner's theorem
-        offset = body.centre @ body.centre * np.eye(3) - np.outer(body.centre, body.centre)
-        tensor = tensor + body.mass * offset
-    if isReleased:
-        tensor = INERTIA_FACTOR * tensor
+    body, isReleased = data["solids"][k], data["convention"] == RELEASED_2024
+    offset = body.centre @ body.centre * np.eye(3) - np.outer(body.centre, body.centre)
+    tensor = body.tensor + ("tensor about the origin" in mistakes) * body.mass * offset  # Steiner
+    tensor = (INERTIA_FACTOR if isReleased else 1.0) * tensor
     inverse = tensor if "tensor not inverted" in mistakes else np.linalg.inv(tensor)
-    if "tensor is the identity" in mistakes:
-        return np.broadcast_to(np.eye(3), R.shape)
-    if "tensor not turned" in mistakes:
-        return np.broadcast_to(inverse, R.shape)
-    return in_world_axes(R, inverse, isReleased != ("tensor turned the other way" in mistakes))
+    return unless(mistakes, in_world_axes(R, inverse, isReleased), {
+        "tensor is the identity": np.broadcast_to(np.eye(3), R.shape),
+        "tensor not turned": np.broadcast_to(inverse, R.shape),
+        "tensor turned the other way": in_world_axes(R, inverse, not isReleased),
+    })  # fmt: skip
 
 
-def rotated_tensors(data, mistakes=frozenset()):
+def rotated_tensors(data, mistakes=NONE):
     """World inverse inertia tensors of mesh 2, (n, 9), in units of `tensor_unit`."""
-    R = rotation_matrices(data["randomOrientations"])
-    tensors = world_inverse_tensors(data, 2, R, mistakes)
-    return {"rotated inverse inertia": tensors.reshape(len(R), 9) / tensor_unit(data)}
+    tensors = world_inverse_tensors(data, 2, rotation_matrices(data["randomOrientations"]), mistakes)
+    return {"rotated inverse inertia": tensors.reshape(-1, 9) / tensor_unit(data)}
 
 
 def tensor_unit(data):
@@ -223,7 +203,7 @@ def tensor_unit(data):
 
     In it, the entries of its inverse tensor are of size 1, as the error bound wants them.
     """
-    return 3.0 / float(np.trace(solid(data, 2).tensor))
+    return 3.0 / float(np.trace(data["solids"][2].tensor))
 
 
 class Pair:
@@ -236,118 +216,111 @@ class Pair:
         n = len(data["randomPositions"])
         states = [data[f"random{name}"] for name in WIDTHS]
         rest = [np.zeros((n, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), *np.zeros((2, n, 3))]
-        self.x, self.q, self.v, self.w = (
-            [state if k == 2 else still for k in ends]
-            for state, still in zip(states, rest, strict=True)
-        )
+        moving = [*states[:2], *rest[2:]] if 2 in fixed else states
+        both = [moving if k == 2 else rest for k in ends]
+        self.x, self.q, self.v, self.w = (list(column) for column in zip(*both, strict=True))
         self.q = [unit(q) for q in self.q]
         self.R = [rotation_matrices(q) for q in self.q]
-        self.invMass, self.invTensor = [0.0, 0.0], [np.zeros((n, 3, 3))] * 2
+        self.invMass, T = [0.0, 0.0], [np.zeros((n, 3, 3))] * 2
         for end, k in enumerate(ends):
-            isFree = k not in fixed or "fixed is free" in mistakes
-            if k in fixed:
-                self.v[end], self.w[end] = rest[2:]
-            if k and isFree:
-                self.invMass[end] = 1.0 / solid(data, k).mass
-                self.invTensor[end] = world_inverse_tensors(data, k, self.R[end], mistakes)
-        first, second = self.invTensor
-        if {"tensor of mesh 1 for mesh 2", "tensors exchanged"} & mistakes:
-            self.invTensor[1] = first
-        if {"tensor of mesh 2 for mesh 1", "tensors exchanged"} & mistakes:
-            self.invTensor[0] = second
+            if k and (k not in fixed or "fixed is free" in mistakes):
+                self.invMass[end] = 1.0 / data["solids"][k].mass
+                T[end] = world_inverse_tensors(data, k, self.R[end], mistakes)
+        self.invTensor = unless(mistakes, T, {
+            "tensor of mesh 1 for mesh 2": [T[0], T[0]],
+            "tensor of mesh 2 for mesh 1": [T[1], T[1]],
+            "tensors exchanged": [T[1], T[0]],
+        })  # fmt: skip
 
-    def weights(self, mistakes):
-        """How much of a correction each body takes: in proportion to its inverse mass."""
-        invMass = self.invMass[::-1] if "weights exchanged" in mistakes else self.invMass
-        if "equal weights" in mistakes:
-            return 0.5, 0.5
-        if "whole correction for each" in mistakes:
-            return 1.0, 1.0
-        return invMass[0] / sum(invMass), invMass[1] / sum(invMass)
+    def move_apart(self, shift, mistakes):
+        """Moves body 1 against the shifts (n, 3) and body 2 along them; returns body 2's weight.
+
+        Each moves in proportion to its inverse mass.
+        """
+        right = [invMass / sum(self.invMass) for invMass in self.invMass]
+        weights = unless(mistakes, right, {
+            "equal weights": (0.5, 0.5),
+            "weights exchanged": right[::-1],
+            "whole correction for each": (1.0, 1.0),
+        })  # fmt: skip
+        self.x = [self.x[0] - weights[0] * shift, self.x[1] + weights[1] * shift]
+        return weights[1]
 
     def arms(self, points, mistakes):
         """From the COMs to the points."""
-        origins = [0.0 * x for x in self.x] if "arms from the origin" in mistakes else self.x
-        arms = [point - x for point, x in zip(points, origins, strict=True)]
-        if "arms exchanged" in mistakes:
-            arms = arms[::-1]
-        return [-arm for arm in arms] if "arms reversed" in mistakes else arms
+        arms = [point - x for point, x in zip(points, self.x, strict=True)]
+        return unless(mistakes, arms, {
+            "arms from the origin": points,
+            "arms exchanged": arms[::-1],
+            "arms reversed": [-arm for arm in arms],
+        })  # fmt: skip
 
     def closing_speed(self, arms, n, mistakes):
         """(v1 − v2)·n of the points at the arms."""
-        spins = [np.cross(w, arm) for w, arm in zip(self.w, arms, strict=True)]
-        if "closing speed of the COMs" in mistakes:
-            spins = [0.0, 0.0]
-        if "r × ω" in mistakes:
-            spins = [-spin for spin in spins]
-        speeds = [dot(v + spin, n) for v, spin in zip(self.v, spins, strict=True)]
-        return speeds[0] - speeds[1]
+        sign = unless(mistakes, 1.0, {"closing speed of the COMs": 0.0, "r × ω": -1.0})
+        v1, v2 = (v + sign * np.cross(w, r) for v, w, r in zip(self.v, self.w, arms, strict=True))
+        return dot(v1 - v2, n)
 
     def push(self, arms, n, factor, mistakes):
         """Changes the velocities by an impulse −j n on body 1 and j n on body 2, at the arms.
 
         j = factor (v1 − v2)·n / (m1⁻¹ + m2⁻¹ + Σ (r × n)ᵀ I⁻¹ (r × n))
         """
-        if "impulse left" in mistakes:
-            return
         crosses = [np.cross(arm, n) for arm in arms]
-        changes = [turned(T, c) for T, c in zip(self.invTensor, crosses, strict=True)]
-        denominator = np.full(len(n), sum(self.invMass))
-        if "no rotational term" not in mistakes:
-            denominator = denominator + dot(crosses[0], changes[0]) + dot(crosses[1], changes[1])
+        changes = [
+            np.einsum("nij,nj->ni", T, c) for T, c in zip(self.invTensor, crosses, strict=True)
+        ]
+        turning = sum(dot(c, change) for c, change in zip(crosses, changes, strict=True))
         closing = self.closing_speed(arms, n, mistakes)
-        j = factor * (np.maximum(closing, 0.0) if "closing only" in mistakes else closing)
-        j = (-j if "impulse's sign" in mistakes else j) / denominator
+        closing = unless(mistakes, closing, {"closing only": np.maximum(closing, 0.0)})
+        j = factor * closing / (sum(self.invMass) + ("no rotational term" not in mistakes) * turning)
+        j = unless(mistakes, j, {"impulse's sign": -j, "impulse left": 0.0 * j})
+        spin = unless(
+            mistakes, 1.0, {"angular velocities left": 0.0, "angular impulse's sign": -1.0}
+        )
         for k, sign in ((0, -1.0), (1, 1.0)):
-            invMass = 1.0 if "impulse without inverse mass" in mistakes else self.invMass[k]
-            change = crosses[k] if "spin without inertia" in mistakes else changes[k]
-            spin = -sign if "angular impulse's sign" in mistakes else sign
+            invMass = unless(mistakes, self.invMass[k], {"impulse without inverse mass": 1.0})
+            change = unless(mistakes, changes[k], {"spin without inertia": crosses[k]})
             if not {f"velocity {k + 1} lost", f"velocities {k + 1} lost"} & mistakes:
                 self.v[k] = self.v[k] + sign * invMass * scaled(j, n)
-            if not {"angular velocities left", f"velocities {k + 1} lost"} & mistakes:
-                self.w[k] = self.w[k] + spin * scaled(j, change)
-
-    def states(self):
-        """The state (n, 13) of either body: position, orientation and velocities."""
-        columns = zip(self.x, self.q, self.v, self.w, strict=True)
-        return [np.hstack(column) for column in columns]
+            if f"velocities {k + 1} lost" not in mistakes:
+                self.w[k] = self.w[k] + spin * sign * scaled(j, change)
 
 
 # ---- Collisions ---------------------------------------------------------------------------------
 
 
-def detection(data, mistakes=frozenset()):
+def detection(data, mistakes=NONE):
     """isCollision (n,), depth (n,), intNormal and intPosition (n, 3), out of the data's contacts.
 
     Where the COM is not subtracted the meshes lie elsewhere, and collisions are looked for again by
     the project's own test, which is graded against the data itself.
     """
-    keys = ("isCollision", "depth", "intNormal", "intPosition")
+    keys = "isCollision", "depth", "intNormal", "intPosition"
     isCollision, depth, normal, point = (data[key] for key in keys)
     if "COM not subtracted" in mistakes:
-        hull1, hull2 = data["origVertices1"], data["origVertices2"]
         R = rotation_matrices(data["randomOrientations"])
+        is_collide = our_module("GJK").is_collide
         contacts = [
-            our_module("GJK").is_collide(hull1, hull2 @ turn.T + x)
+            is_collide(data["origVertices1"], data["origVertices2"] @ turn.T + x)
             for turn, x in zip(R, data["randomPositions"], strict=True)
         ]
         isCollision, depth, normal, point = (
             np.array([np.squeeze(value) for value in column])
             for column in zip(*contacts, strict=True)
         )
-    if "point of mesh 1" in mistakes:
-        point = point + scaled(depth, normal)
-    depth = -depth if "depth's sign" in mistakes else depth
-    normal = -normal if "normal's sign" in mistakes else normal
+    depth = unless(mistakes, depth, {"depth's sign": -depth})
+    point = unless(mistakes, point, {"point of mesh 1": point + scaled(depth, normal)})
+    normal = unless(mistakes, normal, {"normal's sign": -normal})
     if "normal and point exchanged" in mistakes:
         normal, point = point, normal
     return dict(zip(keys, (isCollision, depth, normal, point), strict=True))
 
 
-def contact_of(data):
+def contacts_of(data):
     """The data's depth (n,), normal and point (n, 3); zero where there is no collision."""
     hit = data["isCollision"]
-    rows = (data["depth"], data["intNormal"], data["intPosition"])
+    rows = data["depth"], data["intNormal"], data["intPosition"]
     return [np.where(hit if row.ndim == 1 else hit[:, None], row, 0.0) for row in rows]
 
 
@@ -355,48 +328,45 @@ def resolve(pair, depth, n, point, e, mistakes):
     """Changes a Pair as `resolve_collision` does."""
     if sum(pair.invMass) == 0.0:
         return
-    weights = pair.weights(mistakes)
-    depth = np.abs(depth) if "depth's absolute value" in mistakes else depth
-    depth = -depth if "pushed together" in mistakes else depth
-    shift = (0.0 if "positions left" in mistakes else 1.0) * scaled(depth, n)
-    pair.x = [pair.x[0] - weights[0] * shift, pair.x[1] + weights[1] * shift]
-    point = point + weights[1] * shift
-    factor = 1.0 + e
-    for name, wrong in (
-        ("restitution twice", 1.0 + 2.0 * e),
-        ("restitution squared", (1.0 + e) ** 2),
-        ("restitution left out", 1.0),
-        ("restitution alone", e),
-        ("restitution subtracted", 1.0 - e),
-    ):
-        factor = wrong if name in mistakes else factor
+    depth = unless(mistakes, depth, {
+        "depth's absolute value": np.abs(depth),
+        "pushed together": -depth,
+        "positions left": 0.0 * depth,
+    })  # fmt: skip
+    shift = scaled(depth, n)
+    point = point + pair.move_apart(shift, mistakes) * shift
+    factor = unless(mistakes, 1.0 + e, {
+        "restitution twice": 1.0 + 2.0 * e,
+        "restitution squared": (1.0 + e) ** 2,
+        "restitution left out": 1.0,
+        "restitution alone": e,
+        "restitution subtracted": 1.0 - e,
+    })  # fmt: skip
     pair.push(pair.arms([point, point], mistakes), n, factor, mistakes)
 
 
-def resolution(data, mistakes=frozenset()):
+def resolution(data, mistakes=NONE):
     """Both bodies, (2, n, ...), after `resolve_collision`; without a collision they stay."""
     pair = Pair(data, mistakes)
-    resolve(pair, *contact_of(data), RESTITUTION, mistakes)
+    resolve(pair, *contacts_of(data), RESTITUTION, mistakes)
     columns = (pair.x, pair.q, pair.v, pair.w)
     return {f"result{name}": np.array(one) for name, one in zip(WIDTHS, columns, strict=True)}
 
 
-def fixed_resolution(data, mistakes=frozenset()):
-    """The state of mesh 1, were it fixed, after `resolve_collision`: that from before."""
-    pair = Pair(data, mistakes, fixed=(1,))
-    resolve(pair, *contact_of(data), RESTITUTION, mistakes)
-    return {"a fixed mesh's state": pair.states()[0]}
-
-
-def ground_resolution(data, mistakes=frozenset()):
-    """The states of mesh 2, free and fixed, after `resolve_collision` with the ground."""
-    states = []
-    for fixed in ((), (2,)):
-        pair = Pair(data, mistakes, ends=(2, 0), fixed=fixed)
-        depth, _normal, point = contact_of(data)
-        resolve(pair, -depth, np.repeat(UP, len(depth), axis=0), point, GROUND_RESTITUTION, mistakes)
-        states.append(pair.states()[0])
-    return dict(zip(("on the ground", "fixed on the ground"), states, strict=True))
+def further_resolution(data, mistakes=NONE):
+    """States (n, 13): of mesh 1, were it fixed; and of mesh 2, free and fixed, on the ground."""
+    depth, normal, point = contacts_of(data)
+    up = np.repeat(UP, len(depth), axis=0)
+    states = {}
+    for name, ends, fixed, contact in (
+        ("a fixed mesh's state", (1, 2), (1,), (depth, normal, point, RESTITUTION)),
+        ("on the ground", (2, 0), (), (-depth, up, point, GROUND_RESTITUTION)),
+        ("fixed on the ground", (2, 0), (2,), (-depth, up, point, GROUND_RESTITUTION)),
+    ):
+        pair = Pair(data, mistakes, ends, fixed)
+        resolve(pair, *contact, mistakes)
+        states[name] = np.hstack([pair.x[0], pair.q[0], pair.v[0], pair.w[0]])
+    return states
 
 
 # ---- Constraints --------------------------------------------------------------------------------
@@ -404,108 +374,80 @@ def ground_resolution(data, mistakes=frozenset()):
 
 def constrained_points(data, pair, mistakes):
     """World positions of rest vertex 0 of mesh 1, carried along by either body."""
-    body = solid(data, 1)
-    restPoint = body.vertices[0]
-    if "COM not subtracted" not in mistakes:
-        restPoint = restPoint - body.centre
+    body = data["solids"][1]
+    restPoint = body.vertices[0] + ("COM not subtracted" in mistakes) * body.centre
     return [R @ restPoint + x for R, x in zip(pair.R, pair.x, strict=True)]
 
 
 def is_valid(C, isUpper, tolerance, mistakes):
     """Whether a bound is satisfied: C ≤ tolerance for an upper one, C ≥ −tolerance for a lower."""
-    tolerance = 0.0 * tolerance if "no tolerance" in mistakes else tolerance
-    if "always valid" in mistakes or "never valid" in mistakes:
-        return np.full(len(C), "always valid" in mistakes)
-    if isUpper != ("bounds exchanged" in mistakes):
-        return C <= tolerance
-    return C >= (tolerance if "lower tolerance's sign" in mistakes else -tolerance)
+    upper = C <= unless(mistakes, tolerance, {"no tolerance": 0.0})
+    lower = C >= unless(
+        mistakes, -tolerance, {"no tolerance": 0.0, "lower tolerance's sign": tolerance}
+    )
+    wasValid = upper if isUpper != ("bounds exchanged" in mistakes) else lower
+    always, never = np.full((2, len(C)), [[True], [False]])
+    return unless(mistakes, wasValid, {"always valid": always, "never valid": never})
 
 
-def distance_errors(data, pair, mistakes):
-    """(vectors p1 − p2 (n, 3), dict from bound to C (n,))"""
-    points = constrained_points(data, pair, mistakes)
-    gap = points[0] - points[1]
-    length = np.linalg.norm(gap, axis=1)
-    return gap, {key: length - factor * data["refValues"][:, 0] for key, factor in BOUNDS.items()}
-
-
-def position_constraints(data, mistakes=frozenset()):
-    """`resolve_position_constraint` on both bounds: flags (n,), corrected positions (2, n, 3)."""
-    pair = Pair(data, frozenset())
-    weights = pair.weights(mistakes)
-    gap, errors = distance_errors(data, pair, mistakes)
-    direction = gap if "direction of any length" in mistakes else unit(gap)
+def position_constraints(data, mistakes=NONE):
+    """`resolve_position_constraint` on both bounds: flags (n,), corrected positions (2, n, 3); and
+    flags with tolerances that C is within, and beyond."""
     results = {}
-    for bound, C in errors.items():
-        wasValid = is_valid(C, bound == "Upper", POSITION_TOLERANCE, mistakes)
-        shift = scaled(np.where(wasValid, 0.0, C), direction)
-        shift = (0.0 if "correction left" in mistakes else 1.0) * shift
-        shift = -shift if "correction's sign" in mistakes else shift
-        results[f"positionWasValid{bound}"] = wasValid != ("flag inverted" in mistakes)
-        results[f"correctedPositions{bound}"] = np.array(
-            [pair.x[0] - weights[0] * shift, pair.x[1] + weights[1] * shift]
-        )
-    return results
-
-
-def position_tolerances(data, mistakes=frozenset()):
-    """Flags (n,) of both bounds with tolerances within and beyond which C lies."""
-    _gap, errors = distance_errors(data, Pair(data, frozenset()), mistakes)
     isInverted = "flag inverted" in mistakes
-    flags = {
-        f"{bound.lower()} bound, C {place} the tolerance": isInverted
-        != is_valid(C, bound == "Upper", factor * np.abs(C), mistakes)
-        for bound, C in errors.items()
-        for place, factor in TOLERANCES.items()
-    }
-    return flags | {"two fixed meshes": np.full(len(_gap), not isInverted)}
+    for bound, factor in BOUNDS.items():
+        pair, isUpper = Pair(data, NONE), bound == "Upper"
+        point1, point2 = constrained_points(data, pair, mistakes)
+        gap = point1 - point2
+        C = np.linalg.norm(gap, axis=1) - factor * data["refValues"][:, 0]
+        wasValid = is_valid(C, isUpper, POSITION_TOLERANCE, mistakes)
+        shift = scaled(np.where(wasValid, 0.0, C), unit(gap))
+        pair.move_apart(unless(mistakes, shift, {
+            "correction left": 0.0 * shift,
+            "correction's sign": -shift,
+            "direction of any length": scaled(np.linalg.norm(gap, axis=1), shift),
+        }), mistakes)  # fmt: skip
+        results[f"positionWasValid{bound}"] = wasValid != isInverted
+        results[f"correctedPositions{bound}"] = np.array(pair.x)
+        for place, unitsOfC in TOLERANCES.items():
+            wasValid = is_valid(C, isUpper, unitsOfC * np.abs(C), mistakes)
+            results[f"C {place} the tolerance, {bound}"] = wasValid != isInverted
+    return results | {"two fixed meshes": np.full(len(C), not isInverted)}
 
 
-def velocity_constraints(data, mistakes=frozenset()):
-    """`resolve_velocity_constraint`: velocityWasValid (n,), and (2, n, 3) corrected velocities.
+def velocity_constraints(data, mistakes=NONE):
+    """`resolve_velocity_constraint`: velocityWasValid (n,), and (2, n, 3) corrected velocities; and
+    flags with tolerances that |J v| is within, and beyond.
 
     J v = 0 afterwards is an impulse along n that stops the change of the distance: a collision's
     without restitution.
     """
-    pair, arms, n = _velocity_constraint(data, mistakes)
-    Jv = pair.closing_speed(arms, n, mistakes)
-    wasValid = (np.abs(Jv) <= VELOCITY_TOLERANCE) | ("always valid" in mistakes)
-    before = pair.v, pair.w
-    pair.v, pair.w = list(pair.v), list(pair.w)
+    pair = Pair(data, mistakes)
+    points = constrained_points(data, pair, mistakes)
+    n, arms = unit(points[0] - points[1]), pair.arms(points, mistakes)
+    Jv = np.abs(pair.closing_speed(arms, n, mistakes))
+    before = list(pair.v), list(pair.w)
     pair.push(arms, n, 1.0, mistakes)
+    right = Jv if not mistakes else distance_rates(data)
+    tolerances = {f"|J v| {place} the tolerance": one * right for place, one in TOLERANCES.items()}
+    results = {}
+    for key, tolerance in ({"velocityWasValid": VELOCITY_TOLERANCE} | tolerances).items():
+        wasValid = Jv <= unless(mistakes, tolerance, {"no tolerance": 0.0}) 
+        wasValid = wasValid | ("always valid" in mistakes)
+        results[key] = wasValid != ("flag inverted" in mistakes)
+    wasValid = (Jv <= VELOCITY_TOLERANCE) | ("always valid" in mistakes)
     v, w = (
         np.where(wasValid[:, None], old, new)
         for old, new in zip(before, (pair.v, pair.w), strict=True)
     )
     if "linear and angular exchanged" in mistakes:
         v, w = w, v
-    return {
-        "velocityWasValid": wasValid != ("flag inverted" in mistakes),
-        "correctedLinVelocities": v,
-        "correctedAngVelocities": w,
-    }
+    return results | {"correctedLinVelocities": v, "correctedAngVelocities": w}
 
 
-def distance_rates(data, mistakes=frozenset()):
+def distance_rates(data):
     """|J v| (n,)"""
-    pair, arms, n = _velocity_constraint(data, mistakes)
-    return np.abs(pair.closing_speed(arms, n, mistakes))
-
-
-def velocity_tolerances(data, mistakes=frozenset()):
-    """Flags (n,) with tolerances within and beyond which |J v| lies."""
-    flags = {}
-    for place, factor in TOLERANCES.items():
-        tolerance = ("no tolerance" not in mistakes) * factor * distance_rates(data)
-        wasValid = (distance_rates(data, mistakes) <= tolerance) | ("always valid" in mistakes)
-        flags[f"|J v| {place} the tolerance"] = wasValid != ("flag inverted" in mistakes)
-    return flags
-
-
-def _velocity_constraint(data, mistakes):
-    """(pair, arms, n)"""
-    pair = Pair(data, mistakes)
-    points = constrained_points(data, pair, mistakes)
-    n = unit(points[0] - points[1])
-    arms = pair.arms(points, mistakes)
-    return pair, arms, n
+    pair = Pair(data, NONE)
+    points = constrained_points(data, pair, NONE)
+    n, arms = unit(points[0] - points[1]), pair.arms(points, NONE)
+    return np.abs(pair.closing_speed(arms, n, NONE))

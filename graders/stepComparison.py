@@ -15,7 +15,6 @@ import os
 import sys
 from functools import partial, wraps
 from pathlib import Path
-from types import SimpleNamespace
 
 import gradingTools  # noqa: F401  puts the project on the path
 import numpy as np
@@ -64,9 +63,9 @@ class Comparison:
         self.ours, self.driven = ours, Simulation(ours.source)  # the student's functions move these
         self.driven.settings = ours.settings
         self.steps = self.driven.submitted = SubmittedSteps(folder)
-        self.loops = self.steps.run_timestep, partial(basic_step, self.steps.functions)
-        self.shadows = [*Simulation(ours.source).meshes, ours.groundMesh]
-        self.names = [*(mesh.name for mesh in ours.meshes), "the ground"]
+        self.runTimestep = self.steps.run_timestep
+        self.ourLoop = partial(basic_step, self.steps.functions)
+        self.shadows = [*Simulation(ours.source).meshes, self.driven.groundMesh]
         meshes, ground = self.steps.follow(ours.meshes, ours.source)
         self.theirs = [*meshes, ground]
         self.index = {id(mesh): k for k, mesh in enumerate(self.theirs)}
@@ -76,7 +75,8 @@ class Comparison:
             if not shadow.isFixed and self.gap(released, mesh.invIT) <= TOLERANCE:
                 mesh.IT, mesh.invIT = shadow.IT.copy(), shadow.invIT.copy()
                 self.remarks["the skeleton's inertia tensor, six times too small, is replaced"] = 1
-            self.compare("Mesh: {} of " + shadow.name, BUILT, shadow, mesh, type(mesh).__init__)
+            pair = [[getattr(one, name, None) for name in BUILT] for one in (shadow, mesh)]
+            self.compare(f"Mesh: {{}} of {shadow.name}", BUILT, *pair, type(mesh).__init__)
         for owner, own in ((type(ground), RBSFunctions.Mesh), (self.steps.functions, RBSFunctions)):
             for name in RETURNED:
                 if name in vars(own) and hasattr(owner, name):
@@ -89,27 +89,29 @@ class Comparison:
         self.set_scales()
         self.number, start = self.ours.stepCount + 1, self.ours.state()
         try:
-            events, visits = self.run(start, self.loops[0])
-            theirs = self.driven.state()
+            events, visits = self.run(start, self.runTimestep)
+            theirs = self.driven.state().values()
             self.ours.step()
-            gaps = [self.gap(ours, theirs[name], kind) for (name, ours), kind in
-                    zip(self.ours.state().items(), STATE.values(), strict=True)]  # fmt: skip
-            if max(gaps) <= TOLERANCE:
-                self.largest = max(self.largest, *gaps)
-                if stale := self.stale(events[-1][2]):
-                    self.remarks.setdefault(f"after the step, {stale}", self.number)
-            elif not self.problem:
-                self.explain(events, visits, *self.run(start, self.loops[1]))
+            rows = zip(self.ours.state().values(), theirs, STATE.values(), strict=True)
+            gap = max(self.gap(*row) for row in rows)
+            if not self.problem and gap > TOLERANCE:
+                self.explain(events, visits, *self.run(start, self.ourLoop, False))
+            self.largest = max(self.largest, gap if gap <= TOLERANCE else 0.0)
+            if self.stale(events[-1][2]):
+                text = "currVertices, which are drawn, are out of date at the end of a step"
+                self.remarks.setdefault(text, self.number)
         except StateError as error:
             self.problem = self.problem or str(error)
 
-    def run(self, start, loop):
+    def run(self, start, loop, isChecked=True):
         """A step of the student's meshes from a state: `(events, visits)`.
+
+        isChecked : whether each call is compared with one of ours
 
         events : (label, bodies, states of all before it, depth) of calls that move bodies, and of
             the end; visits : of constraints, whether each was valid
         """
-        self.events, self.visits = [], []
+        self.events, self.visits, self.isChecked = [], [], isChecked
         self.steps.run_timestep, self.driven.stepCount = loop, self.number - 1
         self.driven.set_state(start)
         self.driven.step()
@@ -118,29 +120,29 @@ class Comparison:
     def explain(self, events, visits, loopEvents, loopVisits):
         """Finds what the student's run_timestep does otherwise than ours, unless it is a tie."""
         count = max(1, len(self.ours.constraints))
-        most = math.ceil(self.ours.max_iterations() / count)  # quirk 5 of the release
-        stopsEarly = len(visits) == most < len(loopVisits) and not all(visits[-count:])
+        most = math.ceil(self.ours.max_iterations() / count)
+        stopsEarly = len(visits) == most < len(loopVisits) and not all(visits[-count:])  # quirk 5
         if stopsEarly:
-            text = f"the constraints' loop ends after {most} visits, {RELEASED}"
+            text = f"run_timestep ends after {most} visits of constraints, {RELEASED}"
             self.remarks.setdefault(text, self.number)
         last = "the start of the step", [], events[0][2]
         for event, other in zip(events, loopEvents, strict=False):
             for k, name in itertools.product(range(len(self.ours.meshes)), STATE):
-                ours, theirs, before = (one[2][k][name] for one in (other, event, last))
-                if self.gap(ours, theirs, STATE[name]) <= TOLERANCE:
-                    continue
-                what = f"{name} of {self.names[k]} after {last[0]}"
-                if name == "linVelocity" and [k] == last[1][1:] and np.array_equal(theirs, before):
-                    text = f"run_timestep loses a corrected linVelocity, {RELEASED}"  # quirk 4
-                    self.remarks.setdefault(text, self.number)
-                else:
-                    self.differs(f"{what} differs{told(ours, theirs)}", self.loops[0])
-                return
+                before, ours, theirs = (one[2][k][name] for one in (last, other, event))
+                if self.gap(ours, theirs, STATE[name]) > TOLERANCE:
+                    isUnchanged = np.array_equal(before, theirs)
+                    if name == "linVelocity" and last[1][1:] == [k] and isUnchanged:  # quirk 4
+                        text = f"run_timestep loses a corrected linVelocity, {RELEASED}"
+                        self.remarks.setdefault(text, self.number)
+                    else:
+                        what = f"after {last[0]}, {name} of {self.shadows[k].name} differs"
+                        self.differs(f"run_timestep: {what}{told(ours, theirs)}", self.runTimestep)
+                    return
             if event[0] != other[0]:
                 isTie = min(event[3], other[3]) <= TOLERANCE * self.scales["length"]
                 if not isTie and not (stopsEarly and event[0] == END):
-                    text = f"after {last[0]} comes {event[0]} in place of {other[0]}"
-                    self.differs(text + self.stale(event[2]), self.loops[0])
+                    text = f"run_timestep: after {last[0]} comes {event[0]}, with ours {other[0]}"
+                    self.differs(text + self.stale(event[2]), self.runTimestep)
                 return
             last = event
 
@@ -153,7 +155,8 @@ class Comparison:
 
     def watched(self, function, own):
         """The function, each call of which our own makes too; calls that move bodies are noted."""
-        name = own.__name__
+        name, parameters = own.__name__, list(inspect.signature(own).parameters)
+        isPosition = name == "resolve_position_constraint"
 
         @wraps(function)
         def call(*given, **options):
@@ -165,50 +168,36 @@ class Comparison:
             if not bodies:  # constraints get positions: those of the bodies that are there
                 COMs = np.array([state["position"].ravel() for state in states[:-1]])
                 bodies = [int(abs(COMs - one).sum(axis=1).argmin()) for one in given[0]]
-            label = f"{name}({', '.join(self.names[k] for k in bodies)})"
+            shadows = [self.shadows[k] for k in bodies]
+            label = f"{name}({', '.join(mesh.name for mesh in shadows)})"
+            isFree = not all(mesh.isFixed for mesh in shadows)
             copies = [one if id(one) in self.index else copy.deepcopy(one) for one in given]
             result = function(*given)
-            isMoving = not RETURNED[name]
-            if name == "resolve_position_constraint":
+            if isPosition:
                 self.visits.append(bool(result[0]))
-                isMoving = not result[0]
-            isFree = not all(self.shadows[k].isFixed for k in bodies)
-            if isMoving and isFree:
+            if isFree and (not RETURNED[name] or isPosition and not result[0]):
                 depth = abs(np.ravel(given[2])[0]) if name == "resolve_collision" else math.inf
                 self.events.append((label, bodies, states, depth))
-            if isFree or name != "detect_collision":
-                self.check(f"{label}: ", function, own, bodies, states, given, copies, result)
-            if self.problem and name == "detect_collision":
-                isBox = given[0].bounding_box_collision(given[1])
-                self.problem += "" if isBox else "; bounding_box_collision is False"
-                self.problem += self.stale(states)
+            if not self.isChecked or self.problem or not isFree and name == "detect_collision":
+                return result
+            for mesh, k in zip(shadows, bodies, strict=True):
+                for one in STATE:
+                    setattr(mesh, one, states[k][one].reshape(1, -1))
+            ours = own(*(self.shadows[self.index[id(one)]] if id(one) in self.index else one
+                         for one in copies))  # fmt: skip
+            for mesh, k in zip(shadows, () if RETURNED[name] else bodies, strict=False):
+                pair = ([getattr(one, what) for what in STATE] for one in (mesh, self.theirs[k]))
+                self.compare(f"{label}: {{}} of {mesh.name}", STATE, *pair, function)
+            pair = (ours, result) if len(RETURNED[name]) > 1 else ((ours,), (result,))
+            self.compare(f"{label}: {{}}", RETURNED[name], *pair, function)
+            if name == "detect_collision":
+                self.problem += self.problem and self.stale(states)
+            for what, value, before in zip(parameters, given, copies, strict=False):
+                if what.startswith("curr") and not np.array_equal(value, before):
+                    self.differs(f"{label}: changes its argument {what} in place", function)
             return result
 
         return call
-
-    def check(self, label, function, own, bodies, states, given, copies, theirs):
-        """Makes a call by our own function, and compares what it returns and leaves."""
-        for k in bodies:
-            for name in STATE:
-                setattr(self.shadows[k], name, states[k][name].reshape(1, -1))
-        ours = own(*(self.shadows[self.index[id(one)]] if id(one) in self.index else one
-                     for one in copies))  # fmt: skip
-        kinds = RETURNED[own.__name__]
-        if not kinds:
-            for k in bodies:
-                meshes = self.shadows[k], self.theirs[k]
-                self.compare(f"{label}{{}} of {self.names[k]}", STATE, *meshes, function)
-            return
-        if len(kinds) == 1:
-            ours, theirs = (ours,), (theirs,)
-        ours, theirs = (
-            SimpleNamespace(**dict(zip(kinds, values, strict=False))) for values in (ours, theirs)
-        )
-        self.compare(label + "{}", kinds, ours, theirs, function)
-        names = list(inspect.signature(own).parameters)
-        for name, value, before in zip(names, given, copies, strict=False):
-            if name.startswith("curr") and not np.array_equal(value, before):
-                self.differs(f"{label}changes its argument {name} in place", function)
 
     # ---- Numbers --------------------------------------------------------------------------------
 
@@ -219,33 +208,31 @@ class Comparison:
             for name in ("linVelocity", "angVelocity", "currVertices")
         )
         radius = min(np.abs(mesh.origVertices).max() for mesh in self.ours.meshes)
-        fall = abs(RBSFunctions.GRAVITY) * self.ours.settings.timeStep
-        speed = max(fall, speed, spin * radius)
+        speed = max(abs(RBSFunctions.GRAVITY) * self.ours.settings.timeStep, speed, spin * radius)
         self.scales = {"length": length, "speed": speed, "spin": speed / radius, "own": 0.0}
 
     def gap(self, ours, theirs, kind="own"):
         """The largest distance of numbers, relative to their scale."""
         ours, theirs = as_arrays(ours, theirs)
         scale = max(self.scales[kind], np.abs(ours).max(), sys.float_info.min)
-        gap = np.abs(theirs - ours).max() / scale
-        return math.inf if math.isnan(gap) else gap
+        return np.nan_to_num(np.abs(theirs - ours).max() / scale, nan=math.inf)
 
     def compare(self, what, kinds, ours, theirs, function):
-        """Notes the first attribute of two objects that differs. what : with {} for its name"""
-        for name, kind in kinds.items():
-            own, other = getattr(ours, name), getattr(theirs, name, None)
-            if kind is bool:
-                if bool(own) != bool(other):
-                    depth = (ours if own else theirs).depth if name == "isCollision" else math.inf
-                    if np.ravel(depth)[0] > TOLERANCE * self.scales["length"]:
-                        self.differs(f"{what.format(name)} is {bool(other)}, not {own}", function)
-                    return
-                if name == "isCollision" and not own:
-                    return
-            elif (gap := self.gap(own, other, kind)) > TOLERANCE:
-                self.differs(f"{what.format(name)} differs{told(own, other)}", function)
-            else:
-                self.largest = max(self.largest, gap)
+        """Notes the first quantity that differs. what : with {} for its name; ours, theirs : in the
+        order of `kinds`"""
+        for (name, kind), own, other in zip(kinds.items(), ours, theirs, strict=False):
+            if kind is not bool:
+                gap = self.gap(own, other, kind)
+                if gap > TOLERANCE:
+                    self.differs(what.format(name) + f" differs{told(own, other)}", function)
+                self.largest = max(self.largest, min(gap, TOLERANCE))
+            elif bool(own) != bool(other):
+                depth = (ours if own else theirs)[1] if name == "isCollision" else math.inf
+                if np.ravel(depth)[0] > TOLERANCE * self.scales["length"]:
+                    self.differs(f"{what.format(name)} is {bool(other)}, not {own}", function)
+                return
+            elif name == "isCollision" and not own:
+                return
 
     def differs(self, text, function):
         """Notes a difference, and where the function begins, if it is the first one."""
@@ -254,12 +241,12 @@ class Comparison:
         self.problem = self.problem or f"step {self.number}: {text}; {place}"
 
     def stale(self, states):
-        """Whose currVertices are not those of the position and orientation, in words; or ""."""
+        """Whose currVertices are not those of its position and orientation, in words; or ""."""
         for state, shadow in zip(states[:-1], self.shadows, strict=False):
             vertices = QRotate(state["orientation"].reshape(1, 4), shadow.origVertices)
             vertices = vertices + state["position"].reshape(1, 3)
             if self.gap(vertices, state["currVertices"], "length") > TOLERANCE:
-                return f"; currVertices of {shadow.name} are not those of its position"
+                return f"; currVertices of {shadow.name} are out of date"
         return ""
 
 
@@ -270,9 +257,8 @@ def as_arrays(ours, theirs):
         theirs = np.array(theirs, dtype=np.float64).reshape(ours.shape)
     except (TypeError, ValueError):
         theirs = np.full(ours.shape, np.nan)
-    if ours.shape[-1] == 4 and np.sum(ours * theirs) < 0.0:  # the same rotation
-        theirs = -theirs
-    return ours, theirs
+    isOpposite = ours.shape[-1] == 4 and np.sum(ours * theirs) < 0.0  # the same rotation
+    return ours, -theirs if isOpposite else theirs
 
 
 def told(ours, theirs):
@@ -300,7 +286,7 @@ def main():
             tell(step=ours.stepCount + 1)
             comparison.step()
         remarks = [f"from step {step} on: {text}" for text, step in comparison.remarks.items()]
-        tell(problem=comparison.problem, remarks=remarks, largest=comparison.largest)
+        tell(problem=comparison.problem, remarks=remarks, largest=float(comparison.largest))
     except Exception as error:
         tell(problem=describe(error, Path.cwd()))
     os._exit(0)  # whatever the submission has registered for the end, or left running

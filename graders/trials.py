@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from gradingTools import CONVENTIONS, ERROR_BOUND, WIDTHS, load_grader_data
-from rigidModel import check_bodies
+from rigidModel import solids_of
 
 from rbs.submissions import brief, describe
 
@@ -277,7 +277,7 @@ class Grader:
         Raises GraderDataError.
         """
         data = load_grader_data(folder / self.fileName, self.layout) | self.added
-        check_bodies(data)
+        data["solids"] = solids_of(data)
         tried = {one: data | {"convention": one} for one in CONVENTIONS}
         return tried[convention] if convention else min(tried.values(), key=self._misfits)
 

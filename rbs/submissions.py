@@ -9,6 +9,7 @@ Loading a submission runs its code with the rights of whoever asks for it.
 
 import importlib
 import sys
+import traceback
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -172,27 +173,24 @@ def _give_up_names(names):
 
 
 def describe(error, folder):
-    """An exception as "file:line: type: message", the line being the last one of the student's.
+    """An exception as "file:line in function, called from file:line in function: type: message".
 
-    folder : of the submission; files in it are named relative to it. Where no line of theirs had a
-        part in it, file and line are left out.
+    The lines are the student's own, the innermost first, and three at most; where no line of theirs
+    had a part in it, they are left out. folder : of the submission
     """
     folder = Path(folder).resolve()
     message = brief(str(error))
     text = f"{type(error).__name__}: {message}" if message else type(error).__name__
-    place = None
-    trace = error.__traceback__
-    while trace is not None:
-        file = trace.tb_frame.f_code.co_filename
-        if _within(file, folder):
-            place = file, trace.tb_lineno
-        trace = trace.tb_next
+    places = []
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        code = frame.f_code
+        if _within(code.co_filename, folder):
+            function = "" if code.co_name == "<module>" else f" in {code.co_name}"
+            places.insert(0, f"{Path(code.co_filename).name}:{line}{function}")
     if isinstance(error, SyntaxError) and error.filename and _within(error.filename, folder):
-        place = error.filename, error.lineno
+        places = [f"{Path(error.filename).name}:{error.lineno}"]
         text = f"{type(error).__name__}: {brief(error.msg)}"
-    if place is None:
-        return text
-    return f"{Path(place[0]).name}:{place[1]}: {text}"
+    return ": ".join([", called from ".join(places[:3]), text] if places else [text])
 
 
 def _within(file, folder):

@@ -303,14 +303,6 @@ def assign(key, make):
     return lambda data: data.update({key: make(data[key])})
 
 
-def self_contained():
-    """A list of two lists of two lists ... 60 levels deep, 2⁶⁰ numbers when written out."""
-    level = [0.0, 0.0]
-    for _ in range(60):
-        level = [level, level]
-    return level
-
-
 WHOLE = (DATA / "collision-resolution.data").read_bytes
 UNUSABLE = {
     "truncated": lambda: (WHOLE()[:5000], "not a readable data file"),
@@ -319,16 +311,12 @@ UNUSABLE = {
     "not a dictionary": lambda: (pickle.dumps([1, 2]), "list in place of a dictionary"),
     "missing key": lambda: (pickled(lambda data: data.pop("depth")), "no entry depth"),
     "wrong shape": lambda: (pickled(assign("intNormal", lambda a: a[:, :2])), "intNormal has"),
-    "too few samples": lambda: (pickled(assign("depth", lambda a: a[:-1])), "depth has an axis"),
+    "too few samples": lambda: (pickled(assign("depth", lambda a: a[:-1])), "depth has shape (99,)"),
     "lone result": lambda: (
         pickled(assign("resultPositions", lambda pair: pair[:1])),
-        "resultPositions has an axis of length 1 in place of 2",
+        "resultPositions has shape (1, 100, 3) in place of (2, samples, 3)",
     ),
-    "nested lists": lambda: (
-        pickled(assign("resultPositions", lambda _: self_contained())),
-        "resultPositions has an axis",
-    ),
-    "words": lambda: (pickled(assign("depth", lambda a: ["deep"] * len(a))), "depth holds a str"),
+    "words": lambda: (pickled(assign("depth", lambda a: ["deep"] * len(a))), "depth holds <U4"),
     "index out of range": lambda: (pickled(assign("tets2", lambda a: a + 1)), "tets2 names"),
     "infinite input": lambda: (
         pickled(assign("randomPositions", lambda a: a / 0.0)),
@@ -466,7 +454,7 @@ def test_the_first_samples_are_made_again(name):
     with decimalMath.extended_precision():
         again = MAKERS[name](count)
     for key, expected in load(name).items():
-        shape = LAYOUTS[name][key].shape
+        shape = LAYOUTS[name][key][1:]
         if "samples" in shape:
             expected = expected.take(range(count), axis=shape.index("samples"))
         assert np.array_equal(again[key], expected), key
