@@ -46,8 +46,6 @@ class SubmittedSteps:
 
     def __init__(self, folder, inOurLoop=False):
         submission = load_submission(folder, keepsNames=False)
-        if "RBSFunctions" in submission.missing:
-            raise SubmissionError(f"{folder}: there is no RBSFunctions.py")
         self.folder = submission.folder
         files = sorted(self.folder.glob("*.py"))
         texts = [file.name.encode() + b"\0" + file.read_bytes() + b"\0" for file in files]

@@ -234,7 +234,7 @@ def test_a_resumed_run_has_the_same_bits_also_of_the_smallest_spin(tmp_path):
 
 def test_a_folder_without_functions_is_refused(tmp_path):
     for arguments, cause in (
-        (("--functions", tmp_path), "holds neither RBSFunctions.py nor Quaternion.py"),
+        (("--functions", tmp_path), "holds no RBSFunctions.py"),
         (("--functions", tmp_path / "no"), "there is no such folder"),
         (("--functions", tmp_path, "--replay", "x.h5"), "--functions does not go with --replay"),
     ):
@@ -243,7 +243,7 @@ def test_a_folder_without_functions_is_refused(tmp_path):
         (line,) = process.stderr.splitlines()
         assert cause in line
     (tmp_path / "Quaternion.py").write_text("")
-    with pytest.raises(SubmissionError, match="there is no RBSFunctions.py"):
+    with pytest.raises(SubmissionError, match="holds no RBSFunctions.py"):
         SubmittedSteps(tmp_path)
 
 
