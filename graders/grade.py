@@ -127,16 +127,16 @@ class Ledger:
         write_rows(self._out / "marks.csv", self._columns, marks)
 
     def add(self, outcome):
-        """Takes in an Outcome, and writes all that there is of it. OSError"""
+        """Takes in an Outcome, and writes all that there is of it, its rows last. OSError"""
         name = outcome.name
-        self.grades[name] = rows_of(outcome)
-        self.marks[name] = marks_row(outcome, self._scheme) | {
+        row = marks_row(outcome, self._scheme) | {
             "submission": name, "path": outcome.path, "seconds": f"{outcome.seconds:.1f}",
             "remarks": outcome.refusal or BETWEEN.join(outcome.remarks),
         }  # fmt: skip
-        self.save()
-        write_sheet(self._out / f"{name}.md", outcome, self.marks[name])
+        write_sheet(self._out / f"{name}.md", outcome, row)
         write_gradescope(self._out / "gradescope" / name / "results.json", outcome, self._scheme)
+        self.grades[name], self.marks[name] = rows_of(outcome), row
+        self.save()
 
 
 def anonymous(entries, path):

@@ -156,13 +156,13 @@ def rows_of_key(key):
 def test_a_scheme_of_ones_own_and_another_grading_is_not_gone_on_with(tmp_path):
     write_submission(tmp_path / "student", MISTAKES["normal-sign"])
     scheme = tmp_path / "marks.ini"
-    scheme.write_text("[a]\nresolve_collision = 8\nresolve_collision with a fixed mesh = 2\n"
+    scheme.write_text("[a]\nresolve_collision = 8\nget_rotated_inv_IT = 2\n"
                       "[b]\nscenes = 5\n")  # fmt: skip
     options = ("--out", tmp_path / "out", "--marks", scheme)
     assert run("grade.py", tmp_path / "student", *options).returncode == 1
     ((row,),) = rows_in(tmp_path / "out" / "marks.csv").values()
     assert 0 < float(row["resolve_collision"]) < 8 and row["scenes"] == ""
-    assert row["resolve_collision with a fixed mesh"] == "2" and row["of"] == "10"
+    assert row["get_rotated_inv_IT"] == "2" and row["of"] == "10"
     scheme.write_text("[a]\nresolve_collision = 8\n")
     graded = run("grade.py", tmp_path / "student", *options, "--resume")
     assert graded.returncode == 2 and "marks.csv: has other columns" in graded.stderr
