@@ -21,7 +21,7 @@ import numpy as np
 from released.physics2024 import INERTIA_FACTOR
 
 import RBSFunctions
-from Quaternion import QRotate
+from Quaternion import QConj, QRotate
 from rbs.bodies import StateError
 from rbs.settings import Settings
 from rbs.simulation import Simulation
@@ -47,6 +47,7 @@ RETURNED = {
         "correctedAngVelocities": "spin",
     },
 }  # fmt: skip
+TURN = np.array([[0.5, 0.1, -0.7, 0.5]])
 RELEASED = "as in the coursework's released run_timestep, and not counted as a difference"
 END = "the end of the step"
 
@@ -71,16 +72,29 @@ class Comparison:
         self.index = {id(mesh): k for k, mesh in enumerate(self.theirs)}
         self.set_scales()
         for mesh, shadow in zip(meshes, self.shadows, strict=False):
-            released = shadow.invIT / INERTIA_FACTOR
-            if not shadow.isFixed and self.gap(released, mesh.invIT) <= TOLERANCE:
-                mesh.IT, mesh.invIT = shadow.IT.copy(), shadow.invIT.copy()
-                self.remarks["the skeleton's inertia tensor, six times too small, is replaced"] = 1
+            self.replace_inertia(mesh, shadow)
             pair = [[getattr(one, name, None) for name in BUILT] for one in (shadow, mesh)]
             self.compare(f"Mesh: {{}} of {shadow.name}", BUILT, *pair, type(mesh).__init__)
         for owner, own in ((type(ground), RBSFunctions.Mesh), (self.steps.functions, RBSFunctions)):
             for name in RETURNED:
                 if name in vars(own) and hasattr(owner, name):
                     setattr(owner, name, self.watched(getattr(owner, name), vars(own)[name]))
+
+    def replace_inertia(self, mesh, shadow):
+        """Gives a mesh with the release's inertia tensor ours, and our way to turn it if it has the
+        release's, too."""
+        if shadow.isFixed or self.gap(shadow.invIT / INERTIA_FACTOR, mesh.invIT) > TOLERANCE:
+            return
+        mesh.IT, mesh.invIT = shadow.IT.copy(), shadow.invIT.copy()
+        self.remarks["the skeleton's inertia tensor, six times too small, is replaced"] = 1
+        before, mesh.orientation = mesh.orientation, TURN.copy()
+        gaps = []
+        for shadow.orientation in (TURN, QConj(TURN)):  # R and R transposed
+            gaps.append(self.gap(shadow.get_rotated_inv_IT(), mesh.get_rotated_inv_IT()))
+        if gaps[1] <= TOLERANCE < gaps[0]:
+            type(mesh).get_rotated_inv_IT = RBSFunctions.Mesh.get_rotated_inv_IT
+            self.remarks["get_rotated_inv_IT, the release's Rᵀ I⁻¹ R, is replaced"] = 1
+        mesh.orientation = before
 
     # ---- Steps ----------------------------------------------------------------------------------
 
@@ -135,8 +149,9 @@ class Comparison:
                         text = f"run_timestep loses a corrected linVelocity, {RELEASED}"
                         self.remarks.setdefault(text, self.number)
                     else:
-                        what = f"after {last[0]}, {name} of {self.shadows[k].name} differs"
-                        self.differs(f"run_timestep: {what}{told(ours, theirs)}", self.runTimestep)
+                        text = f"run_timestep: after {last[0]}, {name} of {self.shadows[k].name} "
+                        text += f"differs{told(ours, theirs)}{self.stale(last[2])}"
+                        self.differs(text, self.runTimestep)
                     return
             if event[0] != other[0]:
                 isTie = min(event[3], other[3]) <= TOLERANCE * self.scales["length"]
@@ -242,12 +257,13 @@ class Comparison:
 
     def stale(self, states):
         """Whose currVertices are not those of its position and orientation, in words; or ""."""
+        names = []
         for state, shadow in zip(states[:-1], self.shadows, strict=False):
             vertices = QRotate(state["orientation"].reshape(1, 4), shadow.origVertices)
             vertices = vertices + state["position"].reshape(1, 3)
             if self.gap(vertices, state["currVertices"], "length") > TOLERANCE:
-                return f"; currVertices of {shadow.name} are out of date"
-        return ""
+                names.append(shadow.name)
+        return f"; currVertices of {', '.join(names)} are out of date" if names else ""
 
 
 def as_arrays(ours, theirs):

@@ -6,6 +6,7 @@ of them. Before a step the student's meshes get the state of ours, and afterward
 
 import inspect
 import itertools
+from difflib import get_close_matches
 from functools import partial
 from hashlib import sha256
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from Quaternion import QRotate
 from rbs.bodies import StateError
+from rbs.messages import print_note
 from rbs.scenelines import scene_rows
 from rbs.schedules import sweep
 from rbs.submissions import SubmissionError, brief, describe, load_submission
@@ -63,6 +65,7 @@ class SubmittedSteps:
         self._takesAll = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
         self._known = set(parameters)
         self._source = None
+        self._attributes = set(STATE_WIDTHS) | {"currVertices"}
 
     def _function(self, name):
         function = getattr(self.functions, name, None)
@@ -108,10 +111,23 @@ class SubmittedSteps:
             raise
         except BaseException as error:  # whatever a student's function raises
             raise StateError(describe(error, self.folder)) from None
+        self._note_misspelt(theirs)
         states = [self._state(*pair) for pair in zip(meshes, theirs, strict=True)]
         for mesh, state in zip(meshes, states, strict=True):
             for name, value in state.items():
                 setattr(mesh, name, value)
+
+    def _note_misspelt(self, theirs):
+        """Notes, once, an attribute that a step has added, named nearly as one of the state."""
+        added = [name for mesh in theirs for name in getattr(mesh, "__dict__", ())
+                 if name not in self._attributes]  # fmt: skip
+        self._attributes |= set(added)
+        for name in dict.fromkeys(added):
+            for meant in get_close_matches(name, STATE_WIDTHS, cutoff=0.85):
+                print_note(
+                    f"{self.folder}: a step assigns {brief(name, 60)}, and {meant} keeps its "
+                    "value, as in the coursework's released run_timestep; --our-loop takes ours"
+                )
 
     def follow(self, meshes, source):
         """Gives the student's meshes the state of ours; makes them first where it is needed.
@@ -145,9 +161,9 @@ class SubmittedSteps:
         name, density, _isFixed, position, orientation = self._rows[k]
         # The released class changes its arrays.
         shape = [array.copy() for array in self._source.shapes[name]]
-        return self._Mesh(
-            name, *shape, density, position.copy(), orientation.copy(), isFixed
-        )  # fmt: skip
+        mesh = self._Mesh(name, *shape, density, position.copy(), orientation.copy(), isFixed)
+        self._attributes |= set(getattr(mesh, "__dict__", ()))
+        return mesh
 
     def _state(self, mesh, theirs):
         """The state of a student's mesh, in the shapes of ours: a dict of arrays."""
