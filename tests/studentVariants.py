@@ -37,6 +37,11 @@ GRADERS = ("integrationGrading", "ResolveCollisionsGrading", "Constraints")
 SMALL_TENSOR = ("np.sum(6.0 * volumes[:, None, None]", "np.sum(volumes[:, None, None]")
 TURNED_BACK = ("return R @ self.invIT @ R.T", "return R.T @ self.invIT @ R")
 RELEASED = (SMALL_TENSOR, TURNED_BACK)
+# Of run_timestep: a corrected velocity that is lost, and visits that end early, as in the release.
+LOST = ("            pair[k].linVelocity = linVelocities[k]\n",
+        "        pair[0].linVelocity, pair[1].linVelocty = linVelocities\n"
+        "        for k in (0, 1):\n")  # fmt: skip
+EARLY = ("and visits < maxIterations", "and visits * len(constraints) < maxIterations")
 
 POSITION = "self.position = self.position + timeStep * self.linVelocity"
 VELOCITY = "self.linVelocity = self.linVelocity + timeStep * gravity"
