@@ -138,17 +138,16 @@ def _named(keys, parts, quantities):
 
 def _compared(part, key, results, wanted, samples):
     """The Quantity of one key, compared at these samples."""
-    isFlag = part.shapes[key] is bool
-    if key in results.problems and not np.isfinite(results.values[key]).any():
-        return Quantity(part.name, key, None, isFlag, None, 0, False)
-    if len(samples) == 0:
-        return Quantity(part.name, key, None, isFlag, None, 0, key not in results.problems)
+    isFlag, hasProblem = part.shapes[key] is bool, key in results.problems
+    values = results.values[key]
+    if len(samples) == 0 or hasProblem and not np.isfinite(values).any():
+        return Quantity(part.name, key, None, isFlag, None, 0, not hasProblem)
     # A NaN on either side makes its row's error NaN, which max and argmax put first.
     with np.errstate(all="ignore"):
-        errors = np.abs(results.values[key] - wanted)[samples].max(axis=1)
+        errors = np.abs(values - wanted)[samples].max(axis=1)
     if isFlag:
         errors[np.isnan(errors)] = 1.0  # no answer is a wrong one
-    error = errors.sum() if isFlag else errors.max()
+    error = float(errors.sum() if isFlag else errors.max())
     worst = int(samples[np.argmax(errors)]) if np.any(errors != 0) else None
-    isRight = bool(np.all(errors < ERROR_BOUND)) and key not in results.problems
-    return Quantity(part.name, key, float(error), isFlag, worst, len(samples), isRight)
+    isRight = bool(np.all(errors < ERROR_BOUND)) and not hasProblem
+    return Quantity(part.name, key, error, isFlag, worst, len(samples), isRight)
