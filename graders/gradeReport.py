@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from gradingTools import ERROR_BOUND, FAILED, PASSED
+from gradingTools import ERROR_BOUND, EXACT, FAILED, PASSED
 from hints import explain
 
 
@@ -95,6 +95,8 @@ def make_grade(grader, outcomes, data):
     """
     remarks = dict.fromkeys(text for _part, results in outcomes for text in results.remarks)
     grade = Grade(grader.title, [*grader.remarks(data), *remarks])
+    if data["convention"] != EXACT:
+        grade.remarks.append(f"data of the convention {data['convention']}")
     for function in dict.fromkeys(part.function for part, _results in outcomes):
         _add_function(grade, function, [o for o in outcomes if o[0].function == function], data)
     return grade

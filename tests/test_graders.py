@@ -121,7 +121,7 @@ def test_the_simulation_passes_on_our_data(grader, quantityCount, tmp_path):
 @pytest.mark.parametrize("grader", FILES)
 def test_released_data_pass_in_their_own_convention_only(grader, released_data, grade_here):
     graded = grade_here(grader, "--data", released_data)
-    assert "convention released-2024" in graded.stdout
+    assert "data of the convention released-2024" in graded.stdout
     assert graded.returncode == 0, graded.stdout + graded.stderr
     assert max(reported_errors(graded.stdout).values()) < ROUNDING
     if grader == "integrationGrading.py":
