@@ -102,7 +102,7 @@ def run_asked_mode(options):
     """What the command line asks for; returns the exit code."""
     Simulation.submitted = None
     if options.functions is not None:
-        Simulation.submitted = SubmittedSteps(options.functions)
+        Simulation.submitted = SubmittedSteps(options.functions, bool(options.our_loop))
         Simulation.submitted.check_options(
             {option_name(dest): one.parameter
              for dest, one in SETTING_OPTIONS.items() if dest in options}

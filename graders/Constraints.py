@@ -3,123 +3,118 @@
     python graders/Constraints.py [--data DIR] [--convention exact|released-2024]
     python graders/Constraints.py --modules DIR    a student's RBSFunctions and Quaternion
 
-The upper and the lower bound are resolved on the same state, and the velocities with the positions
-uncorrected.
+As in the release, the upper and then the lower bound are resolved on the same arrays, and the
+velocities with the positions uncorrected.
 """
 
+import itertools
 import sys
 
 import numpy as np
 from graderProgram import run_grader
 from gradingTools import CONSTRAINT_LAYOUT
-from hints import POSITION_CONSTRAINT_MISTAKES, VELOCITY_CONSTRAINT_MISTAKES
 from rigidModel import (
-    LOWER_FACTOR,
+    BOUNDS,
     POSITION_TOLERANCE,
-    UPPER_FACTOR,
+    TOLERANCES,
     VELOCITY_TOLERANCE,
+    distance_rates,
     position_constraints,
     velocity_constraints,
 )
-from trials import Grader, Part, by_mesh, flag, numbers, returned
+from trials import FEW, Grader, Part, WrongResult, by_mesh, few_samples, returned
 
-BOUNDS = (("Upper", UPPER_FACTOR), ("Lower", LOWER_FACTOR))
-VELOCITY_KEYS = ("correctedLinVelocities", "correctedAngVelocities")
-POSITION_SHAPES = {
-    quantity: shape
-    for bound, _factor in BOUNDS
-    for quantity, shape in (
-        (f"positionWasValid{bound}", ()),
-        (f"correctedPositions{bound}, mesh 1", (3,)),
-        (f"correctedPositions{bound}, mesh 2", (3,)),
-    )
+POSITION, VELOCITY = "resolve_position_constraint", "resolve_velocity_constraint"
+RETURNED = {
+    POSITION: {"positionWasValid": 1, "correctedPositions": 6},
+    VELOCITY: {"velocityWasValid": 1, "correctedLinVelocities": 6, "correctedAngVelocities": 6},
 }
-VELOCITY_SHAPES = {"velocityWasValid": ()} | {
-    f"{key}, mesh {k}": (3,) for key in VELOCITY_KEYS for k in (1, 2)
-}
+IN_PLACE = (
+    f"{POSITION} changes its arguments in place: the released grader calls it for the upper and "
+    "then for the lower bound, with the same arrays"
+)
 
 
-def constrained_points(bodies, mesh1, mesh2):
-    """World positions, a pair of (1, 3), of the two points that the constraint joins.
+def constrained(bodies, sample):
+    """(pair of meshes, [their positions, the world positions of the points that are joined]).
 
-    As in the released grader, both are rest vertex 0 of mesh 1, carried along by either mesh.
+    As in the released grader, both points are rest vertex 0 of mesh 1, carried along by either.
     """
+    meshes = bodies.resting(), bodies.moving(sample)
     rotate = bodies.function("QRotate", "Quaternion")
-    restPoint = np.array(mesh1.origVertices[:1])
-    return tuple(
-        np.reshape(rotate(mesh.orientation, restPoint), (1, 3)) + mesh.position
-        for mesh in (mesh1, mesh2)
+    restPoint = np.array(meshes[0].origVertices[:1])
+    points = tuple(
+        np.reshape(rotate(mesh.orientation, restPoint.copy()), (1, 3)) + mesh.position
+        for mesh in meshes
     )
+    return meshes, [tuple(mesh.position for mesh in meshes), points]
 
 
-def resolve_positions(bodies, data, samples, results):
-    for sample in samples:
-        with results.attempt(sample, *POSITION_SHAPES):
-            for bound, factor in BOUNDS:
-                keys = [key for key in POSITION_SHAPES if bound in key]
-                with results.attempt(sample, *keys):
-                    # Meshes of their own for each bound, should the function change its arguments.
-                    meshes = bodies.resting(), bodies.moving(sample)
-                    wasValid, corrected = returned(
-                        bodies.function("resolve_position_constraint")(
-                            tuple(mesh.position for mesh in meshes),
-                            constrained_points(bodies, *meshes),
-                            factor * data["refValues"][sample],
-                            tuple(mesh.invMass for mesh in meshes),
-                            bound == "Upper",
-                            POSITION_TOLERANCE,
-                        ),
-                        2,
-                        "resolve_position_constraint",
-                    )
-                    store_flag(results, keys[0], sample, wasValid)
-                    store_pair(results, f"correctedPositions{bound}", sample, corrected)
+def resolve_positions(bodies, data, sample):
+    meshes, arrays = constrained(bodies, sample)
+    before = [array.copy() for pair in arrays for array in pair]
+    invMasses = tuple(mesh.invMass for mesh in meshes)
+    for bound, factor in BOUNDS.items():
+        wasValid, corrected = returned(bodies.function(POSITION)(
+            *arrays, factor * data["refValues"][sample], invMasses, bound == "Upper",
+            POSITION_TOLERANCE,
+        ), POSITION, RETURNED[POSITION])  # fmt: skip
+        yield f"positionWasValid{bound}", wasValid
+        if not all(map(np.array_equal, before, itertools.chain(*arrays))):
+            corrected = [WrongResult(IN_PLACE)] * 2
+        yield from by_mesh(f"correctedPositions{bound}", corrected)
 
 
-def resolve_velocities(bodies, data, samples, results):
-    for sample in samples:
-        with results.attempt(sample, *VELOCITY_SHAPES):
-            meshes = bodies.resting(), bodies.moving(sample)
-            wasValid, *corrected = returned(
-                bodies.function("resolve_velocity_constraint")(
-                    tuple(mesh.position for mesh in meshes),
-                    constrained_points(bodies, *meshes),
-                    tuple(mesh.linVelocity for mesh in meshes),
-                    tuple(mesh.angVelocity for mesh in meshes),
-                    tuple(mesh.invMass for mesh in meshes),
-                    tuple(mesh.get_rotated_inv_IT() for mesh in meshes),
-                    VELOCITY_TOLERANCE,
-                ),
-                3,
-                "resolve_velocity_constraint",
-            )
-            store_flag(results, "velocityWasValid", sample, wasValid)
-            for key, pair in zip(VELOCITY_KEYS, corrected, strict=True):
-                store_pair(results, key, sample, pair)
+def check_tolerances(bodies, data, sample):
+    def is_valid(bound, tolerance, invMasses=None):
+        """On meshes of its own. tolerance : in units of C"""
+        meshes, arrays = constrained(bodies, sample)
+        refValue = BOUNDS[bound] * data["refValues"][sample]
+        C = float(np.linalg.norm(arrays[1][0] - arrays[1][1]) - refValue[0])
+        return returned(bodies.function(POSITION)(
+            *arrays, refValue, invMasses or tuple(mesh.invMass for mesh in meshes),
+            bound == "Upper", tolerance * abs(C),
+        ), POSITION, RETURNED[POSITION])[0]  # fmt: skip
+
+    for bound in BOUNDS:
+        for place, tolerance in TOLERANCES.items():
+            yield f"C {place} the tolerance, {bound}", is_valid(bound, tolerance)
+    yield "two fixed meshes", is_valid("Upper", TOLERANCES["within"], (0.0, 0.0))
 
 
-def store_flag(results, key, sample, wasValid):
-    with results.attempt(sample, key):
-        results.values[key][sample] = flag(wasValid, key)
+def resolved_velocities(bodies, sample, tolerance):
+    meshes, arrays = constrained(bodies, sample)
+    for name in ("linVelocity", "angVelocity", "invMass"):
+        arrays.append(tuple(getattr(mesh, name) for mesh in meshes))
+    arrays.append(tuple(mesh.get_rotated_inv_IT() for mesh in meshes))
+    return returned(bodies.function(VELOCITY)(*arrays, tolerance), VELOCITY, RETURNED[VELOCITY])
 
 
-def store_pair(results, key, sample, pair):
-    rows = [f"{key}, mesh {k}" for k in (1, 2)]
-    with results.attempt(sample, *rows):
-        for row, value in zip(rows, returned(pair, 2, key), strict=True):
-            with results.attempt(sample, row):
-                results.values[row][sample] = numbers(value, 3, row)
+def resolve_velocities(bodies, data, sample):
+    values = resolved_velocities(bodies, sample, VELOCITY_TOLERANCE)
+    wasValid, linear, angular = zip(RETURNED[VELOCITY], values, strict=True)
+    yield wasValid
+    yield from by_mesh(*linear)
+    yield from by_mesh(*angular)
 
 
-def expected_in(shapes):
-    """A function that takes the expected values of these quantities out of the data."""
-    keys = {quantity.split(",")[0] for quantity in shapes}
-    return lambda data, convention: by_mesh({key: np.array(data[key]) for key in keys})
+def check_velocity_tolerance(bodies, data, sample):
+    for place, factor in TOLERANCES.items():
+        tolerance = factor * distance_rates(data)[sample]
+        yield f"|J v| {place} the tolerance", resolved_velocities(bodies, sample, tolerance)[0]
 
 
-def remarks(data, convention):
+def moving_samples(data):
+    return np.flatnonzero(distance_rates(data) > VELOCITY_TOLERANCE)[:FEW]
+
+
+def remarks(data):
     keys = ("positionWasValidUpper", "positionWasValidLower", "velocityWasValid")
     return [f"{key}: True in {data[key].sum()} of {len(data[key])} samples" for key in keys]
+
+
+def shapes(flags, pairs):
+    return {key: bool for key in flags} | {f"{key}, mesh {k}": 3 for key in pairs for k in (1, 2)}
 
 
 GRADER = Grader(
@@ -129,18 +124,25 @@ GRADER = Grader(
     CONSTRAINT_LAYOUT,
     (
         Part(
-            "resolve_position_constraint", POSITION_SHAPES, resolve_positions,
-            expected_in(POSITION_SHAPES), lambda *arguments: by_mesh(
-                position_constraints(*arguments)
-            ),
-            POSITION_CONSTRAINT_MISTAKES,
+            POSITION,
+            shapes(["positionWasValidUpper"], ["correctedPositionsUpper"])
+            | shapes(["positionWasValidLower"], ["correctedPositionsLower"]),
+            resolve_positions, position_constraints,
         ),
         Part(
-            "resolve_velocity_constraint", VELOCITY_SHAPES, resolve_velocities,
-            expected_in(VELOCITY_SHAPES), lambda *arguments: by_mesh(
-                velocity_constraints(*arguments)
-            ),
-            VELOCITY_CONSTRAINT_MISTAKES,
+            f"{POSITION} and its tolerance",
+            shapes([f"C {place} the tolerance, {b}" for b in BOUNDS for place in TOLERANCES], [])
+            | shapes(["two fixed meshes"], []),
+            check_tolerances, position_constraints, few_samples, isExtra=True,
+        ),
+        Part(
+            VELOCITY, shapes(["velocityWasValid"], list(RETURNED[VELOCITY])[1:]),
+            resolve_velocities, velocity_constraints,
+        ),
+        Part(
+            f"{VELOCITY} and its tolerance",
+            shapes([f"|J v| {place} the tolerance" for place in TOLERANCES], []),
+            check_velocity_tolerance, velocity_constraints, moving_samples, isExtra=True,
         ),
     ),
     remarks,

@@ -3,122 +3,84 @@
     python graders/ResolveCollisionsGrading.py [--data DIR] [--convention exact|released-2024]
     python graders/ResolveCollisionsGrading.py --modules DIR    a student's modules
 
-Detection, `Mesh.detect_collision`, is graded in the exact convention only: the released one is
-approximate (quirk 7 of the contract). Resolution, `resolve_collision`, is graded on the depth,
-normal and point that the data give, and so apart from detection.
+Detection, `Mesh.detect_collision`, is graded on right data only: the released one is approximate
+(quirk 7 of the contract). Resolution, `resolve_collision`, is graded on the depth, normal and point
+that the data give, and so apart from detection.
 """
 
 import sys
 
 import numpy as np
-from conventions import RESULT_ATTRIBUTES
 from graderProgram import run_grader
-from gradingTools import COLLISION_LAYOUT, EXACT
-from hints import (
-    DETECTION_MISTAKES,
-    FIXED_RESOLUTION_MISTAKES,
-    RESOLUTION_MISTAKES,
-    TENSOR_MISTAKES,
-)
+from gradingTools import COLLISION_LAYOUT, EXACT, WIDTHS
 from rigidModel import (
+    GROUND_RESTITUTION,
     RESTITUTION,
+    UP,
     detection,
-    fixed_resolution,
+    further_resolution,
     resolution,
     rotated_tensors,
     tensor_unit,
 )
-from trials import Grader, Part, attribute, by_mesh, flag, numbers, returned
+from trials import FEW, Grader, Part, WrongResult, numbers, results_of, returned, state_of
 
-CONTACT_SHAPES = {"depth": (), "intNormal": (3,), "intPosition": (3,)}
-RESULT_WIDTHS = {key: 4 if key == "resultOrientations" else 3 for key in RESULT_ATTRIBUTES}
-RESULT_SHAPES = {
-    f"{key}, mesh {k}": (width,) for key, width in RESULT_WIDTHS.items() for k in (1, 2)
-}
-FIXED = "a fixed mesh's state"
+CONTACT = {"isCollision": 1, "depth": 1, "intNormal": 3, "intPosition": 3}
 TENSOR = "rotated inverse inertia"  # in units of the mean one
 
 
-def detect(bodies, data, samples, results):
-    for sample in samples:
-        with results.attempt(sample, "isCollision", *CONTACT_SHAPES):
-            mesh1, mesh2 = bodies.resting(), bodies.moving(sample)
-            isCollision, *contact = returned(
-                mesh1.detect_collision(mesh2), 4, "Mesh.detect_collision"
-            )
-            isCollision = flag(isCollision, "isCollision")
-            results.values["isCollision"][sample] = isCollision
-            for (key, shape), value in zip(CONTACT_SHAPES.items(), contact, strict=True):
-                if isCollision:
-                    with results.attempt(sample, key):
-                        value = numbers(value, 3 if shape else 1, f"Mesh.detect_collision's {key}")
-                        results.values[key][sample] = value.reshape(shape)
+def detect(bodies, data, sample):
+    name = "Mesh.detect_collision"
+    values = returned(bodies.resting().detect_collision(bodies.moving(sample)), name, CONTACT)
+    yield "isCollision", values[0]
+    if numbers(values[0], bool, "isCollision"):
+        for key, value in list(zip(CONTACT, values, strict=True))[1:]:
+            yield key, value, f"{name}'s {key}"
 
 
-def rotate_tensor(bodies, data, samples, results):
-    unit = tensor_unit(data)
-    for sample in samples:
-        with results.attempt(sample, TENSOR):
-            tensor = bodies.moving(sample).get_rotated_inv_IT()
-            results.values[TENSOR][sample] = numbers(tensor, 9, TENSOR) / unit
+def rotate_tensor(bodies, data, sample):
+    tensor = bodies.moving(sample).get_rotated_inv_IT()
+    yield TENSOR, numbers(tensor, 9, TENSOR) / tensor_unit(data)
 
 
-def resolve(bodies, data, samples, results):
+def resolve(bodies, data, sample):
     """Samples that do not collide stay as they are."""
-    for sample in samples:
-        with results.attempt(sample, *RESULT_SHAPES):
-            meshes = bodies.resting(), bodies.moving(sample)
-            if data["isCollision"][sample]:
-                bodies.function("resolve_collision")(*meshes, *contact_of(data, sample))
-            for key, name in RESULT_ATTRIBUTES.items():
-                for k, mesh in enumerate(meshes, start=1):
-                    row = f"{key}, mesh {k}"
-                    with results.attempt(sample, row):
-                        value = attribute(mesh, name, RESULT_WIDTHS[key])
-                        results.values[row][sample] = value
+    meshes = bodies.resting(), bodies.moving(sample)
+    if data["isCollision"][sample]:
+        bodies.function("resolve_collision")(*meshes, *contact_of(data, sample), RESTITUTION)
+    for k, mesh in enumerate(meshes, start=1):
+        yield from results_of(mesh, f", mesh {k}")
 
 
 def contact_of(data, sample):
-    """What follows the two meshes in a call of resolve_collision; copies of the data."""
-    contact = [data[key][sample].copy() for key in CONTACT_SHAPES]
-    return *contact, RESTITUTION
+    """Copies of the data's depth, normal and point."""
+    return [data[key][sample].copy() for key in list(CONTACT)[1:]]
 
 
-def colliding_samples(data, convention):
-    return np.flatnonzero(data["isCollision"])
+def resolve_further(bodies, data, sample):
+    """With a fixed mesh; and with the ground as `run_timestep` has it: the depth is negative, and
+    what touches the ground may be fixed, too."""
+    meshes = bodies.resting(isFixed=True), bodies.moving(sample)
+    bodies.function("resolve_collision")(*meshes, *contact_of(data, sample), RESTITUTION)
+    yield "a fixed mesh's state", state_of(meshes[0])
+    for name, isFixed in (("on the ground", False), ("fixed on the ground", True)):
+        mesh = bodies.moving(sample, isFixed)
+        depth, _normal, point = contact_of(data, sample)
+        contact = -depth, UP.copy(), point, GROUND_RESTITUTION
+        bodies.function("resolve_collision")(mesh, bodies.ground(), *contact)
+        state = state_of(mesh)
+        if isFixed and np.isnan(state).any():
+            state = WrongResult("resolve_collision divides 0 by 0 where both meshes are fixed")
+        yield name, state
 
 
-def resolve_fixed(bodies, data, samples, results):
-    for sample in samples:
-        with results.attempt(sample, FIXED):
-            meshes = bodies.resting(isFixed=True), bodies.moving(sample)
-            bodies.function("resolve_collision")(*meshes, *contact_of(data, sample))
-            state = [
-                attribute(meshes[0], name, RESULT_WIDTHS[key])
-                for key, name in RESULT_ATTRIBUTES.items()
-            ]
-            results.values[FIXED][sample] = np.concatenate(state)
+def colliding_samples(data):
+    return np.flatnonzero(data["isCollision"])[:FEW]
 
 
-def expected_contacts(data, convention):
-    return {key: data[key] for key in ("isCollision", *CONTACT_SHAPES)}
-
-
-def expected_results(data, convention):
-    return by_mesh({key: np.array(data[key]) for key in RESULT_ATTRIBUTES})
-
-
-def expected_tensors(*arguments):
-    return {TENSOR: rotated_tensors(*arguments)}
-
-
-def fixed_state(*arguments):
-    return {FIXED: fixed_resolution(*arguments)}
-
-
-def remarks(data, convention):
+def remarks(data):
     hits = f"{data['isCollision'].sum()} of {len(data['isCollision'])} poses collide"
-    if convention == EXACT:
+    if data["convention"] == EXACT:
         return [hits]
     return [hits, "detection is not graded: the released one is approximate"]
 
@@ -130,20 +92,19 @@ GRADER = Grader(
     COLLISION_LAYOUT,
     (
         Part(
-            "detect_collision", {"isCollision": ()} | CONTACT_SHAPES, detect, expected_contacts,
-            detection, DETECTION_MISTAKES, conditional=tuple(CONTACT_SHAPES), conventions=(EXACT,),
+            "detect_collision", CONTACT | {"isCollision": bool}, detect, detection,
+            conditional=("depth", "intNormal", "intPosition"), conventions=(EXACT,),
+        ),
+        Part("get_rotated_inv_IT", {TENSOR: 9}, rotate_tensor, rotated_tensors, isExtra=True),
+        Part(
+            "resolve_collision",
+            {f"result{name}, mesh {k}": width for name, width in WIDTHS.items() for k in (1, 2)},
+            resolve, resolution,
         ),
         Part(
-            "get_rotated_inv_IT", {TENSOR: (9,)}, rotate_tensor, expected_tensors,
-            expected_tensors, TENSOR_MISTAKES, isExtra=True,
-        ),
-        Part(
-            "resolve_collision", RESULT_SHAPES, resolve, expected_results,
-            lambda *arguments: by_mesh(resolution(*arguments)), RESOLUTION_MISTAKES,
-        ),
-        Part(
-            "resolve_collision with a fixed mesh", {FIXED: (13,)}, resolve_fixed,
-            fixed_state, fixed_state, FIXED_RESOLUTION_MISTAKES, colliding_samples, isExtra=True,
+            "resolve_collision with fixed meshes and the ground",
+            {"a fixed mesh's state": 13, "on the ground": 13, "fixed on the ground": 13},
+            resolve_further, further_resolution, colliding_samples, isExtra=True,
         ),
     ),
     remarks,

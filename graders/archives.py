@@ -1,173 +1,245 @@
-"""Submissions as they are handed in: finding them, unpacking ZIPs safely, finding the modules."""
+"""Hand-ins as they come: found in a folder, named, and read from folders, ZIPs and tars.
+
+Of a hand-in, only the folder with RBSFunctions.py and what lies below it is taken, as a copy. Links
+are never followed, and no name can lead out of the copy.
+"""
 
 import os
 import re
 import stat
+import tarfile
 import tempfile
+import unicodedata
 import zipfile
 import zlib
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
-from isolation import MOST_BYTES, MOST_FILES, PASSED_OVER
+from rbs.submissions import SUBMITTED_MODULES, SubmissionError
 
-from rbs.submissions import SUBMITTED_MODULES, SubmissionError, brief
-
-ZIP_ENDING = ".zip"
-BLOCK_BYTES = 1 << 20
+TARS = (".tar", ".tar.gz", ".tgz")
+ARCHIVES = (".zip", *TARS)
+# Loose files that are refused by name, since they may well be somebody's work.
+UNREAD = (".7z", ".rar", ".py")
+# Folders that are nobody's solution, in lower case, beside those that begin with a dot.
+PASSED_OVER = {"__pycache__", "__macosx", "env", "venv", "node_modules", "site-packages"}
+# What a solution needs at most; what is larger, or comes later, is left out.
+LARGEST_FILE = 4 << 20
+MOST_BYTES = 64 << 20
+MOST_FILES = 2000
+# Characters of a name, so that "NAME-2.md" is a name for a file, too.
+LONGEST_NAME = 80
+# Downloads of Moodle, NAME_ID_assignsubmission_file_FILE, and of Canvas, NAME_LATE_ID_ID_FILE.
+DOWNLOAD = re.compile(
+    r"(.+?)(?:_late)?_(\d+)_(?:\d+|assignsubmission_file)(?:_(.*))?", re.IGNORECASE
+)
+MODULE_FILES = {f"{name}.py".lower(): f"{name}.py" for name in SUBMITTED_MODULES}
+FUNCTIONS = "rbsfunctions.py"
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A submission: its name, which no other one has and any file can have, and its path."""
+    """A hand-in: its name, which no other one has and any file can have, and its path.
+
+    files : pairs (name, path) where it is a student's loose files instead, as Canvas gives them
+    isAnonymous : whether no text may name a folder of it
+    """
 
     name: str
     path: Path
+    files: tuple = ()
+    isAnonymous: bool = False
 
 
-# ---- Finding submissions ------------------------------------------------------------------------
+# ---- Finding hand-ins ---------------------------------------------------------------------------
 
 
 def find_submissions(paths):
-    """The list of Entry that the paths stand for, each a submission or a folder of submissions.
+    """The list of Entry that the paths stand for, each a hand-in or a folder of hand-ins.
 
-    A ZIP is a submission, and so is a folder with RBSFunctions.py or Quaternion.py in it or in its
-    `code`. Of any other folder, each ZIP and each folder is one. Raises SubmissionError.
+    An archive is a hand-in, and so is a folder with RBSFunctions.py in it or in its `code`. Of any
+    other folder, each archive and each folder is one. Raises SubmissionError.
     """
     found = []
     for path in map(Path, paths):
-        if path.is_file() and path.suffix.lower() == ZIP_ENDING or _is_submission(path):
-            found.append(path)
+        if _is_archive(path) or _is_submission(path):
+            found.append((_name_of(path), path, ()))
         elif path.is_dir():
-            inside = [one for one in sorted(path.iterdir()) if _may_be_submission(one)]
+            inside = _inside(path)
             if not inside:
                 raise SubmissionError(f"{path}: there is no submission in this folder")
             found += inside
         elif path.exists():
-            raise SubmissionError(f"{path}: a submission is a folder or a ZIP")
+            raise SubmissionError(f"{path}: a submission is a folder, a ZIP or a tar")
         else:
             raise SubmissionError(f"{path}: there is no such file or folder")
     entries = {}
-    for path in found:
-        stem = path.stem if path.suffix.lower() == ZIP_ENDING else path.resolve().name
-        stem = re.sub(r"[^\w.-]+", "_", stem, flags=re.ASCII).strip(".") or "submission"
+    for stem, path, files in found:
         name, number = stem, 1
         while name.lower() in entries:
             number += 1
             name = f"{stem}-{number}"
-        entries[name.lower()] = Entry(name, path)
+        entries[name.lower()] = Entry(name, path, files)
     return list(entries.values())
 
 
+def find_submission(path):
+    """The Entry of a path that is one hand-in, whatever it holds. Raises SubmissionError."""
+    first, *_others = find_submissions([path])
+    return Entry(first.name, Path(path))
+
+
+def _inside(folder):
+    """The hand-ins in a folder, in order: (name, path, loose files)."""
+    found, loose = [], {}
+    for path in sorted(folder.iterdir()):
+        if _is_passed_over(path.name):
+            continue
+        download, ending = DOWNLOAD.fullmatch(path.name), path.suffix.lower()
+        if path.is_dir() or _is_archive(path):
+            found.append((_name_of(path), path, ()))
+        elif download and ending == ".py":
+            file = re.sub(r"-\d+(\.\w+)$", r"\1", download[3] or "")  # handed in once more
+            loose.setdefault(download.group(1, 2), []).append((file, path))
+        elif ending in UNREAD:
+            found.append((plain(path.name), path, ()))
+    return found + [(plain(who), files[0][1], tuple(files)) for (who, _), files in loose.items()]
+
+
+def _is_archive(path):
+    return path.is_file() and path.name.lower().endswith(ARCHIVES)
+
+
+def _is_passed_over(name):
+    return name.startswith(".") or name.lower() in PASSED_OVER
+
+
 def _is_submission(path):
-    return any(
-        (path / folder / f"{name}.py").is_file()
-        for folder in ("", "code")
-        for name in SUBMITTED_MODULES
-    )
+    folders = [one for one in (path, path / "code") if one.is_dir()]
+    return any(file.name.lower() == FUNCTIONS for one in folders for file in one.iterdir())
 
 
-def _may_be_submission(path):
-    if path.name.startswith(".") or path.name in PASSED_OVER:
-        return False
-    return path.is_dir() or path.suffix.lower() == ZIP_ENDING
+def _name_of(path):
+    """The student's name where a download has it, or else the file's without its ending."""
+    name = path.resolve().name
+    if path.is_file():
+        name = re.sub(r"(\.tar)?\.\w+$", "", name)
+    download = DOWNLOAD.fullmatch(name)
+    return plain(download[1] if download else name)
+
+
+def plain(name):
+    """A name as it is, but for what a file system cannot hold."""
+    name = unicodedata.normalize("NFC", name)
+    name = "".join(c if c.isprintable() and c not in '<>:"/\\|?*' else "_" for c in name)
+    return name[:LONGEST_NAME].strip(" .") or "submission"
+
+
+# ---- Reading them -------------------------------------------------------------------------------
 
 
 @contextmanager
 def modules_of(entry):
-    """Yields (folder with the modules, its place in the submission or "") while they are needed.
+    """Yields (folder with a copy of the student's modules, remarks) while they are needed.
 
-    A ZIP is unpacked for that time. Raises SubmissionError.
+    Raises SubmissionError where there is no RBSFunctions.py, or nothing can be read.
     """
-    with tempfile.TemporaryDirectory(prefix="unpacked-", ignore_cleanup_errors=True) as place:
-        folder = entry.path
-        if not folder.is_dir():
-            folder = Path(place)
-            unpack(entry.path, folder)
-        found = find_modules(folder)
-        where = "" if found == folder else found.relative_to(folder).as_posix()
-        yield found, where
+    with tempfile.TemporaryDirectory(prefix="submission-", ignore_cleanup_errors=True) as place:
+        folder = Path(place).resolve()
+        try:
+            with ExitStack() as stack:
+                remarks = _take(_members(entry, stack), folder, entry.isAnonymous)
+        except SubmissionError:
+            raise
+        except OSError as error:
+            raise SubmissionError(f"cannot be read: {error.strerror or error}") from None
+        except (zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, ValueError):
+            raise SubmissionError("is no ZIP or tar, or a damaged one") from None
+        except RuntimeError:
+            raise SubmissionError("is encrypted, or packed in a way that is not read") from None
+        yield folder, remarks
 
 
-def find_modules(folder):
-    """The folder, this one or one below it, that holds the modules: the uppermost, first by name.
+def _members(entry, stack):
+    """The files of a hand-in: a list of (tuple of folders and name, function that opens it).
 
-    Raises SubmissionError where there is none.
+    Where RBSFunctions.py is not among them, the archives that are have been opened, too.
     """
-    level = [Path(folder)]
-    looked = 0
-    while level and looked < MOST_FILES:
-        for name in SUBMITTED_MODULES:
-            for one in level:
-                if (one / f"{name}.py").is_file():
-                    return one
-        looked += len(level)
-        below = (entry for one in level for entry in sorted(os.scandir(one), key=lambda e: e.name))
-        level = [
-            Path(entry.path)
-            for entry in below
-            if entry.is_dir(follow_symlinks=False) and entry.name not in PASSED_OVER
-        ]
-    files = " nor ".join(f"{name}.py" for name in SUBMITTED_MODULES)
-    raise SubmissionError(f"holds neither {files}")
+    if entry.files:
+        return [((name,), partial(open, path, "rb")) for name, path in entry.files]
+    if entry.path.is_dir():
+        members = list(_in_folder(entry.path))
+    elif _is_archive(entry.path):
+        members = list(_in_archive(entry.path.name, open(entry.path, "rb"), stack))
+    else:
+        raise SubmissionError(f"a loose {entry.path.suffix} file is not read: put RBSFunctions.py "
+                              "and what it needs into a folder, a ZIP or a tar")  # fmt: skip
+    if not any(parts[-1].lower() == FUNCTIONS for parts, _ in members):
+        for parts, opener in members[:]:
+            if parts[-1].lower().endswith(ARCHIVES):
+                inner = _in_archive(parts[-1], opener(), stack)
+                members += [(parts + more, one) for more, one in inner]
+    return members
 
 
-# ---- Unpacking ----------------------------------------------------------------------------------
+def _in_folder(folder):
+    for root, folders, files in os.walk(folder):
+        folders[:] = [one for one in folders if not _is_passed_over(one)]
+        for path in (Path(root) / name for name in files):
+            if path.is_file() and not path.is_symlink():
+                yield _parts(str(path.relative_to(folder))), partial(open, path, "rb")
 
 
-def unpack(path, target):
-    """Unpacks a ZIP of unknown origin into a folder; raises SubmissionError.
-
-    Refused as a whole: names that lead out of the folder, links and devices, encryption, two files
-    of one name, and more files or bytes than a submission has; the bytes are counted as they come
-    out, whatever the archive says about them.
-    """
-    try:
-        with zipfile.ZipFile(path) as archive:
-            members = archive.infolist()
-            if len(members) > MOST_FILES:
-                raise SubmissionError(f"the ZIP holds more than {MOST_FILES} files")
-            files = {}
-            for member in members:
-                parts = checked_parts(member)
-                if member.is_dir() or PASSED_OVER & set(parts):
-                    continue
-                if files.setdefault("/".join(parts).lower(), (member, parts))[0] is not member:
-                    raise SubmissionError(f"the ZIP holds '{brief(member.filename, 60)}' twice")
-            left = MOST_BYTES
-            for member, parts in files.values():
-                file = target.joinpath(*parts)
-                file.parent.mkdir(parents=True, exist_ok=True)
-                with archive.open(member) as source, open(file, "xb") as copy:
-                    while block := source.read(BLOCK_BYTES):
-                        left -= len(block)
-                        if left < 0:
-                            raise SubmissionError(
-                                f"the ZIP unpacks to more than {MOST_BYTES >> 20} MB"
-                            )
-                        copy.write(block)
-    except SubmissionError:
-        raise
-    except OSError as error:
-        raise SubmissionError(f"the ZIP cannot be unpacked: {error.strerror or error}") from None
-    except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, RuntimeError, KeyError) as error:
-        raise SubmissionError(f"this is not a readable ZIP: {error}") from None
+def _in_archive(name, file, stack):
+    stack.enter_context(file)
+    if name.lower().endswith(TARS):
+        archive = stack.enter_context(tarfile.open(fileobj=file))
+        found = ((one.name, partial(archive.extractfile, one)) for one in archive if one.isfile())
+    else:
+        archive = stack.enter_context(zipfile.ZipFile(file))
+        found = ((one.filename, partial(archive.open, one)) for one in archive.infolist()
+                 if not one.is_dir() and not stat.S_ISLNK(one.external_attr >> 16))  # fmt: skip
+    for name, opener in found:
+        parts = _parts(name)
+        if parts and not any(map(_is_passed_over, parts)):  # ".." is passed over, too
+            yield parts, opener
 
 
-def checked_parts(member):
-    """The folders and the name of a member of a ZIP; raises SubmissionError unless it is a file,
-    or a folder, below the one that it is unpacked to."""
-    name = member.filename.replace("\\", "/")
-    parts = [part for part in name.split("/") if part not in ("", ".")]
-    shown = brief(name, 60)
-    if name.startswith("/") or ".." in parts or ":" in name:
-        raise SubmissionError(f"the ZIP is refused: '{shown}' leads out of its folder")
-    if not parts or not name.isprintable():
-        raise SubmissionError(f"the ZIP is refused: '{shown}' is no name for a file")
-    kind = stat.S_IFMT(member.external_attr >> 16)
-    if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
-        raise SubmissionError(f"the ZIP is refused: '{shown}' is a link or a device")
-    if member.flag_bits & 1:
-        raise SubmissionError(f"the ZIP is refused: '{shown}' is encrypted")
-    return parts
+def _parts(name):
+    parts = name.replace("\\", "/").split("/")
+    return tuple(part if part == ".." else plain(part) for part in parts if part not in ("", "."))
+
+
+def _take(members, target, isAnonymous):
+    """Copies the student's modules, and what lies beside and below them; returns remarks."""
+    folders = {parts[:-1] for parts, _ in members if parts[-1].lower() == FUNCTIONS}
+    if not folders:
+        unread = [one for one in UNREAD[:2] for parts, _ in members if parts[-1].endswith(one)]
+        more = f"; its {unread[0]} file is not read" if unread else ""
+        raise SubmissionError(f"holds no RBSFunctions.py{more}")
+    top, *others = sorted(folders, key=lambda folder: (len(folder), folder))
+    shown = ["a folder" if isAnonymous else "/".join(one) or "." for one in (top, *others)]
+    remarks = [f"modules found in {shown[0]}"] if top else []
+    remarks += [f"another RBSFunctions.py, in {one}, is not graded" for one in shown[1:]]
+
+    wanted = [(p[len(top) :], one) for p, one in members if p[: len(top)] == top != p]
+    wanted.sort(key=lambda one: len(one[0]))
+    names = {parts[0] for parts, _ in wanted}
+    left, lost = MOST_BYTES, len(wanted[MOST_FILES:])
+    for parts, opener in wanted[:MOST_FILES]:
+        right = MODULE_FILES.get(parts[0].lower())
+        if len(parts) == 1 and right and right not in names:
+            remarks.append(f"{parts[0]} is read as {right}")
+            parts = (right,)
+        with opener() as source:
+            content = source.read(LARGEST_FILE + 1)
+        if len(content) > min(LARGEST_FILE, left):
+            lost += parts[-1].endswith(".py")
+            continue
+        left -= len(content)
+        path = target.joinpath(*parts)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    return remarks + [f"{lost} files are left out: too many or too large"] * bool(lost)

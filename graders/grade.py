@@ -1,200 +1,229 @@
 """Grade submissions: all three graders on each, side by side, none harming another.
 
-    python graders/grade.py SUBMISSION... [--convention exact|released-2024] [--scenes]
+    python graders/grade.py SUBMISSION... [--resume] [--scenes] [--anonymous]
 
-A SUBMISSION is a ZIP, a folder with RBSFunctions.py in it, or a folder of such. Prints a table, and
-writes grades.csv and a Markdown sheet for each submission. The exit code is 0 if all pass, 1 if one
+A SUBMISSION is a folder with RBSFunctions.py in it, a ZIP or tar of one, or a folder of such, as
+Moodle and Canvas give them. After each one, these are written: grades.csv, marks.csv, its Markdown
+sheet, and its results.json for Gradescope. In the end come a table, a summary of the class, and
+likeness.csv, the pairs of submissions whose code is alike. The exit code is 0 if all pass, 1 if one
 does not, and 2 for what cannot be graded at all.
 """
 
-import argparse
 import os
+import random
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import Constraints
 import integrationGrading
 import ResolveCollisionsGrading
 from archives import find_submissions, modules_of
-from conventions import check_bodies
-from gradeReport import Grade
-from graderProgram import grade_submission
-from gradingTools import (
-    BAD_DATA,
-    DATA_DIRECTORY,
-    FAILED,
-    PASSED,
-    STOPPED,
-    GraderDataError,
-    OneLineParser,
-    add_convention_argument,
-    printable,
-)
-from isolation import add_limit_arguments, limits_of, stop_all
-from scenePictures import SCENES, draw_scene
-from sheets import print_table, write_csv, write_sheet
+from compare import SCENES, compare_scene
+from graderProgram import grade_submission, load_data, make_parser, run_program
+from gradingTools import FAILED, PASSED, printable
+from isolation import positive, stop_all
+from likeness import fingerprint, origin_remarks, write_likeness
+from marks import DEFAULT_SCHEME, load_scheme, marks_row, write_gradescope
+from sheets import (
+    BETWEEN,
+    GRADES,
+    passes,
+    print_table,
+    read_rows,
+    rows_of,
+    summary_of,
+    write_rows,
+    write_sheet,
+)  # fmt: skip
+from tqdm import tqdm
 
 from rbs.submissions import SubmissionError
 
 GRADERS = (integrationGrading.GRADER, ResolveCollisionsGrading.GRADER, Constraints.GRADER)
-DEFAULT_OUT = Path("out") / "grades"
 MOST_JOBS = 64
+KEY = ("id", "name", "path")
 
 
 @dataclass
 class Outcome:
     """What has become of a submission.
 
-    name; grades : dict from a grader's module to its Grade; refusal : why there are none, or ""
-    remarks : list of str; scenes : list of `scenePictures.ScenePictures`; seconds : it took
+    name, path : as they are shown; refusal : why there are no grades, or ""; remarks : list of str
+    grades, conventions : dicts from a grader's module to its Grade, and to its data's convention
+    scenes : list of `compare.SceneResult`
+    seconds : it took; fingerprint : of its code, for `likeness`
     """
 
     name: str
-    grades: dict[str, Grade] = field(default_factory=dict)
+    path: str
+    conventions: dict
+    grades: dict = field(default_factory=dict)
     refusal: str = ""
     remarks: list = field(default_factory=list)
     scenes: list = field(default_factory=list)
     seconds: float = 0.0
-
-    @property
-    def passes(self):
-        return not self.refusal and not any(grade.failures for grade in self.grades.values())
+    fingerprint: frozenset = frozenset()
 
 
-def grade_entry(entry, dataFolder, data, convention, limits, picturesFolder):
-    """The Outcome of a submission. data : dict from a grader's module to its data
+def grade_entry(entry, isKnown, data, arguments):
+    """The Outcome of a submission; of one that is known already, its fingerprint only.
 
-    picturesFolder : for pictures of scenes, or None for none
+    data : dict from a grader's module to its data
     """
-    outcome = Outcome(entry.name)
     begin = time.perf_counter()
+    conventions = {module: one["convention"] for module, one in data.items()}
+    outcome = Outcome(entry.name, "" if entry.isAnonymous else str(entry.path), conventions)
     try:
-        with modules_of(entry) as (folder, where):
-            if where:
-                outcome.remarks.append(printable(f"modules found in {where}"))
+        with modules_of(entry) as (folder, remarks):
+            outcome.fingerprint = fingerprint(folder)
+            if isKnown:
+                return outcome
+            grades = grade_submission(GRADERS, folder, data, arguments)
+            remarks += origin_remarks(folder)
             for grader in GRADERS:
-                outcome.grades[grader.module] = grade_submission(
-                    grader, folder, dataFolder, data[grader.module], convention, limits
-                )
-            if picturesFolder is not None:
-                outcome.scenes = [
-                    draw_scene(scene, folder, picturesFolder / entry.name, limits)
-                    for scene in SCENES
-                ]
+                common = grader.remarks(data[grader.module])
+                remarks += [one for one in grades[grader.module].remarks if one not in common]
+            outcome.remarks = [printable(one) for one in dict.fromkeys(remarks)]
+            if arguments.scenes:
+                pictures = arguments.out / "pictures" / entry.name
+                outcome.scenes = [compare_scene(one, folder, pictures, arguments) for one in SCENES]
+            outcome.grades = grades
     except SubmissionError as error:
-        outcome.grades.clear()
         outcome.refusal = str(error)
-    except OSError as error:
-        outcome.grades.clear()
-        outcome.refusal = printable(f"cannot be graded: {error.strerror or error}")
+    except Exception as error:  # a mistake of ours in one must not cost the others their grades
+        outcome.refusal = printable(f"cannot be graded: {type(error).__name__}: {error}")
     outcome.seconds = time.perf_counter() - begin
     return outcome
 
 
-def make_parser():
-    parser = OneLineParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "submissions", metavar="SUBMISSION", nargs="+", help="a folder, a ZIP, or a folder of them"
-    )
-    parser.add_argument(
-        "--out",
-        metavar="DIR",
-        type=Path,
-        default=DEFAULT_OUT,
-        help="where grades.csv and the sheets are written (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--data",
-        metavar="DIR",
-        type=Path,
-        default=DATA_DIRECTORY,
-        help="the folder that holds the graders' data (default: the project's data)",
-    )
-    add_convention_argument(parser)
-    add_limit_arguments(parser)
-    parser.add_argument(
-        "--scenes",
-        action="store_true",
-        help=f"run {', '.join(SCENES)} with each submission, and put pictures into its sheet",
-    )
-    parser.add_argument(
-        "--jobs",
-        metavar="N",
-        type=int,
-        default=os.cpu_count() or 1,
-        help="how many submissions are graded at a time (default: as many as there are processors)",
-    )
+class Ledger:
+    """The rows of grades.csv and marks.csv, in the order of the submissions, and the other files.
+
+    marks, grades : dicts from a submission's name to its row, and to its list of rows
+    """
+
+    def __init__(self, arguments, names, scheme):
+        self._out, self._names, self._scheme = arguments.out, names, scheme
+        self._columns = ("submission", "path", *scheme, "total", "of", "seconds", "remarks")
+        self.marks, self.grades = {}, {}
+        if arguments.resume:
+            rows = read_rows(self._out / "marks.csv", self._columns)
+            self.marks = {row["submission"]: row for row in rows if row["submission"] in names}
+            for row in read_rows(self._out / "grades.csv", GRADES):
+                if row["submission"] in self.marks:
+                    self.grades.setdefault(row["submission"], []).append(row)
+        self.save()
+
+    def rows(self):
+        return [row for name in self._names for row in self.grades.get(name, ())]
+
+    def save(self):
+        """Writes both files, whole. OSError"""
+        marks = [self.marks[name] for name in self._names if name in self.marks]
+        write_rows(self._out / "grades.csv", GRADES, self.rows())
+        write_rows(self._out / "marks.csv", self._columns, marks)
+
+    def add(self, outcome):
+        """Takes in an Outcome, and writes all that there is of it, its rows last. OSError"""
+        name = outcome.name
+        row = marks_row(outcome, self._scheme) | {
+            "submission": name, "path": outcome.path, "seconds": f"{outcome.seconds:.1f}",
+            "remarks": outcome.refusal or BETWEEN.join(outcome.remarks),
+        }  # fmt: skip
+        write_sheet(self._out / f"{name}.md", outcome, row)
+        write_gradescope(self._out / "gradescope" / name / "results.json", outcome, self._scheme)
+        self.grades[name], self.marks[name] = rows_of(outcome), row
+        self.save()
+
+
+def anonymous(entries, path):
+    """The entries in a random order under numbers; path : of the file that says whose they are.
+
+    Who has a number there already keeps it. Raises OSError, SubmissionError.
+    """
+    rows = {row["path"]: row for row in read_rows(path, KEY)}
+    for one in random.sample(entries, len(entries)):
+        row = dict(zip(KEY, (f"{len(rows) + 1:03}", one.name, str(one.path)), strict=True))
+        rows.setdefault(row["path"], row)
+    write_rows(path, KEY, sorted(rows.values(), key=lambda row: row["id"]))
+    entries = [replace(one, name=rows[str(one.path)]["id"], isAnonymous=True) for one in entries]
+    return sorted(entries, key=lambda one: one.name)
+
+
+def make_options():
+    parser = make_parser(__doc__)
+    option = parser.add_argument
+    option("submissions", metavar="SUBMISSION", nargs="+",
+           help="a folder, a ZIP or tar, or a folder of them")  # fmt: skip
+    option("--out", metavar="DIR", type=Path, default=Path("out") / "grades",
+           help="the folder for all that is written (default: %(default)s)")  # fmt: skip
+    option("--resume", action="store_true",
+           help="keep what an earlier run has graded before it was stopped")  # fmt: skip
+    option("--marks", metavar="FILE", type=Path, default=DEFAULT_SCHEME,
+           help="the marks that each part gives (default: graders/marks.ini)")  # fmt: skip
+    option("--scenes", action="store_true",
+           help=f"compare the steps of {', '.join(SCENES)} with ours, too")  # fmt: skip
+    option("--anonymous", action="store_true",
+           help="write numbers in place of names and paths")  # fmt: skip
+    option("--key", metavar="FILE", type=Path,
+           help="the file that says whose number is whose (default: DIR-key.csv)")  # fmt: skip
+    option("--jobs", metavar="N", type=positive(int, MOST_JOBS), default=os.cpu_count() or 1,
+           help="how many are graded at a time (default: one for each processor)")  # fmt: skip
     return parser
 
 
-def show_progress(count, total):
-    """How many are graded, on stderr if that is a terminal."""
-    if sys.stderr.isatty():
-        end = "\n" if count == total else ""
-        print(f"\r{count} of {total} graded", end=end, file=sys.stderr, flush=True)
+def main(arguments):
+    begin, out = time.perf_counter(), arguments.out
+    entries = find_submissions(arguments.submissions)
+    data = load_data(GRADERS, arguments)
+    scheme = load_scheme(arguments.marks, GRADERS, data)
+    out.mkdir(parents=True, exist_ok=True)
+    if arguments.anonymous:
+        beside = out.resolve().with_name(f"{out.resolve().name}-key.csv")
+        entries = anonymous(entries, arguments.key or beside)
+    ledger = Ledger(arguments, [entry.name for entry in entries], scheme)
 
-
-def main():
-    parser = make_parser()
-    arguments = parser.parse_args()
-    if not 1 <= arguments.jobs <= MOST_JOBS:
-        parser.error(f"--jobs must lie between 1 and {MOST_JOBS}, not {arguments.jobs}")
-    try:
-        entries = find_submissions(arguments.submissions)
-        data = {}
-        for grader in GRADERS:
-            path = arguments.data / grader.fileName
-            data[grader.module] = grader.load(arguments.data)
-            check_bodies(data[grader.module])
-            grader.remarks(data[grader.module], arguments.convention)
-        path = arguments.out
-        arguments.out.mkdir(parents=True, exist_ok=True)
-    except SubmissionError as problem:
-        parser.exit(BAD_DATA, printable(f"{parser.prog}: {problem}") + "\n")
-    except GraderDataError as problem:
-        parser.exit(BAD_DATA, printable(f"{parser.prog}: {path}: {problem}") + "\n")
-    except OSError as problem:
-        parser.exit(BAD_DATA, printable(f"{parser.prog}: {path}: {problem.strerror}") + "\n")
-
-    begin = time.perf_counter()
-    pictures = arguments.out / "pictures" if arguments.scenes else None
+    known, prints, trouble = set(ledger.grades), {}, None
     with ThreadPoolExecutor(arguments.jobs) as executor:
-        waiting = [
-            executor.submit(
-                grade_entry, entry, arguments.data, data, arguments.convention,
-                limits_of(arguments), pictures,
-            )
-            for entry in entries
-        ]  # fmt: skip
         try:
-            for count, _done in enumerate(as_completed(waiting), start=1):
-                show_progress(count, len(waiting))
+            waiting = [
+                executor.submit(grade_entry, entry, entry.name in known, data, arguments)
+                for entry in entries
+            ]
+            for done in tqdm(
+                as_completed(waiting), total=len(waiting), disable=None, unit=" graded"
+            ):
+                outcome = done.result()
+                prints[outcome.name] = outcome.fingerprint
+                try:
+                    if outcome.name not in known:
+                        ledger.add(outcome)
+                except OSError as problem:  # such as a table that is open in Excel
+                    trouble = problem
         except KeyboardInterrupt:
             executor.shutdown(wait=False, cancel_futures=True)
             stop_all()
-            parser.exit(STOPPED, f"{parser.prog}: stopped by Ctrl-C\n")
-    outcomes = [one.result() for one in waiting]
-    print_table(outcomes)
-    try:
-        write_csv(arguments.out / "grades.csv", outcomes, arguments.convention)
-        for outcome in outcomes:
-            write_sheet(arguments.out / f"{outcome.name}.md", outcome, arguments.convention)
-    except OSError as problem:
-        where = problem.filename or arguments.out
-        parser.exit(BAD_DATA, printable(f"{parser.prog}: {where}: {problem.strerror}") + "\n")
-    passed = sum(outcome.passes for outcome in outcomes)
-    print()
+            ledger.save()
+            raise KeyboardInterrupt(
+                f"with {len(ledger.marks)} of {len(entries)} graded; --resume goes on"
+            ) from None
+    ledger.save()
+    alike = write_likeness(out / "likeness.csv", {one.name: prints[one.name] for one in entries})
+    if trouble:
+        raise trouble
+    rows = ledger.rows()
+    passed = sum(passes(ledger.grades[entry.name]) for entry in entries)
+    print_table(rows)
     print(
-        f"{passed} of {len(outcomes)} pass, convention {arguments.convention}, "
-        f"{time.perf_counter() - begin:.1f} s; sheets and grades.csv in {arguments.out}"
+        "", *summary_of(rows, ledger.marks), f"{alike} pairs of submissions are alike", "", sep="\n"
     )
-    return PASSED if passed == len(outcomes) else FAILED
+    print(f"{passed} of {len(entries)} pass, {time.perf_counter() - begin:.1f} s; "
+          f"sheets, grades.csv and marks.csv in {out}")  # fmt: skip
+    return PASSED if passed == len(entries) else FAILED
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_program(make_options(), main))

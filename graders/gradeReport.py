@@ -4,21 +4,22 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from gradingTools import ERROR_BOUND, FAILED, PASSED
+from gradingTools import ERROR_BOUND, EXACT, FAILED, PASSED
 from hints import explain
-from trials import comparable
 
 
 @dataclass(frozen=True)
 class Quantity:
     """One row of the table.
 
+    part : name of the Part that it belongs to
     error : the largest error, NaN if a number is missing or not a number; None if nothing was
         compared. Of bools, the number that differ
     isFlag : whether it is one of bools; worst : the sample with the largest error, or None
     count : how many samples were compared; isRight : whether the quantity passes
     """
 
+    part: str
     name: str
     error: float | None
     isFlag: bool
@@ -28,13 +29,13 @@ class Quantity:
 
     def cells(self):
         """The row as texts: name, error, sample, number of samples."""
-        error = "-"
-        if self.error is not None:
+        if self.error is None:
+            error = "-"
+        elif math.isnan(self.error):
+            error = "not a number"
+        else:
             error = f"{int(self.error)} differ" if self.isFlag else f"{self.error:.3e}"
-            if math.isnan(self.error):
-                error = "not a number"
-        worst = "-" if self.worst is None else str(self.worst)
-        return self.name, error, worst, str(self.count)
+        return self.name, error, "-" if self.worst is None else str(self.worst), str(self.count)
 
 
 @dataclass
@@ -64,28 +65,18 @@ class Grade:
 
     def verdict(self):
         """The last line of the report."""
-        count = len(self.quantities)
-        if self.failures:
-            return (
-                f"FAIL: {len(self.failures)} of {count} quantities are not below "
-                f"{ERROR_BOUND:g}: {'; '.join(self.failures)}"
-            )
-        return (
-            f"PASS: all {count} quantities below {ERROR_BOUND:g}, "
-            f"largest error {self.largest_error:.3e}"
-        )
+        below, count, wrong = f"below {ERROR_BOUND:g}", len(self.quantities), self.failures
+        if wrong:
+            return f"FAIL: {len(wrong)} of {count} quantities are not {below}: {'; '.join(wrong)}"
+        return f"PASS: all {count} quantities {below}, largest error {self.largest_error:.3e}"
 
     def table(self):
         """The lines of the table, columns three blanks apart."""
         rows = [("quantity", "largest error", "at sample", "samples")]
         rows += [quantity.cells() for quantity in self.quantities]
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        first, *others = (max(map(len, column)) for column in zip(*rows, strict=True))
         return [
-            "   ".join(
-                cell.rjust(width) if k else cell.ljust(width)
-                for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-            )
-            for row in rows
+            "   ".join([name.ljust(first), *map(str.rjust, cells, others)]) for name, *cells in rows
         ]
 
     def report(self):
@@ -97,68 +88,68 @@ class Grade:
         return FAILED if self.failures else PASSED
 
 
-def make_grade(grader, outcomes, data, convention):
+def make_grade(grader, outcomes, data):
     """The Grade of what has been computed.
 
     outcomes : list of (Part, Results)
     """
-    grade = Grade(grader.title, grader.remarks(data, convention))
-    for part, results in outcomes:
-        expected = part.expected(data, convention)
-        tried = part.samples(data, convention)
-        rows = [
-            _compared(part, key, results, expected, comparable(
-                part, key, results.values, expected, tried
-            ))
-            for key in part.shapes
-        ]  # fmt: skip
-        grade.quantities += rows
-        causes = {}
-        for key, (cause, count, first) in results.problems.items():
-            if count < len(tried):
-                cause += f" (in {count} of {len(tried)} samples, first in {first})"
-            causes.setdefault(cause, []).append(key)
-        grade.notes += _named(causes, part.name, part.shapes)
-        wrong = [row.name for row in rows if not row.isRight]
-        hints = {}
-        for key, texts in explain(part, results.values, data, convention).items():
-            for text in texts:
-                hints.setdefault(_marked(text), []).append(key)
-        grade.notes += _named(hints, part.name, wrong)
+    remarks = dict.fromkeys(text for _part, results in outcomes for text in results.remarks)
+    grade = Grade(grader.title, [*grader.remarks(data), *remarks])
+    if data["convention"] != EXACT:
+        grade.remarks.append(f"data of the convention {data['convention']}")
+    for function in dict.fromkeys(part.function for part, _results in outcomes):
+        _add_function(grade, function, [o for o in outcomes if o[0].function == function], data)
     return grade
 
 
-def _marked(text):
-    """A hint as such; what is not implemented is no guess."""
-    return text if text.startswith("not implemented") else f"hint: {text}"
+def _add_function(grade, function, outcomes, data):
+    """Adds the quantities and notes of the parts that call a function."""
+    causes, wrong = {}, set()
+    for part, results in outcomes:
+        expected, tried = part.expected(data), part.samples(data)
+        for key in part.shapes:
+            samples = part.comparable(key, tried, results.values, expected)
+            row = _compared(part, key, results, expected[key], samples)
+            grade.quantities.append(row)
+            wrong |= set() if row.isRight else {key}
+        for key, (cause, count, first) in results.problems.items():
+            where = f" (in {count} of {len(tried)} samples, first in {first})"
+            where = where if count < len(tried) else ""
+            causes.setdefault(cause, (where, []))[1].append(key)
+    parts = [part for part, _results in outcomes]
+    for cause, (where, keys) in causes.items():
+        grade.notes.append((_named(keys, parts, lambda shapes: shapes), cause + where))
+    hints = {}
+    for key, texts in explain(function, [(p, r.values) for p, r in outcomes], data).items():
+        for text in texts:
+            hints.setdefault(text, set()).add(key)
+    for text, keys in hints.items():
+        known = text if text.startswith("not implemented") else f"hint: {text}"
+        of = function if keys >= wrong else _named(keys, parts, wrong.intersection)
+        grade.notes.append((of, known))
 
 
-def _named(notes, partName, quantities):
-    """(names, text) of notes: the quantities' names, or the part's where it is about all of them.
-
-    notes : dict from text to list of quantities
-    """
-    return [
-        (partName if set(keys) >= set(quantities) else "; ".join(keys), text)
-        for text, keys in notes.items()
-    ]
+def _named(keys, parts, quantities):
+    """Names of quantities, or of a part where it is about all of its quantities."""
+    names = []
+    for part in parts:
+        own = [key for key in part.shapes if key in keys]
+        names += [part.name] if own and set(own) >= set(quantities(part.shapes)) else own
+    return "; ".join(names)
 
 
-def _compared(part, key, results, expected, samples):
+def _compared(part, key, results, wanted, samples):
     """The Quantity of one key, compared at these samples."""
-    wanted = np.asarray(expected[key])
-    isFlag = wanted.dtype == np.bool_
-    if key in results.problems and not np.isfinite(results.values[key]).any():
-        return Quantity(key, None, isFlag, None, 0, False)
-    if len(samples) == 0:
-        return Quantity(key, None, isFlag, None, 0, key not in results.problems)
+    isFlag, hasProblem = part.shapes[key] is bool, key in results.problems
+    values = results.values[key]
+    if len(samples) == 0 or hasProblem and not np.isfinite(values).any():
+        return Quantity(part.name, key, None, isFlag, None, 0, not hasProblem)
     # A NaN on either side makes its row's error NaN, which max and argmax put first.
     with np.errstate(all="ignore"):
-        errors = np.abs(results.values[key] - wanted.astype(float))[samples]
-    errors = errors.reshape(len(samples), -1).max(axis=1)
+        errors = np.abs(values - wanted)[samples].max(axis=1)
     if isFlag:
         errors[np.isnan(errors)] = 1.0  # no answer is a wrong one
-    error = errors.sum() if isFlag else errors.max()
+    error = float(errors.sum() if isFlag else errors.max())
     worst = int(samples[np.argmax(errors)]) if np.any(errors != 0) else None
-    isRight = bool(np.all(errors < ERROR_BOUND)) and key not in results.problems
-    return Quantity(key, float(error), isFlag, worst, len(samples), isRight)
+    isRight = bool(np.all(errors < ERROR_BOUND)) and not hasProblem
+    return Quantity(part.name, key, error, isFlag, worst, len(samples), isRight)

@@ -3,18 +3,16 @@
     python graders/integrationGrading.py [--data DIR] [--convention exact|released-2024]
     python graders/integrationGrading.py --modules DIR    a student's RBSFunctions and Quaternion
 
-In the released convention only the samples that have a result are graded (quirk 3 of the contract).
+Of the released data only the samples that have a result are graded (quirk 3 of the contract).
 """
 
 import sys
 
 import numpy as np
-from conventions import RESULT_ATTRIBUTES, graded_samples
 from graderProgram import run_grader
-from gradingTools import INTEGRATION_LAYOUT
-from hints import FIXED_INTEGRATION_MISTAKES, INTEGRATION_MISTAKES
-from rigidModel import TIME_STEP, fixed_integration, integration
-from trials import Grader, Part, attribute
+from gradingTools import EXACT, INTEGRATION_LAYOUT, WIDTHS
+from rigidModel import TIME_STEP, carried, exponentials, further_integration, integration, turn_rows
+from trials import Grader, Part, WrongResult, few_samples, numbers, results_of, state_of
 
 # The step does not depend on the body's shape, and the data give none: any free body will do.
 TETRAHEDRON = {
@@ -22,40 +20,42 @@ TETRAHEDRON = {
     "faces2": np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
     "tets2": np.array([[0, 1, 2, 3]]),
 }
-SHAPES = {key: (4,) if key == "resultOrientations" else (3,) for key in RESULT_ATTRIBUTES}
-FIXED = "a fixed mesh's pose"
 
 
-def integrate(bodies, data, samples, results):
-    for sample in samples:
-        with results.attempt(sample, *RESULT_ATTRIBUTES):
-            mesh = bodies.moving(sample)
-            mesh.integrate_timestep(TIME_STEP)
-            for key, name in RESULT_ATTRIBUTES.items():
-                with results.attempt(sample, key):
-                    results.values[key][sample] = attribute(mesh, name, *SHAPES[key])
+def integrate(bodies, data, sample):
+    mesh = bodies.moving(sample)
+    mesh.integrate_timestep(TIME_STEP)
+    yield from results_of(mesh)
 
 
-def integrate_fixed(bodies, data, samples, results):
-    for sample in samples:
-        with results.attempt(sample, FIXED):
-            mesh = bodies.moving(sample, isFixed=True)
-            mesh.integrate_timestep(TIME_STEP)
-            pose = attribute(mesh, "position", 3), attribute(mesh, "orientation", 4)
-            results.values[FIXED][sample] = np.concatenate(pose)
+def integrate_further(bodies, data, sample):
+    fixed = bodies.moving(sample, isFixed=True)
+    fixed.integrate_timestep(TIME_STEP)
+    yield "a fixed mesh's pose", state_of(fixed)[:7]
+    mesh = bodies.moving(sample)
+    mesh.integrate_timestep(TIME_STEP)
+    position, orientation = state_of(mesh)[None, :3], state_of(mesh)[None, 3:7]
+    vertices = numbers(mesh.currVertices, 12, "the mesh's currVertices")
+    yield "currVertices", vertices - carried(data, position, orientation)
 
 
-def expected_results(data, convention):
-    return {key: data[key] for key in RESULT_ATTRIBUTES}
+def exponentiate(bodies, data, sample):
+    rows = np.vstack([part[sample] for part in turn_rows(data)])
+    for name, some in (("QExp of one row", rows[1:2]), ("QExp of several rows", rows)):
+        value = bodies.function("QExp", "Quaternion")(some.copy())
+        if np.shape(value) != some.shape:
+            value = WrongResult(f"QExp gives {np.shape(value)} for an array {some.shape}")
+        yield name, value
 
 
-def fixed_pose(*arguments):
-    return {FIXED: fixed_integration(*arguments)}
+def graded_samples(data):
+    """Those that have a result: all of them, but for quirk 3."""
+    results = np.hstack([data[f"result{name}"] for name in WIDTHS])
+    return np.flatnonzero(np.any(results != 0, axis=1) | (data["convention"] == EXACT))
 
 
-def remarks(data, convention):
-    count = len(graded_samples(data, convention))
-    return [f"{count} of {len(data['randomPositions'])} samples graded"]
+def remarks(data):
+    return [f"{len(graded_samples(data))} of {len(data['randomPositions'])} samples graded"]
 
 
 GRADER = Grader(
@@ -65,12 +65,17 @@ GRADER = Grader(
     INTEGRATION_LAYOUT,
     (
         Part(
-            "integrate_timestep", SHAPES, integrate, expected_results, integration,
-            INTEGRATION_MISTAKES, graded_samples,
+            "integrate_timestep", {f"result{name}": width for name, width in WIDTHS.items()},
+            integrate, integration, graded_samples,
         ),
         Part(
-            "integrate_timestep of a fixed mesh", {FIXED: (7,)}, integrate_fixed, fixed_pose,
-            fixed_pose, FIXED_INTEGRATION_MISTAKES, isExtra=True,
+            "integrate_timestep of a fixed mesh, and currVertices",
+            {"a fixed mesh's pose": 7, "currVertices": 12},
+            integrate_further, further_integration, few_samples, isExtra=True,
+        ),
+        Part(
+            "QExp", {"QExp of one row": 4, "QExp of several rows": 12},
+            exponentiate, exponentials, few_samples, isExtra=True,
         ),
     ),
     remarks,

@@ -16,117 +16,58 @@ import sys
 import tempfile
 import threading
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from trials import Results
 
 from rbs.submissions import SubmissionError, brief
 
-GRADERS = Path(__file__).resolve().parent
-# A submission is a few text files; the released folder with its meshes and C library has some MB.
-MOST_FILES = 2000
-MOST_BYTES = 200 << 20
-# Folders that are not part of anybody's solution.
-PASSED_OVER = {"__pycache__", ".git", ".idea", ".vscode", "venv", ".venv", "__MACOSX"}
-# Seconds, of the time limit, that are kept to write down where the program is.
-TRACE_TIME = 0.5
-DEFAULT_SECONDS = 60.0
-DEFAULT_MEGABYTES = 2048
-
-
-@dataclass(frozen=True)
-class Limits:
-    """seconds : of a process, by the clock; megabytes : of its address space"""
-
-    seconds: float = DEFAULT_SECONDS
-    megabytes: int = DEFAULT_MEGABYTES
+WORKER = Path(__file__).resolve().with_name("worker.py")
+# Seconds that a process may take beside the time limits of its parts, to start and to end.
+GRACE = 20
 
 
 def add_limit_arguments(parser):
+    """Two options; what they give, `seconds` and `megabytes`, is what is called limits here."""
     parser.add_argument(
-        "--time-limit",
-        metavar="SECONDS",
-        type=_positive(float, 86400),
-        default=DEFAULT_SECONDS,
-        help="how long a submission may take for a part of a grader (default: %(default)g)",
-    )
+        "--time-limit", dest="seconds", metavar="SECONDS", type=positive(float, 86400), default=30,
+        help="how long a submission may take for each part of a grader (default: %(default)g)",
+    )  # fmt: skip
     parser.add_argument(
-        "--memory-limit",
-        metavar="MB",
-        type=_positive(int, 1 << 20),
-        default=DEFAULT_MEGABYTES,
+        "--memory-limit", dest="megabytes", metavar="MB", type=positive(int, 1 << 20), default=2048,
         help="how much memory a submission may ask for (default: %(default)d)",
-    )
+    )  # fmt: skip
 
 
-def _positive(kind, high):
+def positive(kind, high):
     """An argparse type: a number above 0, and not above `high`."""
 
     def parse(text):
-        try:
-            value = kind(text)
-        except ValueError:
-            value = 0
-        if not 0 < value <= high:
-            raise argparse.ArgumentTypeError(
-                f"must be a number above 0 and up to {high}, not '{brief(text, 40)}'"
-            )
-        return value
+        with suppress(ValueError):
+            if 0 < kind(text) <= high:
+                return kind(text)
+        raise argparse.ArgumentTypeError(
+            f"must be a number above 0 and up to {high}, not '{brief(text, 40)}'"
+        )
 
     return parse
-
-
-def limits_of(arguments):
-    return Limits(arguments.time_limit, arguments.memory_limit)
-
-
-# ---- A copy of a folder -------------------------------------------------------------------------
-
-
-@contextmanager
-def copied(folder):
-    """Yields the path of a copy of a folder, which is removed in the end; links are left out.
-
-    Raises SubmissionError where the folder cannot be read, or holds more than a submission does.
-    """
-    with tempfile.TemporaryDirectory(prefix="submission-", ignore_cleanup_errors=True) as place:
-        target = Path(place).resolve() / "work"
-        try:
-            _copy(Path(folder), target)
-        except OSError as error:
-            raise SubmissionError(f"{folder}: cannot be copied: {error.strerror}") from None
-        yield target
-
-
-def _copy(folder, target):
-    count = size = 0
-    for root, folders, files in os.walk(folder):
-        folders[:] = sorted(
-            name
-            for name in folders
-            if name not in PASSED_OVER and not os.path.islink(os.path.join(root, name))
-        )
-        here = target / os.path.relpath(root, folder)
-        here.mkdir(parents=True, exist_ok=True)
-        for name in files:
-            path = Path(root) / name
-            if not path.is_file() or path.is_symlink():
-                continue
-            count, size = count + 1, size + path.stat().st_size
-            if count > MOST_FILES or size > MOST_BYTES:
-                raise SubmissionError(
-                    f"{folder}: holds more than {MOST_FILES} files or {MOST_BYTES >> 20} MB"
-                )
-            shutil.copyfile(path, here / name)
 
 
 # ---- Processes ----------------------------------------------------------------------------------
 
 
+@contextmanager
+def copied(folder):
+    """Yields the path of a copy of a folder, which is removed in the end."""
+    with tempfile.TemporaryDirectory(prefix="running-", ignore_cleanup_errors=True) as place:
+        yield Path(shutil.copytree(folder, Path(place).resolve() / "work"))
+
+
 def environment(folder):
-    """The environment of a student's program: nothing that would change its numbers or its ways."""
-    kept = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    """The environment of a student's program: nothing that would change its numbers or its ways,
+    and no display on which it could open a window."""
+    dropped = ("PYTHON", "DISPLAY", "WAYLAND_DISPLAY")
+    kept = {name: text for name, text in os.environ.items() if not name.startswith(dropped)}
     return kept | {
         "PYTHONHASHSEED": "0",
         "PYTHONDONTWRITEBYTECODE": "1",
@@ -138,25 +79,21 @@ def environment(folder):
     }
 
 
-def run_limited(command, folder, seconds, errors=subprocess.DEVNULL):
-    """Runs a command and whatever it starts, for so many seconds; returns its exit code.
+def run_limited(words, folder, seconds, megabytes, errors=subprocess.DEVNULL):
+    """Runs `worker.py` with these words, and whatever it starts, for so many seconds.
 
     errors : a file that its standard error goes to; its output is dropped
+    Returns its exit code, negative where a signal ended it, and None where the time was up.
     Raises SubmissionError once `stop_all` has been called.
-
-    The exit code is negative where a signal ended it, and None where the time was up.
     """
     if _isStopped.is_set():
-        raise SubmissionError("stopped by Ctrl-C")
+        raise SubmissionError("stopped")
+    words = map(str, (megabytes, int(seconds) + 1, os.getpid(), *words))
     process = subprocess.Popen(
-        command,
-        cwd=folder,
-        env=environment(folder.parent),
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=errors,
-        start_new_session=True,
-    )
+        [sys.executable, "-B", WORKER, *words],
+        cwd=folder, env=environment(folder.parent), start_new_session=True,
+        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors,
+    )  # fmt: skip
     _running.add(process)
     try:
         return process.wait(seconds)
@@ -189,124 +126,80 @@ def _end(process):
     process.wait()
 
 
-def run_isolated(grader, folder, dataFolder, data, convention, limits):
-    """What a student's modules compute: `(list of (Part, Results), remarks)`.
+# ---- Grading ------------------------------------------------------------------------------------
 
-    A part at which the process ends is given up, and another process goes on with the next one.
+
+def run_isolated(graders, folder, dataFolder, data, limits):
+    """What a student's modules compute: a dict from a grader's module to a list of (Part, Results).
+
+    data : dict from a grader's module to its data, which the process reads from dataFolder
+
+    One process runs all parts. A part at which it ends is given up, and another process goes on
+    with the next one; modules that cannot be imported end all parts at once.
     """
-    sampleCount = len(data["randomPositions"])
-    parts = grader.asked(convention, withExtras=True)
+    parts = {
+        (grader.module, part.name): part
+        for grader in graders
+        for part in grader.asked(data[grader.module], withExtras=True)
+    }
     outcomes = {}
-    remarks = []
-    with copied(folder) as work:
-        while missing := [part for part in parts if part.name not in outcomes]:
-            run = _Run(grader, work, Path(dataFolder).resolve(), convention, limits, missing)
-            for part in missing:
-                results = Results(part.shapes, sampleCount)
-                if part.name in run.contents and run.read(part, results):
-                    outcomes[part.name] = results
-                elif part.name == run.begun or not run.isLoaded:
-                    results.give_up(run.cause, len(part.samples(data, convention)))
-                    outcomes[part.name] = results
-            if run.remarks:
-                remarks = run.remarks
-            if run.begun is None:
+    order = {"conventions": {one.module: data[one.module]["convention"] for one in graders}}
+    order |= {"data": str(dataFolder.resolve()), "seconds": limits.seconds}
+    while missing := [key for key in parts if key not in outcomes]:
+        contents, isLoaded, cause = _run(order | {"parts": missing}, folder, limits)
+        for key in missing:
+            given = data[key[0]]
+            results = outcomes[key] = Results(parts[key].shapes, len(given["randomPositions"]))
+            if key in contents:
+                results.read_json(contents[key])
+                continue
+            results.give_up(cause, len(parts[key].samples(given)))
+            if isLoaded:
                 break
-    for part in missing:
-        if part.name not in outcomes:
-            outcomes[part.name] = results = Results(part.shapes, sampleCount)
-            results.give_up(run.cause or "gave no results", len(part.samples(data, convention)))
-    return [(part, outcomes[part.name]) for part in parts], remarks
+    return {
+        grader.module: [(parts[key], outcomes[key]) for key in parts if key[0] == grader.module]
+        for grader in graders
+    }
 
 
-class _Run:
-    """One process of `worker.py`, and what it has left.
+def _run(order, folder, limits):
+    """One process of `worker.py`, on a copy of a folder, and what it has left.
 
-    contents : dict from the name of a part to its results, as `Results.as_json` has them
-    isLoaded : whether the modules could be imported; begun : the part at which the process has
-        ended before its time, or None; cause : why, or why the modules could not be imported
+    Returns a dict from (module, part) to results as `Results.as_json` has them; whether the modules
+    could be imported; and why it has ended.
     """
+    contents, isLoaded, cause = {}, False, None
+    with copied(folder) as work:
+        answers, trace = work.parent / "answers.jsonl", work.parent / "trace.txt"
+        places = {"folder": str(work), "answers": str(answers), "trace": str(trace)}
+        seconds = (len(order["parts"]) + 1) * limits.seconds + GRACE
+        code = run_limited([json.dumps(order | places)], work, seconds, limits.megabytes)
+        for line in answers.read_text(encoding="utf-8").splitlines() if answers.exists() else ():
+            with suppress(ValueError):  # of a line that is cut off
+                answer = json.loads(line)
+                isLoaded = isLoaded or "loaded" in answer
+                cause = answer.get("refused")
+                if "part" in answer:
+                    contents[tuple(answer["part"])] = answer["results"]
+        during = "" if isLoaded else " while the modules were imported"
+        said = trace.read_text(errors="replace") if trace.exists() else ""
+        cause = cause or _reason(code, said, limits.seconds) + during + _place(said, work)
+    return contents, isLoaded, cause
 
-    def __init__(self, grader, work, dataFolder, convention, limits, parts):
-        self._work = work
-        self._answers = work.parent / "answers.jsonl"
-        self._trace = work.parent / "trace.txt"
-        for path in (self._answers, self._trace):
-            path.write_text("")
-        order = {
-            "grader": grader.module,
-            "folder": str(work),
-            "data": str(dataFolder),
-            "convention": convention,
-            "parts": [part.name for part in parts],
-            "answers": str(self._answers),
-            "trace": str(self._trace),
-            "seconds": max(limits.seconds - TRACE_TIME, 0.5 * limits.seconds),
-            "megabytes": limits.megabytes,
-        }
-        command = [sys.executable, "-B", str(GRADERS / "worker.py"), json.dumps(order)]
-        self._seconds = limits.seconds
-        code = run_limited(command, work, limits.seconds)
-        self.contents = {}
-        self.remarks = []
-        self.begun = None
-        self.isLoaded = False
-        self.cause = None
-        isDone = self._read_answers()
-        if self.cause is None and not isDone:
-            self.cause = self._reason(code)
-        if isDone:
-            self.begun = None
 
-    def _read_answers(self):
-        """Takes in what the process has written; returns whether it came to its end."""
-        with open(self._answers, encoding="utf-8", errors="replace") as file:
-            for line in file:
-                try:
-                    answer = json.loads(line)
-                    kind, value = answer["kind"], answer["value"]
-                except (ValueError, KeyError, TypeError, RecursionError):
-                    continue  # cut off, or not ours
-                if kind == "loaded":
-                    self.isLoaded = True
-                    self.remarks = [
-                        f"{brief(name)}.py is not there: this project's is used"
-                        for name in value
-                    ]
-                elif kind == "refused":
-                    self.cause = brief(value)
-                elif kind == "begun":
-                    self.begun = value
-                elif kind == "results":
-                    self.contents[answer["part"]] = value
-                elif kind == "done":
-                    return True
-        return False
+def _reason(code, said, seconds):
+    """Why a process has ended before its time; said : what it has left in its trace."""
+    if code is None or "Timeout (" in said:
+        return f"stopped after {seconds:g} s"
+    if code < 0:
+        name = signal.Signals(-code).name if -code in set(signal.Signals) else str(-code)
+        return f"crashed the interpreter ({name})"
+    return f"ended the interpreter with exit code {code}"
 
-    def read(self, part, results):
-        """Fills the Results of a part in; returns False where they make no sense."""
-        try:
-            results.read_json(self.contents[part.name])
-        except (ValueError, KeyError, TypeError, AttributeError):
-            self.begun, self.cause = part.name, "gave no readable results"
-            return False
-        return True
 
-    def _reason(self, code):
-        """Why the process has ended before its time."""
-        place = self._place()
-        during = "" if self.isLoaded else " while the modules were imported"
-        if code is None:
-            return f"stopped after {self._seconds:g} s{during}{place}"
-        if code < 0:
-            name = signal.Signals(-code).name if -code in set(signal.Signals) else str(-code)
-            return f"crashed the interpreter ({name}){during}{place}"
-        return f"ended the interpreter with exit code {code}{during}"
-
-    def _place(self):
-        """Where the student's program was, as ", at FILE:LINE"; or nothing."""
-        trace = self._trace.read_text(errors="replace")
-        for file, line in re.findall(r'File "([^"\n]+)", line (\d+)', trace):
-            if Path(file).is_relative_to(self._work):
-                return f", at {brief(Path(file).relative_to(self._work))}:{line}"
-        return ""
+def _place(said, work):
+    """Where the student's program was, as ", at FILE:LINE"; or nothing."""
+    for file, line in re.findall(r'File "([^"\n]+)", line (\d+)', said):
+        if Path(file).is_relative_to(work):
+            return f", at {Path(file).relative_to(work)}:{line}"
+    return ""

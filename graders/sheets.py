@@ -1,4 +1,4 @@
-"""What `grade.py` prints and writes: the table, grades.csv, a Markdown sheet for each submission.
+"""What `grade.py` prints and writes of hand-ins: tables, CSV files, Markdown sheets, a summary.
 
 Texts may come from a submission: an exception's message, the name of a file. They are made
 harmless for a terminal, a spreadsheet and Markdown.
@@ -8,82 +8,142 @@ import csv
 import math
 import os
 import re
+import statistics
+import unicodedata
+from collections import Counter
+from urllib.parse import quote
 
 from gradingTools import ERROR_BOUND, printable
 
-COLUMNS = ("submission", "grader", "passed", "of", "largest error", "notes")
+from rbs.files import atomic_write
+from rbs.messages import short
+from rbs.submissions import SubmissionError
+
+GRADES = ("submission", "grader", "passed", "of", "largest error", "notes", "remarks", "failed",
+          "convention", "path")  # fmt: skip
+BETWEEN = " | "
 # Characters of a note in the printed table; the sheet has all of it.
 NOTE_WIDTH = 72
-# What a spreadsheet takes for a formula.
-FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+# What a spreadsheet takes for a formula, but for the apostrophe that keeps it from doing so.
+FORMULA = re.compile(r"^('?)([=+@-].+)")
+MOST_NOTES = 8  # of the summary
 
 
 def rows_of(outcome):
-    """Rows (submission, grader, passed, of, largest error, list of notes) of texts."""
+    """The rows of grades.csv, one for each grader: dicts of texts."""
+    row = dict.fromkeys(GRADES, "-")
+    row |= {"submission": outcome.name, "path": outcome.path}
+    row |= {"remarks": BETWEEN.join(outcome.remarks), "passed": "0"}
     if outcome.refusal:
-        return [(outcome.name, "-", "0", "-", "-", [outcome.refusal])]
+        return [row | {"notes": outcome.refusal, "failed": "everything: refused"}]
     rows = []
     for module, grade in outcome.grades.items():
-        count = len(grade.quantities)
         error = grade.largest_error
         shown = "not a number" if math.isnan(error) else f"{error:.1e}"
         if all(quantity.error is None for quantity in grade.quantities):
             shown = "-"
-        notes = [f"{what}: {text}" for what, text in grade.notes]
-        passed = str(count - len(grade.failures))
-        rows.append((outcome.name, module, passed, str(count), shown, notes))
+        failed = dict.fromkeys(one.part for one in grade.quantities if not one.isRight)
+        rows.append(row | {
+            "grader": module,
+            "passed": str(len(grade.quantities) - len(grade.failures)),
+            "of": str(len(grade.quantities)),
+            "largest error": shown,
+            "notes": BETWEEN.join(f"{what}: {text}" for what, text in grade.notes),
+            "failed": BETWEEN.join(failed),
+            "convention": outcome.conventions[module],
+        })  # fmt: skip
     return rows
 
 
-def print_table(outcomes):
-    """One line for each submission and grader."""
-    table = [("submission", "grader", "passed", "largest error", "hint")]
-    for outcome in outcomes:
-        for name, module, passed, count, error, notes in rows_of(outcome):
-            note = printable(notes[0]) if notes else ""
-            note = re.sub(r"^[^:]*: (hint: )?(?=.)", "", note) if module != "-" else note
-            if len(note) > NOTE_WIDTH:
-                note = note[: NOTE_WIDTH - 3] + "..."
-            more = f" (+{len(notes) - 1})" if len(notes) > 1 else ""
-            of = f"{passed}/{count}" if module != "-" else "refused"
-            table.append((name, module, of, error, note + more))
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    for row in table:
-        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
-        print("  ".join(cells).rstrip())
+def passes(rows):
+    return all(row["passed"] == row["of"] for row in rows)
 
 
-def write_csv(path, outcomes, convention):
-    """grades.csv: a row for each submission and grader. raises OSError"""
-    with open(path, "w", encoding="utf-8", newline="") as file:
+def write_rows(path, columns, rows):
+    """A CSV file, whole or as it was before; with the mark that Excel knows UTF-8 by. OSError"""
+    with (
+        atomic_write(path) as partial,
+        open(partial, "w", encoding="utf-8-sig", newline="") as file,
+    ):
         writer = csv.writer(file)
-        writer.writerow((*COLUMNS, "convention"))
-        for outcome in outcomes:
-            for *cells, notes in rows_of(outcome):
-                cells = (*cells, " | ".join(notes), convention)
-                writer.writerow([_plain_cell(cell) for cell in cells])
+        writer.writerow(columns)
+        writer.writerows([_plain_cell(str(row[column])) for column in columns] for row in rows)
+
+
+def read_rows(path, columns):
+    """The rows of `write_rows`, or none if there is no such file. SubmissionError, OSError"""
+    if not path.exists():
+        return []
+    with open(path, encoding="utf-8-sig", newline="") as file:
+        reader = csv.DictReader(file)
+        if tuple(reader.fieldnames or ()) != tuple(columns):
+            raise SubmissionError(f"{path}: has other columns, so it cannot be gone on with")
+        return [{key: re.sub(FORMULA, r"\2", text) for key, text in row.items()} for row in reader]
 
 
 def _plain_cell(text):
-    text = printable(text)
-    return f"'{text}" if text.startswith(FORMULA_STARTS) and text != "-" else text
+    return re.sub(FORMULA, r"'\2", printable(text))
 
 
-def write_sheet(path, outcome, convention):
-    """The Markdown sheet of a submission. raises OSError"""
-    verdict = "passes" if outcome.passes else "does not pass"
+def print_table(rows):
+    """One line for each submission and grader."""
+    table, last = [("submission", "grader", "passed", "largest error", "hint")], None
+    for row in rows:
+        name, grader = row["submission"], row["grader"]
+        notes = _split(row["notes"])
+        notes = [re.sub(r"^[^:]*: (hint: )?(?=.)", "", note) for note in notes if grader != "-"]
+        notes += _split(row["notes"]) * (grader == "-") + _split(row["remarks"]) * (name != last)
+        more = f" (+{len(notes) - 1})" if len(notes) > 1 else ""
+        passed = "refused" if grader == "-" else f"{row['passed']}/{row['of']}"
+        note = short(printable("".join(notes[:1])), limit=NOTE_WIDTH) if notes else ""
+        table.append((name, grader, passed, row["largest error"], note + more))
+        last = name
+    widths = [max(map(_width, column)) for column in zip(*table, strict=True)]
+    for row in table:
+        cells = [one + " " * (w - _width(one)) for one, w in zip(row, widths, strict=True)]
+        print("  ".join(cells).rstrip())
+
+
+def _split(cell):
+    return cell.split(BETWEEN) if cell else []
+
+
+def _width(text):
+    """The places that a text takes on a terminal, two for a Chinese character."""
+    return sum(1 + (unicodedata.east_asian_width(letter) in "WF") for letter in text)
+
+
+def summary_of(rows, marks):
+    """Lines on the class: marks, what fails how often, and the commonest notes.
+
+    rows : of grades.csv; marks : dict from a submission's name to its row of marks.csv
+    """
+    totals = [float(row["total"]) for row in marks.values()]
+    failed = Counter(part for row in rows for part in _split(row["failed"]))
+    notes = Counter(note for row in rows for note in _split(row["notes"]))
+    return [
+        f"marks: mean {statistics.mean(totals):.1f}, median {statistics.median(totals):g}",
+        *(f"{count:4} of {len(marks)} fail: {part}" for part, count in failed.most_common()),
+        *(f"{count:4} x {printable(note)}" for note, count in notes.most_common(MOST_NOTES)),
+    ]
+
+
+def write_sheet(path, outcome, marks):
+    """The Markdown sheet of a submission. marks : its row of marks.csv. raises OSError"""
+    verdict = "passes" if passes(rows_of(outcome)) else "does not pass"
     lines = [f"# {_plain(outcome.name)}", ""]
     if outcome.refusal:
         lines += [f"Not graded: {_plain(outcome.refusal)}", ""]
     else:
         lines += [
-            f"It {verdict} under the convention `{convention}`; a quantity passes if its largest "
-            f"error is below {ERROR_BOUND:g}.",
+            f"It {verdict}; a quantity passes if its largest error is below {ERROR_BOUND:g}.",
+            "",
+            f"Marks: {marks['total']} of {marks['of']}.",
             "",
         ]
     lines += [f"- {_plain(remark)}" for remark in outcome.remarks]
     lines += [""] * bool(outcome.remarks)
-    for grade in outcome.grades.values():
+    for module, grade in outcome.grades.items():
         passed = len(grade.quantities) - len(grade.failures)
         lines += [f"## {grade.title}: {passed} of {len(grade.quantities)}", ""]
         lines += [f"- {_plain(what)}: {_plain(text)}" for what, text in grade.notes]
@@ -92,23 +152,24 @@ def write_sheet(path, outcome, convention):
         for quantity in grade.quantities:
             mark = "✓" if quantity.isRight else "✗"
             lines.append(f"| {mark} | {' | '.join(map(_plain, quantity.cells()))} |")
-        lines += ["", *(f"{_plain(remark)}  " for remark in grade.remarks), ""]
+        remarks = [*grade.remarks, f"convention {outcome.conventions[module]}"]
+        lines += ["", *(f"{_plain(remark)}  " for remark in remarks), ""]
     if outcome.scenes:
         lines += ["## Scenes", ""]
         for scene in outcome.scenes:
             lines += _contact_sheet(scene, path.parent)
-    with open(path, "w", encoding="utf-8", newline="\n") as file:
+    with atomic_write(path) as partial, open(partial, "w", encoding="utf-8", newline="\n") as file:
         file.write("\n".join(lines).rstrip() + "\n")
 
 
 def _contact_sheet(scene, folder):
     """The pictures of a scene in a row, with their times below."""
     lines = [f"### {_plain(scene.name)}", ""]
-    if scene.problem:
-        lines += [_plain(scene.problem), ""]
+    lines += [_plain(scene.problem or "The steps agree with ours."), ""]
+    lines += [*(f"- {_plain(remark)}" for remark in scene.remarks), ""]
     if scene.pictures:
         paths = [os.path.relpath(path, folder) for _time, path in scene.pictures]
-        paths = [path.replace(os.sep, "/") for path in paths]
+        paths = [quote(path.replace(os.sep, "/")) for path in paths]
         lines += [
             "| " + " | ".join(f"![{scene.name}]({path})" for path in paths) + " |",
             "|" + ":-:|" * len(paths),

@@ -1,26 +1,57 @@
-"""The process in which a student's modules are graded; started by `isolation`, not by hand.
+"""Runs a script, or grades a student's modules, within limits that the operating system keeps.
 
-Writes a line of JSON for each thing that is done, so that what was done is known however the
-process ends.
+    python graders/worker.py MEGABYTES SECONDS PARENT SCRIPT ARGUMENT...
+    python graders/worker.py MEGABYTES SECONDS PARENT ORDER     as `isolation` gives it, in JSON
+
+PARENT is the number of the process that starts it; SECONDS are of processor time, and a part's time
+by the clock is in the order. Grading writes a line of JSON for each thing that is done, so that
+what was done is known however the process ends.
 """
 
 import faulthandler
 import importlib
 import json
 import os
+import runpy
+import signal
 import sys
 from pathlib import Path
 
-from limitedRun import limit
+# The most bytes of a file that a submission may write.
+LARGEST_FILE = 64 << 20
+PR_SET_PDEATHSIG = 1  # of Linux's prctl
 
 
-def main():
-    order = json.loads(sys.argv[1])
-    sys.argv[1:] = []
-    limit(order["megabytes"])
+def limit(megabytes, seconds, parent):
+    """Bounds the memory, files and processor time of this process and of those that it starts.
+
+    On Linux it also ends when its parent does, however that ends.
+    """
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    bounds = {"AS": megabytes << 20, "FSIZE": LARGEST_FILE, "CPU": seconds, "CORE": 0}
+    for name, bound in bounds.items():
+        what = getattr(resource, f"RLIMIT_{name}")
+        _soft, hard = resource.getrlimit(what)
+        if hard != resource.RLIM_INFINITY:
+            bound = min(bound, hard)
+        resource.setrlimit(what, (bound, bound))
+    if sys.platform == "linux":
+        import ctypes
+
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:  # it has ended before
+            os._exit(1)
+
+
+def grade(order):
     trace = open(order["trace"], "w")  # stays open as long as the process lives
     faulthandler.enable(trace)
-    faulthandler.dump_traceback_later(order["seconds"], file=trace)
+
+    def start_clock():
+        faulthandler.dump_traceback_later(order["seconds"], file=trace, exit=True)
 
     import gradingTools  # noqa: F401  puts the project on the path
     from conventions import Bodies
@@ -28,37 +59,46 @@ def main():
 
     from rbs.submissions import SubmissionError, load_submission
 
-    grader = importlib.import_module(order["grader"]).GRADER
-    data = grader.load(Path(order["data"]))
+    graders, data, bodies = {}, {}, {}
+    for module, convention in order["conventions"].items():
+        graders[module] = importlib.import_module(module).GRADER
+        data[module] = graders[module].load(Path(order["data"]), convention)
     with open(order["answers"], "w", encoding="utf-8") as answers:
 
-        def tell(kind, value, **more):
-            answers.write(json.dumps({"kind": kind, "value": value, **more}) + "\n")
-            answers.flush()
+        def tell(**answer):
+            print(json.dumps(answer), file=answers, flush=True)
 
-        folder, convention = order["folder"], order["convention"]
+        folder = order["folder"]
         os.chdir(folder)
+        start_clock()
         try:
             submission = load_submission(folder)
         except SubmissionError as error:
-            tell("refused", str(error))
-            return
-        tell("loaded", submission.missing)
-        bodies = Bodies(submission.functions, submission.quaternion, data, convention)
-        for part in grader.asked(convention, withExtras=True):
-            if part.name in order["parts"]:
-                tell("begun", part.name)
-                results = Results(part.shapes, len(data["randomPositions"]), folder)
-                try:
-                    part.run(bodies, data, part.samples(data, convention), results)
-                    tell("results", results.as_json(), part=part.name)
-                except Exception as error:  # there may be no memory left even for the results
-                    tell("refused", f"gave no results: {type(error).__name__}: {error}")
-                    return
-        tell("done", None)
-    sys.stdout = sys.stderr = None
-    os._exit(0)  # whatever the submission has registered for the end, or left running
+            return tell(refused=str(error))
+        tell(loaded=True)
+        for module, name in order["parts"]:
+            start_clock()
+            (part,) = (one for one in graders[module].parts if one.name == name)
+            given = data[module]
+            results = Results(part.shapes, len(given["randomPositions"]), folder)
+            try:
+                if module not in bodies:
+                    modules = submission.functions, submission.quaternion
+                    bodies[module] = Bodies(*modules, given)
+                part.run(bodies[module], given, part.samples(given), results)
+                tell(part=[module, name], results=results.as_json())
+            except Exception as error:  # there may be no memory left even for the results
+                return tell(refused=f"gave no results: {type(error).__name__}: {error}")
 
 
 if __name__ == "__main__":
-    main()
+    *numbers, script = sys.argv[1:5]
+    limit(*map(int, numbers))
+    if script.endswith(".py"):
+        del sys.argv[:4]
+        sys.path[0] = str(Path(script).resolve().parent)
+        runpy.run_path(script, run_name="__main__")
+    else:
+        sys.argv[1:] = []
+        grade(json.loads(script))
+        os._exit(0)  # whatever the submission has registered for the end, or left running

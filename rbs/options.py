@@ -92,6 +92,7 @@ COMPANIONS = {
     ),
     "fps": ({"video"}, "says how fast --video plays, which is missing"),
     "transparent": ({"screenshots"}, "says how --screenshots draws, which is missing"),
+    "our_loop": ({"functions"}, "says how --functions makes its steps, which is missing"),
     "from_step": ({"resume"}, "says where --resume starts, which is missing"),
 }
 
@@ -119,7 +120,14 @@ def make_parser():
     parser.add_argument(
         "--functions", metavar="DIR", type=PATH,
         help="make the steps with the RBSFunctions.py of this folder, a student's for instance, "
-        "which runs with your rights; options that its run_timestep does not know are refused",
+        "which runs with your rights; options that its run_timestep does not know are refused. "
+        "graders/compare.py finds the first step and call that differs from this project's",
+    )  # fmt: skip
+    parser.add_argument(
+        "--our-loop", action="store_true",
+        help="with --functions: this project's step, with its order and its end of the constraint "
+        "visits, around the functions and the Mesh of that folder. The coursework's released "
+        "run_timestep drops a corrected velocity and ends early where there are many constraints",
     )  # fmt: skip
 
     add_physics_options(parser)

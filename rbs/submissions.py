@@ -9,6 +9,7 @@ Loading a submission runs its code with the rights of whoever asks for it.
 
 import importlib
 import sys
+import traceback
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +24,7 @@ PROGRAM_FOLDER = Path(__file__).resolve().parents[1]
 # within the package where that is installed, as `rbs.scenes.DATA_FOLDER` does.
 _INSTALLED = PROGRAM_FOLDER / "rbs" / "released"
 STAND_INS = _INSTALLED if _INSTALLED.is_dir() else PROGRAM_FOLDER / "graders" / "released"
-# The modules that a submission may bring. Where it lacks one, ours takes its place.
+# The modules that a submission brings: the first in any case, the second where the first needs it.
 SUBMITTED_MODULES = ("RBSFunctions", "Quaternion")
 
 
@@ -90,11 +91,12 @@ def _our_names():
 
 @dataclass(frozen=True)
 class Submission:
-    """Loaded modules of a student, or ours where the student has none.
+    """Loaded modules of a student.
 
     folder : where they lie
-    functions, quaternion : the modules RBSFunctions and Quaternion
-    missing : names of the modules that are ours
+    functions, quaternion : the modules RBSFunctions and Quaternion; without a Quaternion.py both
+        are RBSFunctions, which then has its functions or does without
+    missing : names of the modules that are not there
     """
 
     folder: Path
@@ -104,13 +106,12 @@ class Submission:
 
 
 def check_folder(folder):
-    """Raises SubmissionError unless the folder holds a module that a submission may bring."""
+    """Raises SubmissionError unless the folder holds RBSFunctions.py."""
     folder = Path(folder)
     if not folder.is_dir():
         raise SubmissionError(f"{folder}: there is no such folder")
-    if not any((folder / f"{name}.py").is_file() for name in SUBMITTED_MODULES):
-        files = " nor ".join(f"{name}.py" for name in SUBMITTED_MODULES)
-        raise SubmissionError(f"{folder}: holds neither {files}")
+    if not (folder / "RBSFunctions.py").is_file():
+        raise SubmissionError(f"{folder}: holds no RBSFunctions.py")
 
 
 def load_submission(folder, keepsNames=True):
@@ -120,42 +121,50 @@ def load_submission(folder, keepsNames=True):
         again as soon as the student's are loaded, and the folder goes to the end of the path
 
     Imports look in the folder first, then among the stand-ins for what the released code needs.
-    If RBSFunctions.py is missing, ours is used with our own Quaternion, since ours needs more of
-    it than the coursework asks for.
+    Our own modules are not found, so that none takes the place of one that the folder lacks.
 
     Returns a Submission. Raises SubmissionError, with file and line where the cause has them.
     """
     check_folder(folder)
     folder = Path(folder).resolve()
-    missing = tuple(name for name in SUBMITTED_MODULES if not (folder / f"{name}.py").is_file())
-    ours = {name: our_module(name) for name in missing}
-    dropped = _give_up_names(folder)
-    sys.modules.update(ours)
+    lacking = [name for name in OUR_MODULES if not (folder / f"{name}.py").is_file()]
+    missing = tuple(name for name in SUBMITTED_MODULES if name in lacking)
+    dropped = _give_up_names({path.stem for path in folder.iterdir()} | set(lacking))
+    sys.modules.update(dict.fromkeys(lacking))  # None: no import finds them
     theirs = [str(folder), str(STAND_INS)]
     sys.path[:0] = theirs
     try:
-        modules = [importlib.import_module(name) for name in SUBMITTED_MODULES]
+        functions = importlib.import_module("RBSFunctions")
+        quaternion = functions if missing else importlib.import_module("Quaternion")
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # whatever a student's module raises, SystemExit included
-        raise SubmissionError(f"cannot be imported: {describe(error, folder)}") from None
+        cause = describe(error, folder)
+        if isinstance(error, ImportError) and error.name in lacking:
+            cause = cause.partition("ModuleNotFoundError")[0] + f"there is no {error.name}.py"
+        raise SubmissionError(f"cannot be imported: {cause}") from None
     if not keepsNames:
         sys.path[:] = sys.path[2:] + theirs
+        for name in lacking:
+            sys.modules.pop(name, None)
         sys.modules.update(dropped)
-    return Submission(folder, *modules, missing)
+    return Submission(folder, functions, quaternion, missing)
 
 
-def _give_up_names(folder):
-    """Drops, and returns in a dict, our modules and stand-ins whose names the folder has files of.
+def _give_up_names(names):
+    """Drops, and returns in a dict, our modules, graders and stand-ins of these names.
 
     Modules of Python and of installed packages stay: a student's random.py is not ours to load in
     place of Python's own.
     """
     dropped = {}
-    for name in {path.stem for path in folder.iterdir()} & set(sys.modules):
+    for name in sorted(names & set(sys.modules)):
         module = sys.modules[name]
         file = getattr(module, "__file__", None)
-        isStandIn = file is not None and Path(file).resolve().parent == STAND_INS
+        isStandIn = file is not None and STAND_INS in (
+            Path(file).resolve().parent,
+            Path(file).resolve().parent / "released",
+        )
         if isStandIn or _is_ours(module):
             dropped[name] = sys.modules.pop(name)
             if _is_ours(module):
@@ -164,31 +173,28 @@ def _give_up_names(folder):
 
 
 def describe(error, folder):
-    """An exception as "file:line: type: message", the line being the last one of the student's.
+    """An exception as "file:line in function, called from file:line in function: type: message".
 
-    folder : of the submission; files in it are named relative to it. Where no line of theirs had a
-        part in it, file and line are left out.
+    The lines are the student's own, the innermost first, and three at most; where no line of theirs
+    had a part in it, they are left out. folder : of the submission
     """
     folder = Path(folder).resolve()
     message = brief(str(error))
     text = f"{type(error).__name__}: {message}" if message else type(error).__name__
-    place = None
-    trace = error.__traceback__
-    while trace is not None:
-        file = trace.tb_frame.f_code.co_filename
-        if _within(file, folder):
-            place = file, trace.tb_lineno
-        trace = trace.tb_next
+    places = []
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        code = frame.f_code
+        if _within(code.co_filename, folder):
+            function = "" if code.co_name == "<module>" else f" in {code.co_name}"
+            places.insert(0, f"{Path(code.co_filename).name}:{line}{function}")
     if isinstance(error, SyntaxError) and error.filename and _within(error.filename, folder):
-        place = error.filename, error.lineno
+        places = [f"{Path(error.filename).name}:{error.lineno}"]
         text = f"{type(error).__name__}: {brief(error.msg)}"
-    if place is None:
-        return text
-    return f"{Path(place[0]).name}:{place[1]}: {text}"
+    return ": ".join([", called from ".join(places[:3]), text] if places else [text])
 
 
 def _within(file, folder):
     try:
-        return Path(file).resolve().is_relative_to(folder)
+        return not file.startswith("<") and Path(file).resolve().is_relative_to(folder)
     except (OSError, ValueError):
         return False

@@ -113,13 +113,14 @@ def test_the_simulation_passes_on_our_data(grader, quantityCount, tmp_path):
 
 
 @pytest.mark.parametrize("grader", FILES)
-def test_released_data_pass_in_the_released_convention_only(grader, released_data, grade_here):
-    graded = grade_here(grader, "--data", released_data, *RELEASED)
+def test_released_data_pass_in_their_own_convention_only(grader, released_data, grade_here):
+    graded = grade_here(grader, "--data", released_data)
+    assert "data of the convention released-2024" in graded.stdout
     assert graded.returncode == 0, graded.stdout + graded.stderr
     assert max(reported_errors(graded.stdout).values()) < ROUNDING
     if grader == "integrationGrading.py":
         assert "1 of 100 samples graded" in graded.stdout
-    assert_failed(grade_here(grader, "--data", released_data))
+    assert_failed(grade_here(grader, "--data", released_data, "--convention", "exact"))
 
 
 # A step of the integrator does not depend on the inertia: the two conventions are alike there, but
@@ -296,14 +297,6 @@ def assign(key, make):
     return lambda data: data.update({key: make(data[key])})
 
 
-def self_contained():
-    """A list of two lists of two lists ... 60 levels deep, 2⁶⁰ numbers when written out."""
-    level = [0.0, 0.0]
-    for _ in range(60):
-        level = [level, level]
-    return level
-
-
 WHOLE = (DATA / "collision-resolution.data").read_bytes
 UNUSABLE = {
     "truncated": lambda: (WHOLE()[:5000], "not a readable data file"),
@@ -312,16 +305,15 @@ UNUSABLE = {
     "not a dictionary": lambda: (pickle.dumps([1, 2]), "list in place of a dictionary"),
     "missing key": lambda: (pickled(lambda data: data.pop("depth")), "no entry depth"),
     "wrong shape": lambda: (pickled(assign("intNormal", lambda a: a[:, :2])), "intNormal has"),
-    "too few samples": lambda: (pickled(assign("depth", lambda a: a[:-1])), "depth has an axis"),
+    "too few samples": lambda: (
+        pickled(assign("depth", lambda a: a[:-1])),
+        "depth has shape (99,)",
+    ),
     "lone result": lambda: (
         pickled(assign("resultPositions", lambda pair: pair[:1])),
-        "resultPositions has an axis of length 1 in place of 2",
+        "resultPositions has shape (1, 100, 3) in place of (2, 100, 3)",
     ),
-    "nested lists": lambda: (
-        pickled(assign("resultPositions", lambda _: self_contained())),
-        "resultPositions has an axis",
-    ),
-    "words": lambda: (pickled(assign("depth", lambda a: ["deep"] * len(a))), "depth holds a str"),
+    "words": lambda: (pickled(assign("depth", lambda a: ["deep"] * len(a))), "depth holds <U4"),
     "index out of range": lambda: (pickled(assign("tets2", lambda a: a + 1)), "tets2 names"),
     "infinite input": lambda: (
         pickled(assign("randomPositions", lambda a: a / 0.0)),
@@ -334,7 +326,7 @@ UNUSABLE = {
     "no vertex": lambda: (pickled(assign("origVertices1", lambda a: a[:0])), "is empty"),
     "huge integers": lambda: (
         pickled(assign("depth", lambda a: [10**400] * len(a))),
-        "depth holds object where float is expected",
+        "depth holds object where float64 is expected",
     ),
     "bytes that are not there": lambda: (
         b"\x80\x04\x8e" + b"\xff" * 7 + b"\x7f.",

@@ -18,12 +18,17 @@ import pytest
 import studentVariants
 from oracles import COURSE, DATA, ROOT, needs_course
 
+sys.path.insert(0, str(ROOT / "graders"))
+
+from rigidModel import resolution, velocity_constraints
+
 from RigidBodySimulation import load_constraint_file, load_mesh_file, load_scene_file
 
 STAND_INS = ROOT / "graders" / "released"
 OURS = STAND_INS / "ours"
 SCRIPTS = Path(__file__).parent / "submissions" / "released"
 GRADERS = ("integrationGrading.py", "ResolveCollisionsGrading.py", "Constraints.py")
+MODELS = {"ResolveCollisionsGrading": resolution, "Constraints": velocity_constraints}
 BOUND = 1e-9
 LIBRARY = ("vec3.py", "support.py", "mpr.py", "ccd.py", "isCollide.py")
 
@@ -97,6 +102,33 @@ def test_a_students_solution_passes_and_mistakes_do_not(grader, place):
     mistake = studentVariants.MISTAKES[edits[grader]]
     studentVariants.write_submission(place / "code", studentVariants.released(mistake))
     assert max(errors_of(run(grader, place / "grading", STAND_INS))) > 0.01
+
+
+def test_each_variant_is_told_what_the_table_says_and_what_passes_passes_the_released_graders():
+    table = (studentVariants.FIXTURES / "variants.md").read_text(encoding="utf-8")
+    assert studentVariants.table() == table
+    rows = [line.strip("| ").split(" | ") for line in table.splitlines() if line.startswith("| ")]
+    verdicts = {name: (fails, verdict) for name, fails, *_told, verdict in rows[1:]}
+    passing = {name for name, (fails, _verdict) in verdicts.items() if fails == "0"}
+    assert passing == set(studentVariants.RIGHT)
+    # Whose tensor is the skeleton's.
+    others = {name for name in passing if verdicts[name][1] != "passes"}
+    assert others == {"small-tensor", "released"}
+
+
+@pytest.mark.parametrize("name", ["small-tensor", "released"])
+def test_who_keeps_the_skeletons_tensor_passes_the_released_graders_on_data_made_with_it(
+    name, tmp_path
+):
+    mistakes = {"tensor turned the other way"} if name == "small-tensor" else set()
+
+    def with_small_tensor(module, data):
+        model = MODELS.get(module, lambda *_: {})
+        return data | model(data | {"convention": "released-2024"}, mistakes)
+
+    place = studentVariants.write_place(tmp_path, with_small_tensor)
+    assert studentVariants.released_error(studentVariants.RIGHT[name], place) < BOUND
+    assert studentVariants.released_error([], place) > 0.1
 
 
 def test_the_switch_has_two_positions(place):

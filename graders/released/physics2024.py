@@ -12,14 +12,23 @@ import numpy as np
 INERTIA_FACTOR = 1.0 / 6.0  # quirk 1
 
 
-def rotation_matrix(q):
-    """R (3, 3) with R v = q v q⁻¹, for a quaternion (4,) or (1, 4) of any length but zero."""
-    w, x, y, z = np.ravel(q) / np.linalg.norm(q)
-    return np.array([
+def in_world_axes(R, inverse, isReleased):
+    """R I⁻¹ Rᵀ, or Rᵀ I⁻¹ R as released (quirk 2). R, inverse : (3, 3), or (n, 3, 3)"""
+    if isReleased:
+        R = np.swapaxes(R, -1, -2)
+    return R @ inverse @ np.swapaxes(R, -1, -2)
+
+
+def rotation_matrices(q):
+    """R (n, 3, 3) with R v = q v q⁻¹, for quaternions (n, 4) of any length but zero."""
+    q = np.asarray(q, dtype=np.float64).reshape(-1, 4)
+    w, x, y, z = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
+    rows = np.array([
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ])  # fmt: skip
+    return np.moveaxis(rows, -1, 0)
 
 
 def inertia_tensor(vertices, tets, density):
@@ -56,7 +65,6 @@ def released_class(Mesh):
 
         def get_rotated_inv_IT(self):
             """Inverse inertia tensor (3, 3), 1 / (kg m²), as the release has it in world axes."""
-            rotation = rotation_matrix(self.orientation)
-            return rotation.T @ self.invIT @ rotation
+            return in_world_axes(rotation_matrices(self.orientation)[0], self.invIT, True)
 
     return ReleasedMesh

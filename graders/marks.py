@@ -1,0 +1,104 @@
+"""Marks: a scheme in a file, what a submission gets by it, and Gradescope's results.json."""
+
+import configparser
+import json
+from pathlib import Path
+
+import numpy as np
+from gradingTools import ERROR_BOUND, GraderDataError
+from hints import mistakes_of
+
+from rbs.files import atomic_write
+
+DEFAULT_SCHEME = Path(__file__).resolve().with_name("marks.ini")
+SCENES = "scenes"
+
+
+def load_scheme(path, graders, data):
+    """The marks of a file: dict from what it names to (its marks, quantities that do not count).
+
+    data : dict from a grader's module to its data. Raises GraderDataError, OSError
+    """
+    parts = [(part, data[one.module]) for one in graders for part in one.parts]
+    names = [*dict.fromkeys(word for one, _ in parts for word in (one.function, one.name)), SCENES]
+    parser = configparser.ConfigParser(delimiters=("=",), interpolation=None)
+    parser.optionxform = str  # capitals stay
+    scheme = {}
+    try:
+        with open(path, encoding="utf-8-sig") as file:
+            parser.read_file(file)
+        for heading in parser.sections():
+            for name, text in parser[heading].items():
+                if name not in names:
+                    raise ValueError(f"'{name}' is none of {', '.join(names)}")
+                free = [_free(*one) for one in parts if _is_of(one[0].name, name)]
+                scheme[name] = float(text), [key for keys in free for key in keys]
+    except (configparser.Error, ValueError) as problem:
+        raise GraderDataError(f"{path}: {' '.join(str(problem).split())}") from None
+    return scheme
+
+
+def _is_of(part, name):
+    return part == name or part.startswith(f"{name} ")
+
+
+def _free(part, data):
+    """The quantities of a part that come out right where nothing is written."""
+    expected, mistakes = part.expected(data), mistakes_of(part.function)
+    stubs = [one.names for one in mistakes if one.text.startswith("not implemented")]
+    results = [part.after_mistakes(data, names) for names in stubs]
+    return [
+        key for key in expected
+        if results and all(np.allclose(one[key], expected[key], 0, ERROR_BOUND) for one in results)
+    ]  # fmt: skip
+
+
+def marks_of(outcome, scheme):
+    """dict from a part of the scheme to (marks, the most, what is wrong), without the ungraded."""
+    if outcome.refusal:
+        return {name: (0.0, most, [outcome.refusal]) for name, (most, _free) in scheme.items()}
+    quantities = [one for grade in outcome.grades.values() for one in grade.quantities]
+    marks = {}
+    for name, (most, free) in scheme.items():
+        nearer = [one for one in scheme if _is_of(one, name) and one != name]
+        tried = [(one.name, one.isRight) for one in quantities if _is_of(one.part, name)
+                 and not any(_is_of(one.part, other) for other in nearer)]  # fmt: skip
+        if name == SCENES:
+            tried = [(f"{one.name}: {one.problem}", not one.problem) for one in outcome.scenes]
+        counted = [one for one in tried if not one[1] or one[0] not in free]
+        wrong = [text for text, isRight in counted if not isRight]
+        if tried:
+            given = most * (1 - len(wrong) / max(1, len(counted)))
+            marks[name] = round(given, 2), most, wrong
+    return marks
+
+
+def marks_row(outcome, scheme):
+    """The marks of a row of marks.csv: by part, empty where not graded; their sum, of how many."""
+    given = marks_of(outcome, scheme)
+    row = {name: f"{given[name][0]:g}" if name in given else "" for name in scheme}
+    total, most = (sum(one[k] for one in given.values()) for k in (0, 1))
+    return row | {"total": f"{round(total, 2):g}", "of": f"{most:g}"}
+
+
+def write_gradescope(path, outcome, scheme):
+    """results.json as Gradescope has it from an autograder. raises OSError
+
+    https://gradescope-autograders.readthedocs.io/en/latest/specs/
+    """
+    given = marks_of(outcome, scheme)
+    notes = [f"{what}: {text}" for grade in outcome.grades.values() for what, text in grade.notes]
+    results = {
+        "score": round(sum(marks for marks, _most, _wrong in given.values()), 2),
+        "execution_time": round(outcome.seconds),
+        "output": "\n".join(filter(None, [outcome.refusal, *outcome.remarks, *notes])),
+        "visibility": "visible",
+        "tests": [
+            {"name": name, "score": marks, "max_score": most, "visibility": "visible",
+             "output": f"wrong: {'; '.join(wrong)}" if wrong else "right"}
+            for name, (marks, most, wrong) in given.items()
+        ],
+    }  # fmt: skip
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(path) as partial, open(partial, "w", encoding="utf-8") as file:
+        json.dump(results, file, indent=1, ensure_ascii=False)
