@@ -90,6 +90,8 @@ def grade_entry(entry, isKnown, data, arguments):
             if arguments.scenes:
                 pictures = arguments.out / "pictures" / entry.name
                 outcome.scenes = [compare_scene(one, folder, pictures, arguments) for one in SCENES]
+                found = [f"{one.name}: {one.problem}" for one in outcome.scenes if one.problem]
+                outcome.remarks += map(printable, found)
             outcome.grades = grades
     except SubmissionError as error:
         outcome.refusal = str(error)
