@@ -29,13 +29,13 @@ class Quantity:
 
     def cells(self):
         """The row as texts: name, error, sample, number of samples."""
-        error = "-"
-        if self.error is not None:
+        if self.error is None:
+            error = "-"
+        elif math.isnan(self.error):
+            error = "not a number"
+        else:
             error = f"{int(self.error)} differ" if self.isFlag else f"{self.error:.3e}"
-            if math.isnan(self.error):
-                error = "not a number"
-        worst = "-" if self.worst is None else str(self.worst)
-        return self.name, error, worst, str(self.count)
+        return self.name, error, "-" if self.worst is None else str(self.worst), str(self.count)
 
 
 @dataclass
@@ -65,28 +65,18 @@ class Grade:
 
     def verdict(self):
         """The last line of the report."""
-        count = len(self.quantities)
-        if self.failures:
-            return (
-                f"FAIL: {len(self.failures)} of {count} quantities are not below "
-                f"{ERROR_BOUND:g}: {'; '.join(self.failures)}"
-            )
-        return (
-            f"PASS: all {count} quantities below {ERROR_BOUND:g}, "
-            f"largest error {self.largest_error:.3e}"
-        )
+        below, count, wrong = f"below {ERROR_BOUND:g}", len(self.quantities), self.failures
+        if wrong:
+            return f"FAIL: {len(wrong)} of {count} quantities are not {below}: {'; '.join(wrong)}"
+        return f"PASS: all {count} quantities {below}, largest error {self.largest_error:.3e}"
 
     def table(self):
         """The lines of the table, columns three blanks apart."""
         rows = [("quantity", "largest error", "at sample", "samples")]
         rows += [quantity.cells() for quantity in self.quantities]
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        first, *others = (max(map(len, column)) for column in zip(*rows, strict=True))
         return [
-            "   ".join(
-                cell.rjust(width) if k else cell.ljust(width)
-                for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-            )
-            for row in rows
+            "   ".join([name.ljust(first), *map(str.rjust, cells, others)]) for name, *cells in rows
         ]
 
     def report(self):

@@ -90,12 +90,11 @@ class _Judged:
 
     def __init__(self, part, values, data):
         self._part, self._values, self._data = part, values, data
-        self._samples = part.samples(data)
-        self.finite = set()
-        for key in part.shapes:
-            samples = part.comparable(key, self._samples, values)
-            if np.isfinite(values[key][samples]).all():
-                self.finite.add(key)
+        self.finite = {
+            key
+            for key in part.shapes
+            if np.isfinite(values[key][part.comparable(key, part.samples(data), values)]).all()
+        }
         self.wrong = self.finite - self._agreeing(part.expected(data))
 
     def explained(self, names):
@@ -103,11 +102,11 @@ class _Judged:
         return self._agreeing(self._part.after_mistakes(self._data, names))
 
     def _agreeing(self, others):
+        samples = self._part.samples(self._data)
         agreeing = set()
         for key in self.finite:
-            samples = self._part.comparable(key, self._samples, self._values, others)
-            difference = np.abs(self._values[key] - others[key])[samples]
-            if np.all(difference < ERROR_BOUND):
+            some = self._part.comparable(key, samples, self._values, others)
+            if np.all(np.abs(self._values[key] - others[key])[some] < ERROR_BOUND):
                 agreeing.add(key)
         return agreeing
 
