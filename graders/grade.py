@@ -26,7 +26,7 @@ from graderProgram import grade_submission, load_data, make_parser, run_program
 from gradingTools import FAILED, PASSED, printable
 from isolation import positive, stop_all
 from likeness import fingerprint, origin_remarks, write_likeness
-from marks import DEFAULT_SCHEME, load_scheme, marks_row, write_gradescope
+from marks import DEFAULT_SCHEME, SCENE_MARKS, load_scheme, marks_row, write_gradescope
 from sheets import (
     BETWEEN,
     GRADES,
@@ -182,6 +182,8 @@ def main(arguments):
     entries = find_submissions(arguments.submissions)
     data = load_data(GRADERS, arguments)
     scheme = load_scheme(arguments.marks, GRADERS, data)
+    if not arguments.scenes:
+        scheme.pop(SCENE_MARKS, None)
     out.mkdir(parents=True, exist_ok=True)
     if arguments.anonymous:
         beside = out.resolve().with_name(f"{out.resolve().name}-key.csv")
