@@ -289,8 +289,8 @@ def test_nothing_of_ours_takes_the_place_of_what_is_missing(tmp_path):
     [
         (["--modules", "nowhere"], "nowhere: there is no such file or folder"),
         (["--modules", "."], ".: there is no submission in this folder"),
-        (["--modules", ".", "--time-limit", "0"], "must be a number above 0 and up to 86400"),
-        (["--modules", ".", "--memory-limit", "much"], "must be a number above 0"),
+        (["--modules", ".", "--time-limit", "0"], "must be 0.1 or more, not 0.0"),
+        (["--modules", ".", "--memory-limit", "much"], "'much' is not a whole number"),
         (["--modules", ".", "--data", "nowhere"], "integration.data: cannot be read"),
     ],
 )
