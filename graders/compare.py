@@ -3,8 +3,9 @@
     python graders/compare.py CODE SCENE [--steps N] [--time-step S] [--restitution E]
 
 CODE is a folder, or a ZIP, with RBSFunctions.py in it; SCENE is taken, with the constraints beside
-it, as RigidBodySimulation.py takes it. Each step of the student's begins with our state. The exit
-code is 0 if no step differs, 1 if one does, and 2 for what cannot be compared.
+it, as RigidBodySimulation.py takes it. Each step of the student's begins with our state. All of them
+run in a process of their own, within the limits. The exit code is 0 if no step differs, 1 if one
+does, and 2 for what cannot be compared.
 """
 
 import argparse
@@ -138,6 +139,7 @@ def make_parser():
         add(f"--{option}", metavar="X", type=setting_type(one), default=default,
             help=f"{one.help} (default: {default})")  # fmt: skip
     add_limit_arguments(parser)
+    parser.set_defaults(seconds=300.0)
     return parser
 
 

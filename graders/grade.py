@@ -24,9 +24,9 @@ from archives import find_submissions, modules_of
 from compare import SCENES, compare_scene
 from graderProgram import grade_submission, load_data, make_parser, run_program
 from gradingTools import FAILED, PASSED, printable
-from isolation import positive, stop_all
+from isolation import stop_all
 from likeness import fingerprint, origin_remarks, write_likeness
-from marks import DEFAULT_SCHEME, load_scheme, marks_row, write_gradescope
+from marks import DEFAULT_SCHEME, SCENE_MARKS, load_scheme, marks_row, write_gradescope
 from sheets import (
     BETWEEN,
     GRADES,
@@ -40,10 +40,11 @@ from sheets import (
 )  # fmt: skip
 from tqdm import tqdm
 
+from rbs.options import at_least, option_type
 from rbs.submissions import SubmissionError
 
 GRADERS = (integrationGrading.GRADER, ResolveCollisionsGrading.GRADER, Constraints.GRADER)
-MOST_JOBS = 64
+JOBS = option_type(int, at_least(1, 64), "whole number")
 KEY = ("id", "name", "path")
 
 
@@ -90,6 +91,8 @@ def grade_entry(entry, isKnown, data, arguments):
             if arguments.scenes:
                 pictures = arguments.out / "pictures" / entry.name
                 outcome.scenes = [compare_scene(one, folder, pictures, arguments) for one in SCENES]
+                found = [f"{one.name}: {one.problem}" for one in outcome.scenes if one.problem]
+                outcome.remarks += map(printable, found)
             outcome.grades = grades
     except SubmissionError as error:
         outcome.refusal = str(error)
@@ -170,7 +173,7 @@ def make_options():
            help="write numbers in place of names and paths")  # fmt: skip
     option("--key", metavar="FILE", type=Path,
            help="the file that says whose number is whose (default: DIR-key.csv)")  # fmt: skip
-    option("--jobs", metavar="N", type=positive(int, MOST_JOBS), default=os.cpu_count() or 1,
+    option("--jobs", metavar="N", type=JOBS, default=os.cpu_count() or 1,
            help="how many are graded at a time (default: one for each processor)")  # fmt: skip
     return parser
 
@@ -180,6 +183,8 @@ def main(arguments):
     entries = find_submissions(arguments.submissions)
     data = load_data(GRADERS, arguments)
     scheme = load_scheme(arguments.marks, GRADERS, data)
+    if not arguments.scenes:
+        scheme.pop(SCENE_MARKS, None)
     out.mkdir(parents=True, exist_ok=True)
     if arguments.anonymous:
         beside = out.resolve().with_name(f"{out.resolve().name}-key.csv")

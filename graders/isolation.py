@@ -5,7 +5,6 @@ reaches the grader or another submission. It is not a prison, though: the proces
 whoever grades, and can read and write their files if it sets out to.
 """
 
-import argparse
 import json
 import os
 import re
@@ -20,9 +19,12 @@ from pathlib import Path
 
 from trials import Results
 
-from rbs.submissions import SubmissionError, brief
+from rbs.options import at_least, option_type
+from rbs.submissions import SubmissionError
 
 WORKER = Path(__file__).resolve().with_name("worker.py")
+SECONDS = option_type(float, at_least(0.1, 86400), "number")
+MEGABYTES = option_type(int, at_least(1, 1 << 20), "whole number")
 # Seconds that a process may take beside the time limits of its parts, to start and to end.
 GRACE = 20
 
@@ -30,27 +32,13 @@ GRACE = 20
 def add_limit_arguments(parser):
     """Two options; what they give, `seconds` and `megabytes`, is what is called limits here."""
     parser.add_argument(
-        "--time-limit", dest="seconds", metavar="SECONDS", type=positive(float, 86400), default=30,
+        "--time-limit", dest="seconds", metavar="SECONDS", type=SECONDS, default=30,
         help="how long a submission may take for each part of a grader (default: %(default)g)",
     )  # fmt: skip
     parser.add_argument(
-        "--memory-limit", dest="megabytes", metavar="MB", type=positive(int, 1 << 20), default=2048,
+        "--memory-limit", dest="megabytes", metavar="MB", type=MEGABYTES, default=2048,
         help="how much memory a submission may ask for (default: %(default)d)",
     )  # fmt: skip
-
-
-def positive(kind, high):
-    """An argparse type: a number above 0, and not above `high`."""
-
-    def parse(text):
-        with suppress(ValueError):
-            if 0 < kind(text) <= high:
-                return kind(text)
-        raise argparse.ArgumentTypeError(
-            f"must be a number above 0 and up to {high}, not '{brief(text, 40)}'"
-        )
-
-    return parse
 
 
 # ---- Processes ----------------------------------------------------------------------------------

@@ -5,14 +5,12 @@ left of a file is the sequence of its syntax tree's nodes, and of that, all runs
 """
 
 import ast
-import csv
 import itertools
 import re
 import zlib
 
 from gradingTools import PROJECT_DIRECTORY
-
-from rbs.files import atomic_write
+from sheets import write_rows
 
 # Nodes in a run. Fewer are found in all programs, more are broken by each small change.
 RUN = 12
@@ -64,17 +62,13 @@ def origin_remarks(folder):
 
 
 def write_likeness(path, prints):
-    """likeness.csv: the pairs that are reported, the likest first. raises OSError
+    """likeness.csv: the pairs that are reported, the likest first; returns how many. OSError
 
     prints : dict from name to fingerprint
     """
     pairs = [(likeness(prints[a], prints[b]), a, b) for a, b in itertools.combinations(prints, 2)]
-    pairs = sorted((pair for pair in pairs if pair[0] > REPORTED), key=lambda one: -one[0])
-    with (
-        atomic_write(path) as partial,
-        open(partial, "w", encoding="utf-8-sig", newline="") as file,
-    ):
-        writer = csv.writer(file)
-        writer.writerow(("submission", "other submission", "likeness in percent"))
-        writer.writerows((a, b, f"{100 * same:.0f}") for same, a, b in pairs)
+    pairs = sorted((pair for pair in pairs if pair[0] > REPORTED), key=lambda pair: -pair[0])
+    columns = ("submission", "other submission", "likeness in percent")
+    rows = [dict(zip(columns, (a, b, f"{100 * x:.0f}"), strict=True)) for x, a, b in pairs]
+    write_rows(path, columns, rows)
     return len(pairs)

@@ -11,7 +11,7 @@ from hints import mistakes_of
 from rbs.files import atomic_write
 
 DEFAULT_SCHEME = Path(__file__).resolve().with_name("marks.ini")
-SCENES = "scenes"
+SCENE_MARKS = "scenes"
 
 
 def load_scheme(path, graders, data):
@@ -20,7 +20,10 @@ def load_scheme(path, graders, data):
     data : dict from a grader's module to its data. Raises GraderDataError, OSError
     """
     parts = [(part, data[one.module]) for one in graders for part in one.parts]
-    names = [*dict.fromkeys(word for one, _ in parts for word in (one.function, one.name)), SCENES]
+    names = [
+        *dict.fromkeys(word for one, _ in parts for word in (one.function, one.name)),
+        SCENE_MARKS,
+    ]
     parser = configparser.ConfigParser(delimiters=("=",), interpolation=None)
     parser.optionxform = str  # capitals stay
     scheme = {}
@@ -63,7 +66,7 @@ def marks_of(outcome, scheme):
         nearer = [one for one in scheme if _is_of(one, name) and one != name]
         tried = [(one.name, one.isRight) for one in quantities if _is_of(one.part, name)
                  and not any(_is_of(one.part, other) for other in nearer)]  # fmt: skip
-        if name == SCENES:
+        if name == SCENE_MARKS:
             tried = [(f"{one.name}: {one.problem}", not one.problem) for one in outcome.scenes]
         counted = [one for one in tried if not one[1] or one[0] not in free]
         wrong = [text for text, isRight in counted if not isRight]

@@ -86,18 +86,18 @@ def _plain_cell(text):
 
 
 def print_table(rows):
-    """One line for each submission and grader."""
+    """One line for each submission and grader, with the first note, or else the first remark."""
     table, last = [("submission", "grader", "passed", "largest error", "hint")], None
     for row in rows:
-        name, grader = row["submission"], row["grader"]
-        notes = _split(row["notes"])
-        notes = [re.sub(r"^[^:]*: (hint: )?(?=.)", "", note) for note in notes if grader != "-"]
-        notes += _split(row["notes"]) * (grader == "-") + _split(row["remarks"]) * (name != last)
-        more = f" (+{len(notes) - 1})" if len(notes) > 1 else ""
-        passed = "refused" if grader == "-" else f"{row['passed']}/{row['of']}"
-        note = short(printable("".join(notes[:1])), limit=NOTE_WIDTH) if notes else ""
-        table.append((name, grader, passed, row["largest error"], note + more))
-        last = name
+        notes = _split(row["notes"]) + _split(row["remarks"]) * (row["submission"] != last)
+        note = printable("".join(notes[:1]))
+        passed = "refused"
+        if row["grader"] != "-":
+            passed = f"{row['passed']}/{row['of']}"
+            note = re.sub(r"^[^:]*: (hint: )?(?=.)", "", note) if row["notes"] else note
+        note = short(note, limit=NOTE_WIDTH) + f" (+{len(notes) - 1})" * (len(notes) > 1)
+        last = row["submission"]
+        table.append((last, row["grader"], passed, row["largest error"], note))
     widths = [max(map(_width, column)) for column in zip(*table, strict=True)]
     for row in table:
         cells = [one + " " * (w - _width(one)) for one, w in zip(row, widths, strict=True)]
@@ -165,8 +165,8 @@ def write_sheet(path, outcome, marks):
 def _contact_sheet(scene, folder):
     """The pictures of a scene in a row, with their times below."""
     lines = [f"### {_plain(scene.name)}", ""]
-    lines += [_plain(scene.problem or "The steps agree with ours."), ""]
-    lines += [*(f"- {_plain(remark)}" for remark in scene.remarks), ""]
+    lines += [_plain(scene.problem or "The steps agree with ours.")]
+    lines += [""] + [f"- {_plain(remark)}" for remark in scene.remarks] + [""] * bool(scene.remarks)
     if scene.pictures:
         paths = [os.path.relpath(path, folder) for _time, path in scene.pictures]
         paths = [quote(path.replace(os.sep, "/")) for path in paths]

@@ -88,9 +88,13 @@ class Comparison:
         mesh.IT, mesh.invIT = shadow.IT.copy(), shadow.invIT.copy()
         self.remarks["the skeleton's inertia tensor, six times too small, is replaced"] = 1
         before, mesh.orientation = mesh.orientation, TURN.copy()
+        try:
+            turned = mesh.get_rotated_inv_IT()
+        except Exception:  # it is called again where it is needed, and reported there
+            turned = None
         gaps = []
         for shadow.orientation in (TURN, QConj(TURN)):  # R and R transposed
-            gaps.append(self.gap(shadow.get_rotated_inv_IT(), mesh.get_rotated_inv_IT()))
+            gaps.append(self.gap(shadow.get_rotated_inv_IT(), turned))
         if gaps[1] <= TOLERANCE < gaps[0]:
             type(mesh).get_rotated_inv_IT = RBSFunctions.Mesh.get_rotated_inv_IT
             self.remarks["get_rotated_inv_IT, the release's Rᵀ I⁻¹ R, is replaced"] = 1
@@ -121,7 +125,6 @@ class Comparison:
         """A step of the student's meshes from a state: `(events, visits)`.
 
         isChecked : whether each call is compared with one of ours
-
         events : (label, bodies, states of all before it, depth) of calls that move bodies, and of
             the end; visits : of constraints, whether each was valid
         """

@@ -164,7 +164,7 @@ HAND_INS = {
     "exits": (edited((START, "    os._exit(7)\n")), "exits", WRONG, "with exit code 7"),
     "crashes": (edited((START, "    import ctypes; ctypes.string_at(0)\n")), "crashes", WRONG,
                 "crashed the interpreter (SIGSEGV), at RBSFunctions.py:"),
-    "endless": (edited((START, "    while True:\n        pass\n")), "endless", WRONG,
+    "endless": (edited((START, "    while True: pass\n")), "endless", WRONG,
                 "stopped after 4 s, at RBSFunctions.py:"),
     "endless import": (top("while True: pass"), "endless import", WRONG,
                        "stopped after 4 s while the modules were imported, at RBSFunctions.py:1"),
