@@ -3,7 +3,7 @@
     python graders/compare.py CODE SCENE [--steps N] [--time-step S] [--restitution E]
 
 CODE is a folder, or a ZIP, with RBSFunctions.py in it; SCENE is taken, with the constraints beside
-it, as RigidBodySimulation.py takes it. Each step of the student's begins with our state. All of them
+it, as RigidBodySimulation.py takes it. Each step of the student's begins with our state. All steps
 run in a process of their own, within the limits. The exit code is 0 if no step differs, 1 if one
 does, and 2 for what cannot be compared.
 """
