@@ -23,7 +23,7 @@ from rigidModel import (
     rotated_tensors,
     tensor_unit,
 )
-from trials import FEW, Grader, Part, WrongResult, flag, numbers, results_of, returned, state_of
+from trials import FEW, Grader, Part, WrongResult, numbers, results_of, returned, state_of
 
 CONTACT = {"isCollision": 1, "depth": 1, "intNormal": 3, "intPosition": 3}
 TENSOR = "rotated inverse inertia"  # in units of the mean one
@@ -32,9 +32,8 @@ TENSOR = "rotated inverse inertia"  # in units of the mean one
 def detect(bodies, data, sample):
     name = "Mesh.detect_collision"
     values = returned(bodies.resting().detect_collision(bodies.moving(sample)), name, CONTACT)
-    isCollision = flag(values[0], "isCollision")
-    yield "isCollision", isCollision
-    if isCollision:
+    yield "isCollision", values[0]
+    if numbers(values[0], bool, "isCollision"):
         for key, value in list(zip(CONTACT, values, strict=True))[1:]:
             yield key, value, f"{name}'s {key}"
 

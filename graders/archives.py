@@ -85,6 +85,12 @@ def find_submissions(paths):
     return list(entries.values())
 
 
+def find_submission(path):
+    """The Entry of a path that is one hand-in, whatever it holds. Raises SubmissionError."""
+    first, *_others = find_submissions([path])
+    return Entry(first.name, Path(path))
+
+
 def _inside(folder):
     """The hand-ins in a folder, in order: (name, path, loose files)."""
     found, loose = [], {}

@@ -127,16 +127,16 @@ class Ledger:
         write_rows(self._out / "marks.csv", self._columns, marks)
 
     def add(self, outcome):
-        """Takes in an Outcome, and writes all that there is of it. OSError"""
+        """Takes in an Outcome, and writes all that there is of it, its rows last. OSError"""
         name = outcome.name
-        self.grades[name] = rows_of(outcome)
-        self.marks[name] = marks_row(outcome, self._scheme) | {
+        row = marks_row(outcome, self._scheme) | {
             "submission": name, "path": outcome.path, "seconds": f"{outcome.seconds:.1f}",
             "remarks": outcome.refusal or BETWEEN.join(outcome.remarks),
         }  # fmt: skip
-        self.save()
-        write_sheet(self._out / f"{name}.md", outcome, self.marks[name])
+        write_sheet(self._out / f"{name}.md", outcome, row)
         write_gradescope(self._out / "gradescope" / name / "results.json", outcome, self._scheme)
+        self.grades[name], self.marks[name] = rows_of(outcome), row
+        self.save()
 
 
 def anonymous(entries, path):
@@ -144,12 +144,13 @@ def anonymous(entries, path):
 
     Who has a number there already keeps it. Raises OSError, SubmissionError.
     """
-    numbers = {row["path"]: row["id"] for row in read_rows(path, KEY)}
-    for entry in random.sample(entries, len(entries)):
-        numbers.setdefault(str(entry.path), f"{len(numbers) + 1:03}")
-    found = sorted((numbers[str(entry.path)], entry.name, entry) for entry in entries)
-    write_rows(path, KEY, [dict(zip(KEY, (*one[:2], one[2].path), strict=True)) for one in found])
-    return [replace(entry, name=number, isAnonymous=True) for number, _name, entry in found]
+    rows = {row["path"]: row for row in read_rows(path, KEY)}
+    for one in random.sample(entries, len(entries)):
+        row = dict(zip(KEY, (f"{len(rows) + 1:03}", one.name, str(one.path)), strict=True))
+        rows.setdefault(row["path"], row)
+    write_rows(path, KEY, sorted(rows.values(), key=lambda row: row["id"]))
+    entries = [replace(one, name=rows[str(one.path)]["id"], isAnonymous=True) for one in entries]
+    return sorted(entries, key=lambda one: one.name)
 
 
 def make_options():

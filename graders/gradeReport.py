@@ -29,13 +29,13 @@ class Quantity:
 
     def cells(self):
         """The row as texts: name, error, sample, number of samples."""
-        error = "-"
-        if self.error is not None:
+        if self.error is None:
+            error = "-"
+        elif math.isnan(self.error):
+            error = "not a number"
+        else:
             error = f"{int(self.error)} differ" if self.isFlag else f"{self.error:.3e}"
-            if math.isnan(self.error):
-                error = "not a number"
-        worst = "-" if self.worst is None else str(self.worst)
-        return self.name, error, worst, str(self.count)
+        return self.name, error, "-" if self.worst is None else str(self.worst), str(self.count)
 
 
 @dataclass
@@ -65,28 +65,18 @@ class Grade:
 
     def verdict(self):
         """The last line of the report."""
-        count = len(self.quantities)
-        if self.failures:
-            return (
-                f"FAIL: {len(self.failures)} of {count} quantities are not below "
-                f"{ERROR_BOUND:g}: {'; '.join(self.failures)}"
-            )
-        return (
-            f"PASS: all {count} quantities below {ERROR_BOUND:g}, "
-            f"largest error {self.largest_error:.3e}"
-        )
+        below, count, wrong = f"below {ERROR_BOUND:g}", len(self.quantities), self.failures
+        if wrong:
+            return f"FAIL: {len(wrong)} of {count} quantities are not {below}: {'; '.join(wrong)}"
+        return f"PASS: all {count} quantities {below}, largest error {self.largest_error:.3e}"
 
     def table(self):
         """The lines of the table, columns three blanks apart."""
         rows = [("quantity", "largest error", "at sample", "samples")]
         rows += [quantity.cells() for quantity in self.quantities]
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        first, *others = (max(map(len, column)) for column in zip(*rows, strict=True))
         return [
-            "   ".join(
-                cell.rjust(width) if k else cell.ljust(width)
-                for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-            )
-            for row in rows
+            "   ".join([name.ljust(first), *map(str.rjust, cells, others)]) for name, *cells in rows
         ]
 
     def report(self):
@@ -148,17 +138,16 @@ def _named(keys, parts, quantities):
 
 def _compared(part, key, results, wanted, samples):
     """The Quantity of one key, compared at these samples."""
-    isFlag = part.shapes[key] is bool
-    if key in results.problems and not np.isfinite(results.values[key]).any():
-        return Quantity(part.name, key, None, isFlag, None, 0, False)
-    if len(samples) == 0:
-        return Quantity(part.name, key, None, isFlag, None, 0, key not in results.problems)
+    isFlag, hasProblem = part.shapes[key] is bool, key in results.problems
+    values = results.values[key]
+    if len(samples) == 0 or hasProblem and not np.isfinite(values).any():
+        return Quantity(part.name, key, None, isFlag, None, 0, not hasProblem)
     # A NaN on either side makes its row's error NaN, which max and argmax put first.
     with np.errstate(all="ignore"):
-        errors = np.abs(results.values[key] - wanted)[samples].max(axis=1)
+        errors = np.abs(values - wanted)[samples].max(axis=1)
     if isFlag:
         errors[np.isnan(errors)] = 1.0  # no answer is a wrong one
-    error = errors.sum() if isFlag else errors.max()
+    error = float(errors.sum() if isFlag else errors.max())
     worst = int(samples[np.argmax(errors)]) if np.any(errors != 0) else None
-    isRight = bool(np.all(errors < ERROR_BOUND)) and key not in results.problems
-    return Quantity(part.name, key, float(error), isFlag, worst, len(samples), isRight)
+    isRight = bool(np.all(errors < ERROR_BOUND)) and not hasProblem
+    return Quantity(part.name, key, error, isFlag, worst, len(samples), isRight)

@@ -6,7 +6,7 @@ import signal
 import sys
 from pathlib import Path
 
-from archives import find_submissions, modules_of
+from archives import find_submission, modules_of
 from conventions import Bodies
 from gradeReport import make_grade
 from gradingTools import (
@@ -40,8 +40,7 @@ def run_grader(description, grader):
         if arguments.modules is None:
             grade = grade_own_modules(grader, data[grader.module])
         else:
-            entry, *_others = find_submissions([arguments.modules])
-            with modules_of(entry) as (folder, found):
+            with modules_of(find_submission(arguments.modules)) as (folder, found):
                 (grade,) = grade_submission([grader], folder, data, arguments).values()
                 remarks += [f"modules {arguments.modules}", *found, *origin_remarks(folder)]
         grade.remarks += map(printable, remarks)

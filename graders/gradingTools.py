@@ -49,9 +49,15 @@ class GraderDataError(Exception):
 # ---- Layout of the data -------------------------------------------------------------------------
 
 # An entry of a file is a kind of number and the lengths of the axes; an axis given by name has the
-# same length wherever the name appears. A result need not be finite, for example the depth of
-# bodies that do not touch; a float is computed with, so it has to be.
+# same length wherever the name appears. Floats are computed with, and have to be finite; results
+# need not be, such as the depth of bodies that do not touch.
 RESULT = "result"
+KINDS = {  # kinds of NumPy's that may be stored, and the dtype that is made of them
+    float: ("fiu", np.float64),
+    RESULT: ("fiu", np.float64),
+    int: ("iu", np.int64),
+    bool: ("biu", np.bool_),
+}
 WIDTHS = {"Positions": 3, "Orientations": 4, "LinVelocities": 3, "AngVelocities": 3}
 
 _STATES = {f"random{name}": (float, "samples", width) for name, width in WIDTHS.items()}
@@ -60,30 +66,27 @@ _MESHES = {
     for k in (1, 2)
     for part, kind, width in (("origVertices", float, 3), ("faces", int, 3), ("tets", int, 4))
 }
+_PAIR = (RESULT, 2, "samples", 3)
 INTEGRATION_LAYOUT = _STATES | {
     f"result{name}": (RESULT, "samples", width) for name, width in WIDTHS.items()
 }
-COLLISION_LAYOUT = {
-    **_MESHES,
-    **_STATES,
+COLLISION_LAYOUT = _MESHES | _STATES | {
     "isCollision": (bool, "samples"),
     "depth": (RESULT, "samples"),
     "intNormal": (RESULT, "samples", 3),
     "intPosition": (RESULT, "samples", 3),
     **{f"result{name}": (RESULT, 2, "samples", width) for name, width in WIDTHS.items()},
-}
-CONSTRAINT_LAYOUT = {
-    **_MESHES,
-    **_STATES,
+}  # fmt: skip
+CONSTRAINT_LAYOUT = _MESHES | _STATES | {
     "refValues": (float, "samples", 1),
     "positionWasValidUpper": (bool, "samples"),
-    "correctedPositionsUpper": (RESULT, 2, "samples", 3),
+    "correctedPositionsUpper": _PAIR,
     "positionWasValidLower": (bool, "samples"),
-    "correctedPositionsLower": (RESULT, 2, "samples", 3),
+    "correctedPositionsLower": _PAIR,
     "velocityWasValid": (bool, "samples"),
-    "correctedLinVelocities": (RESULT, 2, "samples", 3),
-    "correctedAngVelocities": (RESULT, 2, "samples", 3),
-}
+    "correctedLinVelocities": _PAIR,
+    "correctedAngVelocities": _PAIR,
+}  # fmt: skip
 
 
 # ---- Reading pickles ----------------------------------------------------------------------------
@@ -92,7 +95,7 @@ PLAIN_DTYPES = {"f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "b1"
 
 
 class _Dtype:
-    """In place of `numpy.dtype`, which takes its state from the file on trust, and crashes."""
+    """In place of `numpy.dtype`, which takes its state from the file on trust, and may crash."""
 
     def __init__(self, code, *_):
         if code not in PLAIN_DTYPES:
@@ -109,7 +112,7 @@ class _Array(np.ndarray):
         super().__setstate__((version, shape, stored.dtype, *rest))
 
 
-# By the last part of their names: NumPy 2 has moved `numpy.core` to `numpy._core`.
+# NumPy 2 has moved `numpy.core` to `numpy._core`: both are left out of the names.
 _ADMITTED = {
     "numpy.dtype": _Dtype,
     "numpy.ndarray": None,  # is only ever handed to `_reconstruct`
@@ -127,32 +130,29 @@ class PlainUnpickler(pickle.Unpickler):
 
     def find_class(self, module, name):
         short = module.removeprefix("numpy.core.").removeprefix("numpy._core.")
-        try:
-            return _ADMITTED[f"{short}.{name}"]
-        except KeyError:
+        if f"{short}.{name}" not in _ADMITTED:
             raise pickle.UnpicklingError(
                 f"{module}.{name} is refused: only NumPy arrays and plain containers are admitted"
-            ) from None
+            )
+        return _ADMITTED[f"{short}.{name}"]
 
 
 def load_grader_data(path, layout):
     """The data of a pickle, checked against its layout.
 
-    path : the file
     layout : dict from key to (kind, axes...); further keys in the file are ignored
     Returns a dict from key to array, of dtype float64, int64 or bool and of the layout's shape.
     Raises GraderDataError.
     """
     try:
         content = Path(path).read_bytes()
-    except OSError as problem:
-        raise GraderDataError(f"cannot be read: {problem.strerror or problem}") from None
-    try:
         # The unpickler makes room for as many values as the largest number given to one says.
         for opcode, argument, _position in pickletools.genops(content):
             if opcode.name.endswith("PUT") and argument > len(content):
                 raise pickle.UnpicklingError("it numbers more values than it can hold")
         stored = PlainUnpickler(io.BytesIO(content)).load()
+    except OSError as problem:
+        raise GraderDataError(f"cannot be read: {problem.strerror or problem}") from None
     except Exception as problem:  # A damaged pickle can raise almost anything; see `pickle`.
         cause = " ".join(str(problem).split()) or type(problem).__name__
         raise GraderDataError(f"not a readable data file: {cause}") from None
@@ -178,22 +178,16 @@ def _checked_array(value, kind, axes, lengths):
     lengths : dict from the name of an axis to the length seen first, updated here
     """
     array = np.array(value)
+    kinds, dtype = KINDS[kind]
     if array.ndim == len(axes) + 1 and array.shape[-1] == 1:
         array = array[..., 0]  # numbers that were collected in arrays of one
-    kinds, dtype, name = {
-        float: ("fiu", np.float64, "float"),
-        RESULT: ("fiu", np.float64, "float"),
-        int: ("iu", np.int64, "int"),
-        bool: ("biu", np.bool_, "bool"),
-    }[kind]
     if array.dtype.kind not in kinds:
-        raise ValueError(f"holds {array.dtype} where {name} is expected")
-    shape = tuple(
-        lengths.setdefault(axis, length) if isinstance(axis, str) else axis
-        for axis, length in zip(axes, array.shape, strict=False)
-    )
-    if array.shape != shape or array.ndim != len(axes):
-        raise ValueError(f"has shape {array.shape} in place of ({', '.join(map(str, axes))})")
+        raise ValueError(f"holds {array.dtype} where {dtype.__name__} is expected")
+    for axis, length in zip(axes, array.shape, strict=False):
+        lengths.setdefault(axis, axis if isinstance(axis, int) else length)
+    expected = tuple(lengths.get(axis, axis) for axis in axes)
+    if array.shape != expected:
+        raise ValueError(f"has shape {array.shape} in place of {expected}")
     if array.size == 0:
         raise ValueError("is empty")
     if kind is bool and not np.isin(array, (0, 1)).all():
@@ -204,18 +198,15 @@ def _checked_array(value, kind, axes, lengths):
 
 
 def _check_meaning(data):
-    """Refuse numbers of the right shape that no body can have, and results that are not there."""
+    """Refuses numbers of the right shape that no body can have, and results that are not there."""
     if not np.all(np.any(data["randomOrientations"] != 0, axis=1)):
         raise GraderDataError("randomOrientations holds a zero quaternion")
     results = [array for key, array in data.items() if key.startswith("result")]
     if results and not any(map(np.any, results)):
         raise GraderDataError("no sample has a result")
-    for k in (1, 2):
-        for key in (f"faces{k}", f"tets{k}"):
-            if key in data and not (0 <= data[key].min() <= data[key].max() < len(
-                data[f"origVertices{k}"]
-            )):  # fmt: skip
-                raise GraderDataError(f"{key} names a vertex that does not exist")
+    for key in (f"{part}{k}" for part in ("faces", "tets") for k in (1, 2) if f"tets{k}" in data):
+        if not set(data[key].flat) <= set(range(len(data[f"origVertices{key[-1]}"]))):
+            raise GraderDataError(f"{key} names a vertex that does not exist")
 
 
 # ---- Command lines ------------------------------------------------------------------------------

@@ -64,7 +64,7 @@ def explain(function, outcomes, data):
     explain a part; then those that explain a single quantity.
     """
     judged = [_Judged(part, values, data) for part, values in outcomes]
-    wrong = {key for one in judged for key in one.wrong}
+    wrong = [key for one in judged for key in one.wrong]
     ofParts, ofQuantities = {}, {}
     if not wrong:
         return {}
@@ -77,7 +77,7 @@ def explain(function, outcomes, data):
                     explained = one.explained(names)
                     isWhole = len(explained) == len(one.finite)
                     explainsAll &= isWhole
-                    for key in one.wrong & explained:
+                    for key in filter(explained.__contains__, one.wrong):
                         (ofParts if isWhole else ofQuantities).setdefault(key, texts)
             if explainsAll:
                 return dict.fromkeys(wrong, texts)
@@ -91,24 +91,24 @@ class _Judged:
     def __init__(self, part, values, data):
         self._part, self._values, self._data = part, values, data
         self._samples = part.samples(data)
-        self.finite = set()
-        for key in part.shapes:
-            samples = part.comparable(key, self._samples, values)
-            if np.isfinite(values[key][samples]).all():
-                self.finite.add(key)
-        self.wrong = self.finite - self._agreeing(part.expected(data))
+        self.finite = [
+            key
+            for key in part.shapes
+            if np.isfinite(values[key][part.comparable(key, self._samples, values)]).all()
+        ]
+        right = self._agreeing(part.expected(data))
+        self.wrong = [key for key in self.finite if key not in right]
 
     def explained(self, names):
         """The quantities that come out as computed if these mistakes are made."""
         return self._agreeing(self._part.after_mistakes(self._data, names))
 
     def _agreeing(self, others):
-        agreeing = set()
+        agreeing = []
         for key in self.finite:
-            samples = self._part.comparable(key, self._samples, self._values, others)
-            difference = np.abs(self._values[key] - others[key])[samples]
-            if np.all(difference < ERROR_BOUND):
-                agreeing.add(key)
+            some = self._part.comparable(key, self._samples, self._values, others)
+            if np.all(np.abs(self._values[key] - others[key])[some] < ERROR_BOUND):
+                agreeing.append(key)
         return agreeing
 
 

@@ -8,7 +8,7 @@ Arrays of samples have the sample first: vectors (n, 3), quaternions (n, 4), ten
 Units: m, kg, s, rad.
 """
 
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from gradingTools import RELEASED_2024, WIDTHS, GraderDataError
@@ -18,8 +18,6 @@ from released.physics2024 import (
     inertia_tensor,
     rotation_matrices,
 )
-
-from rbs.submissions import our_module
 
 UP = np.array([[0.0, 1.0, 0.0]])
 GRAVITY = -9.8 * UP  # m/s²
@@ -149,17 +147,9 @@ def turn_rows(data):
 # ---- Masses and tensors -------------------------------------------------------------------------
 
 
-class Solid(NamedTuple):
-    """Mass properties of a body of density 1.
-
-    mass : kg; centre (3,) : the COM in the data's coordinates
-    vertices (V, 3) : with the COM as origin; tensor (3, 3) : about the COM
-    """
-
-    mass: float
-    centre: np.ndarray
-    vertices: np.ndarray
-    tensor: np.ndarray
+# Mass properties of a body of density 1: its mass, kg; its COM in the data's coordinates, (3,); its
+# vertices with the COM as origin, (V, 3); its inertia tensor about the COM, (3, 3).
+Solid = namedtuple("Solid", "mass centre vertices tensor")
 
 
 def solids_of(data):
@@ -194,7 +184,9 @@ def world_inverse_tensors(data, k, R, mistakes):
 
 def rotated_tensors(data, mistakes=NONE):
     """World inverse inertia tensors of mesh 2, (n, 9), in units of `tensor_unit`."""
-    tensors = world_inverse_tensors(data, 2, rotation_matrices(data["randomOrientations"]), mistakes)
+    tensors = world_inverse_tensors(
+        data, 2, rotation_matrices(data["randomOrientations"]), mistakes
+    )
     return {"rotated inverse inertia": tensors.reshape(-1, 9) / tensor_unit(data)}
 
 
@@ -273,7 +265,11 @@ class Pair:
         turning = sum(dot(c, change) for c, change in zip(crosses, changes, strict=True))
         closing = self.closing_speed(arms, n, mistakes)
         closing = unless(mistakes, closing, {"closing only": np.maximum(closing, 0.0)})
-        j = factor * closing / (sum(self.invMass) + ("no rotational term" not in mistakes) * turning)
+        j = (
+            factor
+            * closing
+            / (sum(self.invMass) + ("no rotational term" not in mistakes) * turning)
+        )
         j = unless(mistakes, j, {"impulse's sign": -j, "impulse left": 0.0 * j})
         spin = unless(
             mistakes, 1.0, {"angular velocities left": 0.0, "angular impulse's sign": -1.0}
@@ -291,24 +287,9 @@ class Pair:
 
 
 def detection(data, mistakes=NONE):
-    """isCollision (n,), depth (n,), intNormal and intPosition (n, 3), out of the data's contacts.
-
-    Where the COM is not subtracted the meshes lie elsewhere, and collisions are looked for again by
-    the project's own test, which is graded against the data itself.
-    """
+    """isCollision (n,), depth (n,), intNormal and intPosition (n, 3): the data's own."""
     keys = "isCollision", "depth", "intNormal", "intPosition"
     isCollision, depth, normal, point = (data[key] for key in keys)
-    if "COM not subtracted" in mistakes:
-        R = rotation_matrices(data["randomOrientations"])
-        is_collide = our_module("GJK").is_collide
-        contacts = [
-            is_collide(data["origVertices1"], data["origVertices2"] @ turn.T + x)
-            for turn, x in zip(R, data["randomPositions"], strict=True)
-        ]
-        isCollision, depth, normal, point = (
-            np.array([np.squeeze(value) for value in column])
-            for column in zip(*contacts, strict=True)
-        )
     depth = unless(mistakes, depth, {"depth's sign": -depth})
     point = unless(mistakes, point, {"point of mesh 1": point + scaled(depth, normal)})
     normal = unless(mistakes, normal, {"normal's sign": -normal})
@@ -426,28 +407,32 @@ def velocity_constraints(data, mistakes=NONE):
     points = constrained_points(data, pair, mistakes)
     n, arms = unit(points[0] - points[1]), pair.arms(points, mistakes)
     Jv = np.abs(pair.closing_speed(arms, n, mistakes))
-    before = list(pair.v), list(pair.w)
+    before = np.array([pair.v, pair.w])
     pair.push(arms, n, 1.0, mistakes)
-    right = Jv if not mistakes else distance_rates(data)
-    tolerances = {f"|J v| {place} the tolerance": one * right for place, one in TOLERANCES.items()}
-    results = {}
-    for key, tolerance in ({"velocityWasValid": VELOCITY_TOLERANCE} | tolerances).items():
-        wasValid = Jv <= unless(mistakes, tolerance, {"no tolerance": 0.0}) 
-        wasValid = wasValid | ("always valid" in mistakes)
-        results[key] = wasValid != ("flag inverted" in mistakes)
-    wasValid = (Jv <= VELOCITY_TOLERANCE) | ("always valid" in mistakes)
-    v, w = (
-        np.where(wasValid[:, None], old, new)
-        for old, new in zip(before, (pair.v, pair.w), strict=True)
-    )
-    if "linear and angular exchanged" in mistakes:
-        v, w = w, v
-    return results | {"correctedLinVelocities": v, "correctedAngVelocities": w}
+
+    def are_valid(tolerance):
+        valid = Jv <= unless(mistakes, tolerance, {"no tolerance": 0.0})
+        return valid | ("always valid" in mistakes)
+
+    wasValid = are_valid(VELOCITY_TOLERANCE)
+    after = np.where(wasValid[:, None], before, [pair.v, pair.w])
+    after = unless(mistakes, after, {"linear and angular exchanged": after[::-1]})
+    rates = distance_rates(data) if mistakes else Jv
+    isInverted = "flag inverted" in mistakes
+    return {
+        "velocityWasValid": wasValid != isInverted,
+        "correctedLinVelocities": after[0],
+        "correctedAngVelocities": after[1],
+        **{
+            f"|J v| {place} the tolerance": are_valid(factor * rates) != isInverted
+            for place, factor in TOLERANCES.items()
+        },
+    }
 
 
 def distance_rates(data):
     """|J v| (n,)"""
     pair = Pair(data, NONE)
     points = constrained_points(data, pair, NONE)
-    n, arms = unit(points[0] - points[1]), pair.arms(points, NONE)
+    arms, n = pair.arms(points, NONE), unit(points[0] - points[1])
     return np.abs(pair.closing_speed(arms, n, NONE))

@@ -24,8 +24,8 @@ GRADES = ("submission", "grader", "passed", "of", "largest error", "notes", "rem
 BETWEEN = " | "
 # Characters of a note in the printed table; the sheet has all of it.
 NOTE_WIDTH = 72
-# What a spreadsheet takes for a formula.
-FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+# What a spreadsheet takes for a formula, but for the apostrophe that keeps it from doing so.
+FORMULA = re.compile(r"^('?)([=+@-].+)")
 MOST_NOTES = 8  # of the summary
 
 
@@ -78,12 +78,11 @@ def read_rows(path, columns):
         reader = csv.DictReader(file)
         if tuple(reader.fieldnames or ()) != tuple(columns):
             raise SubmissionError(f"{path}: has other columns, so it cannot be gone on with")
-        return list(reader)
+        return [{key: re.sub(FORMULA, r"\2", text) for key, text in row.items()} for row in reader]
 
 
 def _plain_cell(text):
-    text = printable(text)
-    return f"'{text}" if text.startswith(FORMULA_STARTS) and text != "-" else text
+    return re.sub(FORMULA, r"'\2", printable(text))
 
 
 def print_table(rows):

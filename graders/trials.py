@@ -13,11 +13,9 @@ from rigidModel import solids_of
 
 from rbs.submissions import brief, describe
 
+ATTRIBUTES = ("position", "orientation", "linVelocity", "angVelocity")  # as in WIDTHS
 # Of what the data do not show, the number of samples that are tried.
 FEW = 20
-ATTRIBUTES = dict(
-    zip(WIDTHS, ("position", "orientation", "linVelocity", "angVelocity"), strict=True)
-)
 
 
 class NotWritten(Exception):
@@ -40,44 +38,37 @@ def returned(values, function, sizes):
     order = f"({', '.join(sizes)})"
     if values is None:
         raise NotWritten(f"{function} returns nothing")
-    try:
-        values = tuple(values)
-    except TypeError:
-        kind = type(values).__name__
-        raise WrongResult(f"{function} returns a {kind}, not {len(sizes)} values") from None
+    if not hasattr(values, "__iter__"):
+        raise WrongResult(f"{function} returns a {type(values).__name__}, not {order}")
+    values = tuple(values)
     if len(values) != len(sizes):
         raise WrongResult(f"{function} returns {len(values)} values, not {len(sizes)}: {order}")
-    found = [sum(np.size(one) for one in v) if isinstance(v, list | tuple) else np.size(v)
-             for v in values]  # fmt: skip
+    lists = [value if isinstance(value, list | tuple) else [value] for value in values]
+    found = [sum(map(np.size, one)) for one in lists]
     if found != [*sizes.values()] and sorted(found) == sorted(sizes.values()):
         raise WrongResult(f"{function} returns its values in the wrong order: it must be {order}")
     return values
 
 
 def numbers(value, count, what):
-    """An array (count,) out of one of any shape with so many entries."""
+    """An array (count,) out of one of any shape with so many entries; of count `bool`, a bool."""
     if value is None:
         raise NotWritten(f"{what} is None")
+    size = 1 if count is bool else count
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
         raise WrongResult(f"{what} is not an array of numbers") from None
-    if array.size != count:
-        raise WrongResult(f"{what} has shape {array.shape} where {count} numbers are expected")
-    return array.reshape(count)
-
-
-def flag(value, what):
-    """A bool out of one, or out of an array of one."""
-    (number,) = numbers(value, 1, what)
-    if number not in (0.0, 1.0):
-        raise WrongResult(f"{what} is {number:g}, neither True nor False")
-    return bool(number)
+    if array.size != size:
+        raise WrongResult(f"{what} has shape {array.shape} where {size} numbers are expected")
+    if count is bool and array.item() not in (0.0, 1.0):
+        raise WrongResult(f"{what} is {array.item():g}, neither True nor False")
+    return array.reshape(size)
 
 
 def results_of(mesh, ending=""):
     """Yields what `Part.compute` does, of a mesh's state: "resultPositions", or with an ending."""
-    for name, attribute in ATTRIBUTES.items():
+    for name, attribute in zip(WIDTHS, ATTRIBUTES, strict=True):
         yield f"result{name}{ending}", getattr(mesh, attribute, None), f"the mesh's {attribute}"
 
 
@@ -109,8 +100,9 @@ class Results:
 
         folder : of the student's modules, which causes name files relative to
         """
-        self._shapes = shapes
-        self.values = {key: np.full((sampleCount, int(w)), np.nan) for key, w in _widths(shapes)}
+        self.values = {
+            key: np.full((sampleCount, int(width)), np.nan) for key, width in widths(shapes)
+        }
         self.problems = {}
         self.remarks = []
         self._folder = folder
@@ -123,26 +115,14 @@ class Results:
         except (KeyboardInterrupt, GeneratorExit):
             raise
         except BaseException as error:  # SystemExit, too, must not end the grader
-            cause = self._cause(error)
+            cause = str(error)
+            if not isinstance(error, NotWritten | WrongResult):
+                cause = brief(error) if self._folder is None else describe(error, self._folder)
+            if isinstance(error, NotWritten | NotImplementedError):
+                cause = f"not implemented: {cause}"
             for key in keys:
                 known, count, first = self.problems.get(key, (cause, 0, int(sample)))
                 self.problems[key] = known, count + 1, first
-
-    def _cause(self, error):
-        if isinstance(error, NotWritten):
-            return f"not implemented: {error}"
-        if isinstance(error, WrongResult):
-            return str(error)
-        text = brief(error) if self._folder is None else describe(error, self._folder)
-        return f"not implemented: {text}" if isinstance(error, NotImplementedError) else text
-
-    def take(self, key, sample, value, what):
-        """Keeps a value of a quantity; an exception in place of one is raised."""
-        if isinstance(value, Exception):
-            raise value
-        width = self._shapes[key]
-        value = flag(value, what) if width is bool else numbers(value, width, what)
-        self.values[key][sample] = value
 
     def as_json(self):
         """What `read_json` takes over, for JSON; NaN and infinities are in it as they are."""
@@ -160,11 +140,11 @@ class Results:
 
     def give_up(self, cause, sampleCount):
         """Notes one cause for all quantities and samples: nothing could be run."""
-        for key in self.values:
-            self.problems[key] = brief(cause), sampleCount, 0
+        self.problems = dict.fromkeys(self.values, (brief(cause), sampleCount, 0))
 
 
-def _widths(shapes):
+def widths(shapes):
+    """Pairs of a quantity and how many numbers it has; a bool is one."""
     return [(key, 1 if width is bool else width) for key, width in shapes.items()]
 
 
@@ -189,8 +169,8 @@ class Part:
     shapes : dict from quantity to how many numbers it has in a sample, or `bool`
     compute : generator of (bodies, data, sample) that calls what is graded, and yields quantities,
         in order, with their values or what is wrong with them, and perhaps a name for messages
-    model : function of (data, names of mistakes) that gives the values after mistakes, of pairs of
-        meshes as (2, n, w)
+    model : function of (data, names of mistakes) that gives the values after mistakes, and perhaps
+        more; those of "KEY, mesh 1" and "KEY, mesh 2" as KEY, (2, n, w)
     samples : function of the data that gives the numbers of the samples to be tried
     conditional : quantities that mean something only where the first quantity is true, both in what
         is computed and in what is expected
@@ -221,34 +201,32 @@ class Part:
                 for key, value, *what in self.compute(bodies, data, sample):
                     missing.remove(key)
                     with results.attempt(sample, [key]):
-                        results.take(key, sample, value, *what or [key])
+                        if isinstance(value, Exception):
+                            raise value
+                        row = numbers(value, self.shapes[key], *what or [key])
+                        results.values[key][sample] = row
         results.remarks = bodies.remarks
 
     def expected(self, data):
         """Values to compare with: the data's own, or the model's where they show nothing."""
-        if self.isExtra:
-            return self.after_mistakes(data, frozenset())
-        return self._by_quantity(data)
+        return self._by_quantity(self.model(data) if self.isExtra else data)
 
     def after_mistakes(self, data, names):
         """What a program with these mistakes computes: dict from quantity to array (n, w)."""
         return self._by_quantity(self.model(data, names))
 
     def _by_quantity(self, values):
-        """Of pairs of meshes, "KEY, mesh 1" and "KEY, mesh 2" are taken apart."""
         rows = {}
-        for quantity, width in _widths(self.shapes):
+        for quantity, width in widths(self.shapes):
             key, _comma, mesh = quantity.partition(", mesh ")
-            array = np.asarray(values[key], dtype=np.float64)
-            rows[quantity] = (array[int(mesh) - 1] if mesh else array).reshape(-1, width)
+            array = values[key][int(mesh) - 1] if mesh else values[key]
+            rows[quantity] = array.astype(np.float64).reshape(-1, width)
         return rows
 
     def comparable(self, key, samples, *tables):
-        """Those of the samples at which a quantity means something in all these tables of values."""
-        if key in self.conditional:
-            condition = next(iter(self.shapes))
-            for table in tables:
-                samples = samples[table[condition][samples, 0] == 1]
+        """Those of the samples at which a quantity means something in all these tables."""
+        for table in tables if key in self.conditional else ():
+            samples = samples[table[next(iter(self.shapes))][samples, 0] == 1]
         return samples
 
 
@@ -287,15 +265,12 @@ class Grader:
         for part in self.asked(data, withExtras=False):
             expected, computed = part.expected(data), part.after_mistakes(data, frozenset())
             for key in part.shapes:
-                samples = part.comparable(key, part.samples(data), expected, computed)
+                samples = part.comparable(key, part.samples(data), expected)
                 difference = np.abs(computed[key] - expected[key])[samples]
                 count += np.sum(~(difference < ERROR_BOUND))
         return count
 
     def asked(self, data, withExtras):
         """The parts that are graded in the data's convention, with or without the extra ones."""
-        return tuple(
-            part
-            for part in self.parts
-            if data["convention"] in part.conventions and (withExtras or not part.isExtra)
-        )
+        parts = [part for part in self.parts if data["convention"] in part.conventions]
+        return tuple(part for part in parts if withExtras or not part.isExtra)

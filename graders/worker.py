@@ -53,7 +53,6 @@ def grade(order):
     def start_clock():
         faulthandler.dump_traceback_later(order["seconds"], file=trace, exit=True)
 
-    start_clock()
     import gradingTools  # noqa: F401  puts the project on the path
     from conventions import Bodies
     from trials import Results
@@ -71,6 +70,7 @@ def grade(order):
 
         folder = order["folder"]
         os.chdir(folder)
+        start_clock()
         try:
             submission = load_submission(folder)
         except SubmissionError as error:

@@ -195,6 +195,6 @@ def describe(error, folder):
 
 def _within(file, folder):
     try:
-        return Path(file).resolve().is_relative_to(folder)
+        return not file.startswith("<") and Path(file).resolve().is_relative_to(folder)
     except (OSError, ValueError):
         return False

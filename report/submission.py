@@ -26,7 +26,7 @@ CODE = {
     ".": (*MODULES, "LICENSE", "pyproject.toml"),
     "rbs": ("*.py",),
     "data": ("*.mesh", "*.off", "*.txt", "*.data", "*.py"),
-    "graders": ("*.py",),
+    "graders": ("*.py", "*.md", "*.ini"),
     "graders/released": ("*.py",),
     "graders/released/ours": ("*.py",),
 }

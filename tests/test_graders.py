@@ -311,10 +311,13 @@ UNUSABLE = {
     "not a dictionary": lambda: (pickle.dumps([1, 2]), "list in place of a dictionary"),
     "missing key": lambda: (pickled(lambda data: data.pop("depth")), "no entry depth"),
     "wrong shape": lambda: (pickled(assign("intNormal", lambda a: a[:, :2])), "intNormal has"),
-    "too few samples": lambda: (pickled(assign("depth", lambda a: a[:-1])), "depth has shape (99,)"),
+    "too few samples": lambda: (
+        pickled(assign("depth", lambda a: a[:-1])),
+        "depth has shape (99,)",
+    ),
     "lone result": lambda: (
         pickled(assign("resultPositions", lambda pair: pair[:1])),
-        "resultPositions has shape (1, 100, 3) in place of (2, samples, 3)",
+        "resultPositions has shape (1, 100, 3) in place of (2, 100, 3)",
     ),
     "words": lambda: (pickled(assign("depth", lambda a: ["deep"] * len(a))), "depth holds <U4"),
     "index out of range": lambda: (pickled(assign("tets2", lambda a: a + 1)), "tets2 names"),
@@ -329,7 +332,7 @@ UNUSABLE = {
     "no vertex": lambda: (pickled(assign("origVertices1", lambda a: a[:0])), "is empty"),
     "huge integers": lambda: (
         pickled(assign("depth", lambda a: [10**400] * len(a))),
-        "depth holds object where float is expected",
+        "depth holds object where float64 is expected",
     ),
     "bytes that are not there": lambda: (
         b"\x80\x04\x8e" + b"\xff" * 7 + b"\x7f.",
