@@ -3,7 +3,7 @@
     python graders/compare.py CODE SCENE [--steps N] [--time-step S] [--restitution E]
 
 CODE is a folder, or a ZIP, with RBSFunctions.py in it; SCENE is taken, with the constraints beside
-it, as RigidBodySimulation.py takes it. Each step of the student's begins with our state. All of them
+it, as RigidBodySimulation.py takes it. Each step of the student's begins with our state. All steps
 run in a process of their own, within the limits. The exit code is 0 if no step differs, 1 if one
 does, and 2 for what cannot be compared.
 """
@@ -14,6 +14,7 @@ import re
 import shutil
 import sys
 import tempfile
+import time
 import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -35,17 +36,21 @@ SCENES = ("singlebox", "mixed", "tower_chain")
 STEPS, EVERY, TIME_STEP, SIZE = 150, 50, 0.02, "320x180"
 # The address space that drawing takes, beside what a submission may have: OpenGL in software.
 DRAWING_MEGABYTES = 2048
+# The part of the time limit after which no step is begun: a program that is slow is not wrong.
+TIME_SHARE = 0.8
 
 
 @dataclass
 class SceneResult:
     """What a student's functions do in a scene.
 
-    problem : the first difference from ours, or what went wrong, or ""; remarks : list of str
-    largest : relative difference of what agrees; pictures : list of (time in s, path)
+    steps : how many there was time for; problem : the first difference from ours, or what went
+        wrong, or ""; largest : relative difference of what agrees
+    remarks : list of str; pictures : list of (time in s, path)
     """
 
     name: str
+    steps: int = 0
     problem: str = ""
     remarks: list = field(default_factory=list)
     largest: float = 0.0
@@ -59,20 +64,21 @@ def compare_steps(scene, folder, limits, **order):
     order : constraints, steps, timeStep and restitution, where they are not the usual ones
     """
     order = {"constraints": None, "steps": STEPS, "timeStep": TIME_STEP, "restitution": 0.5} | order
-    order["scene"] = str(find_scene(scene).resolve())
+    end = time.time() + TIME_SHARE * limits.seconds
+    order |= {"scene": str(find_scene(scene).resolve()), "end": end}
     with copied(folder) as work:
         answer = work.parent / "answer.json"
         words = [COMPARISON, json.dumps(order | {"answer": str(answer)})]
         code = run_limited(words, work, limits.seconds, limits.megabytes)
         try:
-            found = json.loads(answer.read_text(encoding="utf-8"))
-            step = found.pop("step")
-            result = SceneResult(scene, **found)
+            result = SceneResult(scene, **json.loads(answer.read_text(encoding="utf-8")))
         except (OSError, ValueError, TypeError):  # what is written is up to the submission as well
-            result, step = SceneResult(scene), 1
+            result = SceneResult(scene)
     if code != 0:
         how = f"stopped after {limits.seconds:g} s" if code is None else f"exit code {code}"
-        result.problem = f"step {step}: {how}"
+        result.problem = f"step {result.steps + 1}: {how}"
+    elif not result.problem and result.steps < order["steps"]:
+        result.remarks.append(f"the time limit ended the comparison after {result.steps} steps")
     return result
 
 
@@ -118,7 +124,7 @@ def main(given):
             given.scene, folder, given, constraints=constraints, steps=given.steps,
             timeStep=given.time_step, restitution=given.restitution,
         )  # fmt: skip
-    agree = f"{given.steps} steps agree; the largest relative difference is {result.largest:.1e}"
+    agree = f"{result.steps} steps agree; the largest relative difference is {result.largest:.1e}"
     for line in (*remarks, *result.remarks, result.problem or agree):
         print(printable(line))
     return FAILED if result.problem else PASSED

@@ -165,8 +165,9 @@ def write_sheet(path, outcome, marks):
 def _contact_sheet(scene, folder):
     """The pictures of a scene in a row, with their times below."""
     lines = [f"### {_plain(scene.name)}", ""]
-    lines += [_plain(scene.problem or "The steps agree with ours.")]
-    lines += [""] + [f"- {_plain(remark)}" for remark in scene.remarks] + [""] * bool(scene.remarks)
+    lines += [_plain(scene.problem or "The steps agree with ours."), ""]
+    lines += [f"- {_plain(remark)}" for remark in scene.remarks]
+    lines += [""] * bool(scene.remarks)
     if scene.pictures:
         paths = [os.path.relpath(path, folder) for _time, path in scene.pictures]
         paths = [quote(path.replace(os.sep, "/")) for path in paths]

@@ -13,6 +13,7 @@ import json
 import math
 import os
 import sys
+import time
 from functools import partial, wraps
 from pathlib import Path
 
@@ -291,7 +292,7 @@ def told(ours, theirs):
 
 def main():
     order = json.loads(sys.argv[1])
-    answer = {"step": 1, "problem": "", "remarks": [], "largest": 0.0}
+    answer = {"steps": 0, "problem": "", "remarks": [], "largest": 0.0}
 
     def tell(**changes):
         answer.update(changes)
@@ -302,8 +303,10 @@ def main():
     try:
         comparison = Comparison(Path.cwd(), ours)
         while not comparison.problem and ours.stepCount < order["steps"]:
-            tell(step=ours.stepCount + 1)
+            if ours.stepCount > 0 and time.time() > order["end"]:
+                break
             comparison.step()
+            tell(steps=ours.stepCount)
         remarks = [f"from step {step} on: {text}" for text, step in comparison.remarks.items()]
         tell(problem=comparison.problem, remarks=remarks, largest=float(comparison.largest))
     except Exception as error:
