@@ -134,8 +134,8 @@ def run_timestep(
             meshes, groundMesh is not None, timeStep, CRCoeff, mu, constraints,
             checked["substeps"], sleeping, gyroscopic, solverState,
         )  # fmt: skip
-    check_distinct(meshes)
-    with restored_on_error(meshes):
+    # the grid step changes nothing unless it succeeds
+    with restored_on_error(meshes if broadPhase == "all" or len(constraints) else ()):
         if broadPhase == "grid":
             from rbs.gridstep import grid_step
 
@@ -143,6 +143,7 @@ def run_timestep(
                 meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic
             )  # fmt: skip
         else:
+            check_distinct(meshes)
             report = StepReport()
             extensions = {"closingOnly": closingOnly, "mu": mu} if closingOnly or mu else {}
             with report.phase("integrate"):
@@ -167,11 +168,13 @@ def run_timestep(
                             mesh, groundMesh, *contact, CRCoeff, **extensions
                         )
                         report.add_contact(i, GROUND, *contact, impulses)
+            check_numbers(state_columns(meshes), meshes, "contacts")
         with report.phase("constraints"):
             report.constraintVisits = project_constraints(
                 meshes, constraints, maxIterations, checked["tolerance"], constraintScheduling
             )
-        check_numbers(state_columns(meshes), meshes, "contacts and constraints")
+            if report.constraintVisits:
+                check_numbers(state_columns(meshes), meshes, "contacts and constraints")
     return report
 
 

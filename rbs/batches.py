@@ -17,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 
 from rbs.arrays import find_sorted, indices, row_minima, take
-from rbs.broadphase import grid_overlaps, overlap_limits
+from rbs.broadphase import grid_overlaps, overlap_limits, overlaps_of
 from rbs.facets import CachedAxes, find_facets
 from rbs.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE
 from rbs.kernels import shifts
@@ -28,7 +28,7 @@ from rbs.vectors import dot, norm
 LEAST_MARGIN = 0.005
 # A body gets this many times its displacement in one step as its margin in the next, or when the
 # pass is made again. More of it makes more pairs near, less of it misses more.
-MARGIN_GROWTH = 1.7
+MARGIN_GROWTH = 1.5
 
 
 def find_contacts(bodies):
@@ -176,10 +176,10 @@ class Pass:
         # pairs that were too far apart, but whose bodies have moved far enough to close the gap
         met = (displacement[i] + displacement[j] >= self.gap) & (self.gap > -np.inf)
         keys, axis = self.keys[met], self.axis[:, met]
-        if (displacement > self.margin).any():
+        beyond = indices(displacement > self.margin)
+        if len(beyond):
             box = bodies.box - np.maximum(displacement, self.margin)
-            i, j = grid_overlaps(box, bodies.isFixed)
-            others = i * count + j
+            others = overlaps_of(beyond, box, bodies.isFixed)
             others = others[find_sorted(others, self.keys) < 0]
             keys = np.concatenate((keys, others))
             axis = np.concatenate((axis, np.zeros((3, len(others)))), axis=1)

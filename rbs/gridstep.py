@@ -34,7 +34,7 @@ def grid_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic
         if groundMesh is not None:
             _resolve_ground(bodies, groundMesh, (CRCoeff, closingOnly, mu), report)
     with report.phase("writeBack"):
-        check_numbers(bodies.columns(), meshes, "contacts and constraints")
+        check_numbers(bodies.columns(), meshes, "contacts")
         bodies.write_back()
     return report
 
