@@ -231,8 +231,8 @@ class Mesh:
         self.faces = self._table("faces", faces, 3, np.int64)
         self.tets = self._table("tets", tets, 4, np.int64)
         self.density = number(density)
-        self.position = _row(position, 3)
-        self.orientation = _row(orientation, 4)
+        self.position = np.array(position, dtype=np.float64).reshape(1, 3)
+        self.orientation = np.array(orientation, dtype=np.float64).reshape(1, 4)
         length = math.hypot(*self.orientation[0].tolist())
         if not 0 < length < math.inf:
             raise ValueError(f"mesh {name}: the orientation has no direction")
@@ -319,8 +319,8 @@ class Mesh:
         w, x, y, z = multiply(turn, floats(self.orientation, 4))
         # a product of unit quaternions drifts from unit length by rounding
         length = math.sqrt(w * w + (x * x + y * y + z * z))
-        self.linVelocity, self.position = _row(linVelocity, 3), _row(position, 3)
-        self.orientation = _row((w, x, y, z), 4) / length
+        self.linVelocity, self.position = _row(linVelocity), _row(position)
+        self.orientation = _row((w, x, y, z)) / length
 
     def apply_gyroscopic_term(self, timeStep):
         """Turns the angular velocity as torque-free motion does; see `gyroscopic_velocity`."""
@@ -329,7 +329,7 @@ class Mesh:
                 floats(self.angVelocity, 3), floats(self.orientation, 4), floats(self.IT, 9),
                 number(timeStep),
             )  # fmt: skip
-            self.angVelocity = _row(angVelocity, 3)
+            self.angVelocity = _row(angVelocity)
 
     def bounding_box_collision(self, m):
         """Whether the axis-aligned boxes of this mesh and of m overlap or touch."""
@@ -358,7 +358,7 @@ class Mesh:
         self.cachedAxes[m] = normal
         if not isCollision:
             return GJK.NO_COLLISION
-        return True, depth, _row(normal, 3), _row(add(point, position2), 3)
+        return True, depth, _row(normal), _row(add(point, position2))
 
     def lowest_vertex(self):
         """The lowest of the vertices in the world (3,), of equally low ones the first.
@@ -397,9 +397,9 @@ class Mesh:
         """Takes over position and velocities; what cannot move stays as it is."""
         if body.invMass == 0.0:
             return
-        self.position = _row(body.position, 3)
-        self.linVelocity = _row(body.linVelocity, 3)
-        self.angVelocity = _row(body.angVelocity, 3)
+        self.position = _row(body.position)
+        self.linVelocity = _row(body.linVelocity)
+        self.angVelocity = _row(body.angVelocity)
 
     # What follows from the pose is worked out when it is first asked for, and kept until position
     # or orientation change, by assignment or in place: they are compared by their bytes.
@@ -491,9 +491,9 @@ def refresh_vertices(meshes):
     return np.concatenate([np.empty((0, 3)), *(m._currVertices for m in meshes)])
 
 
-def _row(value, count):
-    """A new (1, count) array out of anything with `count` entries."""
-    return np.array(value, dtype=np.float64).reshape(1, count)
+def _row(value):
+    """A new array of one row, out of a tuple of floats or an array."""
+    return np.array(value).reshape(1, -1)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -546,7 +546,7 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
         mu times the first one, slows or stops the sliding. A huge one stops any sliding where
         bodies are pressed together, and never turns it round
 
-    The interpenetration is split by inverse mass, see `separate`. Restitution asks that a closing
+    The interpenetration is split by inverse mass, see `shifts`. Restitution asks that a closing
     speed of c become one of -e c: with u the velocity of body 1 relative to body 2 at the contact
     point, which has moved along with m2, and K the sum of both bodies' inverse effective masses,
     an impulse -j n on body 1 and +j n on body 2 lowers u · n by j K, hence j = (1 + e) (u · n) / K.
@@ -567,16 +567,20 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     if depth < 0.0 or (depth == 0.0 and len(m2.origVertices) == 0):
         depth, n = -depth, scale(-1.0, n)
 
-    point = mul_add(point, separate(body1, body2, depth, n), n)
+    shift1, shift2 = shifts(body1.invMass, body2.invMass, depth)
+    body1.position = mul_add(body1.position, shift1, n)
+    body2.position = mul_add(body2.position, shift2, n)
+    point = mul_add(point, shift2, n)
     r1, r2 = sub(point, body1.position), sub(point, body2.position)
 
     change = (1.0 + e) * dot(relative_velocity(body1, body2, r1, r2), n)
     if closingOnly:
         change = change * (change > 0.0)
-    K = inverse_effective_mass(body1, r1, n) + inverse_effective_mass(body2, r2, n)
-    j = change / K
-    receive_impulse(body1, -j, n, r1)
-    receive_impulse(body2, j, n, r2)
+    k1, turning1 = inverse_effective_mass(body1, r1, n)
+    k2, turning2 = inverse_effective_mass(body2, r2, n)
+    j = change / (k1 + k2)
+    receive_impulse(body1, -j, n, turning1)
+    receive_impulse(body2, j, n, turning2)
 
     friction = apply_friction(body1, body2, r1, r2, n, mu * j) if mu else NO_FRICTION
     m1.set_body_state(body1)
@@ -584,17 +588,14 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     return ContactImpulses(j, friction, r1)
 
 
-def separate(body1, body2, distance, n):
-    """Position correction: moves body 2 along n and body 1 against it, by `distance` in all.
+def shifts(invMass1, invMass2, distance):
+    """How far two bodies move along the direction from 1 to 2 to be `distance` further apart.
 
-    Each moves in proportion to its inverse mass, w_i = m_i⁻¹ / (m_1⁻¹ + m_2⁻¹), so that their
-    common COM stays; not both masses may be infinite. Returns how far body 2 has moved.
+    Each in proportion to its inverse mass, w_i = m_i⁻¹ / (m_1⁻¹ + m_2⁻¹), so that their common COM
+    stays. Not both masses may be infinite.
     """
-    total = body1.invMass + body2.invMass
-    shift1, shift2 = body1.invMass / total * distance, body2.invMass / total * distance
-    body1.position = mul_add(body1.position, -shift1, n)
-    body2.position = mul_add(body2.position, shift2, n)
-    return shift2
+    total = invMass1 + invMass2
+    return -(invMass1 / total * distance), invMass2 / total * distance
 
 
 def relative_velocity(body1, body2, r1, r2):
@@ -606,18 +607,19 @@ def relative_velocity(body1, body2, r1, r2):
 
 
 def inverse_effective_mass(body, r, n):
-    """By how much a unit impulse along n at an arm r changes the velocity of that point along n.
+    """`(k, turning)`: how a body responds to a unit impulse along n at an arm r.
 
-    It gains m⁻¹ from the motion of the COM and, as the angular velocity changes by I⁻¹ (r × n),
-    ((I⁻¹ (r × n)) × r) · n = (r × n) · I⁻¹ (r × n) from the rotation.
+    turning : I⁻¹ (r × n), the change of the angular velocity
+    k : the change of the velocity of the point along n. It gains m⁻¹ from the motion of the COM
+        and, from the rotation, ((I⁻¹ (r × n)) × r) · n = (r × n) · I⁻¹ (r × n)
     """
     rCrossN = cross(r, n)
-    return body.invMass + dot(rCrossN, mat_vec(body.invInertia, rCrossN))
+    turning = mat_vec(body.invInertia, rCrossN)
+    return body.invMass + dot(rCrossN, turning), turning
 
 
-def receive_impulse(body, j, n, r):
-    """Changes a body by an impulse j n at an arm r: v ← v + j m⁻¹ n and ω ← ω + j I⁻¹ (r × n)."""
-    turning = mat_vec(body.invInertia, cross(r, n))
+def receive_impulse(body, j, n, turning):
+    """Changes a body by an impulse j along n: v ← v + j m⁻¹ n and ω ← ω + j I⁻¹ (r × n)."""
     body.linVelocity = mul_add(body.linVelocity, j * body.invMass, n)
     body.angVelocity = mul_add(body.angVelocity, j, turning)
 
@@ -637,10 +639,11 @@ def apply_friction(body1, body2, r1, r2, n, limit):
     across = mul_add(u, -dot(u, n), n)
     speed = norm(across)
     t = divide(across, speed or 1.0)
-    K = inverse_effective_mass(body1, r1, t) + inverse_effective_mass(body2, r2, t)
-    j = min(speed / K, max(limit, 0.0) + 0.0)  # a zero has no sign
-    receive_impulse(body1, -j, t, r1)
-    receive_impulse(body2, j, t, r2)
+    k1, turning1 = inverse_effective_mass(body1, r1, t)
+    k2, turning2 = inverse_effective_mass(body2, r2, t)
+    j = min(speed / (k1 + k2), max(limit, 0.0) + 0.0)  # a zero has no sign
+    receive_impulse(body1, -j, t, turning1)
+    receive_impulse(body2, j, t, turning2)
     return scale(j, t)
 
 
@@ -664,16 +667,15 @@ def resolve_position_constraint(
     COMs, moved along p1 - p2 in proportion to the inverse masses until C = 0. Coincident points are
     moved apart along y, the first one upwards. Bodies that both cannot move stay where they are.
     """
-    x1, x2 = floats(currPositions[0], 3), floats(currPositions[1], 3)
-    p1, p2 = floats(currConstPoints[0], 3), floats(currConstPoints[1], 3)
-    C, n = distance_error(p1, p2, number(refValue))
+    (x1, x2), (p1, p2) = floats_of(currPositions), floats_of(currConstPoints)
+    invMass1, invMass2 = number(invMasses[0]), number(invMasses[1])
     tolerance = number(tolerance)
+    C, n = distance_error(p1, p2, number(refValue))
     isViolated = C > tolerance if upper else C < -tolerance
-    body1 = Body(number(invMasses[0]), None, x1, None, None)
-    body2 = Body(number(invMasses[1]), None, x2, None, None)
-    if isViolated and body1.invMass + body2.invMass > 0.0:
-        separate(body1, body2, C, n)
-    return not isViolated, (_row(body1.position, 3), _row(body2.position, 3))
+    if isViolated and invMass1 + invMass2 > 0.0:
+        shift1, shift2 = shifts(invMass1, invMass2, C)
+        x1, x2 = mul_add(x1, shift1, n), mul_add(x2, shift2, n)
+    return not isViolated, Pair(x1, x2)
 
 
 def resolve_velocity_constraint(
@@ -700,37 +702,54 @@ def resolve_velocity_constraint(
     pairs of new (1, 3) arrays, with J v = 0 unless it was valid. Bodies that both cannot move keep
     their velocities.
     """
-    body1, body2 = (
-        Body(
-            number(invMasses[k]), floats(invInertiaTensors[k], 9), floats(currPositions[k], 3),
-            floats(currLinVelocities[k], 3), floats(currAngVelocities[k], 3),
-        )
-        for k in range(2)
-    )  # fmt: skip
-    p1, p2 = floats(currConstPoints[0], 3), floats(currConstPoints[1], 3)
-    r1, r2 = getattr(currConstPoints, "arms", None) or (
-        sub(p1, body1.position),
-        sub(p2, body2.position),
-    )
+    (x1, x2), (p1, p2) = floats_of(currPositions), floats_of(currConstPoints)
+    (v1, v2), (omega1, omega2) = floats_of(currLinVelocities), floats_of(currAngVelocities)
+    invInertia1, invInertia2 = floats_of(invInertiaTensors, 9)
+    body1 = Body(number(invMasses[0]), invInertia1, x1, v1, omega1)
+    body2 = Body(number(invMasses[1]), invInertia2, x2, v2, omega2)
+    r1, r2 = getattr(currConstPoints, "arms", None) or (sub(p1, x1), sub(p2, x2))
     _, n = distance_error(p1, p2, 0.0)
     Jv = dot(relative_velocity(body1, body2, r1, r2), n)
     wasValid = abs(Jv) <= number(tolerance)
     if not wasValid and body1.invMass + body2.invMass > 0.0:
-        K = inverse_effective_mass(body1, r1, n) + inverse_effective_mass(body2, r2, n)
-        receive_impulse(body1, -(Jv / K), n, r1)
-        receive_impulse(body2, Jv / K, n, r2)
+        k1, turning1 = inverse_effective_mass(body1, r1, n)
+        k2, turning2 = inverse_effective_mass(body2, r2, n)
+        j = Jv / (k1 + k2)
+        receive_impulse(body1, -j, n, turning1)
+        receive_impulse(body2, j, n, turning2)
     return (
         wasValid,
-        (_row(body1.linVelocity, 3), _row(body2.linVelocity, 3)),
-        (_row(body1.angVelocity, 3), _row(body2.angVelocity, 3)),
-    )
+        Pair(body1.linVelocity, body2.linVelocity), Pair(body1.angVelocity, body2.angVelocity),
+    )  # fmt: skip
 
 
-class AnchoredPoints(tuple):
-    """The two points of a constraint that know their `arms` from the COMs, a pair of triples.
+class Pair:
+    """A pair of vectors, as the two functions above take and return it.
 
-    Points minus COMs would lose the digits that the COMs' distance from the origin takes up.
+    Arrays of their own for whoever indexes it, rows (1, 3) or of another shape; and `floats`, two
+    tuples, so that a sweep of a thousand visits makes no arrays. Points may bring their exact
+    `arms` along: their difference to the COMs would lose the digits that the COMs' distance from
+    the origin takes up.
     """
+
+    __slots__ = ("arms", "floats", "shape")
+
+    def __init__(self, first, second, shape=(1, 3), arms=None):
+        self.floats, self.shape, self.arms = (first, second), shape, arms
+
+    def __len__(self):
+        return 2
+
+    def __getitem__(self, k):
+        return np.reshape(self.floats[k], self.shape)
+
+
+def floats_of(pair, count=3):
+    """Two tuples of floats, of a `Pair` or any other pair of arrays with so many entries."""
+    try:
+        return pair.floats
+    except AttributeError:
+        return floats(pair[0], count), floats(pair[1], count)
 
 
 def distance_error(p1, p2, refValue):
@@ -757,46 +776,46 @@ def project_constraints(meshes, constraints, maxIterations, tolerance, schedulin
     if scheduling == "batches":
         return project_in_batches(meshes, rows, tolerance, maximumVisits)
 
-    inertias = {}
-
-    def anchored(b, vertex):
-        """Mesh, arm (1, 3) of a vertex, inverse mass and inverse inertia in floats, of body b."""
-        if b not in inertias:
-            state = meshes[b].body_state()
-            inertias[b] = state.invMass, state.invInertia
-        return meshes[b], meshes[b].rotated_hull().vertices[:, vertex][None], *inertias[b]
-
+    ends = np.unique(np.concatenate((rows.body1, rows.body2))).tolist()
+    bodies = {b: meshes[b].body_state() for b in ends}
+    vertices = {b: meshes[b].rotated_hull().vertices for b in ends}
     ties = {
-        c: (*anchored(b1, v1), *anchored(b2, v2), refValue, upper)
+        c: (bodies[b1], tuple(vertices[b1][:, v1].tolist()), bodies[b2],
+            tuple(vertices[b2][:, v2].tolist()), refValue, upper)
         for c, b1, v1, b2, v2, refValue, upper in rows.tolist()
-    }
+    }  # fmt: skip
 
     def visit(c):
         """Looks at constraint c, corrects it if it is violated, and returns whether it was."""
-        m1, r1, invMass1, invIT1, m2, r2, invMass2, invIT2, refValue, upper = ties[c]
-        positions, invMasses = (m1.position, m2.position), (invMass1, invMass2)
-        points = AnchoredPoints((m1.position + r1, m2.position + r2))
+        body1, r1, body2, r2, refValue, upper = ties[c]
+        x1, x2, invMasses = body1.position, body2.position, (body1.invMass, body2.invMass)
+        points = Pair(add(x1, r1), add(x2, r2), arms=(r1, r2))
         isValid, positions = resolve_position_constraint(
-            positions, points, refValue, invMasses, upper, tolerance
+            Pair(x1, x2), points, refValue, invMasses, upper, tolerance
         )
         if isValid:
             return False
         # the points stay on the line that joins them: the direction is the same afterwards
-        points.arms = floats(r1, 3), floats(r2, 3)
         _, linVelocities, angVelocities = resolve_velocity_constraint(
-            positions, points, (m1.linVelocity, m2.linVelocity), (m1.angVelocity, m2.angVelocity),
-            invMasses, (invIT1, invIT2), tolerance,
+            positions, points, Pair(body1.linVelocity, body2.linVelocity),
+            Pair(body1.angVelocity, body2.angVelocity), invMasses,
+            Pair(body1.invInertia, body2.invInertia, (3, 3)), tolerance,
         )  # fmt: skip
-        for k, m in enumerate((m1, m2)):
-            if invMasses[k]:
-                m.position = positions[k]
-                m.linVelocity, m.angVelocity = linVelocities[k], angVelocities[k]
+        body1.position, body2.position = floats_of(positions)
+        body1.linVelocity, body2.linVelocity = floats_of(linVelocities)
+        body1.angVelocity, body2.angVelocity = floats_of(angVelocities)
         return True
 
     if scheduling == "queue":
-        movable = {c: [b for b in (b1, b2) if not isFixed[b]] for c, b1, _, b2, *_ in rows.tolist()}
-        return queue(visit, movable, rows.total, maximumVisits)
-    return sweep(visit, ties, rows.total, maximumVisits)
+        movable = {
+            c: [b for b in (b1, b2) if not isFixed[b]] for c, b1, _, b2, *_ in rows.tolist()
+        }
+        visits = queue(visit, movable, rows.total, maximumVisits)
+    else:
+        visits = sweep(visit, ties, rows.total, maximumVisits)
+    for b, body in bodies.items():
+        meshes[b].set_body_state(body)
+    return visits
 
 
 def sweep(visit, constraints, total, maximumVisits):

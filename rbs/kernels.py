@@ -15,7 +15,7 @@ SIGNS = np.array([[-1.0], [1.0]])
 
 
 def shifts(invMasses, distance):
-    """`separate`: how far (2, m) either body moves along n; not both masses infinite."""
+    """`shifts`: how far (2, m) either body moves along n; not both masses infinite."""
     return SIGNS * (invMasses / (invMasses[0] + invMasses[1])) * distance
 
 
