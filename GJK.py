@@ -36,6 +36,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from rbs import triples
 from rbs.arrays import indices, take
 from rbs.facets import LEAST_GAP, Facets, all_facets, axes_or_centre_lines, find_facets
 from rbs.hulls import (
@@ -130,7 +131,7 @@ def _power_of_two(*tables):
 def collide_rotated(rotated1, rotated2, t, axis=None):
     """Whether two rotated hulls meet, for a simulation, which knows hulls and orientations.
 
-    rotated1, rotated2 : `rbs.poses.RotatedShape`
+    rotated1, rotated2 : `RBSFunctions.RotatedHull`
     t : tuple of 3, centre of the second minus centre of the first
     axis : tuple of 3, unit, that may separate them; where it does not, or None, they are looked at.
         It changes no result
@@ -139,12 +140,12 @@ def collide_rotated(rotated1, rotated2, t, axis=None):
     which they overlap least or are apart; and the point of hull 2 that is deepest inside hull 1,
     relative to the centre of hull 2, or None without a collision.
     """
-    hull1, hull2 = rotated1.shape.hull, rotated2.shape.hull
+    hull1, hull2 = rotated1.hull, rotated2.hull
     size = hull1.radius + hull2.radius
     if axis is not None:
-        highest = dot(axis, rotated1.hullVertices).max()
-        lowest = dot(axis, rotated2.hullVertices).min()
-        if lowest + dot(axis, t) - highest > LEAST_GAP * size:
+        highest = triples.dot(axis, rotated1.hullVertices).max()
+        lowest = triples.dot(axis, rotated2.hullVertices).min()
+        if lowest + triples.dot(axis, t) - highest > LEAST_GAP * size:
             return False, 0.0, axis, None
     hulls = _hull_pair(hull1, hull2).rotated(
         np.array((rotated1.rotation, rotated2.rotation)).T,

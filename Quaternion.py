@@ -31,7 +31,10 @@ def _rows(components):
 
 
 def multiply(a, b):
-    """Hamilton product of two quaternions given as tuples (w, x, y, z) of floats or of arrays."""
+    """Hamilton product of two quaternions given as tuples (w, x, y, z) of floats or of arrays.
+
+    Nothing but products and sums of components, as in `rotation_matrices`: one body serves both.
+    """
     aw, ax, ay, az = a
     bw, bx, by, bz = b
     return (
@@ -43,22 +46,28 @@ def multiply(a, b):
 
 
 def exponential(q):
-    """`QExp` of one or more quaternions given as a tuple (w, x, y, z) of floats or of arrays.
+    """`QExp` of one quaternion given as a tuple (w, x, y, z) of floats.
 
-    NumPy's sin, cos and exp serve both: those of `math` have other last bits on some machines.
+    NumPy's sin, cos and exp serve here too: those of `math` have other last bits on some machines.
     """
     w, x, y, z = q
-    squared = x * x + y * y + z * z
-    isArray = isinstance(squared, np.ndarray)
-    angle = np.sqrt(squared) if isArray else math.sqrt(squared)
-    small, series = angle < SMALL_ANGLE, 1.0 - angle * angle / 6.0
-    if isArray:
-        safe = np.where(small, 1.0, angle)
-        sinc = np.where(small, series, np.sin(safe) / safe)
-        cosine, scale = np.cos(angle), np.exp(w)
+    angle = math.sqrt(x * x + y * y + z * z)
+    if angle < SMALL_ANGLE:
+        sinc = 1.0 - angle * angle / 6.0
     else:
-        sinc = series if small else float(np.sin(angle)) / angle
-        cosine, scale = float(np.cos(angle)), float(np.exp(w))
+        sinc = float(np.sin(angle)) / angle
+    cosine, scale = float(np.cos(angle)), float(np.exp(w))
+    return scale * cosine, scale * sinc * x, scale * sinc * y, scale * sinc * z
+
+
+def exponentials(q):
+    """`exponential` of many, given as a tuple (w, x, y, z) of arrays, with the same bits."""
+    w, x, y, z = q
+    angle = np.sqrt(x * x + y * y + z * z)
+    isSmall = angle < SMALL_ANGLE
+    safe = np.where(isSmall, 1.0, angle)
+    sinc = np.where(isSmall, 1.0 - angle * angle / 6.0, np.sin(safe) / safe)
+    cosine, scale = np.cos(angle), np.exp(w)
     return scale * cosine, scale * sinc * x, scale * sinc * y, scale * sinc * z
 
 
@@ -123,7 +132,7 @@ def QExp(q):
     For a rotation, q = (0, axis · angle/2) gives the unit quaternion that turns by `angle` radians,
     counter-clockwise seen against the axis. A vanishing vector part gives (e^w, 0, 0, 0).
     """
-    return _rows(exponential(_components(q, 4)))
+    return _rows(exponentials(_components(q, 4)))
 
 
 def Q2RotMatrix(q):

@@ -1,53 +1,45 @@
 """The coursework: rigid bodies, the integrator, collisions, constraints, and the step of them all.
 
-From the top: `run_timestep`, which reads as the coursework's text; `Mesh`; free flight; contacts
-with friction; distance constraints; and the accelerated step, which applies the same formulas to
-thousands of bodies at once. Which pairs and which constraints, and when, is decided in rbs/.
+From the top: `run_timestep`, which reads as the coursework's text; `Mesh`; contacts with friction;
+distance constraints. Everything here is for one body, or a pair. The steps for thousands of bodies,
+rbs/gridstep.py and rbs/softstep.py, have rooms of their own: they are handed the meshes and return
+a report.
 
 Units are whatever the scene uses, lengths and masses alike, with seconds and a gravity of 9.8
 length units per second squared along -y. Vectors of one mesh are rows (1, 3), quaternions (1, 4)
 with the scalar part first; (3,) and (4,) are accepted wherever one is passed in or assigned. The
-formulas stand once, on components, tuples or arrays: see rbs/vectors.py.
+formulas are on tuples of floats: for three numbers, that is ten times as fast as arrays.
 
-Sources. Impulses and the inertia of a rotated body: Baraff, Rigid Body Simulation, SIGGRAPH course
-notes, 2001. Inertia of a tetrahedron: Tonon, Explicit exact formulas for the 3-D tetrahedron
-inertia tensor, J. Mathematics and Statistics 1(1), 2005. One impulse a contact, with friction along
-the sliding: Mirtich, Impulse-based dynamic simulation of rigid body systems, 1996. Positions
-corrected in proportion to the inverse masses: Müller et al., Position based dynamics, 2007.
-Constraints on velocities: Catto, Modeling and solving constraints, Game Developers Conference 2009.
+Sources. The integrator, impulses and the inertia of a rotated body: Baraff, Rigid Body Simulation,
+SIGGRAPH course notes, 2001. Inertia of a tetrahedron: Tonon, Explicit exact formulas for the 3-D
+tetrahedron inertia tensor, J. Mathematics and Statistics 1(1), 2005. One impulse a contact, with
+friction along the sliding: Mirtich, Impulse-based dynamic simulation of rigid body systems, 1996.
+Positions corrected in proportion to the inverse masses: Müller et al., Position based dynamics,
+2007. Constraints on velocities: Catto, Modeling and solving constraints, Game Developers Conference
+2009.
 """
 
 import itertools
 import math
-from functools import partial
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 import GJK
-from Quaternion import rotation_matrices
-from rbs.arrays import indices, take
-from rbs.batches import OrderedBatches
+from Quaternion import exponential, multiply, rotation_matrices
+from rbs import vectors
 from rbs.bodies import (
-    Bodies,
-    BodyState,
-    MeshStates,
-    StateColumn,
+    GRAVITY,
     check_distinct,
     check_numbers,
+    gyroscopic_velocity,
     restored_on_error,
     state_columns,
 )
-from rbs.constraints import Anchor, ConstraintRows, distance_error
-from rbs.flight import GRAVITY as GRAVITY  # it is asked for here
-from rbs.flight import free_flight, gyroscopic_velocity
-from rbs.hulls import build_hull
-from rbs.poses import Posed
+from rbs.hulls import build_hull, rotate_columns
 from rbs.reports import GROUND, StepReport
-from rbs.schedules import batches, queue, sweep
-from rbs.settings import check_arguments
-from rbs.softstep import soft_step
-from rbs.vectors import (
+from rbs.triples import (
     add,
     cross,
     divide,
@@ -64,6 +56,9 @@ from rbs.vectors import (
 
 # The ground's normal. It points into the body, which is why the depth there is negative.
 UPWARDS = (0.0, 1.0, 0.0)
+# Where the two points of a constraint coincide, no direction separates them better than another:
+# they are moved apart along this one.
+COINCIDENT_DIRECTION = (0.0, 1.0, 0.0)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -122,69 +117,65 @@ def run_timestep(
     where a number would become NaN, infinite or absurdly large. Whatever is raised, the meshes are
     then as they were before the step.
     """
+    from rbs.settings import check_arguments
+
     checked = check_arguments(
         timeStep=timeStep, CRCoeff=CRCoeff, enforceConstraints=enforceConstraints,
         maxIterations=maxIterations, tolerance=tolerance, closingOnly=closingOnly,
         constraintScheduling=constraintScheduling, mu=mu, broadPhase=broadPhase,
         contactSolver=contactSolver, substeps=substeps, sleeping=sleeping, gyroscopic=gyroscopic,
     )  # fmt: skip
-    timeStep, tolerance = checked["timeStep"], checked["tolerance"]
-    contactSettings = ContactSettings(*(checked[name] for name in ContactSettings._fields))
-    if not enforceConstraints:
-        constraints = ()
-    project = partial(
-        project_constraints, constraints=constraints, maxIterations=maxIterations,
-        tolerance=tolerance, scheduling=constraintScheduling,
-    )  # fmt: skip
+    timeStep, CRCoeff, mu = checked["timeStep"], checked["CRCoeff"], checked["mu"]
+    constraints = constraints if enforceConstraints else ()
     if contactSolver == "soft-step":
-        return soft_step(meshes, groundMesh is not None, timeStep, contactSettings.CRCoeff,
-                         contactSettings.mu, constraints, checked["substeps"], sleeping, gyroscopic,
-                         solverState)  # fmt: skip
-    if broadPhase == "grid":
-        return _accelerated_step(meshes, groundMesh, timeStep, contactSettings, project, gyroscopic)
+        from rbs.softstep import soft_step
 
-    check_distinct(meshes)
-    report = StepReport()
-    extensions = {"closingOnly": closingOnly, "mu": mu} if closingOnly or mu else {}
-    with restored_on_error(meshes):
-        with report.phase("integrate"):
-            for mesh in meshes:
-                if gyroscopic:
-                    mesh.apply_gyroscopic_term(timeStep)
-                mesh.integrate_timestep(timeStep)
-            check_numbers(state_columns(meshes), meshes, "free flight")
-        with report.phase("collisions"):
-            for (i, m1), (j, m2) in itertools.combinations(enumerate(meshes), 2):
-                isCollision, depth, normal, point = m1.detect_collision(m2)
-                if isCollision:
-                    contact = depth, normal, point
-                    impulses = resolve_collision(m1, m2, *contact, CRCoeff, **extensions)
-                    report.add_contact(i, j, *contact, impulses)
-            report.candidatePairs = math.comb(len(meshes), 2)
-        with report.phase("ground"):
-            for i, mesh in enumerate(meshes if groundMesh is not None else ()):
-                lowest = mesh.lowest_vertex()
-                if lowest is not None and lowest[1] <= 0.0:
-                    contact = lowest[1], UPWARDS, lowest
-                    impulses = resolve_collision(mesh, groundMesh, *contact, CRCoeff, **extensions)
-                    report.add_contact(i, GROUND, *contact, impulses)
+        return soft_step(
+            meshes, groundMesh is not None, timeStep, CRCoeff, mu, constraints,
+            checked["substeps"], sleeping, gyroscopic, solverState,
+        )  # fmt: skip
+    # the grid step changes nothing unless it succeeds
+    with restored_on_error(meshes if broadPhase == "all" or len(constraints) else ()):
+        if broadPhase == "grid":
+            from rbs.gridstep import grid_step
+
+            report = grid_step(
+                meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic
+            )  # fmt: skip
+        else:
+            check_distinct(meshes)
+            report = StepReport()
+            extensions = {"closingOnly": closingOnly, "mu": mu} if closingOnly or mu else {}
+            with report.phase("integrate"):
+                for mesh in meshes:
+                    if gyroscopic:
+                        mesh.apply_gyroscopic_term(timeStep)
+                    mesh.integrate_timestep(timeStep)
+                check_numbers(state_columns(meshes), meshes, "free flight")
+            with report.phase("collisions"):
+                for (i, m1), (j, m2) in itertools.combinations(enumerate(meshes), 2):
+                    isCollision, *contact = m1.detect_collision(m2)
+                    if isCollision:
+                        impulses = resolve_collision(m1, m2, *contact, CRCoeff, **extensions)
+                        report.add_contact(i, j, *contact, impulses)
+                report.candidatePairs = math.comb(len(meshes), 2)
+            with report.phase("ground"):
+                for i, mesh in enumerate(meshes if groundMesh is not None else ()):
+                    lowest = mesh.lowest_vertex()
+                    if lowest is not None and lowest[1] <= 0.0:
+                        contact = lowest[1], UPWARDS, lowest
+                        impulses = resolve_collision(
+                            mesh, groundMesh, *contact, CRCoeff, **extensions
+                        )
+                        report.add_contact(i, GROUND, *contact, impulses)
+            check_numbers(state_columns(meshes), meshes, "contacts")
         with report.phase("constraints"):
-            report.constraintVisits = project(MeshStates(meshes))
-        check_numbers(state_columns(meshes), meshes, "contacts and constraints")
+            report.constraintVisits = project_constraints(
+                meshes, constraints, maxIterations, checked["tolerance"], constraintScheduling
+            )
+            if report.constraintVisits:
+                check_numbers(state_columns(meshes), meshes, "contacts and constraints")
     return report
-
-
-class ContactSettings(NamedTuple):
-    """How contacts are resolved; see `resolve_collision`."""
-
-    CRCoeff: float
-    closingOnly: bool
-    mu: float
-
-
-def contact_settings(CRCoeff, closingOnly, mu):
-    """The ContactSettings of a caller's arguments; raises ValueError."""
-    return ContactSettings(**check_arguments(CRCoeff=CRCoeff, closingOnly=closingOnly, mu=mu))
 
 
 # --------------------------------------------------------------------------------------------------
@@ -192,7 +183,24 @@ def contact_settings(CRCoeff, closingOnly, mu):
 # --------------------------------------------------------------------------------------------------
 
 
-class Mesh(Posed):
+class RotatedHull:
+    """What the collision test reads of a mesh: what follows from its orientation.
+
+    hull : `Hull`, at rest; rotation : nine floats, matrix row by row
+    vertices : (3, V), relative to the COM; hullVertices : (3, Vh), those of the hull
+    low, high : three floats each, the box of the hull relative to the COM
+    """
+
+    def __init__(self, mesh):
+        self.hull = mesh.hull
+        self.rotation = rotation_matrices(floats(mesh.orientation, 4))
+        self.vertices = vectors.mat_vec(np.array(self.rotation), mesh.origVertices.T)
+        self.hullVertices = self.vertices.take(self.hull.vertexIndex, axis=1)
+        self.low = self.hullVertices.min(axis=1).tolist()
+        self.high = self.hullVertices.max(axis=1).tolist()
+
+
+class Mesh:
     """A rigid body: a tetrahedral mesh with a density, and where it is and how it moves.
 
     name : str
@@ -213,12 +221,9 @@ class Mesh(Posed):
     position and orientation; linVelocity (1, 3), of the COM; angVelocity (1, 3), rad/s, world axes;
     mass; invMass, 0 if fixed; IT (3, 3), inertia tensor about the COM at rest; invIT (3, 3), its
     inverse, 0 if fixed; volume, of the tetrahedra; hullVolume, of the convex hull that collides in
-    its stead; hull, a `rbs.hulls.Hull`.
+    its stead; hull, a `rbs.hulls.Hull`; cachedAxes, by other mesh, the axis along which the two
+    were apart, or overlapped least, when they were last looked at.
     """
-
-    position, orientation = StateColumn(), StateColumn()
-    linVelocity, angVelocity = StateColumn(), StateColumn()
-    invMass, invIT = StateColumn(), StateColumn()
 
     def __init__(self, name, origVertices, faces, tets, density, position, orientation, isFixed):
         self.name = name
@@ -226,8 +231,8 @@ class Mesh(Posed):
         self.faces = self._table("faces", faces, 3, np.int64)
         self.tets = self._table("tets", tets, 4, np.int64)
         self.density = number(density)
-        self.position = _row(position, 3)
-        self.orientation = _row(orientation, 4)
+        self.position = np.array(position, dtype=np.float64).reshape(1, 3)
+        self.orientation = np.array(orientation, dtype=np.float64).reshape(1, 4)
         length = math.hypot(*self.orientation[0].tolist())
         if not 0 < length < math.inf:
             raise ValueError(f"mesh {name}: the orientation has no direction")
@@ -240,7 +245,8 @@ class Mesh(Posed):
         if len(self.origVertices) > 0:
             self._init_mass_properties()
         self.isFixed = isFixed
-        self._forget()
+        self._forget_pose()
+        self.cachedAxes = WeakKeyDictionary()
 
     def _table(self, what, rows, width, dtype):
         """A copy of `rows` as (n, width); ValueError when it has another shape."""
@@ -306,12 +312,15 @@ class Mesh(Posed):
         """
         if self.isFixed:
             return
-        linVelocity, position, orientation = free_flight(
-            floats(self.linVelocity, 3), floats(self.angVelocity, 3),
-            floats(self.position, 3), floats(self.orientation, 4), number(timeStep),
-        )  # fmt: skip
-        self.linVelocity, self.position = _row(linVelocity, 3), _row(position, 3)
-        self.orientation = _row(orientation, 4)
+        h = number(timeStep)
+        linVelocity = mul_add(floats(self.linVelocity, 3), h, (0.0, GRAVITY, 0.0))
+        position = mul_add(floats(self.position, 3), h, linVelocity)
+        turn = exponential((0.0, *scale(0.5, scale(h, floats(self.angVelocity, 3)))))
+        w, x, y, z = multiply(turn, floats(self.orientation, 4))
+        # a product of unit quaternions drifts from unit length by rounding
+        length = math.sqrt(w * w + (x * x + y * y + z * z))
+        self.linVelocity, self.position = _row(linVelocity), _row(position)
+        self.orientation = _row((w, x, y, z)) / length
 
     def apply_gyroscopic_term(self, timeStep):
         """Turns the angular velocity as torque-free motion does; see `gyroscopic_velocity`."""
@@ -320,14 +329,13 @@ class Mesh(Posed):
                 floats(self.angVelocity, 3), floats(self.orientation, 4), floats(self.IT, 9),
                 number(timeStep),
             )  # fmt: skip
-            self.angVelocity = _row(angVelocity, 3)
+            self.angVelocity = _row(angVelocity)
 
     def bounding_box_collision(self, m):
         """Whether the axis-aligned boxes of this mesh and of m overlap or touch."""
-        pose1, pose2 = self.pose(), m.pose()
-        if pose1 is None or pose2 is None:
+        a, b = self.bounding_box(), m.bounding_box()
+        if a is None or b is None:
             return False
-        a, b = pose1.box, pose2.box  # the least x, y, z and the greatest
         return (
             a[0] <= b[3] and b[0] <= a[3]
             and a[1] <= b[4] and b[1] <= a[4]
@@ -343,15 +351,14 @@ class Mesh(Posed):
         """
         if not self.bounding_box_collision(m) or (self.isFixed and m.isFixed):
             return GJK.NO_COLLISION
-        pose1, pose2 = self.pose(), m.pose()
-        t = sub(pose2.position, pose1.position)
+        position1, position2 = floats(self.position, 3), floats(m.position, 3)
         isCollision, depth, normal, point = GJK.collide_rotated(
-            pose1.rotated, pose2.rotated, t, self.cachedAxes.get(m)
+            self.rotated_hull(), m.rotated_hull(), sub(position2, position1), self.cachedAxes.get(m)
         )
         self.cachedAxes[m] = normal
         if not isCollision:
             return GJK.NO_COLLISION
-        return True, depth, _row(normal, 3), _row(add(point, pose2.position), 3)
+        return True, depth, _row(normal), _row(add(point, position2))
 
     def lowest_vertex(self):
         """The lowest of the vertices in the world (3,), of equally low ones the first.
@@ -379,25 +386,114 @@ class Mesh(Posed):
         self.angVelocity = self.angVelocity + torque @ self.get_rotated_inv_IT().T
 
     def body_state(self):
-        """What a contact or a constraint reads and changes, in floats: `BodyState`."""
+        """What a contact reads and changes, in floats: `Body`."""
         invInertia = np.zeros((3, 3)) if self.isFixed else self.get_rotated_inv_IT()
-        return BodyState(
+        return Body(
             float(self.invMass), floats(invInertia, 9), floats(self.position, 3),
             floats(self.linVelocity, 3), floats(self.angVelocity, 3),
         )  # fmt: skip
 
-    def set_body_state(self, state):
+    def set_body_state(self, body):
         """Takes over position and velocities; what cannot move stays as it is."""
-        if state.invMass == 0.0:
+        if body.invMass == 0.0:
             return
-        self.position = _row(state.position, 3)
-        self.linVelocity = _row(state.linVelocity, 3)
-        self.angVelocity = _row(state.angVelocity, 3)
+        self.position = _row(body.position)
+        self.linVelocity = _row(body.linVelocity)
+        self.angVelocity = _row(body.angVelocity)
+
+    # What follows from the pose is worked out when it is first asked for, and kept until position
+    # or orientation change, by assignment or in place: they are compared by their bytes.
+
+    def rotated_hull(self):
+        """The `RotatedHull` at the present orientation; None without vertices."""
+        self._follow_pose()
+        if self._rotatedHull is None and self.hull is not None:
+            self._rotatedHull = RotatedHull(self)
+        return self._rotatedHull
+
+    def bounding_box(self):
+        """Least and greatest x, y, z of the hull in the world, six floats; None likewise."""
+        if (
+            self._boundingBox is None
+            or self.position.tobytes() != self._positionKey
+            or self.orientation.tobytes() != self._orientationKey
+        ) and self.hull is not None:
+            rotated, position = self.rotated_hull(), floats(self.position, 3)
+            self._boundingBox = add(rotated.low, position) + add(rotated.high, position)
+        return self._boundingBox
+
+    @property
+    def currVertices(self):
+        """They cannot be written into: they follow from the pose. What is assigned can be."""
+        self._follow_pose()
+        if self._currVertices is None:
+            rotated = self.rotated_hull()
+            rows = self.origVertices.T if rotated is None else rotated.vertices
+            rows = rows + np.reshape(self.position, (3, 1))
+            self._currVertices = np.ascontiguousarray(rows.T)
+            self._currVertices.flags.writeable = False
+        return self._currVertices
+
+    @currVertices.setter
+    def currVertices(self, vertices):
+        """Holds until position or orientation change."""
+        self._follow_pose()
+        self._currVertices = vertices
+
+    def _follow_pose(self):
+        """Drops what has been worked out for another position or orientation."""
+        position, orientation = self.position.tobytes(), self.orientation.tobytes()
+        if orientation != self._orientationKey:
+            self._forget_pose()
+            self._positionKey, self._orientationKey = position, orientation
+        elif position != self._positionKey:
+            self._positionKey, self._boundingBox, self._currVertices = position, None, None
+
+    def _forget_pose(self):
+        self._positionKey = self._orientationKey = None
+        self._rotatedHull = self._boundingBox = self._currVertices = None
+
+    def __getstate__(self):
+        """What copies and pickles take along: the attributes, not what is kept to save time."""
+        return {name: value for name, value in vars(self).items() if name not in _KEPT_NAMES}
+
+    def __setstate__(self, state):
+        self.__dict__.update(state)
+        self._forget_pose()
+        self.cachedAxes = WeakKeyDictionary()
 
 
-def _row(value, count):
-    """A new (1, count) array out of anything with `count` entries."""
-    return np.array(value, dtype=np.float64).reshape(1, count)
+_KEPT_NAMES = ("_positionKey", "_orientationKey", "_rotatedHull", "_boundingBox", "_currVertices",
+               "cachedAxes")  # fmt: skip
+
+
+def refresh_vertices(meshes):
+    """Works out the currVertices that are not at hand of all these meshes, in one go.
+
+    For those who look at all of them: mesh by mesh, NumPy's calls would take most of the time.
+    Returns the currVertices of one mesh after the other, (ΣV, 3), to be read only.
+    """
+    for m in meshes:
+        m._follow_pose()
+    stale = [m for m in meshes if m._currVertices is None]
+    if stale:
+        counts = np.array([len(m.origVertices) for m in stale])
+        columns = state_columns(stale)
+        rotation = np.stack(rotation_matrices(columns["orientation"]))
+        rest = np.concatenate([m.origVertices for m in stale]).T
+        vertices = rotate_columns(rotation, rest, counts)
+        vertices = np.ascontiguousarray((vertices + columns["position"].repeat(counts, axis=1)).T)
+        vertices.flags.writeable = False
+        for m, end in zip(stale, counts.cumsum().tolist(), strict=True):
+            m._currVertices = vertices[end - len(m.origVertices) : end]
+        if len(stale) == len(meshes):
+            return vertices
+    return np.concatenate([np.empty((0, 3)), *(m._currVertices for m in meshes)])
+
+
+def _row(value):
+    """A new array of one row, out of a tuple of floats or an array."""
+    return np.array(value).reshape(1, -1)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -405,6 +501,23 @@ def _row(value, count):
 # --------------------------------------------------------------------------------------------------
 
 NO_FRICTION = (0.0, 0.0, 0.0)
+
+
+class Body:
+    """What a contact or a constraint reads and changes of a mesh, in floats.
+
+    invMass : 1 / kg, 0 for what cannot move; invInertia : nine entries row by row, world axes
+    position, linVelocity, angVelocity : tuples of three
+    """
+
+    __slots__ = ("angVelocity", "invInertia", "invMass", "linVelocity", "position")
+
+    def __init__(self, invMass, invInertia, position, linVelocity, angVelocity):
+        self.invMass = invMass
+        self.invInertia = invInertia
+        self.position = position
+        self.linVelocity = linVelocity
+        self.angVelocity = angVelocity
 
 
 class ContactImpulses(NamedTuple):
@@ -433,162 +546,85 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
         mu times the first one, slows or stops the sliding. A huge one stops any sliding where
         bodies are pressed together, and never turns it round
 
-    The interpenetration is split by inverse mass; one impulse at the contact point, which moves
-    along with m2, reverses the closing speed and scales it by the restitution.
+    The interpenetration is split by inverse mass, see `shifts`. Restitution asks that a closing
+    speed of c become one of -e c: with u the velocity of body 1 relative to body 2 at the contact
+    point, which has moved along with m2, and K the sum of both bodies' inverse effective masses,
+    an impulse -j n on body 1 and +j n on body 2 lowers u · n by j K, hence j = (1 + e) (u · n) / K.
 
     Returns the `ContactImpulses`, None of two meshes that cannot move, which stay as they are.
     Raises ValueError for a restitution that is not finite, or a friction that is negative or not.
     """
-    settings = contact_settings(CRCoeff, closingOnly, mu)
+    e, mu = number(CRCoeff), number(mu)
+    if not math.isfinite(e):
+        raise ValueError(f"CRCoeff must be a finite number, not {e:g}")
+    if not 0.0 <= mu < math.inf:
+        raise ValueError(f"mu must be a finite number of 0 or more, not {mu:g}")
     body1, body2 = m1.body_state(), m2.body_state()
     if body1.invMass + body2.invMass == 0.0:
         return None
-    depth, normal = number(depth), floats(contactNormal, 3)
+    depth, n, point = number(depth), floats(contactNormal, 3), floats(penPoint, 3)
     # A depth of 0 does not tell which way the normal points; on the ground, it is into m1.
-    isGround = len(m2.origVertices) == 0
-    if depth < 0.0 or (depth == 0.0 and isGround):
-        depth, normal = -depth, scale(-1.0, normal)
-    bodies = body1, body2
-    arms = correct_positions(bodies, depth, normal, floats(penPoint, 3))
-    impulse, friction = apply_contact_impulses(bodies, arms, normal, settings)
+    if depth < 0.0 or (depth == 0.0 and len(m2.origVertices) == 0):
+        depth, n = -depth, scale(-1.0, n)
+
+    shift1, shift2 = shifts(body1.invMass, body2.invMass, depth)
+    body1.position = mul_add(body1.position, shift1, n)
+    body2.position = mul_add(body2.position, shift2, n)
+    point = mul_add(point, shift2, n)
+    r1, r2 = sub(point, body1.position), sub(point, body2.position)
+
+    change = (1.0 + e) * dot(relative_velocity(body1, body2, r1, r2), n)
+    if closingOnly:
+        change = change * (change > 0.0)
+    k1, turning1 = inverse_effective_mass(body1, r1, n)
+    k2, turning2 = inverse_effective_mass(body2, r2, n)
+    j = change / (k1 + k2)
+    receive_impulse(body1, -j, n, turning1)
+    receive_impulse(body2, j, n, turning2)
+
+    friction = apply_friction(body1, body2, r1, r2, n, mu * j) if mu else NO_FRICTION
     m1.set_body_state(body1)
     m2.set_body_state(body2)
-    return ContactImpulses(impulse, friction, arms[0])
+    return ContactImpulses(j, friction, r1)
 
 
-# From here on, vectors are components: tuples of floats for one contact, arrays (3, m) for many.
-# The two bodies of a contact are a pair of `BodyState`, with a pair of arms; or one, whose arrays
-# have both bodies along the last axis but one, as the arms then: (2, m), (3, 2, m), (9, 2, m). What
-# is done to both bodies of many contacts then takes as few calls as for one body.
+def shifts(invMass1, invMass2, distance):
+    """How far two bodies move along the direction from 1 to 2 to be `distance` further apart.
 
-# The impulse that body 1 receives is opposite to that on body 2, and so are corrections.
-_OPPOSITE = np.array([[-1.0], [1.0]])
-
-
-def mass_weights(invMasses):
-    """w_i = m_i⁻¹ / (m_1⁻¹ + m_2⁻¹), each body's part in a correction; not both masses infinite.
-
-    invMasses : pair of numbers, or (2, m); so are the weights
+    Each in proportion to its inverse mass, w_i = m_i⁻¹ / (m_1⁻¹ + m_2⁻¹), so that their common COM
+    stays. Not both masses may be infinite.
     """
-    invMass1, invMass2 = invMasses
     total = invMass1 + invMass2
-    if isinstance(invMasses, np.ndarray):
-        return invMasses / total
-    return invMass1 / total, invMass2 / total
+    return -(invMass1 / total * distance), invMass2 / total * distance
 
 
-def separate(bodies, distance, direction):
-    """Position correction: moves body 2 along the direction and body 1 against it.
-
-    By `distance` in all, each in proportion to its inverse mass. Returns how far body 2 has moved.
-    """
-    if isinstance(bodies, BodyState):
-        shift = _OPPOSITE * mass_weights(bodies.invMass) * distance
-        bodies.position = mul_add(bodies.position, shift, direction[:, None])
-        return shift[1]
-    body1, body2 = bodies
-    weight1, weight2 = mass_weights((body1.invMass, body2.invMass))
-    body1.position = mul_add(body1.position, -(weight1 * distance), direction)
-    body2.position = mul_add(body2.position, weight2 * distance, direction)
-    return weight2 * distance
+def relative_velocity(body1, body2, r1, r2):
+    """Velocity of body 1 at its arm relative to body 2: v1 + ω1 × r1 - (v2 + ω2 × r2)."""
+    return sub(
+        add(body1.linVelocity, cross(body1.angVelocity, r1)),
+        add(body2.linVelocity, cross(body2.angVelocity, r2)),
+    )
 
 
-def correct_positions(bodies, depth, normal, penPoint):
-    """Separates two bodies that touch; returns the arms from their COMs to the contact point,
-    which is penPoint, moved along with body 2."""
-    point = mul_add(penPoint, separate(bodies, depth, normal), normal)
-    if isinstance(bodies, BodyState):
-        return point[:, None] - bodies.position
-    return sub(point, bodies[0].position), sub(point, bodies[1].position)
+def inverse_effective_mass(body, r, n):
+    """`(k, turning)`: how a body responds to a unit impulse along n at an arm r.
 
-
-def velocity_at(body, arm):
-    """Velocity of a body's point at an arm from its COM, v + ω × r."""
-    return add(body.linVelocity, cross(body.angVelocity, arm))
-
-
-def relative_velocity(bodies, arms):
-    """Velocity of body 1 at its arm minus that of body 2 at its own."""
-    if isinstance(bodies, BodyState):
-        velocity = velocity_at(bodies, arms)
-        return velocity[:, 0] - velocity[:, 1]
-    return sub(velocity_at(bodies[0], arms[0]), velocity_at(bodies[1], arms[1]))
-
-
-def response_at(body, arm, direction):
-    """`(k, invInertiaRxN)`: how a body responds to a unit impulse along a direction n at an arm r.
-
-    invInertiaRxN : I⁻¹ (r × n), the change of the angular velocity
+    turning : I⁻¹ (r × n), the change of the angular velocity
     k : the change of the velocity of the point along n. It gains m⁻¹ from the motion of the COM
         and, from the rotation, ((I⁻¹ (r × n)) × r) · n = (r × n) · I⁻¹ (r × n)
     """
-    rCrossN = cross(arm, direction)
-    invInertiaRxN = mat_vec(body.invInertia, rCrossN)
-    return body.invMass + dot(rCrossN, invInertiaRxN), invInertiaRxN
+    rCrossN = cross(r, n)
+    turning = mat_vec(body.invInertia, rCrossN)
+    return body.invMass + dot(rCrossN, turning), turning
 
 
-def inverse_effective_mass(bodies, arms, direction):
-    """`(K, responses)`: how two bodies that touch respond to an impulse between them.
-
-    K : the change of the closing speed by a unit impulse, the sum of the bodies' own
-    responses : I_i⁻¹ (r_i × n) of both; see `response_at`
-    """
-    if isinstance(bodies, BodyState):
-        k, responses = response_at(bodies, arms, direction[:, None])
-        return k[0] + k[1], responses
-    k1, response1 = response_at(bodies[0], arms[0], direction)
-    k2, response2 = response_at(bodies[1], arms[1], direction)
-    return k1 + k2, (response1, response2)
-
-
-def receive_impulse(body, impulse, direction, invInertiaRxN):
+def receive_impulse(body, j, n, turning):
     """Changes a body by an impulse j along n: v ← v + j m⁻¹ n and ω ← ω + j I⁻¹ (r × n)."""
-    body.linVelocity = mul_add(body.linVelocity, impulse * body.invMass, direction)
-    body.angVelocity = mul_add(body.angVelocity, impulse, invInertiaRxN)
+    body.linVelocity = mul_add(body.linVelocity, j * body.invMass, n)
+    body.angVelocity = mul_add(body.angVelocity, j, turning)
 
 
-def apply_impulse(bodies, K, responses, direction, change, limit=None):
-    """Lowers the closing speed along the direction by `change`; returns the impulse that does it.
-
-    K, responses : as of `inverse_effective_mass`; limit : of the impulse, if there is one
-
-    The impulse j acts as -j n on body 1 and as +j n on body 2. It lowers the closing speed by j K;
-    hence j = change / K, or the limit where that is less.
-    """
-    impulse = change / K
-    if limit is not None:
-        isArray = isinstance(impulse, np.ndarray)
-        impulse = np.minimum(impulse, limit) if isArray else min(impulse, limit)
-    if isinstance(bodies, BodyState):
-        receive_impulse(bodies, impulse * _OPPOSITE, direction[:, None], responses)
-    else:
-        receive_impulse(bodies[0], -impulse, direction, responses[0])
-        receive_impulse(bodies[1], impulse, direction, responses[1])
-    return impulse
-
-
-def apply_contact_impulses(bodies, arms, normal, settings, response=None):
-    """The impulses of a contact: `(impulse, friction)`, what body 2 receives along and across.
-
-    response : what `inverse_effective_mass` gives along the normal, if it is at hand
-
-    Restitution asks that a closing speed of c become one of -e c: with u = v1 + ω1 × r1 - v2 -
-    ω2 × r2 the impulse is j = (1 + e) (u · n) / K, K as of `inverse_effective_mass`.
-    """
-    if response is None:
-        response = inverse_effective_mass(bodies, arms, normal)
-    closingSpeed = dot(relative_velocity(bodies, arms), normal)
-    change = (1.0 + settings.CRCoeff) * closingSpeed
-    if settings.closingOnly:
-        change = change * (change > 0)
-    impulse = apply_impulse(bodies, *response, normal, change)
-    if settings.mu == 0:
-        return impulse, NO_FRICTION
-    limit = settings.mu * impulse
-    return impulse, apply_friction(bodies, arms, normal, limit)
-
-
-def apply_friction(bodies, arms, normal, limit):
+def apply_friction(body1, body2, r1, r2, n, limit):
     """Coulomb friction at a contact; returns the impulse, a vector, that body 2 receives.
 
     limit : μ times the normal impulse; none where that is negative, as nothing is pressed there
@@ -599,23 +635,22 @@ def apply_friction(bodies, arms, normal, limit):
     gives that much or its limit, whichever is less, and so never turns the sliding round. The
     kinetic energy changes by -j u · t + j² K / 2, which is at most 0 for 0 ≤ j ≤ u · t / K.
     """
-    u = relative_velocity(bodies, arms)
-    across = mul_add(u, -dot(u, normal), normal)
+    u = relative_velocity(body1, body2, r1, r2)
+    across = mul_add(u, -dot(u, n), n)
     speed = norm(across)
-    if isinstance(speed, np.ndarray):
-        length, limit = np.where(speed > 0.0, speed, 1.0), np.maximum(limit, 0.0)
-    else:
-        length, limit = speed or 1.0, max(limit, 0.0)
-    limit = limit + 0.0  # a zero has no sign, whichever of two zeros is taken for the greater
-    t = divide(across, length)
-    response = inverse_effective_mass(bodies, arms, t)
-    impulse = apply_impulse(bodies, *response, t, speed, limit)
-    return scale(impulse, t)
+    t = divide(across, speed or 1.0)
+    k1, turning1 = inverse_effective_mass(body1, r1, t)
+    k2, turning2 = inverse_effective_mass(body2, r2, t)
+    j = min(speed / (k1 + k2), max(limit, 0.0) + 0.0)  # a zero has no sign
+    receive_impulse(body1, -j, t, turning1)
+    receive_impulse(body2, j, t, turning2)
+    return scale(j, t)
 
 
 # --------------------------------------------------------------------------------------------------
 # Distance constraints
 # --------------------------------------------------------------------------------------------------
+
 
 def resolve_position_constraint(
     currPositions, currConstPoints, refValue, invMasses, upper, tolerance
@@ -631,19 +666,16 @@ def resolve_position_constraint(
     Returns `(positionWasValid, correctedPositions)`: a bool and a pair of new (1, 3) arrays, the
     COMs, moved along p1 - p2 in proportion to the inverse masses until C = 0. Coincident points are
     moved apart along y, the first one upwards. Bodies that both cannot move stay where they are.
-
-    Of vectors given as tuples of three floats, the corrected positions are such tuples.
     """
-    point1, point2 = floats(currConstPoints[0], 3), floats(currConstPoints[1], 3)
-    position1, position2 = floats(currPositions[0], 3), floats(currPositions[1], 3)
-    C, n = distance_error(point1, point2, number(refValue))
-    if not is_violated(C, bool(upper), number(tolerance)):
-        return True, _as_given(currPositions, (position1, position2))
-    body1 = BodyState(number(invMasses[0]), None, position1, None, None)
-    body2 = BodyState(number(invMasses[1]), None, position2, None, None)
-    if body1.invMass + body2.invMass > 0.0:
-        separate((body1, body2), C, n)
-    return False, _as_given(currPositions, (body1.position, body2.position))
+    (x1, x2), (p1, p2) = floats_of(currPositions), floats_of(currConstPoints)
+    invMass1, invMass2 = number(invMasses[0]), number(invMasses[1])
+    tolerance = number(tolerance)
+    C, n = distance_error(p1, p2, number(refValue))
+    isViolated = C > tolerance if upper else C < -tolerance
+    if isViolated and invMass1 + invMass2 > 0.0:
+        shift1, shift2 = shifts(invMass1, invMass2, C)
+        x1, x2 = mul_add(x1, shift1, n), mul_add(x2, shift2, n)
+    return not isViolated, Pair(x1, x2)
 
 
 def resolve_velocity_constraint(
@@ -657,8 +689,7 @@ def resolve_velocity_constraint(
 ):
     """Stops the change of the distance of two points of two bodies by an impulse between them.
 
-    currPositions, currConstPoints, invMasses : as for `resolve_position_constraint`. An `Anchor`
-        brings its arm along; of other points it is the difference to the COM
+    currPositions, currConstPoints, invMasses : as for `resolve_position_constraint`
     currLinVelocities, currAngVelocities : pairs of (1, 3)
     invInertiaTensors : pair of (3, 3), inverse inertia tensors in world axes
     tolerance : speed; valid when |J v| ≤ tolerance, with J v the rate at which ‖p1 - p2‖ grows
@@ -669,230 +700,133 @@ def resolve_velocity_constraint(
 
     Returns `(velocityWasValid, correctedLinVelocities, correctedAngVelocities)`: a bool and two
     pairs of new (1, 3) arrays, with J v = 0 unless it was valid. Bodies that both cannot move keep
-    their velocities. Of vectors given as tuples of three floats, the results are such tuples.
+    their velocities.
     """
-    bodies = body1, body2 = tuple(
-        BodyState(
-            number(invMasses[k]), floats(invInertiaTensors[k], 9), None,
-            floats(currLinVelocities[k], 3), floats(currAngVelocities[k], 3),
-        )
-        for k in range(2)
-    )  # fmt: skip
-    point1, point2 = floats(currConstPoints[0], 3), floats(currConstPoints[1], 3)
-    arms = tuple(
-        point.arm if isinstance(point, Anchor) else sub(point, floats(position, 3))
-        for point, position in zip((point1, point2), currPositions, strict=True)
-    )
-    _, n = distance_error(point1, point2, 0.0)
-    Jv = dot(relative_velocity(bodies, arms), n)
+    (x1, x2), (p1, p2) = floats_of(currPositions), floats_of(currConstPoints)
+    (v1, v2), (omega1, omega2) = floats_of(currLinVelocities), floats_of(currAngVelocities)
+    invInertia1, invInertia2 = floats_of(invInertiaTensors, 9)
+    body1 = Body(number(invMasses[0]), invInertia1, x1, v1, omega1)
+    body2 = Body(number(invMasses[1]), invInertia2, x2, v2, omega2)
+    r1, r2 = getattr(currConstPoints, "arms", None) or (sub(p1, x1), sub(p2, x2))
+    _, n = distance_error(p1, p2, 0.0)
+    Jv = dot(relative_velocity(body1, body2, r1, r2), n)
     wasValid = abs(Jv) <= number(tolerance)
     if not wasValid and body1.invMass + body2.invMass > 0.0:
-        apply_impulse(bodies, *inverse_effective_mass(bodies, arms, n), n, Jv)
+        k1, turning1 = inverse_effective_mass(body1, r1, n)
+        k2, turning2 = inverse_effective_mass(body2, r2, n)
+        j = Jv / (k1 + k2)
+        receive_impulse(body1, -j, n, turning1)
+        receive_impulse(body2, j, n, turning2)
     return (
         wasValid,
-        _as_given(currLinVelocities, (body1.linVelocity, body2.linVelocity)),
-        _as_given(currAngVelocities, (body1.angVelocity, body2.angVelocity)),
-    )
+        Pair(body1.linVelocity, body2.linVelocity), Pair(body1.angVelocity, body2.angVelocity),
+    )  # fmt: skip
 
 
-def _as_given(given, pair):
-    """A pair of vectors in the form that a caller has given such a pair in: tuples, or rows."""
-    if isinstance(given[0], tuple) and isinstance(given[1], tuple):
-        return pair
-    return _row(pair[0], 3), _row(pair[1], 3)
+class Pair:
+    """A pair of vectors, as the two functions above take and return it.
 
-
-# On components: tuples of floats for one constraint, arrays for many, as for contacts.
-
-
-def is_violated(C, upper, tolerance):
-    """Whether a bound is exceeded: C > tolerance for an upper one, C < -tolerance for a lower."""
-    return (C > tolerance) & upper | (C < -tolerance) & (upper ^ True)
-
-
-def solve_distance_constraint(bodies, arms, C, n, tolerance):
-    """Corrects violated bounds by position and velocity, in place: both functions above, on arrays.
-
-    arms : (3, 2, m), from each COM to its point; C, n : as of `distance_error`
-
-    Moving the COMs along n leaves the arms and, as the points stay on one line, n as they are.
+    Arrays of their own for whoever indexes it, rows (1, 3) or of another shape; and `floats`, two
+    tuples, so that a sweep of a thousand visits makes no arrays. Points may bring their exact
+    `arms` along: their difference to the COMs would lose the digits that the COMs' distance from
+    the origin takes up.
     """
-    separate(bodies, C, n)
-    Jv = dot(relative_velocity(bodies, arms), n)
-    response = inverse_effective_mass(bodies, arms, n)
-    apply_impulse(bodies, *response, n, Jv * (abs(Jv) > tolerance))
+
+    __slots__ = ("arms", "floats", "shape")
+
+    def __init__(self, first, second, shape=(1, 3), arms=None):
+        self.floats, self.shape, self.arms = (first, second), shape, arms
+
+    def __len__(self):
+        return 2
+
+    def __getitem__(self, k):
+        return np.reshape(self.floats[k], self.shape)
 
 
-def project_constraints(bodies, constraints, maxIterations, tolerance, scheduling):
+def floats_of(pair, count=3):
+    """Two tuples of floats, of a `Pair` or any other pair of arrays with so many entries."""
+    try:
+        return pair.floats
+    except AttributeError:
+        return floats(pair[0], count), floats(pair[1], count)
+
+
+def distance_error(p1, p2, refValue):
+    """`(C, n)` of a distance constraint: C = ‖p1 - p2‖ - refValue, n the unit vector of p1 - p2."""
+    d = sub(p1, p2)
+    length = norm(d)
+    return length - refValue, divide(d, length) if length > 0.0 else COINCIDENT_DIRECTION
+
+
+def project_constraints(meshes, constraints, maxIterations, tolerance, scheduling):
     """Visits the constraints until they hold or the visits are used up; returns their number.
 
-    bodies : `Bodies` or `MeshStates`; the rest as for `run_timestep`
+    A visit looks at one constraint, and corrects positions and velocities where it is violated.
+    Arguments as for `run_timestep`; see rbs/constraints.py for the schedules.
     """
     if len(constraints) == 0:
         return 0
-    rows = ConstraintRows(constraints, bodies.isFixed, bodies.vertexCount, tolerance)
+    from rbs.constraints import ConstraintRows, project_in_batches, queue
+
+    isFixed = np.array([m.isFixed for m in meshes], dtype=bool)
+    vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
+    rows = ConstraintRows(constraints, isFixed, vertexCount, tolerance)
     maximumVisits = max(int(maxIterations), rows.total)
     if scheduling == "batches":
-        with bodies.in_tables() as bodies:
-            return _project_in_batches(bodies, rows, tolerance, maximumVisits)
+        return project_in_batches(meshes, rows, tolerance, maximumVisits)
 
-    anchored = rows.anchored(bodies.arm)
-    states = {b: bodies.state(b) for b in rows.bodies()}
+    ends = np.unique(np.concatenate((rows.body1, rows.body2))).tolist()
+    bodies = {b: meshes[b].body_state() for b in ends}
+    vertices = {b: meshes[b].rotated_hull().vertices for b in ends}
+    ties = {
+        c: (bodies[b1], tuple(vertices[b1][:, v1].tolist()), bodies[b2],
+            tuple(vertices[b2][:, v2].tolist()), refValue, upper)
+        for c, b1, v1, b2, v2, refValue, upper in rows.tolist()
+    }  # fmt: skip
 
     def visit(c):
         """Looks at constraint c, corrects it if it is violated, and returns whether it was."""
-        b1, b2, arm1, arm2, refValue, upper = anchored[c]
-        body1, body2 = states[b1], states[b2]
-        invMasses = body1.invMass, body2.invMass
-        point1, point2 = add(body1.position, arm1), add(body2.position, arm2)
+        body1, r1, body2, r2, refValue, upper = ties[c]
+        x1, x2, invMasses = body1.position, body2.position, (body1.invMass, body2.invMass)
+        points = Pair(add(x1, r1), add(x2, r2), arms=(r1, r2))
         isValid, positions = resolve_position_constraint(
-            (body1.position, body2.position), (point1, point2), refValue, invMasses, upper,
-            tolerance,
-        )  # fmt: skip
+            Pair(x1, x2), points, refValue, invMasses, upper, tolerance
+        )
         if isValid:
             return False
         # the points stay on the line that joins them: the direction is the same afterwards
         _, linVelocities, angVelocities = resolve_velocity_constraint(
-            positions, (Anchor(point1, arm1), Anchor(point2, arm2)),
-            (body1.linVelocity, body2.linVelocity), (body1.angVelocity, body2.angVelocity),
-            invMasses, (body1.invInertia, body2.invInertia), tolerance,
+            positions, points, Pair(body1.linVelocity, body2.linVelocity),
+            Pair(body1.angVelocity, body2.angVelocity), invMasses,
+            Pair(body1.invInertia, body2.invInertia, (3, 3)), tolerance,
         )  # fmt: skip
-        body1.position, body2.position = positions
-        body1.linVelocity, body2.linVelocity = linVelocities
-        body1.angVelocity, body2.angVelocity = angVelocities
+        body1.position, body2.position = floats_of(positions)
+        body1.linVelocity, body2.linVelocity = floats_of(linVelocities)
+        body1.angVelocity, body2.angVelocity = floats_of(angVelocities)
         return True
 
     if scheduling == "queue":
-        visits = queue(visit, rows.movable_bodies(bodies.isFixed), rows.total, maximumVisits)
+        movable = {
+            c: [b for b in (b1, b2) if not isFixed[b]] for c, b1, _, b2, *_ in rows.tolist()
+        }
+        visits = queue(visit, movable, rows.total, maximumVisits)
     else:
-        visits = sweep(visit, anchored, rows.total, maximumVisits)
-    for b, state in states.items():
-        bodies.store(b, state)
+        visits = sweep(visit, ties, rows.total, maximumVisits)
+    for b, body in bodies.items():
+        meshes[b].set_body_state(body)
     return visits
 
 
-def _project_in_batches(bodies, rows, tolerance, maximumVisits):
-    """`project_constraints` for many at once. bodies : `Bodies`; rows : `ConstraintRows`"""
-    ends, vertices = np.stack((rows.body1, rows.body2)), np.stack((rows.vertex1, rows.vertex2))
-    allArms = take(bodies.vertices, bodies.vertexStart[ends] + vertices, axis=1)
+def sweep(visit, constraints, total, maximumVisits):
+    """Visits in the list's order, over and over, until as many in a row as there are found nothing.
 
-    def visit_batch(batch):
-        """Corrects what is violated of the constraints (m,); returns whether anything was."""
-        b, arms = take(ends, batch, axis=1), take(allArms, batch, axis=2)
-        points = take(bodies.position, b, axis=1) + arms
-        C, n = distance_error(points[:, 0], points[:, 1], rows.refValue[batch])
-        violated = indices(is_violated(C, rows.upper[batch], tolerance))
-        if len(violated) == 0:
-            return False
-        b, arms, n = (take(table, violated, axis=-1) for table in (b, arms, n))
-        states = bodies.states(b)
-        solve_distance_constraint(states, arms, C[violated], n, tolerance)
-        bodies.store(b, states)
-        return True
-
-    return batches(
-        visit_batch, rows.body1, rows.body2, bodies.isFixed, rows.total, maximumVisits
-    )
-
-
-# --------------------------------------------------------------------------------------------------
-# The accelerated step
-# --------------------------------------------------------------------------------------------------
-
-
-def _accelerated_step(meshes, groundMesh, timeStep, settings, project, gyroscopic=False):
-    """`run_timestep` on arrays, with the same bits; see there.
-
-    The formulas are those above. Methods that a subclass of Mesh has of its own are not called.
+    visit : function of an index; constraints : indices that can be corrected, a dict or set; total
+    Returns the number of visits.
     """
-    report = StepReport()
-    if len(meshes) == 0:
-        return report
-    with report.phase("gather"):
-        bodies = Bodies(meshes)
-    with report.phase("integrate"):
-        if gyroscopic:
-            bodies.turn_gyroscopically(timeStep)
-        linVelocity, position, orientation = free_flight(
-            bodies.linVelocity, bodies.angVelocity, bodies.position, bodies.orientation, timeStep
-        )
-        bodies.place(position, linVelocity, np.stack(orientation))
-        check_numbers(bodies.columns(), meshes, "free flight")
-    with report.phase("collisions"):
-        _resolve_pairs(bodies, settings, report)
-    with report.phase("ground"):
-        if groundMesh is not None:
-            _resolve_ground(bodies, groundMesh, settings, report)
-    with report.phase("constraints"):
-        report.constraintVisits = project(bodies)
-    with report.phase("writeBack"):
-        check_numbers(bodies.columns(), meshes, "contacts and constraints")
-        bodies.write_back()
-    return report
-
-
-def _resolve_pairs(bodies, settings, report):
-    """Detects and resolves the pairs in batches, with the bits of one after the other.
-
-    The impulses come last: within a step, no position depends on a velocity.
-    """
-    if len(bodies.meshes) < 2:
-        return
-    pairs = OrderedBatches(bodies, mass_weights)
-    report.candidatePairs = len(pairs.keys)
-    contacts = None
-    while contacts is None and len(pairs.rank) > 0:
-        for batch in pairs.detect():
-            shift = separate(batch.bodies, batch.depth, batch.normal)
-            pairs.store(batch, shift)
-        contacts = pairs.validate()
-    if contacts is not None:
-        _apply_impulses(bodies, contacts, settings, report)
-
-
-def _apply_impulses(bodies, contacts, settings, report):
-    """The impulses batch by batch; what does not depend on velocities, for all contacts at once."""
-    ends, normal = contacts.bodies, contacts.normal
-    if ends.shape[1] == 0:
-        return
-    penPoint = contacts.points(bodies.hulls)
-    arms = mul_add(penPoint, contacts.shift, normal)[:, None] - contacts.after
-    states = bodies.states(ends)
-    K, responses = inverse_effective_mass(states, arms, normal)
-    impulses, frictions = [], []
-    for some in contacts.batches():
-        b = ends[:, some]
-        velocity = take(bodies.velocity, b, axis=1)
-        both = BodyState(
-            states.invMass[:, some], states.invInertia[..., some], None, velocity[:3], velocity[3:]
-        )
-        impulse, friction = apply_contact_impulses(
-            both, arms[..., some], normal[:, some], settings, (K[some], responses[..., some])
-        )
-        bodies.velocity[:, b] = np.concatenate((both.linVelocity, both.angVelocity))
-        impulses.append(impulse)
-        frictions.append(friction)
-    friction = NO_FRICTION if settings.mu == 0 else np.concatenate(frictions, axis=1)
-    columns = contacts.rank, *ends, contacts.depth, normal, penPoint
-    report.add_columns(*columns, np.concatenate(impulses), friction, arms[:, 0])
-
-
-def _resolve_ground(bodies, groundMesh, settings, report):
-    """`resolve_collision` of every body that reaches the ground, at its lowest vertex."""
-    b, point = bodies.lowest_points()
-    if len(b) == 0:
-        return
-    # The ground is hull 2: the body moves up, against the normal, by how deep the vertex is.
-    normal = np.tile([[0.0], [-1.0], [0.0]], len(b))
-    body, still = bodies.states(b), groundMesh.body_state()
-    ground = BodyState(*(
-        np.reshape(value, (-1, 1)) for value in
-        (still.invMass, still.invInertia, still.position, still.linVelocity, still.angVelocity)
-    ))  # fmt: skip
-    depth = -point[1]
-    arms = correct_positions((body, ground), depth, normal, point)
-    impulse, friction = apply_contact_impulses((body, ground), arms, normal, settings)
-    bodies.store(b, body)
-    rank, second = np.full(len(b), np.iinfo(np.intp).max), np.full(len(b), GROUND)  # after all
-    impulse = np.ravel(impulse)  # a row, as the ground's inverse mass is
-    report.add_columns(rank, b, second, depth, normal, point, impulse, friction, arms[0])
+    visits = satisfiedInARow = 0
+    while satisfiedInARow < total and visits < maximumVisits:
+        c = visits % total
+        satisfiedInARow = 0 if c in constraints and visit(c) else satisfiedInARow + 1
+        visits += 1
+    return visits

@@ -6,7 +6,8 @@ pictures and recordings. Rooms import only what stands above them in this list, 
 
 Algebra and geometry, below GJK.py
     arrays        indexing of long arrays in few calls
-    vectors       vectors by component: tuples of floats, or arrays (3, n)
+    triples       vectors of three floats
+    vectors       the same for arrays of vectors
     hulls         convex hulls, of one shape and of many bodies
     facets        the facets of the Minkowski difference that can be nearest
     patches       contact patches and their centres
@@ -15,15 +16,16 @@ What a step may be asked
     messages      errors and lines for the terminal
     settings      the table of settings; their values for a scene; what is refused
 
-Bookkeeping of a step, below RBSFunctions.py: which pairs and constraints, and when
-    flight        gravity, free flight, the gyroscopic term
-    bodies        the state of meshes in tables; what a contact reads of a body
-    poses         what follows from a position and an orientation
-    broadphase    boxes that overlap, through uniform grids
-    batches       ordered batches of pairs, and what they may have missed
-    constraints   the constraints that can be corrected
-    schedules     which constraint is visited when
+Below RBSFunctions.py, which has the coursework's formulas for a body or a pair
+    bodies        the state of meshes in tables, and what is checked of it
     reports       what a step tells of itself
+
+Many bodies at once, to which RBSFunctions.py hands the meshes over
+    kernels       its formulas for contacts and constraints, on arrays
+    broadphase    boxes that overlap, through uniform grids
+    batches       contacts in ordered batches, and what a pass may have missed
+    gridstep      the step of `broadPhase="grid"`
+    constraints   the constraints that can be corrected, and which one is visited when
     islands       bodies that hang together
 
 The solver in which piles rest, behind `contactSolver="soft-step"`

@@ -1,13 +1,18 @@
-"""A scene's constraints as columns, those that can be corrected at all; and anchors."""
+"""A scene's constraints as columns, those that can be corrected at all, and their schedules.
+
+A visit looks at one constraint, corrects it if it is violated, and returns whether it was. A
+schedule says which one is visited when, and ends when every constraint is satisfied, or when the
+visits are used up. Of the list's `total` constraints, some can never be corrected, those between
+two fixed bodies for instance: a visit to them counts as one that found nothing.
+"""
+
+from functools import lru_cache
 
 import numpy as np
 
-from rbs.arrays import indices
-from rbs.vectors import divide, norm, sub
-
-# When the two points of a constraint coincide, no direction separates them better than another:
-# they are moved apart along this one.
-COINCIDENT_DIRECTION = (0.0, 1.0, 0.0)
+from rbs.arrays import indices, take
+from rbs.bodies import Bodies
+from rbs.kernels import distance_error, is_violated, shifts, stop
 
 
 class ConstraintRows:
@@ -36,28 +41,11 @@ class ConstraintRows:
         self.refValue = table[4, movable]
         self.upper = table[5, movable] != 0
 
-    def bodies(self):
-        """The bodies that are constrained, in ascending order."""
-        return np.unique(np.concatenate((self.body1, self.body2))).tolist()
-
-    def anchored(self, arm):
-        """Dict of each index: `(body1, body2, arm1, arm2, refValue, upper)`.
-
-        arm : function of a body and a vertex of it, from the COM to it
-        """
+    def tolist(self):
+        """Rows `(index, body1, vertex1, body2, vertex2, refValue, upper)` of plain numbers."""
         columns = (self.index, self.body1, self.vertex1, self.body2, self.vertex2, self.refValue,
                    self.upper)  # fmt: skip
-        return {
-            c: (b1, b2, arm(b1, v1), arm(b2, v2), refValue, upper)
-            for c, b1, v1, b2, v2, refValue, upper in zip(
-                *(column.tolist() for column in columns), strict=True
-            )
-        }
-
-    def movable_bodies(self, isFixed):
-        """Dict of each index: the bodies of it that are not fixed."""
-        ends = zip(self.index.tolist(), self.body1.tolist(), self.body2.tolist(), strict=True)
-        return {c: [b for b in pair if not isFixed[b]] for c, *pair in ends}
+        return zip(*(column.tolist() for column in columns), strict=True)
 
 
 def _table(constraints):
@@ -97,26 +85,119 @@ def _check_ends(table, vertexCount):
         raise ValueError(f"constraint {c}: the reference value must be finite")
 
 
-class Anchor(tuple):
-    """A point of a body in the world, three floats, that knows its exact arm from the COM.
+def queue(visit, constraints, total, maximumVisits):
+    """The sweep without the visits that cannot find anything: same result, bit for bit.
 
-    The difference of the point and the COM would lose the digits that the COM's distance from the
-    origin takes up.
+    constraints : dict, of each index that can be corrected the bodies of it that can move
+
+    A visit depends on the positions of two bodies, so a constraint that was found satisfied is
+    clean until a body of it moves. The dirty ones are the bits of one integer: `dirty & -dirty` is
+    the lowest that is set, the next constraint in the sweep's order, and a body that moves sets
+    those of its constraints with a single `or`. Visits that are left out count as made, so that the
+    maximum ends at the same constraint.
+
+    Returns the number of visits that were made.
     """
+    constraintsOf = {}
+    dirty = 0
+    for c, bodies in constraints.items():
+        dirty |= 1 << c
+        for b in bodies:
+            constraintsOf[b] = constraintsOf.get(b, 0) | 1 << c
+    visits = begin = c = 0  # visits made; the sweep's count at constraint 0; where it is
+    while dirty:
+        ahead = dirty >> c
+        if not ahead:  # the next dirty one belongs to the next sweep
+            begin, c = begin + total, 0
+            continue
+        c += (ahead & -ahead).bit_length() - 1
+        if begin + c >= maximumVisits:
+            break
+        dirty ^= 1 << c
+        if visit(c):
+            for b in constraints[c]:
+                dirty |= constraintsOf[b]
+        visits += 1
+        c += 1
+    return visits
 
-    def __new__(cls, point, arm):
-        anchor = super().__new__(cls, point)
-        anchor.arm = arm
-        return anchor
+
+def project_in_batches(meshes, rows, tolerance, maximumVisits):
+    """Visits batch by batch, each of constraints that move no body in common; see
+    `project_constraints` in RBSFunctions.
+
+    meshes : list of Mesh; rows : `ConstraintRows` of theirs
+
+    As many visits as the sweep's, in another order: the result differs, within the same bounds.
+    Returns their number.
+    """
+    bodies = Bodies(meshes)
+    bodies.follow_orientations()
+    ends, vertices = np.stack((rows.body1, rows.body2)), np.stack((rows.vertex1, rows.vertex2))
+    arms = take(bodies.vertices, bodies.vertexStart[ends] + vertices, axis=1)
+    coloured = coloured_batches(rows.body1, rows.body2, bodies.isFixed)
+    left = rows.total - len(rows.index)  # visits that find nothing, counted once a sweep
+    visits = satisfiedInARow = 0
+    while coloured and satisfiedInARow < len(rows.index) and visits < maximumVisits:
+        visits = min(visits + left, maximumVisits)
+        for batch in coloured:
+            batch = batch[: max(0, maximumVisits - visits)]
+            visits += len(batch)
+            hasCorrected = visit_batch(bodies, rows, ends, arms, batch, tolerance)
+            satisfiedInARow = 0 if hasCorrected else satisfiedInARow + len(batch)
+            if satisfiedInARow >= len(rows.index) or visits >= maximumVisits:
+                break
+    bodies.write_back()
+    return visits
 
 
-def distance_error(point1, point2, refValue):
-    """`(C, n)` of a distance constraint: C = ‖p1 - p2‖ - refValue, n the unit vector of p1 - p2."""
-    d = sub(point1, point2)
-    length = norm(d)
-    if isinstance(length, np.ndarray):
-        safe = np.where(length > 0, length, 1.0)
-        return length - refValue, np.where(length > 0, d / safe, np.array([COINCIDENT_DIRECTION]).T)
-    if length == 0.0:
-        return -refValue, COINCIDENT_DIRECTION
-    return length - refValue, divide(d, length)
+def visit_batch(bodies, rows, ends, arms, batch, tolerance):
+    """Corrects what is violated of the constraints (m,); returns whether anything was.
+
+    ends : (2, C); arms : (3, 2, C), from each COM to its point
+
+    Moving the COMs along n leaves the arms and, as the points stay on one line, n as they are.
+    """
+    points = take(bodies.position, ends[:, batch], axis=1) + arms[..., batch]
+    C, n = distance_error(points[:, 0], points[:, 1], rows.refValue[batch])
+    violated = indices(is_violated(C, rows.upper[batch], tolerance))
+    if len(violated) == 0:
+        return False
+    b, r, n = ends[:, batch[violated]], arms[..., batch[violated]], n[:, violated]
+    invMasses = take(bodies.invMass, b)
+    motion = take(bodies.motion, b, axis=1)
+    motion[:3] += shifts(invMasses, C[violated]) * n[:, None]
+    stop(motion[3:], invMasses, take(bodies.invInertia, b, axis=1), r, n, tolerance)
+    bodies.motion[:, b] = motion
+    return True
+
+
+def coloured_batches(bodies1, bodies2, isFixed):
+    """Rows of constraints in batches in which no two move the same body: a list of arrays.
+
+    bodies1, bodies2, isFixed : as for `batches`
+    """
+    return _coloured(bodies1.tobytes(), bodies2.tobytes(), isFixed.tobytes())
+
+
+@lru_cache(maxsize=8)
+def _coloured(bodies1, bodies2, isFixed):
+    """`coloured_batches` by greedy colouring, of the bytes of its arrays.
+
+    A constraint gets the first batch that has neither of its bodies, fixed ones apart. The bits of
+    an integer tell which batches have a body.
+    """
+    first, second = (np.frombuffer(bodies, np.intp).tolist() for bodies in (bodies1, bodies2))
+    isFixed = np.frombuffer(isFixed, bool).tolist()
+    taken = [0] * len(isFixed)
+    colours = []
+    for i, j in zip(first, second, strict=True):
+        free = ~(taken[i] | taken[j])
+        bit = free & -free
+        if not isFixed[i]:
+            taken[i] |= bit
+        if not isFixed[j]:
+            taken[j] |= bit
+        colours.append(bit.bit_length() - 1)
+    colours = np.array(colours, dtype=np.intp)
+    return [indices(colours == k) for k in range(colours.max(initial=-1) + 1)]

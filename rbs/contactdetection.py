@@ -6,8 +6,8 @@ Nothing here changes what is remembered: it makes the successors, for the step t
 import numpy as np
 
 from rbs.arrays import find_sorted, indices, take
+from rbs.bodies import GRAVITY
 from rbs.facets import find_facets
-from rbs.flight import GRAVITY
 from rbs.manifolds import (
     KEEP,
     POINTS,

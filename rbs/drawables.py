@@ -13,7 +13,7 @@ import numpy as np
 from rbs.arrays import ranges
 from rbs.broadphase import grid_levels
 from rbs.colours import CONSTRAINT_COLOURS, GROUND_COLOURS, SEEN_BACKGROUND
-from rbs.poses import refresh_vertices
+from RBSFunctions import refresh_vertices
 
 # Faces that meet at a smaller angle, in radians, pass for one round surface: a cylinder of 20 sides
 # or more, or a finely divided ellipsoid.

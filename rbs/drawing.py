@@ -45,7 +45,7 @@ from rbs.drawables import (
     surface_points,
 )
 from rbs.pictureoptions import OVERLAYS, PICTURE_SIZE
-from rbs.poses import refresh_vertices
+from RBSFunctions import refresh_vertices
 
 # All that can be switched on and off.
 LAYERS = ("ground", "shadows", *OVERLAYS)

@@ -12,6 +12,7 @@ of the first hull to that of the second; negative, it is a separation.
 
 import numpy as np
 
+from rbs import triples
 from rbs.arrays import blocks, indices, ranges, row_minima, take
 from rbs.hulls import (
     FEATURE_TOLERANCE,
@@ -151,7 +152,7 @@ class Facets:
         """
         own = slice(self.start[p], self.start[p + 1])
         normal = self.normal[:, own]
-        penetration = self.offset[own] - dot(normal, t)
+        penetration = self.offset[own] - triples.dot(normal, t)
         k = penetration.argmin()
         return float(penetration[k]), tuple(normal[:, k].tolist())
 

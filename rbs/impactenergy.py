@@ -11,7 +11,7 @@ the same for a whole island, momentum is kept.
 import numpy as np
 
 from Quaternion import rotation_matrices
-from rbs.flight import GRAVITY
+from rbs.bodies import GRAVITY
 from rbs.islands import islands
 from rbs.vectors import rotate_tensor
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from rbs.arrays import indices, take
 from rbs.hulls import ROUNDING, support_features
-from rbs.vectors import cross, divide, dot, mul_add, norm, sub
+from rbs.triples import cross, divide, dot, mul_add, norm, sub
 
 # By how much the sides of a patch are moved out again when that has left nothing of it.
 SLACK_GROWTH = 8

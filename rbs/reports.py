@@ -6,12 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.vectors import floats, sub
+from rbs.triples import ZERO, floats, sub
 
 # Stands for the ground where a contact names its second body.
 GROUND = -1
-
-ZERO = (0.0, 0.0, 0.0)
 
 # The phases that a step may have, in order, and their names in the window. The basic one has no
 # tables to gather and write back. The soft-step solver solves contacts and constraints together.

@@ -9,7 +9,7 @@ import math
 from dataclasses import asdict, dataclass, make_dataclass
 
 from rbs.messages import short
-from rbs.vectors import number
+from rbs.triples import number
 
 BROAD_PHASES = ("all", "grid")
 CONSTRAINT_SCHEDULINGS = ("sweep", "queue", "batches")

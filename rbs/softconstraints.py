@@ -10,9 +10,9 @@ import math
 import numpy as np
 
 from rbs.arrays import take
-from rbs.constraints import ConstraintRows, distance_error
+from rbs.constraints import ConstraintRows, coloured_batches
+from rbs.kernels import distance_error
 from rbs.offsets import converted, lasting, ratios
-from rbs.schedules import coloured_batches
 from rbs.vectors import cross, dot, mat_vec
 
 # Of the substeps' frequency, and the damping ratio: stiffer than contacts, since a mechanism that

@@ -22,9 +22,8 @@ import numpy as np
 from scipy.sparse import csc_array, csr_array
 
 from rbs.arrays import indices, take
-from rbs.bodies import Bodies, check_numbers
+from rbs.bodies import GRAVITY, Bodies, check_numbers, turned
 from rbs.contactdetection import StepContacts, detect, reaches, sizes
-from rbs.flight import GRAVITY, turned
 from rbs.impactenergy import ImpactEnergy
 from rbs.manifolds import KEEP, POINTS
 from rbs.offsets import converted, lasting, ratios

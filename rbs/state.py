@@ -12,8 +12,7 @@ import numpy as np
 
 from Quaternion import QConj, QRotate
 from rbs.bodies import state_columns
-from rbs.poses import refresh_vertices
-from RBSFunctions import GRAVITY
+from RBSFunctions import GRAVITY, refresh_vertices
 
 # The state of a body: the rest of it follows from these and from what never changes.
 STATE_NAMES = {

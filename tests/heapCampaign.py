@@ -2,10 +2,10 @@
 
     python tests/heapCampaign.py [--heaps 200] [--bodies 24] [--steps 25]
 
-The accelerated step guesses how far contacts will move the bodies of a pair, and looks for facets
-within that margin. Here the margin is zero, always too small; as usual; and much too large. That
-may change what a step costs, never what comes of it. Prints how many searches for facets and passes
-over the pairs there were; exit code 1 where a bit differs.
+The accelerated step guesses how far contacts will move the bodies, and looks for pairs and facets
+within that margin. Here the margin is next to nothing, always too small; as usual; and much too
+large. That may change what a step costs, never what comes of it. Prints how many searches for
+facets and passes over the pairs there were; exit code 1 where a bit differs.
 """
 
 import argparse
@@ -23,8 +23,14 @@ from RBSFunctions import run_timestep
 
 SHAPES = ("box", "tetrahedron", "octahedron", "cylinder")
 SIZES = (0.3, 3.0)  # the least and the largest body, in multiples of a shape's
-# What the margins are multiplied by.
-FACTORS = (0.0, 1.0, 10.0)
+# What rbs/batches.py makes margins of: too little, with nothing remembered; as usual; too much.
+NAMES = "LEAST_MARGIN", "MARGIN_GROWTH", "memory_of"
+USUAL = tuple(getattr(rbs.batches, name) for name in NAMES)
+MARGINS = {
+    "too small": (1e-9, 1.001, rbs.batches.Memory),
+    "as usual": USUAL,
+    "too large": (0.1, 10.0, rbs.batches.memory_of),
+}
 
 
 def make_heap(seed, count):
@@ -50,8 +56,8 @@ class Counts:
 
     def __enter__(self):
         self.searches = self.passes = 0
-        self._kept = rbs.batches.find_facets, rbs.batches.OrderedBatches.detect
-        findFacets, detect = self._kept
+        self._kept = rbs.batches.find_facets, rbs.batches.Pass.run
+        findFacets, run = self._kept
 
         def counted_search(hulls, *arguments):
             self.searches += 1
@@ -59,14 +65,14 @@ class Counts:
 
         def counted_pass(batches):
             self.passes += 1
-            return detect(batches)
+            return run(batches)
 
         rbs.batches.find_facets = counted_search
-        rbs.batches.OrderedBatches.detect = counted_pass
+        rbs.batches.Pass.run = counted_pass
         return self
 
     def __exit__(self, *error):
-        rbs.batches.find_facets, rbs.batches.OrderedBatches.detect = self._kept
+        rbs.batches.find_facets, rbs.batches.Pass.run = self._kept
 
 
 def outcomes_of(seed, count, steps, broadPhase, mu):
@@ -79,23 +85,28 @@ def outcomes_of(seed, count, steps, broadPhase, mu):
     return outcomes, contacts
 
 
+def set_margins(values):
+    """Sets NAMES in rbs/batches.py."""
+    for name, value in zip(NAMES, values, strict=True):
+        setattr(rbs.batches, name, value)
+
+
 def compare(seed, count, steps):
-    """`(differing, contacts, counts)` of a heap: which of FACTORS give other bits;
-    contacts; searches and passes with each factor, (3, 2)."""
+    """`(differing, contacts, counts)` of a heap: which of MARGINS give other bits;
+    contacts; searches and passes with each of them, (3, 2)."""
     mu = 0.5 * (seed % 2)
     expected, contacts = outcomes_of(seed, count, steps, "all", mu)
     differing, counts = [], []
-    pairMargin = rbs.batches.PAIR_MARGIN
-    for factor in FACTORS:
-        rbs.batches.PAIR_MARGIN = factor * pairMargin
+    for margins, values in MARGINS.items():
+        set_margins(values)
         try:
             with Counts() as counted:
                 found, _ = outcomes_of(seed, count, steps, "grid", mu)
         finally:
-            rbs.batches.PAIR_MARGIN = pairMargin
+            set_margins(USUAL)
         counts.append((counted.searches, counted.passes))
         if found != expected:
-            differing.append(factor)
+            differing.append(margins)
     return differing, contacts, np.array(counts)
 
 
@@ -105,16 +116,16 @@ def main(arguments=None):
     parser.add_argument("--bodies", type=int, default=24)
     parser.add_argument("--steps", type=int, default=25)
     options = parser.parse_args(arguments)
-    failed, contacts, counts = 0, 0, np.zeros((len(FACTORS), 2), dtype=int)
+    failed, contacts, counts = 0, 0, np.zeros((len(MARGINS), 2), dtype=int)
     for seed in range(options.heaps):
         differing, some, counted = compare(seed, options.bodies, options.steps)
         contacts, counts = contacts + some, counts + counted
         failed += bool(differing)
         if differing:
-            print(f"heap {seed} differs with margins times {differing}", flush=True)
+            print(f"heap {seed} differs with margins {differing}", flush=True)
     print(f"{options.heaps} heaps, {options.heaps * options.steps} steps, {contacts} contacts")
-    for factor, (searches, passes) in zip(FACTORS, counts.tolist(), strict=True):
-        print(f"margins times {factor:4g}: {searches} searches for facets, {passes} passes")
+    for margins, (searches, passes) in zip(MARGINS, counts.tolist(), strict=True):
+        print(f"margins {margins}: {searches} searches for facets, {passes} passes")
     print("all have the same bits" if not failed else f"{failed} heaps differ")
     return int(failed > 0)
 

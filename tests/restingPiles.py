@@ -30,7 +30,7 @@ from oracles import (
     state_of,
 )
 
-from rbs.flight import GRAVITY
+from rbs.bodies import GRAVITY
 from rbs.scenes import DATA_FOLDER, load_scene_file
 from rbs.simulation import Settings, Simulation
 from rbs.solverstate import SolverState

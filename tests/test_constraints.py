@@ -30,7 +30,7 @@ from oracles import (
 from scipy.linalg import block_diag, eigh
 from scipy.spatial.transform import Rotation
 
-import RBSFunctions
+import rbs.constraints
 from rbs.settings import CONSTRAINT_SCHEDULINGS, CONSTRAINT_TOLERANCE
 from rbs.simulation import Settings, Simulation
 from RBSFunctions import (
@@ -813,23 +813,14 @@ def test_queue_and_sweep_agree_on_the_net():
 @pytest.fixture
 def visitedBatches(monkeypatch):
     """The batches that steps look at, in order: (index in the list, body 1, body 2) each."""
-    seen, rowsOfStep = [], []
-    constraintRows, batches = RBSFunctions.ConstraintRows, RBSFunctions.batches
+    seen = []
 
-    def noting_rows(*arguments):
-        rowsOfStep.append(constraintRows(*arguments))
-        return rowsOfStep[-1]
+    def noting(bodies, rows, ends, arms, batch, tolerance):
+        seen.append((rows.index[batch], rows.body1[batch], rows.body2[batch]))
+        return visit_batch(bodies, rows, ends, arms, batch, tolerance)
 
-    def noting_batches(visit_batch, *rest):
-        def visit(batch):
-            rows = rowsOfStep[-1]
-            seen.append((rows.index[batch], rows.body1[batch], rows.body2[batch]))
-            return visit_batch(batch)
-
-        return batches(visit, *rest)
-
-    monkeypatch.setattr(RBSFunctions, "ConstraintRows", noting_rows)
-    monkeypatch.setattr(RBSFunctions, "batches", noting_batches)
+    visit_batch = rbs.constraints.visit_batch
+    monkeypatch.setattr(rbs.constraints, "visit_batch", noting)
     return seen
 
 

@@ -23,7 +23,6 @@ USERS = {"tests", "report", "graders"}
 # What looks at an internal on purpose, and at which: what it holds, or how often it is called, is
 # what the test is about.
 INTERNALS = {
-    "test_broadPhase.py": {"_in_batches", "_shapes", "_add_missed_pairs"},
 }
 # A file that is longer than this is two rooms.
 MOST_LINES = 750

@@ -22,11 +22,10 @@ from oracles import (
 from scipy.spatial import ConvexHull
 
 from Quaternion import Q2RotMatrix, QRotate
-from rbs.bodies import COLUMN_SHAPES
-from rbs.poses import refresh_vertices
-from RBSFunctions import GRAVITY, Mesh, resolve_collision, run_timestep
+from rbs.bodies import STATE_WIDTHS
+from RBSFunctions import GRAVITY, Mesh, refresh_vertices, resolve_collision, run_timestep
 
-STEP_NAMES = (*COLUMN_SHAPES, "currVertices")
+STEP_NAMES = (*STATE_WIDTHS, "invMass", "invIT", "currVertices")
 
 # Sums over some hundred tetrahedra in double precision.
 ROUNDING = 1e-12
@@ -478,7 +477,7 @@ def test_what_is_assigned_between_steps_is_what_the_next_step_uses(name, value, 
     assert np.array_equal(getattr(meshes[1], name), value)
     fresh = boxes(3)
     for m, new in zip(meshes, fresh, strict=True):
-        for attribute in COLUMN_SHAPES:
+        for attribute in STEP_NAMES[:-1]:
             setattr(new, attribute, np.array(getattr(m, attribute)))
     for _ in range(2):
         stepped(meshes, broadPhase=broadPhase)

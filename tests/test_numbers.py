@@ -69,7 +69,7 @@ def test_numbers_up_to_the_largest_go_on():
 def test_overflow_within_the_contacts_is_found_too():
     light, heavy = box_body(2, 2, 2, (0.0, 0.0, 0.0)), box_body(2, 2, 2, (1.5, 0.0, 0.0))
     light.linVelocity = np.array([[0.9 * LARGEST_NUMBER, 0.0, 0.0]])
-    with pytest.raises(StateError, match="after contacts and constraints|after free flight"):
+    with pytest.raises(StateError, match="after contacts|after free flight"):
         run_timestep([light, heavy], None, 1e-80, 1e10)
     assert light.linVelocity[0, 0] == 0.9 * LARGEST_NUMBER  # as it was
     assert not heavy.linVelocity.any()

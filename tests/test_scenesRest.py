@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from oracles import DATA, penetrations
 
-from rbs.flight import GRAVITY
+from rbs.bodies import GRAVITY
 from rbs.scenes import SceneSource
 from rbs.simulation import Simulation
 from rbs.suggestions import apply_settings, recommended_values

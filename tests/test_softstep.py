@@ -20,7 +20,7 @@ from oracles import (
 from program import record
 
 from rbs import softstep
-from rbs.flight import GRAVITY
+from rbs.bodies import GRAVITY
 from rbs.hulls import HullSet
 from rbs.manifolds import pair_manifolds
 from rbs.recording import Recording

@@ -71,7 +71,6 @@ from rbs.pictures import (
     take_picture,
 )
 from rbs.playback import SPEEDS, STEPPING_SECONDS, Playback, speed_name
-from rbs.poses import refresh_vertices
 from rbs.recording import Recording
 from rbs.replay import Replay, restored_settings, verify
 from rbs.reports import StepReport
@@ -82,6 +81,7 @@ from rbs.statistics import step_quantities
 from rbs.suggestions import SceneOpener, apply_settings
 from rbs.textfiles import SceneError
 from rbs.viewer import Viewer
+from RBSFunctions import refresh_vertices
 from RigidBodySimulation import load_mesh_file, load_scene_file
 
 # Shading changes the brightness and the saturation of a colour, and moves its hue, on a circle of
