@@ -27,7 +27,6 @@ Bookkeeping of a step, below RBSFunctions.py: which pairs and constraints, and w
     islands       bodies that hang together
 
 The solver in which piles rest, behind `contactSolver="soft-step"`
-    nearpairs         pairs that can touch soon
     offsets           how a load is held when substeps change their length
     manifolds         up to four contact points a pair
     sleeping          who sleeps, and who wakes

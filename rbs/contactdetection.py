@@ -6,6 +6,7 @@ Nothing here changes what is remembered: it makes the successors, for the step t
 import numpy as np
 
 from rbs.arrays import find_sorted, indices, take
+from rbs.broadphase import grid_overlaps
 from rbs.facets import find_facets
 from rbs.flight import GRAVITY
 from rbs.manifolds import (
@@ -78,43 +79,37 @@ class StepContacts:
         self.separation = dot(across, self.normal[:, None])
 
 
-def reaches(bodies, isAsleep, timeStep):
-    """How far (n,) points of the bodies can come within the step."""
-    speed = speeds(bodies.velocity, bodies.hulls.radius)
-    reach = (speed + abs(GRAVITY) * timeStep) * timeStep
-    return np.where(isAsleep | bodies.isFixed & (speed == 0.0), 0.0, reach)
+def detect(bodies, hasGround, isStill, kept, timeStep):
+    """The contacts of a step: `(manifolds, frames)`.
 
+    isStill : (n,) bool, what has not moved since the last step and will not do so by itself
+    kept : `SolverState`, whose pairs become those of this step; timeStep : s, of the whole step
 
-def detect(bodies, hasGround, reach, path, kept, timeStep):
-    """The contacts of a step: `(pairs, manifolds, frames)`.
-
-    reach : (n,), see `reaches`; timeStep : s, of the whole step
-    kept : `SolverState`; path : (n,), see `NearPairs`
-
-    Returns the `NearPairs`, the `Manifolds` of all pairs that are near enough to have one, with the
-    impulses that they begin with, and the `BodyFrames`.
+    Returns the `Manifolds` of all pairs that are near enough to have one, with the impulses that
+    they begin with, and the `BodyFrames`.
     """
-    count = len(reach) + 1
+    count = len(isStill) + 1
     frames = BodyFrames(bodies)
-    radius = bodies.hulls.radius
-    pairs = kept.pairs.updated(bodies.box, radius, bodies.isFixed, reach, path)
-    first, second = np.divmod(pairs.key, count)
-    mark = pairs.path[first] + pairs.path[second]
-    near = reach[first] + reach[second]
-    isNear = pairs.gap - (mark - pairs.mark) <= near
+    # how far points of the bodies can come within the step
+    speed = speeds(bodies.velocity, bodies.hulls.radius)
+    reach = (speed + np.where(bodies.isFixed, 0.0, abs(GRAVITY) * timeStep)) * timeStep
+    first, second = grid_overlaps(bodies.box - reach, bodies.isFixed)
+    key = first * count + second
+    axis = np.zeros((3, len(key)))
+    known = find_sorted(key, kept.pairKey)
+    isKnown = known >= 0
+    axis[:, isKnown] = kept.pairAxis[:, known[isKnown]]
 
-    keptRows, isValid = _valid_manifolds(kept.manifolds, frames, bodies, pairs.key[isNear])
-    valid = kept.manifolds.rows(keptRows[isValid])
-    isKnown = np.zeros(len(pairs.key), dtype=bool)
-    if len(valid.key) and len(pairs.key):
-        found = find_sorted(valid.key, pairs.key)
-        isKnown[found[found >= 0]] = True
-    asked = indices(isNear & ~isKnown)
-    new, pairs = _new_pair_manifolds(bodies, frames, pairs, asked, first, second, near, mark)
+    valid = _valid_manifolds(kept.manifolds, frames, bodies, key)
+    asked = indices(~(isStill[first] & isStill[second]) & (find_sorted(key, valid.key) < 0))
+    new, axis[:, asked] = _new_pair_manifolds(
+        bodies, frames, first[asked], second[asked], reach, axis[:, asked]
+    )
+    kept.pairKey, kept.pairAxis = key, axis
     if hasGround:
         new = new.joined(_new_ground_manifolds(bodies, frames, reach, valid.key, timeStep))
     new.inherit(kept.manifolds, sizes(bodies, *new.bodies(count - 1)))
-    return pairs, valid.joined(new), frames
+    return valid.joined(new), frames
 
 
 def sizes(bodies, first, second):
@@ -127,7 +122,7 @@ def sizes(bodies, first, second):
 
 
 def _valid_manifolds(manifolds, frames, bodies, nearKey):
-    """`(rows, isValid)`: the manifolds of pairs that are still near, and which need not be renewed.
+    """The manifolds of pairs that are still near, and need not be renewed.
 
     nearKey : (Q,), of the pairs of bodies that are near, sorted
     """
@@ -135,8 +130,7 @@ def _valid_manifolds(manifolds, frames, bodies, nearKey):
     first, second = np.divmod(manifolds.key, count)
     isGround = second == count - 1
     isNear = isGround & ~take(bodies.isFixed, np.minimum(first, count - 2))
-    if len(nearKey):
-        isNear |= find_sorted(manifolds.key, nearKey) >= 0
+    isNear |= find_sorted(manifolds.key, nearKey) >= 0
     rows = indices(isNear)
     first, second = first[rows], second[rows]
     t = frames.translations(first, second)
@@ -147,33 +141,26 @@ def _valid_manifolds(manifolds, frames, bodies, nearKey):
         take(column, rows, axis=1) for column in (manifolds.translation, manifolds.rotation)
     )
     change = pose_changes(translation, rotation, *poses, smaller)
-    return rows, change <= KEEP * sizes(bodies, first, second)
+    return manifolds.rows(rows[change <= KEEP * sizes(bodies, first, second)])
 
 
-def _new_pair_manifolds(bodies, frames, pairs, asked, first, second, near, mark):
-    """The manifolds of the pairs `asked`, and `pairs` with the gaps of those that are apart."""
-    if len(asked) == 0:
-        return Manifolds.none(), pairs
-    first, second = first[asked], second[asked]
+def _new_pair_manifolds(bodies, frames, first, second, reach, axis):
+    """`(Manifolds, normal (3, K))` of K pairs; axis : (3, K), their normals before, or 0."""
+    if len(first) == 0:
+        return Manifolds.none(), axis
     t = frames.translations(first, second)
-    reserve = KEEP * sizes(bodies, first, second)
-    separation = near[asked] + reserve
-    width = RIDGE * sizes(bodies, first, second)
-    facets = find_facets(
-        bodies.hulls, first, second, t, 0.5 * width, take(pairs.axis, asked, axis=1), separation
-    )
+    size = sizes(bodies, first, second)
+    near = reach[first] + reach[second]
+    separation, width = near + KEEP * size, RIDGE * size
+    facets = find_facets(bodies.hulls, first, second, t, 0.5 * width, axis, separation)
     penetration, normal = contact_normals(bodies.hulls, facets, first, second, t, width)
-    isApart = penetration < -separation
-    pairs = pairs.noted(asked, normal, np.where(isApart, -penetration, -np.inf), mark[asked])
-    met = indices(~isApart)
+    met = indices(penetration >= -separation)
     if len(met) == 0:
-        return Manifolds.none(), pairs
+        return Manifolds.none(), normal
     first, second = first[met], second[met]
-    t, normal = take(t, met, axis=1), take(normal, met, axis=1)
-    points = pair_manifolds(
-        bodies.hulls, first, second, t, normal, penetration[met], near[asked[met]]
-    )
-    return _table(frames, first, second, t, normal, tangents(normal), *points), pairs
+    t, along = take(t, met, axis=1), take(normal, met, axis=1)
+    points = pair_manifolds(bodies.hulls, first, second, t, along, penetration[met], near[met])
+    return _table(frames, first, second, t, along, tangents(along), *points), normal
 
 
 def _new_ground_manifolds(bodies, frames, reach, known, timeStep):

@@ -11,8 +11,7 @@ touches it is fast again; so waking spreads by one body a step.
 
 import numpy as np
 
-from rbs.arrays import find_sorted, take
-from rbs.manifolds import pose_changes
+from rbs.arrays import find_sorted
 from rbs.vectors import norm
 
 # Seconds that bodies have to be slow for before they sleep.
@@ -69,13 +68,6 @@ class Sleep:
             | (bodies.velocity != self.velocity).any(axis=0)
         )
 
-    def travel(self, bodies):
-        """How far (n,) points of the bodies are at most from where the last step has left them."""
-        return pose_changes(
-            self.position, self.orientation, bodies.position, bodies.orientation,
-            bodies.hulls.radius,
-        )  # fmt: skip
-
     def woken(self, disturbed, links, lost, speed, radius, gravity):
         """`isAsleep` (n,) at the beginning of a step.
 
@@ -119,7 +111,4 @@ def speeds(velocity, radius):
 
 def lost_links(key, oldKey, count):
     """Which pairs (2, K) of `oldKey` are not in `key` any more; both sorted, i · count + j."""
-    if len(oldKey) == 0:
-        return np.zeros((2, 0), dtype=np.intp)
-    isLost = find_sorted(oldKey, key) < 0 if len(key) else np.ones(len(oldKey), dtype=bool)
-    return np.stack(np.divmod(take(oldKey, isLost.nonzero()[0]), count))
+    return np.stack(np.divmod(oldKey[find_sorted(oldKey, key) < 0], count))

@@ -23,7 +23,7 @@ from scipy.sparse import csc_array, csr_array
 
 from rbs.arrays import indices, take
 from rbs.bodies import Bodies, check_numbers
-from rbs.contactdetection import StepContacts, detect, reaches, sizes
+from rbs.contactdetection import StepContacts, detect, sizes
 from rbs.flight import GRAVITY, turned
 from rbs.impactenergy import ImpactEnergy
 from rbs.manifolds import KEEP, POINTS
@@ -32,7 +32,7 @@ from rbs.reports import GROUND, StepReport
 from rbs.sleeping import Sleep, lost_links, speeds
 from rbs.softconstraints import SoftConstraints
 from rbs.solverstate import SolverState
-from rbs.vectors import cross, dot, mat_vec, norm
+from rbs.vectors import cross, dot, mat_vec
 
 # How stiff contacts are. The frequency is relative to that of the substeps, 60 Hz at 1/400 s: with
 # split masses, half of it is visibly soft, and with a fifth more a tower of rings bounces on itself
@@ -77,13 +77,12 @@ def soft_step(
         state = SolverState() if state is None else state
         kept = state.begun(bodies)
         isDisturbed = kept.sleep.disturbed(bodies)
-        path = kept.pairs.path + np.where(isDisturbed, kept.sleep.travel(bodies), 0.0)
         if isGyroscopic:
             bodies.turn_gyroscopically(timeStep)
         check_numbers(bodies.columns(), meshes, "the last step")
     with report.phase("collisions"):
-        reach = reaches(bodies, kept.sleep.isAsleep & ~isDisturbed, timeStep)
-        pairs, manifolds, frames = detect(bodies, hasGround, reach, path, kept, timeStep)
+        isStill = (kept.sleep.isAsleep | bodies.isFixed) & ~isDisturbed
+        manifolds, frames = detect(bodies, hasGround, isStill, kept, timeStep)
         distances = SoftConstraints(constraints, bodies, kept)
         isAsleep = _still_asleep(sleeping, kept, bodies, isDisturbed, manifolds, distances)
     with report.phase("contactSolver"):
@@ -99,13 +98,12 @@ def soft_step(
     with report.phase("writeBack"):
         bodies.motion, bodies.orientation = motion.result(bodies)
         check_numbers(bodies.columns(), meshes, "contacts and constraints")
-        pairs.path = path + motion.travel(bodies.hulls.radius)
-        kept.pairs, kept.manifolds = pairs, manifolds
+        kept.manifolds = manifolds
         kept.sleep = _settled(sleeping, kept, bodies, isAsleep, distances, timeStep)
         distances.store(kept)
         bodies.write_back()
         state.replace(kept)
-    report.isAsleep, report.candidatePairs = kept.sleep.isAsleep, len(pairs.key)
+    report.isAsleep, report.candidatePairs = kept.sleep.isAsleep, len(kept.pairKey)
     report.constraintVisits = distances.visits
     contacts.tell(report)
     return report
@@ -191,11 +189,6 @@ class _Motion:
     def move(self, h):
         self.shift += h * self.velocity[:-1, :3]
         self.turn += h * self.velocity[:-1, 3:]
-
-    def travel(self, radius):
-        """How far (n,) points of the bodies have come at most."""
-        travel = norm(self.shift.T) + norm(self.turn.T) * radius
-        return np.where(self.isStill[:-1], 0.0, travel)
 
     def result(self, bodies):
         """`(motion (9, n), orientation (4, n))` at the end of the step; see `Bodies`."""

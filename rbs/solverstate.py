@@ -6,8 +6,8 @@ simulation that is saved with its bodies and restored goes on with the same bits
 
 import numpy as np
 
+from rbs.arrays import indices
 from rbs.manifolds import COLUMNS, Manifolds
-from rbs.nearpairs import NearPairs
 from rbs.sleeping import Sleep
 
 
@@ -17,22 +17,26 @@ class SolverState:
     It belongs to a list of bodies, to the end of which others may be added, or from it be removed.
 
     count : number of bodies; None before the first step
-    pairs : `NearPairs`; manifolds : `Manifolds`; sleep : `Sleep`
+    manifolds : `Manifolds`; sleep : `Sleep`
+    pairKey : (P,), i · (count + 1) + j of the pairs i < j whose boxes were near each other
+    pairAxis : (3, P), along which they were found apart, or penetrating; 0 where it is unknown
     constraint : (6, R), what distance constraints there were, see `SoftConstraints`
     constraintImpulse : (R,), of these in the last substep; constraintOffset and constraintSubstep
         (R,), as offset and substep of `Manifolds`
     """
 
-    PARTS = {"pairs": NearPairs, "sleep": Sleep}
-    COLUMNS = ("constraint", "constraintImpulse", "constraintOffset", "constraintSubstep")
+    COLUMNS = (
+        "pairKey", "pairAxis", "constraint", "constraintImpulse", "constraintOffset",
+        "constraintSubstep",
+    )  # fmt: skip
 
     def __init__(self):
         self.clear()
 
     def clear(self):
         """Forgets everything: the next step starts cold."""
-        self.count = None
-        self.pairs = self.manifolds = self.sleep = None
+        self.count = self.manifolds = self.sleep = None
+        self.pairKey, self.pairAxis = np.zeros(0, dtype=np.int64), np.zeros((3, 0))
         self.constraint = np.zeros((6, 0))
         self.constraintImpulse = self.constraintOffset = self.constraintSubstep = np.zeros(0)
 
@@ -46,12 +50,14 @@ class SolverState:
         state = SolverState()
         state.replace(self)
         if self.count is None:
-            state.pairs, state.manifolds = NearPairs.none(count), Manifolds.none()
-            state.sleep = Sleep.none(bodies)
+            state.manifolds, state.sleep = Manifolds.none(), Sleep.none(bodies)
         elif self.count != count:
-            state.pairs = self.pairs.resized(count)
-            state.manifolds, left = self.manifolds.resized(self.count, count)
-            state.sleep = self.sleep.resized(bodies, left)
+            first, second = np.divmod(self.pairKey, self.count + 1)
+            left = indices(second < count)
+            state.pairKey = first[left] * (count + 1) + second[left]
+            state.pairAxis = self.pairAxis[:, left]
+            state.manifolds, touched = self.manifolds.resized(self.count, count)
+            state.sleep = self.sleep.resized(bodies, touched)
         state.count = count
         return state
 
@@ -64,11 +70,8 @@ class SolverState:
         if self.count is None:
             return {}
         found = {name: getattr(self, name) for name in self.COLUMNS}
-        for part, kind in self.PARTS.items():
-            for name in kind.COLUMNS:
-                found[f"{part}.{name}"] = getattr(getattr(self, part), name)
-        for name in ("key", *COLUMNS):
-            found[f"manifolds.{name}"] = getattr(self.manifolds, name)
+        found |= {f"sleep.{name}": getattr(self.sleep, name) for name in Sleep.COLUMNS}
+        found |= {f"manifolds.{n}": getattr(self.manifolds, n) for n in ("key", *COLUMNS)}
         return {name: np.array(value) for name, value in found.items()}
 
     @classmethod
@@ -77,12 +80,9 @@ class SolverState:
         state = cls()
         if arrays:
             arrays = {name: np.array(value) for name, value in arrays.items()}
-            for part, kind in cls.PARTS.items():
-                columns = {name: arrays[f"{part}.{name}"] for name in kind.COLUMNS}
-                setattr(state, part, kind(**columns))
-            columns = {name: arrays[f"manifolds.{name}"] for name in COLUMNS}
-            state.manifolds = Manifolds(arrays["manifolds.key"], **columns)
             for name in cls.COLUMNS:
                 setattr(state, name, arrays[name])
-            state.count = len(state.pairs.path)
+            state.sleep = Sleep(**{name: arrays[f"sleep.{name}"] for name in Sleep.COLUMNS})
+            state.manifolds = Manifolds(**{n: arrays[f"manifolds.{n}"] for n in ("key", *COLUMNS)})
+            state.count = len(state.sleep.timer)
         return state
