@@ -6,6 +6,7 @@ pictures and recordings. Rooms import only what stands above them in this list, 
 
 Algebra and geometry, below GJK.py
     arrays        indexing of long arrays in few calls
+    triples       vectors of three floats
     vectors       vectors by component: tuples of floats, or arrays (3, n)
     hulls         convex hulls, of one shape and of many bodies
     facets        the facets of the Minkowski difference that can be nearest
