@@ -25,17 +25,15 @@ Bookkeeping of a step, below RBSFunctions.py: which pairs and constraints, and w
     constraints   the constraints that can be corrected
     schedules     which constraint is visited when
     reports       what a step tells of itself
-    islands       bodies that hang together
 
 The solver in which piles rest, behind `contactSolver="soft-step"`
-    offsets           how a load is held when substeps change their length
+    springs           soft bounds as impulses; how they hold a load when substeps change their length
     manifolds         up to four contact points a pair
     sleeping          who sleeps, and who wakes
     contactdetection  which manifolds are kept, and which are made anew
+    softcontacts      contacts, all manifolds at once, with their derivation; restitution
     softconstraints   distance constraints, renewed every substep
-    impactenergy      how much energy restitution may give back
-    solverstate       what a step leaves to the next
-    softstep          the solver, with its derivation
+    softstep          the step, and what it leaves to the next
 
 Scenes, above RBSFunctions.py
     files         reading with a limit, writing whole files

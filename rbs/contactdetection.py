@@ -34,6 +34,7 @@ class BodyFrames:
     """Where n bodies and the ground are: columns of n + 1, the ground at the origin.
 
     position : (3, n + 1); orientation : (4, n + 1); rotation : (9, n + 1)
+    radius, size : (n + 1,), of the hulls, and their `thickness`; inf of the ground
     """
 
     def __init__(self, bodies):
@@ -42,13 +43,18 @@ class BodyFrames:
         self.orientation = np.concatenate((bodies.orientation, identity), axis=1)
         identity = np.eye(3).reshape(9, 1)
         self.rotation = np.concatenate((bodies.hulls.rotation, identity), axis=1)
+        count = len(bodies.invMass)
+        self.radius = np.append(bodies.hulls.radius, np.inf)
+        self.size = np.append(thickness(bodies.hulls, np.arange(count)), np.inf)
+
+    def sizes(self, first, second):
+        """The size (P,) of the thinner body of each pair."""
+        return np.minimum(take(self.size, first), take(self.size, second))
 
     def translations(self, first, second):
         """From the first COM to the second, (3, P); to the ground, to the point right below."""
         t = take(self.position, second, axis=1) - take(self.position, first, axis=1)
-        isGround = second == self.position.shape[1] - 1
-        t[0] = np.where(isGround, 0.0, t[0])
-        t[2] = np.where(isGround, 0.0, t[2])
+        t[0::2] = np.where(second == self.position.shape[1] - 1, 0.0, t[0::2])
         return t
 
 
@@ -91,8 +97,7 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
     count = len(isStill) + 1
     frames = BodyFrames(bodies)
     # how far points of the bodies can come within the step
-    speed = speeds(bodies.velocity, bodies.hulls.radius)
-    reach = (speed + np.where(bodies.isFixed, 0.0, abs(GRAVITY) * timeStep)) * timeStep
+    reach = (speeds(bodies) + np.where(bodies.isFixed, 0.0, abs(GRAVITY) * timeStep)) * timeStep
     first, second = grid_overlaps(bodies.box - reach, bodies.isFixed)
     key = first * count + second
     axis = np.zeros((3, len(key)))
@@ -108,17 +113,8 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
     kept.pairKey, kept.pairAxis = key, axis
     if hasGround:
         new = new.joined(_new_ground_manifolds(bodies, frames, reach, valid.key, timeStep))
-    new.inherit(kept.manifolds, sizes(bodies, *new.bodies(count - 1)))
+    new.inherit(kept.manifolds, frames.sizes(*new.bodies(count - 1)))
     return valid.joined(new), frames
-
-
-def sizes(bodies, first, second):
-    """The `thickness` (M,) of the thinner body of each pair; of a body on the ground, its own."""
-    count = len(bodies.invMass)
-    size = thickness(bodies.hulls, first)
-    isBody = second < count
-    other = thickness(bodies.hulls, np.where(isBody, second, 0)) if count else size
-    return np.where(isBody, np.minimum(size, other), size)
 
 
 def _valid_manifolds(manifolds, frames, bodies, nearKey):
@@ -126,22 +122,16 @@ def _valid_manifolds(manifolds, frames, bodies, nearKey):
 
     nearKey : (Q,), of the pairs of bodies that are near, sorted
     """
-    count = frames.position.shape[1]
-    first, second = np.divmod(manifolds.key, count)
-    isGround = second == count - 1
-    isNear = isGround & ~take(bodies.isFixed, np.minimum(first, count - 2))
-    isNear |= find_sorted(manifolds.key, nearKey) >= 0
-    rows = indices(isNear)
-    first, second = first[rows], second[rows]
+    count = len(frames.radius)
+    first, second = manifolds.bodies(count - 1)
+    isGround = (second == count - 1) & ~np.append(bodies.isFixed, True)[first]
+    manifolds = manifolds.rows(indices(isGround | (find_sorted(manifolds.key, nearKey) >= 0)))
+    first, second = manifolds.bodies(count - 1)
     t = frames.translations(first, second)
     poses = relative_poses(first, second, t, frames.rotation, frames.orientation)
-    radius = bodies.hulls.radius
-    smaller = np.minimum(radius[first], radius[np.where(second < count - 1, second, first)])
-    translation, rotation = (
-        take(column, rows, axis=1) for column in (manifolds.translation, manifolds.rotation)
-    )
-    change = pose_changes(translation, rotation, *poses, smaller)
-    return manifolds.rows(rows[change <= KEEP * sizes(bodies, first, second)])
+    smaller = np.minimum(frames.radius[first], frames.radius[second])
+    change = pose_changes(manifolds.translation, manifolds.rotation, *poses, smaller)
+    return manifolds.rows(indices(change <= KEEP * frames.sizes(first, second)))
 
 
 def _new_pair_manifolds(bodies, frames, first, second, reach, axis):
@@ -149,7 +139,7 @@ def _new_pair_manifolds(bodies, frames, first, second, reach, axis):
     if len(first) == 0:
         return Manifolds.none(), axis
     t = frames.translations(first, second)
-    size = sizes(bodies, first, second)
+    size = frames.sizes(first, second)
     near = reach[first] + reach[second]
     separation, width = near + KEEP * size, RIDGE * size
     facets = find_facets(bodies.hulls, first, second, t, 0.5 * width, axis, separation)
@@ -166,8 +156,7 @@ def _new_pair_manifolds(bodies, frames, first, second, reach, axis):
 def _new_ground_manifolds(bodies, frames, reach, known, timeStep):
     """The manifolds of bodies near the ground that have no valid one; known : their keys."""
     count = len(reach) + 1
-    size = thickness(bodies.hulls, np.arange(count - 1))
-    isNear = (bodies.box[1] <= reach + KEEP * size) & ~bodies.isFixed
+    isNear = (bodies.box[1] <= reach + KEEP * frames.size[:-1]) & ~bodies.isFixed
     isNear[known[known % count == count - 1] // count] = False
     body = indices(isNear)
     if len(body) == 0:

@@ -39,7 +39,7 @@ from oracles import IDENTITY, SHAPES, body, quaternion, random_quaternions, turn
 import GJK
 from rbs.bodies import StateError
 from rbs.hulls import TOUCH_TOLERANCE
-from rbs.solverstate import SolverState
+from rbs.softstep import SolverState
 from RBSFunctions import run_timestep
 
 EPS = np.finfo(float).eps

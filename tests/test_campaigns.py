@@ -13,7 +13,7 @@ from oracles import vertices_of as vertices
 import GJK
 import RBSFunctions
 from rbs.poses import Posed
-from rbs.solverstate import SolverState
+from rbs.softstep import SolverState
 
 # How many cases hit all that a campaign is for, and counts that must not be 0.
 SHORT = {
