@@ -27,7 +27,7 @@ Bookkeeping of a step, below RBSFunctions.py: which pairs and constraints, and w
     reports       what a step tells of itself
 
 The solver in which piles rest, behind `contactSolver="soft-step"`
-    springs           soft bounds as impulses; how they hold a load when substeps change their length
+    springs           soft bounds as impulses, and what another time step does to them
     manifolds         up to four contact points a pair
     sleeping          who sleeps, and who wakes
     contactdetection  which manifolds are kept, and which are made anew

@@ -23,10 +23,10 @@ from rbs.vectors import cross, dot, mat_vec, rotate_tensor
 # How stiff contacts are. The frequency is relative to that of the substeps, 60 Hz at 1/400 s: with
 # split masses, half of it is visibly soft, and with a fifth more a tower of rings bounces on itself
 # ever higher: one sweep a substep lets the impulses lag behind, and they act as an undamped spring
-# of about 0.22. Where damping is critical, what is heavy sinks into what is light below it.
+# of about 0.22. With critical damping, what is heavy sinks through what is light below it.
 FREQUENCY, DAMPING = 0.15, 10.0
 # The largest speed that penetration is pushed out with, in √(g r) of the smaller body: 3 m/s for a
-# cube of a metre. More of it lets bodies that start inside each other burst apart.
+# cube of a metre. Without it, bodies that start inside each other burst apart.
 PUSH_SPEED = 1.0
 # With fewer sweeps for restitution, what one point gives back disturbs the others: a box that falls
 # flat starts to spin.
