@@ -31,6 +31,8 @@ PUSH_SPEED = 1.0
 # With fewer sweeps for restitution, what one point gives back disturbs the others: a box that falls
 # flat starts to spin.
 RESTITUTION_SWEEPS = 16
+# The rows of ξ that have a linear part, along n, t1 and t2.
+LINEAR = [0, 3, 4]
 # In place of zero under a fraction.
 TINY = np.finfo(float).tiny
 
@@ -102,7 +104,7 @@ class SoftContacts:
         self.arms = middle, middle - contacts.t
 
     def _make_rows(self, motion):
-        """The rows of J for either body, without the sign, and what follows from the blocks of A.
+        """The rows of J for either body, without the sign, and what follows from A.
 
         K : Bᵀ A B, (4, 4, M), how the normal speeds respond to the impulses; mass : (4, M), of
         each point alone; coupling : (9, M), how friction's rows respond to the normals' wrench;
@@ -112,30 +114,26 @@ class SoftContacts:
         n, t1, t2 = contacts.normal, contacts.tangent1, contacts.tangent2
         bodies = contacts.first, contacts.second
         load = np.bincount(np.concatenate(bodies), minlength=len(motion.invMass))
-        normals = frictions = coupling = 0.0
-        parts = []
+        A, parts = 0.0, []
         for body, arm in zip(bodies, self.arms, strict=True):
             angular = np.stack((cross(arm, n), t1, t2, cross(arm, t1), cross(arm, t2), n), axis=1)
             products = take(motion.invInertia, body, axis=1).reshape(3, 3, 1, -1) * angular
             turning = products[:, 0] + products[:, 1] + products[:, 2]
-            normal = _products(angular[:, :3], turning[:, :3])
-            friction = _products(angular[:, 3:], turning[:, 3:])
-            for block, k in ((normal, 0), (friction, 0), (friction, 1)):
-                block[k, k] += take(motion.invMass, body)
-            split = take(load, body)
-            normals = normals + split * normal
-            frictions = frictions + split * friction
-            coupling = coupling + split * _products(angular[:, 3:], turning[:, :3])
+            response = angular[0][:, None] * turning[0]
+            response += angular[1][:, None] * turning[1]
+            response += angular[2][:, None] * turning[2]
+            response[LINEAR, LINEAR] += take(motion.invMass, body)
+            A = A + take(load, body) * response
             parts.append(angular)
         self.J = self._sparse_rows(bodies, (n, t1, t2), parts, len(motion.invMass))
         self.JT = self.J.T
         B = self.B
-        AB = normals[:, 0, None] * B[0] + normals[:, 1, None] * B[1] + normals[:, 2, None] * B[2]
+        AB = A[:3, 0, None] * B[0] + A[:3, 1, None] * B[1] + A[:3, 2, None] * B[2]
         self.K = B[0][:, None] * AB[0] + B[1][:, None] * AB[1] + B[2][:, None] * AB[2]
         diagonal = self.K[range(POINTS), range(POINTS)]
         self.mass = B[0] / np.where(diagonal > 0.0, diagonal, 1.0)
-        self.coupling = coupling.reshape(9, -1)
-        c0, c1, c2 = frictions[:, 0], frictions[:, 1], frictions[:, 2]  # symmetric
+        self.coupling = A[3:, :3].reshape(9, -1)
+        c0, c1, c2 = A[3:, 3], A[3:, 4], A[3:, 5]  # symmetric
         r0, r1, r2 = cross(c1, c2), cross(c2, c0), cross(c0, c1)
         determinant = dot(c0, r0)
         self.frictionMass = np.concatenate((r0, r1, r2))
@@ -144,18 +142,17 @@ class SoftContacts:
     def _sparse_rows(self, bodies, linear, angular, count):
         """J, 6 M × 6 (n + 1), row r of manifold m at r M + m.
 
-        linear : (3, M) each, of the rows 0, 3 and 4; angular : (3, 6, M), of either body
+        linear : (3, M) each, of the rows LINEAR; angular : (3, 6, M), of either body
         """
         columns = 6 * np.stack(bodies, axis=1)[:, :, None] + np.arange(6)  # (M, 2, 6)
         values, index, length = [], [], []
         for r in range(6):
             row = [-angular[0][:, r], angular[1][:, r]]
-            k = {0: 0, 3: 1, 4: 2}.get(r)
-            if k is not None:
-                row = [-linear[k], row[0], linear[k], row[1]]
+            if r in LINEAR:
+                row = [-linear[LINEAR.index(r)], row[0], linear[LINEAR.index(r)], row[1]]
             values.append(np.concatenate(row).T.ravel())
-            index.append((columns[:, :, 3:] if k is None else columns).ravel())
-            length.append(np.full(self.count, 6 if k is None else 12))
+            index.append((columns if r in LINEAR else columns[:, :, 3:]).ravel())
+            length.append(np.full(self.count, 12 if r in LINEAR else 6))
         start = np.concatenate(([0], *length)).cumsum()
         place = np.concatenate(index).astype(np.int32), start.astype(np.int32)
         return csr_array((np.concatenate(values), *place), shape=(6 * self.count, 6 * count))
@@ -298,14 +295,6 @@ class SoftContacts:
             np.maximum(-contacts.separation[k, m], 0.0), normal, self.start1[:, m] + arm,
             impulse[k, m], friction, arm,
         )  # fmt: skip
-
-
-def _products(a, b):
-    """aᵀ b of matrices (3, 3, M)."""
-    products = a[0][:, None] * b[0]
-    products += a[1][:, None] * b[1]
-    products += a[2][:, None] * b[2]
-    return products
 
 
 # --------------------------------------------------------------------------------------------------

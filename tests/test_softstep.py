@@ -522,6 +522,7 @@ def test_what_a_tower_has_stood_on_does_not_float_when_it_is_gone():
 def test_bodies_in_each_other_part_whatever_the_time_step_was():
     meshes = [box_body(2, 2, 2, (0, 1 + 1.5 * i, 0)) for i in range(2)]
     state, _ = simulate(meshes, 2)
+    assert top_speed(meshes) < 3.0  # springs alone would make it 4.3
     simulate(meshes, 300, state, timeStep=0.002, sleeping=False)
     assert penetrations(meshes).max(initial=0.0) < 0.01
 
@@ -558,7 +559,7 @@ def test_twice_the_same_input_gives_the_same_bits_also_in_another_process():
 
 def test_what_is_saved_and_restored_goes_on_with_the_same_bits():
     meshes = some_heap()
-    state, _ = simulate(meshes, 150)
+    state, _ = simulate(meshes, 170)
     assert len(state.manifolds.key) > 2 and state.manifolds.impulse.max() > 0.0
     rows, arrays = state_of(meshes), state.arrays()
     simulate(meshes, 60, state)
