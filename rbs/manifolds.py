@@ -15,8 +15,8 @@ from functools import lru_cache
 import numpy as np
 
 from rbs.arrays import find_sorted, indices, ranges, row_minima, take
-from rbs.hulls import FEATURE_TOLERANCE, support_features, support_offsets
-from rbs.patches import contact_points, sharp_contact_points
+from rbs.hulls import FEATURE_TOLERANCE, support_offsets
+from rbs.patches import Features, Polygons, by_angle, overlap_corners, tangents
 from rbs.vectors import cross, dot, mat_vec, mul_add, norm, transpose
 
 POINTS = 4
@@ -197,14 +197,6 @@ def pose_changes(translation, rotation, newTranslation, newRotation, radius):
     return norm(newTranslation - translation) + ANGLE_OF_CHORD * chord * radius
 
 
-def tangents(normal):
-    """Unit vectors (3, M) perpendicular to the normals (3, M): n × the axis it is farthest from."""
-    axis = np.abs(normal).argmin(axis=0)
-    unit = (np.arange(3)[:, None] == axis).astype(float)
-    across = cross(normal, unit)
-    return across / norm(across)
-
-
 # --------------------------------------------------------------------------------------------------
 # Building
 # --------------------------------------------------------------------------------------------------
@@ -251,46 +243,42 @@ def pair_manifolds(hulls, first, second, t, normal, depth, reach):
     """
     size = np.minimum(thickness(hulls, first), thickness(hulls, second))
     tolerance = FEATURE_TOLERANCE * (hulls.radius[first] + hulls.radius[second])
+    features = Features(hulls, first, second, t, normal, tolerance)
     u = tangents(normal)
-    frame = np.stack((u, cross(normal, u), normal), axis=1)  # (3, 3, K): axes t1, t2, n
-    faces = _Faces(hulls, first, normal), _Faces(hulls, second, -normal)
-    polygons = (
-        _Polygons(hulls, faces[0], np.zeros_like(t), frame),
-        _Polygons(hulls, faces[1], t, frame),
+    frame = u, cross(normal, u), normal  # at the second COM
+    end1, end2 = features.ends.transpose(1, 0, 2)
+    faces = (
+        _Faces(hulls, first, normal, end1, tolerance, -t, frame),
+        _Faces(hulls, second, -normal, end2, tolerance, np.zeros_like(t), frame),
     )
-    isFlat = (faces[0].cosine > LEAST_COSINE) & (faces[1].cosine > LEAST_COSINE)
-    row, u, v = _overlap_corners(*polygons, OUTSIDE * size)
-    some = isFlat[row]
-    row, u, v = row[some], u[some], v[some]
-    height1, height2 = (polygon.heights(row, u, v) for polygon in polygons)
+    row, uv = overlap_corners(*faces, OUTSIDE * size)
+    some = indices(((faces[0].cosine > LEAST_COSINE) & (faces[1].cosine > LEAST_COSINE))[row])
+    row, uv = row[some], take(uv, some, axis=1)
+    heights = [face.heights(row, *uv) for face in faces]
 
     # The deepest point, exact, where it is a corner or a crossing of edges. Of faces and parallel
-    # edges it is a corner of the overlap; where rounding has left none, it is worked out singly.
-    deepest, isPatch = sharp_contact_points(hulls, first, second, t, normal, tolerance)
-    hasCorner = np.zeros(len(first), dtype=bool)
-    hasCorner[row] = True
+    # edges it is a corner of the overlap, if rounding has left one.
+    deepest, isPatch = features.sharp_points()
+    hasCorner = np.bincount(row, minlength=len(size)) > 0
     isLost = indices(isPatch & ~hasCorner)
     if len(isLost):
-        deepest[:, isLost] = contact_points(
-            hulls, first[isLost], second[isLost], t[:, isLost], normal[:, isLost], tolerance[isLost]
-        )
+        deepest[:, isLost] = features.patch_centres(isLost)
     sharp = indices(~(isPatch & hasCorner))
-    on2 = take(deepest + t, sharp, axis=1)
-    exact = [dot(on2, take(frame[:, k], sharp, axis=1)) for k in range(3)]
+    exact = [dot(take(deepest, sharp, axis=1), take(axis, sharp, axis=1)) for axis in frame]
     row = np.concatenate((sharp, row))
-    u, v = np.concatenate((exact[0], u)), np.concatenate((exact[1], v))
-    height1 = np.concatenate((exact[2] + depth[sharp], height1))
-    height2 = np.concatenate((exact[2], height2))
     order = row.argsort(kind="stable")
-    row, u, v, height1, height2 = row[order], u[order], v[order], height1[order], height2[order]
+    row, u, v, height1, height2 = (take(x, order) for x in (
+        row, np.concatenate((exact[0], uv[0])), np.concatenate((exact[1], uv[1])),
+        np.concatenate((exact[2] + depth[sharp], heights[0])),
+        np.concatenate((exact[2], heights[1])),
+    ))  # fmt: skip
 
     separation = height2 - height1
     chosen, isPoint = _four_points(row, u, v, separation, separation, size, reach)
     u, v, height1, height2 = u[chosen], v[chosen], height1[chosen], height2[chosen]  # (4, K)
-    flat = frame[:, 0, None] * u + frame[:, 1, None] * v
-    point1 = mul_add(flat, height1, normal[:, None])
-    point2 = mul_add(flat, height2, normal[:, None]) - t[:, None]
-    return point1, point2, isPoint
+    flat = frame[0][:, None] * u + frame[1][:, None] * v
+    point1 = mul_add(flat, height1, normal[:, None]) + t[:, None]
+    return point1, mul_add(flat, height2, normal[:, None]), isPoint
 
 
 def ground_manifolds(hulls, bodies, height, reach, shift, turn):
@@ -319,17 +307,22 @@ class _FaceTable:
 
     start, count : (ΣF,), where a face's corners begin, and how many there are
     corner : (ΣC,), vertices of the hull, counter-clockwise seen from outside
-    following : (ΣC,), where the next corner of the same polygon is
     thickness : (number of hulls,)
     """
 
     def __init__(self, hulls):
-        corners = [corner for hull in hulls for corner in _face_corners(hull)]
-        self.count = np.array([len(corner) for corner in corners], dtype=np.intp)
+        counts, corners = [], []
+        for hull in hulls:
+            isCorner = hull.heights >= hull.offsets[:, None] - FEATURE_TOLERANCE * hull.radius
+            face, corner = np.nonzero(isCorner)
+            n = hull.directions.T
+            u = tangents(n)
+            vertices = hull.vertices[corner].T
+            uv = (dot(take(axis, face, axis=1), vertices) for axis in (u, cross(n, u)))
+            counts.append(isCorner.sum(axis=1))
+            corners.append(corner[by_angle(face, *uv)])
+        self.count, self.corner = np.concatenate(counts), np.concatenate(corners)
         self.start = self.count.cumsum() - self.count
-        self.corner = np.concatenate(corners)
-        self.following = np.arange(1, len(self.corner) + 1)
-        self.following[self.start + self.count - 1] = self.start
         self.thickness = np.array([hull.offsets.min() for hull in hulls])
 
 
@@ -337,115 +330,47 @@ class _FaceTable:
 _face_table = lru_cache(maxsize=8)(_FaceTable)
 
 
-def _face_corners(hull):
-    """The vertices of each face of a hull, counter-clockwise about its normal: list of arrays."""
-    heights = dot(hull.directions.T[:, :, None], hull.vertices.T[:, None, :])
-    isCorner = heights >= hull.offsets[:, None] - FEATURE_TOLERANCE * hull.radius
-    n = hull.directions.T
-    t1 = tangents(n)
-    t2 = cross(n, t1)
-    corners = []
-    for face, own in enumerate(isCorner):
-        own = indices(own)
-        away = (hull.vertices[own] - hull.vertices[own].mean(axis=0)).T
-        angle = np.arctan2(dot(t2[:, face, None], away), dot(t1[:, face, None], away))
-        corners.append(own[angle.argsort(kind="stable")])
-    return corners
-
-
-class _Faces:
+class _Faces(Polygons):
     """The faces (K,) that bodies turn most towards a direction, of those that touch its support.
 
     Others can be turned more towards it, but the deepest point is not on them.
 
-    body, face : (K,), the face counted over all hulls; normal : (3, K), outward, in world axes
-    cosine : (K,), of its angle with the direction
+    cosine : (K,), of a face's angle with the direction
     """
 
-    def __init__(self, hulls, bodies, direction):
-        self.body = bodies
-        tolerance = FEATURE_TOLERANCE * hulls.radius[bodies]
-        _, first, last, _ = support_features(hulls, bodies, -direction, tolerance)
+    def __init__(self, hulls, bodies, direction, ends, tolerance, origin, frame):
+        """ends : (2, K), columns of the first and the last vertex of the support, which has this
+        tolerance; origin : (3, K), of the bodies in the frame of three axes (3, K)"""
         # in the bodies' frames, where the faces' normals stand
-        turned = transpose(take(hulls.rotation, bodies, axis=1))
-        axis = mat_vec(turned, direction)
-        ends = [mat_vec(turned, take(hulls.vertices, v, axis=1)) for v in (first, last)]
+        rotation = take(hulls.rotation, bodies, axis=1)
+        inverse = transpose(rotation)
         count = take(hulls.faceCount, bodies)
         row, face = ranges(take(hulls.faceStart, bodies), count)
         normal, offset = take(hulls.directions, face, axis=1), take(hulls.offsets, face)
-        below = [offset - dot(normal, take(end, row, axis=1)) for end in ends]
-        isOwn = np.maximum(*below) <= 4.0 * tolerance[row]
-        cosine = np.where(isOwn, dot(normal, take(axis, row, axis=1)), -1.0)
+        cosine = dot(normal, take(mat_vec(inverse, direction), row, axis=1))
+        highest = offset - 4.0 * take(tolerance, row)
+        for end in ends:
+            end = mat_vec(inverse, take(hulls.vertices, end, axis=1))
+            cosine[dot(normal, take(end, row, axis=1)) < highest] = -1.0
         least, best = row_minima(-cosine, row, count.cumsum() - count)
         self.cosine = -least
-        self.face = take(face, best)
-        self.offset = take(offset, best)
-        self.normal = mat_vec(take(hulls.rotation, bodies, axis=1), take(normal, best, axis=1))
 
-
-class _Polygons:
-    """Faces (K,) seen along the pairs' normals, and their corners (C,).
-
-    start, count : (K,), of a face's corners; row (C,), the face of each; next (C,), the corner
-        after each; u, v : (C,)
-    """
-
-    def __init__(self, hulls, faces, origin, frame):
-        """origin : (3, K), the COM of the bodies; frame : (3, 3, K), t1, t2 and n in the middle"""
         table = _face_table(hulls.distinct)
-        self.count = take(table.count, faces.face)
-        self.start = self.count.cumsum() - self.count
-        begin = take(table.start, faces.face)
-        self.row, corner = ranges(begin, self.count)
-        self.next = take(table.following, corner) - take(begin - self.start, self.row)
-        column = take(table.corner, corner) + take(hulls.vertexStart[faces.body], self.row)
-        position = take(hulls.vertices, column, axis=1) + take(origin, self.row, axis=1)
-        self.u, self.v = (
-            dot(position, take(frame[:, k], self.row, axis=1)) for k in range(2)
+        count = take(table.count, take(face, best))
+        corner = take(table.corner, ranges(take(table.start, take(face, best)), count)[1])
+        corner += take(hulls.vertexStart, bodies).repeat(count)
+        position = take(hulls.vertices, corner, axis=1) + origin.repeat(count, axis=1)
+        super().__init__(
+            count, np.stack([dot(position, axis.repeat(count, axis=1)) for axis in frame[:2]])
         )
-        self._slopes = [dot(faces.normal, frame[:, k]) for k in range(3)]
-        self._offset = faces.offset + dot(faces.normal, origin)
+        normal = mat_vec(rotation, take(normal, best, axis=1))
+        self._slopes = [dot(normal, axis) for axis in frame]
+        self._offset = take(offset, best) + dot(normal, origin)
 
     def heights(self, row, u, v):
         """How high (Q,) the planes of the faces `row` stand along n at the points u, v (Q,)."""
         slopeU, slopeV, slopeN = (take(slope, row) for slope in self._slopes)
         return (take(self._offset, row) - slopeU * u - slopeV * v) / slopeN
-
-
-def _overlap_corners(a, b, slack):
-    """The corners `(row, u, v)` of the overlaps of the polygons a and b, K of each, in a plane.
-
-    Seen along the normal, those of a run counter-clockwise and those of b clockwise.
-    slack : (K,), length by which a corner may lie outside: where sides coincide, rounding decides
-    """
-    # all combinations of a corner i of a, with the side after it, and a corner j of b
-    i, j = ranges(take(b.start, a.row), take(b.count, a.row))
-    row = take(a.row, i)
-    place = take(b.count, a.row).cumsum() - take(b.start + b.count, a.row)
-    afterI, afterJ = take(a.next, i), take(b.next, j)
-    au, av, bu, bv = take(a.u, i), take(a.v, i), take(b.u, j), take(b.v, j)
-    sideAu, sideAv = take(a.u, afterI) - au, take(a.v, afterI) - av
-    sideBu, sideBv = take(b.u, afterJ) - bu, take(b.v, afterJ) - bv
-    du, dv = bu - au, bv - av
-    # twice the areas: how far inside a is to the side of b, and b to that of a
-    insideB = sideBu * dv - sideBv * du
-    insideA = sideAu * dv - sideAv * du
-    slack = take(slack, row)
-    isOut = insideB < -slack * np.sqrt(sideBu * sideBu + sideBv * sideBv)
-    cornersA = indices(np.bincount(i, isOut, len(a.row)) == 0)
-    isOut = insideA < -slack * np.sqrt(sideAu * sideAu + sideAv * sideAv)
-    cornersB = indices(np.bincount(j, isOut, len(b.row)) == 0)
-    # two sides cross where the ends of each lie on different sides of the other
-    headA, headB = take(insideB, take(place, afterI) + j), take(insideA, take(place, i) + afterJ)
-    crosses = indices((insideB * headA < 0) & (insideA * headB < 0))
-    s = insideB[crosses] / (insideB[crosses] - headA[crosses])
-    u = au[crosses] + s * sideAu[crosses]
-    v = av[crosses] + s * sideAv[crosses]
-    return (
-        np.concatenate((a.row[cornersA], b.row[cornersB], row[crosses])),
-        np.concatenate((a.u[cornersA], b.u[cornersB], u)),
-        np.concatenate((a.v[cornersA], b.v[cornersB], v)),
-    )
 
 
 def _four_points(row, u, v, separation, later, size, reach):
