@@ -22,8 +22,8 @@ normal n has, for every pair of points a of A and b of B on it, a penetration �
 Finally, the two features that support the minimal facet give the contact point. As n_k and h_k do
 not depend on t, the facets of a pair stay right while its bodies only translate.
 
-A simulation does without GJK: the axis that separated a pair, or nearly, in the last step does the
-same in this one in a tenth of the time, and where it does not, the facets are needed anyway.
+A simulation step does not use GJK: where the axis kept from its last step no longer separates a
+pair, it needs the facets, or gets from them the axis of the widest gap, which lasts longest.
 
 [1] Gilbert, Johnson, Keerthi: A fast procedure for computing the distance between complex objects
     in three-dimensional space. IEEE J. Robotics and Automation 4(2), 1988.
@@ -37,29 +37,19 @@ from functools import lru_cache
 import numpy as np
 
 from rbs.facets import LEAST_GAP, all_facets, find_facets
-from rbs.hulls import (
-    EPS,
-    FEATURE_TOLERANCE,
-    TOUCH_TOLERANCE,
-    HullSet,
-    build_hull,
-    checked_points,
-)
+from rbs.hulls import EPS, FEATURE_TOLERANCE, TOUCH_TOLERANCE, HullSet, build_hull, checked_points
 from rbs.patches import contact_points
 from rbs.triples import cross, divide, dot, mul_add, norm, scale, sub
 
-# Point sets may differ in size by up to this factor: beyond it, the smaller one is lost in the
-# rounding of the larger.
+# Point sets may differ in size by up to this factor: of smaller ones, rounding leaves nothing.
 LARGEST_RATIO = 1e12
 
-# GJK stops when an iteration brings the origin's distance closer by less than this fraction.
+# GJK stops when an iteration brings the origin closer by less than this fraction of its distance,
+# and after this many: it ends in a few, but rounding can make it cycle. The facets settle the rest.
 GJK_PROGRESS = 1e-12
-# GJK ends in a few iterations; rounding can make it cycle. Whatever it has not separated by then
-# goes on to the facets, which settle it.
 GJK_ITERATIONS = 48
 
-# To rule out facets of a pair takes longer than to look at all of up to this many combinations of
-# its edges.
+# Up to this many combinations of their edges, to look at all facets of a pair is the faster way.
 FEW_COMBINATIONS = 4000
 
 _ZERO = np.zeros((1, 3))
@@ -74,8 +64,7 @@ _PAIR = np.array([0]), np.array([1])
 def is_collide(vertices1, vertices2):
     """Whether the convex hulls of two point sets meet, and the least translation to separate them.
 
-    vertices1, vertices2 : (n1, 3), (n2, 3), in any order, inner points allowed. The hulls must have
-        volumes, and the coordinates lie within ±1e12
+    vertices1, vertices2 : (n1, 3), (n2, 3), in any order, inner points allowed
 
     Returns `(isCollision, depth, intNormal, intPosition)`:
     isCollision : bool; hulls that touch within rounding collide, with a depth of 0
@@ -83,10 +72,12 @@ def is_collide(vertices1, vertices2):
     intNormal : (1, 3), unit; hull 2 moves along it, by depth, to separate
     intPosition : (1, 3); the point of hull 2 that is deepest inside hull 1. Where two edges cross,
         it is on that of hull 2; where an edge or a face lies flat on the other hull, it is the
-        centre of the contact patch, the centroid of its outline. intPosition + depth · intNormal
-        lies on the surface of hull 1.
-    Without a collision the last three are zero, and read only. Raises ValueError for points that
-    are flat, not finite or beyond ±1e12, and for sets whose sizes differ by more than 1e12 times.
+        centroid of the outline that they share. intPosition + depth · intNormal lies on the surface
+        of hull 1
+    Without a collision the last three are zero, and read only.
+
+    Raises ValueError for points that are flat, thinner than a millionth of their length; not
+    finite or beyond ±1e12; and for sets of which one is over 1e12 times as large as the other.
     """
     points = [checked_points(vertices) for vertices in (vertices1, vertices2)]
     centres = [0.5 * (p.min(axis=0) + p.max(axis=0)) for p in points]
@@ -103,9 +94,8 @@ def is_collide(vertices1, vertices2):
     if separating_axis(*vertices, t, max(LEAST_GAP * size, tolerance)):
         return NO_COLLISION
     # a face's vertices are off its plane by their rounding, and by more at its far end
-    isCollision, depth, normal, point = _collide(
-        hulls, t, tolerance, FEATURE_TOLERANCE * size + 32 * blur
-    )
+    patchTolerance = FEATURE_TOLERANCE * size + 32 * blur
+    isCollision, depth, normal, point = _collide(hulls, t, tolerance, patchTolerance)
     if not isCollision:
         return NO_COLLISION
     return True, depth, np.array([normal]), np.array([point]) + centres[1]
@@ -116,8 +106,7 @@ def collide_rotated(rotated1, rotated2, t, axis=None):
 
     rotated1, rotated2 : `rbs.poses.RotatedShape`
     t : tuple of 3, centre of the second minus centre of the first
-    axis : tuple of 3, unit, that may separate them. It changes no result, but saves time where it
-        does
+    axis : tuple of 3, unit, that may separate them, which saves time. It changes no result
 
     Returns `(isCollision, depth, normal, point)`: bool; float ≥ 0; tuple of 3, unit, the axis along
     which they overlap least or are apart; and the point of hull 2 that is deepest inside hull 1,
@@ -148,7 +137,7 @@ def _collide(hulls, t, tolerance, patchTolerance, axis=None):
 
     tolerance : hulls that are apart by no more touch; patchTolerance : see `contact_points`
     """
-    translation = np.array([t]).T
+    translation = np.array([t]).T  # (3, 1), an array of one pair
     if hulls.edgeCount[0] * hulls.edgeCount[1] <= FEW_COMBINATIONS:
         facets = all_facets(hulls, *_PAIR, translation)
     else:
@@ -219,11 +208,10 @@ def nearest_face(simplex):
     return min(found, key=lambda face: dot(face[1], face[1]))
 
 
-def _holds_origin(simplex):
-    """Whether the origin is inside a tetrahedron: with each corner, on one side of the other three.
-    """
-    for k, p in enumerate(simplex):
-        a, b, c = simplex[:k] + simplex[k + 1 :]
+def _holds_origin(tetrahedron):
+    """Whether each of four corners lies on the same side of the other three as the origin."""
+    for p in tetrahedron:
+        a, b, c = (corner for corner in tetrahedron if corner is not p)
         n = cross(sub(b, a), sub(c, a))
         if dot(a, n) * dot(sub(p, a), n) >= 0.0:
             return False

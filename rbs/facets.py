@@ -1,10 +1,10 @@
 """The facets of the Minkowski difference of two hulls, those that can be nearest to the origin.
 
-`find_facets` is the entrance: arrays of pairs in, `Facets` out, which tell how deep each pair
-penetrates and along which normal. `CachedAxes` saves most of the search where an axis is at hand
-that separates a pair, or nearly. The theory stands at the top of GJK.py; facets spanned by two
-edges are found on the Gauss map, with the pruning of Gregorius: The separating axis test between
-convex polyhedra. Game Developers Conference 2013.
+`find_facets` takes arrays of pairs and returns `Facets`, which tell how deep each pair penetrates
+and along which normal. `CachedAxes` saves most of the search where an axis is at hand that
+separates a pair, or nearly. The theory stands at the top of GJK.py; facets spanned by two edges are
+found on the Gauss map, with the pruning of Gregorius: The separating axis test between convex
+polyhedra. Game Developers Conference 2013.
 
 A pair's penetration along a facet is offset - normal · t, with t the translation from the centre
 of the first hull to that of the second; a negative one is a separation.
@@ -24,8 +24,8 @@ from rbs.hulls import (
 )
 from rbs.vectors import cross, dot, mat_vec, norm
 
-# Two edges with a sine below this are parallel and span no facet: the neighbouring facets are then
-# within this angle times the edges' length of the truth.
+# Two edges with a sine below this are parallel and span no facet: the facets beside it are off by
+# no more than this angle times the edges' length.
 PARALLEL_SINE = 1e-12
 
 # Where an edge makes a larger sine than this with both faces of the other one, rounding cannot have
@@ -47,13 +47,13 @@ def find_facets(hulls, first, second, translation, margin, axes=None, separation
     margin : (P,), lengths ≥ 0; how far the translation may change before the facets have to be
         found anew. A facet that is nearest at t + Δ has a penetration ≤ depth(t) + 2 |Δ| at t;
         others are left out
-    axes : `CachedAxes`, or the axes (3, P) that it takes. The better they are, the faster the
-        search; they do not change what `Facets` say of a pair that collides
+    axes : `CachedAxes`, or the axes (3, P) that it takes. Good ones save time; what `Facets` say of
+        a pair that collides does not depend on them
     separation : (P,), lengths, by default the margin: of pairs further apart than this, one plane
-        that shows it is enough
+        is enough that shows it
 
-    Returns `Facets`, those of a pair in the order: faces of the first, faces of the second, edge
-    pairs. The order does not depend on the translation, so the same facet wins a tie.
+    Of a pair, faces of the first come first, then faces of the second, then edge pairs. The order
+    does not depend on the translation, so the same facet wins a tie.
     """
     if not isinstance(axes, CachedAxes):
         axes = CachedAxes(hulls, first, second, translation, axes)
@@ -91,8 +91,7 @@ class Facets:
     """Facets of the Minkowski differences of P pairs, those that can be the nearest ones.
 
     start : (P + 1,); pair p has the columns start[p] … start[p + 1]
-    normal : (3, K), unit; the second body moves along it to separate
-    offset : (K,); the penetration along facet k at the translation t is offset_k - normal_k · t
+    normal : (3, K), unit; the second body moves along it to separate. offset : (K,)
     completeUpTo : (P,); every facet with a penetration up to this, at the translation that the
         facets were found at, is among them. -inf where they can only prove that the pair is apart
     """
@@ -111,18 +110,6 @@ class Facets:
         start = pair[order].searchsorted(np.arange(len(completeUpTo) + 1))
         return cls(start, take(normal, order, axis=1), offset[order], completeUpTo)
 
-    @classmethod
-    def joined(cls, sets):
-        """The pairs of several `Facets`, one set after the other."""
-        start, normal, offset, completeUpTo = zip(
-            *((s.start, s.normal, s.offset, s.completeUpTo) for s in sets), strict=True
-        )
-        count = np.concatenate([np.diff(s) for s in start])
-        return cls(
-            np.concatenate(([0], count.cumsum())), np.concatenate(normal, axis=1),
-            np.concatenate(offset), np.concatenate(completeUpTo),
-        )  # fmt: skip
-
     def of_pairs(self, pairs):
         """The facets of these pairs (Q,), in this order, as new `Facets`."""
         count = np.diff(self.start)[pairs]
@@ -133,12 +120,10 @@ class Facets:
         )  # fmt: skip
 
     def still_valid(self, p, penetration, shift):
-        """Whether the least penetration of pair p, at a translation that differs by `shift` from
-        where its facets were found, is that of its nearest facet.
+        """Whether the least penetration (m,) of the pairs p, at translations that differ by `shift`
+        (3, m) from where their facets were found, is that of the nearest facet.
 
-        p, penetration : a number or (m,); shift : (3,) or (3, m)
-
-        A translation by Δ changes no penetration by more than |Δ|. So while penetration + |shift| ≤
+        A shift changes no penetration by more than |shift|. So while penetration + |shift| ≤
         completeUpTo, no facet outside the list can be nearer.
         """
         return penetration + norm(shift) <= self.completeUpTo[p]
@@ -189,18 +174,16 @@ class CachedAxes:
 class _FacetSearch:
     """What `find_facets` finds for a block of pairs, at least one.
 
-    found : list of `(pair (K,), normal (3, K), offset (K,))`: faces, and edge pairs; each sorted by
-        pair, faces and edges
+    found : list of `(pair (K,), normal (3, K), offset (K,))`: of faces, and of edge pairs
     completeUpTo : (P,), see `Facets`
 
-    A face of A with the normal n has, for every point x of B, a penetration of at least the depth
-    of x below it. So only those faces count below which no point that is tried lies deeper than
-    the pair can be. Two points are tried: the vertex of B that is lowest along the cached axis, and
-    the one that is deepest below the face that the first one is least below. The cached axis and
-    that face also bound the depth of the pair.
+    The penetration along a face of A is at least the depth below it of any point x of B. So only
+    those faces count below which no point that is tried lies deeper than the pair can be: the
+    vertex of B that is lowest along the cached axis, and the one that is deepest below the face
+    that the first one is least below. Cached axis and that face also bound the depth of the pair.
 
-    Everything is worked out for both hulls of P pairs together, in rows: row p has the faces and
-    edges of the first one, row P + p those of the second.
+    Both hulls of the P pairs have a row each: row p has the faces and edges of the first one, row
+    P + p those of the second.
     """
 
     def __init__(self, hulls, first, second, t):
@@ -231,7 +214,7 @@ class _FacetSearch:
         """The facets within the margin.
 
         penetration, vertex : as of `CachedAxes`; margin : as for `find_facets`; leastDepth : (P,),
-        that of a pair whose facets are asked for; size : (P,), of the pair
+        of pairs whose facets are asked for; size : (P,)
         """
         # Ties at rounding level have to survive: FEATURE_TOLERANCE is far above rounding.
         extra = 2.0 * margin + FEATURE_TOLERANCE * size
@@ -272,10 +255,7 @@ class _FacetSearch:
         return depth
 
     def _select_faces(self, faces):
-        """Works out the offsets of these faces (N,) of the Minkowski difference, and penetrations.
-
-        Sets selected, selectedOffset and selectedPenetration, (N,) each.
-        """
+        """Works out the offsets of these faces (N,) as facets, and the penetrations."""
         row, normal = take(self.row, faces), take(self.normal, faces, axis=1)
         self.selected = faces
         self.selectedOffset = self.offset[faces] - support_levels(
@@ -302,12 +282,12 @@ class _FacetSearch:
     def _edges_near(self, faces, bound):
         """Which edges, of these faces (2, K), can span facets with a penetration ≤ bound (P,).
 
-        On the arc between the normals n1, n2 of an edge, with an end a of it and any point x of
-        the other side, the penetration along n is at least n · (a - x). With
-        n = (α n1 + β n2)/|…|, α, β ≥ 0, that is at least the smaller of n1 · (a - x) and
-        n2 · (a - x), how deep x lies below the two faces, where both are positive. The points x are
-        those of the faces and the middle between them: where two edges cross, each face of this
-        side's edge has one end of the other's below it.
+        Along any n between the normals n1, n2 of its faces, the penetration is at least
+        n · (a - x), a being an end of the edge and x any point of the other hull. With
+        n = (α n1 + β n2)/|…|, α, β ≥ 0, that is at least the lesser of the depths n1 · (a - x) and
+        n2 · (a - x) of x below the two faces, where both are positive. The points x are those of
+        the faces and the middle between them: where two edges cross, each face of the one has an
+        end of the other below it.
         """
         bound = np.concatenate((bound, bound)).repeat(self.count)
         first, second = self.depths
@@ -319,9 +299,7 @@ class _FacetSearch:
         return indices((nearOne | nearOther) == 0b111)
 
     def _add_edge_pairs(self, bound, row, edge, faces):
-        """Adds the facets with a penetration ≤ bound (P,) that edges (K,) span.
-
-        row, edge, faces : as of `_list_edges`, in ascending order
+        """Adds the facets with a penetration ≤ bound (P,) that edges span, see `_list_edges`.
 
         An edge of A with the arc α1 α2 and an edge of B with the arc β1 β2 span a facet of A - B
         when the arcs α1 α2 and -β1 -β2 cross. Each edge vector is the pole of its arc, so with

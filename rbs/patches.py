@@ -2,17 +2,16 @@
 
 `contact_points` is the entrance. Along the normal, each hull has a support feature: a corner, an
 edge or a face. A corner that touches is the contact point, and so is the crossing of two edges.
-Otherwise the features overlap, seen along the normal, in a segment or a polygon: the contact patch.
-Manifolds clip faces in the same way, see rbs/manifolds.py.
-
-Figures in a plane have coordinates (u, v), along u and n × u of `tangents`.
+Otherwise the features overlap, seen along the normal, in a segment or a polygon, the contact patch;
+manifolds clip faces in the same way, see rbs/manifolds.py. Figures in a plane have coordinates
+(u, v), in the frame of `tangents`.
 """
 
 import numpy as np
 
 from rbs.arrays import indices, ranges, take
-from rbs.hulls import support_features
-from rbs.vectors import cross, dot, mul_add, norm
+from rbs.hulls import by_angle, support_features, tangents
+from rbs.vectors import cross, dot, mul_add
 
 # By how much the sides of features are moved out again where rounding has left no overlap.
 SLACK_GROWTH = 1000.0
@@ -32,16 +31,16 @@ def contact_points(hulls, first, second, t, normal, tolerance):
 
 
 class Features:
-    """The support features of P pairs along their normals: what touches.
+    """The support features of P pairs of bodies of a `HullSet` along their normals: what touches.
 
-    Takes hulls : HullSet; first, second : (P,), the bodies; t : (3, P), centre of the second minus
-    centre of the first; normal : (3, P), unit, from the first to the second; tolerance : (P,),
-    vertices this close to a supporting plane belong to the feature that rests on it.
+    first, second : (P,); t : (3, P), centre of the second minus centre of the first
+    normal : (3, P), unit, from the first to the second
+    tolerance : (P,); vertices this close to a supporting plane belong to the feature on it
 
-    count, start : (2, P), of the features of first and second, columns in `vertices`
-    vertices : (3, C), seen from the centre of the second
+    ends : (2, 2, P), of the features of first and second, the first and the last vertex in the set
+    vertices : (3, C), seen from the centre of the second; those of a feature are count from start
+        on, (2, P) each
     level : (P,), how high the lowest one of the second stands along the normal
-    ends : (2, 2, P), columns in the set: the first and the last vertex of the features of both
     """
 
     def __init__(self, hulls, first, second, t, normal, tolerance):
@@ -53,16 +52,16 @@ class Features:
         self.level = level[len(first) :]
         start = count.cumsum() - count
         self.ends = take(column, np.stack((start, start + count - 1))).reshape(2, 2, -1)
+        self.ends = self.ends.transpose(1, 0, 2)
         self.start, self.count = start.reshape(2, -1), count.reshape(2, -1)
         self.vertices = take(hulls.vertices, column, axis=1)
-        ofFirst = self.count[0].sum()
-        self.vertices[:, :ofFirst] -= t.repeat(self.count[0], axis=1)
+        self.vertices[:, : self.count[0].sum()] -= t.repeat(self.count[0], axis=1)
 
     def sharp_points(self):
         """`(point (3, P), isPatch (P,))`: where a corner touches, or two edges cross.
 
-        Where isPatch is true, the features overlap in a segment or an area, and the point has no
-        meaning. A corner of the first hull is lowered along the normal to the second one.
+        Where isPatch is true, the features overlap in a segment or an area, and the point means
+        nothing. A corner of the first hull is lowered along the normal to the second one.
 
         Edges cross where a0 + x d = b0 + s e, seen along the normal, with d and e along the edges
         of first and second; times normal × d, x vanishes.
@@ -78,8 +77,7 @@ class Features:
         isCrossing &= np.abs(denominator) > self.tolerance * length
         s = np.minimum(np.maximum(numerator / np.where(isCrossing, denominator, 1.0), 0.0), 1.0)
         point = np.where(isCrossing, mul_add(b0, s, e), mul_add(a0, self.level - dot(n, a0), n))
-        point = np.where(countB == 1, b0, point)
-        return point, (countA > 1) & (countB > 1) & ~isCrossing
+        return np.where(countB == 1, b0, point), (countA > 1) & (countB > 1) & ~isCrossing
 
     def patch_centres(self, pairs):
         """The centres (3, R) of the patches of these pairs (R,), on the second hulls."""
@@ -93,50 +91,20 @@ class Features:
             uv = np.stack([dot(take(axis, row, axis=1), vertices) for axis in (u, v)])
             order = by_angle(row, uv[0], sense * uv[1])
             figures.append(Polygons(count[pairs], take(uv, order, axis=1)))
-        slack = self.tolerance[pairs]
-        while True:
+        slack, isLost = self.tolerance[pairs], True
+        while np.any(isLost):
             row, uv = overlap_corners(*figures, slack)
             isLost = np.bincount(row, minlength=len(pairs)) == 0
-            if not isLost.any():
-                break
             slack = np.where(isLost, SLACK_GROWTH * slack, slack)
         centre = outline_centres(row, uv)
         return centre[0] * u + centre[1] * v + self.level[pairs] * normal
 
 
-# --------------------------------------------------------------------------------------------------
-# Polygons in a plane
-# --------------------------------------------------------------------------------------------------
-
-
-def tangents(normal):
-    """Unit vectors u (3, M) across the normals (3, M): n × the axis that n is farthest from.
-
-    The frame of a normal is u, n × u, n.
-    """
-    axis = np.abs(normal).argmin(axis=0)
-    across = cross(normal, (np.arange(3)[:, None] == axis).astype(float))
-    return across / norm(across)
-
-
-def by_angle(row, u, v):
-    """The order (C,) that goes counter-clockwise around the mean of each row's points.
-
-    row : (C,), of each of the points u, v (C,); the rows come one after the other
-    """
-    count = np.bincount(row)
-    du, dv = (x - take(np.bincount(row, x) / np.maximum(count, 1), row) for x in (u, v))
-    length = np.abs(du) + np.abs(dv)
-    # it grows with the angle, from -2 to 2, and has the same bits everywhere, as arctan2 has not
-    turn = np.copysign(1.0 - du / np.where(length > 0.0, length, 1.0), dv)
-    return np.lexsort((turn, row))
-
-
 class Polygons:
-    """Convex polygons (K,), one after the other; segments, and points, are such, too.
+    """Convex polygons (K,) in a plane; segments and points count as such.
 
-    count, start : (K,), of their corners; row : (C,), the polygon of each corner
-    next : (C,), the corner after each
+    count, start : (K,), of the corners of each; row : (C,), the polygon of each corner; next :
+    (C,), the corner after it
     uv : (2, C), the corners; side : (2, C), from each to the next; length : (C,), of the sides
     """
 
@@ -156,17 +124,14 @@ def overlap_corners(a, b, slack):
     Those of a run counter-clockwise and those of b clockwise, as faces that touch do.
     slack : (K,), length by which a corner may lie outside: where sides coincide, rounding decides
 
-    Corners of one that lie inside the other, and crossings of their sides. A corner may be there
-    twice, and their order means nothing.
+    Corners of one that lie inside the other, and crossings of their sides; in no order, and some of
+    them twice.
     """
     # all combinations of a corner i of a, with the side after it, and a corner j of b
     i, j = ranges(take(b.start, a.row), take(b.count, a.row))
-    row = take(a.row, i)
     place = take(b.count, a.row).cumsum() - take(b.start + b.count, a.row)
-    (du, dv), (sideAu, sideAv), (sideBu, sideBv) = (
-        take(b.uv, j, axis=1) - take(a.uv, i, axis=1), take(a.side, i, axis=1),
-        take(b.side, j, axis=1),
-    )  # fmt: skip
+    du, dv = take(b.uv, j, axis=1) - take(a.uv, i, axis=1)
+    (sideAu, sideAv), (sideBu, sideBv) = take(a.side, i, axis=1), take(b.side, j, axis=1)
     # twice the areas: how far inside a is to the side of b, and b to that of a
     insideB = sideBu * dv - sideBv * du
     insideA = sideAu * dv - sideAv * du
@@ -178,30 +143,26 @@ def overlap_corners(a, b, slack):
     headA = take(insideB, take(place, take(a.next, i)) + j)
     headB = take(insideA, take(place, i) + take(b.next, j))
     crosses = indices((insideB * headA < 0) & (insideA * headB < 0))
-    s = insideB[crosses] / (insideB[crosses] - headA[crosses])
-    i = i[crosses]
-    row = np.concatenate((a.row[cornersA], b.row[cornersB], row[crosses]))
-    uv = np.concatenate((
-        take(a.uv, cornersA, axis=1), take(b.uv, cornersB, axis=1),
-        take(a.uv, i, axis=1) + s * take(a.side, i, axis=1),
-    ), axis=1)  # fmt: skip
-    # on the line of a segment, or of sides that coincide, but beyond an end
+    s, i = insideB[crosses] / (insideB[crosses] - headA[crosses]), i[crosses]
+    crossing = take(a.uv, i, axis=1) + s * take(a.side, i, axis=1)
+    row = np.concatenate((a.row[cornersA], b.row[cornersB], a.row[i]))
+    uv = np.concatenate((a.uv[:, cornersA], b.uv[:, cornersB], crossing), axis=1)
+    # not those on the line of a segment, or of sides that coincide, but beyond its ends
     low = np.maximum(*(np.minimum.reduceat(p.uv, p.start, axis=1) for p in (a, b))) - slack
     high = np.minimum(*(np.maximum.reduceat(p.uv, p.start, axis=1) for p in (a, b))) + slack
-    isBoth = (uv >= take(low, row, axis=1)) & (uv <= take(high, row, axis=1))
-    kept = indices(isBoth[0] & isBoth[1])
+    isWithin = (uv >= take(low, row, axis=1)) & (uv <= take(high, row, axis=1))
+    kept = indices(isWithin.all(axis=0))
     return row[kept], take(uv, kept, axis=1)
 
 
 def outline_centres(row, uv):
-    """The centroid (2, K) of the outline of each row's corners: row (C,), each of 0 … K - 1.
+    """The centroid (2, K) of the outline of each row's corners (2, C): row (C,), each of 0 … K - 1.
 
     Not that of the area: of a segment, there and back, it is the middle.
     """
-    count = np.bincount(row)
-    outline = Polygons(count, take(uv, by_angle(row, *uv), axis=1))
+    outline = Polygons(np.bincount(row), take(uv, by_angle(row, *uv), axis=1))
     total = np.bincount(outline.row, outline.length)
     middle = outline.uv + 0.5 * outline.side
     moment = np.stack([np.bincount(outline.row, outline.length * x) for x in middle])
-    centre = moment / np.where(total > 0.0, total, 1.0)
-    return np.where(total > 0.0, centre, take(outline.uv, outline.start, axis=1))
+    isPoint = total == 0.0
+    return np.where(isPoint, outline.uv[:, outline.start], moment / np.where(isPoint, 1.0, total))
