@@ -203,11 +203,8 @@ class _FacetSearch:
 
     def find_all(self):
         """All facets."""
-        half = len(self.own) // 2
-        offset = self.offset - support_levels(self.hulls, take(self.other, self.row), self.normal)
-        sense = np.where(self.row < half, 1.0, -1.0)
-        self.found.append((self.row % half, self.normal * sense, offset))
-        self.completeUpTo = np.full(half, np.inf)
+        self.completeUpTo = np.full(len(self.own) // 2, np.inf)
+        self.found.append(self._face_facets(np.arange(len(self.row))))
         self._add_edge_pairs(self.completeUpTo, *self._list_edges(np.arange(len(self.own))))
 
     def find_near(self, penetration, vertex, margin, leastDepth, size):
@@ -220,13 +217,26 @@ class _FacetSearch:
         extra = 2.0 * margin + FEATURE_TOLERANCE * size
         # Of a pair that is apart, some facet has a negative penetration, but none need be as low
         # as that along the cached axis.
-        depth = self._bound_depth(vertex.ravel(), np.maximum(penetration, 0.0), extra)
+        depth = np.maximum(penetration, 0.0)
+        first = self._depths_below_faces(vertex.ravel())
+        best = row_minima(first, self.row, self.start)[1]
+        _, vertex = approximate_supports(self.hulls, self.other, take(self.normal, best, axis=1))
+        second = self._depths_below_faces(vertex)
+        # to the bit what the faces are compared by, so that a pair that is far apart keeps one
+        ofBest = np.maximum(first[best], second[best]).reshape(2, -1)
+        bound = np.minimum(np.minimum(*ofBest), depth) + extra
+        bound = np.concatenate((bound, bound)).repeat(self.count)
+        pair, normal, offset = self._face_facets(indices((first <= bound) & (second <= bound)))
+        penetration = offset - dot(normal, take(self.t, pair, axis=1))
+        np.minimum.at(depth, pair, penetration)
+
         isComplete = depth >= leastDepth
         bound = depth + extra
-        self._add_faces(np.where(isComplete, bound, depth))
+        near = indices(penetration <= take(np.where(isComplete, bound, depth), pair))
+        self.found.append((take(pair, near), take(normal, near, axis=1), take(offset, near)))
         self.completeUpTo = np.where(isComplete, depth + 2.0 * margin, -np.inf)
         row, edge, faces = self._list_edges(indices(np.concatenate((isComplete, isComplete))))
-        kept = self._edges_near(faces, bound)
+        kept = self._edges_near(faces, bound, first, second)
         self._add_edge_pairs(bound, take(row, kept), take(edge, kept), take(faces, kept, axis=1))
 
     def _depths_below_faces(self, vertex):
@@ -234,42 +244,13 @@ class _FacetSearch:
         x = take(self.hulls.vertices, vertex, axis=1) + self.t
         return self.offset - dot(self.normal, x.repeat(self.count, axis=1))
 
-    def _bound_depth(self, vertex, penetration, extra):
-        """Selects the faces that can have a penetration ≤ the depth + extra.
-
-        Returns a bound (P,) on the depth: the least penetration along a face or the cached axis.
-        """
-        half = len(penetration)
-        first = self._depths_below_faces(vertex)
-        best = row_minima(first, self.row, self.start)[1]
-        _, vertex = approximate_supports(self.hulls, self.other, take(self.normal, best, axis=1))
-        second = self._depths_below_faces(vertex)
-        self.depths = first, second
-        # to the bit what the faces are compared by, so that a pair that is far apart keeps one
-        ofBest = np.maximum(first[best], second[best])
-        bound = np.minimum(np.minimum(ofBest[:half], ofBest[half:]), penetration) + extra
-        bound = np.concatenate((bound, bound)).repeat(self.count)
-        self._select_faces(indices((first <= bound) & (second <= bound)))
-        depth = penetration.copy()
-        np.minimum.at(depth, take(self.row, self.selected) % half, self.selectedPenetration)
-        return depth
-
-    def _select_faces(self, faces):
-        """Works out the offsets of these faces (N,) as facets, and the penetrations."""
+    def _face_facets(self, faces):
+        """`(pair (N,), normal (3, N), offset (N,))`: the facets that these faces (N,) are."""
         row, normal = take(self.row, faces), take(self.normal, faces, axis=1)
-        self.selected = faces
-        self.selectedOffset = self.offset[faces] - support_levels(
-            self.hulls, take(self.other, row), normal
-        )
-        self.selectedPenetration = self.selectedOffset - dot(normal, take(self.t, row, axis=1))
-
-    def _add_faces(self, bound):
-        """Adds the selected faces with a penetration ≤ bound (P,) to what is found."""
-        half = len(bound)
-        isNear = self.selectedPenetration <= take(bound, take(self.row, self.selected) % half)
-        row, face = take(self.row, self.selected[isNear]), self.selected[isNear]
-        normal = take(self.normal, face, axis=1) * np.where(row < half, 1.0, -1.0)
-        self.found.append((row % half, normal, self.selectedOffset[isNear]))
+        level = support_levels(self.hulls, take(self.other, row), normal)
+        half = len(self.own) // 2
+        sense = np.where(row < half, 1.0, -1.0)
+        return row % half, normal * sense, take(self.offset, faces) - level
 
     def _list_edges(self, rows):
         """`(row, edge (K,), faces (2, K))`: the edges of these rows, and where their faces are."""
@@ -279,8 +260,10 @@ class _FacetSearch:
         faces = take(self.hulls.edgeFaces, edge, axis=1) + self.start[rows].repeat(count)
         return take(rows, row), edge, faces
 
-    def _edges_near(self, faces, bound):
+    def _edges_near(self, faces, bound, first, second):
         """Which edges, of these faces (2, K), can span facets with a penetration ≤ bound (P,).
+
+        first, second : (F,), how deep the two points lie below the faces
 
         Along any n between the normals n1, n2 of its faces, the penetration is at least
         n · (a - x), a being an end of the edge and x any point of the other hull. With
@@ -290,7 +273,6 @@ class _FacetSearch:
         end of the other below it.
         """
         bound = np.concatenate((bound, bound)).repeat(self.count)
-        first, second = self.depths
         # a bit for each point
         near = (first <= bound).view(np.uint8)
         near = near | (second <= bound).view(np.uint8) << 1
