@@ -10,7 +10,7 @@ Algebra and geometry, below GJK.py
     vectors       vectors by component: tuples of floats, or arrays (3, n)
     hulls         convex hulls, of one shape and of many bodies
     facets        the facets of the Minkowski difference that can be nearest
-    patches       contact patches and their centres
+    patches       contact points; polygons and their overlaps, for manifolds too
 
 What a step may be asked
     messages      errors and lines for the terminal

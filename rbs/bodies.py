@@ -15,7 +15,7 @@ import numpy as np
 from Quaternion import rotation_matrices
 from rbs.arrays import find_sorted, indices, ranges, row_minima, take
 from rbs.flight import gyroscopic_velocity
-from rbs.hulls import FEATURE_TOLERANCE, HullSet, build_hull, rotate_columns
+from rbs.hulls import FEATURE_TOLERANCE, NO_HULL, HullSet, rotate_columns
 from rbs.vectors import rotate_tensor
 
 # No number of a state may be larger: products of four of them are still finite, and nothing that
@@ -230,8 +230,7 @@ class _Shapes:
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.hasShape = self.vertexCount > 0
         self.vertices = np.ascontiguousarray(np.concatenate([m.origVertices for m in meshes]).T)
-        point = build_hull(np.zeros((1, 3)))
-        hulls = [point if m.hull is None else m.hull for m in meshes]
+        hulls = [NO_HULL if m.hull is None else m.hull for m in meshes]
         self.hulls = HullSet(hulls)
         # where a mesh has no vertices, any column does for its point: it meets nothing
         starts = np.minimum(self.vertexStart, max(0, len(self.vertices.T) - 1))
