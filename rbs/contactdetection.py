@@ -9,6 +9,7 @@ from rbs.arrays import find_sorted, indices, take
 from rbs.broadphase import grid_overlaps
 from rbs.facets import find_facets
 from rbs.flight import GRAVITY
+from rbs.hulls import tangents
 from rbs.manifolds import (
     KEEP,
     POINTS,
@@ -19,7 +20,6 @@ from rbs.manifolds import (
     pair_manifolds,
     pose_changes,
     relative_poses,
-    tangents,
     thickness,
     turn_points,
 )
