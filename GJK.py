@@ -1,10 +1,9 @@
 """Convex against convex: who touches whom, how deep, along which normal, and where.
 
 `is_collide` answers for two sets of points, `collide_rotated` for two hulls that a simulation has
-rotated. GJK itself is `separating_axes`. The rest has rooms of its own: hulls in rbs/hulls.py, the
-facets of the Minkowski difference in rbs/facets.py, contact patches in rbs/patches.py. They work on
-arrays of pairs with elementwise formulas, so that a pair's result has the same bits whatever else
-is in the array.
+rotated. Below it, hulls are in rbs/hulls.py, the facets of the Minkowski difference in
+rbs/facets.py, and contact points in rbs/patches.py. They work on arrays of pairs with elementwise
+formulas, so that a pair's result has the same bits whatever else is in the array.
 
 The picture behind all of it is the Minkowski difference M = A - B of two hulls, each relative to
 its own centre. With t = centreB - centreA the hulls meet exactly when t lies in M, and the least
@@ -16,14 +15,15 @@ n_k being the outward unit normal of the facet and h_k its distance from the ori
 depth · n_k of the minimal facet separates the pair. A facet of M is a face of A, a face of B turned
 round, or the parallelogram of an edge of A and an edge of B whose arcs on the Gauss map cross.
 
-Three stages share the work of `is_collide`. GJK decides whether two hulls are apart and stops at
-the first separating axis [1, 2]. For the rest, the facets of M near t are found among the faces
-and, with the Gauss map [3], the edge pairs; where these are many, a bound excludes most: a facet
-with the normal n has, for every pair of points a of A and b of B on it, a penetration ≥ n · (a - b
-- t). At last the two features that support the minimal facet give the contact patch and its centre.
-As n_k and h_k do not depend on t, the facets of a pair stay right while its bodies only translate.
-A simulation asks for the facets at once: an axis cached from its last step does what GJK does, and
-bounds them too.
+`is_collide` has three stages. GJK decides whether two hulls are apart, and stops at the first
+separating axis [1, 2]. For the rest, the facets of M near t are found among the faces and, with
+the Gauss map [3], the edge pairs; where these are many, a bound excludes most: a facet with the
+normal n has, for every pair of points a of A and b of B on it, a penetration ≥ n · (a - b - t).
+Finally, the two features that support the minimal facet give the contact point. As n_k and h_k do
+not depend on t, the facets of a pair stay right while its bodies only translate.
+
+A simulation step does not use GJK: where the axis kept from its last step no longer separates a
+pair, it needs the facets, or gets from them the axis of the widest gap, which lasts longest.
 
 [1] Gilbert, Johnson, Keerthi: A fast procedure for computing the distance between complex objects
     in three-dimensional space. IEEE J. Robotics and Automation 4(2), 1988.
@@ -31,36 +31,25 @@ bounds them too.
 [3] Gregorius: The separating axis test between convex polyhedra. Game Developers Conference 2013.
 """
 
-import math
+import itertools
 from functools import lru_cache
 
 import numpy as np
 
-from rbs import triples
-from rbs.arrays import indices, take
-from rbs.facets import LEAST_GAP, Facets, all_facets, axes_or_centre_lines, find_facets
-from rbs.hulls import (
-    EPS,
-    FEATURE_TOLERANCE,
-    FLAT_EXTENT,
-    THIN_ASPECT,
-    TOUCH_TOLERANCE,
-    HullSet,
-    build_hull,
-    support_features,
-    support_offsets,
-)
-from rbs.patches import contact_point
-from rbs.vectors import cross, dot
+from rbs.facets import LEAST_GAP, all_facets, find_facets
+from rbs.hulls import EPS, FEATURE_TOLERANCE, TOUCH_TOLERANCE, HullSet, build_hull, checked_points
+from rbs.patches import contact_points
+from rbs.triples import cross, divide, dot, mul_add, norm, scale, sub
 
-# GJK stops when an iteration brings the origin's distance closer by less than this fraction.
+# Point sets may differ in size by up to this factor: of smaller ones, rounding leaves nothing.
+LARGEST_RATIO = 1e12
+
+# GJK stops when an iteration brings the origin closer by less than this fraction of its distance,
+# and after this many: it ends in a few, but rounding can make it cycle. The facets settle the rest.
 GJK_PROGRESS = 1e-12
-# GJK ends in a few iterations; rounding can make it cycle. Whatever it has not separated by then
-# goes on to the facets, which settle it.
 GJK_ITERATIONS = 48
 
-# To rule out facets of a pair takes longer than to look at all of up to this many combinations of
-# its edges.
+# Up to this many combinations of their edges, to look at all facets of a pair is the faster way.
 FEW_COMBINATIONS = 4000
 
 _ZERO = np.zeros((1, 3))
@@ -75,57 +64,41 @@ _PAIR = np.array([0]), np.array([1])
 def is_collide(vertices1, vertices2):
     """Whether the convex hulls of two point sets meet, and the least translation to separate them.
 
-    vertices1, vertices2 : (n1, 3), (n2, 3), finite; in any order, inner points allowed. Flat sets,
-        down to a single point, are allowed too
+    vertices1, vertices2 : (n1, 3), (n2, 3), in any order, inner points allowed
 
     Returns `(isCollision, depth, intNormal, intPosition)`:
     isCollision : bool; hulls that touch within rounding collide, with a depth of 0
     depth : float ≥ 0; the length of the least translation that separates the hulls
     intNormal : (1, 3), unit; hull 2 moves along it, by depth, to separate
-    intPosition : (1, 3); the point of hull 2 that is deepest inside hull 1, the centre of the
-        contact patch where a feature and not a vertex is deepest. intPosition + depth · intNormal
-        lies on the surface of hull 1.
-    Without a collision the last three are zero, and read only. Raises ValueError where points are
-    not finite, or the depth would not be.
+    intPosition : (1, 3); the point of hull 2 that is deepest inside hull 1. Where two edges cross,
+        it is on that of hull 2; where an edge or a face lies flat on the other hull, it is the
+        centroid of the outline that they share. intPosition + depth · intNormal lies on the surface
+        of hull 1
+    Without a collision the last three are zero, and read only.
+
+    Raises ValueError for points that are flat, thinner than a millionth of their length; not
+    finite or beyond ±1e12; and for sets of which one is over 1e12 times as large as the other.
     """
-    centred = []
-    centres = []
-    largest = 0.0
-    # By a power of two, which loses nothing, so that no product is beyond all numbers.
-    unit = _power_of_two(vertices1, vertices2)
-    for vertices in (vertices1, vertices2):
-        hull = build_hull(np.asarray(vertices, dtype=np.float64) / unit)
-        centre = 0.5 * (hull.vertices.min(axis=0) + hull.vertices.max(axis=0))
-        centres.append(centre)
-        centred.append(hull.translated(-centre))
-        largest = max(largest, float(np.abs(hull.vertices).max()))
-    hulls = HullSet(centred)
-    t = centres[1] - centres[0]
-    size = float(hulls.radius.sum())
+    points = [checked_points(vertices) for vertices in (vertices1, vertices2)]
+    centres = [0.5 * (p.min(axis=0) + p.max(axis=0)) for p in points]
+    hulls = HullSet([build_hull(p - centre) for p, centre in zip(points, centres, strict=True)])
+    radius1, radius2 = hulls.radius.tolist()
+    if max(radius1, radius2) > LARGEST_RATIO * min(radius1, radius2):
+        raise ValueError(f"one point set is over {LARGEST_RATIO:g} times as large as the other")
+    t = tuple((centres[1] - centres[0]).tolist())
+    size = radius1 + radius2
     # coordinates far from the origin are rounded themselves
-    tolerance = TOUCH_TOLERANCE * size + 4 * EPS * largest
-    isSeparated, *_ = separating_axes(hulls, *_PAIR, t[:, None], np.array([tolerance]))
-    if isSeparated[0]:
+    blur = EPS * max(float(np.abs(p).max()) for p in points)
+    tolerance = TOUCH_TOLERANCE * size + 4 * blur
+    vertices = np.split(hulls.vertices, hulls.vertexStart[1:], axis=1)
+    if separating_axis(*vertices, t, max(LEAST_GAP * size, tolerance)):
         return NO_COLLISION
     # a face's vertices are off its plane by their rounding, and by more at its far end
-    patchTolerance = FEATURE_TOLERANCE * size + 32 * EPS * largest
-    isCollision, depth, normal, point = _collide(
-        hulls, tuple(t.tolist()), tolerance, patchTolerance, stretch=_stretch(hulls)
-    )
+    patchTolerance = FEATURE_TOLERANCE * size + 32 * blur
+    isCollision, depth, normal, point = _collide(hulls, t, tolerance, patchTolerance)
     if not isCollision:
         return NO_COLLISION
-    if not math.isfinite(depth * unit):
-        raise ValueError("the hulls are in each other by more than the largest number")
-    position = np.array([point]) + centres[1]
-    return True, depth * unit, np.array([normal]), position * unit
-
-
-def _power_of_two(*tables):
-    """A power of two near the largest number in the tables; 1 for usual numbers, or none."""
-    largest = max(float(np.max(np.abs(table), initial=0.0)) for table in tables)
-    if not math.isfinite(largest) or largest == 0.0 or 1e-50 < largest < 1e50:
-        return 1.0
-    return math.ldexp(1.0, math.frexp(largest)[1] - 1)
+    return True, depth, np.array([normal]), np.array([point]) + centres[1]
 
 
 def collide_rotated(rotated1, rotated2, t, axis=None):
@@ -133,19 +106,18 @@ def collide_rotated(rotated1, rotated2, t, axis=None):
 
     rotated1, rotated2 : `RBSFunctions.RotatedHull`
     t : tuple of 3, centre of the second minus centre of the first
-    axis : tuple of 3, unit, that may separate them; where it does not, or None, they are looked at.
-        It changes no result
+    axis : tuple of 3, unit, that may separate them, which saves time. It changes no result
 
     Returns `(isCollision, depth, normal, point)`: bool; float ≥ 0; tuple of 3, unit, the axis along
     which they overlap least or are apart; and the point of hull 2 that is deepest inside hull 1,
-    relative to the centre of hull 2, or None without a collision.
+    relative to the centre of hull 2, a tuple of 3, or None without a collision.
     """
     hull1, hull2 = rotated1.hull, rotated2.hull
     size = hull1.radius + hull2.radius
     if axis is not None:
-        highest = triples.dot(axis, rotated1.hullVertices).max()
-        lowest = triples.dot(axis, rotated2.hullVertices).min()
-        if lowest + triples.dot(axis, t) - highest > LEAST_GAP * size:
+        highest = dot(axis, rotated1.hullVertices).max()
+        lowest = dot(axis, rotated2.hullVertices).min()
+        if lowest + dot(axis, t) - highest > LEAST_GAP * size:
             return False, 0.0, axis, None
     hulls = _hull_pair(hull1, hull2).rotated(
         np.array((rotated1.rotation, rotated2.rotation)).T,
@@ -160,53 +132,25 @@ def _hull_pair(hull1, hull2):
     return HullSet([hull1, hull2])
 
 
-def _collide(hulls, t, tolerance, patchTolerance, axis=None, stretch=None):
+def _collide(hulls, t, tolerance, patchTolerance, axis=None):
     """`collide_rotated` for a `HullSet` of two.
 
-    tolerance : hulls that are apart by no more touch; patchTolerance : see `contact_point`;
-    stretch : as of `_stretch`, or None
+    tolerance : hulls that are apart by no more touch; patchTolerance : see `contact_points`
     """
-    translation = np.array([t]).T
-    if stretch is not None:
-        facets = _stretched_facets(hulls, translation, *stretch)
-    elif hulls.edgeCount[0] * hulls.edgeCount[1] <= FEW_COMBINATIONS:
+    translation = np.array([t]).T  # (3, 1), an array of one pair
+    if hulls.edgeCount[0] * hulls.edgeCount[1] <= FEW_COMBINATIONS:
         facets = all_facets(hulls, *_PAIR, translation)
     else:
         axes = None if axis is None else np.array([axis]).T
         facets = find_facets(hulls, *_PAIR, translation, np.array([tolerance]), axes)
-    penetration, normal = facets.minimal_penetration(0, t)
+    penetrations = facets.offset - dot(facets.normal, translation)
+    nearest = penetrations.argmin()
+    penetration, normals = float(penetrations[nearest]), facets.normal[:, nearest, None]
+    normal = tuple(normals[:, 0].tolist())
     if penetration < -tolerance:
         return False, 0.0, normal, None
-    vertices1, vertices2 = hulls.body_vertices(0), hulls.body_vertices(1)
-    point = contact_point(vertices1, vertices2, t, normal, patchTolerance)
-    return True, max(penetration, 0.0), normal, point
-
-
-def _stretch(hulls):
-    """`(axes (3, 3), extents (3, 1))`: what makes a thin Minkowski difference round; else None.
-
-    axes : its principal ones, in rows; extents : along them, the largest where it is flat
-    """
-    padded = np.concatenate((hulls.vertices, np.zeros((3, 3))), axis=1)
-    axes = np.linalg.svd(padded, full_matrices=False)[0].T
-    projections = np.abs(axes @ hulls.vertices)
-    extents = np.maximum.reduceat(projections, hulls.vertexStart, axis=1).sum(axis=1)
-    extents = np.where(extents > FLAT_EXTENT * extents.max(), extents, extents.max())
-    return (axes, extents[:, None]) if extents.min() < THIN_ASPECT * extents.max() else None
-
-
-def _stretched_facets(hulls, translation, axes, extents):
-    """All facets of a pair of needles or blades, found where they are as wide as they are long.
-
-    An affine map takes facets to facets. Where all edges are nearly parallel, rounding would hide
-    which of them span one.
-    """
-    stretched = [build_hull((axes @ hulls.body_vertices(b) / extents).T) for b in range(2)]
-    facets = all_facets(HullSet(stretched), *_PAIR, axes @ translation / extents)
-    normal = axes.T @ (facets.normal / extents)
-    normal /= np.sqrt(dot(normal, normal))
-    offset = support_offsets(hulls, *np.repeat([[0], [1]], normal.shape[1], axis=1), normal)
-    return Facets(facets.start, normal, offset, facets.completeUpTo)
+    points = contact_points(hulls, *_PAIR, translation, normals, np.array([patchTolerance]))
+    return True, max(penetration, 0.0), normal, tuple(points[:, 0].tolist())
 
 
 # --------------------------------------------------------------------------------------------------
@@ -214,108 +158,61 @@ def _stretched_facets(hulls, translation, axes, extents):
 # --------------------------------------------------------------------------------------------------
 
 
-def separating_axes(hulls, first, second, translation, gap, axes=None):
-    """GJK on P pairs: which are further apart than `gap`, and along which axis.
+def separating_axis(vertices1, vertices2, t, gap):
+    """GJK: an axis along which two hulls are further apart than a gap, or None if there is none.
 
-    hulls : HullSet
-    first, second : (P,), the bodies of each pair
-    translation : (3, P), centre of the second minus centre of the first
-    gap : (P,), ≥ 0; distance that has to be exceeded
-    axes : (3, P), unit axes to try first; where a column is zero, and by default, those from centre
-        to centre
+    vertices1, vertices2 : (3, V), relative to the hulls' centres
+    t : tuple of 3, centre of the second minus centre of the first
+    gap : length ≥ 0
 
-    Returns `(separated, axis, distance)`: (P,) bool; and where separated, else zeros, (3, P) unit
-    and (P,): every vertex of the second lies further along the axis than every vertex of the first,
-    by at least the distance, which exceeds the gap.
+    Returns a tuple of 3, unit: every vertex of the second hull lies further along it than every
+    vertex of the first, by more than the gap.
     """
-    count = len(first)
-    separated, axis, distance = np.zeros(count, dtype=bool), np.zeros((3, count)), np.zeros(count)
-    least2 = np.maximum(gap, TOUCH_TOLERANCE * (hulls.radius[first] + hulls.radius[second])) ** 2
-    active, t = np.arange(count), translation
     # D = A - B - t holds the origin when the pair meets. The first v is a direction, the later
     # ones are the points of a simplex in D that are nearest to the origin.
-    v = -axes_or_centre_lines(axes, translation)
-    simplex = np.zeros((3, 4, count))
-    used = np.zeros((4, count), dtype=bool)
-    for iteration in range(GJK_ITERATIONS):
+    v, simplex = (sub((0.0, 0.0, 0.0), t) if any(t) else (1.0, 0.0, 0.0)), ()
+    for _ in range(GJK_ITERATIONS):
         # w, the point of D that is least along v: all of D lies beyond it
-        bodies = np.concatenate((first[active], second[active]))
-        _, lowest, *_ = support_features(hulls, bodies, np.concatenate((v, -v), axis=1))
-        a, b = take(hulls.vertices, lowest.reshape(2, -1), axis=1).transpose(1, 0, 2)
-        w = a - b - t
-        v2, vw = dot(v, v), dot(v, w)
-        length = np.sqrt(v2)
-        apart = vw > gap[active] * length
-        found = active[apart]
-        separated[found] = True
-        axis[:, found] = -v[:, apart] / length[apart]
-        distance[found] = vw[apart] / length[apart]
-        on = ~apart
-        if iteration > 0:  # v is a point of D: no gap is wider than its length
-            on &= (v2 > least2[active]) & (v2 - vw > GJK_PROGRESS * v2)
-        on = indices(on)
-        if len(on) == 0:
-            break
-        active, t, w, used, simplex = (
-            take(table, on, axis=-1) for table in (active, t, w, used, simplex)
-        )
-        simplex = np.where(used, simplex, w[:, None])
-        inside, v, used = _closest_on_simplex(simplex)
-        on = indices(~inside)
-        if len(on) == 0:
-            break
-        active, t, v, used, simplex = (
-            take(table, on, axis=-1) for table in (active, t, v, used, simplex)
-        )
-    return separated, axis, distance
+        a = vertices1[:, dot(v, vertices1).argmin()].tolist()
+        b = vertices2[:, dot(v, vertices2).argmax()].tolist()
+        w = sub(sub(a, b), t)
+        if dot(v, w) > gap * norm(v):
+            return divide(v, -norm(v))
+        if simplex and dot(v, v) - dot(v, w) <= GJK_PROGRESS * dot(v, v):
+            return None  # D comes no nearer to the origin than v, which is within the gap
+        simplex, v = nearest_face((*simplex, w))
+        if len(simplex) == 4:
+            return None
+    return None
 
 
-# The simplex in play has four slots, unused ones holding copies. Its boundary is made of six
-# segments and four triangles: the slots of each, and whether a slot has a part in it.
-_SEGMENTS = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]).T
-_TRIANGLES = np.array([(1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]).T
-_OPPOSITE = np.arange(4)
+def nearest_face(simplex):
+    """`(corners, v)`: the face of a simplex that is nearest to the origin, and its nearest point v.
 
-
-def _closest_on_simplex(w):
-    """The point of each tetrahedron, given by corners w (3, 4, P), that is nearest to the origin.
-
-    Corners may coincide. Returns `(inside, v, used)`: inside (P,), whether the origin is in the
-    interior; v (3, P), the nearest boundary point; used (4, P), the corners that it is made of.
+    simplex : up to four points, tuples of 3. A face is a corner, an edge or a triangle, or the
+        whole tetrahedron where it holds the origin
     """
-    pairs = w.shape[2]
-    columns = np.arange(pairs)
-    p, q = w[:, _SEGMENTS[0]], w[:, _SEGMENTS[1]]
-    d = q - p
-    length2 = dot(d, d)
-    s = np.clip(-dot(p, d) / np.where(length2 > 0, length2, 1.0), 0.0, 1.0)
-    onSegment = p + s * d
+    if len(simplex) == 4 and _holds_origin(simplex):
+        return simplex, (0.0, 0.0, 0.0)
+    found = [((p,), p) for p in simplex]
+    for p, q in itertools.combinations(simplex, 2):
+        d = sub(q, p)
+        along = -dot(p, d)
+        if 0.0 < along < dot(d, d):
+            found.append(((p, q), mul_add(p, along / dot(d, d), d)))
+    for a, b, c in itertools.combinations(simplex, 3):
+        n = cross(sub(b, a), sub(c, a))
+        # the weight of a corner is the area that the projected origin spans with the other two
+        if min(dot(cross(b, c), n), dot(cross(c, a), n), dot(cross(a, b), n)) > 0.0:
+            found.append(((a, b, c), scale(dot(a, n) / dot(n, n), n)))
+    return min(found, key=lambda face: dot(face[1], face[1]))
 
-    a, b, c = (w[:, slots] for slots in _TRIANGLES)
-    n = cross(b - a, c - a)
-    area2 = dot(n, n)
-    height = dot(a, n)
-    flat = area2 == 0
-    safe = np.where(flat, 1.0, area2)
-    # the weight of a corner is the area that the projected origin spans with the other two
-    within = (dot(cross(b, c), n) > 0) & (dot(cross(c, a), n) > 0) & (dot(cross(a, b), n) > 0)
-    onTriangle = n * (height / safe)
-    # the origin and the opposite corner on the same side of all four faces
-    inside = (height * dot(w[:, _OPPOSITE] - a, n) < 0).all(axis=0)
 
-    points = np.concatenate((onSegment, onTriangle), axis=1)
-    distance2 = dot(points, points)
-    distance2[6:][~within | flat] = np.inf
-    best = distance2.argmin(axis=0)
-    v = points[:, best, columns]
-
-    used = np.zeros((4, pairs), dtype=bool)
-    seg = np.minimum(best, 5)
-    isSegment = best < 6
-    sBest = s[seg, columns]
-    used[_SEGMENTS[0][seg], columns] |= isSegment & (sBest < 1.0)
-    used[_SEGMENTS[1][seg], columns] |= isSegment & (sBest > 0.0)
-    tri = np.maximum(best - 6, 0)
-    for corner in _TRIANGLES:
-        used[corner[tri], columns] |= ~isSegment
-    return inside, v, used
+def _holds_origin(tetrahedron):
+    """Whether each of four corners lies on the same side of the other three as the origin."""
+    for p in tetrahedron:
+        a, b, c = (corner for corner in tetrahedron if corner is not p)
+        n = cross(sub(b, a), sub(c, a))
+        if dot(a, n) * dot(sub(p, a), n) >= 0.0:
+            return False
+    return True

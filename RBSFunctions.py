@@ -109,7 +109,7 @@ def run_timestep(
         constraints together, several points a contact, in `substeps` substeps, so that piles rest;
         with `sleeping`, what rests is left out until it is disturbed. See rbs/softstep.py
     gyroscopic : whether the angular velocity changes in free flight, as Euler's equation has it
-    solverState : `rbs.solverstate.SolverState`, what a soft step leaves to the next, changed in
+    solverState : `rbs.softstep.SolverState`, what a soft step leaves to the next, changed in
         place; None starts cold
 
     Raises ValueError, which says what, for options that it refuses, a mesh that is in the list

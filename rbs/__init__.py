@@ -10,7 +10,7 @@ Algebra and geometry, below GJK.py
     vectors       the same for arrays of vectors
     hulls         convex hulls, of one shape and of many bodies
     facets        the facets of the Minkowski difference that can be nearest
-    patches       contact patches and their centres
+    patches       contact points; polygons and their overlaps, for manifolds too
 
 What a step may be asked
     messages      errors and lines for the terminal
@@ -26,18 +26,15 @@ Many bodies at once, to which RBSFunctions.py hands the meshes over
     batches       contacts in ordered batches, and what a pass may have missed
     gridstep      the step of `broadPhase="grid"`
     constraints   the constraints that can be corrected, and which one is visited when
-    islands       bodies that hang together
 
 The solver in which piles rest, behind `contactSolver="soft-step"`
-    nearpairs         pairs that can touch soon
-    offsets           how a load is held when substeps change their length
+    springs           soft bounds as impulses, and what another time step does to them
     manifolds         up to four contact points a pair
     sleeping          who sleeps, and who wakes
     contactdetection  which manifolds are kept, and which are made anew
+    softcontacts      contacts, all manifolds at once, with their derivation; restitution
     softconstraints   distance constraints, renewed every substep
-    impactenergy      how much energy restitution may give back
-    solverstate       what a step leaves to the next
-    softstep          the solver, with its derivation
+    softstep          the step, and what it leaves to the next
 
 Scenes, above RBSFunctions.py
     files         reading with a limit, writing whole files

@@ -40,7 +40,9 @@ def row_minima(values, row, start):
 
 
 def find_sorted(keys, known):
-    """Index (m,) of each key (m,) among the known ones, at least one, ascending; -1 if absent."""
+    """Index (m,) of each key (m,) among the known ones, ascending; -1 if absent."""
+    if len(known) == 0:
+        return np.full(len(keys), -1)
     index = np.minimum(known.searchsorted(keys), len(known) - 1)
     return np.where(known[index] == keys, index, -1)
 

@@ -19,7 +19,7 @@ import numpy as np
 from Quaternion import exponentials, multiply, rotation_matrices
 from rbs import triples
 from rbs.arrays import indices, ranges, row_minima, take
-from rbs.hulls import FEATURE_TOLERANCE, HullSet, build_hull, rotate_columns
+from rbs.hulls import FEATURE_TOLERANCE, NO_HULL, HullSet, rotate_columns
 from rbs.vectors import rotate_tensor
 
 # No number of a state may be larger: products of four of them are still finite, and nothing that
@@ -161,8 +161,7 @@ class _Shapes:
         # a column more, for what has no vertices and has to have a point
         vertices = [*(m.origVertices for m in meshes), np.zeros((1, 3))]
         self.vertices = np.ascontiguousarray(np.concatenate(vertices).T)
-        point = build_hull(np.zeros((1, 3)))
-        hulls = [point if m.hull is None else m.hull for m in meshes]
+        hulls = [NO_HULL if m.hull is None else m.hull for m in meshes]
         self.hulls = HullSet(hulls)
         starts = self.vertexStart.tolist()
         self.hullColumn = np.concatenate(

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from rbs.islands import islands
+from rbs.softcontacts import islands
 
 BACKGROUND = (0.62, 0.70, 0.80)
 # What Polyscope's tone mapping, which leaves flat surfaces alone, makes of it.

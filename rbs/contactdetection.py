@@ -7,7 +7,9 @@ import numpy as np
 
 from rbs.arrays import find_sorted, indices, take
 from rbs.bodies import GRAVITY
+from rbs.broadphase import grid_overlaps
 from rbs.facets import find_facets
+from rbs.hulls import tangents
 from rbs.manifolds import (
     KEEP,
     POINTS,
@@ -18,7 +20,6 @@ from rbs.manifolds import (
     pair_manifolds,
     pose_changes,
     relative_poses,
-    tangents,
     thickness,
     turn_points,
 )
@@ -33,6 +34,7 @@ class BodyFrames:
     """Where n bodies and the ground are: columns of n + 1, the ground at the origin.
 
     position : (3, n + 1); orientation : (4, n + 1); rotation : (9, n + 1)
+    radius, size : (n + 1,), of the hulls, and their `thickness`; inf of the ground
     """
 
     def __init__(self, bodies):
@@ -41,13 +43,18 @@ class BodyFrames:
         self.orientation = np.concatenate((bodies.orientation, identity), axis=1)
         identity = np.eye(3).reshape(9, 1)
         self.rotation = np.concatenate((bodies.hulls.rotation, identity), axis=1)
+        count = len(bodies.invMass)
+        self.radius = np.append(bodies.hulls.radius, np.inf)
+        self.size = np.append(thickness(bodies.hulls, np.arange(count)), np.inf)
+
+    def sizes(self, first, second):
+        """The size (P,) of the thinner body of each pair."""
+        return np.minimum(take(self.size, first), take(self.size, second))
 
     def translations(self, first, second):
         """From the first COM to the second, (3, P); to the ground, to the point right below."""
         t = take(self.position, second, axis=1) - take(self.position, first, axis=1)
-        isGround = second == self.position.shape[1] - 1
-        t[0] = np.where(isGround, 0.0, t[0])
-        t[2] = np.where(isGround, 0.0, t[2])
+        t[0::2] = np.where(second == self.position.shape[1] - 1, 0.0, t[0::2])
         return t
 
 
@@ -78,109 +85,78 @@ class StepContacts:
         self.separation = dot(across, self.normal[:, None])
 
 
-def reaches(bodies, isAsleep, timeStep):
-    """How far (n,) points of the bodies can come within the step."""
-    speed = speeds(bodies.velocity, bodies.hulls.radius)
-    reach = (speed + abs(GRAVITY) * timeStep) * timeStep
-    return np.where(isAsleep | bodies.isFixed & (speed == 0.0), 0.0, reach)
+def detect(bodies, hasGround, isStill, kept, timeStep):
+    """The contacts of a step: `(manifolds, frames)`.
 
+    isStill : (n,) bool, what has not moved since the last step and will not do so by itself
+    kept : `SolverState`, whose pairs become those of this step; timeStep : s, of the whole step
 
-def detect(bodies, hasGround, reach, path, kept, timeStep):
-    """The contacts of a step: `(pairs, manifolds, frames)`.
-
-    reach : (n,), see `reaches`; timeStep : s, of the whole step
-    kept : `SolverState`; path : (n,), see `NearPairs`
-
-    Returns the `NearPairs`, the `Manifolds` of all pairs that are near enough to have one, with the
-    impulses that they begin with, and the `BodyFrames`.
+    Returns the `Manifolds` of all pairs that are near enough to have one, with the impulses that
+    they begin with, and the `BodyFrames`.
     """
-    count = len(reach) + 1
+    count = len(isStill) + 1
     frames = BodyFrames(bodies)
-    radius = bodies.hulls.radius
-    pairs = kept.pairs.updated(bodies.box, radius, bodies.isFixed, reach, path)
-    first, second = np.divmod(pairs.key, count)
-    mark = pairs.path[first] + pairs.path[second]
-    near = reach[first] + reach[second]
-    isNear = pairs.gap - (mark - pairs.mark) <= near
+    # how far points of the bodies can come within the step
+    reach = (speeds(bodies) + np.where(bodies.isFixed, 0.0, abs(GRAVITY) * timeStep)) * timeStep
+    first, second = grid_overlaps(bodies.box - reach, bodies.isFixed)
+    key = first * count + second
+    axis = np.zeros((3, len(key)))
+    known = find_sorted(key, kept.pairKey)
+    isKnown = known >= 0
+    axis[:, isKnown] = kept.pairAxis[:, known[isKnown]]
 
-    keptRows, isValid = _valid_manifolds(kept.manifolds, frames, bodies, pairs.key[isNear])
-    valid = kept.manifolds.rows(keptRows[isValid])
-    isKnown = np.zeros(len(pairs.key), dtype=bool)
-    if len(valid.key) and len(pairs.key):
-        found = find_sorted(valid.key, pairs.key)
-        isKnown[found[found >= 0]] = True
-    asked = indices(isNear & ~isKnown)
-    new, pairs = _new_pair_manifolds(bodies, frames, pairs, asked, first, second, near, mark)
+    valid = _valid_manifolds(kept.manifolds, frames, bodies, key)
+    asked = indices(~(isStill[first] & isStill[second]) & (find_sorted(key, valid.key) < 0))
+    new, axis[:, asked] = _new_pair_manifolds(
+        bodies, frames, first[asked], second[asked], reach, axis[:, asked]
+    )
+    kept.pairKey, kept.pairAxis = key, axis
     if hasGround:
         new = new.joined(_new_ground_manifolds(bodies, frames, reach, valid.key, timeStep))
-    new.inherit(kept.manifolds, sizes(bodies, *new.bodies(count - 1)))
-    return pairs, valid.joined(new), frames
-
-
-def sizes(bodies, first, second):
-    """The `thickness` (M,) of the thinner body of each pair; of a body on the ground, its own."""
-    count = len(bodies.invMass)
-    size = thickness(bodies.hulls, first)
-    isBody = second < count
-    other = thickness(bodies.hulls, np.where(isBody, second, 0)) if count else size
-    return np.where(isBody, np.minimum(size, other), size)
+    new.inherit(kept.manifolds, frames.sizes(*new.bodies(count - 1)))
+    return valid.joined(new), frames
 
 
 def _valid_manifolds(manifolds, frames, bodies, nearKey):
-    """`(rows, isValid)`: the manifolds of pairs that are still near, and which need not be renewed.
+    """The manifolds of pairs that are still near, and need not be renewed.
 
     nearKey : (Q,), of the pairs of bodies that are near, sorted
     """
-    count = frames.position.shape[1]
-    first, second = np.divmod(manifolds.key, count)
-    isGround = second == count - 1
-    isNear = isGround & ~take(bodies.isFixed, np.minimum(first, count - 2))
-    if len(nearKey):
-        isNear |= find_sorted(manifolds.key, nearKey) >= 0
-    rows = indices(isNear)
-    first, second = first[rows], second[rows]
+    count = len(frames.radius)
+    first, second = manifolds.bodies(count - 1)
+    isGround = (second == count - 1) & ~np.append(bodies.isFixed, True)[first]
+    manifolds = manifolds.rows(indices(isGround | (find_sorted(manifolds.key, nearKey) >= 0)))
+    first, second = manifolds.bodies(count - 1)
     t = frames.translations(first, second)
     poses = relative_poses(first, second, t, frames.rotation, frames.orientation)
-    radius = bodies.hulls.radius
-    smaller = np.minimum(radius[first], radius[np.where(second < count - 1, second, first)])
-    translation, rotation = (
-        take(column, rows, axis=1) for column in (manifolds.translation, manifolds.rotation)
-    )
-    change = pose_changes(translation, rotation, *poses, smaller)
-    return rows, change <= KEEP * sizes(bodies, first, second)
+    smaller = np.minimum(frames.radius[first], frames.radius[second])
+    change = pose_changes(manifolds.translation, manifolds.rotation, *poses, smaller)
+    return manifolds.rows(indices(change <= KEEP * frames.sizes(first, second)))
 
 
-def _new_pair_manifolds(bodies, frames, pairs, asked, first, second, near, mark):
-    """The manifolds of the pairs `asked`, and `pairs` with the gaps of those that are apart."""
-    if len(asked) == 0:
-        return Manifolds.none(), pairs
-    first, second = first[asked], second[asked]
+def _new_pair_manifolds(bodies, frames, first, second, reach, axis):
+    """`(Manifolds, normal (3, K))` of K pairs; axis : (3, K), their normals before, or 0."""
+    if len(first) == 0:
+        return Manifolds.none(), axis
     t = frames.translations(first, second)
-    reserve = KEEP * sizes(bodies, first, second)
-    separation = near[asked] + reserve
-    width = RIDGE * sizes(bodies, first, second)
-    facets = find_facets(
-        bodies.hulls, first, second, t, 0.5 * width, take(pairs.axis, asked, axis=1), separation
-    )
+    size = frames.sizes(first, second)
+    near = reach[first] + reach[second]
+    separation, width = near + KEEP * size, RIDGE * size
+    facets = find_facets(bodies.hulls, first, second, t, 0.5 * width, axis, separation)
     penetration, normal = contact_normals(bodies.hulls, facets, first, second, t, width)
-    isApart = penetration < -separation
-    pairs = pairs.noted(asked, normal, np.where(isApart, -penetration, -np.inf), mark[asked])
-    met = indices(~isApart)
+    met = indices(penetration >= -separation)
     if len(met) == 0:
-        return Manifolds.none(), pairs
+        return Manifolds.none(), normal
     first, second = first[met], second[met]
-    t, normal = take(t, met, axis=1), take(normal, met, axis=1)
-    points = pair_manifolds(
-        bodies.hulls, first, second, t, normal, penetration[met], near[asked[met]]
-    )
-    return _table(frames, first, second, t, normal, tangents(normal), *points), pairs
+    t, along = take(t, met, axis=1), take(normal, met, axis=1)
+    points = pair_manifolds(bodies.hulls, first, second, t, along, penetration[met], near[met])
+    return _table(frames, first, second, t, along, tangents(along), *points), normal
 
 
 def _new_ground_manifolds(bodies, frames, reach, known, timeStep):
     """The manifolds of bodies near the ground that have no valid one; known : their keys."""
     count = len(reach) + 1
-    size = thickness(bodies.hulls, np.arange(count - 1))
-    isNear = (bodies.box[1] <= reach + KEEP * size) & ~bodies.isFixed
+    isNear = (bodies.box[1] <= reach + KEEP * frames.size[:-1]) & ~bodies.isFixed
     isNear[known[known % count == count - 1] // count] = False
     body = indices(isNear)
     if len(body) == 0:

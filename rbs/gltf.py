@@ -13,7 +13,7 @@ from rbs.colours import CONSTRAINT_COLOURS, GROUND_COLOURS, BodyColours
 from rbs.drawables import ConstraintLines, corner_normals
 from rbs.files import atomic_write, named_errors
 from rbs.messages import InputError, shown_path
-from rbs.poses import refresh_vertices
+from RBSFunctions import refresh_vertices
 
 GLTF_REMEDY = "Install it: pip install pygltflib"
 # Side of the ground, in sizes of the scene, and how rough surfaces are, from 0 to 1.

@@ -1,63 +1,49 @@
 """Contact manifolds: up to four points where two hulls touch, kept from one step to the next.
 
-A manifold has the pair's normal n, from the first body to the second, and points that are worth an
-impulse each. Seen along n, they are the corners of the overlap of two faces, one of either hull:
-corners of one inside the other, and crossings of their sides. Of these, four are kept that span the
-overlap, the deepest always among them, as in van den Bergen: Collision Detection in Interactive 3D
-Environments, 2003, and Bullet's persistent manifold.
-
-From the top: `Manifolds`, the table; building manifolds, of pairs and on the ground; the polygons
-that hulls are made of; clipping; the choice of four.
+A manifold has the pair's normal n, from the first body to the second, and points that receive an
+impulse each: corners of the overlap of two faces, one of either hull, seen along n. Of these, four
+are kept that span the overlap, the deepest always among them, as in van den Bergen: Collision
+Detection in Interactive 3D Environments, 2003, and Bullet's persistent manifold.
 """
-
-from functools import lru_cache
 
 import numpy as np
 
 from rbs.arrays import find_sorted, indices, ranges, row_minima, take
-from rbs.hulls import FEATURE_TOLERANCE, support_features, support_offsets
-from rbs.patches import contact_points, sharp_contact_points
+from rbs.hulls import FEATURE_TOLERANCE, support_offsets, tangents
+from rbs.patches import Features, Polygons, overlap_corners
 from rbs.vectors import cross, dot, mat_vec, mul_add, norm, transpose
 
 POINTS = 4
 
 # Of the size of the bodies, see `thickness`. Points that lie within this of each other are one.
 MERGE = 1e-3
-# Points that stand this much further apart than the nearest one are left out, unless the bodies can
-# come as far within the step: the manifold is made anew before they can touch. With more, a rolling
-# cylinder has corners far apart among its four, and sinks between them.
+# Points this much further apart than the nearest one are left out, unless the bodies can come so
+# far within the step: the manifold is made anew before they touch. With more, a rolling cylinder
+# has corners far apart among its four, and sinks between them.
 CULL = 0.05
-# Where sides of two faces coincide, corners may lie so far outside of the other face.
+# Where sides of two faces coincide, corners may lie this far outside of the other face.
 OUTSIDE = 1e-6
-# A manifold is made anew when the relative pose has changed by so much. With more, its normal is
+# A manifold is made anew when the relative pose has changed by this. With more, its normal is
 # visibly out of date; with less, more time is spent on finding the same again.
 KEEP = 0.03
-# Of the size: two facets of the Minkowski difference whose penetrations differ by less than this
-# share the normal, if one minus the cosine between theirs is at least the second number. With a
-# larger width, boxes that stand side by side in a wall are pushed apart by their edges.
+# Two facets of the Minkowski difference whose penetrations differ by less than this share a normal,
+# if one minus the cosine between theirs is at least the second number. With a larger width, boxes
+# side by side in a wall are pushed apart by their edges.
 RIDGE, LEAST_TURN = 0.02, 0.05
-# A point inherits the impulse of one that was so near, in the frame of the first body.
+# A point inherits the impulse of one that was this near, in the frame of the first body.
 MATCH = 0.5
-# Faces that are steeper than this against the normal's plane are not clipped: along the normal,
-# their planes run away from the hull's surface within rounding.
+# The cosine between a face's normal and the manifold's. Steeper faces are not clipped: along the
+# normal, rounding moves points of their planes far off the surface.
 LEAST_COSINE = 0.05
-# An angle is at most so many times the distance of the two unit quaternions, up to half a turn.
+# An angle, up to half a turn, is at most this many times the distance of the two unit quaternions.
 ANGLE_OF_CHORD = 2.23
 
 # The columns of the table: of each name, the shape of a manifold's share.
 COLUMNS = {
-    "normal": (3,),
-    "tangent": (3,),
-    "anchor1": (3, POINTS),
-    "anchor2": (3, POINTS),
-    "isPoint": (POINTS,),
-    "translation": (3,),
-    "rotation": (4,),
-    "impulse": (POINTS,),
-    "friction": (3,),
-    "offset": (POINTS,),
-    "substep": (),
-}
+    "normal": (3,), "tangent": (3,), "anchor1": (3, POINTS), "anchor2": (3, POINTS),
+    "isPoint": (POINTS,), "translation": (3,), "rotation": (4,), "impulse": (POINTS,),
+    "friction": (3,), "offset": (POINTS,), "substep": (),
+}  # fmt: skip
 
 
 class Manifolds:
@@ -66,12 +52,12 @@ class Manifolds:
     key : (M,), i · (n + 1) + j
     normal, tangent : (3, M), unit, in the frame of the first body; n and t1 of the solver
     anchor1, anchor2 : (3, 4, M), where the points lie on either body, in its frame
-    isPoint : (4, M) bool; rows without a point have anchors that mean nothing
+    isPoint : (4, M) bool; where false, the anchors mean nothing
     translation, rotation : (3, M), (4, M), of the second body in the first one's frame when the
         manifold was made
     impulse : (4, M), along the normal at the points, and friction (3, M), along t1 and t2 and the
         twist about n: those of the last substep, mass · speed, to start the next one with
-    offset : (4, M), lengths: from which penetration on the points press, see rbs/offsets.py
+    offset : (4, M), lengths: from which penetration on the points press
     substep : (M,), seconds, of the substeps that these are of; 0 where there have been none
     """
 
@@ -88,16 +74,20 @@ class Manifolds:
         columns["isPoint"] = columns["isPoint"].astype(bool)
         return cls(np.zeros(0, dtype=np.int64), **columns)
 
+    def renewed(self, **columns):
+        """The same with other columns in place of those named."""
+        return Manifolds(**{name: getattr(self, name) for name in self.__slots__} | columns)
+
     def bodies(self, count):
         """The two bodies (2, M) of each, of as many bodies; the ground is `count`."""
         return np.stack(np.divmod(self.key, count + 1))
 
     def rows(self, some):
         """The manifolds `some` (m,), ascending; all of them are these themselves."""
-        if len(some) == len(self.key):
-            return self
-        columns = {name: take(getattr(self, name), some, axis=-1) for name in COLUMNS}
-        return Manifolds(self.key[some], **columns)
+        return self if len(some) == len(self.key) else self._taken(some)
+
+    def _taken(self, rows):
+        return Manifolds(**{n: take(getattr(self, n), rows, axis=-1) for n in self.__slots__})
 
     def resized(self, old, count):
         """`(manifolds, left)` of `count` bodies in place of `old`, changed at the end of the list.
@@ -108,28 +98,16 @@ class Manifolds:
         isGround = second == old
         isKept = (first < count) & (isGround | (second < count))
         left = first[~isKept & (first < count)]
-        some = self.rows(indices(isKept))
-        first, second = first[isKept], np.where(isGround, count, second)[isKept]
-        columns = {name: getattr(some, name) for name in COLUMNS}
-        return Manifolds(first * (count + 1) + second, **columns), left
+        key = first * (count + 1) + np.where(isGround, count, second)
+        return self.renewed(key=key).rows(indices(isKept)), left
 
     def joined(self, other):
         """These and others, in the order of their keys."""
         if len(other.key) == 0 or len(self.key) == 0:
             return self if len(self.key) else other
-        key = np.concatenate((self.key, other.key))
-        order = key.argsort(kind="stable")
-        columns = {
-            name: take(
-                np.concatenate((getattr(self, name), getattr(other, name)), axis=-1), order, axis=-1
-            )
-            for name in COLUMNS
-        }
-        return Manifolds(key[order], **columns)
-
-    def renewed(self, **columns):
-        """The same with other columns in place of those named."""
-        return Manifolds(self.key, **{n: getattr(self, n) for n in COLUMNS} | columns)
+        parts = {n: (getattr(self, n), getattr(other, n)) for n in self.__slots__}
+        both = Manifolds(**{n: np.concatenate(part, axis=-1) for n, part in parts.items()})
+        return both._taken(both.key.argsort(kind="stable"))
 
     def inherit(self, old, size):
         """Takes over from the manifolds that these replace; size : (M,), see `thickness`.
@@ -141,8 +119,6 @@ class Manifolds:
             return
         known = find_sorted(self.key, old.key)
         mine = indices(known >= 0)
-        if len(mine) == 0:
-            return
         old = old.rows(known[mine])
         free = old.isPoint.copy()
         for k in range(POINTS):
@@ -165,8 +141,7 @@ class Manifolds:
 
 def turn_points(matrix, points):
     """Matrices (9, M) times points (3, 4, M)."""
-    products = matrix.reshape(3, 3, 1, -1) * points
-    return products[:, 0] + products[:, 1] + products[:, 2]
+    return mat_vec(matrix[:, None], points)
 
 
 def relative_poses(first, second, t, rotation, orientation):
@@ -195,14 +170,6 @@ def pose_changes(translation, rotation, newTranslation, newRotation, radius):
         cosine += rotation[k] * newRotation[k]
     chord = np.sqrt(np.maximum(2.0 - 2.0 * np.abs(cosine), 0.0))
     return norm(newTranslation - translation) + ANGLE_OF_CHORD * chord * radius
-
-
-def tangents(normal):
-    """Unit vectors (3, M) perpendicular to the normals (3, M): n × the axis it is farthest from."""
-    axis = np.abs(normal).argmin(axis=0)
-    unit = (np.arange(3)[:, None] == axis).astype(float)
-    across = cross(normal, unit)
-    return across / norm(across)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -251,46 +218,39 @@ def pair_manifolds(hulls, first, second, t, normal, depth, reach):
     """
     size = np.minimum(thickness(hulls, first), thickness(hulls, second))
     tolerance = FEATURE_TOLERANCE * (hulls.radius[first] + hulls.radius[second])
+    features = Features(hulls, first, second, t, normal, tolerance)
     u = tangents(normal)
-    frame = np.stack((u, cross(normal, u), normal), axis=1)  # (3, 3, K): axes t1, t2, n
-    faces = _Faces(hulls, first, normal), _Faces(hulls, second, -normal)
-    polygons = (
-        _Polygons(hulls, faces[0], np.zeros_like(t), frame),
-        _Polygons(hulls, faces[1], t, frame),
+    frame = u, cross(normal, u), normal  # at the second COM
+    faces = (
+        _Faces(hulls, first, normal, features.ends[0], tolerance, -t, frame),
+        _Faces(hulls, second, -normal, features.ends[1], tolerance, np.zeros_like(t), frame),
     )
-    isFlat = (faces[0].cosine > LEAST_COSINE) & (faces[1].cosine > LEAST_COSINE)
-    row, u, v = _overlap_corners(*polygons, OUTSIDE * size)
-    some = isFlat[row]
-    row, u, v = row[some], u[some], v[some]
-    height1, height2 = (polygon.heights(row, u, v) for polygon in polygons)
+    row, uv = overlap_corners(*faces, OUTSIDE * size)
+    some = indices(((faces[0].cosine > LEAST_COSINE) & (faces[1].cosine > LEAST_COSINE))[row])
+    row, uv = row[some], take(uv, some, axis=1)
+    heights = [face.heights(row, *uv) for face in faces]
 
     # The deepest point, exact, where it is a corner or a crossing of edges. Of faces and parallel
-    # edges it is a corner of the overlap; where rounding has left none, it is worked out singly.
-    deepest, isPatch = sharp_contact_points(hulls, first, second, t, normal, tolerance)
-    hasCorner = np.zeros(len(first), dtype=bool)
-    hasCorner[row] = True
+    # edges it is a corner of the overlap, if rounding has left one.
+    deepest, isPatch = features.sharp_points()
+    hasCorner = np.bincount(row, minlength=len(size)) > 0
     isLost = indices(isPatch & ~hasCorner)
     if len(isLost):
-        deepest[:, isLost] = contact_points(
-            hulls, first[isLost], second[isLost], t[:, isLost], normal[:, isLost], tolerance[isLost]
-        )
+        deepest[:, isLost] = features.patch_centres(isLost)
     sharp = indices(~(isPatch & hasCorner))
-    on2 = take(deepest + t, sharp, axis=1)
-    exact = [dot(on2, take(frame[:, k], sharp, axis=1)) for k in range(3)]
-    row = np.concatenate((sharp, row))
-    u, v = np.concatenate((exact[0], u)), np.concatenate((exact[1], v))
-    height1 = np.concatenate((exact[2] + depth[sharp], height1))
-    height2 = np.concatenate((exact[2], height2))
+    exact = [dot(take(deepest, sharp, axis=1), take(axis, sharp, axis=1)) for axis in frame]
+    points = np.stack((*exact[:2], exact[2] + depth[sharp], exact[2])), np.stack((*uv, *heights))
+    row, points = np.concatenate((sharp, row)), np.concatenate(points, axis=1)
     order = row.argsort(kind="stable")
-    row, u, v, height1, height2 = row[order], u[order], v[order], height1[order], height2[order]
+    row, points = row[order], take(points, order, axis=1)
 
+    u, v, height1, height2 = points
     separation = height2 - height1
     chosen, isPoint = _four_points(row, u, v, separation, separation, size, reach)
-    u, v, height1, height2 = u[chosen], v[chosen], height1[chosen], height2[chosen]  # (4, K)
-    flat = frame[:, 0, None] * u + frame[:, 1, None] * v
-    point1 = mul_add(flat, height1, normal[:, None])
-    point2 = mul_add(flat, height2, normal[:, None]) - t[:, None]
-    return point1, point2, isPoint
+    u, v, height1, height2 = points[:, chosen]  # (4, K) each
+    flat = frame[0][:, None] * u + frame[1][:, None] * v
+    point1 = mul_add(flat, height1, normal[:, None]) + t[:, None]
+    return point1, mul_add(flat, height2, normal[:, None]), isPoint
 
 
 def ground_manifolds(hulls, bodies, height, reach, shift, turn):
@@ -309,143 +269,50 @@ def ground_manifolds(hulls, bodies, height, reach, shift, turn):
 
 
 def thickness(hulls, bodies):
-    """The size (K,) of bodies that tolerances of manifolds are relative to: the distance of the
-    COM from the nearest face. A thin body has a small one."""
-    return _face_table(hulls.distinct).thickness[hulls.shape[bodies]]
+    """What tolerances of manifolds are relative to: from the bodies' COMs to the nearest face."""
+    return hulls.innerRadius[bodies]
 
 
-class _FaceTable:
-    """The polygons of the faces of distinct hulls, in flat tables.
-
-    start, count : (ΣF,), where a face's corners begin, and how many there are
-    corner : (ΣC,), vertices of the hull, counter-clockwise seen from outside
-    following : (ΣC,), where the next corner of the same polygon is
-    thickness : (number of hulls,)
-    """
-
-    def __init__(self, hulls):
-        corners = [corner for hull in hulls for corner in _face_corners(hull)]
-        self.count = np.array([len(corner) for corner in corners], dtype=np.intp)
-        self.start = self.count.cumsum() - self.count
-        self.corner = np.concatenate(corners)
-        self.following = np.arange(1, len(self.corner) + 1)
-        self.following[self.start + self.count - 1] = self.start
-        self.thickness = np.array([hull.offsets.min() for hull in hulls])
-
-
-# The tables of the scenes at hand, each made once; they follow from the hulls alone.
-_face_table = lru_cache(maxsize=8)(_FaceTable)
-
-
-def _face_corners(hull):
-    """The vertices of each face of a hull, counter-clockwise about its normal: list of arrays."""
-    heights = dot(hull.directions.T[:, :, None], hull.vertices.T[:, None, :])
-    isCorner = heights >= hull.offsets[:, None] - FEATURE_TOLERANCE * hull.radius
-    n = hull.directions.T
-    t1 = tangents(n)
-    t2 = cross(n, t1)
-    corners = []
-    for face, own in enumerate(isCorner):
-        own = indices(own)
-        away = (hull.vertices[own] - hull.vertices[own].mean(axis=0)).T
-        angle = np.arctan2(dot(t2[:, face, None], away), dot(t1[:, face, None], away))
-        corners.append(own[angle.argsort(kind="stable")])
-    return corners
-
-
-class _Faces:
-    """The faces (K,) that bodies turn most towards a direction, of those that touch its support.
+class _Faces(Polygons):
+    """The face of each body (K,) that is turned most towards a direction, of those at its support.
 
     Others can be turned more towards it, but the deepest point is not on them.
-
-    body, face : (K,), the face counted over all hulls; normal : (3, K), outward, in world axes
-    cosine : (K,), of its angle with the direction
+    cosine : (K,), of the angle between the face's normal and the direction
     """
 
-    def __init__(self, hulls, bodies, direction):
-        self.body = bodies
-        tolerance = FEATURE_TOLERANCE * hulls.radius[bodies]
-        _, first, last, _ = support_features(hulls, bodies, -direction, tolerance)
+    def __init__(self, hulls, bodies, direction, ends, tolerance, origin, frame):
+        """ends, tolerance : as of `Features`; origin : (3, K), of the bodies in the frame, three
+        axes (3, K)"""
         # in the bodies' frames, where the faces' normals stand
-        turned = transpose(take(hulls.rotation, bodies, axis=1))
-        axis = mat_vec(turned, direction)
-        ends = [mat_vec(turned, take(hulls.vertices, v, axis=1)) for v in (first, last)]
+        rotation = take(hulls.rotation, bodies, axis=1)
+        inverse = transpose(rotation)
         count = take(hulls.faceCount, bodies)
         row, face = ranges(take(hulls.faceStart, bodies), count)
         normal, offset = take(hulls.directions, face, axis=1), take(hulls.offsets, face)
-        below = [offset - dot(normal, take(end, row, axis=1)) for end in ends]
-        isOwn = np.maximum(*below) <= 4.0 * tolerance[row]
-        cosine = np.where(isOwn, dot(normal, take(axis, row, axis=1)), -1.0)
+        cosine = dot(normal, take(mat_vec(inverse, direction), row, axis=1))
+        highest = offset - 4.0 * take(tolerance, row)
+        for end in ends:
+            end = mat_vec(inverse, take(hulls.vertices, end, axis=1))
+            cosine[dot(normal, take(end, row, axis=1)) < highest] = -1.0
         least, best = row_minima(-cosine, row, count.cumsum() - count)
         self.cosine = -least
-        self.face = take(face, best)
-        self.offset = take(offset, best)
-        self.normal = mat_vec(take(hulls.rotation, bodies, axis=1), take(normal, best, axis=1))
 
-
-class _Polygons:
-    """Faces (K,) seen along the pairs' normals, and their corners (C,).
-
-    start, count : (K,), of a face's corners; row (C,), the face of each; next (C,), the corner
-        after each; u, v : (C,)
-    """
-
-    def __init__(self, hulls, faces, origin, frame):
-        """origin : (3, K), the COM of the bodies; frame : (3, 3, K), t1, t2 and n in the middle"""
-        table = _face_table(hulls.distinct)
-        self.count = take(table.count, faces.face)
-        self.start = self.count.cumsum() - self.count
-        begin = take(table.start, faces.face)
-        self.row, corner = ranges(begin, self.count)
-        self.next = take(table.following, corner) - take(begin - self.start, self.row)
-        column = take(table.corner, corner) + take(hulls.vertexStart[faces.body], self.row)
-        position = take(hulls.vertices, column, axis=1) + take(origin, self.row, axis=1)
-        self.u, self.v = (
-            dot(position, take(frame[:, k], self.row, axis=1)) for k in range(2)
+        face = take(face, best)
+        count = take(hulls.cornerCount, face)
+        corner = take(hulls.corners, ranges(take(hulls.cornerStart, face), count)[1])
+        corner += take(hulls.vertexStart, bodies).repeat(count)
+        position = take(hulls.vertices, corner, axis=1) + origin.repeat(count, axis=1)
+        super().__init__(
+            count, np.stack([dot(position, axis.repeat(count, axis=1)) for axis in frame[:2]])
         )
-        self._slopes = [dot(faces.normal, frame[:, k]) for k in range(3)]
-        self._offset = faces.offset + dot(faces.normal, origin)
+        normal = mat_vec(rotation, take(normal, best, axis=1))
+        self._slopes = [dot(normal, axis) for axis in frame]
+        self._offset = take(offset, best) + dot(normal, origin)
 
     def heights(self, row, u, v):
         """How high (Q,) the planes of the faces `row` stand along n at the points u, v (Q,)."""
         slopeU, slopeV, slopeN = (take(slope, row) for slope in self._slopes)
         return (take(self._offset, row) - slopeU * u - slopeV * v) / slopeN
-
-
-def _overlap_corners(a, b, slack):
-    """The corners `(row, u, v)` of the overlaps of the polygons a and b, K of each, in a plane.
-
-    Seen along the normal, those of a run counter-clockwise and those of b clockwise.
-    slack : (K,), length by which a corner may lie outside: where sides coincide, rounding decides
-    """
-    # all combinations of a corner i of a, with the side after it, and a corner j of b
-    i, j = ranges(take(b.start, a.row), take(b.count, a.row))
-    row = take(a.row, i)
-    place = take(b.count, a.row).cumsum() - take(b.start + b.count, a.row)
-    afterI, afterJ = take(a.next, i), take(b.next, j)
-    au, av, bu, bv = take(a.u, i), take(a.v, i), take(b.u, j), take(b.v, j)
-    sideAu, sideAv = take(a.u, afterI) - au, take(a.v, afterI) - av
-    sideBu, sideBv = take(b.u, afterJ) - bu, take(b.v, afterJ) - bv
-    du, dv = bu - au, bv - av
-    # twice the areas: how far inside a is to the side of b, and b to that of a
-    insideB = sideBu * dv - sideBv * du
-    insideA = sideAu * dv - sideAv * du
-    slack = take(slack, row)
-    isOut = insideB < -slack * np.sqrt(sideBu * sideBu + sideBv * sideBv)
-    cornersA = indices(np.bincount(i, isOut, len(a.row)) == 0)
-    isOut = insideA < -slack * np.sqrt(sideAu * sideAu + sideAv * sideAv)
-    cornersB = indices(np.bincount(j, isOut, len(b.row)) == 0)
-    # two sides cross where the ends of each lie on different sides of the other
-    headA, headB = take(insideB, take(place, afterI) + j), take(insideA, take(place, i) + afterJ)
-    crosses = indices((insideB * headA < 0) & (insideA * headB < 0))
-    s = insideB[crosses] / (insideB[crosses] - headA[crosses])
-    u = au[crosses] + s * sideAu[crosses]
-    v = av[crosses] + s * sideAv[crosses]
-    return (
-        np.concatenate((a.row[cornersA], b.row[cornersB], row[crosses])),
-        np.concatenate((a.u[cornersA], b.u[cornersB], u)),
-        np.concatenate((a.v[cornersA], b.v[cornersB], v)),
-    )
 
 
 def _four_points(row, u, v, separation, later, size, reach):

@@ -1,256 +1,168 @@
-"""Contact patches: where two hulls touch, once the normal between them is known.
+"""Where two hulls touch, once the normal between them is known.
 
-`contact_point` answers for one pair, `contact_points` for arrays of pairs. The patch is where the
-feature of A that is highest along the normal and the feature of B that is lowest overlap, seen
-along the normal; bodies that rest on each other touch at its centre. Features in a plane are lists
-of corners (u, v); polygons are clipped as by Sutherland and Hodgman: Reentrant polygon clipping.
-Comm. ACM 17(1), 1974.
+`contact_points` is the entrance. Along the normal, each hull has a support feature: a corner, an
+edge or a face. A corner that touches is the contact point, and so is the crossing of two edges.
+Otherwise the features overlap, seen along the normal, in a segment or a polygon, the contact patch;
+manifolds clip faces in the same way, see rbs/manifolds.py. Figures in a plane have coordinates
+(u, v), in the frame of `tangents`.
 """
-
-import itertools
-import math
 
 import numpy as np
 
-from rbs.arrays import indices, take
-from rbs.hulls import ROUNDING, support_features
-from rbs.triples import cross, divide, dot, mul_add, norm, sub
+from rbs.arrays import indices, ranges, take
+from rbs.hulls import by_angle, support_features, tangents
+from rbs.vectors import cross, dot, mul_add
 
-# By how much the sides of a patch are moved out again when that has left nothing of it.
-SLACK_GROWTH = 8
-
-
-def contact_point(verticesA, verticesB, t, normal, tolerance):
-    """Centre of the contact patch on B, relative to the centre of B, for one pair.
-
-    verticesA, verticesB : (3, V), each hull's vertices relative to its centre
-    t : tuple of 3, centre of B minus centre of A; normal : tuple of 3, unit, from A to B
-    tolerance : vertices this close to a supporting plane belong to the feature that rests on it
-
-    The patch is where the feature of A that is highest along the normal and the feature of B that
-    is lowest overlap, seen along the normal. Returns a tuple of 3 floats p: p lies on the feature
-    of B, and p + t + depth · normal on that of A, depth being that of the pair along the normal.
-    """
-    heightsB = dot(normal, verticesB)
-    lowest = heightsB.argmin()
-    level = float(heightsB[lowest])
-    inB = heightsB <= level + tolerance
-    if np.count_nonzero(inB) == 1:
-        return tuple(verticesB[:, lowest].tolist())
-    heightsA = dot(normal, verticesA)
-    highest = heightsA.argmax()
-    inA = heightsA >= heightsA[highest] - tolerance
-    if np.count_nonzero(inA) == 1:
-        return _below_corner(verticesA[:, highest].tolist(), t, normal, level)
-    return _patch_centre(verticesA[:, inA], verticesB[:, inB], t, normal, level, tolerance)
+# By how much the sides of features are moved out again where rounding has left no overlap.
+SLACK_GROWTH = 1000.0
 
 
 def contact_points(hulls, first, second, t, normal, tolerance):
-    """`contact_point` for P pairs of a HullSet: (3, P) from t and normal (3, P), tolerance (P,)."""
-    point, isPatch = sharp_contact_points(hulls, first, second, t, normal, tolerance)
-    for p in indices(isPatch).tolist():
-        point[:, p] = contact_point(
-            hulls.body_vertices(first[p]), hulls.body_vertices(second[p]), tuple(t[:, p].tolist()),
-            tuple(normal[:, p].tolist()), float(tolerance[p]),
-        )  # fmt: skip
+    """Where P pairs touch: (3, P), on the second hulls, relative to their centres.
+
+    For the arguments see `Features`; for the point, `GJK.is_collide`.
+    """
+    features = Features(hulls, first, second, t, normal, tolerance)
+    point, isPatch = features.sharp_points()
+    patches = indices(isPatch)
+    if len(patches):
+        point[:, patches] = features.patch_centres(patches)
     return point
 
 
-def sharp_contact_points(hulls, first, second, t, normal, tolerance):
-    """`contact_points` where a corner touches, or two edges cross: `(point (3, P), isPatch (P,))`.
+class Features:
+    """The support features of P pairs of bodies of a `HullSet` along their normals: what touches.
 
-    Where isPatch is true, the hulls touch along a segment or an area, and the point has no meaning.
+    first, second : (P,); t : (3, P), centre of the second minus centre of the first
+    normal : (3, P), unit, from the first to the second
+    tolerance : (P,); vertices this close to a supporting plane belong to the feature on it
+
+    ends : (2, 2, P), of the features of first and second, the first and the last vertex in the set
+    vertices : (3, C), seen from the centre of the second; those of a feature are count from start
+        on, (2, P) each
+    level : (P,), how high the lowest one of the second stands along the normal
     """
-    count = len(first)
-    level, *ends, vertices = support_features(
-        hulls, np.concatenate((first, second)), np.concatenate((-normal, normal), axis=1),
-        np.concatenate((tolerance, tolerance)),
-    )  # fmt: skip
-    countA, countB = vertices[:count], vertices[count:]
-    ends = take(hulls.vertices, np.concatenate(ends), axis=1)
-    a0, b0, a1, b1 = (ends[:, k * count : (k + 1) * count] for k in range(4))
-    point = np.where(countB == 1, b0, _below_corner(a0, t, normal, level[count:]))
-    edges = indices((countA == 2) & (countB == 2))
-    crossing = edges
-    if len(edges):
-        a0, a1, b0, b1, t2, n2 = (take(v, edges, axis=1) for v in (a0, a1, b0, b1, t, normal))
-        denominator, numerator, length2 = _crossing_terms(a0, a1, b0, b1, t2, n2)
-        crosses = np.abs(denominator) > tolerance[edges] * np.sqrt(length2)
-        crossing = edges[crosses]
-        s = np.minimum(np.maximum(numerator / np.where(crosses, denominator, 1.0), 0.0), 1.0)
-        point[:, crossing] = (b0 + s * (b1 - b0))[:, crosses]
-    isPatch = (countA > 1) & (countB > 1)
-    isPatch[crossing] = False
-    return point, isPatch
+
+    def __init__(self, hulls, first, second, t, normal, tolerance):
+        self.normal, self.tolerance = normal, tolerance
+        level, count, column = support_features(
+            hulls, np.concatenate((first, second)), np.concatenate((-normal, normal), axis=1),
+            np.concatenate((tolerance, tolerance)),
+        )  # fmt: skip
+        self.level = level[len(first) :]
+        start = count.cumsum() - count
+        self.ends = take(column, np.stack((start, start + count - 1))).reshape(2, 2, -1)
+        self.ends = self.ends.transpose(1, 0, 2)
+        self.start, self.count = start.reshape(2, -1), count.reshape(2, -1)
+        self.vertices = take(hulls.vertices, column, axis=1)
+        self.vertices[:, : self.count[0].sum()] -= t.repeat(self.count[0], axis=1)
+
+    def sharp_points(self):
+        """`(point (3, P), isPatch (P,))`: where a corner touches, or two edges cross.
+
+        Where isPatch is true, the features overlap in a segment or an area, and the point means
+        nothing. A corner of the first hull is lowered along the normal to the second one.
+
+        Edges cross where a0 + x d = b0 + s e, seen along the normal, with d and e along the edges
+        of first and second; times normal × d, x vanishes.
+        """
+        n = self.normal
+        ends = np.concatenate((self.start, self.start + self.count - 1))
+        a0, b0, a1, b1 = (take(self.vertices, end, axis=1) for end in ends)
+        (countA, countB), d, e = self.count, a1 - a0, b1 - b0
+        across = cross(n, d)
+        denominator, numerator = dot(across, e), dot(across, a0 - b0)
+        length = np.sqrt(np.maximum(dot(d, d), dot(e, e)))
+        isCrossing = (countA == 2) & (countB == 2)
+        isCrossing &= np.abs(denominator) > self.tolerance * length
+        s = np.minimum(np.maximum(numerator / np.where(isCrossing, denominator, 1.0), 0.0), 1.0)
+        point = np.where(isCrossing, mul_add(b0, s, e), mul_add(a0, self.level - dot(n, a0), n))
+        return np.where(countB == 1, b0, point), (countA > 1) & (countB > 1) & ~isCrossing
+
+    def patch_centres(self, pairs):
+        """The centres (3, R) of the patches of these pairs (R,), on the second hulls."""
+        normal = take(self.normal, pairs, axis=1)
+        u = tangents(normal)
+        v = cross(normal, u)
+        figures = []
+        for count, start, sense in zip(self.count, self.start, (1.0, -1.0), strict=True):
+            row, column = ranges(start[pairs], count[pairs])
+            vertices = take(self.vertices, column, axis=1)
+            uv = np.stack([dot(take(axis, row, axis=1), vertices) for axis in (u, v)])
+            order = by_angle(row, uv[0], sense * uv[1])
+            figures.append(Polygons(count[pairs], take(uv, order, axis=1)))
+        slack, isLost = self.tolerance[pairs], True
+        while np.any(isLost):
+            row, uv = overlap_corners(*figures, slack)
+            isLost = np.bincount(row, minlength=len(pairs)) == 0
+            slack = np.where(isLost, SLACK_GROWTH * slack, slack)
+        centre = outline_centres(row, uv)
+        return centre[0] * u + centre[1] * v + self.level[pairs] * normal
 
 
-def _below_corner(corner, t, normal, level):
-    """The corner of A, as seen from B's centre, lowered along the normal to B's lowest plane."""
-    seen = sub(corner, t)
-    return mul_add(seen, level - dot(normal, seen), normal)
+class Polygons:
+    """Convex polygons (K,) in a plane; segments and points count as such.
 
-
-def _patch_centre(featureA, featureB, t, normal, level, tolerance):
-    """`contact_point` for features (3, ≥ 2) that are edges or faces."""
-    if featureA.shape[1] == 2 and featureB.shape[1] == 2:
-        a0, a1 = featureA.T.tolist()
-        b0, b1 = featureB.T.tolist()
-        s = _crossing(a0, a1, b0, b1, t, normal, tolerance)
-        if s is not None:
-            return mul_add(b0, s, sub(b1, b0))
-    # In the frame of B and in its lowest plane. The axes u, v span that plane.
-    u, v = _tangents(normal)
-    shiftU, shiftV = dot(u, t), dot(v, t)
-    flatA = np.stack((dot(u, featureA) - shiftU, dot(v, featureA) - shiftV), axis=1).tolist()
-    flatB = np.stack((dot(u, featureB), dot(v, featureB)), axis=1).tolist()
-    cu, cv = overlap_centre(flatA, flatB, tolerance)
-    return tuple(u[k] * cu + v[k] * cv + normal[k] * level for k in range(3))
-
-
-def _crossing(a0, a1, b0, b1, t, normal, tolerance):
-    """Where the edge b0 b1 of B crosses the edge a0 a1 of A, as a fraction of it, in [0, 1].
-
-    None where they are parallel: where their ends are within the tolerance of being so.
+    count, start : (K,), of the corners of each; row : (C,), the polygon of each corner; next :
+    (C,), the corner after it
+    uv : (2, C), the corners; side : (2, C), from each to the next; length : (C,), of the sides
     """
-    denominator, numerator, length2 = _crossing_terms(a0, a1, b0, b1, t, normal)
-    if abs(denominator) <= tolerance * math.sqrt(length2):
-        return None
-    return min(max(numerator / denominator, 0.0), 1.0)
+
+    def __init__(self, count, uv):
+        self.count, self.uv = count, uv
+        self.start = count.cumsum() - count
+        self.row = np.arange(len(count)).repeat(count)
+        self.next = np.arange(1, len(self.row) + 1)
+        self.next[self.start + count - 1] = self.start
+        self.side = take(uv, self.next, axis=1) - uv
+        self.length = np.sqrt(self.side[0] * self.side[0] + self.side[1] * self.side[1])
 
 
-def _crossing_terms(a0, a1, b0, b1, t, normal):
-    """`(denominator, numerator, length2)`: where two edges cross, as a fraction of that of B.
+def overlap_corners(a, b, slack):
+    """The corners `(row (Q,), uv (2, Q))` of the overlaps of the `Polygons` a and b, K of each.
 
-    length2 : the square of the longer one; the edges are parallel where the denominator is small
-    beside it
+    Those of a run counter-clockwise and those of b clockwise, as faces that touch do.
+    slack : (K,), length by which a corner may lie outside: where sides coincide, rounding decides
 
-    Seen along the normal, a0 - t + x d = b0 + s e, with d and e along the edges of A and B; times
-    normal × d, x vanishes.
+    Corners of one that lie inside the other, and crossings of their sides; in no order, and some of
+    them twice.
     """
-    d, e = sub(a1, a0), sub(b1, b0)
-    across = cross(normal, d)
-    d2, e2 = dot(d, d), dot(e, e)
-    length2 = max(d2, e2) if isinstance(d2, float) else np.maximum(d2, e2)
-    return dot(across, e), dot(across, sub(sub(a0, t), b0)), length2
+    # all combinations of a corner i of a, with the side after it, and a corner j of b
+    i, j = ranges(take(b.start, a.row), take(b.count, a.row))
+    place = take(b.count, a.row).cumsum() - take(b.start + b.count, a.row)
+    du, dv = take(b.uv, j, axis=1) - take(a.uv, i, axis=1)
+    (sideAu, sideAv), (sideBu, sideBv) = take(a.side, i, axis=1), take(b.side, j, axis=1)
+    # twice the areas: how far inside a is to the side of b, and b to that of a
+    insideB = sideBu * dv - sideBv * du
+    insideA = sideAu * dv - sideAv * du
+    isOut = insideB < take(-take(slack, b.row) * b.length, j)
+    cornersA = indices(np.bincount(i, isOut, len(a.row)) == 0)
+    isOut = insideA < take(-take(slack, a.row) * a.length, i)
+    cornersB = indices(np.bincount(j, isOut, len(b.row)) == 0)
+    # two sides cross where the ends of each lie on different sides of the other
+    headA = take(insideB, take(place, take(a.next, i)) + j)
+    headB = take(insideA, take(place, i) + take(b.next, j))
+    crosses = indices((insideB * headA < 0) & (insideA * headB < 0))
+    s, i = insideB[crosses] / (insideB[crosses] - headA[crosses]), i[crosses]
+    crossing = take(a.uv, i, axis=1) + s * take(a.side, i, axis=1)
+    row = np.concatenate((a.row[cornersA], b.row[cornersB], a.row[i]))
+    uv = np.concatenate((a.uv[:, cornersA], b.uv[:, cornersB], crossing), axis=1)
+    # not those on the line of a segment, or of sides that coincide, but beyond its ends
+    low = np.maximum(*(np.minimum.reduceat(p.uv, p.start, axis=1) for p in (a, b))) - slack
+    high = np.minimum(*(np.maximum.reduceat(p.uv, p.start, axis=1) for p in (a, b))) + slack
+    isWithin = (uv >= take(low, row, axis=1)) & (uv <= take(high, row, axis=1))
+    kept = indices(isWithin.all(axis=0))
+    return row[kept], take(uv, kept, axis=1)
 
 
-def _tangents(normal):
-    """Two unit vectors (tuples) that make a right-handed frame with the unit vector `normal`."""
-    smallest = min(range(3), key=lambda k: abs(normal[k]))
-    u = cross(normal, tuple(float(k == smallest) for k in range(3)))
-    u = divide(u, norm(u))
-    return u, cross(normal, u)
+def outline_centres(row, uv):
+    """The centroid (2, K) of the outline of each row's corners (2, C): row (C,), each of 0 … K - 1.
 
-
-def overlap_centre(pointsA, pointsB, tolerance):
-    """Centre of the overlap of two convex figures in the plane that are known to meet.
-
-    pointsA, pointsB : lists of (u, v), the corners in any order: polygons, segments or points
-    tolerance : below it, lengths count as nothing
-
-    Returns (u, v): the centroid of an overlap with an area, the middle of a segment.
+    Not that of the area: of a segment, there and back, it is the middle.
     """
-    a, b = _convex_order(pointsA, tolerance), _convex_order(pointsB, tolerance)
-    if len(b) == 1:
-        return b[0]
-    if len(a) == 1:
-        return a[0]
-    if len(a) == 2 and len(b) == 2:
-        (a0, a1), (b0, b1) = ([(*point, 0.0) for point in figure] for figure in (a, b))
-        s = _crossing(a0, a1, b0, b1, (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), tolerance)
-        if s is None:
-            return _middle_of_both(a, b)
-        return b0[0] + s * (b1[0] - b0[0]), b0[1] + s * (b1[1] - b0[1])
-    # Cut the figure with fewer corners, a segment if there is one, by the sides of the other. Where
-    # the two only touch, rounding can leave nothing; then the sides are moved outwards.
-    figure, cutter = (b, a) if len(b) <= len(a) else (a, b)
-    extent = max(abs(x) for point in figure + cutter for x in point)
-    slack = ROUNDING * extent
-    overlap = _cut_by_sides(figure, cutter, slack)
-    while not overlap and slack < extent:
-        slack *= SLACK_GROWTH
-        overlap = _cut_by_sides(figure, cutter, slack)
-    return _centroid(overlap or b, tolerance)
-
-
-def _cut_by_sides(figure, cutter, slack):
-    """What of a convex figure lies within the sides of a convex polygon, moved out by `slack`."""
-    for k, tail in enumerate(cutter):
-        figure = _clip(figure, tail, cutter[(k + 1) % len(cutter)], slack)
-    return figure
-
-
-def _left_of(p, q, point):
-    """Twice the area of the triangle p, q, point: positive to the left of the line from p to q."""
-    return (q[0] - p[0]) * (point[1] - p[1]) - (q[1] - p[1]) * (point[0] - p[0])
-
-
-def _convex_order(points, tolerance):
-    """The corners counter-clockwise, points that coincide within the tolerance once."""
-    distinct = []
-    for p in points:
-        if all(abs(p[0] - q[0]) + abs(p[1] - q[1]) > tolerance for q in distinct):
-            distinct.append(p)
-    if len(distinct) < 3:
-        return distinct
-    centreU = sum(p[0] for p in distinct) / len(distinct)
-    centreV = sum(p[1] for p in distinct) / len(distinct)
-    ordered = sorted(distinct, key=lambda p: math.atan2(p[1] - centreV, p[0] - centreU))
-    far = max(ordered, key=lambda p: _distance2(p, ordered[0]))
-    length = math.sqrt(_distance2(far, ordered[0]))
-    width = max(abs(_left_of(ordered[0], far, p)) for p in ordered) / length
-    if width <= 2 * tolerance:  # all on a line
-        other = max(ordered, key=lambda p: _distance2(p, far))
-        return [other, far]
-    return ordered
-
-
-def _distance2(p, q):
-    return (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2
-
-
-def _middle_of_both(a, b):
-    """The middle, on segment b, of what two parallel segments share."""
-    (au, av), (bu, bv) = a[0], b[0]
-    du, dv = a[1][0] - au, a[1][1] - av
-    eu, ev = b[1][0] - bu, b[1][1] - bv
-    # the ends of a as fractions of b
-    length2 = eu * eu + ev * ev
-    s0 = ((au - bu) * eu + (av - bv) * ev) / length2
-    s1 = s0 + (du * eu + dv * ev) / length2
-    low, high = max(min(s0, s1), 0.0), min(max(s0, s1), 1.0)
-    s = min(max(0.5 * (low + high), 0.0), 1.0)
-    return bu + s * eu, bv + s * ev
-
-
-def _clip(figure, p, q, slack):
-    """What of a convex figure, its corners in order, lies left of the line p q moved outwards."""
-    slack *= math.sqrt(_distance2(p, q))
-    sides = [_left_of(p, q, point) + slack for point in figure]
-    kept = []
-    for k, point in enumerate(figure):
-        following = (k + 1) % len(figure)
-        if sides[k] >= 0:
-            kept.append(point)
-        if sides[k] * sides[following] < 0 and not (len(figure) == 2 and k == 1):
-            s = sides[k] / (sides[k] - sides[following])
-            u, v = figure[following]
-            kept.append((point[0] + s * (u - point[0]), point[1] + s * (v - point[1])))
-    return kept
-
-
-def _centroid(figure, tolerance):
-    """Centroid of a convex polygon given by its corners in order; the middle of a thin one."""
-    anchor = figure[0]
-    area = momentU = momentV = 0.0
-    for p, q in itertools.pairwise(figure[1:]):
-        triangle = _left_of(anchor, p, q)  # twice its area
-        area += triangle
-        momentU += triangle * (p[0] + q[0] - 2 * anchor[0])
-        momentV += triangle * (p[1] + q[1] - 2 * anchor[1])
-    far = max(figure, key=lambda p: _distance2(p, anchor))
-    length = math.sqrt(_distance2(far, anchor))
-    if abs(area) <= tolerance * length or area == 0.0:
-        other = max(figure, key=lambda p: _distance2(p, far))
-        return 0.5 * (far[0] + other[0]), 0.5 * (far[1] + other[1])
-    return anchor[0] + momentU / (3 * area), anchor[1] + momentV / (3 * area)
+    outline = Polygons(np.bincount(row), take(uv, by_angle(row, *uv), axis=1))
+    total = np.bincount(outline.row, outline.length)
+    middle = outline.uv + 0.5 * outline.side
+    moment = np.stack([np.bincount(outline.row, outline.length * x) for x in middle])
+    isPoint = total == 0.0
+    return np.where(isPoint, outline.uv[:, outline.start], moment / np.where(isPoint, 1.0, total))

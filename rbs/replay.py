@@ -14,7 +14,7 @@ from rbs.messages import one_line
 from rbs.recording import QUOTE_LENGTH
 from rbs.settings import CHOSEN
 from rbs.simulation import Simulation
-from rbs.solverstate import SolverState
+from rbs.softstep import SolverState
 from rbs.state import Scene
 
 

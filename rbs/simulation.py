@@ -12,7 +12,7 @@ import numpy as np
 from rbs.bodies import StateError
 from rbs.scenes import SceneSource
 from rbs.settings import CONSTRAINT_TOLERANCE, Settings
-from rbs.solverstate import SolverState
+from rbs.softstep import SolverState
 from rbs.state import Scene
 from RBSFunctions import Mesh, run_timestep
 

@@ -11,8 +11,7 @@ touches it is fast again; so waking spreads by one body a step.
 
 import numpy as np
 
-from rbs.arrays import find_sorted, take
-from rbs.manifolds import pose_changes
+from rbs.bodies import GRAVITY
 from rbs.vectors import norm
 
 # Seconds that bodies have to be slow for before they sleep.
@@ -40,13 +39,17 @@ class Sleep:
             setattr(self, name, columns[name])
 
     @classmethod
-    def none(cls, bodies):
-        count = len(bodies.invMass)
+    def of(cls, bodies, isAsleep, timer):
+        """The `Sleep` of bodies as they are now."""
         return cls(
-            isAsleep=np.zeros(count, dtype=bool), timer=np.zeros(count),
-            position=bodies.position.copy(), orientation=bodies.orientation.copy(),
-            velocity=bodies.velocity.copy(),
+            isAsleep=isAsleep, timer=timer, position=bodies.position.copy(),
+            orientation=bodies.orientation.copy(), velocity=bodies.velocity.copy(),
         )  # fmt: skip
+
+    @classmethod
+    def none(cls, bodies):
+        """All are awake."""
+        return cls.of(bodies, np.zeros(len(bodies.invMass), dtype=bool), 0.0 * bodies.invMass)
 
     def resized(self, bodies, stirred):
         """The `Sleep` of bodies some of which, at the end of the list, have come or gone.
@@ -69,57 +72,43 @@ class Sleep:
             | (bodies.velocity != self.velocity).any(axis=0)
         )
 
-    def travel(self, bodies):
-        """How far (n,) points of the bodies are at most from where the last step has left them."""
-        return pose_changes(
-            self.position, self.orientation, bodies.position, bodies.orientation,
-            bodies.hulls.radius,
-        )  # fmt: skip
-
-    def woken(self, disturbed, links, lost, speed, radius, gravity):
+    def woken(self, bodies, disturbed, links, lost):
         """`isAsleep` (n,) at the beginning of a step.
 
         disturbed : (n,); links : (2, L), bodies that touch or are tied, the ground being body n
-        lost : (2, K), those that did, and do no longer; speed : (n,), see `speeds`
+        lost : (K,), those that did, and do no longer
         """
         if not self.isAsleep.any():
             return self.isAsleep
-        wakes = np.append(disturbed | (speed > slow_speeds(radius, gravity)), False)
-        first, second = links
-        isStirred = wakes.copy()
-        isStirred[first[wakes[second]]] = True
-        isStirred[second[wakes[first]]] = True
+        wakes = np.append(disturbed | ~_are_slow(bodies), False)
+        isStirred = wakes | _beside(wakes, links)
         isStirred[lost] = True
-        return self.isAsleep & ~isStirred[:-1]
+        return self.isAsleep & ~isStirred[:-1] & ~bodies.isFixed
 
-    def settled(self, isAsleep, isFixed, links, speed, radius, gravity, timeStep):
+    def settled(self, bodies, isAsleep, links, timeStep):
         """`(isAsleep, timer)` (n,) at the end of a step; arguments as for `woken`."""
-        isStill = isAsleep | isFixed
-        isSlow = isStill | (speed <= slow_speeds(radius, gravity))
-        timer = np.where(isSlow, self.timer + timeStep, 0.0)
-        starting = STARTING * abs(gravity) * SLEEP_SECONDS
-        isRested = np.append(isStill | (timer >= SLEEP_SECONDS) & (speed <= starting), True)
-        first, second = links
-        isHeldUp = np.zeros(len(isRested), dtype=bool)
-        isHeldUp[first[~isRested[second]]] = True
-        isHeldUp[second[~isRested[first]]] = True
-        sleeps = isRested[:-1] & ~isHeldUp[:-1] & ~isFixed
+        isStill = isAsleep | bodies.isFixed
+        timer = np.where(isStill | _are_slow(bodies), self.timer + timeStep, 0.0)
+        isStarting = speeds(bodies) > STARTING * abs(GRAVITY) * SLEEP_SECONDS
+        isAwake = np.append(~isStill & (isStarting | (timer < SLEEP_SECONDS)), False)
+        sleeps = ~(isAwake | _beside(isAwake, links))[:-1] & ~bodies.isFixed
         return isAsleep | sleeps, timer
 
 
-def slow_speeds(radius, gravity):
-    """Below which speed (n,) a body counts as slow."""
-    return SLOW * np.sqrt(abs(gravity) * radius)
+def _are_slow(bodies):
+    """Which bodies (n,) are slow."""
+    return speeds(bodies) <= SLOW * np.sqrt(abs(GRAVITY) * bodies.hulls.radius)
 
 
-def speeds(velocity, radius):
-    """How fast a point of each body moves at most: |v| + |ω| r, (n,) of velocities (6, n)."""
-    return norm(velocity[0:3]) + norm(velocity[3:6]) * radius
+def _beside(some, links):
+    """Which bodies (n + 1,) are linked to one of some (n + 1,)."""
+    first, second = links
+    found = np.zeros_like(some)
+    found[first[some[second]]] = True
+    found[second[some[first]]] = True
+    return found
 
 
-def lost_links(key, oldKey, count):
-    """Which pairs (2, K) of `oldKey` are not in `key` any more; both sorted, i · count + j."""
-    if len(oldKey) == 0:
-        return np.zeros((2, 0), dtype=np.intp)
-    isLost = find_sorted(oldKey, key) < 0 if len(key) else np.ones(len(oldKey), dtype=bool)
-    return np.stack(np.divmod(take(oldKey, isLost.nonzero()[0]), count))
+def speeds(bodies):
+    """How fast a point of each body (n,) moves at most: |v| + |ω| r."""
+    return norm(bodies.linVelocity) + norm(bodies.angVelocity) * bodies.hulls.radius

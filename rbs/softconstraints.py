@@ -5,24 +5,20 @@ contacts of the same sweep. Arms and directions are those of the substep: frozen
 energy.
 """
 
-import math
-
 import numpy as np
 
+from Quaternion import exponentials, rotation_matrices
 from rbs.arrays import take
 from rbs.constraints import ConstraintRows, coloured_batches
 from rbs.kernels import distance_error
-from rbs.offsets import converted, lasting, ratios
+from rbs.springs import Spring, lasting
 from rbs.vectors import cross, dot, mat_vec
 
-# Of the substeps' frequency, and the damping ratio: stiffer than contacts, since a mechanism that
-# gives way looks wrong.
-FREQUENCY = 0.4
-DAMPING = 2.0
-# Of the smaller body's radius: how far before its bound a constraint may begin to act, see
-# rbs/offsets.py. A heavier load than that takes gives way when substeps become longer.
-MOST_OFFSET = 0.03
-# Passes over all constraints in a sweep: a pull passes through a net by one body a pass.
+# Of the springs: with the frequency of contacts a net gives way visibly; with critical damping a
+# heavy weight on a chain never comes to rest, and with that of contacts a net gives way more.
+FREQUENCY, DAMPING = 0.4, 2.0
+# Passes over all constraints in a sweep: a pull passes through a net by one body a pass. With one,
+# a chain that bears much more than its own weight swings ever higher.
 PASSES = 4
 
 
@@ -45,7 +41,6 @@ class SoftConstraints:
         self.impulse, self.offset, self.substep = (
             column.copy() if isKnown else np.zeros(self.count) for column in columns
         )
-        self.mostOffset = MOST_OFFSET * take(bodies.hulls.radius, self.ends).min(axis=0)
         self.isFixed = bodies.isFixed
         self.visits = 0
         self._arms = take(
@@ -72,10 +67,6 @@ class SoftConstraints:
         self.isRigid = self.lower >= self.upper
         self.count = len(order)
 
-    def links(self):
-        """The bodies (2, R) that are held together."""
-        return self.ends
-
     def store(self, kept):
         """Leaves to the next step what it starts with."""
         if self.batches and self.offset.any():
@@ -84,38 +75,26 @@ class SoftConstraints:
             self.offset = np.where(self.moves, offset, self.offset)
         kept.constraint, kept.constraintImpulse = self.key, self.impulse
         kept.constraintOffset = self.offset
-        kept.constraintSubstep = np.where(self.moves, self.h, self.substep)
+        kept.constraintSubstep = np.where(self.moves, self.spring.h, self.substep)
 
     def begin(self, motion, frames, h):
         """Makes the batches of those that can move in this step."""
-        self.h = h
+        self.spring = Spring(FREQUENCY, DAMPING, h)
         self.position = frames.position
-        angle = 2.0 * math.pi * FREQUENCY
-        a1 = 2.0 * DAMPING + angle
-        a2 = angle * a1
-        self.biasRate = angle / (h * a1)
-        self.massScale, self.impulseScale = a2 / (1.0 + a2), 1.0 / (1.0 + a2)
         moves = self.moves = (take(motion.invMass, self.ends) > 0.0).any(axis=0)
         self.batches = []
         for batch in coloured_batches(*np.ascontiguousarray(self.ends), self.isFixed):
             batch = batch[moves[batch]]
             if len(batch):
                 self.batches.append((batch, self.ends[:, batch]))
-        self._convert(motion)
-
-    def _convert(self, motion):
-        """Brings what substeps of another length have left to that of these; see rbs/offsets.py."""
-        ratio = np.where(self.moves, ratios(self.h, self.substep), 1.0)
-        if (ratio == 1.0).all():
-            return
-        self._renew(motion)
-        stiffness = (2.0 * math.pi * FREQUENCY) ** 2 * self.mass * ratio / self.h
-        sign, violation = self._violations()
-        give = np.maximum(-sign * self.impulse, 0.0)
-        give /= np.where(stiffness > 0.0, stiffness, np.inf)
-        offset = converted(sign * self.offset, give, violation, ratio, self.mostOffset)
-        self.offset = np.where(ratio == 1.0, self.offset, sign * offset)
-        self.impulse *= ratio
+        ratio = np.where(moves, self.spring.ratios(self.substep), 1.0)
+        if (ratio != 1.0).any():
+            self._renew(motion)
+            sign, violation = self._violations()
+            pull = np.maximum(-sign * self.impulse, 0.0)
+            offset = self.spring.converted(sign * self.offset, pull, self.mass, violation, ratio)
+            self.offset = np.where(ratio == 1.0, self.offset, sign * offset)
+            self.impulse *= ratio
 
     def _violations(self):
         """`(sign, violation)` (R,) of the bounds that act, or are nearer: 1 of an upper one."""
@@ -127,7 +106,9 @@ class SoftConstraints:
     def _renew(self, motion):
         """Distances, Jacobians, effective masses, where the bodies are now."""
         ends = self.ends.ravel()
-        arm = _rotated(take(motion.turn, ends, axis=0).T, self._arms)
+        angle = np.ascontiguousarray(take(motion.turn, ends, axis=0).T)
+        turn = np.stack(rotation_matrices(exponentials((0.0, *(0.5 * angle)))))
+        arm = mat_vec(turn, self._arms)
         point = take(self.position, ends, axis=1) + take(motion.shift, ends, axis=0).T + arm
         count = self.count
         self.length, d = distance_error(point[:, :count], point[:, count:], 0.0)
@@ -157,35 +138,24 @@ class SoftConstraints:
         isUpper = length - self.upper >= self.lower - length
         C = length - np.where(isUpper, self.upper, self.lower)
         isSlack = np.where(isUpper, C < 0.0, C > 0.0) & ~self.isRigid
-        bias = np.where(isSlack, C / self.h, self.biasRate * C if isSoft else 0.0)
-        isHard = isSlack | (not isSoft)
-        mass = np.where(isHard, 1.0, self.massScale) * self.mass
-        memory = np.where(isHard, 1.0, 1.0 - self.impulseScale)
+        bias = np.where(isSlack, C / self.spring.h, self.spring.rate * C if isSoft else 0.0)
+        softness = np.where(isSlack | (not isSoft), 1.0, self.spring.softness)
         least = np.where(isUpper | self.isRigid, -np.inf, 0.0)
         most = np.where(isUpper & ~self.isRigid, 0.0, np.inf)
         rows = [
             (batch, ends, self.J[:, batch], self.MJ[:, batch],
-             *(column[batch] for column in (bias, mass, memory, least, most)))
+             *(column[batch] for column in (bias, self.mass, softness, least, most)))
             for batch, ends in self.batches
         ]  # fmt: skip
         for _ in range(PASSES):
             for row in rows:
                 self._visit(motion.velocity, *row)
 
-    def _visit(self, velocity, batch, ends, J, MJ, bias, mass, memory, least, most):
+    def _visit(self, velocity, batch, ends, J, MJ, bias, mass, softness, least, most):
         """Solves a batch for its impulses, and applies what they have changed by."""
         old = self.impulse[batch]
         speed = (J * velocity[ends]).sum(axis=(0, 2))
-        impulse = np.minimum(np.maximum(old * memory - mass * (speed + bias), least), most)
+        impulse = np.clip(softness * (old - mass * (speed + bias)), least, most)
         self.impulse[batch] = impulse
         velocity[ends] += MJ * (impulse - old)[:, None]
         self.visits += len(batch)
-
-
-def _rotated(angle, v):
-    """Vectors (3, m) turned by rotation vectors (3, m): Rodrigues' formula."""
-    length = np.sqrt(dot(angle, angle))
-    safe = np.where(length > 0.0, length, 1.0)
-    axis = angle / safe
-    c, s = np.cos(length), np.sin(length)
-    return v * c + cross(axis, v) * s + axis * (dot(axis, v) * (1.0 - c))

@@ -16,9 +16,8 @@ from Quaternion import QRotate
 from rbs.bodies import StateError
 from rbs.messages import print_note
 from rbs.scenelines import scene_rows
-from rbs.schedules import sweep
 from rbs.submissions import SubmissionError, brief, describe, load_submission
-from RBSFunctions import run_timestep
+from RBSFunctions import run_timestep, sweep
 
 # Our run_timestep's parameters in their order, and the values that they have where none is given.
 DEFAULTS = {name: one.default for name, one in inspect.signature(run_timestep).parameters.items()}

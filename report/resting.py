@@ -30,8 +30,8 @@ ENGINES = {  # name → key in numbers.json, label, colour, dash
 HEAP, HEAP_STEPS, SAMPLE = 200, 1000, 20
 FRICTION = benchmarkPiles.MATERIALS["friction 0.5"]
 # The modules of the soft-step solver alone, and those of the accelerated basic step alone.
-SOLVER_ROOMS = ("nearpairs", "manifolds", "contactdetection", "softconstraints", "impactenergy",
-                "sleeping", "solverstate", "softstep")  # fmt: skip
+SOLVER_ROOMS = ("springs", "manifolds", "contactdetection", "softcontacts", "softconstraints",
+                "sleeping", "softstep")  # fmt: skip
 GRID_ROOMS = ("broadphase", "batches")
 NUMERALS = {4: "four", 6: "six", 8: "eight", 10: "ten", 12: "twelve"}
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial import ConvexHull, Delaunay
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from RBSFunctions import Mesh
@@ -173,12 +173,11 @@ def thin_depth(points1, points2):
 
 
 def exact_depth(points1, points2):
-    """Depth of two hulls of few points, of any dimension, without rounding but for the last.
+    """Depth of two hulls of few points, without rounding but for the last.
 
     In whole numbers. The directions looked at are those across any two lines between points of a
-    set, which include the normals of all facets of A - B; of what lies in a plane, those in it too.
-    A negative depth is the widest gap along one of the directions, also those from point to point
-    and from point to line, and so minus the distance.
+    set, which include the normals of all facets of A - B. A negative depth is the widest gap along
+    one of them, or from point to point or from point to line, and so minus the distance.
     """
     unit, sets = _whole_numbers(points1, points2)
     lines = {}
@@ -189,14 +188,6 @@ def exact_depth(points1, points2):
             lines[max(tuple(s * x // divisor for x in d) for s in (1, -1))] = None
     lines = list(lines)
     normals = [n for d, e in itertools.combinations(lines, 2) if any(n := _cross(d, e))]
-    if not normals and lines:  # all on a line
-        across = _cross(lines[0], min(((0, 0, 1), (0, 1, 0), (1, 0, 0)),
-                                      key=lambda axis: abs(_dot(axis, lines[0]))))  # fmt: skip
-        normals = [lines[0], across, _cross(lines[0], across)]
-    elif not normals:  # two points
-        normals = [(1, 0, 0), (0, 1, 0), (0, 0, 1)]
-    elif all(_dot(normals[0], d) == 0 for d in lines):  # all in a plane
-        normals = [normals[0], *(_cross(normals[0], d) for d in lines)]
     least = _least_overlap(*sets, normals)
     if least < 0:
         between = [_minus(a, b) for a, b in itertools.product(*sets)]
@@ -279,10 +270,3 @@ def size_of(points1, points2):
     """What a tolerance is relative to: the sum of both point sets' radii, as in GJK.py."""
     return sum(np.linalg.norm(p - 0.5 * (p.min(axis=0) + p.max(axis=0)), axis=1).max()
                for p in (points1, points2))  # fmt: skip
-
-
-def polygon_centroid(points):
-    """Centroid (2,) of the convex hull of points (n, 2) in the plane."""
-    corners = points[Delaunay(points).simplices]
-    areas = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
-    return areas @ corners.mean(axis=1) / areas.sum()

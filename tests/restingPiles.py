@@ -33,7 +33,7 @@ from oracles import (
 from rbs.bodies import GRAVITY
 from rbs.scenes import DATA_FOLDER, load_scene_file
 from rbs.simulation import Settings, Simulation
-from rbs.solverstate import SolverState
+from rbs.softstep import SolverState
 from RBSFunctions import Mesh, run_timestep
 
 TIME_STEP, FRICTION = 0.02, 0.5

@@ -12,12 +12,12 @@ from oracles import vertices_of as vertices
 
 import GJK
 import RBSFunctions
-from rbs.solverstate import SolverState
+from rbs.softstep import SolverState
 
 # How many cases hit all that a campaign is for, and counts that must not be 0.
 SHORT = {
     "pairs": (150, ("aligned needles and blades", "collide", "far from the origin", "kissing",
-                    "of extreme size", "with a flat set", "judged by Qhull",
+                    "of extreme size", "refused in words", "judged by Qhull",
                     "judged in whole numbers")),
     "bits": (12, ("contacts", "resumed", "steps with constraints", "soft-step: restored",
                   "soft-step: contacts")),
@@ -48,14 +48,9 @@ def test_the_command_prints_counts_and_ends_with_0():
 # --------------------------------------------------------------------------------------------------
 
 
-def unstretched(patch):
-    """Needles as if they were not thin."""
-    patch.setattr(GJK, "_stretch", lambda hulls: None)
-
-
 def too_tolerant(patch):
-    """Hulls that are a millionth of their size apart touch."""
-    patch.setattr(GJK, "TOUCH_TOLERANCE", 1e-6)
+    """Hulls that are a hundredth of their size apart touch."""
+    patch.setattr(GJK, "TOUCH_TOLERANCE", 1e-2)
 
 
 def unsigned_zeros(patch):
@@ -94,7 +89,7 @@ def a_kept_box(patch):
 
 
 @pytest.mark.parametrize(("name", "fault", "cases"), [
-    ("pairs", unstretched, (2263, 2417, 2732, 2953)), ("pairs", too_tolerant, range(300)),
+    ("pairs", too_tolerant, range(300)),
     ("bits", unsigned_zeros, range(60)), ("bits", forgetful, range(30)),
     ("changes", a_kept_box, range(10)),
 ])  # fmt: skip
@@ -126,10 +121,3 @@ def test_oracles_of_depth_agree():
             assert depth < 0 or abs(other - depth) < 1e-14
         hits += depth > 0
     assert 10 < hits < 35
-    # points, a point and a segment, crossing segments
-    x, y, z = np.eye(3)
-    assert exact_depth(np.zeros((1, 3)), np.array([[3.0, 4.0, 0.0]])) == -5.0
-    assert exact_depth(np.array([-x, x]), np.array([[0.5, 0.0, 1e-300]])) == -1e-300
-    assert exact_depth(np.array([-x, x]), np.array([2.0 * y, -y])) == 0.0
-    assert exact_depth(np.array([-x, x]), np.array([0.25 * x])) == 0.0
-    assert exact_depth(np.array([-x, x, z]), np.array([0.25 * x + 0.25 * z])) == 0.0

@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
-from oracles import body, ground, random_quaternions, rotation, state_of
+from oracles import body, box_body, ground, random_quaternions, rotation, state_of
 
-import GJK
-from rbs.patches import overlap_centre
+from rbs.hulls import HullSet
+from rbs.patches import Polygons, contact_points, overlap_corners
 from RBSFunctions import Mesh, run_timestep
-
-SQUARE = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
 
 
 def test_a_push_gives_its_momentum_and_its_moment():
@@ -27,34 +25,37 @@ def test_a_push_gives_its_momentum_and_its_moment():
         np.testing.assert_allclose(spin, moment * free, rtol=1e-11, atol=1e-9)
 
 
-def test_overlap_of_points_with_figures_is_the_point():
-    point = [(0.25, 0.5), (0.25, 0.5)]
-    assert overlap_centre(point, SQUARE, 1e-10) == (0.25, 0.5)
-    assert overlap_centre(SQUARE, point, 1e-10) == (0.25, 0.5)
+def contact_of_bodies(body1, body2):
+    """`(depth, point)` of two bodies that touch along y, by the patch between their features."""
+    hulls = HullSet([body1.hull, body2.hull])
+    t = (body2.position - body1.position).T
+    normal, tolerance = np.array([[0.0], [1.0], [0.0]]), np.array([1e-9])
+    point = contact_points(hulls, np.array([0]), np.array([1]), t, normal, tolerance)
+    return point[:, 0] + body2.position[0]
 
 
-@pytest.mark.parametrize("gap", [1e-14, 1e-12])
-def test_figures_that_rounding_has_parted_meet_between_them(gap):
+@pytest.mark.parametrize("gap", [0.0, 1e-14, 1e-12, 1e-7, 1e-4])
+def test_features_that_rounding_has_parted_meet_between_them(gap):
     """The sides move out until something is left: the centre of the side that they had shared."""
-    shifted = [(u + 1 + gap, v + 0.5) for u, v in SQUARE]
-    u, v = overlap_centre(SQUARE, shifted, 1e-10)
-    assert abs(u - 1) < 1e-10 and abs(v - 0.75) < 1e-9
+    lower, upper = box_body(4, 2, 4, (0, 0, 0)), box_body(4, 2, 4, (4 + gap, 2, 1))
+    # they share the side x = 2, z from -1 to 2
+    assert contact_of_bodies(lower, upper) == pytest.approx([2, 1, 0.5], abs=2e-9 + 2000 * gap)
 
 
-def test_a_guessed_axis_changes_no_verdict():
-    """The gap between the boxes is along x; guesses along each axis, and none."""
-    hull = GJK.build_hull(body("box").origVertices)
-    hulls = GJK.HullSet([hull, hull])
-    first, second = np.array([0]), np.array([1])
-    for distance, expected in ((11.9, False), (12.2, True)):
-        t = np.array([[distance], [0.3], [-0.2]])
-        for guess in (None, *np.eye(3)[:, :, None]):
-            separated, axis, along = GJK.separating_axes(
-                hulls, first, second, t, np.array([0.1]), guess
-            )
-            assert separated[0] == expected
-            if expected:
-                assert axis[0, 0] > 0.9 and 0.1 < along[0] <= 0.2 + 1e-12
+def test_sides_in_line_that_do_not_meet_leave_nothing_beyond_their_ends():
+    """Of features in a plane, the overlap goes no further than either of them."""
+    rng = np.random.default_rng(5)
+    for angle in rng.uniform(0.0, 2.0 * np.pi, size=200):
+        (c, s), (u0, u1, u2) = (np.cos(angle), np.sin(angle)), rng.uniform(0.1, 1.0, size=3)
+        R = np.array([[c, -s], [s, c]])
+        long = R @ np.array([[0, u0 + u1, u0 + u1, 0], [0, 0, 1, 1]])
+        short = R @ np.array([[u0, u0 + u1 + u2], [0, 0]])
+        a, b = Polygons(np.array([4]), long), Polygons(np.array([2]), short)
+        row, uv = overlap_corners(a, b, np.array([1e-9]))
+        along = (R.T @ uv)[0]
+        assert not row.any()
+        assert along.min() == pytest.approx(u0, abs=1e-8)
+        assert along.max() == pytest.approx(u0 + u1, abs=1e-8)
 
 
 def test_a_mesh_without_state_says_so():
