@@ -13,6 +13,8 @@ from experiments import BOX, body, experiment, heap_scene, scene, shape, silent,
 from matplotlib.patches import Rectangle
 from scipy.spatial import cKDTree
 
+import rbs.batches
+import rbs.constraints
 import RBSFunctions
 from rbs.broadphase import grid_levels, grid_overlaps
 from rbs.simulation import Settings, Simulation
@@ -43,14 +45,14 @@ def boxes(meshes):
 
 
 @contextmanager
-def watched(name, wrapper):
-    """Within it, RBSFunctions has `wrapper` of its own function or class of this name."""
-    original = getattr(RBSFunctions, name)
-    setattr(RBSFunctions, name, wrapper(original))
+def watched(module, name, wrapper):
+    """Within it, the module has `wrapper` of its own function or class of this name."""
+    original = getattr(module, name)
+    setattr(module, name, wrapper(original))
     try:
         yield
     finally:
-        setattr(RBSFunctions, name, original)
+        setattr(module, name, original)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -163,10 +165,10 @@ def candidates(axis):
 
 
 class Passes:
-    """What the accelerated steps of a simulation do: its wrapped `OrderedBatches` write here.
+    """What the grid steps of a simulation do: the wrapped `Pass` writes here.
 
-    steps : list of lists, a dict a pass: batches, how many; isComplete; and of each pair first,
-    second, batch, touches, isNew (P,), whether the first pass was without it
+    steps : list of lists, a dict a pass: batches, how many; isComplete; and of each pair keys, for
+    their order, batch, touches, isNew (P,), whether the first pass was without it
     """
 
     def __init__(self):
@@ -176,29 +178,24 @@ class Passes:
         steps = self.steps
 
         class Watched(original):
-            def __init__(self, *arguments):
-                super().__init__(*arguments)
-                steps.append([])
-                self.seen = []
-
-            def detect(self):
-                for number, batch in enumerate(super().detect()):
-                    yield batch
-                    touches = np.isin(np.arange(batch.pairs.shape[1]), batch.hits)
-                    number = np.full(len(touches), number)
-                    self.seen.append((*batch.pairs, number, touches))
-
-            def validate(self):
-                contacts = super().validate()
-                columns = [np.concatenate(column) for column in zip(*self.seen, strict=True)]
-                count, self.seen = len(self.seen), []
-                now = dict(zip(("first", "second", "batch", "touches"), columns, strict=True))
-                keys = now["first"] * len(self.start[0]) + now["second"]
+            def run(self):
+                contacts = super().run()
+                if not steps or steps[-1][-1]["isComplete"]:
+                    steps.append([])
+                first, second = self.bodyPair
+                keys = first * len(self.margin) + second
                 begun = steps[-1][0]["keys"] if steps[-1] else keys
-                now.update(keys=keys, isNew=~np.isin(keys, begun), batches=count,
-                           isComplete=contacts is not None)  # fmt: skip
-                steps[-1].append(now)
+                sizes = np.diff(self.starts)
+                steps[-1].append(dict(
+                    keys=keys, batch=np.arange(len(sizes)).repeat(sizes), batches=len(sizes),
+                    touches=np.isin(self.rank, contacts.rank), isNew=~np.isin(keys, begun),
+                ))  # fmt: skip
                 return contacts
+
+            def has_missed(self, history):
+                hasMissed = super().has_missed(history)
+                steps[-1][-1]["isComplete"] = not hasMissed
+                return hasMissed
 
         return Watched
 
@@ -214,12 +211,12 @@ def batches(axis):
     heap whose bodies start inside each other: nothing is known of how far they are going to move.
     """
     usual, squeezed = Passes(), Passes()
-    with watched("OrderedBatches", usual.wrapper):
+    with watched(rbs.batches, "Pass", usual.wrapper):
         heap(1000, 200)
     simulation = heap(500, 0)
     for mesh in simulation.meshes:
         mesh.position = SQUEEZED * mesh.position
-    with watched("OrderedBatches", squeezed.wrapper):
+    with watched(rbs.batches, "Pass", squeezed.wrapper):
         simulation.step()
     (passes,) = squeezed.steps
     assert passes[-1]["isComplete"] and not passes[0]["isComplete"]
@@ -257,7 +254,7 @@ def batches(axis):
 
 
 class Visits:
-    """The visits that schedules make: wrapped `sweep`, `queue` and `batches` write here.
+    """The visits that schedules make: the wrapped functions write here.
 
     steps : list of lists, `(constraint, was violated)` for each visit; of batches, how many
     """
@@ -265,19 +262,34 @@ class Visits:
     def __init__(self):
         self.steps = []
 
-    def wrapper(self, original):
-        def schedule(visit, *arguments):
-            made = []
-            self.steps.append(made)
+    def schedule(self, original):
+        """Of `sweep` and `queue`, which are handed a visit."""
 
-            def observed(c):
-                isViolated = visit(c)
-                made.append((c, isViolated))
-                return isViolated
+        def watching(visit, *arguments):
+            self.steps.append([])
+            return original(self.visit(visit), *arguments)
 
-            return original(observed, *arguments)
+        return watching
 
-        return schedule
+    def step(self, original):
+        """Of `project_in_batches`."""
+
+        def watching(*arguments):
+            self.steps.append([])
+            return original(*arguments)
+
+        return watching
+
+    def visit(self, original):
+        """Of one visit, or of `visit_batch`."""
+
+        def watching(*arguments):
+            isViolated = original(*arguments)
+            c = arguments[4] if len(arguments) > 1 else arguments[0]
+            self.steps[-1].append((c, isViolated))
+            return isViolated
+
+        return watching
 
     def counts(self):
         """Visits to constraints that can be violated at all, of each step."""
@@ -295,7 +307,12 @@ def visits_of(name, scheduling, steps=CONSTRAINED_STEPS):
     """`(Visits, worst violation in metres)` of a scene, from CONSTRAINED_FROM on."""
     visits, worst = Visits(), 0.0
     simulation = scene(name, constraintScheduling=scheduling, broadPhase="grid")
-    with watched(scheduling, visits.wrapper):
+    with (
+        watched(RBSFunctions, "sweep", visits.schedule),
+        watched(rbs.constraints, "queue", visits.schedule),
+        watched(rbs.constraints, "project_in_batches", visits.step),
+        watched(rbs.constraints, "visit_batch", visits.visit),
+    ):
         for step in range(steps):
             simulation.step()
             if step >= CONSTRAINED_FROM:

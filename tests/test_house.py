@@ -6,6 +6,7 @@ inside a function.
 
 import ast
 import re
+import subprocess
 import sys
 
 import pytest
@@ -20,10 +21,6 @@ POLYSCOPE_ROOMS = {
 }  # fmt: skip
 # What uses the rooms, and is used by none of them.
 USERS = {"tests", "report", "graders"}
-# What looks at an internal on purpose, and at which: what it holds, or how often it is called, is
-# what the test is about.
-INTERNALS = {
-}
 # A file that is longer than this is two rooms.
 MOST_LINES = 750
 
@@ -201,12 +198,21 @@ def test_polyscope_is_imported_by_what_draws_only():
     assert found == POLYSCOPE_ROOMS
 
 
-def test_private_names_of_others_are_used_on_purpose_only():
+def test_nobody_uses_private_names_of_others():
     known = rooms()
     users = [path for user in (*USERS, "data") for path in ROOT.glob(f"{user}/*.py")]
     used = {path.name: foreign_privates(path.read_text("utf-8"), known)
             for path in (*known.values(), *users) if path.name != "test_house.py"}  # fmt: skip
-    assert {name: names for name, names in used.items() if names} == INTERNALS
+    assert {name: names for name, names in used.items() if names} == {}
+
+
+def test_the_coursework_loads_few_files():
+    """What the steps of many bodies need is imported when a step is handed over to them."""
+    program = "import sys, RBSFunctions; print(*sys.modules)"
+    command = [sys.executable, "-c", program]
+    loaded = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    own = set(loaded.split()) & set(rooms())
+    assert {"RBSFunctions", "rbs.bodies"} <= own and len(own) <= 12, sorted(own)
 
 
 def test_every_room_says_what_it_is_for_and_is_not_too_long():
