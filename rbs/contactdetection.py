@@ -100,11 +100,8 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
     reach = (speeds(bodies) + np.where(bodies.isFixed, 0.0, abs(GRAVITY) * timeStep)) * timeStep
     first, second = grid_overlaps(bodies.box - reach, bodies.isFixed)
     key = first * count + second
-    axis = np.zeros((3, len(key)))
-    known = find_sorted(key, kept.pairKey)
-    isKnown = known >= 0
-    axis[:, isKnown] = kept.pairAxis[:, known[isKnown]]
-
+    axis, known = np.zeros((3, len(key))), find_sorted(key, kept.pairKey)
+    axis[:, known >= 0] = kept.pairAxis[:, known[known >= 0]]
     valid = _valid_manifolds(kept.manifolds, frames, bodies, key)
     asked = indices(~(isStill[first] & isStill[second]) & (find_sorted(key, valid.key) < 0))
     new, axis[:, asked] = _new_pair_manifolds(
@@ -113,7 +110,7 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
     kept.pairKey, kept.pairAxis = key, axis
     if hasGround:
         new = new.joined(_new_ground_manifolds(bodies, frames, reach, valid.key, timeStep))
-    new.inherit(kept.manifolds, frames.sizes(*new.bodies(count - 1)))
+    new.inherit(kept.manifolds)
     return valid.joined(new), frames
 
 
@@ -163,9 +160,7 @@ def _new_ground_manifolds(bodies, frames, reach, known, timeStep):
         return Manifolds.none()
     ground = np.full(len(body), count - 1)
     t = frames.translations(body, ground)
-    shift, turn = (
-        timeStep * take(column, body, axis=1) for column in (bodies.linVelocity, bodies.angVelocity)
-    )
+    shift, turn = timeStep * bodies.linVelocity[:, body], timeStep * bodies.angVelocity[:, body]
     height = bodies.position[1, body]
     arm, isPoint = ground_manifolds(bodies.hulls, body, height, reach[body], shift, turn)
     normal, tangent = (np.tile(np.reshape(v, (3, 1)), len(body)) for v in (DOWN, ALONG))

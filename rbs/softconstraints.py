@@ -122,16 +122,12 @@ class SoftConstraints:
         self.MJ = np.concatenate((invMass * d, turning)).T.reshape(2, count, 6)
 
     def warm_start(self, motion):
-        if not self.batches:
-            return
         self._renew(motion)
         for batch, ends in self.batches:
             motion.velocity[ends] += self.MJ[:, batch] * self.impulse[batch][:, None]
 
     def sweep(self, motion, isSoft):
         """Passes over all constraints; in the soft sweep, the errors are pulled out."""
-        if not self.batches:
-            return
         if not isSoft:
             self._renew(motion)
         length = self.length - self.offset

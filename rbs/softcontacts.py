@@ -180,11 +180,7 @@ class SoftContacts:
 
     def warm_start(self):
         """Begins with the impulses of the substep before."""
-        self._add((self.B * self.impulse).sum(axis=1), self.friction)
-
-    def _add(self, normals, friction):
-        """Adds a wrench, three rows of either, to what `apply` gives the bodies."""
-        self.pending += np.concatenate((normals, friction))
+        self.pending += np.concatenate(((self.B * self.impulse).sum(axis=1), self.friction))
 
     def move(self):
         """The points come as far apart as the bodies have moved in a substep."""
@@ -204,13 +200,9 @@ class SoftContacts:
 
     def relaxing_sweep(self):
         """One pass over all contacts that takes the speed of pushing out away again."""
-        self._solve(self._gap_speeds())
+        self._solve(np.maximum(self.separation, 0.0) / self.h)
         self.totalImpulse += self.impulse
         self.totalFriction += self.friction
-
-    def _gap_speeds(self):
-        """The speeds (4, M) that close the gaps within a substep."""
-        return np.maximum(self.separation, 0.0) / self.h
 
     def _solve(self, bias, softness=1.0):
         """Solves all manifolds for impulses, of the motion that has been measured, and notes what
@@ -229,17 +221,14 @@ class SoftContacts:
         friction = self.friction
         if self.mu > 0.0:
             slip = self.twist[3:] + mat_vec(self.coupling, wrench)
-            friction = self._limited(friction - mat_vec(self.frictionMass, slip), impulse)
-        self._add(wrench, friction - self.friction)
+            friction = friction - mat_vec(self.frictionMass, slip)
+            # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever
+            limit, twistLimit = (self.limits * impulse).sum(axis=1)
+            size = np.sqrt(friction[0] * friction[0] + friction[1] * friction[1])
+            friction[:2] *= limit / np.maximum(np.maximum(size, limit), TINY)
+            friction[2] = np.clip(friction[2], -twistLimit, twistLimit)
+        self.pending += np.concatenate((wrench, friction - self.friction))
         self.impulse, self.friction = impulse, friction
-
-    def _limited(self, friction, impulse):
-        """Coulomb's law: friction of at most μ Σ λ, a twist of at most μ Σ λ times the lever."""
-        limit, twistLimit = (self.limits * impulse).sum(axis=1)
-        size = np.sqrt(friction[0] * friction[0] + friction[1] * friction[1])
-        friction[:2] *= limit / np.maximum(np.maximum(size, limit), TINY)
-        friction[2] = np.minimum(np.maximum(friction[2], -twistLimit), twistLimit)
-        return friction
 
     def restitute(self, motion, CRCoeff, closing, bodies, links):
         """Where bodies came together faster than by what gravity adds in a step, which belongs to
@@ -250,7 +239,7 @@ class SoftContacts:
         bounces = (closing < -self.fall) & (self.totalImpulse > 0.0)
         if not bounces.any():
             return
-        bias = np.where(bounces, CRCoeff * closing, self._gap_speeds())
+        bias = np.where(bounces, CRCoeff * closing, np.maximum(self.separation, 0.0) / self.h)
         self.apply(motion)
         before, velocity = (self.impulse, self.friction), motion.velocity[:-1].copy()
         for _ in range(RESTITUTION_SWEEPS):

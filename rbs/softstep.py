@@ -85,7 +85,7 @@ def _make_substeps(motion, contacts, distances, substeps, h):
     for _ in range(substeps):
         motion.fall(h)
         contacts.warm_start()
-        if distances.count:
+        if distances.batches:
             contacts.apply(motion)
             distances.warm_start(motion)
             distances.sweep(motion, isSoft=True)
@@ -94,7 +94,7 @@ def _make_substeps(motion, contacts, distances, substeps, h):
         contacts.measure(motion)
         motion.move(h)
         contacts.move()
-        if distances.count:
+        if distances.batches:
             distances.sweep(motion, isSoft=False)
             contacts.measure(motion)
         contacts.relaxing_sweep()
@@ -111,9 +111,8 @@ def _still_asleep(kept, bodies, isDisturbed, manifolds, distances):
 
 def _settled(kept, bodies, isAsleep, distances, timeStep):
     """The `Sleep` at the end of the step; what falls asleep stands still."""
-    isPressed = (kept.manifolds.impulse > 0.0).any(axis=0)
-    links = kept.manifolds.bodies(kept.count)[:, isPressed]
-    links = np.concatenate((links, distances.ends), axis=1)
+    touching = kept.manifolds.bodies(kept.count)[:, (kept.manifolds.impulse > 0.0).any(axis=0)]
+    links = np.concatenate((touching, distances.ends), axis=1)
     isAsleep, timer = kept.sleep.settled(bodies, isAsleep, links, timeStep)
     bodies.motion[3:9] = np.where(isAsleep, 0.0, bodies.motion[3:9])
     return Sleep.of(bodies, isAsleep, timer)
