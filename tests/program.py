@@ -32,6 +32,13 @@ def run(folder, *arguments, **changes):
     )  # fmt: skip
 
 
+def start(folder, *arguments, **options):
+    """The program as a process that runs on in a folder; a Popen, with these options of it."""
+    command, pipe = [sys.executable, PROGRAM, *map(str, arguments)], subprocess.PIPE
+    options |= {"cwd": folder, "env": environment(), "text": True}
+    return subprocess.Popen(command, stdout=pipe, stderr=pipe, **options)
+
+
 def call(capsys, *arguments):
     """(exit code, output, errors) of the program, run in this process."""
     capsys.readouterr()

@@ -251,7 +251,7 @@ def test_what_a_list_of_meshes_remembers_steers_no_result(broadPhase):
     rng = np.random.default_rng(8)
     warm, _ = load("mixed")
     contacts = 0
-    for _ in range(12):
+    for _ in range(20):
         for _ in range(rng.integers(1, 12)):
             run_timestep(warm, ground(), 0.02, 0.5, broadPhase=broadPhase)
         for mesh in warm:
