@@ -7,9 +7,6 @@ in one line; and both must come out often, or the damage was too great or too sm
 The cases are the same in every run.
 """
 
-import contextlib
-import io
-import json
 import math
 import pickle
 import random
@@ -22,13 +19,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from oracles import ROOT
-from program import CAMERA, DATA, record
+from program import DATA, record
 from test_loading import FILES, write
 
 import rbs.recording
-from rbs.cameras import CameraError, load_camera
 from rbs.meshfiles import tetrahedron_volumes
-from rbs.options import MOST_STEPS, make_parser
 from rbs.recording import Recorder, Recording, RecordingError
 from rbs.replay import Replay, verify
 from rbs.scenes import NonConvexWarning
@@ -52,48 +47,33 @@ NASTY_WORDS = (
 )
 
 
-def mutated_text(content, generator):
-    """The bytes of a text after one to three operations on its lines."""
-    for _ in range(generator.choice([1, 1, 1, 2, 3])):
-        lines = content.split(b"\n")
-        i, j = generator.randrange(len(lines)), generator.randrange(len(lines))
-        words, nasty = lines[i].split(b" "), generator.choice(NASTY_WORDS)
-        kind = generator.choice("flip cut delete double swap comment ends word word word".split())
-        if kind == "flip":
-            content = mutated_bytes(content, generator, "flip")
-            continue
-        if kind == "cut":
-            lines[-1:] = [] if i % 2 else [lines[-1][:-3]]
+def mutated(content, generator, separator):
+    """The bytes after one or two operations on the pieces between separators, or on any pieces."""
+    for _ in range(generator.choice([1, 1, 1, 2])):
+        cut = generator.randrange(len(content) + 1)
+        pieces = content.split(separator) if separator else []
+        pieces = pieces or [content[:cut], content[cut : cut + 30], content[cut + 30 :]]
+        i = generator.randrange(len(pieces)) if separator else 1
+        words, nasty = pieces[i].split(b" "), generator.choice(NASTY_WORDS)
+        kind = generator.choice("flip cut delete double swap comment word word word".split())
+        if kind == "flip" and pieces[i]:
+            flipped = pieces[i][-1] ^ (1 << generator.randrange(8))
+            pieces[i] = pieces[i][:-1] + bytes([flipped])
+        elif kind == "cut":
+            pieces[-1] = pieces[-1][: -generator.randrange(1, 9)]
         elif kind == "delete":
-            del lines[i]
+            del pieces[i]
         elif kind == "double":
-            lines.insert(i, lines[i])
+            pieces.insert(i, pieces[i])
         elif kind == "swap":
-            lines[i], lines[j] = lines[j], lines[i]
+            pieces[i], pieces[-2] = pieces[-2], pieces[i][::-1] if not separator else pieces[i]
         elif kind == "comment":
-            lines[i] += b" # " + nasty
-        elif kind == "ends":
-            lines = [line + b"\r" for line in lines]
+            pieces[i] += b" # " + nasty
         else:
-            words[j % len(words)] = nasty
-            lines[i] = b" ".join(words)
-        content = b"\n".join(lines)
+            words[generator.randrange(len(words))] = nasty
+            pieces[i] = b" ".join(words)
+        content = (separator or b"").join(pieces)
     return content
-
-
-def mutated_bytes(content, generator, *kinds):
-    """The bytes of any file after one operation on them, of these kinds or any."""
-    i = generator.randrange(len(content) + 1)
-    j = min(i + generator.randrange(64), len(content))
-    piece, word = content[i:j], generator.choice(NASTY_WORDS)
-    kind = generator.choice(kinds or ("flip", "flip", "delete", "double", "reverse", "word"))
-    if kind == "flip":
-        piece = bytes([piece[0] ^ (1 << generator.randrange(8))]) + piece[1:] if piece else b""
-    elif kind == "word":
-        piece = word + piece[len(word) :]
-    else:
-        piece = {"delete": b"", "double": piece + piece, "reverse": piece[::-1]}[kind]
-    return content[:i] + piece + content[j:]
 
 
 def fuzz(name, check, error, cases=CASES):
@@ -131,11 +111,10 @@ def fuzz(name, check, error, cases=CASES):
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """The current folder, with a scene of two meshes, a constraint file and a camera."""
+    """The current folder, with a scene of two meshes and a constraint file."""
     for name, text in FILES.items():
         write(tmp_path, name, text)
     write(tmp_path, "a-constraints.txt", "2\n0 1 1 2 0.5 1.25\n2 0 1 3 0 1\n")
-    write(tmp_path, "camera.json", json.dumps(CAMERA, indent=1))
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -166,31 +145,19 @@ def check_constraints(path):
         assert 0.0 <= refValue < math.inf
 
 
-def check_camera(path):
-    camera = load_camera(path)
-    assert camera["viewMat"].shape == (4, 4) and np.isfinite(camera["viewMat"]).all()
-    assert 0.0 < camera["fov"] < 180.0
+CHECKS = [("t.mesh", check_mesh), ("cube.off", check_mesh), ("t.mesh", check_scene)]
+CHECKS += [("a-scene.txt", check_scene), ("a-constraints.txt", check_constraints)]
 
 
-@pytest.mark.parametrize(
-    ("name", "check", "error"),
-    [
-        ("t.mesh", check_mesh, SceneError),
-        ("cube.off", check_mesh, SceneError),
-        ("a-scene.txt", check_scene, SceneError),
-        ("t.mesh", check_scene, SceneError),
-        ("a-constraints.txt", check_constraints, SceneError),
-        ("camera.json", check_camera, CameraError),
-    ],
-)
-def test_text_file(folder, name, check, error):
+@pytest.mark.parametrize(("name", "check"), CHECKS)
+def test_text_file(folder, name, check):
     content = (folder / name).read_bytes()
 
     def check_mutated(generator):
-        (folder / name).write_bytes(mutated_text(content, generator))
+        (folder / name).write_bytes(mutated(content, generator, b"\n"))
         check(folder / name)
 
-    fuzz(f"{name} {check.__name__}", check_mutated, error)
+    fuzz(f"{name} {check.__name__}", check_mutated, SceneError)
 
 
 @pytest.mark.parametrize("isKilled", [False, True])
@@ -210,7 +177,7 @@ def test_recording(folder, monkeypatch, isKilled):
 
     def check(generator):
         # Behind these bytes, most are in no use yet.
-        changed = mutated_bytes(content[:12_000], generator)
+        changed = mutated(content[:12_000], generator, None)
         path.write_bytes(changed + content[len(changed) :])
         recording = Recording(path)
         Replay(recording).seek(recording.lastStep)
@@ -226,37 +193,9 @@ def test_grader_data(folder):
     content = pickle.dumps({key: np.array(value)[:3] for key, value in data.items()})
 
     def check(generator):
-        path.write_bytes(mutated_bytes(content, generator))
+        path.write_bytes(mutated(content, generator, None))
         data = load_grader_data(path, INTEGRATION_LAYOUT)
         assert all(data[key].dtype == np.float64 for key in INTEGRATION_LAYOUT)
         assert np.isfinite(data["randomPositions"]).all()
 
     fuzz("grader", check, GraderDataError)
-
-
-NUMBERS = "restitution time_step friction fps max_iterations steps every from size".split()
-
-
-def test_options():
-    parser = make_parser()
-
-    class Refused(Exception):
-        pass
-
-    def check(generator):
-        word = generator.choice(NASTY_WORDS).decode(errors="replace")
-        if generator.random() < 0.6:
-            word = "".join(generator.choices("0123456789.eE+-_xX \n\u0663naif", k=3))
-        option = generator.choice(NUMBERS)
-        told = io.StringIO()
-        try:
-            with contextlib.redirect_stderr(told):
-                options = vars(parser.parse_args([f"--{option.replace('_', '-')}={word}"]))
-        except SystemExit as ended:
-            assert ended.code == 2
-            raise Refused(told.getvalue().removesuffix("\n")) from None
-        (value,) = options.values()
-        for number in value if option == "size" else [value]:
-            assert 0.0 <= number <= (MOST_STEPS if isinstance(number, int) else 1e308)
-
-    fuzz("options", check, Refused)

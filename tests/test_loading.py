@@ -11,7 +11,6 @@ from oracles import COURSE, ROOT, needs_course
 from rbs.meshfiles import tetrahedron_volumes
 from rbs.opening import find_file
 from rbs.scenes import (
-    CONVEXITY_TOLERANCE,
     NonConvexWarning,
     find_constraints,
     find_scene,
@@ -68,25 +67,9 @@ def assert_is_body(vertices, faces, tets):
     assert np.sum(a * np.cross(b, c)) / 6.0 == pytest.approx(np.sum(volumes), rel=ROUNDING)
 
 
-# --------------------------------------------------------------------------------------------------
-# The files that are there
-# --------------------------------------------------------------------------------------------------
-
-
 @parametrized_files(".mesh", ".off")
 def test_mesh_file_loads(path):
     assert_is_body(*load_mesh_file(path))
-
-
-@needs_course
-def test_course_surfaces_have_the_volume_of_their_tetrahedral_meshes():
-    pairs = [(path, path.with_suffix(".mesh")) for path in COURSE.glob("*.off")]
-    pairs = [(off, mesh) for off, mesh in pairs if mesh.exists()]
-    assert len(pairs) == 6
-    for off, mesh in pairs:
-        surface, solid = (tetrahedron_volumes(v, t) for v, _, t in map(load_mesh_file, (off, mesh)))
-        # One of a pair has its coordinates written with six decimals.
-        assert np.sum(surface) == pytest.approx(np.sum(solid), rel=1e-6), off.name
 
 
 def rows_of(path):
@@ -124,10 +107,6 @@ def test_released_cylinder_gives_one_warning_however_often_it_is_used():
     (warning,) = [str(w.message) for w in warned if w.category is NonConvexWarning]
     assert "cylinder.mesh" in warning and "1397.06" in warning and "1445.44" in warning
 
-
-# --------------------------------------------------------------------------------------------------
-# Meshes
-# --------------------------------------------------------------------------------------------------
 
 # A right-angled tetrahedron with legs 1, 2, 3 (volume 1), of two tetrahedra: vertex 5 halves the
 # leg of 3. Its faces look outward.
@@ -256,37 +235,25 @@ def test_mesh_turned_at_random_loads_outward(tmp_path, ending, share):
     np.testing.assert_array_equal(loaded[1], faces)
 
 
-def prism(outline, caps, height):
-    """OFF text of an upright prism over a polygon of (x, z); caps: polygons it consists of."""
-    n = len(outline)
-    vertices = [(x, y, z) for y in (0.0, height) for x, z in outline]
-    sides = [[i, i + n, (i + 1) % n + n, (i + 1) % n] for i in range(n)]
-    return off(vertices, [*sides, *caps, *([i + n for i in cap] for cap in caps)])
-
-
-# An L of area 5: its corners' mean (4/3, 4/3) lies outside of it, and all of it is seen from the
-# unit square at the corner.
-L = prism([(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)], [[3, 4, 5, 0, 1, 2]], 2.0)
-# A U: what sees all of one leg's inside does not see the other's.
-U = prism(
-    [(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)],
-    [[5, 6, 7, 0, 1], [4, 5, 1, 2, 3]],
-    1.0,
-)
-
-
-def test_off_that_is_seen_from_a_corner_only_is_filled_from_there(tmp_path):
-    vertices, _, tets = mesh = load_mesh_file(write(tmp_path, "L.off", L))
+def test_dented_off_is_filled_from_where_all_is_seen_and_warned_of_once(tmp_path):
+    """An L of area 5: its corners' mean lies outside of it; all is seen from the inner square."""
+    outline = [(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)]
+    sides = [[i, i + 6, (i + 1) % 6 + 6, (i + 1) % 6] for i in range(6)]
+    caps = [[3, 4, 5, 0, 1, 2], [9, 10, 11, 6, 7, 8]]
+    text = off([(x, y, z) for y in (0.0, 2.0) for x, z in outline], sides + caps)
+    vertices, _, tets = mesh = load_mesh_file(write(tmp_path, "L.off", text))
     assert_is_body(*mesh)
     # The kernel is the box [0, 1] × [0, 2] × [0, 1]: at most 1/2 from all planes.
     x, y, z = vertices[-1]
     assert (x, z) == (pytest.approx(0.5), pytest.approx(0.5)) and 0.5 <= y <= 1.5
     assert np.sum(tetrahedron_volumes(vertices, tets)) == pytest.approx(10.0, rel=ROUNDING)
+    rows = [f"L.off 1 0 0 {10 * k} 0 1 0 0 0" for k in range(3)]
+    with pytest.warns(NonConvexWarning) as warned:
+        load_scene_file(write(tmp_path, "b-scene.txt", "\n".join(["3", *rows])))
+    # The hull closes the triangle between (3, 1) and (1, 3): 2 more in area, and twice the volume.
+    (warning,) = [str(w.message) for w in warned]
+    assert warning.startswith("L.off ") and "volume 10" in warning and "hull 14" in warning
 
-
-# --------------------------------------------------------------------------------------------------
-# Scenes and constraints
-# --------------------------------------------------------------------------------------------------
 
 SCENE = """\
 3
@@ -350,13 +317,6 @@ def test_legal_variant_of_text_files_loads_alike(sceneFolder, variant):
     assert load() == before
 
 
-@pytest.mark.parametrize("quaternion", ["1e308 1e308 1e308 1e308", "5e-324 0 0 0"])
-def test_quaternions_are_normalised_whatever_their_length(sceneFolder, quaternion):
-    write(sceneFolder, "a-scene.txt", SCENE.replace("2 0 0 0", quaternion))
-    orientation = load_scene_file("a-scene.txt")[0].orientation
-    assert np.linalg.norm(orientation) == pytest.approx(1.0) and orientation[0, 0] in (0.5, 1.0)
-
-
 def test_blanks_any_letter_and_either_separator_in_names(tmp_path):
     folder = tmp_path / "Räume, Körper & 物体" / "alle Netze"
     folder.mkdir(parents=True)
@@ -367,33 +327,6 @@ def test_blanks_any_letter_and_either_separator_in_names(tmp_path):
         scene += f"alle Netze{separator}Vierflächner é.MESH 2, 0, 0, 30, 0, 1, 0, 0, 0\n"
         meshes = load_scene_file(write(folder.parent, "ein Turm-scene.txt", scene))
         assert [mesh.name for mesh in meshes] == ["ein großer Würfel 0", "Vierflächner é 1"]
-
-
-def test_dented_mesh_gives_one_warning_with_both_volumes(sceneFolder):
-    write(sceneFolder, "L.off", L)
-    rows = [f"L.off 1 0 0 {10 * k} 0 1 0 0 0" for k in range(3)]
-    with pytest.warns(NonConvexWarning) as warned:
-        load_scene_file(write(sceneFolder, "b-scene.txt", "\n".join(["3", *rows])))
-    # The hull closes the triangle between (3, 1) and (1, 3): 2 more in area, and twice the volume.
-    (warning,) = [str(w.message) for w in warned]
-    assert warning.startswith("L.off ") and "volume 10" in warning and "hull 14" in warning
-
-
-@pytest.mark.parametrize("factor", [0.9, 1.1])
-def test_convexity_tolerance_is_the_stated_one(sceneFolder, factor):
-    # A pyramid of depth h is taken out of the cube's top, of area 1: volume 1 - h/3.
-    depth = 3.0 * factor * CONVEXITY_TOLERANCE
-    lines = CUBE.replace("8 6 12", "9 9 16").splitlines()
-    lines.remove("4 2 3 7 6")
-    lines.insert(10, f"0.5 {1 - depth} 0.5")
-    lines += [f"3 {a} {b} 8" for a, b in ((2, 3), (3, 7), (7, 6), (6, 2))]
-    write(sceneFolder, "dent.off", "\n".join(lines))
-    path = write(sceneFolder, "b-scene.txt", "1\ndent.off 1 0 0 0 0 1 0 0 0\n")
-    with warnings.catch_warnings(record=True) as warned:
-        warnings.simplefilter("always")
-        (mesh,) = load_scene_file(path)
-    assert mesh.volume == pytest.approx(1.0 - depth / 3.0, rel=ROUNDING)
-    assert len(warned) == (factor > 1)
 
 
 def test_constraint_line_becomes_a_lower_and_an_upper_bound_as_the_bodies_stand(sceneFolder):
@@ -445,10 +378,6 @@ def test_scenes_are_found_by_path_and_by_bare_name(sceneFolder):
     assert len(list_scenes(DATA)) > 30 and list_scenes(sceneFolder)[0].name == "a-scene.txt"
 
 
-# --------------------------------------------------------------------------------------------------
-# What cannot be loaded
-# --------------------------------------------------------------------------------------------------
-
 # The least triangulation of the projective plane: every edge belongs to two triangles, and yet
 # there is no inside.
 PLANE = "OFF\n6 10 15\n1 0 0\n0 1 0\n0 0 1\n-1 0 0\n0 -1 0\n0 0 -1\n" + "".join(
@@ -459,24 +388,17 @@ NO_TETS = TETRAHEDRON[: TETRAHEDRON.index("Tetrahedra")]
 # Which file is broken; what replaces which text, or all of it for None; the line that the error
 # names, None for the file as a whole; and a word of its cause. Each has another cause.
 BROKEN = [
-    # any text file
     ("t.mesh", None, "", None, "empty"),
     ("a-scene.txt", None, b"3\n\xff\xfe", None, "not a text file"),
     ("cube.off", None, "OFF\0", None, "not a text file"),
     ("a-scene.txt", "50.0", "\x1b]0;x\x07", 2, "density must be a number"),
-    ("a-scene.txt", "50.0", "9" * 500 + "x", 2, "'999"),
     ("t.mesh", "Vertices\n5", "Vertices\n" + "5" * 5000, 4, "whole number"),
-    ("t.mesh", "0 0 3 1", "0 0 3_0 1", 8, "'3_0'"),
     ("t.mesh", "0 0 3 1", "0 0 ٣ 1", 8, "'٣'"),
     ("t.mesh", "0 2 0 1", "0 nan 0 1", 7, "finite"),
     ("t.mesh", "0 2 0 1", "0 2e10 0 1", 7, "exceed"),
     ("t.mesh", "0 2 0 1", "0 2 0 1 1", 7, "4 columns"),
-    # .mesh
     ("t.mesh", "MeshVersion", "Mesh", 1, "MeshVersionFormatted"),
     ("t.mesh", "Dimension 3", "Dimension 2", 2, "dimension"),
-    ("t.mesh", None, "MeshVersionFormatted 1\nDimension\n", 2, "dimension"),
-    ("t.mesh", "Vertices\n5", "Vertices\n-5", 4, "-5"),
-    ("t.mesh", "Vertices\n5", "Vertices\n6", 10, "'Triangles'"),
     ("t.mesh", "Vertices\n5", "Vertices\n4", 9, "section"),
     ("t.mesh", "Vertices", "Triangles", 3, "before"),
     ("t.mesh", "Tetrahedra", "Triangles", 18, "second"),
@@ -490,36 +412,25 @@ BROKEN = [
     ("t.mesh", "a\n2\n", "a\n3\n1 2 3 5 1\n", None, "1.5"),
     ("t.mesh", "0 0 1.5 1", "0.2 0.2 0 1", 20, "flat"),
     ("t.mesh", "0 0 3 1\n0 0 1.5 1", "3 3 0 1\n2 0 0 1", None, "no volume"),
-    # .off
-    ("cube.off", "OFF", "COFF", 1, "OFF"),
     ("cube.off", "8 6 12", "8", 2, "numbers of vertices"),
     ("cube.off", "8 6 12", "3 6 12", 2, "at least 4"),
     ("cube.off", "4 4 5 6 7", "4 4 5 6", 12, "only 3"),
-    ("cube.off", "4 4 5 6 7", "2 4 5", 12, "at least 3"),
-    ("cube.off", "4 4 5 6 7", "4 4 5 6 8", 12, "between 0 and 7"),
     ("cube.off", "4 3 0 4 7\n", "4 3 0 4 7\n3 0 1 2\n", 17, "6 faces"),
     ("cube.off", "4 3 0 4 7", "3 0 4 7", None, "closed"),
     ("cube.off", None, PLANE, None, "no inside"),
-    ("cube.off", None, U, None, "filled"),
     ("cube.off", None, CUBE.replace(" 1\n", " 0\n"), None, "filled"),
-    # scenes
     ("a-scene.txt", "3\n", "", 1, "not a scene"),
-    ("a-scene.txt", None, "0\n", 1, "at least 1"),
     ("a-scene.txt", "3\n", "2\n", 4, "2 bodies"),
     ("a-scene.txt", "50.0", "50.0 1", 2, "10 columns, not 11"),
-    ("a-scene.txt", "cube.off   50.0", "a b.off", 2, "density"),
     ("a-scene.txt", "50.0", "0", 2, "positive"),
     ("a-scene.txt", "50.0", "1e-320", 2, "mass"),
     ("a-scene.txt", "  1   4", "  2   4", 3, "isFixed"),
     ("a-scene.txt", "2 0 0 0", "0 0 0 0", 2, "zero"),
     ("a-scene.txt", "t.mesh", "u.mesh", 4, "u.mesh"),
-    # constraints
-    ("a-constraints.txt", "0.5 1.25", "0.5", 2, "6 columns"),
     ("a-constraints.txt", "0 1 1 2", "0 1 3 2", 2, "mesh index"),
     ("a-constraints.txt", "0 1 1 2", "0 9 1 2", 2, "vertex index"),
     ("a-constraints.txt", "0.5 1.25", "1.25 0.5", 2, "lower ≤ upper"),
     ("a-constraints.txt", "0.5 1.25", "0.5 1e308", 2, "1e308"),
-    ("a-constraints.txt", "1\n", "2\n", 2, "constraint 2 of 2"),
 ]
 
 
