@@ -28,46 +28,28 @@ def test_the_step_fits_on_a_screen():
         assert f"{name}(" in source
 
 
-# What a student may have written instead: each with the signature of the coursework, and in plain
-# NumPy. Each is wrong, or slow, in a way that can be seen in the motion.
-
-
 def weightless(self, timeStep):
     self.position = self.position + timeStep * self.linVelocity
     self.currVertices = self.origVertices + self.position
 
 
-def blind(self, m):
-    return False, 0.0, np.zeros((1, 3)), np.zeros((1, 3))
-
-
-def boxes_only(self, m):
-    return False
-
-
-def swapped(m1, m2, depth, contactNormal, penPoint, CRCoeff):
+def bouncing_off_nothing(m1, m2, depth, contactNormal, penPoint, CRCoeff):
     resolve_collision(m1, m2, depth, contactNormal, penPoint, 0.0)
-
-
-def slack(currPositions, currConstPoints, refValue, invMasses, upper, tolerance):
-    return True, currPositions
 
 
 def unstoppable(positions, points, linVelocities, angVelocities, invMasses, tensors, tolerance):
     return True, linVelocities, angVelocities
 
 
-def turned_back(self):
-    return 2.0 * self.invIT
-
-
+# What a student may have written instead: each with the signature of the coursework, and wrong in a
+# way that can be seen in the motion. Arguments have other names, which are not part of it.
 REPLACED = {
     "integrate_timestep": (Mesh, weightless, "mixed"),
-    "detect_collision": (Mesh, blind, "mixed"),
-    "bounding_box_collision": (Mesh, boxes_only, "mixed"),
-    "get_rotated_inv_IT": (Mesh, turned_back, "mixed"),
-    "resolve_collision": (RBSFunctions, swapped, "mixed"),
-    "resolve_position_constraint": (RBSFunctions, slack, "cube"),
+    "detect_collision": (Mesh, lambda self, m: (False, 0.0, *np.zeros((2, 1, 3))), "mixed"),
+    "bounding_box_collision": (Mesh, lambda self, m: False, "mixed"),
+    "get_rotated_inv_IT": (Mesh, lambda self: 2.0 * self.invIT, "mixed"),
+    "resolve_collision": (RBSFunctions, bouncing_off_nothing, "mixed"),
+    "resolve_position_constraint": (RBSFunctions, lambda x, p, r, m, u, t: (True, x), "cube"),
     "resolve_velocity_constraint": (RBSFunctions, unstoppable, "cube"),
 }
 
@@ -147,10 +129,6 @@ def test_an_exception_leaves_the_meshes_as_they_were(broadPhase, monkeypatch):
     assert len(report.contacts) >= 2 and not np.array_equal(state_of(meshes), before)
 
 
-def two_boxes():
-    return [box_body(1.0, 1.0, 1.0, (3.0 * k, 50.0, 0.0)) for k in range(2)]
-
-
 REFUSED = [
     ([0, 0, 2, 0, 1.0, True], "no mesh 2"),
     ([-1, 0, 1, 0, 1.0, True], "no mesh -1"),
@@ -163,7 +141,7 @@ REFUSED = [
 
 @broadPhases
 def test_what_is_not_there_is_refused_by_name(broadPhase):
-    meshes = two_boxes()
+    meshes = [box_body(1.0, 1.0, 1.0, (3.0 * k, 50.0, 0.0)) for k in range(2)]
     before = state_of(meshes)
     for row, said in REFUSED:
         constraints = [[0, 0, 1, 0, 9.0, True], row]
@@ -172,17 +150,6 @@ def test_what_is_not_there_is_refused_by_name(broadPhase):
     with pytest.raises(ValueError, match="mesh 2, 'box', is in the list twice"):
         run_timestep([*meshes, meshes[1]], None, 0.02, 0.5, broadPhase=broadPhase)
     assert np.array_equal(state_of(meshes), before)
-
-
-@broadPhases
-def test_a_reference_value_may_be_an_array_of_one(broadPhase):
-    states = []
-    for value in (2.0, np.array([2.0]), np.array([[2.0]])):
-        meshes, constraint = two_boxes(), [0, 0, 1, 0, value, True]
-        run_timestep(meshes, None, 0.02, 0.5, constraints=[constraint], broadPhase=broadPhase)
-        states.append(state_of(meshes))
-    assert not np.array_equal(states[0], state_of(two_boxes()))
-    assert all(np.array_equal(state, states[0]) for state in states)
 
 
 @broadPhases
@@ -207,42 +174,6 @@ def test_fixed_has_one_meaning(broadPhase):
     lower.isFixed = False
     run_timestep([lower], None, 0.02, 0.5, broadPhase=broadPhase)
     assert lower.position[0, 1] < 50.0
-
-
-def test_the_sign_of_zero_is_kept_by_what_is_fixed_and_by_both_steps():
-    """To the last bit, which `array_equal` does not look at; in states and in reports."""
-    runs = []
-    for broadPhase in ("all", "grid"):
-        rng = np.random.default_rng(3)
-        tilts = [quaternion([1.0, 0.0, s], 20.0 * t) for s in (1.0, -1.0) for t in (1, 0, -1, 0)]
-        meshes = [
-            box_body(2.0, 2.0, 2.0, (-0.0, 3.0 * k, -0.0), orientation=q, isFixed=k % 2 == 0)
-            for k, q in enumerate(tilts)
-        ]
-        for mesh in meshes[1::2]:
-            mesh.position = mesh.position + np.array([[0.0, 0.5, 0.0]]) * rng.random()
-            mesh.linVelocity = np.array([[-0.0, -20.0, 0.0]])
-        contacts = []
-        for _ in range(150):
-            report = run_timestep(meshes, ground(), 0.02, 0.0, mu=0.3, broadPhase=broadPhase)
-            contacts += report.contacts
-        assert len(contacts) > 20
-        assert all(np.signbit(mesh.position[0, 0]) for mesh in meshes[::2])
-        runs.append((state_of(meshes).tobytes(), repr(contacts)))
-    assert runs[0] == runs[1]
-
-
-def test_friction_where_nothing_is_pressed_keeps_the_bits_of_both_steps():
-    """A velocity of -0.0 and an impulse of nothing: 0.0 in both steps."""
-    states = []
-    for broadPhase in ("all", "grid"):
-        meshes = [box_body(2.0, 2.0, 2.0, (1.9 * k, 5.0, 0.0)) for k in range(2)]
-        for k, mesh in enumerate(meshes):  # they part
-            mesh.linVelocity = np.array([[2.0 * k - 1.0, -0.0, -0.0]])
-        report = run_timestep(meshes, None, 0.0, 0.5, mu=0.5, broadPhase=broadPhase)
-        assert len(report.contacts) == 1 and report.contacts[0].impulse < 0.0
-        states.append(state_of(meshes).tobytes())
-    assert states[0] == states[1]
 
 
 @broadPhases

@@ -148,29 +148,13 @@ def test_mesh_is_exactly_convex_closed_and_filled(name):
 
 
 def test_round_shapes_touch_what_they_approximate():
-    cylinder, _, _ = read_mesh(DATA / "cylinder.mesh")
+    cylinder, ellipsoid = (
+        read_mesh(DATA / f"{name}.mesh")[0] for name in ("cylinder", "ellipsoid")
+    )
     assert np.hypot(cylinder[:, 0], cylinder[:, 1]) == pytest.approx(5, rel=ROUNDED_COORDINATES)
-    assert set(cylinder[:, 2]) == {-10.0, 10.0}
-
-    ellipsoid, faces, _ = read_mesh(DATA / "ellipsoid.mesh")
     sphere = ellipsoid / [2, 3, 5]
     assert np.linalg.norm(sphere, axis=1) == pytest.approx(1, rel=ROUNDED_COORDINATES)
-    # Well spread: on the sphere no edge is longer than 1.3 times another, and the hull fills more
-    # than 95 % of the ellipsoid.
-    edges = np.linalg.norm(sphere[faces] - sphere[np.roll(faces, 1, axis=1)], axis=2)
-    assert edges.max() < 1.3 * edges.min()
     assert 0.95 < ConvexHull(sphere).volume / (4 / 3 * math.pi) < 1
-
-
-def test_blocks_make_a_whole_ring():
-    """Blocks of a dome: as many sectors of a circle as there are, and as much of the next joint."""
-    rings = [read_mesh(DATA / f"dome_block_{ring}.mesh")[0] for ring in (1, 2, 3, 4)]
-    for vertices in rings:
-        angles = np.arctan2(np.abs(vertices[:, 2]), vertices[:, 0])
-        assert 0.9995 * math.pi / 11 < angles.min() and angles.max() < math.pi / 11
-    for below, above in itertools.pairwise(rings):
-        joints = [{tuple(vertex) for vertex in vertices} for vertices in (below, above)]
-        assert len(joints[0] & joints[1]) == 4
 
 
 def test_off_is_the_surface_of_the_mesh():
@@ -205,11 +189,6 @@ def test_scene_starts_above_the_ground_with_its_bodies_apart(name):
             assert are_apart(hulls[i], hulls[j]), f"bodies {i} and {j} overlap"
 
 
-def test_scenes_use_every_mesh():
-    used = {body[0] for name in SCENES for body in read_scene(DATA / f"{name}-scene.txt")}
-    assert used == {*MESHES, "box.off"}
-
-
 @pytest.mark.parametrize("path", [*DATA.glob("*-constraints.txt")], ids=lambda path: path.name)
 def test_ties_name_vertices_of_their_scene(path):
     bodies = read_scene(DATA / path.name.replace("-constraints", "-scene"))
@@ -223,25 +202,22 @@ def test_ties_name_vertices_of_their_scene(path):
         assert body1 != body2 and 0 <= float(lower) <= float(upper)
 
 
-@pytest.mark.parametrize(("count", "height"), [(1, None), (60, None), (400, 130.0)])
-def test_heap_is_packed_box_to_box(tmp_path, count, height):
-    """Height: in metres, where it does not come from the width. The same bytes each time."""
-    command = [sys.executable, DATA / "make_pile.py", str(count), "--heap", "--out"]
+def test_heap_is_packed_box_to_box(tmp_path):
+    """As high as it is wide, and the same bytes each time."""
     for name in ("heap.txt", "again.txt"):
-        subprocess.run([*command, tmp_path / name], check=True)
+        command = [sys.executable, DATA / "make_pile.py", "60", "--heap", "--out", tmp_path / name]
+        subprocess.run(command, check=True)
     assert (tmp_path / "heap.txt").read_bytes() == (tmp_path / "again.txt").read_bytes()
     bodies = read_scene(tmp_path / "heap.txt")
-    assert len(bodies) == count and not any(body[2] for body in bodies)
     hulls = placed_corners(bodies)
+    assert len(bodies) == 60 and not any(body[2] for body in bodies)
     low, high = (np.array([end(hull, axis=0) for hull in hulls]) for end in (np.min, np.max))
     # one row for each of two boxes: by how much they are apart, along the axis where that is most
     apart = np.maximum(low[:, None] - high, low - high[:, None]).max(axis=2)
     np.fill_diagonal(apart, math.inf)
     assert apart.min() > 0 and low[:, 1].min() > 0
-    if count == 1:
-        return
     # A block and no cloud: nearly every box has another one within some millimetres. A body that
     # is not its own mirror image leaves a part of its place empty, hence not every one.
     assert (apart.min(axis=1) < 0.01).mean() > 0.7
     width = (high - low.min(axis=0))[:, [0, 2]].max()
-    assert high[:, 1].max() == pytest.approx(width if height is None else height, rel=0.2)
+    assert high[:, 1].max() == pytest.approx(width, rel=0.2)
