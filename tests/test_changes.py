@@ -8,11 +8,10 @@ import h5py
 import numpy as np
 import pytest
 from oracles import DATA, body
-from program import call
+from program import call, record
 
 from Quaternion import QRotate
 from rbs import changes
-from rbs.changes import from_record, to_record
 from rbs.grabbing import GRAB_FREQUENCY, Grab, shot, spring_impulse
 from rbs.recording import Recorder, Recording, RecordingError
 from rbs.replay import Replay, resume, verify
@@ -95,34 +94,7 @@ def test_shot_ball_hits_what_stands_in_its_way_and_is_gone_after_a_reset(solver)
     assert len(simulation.meshes) == count and simulation.changes == []
 
 
-# --------------------------------------------------------------------------------------------------
-# Recordings of it
-# --------------------------------------------------------------------------------------------------
-
 STEPS = 80
-
-
-def hands(simulation, recorder, step, grab):
-    """What is done before a step of the recording: a push, a grab, shots, one body fixed."""
-
-    def change(one):
-        simulation.change(one)
-        recorder.note(simulation, one)
-
-    meshes = simulation.meshes
-    if step == 5:
-        change(changes.push(1, [2e4, 0.0, 1e3], meshes[1].position[0] + 1.0))
-    if step == 10:
-        grab.append(Grab(meshes[2], 2, meshes[2].currVertices[0]))
-    if 10 <= step < 40:
-        grab[0].target = np.array([10.0 * math.sin(step / 5.0), 30.0, 0.0])
-        change(grab[0].change(meshes[2], simulation.settings.timeStep))
-    if step in (20, 50):
-        change(shot(meshes, 80.0, [0.0, 20.0, 60.0], [0.0, -0.2, -0.98]))
-    if step == 30:
-        change(changes.fix(4, True))
-    if step == 60:
-        change(changes.fix(15, True))  # a ball that was shot
 
 
 @pytest.fixture(scope="module", params=["impulse", "soft-step"])
@@ -130,20 +102,39 @@ def played(request, tmp_path_factory):
     """A recording of the mixed scene with hands in it: path, states by step."""
     settings = Settings(friction=0.5, contactSolver=request.param)
     simulation = Simulation(DATA / "mixed-scene.txt", settings)
+    meshes, states = simulation.meshes, []
     # Before the recording begins.
-    simulation.change(changes.push(3, [0.0, 3e4, 0.0], simulation.meshes[3].position[0]))
-    path, grab = tmp_path_factory.mktemp("played") / "hands.h5", []
+    simulation.change(changes.push(3, [0.0, 3e4, 0.0], meshes[3].position[0]))
+
+    def change(one):
+        simulation.change(one)
+        recorder.note(simulation, one)
+
+    def play(simulation, step):
+        """Before a step: a push, a grab, shots; a body fixed, and a ball that was shot."""
+        states.append(simulation.state())
+        if step == 5:
+            change(changes.push(1, [2e4, 0.0, 1e3], meshes[1].position[0] + 1.0))
+        if step == 10:
+            play.grab = Grab(meshes[2], 2, meshes[2].currVertices[0])
+        if 10 <= step < 40:
+            play.grab.target = np.array([10.0 * math.sin(step / 5.0), 30.0, 0.0])
+            change(play.grab.change(meshes[2], settings.timeStep))
+        if step in (20, 50):
+            change(shot(meshes, 80.0, [0.0, 20.0, 60.0], [0.0, -0.2, -0.98]))
+        if step in (30, 60):
+            change(changes.fix(4 if step == 30 else 15, True))
+
+    path = tmp_path_factory.mktemp("played") / "hands.h5"
     recorder = Recorder(path)
     recorder.add(simulation)
-    states = [simulation.state()]
     for step in range(1, STEPS + 1):
-        hands(simulation, recorder, step, grab)
+        play(simulation, step)
         simulation.step()
         recorder.add(simulation)
-        states.append(simulation.state())
     recorder.note(simulation, changes.push(0, [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]))  # of no step
     recorder.save()
-    return path, states
+    return path, [*states, simulation.state()]
 
 
 def assert_state(simulation, expected):
@@ -191,32 +182,14 @@ def test_played_scene_is_resumed_and_replayed_with_the_same_bits(played, step):
 
 
 def test_recording_of_what_was_resumed_is_verified_too(played, tmp_path):
-    simulation = resume(Recording(played[0]), 55)
-    recorder = Recorder(tmp_path / "later.h5")
-    recorder.add(simulation)
-    for step in range(12):
-        if step == 7:
-            one = changes.push(16, [1e4, 0.0, 0.0], simulation.meshes[16].position[0])
-            simulation.change(one)
-            recorder.note(simulation, one)
-        simulation.step()
-        recorder.add(simulation)
-    recorder.save()
-    recording = Recording(tmp_path / "later.h5")
+    simulation, path = resume(Recording(played[0]), 55), tmp_path / "later.h5"
+    record(path, simulation, 12)
+    recording = Recording(path)
     assert recording.firstStep == 55 and recording.body_count(55) == 17
     assert verify(recording) == ""
 
 
-def test_changes_come_back_from_their_text():
-    mesh = shot([body("box")], 50.0, [0, 9, 0], [1, 0, 0])
-    for one in (changes.push(1, [1, 2, 3], [4, 5, 0.1]), changes.fix(2, True), mesh):
-        found = from_record(json.loads(json.dumps(to_record(one))))
-        assert found[:3] == one[:3]
-        for ours, theirs in zip(found.shape or (), one.shape or (), strict=True):
-            np.testing.assert_array_equal(ours, theirs)
-
-
-BODIES = {
+BROKEN = {
     "an index": lambda change: change["shape"][2][0].__setitem__(0, 99),
     "the density": lambda change: change["numbers"].__setitem__(0, 0.0),
     "no numbers": lambda change: change.pop("numbers"),
@@ -224,18 +197,16 @@ BODIES = {
 }
 
 
-@pytest.mark.parametrize("case", BODIES)
+@pytest.mark.parametrize("case", BROKEN)
 def test_bodies_that_are_none_are_refused_in_one_line(played, tmp_path, case):
     """The first body that was shot is changed in the recording."""
-    shutil.copy(played[0], tmp_path / "bad.h5")
-    with h5py.File(tmp_path / "bad.h5", "r+") as file:
-        lines = file["events"][()].tobytes().decode().splitlines()
-        events = [json.loads(line) for line in lines]
-        found = [one["change"] for one in events if one.get("change", {}).get("kind") == "add"]
-        BODIES[case](found[0])
-        text = "".join(json.dumps(event) + "\n" for event in events).encode()
+    path = shutil.copy(played[0], tmp_path / "bad.h5")
+    with h5py.File(path, "r+") as file:
+        events = [json.loads(line) for line in bytes(file["events"][()]).splitlines()]
+        shots = [one["change"] for one in events if one.get("change", {}).get("kind") == "add"]
+        BROKEN[case](shots[0])
+        text = "\n".join(map(json.dumps, events)).encode()
         file["events"].resize((len(text),))
         file["events"][:] = np.frombuffer(text, np.uint8)
-    with pytest.raises(RecordingError, match="bad.h5: it is damaged") as error:
-        Replay(Recording(tmp_path / "bad.h5"))
-    assert "\n" not in str(error.value)
+    with pytest.raises(RecordingError, match="bad.h5: it is damaged .*$"):
+        Replay(Recording(path))

@@ -3,7 +3,7 @@
 import shutil
 
 import pytest
-from program import DATA, by_hand, call
+from program import DATA, call
 
 from rbs.recording import Recording
 from rbs.scenes import SceneSource
@@ -33,23 +33,23 @@ OPTIONS = "closing-only no-constraints time-step 0.01 max-iterations 7 schedulin
 VALUES = {"closingOnly": True, "enforceConstraints": False, "timeStep": 0.01, "maxIterations": 7}
 
 
-@pytest.mark.parametrize(
-    ("lines", "expected"),
-    [
-        ("# it suggests friction\n#suggestsfriction 1\n# suggests", {}),
-        ("#suggests\tfriction 0.5  \n  ## suggests mu 0.2\r", None),
-        ("# suggests friction 0.5\n# suggests friction 0.25", {"friction": 0.25}),
-        (f"# suggests {OPTIONS}", {**VALUES, "constraintScheduling": "queue"}),
-        ("# suggests friction x", None),
-        ("# suggests friction -1", None),
-        ("# suggests friction", None),
-        ("# suggests scheduling quick", None),
-        ("# suggests closing-only 1", None),
-        ("# suggests --friction 1", None),
-        ("# suggests constraints a.txt", None),
-        ("# suggests solver soft-step closing-only", None),
-    ],
-)
+# Comment lines, and what they recommend, or None.
+LINES = {
+    "# it suggests friction\n#suggestsfriction 1\n# suggests": {},
+    "# suggests friction 0.5\n#suggests\tfriction 0.25  \r": {"friction": 0.25},
+    f"# suggests {OPTIONS}": {**VALUES, "constraintScheduling": "queue"},
+    "# suggests friction 0.5\n  ## suggests mu 0.2": None,
+    "# suggests friction x": None,
+    "# suggests friction -1": None,
+    "# suggests friction": None,
+    "# suggests scheduling quick": None,
+    "# suggests closing-only 1": None,
+    "# suggests constraints a.txt": None,
+    "# suggests solver soft-step closing-only": None,
+}
+
+
+@pytest.mark.parametrize(("lines", "expected"), LINES.items())
 def test_words_are_those_of_the_command_line(make_scene, lines, expected):
     """Of what cannot be recommended, file and line are named: that of the last one."""
     path = make_scene(*lines.split("\n"))
@@ -68,13 +68,13 @@ def test_wrong_recommendation_ends_the_program_unless_it_is_not_asked_for(make_s
     code, output, errors = call(capsys, *arguments)
     assert (code, output) == (2, "") and errors.count("\n") == 1 and f"{path}:2: " in errors
     assert call(capsys, *arguments, "--basic")[0] == 0
-    Simulation(path).step()  # loaded by hand, a comment is a comment
+    code, _, errors = call(capsys, "stack", "--broad-phase", "grid", "--headless")
+    assert code == 2 and "no effect" in errors and "stack-scene.txt recommends" in errors
 
 
 # Words, the settings that they give, and those that are reported to be the scene's.
 RUNS = {
     "stack": (STANDING, "restitution 0, friction 0.5, solver soft-step"),
-    "stack --substeps 20": (STANDING | {"substeps": 20}, "restitution 0, friction 0.5, solver"),
     "stack --friction 0": (STANDING | {"friction": 0.0}, "(restitution 0, solver soft-step)"),
     "stack --solver impulse --broad-phase grid": (
         STANDING | {"contactSolver": "impulse", "broadPhase": "grid"},
@@ -99,20 +99,6 @@ def test_recommendations_are_used_reported_and_recorded(make_scene, capsys, word
     options = ["--record", "s.h5", "--steps", 2]
     assert call(capsys, "--resume", "r.h5", *options)[::2] == (0, "")
     assert Recording("s.h5").settingsHistory[0][1] == settings
-
-
-def test_what_the_recommended_solver_ignores_is_refused_and_explained(capsys):
-    code, _, errors = call(capsys, "stack", "--broad-phase", "grid", "--headless")
-    assert code == 2 and errors.count("\n") == 1
-    assert errors.startswith("RigidBodySimulation.py: --broad-phase has no effect with --solver ")
-    assert "stack-scene.txt recommends" in errors
-
-
-def test_basic_is_run_timestep_with_its_defaults(make_scene, capsys):
-    make_scene()
-    assert call(capsys, "settle", "--basic", "--record", "r.h5", "--steps", 120)[0] == 0
-    expected = by_hand(DATA / "settle-scene.txt", 120, 0.5, 0.02)["positions"][-1]
-    assert (Recording("r.h5").frame(120)["positions"] == expected).all()
 
 
 def opened(name, **given):
