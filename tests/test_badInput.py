@@ -118,30 +118,21 @@ def test_mesh_outside_of_the_scenes_folder_is_read_only_when_asked_for(outside, 
     assert len(mesh.tets) == 2
     options = ["--headless", "--steps", "2", "--record", "r.h5", "--allow-outside-meshes"]
     assert call(capsys, scene, *options)[0] == 0
-    # A recording has its meshes in it.
-    assert call(capsys, "--verify", "r.h5")[0] == 0
-
-
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no such links")
-def test_mesh_inside_may_be_reached_in_any_way(outside, monkeypatch):
-    assert len(load_scene_file("scenes/inside-scene.txt")) == 1
-    # So may all of it through a link to the scene's folder.
+    assert call(capsys, "--verify", "r.h5")[0] == 0  # a recording has its meshes in it
+    # Inside, a mesh may be reached in any way; so may all of it through a link to the folder.
     (outside.parent / "alias").symlink_to(outside)
-    assert len(load_scene_file("alias/inside-scene.txt")) == 1
-    monkeypatch.chdir(outside)
-    assert len(load_scene_file("inside-scene.txt")) == 1
+    for folder in ("scenes", "alias"):
+        assert len(load_scene_file(f"{folder}/inside-scene.txt")) == 1
 
 
-MATRIX = CAMERA["viewMat"]
 CAMERAS = {
     "empty": "",
     "comma missing": '{"viewMat": [0, 1, 2]\n"fov": 3}',
     "bracket without end": "[" * 100_000,
     "number of 5000 digits": json.dumps(CAMERA).replace("20", "2" * 5000),
     "key missing": '{"fov": 20}',
-    "15 numbers": json.dumps(CAMERA | {"viewMat": MATRIX[:15]}),
-    "NaN": json.dumps(CAMERA | {"viewMat": [*MATRIX[:15], float("nan")]}),
-    "too far": json.dumps(CAMERA).replace("90", "9e300"),
+    "15 numbers": json.dumps(CAMERA | {"viewMat": CAMERA["viewMat"][:15]}),
+    "NaN": json.dumps(CAMERA).replace("-90", "NaN"),
     "no motion": json.dumps(CAMERA | {"viewMat": [0] * 16}),
     "angle": json.dumps(CAMERA | {"fov": 180}),
 }

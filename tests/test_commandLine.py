@@ -1,7 +1,6 @@
 """The simulation behind the command line; runs, pictures and videos; and where nothing can draw."""
 
 import json
-import math
 import os
 import signal
 import struct
@@ -26,32 +25,9 @@ onLinux = pytest.mark.skipif(
 )
 
 
-def test_energies_are_those_of_the_closed_forms():
-    simulation = Simulation(DATA / "singlebox-scene.txt")
-    (mesh,) = simulation.meshes
-    mesh.linVelocity = np.array([[3.0, -1.0, 2.0]])
-    # Spinning about the body's own axes by (1, 2, 3) rad/s while it stands turned by a third of a
-    # turn about (1, 1, 1), which takes x to y, y to z and z to x.
-    mesh.orientation = np.array([[0.5, 0.5, 0.5, 0.5]])
-    mesh.angVelocity = np.array([[3.0, 1.0, 2.0]])
-    mesh.position = np.array([[0.0, 7.0, 0.0]])
-    a, b, c = 12.0, 6.0, 8.0
-    turning = (b * b + c * c) * 1.0 + (c * c + a * a) * 4.0 + (a * a + b * b) * 9.0
-    kinetic = mesh.mass * (0.5 * (9.0 + 1.0 + 4.0) + 0.5 * turning / 12.0)
-    assert simulation.kinetic_energy() == pytest.approx(kinetic, rel=1e-12)
-    assert simulation.potential_energy() == pytest.approx(mesh.mass * 9.8 * 7.0, rel=1e-12)
-    assert simulation.is_finite()
-    mesh.angVelocity = np.array([[0.0, math.nan, 0.0]])
-    assert not simulation.is_finite()
-    mesh.isFixed = True
-    assert simulation.kinetic_energy() == simulation.potential_energy() == 0.0
-
-
 def test_reset_leads_to_the_same_bits_again():
     simulation = Simulation(DATA / "mixed-scene.txt")
-    start = simulation.state()
-    kept = {name: values.copy() for name, values in start.items()}
-    ends = []
+    begin, ends = simulation.state(), []
     for _ in range(2):
         for _ in range(80):
             simulation.step()
@@ -60,28 +36,25 @@ def test_reset_leads_to_the_same_bits_again():
         simulation.reset()
         assert simulation.stepCount == 0 and simulation.time == 0.0
         for name in STATE_NAMES:
-            np.testing.assert_array_equal(start[name], kept[name])  # a copy that no step changed
-            np.testing.assert_array_equal(simulation.state()[name], start[name])
+            np.testing.assert_array_equal(simulation.state()[name], begin[name])
             np.testing.assert_array_equal(ends[0][name], ends[-1][name])
-            assert not np.array_equal(ends[0][name], start[name]), name
+            assert not np.array_equal(ends[0][name], begin[name]), name
 
 
 def test_headless_run_ends_with_a_summary_of_what_happened(capsys):
     code, output, _ = call(capsys, "mixed", "--basic", "--headless", "--steps", 120)
     summary = {line[:17].strip(): line[18:] for line in output.splitlines()}
     simulation = Simulation(DATA / "mixed-scene.txt")
-    potential = simulation.potential_energy()
     for _ in range(120):
         simulation.step()
     y, name = simulation.lowest_point()
     assert summary["scene"].endswith("mixed-scene.txt") and summary["bodies"].startswith("15, 8 ")
-    assert summary["steps"].startswith("120 of 0.02 s: 2.4 s")
-    assert float(summary["time per step"].split(" ms median")[0]) > 0.0
+    assert (
+        summary["steps"].startswith("120 of 0.02 s: 2.4 s") and " ms " in summary["time per step"]
+    )
     # This scene weighs 480 t.
-    kinetic, now = summary["kinetic energy"], f"{simulation.kinetic_energy() / 1e6:.6g} MJ"
-    assert kinetic.startswith("0 J") and now in kinetic
-    start, now = f"{potential / 1e6:.6g} MJ", f"{simulation.potential_energy() / 1e6:.6g} MJ"
-    assert start in summary["potential energy"] and now in summary["potential energy"]
+    assert f"{simulation.kinetic_energy() / 1e6:.6g} MJ now" in summary["kinetic energy"]
+    assert f"{simulation.potential_energy() / 1e6:.6g} MJ now" in summary["potential energy"]
     assert summary["lowest point"] == f"y = {y:.4g} m ({name})"
     assert summary["numbers"] == "all finite" and code == 0
 
@@ -194,40 +167,31 @@ def test_video_that_ctrl_c_ends_is_whole(tmp_path):
     assert count > 1 and f" {count} frames" in said
 
 
-# libglvnd looks for its drivers there, and Mesa is one of them.
-NO_OPENGL = {"__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent"}
-
-
-@onLinux
-def test_without_opengl_it_simulates_and_refuses_screenshots(tmp_path):
-    process = run(tmp_path, "tower", "--steps", 30, **NO_OPENGL)
-    assert summary_of(process)["steps"].startswith("30 of 0.02 s")
-    (line,) = process.stderr.splitlines()
-    assert "there is no display" in line and "apt-get install" in line
-    process = run(tmp_path, "tower", "--screenshots", "shots", "--record", "r.h5", **NO_OPENGL)
-    assert (process.returncode, process.stdout) == (2, "")
-    (line,) = process.stderr.splitlines()
-    assert "apt-get install" in line and list(tmp_path.iterdir()) == []
-
-
-# A library, what it does when it is imported; the words of a command; its exit code, and the error.
-FAKES = {
-    "library missing": ("polyscope", "raise ImportError('libX11.so.6')", "", 0, "libX11.so.6"),
-    "aborts": ("polyscope", "import os; os.abort()", "", 0, "ended with code"),
-    "no matplotlib": ("matplotlib", "raise ImportError('')", "--plot p.png", 2, "pip install"),
+# What is missing: a variable or a module that does so when it is imported; the words of a command;
+# its exit code, and a word of the error. libglvnd looks for its drivers there; Mesa is one of them.
+MISSING = {
+    "OpenGL": ("__EGL_VENDOR_LIBRARY_FILENAMES", "/nonexistent", "", 0, "apt-get install"),
+    "pictures": ("__EGL_VENDOR_LIBRARY_FILENAMES", "/no", "--screenshots .", 2, "apt-get install"),
+    "a library": ("polyscope", "raise ImportError('libX11.so.6')", "", 0, "libX11.so.6"),
+    "a driver": ("polyscope", "import os; os.abort()", "", 0, "ended with code"),
+    "matplotlib": ("matplotlib", "raise ImportError('')", "--plot p.png", 2, "pip install"),
 }
 
 
-@pytest.mark.parametrize("case", FAKES)
-def test_a_library_that_is_not_there_is_told_in_one_line(tmp_path, case):
-    name, code, words, exitCode, message = FAKES[case]
-    fakes = tmp_path / "fakes"
-    fakes.mkdir()
-    (fakes / f"{name}.py").write_text(code)
-    process = run(tmp_path, "tower", "--steps", 3, *words.split(), PYTHONPATH=str(fakes))
+@onLinux
+@pytest.mark.parametrize("case", MISSING)
+def test_what_is_missing_is_told_in_one_line(tmp_path, case):
+    name, value, words, code, message = MISSING[case]
+    changes = {name: value}
+    if not name.startswith("_"):
+        changes = {"PYTHONPATH": str(tmp_path / "fakes")}
+        (tmp_path / "fakes").mkdir()
+        (tmp_path / "fakes" / f"{name}.py").write_text(value)
+    process = run(tmp_path, "tower", "--steps", 3, *words.split(), **changes)
     (line,) = process.stderr.splitlines()
-    assert message in line and process.returncode == exitCode
-    assert bool(process.stdout) == (exitCode == 0) and list(tmp_path.iterdir()) == [fakes]
+    assert message in line and process.returncode == code
+    assert ("3 of 0.02 s" in process.stdout) == (code == 0)
+    assert {path.name for path in tmp_path.iterdir()} <= {"fakes"}
 
 
 def test_help_names_every_option_and_scene(capsys, monkeypatch):
@@ -238,22 +202,6 @@ def test_help_names_every_option_and_scene(capsys, monkeypatch):
         assert action.help and all(name in output for name in action.option_strings)
     listed = {line.split()[0] for line in output.splitlines() if line.startswith("    ")}
     assert {path.name.removesuffix("-scene.txt") for path in DATA.glob("*-scene.txt")} <= listed
-
-
-LOADED = """
-import sys, RigidBodySimulation
-code = RigidBodySimulation.main("tet --steps 1 --record r.h5 --stats s.csv".split())
-sys.exit(code or [name for name in sys.modules if name in sys.argv])
-"""
-# What is seen, and the window.
-SEEN = "polyscope rbs.cameras rbs.drawing rbs.panel rbs.pictures rbs.viewer rbs.widgets rbs.plots"
-
-
-def test_what_draws_is_imported_when_something_is_to_be_seen_only(tmp_path):
-    command = [sys.executable, "-c", LOADED, *SEEN.split()]
-    paths = environment(PYTHONPATH=str(ROOT))
-    process = subprocess.run(command, cwd=tmp_path, env=paths, capture_output=True, text=True)
-    assert (process.returncode, process.stderr) == (1, "[]\n")
 
 
 def test_importing_the_modules_needs_no_display_and_no_polyscope():

@@ -189,19 +189,6 @@ def test_scene_starts_above_the_ground_with_its_bodies_apart(name):
             assert are_apart(hulls[i], hulls[j]), f"bodies {i} and {j} overlap"
 
 
-@pytest.mark.parametrize("path", [*DATA.glob("*-constraints.txt")], ids=lambda path: path.name)
-def test_ties_name_vertices_of_their_scene(path):
-    bodies = read_scene(DATA / path.name.replace("-constraints", "-scene"))
-    vertexCounts = [len(read_mesh(DATA / body[0])[0]) for body in bodies]
-    count, *lines = path.read_text().splitlines()
-    assert int(count) == len(lines) > 0
-    for line in lines:
-        body1, vertex1, body2, vertex2, lower, upper = line.split()
-        for body, vertex in ((body1, vertex1), (body2, vertex2)):
-            assert 0 <= int(vertex) < vertexCounts[int(body)]
-        assert body1 != body2 and 0 <= float(lower) <= float(upper)
-
-
 def test_heap_is_packed_box_to_box(tmp_path):
     """As high as it is wide, and the same bytes each time."""
     for name in ("heap.txt", "again.txt"):

@@ -8,9 +8,7 @@ The cases are the same in every run.
 """
 
 import math
-import pickle
 import random
-import sys
 import warnings
 from collections import Counter
 
@@ -18,8 +16,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from oracles import ROOT
-from program import DATA, record
+from program import record
 from test_loading import FILES, write
 
 import rbs.recording
@@ -30,10 +27,6 @@ from rbs.scenes import NonConvexWarning
 from rbs.simulation import Simulation
 from rbs.textfiles import SceneError
 from RigidBodySimulation import load_constraint_file, load_mesh_file, load_scene_file
-
-sys.path.insert(0, str(ROOT / "graders"))
-
-from gradingTools import INTEGRATION_LAYOUT, GraderDataError, load_grader_data
 
 CASES = 150
 # Of all cases, at least this share is loaded, and at least this share refused.
@@ -185,17 +178,3 @@ def test_recording(folder, monkeypatch, isKilled):
 
     fuzz(f"recording {isKilled}", check, (RecordingError, SceneError), cases=100)
     assert verify(Recording("r.h5")) == ""
-
-
-def test_grader_data(folder):
-    path = folder / "integration.data"
-    data = pickle.loads((DATA / path.name).read_bytes())
-    content = pickle.dumps({key: np.array(value)[:3] for key, value in data.items()})
-
-    def check(generator):
-        path.write_bytes(mutated(content, generator, None))
-        data = load_grader_data(path, INTEGRATION_LAYOUT)
-        assert all(data[key].dtype == np.float64 for key in INTEGRATION_LAYOUT)
-        assert np.isfinite(data["randomPositions"]).all()
-
-    fuzz("grader", check, GraderDataError)

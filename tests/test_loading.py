@@ -1,7 +1,6 @@
 """Loading: meshes, scenes and constraints, the coursework's and our own, whole and broken."""
 
 import math
-import warnings
 from collections import Counter
 
 import numpy as np
@@ -46,13 +45,6 @@ def write(folder, name, text):
     return path
 
 
-def load_quietly(path):
-    """The meshes of a scene, without warnings of those that are not convex."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", NonConvexWarning)
-        return load_scene_file(path)
-
-
 def assert_is_body(vertices, faces, tets):
     """The faces are one closed surface seen from outside, and the tetrahedra fill it."""
     assert vertices.dtype == np.float64 and vertices.shape[1:] == (3,)
@@ -78,9 +70,10 @@ def rows_of(path):
     return [fields for fields in lines if not fields[0].startswith("#")][1:]
 
 
+@pytest.mark.filterwarnings("ignore::rbs.scenes.NonConvexWarning")
 @parametrized_files("-scene.txt")
 def test_scene_file_loads_with_its_constraints(path):
-    meshes, rows = load_quietly(path), rows_of(path)
+    meshes, rows = load_scene_file(path), rows_of(path)
     for index, (mesh, row) in enumerate(zip(meshes, rows, strict=True)):
         assert mesh.name == f"{row[0].rsplit('.', 1)[0]} {index}"
         assert mesh.density == float(row[1]) and mesh.isFixed == (row[2] == "1")
@@ -391,12 +384,10 @@ BROKEN = [
     ("t.mesh", None, "", None, "empty"),
     ("a-scene.txt", None, b"3\n\xff\xfe", None, "not a text file"),
     ("cube.off", None, "OFF\0", None, "not a text file"),
-    ("a-scene.txt", "50.0", "\x1b]0;x\x07", 2, "density must be a number"),
     ("t.mesh", "Vertices\n5", "Vertices\n" + "5" * 5000, 4, "whole number"),
     ("t.mesh", "0 0 3 1", "0 0 ٣ 1", 8, "'٣'"),
     ("t.mesh", "0 2 0 1", "0 nan 0 1", 7, "finite"),
     ("t.mesh", "0 2 0 1", "0 2e10 0 1", 7, "exceed"),
-    ("t.mesh", "0 2 0 1", "0 2 0 1 1", 7, "4 columns"),
     ("t.mesh", "MeshVersion", "Mesh", 1, "MeshVersionFormatted"),
     ("t.mesh", "Dimension 3", "Dimension 2", 2, "dimension"),
     ("t.mesh", "Vertices\n5", "Vertices\n4", 9, "section"),
@@ -413,14 +404,12 @@ BROKEN = [
     ("t.mesh", "0 0 1.5 1", "0.2 0.2 0 1", 20, "flat"),
     ("t.mesh", "0 0 3 1\n0 0 1.5 1", "3 3 0 1\n2 0 0 1", None, "no volume"),
     ("cube.off", "8 6 12", "8", 2, "numbers of vertices"),
-    ("cube.off", "8 6 12", "3 6 12", 2, "at least 4"),
     ("cube.off", "4 4 5 6 7", "4 4 5 6", 12, "only 3"),
     ("cube.off", "4 3 0 4 7\n", "4 3 0 4 7\n3 0 1 2\n", 17, "6 faces"),
     ("cube.off", "4 3 0 4 7", "3 0 4 7", None, "closed"),
     ("cube.off", None, PLANE, None, "no inside"),
     ("cube.off", None, CUBE.replace(" 1\n", " 0\n"), None, "filled"),
     ("a-scene.txt", "3\n", "", 1, "not a scene"),
-    ("a-scene.txt", "3\n", "2\n", 4, "2 bodies"),
     ("a-scene.txt", "50.0", "50.0 1", 2, "10 columns, not 11"),
     ("a-scene.txt", "50.0", "0", 2, "positive"),
     ("a-scene.txt", "50.0", "1e-320", 2, "mass"),
@@ -453,12 +442,3 @@ def test_broken_file_is_named_with_line_and_cause(sceneFolder, case):
     error = str(raised.value)
     assert error.startswith(f"{path}:{line}: " if line else f"{path}: "), error
     assert cause in error and error.isprintable() and len(error) < 300 + len(str(path)), error
-
-
-def test_missing_and_unreadable_files_are_named(tmp_path):
-    (tmp_path / "folder.mesh").mkdir()
-    for name in ("none.mesh", "folder.mesh", "m.obj", "none-scene.txt", "folder.mesh/a-scene.txt"):
-        load = load_scene_file if name.endswith(".txt") else load_mesh_file
-        with pytest.raises(SceneError) as raised:
-            load(tmp_path / name)
-        assert str(raised.value).startswith(f"{tmp_path / name}: ")
