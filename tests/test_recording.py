@@ -173,16 +173,6 @@ def test_soft_steps_are_resumed_with_the_same_bits(standing, monkeypatch, step):
         assert_same_state(simulation.state(), recording.frame(later))
 
 
-def test_resumed_run_can_have_other_settings(chain, tmp_path, capsys):
-    rest = str(tmp_path / "rest.h5")
-    options = ["--restitution", "0.25", "--no-constraints", "--steps", "2", "--record", rest]
-    assert call(capsys, "--resume", chain[0], *options)[0] == 0
-    expected = dict(Recording(chain[0]).settings_at(60)[1])
-    assert expected["friction"] == 0.5
-    expected |= {"restitution": 0.25, "enforceConstraints": False}
-    assert Recording(rest).settings_at(62) == (60, expected)
-
-
 def edited(path, target, edit):
     """A copy of a recording in which edit(h5py.File) has changed something."""
     shutil.copy(path, target)
@@ -192,10 +182,9 @@ def edited(path, target, edit):
 
 
 def put(name, place, value):
-    def edit(file):
-        (file["settings"].attrs if name == "settings" else file[name])[place] = value
-
-    return edit
+    return lambda file: (file["settings"].attrs if name == "settings" else file[name]).__setitem__(
+        place, value
+    )
 
 
 EDITS = {
@@ -220,12 +209,19 @@ def test_what_was_changed_in_a_recording_is_found(chain, tmp_path, capsys, case)
     assert errors.startswith(f"RigidBodySimulation.py: {path}: {cause}")
 
 
-def test_resuming_is_refused_where_the_steps_lead_elsewhere(standing, chain, tmp_path, capsys):
-    code, _, errors = call(capsys, "--headless", "--resume", chain[0], "--from", "61")
-    assert code == 2 and "chain.h5: step 61 is not in it, only steps 0 to 60 are" in errors
-    path = edited(standing, tmp_path / "d.h5", put("positions", (50, 30, 1), 3.5))
-    code, _, errors = call(capsys, "--headless", "--resume", path, "--from", "50")
-    assert code == 2 and "d.h5: step 50 cannot be resumed: positions by up to" in errors
+def test_resuming_takes_settings_and_needs_a_step_that_the_states_lead_to(
+    standing, chain, tmp_path, capsys
+):
+    rest = tmp_path / "rest.h5"
+    options = ["--restitution", "0.25", "--no-constraints", "--steps", "2", "--record", rest]
+    assert call(capsys, "--resume", chain[0], *options)[0] == 0
+    expected = Recording(chain[0]).settings_at(60)[1] | {"restitution": 0.25, "friction": 0.5}
+    expected["enforceConstraints"] = False
+    assert Recording(rest).settings_at(62) == (60, expected)
+    bad = edited(standing, tmp_path / "d.h5", put("positions", (50, 30, 1), 3.5))
+    for path, step, cause in ((chain[0], 61, "is not in it"), (bad, 50, "cannot be resumed")):
+        code, _, errors = call(capsys, "--headless", "--resume", path, "--from", step)
+        assert code == 2 and f"{path}: step {step} {cause}" in errors
 
 
 def test_damaged_bytes_are_told_in_one_line(chain, tmp_path, capsys):
