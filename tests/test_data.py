@@ -157,14 +157,6 @@ def test_round_shapes_touch_what_they_approximate():
     assert 0.95 < ConvexHull(sphere).volume / (4 / 3 * math.pi) < 1
 
 
-def test_off_is_the_surface_of_the_mesh():
-    vertices, faces, _ = read_mesh(DATA / "box.mesh")
-    first, counts, *lines = (DATA / "box.off").read_text().splitlines()
-    assert first == "OFF" and counts.split()[:2] == [str(len(vertices)), str(len(faces))]
-    rows = [[float(word) for word in line.split()] for line in lines]
-    assert rows == vertices.tolist() + [[3, *face] for face in faces.tolist()]
-
-
 def are_apart(points1, points2):
     """Whether two convex hulls do not touch: their Minkowski difference leaves the origin out."""
     differences = (points1[:, None] - points2[None]).reshape(-1, 3)
