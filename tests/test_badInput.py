@@ -121,25 +121,14 @@ def test_mesh_outside_of_the_scenes_folder_is_read_only_when_asked_for(outside, 
         assert len(load_scene_file(f"{folder}/inside-scene.txt")) == 1
 
 
-CAMERAS = {
-    "empty": "",
-    "comma missing": '{"viewMat": [0, 1, 2]\n"fov": 3}',
-    "bracket without end": "[" * 100_000,
-    "number of 5000 digits": json.dumps(CAMERA).replace("20", "2" * 5000),
-    "key missing": '{"fov": 20}',
-    "15 numbers": json.dumps(CAMERA | {"viewMat": CAMERA["viewMat"][:15]}),
-    "NaN": json.dumps(CAMERA).replace("-90", "NaN"),
-    "no motion": json.dumps(CAMERA | {"viewMat": [0] * 16}),
-    "angle": json.dumps(CAMERA | {"fov": 180}),
-}
-
-
-@pytest.mark.parametrize("case", CAMERAS)
-def test_camera_that_cannot_be_used(folder, capsys, case):
-    write(folder, "camera.json", CAMERAS[case])
-    lines = {"empty": ":1", "comma missing": ":2"}
-    arguments = ["a-scene.txt", "--camera", "camera.json", *RECORDED]
-    assert_refused(folder, capsys, arguments, f"camera.json{lines.get(case, '')}: this is not a ")
+def test_camera_that_cannot_be_used(folder, capsys):
+    cameras = ["[" * 100_000, '{"fov": 20}', json.dumps(CAMERA).replace("20", "2" * 5000)]
+    cameras += [json.dumps(CAMERA).replace("-90", word) for word in ("NaN", "9e300", '"far"')]
+    cameras += [json.dumps(CAMERA | {"viewMat": [0] * count}) for count in (15, 16)]
+    for text in (*cameras, json.dumps(CAMERA | {"fov": 180})):
+        write(folder, "camera.json", text)
+        arguments = ["a-scene.txt", "--camera", "camera.json", *RECORDED]
+        assert_refused(folder, capsys, arguments, "camera.json: this is not a camera")
 
 
 def test_recording_that_cannot_be_used(folder, capsys):

@@ -4,7 +4,7 @@ import inspect
 
 import numpy as np
 import pytest
-from oracles import DATA, IDENTITY, box_body, ground, quaternion, restore, shape, state_of
+from oracles import DATA, IDENTITY, box_body, ground, quaternion, shape, state_of
 
 import RBSFunctions
 from RBSFunctions import Mesh, resolve_collision, run_timestep
@@ -174,30 +174,3 @@ def test_fixed_has_one_meaning(broadPhase):
     lower.isFixed = False
     run_timestep([lower], None, 0.02, 0.5, broadPhase=broadPhase)
     assert lower.position[0, 1] < 50.0
-
-
-@broadPhases
-def test_what_a_list_of_meshes_remembers_steers_no_result(broadPhase):
-    """A warm list against fresh copies, resumed at random steps, pushed and put elsewhere."""
-    rng = np.random.default_rng(8)
-    warm, _ = load("mixed")
-    contacts = 0
-    for _ in range(20):
-        for _ in range(rng.integers(1, 12)):
-            run_timestep(warm, ground(), 0.02, 0.5, broadPhase=broadPhase)
-        for mesh in warm:
-            if rng.random() < 0.1 and not mesh.isFixed:
-                mesh.linVelocity = mesh.linVelocity + rng.normal(size=(1, 3))
-            if rng.random() < 0.05:
-                mesh.position = mesh.position + rng.normal(size=(1, 3))
-        fresh, _ = load("mixed")
-        restore(fresh, state_of(warm))
-        for _ in range(3):
-            reports = [
-                run_timestep(meshes, ground(), 0.02, 0.5, broadPhase=broadPhase)
-                for meshes in (warm, fresh)
-            ]
-            assert state_of(warm).tobytes() == state_of(fresh).tobytes()
-            assert reports[0].contacts == reports[1].contacts
-            contacts += len(reports[0].contacts)
-    assert contacts > 15

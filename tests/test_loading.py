@@ -5,7 +5,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from oracles import COURSE, ROOT, needs_course
+from oracles import COURSE, ROOT
 
 from rbs.meshfiles import tetrahedron_volumes
 from rbs.opening import find_file
@@ -31,11 +31,9 @@ DATA = ROOT / "data"
 
 def parametrized_files(*endings):
     """A test with each such file of data/ and, where they are at hand, of the coursework."""
-    found = [pytest.param(None, id="course", marks=needs_course)] * (not COURSE.is_dir())
-    for folder in (DATA, COURSE):
-        paths = sorted(path for path in folder.glob("*") if path.name.endswith(endings))
-        found += [pytest.param(path, id=f"{folder.name}/{path.name}") for path in paths]
-    return pytest.mark.parametrize("path", found)
+    paths = [path for folder in (DATA, COURSE) for path in sorted(folder.glob("*"))]
+    paths = [path for path in paths if path.name.endswith(endings)]
+    return pytest.mark.parametrize("path", paths, ids=[f"{p.parent.name}/{p.name}" for p in paths])
 
 
 def write(folder, name, text):
@@ -229,13 +227,8 @@ cube.off   50.0  0   0 10 0   2 0 0 0
 cube.off  100    1   4 10.5 0  1 0 0 1
 t.mesh     7     0   0 20 -3.25   0.5 0.5 0.5 0.5
 """
-CONSTRAINTS = "1\n0 1 1 2 0.5 1.25\n"
-FILES = {
-    "cube.off": CUBE,
-    "t.mesh": TETRAHEDRON,
-    "a-scene.txt": SCENE,
-    "a-constraints.txt": CONSTRAINTS,
-}
+FILES = {"cube.off": CUBE, "t.mesh": TETRAHEDRON, "a-scene.txt": SCENE}
+FILES["a-constraints.txt"] = "1\n0 1 1 2 0.5 1.25\n"
 
 
 @pytest.fixture
@@ -309,14 +302,9 @@ def test_constraint_line_becomes_a_lower_and_an_upper_bound_as_the_bodies_stand(
     meshes[0].currVertices = meshes[1].currVertices[[2] * 9] + [0, 3, 4]
     lower, _ = load_constraint_file("a-constraints.txt", meshes)
     assert lower[4] == pytest.approx(0.5 * 5.0)
-
-
-def test_constraint_file_may_hold_none_or_bounds_of_zero(sceneFolder):
-    meshes = load_scene_file("a-scene.txt")
-    for text in ("0", "0\n", "# none\r\n\r\n0  # bounds\r\n\n"):
-        assert load_constraint_file(write(sceneFolder, "none.txt", text), meshes) == []
     path = write(sceneFolder, "zero.txt", "1\n1 3 1 3 1 2\n")
     assert load_constraint_file(path, meshes) == [[1, 3, 1, 3, 0.0, False], [1, 3, 1, 3, 0.0, True]]
+    assert load_constraint_file(write(sceneFolder, "none.txt", "0"), meshes) == []
 
 
 def test_flattened_bodies_are_one_surface(sceneFolder):

@@ -41,7 +41,6 @@ LINES = {
     "# suggests friction 0.5\n  ## suggests mu 0.2": None,
     "# suggests friction x": None,
     "# suggests friction -1": None,
-    "# suggests friction": None,
     "# suggests scheduling quick": None,
     "# suggests closing-only 1": None,
     "# suggests constraints a.txt": None,
@@ -94,11 +93,7 @@ def test_recommendations_are_used_reported_and_recorded(make_scene, capsys, word
     assert reported is None or (reported in errors and "stack-scene.txt" in errors)
     ((_, settings),) = Recording("r.h5").settingsHistory
     assert Settings(**settings) == Settings(**expected)
-    # A recording has its settings in it.
-    assert call(capsys, "--verify", "r.h5")[::2] == (0, "")
-    options = ["--record", "s.h5", "--steps", 2]
-    assert call(capsys, "--resume", "r.h5", *options)[::2] == (0, "")
-    assert Recording("s.h5").settingsHistory[0][1] == settings
+    assert call(capsys, "--verify", "r.h5")[::2] == (0, "")  # a recording has its settings in it
 
 
 def opened(name, **given):
