@@ -2,13 +2,8 @@
 
     python tests/limits.py [NAME …]
 
-Energy: how much of the start's, the ground being the zero of heights, the bodies gain at most with
-restitution 1, in 1500 steps of 0.02 s. Spin: the angular velocity of a box of 2 m that turns at 10
-rad/s flat on a fixed one, with friction 0.5, after 4 s. Ground: how far below it the constraints
-press a vertex of the cube scene, in 500 steps and in the last 100 of them, and how far constraints
-are violated; again, with every body lifted out of the ground once more after the constraints. Each
-as the coursework has it, with --closing-only, and with --solver soft-step. README.md has this
-table, and a test runs some of it again.
+Each as the coursework has it, with --closing-only, and with --solver soft-step. README.md has this
+table and says what is measured, and a test runs some of it again.
 """
 
 import argparse

@@ -4,9 +4,9 @@ Prints for each scene what was measured over all steps, and ends with exit code 
 not finite or a bound of RUNS is exceeded. `--steps N` shortens the runs to N steps each, and names
 pick scenes: `python tests/longRuns.py cube --steps 2000`.
 
-After every step it looks at: the lowest vertex; how far quaternions are from unit length; the
-energy, kinetic and potential, of all free bodies, relative to that at the start, where all rest
-(the ground is its zero). Memory is what the process occupies more than after a tenth of the steps.
+After every step it looks at the lowest vertex; at how far quaternions are from unit length; at the
+energy, kinetic and potential, of all free bodies, relative to that at the start, the ground being
+its zero; at what the process occupies more than after a tenth of the steps.
 """
 
 import argparse

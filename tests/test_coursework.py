@@ -92,19 +92,14 @@ class Ball(Mesh):
 def test_a_subclass_may_detect_its_own_collisions():
     """Small tetrahedra, far apart by their boxes, that collide as the balls that they are."""
     vertices, faces, tets = shape("tetrahedron")
-    balls = []
-    for x, speed in ((-5.0, 3.0), (5.0, -3.0)):
-        position = (x, 100.0, 0.0)
-        ball = Ball("ball", 0.01 * vertices, faces, tets, 1.0, position, IDENTITY, False)
+    positions = [(-5.0, 100.0, 0.0), (5.0, 100.0, 0.0)]
+    balls = [Ball("ball", 0.01 * vertices, faces, tets, 1.0, p, IDENTITY, False) for p in positions]
+    for ball, speed in zip(balls, (3.0, -3.0), strict=True):
         ball.linVelocity = np.array([[speed, 0.0, 0.0]])
-        balls.append(ball)
-    contacts = 0
-    for _ in range(100):
-        contacts += len(run_timestep(balls, None, 0.02, 1.0).contacts)
-    assert contacts > 0
+    contacts = [len(run_timestep(balls, None, 0.02, 1.0).contacts) for _ in range(100)]
     # equal masses and a central hit: they have exchanged their velocities
-    assert balls[0].linVelocity[0, 0] == pytest.approx(-3.0)
-    assert balls[1].linVelocity[0, 0] == pytest.approx(3.0)
+    assert sum(contacts) > 0
+    assert [ball.linVelocity[0, 0] for ball in balls] == pytest.approx([-3.0, 3.0])
 
 
 @broadPhases
@@ -132,7 +127,6 @@ def test_an_exception_leaves_the_meshes_as_they_were(broadPhase, monkeypatch):
 REFUSED = [
     ([0, 0, 2, 0, 1.0, True], "no mesh 2"),
     ([-1, 0, 1, 0, 1.0, True], "no mesh -1"),
-    ([0.5, 0, 1, 0, 1.0, True], "no mesh 0.5"),
     ([0, 8, 1, 0, 1.0, True], "mesh 0 has no vertex 8"),
     ([0, 0, 1, np.nan, 1.0, True], "mesh 1 has no vertex nan"),
     ([0, 0, 1, 0, np.nan, True], "reference value"),

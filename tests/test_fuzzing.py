@@ -26,11 +26,10 @@ from rbs.replay import Replay, verify
 from rbs.scenes import NonConvexWarning
 from rbs.simulation import Simulation
 from rbs.textfiles import SceneError
-from RigidBodySimulation import load_constraint_file, load_mesh_file, load_scene_file
+from RigidBodySimulation import load_mesh_file
 
-CASES = 150
 # Of all cases, at least this share is loaded, and at least this share refused.
-LEAST_SHARE = 0.08
+CASES, LEAST_SHARE = 120, 0.08
 
 NASTY_WORDS = (
     *(b"nan", b"-inf", b"1e308", b"1e-320", b"1e9", b"0", b"-0.0", b"-1", b"1", b"3", b"9" * 400),
@@ -59,7 +58,7 @@ def mutated(content, generator, separator):
         elif kind == "double":
             pieces.insert(i, pieces[i])
         elif kind == "swap":
-            pieces[i], pieces[-2] = pieces[-2], pieces[i][::-1] if not separator else pieces[i]
+            pieces[i], pieces[0] = pieces[0], pieces[i]
         elif kind == "comment":
             pieces[i] += b" # " + nasty
         else:
@@ -69,15 +68,12 @@ def mutated(content, generator, separator):
     return content
 
 
-def fuzz(name, check, error, cases=CASES):
-    """Calls check(generator) so often; counts what comes out of it.
-
-    name : another name, other cases; check : returns where all is well; raises `error`
-    """
+def fuzz(name, check, error):
+    """Calls check(generator) so often, of which many calls return and many raise `error`."""
     outcomes = Counter()
 
     @settings(
-        max_examples=cases,
+        max_examples=CASES,
         derandomize=True,
         database=None,
         deadline=None,
@@ -98,8 +94,7 @@ def fuzz(name, check, error, cases=CASES):
             outcomes["loaded"] += 1
 
     run()
-    print(outcomes)
-    assert min(outcomes["loaded"], outcomes["refused"]) >= LEAST_SHARE * cases, outcomes
+    assert min(outcomes["loaded"], outcomes["refused"]) >= LEAST_SHARE * CASES, outcomes
 
 
 @pytest.fixture
@@ -107,7 +102,6 @@ def folder(tmp_path, monkeypatch):
     """The current folder, with a scene of two meshes and a constraint file."""
     for name, text in FILES.items():
         write(tmp_path, name, text)
-    write(tmp_path, "a-constraints.txt", "2\n0 1 1 2 0.5 1.25\n2 0 1 3 0 1\n")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -121,7 +115,7 @@ def check_mesh(path):
 
 
 def check_scene(path):
-    """Bodies that can be simulated."""
+    """Bodies, and bounds between them, that can be simulated."""
     simulation = Simulation("a-scene.txt")
     for mesh in simulation.meshes:
         assert 0.0 < mesh.mass < math.inf and np.isfinite(mesh.invIT).all()
@@ -130,19 +124,9 @@ def check_scene(path):
     assert simulation.is_finite()
 
 
-def check_constraints(path):
-    meshes = load_scene_file("a-scene.txt")
-    for m1, v1, m2, v2, refValue, _ in load_constraint_file(path, meshes):
-        assert 0 <= v1 < len(meshes[m1].origVertices)
-        assert 0 <= v2 < len(meshes[m2].origVertices)
-        assert 0.0 <= refValue < math.inf
-
-
-CHECKS = [("t.mesh", check_mesh), ("cube.off", check_mesh), ("t.mesh", check_scene)]
-CHECKS += [("a-scene.txt", check_scene), ("a-constraints.txt", check_constraints)]
-
-
-@pytest.mark.parametrize(("name", "check"), CHECKS)
+@pytest.mark.parametrize(
+    ("name", "check"), [(name, check_scene) for name in FILES] + [("t.mesh", check_mesh)]
+)
 def test_text_file(folder, name, check):
     content = (folder / name).read_bytes()
 
@@ -176,5 +160,5 @@ def test_recording(folder, monkeypatch, isKilled):
         Replay(recording).seek(recording.lastStep)
         verify(recording)
 
-    fuzz(f"recording {isKilled}", check, (RecordingError, SceneError), cases=100)
+    fuzz(f"recording {isKilled}", check, (RecordingError, SceneError))
     assert verify(Recording("r.h5")) == ""

@@ -4,13 +4,12 @@ import inspect
 import math
 from dataclasses import asdict
 
-import numpy as np
 import pytest
 from oracles import ground
 from program import call
 
 from rbs.options import make_parser
-from rbs.settings import CHOSEN, TABLE, Settings, check_arguments
+from rbs.settings import CHOSEN, TABLE, Settings
 from RBSFunctions import run_timestep
 
 
@@ -70,12 +69,6 @@ def test_a_wrong_value_is_refused_by_name_and_changes_nothing(one):
                     [], ground(), **{"timeStep": 0.02, "CRCoeff": 0.5, one.parameter: value}
                 )
     assert asdict(settings) == before
-
-
-def test_numbers_come_in_any_shape_that_holds_one():
-    checked = check_arguments(CRCoeff=np.array([0.25]), mu=np.float32(0.5), substeps=np.int64(3))
-    assert checked == {"CRCoeff": 0.25, "mu": 0.5, "substeps": 3}
-    assert {type(value) for value in checked.values()} == {float, int}
 
 
 OTHER_VALUES = {"substeps": 3, "sleeping": False, "broadPhase": "grid", "closingOnly": True}

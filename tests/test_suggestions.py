@@ -21,18 +21,15 @@ def make_scene(tmp_path, monkeypatch):
     shutil.copy(DATA / "box.mesh", tmp_path)
     monkeypatch.chdir(tmp_path)
 
-    def make(*lines):
-        path = tmp_path / "a-scene.txt"
-        path.write_text("\n".join(["# a box", *lines, "1", "box.mesh 1 0 0 9 0 1 0 0 0", ""]))
-        return path
+    def make(lines="# nothing"):
+        (tmp_path / "a-scene.txt").write_text(f"# a box\n{lines}\n1\nbox.mesh 1 0 0 9 0 1 0 0 0")
+        return tmp_path / "a-scene.txt"
 
     return make
 
 
 OPTIONS = "closing-only no-constraints time-step 0.01 max-iterations 7 scheduling queue"
 VALUES = {"closingOnly": True, "enforceConstraints": False, "timeStep": 0.01, "maxIterations": 7}
-
-
 # Comment lines, and what they recommend, or None.
 LINES = {
     "# it suggests friction\n#suggestsfriction 1\n# suggests": {},
@@ -51,7 +48,7 @@ LINES = {
 @pytest.mark.parametrize(("lines", "expected"), LINES.items())
 def test_words_are_those_of_the_command_line(make_scene, lines, expected):
     """Of what cannot be recommended, file and line are named: that of the last one."""
-    path = make_scene(*lines.split("\n"))
+    path = make_scene(lines)
     source = SceneSource.of_files(path)
     if expected is not None:
         assert recommended_values(source) == expected
@@ -79,7 +76,6 @@ RUNS = {
         STANDING | {"contactSolver": "impulse", "broadPhase": "grid"},
         "(restitution 0, friction 0.5)",
     ),
-    "stack --basic": ({}, None),
     "stack --basic --friction 0.2": ({"friction": 0.2}, None),
 }
 
