@@ -10,7 +10,7 @@ from oracles import ROOT, ground
 from rbs.recording import Recorder
 from rbs.state import STATE_NAMES
 from RBSFunctions import run_timestep
-from RigidBodySimulation import load_scene_file
+from RigidBodySimulation import load_scene_file, main
 
 PROGRAM = ROOT / "RigidBodySimulation.py"
 DATA = ROOT / "data"
@@ -30,6 +30,23 @@ def run(folder, *arguments, **changes):
         [sys.executable, PROGRAM, *map(str, arguments)],
         cwd=folder, env=environment(**changes), capture_output=True, text=True, timeout=120,
     )  # fmt: skip
+
+
+def start(folder, *arguments, **options):
+    """The program as a process that runs on in a folder; a Popen, with these options of it."""
+    command, pipe = [sys.executable, PROGRAM, *map(str, arguments)], subprocess.PIPE
+    options |= {"cwd": folder, "env": environment(), "text": True}
+    return subprocess.Popen(command, stdout=pipe, stderr=pipe, **options)
+
+
+def call(capsys, *arguments):
+    """(exit code, output, errors) of the program, run in this process."""
+    capsys.readouterr()
+    try:
+        code = main([str(argument) for argument in arguments])
+    except SystemExit as ended:  # argparse does not return
+        code = ended.code
+    return code, *capsys.readouterr()
 
 
 def summary_of(process):
