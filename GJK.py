@@ -72,7 +72,7 @@ def is_collide(vertices1, vertices2):
     intNormal : (1, 3), unit; hull 2 moves along it, by depth, to separate
     intPosition : (1, 3); the point of hull 2 that is deepest inside hull 1. Where two edges cross,
         it is on that of hull 2; where an edge or a face lies flat on the other hull, it is the
-        centroid of the outline that they share. intPosition + depth · intNormal lies on the surface
+        centroid of what they share. intPosition + depth · intNormal lies on the surface
         of hull 1
     Without a collision the last three are zero, and read only.
 

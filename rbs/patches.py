@@ -15,6 +15,8 @@ from rbs.vectors import cross, dot, mul_add
 
 # By how much the sides of features are moved out again where rounding has left no overlap.
 SLACK_GROWTH = 1000.0
+# Twice the area of a patch, over the square of its outline, below which it is a segment.
+THIN = 1e-9
 
 
 def contact_points(hulls, first, second, t, normal, tolerance):
@@ -96,7 +98,7 @@ class Features:
             row, uv = overlap_corners(*figures, slack)
             isLost = np.bincount(row, minlength=len(pairs)) == 0
             slack = np.where(isLost, SLACK_GROWTH * slack, slack)
-        centre = outline_centres(row, uv)
+        centre = centres(row, uv)
         return centre[0] * u + centre[1] * v + self.level[pairs] * normal
 
 
@@ -155,14 +157,23 @@ def overlap_corners(a, b, slack):
     return row[kept], take(uv, kept, axis=1)
 
 
-def outline_centres(row, uv):
-    """The centroid (2, K) of the outline of each row's corners (2, C): row (C,), each of 0 … K - 1.
+def centres(row, uv):
+    """The centroid (2, K) of each row's figure, given by its corners (2, C): row (C,), 0 … K - 1.
 
-    Not that of the area: of a segment, there and back, it is the middle.
+    That of the area; of a segment, and of what is as thin as rounding, that of the outline, there
+    and back.
     """
-    outline = Polygons(np.bincount(row), take(uv, by_angle(row, *uv), axis=1))
-    total = np.bincount(outline.row, outline.length)
-    middle = outline.uv + 0.5 * outline.side
-    moment = np.stack([np.bincount(outline.row, outline.length * x) for x in middle])
-    isPoint = total == 0.0
-    return np.where(isPoint, outline.uv[:, outline.start], moment / np.where(isPoint, 1.0, total))
+    figure = Polygons(np.bincount(row), take(uv, by_angle(row, *uv), axis=1))
+    row, length = figure.row, np.bincount(figure.row, figure.length)
+    origin = figure.uv[:, figure.start]
+    isPoint = length == 0.0
+    outline = np.stack([np.bincount(row, figure.length * x) for x in figure.uv + 0.5 * figure.side])
+    outline = np.where(isPoint, origin, outline / np.where(isPoint, 1.0, length))
+    # triangles from the first corner to each side: their areas, twice, and the sums of their corners
+    x, y = figure.uv - take(origin, row, axis=1)
+    areas = x * figure.side[1] - y * figure.side[0]
+    area = np.bincount(row, areas)
+    sums = 2.0 * np.stack((x, y)) + figure.side
+    moment = np.stack([np.bincount(row, areas * total) for total in sums])
+    isThin = area <= THIN * length * length
+    return np.where(isThin, outline, origin + moment / (3.0 * np.where(isThin, 1.0, area)))

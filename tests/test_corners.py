@@ -6,7 +6,7 @@ from oracles import body, box_body, ground, random_quaternions, rotation, state_
 
 from rbs.hulls import HullSet
 from rbs.patches import Polygons, contact_points, overlap_corners
-from RBSFunctions import Mesh, run_timestep
+from RBSFunctions import run_timestep
 
 
 def test_a_push_gives_its_momentum_and_its_moment():
@@ -56,12 +56,6 @@ def test_sides_in_line_that_do_not_meet_leave_nothing_beyond_their_ends():
         assert not row.any()
         assert along.min() == pytest.approx(u0, abs=1e-8)
         assert along.max() == pytest.approx(u0 + u1, abs=1e-8)
-
-
-def test_a_mesh_without_state_says_so():
-    with pytest.raises(AttributeError, match="the mesh has no position yet"):
-        _ = Mesh.__new__(Mesh).position
-    assert Mesh.position.name == "position"  # asked of the class, the attribute itself
 
 
 def test_a_single_body_by_the_grid_falls_as_by_the_loop():
