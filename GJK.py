@@ -22,8 +22,8 @@ normal n has, for every pair of points a of A and b of B on it, a penetration �
 Finally, the two features that support the minimal facet give the contact point. As n_k and h_k do
 not depend on t, the facets of a pair stay right while its bodies only translate.
 
-A simulation step does not use GJK: where the axis kept from its last step no longer separates a
-pair, it needs the facets, or gets from them the axis of the widest gap, which lasts longest.
+A simulation step does without GJK: the axis kept from its last step separates most pairs that are
+apart, and the rest go to the facets at once, which those that meet need anyway.
 
 [1] Gilbert, Johnson, Keerthi: A fast procedure for computing the distance between complex objects
     in three-dimensional space. IEEE J. Robotics and Automation 4(2), 1988.
@@ -72,8 +72,7 @@ def is_collide(vertices1, vertices2):
     intNormal : (1, 3), unit; hull 2 moves along it, by depth, to separate
     intPosition : (1, 3); the point of hull 2 that is deepest inside hull 1. Where two edges cross,
         it is on that of hull 2; where an edge or a face lies flat on the other hull, it is the
-        centroid of what they share. intPosition + depth · intNormal lies on the surface
-        of hull 1
+        centroid of what they share. intPosition + depth · intNormal lies on the surface of hull 1
     Without a collision the last three are zero, and read only.
 
     Raises ValueError for points that are flat, thinner than a millionth of their length; not

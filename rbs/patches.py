@@ -169,7 +169,7 @@ def centres(row, uv):
     isPoint = length == 0.0
     outline = np.stack([np.bincount(row, figure.length * x) for x in figure.uv + 0.5 * figure.side])
     outline = np.where(isPoint, origin, outline / np.where(isPoint, 1.0, length))
-    # triangles from the first corner to each side: their areas, twice, and the sums of their corners
+    # triangles from the first corner to each side: twice their areas, and the sums of their corners
     x, y = figure.uv - take(origin, row, axis=1)
     areas = x * figure.side[1] - y * figure.side[0]
     area = np.bincount(row, areas)
