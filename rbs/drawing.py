@@ -433,6 +433,28 @@ class SceneView:
         """Shows the shadows, or not, whatever `shown` says."""
         self._shadows.set_enabled(isShown)
 
+    @contextmanager
+    def hidden(self):
+        """Within it, nothing of the scene is drawn."""
+        import polyscope as ps
+
+        structures = [self._bodies, self._shadows, self._ground]
+        if self._creases is not None:
+            structures.append(self._creases)
+        for name in ("constraints", "spring", "picked point", *OVERLAYS):
+            if ps.has_curve_network(name):
+                structures.append(ps.get_curve_network(name))
+            if ps.has_point_cloud(name):
+                structures.append(ps.get_point_cloud(name))
+        isShown = [structure.is_enabled() for structure in structures]
+        for structure in structures:
+            structure.set_enabled(False)
+        try:
+            yield
+        finally:
+            for structure, isOn in zip(structures, isShown, strict=True):
+                structure.set_enabled(isOn)
+
     def set_supersampling(self, isOn):
         """Draws the window twice as large and averages it, or not."""
         import polyscope as ps
