@@ -68,16 +68,21 @@ def find_creases(vertices, faces):
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
-    # Half-edge 3 f + k runs along face f from its corner k to the next one; its twin runs back.
     tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    faceOf = np.repeat(np.arange(len(faces)), 3)
-    order = np.argsort(tails * len(vertices) + heads)
-    twinPlaces = np.argsort(heads * len(vertices) + tails)
-    neighbour = np.empty(len(tails), dtype=np.int64)
-    neighbour[twinPlaces] = faceOf[order]
-    cosines = np.sum(normals[faceOf] * normals[neighbour], axis=1)
+    cosines = np.sum(np.repeat(normals, 3, axis=0) * normals[face_neighbours(faces).ravel()], axis=1)
     isCrease = (tails < heads) & (cosines < math.cos(CREASE_ANGLE))
     return np.column_stack([tails[isCrease], heads[isCrease]])
+
+
+def face_neighbours(faces):
+    """The faces (F, 3) on the other side of each face's edges; faces (F, 3) of closed surfaces."""
+    # Half-edge 3 f + k runs along face f from its corner k to the next one; its twin runs back.
+    count = faces.max(initial=0) + 1
+    tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    order, twinPlaces = np.argsort(tails * count + heads), np.argsort(heads * count + tails)
+    neighbour = np.empty(len(tails), dtype=np.int64)
+    neighbour[twinPlaces] = order // 3
+    return neighbour.reshape(-1, 3)
 
 
 class ConstraintLines:

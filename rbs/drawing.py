@@ -125,7 +125,8 @@ class SceneView:
 
     Attributes: simulation; colouring, a name of COLOURINGS; shown, a set of names of LAYERS;
     picked, the index of the body that is marked, or None, and pickedPoint, a point (3,) of it at
-    rest; squareSide, of the ground's squares in metres; hasLegend, whether pictures have one;
+    rest; squareSide, of the ground's squares in metres; groundPlace, of the ground: its middle
+    (3,) and the size of what stands on it in metres; hasLegend, whether pictures have one;
     follows, whether the camera moves along with the picked body, or with all; isSmooth, whether
     the window is drawn with smooth edges; callback, which draws the panels in each frame, or None.
     """
@@ -162,7 +163,7 @@ class SceneView:
         self._register_constraints(vertices)
         self._lastFocus = self._focus()
         self._point_camera(points)
-        self._groundPlace = None
+        self.groundPlace = None
         self.spread_ground()
         for name in LAYERS:
             self._show_layer(name)
@@ -213,14 +214,14 @@ class SceneView:
         middle = np.array(ps.get_view_center(), dtype=np.float64)
         distance = float(np.linalg.norm(self._eye() - middle))
         size = max(self._size, distance / USUAL_DISTANCE)
-        if self._groundPlace is not None:
-            lastMiddle, lastSize = self._groundPlace
+        if self.groundPlace is not None:
+            lastMiddle, lastSize = self.groundPlace
             if (
                 np.linalg.norm((middle - lastMiddle)[[0, 2]]) < GROUND_SHIFT * lastSize
                 and 1.0 / GROUND_GROWTH < size / lastSize < GROUND_GROWTH
             ):
                 return
-        self._groundPlace = middle, size
+        self.groundPlace = middle, size
         # Polyscope draws nothing that is further away.
         reach = min(GROUND_REACH * size, max(FAR_CLIP * self._size - distance, 2.0 * self._size))
         vertices, faces, colours, self.squareSide = ground_squares(size, middle, reach)
@@ -368,10 +369,15 @@ class SceneView:
                 paint(self, name, vertices)
         self._refresh_mark()
 
-    def _refresh_colours(self):
+    def body_colours(self):
+        """RGB of every body, (n, 3), in the present colouring."""
         colours = self.bodyColours.of(self.simulation, self.colouring)
         if self.picked is not None:
             colours[self.picked] = PICKED_COLOUR
+        return colours
+
+    def _refresh_colours(self):
+        colours = self.body_colours()
         if self._isVivid:
             grey = np.mean(GROUND_COLOURS, axis=0)
             colours = np.clip(grey + VIVIDNESS * (colours - grey), 0.0, 1.0)
@@ -435,25 +441,28 @@ class SceneView:
 
     @contextmanager
     def hidden(self):
-        """Within it, nothing of the scene is drawn."""
+        """Within it, nothing of the scene is drawn; yields the structures that were drawn over the
+        bodies: constraints, overlays, marks."""
         import polyscope as ps
 
-        structures = [self._bodies, self._shadows, self._ground]
-        if self._creases is not None:
-            structures.append(self._creases)
-        for name in ("constraints", "spring", "picked point", *OVERLAYS):
-            if ps.has_curve_network(name):
-                structures.append(ps.get_curve_network(name))
-            if ps.has_point_cloud(name):
-                structures.append(ps.get_point_cloud(name))
-        isShown = [structure.is_enabled() for structure in structures]
-        for structure in structures:
+        overlays = [
+            get(name)
+            for name in ("constraints", "spring", "picked point", *OVERLAYS)
+            for has, get in (
+                (ps.has_curve_network, ps.get_curve_network), (ps.has_point_cloud, ps.get_point_cloud),
+            )
+            if has(name)
+        ]  # fmt: skip
+        overlays = [structure for structure in overlays if structure.is_enabled()]
+        scene = [self._bodies, self._shadows, self._ground, self._creases]
+        scene = [structure for structure in scene if structure and structure.is_enabled()]
+        for structure in overlays + scene:
             structure.set_enabled(False)
         try:
-            yield
+            yield overlays
         finally:
-            for structure, isOn in zip(structures, isShown, strict=True):
-                structure.set_enabled(isOn)
+            for structure in overlays + scene:
+                structure.set_enabled(True)
 
     def set_supersampling(self, isOn):
         """Draws the window twice as large and averages it, or not."""

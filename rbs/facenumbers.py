@@ -1,6 +1,9 @@
-"""Numbers of faces, drawn by Polyscope as flat colours: from the camera, and from the light.
+"""Numbers of faces, which Polyscope draws as flat colours: from the camera, and from the light.
 
-Polyscope is imported inside the functions that use it.
+Polyscope is imported inside the functions that use it. From the top: drawing numbers; the overlays;
+the camera; the maps of what the light meets first.
+
+Arrays of points are (3, m), in single precision. Units: metres.
 """
 
 import math
@@ -9,137 +12,178 @@ from contextlib import contextmanager
 import numpy as np
 
 from rbs.colours import BACKGROUND
+from rbs.drawables import BOX_CORNERS
+from rbs.skins import dot
 
-# Pixels along each side of the maps from the sky, from below, and from the sun.
-MAP_SIZES = {"sky": 384, "below": 256, "sun": 768}
-# Free rim of a map, in pixels: what lies beyond it is lit.
-RIM = 4
+# The free rim of a map, in pixels, beyond which everything is lit.
+RIM = 3
+# The sides of maps grow in steps of this factor, and maps move by whole pixels, so that in a video
+# the shadows of what rests do not flicker while something else moves.
+MAP_GROWTH = 1.15
+
+
+@contextmanager
+def bodies_only(view, vertices, faces):
+    """Within it, Polyscope draws nothing of a SceneView but the bodies, all black.
+
+    yields (their SurfaceMesh, the structures that were drawn over them). Leaves window and camera
+    as they were.
+    """
+    import polyscope as ps
+
+    size, matrix, lengthScale = ps.get_window_size(), ps.get_camera_view_matrix(), view.size
+    angle = ps.get_view_camera_parameters().get_fov_vertical_deg()
+    with view.hidden() as overlays:
+        mesh = ps.register_surface_mesh(
+            "numbers", vertices, faces, color=(0.0, 0.0, 0.0), material="flat",
+            back_face_policy="cull",
+        )  # fmt: skip
+        ps.set_background_color((0.0, 0.0, 0.0, 0.0))
+        try:
+            yield mesh, overlays
+        finally:
+            ps.remove_surface_mesh("numbers")
+            ps.set_background_color((*BACKGROUND, 1.0))
+            ps.set_view_projection_mode("perspective")
+            ps.set_length_scale(lengthScale)
+            ps.set_window_size(*size)
+            ps.set_vertical_fov_degrees(angle)
+            ps.set_camera_view_matrix(matrix)
+
+
+def draw_overlays(mesh, overlays, opacity):
+    """What is drawn over black bodies, (height, width, 4), uint8, or None where there is nothing.
+
+    opacity : from 0 to 1, of what is behind a body
+    """
+    import polyscope as ps
+
+    if not overlays:
+        return None
+    for structure in overlays:
+        structure.set_enabled(True)
+    isSeen = ps.screenshot_to_buffer(transparent_bg=True)
+    mesh.set_enabled(False)
+    shot = ps.screenshot_to_buffer(transparent_bg=True)
+    mesh.set_enabled(True)
+    for structure in overlays:
+        structure.set_enabled(False)
+    isHidden = (shot != isSeen).any(axis=2)
+    shot[..., 3] = np.where(isHidden, np.rint(opacity * shot[..., 3]), shot[..., 3])
+    return shot
+
+
+def number_faces(mesh, count):
+    """Colours the `count` faces of a SurfaceMesh by their numbers, from 1."""
+    number = np.arange(1, count + 1)
+    colours = np.stack([number & 255, number >> 8 & 255, number >> 16], axis=1) / 255.0
+    mesh.add_color_quantity("numbers", colours, defined_on="faces", enabled=True)
+
+
+def draw_numbers():
+    """The numbers (height, width), int32, of the faces that are seen, from the lowest row up.
+
+    0 stands for no face.
+    """
+    import polyscope as ps
+
+    shot = ps.screenshot_to_buffer(transparent_bg=True, vertical_flip=False)
+    return shot.view("<i4")[..., 0] & 0xFFFFFF
 
 
 class Camera:
-    """Where the picture is seen from. eye, target (3,); rays(first, last) of its rows of pixels."""
+    """Polyscope's camera, of a picture of some size: eye, ahead (3,), where it is and looks to."""
 
     def __init__(self, width, height):
         import polyscope as ps
 
         view = ps.get_view_camera_parameters()
         self.eye = np.array(view.get_position(), dtype=np.float32)
-        self.target = np.array(ps.get_view_center(), dtype=np.float32)
         axes = view.get_right_dir(), view.get_up_dir(), view.get_look_dir()
-        self._axes = [np.array(axis, dtype=np.float32) for axis in axes]
-        self._size = width, height
-        self.pixelAngle = 2.0 * math.tan(math.radians(view.get_fov_vertical_deg()) / 2.0) / height
+        self._axes = np.array(axes, dtype=np.float32)
+        self.ahead = self._axes[2]
+        self.width, self.height = width, height
+        self.halfHeight = math.tan(math.radians(view.get_fov_vertical_deg()) / 2.0)
+        self.pixelAngle = 2.0 * self.halfHeight / height
 
     def rays(self, first, last):
-        """Unit vectors ((last - first) · width, 3) through the pixels of these rows."""
-        width, height = self._size
-        right, up, ahead = self._axes
-        x = (np.arange(width) + 0.5 - width / 2.0) * self.pixelAngle
-        y = (height / 2.0 - np.arange(first, last) - 0.5) * self.pixelAngle
-        x, y = x.astype(np.float32), y.astype(np.float32)
-        rays = ahead + x[None, :, None] * right + y[:, None, None] * up
-        rays /= np.linalg.norm(rays, axis=2, keepdims=True)
-        return rays.reshape(-1, 3)
-
-
-def face_numbers(isFlipped=True):
-    """The numbers (height, width) of the faces that are seen, from 1; 0 where there is none."""
-    import polyscope as ps
-
-    shot = ps.screenshot_to_buffer(transparent_bg=True, vertical_flip=isFlipped)
-    number = shot[..., 0].astype(np.int32)
-    number <<= 8
-    number |= shot[..., 1]
-    number <<= 8
-    number |= shot[..., 2]
-    return number
-
-
-def number_colours(count):
-    """The colours (F, 3) that stand for the numbers 1 to `count`."""
-    number = np.arange(1, count + 1)
-    return np.stack([number >> 16, number >> 8 & 255, number & 255], axis=1) / 255.0
+        """Unit vectors (3, m) through the pixels of the rows from `first` to before `last`."""
+        right, up, ahead = self._axes[:, :, None, None]
+        x = ((np.arange(self.width) + 0.5 - self.width / 2.0) * self.pixelAngle).astype(np.float32)
+        y = (self.height / 2.0 - np.arange(first, last) - 0.5) * self.pixelAngle
+        rays = ahead + x * right + y.astype(np.float32)[:, None] * up
+        rays /= np.sqrt(dot(rays, rays))
+        return rays.reshape(3, -1)
 
 
 class LightMaps:
-    """For each light direction, which face the light meets first: orthographic maps of numbers.
-
-    surface : `rbs.studio.Surface`; gap : m, by which a face has to lie before a point to shade it
-    """
+    """For each direction of light, which face it meets first: orthographic maps of numbers."""
 
     def __init__(self, surface, gap):
-        self.surface, self.gap = surface, gap
+        """surface : `Surface`; gap : m, by which a face must lie before a point to shade it"""
+        self._surface, self._gap = surface, gap
         self._maps = {}
 
-    def draw(self, kind, directions, vertices, lengthScale, progress=None):
-        """Draws the maps of these directions (n, 3), towards the light, in the present window."""
+    def draw(self, kind, directions, size, box, vertices, progress):
+        """Draws maps of size × size pixels, known as `kind`, in place of what the window shows.
+
+        directions (n, 3) : towards the light; box (2, 3) : low and high corner of what they have to
+        cover; vertices (V, 3) : of all bodies; progress : called after each map
+        """
         import polyscope as ps
 
-        size = MAP_SIZES[kind]
+        # Polyscope draws from 0.005 to 20 of its length scales away, at angles of 5° and more.
+        scale = float(np.linalg.norm(box[1] - box[0]))
+        ps.set_length_scale(scale)
+        ps.set_view_projection_mode("orthographic")
         ps.set_window_size(size, size)
-        kept = []
+        corners = np.where(BOX_CORNERS, box[1], box[0])
+        self._maps[kind] = []
         for direction in directions:
             up = np.eye(3)[np.abs(direction).argmin()]
             right = np.cross(up, direction)
             right /= np.linalg.norm(right)
-            up = np.cross(direction, right)
-            places = vertices @ np.stack([right, up, direction], axis=1)
+            axes = np.stack([right, np.cross(direction, right), direction])
+            places = corners @ axes.T
             low, high = places.min(axis=0), places.max(axis=0)
-            middle, half = (low + high) / 2.0, (high - low).max() / 2.0
-            half *= size / (size - 2.0 * RIM)
-            ps.set_vertical_fov_degrees(math.degrees(2.0 * math.atan(half / (2.0 * lengthScale))))
-            centre = middle[0] * right + middle[1] * up + middle[2] * direction
-            eye = centre + 1.2 * half * direction + 0.1 * lengthScale * direction
+            half = (high - low)[:2].max() / 2.0 * size / (size - 2.0 * RIM)
+            half = MAP_GROWTH ** math.ceil(math.log(half, MAP_GROWTH))
+            pixel = 2.0 * half / size
+            middle = pixel * np.round((low + high) / 2.0 / pixel)
+            top = min((vertices @ direction).max(), high[2] + 10.0 * scale)
             matrix = np.eye(4)
-            matrix[:3, :3] = right, up, direction
-            matrix[:3, 3] = -matrix[:3, :3] @ eye
+            matrix[:3, :3] = axes
+            matrix[:3, 3] = -middle[0], -middle[1], -(top + 0.1 * scale)
             ps.set_camera_view_matrix(matrix)
-            number = face_numbers(isFlipped=False)
-            scale = size / (2.0 * half)
-            axes = (scale * np.stack([right, up], axis=1)).astype(np.float32)
-            offset = (size / 2.0 - scale * middle[:2]).astype(np.float32)
-            kept.append((number.ravel(), axes, offset))
-            if progress:
-                progress()
-        self._maps[kind] = kept
+            ps.set_vertical_fov_degrees(math.degrees(2.0 * math.atan(half / (2.0 * scale))))
+            number = draw_numbers()
+            for edge in (number[0], number[-1], number[:, 0], number[:, -1]):
+                edge[:] = 0
+            # to a point's row and column
+            toPixels = np.concatenate([axes[1::-1], -middle[1::-1, None]], axis=1) / pixel
+            toPixels[:, 3] += size / 2.0
+            self._maps[kind].append((number.ravel(), size, toPixels.astype(np.float32)))
+            progress()
 
     def blockers(self, kind, k, x, body):
-        """What keeps the light of direction k from points x (m, 3): `(number (b,), index (b,))`.
+        """What keeps the light of direction k from points x (3, m).
 
-        body (m,) : that the points are of, which does not shade them; index : of the points
+        body (m,) : that the points are of; as bodies are convex, none shades itself
+        returns (number (b,) of the face in the way, index (b,) of the point)
         """
-        number, axes, offset = self._maps[kind][k]
-        size = MAP_SIZES[kind]
-        place = x @ axes
-        place += offset
-        np.clip(place, 0.0, size - 1.0, out=place)
-        place = place.astype(np.int32)
-        met = number.take(place[:, 1] * size + place[:, 0])
+        number, size, toPixels = self._maps[kind][k]
+        row, column = (
+            np.clip(dot(toPixel, x) + toPixel[3], 0.0, size - 1.0).astype(np.int32)
+            for toPixel in toPixels
+        )
+        met = number.take(row * size + column)
         index = np.flatnonzero(met)
         met = met.take(index)
-        other = self.surface.body.take(met) != body.take(index)
-        index, met = index[other], met[other]
-        plane = self.surface.plane.take(met, axis=0)
-        height = np.einsum("mi,mi->m", plane[:, :3], x.take(index, axis=0))
-        isBefore = plane[:, 3] - height > self.gap
-        return met[isBefore], index[isBefore]
-
-
-@contextmanager
-def numbers_only(view, vertices, faces):
-    """Within it, Polyscope draws nothing but the numbers of the bodies' faces."""
-    import polyscope as ps
-
-    with view.hidden():
-        mesh = ps.register_surface_mesh(
-            "numbers", vertices, faces, material="flat", back_face_policy="cull"
-        )
-        mesh.add_color_quantity(
-            "numbers", number_colours(len(faces)), defined_on="faces", enabled=True
-        )
-        ps.set_background_color((0.0, 0.0, 0.0, 0.0))
-        try:
-            yield
-        finally:
-            ps.set_background_color((*BACKGROUND, 1.0))
-            ps.remove_surface_mesh("numbers")
+        other = np.flatnonzero(self._surface.body.take(met) != body.take(index))
+        index, met = index.take(other), met.take(other)
+        plane = self._surface.plane
+        depth = plane[3].take(met)
+        for i in range(3):
+            depth -= plane[i].take(met) * x[i].take(index)
+        isBefore = np.flatnonzero(depth > self._gap)
+        return met.take(isBefore), index.take(isBefore)

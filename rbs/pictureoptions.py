@@ -16,6 +16,8 @@ OVERLAYS = (
     "contacts", "impulses", "friction impulses", "velocities", "bounding boxes", "grid cells",
     "trails",
 )  # fmt: skip
+# How much of what is behind a body is seen where bodies are see-through.
+SEEN_THROUGH = 0.55
 # The names of a series' pictures, with the number of the step.
 PICTURE_NAME = re.compile(r"frame_[0-9]{6,}\.png")
 VIDEO_ENDINGS = (".mp4", ".gif")

@@ -20,13 +20,13 @@ from rbs.colours import BACKGROUND
 from rbs.drawing import SceneView, start_polyscope
 from rbs.files import atomic_write, named_errors, partial_path, put_in_place
 from rbs.messages import InputError, shown_path
+from rbs.pictureoptions import SEEN_THROUGH
+from rbs.pixels import averaged
 
 # A picture is drawn as many times as large along each side, and averaged, as long as that takes no
 # more than so many pixels: 4K, and 0.6 GB.
 SUPERSAMPLING = 2
 MOST_DRAWN_PIXELS = 4 * 3840 * 2160
-# How much of what is behind a body is seen where bodies are see-through.
-SEEN_THROUGH = 0.55
 # How dark a shadow is where there is no ground.
 SHADOW_OPACITY = 0.4
 # Of the legend, in pixels: from the picture's upper left corner; and its rows' colour samples.
@@ -134,20 +134,6 @@ def _with_soft_shadows(shoot, view):
     isShadow = (shot[:, :, 3] == 0) & (withShadows[:, :, 3] > 0)
     shot[isShadow] = (0, 0, 0, round(255 * SHADOW_OPACITY))
     return shot
-
-
-def averaged(picture, factor):
-    """Each factor x factor pixels as one; (height, width, 3 or 4), uint8."""
-    height, width, channels = picture.shape
-    blocks = picture.reshape(height // factor, factor, width // factor, factor, channels)
-    if channels == 3:
-        total = blocks.sum(axis=(1, 3), dtype=np.uint16)
-        return ((total + factor**2 // 2) // factor**2).astype(np.uint8)
-    # What is not there at all has no colour to give.
-    opacity = blocks[..., 3:].astype(np.float32)
-    weight = opacity.sum(axis=(1, 3))
-    colour = (blocks[..., :3] * opacity).sum(axis=(1, 3)) / np.maximum(weight, 1.0)
-    return np.rint(np.concatenate([colour, weight / factor**2], axis=2)).astype(np.uint8)
 
 
 def draw_legend(rows):

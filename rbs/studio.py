@@ -1,12 +1,15 @@
-"""Studio pictures: sky light, soft shadows and rounded edges, shaded in NumPy.
+"""Studio pictures: sky light, soft shadows and rounded edges, worked out in NumPy.
 
-Polyscope only draws numbers of faces (`rbs.facenumbers`): once from the camera, and once from each
-of several hundred light directions. A point of the picture is where its pixel's ray meets the plane
-of its face, and a direction's light reaches it unless the plane of another body's face, found in
-that direction's map, lies before it. As bodies are convex, none shades itself.
+Polyscope draws numbers of faces only (`rbs.facenumbers`): from the camera, and from each of several
+hundred directions of light. What a pixel shows is where its ray meets the plane of its face. Light
+from a direction reaches that point unless the face that it meets first, which a map tells, is
+another body's and lies before the point: there is nothing to bias, and nothing to trace.
 
-All light is linear; units are arbitrary. From the top: the light; the surface of the bodies; a
-picture, band by band.
+Light is linear, in units in which white paper in the open is about 2; reflection is diffuse, with a
+little gloss. Neighbouring samples share the directions, and a mean over samples of the same surface
+mixes them. Arrays of points, vectors and colours are (3, m), in single precision.
+
+From the top: the light of the studio; the light at a scene's points; pictures.
 """
 
 import math
@@ -14,43 +17,66 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from rbs.drawables import CREASE_ANGLE
+from rbs.drawables import flatten_meshes
+from rbs.facenumbers import (
+    Camera,
+    LightMaps,
+    bodies_only,
+    draw_numbers,
+    draw_overlays,
+    number_faces,
+)
+from rbs.pictureoptions import SEEN_THROUGH
+from rbs.pixels import averaged, laid_over
+from rbs.skins import Surface, dot
 
-# The picture is drawn so many times as large along each side, and averaged.
+# A picture is worked out so many times as large along each side, and averaged.
 SUPERSAMPLING = 2
-# Neighbouring samples share the light directions: CLASSES × CLASSES of them see all.
-CLASSES = 4
-SKY_DIRECTIONS, GROUND_DIRECTIONS, SUN_DIRECTIONS = 128, 32, 32
-# Towards the sun, whose disc is this wide.
+# Each of SHARED × SHARED neighbouring samples takes its share of the directions of light.
+SHARED = 4
+# Directions of a still and of a video's frame, multiples of SHARED²: fewer leave streaks.
+STILL_DIRECTIONS = {"sky": 256, "below": 64, "sun": 32}
+VIDEO_DIRECTIONS = {"sky": 128, "below": 32, "sun": 16}
+# Sides of the maps in pixels; that of the sun is a fraction of the picture's width, within bounds.
+MAP_SIDES = {"sky": 288, "below": 224}
+SUN_MAP_FRACTION, SUN_MAP_SIDES = 0.7, (512, 2048)
+# How far a face has to lie before a point to shade it, as a fraction of the size of what is lit.
+LEAST_GAP = 2e-4
+# Bodies further from those that are seen than so many times the picture's larger half cast no
+# shadows: one that was flung away would leave the maps coarse. To find out, every SEEN_STEP-th
+# sample is looked at.
+REACH, SEEN_STEP = 3.0, 16
+# Towards the sun; its disc is a few times as wide as the real one, for soft shadows.
 SUN = np.array([-0.58, 1.0, 0.40]) / math.sqrt(0.58**2 + 1.0 + 0.40**2)
 SUN_ANGLE = math.radians(2.0)
 # Irradiance of the sun, and radiance of the sky at the zenith and at the horizon.
 SUN_LIGHT = 4.6 * np.array([1.0, 0.95, 0.87])
 ZENITH, HORIZON = np.array([0.52, 0.64, 0.86]), np.array([0.78, 0.79, 0.80])
-# Reflectance of the ground, of the lines on it, and of a glossy surface seen head-on.
-GROUND, LINE, GLOSS = np.array([0.50, 0.485, 0.465]), 0.72, 0.04
-# How much light reaches a surface in the neighbourhood, whose own shadows are not worked out.
+# Reflectance of the ground and, as a factor of it, of the lines on it; their width as a fraction of
+# the distance between them.
+GROUND, LINE, LINE_WIDTH = np.array([0.50, 0.485, 0.465]), 0.72, 0.024
+# Of what a surface receives in the open, as a first guess of what it receives among others.
 AROUND = 0.55
-# Sharpness of the sun's reflection.
-SHININESS = 60.0
+# Reflectance of a body's gloss seen head-on, and the sharpness of the sun's reflection.
+GLOSS, SHININESS = 0.04, 64
+# What light is multiplied by before the tone curve: more is brighter and paler.
 EXPOSURE = 0.56
-# Radius of rounded edges, relative to the thinnest extent of the body.
-ROUNDING = 0.035
-# The backdrop at the horizon and high above, as seen, and where the ground fades into it, in sizes
-# of the scene.
-BACKDROP_LOW, BACKDROP_HIGH = np.array([0.885, 0.882, 0.872]), np.array([0.76, 0.765, 0.77])
+# The backdrop as seen, at the horizon and from a ray's height of BACKDROP_HEIGHT on; and where the
+# ground fades into it, in sizes of what is lit from what the camera looks at.
+BACKDROP = np.array([[0.885, 0.882, 0.872], [0.76, 0.765, 0.77]])
+BACKDROP_HEIGHT = 0.6
 FADE_BEGIN, FADE_END = 0.8, 4.5
-# Points of a band that are shaded together.
-BAND_POINTS = 600_000
-# How far another face has to lie before a point to shade it, relative to the scene's size.
-LEAST_GAP = 2e-4
+# Samples of the ground along each side, for the light that it sends up.
+GROUND_SAMPLES = 128
+# Samples that are shaded together, 200 bytes each, by each of so many threads.
+BAND_SAMPLES, THREADS = 400_000, 2
 
 
-# ---- The light ----------------------------------------------------------------------------------
+# ---- The light of the studio --------------------------------------------------------------------
 
 
 def hemisphere(count):
-    """`count` directions (n, 3) of equal solid angle over the upper half space."""
+    """`count` directions (n, 3) of equal solid angle over the upper half space, on a spiral."""
     k = np.arange(count) + 0.5
     y, angle = k / count, k * math.pi * (3.0 - math.sqrt(5.0))
     across = np.sqrt(1.0 - y * y)
@@ -58,7 +84,7 @@ def hemisphere(count):
 
 
 def sun_disc(count):
-    """`count` directions (n, 3) over the sun's disc."""
+    """`count` directions (n, 3) towards the sun's disc, of equal solid angle."""
     k = np.arange(count) + 0.5
     radius, angle = np.sqrt(k / count), k * math.pi * (3.0 - math.sqrt(5.0))
     side = np.cross(SUN, [0.0, 1.0, 0.0])
@@ -68,434 +94,411 @@ def sun_disc(count):
     return towards / np.linalg.norm(towards, axis=1, keepdims=True)
 
 
+def directions(counts):
+    """Directions of light by kind: dict of (n, 3), likewise of their numbers."""
+    below = hemisphere(counts["below"]) * [1.0, -1.0, 1.0]
+    return {"sky": hemisphere(counts["sky"]), "below": below, "sun": sun_disc(counts["sun"])}
+
+
 def sky_radiance(height):
-    """The sky's radiance (n, 3) in directions of this sine of elevation (n,)."""
+    """Radiance (n, 3) of the sky in directions of this sine of elevation (n,)."""
     share = np.sqrt(np.clip(height, 0.0, 1.0))[:, None]
     return (1.0 - share) * HORIZON + share * ZENITH
 
 
-SKY = hemisphere(SKY_DIRECTIONS)
-BELOW = hemisphere(GROUND_DIRECTIONS) * [1.0, -1.0, 1.0]
-SUNS = sun_disc(SUN_DIRECTIONS)
+class ByHeight:
+    """A table (k, n) of quantities over the y component, -1 to 1, of unit vectors."""
+
+    def __init__(self, quantities):
+        """quantities : function of heights (n,) that gives (n, k)"""
+        self.table = quantities(np.linspace(-1.0, 1.0, 513)).T.astype(np.float32)
+
+    def __call__(self, y):
+        """The quantities (k, m) of vectors of which this is the y component, (m,)."""
+        return self.table.take(((y + 1.0) * 256.0 + 0.5).astype(np.int32), axis=1, mode="clip")
 
 
-def _irradiance_table(directions, radiance, heights):
-    """Irradiance (n, 3) of surfaces whose normals have these heights, from open directions."""
-    normals = np.stack([np.sqrt(1.0 - heights**2), heights, 0.0 * heights], axis=1)
-    cosines = np.maximum(normals @ directions.T, 0.0)
-    return cosines @ radiance * (2.0 * math.pi / len(directions))
-
-
-_HEIGHTS = np.linspace(-1.0, 1.0, 65)
-_FINE_SKY = hemisphere(4096)
-_SKY_TABLE = _irradiance_table(_FINE_SKY, sky_radiance(_FINE_SKY[:, 1]), _HEIGHTS)
-_BELOW_TABLE = _irradiance_table(_FINE_SKY * [1, -1, 1], np.ones((4096, 3)), _HEIGHTS)[:, :1]
-OPEN_SKY = _SKY_TABLE[-1]
-# Radiance of ground in the sun, and in shadow.
-SHADED_GROUND = GROUND / math.pi * AROUND * OPEN_SKY
-SUNLIT_GROUND = SHADED_GROUND + GROUND / math.pi * SUN[1] * SUN_LIGHT
-
-
-def open_irradiance(height):
-    """What normals (n,) of these heights receive: `(sky (n, 3), form factor of what is below)`."""
-    columns = [np.interp(height, _HEIGHTS, column) for column in _SKY_TABLE.T]
-    return np.stack(columns, axis=1), np.interp(height, _HEIGHTS, _BELOW_TABLE[:, 0])
+def _open_irradiance(height):
+    """What surfaces whose normals have these heights receive in the open: columns r, g, b of the
+    sky, and of half spaces of radiance 1 above and below the horizon."""
+    fine = hemisphere(4096)
+    normal = np.stack([np.sqrt(1.0 - height**2), height, 0.0 * height], axis=1)
+    each = 2.0 * math.pi / len(fine)
+    above = np.maximum(normal @ fine.T, 0.0) * each
+    below = np.maximum(normal @ (fine * [1.0, -1.0, 1.0]).T, 0.0) * each
+    return np.column_stack([above @ sky_radiance(fine[:, 1]), above.sum(axis=1), below.sum(axis=1)])
 
 
 def linear(colours):
     """Linear light of sRGB colours."""
-    colours = np.asarray(colours, dtype=np.float64)
     return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
 
 
-def encoded(light):
-    """sRGB colours of linear light, 0 to 1."""
-    light = np.clip(light, 0.0, 1.0)
-    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1.0 / 2.4) - 0.055)
-
-
-def filmic(light):
-    """The tone curve: a rational fit to that of the Academy Color Encoding System (Narkowicz)."""
+def seen(light):
+    """sRGB colours of linear light, through the tone curve of the Academy Color Encoding System in
+    Narkowicz's fit."""
     x = EXPOSURE * light
-    return x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14)
+    x = np.clip(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 0.0, 1.0)
+    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1.0 / 2.4) - 0.055)
 
 
-# ---- The surface --------------------------------------------------------------------------------
+# `seen` as a table over light from 0 to MOST_LIGHT, all of which is white.
+MOST_LIGHT, TONES = 12.0, 1 << 16
+_TONE_TABLE = seen(np.arange(TONES) * MOST_LIGHT / TONES).astype(np.float32)
+OPEN = ByHeight(_open_irradiance)
+OPEN_SKY = OPEN.table[:3, -1]
+# Radiance of the ground in the open and, as a first guess, near bodies.
+OPEN_GROUND = GROUND / math.pi * (OPEN_SKY + SUN[1] * SUN_LIGHT)
+# What polished surfaces mirror.
+SURROUNDINGS = ByHeight(lambda y: np.where(y[:, None] < 0.0, OPEN_GROUND, sky_radiance(y)))
 
 
-class Skin:
-    """How light meets the surface of one shape, at rest.
-
-    normal (F, 3), offset (F,) : of the faces' planes
-    smooth (F, 3, 4) : the interpolated normal at a point x is smooth · (x, 1), before normalisation
-    group (F,) : faces that pass for one round surface share a number
-    rims (F, E, 8) : the creases around each flat side: at x, the distance to a crease is
-        rim[3] - rim[:3] · x, and its other side has the normal rim[4:7]; rimCount (F,)
-    radius : of the rounded edges, m
-    """
-
-    def __init__(self, vertices, faces):
-        a, b, c = (vertices[faces[:, k]] for k in range(3))
-        normal = np.cross(b - a, c - a)
-        area = np.linalg.norm(normal, axis=1, keepdims=True)
-        self.normal = normal = normal / np.maximum(area, np.finfo(float).tiny)
-        self.offset = np.sum(normal * a, axis=1)
-        heights = vertices @ normal.T
-        self.radius = ROUNDING * float((heights.max(axis=0) - heights.min(axis=0)).min())
-        neighbours = _neighbours(faces)
-        turn = np.sum(normal[:, None] * normal[neighbours], axis=2)  # (F, 3), cosines
-        isRound = turn > math.cos(CREASE_ANGLE)
-        self.group = _labels(neighbours, isRound)
-        self._interpolate(vertices, faces, area)
-        self._find_rims(vertices, faces, neighbours, isRound, _labels(neighbours, turn > 1 - 1e-9))
-
-    def _interpolate(self, vertices, faces, area):
-        """The corners' normals, of the faces around them that pass for one surface with theirs."""
-        isCorner = np.zeros((len(vertices), len(faces)), dtype=bool)
-        isCorner[faces, np.arange(len(faces))[:, None]] = True
-        isAlike = self.normal @ self.normal.T > math.cos(CREASE_ANGLE)
-        self.smooth = np.zeros((len(faces), 3, 4))
-        for f, corners in enumerate(faces):
-            x = np.column_stack([vertices[corners], np.ones(3)])
-            weights = (isCorner[corners] & isAlike[f]) * area[:, 0]
-            n = weights @ self.normal
-            n /= np.linalg.norm(n, axis=1, keepdims=True)
-            # the least change of the normal that gives these corners: none across the face
-            self.smooth[f] = np.linalg.lstsq(x, n, rcond=None)[0].T
-
-    def _find_rims(self, vertices, faces, neighbours, isRound, side):
-        rims = [[] for _ in range(side.max() + 1)]
-        for f, k in np.argwhere(~isRound):
-            tail, head = vertices[faces[f, k]], vertices[faces[f, (k + 1) % 3]]
-            outwards = np.cross(head - tail, self.normal[f])
-            outwards /= np.linalg.norm(outwards)
-            rims[side[f]].append([*outwards, outwards @ tail, *self.normal[neighbours[f, k]], 0.0])
-        self.rimCount = np.array([len(rims[s]) for s in side])
-        self.rims = np.zeros((len(faces), max(1, self.rimCount.max()), 8))
-        for f, s in enumerate(side):
-            self.rims[f, : len(rims[s])] = np.reshape(rims[s], (-1, 8))
+def toned(light):
+    """`seen`, from a table."""
+    place = (light * (TONES / MOST_LIGHT)).astype(np.int32)
+    return _TONE_TABLE.take(place, mode="clip")
 
 
-def _neighbours(faces):
-    """The face (F, 3) on the other side of each face's edges, of a closed surface."""
-    count = faces.max() + 1
-    tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    order, twin = np.argsort(tails * count + heads), np.argsort(heads * count + tails)
-    neighbour = np.empty(len(tails), dtype=np.int64)
-    neighbour[twin] = np.arange(len(faces)).repeat(3)[order]
-    return neighbour.reshape(-1, 3)
+# ---- The light at a scene's points --------------------------------------------------------------
 
 
-def _labels(neighbours, isJoined):
-    """A number (F,) for each set of faces that are joined over their edges."""
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components
+class SceneLight:
+    """What light the points of a scene receive, as its bodies stand. surface : `Surface`; size : m"""
 
-    first, edge = np.nonzero(isJoined)
-    graph = csr_array((np.ones(len(first)), (first, neighbours[first, edge])), (len(neighbours),) * 2)
-    return connected_components(graph, directed=False)[1]
+    def __init__(self, surface, mesh, vertices, box, counts, sunMapSide, progress):
+        """mesh : of `bodies_only`, within which this must be called; box (2, 3) : what is lit;
+        counts : of directions, by kind; progress : called with the fraction that is done
+        """
+        self.surface, self.size = surface, float(np.linalg.norm(box[1] - box[0]))
+        self._directions = directions(counts)
+        self._maps = LightMaps(surface, LEAST_GAP * self.size)
+        drawn = 0
+
+        def advance():
+            nonlocal drawn
+            drawn += 1
+            progress(drawn / sum(counts.values()))
+
+        for kind, towards in self._directions.items():
+            side = MAP_SIDES.get(kind, sunMapSide)
+            self._maps.draw(kind, towards, side, box, vertices, advance)
+        # Of each face's centre; what faces and ground send to each other is guessed at first.
+        normal = surface.plane[:3]
+        inTheOpen = np.array([[1.0, 1.0, 0.0, 0.0, 0.0]], dtype=np.float32).T
+        self.radiance = surface.albedo / math.pi * AROUND * irradiance(normal, inTheOpen)
+        margin = 0.7 * (box[1, 1] - box[0, 1])
+        self._low, self._high = box[0, [0, 2]] - margin, box[1, [0, 2]] + margin
+        self._ground = self._ground_radiance()
+        received = self.received(surface.centre, normal, surface.body)
+        self.radiance = surface.albedo / math.pi * irradiance(normal, received)
+
+    def _ground_radiance(self):
+        """The light (3, GROUND_SAMPLES²) that the ground sends up, x by x in rows of z."""
+        place = (np.arange(GROUND_SAMPLES) + 0.5) / GROUND_SAMPLES
+        x, z = (a + place * (b - a) for a, b in zip(self._low, self._high, strict=True))
+        points = np.zeros((3, GROUND_SAMPLES**2), dtype=np.float32)
+        points[0], points[2] = np.tile(x, GROUND_SAMPLES), np.repeat(z, GROUND_SAMPLES)
+        normal = np.zeros_like(points)
+        normal[1] = 1.0
+        received = self.received(points, normal, np.full(points.shape[1], -1))
+        return (GROUND[:, None] / math.pi * irradiance(normal, received)).astype(np.float32)
+
+    def received(self, x, normal, body, first=0, stride=1):
+        """What points x (3, m) with these unit normals (3, m) receive, (5, m): the shares of the sun
+        and of the sky that they see, and the irradiance r, g, b from bodies and ground.
+
+        body (m,) : that they are of, -1 for the ground
+        first, stride : take every stride-th direction, from the first on
+        """
+        result = np.zeros((5, x.shape[1]), dtype=np.float32)
+        some = np.flatnonzero(dot(normal, SUN.astype(np.float32)) > 0.0)
+        lit = np.ones(len(some), dtype=np.float32)
+        suns = range(first, len(self._directions["sun"]), stride)
+        points, bodies = x.take(some, axis=1), body.take(some)
+        for k in suns:
+            lit[self._maps.blockers("sun", k, points, bodies)[1]] -= 1.0 / len(suns)
+        result[0, some] = lit
+
+        irradiance = OPEN(normal[1])
+        free, around, total = self._gathered("sky", x, normal, body, first, stride)
+        result[1] = free / total
+        result[2:] = around * (irradiance[3] / total)
+        # hardly anything from below is seen by what faces up
+        some = np.flatnonzero((body >= 0) & (irradiance[4] > 0.06))
+        if len(some):
+            x, normal, body = x.take(some, axis=1), normal.take(some, axis=1), body.take(some)
+            _, around, total = self._gathered("below", x, normal, body, first, stride)
+            result[2:, some] += around * (irradiance[4].take(some) / total)
+        return result
+
+    def _gathered(self, kind, x, normal, body, first, stride):
+        """Sums over directions, each weighted by its cosine with the normal: of those in which
+        nothing is in the way (m,), of the radiance from what is (3, m), and of all (m,)."""
+        total = np.full(x.shape[1], 1e-6, dtype=np.float32)
+        free = np.zeros(x.shape[1], dtype=np.float32)
+        around = np.zeros(x.shape, dtype=np.float32)
+        for k in range(first, len(self._directions[kind]), stride):
+            towards = self._directions[kind][k].astype(np.float32)
+            weight = np.maximum(dot(normal, towards), 0.0)
+            total += weight
+            number, index = self._maps.blockers(kind, k, x, body)
+            blocked = weight.take(index)
+            for c in range(3):
+                around[c, index] += blocked * self.radiance[c].take(number)
+            weight[index] = 0.0
+            free += weight
+            if kind == "below":
+                around += weight * self._ground.take(self._ground_sample(x, towards), axis=1)
+        return free, around, total
+
+    def _ground_sample(self, x, towards):
+        """Which sample (m,) of the ground is met from points x (3, m) in a direction downwards."""
+        columns = []
+        for axis, low, high in zip((0, 2), self._low, self._high, strict=True):
+            place = x[axis] - (towards[axis] / towards[1]) * x[1]
+            place = (place - low) * (GROUND_SAMPLES / (high - low))
+            columns.append(np.clip(place, 0.0, GROUND_SAMPLES - 1.0).astype(np.int32))
+        return columns[1] * GROUND_SAMPLES + columns[0]
 
 
-class Surface:
-    """All bodies of a scene as they stand: what a picture asks of a face, in single precision.
-
-    body (F + 1,), group (F + 1,), plane (F + 1, 4), colour (F + 1, 3) : by number of the face, of
-    which 0 is none; plane · (x, -1) is the height of x over it
-    """
-
-    def __init__(self, meshes, faceBodies, colours):
-        """faceBodies (F,) : the body of each face; colours (n, 3) : of the bodies, sRGB"""
-        skins, self._skins = {}, []
-        starts, start = [], 0
-        for mesh in meshes:
-            key = mesh.origVertices.tobytes(), mesh.faces.tobytes()
-            if key not in skins:
-                skins[key] = start, Skin(mesh.origVertices, mesh.faces)
-                start += len(mesh.faces)
-            starts.append(skins[key][0])
-        kinds = [skin for _, skin in skins.values()]
-        width = max(skin.rims.shape[1] for skin in kinds)
-        self._smooth = np.concatenate([s.smooth.reshape(-1, 12) for s in kinds]).astype(np.float32)
-        self._rims = np.zeros((start, width, 8), dtype=np.float32)
-        first = 0
-        for skin in kinds:
-            self._rims[first : first + len(skin.rims), : skin.rims.shape[1]] = skin.rims
-            first += len(skin.rims)
-        self._rimCount = np.concatenate([s.rimCount for s in kinds])
-        radius = np.concatenate([np.full(len(s.normal), s.radius) for s in kinds])
-        firstFace = np.concatenate([[0], np.cumsum([len(m.faces) for m in meshes])[:-1]])
-        self.row = np.arange(len(faceBodies)) - firstFace[faceBodies] + np.array(starts)[faceBodies]
-        self._radius = radius.astype(np.float32)
-        self.rotation = np.array([_matrix(m.orientation) for m in meshes])
-        self.position = np.concatenate([m.position for m in meshes])
-        normal = np.concatenate([s.normal for s in kinds])[self.row]
-        offset = np.concatenate([s.offset for s in kinds])[self.row]
-        normal = np.einsum("fij,fj->fi", self.rotation[faceBodies], normal)
-        offset = offset + np.sum(normal * self.position[faceBodies], axis=1)
-        self.plane = np.zeros((len(faceBodies) + 1, 4), dtype=np.float32)
-        self.plane[1:] = np.column_stack([normal, offset])
-        self.body = np.concatenate([[-1], faceBodies]).astype(np.int32)
-        groups = np.concatenate([s.group for s in kinds])[self.row]
-        most = int(groups.max()) + 1
-        self.group = np.concatenate([[-1], faceBodies * most + groups]).astype(np.int32)
-        self.albedo = np.concatenate([np.zeros((1, 3)), linear(colours)[faceBodies]])
-        self.albedo = self.albedo.astype(np.float32)
-        # what a face that is in the way sends back, roughly
-        sky, _ = open_irradiance(self.plane[:, 1])
-        sun = np.maximum(self.plane[:, :3] @ SUN, 0.0)[:, None] * SUN_LIGHT
-        self.radiance = (self.albedo / math.pi * AROUND * (sky + sun)).astype(np.float32)
-        self.rotation = self.rotation.astype(np.float32)
-        self.position = self.position.astype(np.float32)
-
-    def normals(self, number, x):
-        """`(smooth, rounded)` unit normals (m, 3) at points x (m, 3) of the faces (m,)."""
-        body, row = self.body[number], self.row[number - 1]
-        R = self.rotation[body]
-        rest = np.einsum("mji,mj->mi", R, x - self.position[body])
-        table = self._smooth[row].reshape(-1, 3, 4)
-        smooth = np.einsum("mij,mj->mi", table[:, :, :3], rest) + table[:, :, 3]
-        smooth /= np.linalg.norm(smooth, axis=1, keepdims=True)
-        rounded = smooth.copy()
-        count = self._rimCount[row]
-        for k in range(self._rims.shape[1]):
-            some = np.flatnonzero(count > k)
-            if len(some) == 0:
-                break
-            rim = self._rims[row[some], k]
-            distance = rim[:, 3] - np.einsum("mi,mi->m", rim[:, :3], rest[some])
-            near = np.clip(1.0 - distance / self._radius[row[some]], 0.0, 1.0)
-            bent = np.flatnonzero(near > 0.0)
-            some, share = some[bent], (0.5 * near[bent] ** 2)[:, None]
-            rounded[some] += share * (rim[bent, 4:7] - smooth[some])
-        rounded /= np.linalg.norm(rounded, axis=1, keepdims=True)
-        return tuple(np.einsum("mij,mj->mi", R, n) for n in (smooth, rounded))
-
-
-def _matrix(q):
-    w, x, y, z = np.ravel(q)
-    return [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]  # fmt: skip
-
-
-# ---- A picture ----------------------------------------------------------------------------------
+# ---- Pictures -----------------------------------------------------------------------------------
 
 
 class Studio:
-    """Shades a picture of which the numbers of faces are known.
+    """Takes studio pictures, and keeps the light of a scene of which only the camera moves."""
 
-    surface : `Surface`; maps : `rbs.facenumbers.LightMaps`; size : m, of the scene
-    """
+    def __init__(self, counts=STILL_DIRECTIONS):
+        """counts : numbers of directions of light, by kind"""
+        self._counts = counts
+        self._skins, self._lit, self._light = {}, None, None
 
-    def __init__(self, surface, maps, size, squareSide):
-        self.surface, self.maps, self.size, self.side = surface, maps, size, squareSide
+    def take(self, view, isTransparent=False, progress=lambda fraction: None):
+        """What Polyscope's camera sees of a SceneView, (height, width, 3), or 4, uint8.
 
-    def picture(self, numbers, camera, hasGround, isTransparent=False, progress=None):
-        """The picture (height, width, 4), uint8, of `numbers` (s height, s width) of faces.
-
-        camera : `rbs.facenumbers.Camera` of the numbers; s is SUPERSAMPLING
+        isTransparent : whether there is nothing behind bodies and shadows
+        progress : called with the fraction that is done
         """
-        height, width = numbers.shape
-        step = max(1, BAND_POINTS // width // CLASSES) * CLASSES
-        bands = [(top, min(top + step, height)) for top in range(0, height, step)]
+        import polyscope as ps
 
-        def shade(band):
-            return self._shade(numbers, camera, *band, hasGround, isTransparent)
+        width, height = (SUPERSAMPLING * pixels for pixels in ps.get_window_size())
+        meshes = view.simulation.meshes
+        vertices, faces, bodyOfFace = flatten_meshes(meshes)
+        view.set_see_through(False)
+        with bodies_only(view, vertices, faces) as (mesh, overlays):
+            ps.set_window_size(width, height)
+            camera = Camera(width, height)
+            overlay = draw_overlays(mesh, overlays, SEEN_THROUGH if view.isSeeThrough else 0.0)
+            if overlay is not None:
+                overlay = averaged(overlay, SUPERSAMPLING)
+            number_faces(mesh, len(faces))
+            numbers = draw_numbers()[::-1]
+            box = lit_box(meshes, vertices, bodyOfFace, numbers, camera)
+            albedo = linear(view.body_colours())
+            sunMapSide = int(np.clip(SUN_MAP_FRACTION * width / SUPERSAMPLING, *SUN_MAP_SIDES))
+            lit = (vertices.tobytes(), albedo.tobytes(), box.tobytes(), sunMapSide)
+            if lit != self._lit:
+                self._light = None  # the old one makes room
+                surface = Surface(meshes, vertices, faces, bodyOfFace, albedo, self._skins)
+                self._light = SceneLight(
+                    surface, mesh, vertices, box, self._counts, sunMapSide,
+                    lambda fraction: progress(0.4 * fraction),
+                )  # fmt: skip
+                self._lit = lit
+        view.set_see_through(view.isSeeThrough)
+        hasGround = "ground" in view.shown and not isTransparent
+        shades = Shades(self._light, camera, numbers, view, hasGround, isTransparent)
+        picture = shades.picture(lambda fraction: progress(0.4 + 0.6 * fraction))
+        return picture if overlay is None else laid_over(overlay, picture)
 
-        with ThreadPoolExecutor(2) as executor:
-            rows = []
-            for part in executor.map(shade, bands):
+
+def lit_box(meshes, vertices, bodyOfFace, numbers, camera):
+    """Low and high corner (2, 3) of what the light is worked out for: all bodies, or, where some are
+    far from those that are seen, what is near these. numbers : of the faces that the camera sees"""
+    first = np.cumsum([0] + [len(mesh.origVertices) for mesh in meshes[:-1]])
+    low, high = np.minimum.reduceat(vertices, first), np.maximum.reduceat(vertices, first)
+    number = numbers[::SEEN_STEP, ::SEEN_STEP]
+    depth = (0.5 * (low + high) - camera.eye) @ camera.ahead
+    depth = depth[bodyOfFace[number[number > 0] - 1]]
+    depth = depth[depth > 0.0]
+    if len(depth):
+        # in steps, so that in a video the box does not move with every body
+        depth = float(np.median(depth))
+        reach = REACH * depth * camera.halfHeight * max(1.0, camera.width / camera.height)
+        reach = 1.25 ** math.ceil(math.log(reach, 1.25))
+        middle = reach / 8.0 * np.round((camera.eye + depth * camera.ahead) / (reach / 8.0))
+        isNear = ((low < middle + reach) & (high > middle - reach)).all(axis=1)
+        low, high = np.maximum(low[isNear], middle - reach), np.minimum(high[isNear], middle + reach)
+    return np.stack([low.min(axis=0), high.max(axis=0)])
+
+
+class Shades:
+    """Shades a picture of which the numbers of faces are known."""
+
+    def __init__(self, light, camera, numbers, view, hasGround, isTransparent):
+        """light : `SceneLight`; numbers (height, width) : as the camera sees them, each
+        SUPERSAMPLING times the picture's; view : `SceneView`, which knows where the ground is
+        """
+        self._light, self._camera, self._numbers = light, camera, numbers
+        self._lineDistance, self._groundPlace = view.squareSide, view.groundPlace
+        self._hasGround, self._isTransparent = hasGround, isTransparent
+
+    def picture(self, progress):
+        """The picture (height, width, 3), or 4, uint8."""
+        height, width = self._numbers.shape
+        step = max(1, BAND_SAMPLES // width // SHARED) * SHARED
+        tops = range(0, height, step)
+        rows = []
+        with ThreadPoolExecutor(THREADS) as executor:
+            for part in executor.map(self._rows, tops, (min(t + step, height) for t in tops)):
                 rows.append(part)
-                if progress:
-                    progress(len(rows) / len(bands))
+                progress(len(rows) / len(tops))
         return np.concatenate(rows)
 
-    def _shade(self, numbers, camera, top, bottom, hasGround, isTransparent):
-        """The rows of the picture between these of the numbers, averaged."""
-        first, last = max(0, top - 1), min(len(numbers), bottom + CLASSES - 2)
-        shape = last - first, numbers.shape[1]
-        number = numbers[first:last].ravel()
-        rays = camera.rays(first, last)
-        isBody = number > 0
-        plane = self.surface.plane[number]
-        # the ground is the plane y = 0, where the ray goes down
-        toGround = np.where(rays[:, 1] < -1e-6, -camera.eye[1] / np.minimum(rays[:, 1], -1e-6), 0.0)
-        slope = np.einsum("mi,mi->m", plane[:, :3], rays)
-        toPlane = (plane[:, 3] - plane[:, :3] @ camera.eye) / np.where(slope < 0, slope, -1.0)
-        distance = np.where(isBody, toPlane, toGround).astype(np.float32)
-        isGround = ~isBody & (distance > 0.0) & hasGround
-        x = camera.eye + distance[:, None] * rays
-        fade = np.where(isGround, self._fade(x, camera), 0.0)
-        isGround &= fade < 1.0
+    def _rows(self, top, bottom):
+        """The rows of the picture from these samples' rows, `top` to before `bottom`."""
+        # beyond them, what the mean over neighbours reaches
+        first, last = max(0, top - 1), min(len(self._numbers), bottom + SHARED - 2)
+        width = self._numbers.shape[1]
+        surface = self._light.surface
+        number, ray, distance, fade = self._met(first, last)
+        some = np.flatnonzero(fade < 1.0)
+        rows, columns = np.divmod(some, width)
+        own, towards = number.take(some), ray.take(some, axis=1)
+        x = self._camera.eye[:, None] + distance.take(some) * towards
         normal = np.zeros_like(x)
-        normal[:, 1] = 1.0
+        normal[1] = 1.0
         rounded = normal.copy()
-        bodies = np.flatnonzero(isBody)
-        normal[bodies], rounded[bodies] = self.surface.normals(number[bodies], x[bodies])
+        on = np.flatnonzero(own)
+        normal[:, on], rounded[:, on] = surface.normals(own.take(on), x.take(on, axis=1))
 
-        some = np.flatnonzero(isBody | isGround)
-        light = np.zeros((len(number), 5), dtype=np.float32)
-        rows, columns = np.divmod(some, shape[1])
-        kind = (rows + first) % CLASSES * CLASSES + columns % CLASSES
-        for c in range(CLASSES**2):
-            own = some[kind == c]
-            light[own] = self._received(c, x[own], normal[own], self.surface.body[number[own]])
-        key = np.where(isBody, self.surface.group[number], np.where(isGround, -2, -3))
-        light = blurred(light.reshape(*shape, 5), key.reshape(shape))
-        inner = slice(top - first, bottom - first)
-
-        def cut(values):
-            return values.reshape(*shape, -1)[inner].reshape((bottom - top) * shape[1], -1)
-
-        part = Pixels(
-            x=cut(x), ray=cut(rays), normal=cut(rounded), light=cut(light),
-            isBody=cut(isBody)[:, 0], isGround=cut(isGround)[:, 0], fade=cut(fade),
-            albedo=cut(self.surface.albedo[number]), distance=cut(distance)[:, 0],
-        )
-        seen = self._developed(part, camera, isTransparent)
-        s = SUPERSAMPLING
-        blocks = seen.reshape((bottom - top) // s, s, shape[1] // s, s, 4)
-        opacity = blocks[..., 3:]
-        weight = opacity.sum(axis=(1, 3))
-        colour = (blocks[..., :3] * opacity).sum(axis=(1, 3)) / np.maximum(weight, 1e-6)
-        mean = np.concatenate([colour, weight / s**2], axis=2)
-        return np.rint(255.0 * mean).astype(np.uint8)
-
-    def _received(self, c, x, normal, body):
-        """(m, 5) for points of class c: shares of the sun and of the sky, and light from around."""
-        result = np.zeros((len(x), 5), dtype=np.float32)
-        stride = CLASSES**2
-        suns = range(c, SUN_DIRECTIONS, stride)
-        facing = np.flatnonzero(normal @ SUN > 0.0)
-        for k in suns:
-            blocker, index = self.maps.blockers("sun", k, x[facing], body[facing])
-            lit = np.ones(len(facing), dtype=np.float32)
-            lit[index] = 0.0
-            result[facing, 0] += lit / len(suns)
-        total = np.zeros(len(x), dtype=np.float32)
-        open_ = np.zeros(len(x), dtype=np.float32)
-        around = np.zeros((len(x), 3), dtype=np.float32)
-        for k in range(c, SKY_DIRECTIONS, stride):
-            weight = np.maximum(normal @ SKY[k].astype(np.float32), 0.0)
-            total += weight
-            facing = np.flatnonzero(weight > 0.0)
-            blocker, index = self.maps.blockers("sky", k, x[facing], body[facing])
-            index = facing[index]
-            open_ += weight
-            open_[index] -= weight[index]
-            around[index] += weight[index, None] * self.surface.radiance[blocker]
-        result[:, 1] = open_ / np.maximum(total, 1e-6)
-        sky, below = open_irradiance(normal[:, 1])
-        up = _UP_TABLE_INTERP(normal[:, 1])
-        result[:, 2:] = around / np.maximum(total, 1e-6)[:, None] * up[:, None]
-        onBody = np.flatnonzero((body >= 0) & (below > 0.02))
-        if len(onBody):
-            result[onBody, 2:] += self._from_below(c, x[onBody], normal[onBody], body[onBody]) * (
-                below[onBody, None]
+        light = np.zeros((5, len(number)), dtype=np.float32)
+        share = (rows + first) % SHARED * SHARED + columns % SHARED
+        body = surface.body.take(own)
+        for c in range(SHARED**2):
+            those = np.flatnonzero(share == c)
+            light[:, some[those]] = self._light.received(
+                x.take(those, axis=1), normal.take(those, axis=1), body.take(those), c, SHARED**2
             )
-        return result
+        group = np.where(fade < 1.0, surface.group.take(number), -2)
+        light = mixed(light.reshape(5, -1, width), group.reshape(-1, width)).reshape(5, -1)
 
-    def _from_below(self, c, x, normal, body):
-        """The mean radiance (m, 3) of what lies below the horizon of points on bodies."""
-        total = np.full(len(x), 1e-6, dtype=np.float32)
-        light = np.zeros((len(x), 3), dtype=np.float32)
-        for k in range(c, GROUND_DIRECTIONS, CLASSES**2):
-            d = BELOW[k].astype(np.float32)
-            weight = np.maximum(normal @ d, 0.0)
-            total += weight
-            facing = np.flatnonzero(weight > 0.0)
-            blocker, index = self.maps.blockers("below", k, x[facing], body[facing])
-            ground = x[facing] - d * (x[facing, 1] / d[1])[:, None]
-            shaded = self.maps.blockers("sun", 0, ground, np.full(len(facing), -1))[1]
-            radiance = np.tile(SUNLIT_GROUND.astype(np.float32), (len(facing), 1))
-            radiance[shaded] = SHADED_GROUND
-            radiance[index] = self.surface.radiance[blocker]
-            light[facing] += weight[facing, None] * radiance
-        return light / total[:, None]
+        inner = slice((top - first) * width, (bottom - first) * width)
+        wanted = np.flatnonzero((rows >= top - first) & (rows < bottom - first))
+        some, own = some.take(wanted), own.take(wanted)
+        parts = [a.take(wanted, axis=1) for a in (x, towards, rounded)]
+        colour, opacity = self._backdrop(ray[1, inner])
+        place = some - inner.start
+        shown, opaque = self._shown(own, *parts, light.take(some, axis=1), distance.take(some))
+        part = fade.take(some)
+        colour[:, place] = (1.0 - part) * shown + part * colour[:, place]
+        opacity[place] = opaque
+        return self._averaged(colour, opacity, width)
 
-    def _fade(self, x, camera):
-        """How far (m,) ground points have faded into the backdrop."""
-        away = np.hypot(x[:, 0] - camera.target[0], x[:, 2] - camera.target[2]) / self.size
-        place = np.clip((away - FADE_BEGIN) / (FADE_END - FADE_BEGIN), 0.0, 1.0)
-        return 1.0 - (1.0 - place) ** 2
+    def _met(self, first, last):
+        """What the rays of some rows meet: the number of a face (m,), or 0; ray (3, m); distance
+        (m,); and how far it has faded into the backdrop (m,), 0 to 1."""
+        camera, surface = self._camera, self._light.surface
+        number, ray = self._numbers[first:last].ravel(), camera.rays(first, last)
+        distance = np.full(len(number), np.inf, dtype=np.float32)
+        if camera.eye[1] > 0.0 and (self._hasGround or self._isTransparent):
+            down = np.flatnonzero(ray[1] < -1e-6)
+            distance[down] = -camera.eye[1] / ray[1].take(down)
+        on = np.flatnonzero(number)
+        plane = surface.plane.take(number.take(on), axis=1)
+        slope = np.minimum(dot(plane, ray.take(on, axis=1)), -1e-9)
+        toFace = (plane[3] - dot(plane, camera.eye)) / slope
+        if self._hasGround:  # which hides what has sunk into it
+            isAbove = toFace < distance.take(on) + LEAST_GAP * self._light.size
+            number[on[~isAbove]] = 0
+            on, toFace = on[isAbove], toFace[isAbove]
+        distance[on] = toFace
+        middle, size = self._groundPlace
+        away = np.hypot(*(distance * ray[k] + (camera.eye[k] - middle[k]) for k in (0, 2))) / size
+        fade = np.clip((away - FADE_BEGIN) / (FADE_END - FADE_BEGIN), 0.0, 1.0)
+        fade = 1.0 - (1.0 - fade) ** 2
+        fade[on] = 0.0
+        return number, ray, distance, fade
 
-    def _developed(self, p, camera, isTransparent):
-        """The pixels as seen, (m, 4) from 0 to 1."""
-        n = p.normal
-        albedo = np.where(p.isGround[:, None], GROUND * self._lines(p, camera)[:, None], p.albedo)
-        cosine = np.maximum(n @ SUN, 0.0)
-        sky, _ = open_irradiance(n[:, 1])
-        sun = (cosine * p.light[:, 0])[:, None] * SUN_LIGHT
-        received = sun + sky * p.light[:, 1:2] + p.light[:, 2:5]
-        colour = albedo / math.pi * received
-        # gloss: the sun's reflection, and the sky's, stronger at grazing angles
-        towards = -p.ray
-        half = towards + SUN
-        half /= np.linalg.norm(half, axis=1, keepdims=True)
-        facing = np.clip(np.sum(n * towards, axis=1), 0.0, 1.0)
-        fresnel = GLOSS + (1.0 - GLOSS) * (1.0 - facing) ** 5
-        shine = np.maximum(np.sum(n * half, axis=1), 0.0) ** SHININESS
-        shine *= GLOSS * (SHININESS + 8.0) / (8.0 * math.pi) * cosine * p.light[:, 0]
-        mirrored = 2.0 * facing[:, None] * n - towards
-        reflected = sky_radiance(mirrored[:, 1]) * p.light[:, 1:2]
-        gloss = shine[:, None] * SUN_LIGHT + 0.5 * fresnel[:, None] * reflected
-        colour = colour + np.where(p.isBody[:, None], gloss, 0.0)
-        seen = encoded(filmic(colour))
-        height = np.clip(p.ray[:, 1:2], 0.0, 0.6) / 0.6
-        backdrop = (1.0 - height) * BACKDROP_LOW + height * BACKDROP_HIGH
-        share = np.where(p.isBody[:, None], 0.0, np.where(p.isGround[:, None], p.fade, 1.0))
-        opacity = np.ones((len(seen), 1))
-        if isTransparent:
-            full = SUN[1] * SUN_LIGHT + OPEN_SKY
-            shade = 1.0 - encoded(filmic(GROUND / math.pi * received)) / encoded(
-                filmic(GROUND / math.pi * full)
-            )
-            opacity = np.where(p.isBody[:, None], 1.0, shade.mean(axis=1, keepdims=True).clip(0, 1))
-            opacity[~(p.isBody | p.isGround)] = 0.0
-            seen = np.where(p.isBody[:, None], seen, 0.0)
-            return np.concatenate([seen, opacity], axis=1)
-        return np.concatenate([(1.0 - share) * seen + share * backdrop, opacity], axis=1)
+    def _backdrop(self, rise):
+        """Colours (3, m) and opacity (m,) of what is behind all, seen along rays of this y (m,)."""
+        if self._isTransparent:
+            return np.zeros((3, len(rise)), np.float32), np.zeros(len(rise), np.float32)
+        height = np.clip(rise / BACKDROP_HEIGHT, 0.0, 1.0)
+        low, high = BACKDROP.astype(np.float32)[:, :, None]
+        return (1.0 - height) * low + height * high, np.ones(len(rise), np.float32)
 
-    def _lines(self, p, camera):
-        """What thin lines, `side` apart, leave of the ground's light, (m,)."""
-        pixel = camera.pixelAngle * np.maximum(p.distance, 1e-6) / np.maximum(-p.ray[:, 1], 0.05)
-        left = np.ones(len(p.x))
+    def _shown(self, number, x, ray, normal, light, distance):
+        """Colours (3, m) and opacity (m,) of what is lit so, as `SceneLight.received` has it."""
+        onGround, onBody = (np.flatnonzero(isThat) for isThat in (number == 0, number > 0))
+        received = irradiance(normal, light)
+        albedo = self._light.surface.albedo.take(number, axis=1)
+        albedo[:, onGround] = GROUND[:, None]
+        opacity = np.ones(len(number), dtype=np.float32)
+        if self._isTransparent:
+            full = toned(OPEN_GROUND[:, None].astype(np.float32))
+            dark = toned(albedo[:, onGround] / math.pi * received[:, onGround]) / full
+            opacity[onGround] = 1.0 - np.minimum(dark.mean(axis=0), 1.0)
+            albedo[:, onGround] = 0.0
+        else:
+            albedo[:, onGround] *= self._lines(*(a.take(onGround, axis=-1) for a in (x, ray, distance)))
+        colour = albedo / np.float32(math.pi) * received
+        colour[:, onBody] += gloss(*(a.take(onBody, axis=1) for a in (normal, ray, light)))
+        return toned(colour), opacity
+
+    def _lines(self, x, ray, distance):
+        """What the lines on the ground leave of its light, (m,)."""
+        pixel = self._camera.pixelAngle * distance / np.maximum(-ray[1], 0.05) / self._lineDistance
+        left = np.ones(len(distance), dtype=np.float32)
         for axis in (0, 2):
-            place = p.x[:, axis] / self.side
-            away = np.abs(place - np.round(place)) * self.side
-            width = 0.012 * self.side
-            cover = np.clip((width + 0.5 * pixel - away) / pixel, 0.0, 1.0) * np.minimum(
-                1.0, 2.0 * width / pixel
-            )
-            left *= 1.0 - (1.0 - LINE) * cover
+            place = x[axis] / self._lineDistance
+            away = np.abs(place - np.rint(place))
+            cover = np.clip((0.5 * (LINE_WIDTH + pixel) - away) / pixel, 0.0, 1.0)
+            left *= 1.0 - (1.0 - LINE) * cover * np.minimum(1.0, LINE_WIDTH / pixel)
         return left
 
-
-class Pixels:
-    """Columns of some pixels: x, ray, normal, light, isBody, isGround, fade, albedo, distance."""
-
-    def __init__(self, **columns):
-        vars(self).update(columns)
-
-
-_UP_TABLE = _irradiance_table(_FINE_SKY, np.ones((4096, 3)), _HEIGHTS)[:, 0]
-
-
-def _UP_TABLE_INTERP(height):
-    return np.interp(height, _HEIGHTS, _UP_TABLE).astype(np.float32)
+    def _averaged(self, colour, opacity, width):
+        """Samples (3, m) and (m,), in rows of `width`, as rows of the picture."""
+        s = SUPERSAMPLING
+        shape = -1, s, width // s, s
+        weight = opacity.reshape(shape).sum(axis=(1, 3))
+        total = (colour * opacity).reshape(3, *shape).sum(axis=(2, 4)) / np.maximum(weight, 1e-6)
+        if self._isTransparent:
+            total = np.concatenate([total, weight[None] / s**2])
+        return np.rint(255.0 * np.moveaxis(total, 0, 2)).astype(np.uint8)
 
 
-def blurred(light, key):
-    """The mean over CLASSES × CLASSES neighbours of the same key, (h, w, k)."""
-    height, width = key.shape
-    total = np.zeros_like(light)
-    count = np.zeros((height, width), dtype=np.float32)
-    reach = range(-1, CLASSES - 1)
-    for dy in reach:
-        for dx in reach:
-            to = (slice(max(0, -dy), height - max(0, dy)), slice(max(0, -dx), width - max(0, dx)))
-            of = (slice(max(0, dy), height + min(0, dy)), slice(max(0, dx), width + min(0, dx)))
-            same = (key[to] == key[of]).astype(np.float32)
-            total[to] += same[..., None] * light[of]
-            count[to] += same
-    return total / count[..., None]
+def irradiance(normal, light):
+    """What surfaces with these normals (3, m) receive, (3, m). light (5, m) : see `received`"""
+    cosine = np.maximum(dot(normal, SUN.astype(np.float32)), 0.0) * light[0]
+    return SUN_LIGHT.astype(np.float32)[:, None] * cosine + OPEN(normal[1])[:3] * light[1] + light[2:]
+
+
+def gloss(normal, ray, light):
+    """The light (3, m) that the surfaces of bodies mirror towards the camera, along -ray (3, m)."""
+    sun = SUN.astype(np.float32)
+    cosine = np.maximum(dot(normal, sun), 0.0)
+    half = sun[:, None] - ray
+    half /= np.sqrt(dot(half, half))
+    shine = np.maximum(dot(normal, half), 0.0)
+    for _ in range(SHININESS.bit_length() - 1):
+        shine *= shine
+    shine *= GLOSS * (SHININESS + 8.0) / (8.0 * math.pi) * cosine * light[0]
+    facing = np.clip(-dot(normal, ray), 0.0, 1.0)
+    grazing = 1.0 - facing
+    fresnel = GLOSS + (1.0 - GLOSS) * grazing * (grazing * grazing) ** 2  # Schlick's
+    mirrored = SURROUNDINGS(2.0 * facing * normal[1] + ray[1])
+    return SUN_LIGHT.astype(np.float32)[:, None] * shine + 0.5 * fresnel * light[1] * mirrored
+
+
+def mixed(light, group):
+    """The mean (k, h, w) over SHARED × SHARED neighbours of the same group; group (h, w)."""
+    _, height, width = light.shape
+    total, count = np.zeros_like(light), np.zeros((height, width), dtype=np.float32)
+    for dy in range(-1, SHARED - 1):
+        for dx in range(-1, SHARED - 1):
+            to = slice(max(0, -dy), height - max(0, dy)), slice(max(0, -dx), width - max(0, dx))
+            of = slice(max(0, dy), height + min(0, dy)), slice(max(0, dx), width + min(0, dx))
+            isSame = group[to] == group[of]
+            count[to] += isSame
+            total[(slice(None), *to)] += isSame * light[(slice(None), *of)]
+    return total / count
