@@ -30,6 +30,8 @@ DISC_DEPTH = 2e-3
 # Where the shadow of a point falls that is 1 m above the ground: the light comes from the upper
 # left, over the usual camera's shoulder, as the shading of the bodies has it.
 SHADOW_SLANT = np.array([0.50, 0.0, -0.22])
+# Towards the sun of studio pictures, which stands lower.
+SUN = np.array([-0.58, 0.70, 0.42]) / math.sqrt(0.58**2 + 0.70**2 + 0.42**2)
 # The corners of a box, as 0 for its low and 1 for its high end along x, y, z, and its edges.
 BOX_CORNERS = np.array([[k >> 2 & 1, k >> 1 & 1, k & 1] for k in range(8)])
 BOX_EDGES = np.array([
@@ -69,7 +71,8 @@ def find_creases(vertices, faces):
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
     tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    cosines = np.sum(np.repeat(normals, 3, axis=0) * normals[face_neighbours(faces).ravel()], axis=1)
+    neighbour = face_neighbours(faces)
+    cosines = np.sum(normals[:, None] * normals[neighbour], axis=2).ravel()
     isCrease = (tails < heads) & (cosines < math.cos(CREASE_ANGLE))
     return np.column_stack([tails[isCrease], heads[isCrease]])
 
@@ -183,9 +186,12 @@ def _smooth(values, low, high):
     return place * place * (3.0 - 2.0 * place)
 
 
-def cast_shadows(vertices, height):
-    """Vertices (V, 3) as the light throws them onto the plane at this height in metres, (V, 3)."""
-    shadows = vertices + np.maximum(vertices[:, 1:2], 0.0) * SHADOW_SLANT
+def cast_shadows(vertices, height, slant=SHADOW_SLANT):
+    """Vertices (V, 3) as the light throws them onto the plane at this height in metres, (V, 3).
+
+    slant (3,) : where the shadow of a point falls that is 1 m above the ground
+    """
+    shadows = vertices + np.maximum(vertices[:, 1:2], 0.0) * slant
     shadows[:, 1] = height
     return shadows
 

@@ -16,7 +16,8 @@ from contextlib import contextmanager
 import numpy as np
 
 from Quaternion import QConj, QRotate
-from rbs.cameras import VIEW_DIRECTION, frame_camera
+from rbs.arrows import ARROW_RADIUS, POINT_RADIUS, draw_arrows, draw_lines, remove_overlay
+from rbs.cameras import VIEW_DIRECTION, frame_camera, kept_camera, point_still_camera
 from rbs.colours import (
     BACKGROUND,
     BOX_COLOUR,
@@ -72,10 +73,7 @@ NORMAL_LENGTH = 0.5
 HELD_CONTACT_STEPS = 5
 # A velocity is drawn as the way that it leads in this time, in seconds.
 VELOCITY_SECONDS = 0.5
-# Half the widths of arrows, points and lines, relative to the scene's size.
-ARROW_RADIUS = 3e-3
-POINT_RADIUS = 4e-3
-LINE_RADIUS = 8e-4
+# Half the width of the outlines of contacts, relative to the scene's size.
 PATCH_RADIUS = 1.6e-3
 # Pictures back that a trail goes, and the most bodies that have one: every second body has where
 # there are up to twice as many, and so on.
@@ -128,13 +126,14 @@ class SceneView:
     rest; squareSide, of the ground's squares in metres; groundPlace, of the ground: its middle
     (3,) and the size of what stands on it in metres; hasLegend, whether pictures have one;
     follows, whether the camera moves along with the picked body, or with all; isSmooth, whether
-    the window is drawn with smooth edges; callback, which draws the panels in each frame, or None.
+    the window is drawn with smooth edges; studio, a `StudioLook` where pictures have that look, or
+    None; callback, which draws the panels in each frame, or None.
     """
 
     def __init__(self, simulation):
         self._margins = (0, 0, 0, 0)  # what the panels take: left, top, right, bottom, in pixels
         self._windowSize = None
-        self.callback = None
+        self.callback = self.studio = None
         self.colouring = "body"
         self.shown = {"ground", "shadows"}
         self.hasLegend = self._follows = self.isSmooth = self._isVivid = False
@@ -163,8 +162,7 @@ class SceneView:
         self._register_constraints(vertices)
         self._lastFocus = self._focus()
         self._point_camera(points)
-        self.groundPlace = None
-        self.spread_ground()
+        self._move_ground()
         for name in LAYERS:
             self._show_layer(name)
         self.refresh()
@@ -302,6 +300,51 @@ class SceneView:
         self._point_camera(np.concatenate([vertices, vertices * [1.0, 0.0, 1.0]]))
         self._lastFocus = self._focus()
         self.spread_ground()
+
+    def frame_still(self):
+        """Points the camera, from low down, at the bodies as they are now."""
+        point_still_camera(self.simulation.meshes)
+        self._move_ground()
+
+    @contextmanager
+    def framed_still(self):
+        """Within it, the camera is where `frame_still` puts it."""
+        with kept_camera():
+            self.frame_still()
+            yield
+        self._move_ground()
+
+    def _move_ground(self):
+        """Lays the ground under what the camera looks at, however little that has moved."""
+        self.groundPlace = None
+        self.spread_ground()
+
+    def picture_camera(self):
+        """`(size, camera)` of a picture of what the window shows: width and height in pixels, and
+        as `load_camera` gives it."""
+        import polyscope as ps
+
+        with self.whole_width():
+            angle = ps.get_view_camera_parameters().get_fov_vertical_deg()
+            return ps.get_window_size(), {"viewMat": ps.get_camera_view_matrix(), "fov": angle}
+
+    def memory(self):
+        """What pictures show of former steps, and of the mouse: dict, to `recall` elsewhere."""
+        names = ("_size", "_longestArrow", "_trail", "_trailStep", "_heldContacts", "picked",
+                 "pickedPoint", "colouring", "shown", "hasLegend", "bodyColours")  # fmt: skip
+        return {name: vars(self)[name] for name in names}
+
+    def recall(self, memory):
+        """Makes pictures look as those of the SceneView that this is the `memory` of."""
+        import polyscope as ps
+
+        self.shown = memory["shown"]
+        for name in LAYERS:
+            self._show_layer(name)
+        vars(self).update(memory)
+        ps.set_length_scale(self._size)
+        self._move_ground()
+        self.refresh()
 
     @contextmanager
     def whole_width(self):
@@ -445,17 +488,12 @@ class SceneView:
         bodies: constraints, overlays, marks."""
         import polyscope as ps
 
-        overlays = [
-            get(name)
-            for name in ("constraints", "spring", "picked point", *OVERLAYS)
-            for has, get in (
-                (ps.has_curve_network, ps.get_curve_network), (ps.has_point_cloud, ps.get_point_cloud),
-            )
-            if has(name)
-        ]  # fmt: skip
-        overlays = [structure for structure in overlays if structure.is_enabled()]
+        names = ("constraints", "spring", "picked point", *OVERLAYS)
+        overlays = [ps.get_curve_network(name) for name in names if ps.has_curve_network(name)]
+        overlays += [ps.get_point_cloud(name) for name in names if ps.has_point_cloud(name)]
+        overlays = [one for one in overlays if one.is_enabled()]
         scene = [self._bodies, self._shadows, self._ground, self._creases]
-        scene = [structure for structure in scene if structure and structure.is_enabled()]
+        scene = [one for one in scene if one is not None and one.is_enabled()]
         for structure in overlays + scene:
             structure.set_enabled(False)
         try:
@@ -706,35 +744,3 @@ _MEANINGS = {
     "grid cells": (lambda view: "grid cell of the broad phase", tuple(CONSTRAINT_COLOURS[2])),
     "trails": (lambda view: "path of a centre of mass", TRAIL_COLOUR),
 }
-
-
-def remove_overlay(name):
-    """Removes what `draw_arrows` or `draw_lines` has drawn under this name, if anything."""
-    import polyscope as ps
-
-    ps.remove_point_cloud(name, error_if_absent=False)
-    ps.remove_curve_network(name, error_if_absent=False)
-
-
-def draw_arrows(name, points, arrows, colour, radius=ARROW_RADIUS):
-    """Points (m, 3) with arrows (m, 3) in metres, in place of the last ones of this name."""
-    import polyscope as ps
-
-    ps.remove_point_cloud(name, error_if_absent=False)
-    if len(points):
-        cloud = ps.register_point_cloud(
-            name, points, color=colour, radius=POINT_RADIUS, material="flat"
-        )
-        cloud.add_vector_quantity(
-            "arrows", arrows, vectortype="ambient", radius=radius, color=colour,
-            material="flat", enabled=True,
-        )  # fmt: skip
-
-
-def draw_lines(name, nodes, edges, colour, radius=LINE_RADIUS):
-    """Lines between nodes (n, 3), edges (m, 2), in place of the last ones of this name."""
-    import polyscope as ps
-
-    ps.remove_curve_network(name, error_if_absent=False)
-    if len(edges):
-        ps.register_curve_network(name, nodes, edges, radius=radius, color=colour, material="flat")

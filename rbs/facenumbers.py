@@ -11,6 +11,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from rbs.cameras import kept_camera
 from rbs.colours import BACKGROUND
 from rbs.drawables import BOX_CORNERS
 from rbs.skins import dot
@@ -31,9 +32,8 @@ def bodies_only(view, vertices, faces):
     """
     import polyscope as ps
 
-    size, matrix, lengthScale = ps.get_window_size(), ps.get_camera_view_matrix(), view.size
-    angle = ps.get_view_camera_parameters().get_fov_vertical_deg()
-    with view.hidden() as overlays:
+    size = ps.get_window_size()
+    with kept_camera(), view.hidden() as overlays:
         mesh = ps.register_surface_mesh(
             "numbers", vertices, faces, color=(0.0, 0.0, 0.0), material="flat",
             back_face_policy="cull",
@@ -45,10 +45,8 @@ def bodies_only(view, vertices, faces):
             ps.remove_surface_mesh("numbers")
             ps.set_background_color((*BACKGROUND, 1.0))
             ps.set_view_projection_mode("perspective")
-            ps.set_length_scale(lengthScale)
+            ps.set_length_scale(view.size)
             ps.set_window_size(*size)
-            ps.set_vertical_fov_degrees(angle)
-            ps.set_camera_view_matrix(matrix)
 
 
 def draw_overlays(mesh, overlays, opacity):
@@ -114,6 +112,12 @@ class Camera:
         rays = ahead + x * right + y.astype(np.float32)[:, None] * up
         rays /= np.sqrt(dot(rays, rays))
         return rays.reshape(3, -1)
+
+    def corner_nearness(self, first, last):
+        """How near the pixels (m,) of these rows are to a corner: squared, from 0 in the middle."""
+        x = (np.arange(self.width) + 0.5) / self.width - 0.5
+        y = (np.arange(first, last) + 0.5) / self.height - 0.5
+        return (2.0 * (x**2 + y[:, None] ** 2)).astype(np.float32).ravel()
 
 
 class LightMaps:

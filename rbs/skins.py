@@ -28,11 +28,11 @@ class Skin:
     """The surface of one shape, at rest.
 
     normal (F, 3), offset (F,) : of the faces' planes
-    smooth (F, 3, 4) : the interpolated normal at a point x is smooth · (x, 1), before normalisation
+    smooth (F, 3, 4) : the interpolated normal at a point x has the direction of smooth · (x, 1)
     group (F,) : faces that pass for one round surface have the same number
-    rims (F, E, 7) : the creases around the flat side that a face belongs to. The distance of a point
-        x of the side from crease e is rims[e, 3] - rims[e, :3] · x; beyond it, the normal is
-        rims[e, 4:7]. rimCount (F,)
+    rims (F, E, 7) : the creases around the flat side that a face belongs to. A point x of the side
+        is rims[e, 3] - rims[e, :3] · x away from crease e, beyond which the normal is rims[e, 4:7]
+    rimCount (F,) : how many of the E there are
     radius : of the rounded edges, m
     """
 
@@ -50,7 +50,8 @@ class Skin:
         isRound = cosine > math.cos(CREASE_ANGLE)
         self.group = _joined(neighbours, isRound)
         self._interpolate(faces, corners, edges)
-        self._find_rims(corners, edges, neighbours, isRound, _joined(neighbours, cosine > FLAT_COSINE))
+        side = _joined(neighbours, cosine > FLAT_COSINE)
+        self._find_rims(corners, edges, neighbours, isRound, side)
 
     def _interpolate(self, faces, corners, edges):
         """Each corner's normal is the mean of those around it that pass for the same surface."""

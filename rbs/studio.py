@@ -17,7 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from rbs.drawables import flatten_meshes
+from rbs.drawables import SUN, flatten_meshes
 from rbs.facenumbers import (
     Camera,
     LightMaps,
@@ -46,25 +46,26 @@ LEAST_GAP = 2e-4
 # shadows: one that was flung away would leave the maps coarse. To find out, every SEEN_STEP-th
 # sample is looked at.
 REACH, SEEN_STEP = 3.0, 16
-# Towards the sun; its disc is a few times as wide as the real one, for soft shadows.
-SUN = np.array([-0.58, 1.0, 0.40]) / math.sqrt(0.58**2 + 1.0 + 0.40**2)
+# Of the sun's disc: four times the real one's, for soft shadows.
 SUN_ANGLE = math.radians(2.0)
 # Irradiance of the sun, and radiance of the sky at the zenith and at the horizon.
-SUN_LIGHT = 4.6 * np.array([1.0, 0.95, 0.87])
-ZENITH, HORIZON = np.array([0.52, 0.64, 0.86]), np.array([0.78, 0.79, 0.80])
+SUN_LIGHT = 5.6 * np.array([1.0, 0.945, 0.86])
+ZENITH, HORIZON = np.array([0.44, 0.54, 0.72]), np.array([0.58, 0.59, 0.60])
 # Reflectance of the ground and, as a factor of it, of the lines on it; their width as a fraction of
 # the distance between them.
-GROUND, LINE, LINE_WIDTH = np.array([0.50, 0.485, 0.465]), 0.72, 0.024
+GROUND, LINE, LINE_WIDTH = np.array([0.50, 0.483, 0.458]), 0.72, 0.024
 # Of what a surface receives in the open, as a first guess of what it receives among others.
 AROUND = 0.55
 # Reflectance of a body's gloss seen head-on, and the sharpness of the sun's reflection.
 GLOSS, SHININESS = 0.04, 64
 # What light is multiplied by before the tone curve: more is brighter and paler.
-EXPOSURE = 0.56
+EXPOSURE = 0.60
 # The backdrop as seen, at the horizon and from a ray's height of BACKDROP_HEIGHT on; and where the
 # ground fades into it, in sizes of what is lit from what the camera looks at.
 BACKDROP = np.array([[0.885, 0.882, 0.872], [0.76, 0.765, 0.77]])
 BACKDROP_HEIGHT = 0.6
+# How much darker the corners of the picture are than its middle.
+VIGNETTE = 0.14
 FADE_BEGIN, FADE_END = 0.8, 4.5
 # Samples of the ground along each side, for the light that it sends up.
 GROUND_SAMPLES = 128
@@ -163,11 +164,16 @@ def toned(light):
 
 
 class SceneLight:
-    """What light the points of a scene receive, as its bodies stand. surface : `Surface`; size : m"""
+    """What light the points of a scene receive, as its bodies stand.
 
-    def __init__(self, surface, mesh, vertices, box, counts, sunMapSide, progress):
-        """mesh : of `bodies_only`, within which this must be called; box (2, 3) : what is lit;
-        counts : of directions, by kind; progress : called with the fraction that is done
+    surface : `Surface`; size : m, of what is lit
+    """
+
+    def __init__(self, surface, vertices, box, counts, sunMapSide, progress):
+        """Draws maps, in place of what the window shows, for which `numbers` must be drawn.
+
+        vertices (V, 3) : of all bodies; box (2, 3) : what is lit; counts : of directions, by kind
+        progress : called with the fraction that is done
         """
         self.surface, self.size = surface, float(np.linalg.norm(box[1] - box[0]))
         self._directions = directions(counts)
@@ -204,10 +210,10 @@ class SceneLight:
         return (GROUND[:, None] / math.pi * irradiance(normal, received)).astype(np.float32)
 
     def received(self, x, normal, body, first=0, stride=1):
-        """What points x (3, m) with these unit normals (3, m) receive, (5, m): the shares of the sun
-        and of the sky that they see, and the irradiance r, g, b from bodies and ground.
+        """What points x (3, m) receive, (5, m): the shares of the sun and of the sky that they see,
+        and the irradiance r, g, b from bodies and ground.
 
-        body (m,) : that they are of, -1 for the ground
+        normal (3, m) : unit; body (m,) : that they are of, -1 for the ground
         first, stride : take every stride-th direction, from the first on
         """
         result = np.zeros((5, x.shape[1]), dtype=np.float32)
@@ -267,7 +273,7 @@ class SceneLight:
 class Studio:
     """Takes studio pictures, and keeps the light of a scene of which only the camera moves."""
 
-    def __init__(self, counts=STILL_DIRECTIONS):
+    def __init__(self, counts):
         """counts : numbers of directions of light, by kind"""
         self._counts = counts
         self._skins, self._lit, self._light = {}, None, None
@@ -300,7 +306,7 @@ class Studio:
                 self._light = None  # the old one makes room
                 surface = Surface(meshes, vertices, faces, bodyOfFace, albedo, self._skins)
                 self._light = SceneLight(
-                    surface, mesh, vertices, box, self._counts, sunMapSide,
+                    surface, vertices, box, self._counts, sunMapSide,
                     lambda fraction: progress(0.4 * fraction),
                 )  # fmt: skip
                 self._lit = lit
@@ -312,8 +318,9 @@ class Studio:
 
 
 def lit_box(meshes, vertices, bodyOfFace, numbers, camera):
-    """Low and high corner (2, 3) of what the light is worked out for: all bodies, or, where some are
-    far from those that are seen, what is near these. numbers : of the faces that the camera sees"""
+    """Low and high corner (2, 3) of what the light is worked out for: all bodies, as far as they
+    are near those that are seen. numbers : of the faces that the camera sees
+    """
     first = np.cumsum([0] + [len(mesh.origVertices) for mesh in meshes[:-1]])
     low, high = np.minimum.reduceat(vertices, first), np.maximum.reduceat(vertices, first)
     number = numbers[::SEEN_STEP, ::SEEN_STEP]
@@ -327,7 +334,8 @@ def lit_box(meshes, vertices, bodyOfFace, numbers, camera):
         reach = 1.25 ** math.ceil(math.log(reach, 1.25))
         middle = reach / 8.0 * np.round((camera.eye + depth * camera.ahead) / (reach / 8.0))
         isNear = ((low < middle + reach) & (high > middle - reach)).all(axis=1)
-        low, high = np.maximum(low[isNear], middle - reach), np.minimum(high[isNear], middle + reach)
+        low = np.maximum(low[isNear], middle - reach)
+        high = np.minimum(high[isNear], middle + reach)
     return np.stack([low.min(axis=0), high.max(axis=0)])
 
 
@@ -392,6 +400,8 @@ class Shades:
         part = fade.take(some)
         colour[:, place] = (1.0 - part) * shown + part * colour[:, place]
         opacity[place] = opaque
+        if not self._isTransparent:
+            colour *= 1.0 - VIGNETTE * self._camera.corner_nearness(top, bottom)
         return self._averaged(colour, opacity, width)
 
     def _met(self, first, last):
@@ -440,7 +450,8 @@ class Shades:
             opacity[onGround] = 1.0 - np.minimum(dark.mean(axis=0), 1.0)
             albedo[:, onGround] = 0.0
         else:
-            albedo[:, onGround] *= self._lines(*(a.take(onGround, axis=-1) for a in (x, ray, distance)))
+            ground = (a.take(onGround, axis=-1) for a in (x, ray, distance))
+            albedo[:, onGround] *= self._lines(*ground)
         colour = albedo / np.float32(math.pi) * received
         colour[:, onBody] += gloss(*(a.take(onBody, axis=1) for a in (normal, ray, light)))
         return toned(colour), opacity
@@ -469,8 +480,9 @@ class Shades:
 
 def irradiance(normal, light):
     """What surfaces with these normals (3, m) receive, (3, m). light (5, m) : see `received`"""
-    cosine = np.maximum(dot(normal, SUN.astype(np.float32)), 0.0) * light[0]
-    return SUN_LIGHT.astype(np.float32)[:, None] * cosine + OPEN(normal[1])[:3] * light[1] + light[2:]
+    cosine = np.maximum(dot(normal, SUN.astype(np.float32)), 0.0)
+    sun = SUN_LIGHT.astype(np.float32)[:, None] * (cosine * light[0])
+    return sun + OPEN(normal[1])[:3] * light[1] + light[2:]
 
 
 def gloss(normal, ray, light):
