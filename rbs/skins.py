@@ -142,8 +142,11 @@ class Surface:
         self.albedo = _with_none(albedo[bodyOfFace].T, 0).astype(np.float32)
         self.centre = _with_none(vertices[faces].mean(axis=1).T, 0).astype(np.float32)
 
-    def normals(self, number, x):
-        """`(smooth, rounded)` unit normals (3, m) at points x (3, m) of the faces (m,)."""
+    def normals(self, number, x, detail):
+        """`(smooth, rounded)` unit normals (3, m) at points x (3, m) of the faces (m,).
+
+        detail (m,) : what is still seen there, m; finer edges are made wider, and bent less
+        """
         body, row = self.body.take(number), self._row.take(number)
         R = self._rotation.take(body, axis=1).reshape(3, 3, -1)
         x = x - self._position.take(body, axis=1)
@@ -152,13 +155,16 @@ class Surface:
         smooth = np.stack([dot(table[i], rest) + table[i, 3] for i in range(3)])
         smooth /= np.sqrt(dot(smooth, smooth))
         rounded, count, radius = smooth.copy(), self._rimCount.take(row), self._radius.take(row)
+        width = np.maximum(radius, detail)
+        bend = 0.5 * radius / width
         for k, rims in enumerate(self._rims):
             some = np.flatnonzero(count > k)
             place = row.take(some)
             rim = rims[:4].take(place, axis=1)
-            near = 1.0 - (rim[3] - dot(rim, rest.take(some, axis=1))) / radius.take(some)
+            near = 1.0 - (rim[3] - dot(rim, rest.take(some, axis=1))) / width.take(some)
             bent = np.flatnonzero(near > 0.0)
-            some, share = some.take(bent), 0.5 * np.minimum(near.take(bent), 1.0) ** 2
+            some = some.take(bent)
+            share = bend.take(some) * np.minimum(near.take(bent), 1.0) ** 2
             rounded[:, some] += share * (rims[4:7].take(place.take(bent), axis=1) - smooth[:, some])
         rounded /= np.sqrt(dot(rounded, rounded))
         return tuple(np.stack([dot(R[i], n) for i in range(3)]) for n in (smooth, rounded))

@@ -35,8 +35,8 @@ SUPERSAMPLING = 2
 # Each of SHARED × SHARED neighbouring samples takes its share of the directions of light.
 SHARED = 4
 # Directions of a still and of a video's frame, multiples of SHARED²: fewer leave streaks.
-STILL_DIRECTIONS = {"sky": 256, "below": 64, "sun": 32}
-VIDEO_DIRECTIONS = {"sky": 128, "below": 32, "sun": 16}
+STILL_DIRECTIONS = {"sky": 256, "below": 128, "sun": 32}
+VIDEO_DIRECTIONS = {"sky": 128, "below": 64, "sun": 16}
 # Sides of the maps in pixels; that of the sun is a fraction of the picture's width, within bounds.
 MAP_SIDES = {"sky": 288, "below": 224}
 SUN_MAP_FRACTION, SUN_MAP_SIDES = 0.7, (512, 2048)
@@ -58,6 +58,8 @@ GROUND, LINE, LINE_WIDTH = np.array([0.50, 0.483, 0.458]), 0.72, 0.024
 AROUND = 0.55
 # Reflectance of a body's gloss seen head-on, and the sharpness of the sun's reflection.
 GLOSS, SHININESS = 0.04, 64
+# Cosines below this one between normal and camera count as this: else outlines would be white.
+LEAST_FACING = 0.15
 # What light is multiplied by before the tone curve: more is brighter and paler.
 EXPOSURE = 0.60
 # The backdrop as seen, at the horizon and from a ray's height of BACKDROP_HEIGHT on; and where the
@@ -377,7 +379,8 @@ class Shades:
         normal[1] = 1.0
         rounded = normal.copy()
         on = np.flatnonzero(own)
-        normal[:, on], rounded[:, on] = surface.normals(own.take(on), x.take(on, axis=1))
+        detail = 2.0 * SUPERSAMPLING * self._camera.pixelAngle * distance.take(some.take(on))
+        normal[:, on], rounded[:, on] = surface.normals(own.take(on), x.take(on, axis=1), detail)
 
         light = np.zeros((5, len(number)), dtype=np.float32)
         share = (rows + first) % SHARED * SHARED + columns % SHARED
@@ -495,7 +498,7 @@ def gloss(normal, ray, light):
     for _ in range(SHININESS.bit_length() - 1):
         shine *= shine
     shine *= GLOSS * (SHININESS + 8.0) / (8.0 * math.pi) * cosine * light[0]
-    facing = np.clip(-dot(normal, ray), 0.0, 1.0)
+    facing = np.clip(-dot(normal, ray), LEAST_FACING, 1.0)
     grazing = 1.0 - facing
     fresnel = GLOSS + (1.0 - GLOSS) * grazing * (grazing * grazing) ** 2  # Schlick's
     mirrored = SURROUNDINGS(2.0 * facing * normal[1] + ray[1])
