@@ -24,6 +24,8 @@ FRAME_MARGIN = 0.08
 # Of stills that are framed anew: likewise, but low; the angle upwards in degrees; and the further
 # free rim above and below.
 STILL_DIRECTION, STILL_ANGLE, STILL_MARGIN = (0.45, 0.28, 1.0), 30.0, 0.11
+# By which part of its distance the camera may stand back so that shadows are in the picture too.
+SHADOW_ROOM = 0.3
 # A body is flung away if it is so many times further from the middle than all nearer ones reach,
 # which are at least this share of all.
 FLUNG, MAIN_SHARE = 2.5, 0.8
@@ -112,11 +114,17 @@ def point_still_camera(meshes):
     isGap[: math.ceil(MAIN_SHARE * len(meshes)) - 1] = False
     main = order[: 1 + isGap.argmax()] if isGap.any() else order
     vertices = np.concatenate([meshes[b].currVertices for b in main])
-    points = np.concatenate([vertices, cast_shadows(vertices, 0.0, -SUN / SUN[1])])
     width, height = ps.get_window_size()
     margins = 0, STILL_MARGIN * height, 0, STILL_MARGIN * height
+    how = STILL_DIRECTION, STILL_ANGLE, (width, height), margins
+    near = np.array(frame_camera(vertices, *how))
+    shadows = cast_shadows(vertices, 0.0, -SUN / SUN[1])
+    far = np.array(frame_camera(np.concatenate([vertices, shadows]), *how))
+    distance, farDistance = (np.linalg.norm(eye - target) for eye, target in (near, far))
+    # What is seen by two cameras is seen from between them, too.
+    share = min(1.0, SHADOW_ROOM * distance / max(farDistance - distance, 1e-9 * distance))
     ps.set_vertical_fov_degrees(STILL_ANGLE)
-    ps.look_at(*frame_camera(points, STILL_DIRECTION, STILL_ANGLE, (width, height), margins))
+    ps.look_at(*(near + share * (far - near)))
 
 
 def frame_camera(points, direction, fieldOfView, size, margins=(0, 0, 0, 0)):
