@@ -59,7 +59,6 @@ Recordings
 What is seen; Polyscope is imported in cameras, arrows, drawing, facenumbers, studio, and all from
 pictures on but pictureprocess, playback and layout
     pictureoptions  what the command line may ask of a picture
-    pixels        pictures made smaller, and laid over each other
     colours, drawables, backends, cameras, arrows, drawing
     skins         how the surfaces of bodies meet the light
     facenumbers   which face is seen, from the camera and from the light

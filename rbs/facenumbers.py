@@ -49,26 +49,48 @@ def bodies_only(view, vertices, faces):
             ps.set_window_size(*size)
 
 
-def draw_overlays(mesh, overlays, opacity):
+def samples(factor):
+    """Moves Polyscope's camera to each of factor × factor samples of its pixels; yields their row
+    and column. A window that is so many times larger would take 60 bytes a pixel."""
+    import polyscope as ps
+
+    matrix, camera = ps.get_camera_view_matrix(), Camera(1)
+    for row in range(factor):
+        for column in range(factor):
+            shear = np.eye(4)
+            shear[0, 2] = ((column + 0.5) / factor - 0.5) * camera.pixelAngle
+            shear[1, 2] = (0.5 - (row + 0.5) / factor) * camera.pixelAngle
+            ps.set_camera_view_matrix(shear @ matrix)
+            yield row, column
+    ps.set_camera_view_matrix(matrix)
+
+
+def draw_overlays(mesh, overlays, opacity, factor):
     """What is drawn over black bodies, (height, width, 4), uint8, or None where there is nothing.
 
-    opacity : from 0 to 1, of what is behind a body
+    opacity : from 0 to 1, of what is behind a body; factor : of `samples`
     """
     import polyscope as ps
 
     if not overlays:
         return None
+    total = 0.0
     for structure in overlays:
         structure.set_enabled(True)
-    isSeen = ps.screenshot_to_buffer(transparent_bg=True)
-    mesh.set_enabled(False)
-    shot = ps.screenshot_to_buffer(transparent_bg=True)
-    mesh.set_enabled(True)
+    for _ in samples(factor):
+        before = ps.screenshot_to_buffer(transparent_bg=True)
+        mesh.set_enabled(False)
+        shot = ps.screenshot_to_buffer(transparent_bg=True)
+        mesh.set_enabled(True)
+        isHidden = (shot != before).any(axis=2, keepdims=True)
+        weight = shot[..., 3:] * np.where(isHidden, np.float32(opacity), np.float32(1.0))
+        total = total + np.concatenate([shot[..., :3] * weight, weight], axis=2)
     for structure in overlays:
         structure.set_enabled(False)
-    isHidden = (shot != isSeen).any(axis=2)
-    shot[..., 3] = np.where(isHidden, np.rint(opacity * shot[..., 3]), shot[..., 3])
-    return shot
+    weight = total[..., 3:]
+    total[..., :3] /= np.maximum(weight, 1.0)
+    weight /= factor**2
+    return np.rint(total).astype(np.uint8)
 
 
 def number_faces(mesh, count):
@@ -78,21 +100,22 @@ def number_faces(mesh, count):
     mesh.add_color_quantity("numbers", colours, defined_on="faces", enabled=True)
 
 
-def draw_numbers():
-    """The numbers (height, width), int32, of the faces that are seen, from the lowest row up.
+def draw_numbers(isUpright=True):
+    """The numbers (height, width), int32, of the faces that are seen; 0 stands for no face.
 
-    0 stands for no face.
+    isUpright : whether the first row is the highest one
     """
     import polyscope as ps
 
-    shot = ps.screenshot_to_buffer(transparent_bg=True, vertical_flip=False)
+    shot = ps.screenshot_to_buffer(transparent_bg=True, vertical_flip=isUpright)
     return shot.view("<i4")[..., 0] & 0xFFFFFF
 
 
 class Camera:
-    """Polyscope's camera, of a picture of some size: eye, ahead (3,), where it is and looks to."""
+    """Polyscope's camera: where it is and looks to, eye, ahead (3,); and the tangent of half its
+    angle upwards. Its picture has `factor` × `factor` samples a pixel, and is so much larger."""
 
-    def __init__(self, width, height):
+    def __init__(self, factor):
         import polyscope as ps
 
         view = ps.get_view_camera_parameters()
@@ -100,9 +123,9 @@ class Camera:
         axes = view.get_right_dir(), view.get_up_dir(), view.get_look_dir()
         self._axes = np.array(axes, dtype=np.float32)
         self.ahead = self._axes[2]
-        self.width, self.height = width, height
+        self.width, self.height = (factor * pixels for pixels in ps.get_window_size())
         self.halfHeight = math.tan(math.radians(view.get_fov_vertical_deg()) / 2.0)
-        self.pixelAngle = 2.0 * self.halfHeight / height
+        self.pixelAngle = 2.0 * self.halfHeight / self.height
 
     def rays(self, first, last):
         """Unit vectors (3, m) through the pixels of the rows from `first` to before `last`."""
@@ -160,7 +183,9 @@ class LightMaps:
             matrix[:3, 3] = -middle[0], -middle[1], -(top + 0.1 * scale)
             ps.set_camera_view_matrix(matrix)
             ps.set_vertical_fov_degrees(math.degrees(2.0 * math.atan(half / (2.0 * scale))))
-            number = draw_numbers()
+            number = draw_numbers(isUpright=False).astype(
+                np.min_scalar_type(self._surface.body.size)
+            )
             for edge in (number[0], number[-1], number[:, 0], number[:, -1]):
                 edge[:] = 0
             # to a point's row and column

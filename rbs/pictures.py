@@ -24,7 +24,6 @@ from rbs.drawing import SceneView, start_polyscope
 from rbs.files import atomic_write, named_errors, partial_path, put_in_place
 from rbs.messages import InputError, counted, print_error, shown_path
 from rbs.pictureoptions import SEEN_THROUGH
-from rbs.pixels import averaged
 from rbs.studio import STILL_DIRECTIONS, VIDEO_DIRECTIONS, Studio
 
 # A picture is drawn as many times as large along each side, and averaged, as long as that takes no
@@ -186,6 +185,20 @@ def _with_soft_shadows(shoot, view):
     isShadow = (shot[:, :, 3] == 0) & (withShadows[:, :, 3] > 0)
     shot[isShadow] = (0, 0, 0, round(255 * SHADOW_OPACITY))
     return shot
+
+
+def averaged(picture, factor):
+    """Each factor x factor pixels as one; (height, width, 3 or 4), uint8."""
+    height, width, channels = picture.shape
+    blocks = picture.reshape(height // factor, factor, width // factor, factor, channels)
+    if channels == 3:
+        total = blocks.sum(axis=(1, 3), dtype=np.uint16)
+        return ((total + factor**2 // 2) // factor**2).astype(np.uint8)
+    # What is not there at all has no colour to give.
+    opacity = blocks[..., 3:].astype(np.float32)
+    weight = opacity.sum(axis=(1, 3))
+    colour = (blocks[..., :3] * opacity).sum(axis=(1, 3)) / np.maximum(weight, 1.0)
+    return np.rint(np.concatenate([colour, weight / factor**2], axis=2)).astype(np.uint8)
 
 
 def draw_legend(rows):

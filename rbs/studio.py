@@ -25,9 +25,9 @@ from rbs.facenumbers import (
     draw_numbers,
     draw_overlays,
     number_faces,
+    samples,
 )
 from rbs.pictureoptions import SEEN_THROUGH
-from rbs.pixels import averaged, laid_over
 from rbs.skins import Surface, dot
 
 # A picture is worked out so many times as large along each side, and averaged.
@@ -39,7 +39,7 @@ STILL_DIRECTIONS = {"sky": 256, "below": 128, "sun": 32}
 VIDEO_DIRECTIONS = {"sky": 128, "below": 64, "sun": 16}
 # Sides of the maps in pixels; that of the sun is a fraction of the picture's width, within bounds.
 MAP_SIDES = {"sky": 288, "below": 224}
-SUN_MAP_FRACTION, SUN_MAP_SIDES = 0.7, (512, 2048)
+SUN_MAP_FRACTION, SUN_MAP_SIDES = 0.7, (512, 1536)
 # How far a face has to lie before a point to shade it, as a fraction of the size of what is lit.
 LEAST_GAP = 2e-4
 # Bodies further from those that are seen than so many times the picture's larger half cast no
@@ -72,7 +72,7 @@ FADE_BEGIN, FADE_END = 0.8, 4.5
 # Samples of the ground along each side, for the light that it sends up.
 GROUND_SAMPLES = 128
 # Samples that are shaded together, 200 bytes each, by each of so many threads.
-BAND_SAMPLES, THREADS = 400_000, 2
+BAND_SAMPLES, THREADS = 300_000, 2
 
 
 # ---- The light of the studio --------------------------------------------------------------------
@@ -288,21 +288,20 @@ class Studio:
         """
         import polyscope as ps
 
-        width, height = (SUPERSAMPLING * pixels for pixels in ps.get_window_size())
         meshes = view.simulation.meshes
         vertices, faces, bodyOfFace = flatten_meshes(meshes)
         view.set_see_through(False)
         with bodies_only(view, vertices, faces) as (mesh, overlays):
-            ps.set_window_size(width, height)
-            camera = Camera(width, height)
-            overlay = draw_overlays(mesh, overlays, SEEN_THROUGH if view.isSeeThrough else 0.0)
-            if overlay is not None:
-                overlay = averaged(overlay, SUPERSAMPLING)
+            camera = Camera(SUPERSAMPLING)
+            hidden = SEEN_THROUGH if view.isSeeThrough else 0.0
+            overlay = draw_overlays(mesh, overlays, hidden, SUPERSAMPLING)
             number_faces(mesh, len(faces))
-            numbers = draw_numbers()[::-1]
+            numbers = np.empty((camera.height, camera.width), dtype=np.int32)
+            for row, column in samples(SUPERSAMPLING):
+                numbers[row::SUPERSAMPLING, column::SUPERSAMPLING] = draw_numbers()
             box = lit_box(meshes, vertices, bodyOfFace, numbers, camera)
             albedo = linear(view.body_colours())
-            sunMapSide = int(np.clip(SUN_MAP_FRACTION * width / SUPERSAMPLING, *SUN_MAP_SIDES))
+            sunMapSide = int(np.clip(SUN_MAP_FRACTION * ps.get_window_size()[0], *SUN_MAP_SIDES))
             lit = (vertices.tobytes(), albedo.tobytes(), box.tobytes(), sunMapSide)
             if lit != self._lit:
                 self._light = None  # the old one makes room
@@ -517,3 +516,14 @@ def mixed(light, group):
             count[to] += isSame
             total[(slice(None), *to)] += isSame * light[(slice(None), *of)]
     return total / count
+
+
+def laid_over(upper, lower):
+    """A picture with opacity over one with or without it, as many channels as the lower one."""
+    above = upper[..., 3:].astype(np.float32) / 255.0
+    if lower.shape[2] == 3:
+        return np.rint(above * upper[..., :3] + (1.0 - above) * lower).astype(np.uint8)
+    below = (1.0 - above) * (lower[..., 3:] / np.float32(255.0))
+    colour = above * upper[..., :3] + below * lower[..., :3]
+    colour /= np.maximum(above + below, 1e-6)
+    return np.rint(np.concatenate([colour, 255.0 * (above + below)], axis=2)).astype(np.uint8)
