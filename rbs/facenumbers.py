@@ -150,6 +150,7 @@ class LightMaps:
         """surface : `Surface`; gap : m, by which a face must lie before a point to shade it"""
         self._surface, self._gap = surface, gap
         self._maps = {}
+        self._numberType = np.min_scalar_type(len(surface.body))
 
     def draw(self, kind, directions, size, box, vertices, progress):
         """Draws maps of size × size pixels, known as `kind`, in place of what the window shows.
@@ -183,9 +184,7 @@ class LightMaps:
             matrix[:3, 3] = -middle[0], -middle[1], -(top + 0.1 * scale)
             ps.set_camera_view_matrix(matrix)
             ps.set_vertical_fov_degrees(math.degrees(2.0 * math.atan(half / (2.0 * scale))))
-            number = draw_numbers(isUpright=False).astype(
-                np.min_scalar_type(self._surface.body.size)
-            )
+            number = draw_numbers(isUpright=False).astype(self._numberType)
             for edge in (number[0], number[-1], number[:, 0], number[:, -1]):
                 edge[:] = 0
             # to a point's row and column
