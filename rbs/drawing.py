@@ -331,7 +331,8 @@ class SceneView:
     def memory(self):
         """What pictures show of former steps, and of the mouse: dict, to `recall` elsewhere."""
         names = ("_size", "_longestArrow", "_trail", "_trailStep", "_heldContacts", "picked",
-                 "pickedPoint", "colouring", "shown", "hasLegend", "bodyColours")  # fmt: skip
+                 "pickedPoint", "colouring", "shown", "hasLegend", "bodyColours", "groundPlace",
+                 "squareSide")  # fmt: skip
         return {name: vars(self)[name] for name in names}
 
     def recall(self, memory):
@@ -343,7 +344,6 @@ class SceneView:
             self._show_layer(name)
         vars(self).update(memory)
         ps.set_length_scale(self._size)
-        self._move_ground()
         self.refresh()
 
     @contextmanager

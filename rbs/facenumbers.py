@@ -112,8 +112,11 @@ def draw_numbers(isUpright=True):
 
 
 class Camera:
-    """Polyscope's camera: where it is and looks to, eye, ahead (3,); and the tangent of half its
-    angle upwards. Its picture has `factor` × `factor` samples a pixel, and is so much larger."""
+    """Polyscope's camera, of a picture of factor × factor samples a pixel.
+
+    eye, ahead (3,) : where it is, and looks to; axes (3, 3) : rows to the right, up and ahead
+    halfHeight : the tangent of half its angle upwards; pixelAngle : that of a sample
+    """
 
     def __init__(self, factor):
         import polyscope as ps
@@ -121,15 +124,15 @@ class Camera:
         view = ps.get_view_camera_parameters()
         self.eye = np.array(view.get_position(), dtype=np.float32)
         axes = view.get_right_dir(), view.get_up_dir(), view.get_look_dir()
-        self._axes = np.array(axes, dtype=np.float32)
-        self.ahead = self._axes[2]
+        self.axes = np.array(axes, dtype=np.float32)
+        self.ahead = self.axes[2]
         self.width, self.height = (factor * pixels for pixels in ps.get_window_size())
         self.halfHeight = math.tan(math.radians(view.get_fov_vertical_deg()) / 2.0)
         self.pixelAngle = 2.0 * self.halfHeight / self.height
 
     def rays(self, first, last):
         """Unit vectors (3, m) through the pixels of the rows from `first` to before `last`."""
-        right, up, ahead = self._axes[:, :, None, None]
+        right, up, ahead = self.axes[:, :, None, None]
         x = ((np.arange(self.width) + 0.5 - self.width / 2.0) * self.pixelAngle).astype(np.float32)
         y = (self.height / 2.0 - np.arange(first, last) - 0.5) * self.pixelAngle
         rays = ahead + x * right + y.astype(np.float32)[:, None] * up

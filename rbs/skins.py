@@ -27,7 +27,7 @@ FLAT_COSINE = 1.0 - 1e-9
 class Skin:
     """The surface of one shape, at rest.
 
-    normal (F, 3), offset (F,) : of the faces' planes
+    normal (F, 3), offset (F,), area (F,) : of the faces and their planes
     smooth (F, 3, 4) : the interpolated normal at a point x has the direction of smooth · (x, 1)
     group (F,) : faces that pass for one round surface have the same number
     rims (F, E, 7) : the creases around the flat side that a face belongs to. A point x of the side
@@ -40,8 +40,9 @@ class Skin:
         corners = vertices[faces]  # (F, 3, 3): face, corner, xyz
         edges = np.roll(corners, -1, axis=1) - corners
         normal = np.cross(edges[:, 0], edges[:, 1])
-        self._area = np.linalg.norm(normal, axis=1, keepdims=True)  # twice the area
-        self.normal = normal = normal / np.maximum(self._area, np.finfo(float).tiny)
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        self.area = length[:, 0] / 2.0
+        self.normal = normal = normal / np.maximum(length, np.finfo(float).tiny)
         self.offset = np.sum(normal * corners[:, 0], axis=1)
         heights = vertices @ normal[:: max(1, len(faces) // MOST_NORMALS)].T
         self.radius = ROUNDING * float(np.ptp(heights, axis=0).min())
@@ -62,11 +63,11 @@ class Skin:
         isAlike = isAlike > math.cos(CREASE_ANGLE)
         corner, face = corner[isAlike], face[isAlike]
         n = np.zeros((3 * count, 3))
-        np.add.at(n, corner, self._area[face] * self.normal[face])
+        np.add.at(n, corner, self.area[face, None] * self.normal[face])
         n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), np.finfo(float).tiny)
         # The share of corner k grows from 0 on the opposite edge to 1 at the corner.
         growth = np.cross(self.normal[:, None], np.roll(edges, -1, axis=1))
-        growth /= np.maximum(self._area, np.finfo(float).tiny)[:, None]
+        growth /= np.maximum(2.0 * self.area, np.finfo(float).tiny)[:, None, None]
         share = np.concatenate(
             [growth, 1.0 - np.sum(growth * corners, axis=2, keepdims=True)], axis=2
         )
@@ -98,7 +99,8 @@ class Surface:
 
     body, group (F + 1,) : of each face; of no face, -1
     plane (4, F + 1) : of the faces; plane[:3] · x - plane[3] is the height of x over it
-    albedo (3, F + 1) : the reflectance of the faces, linear; centre (3, F + 1)
+    albedo (3, F + 1) : the reflectance of the faces, linear
+    centre (3, F + 1), area (F + 1,) : of the faces
     """
 
     def __init__(self, meshes, vertices, faces, bodyOfFace, albedo, skins):
@@ -114,9 +116,10 @@ class Surface:
                 used[key] = sum(len(skins[k].normal) for k in used)
             rows.append(used[key])
         kinds = [skins[key] for key in used]
-        table = [np.concatenate([getattr(kind, name) for kind in kinds])
-                 for name in ("normal", "offset", "group", "smooth", "rimCount")]  # fmt: skip
-        normal, offset, group, smooth, self._rimCount = table
+        names = "normal", "offset", "area", "group", "smooth", "rimCount"
+        normal, offset, area, group, smooth, self._rimCount = (
+            np.concatenate([getattr(kind, name) for kind in kinds]) for name in names
+        )
         self._smooth = np.ascontiguousarray(smooth.reshape(-1, 12).T, dtype=np.float32)
         width = max(kind.rims.shape[1] for kind in kinds)
         self._rims = np.concatenate([
@@ -139,6 +142,7 @@ class Surface:
         self.body = _with_none(bodyOfFace, -1).astype(np.int32)
         most = int(group.max()) + 1
         self.group = _with_none(bodyOfFace * most + group[row], -1).astype(np.int32)
+        self.area = _with_none(area[row], 0)
         self.albedo = _with_none(albedo[bodyOfFace].T, 0).astype(np.float32)
         self.centre = _with_none(vertices[faces].mean(axis=1).T, 0).astype(np.float32)
 

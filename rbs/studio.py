@@ -190,15 +190,30 @@ class SceneLight:
         for kind, towards in self._directions.items():
             side = MAP_SIDES.get(kind, sunMapSide)
             self._maps.draw(kind, towards, side, box, vertices, advance)
-        # Of each face's centre; what faces and ground send to each other is guessed at first.
+        # What bodies and ground send to each other is guessed at first.
         normal = surface.plane[:3]
         inTheOpen = np.array([[1.0, 1.0, 0.0, 0.0, 0.0]], dtype=np.float32).T
-        self.radiance = surface.albedo / math.pi * AROUND * irradiance(normal, inTheOpen)
+        self._sent = self._body_radiance(AROUND * irradiance(normal, inTheOpen))
         margin = 0.7 * (box[1, 1] - box[0, 1])
         self._low, self._high = box[0, [0, 2]] - margin, box[1, [0, 2]] + margin
         self._ground = self._ground_radiance()
         received = self.received(surface.centre, normal, surface.body)
-        self.radiance = surface.albedo / math.pi * irradiance(normal, received)
+        self._sent = self._body_radiance(irradiance(normal, received))
+
+    def _body_radiance(self, received):
+        """The mean radiance of each body as seen against each direction of light, dict by kind of
+        lists of (3, n): a map does not tell which face is seen. received (3, F + 1) : by the faces
+        """
+        surface, result = self.surface, {}
+        body, sent = surface.body[1:], (surface.albedo * received / math.pi)[:, 1:]
+        for kind in ("sky", "below"):
+            result[kind] = []
+            for towards in self._directions[kind]:
+                seen = surface.area[1:] * np.maximum(-(towards @ surface.plane[:3, 1:]), 0.0)
+                total = np.maximum(np.bincount(body, seen), np.finfo(float).tiny)
+                mean = [np.bincount(body, seen * sent[c]) / total for c in range(3)]
+                result[kind].append(np.array(mean, dtype=np.float32))
+        return result
 
     def _ground_radiance(self):
         """The light (3, GROUND_SAMPLES²) that the ground sends up, x by x in rows of z."""
@@ -250,9 +265,9 @@ class SceneLight:
             weight = np.maximum(dot(normal, towards), 0.0)
             total += weight
             number, index = self._maps.blockers(kind, k, x, body)
-            blocked = weight.take(index)
+            blocked, blocker = weight.take(index), self.surface.body.take(number)
             for c in range(3):
-                around[c, index] += blocked * self.radiance[c].take(number)
+                around[c, index] += blocked * self._sent[kind][k][c].take(blocker)
             weight[index] = 0.0
             free += weight
             if kind == "below":
@@ -273,12 +288,15 @@ class SceneLight:
 
 
 class Studio:
-    """Takes studio pictures, and keeps the light of a scene of which only the camera moves."""
+    """Takes studio pictures, and keeps the light of a scene of which only the camera moves.
+
+    light : the `SceneLight` of the last picture, or None
+    """
 
     def __init__(self, counts):
         """counts : numbers of directions of light, by kind"""
         self._counts = counts
-        self._skins, self._lit, self._light = {}, None, None
+        self._skins, self._lit, self.light = {}, None, None
 
     def take(self, view, isTransparent=False, progress=lambda fraction: None):
         """What Polyscope's camera sees of a SceneView, (height, width, 3), or 4, uint8.
@@ -304,16 +322,16 @@ class Studio:
             sunMapSide = int(np.clip(SUN_MAP_FRACTION * ps.get_window_size()[0], *SUN_MAP_SIDES))
             lit = (vertices.tobytes(), albedo.tobytes(), box.tobytes(), sunMapSide)
             if lit != self._lit:
-                self._light = None  # the old one makes room
+                self.light = None  # the old one makes room
                 surface = Surface(meshes, vertices, faces, bodyOfFace, albedo, self._skins)
-                self._light = SceneLight(
+                self.light = SceneLight(
                     surface, vertices, box, self._counts, sunMapSide,
                     lambda fraction: progress(0.4 * fraction),
                 )  # fmt: skip
                 self._lit = lit
         view.set_see_through(view.isSeeThrough)
         hasGround = "ground" in view.shown and not isTransparent
-        shades = Shades(self._light, camera, numbers, view, hasGround, isTransparent)
+        shades = Shades(self.light, camera, numbers, view, hasGround, isTransparent)
         picture = shades.picture(lambda fraction: progress(0.4 + 0.6 * fraction))
         return picture if overlay is None else laid_over(overlay, picture)
 
@@ -477,7 +495,7 @@ class Shades:
         total = (colour * opacity).reshape(3, *shape).sum(axis=(2, 4)) / np.maximum(weight, 1e-6)
         if self._isTransparent:
             total = np.concatenate([total, weight[None] / s**2])
-        return np.rint(255.0 * np.moveaxis(total, 0, 2)).astype(np.uint8)
+        return np.rint(255.0 * np.moveaxis(total, 0, 2)).astype(np.uint8, order="C")
 
 
 def irradiance(normal, light):
