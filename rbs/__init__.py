@@ -62,7 +62,8 @@ pictures on but pictureprocess, playback and layout
     colours, drawables, backends, cameras, arrows, drawing
     skins         how the surfaces of bodies meet the light
     facenumbers   which face is seen, from the camera and from the light
-    studio        sky light, soft shadows, rounded edges
+    light         sky, sun, and what bodies and ground send to each other
+    studio        pictures with that light
     pictures      pictures and videos, in either look
     pictureprocess  a studio picture that another process draws
     playback      how many steps a frame makes

@@ -10,6 +10,7 @@ from oracles import box_body
 from PIL import Image
 from program import DATA, run
 
+from rbs import light as light_of_day
 from rbs import studio
 from rbs.cameras import kept_camera
 from rbs.colours import PALETTE, BodyColours
@@ -65,7 +66,7 @@ def test_a_boxs_shadow_ends_where_the_sun_says_as_softly_as_the_suns_disc_does()
     side = np.cross(SUN, [0, 1, 0]) / np.linalg.norm(np.cross(SUN, [0, 1, 0]))
     across = (radius * np.cos(angle))[:, None] * side
     across += (radius * np.sin(angle))[:, None] * np.cross(side, SUN)
-    towards = SUN + math.tan(studio.SUN_ANGLE / 2.0) * across
+    towards = SUN + math.tan(light_of_day.SUN_ANGLE / 2.0) * across
     ends = np.sort(1.0 - 6.0 * towards[:, 0] / towards[:, 1])
     expected = np.searchsorted(ends, x) / len(ends)
     assert 0.2 < np.ptp(ends) < 0.5 and (share[x < ends[0] - 0.05] == 0).all()
@@ -101,11 +102,11 @@ def test_tilted_planes_receive_what_the_sky_sends():
     """Form factors of half spaces; of a sky that is H + (Z - H) √sin h, level ground receives
     π (H + 4 Z) / 5."""
     height = np.array([-1.0, -0.5, 0.0, 0.3, 1.0])
-    irradiance = studio.OPEN(height)
+    irradiance = light_of_day.OPEN(height)
     np.testing.assert_allclose(irradiance[3], math.pi * (1.0 + height) / 2.0, atol=4e-3)
     np.testing.assert_allclose(irradiance[4], math.pi * (1.0 - height) / 2.0, atol=4e-3)
-    level = math.pi * (studio.HORIZON + 4.0 * studio.ZENITH) / 5.0
-    np.testing.assert_allclose(studio.OPEN_SKY, level, rtol=2e-3)
+    level = math.pi * (light_of_day.HORIZON + 4.0 * light_of_day.ZENITH) / 5.0
+    np.testing.assert_allclose(light_of_day.OPEN_SKY, level, rtol=2e-3)
 
 
 def test_what_is_bright_lights_what_is_near():
