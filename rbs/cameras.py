@@ -121,10 +121,31 @@ def point_still_camera(meshes):
     shadows = cast_shadows(vertices, 0.0, -SUN / SUN[1])
     far = np.array(frame_camera(np.concatenate([vertices, shadows]), *how))
     distance, farDistance = (np.linalg.norm(eye - target) for eye, target in (near, far))
-    # What is seen by two cameras is seen from between them, too.
-    share = min(1.0, SHADOW_ROOM * distance / max(farDistance - distance, 1e-9 * distance))
+    # What is seen by two cameras is seen from between them, too: no further on than is needed.
+    most = min(1.0, SHADOW_ROOM * distance / max(farDistance - distance, 1e-9 * distance))
+    for share in most * np.linspace(0.0, 1.0, 9):
+        eye, target = near + share * (far - near)
+        if are_seen(shadows, eye, target, STILL_ANGLE, width / height):
+            break
     ps.set_vertical_fov_degrees(STILL_ANGLE)
-    ps.look_at(*(near + share * (far - near)))
+    ps.look_at(eye, target)
+
+
+def are_seen(points, eye, target, fieldOfView, aspect):
+    """Whether a camera sees all points (n, 3), and a little rim around them."""
+    backward, right, up = view_axes(eye - target)
+    away = points - eye
+    half = -math.tan(math.radians(fieldOfView) / 2.0) * (1.0 - FRAME_MARGIN) * (away @ backward)
+    return bool((np.abs(away @ up) < half).all() and (np.abs(away @ right) < aspect * half).all())
+
+
+def view_axes(direction):
+    """Unit vectors (3,) of a camera that stands in this direction: towards it, right and up."""
+    backward = np.asarray(direction, dtype=np.float64)
+    backward = backward / np.linalg.norm(backward)
+    right = np.cross([0.0, 1.0, 0.0], backward)
+    right /= np.linalg.norm(right)
+    return backward, right, np.cross(backward, right)
 
 
 def frame_camera(points, direction, fieldOfView, size, margins=(0, 0, 0, 0)):
@@ -135,11 +156,7 @@ def frame_camera(points, direction, fieldOfView, size, margins=(0, 0, 0, 0)):
     panels take of it at the left, top, right and bottom
     returns (position (3,), target (3,))
     """
-    backward = np.asarray(direction, dtype=np.float64)
-    backward = backward / np.linalg.norm(backward)
-    right = np.cross([0.0, 1.0, 0.0], backward)
-    right /= np.linalg.norm(right)
-    up = np.cross(backward, right)
+    backward, right, up = view_axes(direction)
     middle = (np.min(points, axis=0) + np.max(points, axis=0)) / 2.0
     arms = points - middle
     # A point at (x, z), z towards the camera, is seen by a camera at (X, Z) while

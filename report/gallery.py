@@ -32,7 +32,7 @@ PICTURES = {
     "arch": ("arch --show contacts impulses --legend", 20),
     "arch_blow": ("arch_blow", 190),
     "dominoes": ("dominoes", 330),
-    "wall": ("wall", 240),
+    "wall": ("wall", 320),
 }
 
 
