@@ -44,6 +44,7 @@ from rbs.options import (
 )
 from rbs.pictureoptions import (
     FASTEST_ENCODER,
+    LOOKS,
     PICTURE_SIZE,
     SLOWEST_VIDEO,
     PictureOptions,
@@ -170,12 +171,16 @@ def run_as_asked(simulation, options, pictureOptions):
             if backend.name is None:
                 print_error(f"no pictures can be drawn: {backend.reason}. {backend.remedy}")
                 return 2
+            if pictureOptions.look == "studio" and backend.opensWindow:
+                raise InputError("--look studio is drawn off-screen by EGL, which is missing here")
             view = start_view(simulation, backend, pictureOptions)
         if options.screenshots is not None:
             first = simulation.stepCount
             drawn = range(first, first + steps + 1, options.every or DEFAULT_EVERY)
             start(PictureSeries(options.screenshots, drawn, view, bool(options.transparent)))
         if options.video is not None:
+            if view.studio is not None:
+                view.studio.tell_cost(view, steps // timing[1] + 1)
             start(Video(options.video, view, *timing))
         if options.record is not None:
             start(Recorder(options.record))
@@ -249,7 +254,7 @@ def picture_options_of(options):
         camera = load_camera(options.camera)
     return PictureOptions(
         options.size or PICTURE_SIZE, camera, bool(options.transparent), options.colours or "body",
-        tuple(options.show or ()), bool(options.legend),
+        tuple(options.show or ()), bool(options.legend), options.look or LOOKS[0],
     )  # fmt: skip
 
 

@@ -55,10 +55,16 @@ Recordings
     replay        replaying, resuming, verifying
     statistics    the numbers of every step, as a table or a plot
 
-What is seen; Polyscope is imported in cameras, drawing and all from pictures on but playback and
-layout
+What is seen; Polyscope is imported in cameras, arrows, drawing, facenumbers, studio, and all from
+pictures on but pictureprocess, playback and layout
     pictureoptions  what the command line may ask of a picture
-    colours, drawables, backends, cameras, drawing, pictures
+    colours, drawables, backends, cameras, arrows, drawing
+    skins         how the surfaces of bodies meet the light
+    facenumbers   which face is seen, from the camera and from the light
+    light         sky, sun, and what bodies and ground send to each other
+    studio        pictures with that light
+    pictures      pictures and videos, in either look
+    pictureprocess  a studio picture that another process draws
     gltf          export of a run to 3-D programs
     playback      how many steps a frame makes
     layout        where the panels lie

@@ -67,8 +67,10 @@ class BodyColours:
         return np.where(isFixed, FIXED_COLOUR, COLOURINGS[colouring](self, simulation))
 
     def by_body(self, simulation):
-        """The palette over and over."""
-        return PALETTE[np.arange(len(simulation.meshes)) % len(PALETTE)]
+        """The palette over and over. A copy of a body can name in `colourIndex` whose colour it
+        has."""
+        index = [getattr(mesh, "colourIndex", k) for k, mesh in enumerate(simulation.meshes)]
+        return PALETTE[np.array(index, dtype=np.intp) % len(PALETTE)]
 
     def by_density(self, simulation):
         """Viridis over the logarithm of the density."""

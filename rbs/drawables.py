@@ -31,6 +31,8 @@ DISC_DEPTH = 2e-3
 # Where the shadow of a point falls that is 1 m above the ground: the light comes from the upper
 # left, over the usual camera's shoulder, as the shading of the bodies has it.
 SHADOW_SLANT = np.array([0.50, 0.0, -0.22])
+# Towards the sun of studio pictures, which stands lower.
+SUN = np.array([-0.58, 0.70, 0.42]) / math.sqrt(0.58**2 + 0.70**2 + 0.42**2)
 # The corners of a box, as 0 for its low and 1 for its high end along x, y, z, and its edges.
 BOX_CORNERS = np.array([[k >> 2 & 1, k >> 1 & 1, k & 1] for k in range(8)])
 BOX_EDGES = np.array([
@@ -69,14 +71,9 @@ def find_creases(vertices, faces):
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
-    # Half-edge 3 f + k runs along face f from its corner k to the next one; its twin runs back.
     tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    faceOf = np.repeat(np.arange(len(faces)), 3)
-    order = np.argsort(tails * len(vertices) + heads)
-    twinPlaces = np.argsort(heads * len(vertices) + tails)
-    neighbour = np.empty(len(tails), dtype=np.int64)
-    neighbour[twinPlaces] = faceOf[order]
-    cosines = np.sum(normals[faceOf] * normals[neighbour], axis=1)
+    neighbour = face_neighbours(faces)
+    cosines = np.sum(normals[:, None] * normals[neighbour], axis=2).ravel()
     isCrease = (tails < heads) & (cosines < math.cos(CREASE_ANGLE))
     return np.column_stack([tails[isCrease], heads[isCrease]])
 
@@ -100,6 +97,17 @@ def corner_normals(vertices, faces):
     sums = np.zeros((faces.size, 3))
     np.add.at(sums, own[isAlike], across[other[isAlike] // 3])
     return (sums / np.linalg.norm(sums, axis=1, keepdims=True)).reshape(-1, 3, 3)
+
+
+def face_neighbours(faces):
+    """The faces (F, 3) on the other side of each face's edges; faces (F, 3) of closed surfaces."""
+    # Half-edge 3 f + k runs along face f from its corner k to the next one; its twin runs back.
+    count = faces.max(initial=0) + 1
+    tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    order, twinPlaces = np.argsort(tails * count + heads), np.argsort(heads * count + tails)
+    neighbour = np.empty(len(tails), dtype=np.int64)
+    neighbour[twinPlaces] = order // 3
+    return neighbour.reshape(-1, 3)
 
 
 class ConstraintLines:
@@ -200,9 +208,12 @@ def _smooth(values, low, high):
     return place * place * (3.0 - 2.0 * place)
 
 
-def cast_shadows(vertices, height):
-    """Vertices (V, 3) as the light throws them onto the plane at this height in metres, (V, 3)."""
-    shadows = vertices + np.maximum(vertices[:, 1:2], 0.0) * SHADOW_SLANT
+def cast_shadows(vertices, height, slant=SHADOW_SLANT):
+    """Vertices (V, 3) as the light throws them onto the plane at this height in metres, (V, 3).
+
+    slant (3,) : where the shadow of a point falls that is 1 m above the ground
+    """
+    shadows = vertices + np.maximum(vertices[:, 1:2], 0.0) * slant
     shadows[:, 1] = height
     return shadows
 

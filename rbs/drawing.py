@@ -16,7 +16,8 @@ from contextlib import contextmanager
 import numpy as np
 
 from Quaternion import QConj, QRotate
-from rbs.cameras import VIEW_DIRECTION, frame_camera
+from rbs.arrows import ARROW_RADIUS, POINT_RADIUS, draw_arrows, draw_lines, remove_overlay
+from rbs.cameras import VIEW_DIRECTION, frame_camera, kept_camera, point_still_camera
 from rbs.colours import (
     BACKGROUND,
     BOX_COLOUR,
@@ -72,10 +73,7 @@ NORMAL_LENGTH = 0.5
 HELD_CONTACT_STEPS = 5
 # A velocity is drawn as the way that it leads in this time, in seconds.
 VELOCITY_SECONDS = 0.5
-# Half the widths of arrows, points and lines, relative to the scene's size.
-ARROW_RADIUS = 3e-3
-POINT_RADIUS = 4e-3
-LINE_RADIUS = 8e-4
+# Half the width of the outlines of contacts, relative to the scene's size.
 PATCH_RADIUS = 1.6e-3
 # Pictures back that a trail goes, and the most bodies that have one: every second body has where
 # there are up to twice as many, and so on.
@@ -125,15 +123,17 @@ class SceneView:
 
     Attributes: simulation; colouring, a name of COLOURINGS; shown, a set of names of LAYERS;
     picked, the index of the body that is marked, or None, and pickedPoint, a point (3,) of it at
-    rest; squareSide, of the ground's squares in metres; hasLegend, whether pictures have one;
+    rest; squareSide, of the ground's squares in metres; groundPlace, of the ground: its middle
+    (3,) and the size of what stands on it in metres; hasLegend, whether pictures have one;
     follows, whether the camera moves along with the picked body, or with all; isSmooth, whether
-    the window is drawn with smooth edges; callback, which draws the panels in each frame, or None.
+    the window is drawn with smooth edges; studio, a `StudioLook` where pictures have that look, or
+    None; callback, which draws the panels in each frame, or None.
     """
 
     def __init__(self, simulation):
         self._margins = (0, 0, 0, 0)  # what the panels take: left, top, right, bottom, in pixels
         self._windowSize = None
-        self.callback = None
+        self.callback = self.studio = None
         self.colouring = "body"
         self.shown = {"ground", "shadows"}
         self.hasLegend = self._follows = self.isSmooth = self._isVivid = False
@@ -162,8 +162,7 @@ class SceneView:
         self._register_constraints(vertices)
         self._lastFocus = self._focus()
         self._point_camera(points)
-        self._groundPlace = None
-        self.spread_ground()
+        self._move_ground()
         for name in LAYERS:
             self._show_layer(name)
         self.refresh()
@@ -213,14 +212,14 @@ class SceneView:
         middle = np.array(ps.get_view_center(), dtype=np.float64)
         distance = float(np.linalg.norm(self._eye() - middle))
         size = max(self._size, distance / USUAL_DISTANCE)
-        if self._groundPlace is not None:
-            lastMiddle, lastSize = self._groundPlace
+        if self.groundPlace is not None:
+            lastMiddle, lastSize = self.groundPlace
             if (
                 np.linalg.norm((middle - lastMiddle)[[0, 2]]) < GROUND_SHIFT * lastSize
                 and 1.0 / GROUND_GROWTH < size / lastSize < GROUND_GROWTH
             ):
                 return
-        self._groundPlace = middle, size
+        self.groundPlace = middle, size
         # Polyscope draws nothing that is further away.
         reach = min(GROUND_REACH * size, max(FAR_CLIP * self._size - distance, 2.0 * self._size))
         vertices, faces, colours, self.squareSide = ground_squares(size, middle, reach)
@@ -302,6 +301,51 @@ class SceneView:
         self._lastFocus = self._focus()
         self.spread_ground()
 
+    def frame_still(self):
+        """Points the camera, from low down, at the bodies as they are now."""
+        point_still_camera(self.simulation.meshes)
+        self._move_ground()
+
+    @contextmanager
+    def framed_still(self):
+        """Within it, the camera is where `frame_still` puts it."""
+        with kept_camera():
+            self.frame_still()
+            yield
+        self._move_ground()
+
+    def _move_ground(self):
+        """Lays the ground under what the camera looks at, however little that has moved."""
+        self.groundPlace = None
+        self.spread_ground()
+
+    def picture_camera(self):
+        """`(size, camera)` of a picture of what the window shows: width and height in pixels, and
+        as `load_camera` gives it."""
+        import polyscope as ps
+
+        with self.whole_width():
+            angle = ps.get_view_camera_parameters().get_fov_vertical_deg()
+            return ps.get_window_size(), {"viewMat": ps.get_camera_view_matrix(), "fov": angle}
+
+    def memory(self):
+        """What pictures show of former steps, and of the mouse: dict, to `recall` elsewhere."""
+        names = ("_size", "_longestArrow", "_trail", "_trailStep", "_heldContacts", "picked",
+                 "pickedPoint", "colouring", "shown", "hasLegend", "bodyColours", "groundPlace",
+                 "squareSide")  # fmt: skip
+        return {name: vars(self)[name] for name in names}
+
+    def recall(self, memory):
+        """Makes pictures look as those of the SceneView that this is the `memory` of."""
+        import polyscope as ps
+
+        self.shown = memory["shown"]
+        for name in LAYERS:
+            self._show_layer(name)
+        vars(self).update(memory)
+        ps.set_length_scale(self._size)
+        self.refresh()
+
     @contextmanager
     def whole_width(self):
         """Within it, a camera that still frames the scene between the panels does so without."""
@@ -368,10 +412,15 @@ class SceneView:
                 paint(self, name, vertices)
         self._refresh_mark()
 
-    def _refresh_colours(self):
+    def body_colours(self):
+        """RGB of every body, (n, 3), in the present colouring."""
         colours = self.bodyColours.of(self.simulation, self.colouring)
         if self.picked is not None:
             colours[self.picked] = PICKED_COLOUR
+        return colours
+
+    def _refresh_colours(self):
+        colours = self.body_colours()
         if self._isVivid:
             grey = np.mean(GROUND_COLOURS, axis=0)
             colours = np.clip(grey + VIVIDNESS * (colours - grey), 0.0, 1.0)
@@ -432,6 +481,26 @@ class SceneView:
     def show_shadows(self, isShown):
         """Shows the shadows, or not, whatever `shown` says."""
         self._shadows.set_enabled(isShown)
+
+    @contextmanager
+    def hidden(self):
+        """Within it, nothing of the scene is drawn; yields the structures that were drawn over the
+        bodies: constraints, overlays, marks."""
+        import polyscope as ps
+
+        names = ("constraints", "spring", "picked point", *OVERLAYS)
+        overlays = [ps.get_curve_network(name) for name in names if ps.has_curve_network(name)]
+        overlays += [ps.get_point_cloud(name) for name in names if ps.has_point_cloud(name)]
+        overlays = [one for one in overlays if one.is_enabled()]
+        scene = [self._bodies, self._shadows, self._ground, self._creases]
+        scene = [one for one in scene if one is not None and one.is_enabled()]
+        for structure in overlays + scene:
+            structure.set_enabled(False)
+        try:
+            yield overlays
+        finally:
+            for structure in overlays + scene:
+                structure.set_enabled(True)
 
     def set_supersampling(self, isOn):
         """Draws the window twice as large and averages it, or not."""
@@ -675,35 +744,3 @@ _MEANINGS = {
     "grid cells": (lambda view: "grid cell of the broad phase", tuple(CONSTRAINT_COLOURS[2])),
     "trails": (lambda view: "path of a centre of mass", TRAIL_COLOUR),
 }
-
-
-def remove_overlay(name):
-    """Removes what `draw_arrows` or `draw_lines` has drawn under this name, if anything."""
-    import polyscope as ps
-
-    ps.remove_point_cloud(name, error_if_absent=False)
-    ps.remove_curve_network(name, error_if_absent=False)
-
-
-def draw_arrows(name, points, arrows, colour, radius=ARROW_RADIUS):
-    """Points (m, 3) with arrows (m, 3) in metres, in place of the last ones of this name."""
-    import polyscope as ps
-
-    ps.remove_point_cloud(name, error_if_absent=False)
-    if len(points):
-        cloud = ps.register_point_cloud(
-            name, points, color=colour, radius=POINT_RADIUS, material="flat"
-        )
-        cloud.add_vector_quantity(
-            "arrows", arrows, vectortype="ambient", radius=radius, color=colour,
-            material="flat", enabled=True,
-        )  # fmt: skip
-
-
-def draw_lines(name, nodes, edges, colour, radius=LINE_RADIUS):
-    """Lines between nodes (n, 3), edges (m, 2), in place of the last ones of this name."""
-    import polyscope as ps
-
-    ps.remove_curve_network(name, error_if_absent=False)
-    if len(edges):
-        ps.register_curve_network(name, nodes, edges, radius=radius, color=colour, material="flat")

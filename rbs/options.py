@@ -14,6 +14,7 @@ from rbs.colours import COLOURINGS
 from rbs.messages import PROGRAM_NAME, one_line, short
 from rbs.pictureoptions import (
     FASTEST_VIDEO,
+    LOOKS,
     OVERLAYS,
     PICTURE_SIZE,
     PICTURE_SIZES,
@@ -78,7 +79,7 @@ CONFLICTS = {
     ),
     "verify": (
         {*SETTING_OPTIONS, "scene", "constraints", "basic", "steps", "every"}
-        | WITHOUT_WINDOW - {"headless"},
+        | WITHOUT_WINDOW - {"headless"} | {"look"},
         "it only compares, and with the scene and the settings of the recording",
     ),
     "video": ({"transparent"}, "videos have no transparency"),
@@ -226,6 +227,11 @@ def add_output_options(parser):
         f"{'x'.join(map(str, PICTURE_SIZE))})",
     )  # fmt: skip
     picture.add_argument(
+        "--look", metavar="NAME", choices=LOOKS,
+        help="plain, as the window; or studio, with sky light and soft shadows, seconds a picture: "
+        "for --screenshots, --video and the window's Picture button (default: plain)",
+    )  # fmt: skip
+    picture.add_argument(
         "--camera", metavar="FILE.json", type=PATH,
         help="where to look from, as saved from the window (default: all of the scene is seen)",
     )  # fmt: skip
@@ -310,6 +316,8 @@ def check_options(parser, options):
     for dest, (companions, cause) in COMPANIONS.items():
         if dest in given and not given & companions:
             parser.error(f"{option_name(dest)} {cause}")
+    if "look" in given and given & WITHOUT_WINDOW and not given & {"screenshots", "video"}:
+        parser.error("--look says how pictures look, but this run draws none")
     for mode, (others, cause) in CONFLICTS.items():
         for dest in sorted(given & others if mode in given else ()):
             parser.error(f"{option_name(dest)} does not go with {option_name(mode)}: {cause}")

@@ -15,6 +15,7 @@ from rbs.drawing import LAYERS, MOST_BOXES, MOST_TRAILS, TRAIL_LENGTH, VELOCITY_
 from rbs.helppanel import draw_help
 from rbs.layout import ROOMY_HEIGHT, ROOMY_WIDTH, arrange
 from rbs.messages import counted
+from rbs.pictureoptions import LOOKS
 from rbs.pictures import draw_legend
 from rbs.playback import SPEEDS, speed_name
 from rbs.plots import ALL_PLOTS, PLOTS, Plots
@@ -94,6 +95,7 @@ class Panel:
         self._handle_mouse()
         self.lay_out()
         self.viewer.view.spread_ground()
+        self.viewer.watch_picture()
         text, isError = self._message()
         Tooltips.areHidden = isError
         self._draw_main()
@@ -367,6 +369,9 @@ class Panel:
             ("Picture", viewer.save_picture, "A PNG of what is seen, without panels, in out/"),
             ("Camera", viewer.save_camera, "For --camera, or to be dropped onto the window"),
         )
+        chosen = draw_choice("look", viewer.look, LOOKS, "Of pictures: plain, as the window; or "
+                             "studio, with sky light and soft shadows, in seconds")  # fmt: skip
+        viewer.look = chosen or viewer.look
         isFilming, isRecording = viewer.video is not None, viewer.recorder is not None
         self._buttons(
             ("Stop###video" if isFilming else "Video###video", viewer.toggle_video,

@@ -16,6 +16,10 @@ OVERLAYS = (
     "contacts", "impulses", "friction impulses", "velocities", "bounding boxes", "grid cells",
     "trails",
 )  # fmt: skip
+# How pictures are drawn: as the window is, or with sky light and soft shadows, which takes seconds.
+LOOKS = ("plain", "studio")
+# How much of what is behind a body is seen where bodies are see-through.
+SEEN_THROUGH = 0.55
 # The names of a series' pictures, with the number of the step.
 PICTURE_NAME = re.compile(r"frame_[0-9]{6,}\.png")
 VIDEO_ENDINGS = (".mp4", ".gif")
@@ -33,7 +37,8 @@ class PictureOptions:
 
     size : (width, height) in pixels; camera : as `load_camera` gives it, or None to see all of the
     scene; isTransparent : whether the background, and the ground, are left out; colouring : a name
-    of COLOURINGS; overlays : names of OVERLAYS; hasLegend : whether their meaning is in the picture
+    of COLOURINGS; overlays : names of OVERLAYS; hasLegend : whether their meaning is in the
+    picture; look : one of LOOKS
     """
 
     size: tuple = PICTURE_SIZE
@@ -42,6 +47,7 @@ class PictureOptions:
     colouring: str = "body"
     overlays: tuple = ()
     hasLegend: bool = False
+    look: str = "plain"
 
 
 def video_timing(timeStep, rate=None, every=None):

@@ -1,32 +1,35 @@
 """Pictures and videos of a scene, drawn off-screen or from the window.
 
-From the top: starting to draw; taking a picture; the legend; series of pictures; videos, and the
-encoder of their files. Polyscope is imported inside the functions that use it.
+From the top: starting to draw; taking a picture, in either look; the legend; series of pictures;
+videos, and the encoder of their files. Polyscope is imported inside the functions that use it.
 """
 
 import errno
+import math
 import subprocess
 import tempfile
-from contextlib import suppress
+import time
+from contextlib import contextmanager, nullcontext, suppress
 from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
+from tqdm import tqdm
 
 from rbs.backends import OFFSCREEN_BACKEND
 from rbs.cameras import apply_camera
 from rbs.colours import BACKGROUND
 from rbs.drawing import SceneView, start_polyscope
 from rbs.files import atomic_write, named_errors, partial_path, put_in_place
-from rbs.messages import InputError, shown_path
+from rbs.messages import InputError, counted, print_error, shown_path
+from rbs.pictureoptions import SEEN_THROUGH
+from rbs.studio import STILL_DIRECTIONS, VIDEO_DIRECTIONS, Studio
 
 # A picture is drawn as many times as large along each side, and averaged, as long as that takes no
 # more than so many pixels: 4K, and 0.6 GB.
 SUPERSAMPLING = 2
 MOST_DRAWN_PIXELS = 4 * 3840 * 2160
-# How much of what is behind a body is seen where bodies are see-through.
-SEEN_THROUGH = 0.55
 # How dark a shadow is where there is no ground.
 SHADOW_OPACITY = 0.4
 # Of the legend, in pixels: from the picture's upper left corner; and its rows' colour samples.
@@ -54,7 +57,11 @@ def start_view(simulation, backend, options):
     view = SceneView(simulation)
     if options.camera is not None:
         apply_camera(options.camera)
+    elif options.look == "studio":
+        view.frame_still()
     view.spread_ground()
+    if options.look == "studio":
+        view.studio = StudioLook(framesAnew=options.camera is None)
     view.hasLegend = options.hasLegend
     view.colouring = options.colouring
     for name in options.overlays:
@@ -66,7 +73,53 @@ def start_view(simulation, backend, options):
 def take_picture(view, isTransparent=False, isStill=True):
     """What the camera sees, (height, width, 3), or 4 where it is transparent, uint8.
 
-    isStill : whether it may take some time, which a video that plays in the window has not
+    isStill : whether it may take some time, which a frame of a video has not
+    """
+    if view.studio is not None:
+        return view.studio.take(view, isTransparent, isStill)
+    picture = _take_plain(view, isTransparent, isStill)
+    return np.ascontiguousarray(_with_legend(picture, view))
+
+
+class StudioLook:
+    """Takes the pictures of a SceneView in the studio look.
+
+    framesAnew : whether each still has a camera of its own, which sees all of the scene
+    report : function that is told which fraction of a still is done; without one, a terminal shows
+    """
+
+    def __init__(self, framesAnew, report=None):
+        self._framesAnew, self._report = framesAnew, report
+        self._studios = Studio(VIDEO_DIRECTIONS), Studio(STILL_DIRECTIONS)
+
+    def take(self, view, isTransparent, isStill):
+        """See `take_picture`."""
+        studio = self._studios[isStill]
+        if not isStill:
+            return _with_legend(studio.take(view), view)
+        with view.framed_still() if self._framesAnew else nullcontext(), self._progress() as report:
+            return _with_legend(studio.take(view, isTransparent, report), view)
+
+    @contextmanager
+    def _progress(self):
+        if self._report is not None:
+            yield self._report
+            return
+        with tqdm(total=100, desc="picture", unit="%", leave=False, disable=None) as progress:
+            yield lambda fraction: progress.update(round(100.0 * fraction) - progress.n)
+
+    def tell_cost(self, view, count):
+        """Takes a frame of a video on trial, and says how long `count` of them will take."""
+        begin = time.perf_counter()
+        self.take(view, False, isStill=False)
+        seconds = time.perf_counter() - begin
+        minutes = math.ceil(count * seconds / 60.0)
+        frames = f"about {seconds:.2g} s a frame, {counted(count, 'frame')}"
+        print_error(f"studio: {frames}, about {minutes} min")
+
+
+def _take_plain(view, isTransparent, isStill):
+    """What the camera sees in the look of the window.
 
     Edges are smooth: the picture is drawn larger and averaged. Where bodies are see-through, it is
     the mean of one with them and one without. Polyscope's own supersampling serves the window, and
@@ -98,9 +151,7 @@ def take_picture(view, isTransparent=False, isStill=True):
             ps.set_window_size(width, height)
     if factor > 1:
         picture = averaged(picture, factor)
-    if view.hasLegend:
-        picture = _with_legend(picture, view)
-    return np.ascontiguousarray(picture)
+    return picture
 
 
 def _draw(view, isTransparent):
@@ -162,11 +213,11 @@ def draw_legend(rows):
 
 
 def _with_legend(picture, view):
-    """The picture with its legend in the upper left corner."""
+    """The picture with its legend in the upper left corner, where the view wants one."""
     import polyscope as ps
     import polyscope.imgui as psim
 
-    rows, place = view.legend(), {}
+    rows, place = view.legend() if view.hasLegend else [], {}
     if not rows:
         return picture
 

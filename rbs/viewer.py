@@ -10,6 +10,7 @@ import os
 import time
 from collections import deque
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from statistics import fmean
 
@@ -22,6 +23,7 @@ from rbs.grabbing import MOST_SHOTS, Grab, shot
 from rbs.messages import counted, reason_of
 from rbs.panel import Panel
 from rbs.pictureoptions import PictureOptions, video_timing
+from rbs.pictureprocess import PictureProcess
 from rbs.pictures import Video, VideoError, save_picture, start_view
 from rbs.playback import Playback
 from rbs.recording import Recorder, RecordingError
@@ -45,8 +47,8 @@ def show_window(simulation, backend, openFile, listFiles, measure, pictureOption
     import polyscope as ps
 
     options = pictureOptions or PictureOptions()
-    view = start_view(simulation, backend, options)
-    viewer = Viewer(simulation, view, openFile, listFiles, measure)
+    view = start_view(simulation, backend, replace(options, look="plain"))
+    viewer = Viewer(simulation, view, openFile, listFiles, measure, options.look)
     panel = Panel(viewer)
     panel.lay_out()
     if options.camera is None:
@@ -67,12 +69,12 @@ class Viewer:
 
     Attributes: simulation, a simulation or a replay; view, a SceneView; isPlaying; playback, a
     Playback, with the speed; pushSpeed, m/s; grab, what is dragged, or None; message, an error line
-    or ""; saved, a line about the last file that was written; video and recorder, those
-    that are being written, or None; isMeasuring, whether `history` grows: rows of time and
-    quantities.
+    or ""; saved, a line about the last file that was written; video, recorder and picture, those
+    that are being written, or None; look, one of LOOKS, of pictures; isMeasuring, whether `history`
+    grows: rows of time and quantities.
     """
 
-    def __init__(self, simulation, view, openFile, listFiles, measure):
+    def __init__(self, simulation, view, openFile, listFiles, measure, look="plain"):
         """openFile(text, settings, folder) gives a simulation or a replay, or raises ValueError;
         listFiles(folder) gives a list of ListedFile; measure(simulation) a dict of floats.
         """
@@ -83,7 +85,8 @@ class Viewer:
         self.pushSpeed = DEFAULT_PUSH
         self.grab = None
         self.message = self.saved = ""
-        self.video = self.recorder = None
+        self.video = self.recorder = self.picture = None
+        self.look = look
         self.isMeasuring = False
         self.history = deque(maxlen=PLOTTED_STEPS)
         self._openFile, self._listFiles, self._measure = openFile, listFiles, measure
@@ -283,10 +286,29 @@ class Viewer:
 
     def save_picture(self):
         """Writes what is seen, without the panel, as a PNG in out/<scene>."""
-        self._write(
-            f"picture_{self.simulation.stepCount:06d}", ".png",
-            lambda path: save_picture(path, self.view),
-        )  # fmt: skip
+        if self.picture is not None:
+            return
+        stem = f"picture_{self.simulation.stepCount:06d}"
+        if self.look == "plain":
+            self._write(stem, ".png", lambda path: save_picture(path, self.view))
+        else:
+            self._write(stem, ".png", self._begin_picture)
+            self.watch_picture()
+
+    def _begin_picture(self, path):
+        self.picture = PictureProcess(path, self.view)
+
+    def watch_picture(self):
+        """Tells how far a studio picture is that is being drawn, if there is one."""
+        picture = self.picture
+        if picture is None:
+            return
+        if picture.poll():
+            self.saved = f"drawing {picture.path}: {100.0 * picture.fraction:.0f} %"
+            return
+        self.picture = None
+        self.saved = "" if picture.error else f"saved {picture.path}"
+        self.message = picture.error and f"no picture: {picture.error}"
 
     def save_camera(self):
         """Writes the camera, for --camera or to be dropped onto the window."""

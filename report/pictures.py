@@ -75,12 +75,13 @@ def run(simulation, steps):
     return simulation
 
 
-def ghosts(mesh, states):
-    """Copies of a body where it was: positions and orientations in states."""
+def ghosts(mesh, index, states):
+    """Copies of a body of this index where it was: positions and orientations in states."""
     copies = []
     for position, orientation in states:
         ghost = copy.copy(mesh)
         ghost.position, ghost.orientation = position.copy(), orientation.copy()
+        ghost.colourIndex = index
         copies.append(ghost)
     return copies
 
@@ -139,7 +140,7 @@ def tunnel():
                 passed[contact.body2 - 1].add(float(cubes[contact.body2 - 1].position[0, 0]) > 0)
     x = np.array([cube.position[0, 0] for cube in cubes])
     v = np.array([cube.linVelocity[0, 0] for cube in cubes])
-    seen = [ghost for k in (2, 3) for ghost in ghosts(cubes[k], states[k])
+    seen = [ghost for k in (2, 3) for ghost in ghosts(cubes[k], k + 1, states[k])
             if -9 < ghost.position[0, 0] < 8]  # fmt: skip
     simulation.meshes = [wall, *cubes, *seen]
     return Picture(simulation, Camera((-4, 15, 25), (0.5, 4.5, 0.5), 42), {
@@ -179,7 +180,7 @@ def slope():
             zip((steep, gentle), starts, strict=True)]  # fmt: skip
     angle = 2 * math.atan(1 / 4)  # as the scene has it
     law = 0.5 * G * SLOPE_SECONDS**2 * (math.sin(angle) - 0.4 * math.cos(angle))
-    simulation.meshes = [*simulation.meshes, *ghosts(steep, states)]
+    simulation.meshes = [*simulation.meshes, *ghosts(steep, 1, states)]
     return Picture(simulation, Camera((14, 26, 62), (0, 10, 0), 36), {
         "the box on the steep slope slides": ways[0] > 5.0,
         "as Coulomb's law has it, within a fifth": abs(ways[0] / law - 1) < 0.2,

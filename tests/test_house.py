@@ -16,8 +16,8 @@ from oracles import ROOT
 TOP = ("RBSFunctions", "RigidBodySimulation", "Quaternion", "GJK")
 # The rooms that draw, and the window.
 POLYSCOPE_ROOMS = {
-    "rbs.cameras", "rbs.drawing", "rbs.pictures", "rbs.widgets", "rbs.plots", "rbs.helppanel",
-    "rbs.panel", "rbs.viewer",
+    "rbs.arrows", "rbs.cameras", "rbs.drawing", "rbs.facenumbers", "rbs.studio", "rbs.pictures",
+    "rbs.widgets", "rbs.plots", "rbs.helppanel", "rbs.panel", "rbs.viewer",
 }  # fmt: skip
 # What uses the rooms, and is used by none of them.
 USERS = {"tests", "report", "graders"}
