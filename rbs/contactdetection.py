@@ -110,7 +110,7 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
     kept.pairKey, kept.pairAxis = key, axis
     if hasGround:
         new = new.joined(_new_ground_manifolds(bodies, frames, reach, valid.key, timeStep))
-    new.inherit(kept.manifolds)
+    new.inherit(kept.manifolds, frames.sizes(*new.bodies(count - 1)))
     return valid.joined(new), frames
 
 

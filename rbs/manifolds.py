@@ -30,6 +30,8 @@ KEEP = 0.03
 # if one minus the cosine between theirs is at least the second number. With a larger width, boxes
 # side by side in a wall are pushed apart by their edges.
 RIDGE, LEAST_TURN = 0.02, 0.05
+# A point inherits the impulse of one that was this near, in the frame of the first body.
+MATCH = 0.5
 # The cosine between a face's normal and the manifold's. Steeper faces are not clipped: along the
 # normal, rounding moves points of their planes far off the surface.
 LEAST_COSINE = 0.05
@@ -107,11 +109,11 @@ class Manifolds:
         both = Manifolds(**{n: np.concatenate(part, axis=-1) for n, part in parts.items()})
         return both._taken(both.key.argsort(kind="stable"))
 
-    def inherit(self, old):
-        """Takes over from the manifolds that these replace.
+    def inherit(self, old, size):
+        """Takes over from the manifolds that these replace; size : (M,), see `thickness`.
 
         Each point in turn gets impulse and offset of the nearest old one that is left, as seen by
-        the first body. The friction is carried over as a vector.
+        the first body, if it is near at all. The friction is carried over as a vector.
         """
         if len(self.key) == 0 or len(old.key) == 0:
             return
@@ -124,10 +126,11 @@ class Manifolds:
             distance = np.where(free, dot(away, away), np.inf)
             nearest = distance.argmin(axis=0)
             column = np.arange(len(mine))
-            isOwn = free[nearest, column] & self.isPoint[k, mine]
-            self.impulse[k, mine] = np.where(isOwn, old.impulse[nearest, column], 0.0)
-            self.offset[k, mine] = np.where(isOwn, old.offset[nearest, column], 0.0)
-            free[nearest[isOwn], column[isOwn]] = False
+            isNear = distance[nearest, column] <= (MATCH * size[mine]) ** 2
+            isNear &= self.isPoint[k, mine]
+            self.impulse[k, mine] = np.where(isNear, old.impulse[nearest, column], 0.0)
+            self.offset[k, mine] = np.where(isNear, old.offset[nearest, column], 0.0)
+            free[nearest[isNear], column[isNear]] = False
         force = old.tangent * old.friction[0] + cross(old.normal, old.tangent) * old.friction[1]
         normal, tangent = self.normal[:, mine], self.tangent[:, mine]
         self.friction[:, mine] = np.stack(

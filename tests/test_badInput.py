@@ -143,7 +143,7 @@ OPTIONS = [
     ("--steps " + "1" * 5000, "argument --steps: "),
     ("--restitution nan", "argument --restitution: "),
     ("--fps nan", "argument --fps: "),
-    ("--size 640", "argument --size: "),
+    ("--steps=--", "argument --steps: "),
     ("--video v.avi", "argument --video: "),
     ("--record r.npz", "argument --record: "),
     ("--replay r.h5 --verify r.h5", "argument --verify: "),
