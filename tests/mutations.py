@@ -103,7 +103,7 @@ FAULTS = (
           "(displacement[i] + displacement[j] >= self.gap)", "(displacement[i] >= self.gap)",
           "broadPhase"),
     Fault("cached axis, its sign", "GJK.py",
-          "lowest + triples.dot(axis, t) - highest", "highest - lowest - triples.dot(axis, t)",
+          "lowest + dot(axis, t) - highest", "highest - lowest - dot(axis, t)",
           "timestep"),
     Fault("kept box, the orientation is not looked at", "RBSFunctions.py",
           "            or self.orientation.tobytes() != self._orientationKey\n", "", "mesh"),
