@@ -743,6 +743,9 @@ class Pair:
     def __getitem__(self, k):
         return np.reshape(self.floats[k], self.shape)
 
+    def __iter__(self):
+        return iter((self[0], self[1]))
+
 
 def floats_of(pair, count=3):
     """Two tuples of floats, of a `Pair` or any other pair of arrays with so many entries."""
