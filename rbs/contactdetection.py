@@ -98,7 +98,9 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
     frames = BodyFrames(bodies)
     # how far points of the bodies can come within the step
     reach = (speeds(bodies) + np.where(bodies.isFixed, 0.0, abs(GRAVITY) * timeStep)) * timeStep
-    first, second = grid_overlaps(bodies.box - reach, bodies.isFixed)
+    # with a margin, so that pairs that rest keep their manifolds, and what sleeps is not woken
+    box = bodies.box - (reach + KEEP * frames.size[:-1])
+    first, second = grid_overlaps(box, bodies.isFixed)
     key = first * count + second
     axis, known = np.zeros((3, len(key))), find_sorted(key, kept.pairKey)
     axis[:, known >= 0] = kept.pairAxis[:, known[known >= 0]]
