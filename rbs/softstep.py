@@ -92,6 +92,9 @@ def _make_substeps(motion, contacts, distances, substeps, h):
         contacts.measure(motion)
         contacts.soft_sweep()
         contacts.measure(motion)
+        if contacts.are_hit():
+            contacts.soft_sweep()
+            contacts.measure(motion)
         motion.move(h)
         contacts.move()
         if distances.batches:

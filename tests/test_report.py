@@ -13,6 +13,9 @@ import numpy as np
 import pytest
 from oracles import ROOT
 
+import rbs.batches
+import rbs.constraints
+
 REPORT = ROOT / "report"
 TEXT = (REPORT / "report.typ").read_text()
 NUMBERS = json.loads((REPORT / "numbers.json").read_text())
@@ -148,10 +151,14 @@ def test_scenes_made_for_pictures_load(report):
 
 
 @drawn
-@pytest.mark.parametrize(("name", "where"), [("queue", "two_chain"), ("OrderedBatches", "stack")])
+@pytest.mark.parametrize(("name", "where"), [("queue", "two_chain"), ("Pass", "stack")])
 def test_what_is_watched_goes_the_same_way(report, name, where):
     mechanisms, scene = report("mechanisms"), report("experiments").scene
-    watch = {"queue": mechanisms.Visits, "OrderedBatches": mechanisms.Passes}[name]()
+    watch = mechanisms.Visits() if name == "queue" else mechanisms.Passes()
+    room, wrapper = {
+        "queue": (rbs.constraints, getattr(watch, "schedule", None)),
+        "Pass": (rbs.batches, getattr(watch, "wrapper", None)),
+    }[name]
 
     def positions():
         simulation = scene(where, constraintScheduling="queue", broadPhase="grid")
@@ -160,6 +167,6 @@ def test_what_is_watched_goes_the_same_way(report, name, where):
         return np.concatenate([mesh.position for mesh in simulation.meshes])
 
     alone = positions()
-    with mechanisms.watched(name, watch.wrapper):
+    with mechanisms.watched(room, name, wrapper):
         assert (positions() == alone).all()
     assert sum(map(len, watch.steps)) > 20

@@ -285,20 +285,17 @@ def test_what_is_thrown_down_does_not_go_through_the_surface(name, below):
 
 
 def test_a_light_body_that_a_heavy_one_hits_is_not_pressed_far_into_the_ground():
-    depths = []
-    for x in np.linspace(0.0, 1.8, 7):
+    for x in (0.0, 0.5, 1.0, 1.5):
         light = box_body(4, 2, 4, (0, 1, 0))
         heavy = box_body(4, 4, 4, (x, 6, 0.3), density=15, orientation=quaternion((0, 0, 1), 20))
         heavy.linVelocity = np.array([[0.0, -10.0, 0.0]])
         state, lowest, isHit = SolverState(), [], False
-        for _ in range(45):
+        for _ in range(60):
             report = simulate([light, heavy], 1, state)[1]
             lowest.append(light.currVertices[:, 1].min())
             isHit |= any((c.body1, c.body2) == (0, 1) for c in report.contacts)
         assert isHit
-        depths.append(-min(lowest))
-    # of a height of 2; where impulses may only double from a substep to the next, 0.34
-    assert np.mean(depths) < 0.2
+        assert min(lowest) > -0.25  # with one sweep a substep, up to 0.59 of a height of 2
 
 
 @pytest.mark.parametrize("e", [0.5, 1.0])
