@@ -21,6 +21,7 @@ Positions corrected in proportion to the inverse masses: Müller et al., Positio
 
 import itertools
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -139,9 +140,7 @@ def run_timestep(
         if broadPhase == "grid":
             from rbs.gridstep import grid_step
 
-            report = grid_step(
-                meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic
-            )  # fmt: skip
+            report = grid_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic)
         else:
             check_distinct(meshes)
             report = StepReport()
@@ -503,6 +502,7 @@ def _row(value):
 NO_FRICTION = (0.0, 0.0, 0.0)
 
 
+@dataclass(slots=True)
 class Body:
     """What a contact or a constraint reads and changes of a mesh, in floats.
 
@@ -510,14 +510,11 @@ class Body:
     position, linVelocity, angVelocity : tuples of three
     """
 
-    __slots__ = ("angVelocity", "invInertia", "invMass", "linVelocity", "position")
-
-    def __init__(self, invMass, invInertia, position, linVelocity, angVelocity):
-        self.invMass = invMass
-        self.invInertia = invInertia
-        self.position = position
-        self.linVelocity = linVelocity
-        self.angVelocity = angVelocity
+    invMass: float
+    invInertia: tuple
+    position: tuple
+    linVelocity: tuple
+    angVelocity: tuple
 
 
 class ContactImpulses(NamedTuple):

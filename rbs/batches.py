@@ -28,7 +28,7 @@ from rbs.vectors import dot, norm
 LEAST_MARGIN = 0.005
 # A body gets this many times its displacement in one step as its margin in the next, or when the
 # pass is made again. More of it makes more pairs near, less of it misses more.
-MARGIN_GROWTH = 1.5
+MARGIN_GROWTH = 1.3
 
 
 def find_contacts(bodies):
