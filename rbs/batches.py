@@ -25,7 +25,7 @@ from rbs.patches import contact_points
 from rbs.vectors import dot, norm
 
 # A body's margin at least, relative to its radius: corrections move most bodies less.
-LEAST_MARGIN = 0.005
+LEAST_MARGIN = 0.01
 # A body gets this many times its displacement in one step as its margin in the next, or when the
 # pass is made again. More of it makes more pairs near, less of it misses more.
 MARGIN_GROWTH = 1.3
