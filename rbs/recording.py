@@ -135,7 +135,9 @@ class Recorder:
         """Brings all states so far into the file, where other programs see them."""
         rows = {name: np.array(values) for name, values in self._rows.items()}
         times = rows.pop("times")
-        if not len(times):
+        if not len(times):  # but there may be what has been kept since the last state
+            rows = {}
+        if not (len(times) or self._events or self._solverStates):
             return
         rows["events"] = _bytes_of("".join(json.dumps(event) + "\n" for event in self._events))
         content = b"".join(content for _, content in self._solverStates)
@@ -150,7 +152,8 @@ class Recorder:
         self._file.flush()
         # Afterwards, so that whoever reads them finds all that they stand for.
         self._append("solverIndex", np.array(index, dtype="<i8").reshape(-1, 3))
-        self._append("times", times)
+        if len(times):
+            self._append("times", times)
         self._file.flush()
         self._rows = {name: [] for name in self._rows}
         self._events, self._solverStates = [], []

@@ -323,3 +323,17 @@ def test_plot_is_a_picture(tmp_path, capsys):
     code, output, _ = call(capsys, "tower_chain", "--steps", "30", "--plot", tmp_path / "ä p.png")
     assert code == 0 and output.splitlines()[-1].startswith("plot   ")
     assert (tmp_path / "ä p.png").stat().st_size > 20_000
+
+
+def test_the_solver_s_state_at_the_end_is_kept_whenever_the_last_flush_was(tmp_path):
+    simulation = Simulation(DATA / "stack-scene.txt")
+    simulation.settings = simulation.settings.changed(contactSolver="soft-step")
+    recorder = Recorder(tmp_path / "r.h5")
+    for step in range(4):
+        if step:
+            simulation.step()
+        recorder.add(simulation)
+    recorder.flush()
+    recorder.save(simulation)
+    start, _ = Recording(tmp_path / "r.h5").solver_state(3)
+    assert start == 3
