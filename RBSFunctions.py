@@ -142,38 +142,47 @@ def run_timestep(
 
             report = grid_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic)
         else:
-            check_distinct(meshes)
-            report = StepReport()
-            extensions = {"closingOnly": closingOnly, "mu": mu} if closingOnly or mu else {}
-            with report.phase("integrate"):
-                for mesh in meshes:
-                    if gyroscopic:
-                        mesh.apply_gyroscopic_term(timeStep)
-                    mesh.integrate_timestep(timeStep)
-                check_numbers(state_columns(meshes), meshes, "free flight")
-            with report.phase("collisions"):
-                for (i, m1), (j, m2) in itertools.combinations(enumerate(meshes), 2):
-                    isCollision, *contact = m1.detect_collision(m2)
-                    if isCollision:
-                        impulses = resolve_collision(m1, m2, *contact, CRCoeff, **extensions)
-                        report.add_contact(i, j, *contact, impulses)
-                report.candidatePairs = math.comb(len(meshes), 2)
-            with report.phase("ground"):
-                for i, mesh in enumerate(meshes if groundMesh is not None else ()):
-                    lowest = mesh.lowest_vertex()
-                    if lowest is not None and lowest[1] <= 0.0:
-                        contact = lowest[1], UPWARDS, lowest
-                        impulses = resolve_collision(
-                            mesh, groundMesh, *contact, CRCoeff, **extensions
-                        )
-                        report.add_contact(i, GROUND, *contact, impulses)
-            check_numbers(state_columns(meshes), meshes, "contacts")
+            report = all_pairs_step(
+                meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic
+            )  # fmt: skip
         with report.phase("constraints"):
             report.constraintVisits = project_constraints(
                 meshes, constraints, maxIterations, checked["tolerance"], constraintScheduling
             )
             if report.constraintVisits:
                 check_numbers(state_columns(meshes), meshes, "contacts and constraints")
+    return report
+
+
+def all_pairs_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic):
+    """`run_timestep` as far as the constraints, one body and one pair after the other; see there.
+
+    Each detection sees the corrections of the earlier pairs. Returns the `StepReport`.
+    """
+    check_distinct(meshes)
+    report = StepReport()
+    extensions = {"closingOnly": closingOnly, "mu": mu} if closingOnly or mu else {}
+    with report.phase("integrate"):
+        for mesh in meshes:
+            if gyroscopic:
+                mesh.apply_gyroscopic_term(timeStep)
+            mesh.integrate_timestep(timeStep)
+        check_numbers(state_columns(meshes), meshes, "free flight")
+    with report.phase("collisions"):
+        for (i, m1), (j, m2) in itertools.combinations(enumerate(meshes), 2):
+            isCollision, *contact = m1.detect_collision(m2)
+            if isCollision:
+                impulses = resolve_collision(m1, m2, *contact, CRCoeff, **extensions)
+                report.add_contact(i, j, *contact, impulses)
+        report.candidatePairs = math.comb(len(meshes), 2)
+    with report.phase("ground"):
+        for i, mesh in enumerate(meshes if groundMesh is not None else ()):
+            lowest = mesh.lowest_vertex()
+            if lowest is not None and lowest[1] <= 0.0:
+                contact = lowest[1], UPWARDS, lowest
+                impulses = resolve_collision(mesh, groundMesh, *contact, CRCoeff, **extensions)
+                report.add_contact(i, GROUND, *contact, impulses)
+    check_numbers(state_columns(meshes), meshes, "contacts")
     return report
 
 
@@ -776,13 +785,14 @@ def project_constraints(meshes, constraints, maxIterations, tolerance, schedulin
     if scheduling == "batches":
         return project_in_batches(meshes, rows, tolerance, maximumVisits)
 
+    table = rows.tolist()
     ends = np.unique(np.concatenate((rows.body1, rows.body2))).tolist()
     bodies = {b: meshes[b].body_state() for b in ends}
     vertices = {b: meshes[b].rotated_hull().vertices for b in ends}
     ties = {
         c: (bodies[b1], tuple(vertices[b1][:, v1].tolist()), bodies[b2],
             tuple(vertices[b2][:, v2].tolist()), refValue, upper)
-        for c, b1, v1, b2, v2, refValue, upper in rows.tolist()
+        for c, b1, v1, b2, v2, refValue, upper in table
     }  # fmt: skip
 
     def visit(c):
@@ -808,7 +818,7 @@ def project_constraints(meshes, constraints, maxIterations, tolerance, schedulin
 
     if scheduling == "queue":
         movable = {
-            c: [b for b in (b1, b2) if not isFixed[b]] for c, b1, _, b2, *_ in rows.tolist()
+            c: [b for b in (b1, b2) if not isFixed[b]] for c, b1, _, b2, *_ in table
         }
         visits = queue(visit, movable, rows.total, maximumVisits)
     else:

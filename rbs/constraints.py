@@ -45,7 +45,7 @@ class ConstraintRows:
         """Rows `(index, body1, vertex1, body2, vertex2, refValue, upper)` of plain numbers."""
         columns = (self.index, self.body1, self.vertex1, self.body2, self.vertex2, self.refValue,
                    self.upper)  # fmt: skip
-        return zip(*(column.tolist() for column in columns), strict=True)
+        return list(zip(*(column.tolist() for column in columns), strict=True))
 
 
 def _table(constraints):
