@@ -77,7 +77,7 @@ def read_rows(path, columns):
     with open(path, encoding="utf-8-sig", newline="") as file:
         reader = csv.DictReader(file)
         if tuple(reader.fieldnames or ()) != tuple(columns):
-            raise SubmissionError(f"{path}: has other columns, so it cannot be gone on with")
+            raise SubmissionError(f"{path}: has other columns; cannot resume")
         return [{key: re.sub(FORMULA, r"\2", text) for key, text in row.items()} for row in reader]
 
 

@@ -27,7 +27,7 @@ from rbs.pictureoptions import SEEN_THROUGH
 from rbs.studio import STILL_DIRECTIONS, VIDEO_DIRECTIONS, Studio
 
 # A picture is drawn as many times as large along each side, and averaged, as long as that takes no
-# more than so many pixels: 4K, and 0.6 GB.
+# more than so many pixels: 4K.
 SUPERSAMPLING = 2
 MOST_DRAWN_PIXELS = 4 * 3840 * 2160
 # How dark a shadow is where there is no ground.
