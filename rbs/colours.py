@@ -163,6 +163,11 @@ def colour_of_density(density, lightest, heaviest):
     return viridis(0.5)
 
 
+def linear(colours):
+    """Linear light of sRGB colours."""
+    return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+
+
 def viridis(place):
     """RGB (3,) of the colour map: place 0 is its light end, 1 its dark one."""
     steps = np.arange(len(VIRIDIS))

@@ -14,7 +14,7 @@ import numpy as np
 from rbs.cameras import kept_camera
 from rbs.colours import BACKGROUND
 from rbs.drawables import BOX_CORNERS
-from rbs.skins import dot
+from rbs.triples import dot
 
 # The free rim of a map, in pixels, beyond which everything is lit.
 RIM = 3

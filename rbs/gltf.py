@@ -9,7 +9,7 @@ Units: metres, seconds. glTF's y axis points up, as ours does.
 
 import numpy as np
 
-from rbs.colours import CONSTRAINT_COLOURS, GROUND_COLOURS, BodyColours
+from rbs.colours import CONSTRAINT_COLOURS, GROUND_COLOURS, BodyColours, linear
 from rbs.drawables import ConstraintLines, corner_normals
 from rbs.files import atomic_write, named_errors
 from rbs.messages import InputError, shown_path
@@ -36,22 +36,26 @@ class GltfWriter:
         self.path = path
         self._gltf = pygltflib
         self._times, self._states, self._lines = [], [], []
+        self._constraints = None  # `ConstraintLines`, where the run begins with them
 
     def add(self, simulation):
         """Notes where the bodies are."""
         state = simulation.state()
+        isFirst, isTied = not self._times, simulation.settings.enforceConstraints
+        if isFirst and isTied and simulation.constraints:
+            self._constraints = ConstraintLines(simulation)
         self._times.append(simulation.time)
         self._states.append((state["positions"], state["orientations"]))
-        if simulation.constraints and simulation.settings.enforceConstraints:
-            lines = ConstraintLines(simulation)
-            self._lines.append(lines.nodes(refresh_vertices(simulation.meshes)).reshape(-1, 2, 3))
+        if self._constraints is not None:
+            nodes = self._constraints.nodes(refresh_vertices(simulation.meshes))
+            self._lines.append(nodes.reshape(-1, 2, 3))
 
     def save(self, simulation):
         """Writes the file, in place of an old one; raises OSError."""
         document = _Document(self._gltf)
         times = np.array(self._times) - self._times[0]
         document.times = document.accessor(times, isBounded=True)
-        meshes, colours = simulation.meshes, _colours(simulation)
+        meshes, colours = simulation.meshes, BodyColours(simulation.meshes).of(simulation, "body")
         for b, mesh in enumerate(meshes):
             node = document.node(mesh.name, document.shape(mesh, colours[b]))
             # what is added by hand is not there before; a size of zero hides it
@@ -76,10 +80,6 @@ class GltfWriter:
     def summary(self, simulation):
         """Name and text of its row in the summary of a run."""
         return "export", f"{shown_path(self.path)}: {len(self._times)} steps, real time"
-
-
-def _colours(simulation):
-    return BodyColours(simulation.meshes).of(simulation, "body")
 
 
 def _continuous(quaternions):
@@ -125,9 +125,8 @@ class _Document:
         """The index of a matt material of an sRGB colour."""
         key = tuple(np.round(colour, 6))
         if key not in self._materials:
-            linear = np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
             surface = self._gltf.PbrMetallicRoughness(
-                baseColorFactor=[*linear.tolist(), 1.0], metallicFactor=0.0,
+                baseColorFactor=[*linear(colour).tolist(), 1.0], metallicFactor=0.0,
                 roughnessFactor=ROUGHNESS,
             )  # fmt: skip
             self.document.materials.append(self._gltf.Material(pbrMetallicRoughness=surface))

@@ -15,7 +15,7 @@ import numpy as np
 
 from rbs.drawables import SUN
 from rbs.facenumbers import LightMaps
-from rbs.skins import dot
+from rbs.triples import dot
 
 # Sides of the maps of the sky and of what is below, in pixels.
 MAP_SIDES = {"sky": 288, "below": 224}

@@ -13,6 +13,7 @@ import numpy as np
 from Quaternion import rotation_matrices
 from rbs.drawables import CREASE_ANGLE, corner_normals, face_neighbours
 from rbs.softcontacts import islands
+from rbs.triples import dot
 
 # Radius of rounded edges, as a fraction of the thinnest extent of the body: larger ones look like
 # soap, smaller ones catch no light.
@@ -167,8 +168,3 @@ class Surface:
 def _with_none(values, none):
     """values (..., F) with what stands for no face before them."""
     return np.concatenate([np.full((*values.shape[:-1], 1), none), values], axis=-1)
-
-
-def dot(a, b):
-    """The products (m,) of vectors a, b (3, m); of (4, m), only the first three components."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

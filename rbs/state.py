@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from Quaternion import QConj, QRotate
-from rbs.bodies import state_columns
+from rbs import bodies
 from RBSFunctions import GRAVITY, refresh_vertices
 
 # The state of a body: the rest of it follows from these and from what never changes.
@@ -21,7 +21,7 @@ STATE_NAMES = {
     "linVelocities": "linVelocity",
     "angVelocities": "angVelocity",
 }
-STATE_WIDTHS = {"positions": 3, "orientations": 4, "linVelocities": 3, "angVelocities": 3}
+STATE_WIDTHS = {plural: bodies.STATE_WIDTHS[name] for plural, name in STATE_NAMES.items()}
 # The shapes of the values of a body that its energies and momenta are made of.
 _ROWS = {
     "mass": (1,), "IT": (3, 3), "position": (3,), "orientation": (4,), "linVelocity": (3,),
@@ -62,7 +62,7 @@ class Scene:
 
         returns a dict with these four names
         """
-        columns = state_columns(self.meshes)
+        columns = bodies.state_columns(self.meshes)
         return {plural: columns[name].T.copy() for plural, name in STATE_NAMES.items()}
 
     def set_state(self, state):

@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from rbs.colours import linear
 from rbs.drawables import SUN, flatten_meshes
 from rbs.facenumbers import (
     Camera,
@@ -32,7 +33,8 @@ from rbs.light import (
     sky_radiance,
 )
 from rbs.pictureoptions import SEEN_THROUGH
-from rbs.skins import Surface, dot
+from rbs.skins import Surface
+from rbs.triples import dot
 
 # A picture is worked out so many times as large along each side, and averaged.
 SUPERSAMPLING = 2
@@ -66,11 +68,6 @@ VIGNETTE = 0.14
 NOWHERE = 1e12
 # Samples that are shaded together, 200 bytes each, by each of so many threads.
 BAND_SAMPLES, THREADS = 300_000, 2
-
-
-def linear(colours):
-    """Linear light of sRGB colours."""
-    return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
 
 
 def seen(light):

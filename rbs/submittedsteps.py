@@ -13,7 +13,7 @@ from hashlib import sha256
 import numpy as np
 
 from Quaternion import QRotate
-from rbs.bodies import StateError
+from rbs.bodies import STATE_WIDTHS, StateError
 from rbs.messages import print_note
 from rbs.scenelines import scene_rows
 from rbs.submissions import SubmissionError, brief, describe, load_submission
@@ -28,8 +28,6 @@ COURSEWORK_PARAMETERS = set(PARAMETERS[:8])
 # A student's vertices are left as they are while the state is that of ours to within this, relative
 # to the size and in m: quaternions may be normalised in other ways.
 ROUNDING = 1e-12
-
-STATE_WIDTHS = {"position": 3, "orientation": 4, "linVelocity": 3, "angVelocity": 3}
 
 
 class SubmittedSteps:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from rbs.drawables import corner_normals
+from rbs.gltf import GltfWriter
 from rbs.recording import Recording
 from rbs.scenes import DATA_FOLDER, load_mesh_file
 from rbs.simulation import Simulation
@@ -113,3 +114,17 @@ def test_another_ending_is_refused(capsys):
     with pytest.raises(SystemExit) as exit:
         main(["bridge", "--export", "b.gltf"])
     assert exit.value.code == 2 and "must end in .glb" in capsys.readouterr().err
+
+
+def test_constraints_that_are_let_go_midway_keep_their_lines(tmp_path):
+    simulation = Simulation(DATA_FOLDER / "bridge-scene.txt")
+    writer = GltfWriter(tmp_path / "b.glb")
+    for isTied in (True, False, True):
+        simulation.settings.change("enforceConstraints", isTied)
+        writer.add(simulation)
+        simulation.step()
+    writer.save(simulation)
+    glb = Glb(tmp_path / "b.glb")
+    (animation,) = glb.json["animations"]
+    lengths = {len(glb.values(sampler["output"])) for sampler in animation["samplers"]}
+    assert lengths == {3} and "constraint 0" in [node["name"] for node in glb.json["nodes"]]
