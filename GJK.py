@@ -1,9 +1,9 @@
 """Convex against convex: who touches whom, how deep, along which normal, and where.
 
 `is_collide` answers for two sets of points, `collide_rotated` for two hulls that a simulation has
-rotated. Below it, hulls are in rbs/hulls.py, the facets of the Minkowski difference in
-rbs/facets.py, and contact points in rbs/patches.py. They work on arrays of pairs with elementwise
-formulas, so that a pair's result has the same bits whatever else is in the array.
+rotated. Below it, hulls are in rbs/geometry/hulls.py, the facets of the Minkowski difference in
+rbs/geometry/facets.py, and contact points in rbs/geometry/patches.py. They work on arrays of pairs
+with elementwise formulas, so that a pair's result has the same bits whatever else is in the array.
 
 The picture behind all of it is the Minkowski difference M = A - B of two hulls, each relative to
 its own centre. With t = centreB - centreA the hulls meet exactly when t lies in M, and the least
@@ -36,10 +36,17 @@ from functools import lru_cache
 
 import numpy as np
 
-from rbs.facets import LEAST_GAP, all_facets, find_facets
-from rbs.hulls import EPS, FEATURE_TOLERANCE, TOUCH_TOLERANCE, HullSet, build_hull, checked_points
-from rbs.patches import contact_points
-from rbs.triples import cross, divide, dot, mul_add, norm, scale, sub
+from rbs.geometry.facets import LEAST_GAP, all_facets, find_facets
+from rbs.geometry.hulls import (
+    EPS,
+    FEATURE_TOLERANCE,
+    TOUCH_TOLERANCE,
+    HullSet,
+    build_hull,
+    checked_points,
+)
+from rbs.geometry.patches import contact_points
+from rbs.geometry.triples import cross, divide, dot, mul_add, norm, scale, sub
 
 # Point sets may differ in size by up to this factor: of smaller ones, rounding leaves nothing.
 LARGEST_RATIO = 1e12

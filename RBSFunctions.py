@@ -2,8 +2,8 @@
 
 From the top: `run_timestep`, which reads as the coursework's text; `Mesh`; contacts with friction;
 distance constraints. Everything here is for one body, or a pair. The steps for thousands of bodies,
-rbs/gridstep.py and rbs/softstep.py, have rooms of their own: they are handed the meshes and return
-a report.
+rbs/stepping/gridstep.py and rbs/softstep/step.py, have rooms of their own: they are handed the
+meshes and return a report.
 
 Units are whatever the scene uses, lengths and masses alike, with seconds and a gravity of 9.8
 length units per second squared along -y. Vectors of one mesh are rows (1, 3), quaternions (1, 4)
@@ -29,18 +29,9 @@ import numpy as np
 
 import GJK
 from Quaternion import exponential, multiply, rotation_matrices
-from rbs import vectors
-from rbs.bodies import (
-    GRAVITY,
-    check_distinct,
-    check_numbers,
-    gyroscopic_velocity,
-    restored_on_error,
-    state_columns,
-)
-from rbs.hulls import build_hull, rotate_columns
-from rbs.reports import GROUND, StepReport
-from rbs.triples import (
+from rbs.geometry import vectors
+from rbs.geometry.hulls import build_hull, rotate_columns
+from rbs.geometry.triples import (
     add,
     cross,
     divide,
@@ -54,6 +45,15 @@ from rbs.triples import (
     scale,
     sub,
 )
+from rbs.stepping.bodies import (
+    GRAVITY,
+    check_distinct,
+    check_numbers,
+    gyroscopic_velocity,
+    restored_on_error,
+    state_columns,
+)
+from rbs.stepping.reports import GROUND, StepReport
 
 # The ground's normal. It points into the body, which is why the depth there is negative.
 UPWARDS = (0.0, 1.0, 0.0)
@@ -108,43 +108,60 @@ def run_timestep(
         the formulas to arrays: what a subclass of Mesh has in place of a method is not called
     contactSolver : "impulse" resolves one contact after the other; "soft-step" all contacts and
         constraints together, several points a contact, in `substeps` substeps, so that piles rest;
-        with `sleeping`, what rests is left out until it is disturbed. See rbs/softstep.py
+        with `sleeping`, what rests is left out until it is disturbed. See rbs/softstep/step.py
     gyroscopic : whether the angular velocity changes in free flight, as Euler's equation has it
-    solverState : `rbs.softstep.SolverState`, what a soft step leaves to the next, changed in
+    solverState : `rbs.softstep.step.SolverState`, what a soft step leaves to the next, changed in
         place; None starts cold
 
     Raises ValueError, which says what, for options that it refuses, a mesh that is in the list
-    twice, and a constraint of what is not there; `rbs.bodies.StateError`, which names the body,
-    where a number would become NaN, infinite or absurdly large. Whatever is raised, the meshes are
-    then as they were before the step.
+    twice, and a constraint of what is not there; `rbs.stepping.bodies.StateError`, which names the
+    body, where a number would become NaN, infinite or absurdly large. Whatever is raised, the
+    meshes are then as they were before the step.
     """
-    from rbs.settings import check_arguments
+    from rbs.stepping.settings import check_arguments
 
     checked = check_arguments(
-        timeStep=timeStep, CRCoeff=CRCoeff, enforceConstraints=enforceConstraints,
-        maxIterations=maxIterations, tolerance=tolerance, closingOnly=closingOnly,
-        constraintScheduling=constraintScheduling, mu=mu, broadPhase=broadPhase,
-        contactSolver=contactSolver, substeps=substeps, sleeping=sleeping, gyroscopic=gyroscopic,
-    )  # fmt: skip
+        timeStep=timeStep,
+        CRCoeff=CRCoeff,
+        enforceConstraints=enforceConstraints,
+        maxIterations=maxIterations,
+        tolerance=tolerance,
+        closingOnly=closingOnly,
+        constraintScheduling=constraintScheduling,
+        mu=mu,
+        broadPhase=broadPhase,
+        contactSolver=contactSolver,
+        substeps=substeps,
+        sleeping=sleeping,
+        gyroscopic=gyroscopic,
+    )
     timeStep, CRCoeff, mu = checked["timeStep"], checked["CRCoeff"], checked["mu"]
     constraints = constraints if enforceConstraints else ()
     if contactSolver == "soft-step":
-        from rbs.softstep import soft_step
+        from rbs.softstep.step import soft_step
 
         return soft_step(
-            meshes, groundMesh is not None, timeStep, CRCoeff, mu, constraints,
-            checked["substeps"], sleeping, gyroscopic, solverState,
-        )  # fmt: skip
+            meshes,
+            groundMesh is not None,
+            timeStep,
+            CRCoeff,
+            mu,
+            constraints,
+            checked["substeps"],
+            sleeping,
+            gyroscopic,
+            solverState,
+        )
     # the grid step changes nothing unless it succeeds
     with restored_on_error(meshes if broadPhase == "all" or len(constraints) else ()):
         if broadPhase == "grid":
-            from rbs.gridstep import grid_step
+            from rbs.stepping.gridstep import grid_step
 
             report = grid_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic)
         else:
             report = all_pairs_step(
                 meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic
-            )  # fmt: skip
+            )
         with report.phase("constraints"):
             report.constraintVisits = project_constraints(
                 meshes, constraints, maxIterations, checked["tolerance"], constraintScheduling
@@ -229,8 +246,8 @@ class Mesh:
     position and orientation; linVelocity (1, 3), of the COM; angVelocity (1, 3), rad/s, world axes;
     mass; invMass, 0 if fixed; IT (3, 3), inertia tensor about the COM at rest; invIT (3, 3), its
     inverse, 0 if fixed; volume, of the tetrahedra; hullVolume, of the convex hull that collides in
-    its stead; hull, a `rbs.hulls.Hull`; cachedAxes, by other mesh, the axis along which the two
-    were apart, or overlapped least, when they were last looked at.
+    its stead; hull, a `rbs.geometry.hulls.Hull`; cachedAxes, by other mesh, the axis along which
+    the two were apart, or overlapped least, when they were last looked at.
     """
 
     def __init__(self, name, origVertices, faces, tets, density, position, orientation, isFixed):
@@ -334,9 +351,11 @@ class Mesh:
         """Turns the angular velocity as torque-free motion does; see `gyroscopic_velocity`."""
         if self.invMass != 0.0:
             angVelocity = gyroscopic_velocity(
-                floats(self.angVelocity, 3), floats(self.orientation, 4), floats(self.IT, 9),
+                floats(self.angVelocity, 3),
+                floats(self.orientation, 4),
+                floats(self.IT, 9),
                 number(timeStep),
-            )  # fmt: skip
+            )
             self.angVelocity = _row(angVelocity)
 
     def bounding_box_collision(self, m):
@@ -345,10 +364,13 @@ class Mesh:
         if a is None or b is None:
             return False
         return (
-            a[0] <= b[3] and b[0] <= a[3]
-            and a[1] <= b[4] and b[1] <= a[4]
-            and a[2] <= b[5] and b[2] <= a[5]
-        )  # fmt: skip
+            a[0] <= b[3]
+            and b[0] <= a[3]
+            and a[1] <= b[4]
+            and b[1] <= a[4]
+            and a[2] <= b[5]
+            and b[2] <= a[5]
+        )
 
     def detect_collision(self, m):
         """Collision of the convex hulls of this mesh and of m, at their positions and orientations.
@@ -397,9 +419,12 @@ class Mesh:
         """What a contact reads and changes, in floats: `Body`."""
         invInertia = np.zeros((3, 3)) if self.isFixed else self.get_rotated_inv_IT()
         return Body(
-            float(self.invMass), floats(invInertia, 9), floats(self.position, 3),
-            floats(self.linVelocity, 3), floats(self.angVelocity, 3),
-        )  # fmt: skip
+            float(self.invMass),
+            floats(invInertia, 9),
+            floats(self.position, 3),
+            floats(self.linVelocity, 3),
+            floats(self.angVelocity, 3),
+        )
 
     def set_body_state(self, body):
         """Takes over position and velocities; what cannot move stays as it is."""
@@ -471,8 +496,14 @@ class Mesh:
         self.cachedAxes = WeakKeyDictionary()
 
 
-_KEPT_NAMES = ("_positionKey", "_orientationKey", "_rotatedHull", "_boundingBox", "_currVertices",
-               "cachedAxes")  # fmt: skip
+_KEPT_NAMES = (
+    "_positionKey",
+    "_orientationKey",
+    "_rotatedHull",
+    "_boundingBox",
+    "_currVertices",
+    "cachedAxes",
+)
 
 
 def refresh_vertices(meshes):
@@ -725,8 +756,9 @@ def resolve_velocity_constraint(
         receive_impulse(body2, j, n, turning2)
     return (
         wasValid,
-        Pair(body1.linVelocity, body2.linVelocity), Pair(body1.angVelocity, body2.angVelocity),
-    )  # fmt: skip
+        Pair(body1.linVelocity, body2.linVelocity),
+        Pair(body1.angVelocity, body2.angVelocity),
+    )
 
 
 class Pair:
@@ -772,11 +804,11 @@ def project_constraints(meshes, constraints, maxIterations, tolerance, schedulin
     """Visits the constraints until they hold or the visits are used up; returns their number.
 
     A visit looks at one constraint, and corrects positions and velocities where it is violated.
-    Arguments as for `run_timestep`; see rbs/constraints.py for the schedules.
+    Arguments as for `run_timestep`; see rbs/stepping/constraints.py for the schedules.
     """
     if len(constraints) == 0:
         return 0
-    from rbs.constraints import ConstraintRows, project_in_batches, queue
+    from rbs.stepping.constraints import ConstraintRows, project_in_batches, queue
 
     isFixed = np.array([m.isFixed for m in meshes], dtype=bool)
     vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
@@ -790,10 +822,16 @@ def project_constraints(meshes, constraints, maxIterations, tolerance, schedulin
     bodies = {b: meshes[b].body_state() for b in ends}
     vertices = {b: meshes[b].rotated_hull().vertices for b in ends}
     ties = {
-        c: (bodies[b1], tuple(vertices[b1][:, v1].tolist()), bodies[b2],
-            tuple(vertices[b2][:, v2].tolist()), refValue, upper)
+        c: (
+            bodies[b1],
+            tuple(vertices[b1][:, v1].tolist()),
+            bodies[b2],
+            tuple(vertices[b2][:, v2].tolist()),
+            refValue,
+            upper,
+        )
         for c, b1, v1, b2, v2, refValue, upper in table
-    }  # fmt: skip
+    }
 
     def visit(c):
         """Looks at constraint c, corrects it if it is violated, and returns whether it was."""
@@ -807,19 +845,21 @@ def project_constraints(meshes, constraints, maxIterations, tolerance, schedulin
             return False
         # the points stay on the line that joins them: the direction is the same afterwards
         _, linVelocities, angVelocities = resolve_velocity_constraint(
-            positions, points, Pair(body1.linVelocity, body2.linVelocity),
-            Pair(body1.angVelocity, body2.angVelocity), invMasses,
-            Pair(body1.invInertia, body2.invInertia, (3, 3)), tolerance,
-        )  # fmt: skip
+            positions,
+            points,
+            Pair(body1.linVelocity, body2.linVelocity),
+            Pair(body1.angVelocity, body2.angVelocity),
+            invMasses,
+            Pair(body1.invInertia, body2.invInertia, (3, 3)),
+            tolerance,
+        )
         body1.position, body2.position = floats_of(positions)
         body1.linVelocity, body2.linVelocity = floats_of(linVelocities)
         body1.angVelocity, body2.angVelocity = floats_of(angVelocities)
         return True
 
     if scheduling == "queue":
-        movable = {
-            c: [b for b in (b1, b2) if not isFixed[b]] for c, b1, _, b2, *_ in table
-        }
+        movable = {c: [b for b in (b1, b2) if not isFixed[b]] for c, b1, _, b2, *_ in table}
         visits = queue(visit, movable, rows.total, maximumVisits)
     else:
         visits = sweep(visit, ties, rows.total, maximumVisits)

@@ -18,21 +18,26 @@ from pathlib import Path
 
 import numpy as np
 
-from rbs.backends import find_backend
-from rbs.drawables import flatten_meshes
-from rbs.files import check_outputs
-from rbs.gltf import GltfWriter
-from rbs.headless import (
+from rbs.appearance.drawables import flatten_meshes
+from rbs.appearance.gltf import GltfWriter
+from rbs.appearance.pictureoptions import (
+    FASTEST_ENCODER,
+    LOOKS,
+    PICTURE_SIZE,
+    SLOWEST_VIDEO,
+    PictureOptions,
+    video_timing,
+)
+from rbs.pictures.backends import find_backend
+from rbs.program.headless import (
     SIGNAL_NAMES,
     interrupt,
     run_without_window,
     signals_handled,
     step_progress,
 )
-from rbs.meshfiles import load_mesh_file
-from rbs.messages import InputError, print_error, reason_of, shown_path
-from rbs.opening import list_files, open_replay
-from rbs.options import (
+from rbs.program.opening import list_files, open_replay
+from rbs.program.options import (
     DEFAULT_EVERY,
     DEFAULT_SCENE,
     DEFAULT_STEPS,
@@ -42,28 +47,23 @@ from rbs.options import (
     option_name,
     parse_options,
 )
-from rbs.pictureoptions import (
-    FASTEST_ENCODER,
-    LOOKS,
-    PICTURE_SIZE,
-    SLOWEST_VIDEO,
-    PictureOptions,
-    video_timing,
-)
-from rbs.recording import Recorder, Recording, RecordingError
-from rbs.replay import check_functions, resume, verify
-from rbs.scenes import (
+from rbs.program.submittedsteps import SubmittedSteps
+from rbs.program.suggestions import SceneOpener, apply_settings, note_recommended
+from rbs.recordings.recording import Recorder, Recording, RecordingError
+from rbs.recordings.replay import check_functions, resume, verify
+from rbs.recordings.statistics import PlotWriter, StatsWriter, step_quantities
+from rbs.scenes.files import check_outputs
+from rbs.scenes.meshfiles import load_mesh_file
+from rbs.scenes.messages import InputError, print_error, reason_of, shown_path
+from rbs.scenes.scenefiles import (
     NonConvexWarning,
     find_scene,
     load_constraint_file,
     load_scene_file,
     scene_name,
 )
-from rbs.settings import IgnoredSetting
-from rbs.simulation import Simulation
-from rbs.statistics import PlotWriter, StatsWriter, step_quantities
-from rbs.submittedsteps import SubmittedSteps
-from rbs.suggestions import SceneOpener, apply_settings, note_recommended
+from rbs.scenes.simulation import Simulation
+from rbs.stepping.settings import IgnoredSetting
 
 # The loaders, by the names that they are known by.
 __all__ = ["flatten_meshes", "load_constraint_file", "load_mesh_file", "load_scene_file", "main"]
@@ -105,25 +105,35 @@ def run_asked_mode(options):
     if options.functions is not None:
         Simulation.submitted = SubmittedSteps(options.functions, bool(options.our_loop))
         Simulation.submitted.check_options(
-            {option_name(dest): one.parameter
-             for dest, one in SETTING_OPTIONS.items() if dest in options}
-        )  # fmt: skip
+            {
+                option_name(dest): one.parameter
+                for dest, one in SETTING_OPTIONS.items()
+                if dest in options
+            }
+        )
     if options.verify is not None:
         return verify_as_asked(options)
     simulation = simulation_of(options)
     check_outputs(
-        {option_name(one): getattr(options, one)
-         for one in ("record", "stats", "plot", "video", "export") if one in options},
-        [*filter(None, (options.replay, options.resume, options.camera)),
-         *simulation.source.files()],
-    )  # fmt: skip
+        {
+            option_name(one): getattr(options, one)
+            for one in ("record", "stats", "plot", "video", "export")
+            if one in options
+        },
+        [
+            *filter(None, (options.replay, options.resume, options.camera)),
+            *simulation.source.files(),
+        ],
+    )
     pictureOptions = picture_options_of(options)
     if WITHOUT_WINDOW & set(options):
         return run_as_asked(simulation, options, pictureOptions)
     opener = SceneOpener(
-        simulation, given_settings(options), ignores_recommendations(options),
+        simulation,
+        given_settings(options),
+        ignores_recommendations(options),
         options.allow_outside_meshes,
-    )  # fmt: skip
+    )
     return open_window_or_fall_back(simulation, options, pictureOptions, opener)
 
 
@@ -141,9 +151,10 @@ def simulation_of(options):
             raise InputError(error.inOptions) from None
         return simulation
     simulation = Simulation(
-        find_scene(options.scene or DEFAULT_SCENE), constraintPath=options.constraints,
+        find_scene(options.scene or DEFAULT_SCENE),
+        constraintPath=options.constraints,
         allowOutsideMeshes=options.allow_outside_meshes,
-    )  # fmt: skip
+    )
     apply_settings(simulation, given_settings(options), ignores_recommendations(options))
     return simulation
 
@@ -165,7 +176,7 @@ def run_as_asked(simulation, options, pictureOptions):
             writers.append(writer)
 
         if options.screenshots is not None or options.video is not None:
-            from rbs.pictures import PictureSeries, Video, start_view
+            from rbs.pictures.capture import PictureSeries, Video, start_view
 
             backend = find_backend(window=False)
             if backend.name is None:
@@ -203,7 +214,7 @@ def open_window_or_fall_back(simulation, options, pictureOptions, opener):
     """
     backend = find_backend(window=True)
     if backend.opensWindow:
-        from rbs.viewer import show_window
+        from rbs.window.viewer import show_window
 
         note_recommended(simulation)
         show_window(simulation, backend, opener, list_files, step_quantities, pictureOptions)
@@ -212,7 +223,7 @@ def open_window_or_fall_back(simulation, options, pictureOptions, opener):
     if backend.name is None:
         print_error(f"no window and no pictures: {backend.reason}. {backend.remedy}")
     else:
-        from rbs.pictures import PictureSeries, start_view
+        from rbs.pictures.capture import PictureSeries, start_view
 
         folder = Path("out") / scene_name(simulation.scenePath)
         print_error(f"no window: {backend.reason}. Drawing off-screen into {folder}")
@@ -249,13 +260,18 @@ def picture_options_of(options):
     """The `PictureOptions` that the command line asks for; raises CameraError."""
     camera = None
     if options.camera is not None:
-        from rbs.cameras import load_camera
+        from rbs.pictures.cameras import load_camera
 
         camera = load_camera(options.camera)
     return PictureOptions(
-        options.size or PICTURE_SIZE, camera, bool(options.transparent), options.colours or "body",
-        tuple(options.show or ()), bool(options.legend), options.look or LOOKS[0],
-    )  # fmt: skip
+        options.size or PICTURE_SIZE,
+        camera,
+        bool(options.transparent),
+        options.colours or "body",
+        tuple(options.show or ()),
+        bool(options.legend),
+        options.look or LOOKS[0],
+    )
 
 
 def video_timing_of(simulation, options):

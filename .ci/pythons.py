@@ -26,8 +26,13 @@ ASK = (
     "os.path.realpath(sys.executable), sep='\\n')"
 )
 # Quaternions, meshes, and what SciPy's sparse matrices and graphs do in the soft step.
-SLICE = ["tests/test_quaternion.py", "tests/test_mesh.py", "tests/test_softstep.py"]
-SLICE += ["-k", "quaternion or mesh or elastic or manifold or sleep or wakes"]
+SLICE = [
+    "tests/geometry/test_quaternion.py",
+    "tests/stepping/test_mesh.py",
+    "tests/softstep/test_softstep.py",
+    "-k",
+    "quaternion or mesh or elastic or manifold or sleep or wakes",
+]
 # Seconds, for a command that hangs.
 TIME_LIMIT = 600
 
@@ -85,8 +90,14 @@ def run_all(python, wheel, isOldest, folder):
 
 def run(command, folder=ROOT):
     """Runs a command; returns the finished process, with all its output in one string."""
-    return subprocess.run([str(word) for word in command], cwd=folder, stdout=subprocess.PIPE,
-                          stderr=subprocess.STDOUT, text=True, timeout=TIME_LIMIT)  # fmt: skip
+    return subprocess.run(
+        [str(word) for word in command],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=TIME_LIMIT,
+    )
 
 
 def passes(python, version, wheel, isOldest):

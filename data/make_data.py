@@ -31,6 +31,7 @@ REFERENCE = 1
 # outside; tetrahedra have det(b - a, c - a, d - a) > 0.
 # ---------------------------------------------------------------------------------------------
 
+
 def fill_convex(vertices, polygons):
     """Make a mesh of a convex polyhedron, without adding a vertex to it.
 
@@ -66,9 +67,17 @@ def make_tetrahedron(width, height, depth):
 
 def make_hexahedron(corners):
     """Eight corners with six flat faces; corner 4 (x > 0) + 2 (y > 0) + (z > 0) as of a box."""
-    return fill_convex(corners, [[0, 1, 3, 2], [4, 6, 7, 5],     # -x, +x
-                                 [0, 4, 5, 1], [2, 3, 7, 6],     # -y, +y
-                                 [0, 2, 6, 4], [1, 5, 7, 3]])    # -z, +z
+    return fill_convex(
+        corners,
+        [
+            [0, 1, 3, 2],
+            [4, 6, 7, 5],  # -x, +x
+            [0, 4, 5, 1],
+            [2, 3, 7, 6],  # -y, +y
+            [0, 2, 6, 4],
+            [1, 5, 7, 3],
+        ],
+    )  # -z, +z
 
 
 def make_box(width, height, depth):
@@ -83,23 +92,28 @@ def make_voussoir(count, inner, outer, width):
     The arch is half a ring about the z axis, with the radii inner and outer; sizes in metres.
     """
     half = math.pi / (2 * count)
-    return make_hexahedron([(side * radius * math.sin(half), radius * math.cos(half), z)
-                            for side in (-1, 1) for radius in (inner, outer)
-                            for z in (-width / 2, width / 2)])
+    return make_hexahedron(
+        [
+            (side * radius * math.sin(half), radius * math.cos(half), z)
+            for side in (-1, 1)
+            for radius in (inner, outer)
+            for z in (-width / 2, width / 2)
+        ]
+    )
 
 
 # One of eleven equal sectors about the y axis reaches to z = ± x tan(π/11) = ± 0.29363 x.
 # A little less, 27/92 = 0.29348, leaves joints of 1 cm at most. Corners are multiples of 1/2⁹, for
 # which nine decimals are enough, x of 92 and z of 27 of them: the sides are flat to the last bit.
 DOME_SECTORS, DOME_GRID = 11, 1 / 2**9
-DOME_INNER, DOME_OUTER = 30.0, 37.0                 # radii, in metres
-DOME_JOINTS = (0.0, 20.0, 40.0, 58.0, 74.0)         # in degrees: where its rings meet
+DOME_INNER, DOME_OUTER = 30.0, 37.0  # radii, in metres
+DOME_JOINTS = (0.0, 20.0, 40.0, 58.0, 74.0)  # in degrees: where its rings meet
 
 
 def make_dome_block(ring):
     """A block of a dome about the y axis, in its place on the x axis, between two joints."""
     corners = []
-    for radius, joint in itertools.product((DOME_INNER, DOME_OUTER), DOME_JOINTS[ring:ring + 2]):
+    for radius, joint in itertools.product((DOME_INNER, DOME_OUTER), DOME_JOINTS[ring : ring + 2]):
         angle = math.radians(joint)
         column = round(radius * math.cos(angle) / (92 * DOME_GRID))
         y = round(radius * math.sin(angle) / DOME_GRID)
@@ -113,8 +127,14 @@ def make_ring_block(count, inner, outer, height):
     inner, outer : of the middles of its sides from the axis, in metres
     """
     slope = math.tan(math.pi / count)
-    return make_hexahedron([(x, y, side * slope * x) for x in (inner, outer)
-                            for y in (-height / 2, height / 2) for side in (-1, 1)])
+    return make_hexahedron(
+        [
+            (x, y, side * slope * x)
+            for x in (inner, outer)
+            for y in (-height / 2, height / 2)
+            for side in (-1, 1)
+        ]
+    )
 
 
 # The blocks of a tray are eighths of a ring. Half of one reaches to z = ± x tan(π/8) = ± 0.41421 x;
@@ -146,8 +166,11 @@ def make_cylinder(radius, length, sides):
     faces straight down, and a cylinder that is not turned lies flat on the ground.
     """
     angles = [2 * math.pi * (i + 0.5) / sides for i in range(sides)]
-    vertices = [[radius * math.cos(angle), radius * math.sin(angle), z]
-                for z in (-length / 2, length / 2) for angle in angles]
+    vertices = [
+        [radius * math.cos(angle), radius * math.sin(angle), z]
+        for z in (-length / 2, length / 2)
+        for angle in angles
+    ]
     bottom, top = list(range(sides)), list(range(sides, 2 * sides))
     walls = [[i, j, j + sides, i + sides] for i, j in itertools.pairwise(bottom + [0])]
     return fill_convex(vertices, [bottom[::-1], top] + walls)
@@ -157,8 +180,14 @@ def make_icosahedron():
     """The regular icosahedron on the unit sphere: points (12, 3) and 20 outward triangles."""
     golden = (1 + math.sqrt(5)) / 2
     # The cyclic permutations of (0, ±1, ±golden) have edges of length 2.
-    points = np.array([np.roll([0.0, y, z], shift)
-                       for shift in range(3) for y in (-1, 1) for z in (-golden, golden)])
+    points = np.array(
+        [
+            np.roll([0.0, y, z], shift)
+            for shift in range(3)
+            for y in (-1, 1)
+            for z in (-golden, golden)
+        ]
+    )
     triangles = []
     for i, j, k in itertools.combinations(range(12), 3):
         edges = points[[i, j, k]] - points[[j, k, i]]
@@ -173,9 +202,10 @@ def subdivide(points, triangles):
 
     points : (P, 3); triangles : (i, j, k). Returns the same for the finer surface.
     """
-    edges = sorted({tuple(sorted(edge)) for i, j, k in triangles
-                    for edge in ((i, j), (j, k), (k, i))})
-    middle = {}     # (i, j) and (j, i) -> index of the middle of that edge
+    edges = sorted(
+        {tuple(sorted(edge)) for i, j, k in triangles for edge in ((i, j), (j, k), (k, i))}
+    )
+    middle = {}  # (i, j) and (j, i) -> index of the middle of that edge
     for index, (i, j) in enumerate(edges, start=len(points)):
         middle[i, j] = middle[j, i] = index
     lifted = points[[i for i, _ in edges]] + points[[j for _, j in edges]]
@@ -220,8 +250,8 @@ MESHES = {
 
 # Orientations (w, x, y, z); a simulation normalises them.
 AS_MODELLED = (1.0, 0.0, 0.0, 0.0)
-Z_TO_VERTICAL = (1.0, 1.0, 0.0, 0.0)        # 90° about x: a cylinder stands on its cap
-QUARTER_YAW = (1.0, 0.0, 1.0, 0.0)          # 90° about y
+Z_TO_VERTICAL = (1.0, 1.0, 0.0, 0.0)  # 90° about x: a cylinder stands on its cap
+QUARTER_YAW = (1.0, 0.0, 1.0, 0.0)  # 90° about y
 
 # A fixed post stands this far above the ground (metres), too little to see: standing on y = 0
 # itself it would be a contact with the ground in every step.
@@ -232,9 +262,9 @@ class Body(NamedTuple):
     """One line of a scene file."""
 
     meshFile: str
-    density: float                      # kg / m³
-    position: tuple                     # centre of mass (x, y, z), metres
-    orientation: tuple = AS_MODELLED    # (w, x, y, z), of any length but zero
+    density: float  # kg / m³
+    position: tuple  # centre of mass (x, y, z), metres
+    orientation: tuple = AS_MODELLED  # (w, x, y, z), of any length but zero
     isFixed: bool = False
 
 
@@ -265,9 +295,10 @@ def turn(orientation, vector):
 
 def make_posts(places):
     """Fixed standing cylinders at `places`, a list of (x, z) in metres."""
-    y = 10.0 + POST_CLEARANCE           # half the cylinder's length
-    return [Body("cylinder.mesh", 4000.0, (x, y, z), Z_TO_VERTICAL, isFixed=True)
-            for x, z in places]
+    y = 10.0 + POST_CLEARANCE  # half the cylinder's length
+    return [
+        Body("cylinder.mesh", 4000.0, (x, y, z), Z_TO_VERTICAL, isFixed=True) for x, z in places
+    ]
 
 
 def single_tet():
@@ -287,8 +318,10 @@ def single_cylinder():
 
 def two_cylinders():
     """A lying cylinder bounces off the ground into one that lies askew over it."""
-    return [Body("cylinder.mesh", 120.0, (0.0, 22.0, 0.0)),
-            Body("cylinder.mesh", 120.0, (4.0, 38.0, -3.0), (1.0, 0.0, 0.2, 0.0))]
+    return [
+        Body("cylinder.mesh", 120.0, (0.0, 22.0, 0.0)),
+        Body("cylinder.mesh", 120.0, (4.0, 38.0, -3.0), (1.0, 0.0, 0.2, 0.0)),
+    ]
 
 
 def two_cylinders_ties():
@@ -306,8 +339,14 @@ def tet_rain():
     bodies = []
     for i, (row, column) in enumerate(itertools.product(range(-2, 3), repeat=2)):
         height = 12.0 + 2.0 * (7 * i % 25)
-        bodies.append(Body("tetrahedron.mesh", 80.0, (spacing * column, height, spacing * row),
-                           random_orientation(generator)))
+        bodies.append(
+            Body(
+                "tetrahedron.mesh",
+                80.0,
+                (spacing * column, height, spacing * row),
+                random_orientation(generator),
+            )
+        )
     return bodies
 
 
@@ -327,8 +366,10 @@ def mixed_shapes():
         Body("box.mesh", 60.0, (-10.0, 25.0, 6.0), (1.0, 1.0, 0.0, 0.4)),
     ]
     rise = TRAY_HEIGHT / 2 + POST_CLEARANCE
-    tray = [make_block("tray_block", 4000.0, 1, 360.0 * (i + 0.5) / TRAY_BLOCKS, rise)
-            for i in range(TRAY_BLOCKS)]
+    tray = [
+        make_block("tray_block", 4000.0, 1, 360.0 * (i + 0.5) / TRAY_BLOCKS, rise)
+        for i in range(TRAY_BLOCKS)
+    ]
     return bodies + [block._replace(isFixed=True) for block in tray]
 
 
@@ -350,16 +391,23 @@ def tower():
 def stress():
     """25 assorted bodies fall onto 4 x 4 fixed posts."""
     generator = random.Random(41)
-    shapes = ["box.mesh", "tetrahedron.mesh", "ellipsoid.mesh", "octahedron.mesh",
-              "long-octahedron.mesh", "cylinder.mesh"]
+    shapes = [
+        "box.mesh",
+        "tetrahedron.mesh",
+        "ellipsoid.mesh",
+        "octahedron.mesh",
+        "long-octahedron.mesh",
+        "cylinder.mesh",
+    ]
     bodies = make_posts(itertools.product((-63.0, -21.0, 21.0, 63.0), repeat=2))
     # A spacing of 28 puts 16 of the bodies about 7 m beside a post along x and along z, so that
     # most of them graze it, and keeps all of them, whose radii add up to 22 m at most, apart.
     for i, (column, row) in enumerate(itertools.product(range(-2, 3), repeat=2)):
         x, z = (round(28.0 * step + generator.uniform(-3.0, 3.0), 2) for step in (column, row))
         y = round(generator.uniform(42.0, 66.0), 2)
-        bodies.append(Body(shapes[i % len(shapes)], 300.0, (x, y, z),
-                           random_orientation(generator)))
+        bodies.append(
+            Body(shapes[i % len(shapes)], 300.0, (x, y, z), random_orientation(generator))
+        )
     return bodies
 
 
@@ -386,9 +434,11 @@ def tower_chain():
     """
     shapes = 3 * ["box.mesh"] + 3 * ["tetrahedron.mesh"] + 3 * ["octahedron.mesh"]
     densities = [2400.0, 1800.0, 1200.0, 1500.0, 1000.0, 700.0, 600.0, 900.0, 1400.0]
-    lean, rise = 1.5, 14.0      # metres from one body to the next, along x and y
-    return [Body(shape, density, (lean * i, 70.0 + rise * i, 0.0), isFixed=i == 0)
-            for i, (shape, density) in enumerate(zip(shapes, densities, strict=True))]
+    lean, rise = 1.5, 14.0  # metres from one body to the next, along x and y
+    return [
+        Body(shape, density, (lean * i, 70.0 + rise * i, 0.0), isFixed=i == 0)
+        for i, (shape, density) in enumerate(zip(shapes, densities, strict=True))
+    ]
 
 
 def tower_chain_ties():
@@ -403,15 +453,19 @@ def two_chains():
     first, and swing down into the boxes. Neighbours are to be tied to each other.
     """
     height = 136.0
-    hanging = [Body("box.mesh", 2000.0, (0.0, height - 13.5 * i, 0.0), isFixed=i == 0)
-               for i in range(9)]
-    swinging = [Body("tetrahedron.mesh", 2500.0, (20.0 + 14.0 * i, height, 0.0), isFixed=i == 0)
-                for i in range(9)]
+    hanging = [
+        Body("box.mesh", 2000.0, (0.0, height - 13.5 * i, 0.0), isFixed=i == 0) for i in range(9)
+    ]
+    swinging = [
+        Body("tetrahedron.mesh", 2500.0, (20.0 + 14.0 * i, height, 0.0), isFixed=i == 0)
+        for i in range(9)
+    ]
     posts = make_posts(itertools.product((-60.0, -20.0, 20.0, 60.0), (-18.0, 18.0)))
     shapes = 3 * ["octahedron.mesh", "ellipsoid.mesh"] + ["octahedron.mesh"]
-    falling = [Body(shape, 1000.0, (24.0 + 15.0 * i, height + 16.0 + 4.0 * i, 0.0),
-                    (1.0, 0.3, 0.1, 0.2))
-               for i, shape in enumerate(shapes)]
+    falling = [
+        Body(shape, 1000.0, (24.0 + 15.0 * i, height + 16.0 + 4.0 * i, 0.0), (1.0, 0.3, 0.1, 0.2))
+        for i, shape in enumerate(shapes)
+    ]
     return hanging + swinging + posts + falling
 
 
@@ -424,12 +478,21 @@ def rope_bridge():
     """Planks between two fixed abutments sag, and catch what falls onto them."""
     height, pitch, planks = 40.0, 9.0, 13
     # turned a quarter, a plank is 8 m along the bridge and 12 m across it
-    deck = [Body("box.mesh", 500.0, (pitch * (i - (planks + 1) / 2), height, 0.0), QUARTER_YAW,
-                 isFixed=i in (0, planks + 1))
-            for i in range(planks + 2)]
-    falling = [Body("octahedron.mesh", 700.0, (-18.0, height + 18.0, 1.0), (1.0, 0.4, 0.0, 0.2)),
-               Body("ellipsoid.mesh", 700.0, (5.0, height + 30.0, -1.0), (1.0, 0.0, 0.3, 0.8)),
-               Body("box.mesh", 300.0, (24.0, height + 24.0, 0.0), (1.0, 0.2, 0.5, 0.1))]
+    deck = [
+        Body(
+            "box.mesh",
+            500.0,
+            (pitch * (i - (planks + 1) / 2), height, 0.0),
+            QUARTER_YAW,
+            isFixed=i in (0, planks + 1),
+        )
+        for i in range(planks + 2)
+    ]
+    falling = [
+        Body("octahedron.mesh", 700.0, (-18.0, height + 18.0, 1.0), (1.0, 0.4, 0.0, 0.2)),
+        Body("ellipsoid.mesh", 700.0, (5.0, height + 30.0, -1.0), (1.0, 0.0, 0.3, 0.8)),
+        Body("box.mesh", 300.0, (24.0, height + 24.0, 0.0), (1.0, 0.2, 0.5, 0.1)),
+    ]
     return deck + falling
 
 
@@ -440,7 +503,7 @@ def rope_bridge_ties():
     return [Tie(i, side + 1, i + 1, side, 0.0, 1.2) for i in range(14) for side in (0, 4)]
 
 
-NET_SIDE = 20       # bodies along each side of the net
+NET_SIDE = 20  # bodies along each side of the net
 
 
 def hanging_net():
@@ -449,12 +512,20 @@ def hanging_net():
     places = list(itertools.product(range(NET_SIDE), repeat=2))
     corners = set(itertools.product((0, NET_SIDE - 1), repeat=2))
     middle = (NET_SIDE - 1) / 2
-    net = [Body("octahedron.mesh", 200.0, (pitch * (i - middle), height, pitch * (k - middle)),
-                isFixed=(i, k) in corners)
-           for i, k in places]
-    falling = [Body("ball.mesh", 6.0, (-20.0, height + 20.0, 8.0), (1.0, 0.3, 0.2, 0.0)),
-               Body("cylinder.mesh", 5.0, (22.0, height + 26.0, -18.0), (1.0, 0.4, 0.3, 0.0)),
-               Body("box.mesh", 10.0, (10.0, height + 34.0, 26.0), (1.0, 0.2, 0.5, 0.1))]
+    net = [
+        Body(
+            "octahedron.mesh",
+            200.0,
+            (pitch * (i - middle), height, pitch * (k - middle)),
+            isFixed=(i, k) in corners,
+        )
+        for i, k in places
+    ]
+    falling = [
+        Body("ball.mesh", 6.0, (-20.0, height + 20.0, 8.0), (1.0, 0.3, 0.2, 0.0)),
+        Body("cylinder.mesh", 5.0, (22.0, height + 26.0, -18.0), (1.0, 0.4, 0.3, 0.0)),
+        Body("box.mesh", 10.0, (10.0, height + 34.0, 26.0), (1.0, 0.2, 0.5, 0.1)),
+    ]
     return net + falling
 
 
@@ -470,7 +541,7 @@ def hanging_net_ties():
     return ties
 
 
-CHAIN_LINKS = 5     # octahedra between the anchor and the ball
+CHAIN_LINKS = 5  # octahedra between the anchor and the ball
 
 
 def make_chain_and_ball(anchor, orientation):
@@ -479,41 +550,51 @@ def make_chain_and_ball(anchor, orientation):
     It swings towards +x, turned by the orientation.
     """
     pitch = 9.0
-    slope = math.radians(25.0)          # of the chain, below the horizontal
+    slope = math.radians(25.0)  # of the chain, below the horizontal
     along = turn(orientation, np.array([-math.cos(slope), -math.sin(slope), 0.0]))
-    chain = [Body("octahedron.mesh", 600.0, tuple(np.round(anchor + pitch * i * along, 3)),
-                  orientation, isFixed=i == 0)
-             for i in range(CHAIN_LINKS + 1)]
+    chain = [
+        Body(
+            "octahedron.mesh",
+            600.0,
+            tuple(np.round(anchor + pitch * i * along, 3)),
+            orientation,
+            isFixed=i == 0,
+        )
+        for i in range(CHAIN_LINKS + 1)
+    ]
     reach = pitch * CHAIN_LINKS + 11.0
-    return [*chain, Body("ball.mesh", 2000.0, tuple(np.round(anchor + reach * along, 3)),
-                         orientation)]
+    return [
+        *chain,
+        Body("ball.mesh", 2000.0, tuple(np.round(anchor + reach * along, 3)), orientation),
+    ]
 
 
 def wrecking_ball():
     """A ball on a chain is let go beside a stack of boxes and swings into it."""
     plinth = Body("box.mesh", 1000.0, (14.0, 3.0, 0.0), QUARTER_YAW, isFixed=True)
     # A hair above one another: boxes that touch from the start would be resolved in the first step.
-    stack = [Body("box.mesh", 150.0, (14.0, 9.0 + 6.01 * i + 0.01, 0.0), QUARTER_YAW)
-             for i in range(4)]
+    stack = [
+        Body("box.mesh", 150.0, (14.0, 9.0 + 6.01 * i + 0.01, 0.0), QUARTER_YAW) for i in range(4)
+    ]
     return [*make_chain_and_ball(np.array([0.0, 70.0, 0.0]), AS_MODELLED), plinth, *stack]
 
 
 def wrecking_ball_ties():
     """From each link's tip at -x to the next one's at +x, the last one to the ball's."""
     ballTip = int(np.argmax(MESHES["ball"][0][:, 0]))
-    tips = [0] * CHAIN_LINKS + [ballTip]        # vertex 0 of an octahedron is its tip at +x
+    tips = [0] * CHAIN_LINKS + [ballTip]  # vertex 0 of an octahedron is its tip at +x
     return [Tie(i, 2, i + 1, tip, 0.0, 1.05) for i, tip in enumerate(tips)]
 
 
 # Slopes descend towards +x: (n, 0, 0, -1) turns by -2 atan(1/n) about z.
-GENTLE = (8.0, 0.0, 0.0, -1.0)      # 14.3°, the friction angle of μ = 16/63 = 0.25
-STEEP = (4.0, 0.0, 0.0, -1.0)       # 28.1°, the friction angle of μ = 8/15 = 0.53
+GENTLE = (8.0, 0.0, 0.0, -1.0)  # 14.3°, the friction angle of μ = 16/63 = 0.25
+STEEP = (4.0, 0.0, 0.0, -1.0)  # 28.1°, the friction angle of μ = 8/15 = 0.53
 # A slab upright across the slopes: its x to z, its z to y.
 WALL = (1.0, -1.0, -1.0, -1.0)
 # What lies on a slope starts this far above it (metres), too little to see. Bodies that touch at
 # the start would be resolved before they have moved.
 HAIR = 0.01
-SLAB = np.ptp(MESHES["slab"][0], axis=0)        # its length, thickness and width
+SLAB = np.ptp(MESHES["slab"][0], axis=0)  # its length, thickness and width
 
 
 def slope_axes(tilt):
@@ -530,8 +611,10 @@ def make_slope(tilt, lane, meshFile, halfHeight, uphill):
     rise = POST_CLEARANCE - SLAB[0] / 2 * downhill[1] + SLAB[1] / 2 * normal[1]
     middle = np.array([0.0, rise, lane])
     place = middle - uphill * downhill + (SLAB[1] / 2 + halfHeight + HAIR) * normal
-    return [Body("slab.mesh", 1000.0, tuple(np.round(middle, 6)), tilt, isFixed=True),
-            Body(meshFile, 60.0, tuple(np.round(place, 6)), tilt)]
+    return [
+        Body("slab.mesh", 1000.0, tuple(np.round(middle, 6)), tilt, isFixed=True),
+        Body(meshFile, 60.0, tuple(np.round(place, 6)), tilt),
+    ]
 
 
 def make_wall(x, z):
@@ -541,8 +624,10 @@ def make_wall(x, z):
 
 def incline():
     """Boxes on slopes of 14° and 28°. With μ = 0.4, whose friction angle is 22°, one stays."""
-    return [*make_slope(STEEP, -10.0, "box.mesh", 3.0, 17.0),
-            *make_slope(GENTLE, 10.0, "box.mesh", 3.0, 17.0)]
+    return [
+        *make_slope(STEEP, -10.0, "box.mesh", 3.0, 17.0),
+        *make_slope(GENTLE, 10.0, "box.mesh", 3.0, 17.0),
+    ]
 
 
 def slide():
@@ -552,9 +637,9 @@ def slide():
     arrive at the wall.
     """
     slabs, boxes = [], []
-    lanes = {2: -15.0, 3: 0.0, 5: 15.0}     # slope of the slab that a box starts on -> its z
-    edge = None                             # where the upper sides of two slabs meet
-    for n in (10, 5, 3, 2):                 # from below: 11°, 23°, 37° and 53°
+    lanes = {2: -15.0, 3: 0.0, 5: 15.0}  # slope of the slab that a box starts on -> its z
+    edge = None  # where the upper sides of two slabs meet
+    for n in (10, 5, 3, 2):  # from below: 11°, 23°, 37° and 53°
         tilt = (float(n), 0.0, 0.0, -1.0)
         downhill, normal = slope_axes(tilt)
         if edge is None:
@@ -562,8 +647,15 @@ def slide():
         middle = edge - (HAIR + SLAB[2] / 2) * downhill
         edge = middle - SLAB[2] / 2 * downhill
         # The tilt after a quarter turn about y, which lays the slab across: (n, 1, n, -1).
-        slabs.append(Body("slab.mesh", 1000.0, tuple(np.round(middle - SLAB[1] / 2 * normal, 6)),
-                          (float(n), 1.0, float(n), -1.0), isFixed=True))
+        slabs.append(
+            Body(
+                "slab.mesh",
+                1000.0,
+                tuple(np.round(middle - SLAB[1] / 2 * normal, 6)),
+                (float(n), 1.0, float(n), -1.0),
+                isFixed=True,
+            )
+        )
         if n in lanes:
             place = middle + (3.0 + HAIR) * normal + [0.0, 0.0, lanes[n]]
             boxes.append(Body("box.mesh", 60.0, tuple(np.round(place, 6)), tilt))
@@ -572,10 +664,12 @@ def slide():
 
 def roll():
     """A cylinder, a ball and an ellipsoid slide down slopes, unless friction makes them roll."""
-    return [*make_slope(STEEP, -20.0, "cylinder.mesh", 5.0, 17.0),
-            *make_slope(STEEP, 0.0, "ball.mesh", 6.0, 17.0),
-            *make_slope(STEEP, 16.0, "ellipsoid.mesh", 3.0, 17.0),
-            make_wall(60.0, -2.0)]
+    return [
+        *make_slope(STEEP, -20.0, "cylinder.mesh", 5.0, 17.0),
+        *make_slope(STEEP, 0.0, "ball.mesh", 6.0, 17.0),
+        *make_slope(STEEP, 16.0, "ellipsoid.mesh", 3.0, 17.0),
+        make_wall(60.0, -2.0),
+    ]
 
 
 def settle():
@@ -594,24 +688,36 @@ JOINT = 0.001
 
 def stack():
     """Twenty boxes on top of each other: they stay with the soft-step solver, and sink without."""
-    return [Body("box.mesh", 60.0, (0.0, round(3.0 + JOINT + i * (6.0 + JOINT), 6), 0.0))
-            for i in range(20)]
+    return [
+        Body("box.mesh", 60.0, (0.0, round(3.0 + JOINT + i * (6.0 + JOINT), 6), 0.0))
+        for i in range(20)
+    ]
 
 
 def pyramid():
     """Boxes in fifteen rows, each standing on two of the row below."""
-    return [Body("box.mesh", 60.0, (12.5 * (column - (14 - row) / 2),
-                                    round(3.0 + JOINT + row * (6.0 + JOINT), 6), 0.0))
-            for row in range(15) for column in range(15 - row)]
+    return [
+        Body(
+            "box.mesh",
+            60.0,
+            (12.5 * (column - (14 - row) / 2), round(3.0 + JOINT + row * (6.0 + JOINT), 6), 0.0),
+        )
+        for row in range(15)
+        for column in range(15 - row)
+    ]
 
 
 def dominoes():
     """Slabs on end in a row, of which the first leans over: with friction, they fall in turn."""
-    upright = (1.0, 0.0, 0.0, 1.0)          # 90° about z
-    leaning = (1.0, 0.0, 0.0, 0.8)          # 77°
-    return [Body("slab.mesh", 60.0, (-90.0, 26.0, 0.0), leaning),
-            *(Body("slab.mesh", 60.0, (-60.0 + 22.0 * i, round(24.0 + JOINT, 6), 0.0), upright)
-              for i in range(9))]
+    upright = (1.0, 0.0, 0.0, 1.0)  # 90° about z
+    leaning = (1.0, 0.0, 0.0, 0.8)  # 77°
+    return [
+        Body("slab.mesh", 60.0, (-90.0, 26.0, 0.0), leaning),
+        *(
+            Body("slab.mesh", 60.0, (-60.0 + 22.0 * i, round(24.0 + JOINT, 6), 0.0), upright)
+            for i in range(9)
+        ),
+    ]
 
 
 def centre_of_mass(mesh):
@@ -656,21 +762,32 @@ def arch_blow():
 
 def dome():
     """Four rings of eleven wedge-shaped blocks, which hold each other around an open eye."""
-    return [make_block(f"dome_block_{ring + 1}", 60.0, 1, 360.0 * i / DOME_SECTORS,
-                       (ring + 1) * JOINT)
-            for ring in range(4) for i in range(DOME_SECTORS)]
+    return [
+        make_block(f"dome_block_{ring + 1}", 60.0, 1, 360.0 * i / DOME_SECTORS, (ring + 1) * JOINT)
+        for ring in range(4)
+        for i in range(DOME_SECTORS)
+    ]
 
 
 def round_tower():
     """Eleven rings of six blocks, each across the joints of the ring below, and a ball on top."""
-    blocks = [make_block("ring_block", 60.0, 1, 60.0 * i + 30.0 * (row % 2),
-                         3.0 + JOINT + row * (6.0 + JOINT), (JOINT, 0.0, 0.0))
-              for row in range(11) for i in range(6)]
+    blocks = [
+        make_block(
+            "ring_block",
+            60.0,
+            1,
+            60.0 * i + 30.0 * (row % 2),
+            3.0 + JOINT + row * (6.0 + JOINT),
+            (JOINT, 0.0, 0.0),
+        )
+        for row in range(11)
+        for i in range(6)
+    ]
     return [*blocks, Body("ball.mesh", 20.0, (0.0, 70.5, 0.0))]
 
 
-CARD = np.ptp(MESHES["card"][0], axis=0)        # its length, thickness and width
-CARD_TILT = 68.0                                # degrees from the ground
+CARD = np.ptp(MESHES["card"][0], axis=0)  # its length, thickness and width
+CARD_TILT = 68.0  # degrees from the ground
 
 
 def card_house():
@@ -681,41 +798,65 @@ def card_house():
     # of a leaning card: how far its lowest corner is from its middle, across and down
     drop = length / 2 * math.sin(angle) + thickness / 2 * math.cos(angle)
     reach = length / 2 * math.cos(angle) + thickness / 2 * math.sin(angle)
-    pitch = 12.0                                # from pair to pair
+    pitch = 12.0  # from pair to pair
     bodies, floor = [], 0.0
     for pairs in (3, 2, 1):
         middles = [pitch * (i - (pairs - 1) / 2) for i in range(pairs)]
         for middle, side in itertools.product(middles, (-1, 1)):
             place = middle + side * (reach + JOINT / 2), floor + drop + JOINT, 0.0
             turned = (math.cos(half), 0.0, 0.0, -side * math.sin(half))
-            bodies.append(Body("card.mesh", 60.0, tuple(np.round(place, 6)),
-                               tuple(np.round(turned, COORDINATE_DECIMALS))))
+            bodies.append(
+                Body(
+                    "card.mesh",
+                    60.0,
+                    tuple(np.round(place, 6)),
+                    tuple(np.round(turned, COORDINATE_DECIMALS)),
+                )
+            )
         floor += 2 * drop + JOINT
         for left, right in itertools.pairwise(middles):
             # from the middle of the house outwards, over the pairs at either end
             outwards = np.sign(left + right) or 0.0
             place = (left + right) / 2 + outwards * (length - pitch) / 2
             place += outwards * JOINT
-            bodies.append(Body("card.mesh", 60.0, tuple(np.round(
-                (place, floor + JOINT + thickness / 2, 0.0), 6))))
+            bodies.append(
+                Body(
+                    "card.mesh",
+                    60.0,
+                    tuple(np.round((place, floor + JOINT + thickness / 2, 0.0), 6)),
+                )
+            )
         floor += thickness + JOINT
     return bodies
 
 
 def wall():
     """A wall of bricks, and a ball on a chain that swings into it."""
-    bricks = [Body("box.mesh", 60.0, (round((12.0 + JOINT) * (i - (6 - row % 2) / 2), 6),
-                                      round(3.0 + JOINT + row * (6.0 + JOINT), 6), 0.0))
-              for row in range(8) for i in range(7 - row % 2)]
+    bricks = [
+        Body(
+            "box.mesh",
+            60.0,
+            (
+                round((12.0 + JOINT) * (i - (6 - row % 2) / 2), 6),
+                round(3.0 + JOINT + row * (6.0 + JOINT), 6),
+                0.0,
+            ),
+        )
+        for row in range(8)
+        for i in range(7 - row % 2)
+    ]
     return [*make_chain_and_ball(np.array([0.0, 80.0, 10.0]), QUARTER_YAW), *bricks]
 
 
 def ramp():
     """Boxes on slopes of 26° and 28°: with μ = 0.5, whose friction angle is 26.6°, one stays."""
-    tilts = [(round(1 / math.tan(math.radians(angle / 2)), 6), 0.0, 0.0, -1.0)
-             for angle in (26.0, 28.0)]
-    return [*make_slope(tilts[0], -10.0, "box.mesh", 3.0, 12.0),
-            *make_slope(tilts[1], 10.0, "box.mesh", 3.0, 12.0)]
+    tilts = [
+        (round(1 / math.tan(math.radians(angle / 2)), 6), 0.0, 0.0, -1.0) for angle in (26.0, 28.0)
+    ]
+    return [
+        *make_slope(tilts[0], -10.0, "box.mesh", 3.0, 12.0),
+        *make_slope(tilts[1], 10.0, "box.mesh", 3.0, 12.0),
+    ]
 
 
 CRADLE_BALLS = 5
@@ -749,37 +890,49 @@ def cradle():
         swing = angle if i == 0 else 0.0
         place = x - length * math.sin(swing), height - length * math.cos(swing), 0.0
         balls.append(Body("ball.mesh", 60.0, tuple(np.round(place, 6)), forward))
-        hooks += [Body("octahedron.mesh", 60.0, (round(x, 6), height, z), isFixed=True)
-                  for z in (-20.0, 20.0)]
+        hooks += [
+            Body("octahedron.mesh", 60.0, (round(x, 6), height, z), isFixed=True)
+            for z in (-20.0, 20.0)
+        ]
     return balls + hooks
 
 
 def cradle_ties():
     """The ends of each ball's axis along z to the tips of its hooks towards the balls."""
     z = MESHES["ball"][0][:, 2]
-    return [Tie(i, int(ballEnd), CRADLE_BALLS + 2 * i + side, tip, 0.0, 1.0)
-            for i in range(CRADLE_BALLS)
-            for side, (ballEnd, tip) in enumerate([(z.argmin(), 4), (z.argmax(), 5)])]
+    return [
+        Tie(i, int(ballEnd), CRADLE_BALLS + 2 * i + side, tip, 0.0, 1.0)
+        for i in range(CRADLE_BALLS)
+        for side, (ballEnd, tip) in enumerate([(z.argmin(), 4), (z.argmax(), 5)])
+    ]
 
 
 def loaded_bridge():
     """The rope bridge, and boxes and cylinders that come to rest on it."""
     deck = rope_bridge()[:15]
     loads = [Body("box.mesh", 300.0, (-27.0 + 18.0 * i, 56.0, 0.0), QUARTER_YAW) for i in range(4)]
-    loads += [Body("cylinder.mesh", 60.0, (-18.0 + 18.0 * i, 80.0, 0.0), Z_TO_VERTICAL)
-              for i in range(3)]
+    loads += [
+        Body("cylinder.mesh", 60.0, (-18.0 + 18.0 * i, 80.0, 0.0), Z_TO_VERTICAL) for i in range(3)
+    ]
     return deck + loads
 
 
 def loaded_net():
     """The net, and eighteen bodies, none of which fits through it, that fall into it."""
     generator = random.Random(17)
-    net = hanging_net()[:NET_SIDE**2]
+    net = hanging_net()[: NET_SIDE**2]
     shapes = ["box.mesh", "ball.mesh", "cylinder.mesh"]
-    heap = [Body(shapes[(row + column + layer) % 3], 10.0,
-                 (24.0 * column, 108.0 + 24.0 * layer, 24.0 * row),
-                 random_orientation(generator))
-            for layer in range(2) for row in (-1, 0, 1) for column in (-1, 0, 1)]
+    heap = [
+        Body(
+            shapes[(row + column + layer) % 3],
+            10.0,
+            (24.0 * column, 108.0 + 24.0 * layer, 24.0 * row),
+            random_orientation(generator),
+        )
+        for layer in range(2)
+        for row in (-1, 0, 1)
+        for column in (-1, 0, 1)
+    ]
     return net + heap
 
 
@@ -817,7 +970,7 @@ SCENES = {
     "loaded_net": loaded_net,
 }
 
-# What rests: see rbs/softstep.py.
+# What rests: see rbs/softstep/step.py.
 RESTING = "solver soft-step friction 0.5 restitution 0"
 # The settings that show what a scene is named for, by its name: a comment in its file, which this
 # project's program follows where no option says otherwise.
@@ -826,10 +979,23 @@ SUGGESTIONS = {
     "slide": "friction 0.2",
     "roll": "friction 0.4",
     "settle": "friction 0.4",
-    **dict.fromkeys([
-        "stack", "pyramid", "dominoes", "arch", "arch_blow", "dome", "round_tower", "card_house",
-        "wall", "ramp", "loaded_bridge", "loaded_net",
-    ], RESTING),
+    **dict.fromkeys(
+        [
+            "stack",
+            "pyramid",
+            "dominoes",
+            "arch",
+            "arch_blow",
+            "dome",
+            "round_tower",
+            "card_house",
+            "wall",
+            "ramp",
+            "loaded_bridge",
+            "loaded_net",
+        ],
+        RESTING,
+    ),
     "cradle": "solver soft-step restitution 1",
 }
 
@@ -852,6 +1018,7 @@ TIES = {
 # ---------------------------------------------------------------------------------------------
 # Files
 # ---------------------------------------------------------------------------------------------
+
 
 def format_numbers(values):
     """The shortest text that reads back as the same doubles."""
@@ -890,8 +1057,10 @@ def scene_lines(bodies):
     """The lines of a scene: their number, then `mesh density isFixed x y z qw qx qy qz` each."""
     lines = [str(len(bodies))]
     for body in bodies:
-        lines.append(f"{body.meshFile:<22}{body.density:<8}{int(body.isFixed)}   "
-                     f"{format_numbers(body.position):<23} {format_numbers(body.orientation)}")
+        lines.append(
+            f"{body.meshFile:<22}{body.density:<8}{int(body.isFixed)}   "
+            f"{format_numbers(body.position):<23} {format_numbers(body.orientation)}"
+        )
     return lines
 
 
@@ -902,8 +1071,13 @@ def write_ties(path, ties):
 
 def main():
     parser = argparse.ArgumentParser(description="Write the project's own meshes and scenes.")
-    parser.add_argument("--out", type=Path, metavar="DIR", default=Path(__file__).parent,
-                        help="where to write them (default: beside this script)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        default=Path(__file__).parent,
+        help="where to write them (default: beside this script)",
+    )
     folder = parser.parse_args().out
     folder.mkdir(parents=True, exist_ok=True)
 

@@ -32,9 +32,9 @@ from make_data import (
 )
 
 PILE_SHAPES = ["box", "tetrahedron", "octahedron", "cylinder"]
-DENSITY = 50.0          # kg / m³
-CLEARANCE = 1.0         # metres between the lowest bodies and the ground
-JITTER = 0.5            # metres, along each axis, up and down
+DENSITY = 50.0  # kg / m³
+CLEARANCE = 1.0  # metres between the lowest bodies and the ground
+JITTER = 0.5  # metres, along each axis, up and down
 # Layers of a block. Of more, the highest would fall for longer, and hit at higher speeds.
 LAYERS = 4
 # Neighbours of a single layer are this many times as far apart as those of a block.
@@ -110,7 +110,7 @@ def pack_boxes(sides, width):
     lies below. A layer ends where the next box would jut out of the block.
     """
     low, high = np.zeros_like(sides), np.zeros_like(sides)
-    layer = x = 0       # the first box of the layer; where the next one goes
+    layer = x = 0  # the first box of the layer; where the next one goes
     for i, side in enumerate(sides):
         if x + side[0] > width:
             x = 0
@@ -152,8 +152,14 @@ def main():
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("count", metavar="N", type=int, help="number of bodies")
-    parser.add_argument("--shapes", nargs="+", default=PILE_SHAPES, choices=MESHES, metavar="NAME",
-                        help=f"of {', '.join(MESHES)} (default: {' '.join(PILE_SHAPES)})")
+    parser.add_argument(
+        "--shapes",
+        nargs="+",
+        default=PILE_SHAPES,
+        choices=MESHES,
+        metavar="NAME",
+        help=f"of {', '.join(MESHES)} (default: {' '.join(PILE_SHAPES)})",
+    )
     kind = parser.add_mutually_exclusive_group()
     kind.add_argument("--spread", action="store_true", help="one wide layer, not a block")
     kind.add_argument("--heap", action="store_true", help="a dense block, as high as wide")

@@ -55,10 +55,17 @@ def resolve_positions(bodies, data, sample):
     before = [array.copy() for pair in arrays for array in pair]
     invMasses = tuple(mesh.invMass for mesh in meshes)
     for bound, factor in BOUNDS.items():
-        wasValid, corrected = returned(bodies.function(POSITION)(
-            *arrays, factor * data["refValues"][sample], invMasses, bound == "Upper",
-            POSITION_TOLERANCE,
-        ), POSITION, RETURNED[POSITION])  # fmt: skip
+        wasValid, corrected = returned(
+            bodies.function(POSITION)(
+                *arrays,
+                factor * data["refValues"][sample],
+                invMasses,
+                bound == "Upper",
+                POSITION_TOLERANCE,
+            ),
+            POSITION,
+            RETURNED[POSITION],
+        )
         yield f"positionWasValid{bound}", wasValid
         if not all(map(np.array_equal, before, itertools.chain(*arrays))):
             corrected = [WrongResult(IN_PLACE)] * 2
@@ -71,10 +78,17 @@ def check_tolerances(bodies, data, sample):
         meshes, arrays = constrained(bodies, sample)
         refValue = BOUNDS[bound] * data["refValues"][sample]
         C = float(np.linalg.norm(arrays[1][0] - arrays[1][1]) - refValue[0])
-        return returned(bodies.function(POSITION)(
-            *arrays, refValue, invMasses or tuple(mesh.invMass for mesh in meshes),
-            bound == "Upper", tolerance * abs(C),
-        ), POSITION, RETURNED[POSITION])[0]  # fmt: skip
+        return returned(
+            bodies.function(POSITION)(
+                *arrays,
+                refValue,
+                invMasses or tuple(mesh.invMass for mesh in meshes),
+                bound == "Upper",
+                tolerance * abs(C),
+            ),
+            POSITION,
+            RETURNED[POSITION],
+        )[0]
 
     for bound in BOUNDS:
         for place, tolerance in TOLERANCES.items():
@@ -127,26 +141,35 @@ GRADER = Grader(
             POSITION,
             shapes(["positionWasValidUpper"], ["correctedPositionsUpper"])
             | shapes(["positionWasValidLower"], ["correctedPositionsLower"]),
-            resolve_positions, position_constraints,
+            resolve_positions,
+            position_constraints,
         ),
         Part(
             f"{POSITION} and its tolerance",
             shapes([f"C {place} the tolerance, {b}" for b in BOUNDS for place in TOLERANCES], [])
             | shapes(["two fixed meshes"], []),
-            check_tolerances, position_constraints, few_samples, isExtra=True,
+            check_tolerances,
+            position_constraints,
+            few_samples,
+            isExtra=True,
         ),
         Part(
-            VELOCITY, shapes(["velocityWasValid"], list(RETURNED[VELOCITY])[1:]),
-            resolve_velocities, velocity_constraints,
+            VELOCITY,
+            shapes(["velocityWasValid"], list(RETURNED[VELOCITY])[1:]),
+            resolve_velocities,
+            velocity_constraints,
         ),
         Part(
             f"{VELOCITY} and its tolerance",
             shapes([f"|J v| {place} the tolerance" for place in TOLERANCES], []),
-            check_velocity_tolerance, velocity_constraints, moving_samples, isExtra=True,
+            check_velocity_tolerance,
+            velocity_constraints,
+            moving_samples,
+            isExtra=True,
         ),
     ),
     remarks,
-)  # fmt: skip
+)
 
 if __name__ == "__main__":
     sys.exit(run_grader(__doc__, GRADER))

@@ -92,23 +92,31 @@ GRADER = Grader(
     COLLISION_LAYOUT,
     (
         Part(
-            "detect_collision", CONTACT | {"isCollision": bool}, detect, detection,
-            conditional=("depth", "intNormal", "intPosition"), conventions=(EXACT,),
+            "detect_collision",
+            CONTACT | {"isCollision": bool},
+            detect,
+            detection,
+            conditional=("depth", "intNormal", "intPosition"),
+            conventions=(EXACT,),
         ),
         Part("get_rotated_inv_IT", {TENSOR: 9}, rotate_tensor, rotated_tensors, isExtra=True),
         Part(
             "resolve_collision",
             {f"result{name}, mesh {k}": width for name, width in WIDTHS.items() for k in (1, 2)},
-            resolve, resolution,
+            resolve,
+            resolution,
         ),
         Part(
             "resolve_collision with fixed meshes and the ground",
             {"a fixed mesh's state": 13, "on the ground": 13, "fixed on the ground": 13},
-            resolve_further, further_resolution, colliding_samples, isExtra=True,
+            resolve_further,
+            further_resolution,
+            colliding_samples,
+            isExtra=True,
         ),
     ),
     remarks,
-)  # fmt: skip
+)
 
 if __name__ == "__main__":
     sys.exit(run_grader(__doc__, GRADER))

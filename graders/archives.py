@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from rbs.submissions import SUBMITTED_MODULES, SubmissionError
+from rbs.program.submissions import SUBMITTED_MODULES, SubmissionError
 
 TARS = (".tar", ".tar.gz", ".tgz")
 ARCHIVES = (".zip", *TARS)
@@ -174,8 +174,10 @@ def _members(entry, stack):
     elif _is_archive(entry.path):
         members = list(_in_archive(entry.path.name, open(entry.path, "rb"), stack))
     else:
-        raise SubmissionError(f"a loose {entry.path.suffix} file is not read: put RBSFunctions.py "
-                              "and what it needs into a folder, a ZIP or a tar")  # fmt: skip
+        raise SubmissionError(
+            f"a loose {entry.path.suffix} file is not read: put RBSFunctions.py "
+            "and what it needs into a folder, a ZIP or a tar"
+        )
     if not any(parts[-1].lower() == FUNCTIONS for parts, _ in members):
         for parts, opener in members[:]:
             if parts[-1].lower().endswith(ARCHIVES):
@@ -199,8 +201,11 @@ def _in_archive(name, file, stack):
         found = ((one.name, partial(archive.extractfile, one)) for one in archive if one.isfile())
     else:
         archive = stack.enter_context(zipfile.ZipFile(file))
-        found = ((one.filename, partial(archive.open, one)) for one in archive.infolist()
-                 if not one.is_dir() and not stat.S_ISLNK(one.external_attr >> 16))  # fmt: skip
+        found = (
+            (one.filename, partial(archive.open, one))
+            for one in archive.infolist()
+            if not one.is_dir() and not stat.S_ISLNK(one.external_attr >> 16)
+        )
     for name, opener in found:
         parts = _parts(name)
         if parts and not any(map(_is_passed_over, parts)):  # ".." is passed over, too

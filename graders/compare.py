@@ -24,11 +24,11 @@ from graderProgram import run_program
 from gradingTools import FAILED, PASSED, PROJECT_DIRECTORY, OneLineParser, printable
 from isolation import add_limit_arguments, copied, run_limited
 
-from rbs.messages import InputError
-from rbs.options import POSITIVE_NUMBER, setting_type
-from rbs.scenes import SceneSource, find_scene
-from rbs.settings import BY_OPTION
-from rbs.submissions import SubmissionError, brief
+from rbs.program.options import POSITIVE_NUMBER, setting_type
+from rbs.program.submissions import SubmissionError, brief
+from rbs.scenes.messages import InputError
+from rbs.scenes.scenefiles import SceneSource, find_scene
+from rbs.stepping.settings import BY_OPTION
 
 COMPARISON = Path(__file__).resolve().with_name("stepComparison.py")
 # A fall, many collisions, and constraints; with pictures, so many steps apart.
@@ -90,10 +90,21 @@ def compare_scene(scene, folder, target, limits):
     result = compare_steps(scene, folder, limits)
     with copied(folder) as work, tempfile.TemporaryFile("w+", encoding="utf-8") as said:
         words = [
-            PROJECT_DIRECTORY / "RigidBodySimulation.py", scene, "--functions", work,
-            "--time-step", TIME_STEP, "--steps", STEPS, "--screenshots", work.parent / "frames",
-            "--every", EVERY, "--size", SIZE,
-        ]  # fmt: skip
+            PROJECT_DIRECTORY / "RigidBodySimulation.py",
+            scene,
+            "--functions",
+            work,
+            "--time-step",
+            TIME_STEP,
+            "--steps",
+            STEPS,
+            "--screenshots",
+            work.parent / "frames",
+            "--every",
+            EVERY,
+            "--size",
+            SIZE,
+        ]
         megabytes = limits.megabytes + DRAWING_MEGABYTES
         if run_limited(words, work, limits.seconds, megabytes, said) != 0:
             said.seek(0)
@@ -121,9 +132,14 @@ def main(given):
     entry, *_others = find_submissions([given.code])
     with modules_of(entry) as (folder, remarks):
         result = compare_steps(
-            given.scene, folder, given, constraints=constraints, steps=given.steps,
-            timeStep=given.time_step, restitution=given.restitution,
-        )  # fmt: skip
+            given.scene,
+            folder,
+            given,
+            constraints=constraints,
+            steps=given.steps,
+            timeStep=given.time_step,
+            restitution=given.restitution,
+        )
     agree = f"{result.steps} steps agree; the largest relative difference is {result.largest:.1e}"
     for line in (*remarks, *result.remarks, result.problem or agree):
         print(printable(line))
@@ -138,12 +154,22 @@ def make_parser():
     add("code", metavar="CODE", help="a student's folder or ZIP, a copy of which is run")
     add("scene", metavar="SCENE", help="a scene file, or the name of a scene of data/")
     add("--constraints", metavar="FILE", help="the constraints (default: those beside the scene)")
-    add("--steps", metavar="N", type=POSITIVE_NUMBER, default=STEPS,
-        help="how many steps are compared (default: %(default)s)")  # fmt: skip
+    add(
+        "--steps",
+        metavar="N",
+        type=POSITIVE_NUMBER,
+        default=STEPS,
+        help="how many steps are compared (default: %(default)s)",
+    )
     for option, default in (("time-step", TIME_STEP), ("restitution", 0.5)):
         one = BY_OPTION[option]
-        add(f"--{option}", metavar="X", type=setting_type(one), default=default,
-            help=f"{one.help} (default: {default})")  # fmt: skip
+        add(
+            f"--{option}",
+            metavar="X",
+            type=setting_type(one),
+            default=default,
+            help=f"{one.help} (default: {default})",
+        )
     add_limit_arguments(parser)
     parser.set_defaults(seconds=300.0)
     return parser

@@ -37,11 +37,11 @@ from sheets import (
     summary_of,
     write_rows,
     write_sheet,
-)  # fmt: skip
+)
 from tqdm import tqdm
 
-from rbs.options import at_least, option_type
-from rbs.submissions import SubmissionError
+from rbs.program.options import at_least, option_type
+from rbs.program.submissions import SubmissionError
 
 GRADERS = (integrationGrading.GRADER, ResolveCollisionsGrading.GRADER, Constraints.GRADER)
 JOBS = option_type(int, at_least(1, 64), "whole number")
@@ -133,9 +133,11 @@ class Ledger:
         """Takes in an Outcome, and writes all that there is of it, its rows last. OSError"""
         name = outcome.name
         row = marks_row(outcome, self._scheme) | {
-            "submission": name, "path": outcome.path, "seconds": f"{outcome.seconds:.1f}",
+            "submission": name,
+            "path": outcome.path,
+            "seconds": f"{outcome.seconds:.1f}",
             "remarks": outcome.refusal or BETWEEN.join(outcome.remarks),
-        }  # fmt: skip
+        }
         write_sheet(self._out / f"{name}.md", outcome, row)
         write_gradescope(self._out / "gradescope" / name / "results.json", outcome, self._scheme)
         self.grades[name], self.marks[name] = rows_of(outcome), row
@@ -159,22 +161,50 @@ def anonymous(entries, path):
 def make_options():
     parser = make_parser(__doc__)
     option = parser.add_argument
-    option("submissions", metavar="SUBMISSION", nargs="+",
-           help="a folder, a ZIP or tar, or a folder of them")  # fmt: skip
-    option("--out", metavar="DIR", type=Path, default=Path("out") / "grades",
-           help="the folder for all that is written (default: %(default)s)")  # fmt: skip
-    option("--resume", action="store_true",
-           help="keep what an earlier run has graded before it was stopped")  # fmt: skip
-    option("--marks", metavar="FILE", type=Path, default=DEFAULT_SCHEME,
-           help="the marks that each part gives (default: graders/marks.ini)")  # fmt: skip
-    option("--scenes", action="store_true",
-           help=f"compare the steps of {', '.join(SCENES)} with ours, too")  # fmt: skip
-    option("--anonymous", action="store_true",
-           help="write numbers in place of names and paths")  # fmt: skip
-    option("--key", metavar="FILE", type=Path,
-           help="the file that says whose number is whose (default: DIR-key.csv)")  # fmt: skip
-    option("--jobs", metavar="N", type=JOBS, default=os.cpu_count() or 1,
-           help="how many are graded at a time (default: one for each processor)")  # fmt: skip
+    option(
+        "submissions",
+        metavar="SUBMISSION",
+        nargs="+",
+        help="a folder, a ZIP or tar, or a folder of them",
+    )
+    option(
+        "--out",
+        metavar="DIR",
+        type=Path,
+        default=Path("out") / "grades",
+        help="the folder for all that is written (default: %(default)s)",
+    )
+    option(
+        "--resume",
+        action="store_true",
+        help="keep what an earlier run has graded before it was stopped",
+    )
+    option(
+        "--marks",
+        metavar="FILE",
+        type=Path,
+        default=DEFAULT_SCHEME,
+        help="the marks that each part gives (default: graders/marks.ini)",
+    )
+    option(
+        "--scenes",
+        action="store_true",
+        help=f"compare the steps of {', '.join(SCENES)} with ours, too",
+    )
+    option("--anonymous", action="store_true", help="write numbers in place of names and paths")
+    option(
+        "--key",
+        metavar="FILE",
+        type=Path,
+        help="the file that says whose number is whose (default: DIR-key.csv)",
+    )
+    option(
+        "--jobs",
+        metavar="N",
+        type=JOBS,
+        default=os.cpu_count() or 1,
+        help="how many are graded at a time (default: one for each processor)",
+    )
     return parser
 
 
@@ -225,8 +255,10 @@ def main(arguments):
     print(
         "", *summary_of(rows, ledger.marks), f"{alike} pairs of submissions are alike", "", sep="\n"
     )
-    print(f"{passed} of {len(entries)} pass, {time.perf_counter() - begin:.1f} s; "
-          f"sheets, grades.csv and marks.csv in {out}")  # fmt: skip
+    print(
+        f"{passed} of {len(entries)} pass, {time.perf_counter() - begin:.1f} s; "
+        f"sheets, grades.csv and marks.csv in {out}"
+    )
     return PASSED if passed == len(entries) else FAILED
 
 

@@ -22,17 +22,18 @@ from isolation import add_limit_arguments, run_isolated
 from likeness import origin_remarks
 from trials import Results
 
-from rbs.submissions import SubmissionError
+from rbs.program.submissions import SubmissionError
 
 
 def run_grader(description, grader):
     """Runs a grader's command line; returns the exit code, PASSED, FAILED or as `run_program`."""
     parser = make_parser(description)
     parser.add_argument(
-        "--modules", metavar="DIR",
+        "--modules",
+        metavar="DIR",
         help="grade the RBSFunctions.py and Quaternion.py of this folder, a copy of which is run "
         "in a process of its own (default: the project's)",
-    )  # fmt: skip
+    )
 
     def main(arguments):
         data = load_data([grader], arguments)
@@ -54,9 +55,12 @@ def make_parser(description):
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(
-        "--data", metavar="DIR", type=Path, default=DATA_DIRECTORY,
+        "--data",
+        metavar="DIR",
+        type=Path,
+        default=DATA_DIRECTORY,
         help="the folder that holds the graders' data (default: the project's data)",
-    )  # fmt: skip
+    )
     add_convention_argument(parser, default=None)
     add_limit_arguments(parser)
     return parser

@@ -70,23 +70,31 @@ _PAIR = (RESULT, 2, "samples", 3)
 INTEGRATION_LAYOUT = _STATES | {
     f"result{name}": (RESULT, "samples", width) for name, width in WIDTHS.items()
 }
-COLLISION_LAYOUT = _MESHES | _STATES | {
-    "isCollision": (bool, "samples"),
-    "depth": (RESULT, "samples"),
-    "intNormal": (RESULT, "samples", 3),
-    "intPosition": (RESULT, "samples", 3),
-    **{f"result{name}": (RESULT, 2, "samples", width) for name, width in WIDTHS.items()},
-}  # fmt: skip
-CONSTRAINT_LAYOUT = _MESHES | _STATES | {
-    "refValues": (float, "samples", 1),
-    "positionWasValidUpper": (bool, "samples"),
-    "correctedPositionsUpper": _PAIR,
-    "positionWasValidLower": (bool, "samples"),
-    "correctedPositionsLower": _PAIR,
-    "velocityWasValid": (bool, "samples"),
-    "correctedLinVelocities": _PAIR,
-    "correctedAngVelocities": _PAIR,
-}  # fmt: skip
+COLLISION_LAYOUT = (
+    _MESHES
+    | _STATES
+    | {
+        "isCollision": (bool, "samples"),
+        "depth": (RESULT, "samples"),
+        "intNormal": (RESULT, "samples", 3),
+        "intPosition": (RESULT, "samples", 3),
+        **{f"result{name}": (RESULT, 2, "samples", width) for name, width in WIDTHS.items()},
+    }
+)
+CONSTRAINT_LAYOUT = (
+    _MESHES
+    | _STATES
+    | {
+        "refValues": (float, "samples", 1),
+        "positionWasValidUpper": (bool, "samples"),
+        "correctedPositionsUpper": _PAIR,
+        "positionWasValidLower": (bool, "samples"),
+        "correctedPositionsLower": _PAIR,
+        "velocityWasValid": (bool, "samples"),
+        "correctedLinVelocities": _PAIR,
+        "correctedAngVelocities": _PAIR,
+    }
+)
 
 
 # ---- Reading pickles ----------------------------------------------------------------------------

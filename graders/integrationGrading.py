@@ -65,22 +65,32 @@ GRADER = Grader(
     INTEGRATION_LAYOUT,
     (
         Part(
-            "integrate_timestep", {f"result{name}": width for name, width in WIDTHS.items()},
-            integrate, integration, graded_samples,
+            "integrate_timestep",
+            {f"result{name}": width for name, width in WIDTHS.items()},
+            integrate,
+            integration,
+            graded_samples,
         ),
         Part(
             "integrate_timestep of a fixed mesh, and currVertices",
             {"a fixed mesh's pose": 7, "currVertices": 12},
-            integrate_further, further_integration, few_samples, isExtra=True,
+            integrate_further,
+            further_integration,
+            few_samples,
+            isExtra=True,
         ),
         Part(
-            "QExp", {"QExp of one row": 4, "QExp of several rows": 12},
-            exponentiate, exponentials, few_samples, isExtra=True,
+            "QExp",
+            {"QExp of one row": 4, "QExp of several rows": 12},
+            exponentiate,
+            exponentials,
+            few_samples,
+            isExtra=True,
         ),
     ),
     remarks,
     TETRAHEDRON,
-)  # fmt: skip
+)
 
 if __name__ == "__main__":
     sys.exit(run_grader(__doc__, GRADER))

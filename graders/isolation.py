@@ -19,8 +19,8 @@ from pathlib import Path
 
 from trials import Results
 
-from rbs.options import at_least, option_type
-from rbs.submissions import SubmissionError
+from rbs.program.options import at_least, option_type
+from rbs.program.submissions import SubmissionError
 
 WORKER = Path(__file__).resolve().with_name("worker.py")
 SECONDS = option_type(float, at_least(0.1, 86400), "number")
@@ -32,13 +32,21 @@ GRACE = 20
 def add_limit_arguments(parser):
     """Two options; what they give, `seconds` and `megabytes`, is what is called limits here."""
     parser.add_argument(
-        "--time-limit", dest="seconds", metavar="SECONDS", type=SECONDS, default=30,
+        "--time-limit",
+        dest="seconds",
+        metavar="SECONDS",
+        type=SECONDS,
+        default=30,
         help="how long a submission may take for each part of a grader (default: %(default)g)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--memory-limit", dest="megabytes", metavar="MB", type=MEGABYTES, default=2048,
+        "--memory-limit",
+        dest="megabytes",
+        metavar="MB",
+        type=MEGABYTES,
+        default=2048,
         help="how much memory a submission may ask for (default: %(default)d)",
-    )  # fmt: skip
+    )
 
 
 # ---- Processes ----------------------------------------------------------------------------------
@@ -79,9 +87,13 @@ def run_limited(words, folder, seconds, megabytes, errors=subprocess.DEVNULL):
     words = map(str, (megabytes, int(seconds) + 1, os.getpid(), *words))
     process = subprocess.Popen(
         [sys.executable, "-B", WORKER, *words],
-        cwd=folder, env=environment(folder.parent), start_new_session=True,
-        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors,
-    )  # fmt: skip
+        cwd=folder,
+        env=environment(folder.parent),
+        start_new_session=True,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=errors,
+    )
     _running.add(process)
     try:
         return process.wait(seconds)

@@ -53,9 +53,11 @@ MESHES = (
 
 # In the data's keys, and in a Body.
 STATE = {
-    "Positions": "position", "Orientations": "orientation",
-    "LinVelocities": "linVelocity", "AngVelocities": "angVelocity",
-}  # fmt: skip
+    "Positions": "position",
+    "Orientations": "orientation",
+    "LinVelocities": "linVelocity",
+    "AngVelocities": "angVelocity",
+}
 
 
 def boundary_triangles(tets):
@@ -93,9 +95,12 @@ def draw_state(generator, sample, radius, body):
     speed = 0.0 if sample % REST_INTERVAL == REST_INTERVAL - 1 else LARGEST_SPEED
     linVelocity, angVelocity = (draw_numbers(generator, -speed, speed, 3) for _ in range(2))
     return replace(
-        body, position=position, orientation=orientation,
-        linVelocity=linVelocity, angVelocity=angVelocity,
-    )  # fmt: skip
+        body,
+        position=position,
+        orientation=orientation,
+        linVelocity=linVelocity,
+        angVelocity=angVelocity,
+    )
 
 
 def normalised(body):
@@ -175,11 +180,17 @@ def make_constraint_data(convention):
         bodies = body1, normalised(drawn[-1])
         points = [body.carry(body1.vertices[0]) for body in bodies]
         upper, lower = (exact(factor * refValues[-1][0]) for factor in (UPPER_FACTOR, LOWER_FACTOR))
-        results.append((
-            physics.resolve_position_constraint(bodies, points, upper, True, POSITION_TOLERANCE),
-            physics.resolve_position_constraint(bodies, points, lower, False, POSITION_TOLERANCE),
-            physics.resolve_velocity_constraint(bodies, points, VELOCITY_TOLERANCE),
-        ))  # fmt: skip
+        results.append(
+            (
+                physics.resolve_position_constraint(
+                    bodies, points, upper, True, POSITION_TOLERANCE
+                ),
+                physics.resolve_position_constraint(
+                    bodies, points, lower, False, POSITION_TOLERANCE
+                ),
+                physics.resolve_velocity_constraint(bodies, points, VELOCITY_TOLERANCE),
+            )
+        )
     (upperValid, upperPairs), (lowerValid, lowerPairs), (velocityValid, velocityPairs) = (
         zip(*column, strict=True) for column in zip(*results, strict=True)
     )
@@ -218,13 +229,18 @@ def make_reference(directory, convention=EXACT):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
-        "--out", metavar="DIR", type=Path, default=DATA_DIRECTORY,
+        "--out",
+        metavar="DIR",
+        type=Path,
+        default=DATA_DIRECTORY,
         help="the folder to write to (default: the project's data)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--convention", choices=(EXACT, RELEASED_2024), default=EXACT,
+        "--convention",
+        choices=(EXACT, RELEASED_2024),
+        default=EXACT,
         help="the physics behind the data (default: %(default)s)",
-    )  # fmt: skip
+    )
     arguments = parser.parse_args()
     try:
         make_reference(arguments.out, arguments.convention)

@@ -8,7 +8,7 @@ import numpy as np
 from gradingTools import ERROR_BOUND, GraderDataError
 from hints import mistakes_of
 
-from rbs.files import atomic_write
+from rbs.scenes.files import atomic_write
 
 DEFAULT_SCHEME = Path(__file__).resolve().with_name("marks.ini")
 SCENE_MARKS = "scenes"
@@ -51,9 +51,10 @@ def _free(part, data):
     stubs = [one.names for one in mistakes if one.text.startswith("not implemented")]
     results = [part.after_mistakes(data, names) for names in stubs]
     return [
-        key for key in expected
+        key
+        for key in expected
         if results and all(np.allclose(one[key], expected[key], 0, ERROR_BOUND) for one in results)
-    ]  # fmt: skip
+    ]
 
 
 def marks_of(outcome, scheme):
@@ -64,8 +65,11 @@ def marks_of(outcome, scheme):
     marks = {}
     for name, (most, free) in scheme.items():
         nearer = [one for one in scheme if _is_of(one, name) and one != name]
-        tried = [(one.name, one.isRight) for one in quantities if _is_of(one.part, name)
-                 and not any(_is_of(one.part, other) for other in nearer)]  # fmt: skip
+        tried = [
+            (one.name, one.isRight)
+            for one in quantities
+            if _is_of(one.part, name) and not any(_is_of(one.part, other) for other in nearer)
+        ]
         if name == SCENE_MARKS:
             tried = [(f"{one.name}: {one.problem}", not one.problem) for one in outcome.scenes]
         counted = [one for one in tried if not one[1] or one[0] not in free]
@@ -97,11 +101,16 @@ def write_gradescope(path, outcome, scheme):
         "output": "\n".join(filter(None, [outcome.refusal, *outcome.remarks, *notes])),
         "visibility": "visible",
         "tests": [
-            {"name": name, "score": marks, "max_score": most, "visibility": "visible",
-             "output": f"wrong: {'; '.join(wrong)}" if wrong else "right"}
+            {
+                "name": name,
+                "score": marks,
+                "max_score": most,
+                "visibility": "visible",
+                "output": f"wrong: {'; '.join(wrong)}" if wrong else "right",
+            }
             for name, (marks, most, wrong) in given.items()
         ],
-    }  # fmt: skip
+    }
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as partial, open(partial, "w", encoding="utf-8") as file:
         json.dump(results, file, indent=1, ensure_ascii=False)

@@ -112,9 +112,16 @@ def make_body(vertices, faces, tets, convention):
         inertia = inertia / 6
     inverseInertia = np.array(mp.inverse(mp.matrix(inertia.tolist())).tolist())
     return Body(
-        vertices - centre, faces, 1 / volume, inverseInertia, convention,
-        position=ZERO, orientation=exact([1, 0, 0, 0]), linVelocity=ZERO, angVelocity=ZERO,
-    )  # fmt: skip
+        vertices - centre,
+        faces,
+        1 / volume,
+        inverseInertia,
+        convention,
+        position=ZERO,
+        orientation=exact([1, 0, 0, 0]),
+        linVelocity=ZERO,
+        angVelocity=ZERO,
+    )
 
 
 def integrate(body, timeStep):

@@ -76,23 +76,33 @@ def integration(data, mistakes=NONE):
     """What `Mesh.integrate_timestep` makes of each state: semi-implicit Euler."""
     x, q, v, w = (data[f"random{name}"] for name in WIDTHS)
     h, q = TIME_STEP, unit(q)
-    gravity = unless(mistakes, GRAVITY, {
-        "gravity upwards": -GRAVITY,
-        "gravity of 9.81": -9.81 * UP,
-        "gravity along z": GRAVITY[:, [0, 2, 1]],
-        "gravity times mass": data["solids"][2].mass * GRAVITY,
-    })  # fmt: skip
+    gravity = unless(
+        mistakes,
+        GRAVITY,
+        {
+            "gravity upwards": -GRAVITY,
+            "gravity of 9.81": -9.81 * UP,
+            "gravity along z": GRAVITY[:, [0, 2, 1]],
+            "gravity times mass": data["solids"][2].mass * GRAVITY,
+        },
+    )
     newV = v + gravity * unless(mistakes, h, {"velocity left": 0.0, "velocity without h": 1.0})
-    shift = unless(mistakes, h * newV, {
-        "position left": 0.0,
-        "position without h": newV,
-        "explicit Euler": h * v,
-        "half acceleration": h * v + h**2 / 2 * gravity,
-        "half acceleration too": h * newV + h**2 / 2 * gravity,
-    })  # fmt: skip
-    half = w * unless(mistakes, h / 2, {
-        "orientation without h": 0.5, "whole angle": h, "turned backwards": -h / 2
-    })  # fmt: skip
+    shift = unless(
+        mistakes,
+        h * newV,
+        {
+            "position left": 0.0,
+            "position without h": newV,
+            "explicit Euler": h * v,
+            "half acceleration": h * v + h**2 / 2 * gravity,
+            "half acceleration too": h * newV + h**2 / 2 * gravity,
+        },
+    )
+    half = w * unless(
+        mistakes,
+        h / 2,
+        {"orientation without h": 0.5, "whole angle": h, "turned backwards": -h / 2},
+    )
     zero = np.zeros((len(q), 1))
     pure = np.hstack([half, zero] if "scalar last" in mistakes else [zero, half])
     first = pure + np.array([1.0, 0.0, 0.0, 0.0])
@@ -101,12 +111,12 @@ def integration(data, mistakes=NONE):
     product = multiply(q, turn) if "quaternion order" in mistakes else multiply(turn, q)
     return {
         "resultPositions": x + shift,
-        "resultOrientations": unless(mistakes, product, {
-            "orientation left": q, "first order": unit(product)
-        }),
+        "resultOrientations": unless(
+            mistakes, product, {"orientation left": q, "first order": unit(product)}
+        ),
         "resultLinVelocities": newV,
         "resultAngVelocities": w,
-    }  # fmt: skip
+    }
 
 
 def further_integration(data, mistakes=NONE):
@@ -175,11 +185,15 @@ def world_inverse_tensors(data, k, R, mistakes):
     tensor = body.tensor + ("tensor about the origin" in mistakes) * body.mass * offset  # Steiner
     tensor = (INERTIA_FACTOR if isReleased else 1.0) * tensor
     inverse = tensor if "tensor not inverted" in mistakes else np.linalg.inv(tensor)
-    return unless(mistakes, in_world_axes(R, inverse, isReleased), {
-        "tensor is the identity": np.broadcast_to(np.eye(3), R.shape),
-        "tensor not turned": np.broadcast_to(inverse, R.shape),
-        "tensor turned the other way": in_world_axes(R, inverse, not isReleased),
-    })  # fmt: skip
+    return unless(
+        mistakes,
+        in_world_axes(R, inverse, isReleased),
+        {
+            "tensor is the identity": np.broadcast_to(np.eye(3), R.shape),
+            "tensor not turned": np.broadcast_to(inverse, R.shape),
+            "tensor turned the other way": in_world_axes(R, inverse, not isReleased),
+        },
+    )
 
 
 def rotated_tensors(data, mistakes=NONE):
@@ -218,11 +232,15 @@ class Pair:
             if k and (k not in fixed or "fixed is free" in mistakes):
                 self.invMass[end] = 1.0 / data["solids"][k].mass
                 T[end] = world_inverse_tensors(data, k, self.R[end], mistakes)
-        self.invTensor = unless(mistakes, T, {
-            "tensor of mesh 1 for mesh 2": [T[0], T[0]],
-            "tensor of mesh 2 for mesh 1": [T[1], T[1]],
-            "tensors exchanged": [T[1], T[0]],
-        })  # fmt: skip
+        self.invTensor = unless(
+            mistakes,
+            T,
+            {
+                "tensor of mesh 1 for mesh 2": [T[0], T[0]],
+                "tensor of mesh 2 for mesh 1": [T[1], T[1]],
+                "tensors exchanged": [T[1], T[0]],
+            },
+        )
 
     def move_apart(self, shift, mistakes):
         """Moves body 1 against the shifts (n, 3) and body 2 along them; returns body 2's weight.
@@ -230,22 +248,30 @@ class Pair:
         Each moves in proportion to its inverse mass.
         """
         right = [invMass / sum(self.invMass) for invMass in self.invMass]
-        weights = unless(mistakes, right, {
-            "equal weights": (0.5, 0.5),
-            "weights exchanged": right[::-1],
-            "whole correction for each": (1.0, 1.0),
-        })  # fmt: skip
+        weights = unless(
+            mistakes,
+            right,
+            {
+                "equal weights": (0.5, 0.5),
+                "weights exchanged": right[::-1],
+                "whole correction for each": (1.0, 1.0),
+            },
+        )
         self.x = [self.x[0] - weights[0] * shift, self.x[1] + weights[1] * shift]
         return weights[1]
 
     def arms(self, points, mistakes):
         """From the COMs to the points."""
         arms = [point - x for point, x in zip(points, self.x, strict=True)]
-        return unless(mistakes, arms, {
-            "arms from the origin": points,
-            "arms exchanged": arms[::-1],
-            "arms reversed": [-arm for arm in arms],
-        })  # fmt: skip
+        return unless(
+            mistakes,
+            arms,
+            {
+                "arms from the origin": points,
+                "arms exchanged": arms[::-1],
+                "arms reversed": [-arm for arm in arms],
+            },
+        )
 
     def closing_speed(self, arms, n, mistakes):
         """(v1 − v2)·n of the points at the arms."""
@@ -309,20 +335,28 @@ def resolve(pair, depth, n, point, e, mistakes):
     """Changes a Pair as `resolve_collision` does."""
     if sum(pair.invMass) == 0.0:
         return
-    depth = unless(mistakes, depth, {
-        "depth's absolute value": np.abs(depth),
-        "pushed together": -depth,
-        "positions left": 0.0 * depth,
-    })  # fmt: skip
+    depth = unless(
+        mistakes,
+        depth,
+        {
+            "depth's absolute value": np.abs(depth),
+            "pushed together": -depth,
+            "positions left": 0.0 * depth,
+        },
+    )
     shift = scaled(depth, n)
     point = point + pair.move_apart(shift, mistakes) * shift
-    factor = unless(mistakes, 1.0 + e, {
-        "restitution twice": 1.0 + 2.0 * e,
-        "restitution squared": (1.0 + e) ** 2,
-        "restitution left out": 1.0,
-        "restitution alone": e,
-        "restitution subtracted": 1.0 - e,
-    })  # fmt: skip
+    factor = unless(
+        mistakes,
+        1.0 + e,
+        {
+            "restitution twice": 1.0 + 2.0 * e,
+            "restitution squared": (1.0 + e) ** 2,
+            "restitution left out": 1.0,
+            "restitution alone": e,
+            "restitution subtracted": 1.0 - e,
+        },
+    )
     pair.push(pair.arms([point, point], mistakes), n, factor, mistakes)
 
 
@@ -383,11 +417,18 @@ def position_constraints(data, mistakes=NONE):
         C = np.linalg.norm(gap, axis=1) - factor * data["refValues"][:, 0]
         wasValid = is_valid(C, isUpper, POSITION_TOLERANCE, mistakes)
         shift = scaled(np.where(wasValid, 0.0, C), unit(gap))
-        pair.move_apart(unless(mistakes, shift, {
-            "correction left": 0.0 * shift,
-            "correction's sign": -shift,
-            "direction of any length": scaled(np.linalg.norm(gap, axis=1), shift),
-        }), mistakes)  # fmt: skip
+        pair.move_apart(
+            unless(
+                mistakes,
+                shift,
+                {
+                    "correction left": 0.0 * shift,
+                    "correction's sign": -shift,
+                    "direction of any length": scaled(np.linalg.norm(gap, axis=1), shift),
+                },
+            ),
+            mistakes,
+        )
         results[f"positionWasValid{bound}"] = wasValid != isInverted
         results[f"correctedPositions{bound}"] = np.array(pair.x)
         for place, unitsOfC in TOLERANCES.items():

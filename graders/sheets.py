@@ -15,12 +15,22 @@ from urllib.parse import quote
 
 from gradingTools import ERROR_BOUND, printable
 
-from rbs.files import atomic_write
-from rbs.messages import short
-from rbs.submissions import SubmissionError
+from rbs.program.submissions import SubmissionError
+from rbs.scenes.files import atomic_write
+from rbs.scenes.messages import short
 
-GRADES = ("submission", "grader", "passed", "of", "largest error", "notes", "remarks", "failed",
-          "convention", "path")  # fmt: skip
+GRADES = (
+    "submission",
+    "grader",
+    "passed",
+    "of",
+    "largest error",
+    "notes",
+    "remarks",
+    "failed",
+    "convention",
+    "path",
+)
 BETWEEN = " | "
 # Characters of a note in the printed table; the sheet has all of it.
 NOTE_WIDTH = 72
@@ -43,15 +53,18 @@ def rows_of(outcome):
         if all(quantity.error is None for quantity in grade.quantities):
             shown = "-"
         failed = dict.fromkeys(one.part for one in grade.quantities if not one.isRight)
-        rows.append(row | {
-            "grader": module,
-            "passed": str(len(grade.quantities) - len(grade.failures)),
-            "of": str(len(grade.quantities)),
-            "largest error": shown,
-            "notes": BETWEEN.join(f"{what}: {text}" for what, text in grade.notes),
-            "failed": BETWEEN.join(failed),
-            "convention": outcome.conventions[module],
-        })  # fmt: skip
+        rows.append(
+            row
+            | {
+                "grader": module,
+                "passed": str(len(grade.quantities) - len(grade.failures)),
+                "of": str(len(grade.quantities)),
+                "largest error": shown,
+                "notes": BETWEEN.join(f"{what}: {text}" for what, text in grade.notes),
+                "failed": BETWEEN.join(failed),
+                "convention": outcome.conventions[module],
+            }
+        )
     return rows
 
 

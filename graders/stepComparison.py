@@ -23,11 +23,11 @@ from released.physics2024 import INERTIA_FACTOR
 
 import RBSFunctions
 from Quaternion import QConj, QRotate
-from rbs.bodies import StateError
-from rbs.settings import Settings
-from rbs.simulation import Simulation
-from rbs.submissions import describe
-from rbs.submittedsteps import SubmittedSteps, basic_step
+from rbs.program.submissions import describe
+from rbs.program.submittedsteps import SubmittedSteps, basic_step
+from rbs.scenes.simulation import Simulation
+from rbs.stepping.bodies import StateError
+from rbs.stepping.settings import Settings
 
 # A number differs where it is further from ours than this part of its scale, the largest length,
 # speed or angular speed in the scene, or of its own size. The roundings of a call stay below 1e-13,
@@ -37,17 +37,22 @@ TOLERANCE = 1e-9
 BUILT = {"origVertices": "own", "invMass": "own", "invIT": "own"}
 STATE = {"position": "length", "orientation": "own", "linVelocity": "speed", "angVelocity": "spin"}
 RETURNED = {
-    "integrate_timestep": {}, "resolve_collision": {},  # they change meshes
+    "integrate_timestep": {},
+    "resolve_collision": {},  # they change meshes
     "get_rotated_inv_IT": {"the tensor": "own"},
     "detect_collision": {
-        "isCollision": bool, "depth": "length", "intNormal": "own", "intPosition": "length",
+        "isCollision": bool,
+        "depth": "length",
+        "intNormal": "own",
+        "intPosition": "length",
     },
     "resolve_position_constraint": {"positionWasValid": bool, "correctedPositions": "length"},
     "resolve_velocity_constraint": {
-        "velocityWasValid": bool, "correctedLinVelocities": "speed",
+        "velocityWasValid": bool,
+        "correctedLinVelocities": "speed",
         "correctedAngVelocities": "spin",
     },
-}  # fmt: skip
+}
 TURN = np.array([[0.5, 0.1, -0.7, 0.5]])
 RELEASED = "as in the coursework's released run_timestep, and not counted as a difference"
 END = "the end of the step"
@@ -202,8 +207,12 @@ class Comparison:
             for mesh, k in zip(shadows, bodies, strict=True):
                 for one in STATE:
                     setattr(mesh, one, states[k][one].reshape(1, -1))
-            ours = own(*(self.shadows[self.index[id(one)]] if id(one) in self.index else one
-                         for one in copies))  # fmt: skip
+            ours = own(
+                *(
+                    self.shadows[self.index[id(one)]] if id(one) in self.index else one
+                    for one in copies
+                )
+            )
             for mesh, k in zip(shadows, () if RETURNED[name] else bodies, strict=False):
                 pair = ([getattr(one, what) for what in STATE] for one in (mesh, self.theirs[k]))
                 self.compare(f"{label}: {{}} of {mesh.name}", STATE, *pair, function)

@@ -11,7 +11,7 @@ import numpy as np
 from gradingTools import CONVENTIONS, ERROR_BOUND, WIDTHS, load_grader_data
 from rigidModel import solids_of
 
-from rbs.submissions import brief, describe
+from rbs.program.submissions import brief, describe
 
 ATTRIBUTES = ("position", "orientation", "linVelocity", "angVelocity")  # as in WIDTHS
 # Of what the data do not show, the number of samples that are tried.

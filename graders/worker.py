@@ -57,7 +57,7 @@ def grade(order):
     from conventions import Bodies
     from trials import Results
 
-    from rbs.submissions import SubmissionError, load_submission
+    from rbs.program.submissions import SubmissionError, load_submission
 
     graders, data, bodies = {}, {}, {}
     for module, convention in order["conventions"].items():

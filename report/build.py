@@ -53,11 +53,26 @@ MOST_PAGES = 3
 SIZES = ("9.8", "9.7", "9.6", "9.5", "9.4", "9.3", "9.2")  # points of the text
 # Seconds, roughly, of those that take long.
 DURATIONS = {
-    "tunnelling": 80, "samebits": 75, "schedules": 60, "candidates": 50, "batches": 40,
-    "resting": 40, "stack": 45, "restitution": 40, "corrections": 37, "stretch": 33,
-    "stopping": 31, "incline": 50, "separating": 25, "order": 20, "standing": 25, "videos": 60,
-    "video_resting": 60, "video_scale": 50, "video_constraints": 40,
-}  # fmt: skip
+    "tunnelling": 80,
+    "samebits": 75,
+    "schedules": 60,
+    "candidates": 50,
+    "batches": 40,
+    "resting": 40,
+    "stack": 45,
+    "restitution": 40,
+    "corrections": 37,
+    "stretch": 33,
+    "stopping": 31,
+    "incline": 50,
+    "separating": 25,
+    "order": 20,
+    "standing": 25,
+    "videos": 60,
+    "video_resting": 60,
+    "video_scale": 50,
+    "video_constraints": 40,
+}
 
 
 def run_experiment(name, isDrawn=True):
@@ -130,8 +145,9 @@ def save_numbers(numbers):
         for name in BESIDE_PEERS:
             if name in numbers:
                 numbers[name] = kept.get(name, {}) | numbers[name]
-    numbers = {name: values for name, values in (kept | numbers).items()
-               if name in (*REPEATABLE, *TIMED)}  # fmt: skip
+    numbers = {
+        name: values for name, values in (kept | numbers).items() if name in (*REPEATABLE, *TIMED)
+    }
     numbers["figures"] = {figure: list(names) for figure, names in claims.FIGURES}
     NUMBERS.write_text(json.dumps(numbers, indent=1, sort_keys=True, ensure_ascii=False) + "\n")
     return numbers
@@ -150,8 +166,9 @@ def typeset():
         settings = {"root": str(FOLDER), "ignore_system_fonts": True, "sys_inputs": {"size": size}}
         for old in pages.glob("page*.png"):
             old.unlink()
-        typst.compile(str(SOURCE), output=str(pages / "page{p}.png"), format="png", ppi=150.0,
-                      **settings)  # fmt: skip
+        typst.compile(
+            str(SOURCE), output=str(pages / "page{p}.png"), format="png", ppi=150.0, **settings
+        )
         count = len(list(pages.glob("page*.png")))
         if count <= MOST_PAGES:
             break
@@ -181,8 +198,10 @@ def check():
     contradicted = claims.contradictions(kept)
     print(*contradicted, sep="\n", end="\n" if contradicted else "")
     count = sum(len(kept.get(name, {})) for name in REPEATABLE)
-    print(f"{count} numbers, {wrong} differ; {len(claims.CLAIMS)} claims, "
-          f"{len(contradicted)} contradicted; {len(pictures.PICTURES)} captions true")  # fmt: skip
+    print(
+        f"{count} numbers, {wrong} differ; {len(claims.CLAIMS)} claims, "
+        f"{len(contradicted)} contradicted; {len(pictures.PICTURES)} captions true"
+    )
     return wrong + len(contradicted)
 
 
@@ -203,14 +222,22 @@ def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--only", nargs="+", metavar="NAME", default=None,
-                        help=f"of {', '.join(sorted(known))}")  # fmt: skip
+    parser.add_argument(
+        "--only", nargs="+", metavar="NAME", default=None, help=f"of {', '.join(sorted(known))}"
+    )
     parser.add_argument("--keep-timings", action="store_true", help="measure no times")
-    parser.add_argument("--sizes", nargs="+", type=int, metavar="N", default=timings.SIZES,
-                        help="bodies of the heaps timed (default: %(default)s)")  # fmt: skip
+    parser.add_argument(
+        "--sizes",
+        nargs="+",
+        type=int,
+        metavar="N",
+        default=timings.SIZES,
+        help="bodies of the heaps timed (default: %(default)s)",
+    )
     parser.add_argument("--quick", action="store_true", help="time small heaps, early")
-    parser.add_argument("--check", action="store_true",
-                        help="measure, compare with numbers.json, change nothing")  # fmt: skip
+    parser.add_argument(
+        "--check", action="store_true", help="measure, compare with numbers.json, change nothing"
+    )
     options = parser.parse_args()
     if options.check:
         sys.exit(1 if check() else 0)

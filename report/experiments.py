@@ -22,9 +22,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import style
 
 from Quaternion import QConj, QRotate
-from rbs.scenes import find_scene
-from rbs.settings import CHOSEN, CONSTRAINT_TOLERANCE
-from rbs.simulation import Settings, Simulation, make_ground
+from rbs.scenes.scenefiles import find_scene
+from rbs.scenes.simulation import Settings, Simulation, make_ground
+from rbs.stepping.settings import CHOSEN, CONSTRAINT_TOLERANCE
 from RBSFunctions import GRAVITY, Mesh, resolve_collision, run_timestep
 from RigidBodySimulation import load_mesh_file
 
@@ -110,7 +110,7 @@ def scene(name, **settings):
 @lru_cache
 def heap_scene(count):
     """The path of a dense heap of data/make_pile.py, which collapses when it is let go."""
-    sys.path.insert(0, str(ROOT / "tests"))
+    sys.path.insert(0, str(ROOT / "tests" / "benchmarks"))
     from benchmarkPiles import make_scene
 
     return make_scene("heap", count, tempfile.mkdtemp())
@@ -135,9 +135,14 @@ def text(value, digits):
 def constants():
     """Set-up that the text quotes."""
     return {
-        "h": f"{H:g}", "e": f"{E:g}", "g": f"{G:g}", "boxX": f"{BOX[0]:g}", "boxY": f"{BOX[1]:g}",
-        "boxZ": f"{BOX[2]:g}", "tolerance": f"{1e3 * CONSTRAINT_TOLERANCE:g}",
-    }  # fmt: skip
+        "h": f"{H:g}",
+        "e": f"{E:g}",
+        "g": f"{G:g}",
+        "boxX": f"{BOX[0]:g}",
+        "boxY": f"{BOX[1]:g}",
+        "boxZ": f"{BOX[2]:g}",
+        "tolerance": f"{1e3 * CONSTRAINT_TOLERANCE:g}",
+    }
 
 
 # --------------------------------------------------------------------------------------------------
@@ -172,10 +177,13 @@ def rest(axis):
     axis.legend(loc="upper left", ncols=2)
     return {
         "seconds": f"{REST_SECONDS:g}",
-        "tilt": text(tilts[0], 2), "sway": text(math.degrees(sways[0]), 1),
-        "fineStep": f"{H / 4:g}", "finer": f"{H / (H / 4):g}",
-        "tiltRatio": text(tilts[0] / tilts[1], 1), "swayRatio": text(sways[0] / sways[1], 1),
-    }  # fmt: skip
+        "tilt": text(tilts[0], 2),
+        "sway": text(math.degrees(sways[0]), 1),
+        "fineStep": f"{H / 4:g}",
+        "finer": f"{H / (H / 4):g}",
+        "tiltRatio": text(tilts[0] / tilts[1], 1),
+        "swayRatio": text(sways[0] / sways[1], 1),
+    }
 
 
 STACK_SECONDS = 2.0
@@ -203,8 +211,9 @@ def stack(axis):
     counts = np.array([1, 2, 3, 4, 5, 6, 7, 8, 10])
     numbers = {}
     for isBottomFirst, colour, mark, label in (
-        (True, style.VERMILION, "s", "listed upwards"), (False, style.BLUE, "o", "downwards")
-    ):  # fmt: skip
+        (True, style.VERMILION, "s", "listed upwards"),
+        (False, style.BLUE, "o", "downwards"),
+    ):
         depths = np.array([overlap_and_sinking(stack_of(n, isBottomFirst)) for n in counts])
         axis.plot(counts, depths[:, 0], mark + "-", color=colour, label=label)
         name = "up" if isBottomFirst else "down"
@@ -213,17 +222,27 @@ def stack(axis):
             numbers[f"{name}{count}"] = text(overlap, 2)
             numbers[f"{name}Sinking{count}"] = text(sinking, 1)
     axis.axhline(BOX[1] / 2, color=style.GREY, linewidth=0.8, linestyle=":")
-    axis.annotate("half a box", (1, BOX[1] / 2), xytext=(0, -2), textcoords="offset points",
-                  fontsize=7, color="0.35", va="top")  # fmt: skip
+    axis.annotate(
+        "half a box",
+        (1, BOX[1] / 2),
+        xytext=(0, -2),
+        textcoords="offset points",
+        fontsize=7,
+        color="0.35",
+        va="top",
+    )
     axis.set(xlabel="boxes in the stack", ylabel="deepest overlap / m", ylim=(0, None))
     axis.legend(loc="upper left", bbox_to_anchor=(0.0, 0.83))
     fine = overlap_and_sinking(stack_of(8, True, h=H / 4))
     return {
-        "seconds": f"{STACK_SECONDS:g}", "fall": text(1e3 * G * H * H, 1),
-        "height8": text(8 * BOX[1], 0), "half": f"{BOX[1] / 2:g}",
-        "fine8": text(fine[0], 2), "fineStep": f"{H / 4:g}",
+        "seconds": f"{STACK_SECONDS:g}",
+        "fall": text(1e3 * G * H * H, 1),
+        "height8": text(8 * BOX[1], 0),
+        "half": f"{BOX[1] / 2:g}",
+        "fine8": text(fine[0], 2),
+        "fineStep": f"{H / 4:g}",
         **numbers,
-    }  # fmt: skip
+    }
 
 
 def bounces(height, e, h=H, seconds=None):
@@ -258,11 +277,16 @@ def restitution():
         ends.append(energy[-1] / energy[0])
     ends = np.array(ends)
     return {
-        "low": f"{heights[0]:g}", "high": f"{heights[-1]:g}", "count": str(len(ends)),
-        "least": text(100 * (1 - ends.min()), 0), "most": text(100 * (1 - ends.max()), 0),
-        "keptMost": text(kept.max(), 2), "keptLeast": text(kept.min(), 2),
-        "keptHigh": text(kept[heights > 5].max(), 2), "seconds": "20",
-    }  # fmt: skip
+        "low": f"{heights[0]:g}",
+        "high": f"{heights[-1]:g}",
+        "count": str(len(ends)),
+        "least": text(100 * (1 - ends.min()), 0),
+        "most": text(100 * (1 - ends.max()), 0),
+        "keptMost": text(kept.max(), 2),
+        "keptLeast": text(kept.min(), 2),
+        "keptHigh": text(kept[heights > 5].max(), 2),
+        "seconds": "20",
+    }
 
 
 TUMBLE_SPIN = (1.5, 0.0, 1.5)  # half way between the short axis and a long one
@@ -276,10 +300,14 @@ def euler_reference(mesh, seconds, h):
     def rates(q, w):
         w0, x, y, z = q
         a, b, c = w  # in body axes
-        return 0.5 * np.array([
-            -x * a - y * b - z * c, w0 * a + y * c - z * b,
-            w0 * b + z * a - x * c, w0 * c + x * b - y * a,
-        ]), inverse @ -np.cross(w, inertia @ w)  # fmt: skip
+        return 0.5 * np.array(
+            [
+                -x * a - y * b - z * c,
+                w0 * a + y * c - z * b,
+                w0 * b + z * a - x * c,
+                w0 * c + x * b - y * a,
+            ]
+        ), inverse @ -np.cross(w, inertia @ w)
 
     q = mesh.orientation[0].copy()
     w = QRotate(QConj(mesh.orientation), mesh.angVelocity)[0]
@@ -333,10 +361,13 @@ def gyroscopic(axis):
     axis.legend(loc="upper left")
     inertia = np.sort(np.diag(mesh.IT))
     return {
-        "seconds": f"{TUMBLE_SECONDS:g}", "spin": text(np.linalg.norm(TUMBLE_SPIN), 1),
-        "angle": text(off.max(), 0), "wander": text(wander.max(), 0),
-        "mended": text(mended.max(), 1), "inertiaRatio": text(inertia[-1] / inertia[0], 1),
-    }  # fmt: skip
+        "seconds": f"{TUMBLE_SECONDS:g}",
+        "spin": text(np.linalg.norm(TUMBLE_SPIN), 1),
+        "angle": text(off.max(), 0),
+        "wander": text(wander.max(), 0),
+        "mended": text(mended.max(), 1),
+        "inertiaRatio": text(inertia[-1] / inertia[0], 1),
+    }
 
 
 ORDER_SECONDS = 2.0
@@ -357,11 +388,15 @@ def order():
         places.append(np.linalg.norm(mesh.position[0] - exact))
         turns.append(2 * math.degrees(math.acos(min(1.0, abs(mesh.orientation[0] @ reference)))))
     return {
-        "seconds": f"{ORDER_SECONDS:g}", "slope": text(slope(steps, places), 3),
-        "points": str(len(steps)), "finer": f"{steps[0] / steps[-1]:g}",
-        "turnCoarse": text(turns[0], 1), "turnFine": text(turns[-1], 1),
-        "coarse": f"{steps[0]:g}", "fine": f"{steps[-1]:g}",
-    }  # fmt: skip
+        "seconds": f"{ORDER_SECONDS:g}",
+        "slope": text(slope(steps, places), 3),
+        "points": str(len(steps)),
+        "finer": f"{steps[0] / steps[-1]:g}",
+        "turnCoarse": text(turns[0], 1),
+        "turnFine": text(turns[-1], 1),
+        "coarse": f"{steps[0]:g}",
+        "fine": f"{steps[-1]:g}",
+    }
 
 
 CUBE = 1.0
@@ -402,13 +437,18 @@ def tunnelling():
                 100 * crossing_share(speed, CUBE, closingOnly, phases=100), 0
             )
     return {
-        "cube": f"{CUBE:g}", "one": text(one, 0),
-        "least": text(min(least), 2), "most": text(max(least), 2),
+        "cube": f"{CUBE:g}",
+        "one": text(one, 0),
+        "least": text(min(least), 2),
+        "most": text(max(least), 2),
         "range": " to ".join(dict.fromkeys((text(min(least), 2), text(max(least), 2)))),
-        "below": shares[False, 0.95], "above": shares[False, 1.05],
-        "closingBelow": shares[True, 0.95], "closingAbove": shares[True, 1.05],
-        "ratioBelow": "0.95", "ratioAbove": "1.05",
-    }  # fmt: skip
+        "below": shares[False, 0.95],
+        "above": shares[False, 1.05],
+        "closingBelow": shares[True, 0.95],
+        "closingAbove": shares[True, 1.05],
+        "ratioBelow": "0.95",
+        "ratioAbove": "1.05",
+    }
 
 
 @silent
@@ -432,11 +472,14 @@ def separating():
         mass = sum(mesh.mass for mesh in simulation.meshes)
         energies[only] = simulation.kinetic_energy() / mass
     return {
-        "parting": text(before, 1), "closing": text(-after, 1),
+        "parting": text(before, 1),
+        "closing": text(-after, 1),
         "share": text(100 * shares[False], 0),
-        "energyDefault": text(energies[False], 1), "energyClosing": text(energies[True], 1),
-        "steps": "300", "bodies": "200",
-    }  # fmt: skip
+        "energyDefault": text(energies[False], 1),
+        "energyClosing": text(energies[True], 1),
+        "steps": "300",
+        "bodies": "200",
+    }
 
 
 # --------------------------------------------------------------------------------------------------
@@ -451,14 +494,16 @@ def chain_stretch(links, sweeps):
     """Mean elongation of a hanging chain, as a fraction of its ropes' length; late."""
     half = 3.4 * 0.5
     pitch = 2 * half + ROPE
-    meshes = [body("octahedron", (0, -pitch * k, 0), size=0.5, isFixed=k == 0)
-              for k in range(links + 1)]  # fmt: skip
+    meshes = [
+        body("octahedron", (0, -pitch * k, 0), size=0.5, isFixed=k == 0) for k in range(links + 1)
+    ]
     low = int(meshes[0].origVertices[:, 1].argmin())
     high = int(meshes[0].origVertices[:, 1].argmax())
     rows = [[k, low, k + 1, high, ROPE, True] for k in range(links)]
     stretches = []
-    for t, _ in steps_of(meshes, CHAIN_SECONDS, ground=False, constraints=rows,
-                         maxIterations=sweeps * links):  # fmt: skip
+    for t, _ in steps_of(
+        meshes, CHAIN_SECONDS, ground=False, constraints=rows, maxIterations=sweeps * links
+    ):
         if t > CHAIN_SECONDS / 2:
             # what the bodies take of the way from the first one's middle to the last one's
             length = -meshes[-1].position[0, 1] - 2 * half * links
@@ -497,20 +542,24 @@ def corrections():
         simulation.settings.enforceConstraints = False
         simulation.step()
         without.append(max(overlaps_of(simulation.meshes), default=0.0))
-        simulation.set_state({
-            plural: [values[k] for values in before]
-            for k, plural in enumerate(
-                ("positions", "orientations", "linVelocities", "angVelocities")
-            )
-        })  # fmt: skip
+        simulation.set_state(
+            {
+                plural: [values[k] for values in before]
+                for k, plural in enumerate(
+                    ("positions", "orientations", "linVelocities", "angVelocities")
+                )
+            }
+        )
         simulation.settings.enforceConstraints = True
         simulation.step()
         with_.append(max(overlaps_of(simulation.meshes), default=0.0))
     with_, without = 1e2 * np.array(with_), 1e2 * np.array(without)
     return {
-        "most": text(with_.max(), 0), "mostBefore": text(without.max(), 0),
-        "deeper": text(100 * np.mean(with_ > without + 0.1), 0), "seconds": f"{200 * H:g}",
-    }  # fmt: skip
+        "most": text(with_.max(), 0),
+        "mostBefore": text(without.max(), 0),
+        "deeper": text(100 * np.mean(with_ > without + 0.1), 0),
+        "seconds": f"{200 * H:g}",
+    }
 
 
 def lowest_vertices(simulation):
@@ -524,8 +573,9 @@ def cliques(axis):
     ground, which comes before them, and how much they still turn when all should lie still."""
     spins, low, steps, late = {}, {}, 500, 400
     for constrained, colour, label in (
-        (False, style.BLUE, "no constraints"), (True, style.VERMILION, "constraints")
-    ):  # fmt: skip
+        (False, style.BLUE, "no constraints"),
+        (True, style.VERMILION, "constraints"),
+    ):
         simulation = scene("cube", enforceConstraints=constrained)
         squares, heights, visits = [], [], []
         for _ in range(steps):
@@ -542,13 +592,18 @@ def cliques(axis):
     violation, bounds = simulation.largest_violation(), len(simulation.constraints)
     deepest = low[True].argmin()
     return {
-        "constrained": text(spins[True], 2), "unconstrained": text(spins[False], 2),
-        "sweeps": text(np.mean(visits[late:]) / bounds, 1), "bounds": str(bounds),
-        "violation": text(1e3 * violation, 2), "from": f"{late * H:g}", "to": f"{steps * H:g}",
-        "deepest": text(-low[True].min(), 2), "deepestAt": text(t[deepest], 1),
+        "constrained": text(spins[True], 2),
+        "unconstrained": text(spins[False], 2),
+        "sweeps": text(np.mean(visits[late:]) / bounds, 1),
+        "bounds": str(bounds),
+        "violation": text(1e3 * violation, 2),
+        "from": f"{late * H:g}",
+        "to": f"{steps * H:g}",
+        "deepest": text(-low[True].min(), 2),
+        "deepestAt": text(t[deepest], 1),
         "deepestLate": text(-low[True][late:].min(), 2),
         "deepestWithout": text(max(0.0, -low[False].min()), 2),
-    }  # fmt: skip
+    }
 
 
 # --------------------------------------------------------------------------------------------------
@@ -581,13 +636,15 @@ def stopping(axis):
     axis.minorticks_off()
     axis.legend(loc="upper right")
     return {
-        "speed": f"{FAST:g}", "excess": text(excesses[H].mean(), 2),
-        "excessFine": text(excesses[H / 4].mean(), 2), "fineStep": f"{H / 4:g}",
+        "speed": f"{FAST:g}",
+        "excess": text(excesses[H].mean(), 2),
+        "excessFine": text(excesses[H / 4].mean(), 2),
+        "fineStep": f"{H / 4:g}",
         "worst": text(100 * (excesses[H] / theory).max(), 0),
         "worstFine": text(100 * (excesses[H / 4] / theory).max(), 0),
         "ratio": text(excesses[H].mean() / excesses[H / 4].mean(), 1),
         "finer": f"{H / (H / 4):g}",
-    }  # fmt: skip
+    }
 
 
 INCLINE_MU = 0.4
@@ -624,18 +681,31 @@ def incline(axis):
         excess[h] = np.array([slide_down(angle, h) for angle in angles]) - slope_law(angles)
         axis.plot(angles, excess[h], mark, color=colour, label=f"h = {h:g} s")
     axis.axvline(critical, color=style.GREY, linewidth=0.8, linestyle=":")
-    axis.annotate("friction\nangle", (critical, 2.25), xytext=(3, 0), ha="left", va="top",
-                  textcoords="offset points", fontsize=7, color="0.35")  # fmt: skip
+    axis.annotate(
+        "friction\nangle",
+        (critical, 2.25),
+        xytext=(3, 0),
+        ha="left",
+        va="top",
+        textcoords="offset points",
+        fontsize=7,
+        color="0.35",
+    )
     axis.set(xlabel="slope / °", ylabel="further than the law / m", ylim=(-0.1, 2.9))
     axis.legend(loc="upper left", ncols=2)
     below, k = angles < critical, list(angles).index(15)
     free = 0.5 * G * INCLINE_SECONDS**2 * math.sin(math.radians(20))
     return {
-        "mu": f"{INCLINE_MU:g}", "critical": text(critical, 1), "seconds": f"{INCLINE_SECONDS:g}",
-        "creep": text(excess[H][below].max(), 1), "creepLeast": text(excess[H][below].min(), 1),
+        "mu": f"{INCLINE_MU:g}",
+        "critical": text(critical, 1),
+        "seconds": f"{INCLINE_SECONDS:g}",
+        "creep": text(excess[H][below].max(), 1),
+        "creepLeast": text(excess[H][below].min(), 1),
         "excess": text(excess[H][~below].max(), 1),
-        "halved": text(excess[H / 2][k] / excess[H][k], 2), "free": text(free, 0), "at": "20",
-    }  # fmt: skip
+        "halved": text(excess[H / 2][k] / excess[H][k], 2),
+        "free": text(free, 0),
+        "at": "20",
+    }
 
 
 ROLL_SPEED, ROLL_MU = 20.0, 0.5
@@ -698,16 +768,20 @@ def samebits():
             if name == "grid" and step >= 300:
                 continue
             other.step()
-            apart = [np.abs(a.position - b.position).max()
-                     for a, b in zip(reference.meshes, bodies[name], strict=True)]  # fmt: skip
+            apart = [
+                np.abs(a.position - b.position).max()
+                for a, b in zip(reference.meshes, bodies[name], strict=True)
+            ]
             parted[name].append(max(apart))
     t = H * np.arange(1, steps + 1)
     values = np.array(parted["nudged"])
     values = values[values > 0]
     return {
-        "seconds": f"{steps * H:g}", "bodies": "200", "gridSteps": "300",
+        "seconds": f"{steps * H:g}",
+        "bodies": "200",
+        "gridSteps": "300",
         "grid": f"{max(parted['grid']):g}",
         "decades": str(round(math.log10(values[-1] / values[0]))),
         "end": text(1e6 * values[-1], 1),
         "reversedMetre": text(t[np.argmax(np.array(parted["reversed"]) > 1.0)], 0),
-    }  # fmt: skip
+    }

@@ -13,7 +13,7 @@ from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from rbs.files import atomic_write
+from rbs.scenes.files import atomic_write
 from RigidBodySimulation import main
 
 FOLDER = Path(__file__).resolve().parent / "gallery"
@@ -41,11 +41,21 @@ def draw(name):
     arguments, step = PICTURES[name]
     factor = 1 if "--legend" in arguments else 2
     with tempfile.TemporaryDirectory() as folder:
-        code = main([
-            *shlex.split(arguments), "--look", "studio", "--screenshots", folder,
-            "--every", str(step), "--steps", str(step),
-            "--size", "x".join(str(factor * pixels) for pixels in SIZE),
-        ])  # fmt: skip
+        code = main(
+            [
+                *shlex.split(arguments),
+                "--look",
+                "studio",
+                "--screenshots",
+                folder,
+                "--every",
+                str(step),
+                "--steps",
+                str(step),
+                "--size",
+                "x".join(str(factor * pixels) for pixels in SIZE),
+            ]
+        )
         if code != 0:
             sys.exit(f"{name}: not drawn, exit code {code}")
         picture = Image.open(Path(folder) / f"frame_{step:06d}.png").resize(SIZE, Image.LANCZOS)

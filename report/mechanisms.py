@@ -13,11 +13,11 @@ from experiments import BOX, body, experiment, heap_scene, scene, shape, silent,
 from matplotlib.patches import Rectangle
 from scipy.spatial import cKDTree
 
-import rbs.batches
-import rbs.constraints
+import rbs.stepping.batches
+import rbs.stepping.constraints
 import RBSFunctions
-from rbs.broadphase import grid_levels, grid_overlaps
-from rbs.simulation import Settings, Simulation
+from rbs.geometry.broadphase import grid_levels, grid_overlaps
+from rbs.scenes.simulation import Settings, Simulation
 
 HEAP_STEP = 150  # by which a heap has begun to collapse
 MATERIAL = {"friction": 0.5, "restitution": 0.0}
@@ -38,7 +38,7 @@ def heap(count, steps=HEAP_STEP, **settings):
 
 
 def boxes(meshes):
-    """The bodies' bounding boxes as `rbs.broadphase` has them, (6, n)."""
+    """The bodies' bounding boxes as `rbs.geometry.broadphase` has them, (6, n)."""
     low = np.array([mesh.currVertices.min(axis=0) for mesh in meshes])
     high = np.array([mesh.currVertices.max(axis=0) for mesh in meshes])
     return np.concatenate([low, -high], axis=1).T
@@ -67,8 +67,12 @@ def grid(axis):
     low = np.min([mesh.currVertices.min(axis=0) for mesh in meshes], axis=0)
     high = np.max([mesh.currVertices.max(axis=0) for mesh in meshes], axis=0)
     middle, size = (low + high) / 2, 1.6 * (high - low)
-    floor = body("box", (middle[0], low[1] - 8.0, middle[2]),
-                 size=np.array([size[0], 10.0, size[2]]) / BOX, isFixed=True)  # fmt: skip
+    floor = body(
+        "box",
+        (middle[0], low[1] - 8.0, middle[2]),
+        size=np.array([size[0], 10.0, size[2]]) / BOX,
+        isFixed=True,
+    )
     meshes = [*meshes, floor]
     box = boxes(meshes)
     isFixed = np.array([mesh.isFixed for mesh in meshes])
@@ -89,8 +93,16 @@ def grid(axis):
     assert alongX[partners[partners != len(meshes) - 1]].all()
 
     y, z = cell[:, asked]
-    axis.add_patch(Rectangle(((z - 1) * width, (y - 1) * width), 3 * width, 3 * width,
-                             facecolor="#DCE9F5", edgecolor="none", zorder=0))  # fmt: skip
+    axis.add_patch(
+        Rectangle(
+            ((z - 1) * width, (y - 1) * width),
+            3 * width,
+            3 * width,
+            facecolor="#DCE9F5",
+            edgecolor="none",
+            zorder=0,
+        )
+    )
     for k in range(len(meshes)):
         corner = box[2, k], box[1, k]
         sides = -box[5, k] - box[2, k], -box[4, k] - box[1, k]
@@ -103,20 +115,28 @@ def grid(axis):
             look = {"facecolor": "none", "edgecolor": style.BLUE, "linewidth": 0.7, "zorder": 2}
         axis.add_patch(Rectangle(corner, *sides, **{"linewidth": 0.5, **look}))
     bottom, height = low[1] - 0.3 * width, 3.6 * width
-    axis.set(xlim=((z + 0.5) * width - 0.7 * height, (z + 0.5) * width + 0.7 * height),
-             ylim=(bottom, bottom + height), aspect="equal", xlabel="z / m",
-             ylabel="y / m")  # fmt: skip
+    axis.set(
+        xlim=((z + 0.5) * width - 0.7 * height, (z + 0.5) * width + 0.7 * height),
+        ylim=(bottom, bottom + height),
+        aspect="equal",
+        xlabel="z / m",
+        ylabel="y / m",
+    )
     ticks = np.arange(-20, 21) * width
     axis.grid(False)
     for tick in ticks:
         axis.axvline(tick, color="0.7", linewidth=0.5, zorder=0.5)
         axis.axhline(tick, color="0.7", linewidth=0.5, zorder=0.5)
     return {
-        "bodies": "1000", "levels": str(len(levels)), "width": text(width, 1),
-        "large": str(len(large)), "near": str(int(isNear.sum()) - 1),
+        "bodies": "1000",
+        "levels": str(len(levels)),
+        "width": text(width, 1),
+        "large": str(len(large)),
+        "near": str(int(isNear.sum()) - 1),
         "alongX": str(int(alongX.sum()) - 1),
-        "partners": str(int(np.isin(partners, small).sum())), "step": str(HEAP_STEP),
-    }  # fmt: skip
+        "partners": str(int(np.isin(partners, small).sum())),
+        "step": str(HEAP_STEP),
+    }
 
 
 CANDIDATE_SIZES = (50, 100, 200, 500, 1000, 2000)
@@ -140,23 +160,32 @@ def candidates(axis):
     every, alongX, tree, own = np.array(rows, dtype=float).T
     n = np.array(CANDIDATE_SIZES, dtype=float)
     for values, colour, mark, label in (
-        (every, style.BLACK, ":", "all pairs"), (alongX, style.VERMILION, "^-", "one axis sorted"),
-        (tree, style.GREEN, "v-", "tree of centres"), (own, style.BLUE, "s-", "grid"),
-    ):  # fmt: skip
+        (every, style.BLACK, ":", "all pairs"),
+        (alongX, style.VERMILION, "^-", "one axis sorted"),
+        (tree, style.GREEN, "v-", "tree of centres"),
+        (own, style.BLUE, "s-", "grid"),
+    ):
         axis.loglog(n, values, mark, color=colour, label=label)
     axis.set(xlabel="bodies N", ylabel="candidate pairs", ylim=(30, 2e7))
     axis.set_xticks([50, 200, 1000], ["50", "200", "1000"])
     axis.minorticks_off()
     axis.legend(loc="upper left", ncols=1)
     return {
-        "least": str(CANDIDATE_SIZES[0]), "most": thousands(n[-1]),
-        "count": str(len(n)), "step": str(HEAP_STEP),
-        "all": thousands(every[-1]), "grid": thousands(own[-1]), "tree": thousands(tree[-1]),
-        "axis": thousands(alongX[-1]), "aBody": text(own[-1] / n[-1], 1),
+        "least": str(CANDIDATE_SIZES[0]),
+        "most": thousands(n[-1]),
+        "count": str(len(n)),
+        "step": str(HEAP_STEP),
+        "all": thousands(every[-1]),
+        "grid": thousands(own[-1]),
+        "tree": thousands(tree[-1]),
+        "axis": thousands(alongX[-1]),
+        "aBody": text(own[-1] / n[-1], 1),
         "share": text(100 * own[-1] / every[-1], 2),
-        "exponent": text(slope(n, own), 2), "axisExponent": text(slope(n, alongX), 2),
-        "treeRatio": text(tree[-1] / own[-1], 1), "axisRatio": text(alongX[-1] / own[-1], 0),
-    }  # fmt: skip
+        "exponent": text(slope(n, own), 2),
+        "axisExponent": text(slope(n, alongX), 2),
+        "treeRatio": text(tree[-1] / own[-1], 1),
+        "axisRatio": text(alongX[-1] / own[-1], 0),
+    }
 
 
 # --------------------------------------------------------------------------------------------------
@@ -186,10 +215,15 @@ class Passes:
                 keys = first * len(self.margin) + second
                 begun = steps[-1][0]["keys"] if steps[-1] else keys
                 sizes = np.diff(self.starts)
-                steps[-1].append(dict(
-                    keys=keys, batch=np.arange(len(sizes)).repeat(sizes), batches=len(sizes),
-                    touches=np.isin(self.rank, contacts.rank), isNew=~np.isin(keys, begun),
-                ))  # fmt: skip
+                steps[-1].append(
+                    dict(
+                        keys=keys,
+                        batch=np.arange(len(sizes)).repeat(sizes),
+                        batches=len(sizes),
+                        touches=np.isin(self.rank, contacts.rank),
+                        isNew=~np.isin(keys, begun),
+                    )
+                )
                 return contacts
 
             def has_missed(self, history):
@@ -211,41 +245,54 @@ def batches(axis):
     heap whose bodies start inside each other: nothing is known of how far they are going to move.
     """
     usual, squeezed = Passes(), Passes()
-    with watched(rbs.batches, "Pass", usual.wrapper):
+    with watched(rbs.stepping.batches, "Pass", usual.wrapper):
         heap(1000, 200)
     simulation = heap(500, 0)
     for mesh in simulation.meshes:
         mesh.position = SQUEEZED * mesh.position
-    with watched(rbs.batches, "Pass", squeezed.wrapper):
+    with watched(rbs.stepping.batches, "Pass", squeezed.wrapper):
         simulation.step()
     (passes,) = squeezed.steps
     assert passes[-1]["isComplete"] and not passes[0]["isComplete"]
     last = passes[-1]
     turn, touches, isNew = last["keys"].argsort().argsort(), last["touches"], last["isNew"]
     for some, colour, size, label in (
-        (~touches, "0.7", 2.5, "apart"), (touches & ~isNew, style.BLUE, 4.0, "touching"),
+        (~touches, "0.7", 2.5, "apart"),
+        (touches & ~isNew, style.BLUE, 4.0, "touching"),
         (isNew, style.VERMILION, 9.0, "added by a roll-back"),
-    ):  # fmt: skip
-        axis.scatter(turn[some], last["batch"][some], s=size, color=colour, label=label,
-                     linewidths=0)  # fmt: skip
-    axis.set(xlabel="turn of the pair in the list's order", ylabel="batch",
-             xlim=(0, len(turn)), ylim=(last["batches"], -1))  # fmt: skip
+    ):
+        axis.scatter(
+            turn[some], last["batch"][some], s=size, color=colour, label=label, linewidths=0
+        )
+    axis.set(
+        xlabel="turn of the pair in the list's order",
+        ylabel="batch",
+        xlim=(0, len(turn)),
+        ylim=(last["batches"], -1),
+    )
     axis.legend(loc="lower left", markerscale=1.5)
     counts = np.array([len(step) for step in usual.steps])
-    pairs, rounds = np.array([[len(step[0]["keys"]), step[0]["batches"]]
-                              for step in usual.steps[100:]]).T  # fmt: skip
+    pairs, rounds = np.array(
+        [[len(step[0]["keys"]), step[0]["batches"]] for step in usual.steps[100:]]
+    ).T
     looked = sum(len(one["keys"]) for one in passes)
     return {
-        "bodies": "1000", "steps": str(len(counts)), "from": "100",
-        "pairs": thousands(np.median(pairs)), "batches": text(np.median(rounds), 0),
+        "bodies": "1000",
+        "steps": str(len(counts)),
+        "from": "100",
+        "pairs": thousands(np.median(pairs)),
+        "batches": text(np.median(rounds), 0),
         "size": text(np.median(pairs / rounds), 0),
         "again": str(int(np.sum(counts > 1))),
         "needs": f"needed {np.sum(counts > 1)} times" if counts.max() > 1 else "never needed",
         "squeezed": f"{100 * (1 - SQUEEZED):.0f}",
-        "drawnBodies": "500", "drawnPairs": thousands(len(turn)),
-        "drawnBatches": str(last["batches"]), "drawnNew": str(int(isNew.sum())),
-        "drawnPasses": str(len(passes)), "cost": text(looked / len(turn), 1),
-    }  # fmt: skip
+        "drawnBodies": "500",
+        "drawnPairs": thousands(len(turn)),
+        "drawnBatches": str(last["batches"]),
+        "drawnNew": str(int(isNew.sum())),
+        "drawnPasses": str(len(passes)),
+        "cost": text(looked / len(turn), 1),
+    }
 
 
 # --------------------------------------------------------------------------------------------------
@@ -293,9 +340,12 @@ class Visits:
 
     def counts(self):
         """Visits to constraints that can be violated at all, of each step."""
-        return np.array([
-            sum(len(c) if isinstance(c, np.ndarray) else 1 for c, _ in made) for made in self.steps
-        ])  # fmt: skip
+        return np.array(
+            [
+                sum(len(c) if isinstance(c, np.ndarray) else 1 for c, _ in made)
+                for made in self.steps
+            ]
+        )
 
 
 SCHEDULINGS = ("sweep", "queue", "batches")
@@ -309,9 +359,9 @@ def visits_of(name, scheduling, steps=CONSTRAINED_STEPS):
     simulation = scene(name, constraintScheduling=scheduling, broadPhase="grid")
     with (
         watched(RBSFunctions, "sweep", visits.schedule),
-        watched(rbs.constraints, "queue", visits.schedule),
-        watched(rbs.constraints, "project_in_batches", visits.step),
-        watched(rbs.constraints, "visit_batch", visits.visit),
+        watched(rbs.stepping.constraints, "queue", visits.schedule),
+        watched(rbs.stepping.constraints, "project_in_batches", visits.step),
+        watched(rbs.stepping.constraints, "visit_batch", visits.visit),
     ):
         for step in range(steps):
             simulation.step()
@@ -332,20 +382,40 @@ def queue(axis):
     everyone = np.unique(constraints)  # in its first sweep all are dirty
     place = everyone.searchsorted(constraints)
     for some, colour, label in (
-        (~violated, style.SKY, "visited: holds"), (violated, style.VERMILION, "corrected")
-    ):  # fmt: skip
-        axis.scatter(place[some], sweeps[some] + 0.5, s=1.0, color=colour, label=label,
-                     marker="|", linewidths=0.4, rasterized=True)  # fmt: skip
-    axis.set(xlabel="constraint of the net", ylabel="sweep", xlim=(0, len(everyone)),
-             ylim=(sweeps.max() + 1.2, 0))  # fmt: skip
+        (~violated, style.SKY, "visited: holds"),
+        (violated, style.VERMILION, "corrected"),
+    ):
+        axis.scatter(
+            place[some],
+            sweeps[some] + 0.5,
+            s=1.0,
+            color=colour,
+            label=label,
+            marker="|",
+            linewidths=0.4,
+            rasterized=True,
+        )
+    axis.set(
+        xlabel="constraint of the net",
+        ylabel="sweep",
+        xlim=(0, len(everyone)),
+        ylim=(sweeps.max() + 1.2, 0),
+    )
     axis.grid(False)
-    axis.legend(loc="lower right", markerscale=6.0, facecolor="white", frameon=True, framealpha=0.9,
-                edgecolor="none")  # fmt: skip
+    axis.legend(
+        loc="lower right",
+        markerscale=6.0,
+        facecolor="white",
+        frameon=True,
+        framealpha=0.9,
+        edgecolor="none",
+    )
     return {
-        "constraints": thousands(len(everyone)), "step": str(CONSTRAINED_FROM + 1),
+        "constraints": thousands(len(everyone)),
+        "step": str(CONSTRAINED_FROM + 1),
         "visits": thousands(len(made)),
         "corrected": text(100 * violated.mean(), 0),
-    }  # fmt: skip
+    }
 
 
 @silent

@@ -18,11 +18,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from experiments import BOX, ROOT, G, H, box, heap_scene, lowest_vertices, overlap_and_sinking
 
-from rbs.backends import find_backend
-from rbs.pictureoptions import PictureOptions
-from rbs.pictures import save_picture, start_view
-from rbs.scenes import find_scene
-from rbs.simulation import Settings, Simulation
+from rbs.appearance.pictureoptions import PictureOptions
+from rbs.pictures.backends import find_backend
+from rbs.pictures.capture import save_picture, start_view
+from rbs.scenes.scenefiles import find_scene
+from rbs.scenes.simulation import Settings, Simulation
 
 SIZE = (960, 660)
 FOLDER = Path(__file__).resolve().parent / "figures"
@@ -100,12 +100,16 @@ def stack():
     simulation = run(eight_boxes(), STACK_STEPS)
     overlap, sinking = overlap_and_sinking(simulation.meshes[:8])
     lowest = simulation.meshes[0].detect_collision(simulation.meshes[1])[1]
-    return Picture(simulation, Camera((25, 20, 38), (0, 10.5, 0), 36), {
-        "the boxes stand in each other, by a quarter of a box and more": overlap > BOX[1] / 4,
-        "the lowest two overlap": lowest > 0.3,
-        "the top is lower by more than three metres": sinking > 3.0,
-        "the fixed boxes are where they were": simulation.meshes[15].position[0, 1] == 45.0,
-    })  # fmt: skip
+    return Picture(
+        simulation,
+        Camera((25, 20, 38), (0, 10.5, 0), 36),
+        {
+            "the boxes stand in each other, by a quarter of a box and more": overlap > BOX[1] / 4,
+            "the lowest two overlap": lowest > 0.3,
+            "the top is lower by more than three metres": sinking > 3.0,
+            "the fixed boxes are where they were": simulation.meshes[15].position[0, 1] == 45.0,
+        },
+    )
 
 
 TUNNEL_STEPS = 10
@@ -140,15 +144,23 @@ def tunnel():
                 passed[contact.body2 - 1].add(float(cubes[contact.body2 - 1].position[0, 0]) > 0)
     x = np.array([cube.position[0, 0] for cube in cubes])
     v = np.array([cube.linVelocity[0, 0] for cube in cubes])
-    seen = [ghost for k in (2, 3) for ghost in ghosts(cubes[k], k + 1, states[k])
-            if -9 < ghost.position[0, 0] < 8]  # fmt: skip
+    seen = [
+        ghost
+        for k in (2, 3)
+        for ghost in ghosts(cubes[k], k + 1, states[k])
+        if -9 < ghost.position[0, 0] < 8
+    ]
     simulation.meshes = [wall, *cubes, *seen]
-    return Picture(simulation, Camera((-4, 15, 25), (0.5, 4.5, 0.5), 42), {
-        "two are thrown back": bool((x[:2] < 0).all() and (v[:2] < 0).all()),
-        "two are behind the wall": bool((x[2:] > 0).all() and (v[2:] > 0).all()),
-        "the fast ones were never in the nearer half": all(False not in p for p in passed[2:]),
-        "the slow ones were": all(False in p for p in passed[:2]),
-    })  # fmt: skip
+    return Picture(
+        simulation,
+        Camera((-4, 15, 25), (0.5, 4.5, 0.5), 42),
+        {
+            "two are thrown back": bool((x[:2] < 0).all() and (v[:2] < 0).all()),
+            "two are behind the wall": bool((x[2:] > 0).all() and (v[2:] > 0).all()),
+            "the fast ones were never in the nearer half": all(False not in p for p in passed[2:]),
+            "the slow ones were": all(False in p for p in passed[:2]),
+        },
+    )
 
 
 def cube():
@@ -161,9 +173,13 @@ def cube():
         if low < deepest:
             deepest, best = low, simulation.state()
     simulation.set_state(best)
-    return Picture(simulation, Camera((11, 3.2, 20), (0, 3.4, 0), 40), {
-        "a vertex is more than half a metre below the ground": deepest < -0.5,
-    })  # fmt: skip
+    return Picture(
+        simulation,
+        Camera((11, 3.2, 20), (0, 3.4, 0), 40),
+        {
+            "a vertex is more than half a metre below the ground": deepest < -0.5,
+        },
+    )
 
 
 SLOPE_SECONDS = 5.0
@@ -176,16 +192,22 @@ def slope():
     starts = [steep.position.copy(), gentle.position.copy()]
     states = [(starts[0], steep.orientation.copy())]
     run(simulation, round(SLOPE_SECONDS / H))
-    ways = [np.linalg.norm(mesh.position - start) for mesh, start in
-            zip((steep, gentle), starts, strict=True)]  # fmt: skip
+    ways = [
+        np.linalg.norm(mesh.position - start)
+        for mesh, start in zip((steep, gentle), starts, strict=True)
+    ]
     angle = 2 * math.atan(1 / 4)  # as the scene has it
     law = 0.5 * G * SLOPE_SECONDS**2 * (math.sin(angle) - 0.4 * math.cos(angle))
     simulation.meshes = [*simulation.meshes, *ghosts(steep, 1, states)]
-    return Picture(simulation, Camera((14, 26, 62), (0, 10, 0), 36), {
-        "the box on the steep slope slides": ways[0] > 5.0,
-        "as Coulomb's law has it, within a fifth": abs(ways[0] / law - 1) < 0.2,
-        "the box on the gentle slope moves less than its own length": ways[1] < 2.0,
-    })  # fmt: skip
+    return Picture(
+        simulation,
+        Camera((14, 26, 62), (0, 10, 0), 36),
+        {
+            "the box on the steep slope slides": ways[0] > 5.0,
+            "as Coulomb's law has it, within a fifth": abs(ways[0] / law - 1) < 0.2,
+            "the box on the gentle slope moves less than its own length": ways[1] < 2.0,
+        },
+    )
 
 
 PYRAMID_STEPS = 500
@@ -221,11 +243,15 @@ def heap():
     run(simulation, HEAP_STEPS)
     top = max(mesh.position[0, 1] for mesh in simulation.meshes)
     speeds = np.linalg.norm([mesh.linVelocity[0] for mesh in simulation.meshes], axis=1)
-    return Picture(simulation, Camera((115, 90, 205), (0, 32, 0), 38), {
-        "it has come down by a fifth and more": top < 0.8 * start,
-        "half of its bodies move with a metre a second or more": np.median(speeds) > 1.0,
-        "bodies touch one other and more": len(simulation.report.contacts) > 500,
-    })  # fmt: skip
+    return Picture(
+        simulation,
+        Camera((115, 90, 205), (0, 32, 0), 38),
+        {
+            "it has come down by a fifth and more": top < 0.8 * start,
+            "half of its bodies move with a metre a second or more": np.median(speeds) > 1.0,
+            "bodies touch one other and more": len(simulation.report.contacts) > 500,
+        },
+    )
 
 
 PICTURES = {
@@ -238,25 +264,30 @@ PICTURES = {
 CAPTIONS = {
     "picture_stack": (
         "the boxes stand in each other, by a quarter of a box and more",
-        "the lowest two overlap", "the top is lower by more than three metres",
+        "the lowest two overlap",
+        "the top is lower by more than three metres",
         "the fixed boxes are where they were",
     ),
     "picture_tunnel": (
-        "two are thrown back", "two are behind the wall",
-        "the fast ones were never in the nearer half", "the slow ones were",
+        "two are thrown back",
+        "two are behind the wall",
+        "the fast ones were never in the nearer half",
+        "the slow ones were",
     ),
     "picture_cube": ("a vertex is more than half a metre below the ground",),
     "picture_slope": (
-        "the box on the steep slope slides", "as Coulomb's law has it, within a fifth",
+        "the box on the steep slope slides",
+        "as Coulomb's law has it, within a fifth",
         "the box on the gentle slope moves less than its own length",
     ),
     "picture_heap": (
         "it has come down by a fifth and more",
-        "half of its bodies move with a metre a second or more", "bodies touch one other and more",
+        "half of its bodies move with a metre a second or more",
+        "bodies touch one other and more",
     ),
     "picture_pyramid_basic": ("the pyramid has collapsed",),
     "picture_pyramid_soft": ("the pyramid stands, to a decimetre",),
-}  # fmt: skip
+}
 
 
 def checked(name):

@@ -13,12 +13,12 @@ import style
 from experiments import BOX, ROOT, H, experiment, heap_scene, silent, text
 from mechanisms import boxes
 
-from rbs.broadphase import grid_overlaps
-from rbs.scenes import find_scene
-from rbs.settings import CHOSEN
-from rbs.simulation import Simulation
+from rbs.geometry.broadphase import grid_overlaps
+from rbs.scenes.scenefiles import find_scene
+from rbs.scenes.simulation import Simulation
+from rbs.stepping.settings import CHOSEN
 
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(ROOT / "tests" / "benchmarks"))
 import benchmarkPiles
 
 ENGINES = {  # name → key in numbers.json, label, colour, dash
@@ -30,8 +30,15 @@ ENGINES = {  # name → key in numbers.json, label, colour, dash
 HEAP, HEAP_STEPS, SAMPLE = 200, 1000, 20
 FRICTION = benchmarkPiles.MATERIALS["friction 0.5"]
 # The modules of the soft-step solver alone, and those of the accelerated basic step alone.
-SOLVER_ROOMS = ("springs", "manifolds", "contactdetection", "softcontacts", "softconstraints",
-                "sleeping", "softstep")  # fmt: skip
+SOLVER_ROOMS = (
+    "springs",
+    "manifolds",
+    "contactdetection",
+    "softcontacts",
+    "softconstraints",
+    "sleeping",
+    "softstep",
+)
 GRID_ROOMS = ("broadphase", "batches")
 NUMERALS = {4: "four", 6: "six", 8: "eight", 10: "ten", 12: "twelve"}
 
@@ -53,8 +60,10 @@ def motion_of(run, count):
     """`(positions (n, 3), orientations (n, 4), velocities (n, 3))` of what `engines` gives."""
     if hasattr(run, "simulation"):
         meshes = run.simulation.meshes
-        return tuple(np.concatenate([getattr(mesh, name) for mesh in meshes])
-                     for name in ("position", "orientation", "linVelocity"))  # fmt: skip
+        return tuple(
+            np.concatenate([getattr(mesh, name) for mesh in meshes])
+            for name in ("position", "orientation", "linVelocity")
+        )
     if hasattr(run, "data"):
         poses = run.data.qpos.reshape(count, 7)
         return poses[:, :3].copy(), poses[:, 3:].copy(), run.data.qvel.reshape(count, 6)[:, :3]
@@ -94,9 +103,11 @@ def resting(axis):
     axis.remove()
     upper, lower = figure.subplots(2, 1, sharex=True)
     numbers = {
-        "bodies": str(HEAP), "seconds": f"{HEAP_STEPS * H:g}", "mu": f"{FRICTION.friction:g}",
+        "bodies": str(HEAP),
+        "seconds": f"{HEAP_STEPS * H:g}",
+        "mu": f"{FRICTION.friction:g}",
         "late": f"{HEAP_STEPS * H - 2:g}",
-    }  # fmt: skip
+    }
     for name, values in rows.items():
         key, label, colour, dash = ENGINES[name]
         speeds, depths = np.array(values).T
@@ -155,7 +166,8 @@ def code():
         return sum(len((ROOT / "rbs" / f"{room}.py").read_text().splitlines()) for room in rooms)
 
     return {
-        "solver": str(lines(SOLVER_ROOMS)), "solverRooms": str(len(SOLVER_ROOMS)),
+        "solver": str(lines(SOLVER_ROOMS)),
+        "solverRooms": str(len(SOLVER_ROOMS)),
         "grid": str(lines(GRID_ROOMS)),
         "substeps": NUMERALS[CHOSEN["substeps"].default],
-    }  # fmt: skip
+    }

@@ -15,8 +15,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from rbs.files import atomic_write
-from rbs.messages import InputError
+from rbs.scenes.files import atomic_write
+from rbs.scenes.messages import InputError
 
 ROOT = Path(__file__).resolve().parent.parent
 MODULES = ("RBSFunctions.py", "GJK.py", "Quaternion.py", "RigidBodySimulation.py")
@@ -67,8 +67,9 @@ def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("file", nargs="?", type=Path, default=ROOT / "out/submission.zip",
-                        metavar="FILE.zip")  # fmt: skip
+    parser.add_argument(
+        "file", nargs="?", type=Path, default=ROOT / "out/submission.zip", metavar="FILE.zip"
+    )
     target = parser.parse_args().file
     try:
         target.parent.mkdir(parents=True, exist_ok=True)

@@ -21,11 +21,11 @@ import resting
 import style
 from experiments import ROOT, H, heap_scene, scene, slope, text
 
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(ROOT / "tests" / "benchmarks"))
 import benchmark
 import benchmarkPiles
 
-from rbs.simulation import Simulation
+from rbs.scenes.simulation import Simulation
 
 FOLDER = Path(__file__).resolve().parent
 SCALE, SCHEDULING, RESTING = (FOLDER / f"{name}.csv" for name in ("scale", "scheduling", "resting"))
@@ -47,8 +47,14 @@ RUNS = {  # name in the table → label, colour, marker, dash
     "MuJoCo": ("MuJoCo", style.PURPLE, "v", "--"),
     "MuJoCo, CG": ("MuJoCo, CG", style.VERMILION, "^", "--"),
 }
-KEYS = {"all pairs": "loop", "grid": "grid", "soft step": "soft", "PyBullet": "pybullet",
-        "MuJoCo": "mujoco", "MuJoCo, CG": "mujocoCG"}  # fmt: skip
+KEYS = {
+    "all pairs": "loop",
+    "grid": "grid",
+    "soft step": "soft",
+    "PyBullet": "pybullet",
+    "MuJoCo": "mujoco",
+    "MuJoCo, CG": "mujocoCG",
+}
 
 
 def write(path, rows):
@@ -77,12 +83,16 @@ def read(path):
 def heap_runs(count, material):
     """Name → run, of everything that is compared on a dense heap."""
     path = heap_scene(count)
-    own = {"all pairs": {}, "grid": {"broadPhase": "grid"},
-           "soft step": {"contactSolver": "soft-step"}}  # fmt: skip
+    own = {
+        "all pairs": {},
+        "grid": {"broadPhase": "grid"},
+        "soft step": {"contactSolver": "soft-step"},
+    }
     if count > MOST_LOOPED:
         del own["all pairs"]
-    runs = {name: benchmarkPiles.OwnRun(path, material, **settings)
-            for name, settings in own.items()}  # fmt: skip
+    runs = {
+        name: benchmarkPiles.OwnRun(path, material, **settings) for name, settings in own.items()
+    }
     for name, (package, peer) in benchmarkPiles.PEERS.items():
         if importlib.util.find_spec(package):
             runs[name] = peer(Simulation(path), material)
@@ -108,8 +118,10 @@ def measure_scheduling():
     """Writes scheduling.csv: milliseconds of whole steps with the three schedules."""
     rows = []
     for name in mechanisms.CONSTRAINED:
-        simulations = [scene(name, constraintScheduling=schedule, broadPhase="grid")
-                       for schedule in mechanisms.SCHEDULINGS]  # fmt: skip
+        simulations = [
+            scene(name, constraintScheduling=schedule, broadPhase="grid")
+            for schedule in mechanisms.SCHEDULINGS
+        ]
         series = benchmark.measure(
             simulations, mechanisms.CONSTRAINED_STEPS, mechanisms.CONSTRAINED_FROM
         )
@@ -133,10 +145,13 @@ def measure_resting():
             run.step()
             seconds[name].append(time.perf_counter() - begin)
     rows = [
-        {"engine": name, "awake": f"{1e3 * np.median(values[AWAKE]):.3f}",
-         "late": f"{1e3 * np.median(values[LATE]):.3f}"}
+        {
+            "engine": name,
+            "awake": f"{1e3 * np.median(values[AWAKE]):.3f}",
+            "late": f"{1e3 * np.median(values[LATE]):.3f}",
+        }
         for name, values in seconds.items()
-    ]  # fmt: skip
+    ]
     for row in rows:
         print(*row.values(), flush=True)
     write(RESTING, rows)
@@ -161,12 +176,18 @@ def scheduling():
     for name in mechanisms.CONSTRAINED:
         sweep, queue, batches = (times[name, schedule] for schedule in mechanisms.SCHEDULINGS)
         numbers[name] = {
-            "sweep": milliseconds(sweep), "queue": milliseconds(queue),
-            "batches": milliseconds(batches), "queueRatio": text(queue / sweep, 2),
-            "batchesRatio": text(batches / sweep, 2), "batchesFaster": text(sweep / batches, 1),
-        }  # fmt: skip
-    slow = [name.replace("_", " ") for name in mechanisms.CONSTRAINED
-            if times[name, "queue"] > 0.95 * times[name, "sweep"]]  # fmt: skip
+            "sweep": milliseconds(sweep),
+            "queue": milliseconds(queue),
+            "batches": milliseconds(batches),
+            "queueRatio": text(queue / sweep, 2),
+            "batchesRatio": text(batches / sweep, 2),
+            "batchesFaster": text(sweep / batches, 1),
+        }
+    slow = [
+        name.replace("_", " ")
+        for name in mechanisms.CONSTRAINED
+        if times[name, "queue"] > 0.95 * times[name, "sweep"]
+    ]
     numbers["noGain"] = (
         f"on {listed(slow)} it brings nothing" if slow else "here it pays in all four scenes"
     )
@@ -175,8 +196,11 @@ def scheduling():
 
 def times_of(rows, material, run):
     """`(bodies, milliseconds)` of a run, as arrays."""
-    own = [(int(row["bodies"]), float(row["milliseconds"])) for row in rows
-           if (row["material"], row["run"]) == (material, run)]  # fmt: skip
+    own = [
+        (int(row["bodies"]), float(row["milliseconds"]))
+        for row in rows
+        if (row["material"], row["run"]) == (material, run)
+    ]
     return np.array(own).reshape(-1, 2).T
 
 
@@ -184,12 +208,14 @@ def scale(axis):
     """Milliseconds per step against the number of bodies, with friction."""
     machine, when, rows = read(SCALE)
     numbers = {
-        "machine": machine, "when": when[0], "steps": rows[0]["steps"].replace("-", "–"),
+        "machine": machine,
+        "when": when[0],
+        "steps": rows[0]["steps"].replace("-", "–"),
         "load": "".join(part.rsplit(" ", 1)[1] for part in when if part.startswith("load average")),
         "mu": f"{benchmarkPiles.MATERIALS[FRICTION].friction:g}",
         "restitution": f"{benchmarkPiles.MATERIALS[FRICTION].restitution:g}",
         "realTime": f"{1e3 * H:g}",
-    }  # fmt: skip
+    }
     sizes = sorted({int(row["bodies"]) for row in rows})
     compared = max([size for size in sizes if size <= COMPARED], default=sizes[0])
     for run, (label, colour, mark, dash) in RUNS.items():
@@ -221,15 +247,18 @@ def scale(axis):
     last = [row for row in rows if (row["material"], row["run"]) == (FRICTION, "grid")][-1]
     phases = {name: float(last.get(name) or 0) for name in benchmarkPiles.PHASES}
     return numbers | {
-        "least": str(sizes[0]), "most": mechanisms.thousands(most),
-        "compared": mechanisms.thousands(compared), "looped": str(looped),
-        "loopLooped": milliseconds(loop[looped]), "gridLooped": milliseconds(grid[looped]),
+        "least": str(sizes[0]),
+        "most": mechanisms.thousands(most),
+        "compared": mechanisms.thousands(compared),
+        "looped": str(looped),
+        "loopLooped": milliseconds(loop[looped]),
+        "gridLooped": milliseconds(grid[looped]),
         "loopRatio": text(loop[looped] / grid[looped], 1),
         "collisions": text(100 * phases["collisions"] / sum(phases.values()), 0),
         "pairs": mechanisms.thousands(float(last["candidate pairs"])),
         "contacts": mechanisms.thousands(float(last["contacts"])),
         "perPair": text(1e3 * phases["collisions"] / float(last["candidate pairs"]), 0),
-    }  # fmt: skip
+    }
 
 
 def slick(axis):

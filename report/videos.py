@@ -12,12 +12,12 @@ import numpy as np
 from experiments import heap_scene, lowest_vertices, overlap_and_sinking, silent
 from pictures import RESTING, Camera, eight_boxes, thrown_cubes
 
-from rbs.backends import find_backend
-from rbs.files import atomic_write
-from rbs.pictureoptions import PictureOptions
-from rbs.pictures import Encoder, start_view, take_picture
-from rbs.scenes import find_scene
-from rbs.simulation import Settings, Simulation
+from rbs.appearance.pictureoptions import PictureOptions
+from rbs.pictures.backends import find_backend
+from rbs.pictures.capture import Encoder, start_view, take_picture
+from rbs.scenes.files import atomic_write
+from rbs.scenes.scenefiles import find_scene
+from rbs.scenes.simulation import Settings, Simulation
 
 FOLDER = Path(__file__).resolve().parent / "videos"
 SIZE = (600, 380)
@@ -48,10 +48,25 @@ def scene(name, **settings):
 
 def movement():
     boxes, cubes = eight_boxes(), thrown_cubes()
-    yield Segment("overlap", boxes, Camera((25, 20, 38), (0, 10.5, 0), 36), 0, 130, 1,
-                  lambda s: overlap_and_sinking(s.meshes[:8])[0] > 1.0)  # fmt: skip
-    yield Segment("through", cubes, Camera((-4, 15, 25), (0.5, 4.5, 0.5), 42), 0, 14, 1,
-                  lambda s: s.meshes[3].position[0, 0] > 1.5, hold=6)  # fmt: skip
+    yield Segment(
+        "overlap",
+        boxes,
+        Camera((25, 20, 38), (0, 10.5, 0), 36),
+        0,
+        130,
+        1,
+        lambda s: overlap_and_sinking(s.meshes[:8])[0] > 1.0,
+    )
+    yield Segment(
+        "through",
+        cubes,
+        Camera((-4, 15, 25), (0.5, 4.5, 0.5), 42),
+        0,
+        14,
+        1,
+        lambda s: s.meshes[3].position[0, 0] > 1.5,
+        hold=6,
+    )
 
 
 def post_hit(simulation):
@@ -61,19 +76,34 @@ def post_hit(simulation):
 
 
 def constraints():
-    yield Segment("pressed", scene("cube"), Camera((11, 3.2, 20), (0, 3.4, 0), 40), 95, 220, 1,
-                  lambda s: lowest_vertices(s).min() < -0.7)  # fmt: skip
+    yield Segment(
+        "pressed",
+        scene("cube"),
+        Camera((11, 3.2, 20), (0, 3.4, 0), 40),
+        95,
+        220,
+        1,
+        lambda s: lowest_vertices(s).min() < -0.7,
+    )
     chains = scene("two_chain")
     x, y, z = chains.meshes[20].position[0]
-    yield Segment("post", chains, Camera((x + 30, y + 18, z + 42), (x, y + 6, z), 40), 330, 430, 1,
-                  post_hit)  # fmt: skip
+    yield Segment(
+        "post", chains, Camera((x + 30, y + 18, z + 42), (x, y + 6, z), 40), 330, 430, 1, post_hit
+    )
 
 
 def friction():
     slopes = scene("incline", friction=0.4)
     start = slopes.meshes[1].position.copy()
-    yield Segment("slides", slopes, Camera((14, 26, 62), (0, 10, 0), 36), 0, 300, 2,
-                  lambda s: np.linalg.norm(s.meshes[1].position - start) > 6.0)  # fmt: skip
+    yield Segment(
+        "slides",
+        slopes,
+        Camera((14, 26, 62), (0, 10, 0), 36),
+        0,
+        300,
+        2,
+        lambda s: np.linalg.norm(s.meshes[1].position - start) > 6.0,
+    )
 
 
 def scale():
@@ -83,21 +113,38 @@ def scale():
     middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
     target = middle * [1, 0.55, 1]
     look = Camera(target + size * np.array([0.25, 0.28, 0.75]), target, 40)
-    yield Segment("collapses", heap, look, 0, 240, 2,
-                  lambda s: max(m.position[0, 1] for m in s.meshes) < 0.7 * high[1])  # fmt: skip
+    yield Segment(
+        "collapses",
+        heap,
+        look,
+        0,
+        240,
+        2,
+        lambda s: max(m.position[0, 1] for m in s.meshes) < 0.7 * high[1],
+    )
 
 
 def resting():
     look = Camera((80, 56, 172), (4, 41, 0), 36)
     basic = scene("pyramid", broadPhase="grid", **RESTING)
-    yield Segment("falls", basic, look, 0, 280, 2,
-                  lambda s: max(m.position[0, 1] for m in s.meshes) < 75)  # fmt: skip
+    yield Segment(
+        "falls", basic, look, 0, 280, 2, lambda s: max(m.position[0, 1] for m in s.meshes) < 75
+    )
     soft = scene("pyramid", contactSolver="soft-step", **RESTING)
-    yield Segment("sleeps", soft, look, 0, 120, 2, lambda s: s.report.isAsleep.all(),
-                  colouring="sleep")  # fmt: skip
+    yield Segment(
+        "sleeps", soft, look, 0, 120, 2, lambda s: s.report.isAsleep.all(), colouring="sleep"
+    )
     heap = Simulation(heap_scene(200), Settings(contactSolver="soft-step", **RESTING))
-    yield Segment("heapSleeps", heap, Camera((75, 60, 120), (0, 8, 0), 36), 150, 850, 6,
-                  lambda s: s.report.isAsleep.mean() > 0.5, colouring="sleep")  # fmt: skip
+    yield Segment(
+        "heapSleeps",
+        heap,
+        Camera((75, 60, 120), (0, 8, 0), 36),
+        150,
+        850,
+        6,
+        lambda s: s.report.isAsleep.mean() > 0.5,
+        colouring="sleep",
+    )
 
 
 VIDEOS = {f.__name__: f for f in (movement, constraints, friction, scale, resting)}
@@ -134,9 +181,11 @@ def videos():
         frame, seen, shown = 0, {}, set()
         for segment, _ in frames(name):
             shown.add(segment.what)
-            if segment.what not in seen and segment.simulation.report and segment.event(
-                segment.simulation
-            ):  # fmt: skip
+            if (
+                segment.what not in seen
+                and segment.simulation.report
+                and segment.event(segment.simulation)
+            ):
                 seen[segment.what] = clock(frame)
             frame += segment.hold
         numbers |= {what: seen.get(what, NEVER) for what in shown}
@@ -164,10 +213,23 @@ def make(name):
     FOLDER.mkdir(exist_ok=True)
     with atomic_write(FOLDER / f"{name}.mp4") as partial:
         for quality in QUALITIES:
-            encoder = Encoder(partial, SIZE, RATE, (
-                "-vcodec", "libx264", "-pix_fmt", "yuv420p", "-crf", str(quality),
-                "-preset", "slow", "-movflags", "+faststart",
-            ))  # fmt: skip
+            encoder = Encoder(
+                partial,
+                SIZE,
+                RATE,
+                (
+                    "-vcodec",
+                    "libx264",
+                    "-pix_fmt",
+                    "yuv420p",
+                    "-crf",
+                    str(quality),
+                    "-preset",
+                    "slow",
+                    "-movflags",
+                    "+faststart",
+                ),
+            )
             for picture in pictures:
                 encoder.write(picture)
             encoder.finish()

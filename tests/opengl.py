@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import pytest
 
-from rbs.backends import find_backend
+from rbs.pictures.backends import find_backend
 
 # Set where a missing OpenGL is a failure, as in CI, and not a reason to skip.
 REQUIRED = os.environ.get("RBS_REQUIRE_OPENGL") == "1"

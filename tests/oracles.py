@@ -81,8 +81,16 @@ def box_body(x, y, z, position, **settings):
 
 def ground():
     """The ground as the contract has it."""
-    return Mesh("ground", np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 4), int),
-                0.0, np.zeros((1, 3)), np.array([IDENTITY]), True)  # fmt: skip
+    return Mesh(
+        "ground",
+        np.zeros((0, 3)),
+        np.zeros((0, 3), int),
+        np.zeros((0, 4), int),
+        0.0,
+        np.zeros((1, 3)),
+        np.array([IDENTITY]),
+        True,
+    )
 
 
 STATE = ("position", "orientation", "linVelocity", "angVelocity")
@@ -194,8 +202,9 @@ def exact_depth(points1, points2):
         normals += between
         normals += [
             tuple(_dot(d, d) * x - _dot(d, v) * y for x, y in zip(v, d, strict=True))
-            for v in between for d in lines
-        ]  # fmt: skip
+            for v in between
+            for d in lines
+        ]
         least = _least_overlap(*sets, [n for n in normals if any(n)])
     digits = 2 * max(0, 80 + (least.denominator.bit_length() - least.numerator.bit_length()) // 2)
     root = math.isqrt((abs(least.numerator) << digits) // least.denominator)
@@ -268,5 +277,7 @@ def height_over_surface(points, p):
 
 def size_of(points1, points2):
     """What a tolerance is relative to: the sum of both point sets' radii, as in GJK.py."""
-    return sum(np.linalg.norm(p - 0.5 * (p.min(axis=0) + p.max(axis=0)), axis=1).max()
-               for p in (points1, points2))  # fmt: skip
+    return sum(
+        np.linalg.norm(p - 0.5 * (p.min(axis=0) + p.max(axis=0)), axis=1).max()
+        for p in (points1, points2)
+    )

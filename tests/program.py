@@ -7,8 +7,8 @@ import sys
 import numpy as np
 from oracles import ROOT, ground
 
-from rbs.recording import Recorder
-from rbs.state import STATE_NAMES
+from rbs.recordings.recording import Recorder
+from rbs.scenes.state import STATE_NAMES
 from RBSFunctions import run_timestep
 from RigidBodySimulation import load_scene_file, main
 
@@ -28,8 +28,12 @@ def run(folder, *arguments, **changes):
     """Runs the program in a folder, with environment variables changed; the finished process."""
     return subprocess.run(
         [sys.executable, PROGRAM, *map(str, arguments)],
-        cwd=folder, env=environment(**changes), capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
+        cwd=folder,
+        env=environment(**changes),
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
 
 
 def start(folder, *arguments, **options):

@@ -43,8 +43,9 @@ def call(folder, *command):
     raises Failed where it ends with an exit code other than 0, or an exception is printed
     """
     words = [str(word) for word in command]
-    process = subprocess.run(words, cwd=folder, env=ENVIRONMENT, timeout=TIME_LIMIT,
-                             capture_output=True, text=True)  # fmt: skip
+    process = subprocess.run(
+        words, cwd=folder, env=ENVIRONMENT, timeout=TIME_LIMIT, capture_output=True, text=True
+    )
     # Compiled code may print an exception, ignore it, and go on with wrong numbers.
     if process.returncode != 0 or "Traceback" in process.stderr:
         print(process.stdout + process.stderr, end="")
@@ -77,7 +78,7 @@ def imports(folder):
 
 
 def records(folder):
-    from rbs.scenes import DATA_FOLDER
+    from rbs.scenes.scenefiles import DATA_FOLDER
 
     shutil.copytree(DATA_FOLDER, folder / "own")
     scene = folder / "own" / "tower_chain-scene.txt"
@@ -119,7 +120,7 @@ def grades(folder):
 
 
 def draws(folder):
-    from rbs.backends import find_backend
+    from rbs.pictures.backends import find_backend
 
     backend = find_backend(window=False)
     if backend.name is None:

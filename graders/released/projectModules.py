@@ -9,7 +9,7 @@ PROJECT = str(Path(__file__).resolve().parents[2])
 # one in ../code that the released graders look for.
 sys.path.insert(0, PROJECT)
 try:
-    from rbs.scenelines import scene_rows as scene_rows
-    from rbs.submissions import our_module as our_module
+    from rbs.program.submissions import our_module as our_module
+    from rbs.scenes.scenelines import scene_rows as scene_rows
 finally:
     sys.path.remove(PROJECT)

@@ -1,0 +1,211 @@
+"""Colours: of bodies by what is known of them, and of everything else that is drawn.
+
+From the top: the colours; `BodyColours`, the ways to colour and their legend; contact islands; the
+colour map.
+All colours are (r, g, b) from 0 to 1.
+"""
+
+import math
+
+import numpy as np
+
+from rbs.softstep.contacts import islands
+
+BACKGROUND = (0.62, 0.70, 0.80)
+# What Polyscope's tone mapping, which leaves flat surfaces alone, makes of it.
+SEEN_BACKGROUND = (0.839, 0.886, 0.945)
+FIXED_COLOUR = (0.72, 0.72, 0.72)
+PICKED_COLOUR = (0.90, 0.10, 0.55)
+# Of a body that touches no other free one, where bodies are coloured by what they touch.
+LONE_COLOUR = (0.93, 0.93, 0.90)
+SHADOW_COLOUR = (0.41, 0.42, 0.45)
+CREASE_COLOUR = (0.10, 0.12, 0.15)
+# The colour map viridis at equal steps: its lightness falls evenly, also for the colour-blind.
+# From light to heavy, and without the map's darkest tenth, on which no edge would show.
+VIRIDIS = (
+    np.array(
+        [
+            [253, 231, 37],
+            [181, 222, 43],
+            [110, 206, 88],
+            [53, 183, 121],
+            [31, 158, 137],
+            [38, 130, 142],
+            [49, 104, 142],
+            [62, 73, 137],
+            [72, 40, 120],
+        ]
+    )
+    / 255.0
+)
+# Colours that the colour-blind tell apart (Okabe and Ito), and lighter ones of the same kind.
+PALETTE = (
+    np.array(
+        [
+            [230, 159, 0],
+            [86, 180, 233],
+            [0, 158, 115],
+            [240, 228, 66],
+            [0, 114, 178],
+            [213, 94, 0],
+            [204, 121, 167],
+            [148, 203, 236],
+            [126, 196, 160],
+            [194, 106, 119],
+        ]
+    )
+    / 255.0
+)
+# The two greys of the ground's squares.
+GROUND_COLOURS = ((0.62, 0.63, 0.64), (0.68, 0.69, 0.70))
+# Constraints from slack over taut to too long or too short: light blue, yellow, vermilion, which
+# the colour-blind tell apart too (Okabe and Ito's palette).
+CONSTRAINT_COLOURS = np.array([[86, 180, 233], [240, 228, 66], [213, 94, 0]]) / 255.0
+# Overlays.
+NORMAL_COLOUR = (0.0, 0.25, 0.55)
+IMPULSE_COLOUR = (0.90, 0.62, 0.0)
+FRICTION_COLOUR = (0.84, 0.15, 0.16)
+VELOCITY_COLOUR = (0.0, 0.45, 0.30)
+BOX_COLOUR = (0.20, 0.20, 0.25)
+TRAIL_COLOUR = (0.35, 0.10, 0.45)
+# m/s, of the darkest bodies where they are coloured by speed: a fall from 46 m.
+TOP_SPEED = 30.0
+# Densities that the legend has room for; of more, it shows only the ends.
+LEGEND_LINES = 6
+
+
+class BodyColours:
+    """The colours of a scene's bodies.
+
+    Densities are placed between the extremes that the scene begins with: what is fixed or freed
+    changes no other body's colour.
+    """
+
+    def __init__(self, meshes):
+        densities = [mesh.density for mesh in meshes if not mesh.isFixed]
+        densities = densities or [mesh.density for mesh in meshes] or [1.0]
+        self._extremes = min(densities), max(densities)
+
+    def of(self, simulation, colouring):
+        """RGB of every body, (n, 3): grey if fixed, else by a name of COLOURINGS."""
+        isFixed = np.array([[mesh.isFixed] for mesh in simulation.meshes])
+        return np.where(isFixed, FIXED_COLOUR, COLOURINGS[colouring](self, simulation))
+
+    def by_body(self, simulation):
+        """The palette over and over. A copy of a body can name in `colourIndex` whose colour it
+        has."""
+        index = [getattr(mesh, "colourIndex", k) for k, mesh in enumerate(simulation.meshes)]
+        return PALETTE[np.array(index, dtype=np.intp) % len(PALETTE)]
+
+    def by_density(self, simulation):
+        """Viridis over the logarithm of the density."""
+        known = {mesh.density for mesh in simulation.meshes}
+        colours = {density: colour_of_density(density, *self._extremes) for density in known}
+        return np.array([colours[mesh.density] for mesh in simulation.meshes])
+
+    def by_speed(self, simulation):
+        """Viridis from rest, light, to TOP_SPEED and above, dark."""
+        velocities = np.concatenate([mesh.linVelocity for mesh in simulation.meshes])
+        place = np.clip(np.linalg.norm(velocities, axis=1) / TOP_SPEED, 0.0, 1.0)
+        steps = np.linspace(0.0, 1.0, len(VIRIDIS))
+        return np.stack([np.interp(place, steps, channel) for channel in VIRIDIS.T], axis=1)
+
+    def by_island(self, simulation):
+        """The palette's colour of the lowest index among all that hang together by contacts."""
+        contacts = () if simulation.report is None else simulation.report.contacts
+        pairs = [(contact.body1, contact.body2) for contact in contacts]
+        lowest = contact_islands(simulation.meshes, pairs)
+        return np.where(lowest[:, None] < 0, LONE_COLOUR, PALETTE[lowest % len(PALETTE)])
+
+    def by_sleep(self, simulation):
+        """Awake bodies as by body, sleeping ones in one pale colour."""
+        report, colours = simulation.report, self.by_body(simulation)
+        if report is not None and report.hasSleepers:
+            # Bodies that have been added since the step come last.
+            colours[np.flatnonzero(report.isAsleep)] = LONE_COLOUR
+        return colours
+
+    def legend(self, simulation, colouring):
+        """What the colours mean: rows (text, (r, g, b)).
+
+        colouring : a name of COLOURINGS. Of densities, all are named, or the ends of too many.
+        """
+        meshes, report = simulation.meshes, simulation.report
+        free = [mesh for mesh in meshes if not mesh.isFixed]
+        lines = []
+        if colouring == "density":
+            densities = sorted({mesh.density for mesh in free})
+            if len(densities) > LEGEND_LINES:
+                densities = [densities[0], densities[-1]]
+            lines = [
+                (f"density {density:g} kg/m³", tuple(colour_of_density(density, *self._extremes)))
+                for density in densities
+            ]
+        elif colouring == "speed":
+            speeds = {
+                "at rest": 0.0,
+                f"{TOP_SPEED / 2:g} m/s": 0.5,
+                f"{TOP_SPEED:g} m/s or more": 1.0,
+            }
+            lines = [(text, tuple(viridis(place))) for text, place in speeds.items()]
+        elif colouring == "contact island":
+            isSome = report is not None and report.hasSleepers
+            lines = [(f"touches no other {'awake' if isSome else 'free'} body", LONE_COLOUR)]
+        elif colouring == "sleep":
+            lines = [("asleep", LONE_COLOUR)]
+        return lines + [("fixed", FIXED_COLOUR)] * (len(free) < len(meshes))
+
+
+# What each colour of a constraint says.
+CONSTRAINT_MEANINGS = ("constraint slack", "constraint taut", "constraint exceeded")
+
+
+def constraint_legend():
+    """What the colours of constraints mean: rows (text, (r, g, b))."""
+    return [
+        (text, tuple(c)) for text, c in zip(CONSTRAINT_MEANINGS, CONSTRAINT_COLOURS, strict=True)
+    ]
+
+
+def contact_islands(meshes, pairs):
+    """For every body the lowest index among those that it is connected with by contacts.
+
+    pairs : (body, body) that touch, indices in `meshes`, or -1 for the ground
+    Fixed bodies and the ground connect nothing. returns (n,) int, -1 for a body that touches no
+    other free one
+    """
+    links = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
+    labels = islands(links, np.array([not mesh.isFixed for mesh in meshes]))
+    lowest = np.unique(labels, return_index=True)[1]
+    return np.where(np.bincount(labels)[labels] > 1, lowest[labels], -1)
+
+
+def colour_of_density(density, lightest, heaviest):
+    """RGB (3,) of a body: viridis over the logarithm of the density, from lightest to heaviest.
+
+    Where all bodies are equally dense, the middle of the map.
+    """
+    if heaviest > lightest:
+        place = math.log(density / lightest) / math.log(heaviest / lightest)
+        return viridis(min(max(place, 0.0), 1.0))
+    return viridis(0.5)
+
+
+def linear(colours):
+    """Linear light of sRGB colours."""
+    return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+
+
+def viridis(place):
+    """RGB (3,) of the colour map: place 0 is its light end, 1 its dark one."""
+    steps = np.arange(len(VIRIDIS))
+    return np.array([np.interp(place * steps[-1], steps, channel) for channel in VIRIDIS.T])
+
+
+COLOURINGS = {
+    "body": BodyColours.by_body,
+    "density": BodyColours.by_density,
+    "speed": BodyColours.by_speed,
+    "contact island": BodyColours.by_island,
+    "sleep": BodyColours.by_sleep,
+}

@@ -1,0 +1,299 @@
+"""What is drawn, as arrays: surfaces and lines made of bodies, constraints, boxes and the ground.
+
+Nothing here draws, or needs Polyscope. From the top: all bodies as one surface, and its creases;
+constraint lines; the ground; shadows; outlines of contacts; boxes and grid cells.
+
+Units: metres. The y axis points up.
+"""
+
+import math
+
+import numpy as np
+
+from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOURS, SEEN_BACKGROUND
+from rbs.geometry.arrays import ranges
+from rbs.geometry.broadphase import grid_levels
+from RBSFunctions import refresh_vertices
+
+# Faces that meet at a smaller angle, in radians, pass for one round surface: a cylinder of 20 sides
+# or more, or a finely divided ellipsoid.
+CREASE_ANGLE = math.radians(30.0)
+# A bound that is exceeded by this fraction of itself gets the last colour of constraints in full.
+FULL_EXCESS = 0.05
+# How many squares the ground has across, and the least side of one, relative to what is looked at.
+GROUND_SQUARES = 80
+SQUARE_SIZE = 0.08
+# The plain ground around them: rings and sectors; where it begins to fade, relative to how far it
+# is seen; and how far it lies below the squares, relative to what is looked at.
+GROUND_RINGS, GROUND_SECTORS = 12, 96
+FADE_BEGIN = 0.12
+DISC_DEPTH = 2e-3
+# Where the shadow of a point falls that is 1 m above the ground: the light comes from the upper
+# left, over the usual camera's shoulder, as the shading of the bodies has it.
+SHADOW_SLANT = np.array([0.50, 0.0, -0.22])
+# Towards the sun of studio pictures, which stands lower.
+SUN = np.array([-0.58, 0.70, 0.42]) / math.sqrt(0.58**2 + 0.70**2 + 0.42**2)
+# The corners of a box, as 0 for its low and 1 for its high end along x, y, z, and its edges.
+BOX_CORNERS = np.array([[k >> 2 & 1, k >> 1 & 1, k & 1] for k in range(8)])
+BOX_EDGES = np.array(
+    [(a, b) for a in range(8) for b in range(a) if np.sum(BOX_CORNERS[a] != BOX_CORNERS[b]) == 1]
+)
+
+
+def flatten_meshes(meshes):
+    """All bodies as the one surface that a viewer draws fastest.
+
+    meshes : list of Mesh
+    returns (vertices (ΣV, 3), where the bodies are now; faces (ΣF, 3), counted through all bodies;
+    bodyOfFace (ΣF,), the index in `meshes` of the body that each face belongs to). A value per
+    body becomes a value per face by indexing: densities[bodyOfFace].
+    """
+    refresh_vertices(meshes)
+    vertices = [np.reshape(mesh.currVertices, (-1, 3)) for mesh in meshes]
+    faces = [np.reshape(mesh.faces, (-1, 3)).astype(np.int64) for mesh in meshes]
+    firstVertex = np.cumsum([0] + [len(v) for v in vertices])
+    bodyOfFace = np.repeat(np.arange(len(meshes)), [len(f) for f in faces])
+    return (
+        np.concatenate([np.empty((0, 3)), *vertices]),
+        np.concatenate([np.empty((0, 3), np.int64), *faces]) + firstVertex[bodyOfFace, None],
+        bodyOfFace,
+    )
+
+
+def find_creases(vertices, faces):
+    """The edges that a body shows: where two faces meet at more than CREASE_ANGLE.
+
+    So a box shows twelve edges and no diagonals, and an ellipsoid none.
+
+    vertices (V, 3); faces (F, 3) of closed surfaces
+    returns (E, 2) vertex indices
+    """
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
+    tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    neighbour = face_neighbours(faces)
+    cosines = np.sum(normals[:, None] * normals[neighbour], axis=2).ravel()
+    isCrease = (tails < heads) & (cosines < math.cos(CREASE_ANGLE))
+    return np.column_stack([tails[isCrease], heads[isCrease]])
+
+
+def corner_normals(vertices, faces):
+    """The unit normals (F, 3, 3) at the corners of faces (F, 3), as a smooth surface has them.
+
+    At a corner, the faces around its vertex are averaged, by their areas, that meet the corner's
+    own face at less than CREASE_ANGLE. vertices (V, 3)
+    """
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    across = np.cross(b - a, c - a)
+    normals = across / np.linalg.norm(across, axis=1, keepdims=True)
+    # all pairs of corners at one vertex
+    order = np.argsort(faces.ravel(), kind="stable")
+    count = np.bincount(faces.ravel())
+    vertex = faces.ravel()
+    own, other = ranges((count.cumsum() - count)[vertex], count[vertex])
+    other = order[other]
+    isAlike = np.sum(normals[own // 3] * normals[other // 3], axis=1) > math.cos(CREASE_ANGLE)
+    sums = np.zeros((faces.size, 3))
+    np.add.at(sums, own[isAlike], across[other[isAlike] // 3])
+    return (sums / np.linalg.norm(sums, axis=1, keepdims=True)).reshape(-1, 3, 3)
+
+
+def face_neighbours(faces):
+    """The faces (F, 3) on the other side of each face's edges; faces (F, 3) of closed surfaces."""
+    # Half-edge 3 f + k runs along face f from its corner k to the next one; its twin runs back.
+    count = faces.max(initial=0) + 1
+    tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    order, twinPlaces = np.argsort(tails * count + heads), np.argsort(heads * count + tails)
+    neighbour = np.empty(len(tails), dtype=np.int64)
+    neighbour[twinPlaces] = order // 3
+    return neighbour.reshape(-1, 3)
+
+
+class ConstraintLines:
+    """The constraints of a simulation as lines between their vertices.
+
+    Two bounds on the distance of the same two vertices are one line. Vertices are counted through
+    all bodies, as `flatten_meshes` counts them.
+    """
+
+    def __init__(self, simulation):
+        firstVertex = np.cumsum([0] + [len(mesh.currVertices) for mesh in simulation.meshes])
+        bounds = {}
+        for m1, v1, m2, v2, refValue, upper in simulation.constraints:
+            ends = (firstVertex[m1] + v1, firstVertex[m2] + v2)
+            least, most = bounds.get(ends, (0.0, math.inf))
+            bounds[ends] = (least, min(most, refValue)) if upper else (max(least, refValue), most)
+        self.ends = np.array(list(bounds), dtype=np.int64).reshape(-1, 2)
+        self.least, self.most = np.array(list(bounds.values())).reshape(-1, 2).T
+
+    def nodes(self, vertices):
+        """The lines' ends (2 T, 3), each line's two after each other; vertices (ΣV, 3)."""
+        return vertices[self.ends].reshape(-1, 3)
+
+    def colours(self, vertices):
+        """RGB (T, 3): how much of the allowed band is used, or by how much it is exceeded."""
+        tails, heads = vertices[self.ends[:, 0]], vertices[self.ends[:, 1]]
+        distance = np.linalg.norm(tails - heads, axis=1)
+        middle, half = (self.least + self.most) / 2.0, (self.most - self.least) / 2.0
+        # A rope, which has no lower bound, is used by as much as it is pulled out.
+        isRope = self.least == 0.0
+        middle, half = np.where(isRope, 0.0, middle), np.where(isRope, self.most, half)
+        off = np.abs(distance - middle)
+        used = np.clip(off / np.where(half > 0.0, half, 1.0), 0.0, 1.0)
+        used = np.where(half > 0.0, used, 1.0)  # a rod has no slack
+        excess = (off - half) / np.where(self.most > 0.0, FULL_EXCESS * self.most, 1.0)
+        place = used + np.clip(excess, 0.0, 1.0)
+        return np.stack([np.interp(place, (0, 1, 2), c) for c in CONSTRAINT_COLOURS.T], axis=1)
+
+
+def ground_squares(size, middle, reach):
+    """The ground: a chequered disc under `middle` (3,), in plain rings that fade into the sky.
+
+    size : metres, of what is looked at; reach : metres, how far the ground can be seen
+    returns (vertices (V, 3), faces (F, 3), colours (V, 3), side of a square in metres: 1, 2 or 5
+    times a power of ten)
+    """
+    least = SQUARE_SIZE * size
+    power = 10.0 ** math.floor(math.log10(least))
+    side = next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= least)
+    ticks = np.arange(GROUND_SQUARES) - GROUND_SQUARES // 2
+    # Whole pairs of squares: the colours of the ground do not depend on the scene's place.
+    shift = 2.0 * side * np.round(np.asarray(middle) / (2.0 * side))
+    row, column = (ticks.ravel() for ticks in np.meshgrid(ticks, ticks, indexing="ij"))
+    radius = side * GROUND_SQUARES / 2
+    isSeen = side * np.hypot(row + 0.5, column + 0.5) < radius
+    row, column = row[isSeen, None], column[isSeen, None]
+    # Each square has its own corners, so that it ends sharply, and fades smoothly.
+    x, z = column + [0, 0, 1, 1], row + [0, 1, 1, 0]
+    squares = side * np.stack([x, np.zeros_like(x), z], axis=-1).reshape(-1, 3) + shift * [1, 0, 1]
+    corners = 4 * np.arange(len(row))[:, None, None] + [[0, 1, 2], [0, 2, 3]]
+    # Far squares would only flicker: they fade into the plain grey between them.
+    plain = np.mean(GROUND_COLOURS, axis=0)
+    contrast = 1.0 - _smooth(
+        np.linalg.norm(squares - middle * np.array([1, 0, 1]), axis=1), 0.45 * radius, 0.95 * radius
+    )
+    colours = plain + contrast[:, None] * np.repeat(
+        (np.array(GROUND_COLOURS) - plain)[((row + column) % 2)[:, 0]], 4, axis=0
+    )
+
+    # The plain rings, of equal ratios, begin under the last squares only: two layers would hide
+    # twice as much of what is drawn where bodies are see-through.
+    radii = np.geomspace(min(0.9 * radius, 0.5 * reach), reach, GROUND_RINGS)
+    angles = np.linspace(0.0, 2.0 * math.pi, GROUND_SECTORS, endpoint=False)
+    disc = np.stack(
+        [
+            np.outer(radii, np.cos(angles)),
+            np.full((len(radii), len(angles)), -DISC_DEPTH * size),
+            np.outer(radii, np.sin(angles)),
+        ],
+        axis=-1,
+    ).reshape(-1, 3) + np.asarray(middle) * [1, 0, 1]
+    k = np.arange(GROUND_SECTORS)
+    quads = np.stack(
+        [
+            k,
+            (k + 1) % GROUND_SECTORS,
+            GROUND_SECTORS + (k + 1) % GROUND_SECTORS,
+            GROUND_SECTORS + k,
+        ],
+        axis=-1,
+    )
+    quads = (quads + GROUND_SECTORS * np.arange(len(radii) - 1)[:, None, None]).reshape(-1, 4)
+    rings = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+
+    vertices = np.concatenate([squares, disc])
+    colours = np.concatenate([colours, np.tile(plain, (len(disc), 1))])
+    distance = np.linalg.norm((vertices - middle)[:, [0, 2]], axis=1)
+    haze = _smooth(distance, FADE_BEGIN * reach, reach)[:, None]
+    faces = np.concatenate([corners.reshape(-1, 3), rings + len(squares)])
+    return vertices, faces, (1.0 - haze) * colours + haze * SEEN_BACKGROUND, side
+
+
+def _smooth(values, low, high):
+    """0 up to low, 1 from high on, and without a kink between."""
+    place = np.clip((values - low) / (high - low), 0.0, 1.0)
+    return place * place * (3.0 - 2.0 * place)
+
+
+def cast_shadows(vertices, height, slant=SHADOW_SLANT):
+    """Vertices (V, 3) as the light throws them onto the plane at this height in metres, (V, 3).
+
+    slant (3,) : where the shadow of a point falls that is 1 m above the ground
+    """
+    shadows = vertices + np.maximum(vertices[:, 1:2], 0.0) * slant
+    shadows[:, 1] = height
+    return shadows
+
+
+def surface_points(vertices, faces, bodyOfFace, centres, directions):
+    """Where rays from inside convex bodies leave them, (n, 3).
+
+    vertices (V, 3), faces (F, 3), bodyOfFace (F,) : as `flatten_meshes` gives them
+    centres, directions : (n, 3), a ray for each body; one of no direction stays in its centre
+    """
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = directions / np.where(lengths > 0.0, lengths, 1.0)
+    # A plane is reached after (height of the centre under it) / (speed towards it).
+    speeds = np.sum(normals * directions[bodyOfFace], axis=1)
+    heights = np.sum(normals * (a - centres[bodyOfFace]), axis=1)
+    isAhead = speeds > 1e-9 * np.linalg.norm(normals, axis=1)
+    ways = np.full(len(centres), math.inf)
+    np.minimum.at(ways, bodyOfFace[isAhead], np.maximum(heights, 0.0)[isAhead] / speeds[isAhead])
+    return centres + np.where(np.isfinite(ways), ways, 0.0)[:, None] * directions
+
+
+def contact_patches(pairs, points, normals):
+    """The outlines of contact manifolds: of each pair's points, once around the normal.
+
+    pairs : (m, 2), the bodies that touch; points, normals : (m, 3)
+    returns (edges (E, 2), indices of points; middles (P, 3) and normals (P, 3) of the P pairs)
+    """
+    _, first, patch, counts = np.unique(
+        pairs, axis=0, return_index=True, return_inverse=True, return_counts=True
+    )
+    patch, normals = patch.ravel(), normals[first]
+    middles = np.zeros((len(first), 3))
+    np.add.at(middles, patch, points)
+    middles /= counts[:, None]
+    # Some axis across the normal, from which angles are counted.
+    across = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
+    along = np.cross(normals, across)
+    away = points - middles[patch]
+    angle = np.arctan2(np.sum(along[patch] * away, axis=1), np.sum(across[patch] * away, axis=1))
+    order = np.lexsort((angle, patch))
+    # Each point to the next one of its patch, the last to the first.
+    begin = np.cumsum(counts) - counts
+    place = np.arange(len(order)) - begin[patch[order]]
+    following = order[begin[patch[order]] + (place + 1) % counts[patch[order]]]
+    edges = np.stack([order, following], axis=1)
+    return edges[order != following], middles, normals
+
+
+def box_lines(low, high):
+    """The edges of boxes as lines: low, high (n, 3); returns nodes (8 n, 3), edges (12 n, 2)."""
+    corners = np.where(BOX_CORNERS, high[:, None], low[:, None])
+    edges = BOX_EDGES + 8 * np.arange(len(low))[:, None, None]
+    return corners.reshape(-1, 3), edges.reshape(-1, 2)
+
+
+def grid_cells(low, high):
+    """The cells of the uniform-grid broad phase that hold a body, from its first to its last one.
+
+    A cell is a column along x. low, high : (n, 3), the boxes of the bodies
+    returns (low, high), both (m, 3)
+    """
+    cells = {}
+    for level, _, width in grid_levels(np.concatenate([low, -high], axis=1).T):
+        for b in level.tolist():
+            cell = (width, math.floor(low[b, 1] / width), math.floor(low[b, 2] / width))
+            begin, end = cells.get(cell, (math.inf, -math.inf))
+            cells[cell] = min(begin, low[b, 0]), max(end, high[b, 0])
+    rows = [
+        ((begin, y * width, z * width), (end, (y + 1) * width, (z + 1) * width))
+        for (width, y, z), (begin, end) in cells.items()
+    ]
+    cellLow, cellHigh = np.array(rows, dtype=np.float64).reshape(-1, 2, 3).transpose(1, 0, 2)
+    return cellLow, cellHigh

@@ -1,0 +1,229 @@
+"""Export of a run as glTF 2.0 (.glb), which Blender and other 3-D programs open.
+
+Each body is a node whose translation and rotation are animated, in real time, step by step. Shapes
+that occur more than once are stored once. A constraint is a line between its two vertices.
+pygltflib, which writes the file, is imported inside `GltfWriter`.
+
+Units: metres, seconds. glTF's y axis points up, as ours does.
+"""
+
+import numpy as np
+
+from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOURS, BodyColours, linear
+from rbs.appearance.drawables import ConstraintLines, corner_normals
+from rbs.scenes.files import atomic_write, named_errors
+from rbs.scenes.messages import InputError, shown_path
+from RBSFunctions import refresh_vertices
+
+GLTF_REMEDY = "Install it: pip install pygltflib"
+# Side of the ground, in sizes of the scene, and how rough surfaces are, from 0 to 1.
+GROUND_SIZE, ROUGHNESS = 6.0, 0.6
+
+
+class ExportError(InputError):
+    """A file that cannot be exported; one line."""
+
+
+class GltfWriter:
+    """Collects the states of a run, and writes them at its end."""
+
+    def __init__(self, path):
+        """Raises ExportError where pygltflib is missing."""
+        try:
+            import pygltflib
+        except ImportError:
+            raise ExportError(f"no export: pygltflib is missing. {GLTF_REMEDY}") from None
+        self.path = path
+        self._gltf = pygltflib
+        self._times, self._states, self._lines = [], [], []
+        self._constraints = None  # `ConstraintLines`, where the run begins with them
+
+    def add(self, simulation):
+        """Notes where the bodies are."""
+        state = simulation.state()
+        isFirst, isTied = not self._times, simulation.settings.enforceConstraints
+        if isFirst and isTied and simulation.constraints:
+            self._constraints = ConstraintLines(simulation)
+        self._times.append(simulation.time)
+        self._states.append((state["positions"], state["orientations"]))
+        if self._constraints is not None:
+            nodes = self._constraints.nodes(refresh_vertices(simulation.meshes))
+            self._lines.append(nodes.reshape(-1, 2, 3))
+
+    def save(self, simulation):
+        """Writes the file, in place of an old one; raises OSError."""
+        document = _Document(self._gltf)
+        times = np.array(self._times) - self._times[0]
+        document.times = document.accessor(times, isBounded=True)
+        meshes, colours = simulation.meshes, BodyColours(simulation.meshes).of(simulation, "body")
+        for b, mesh in enumerate(meshes):
+            node = document.node(mesh.name, document.shape(mesh, colours[b]))
+            # what is added by hand is not there before; a size of zero hides it
+            first = next(k for k, (positions, _) in enumerate(self._states) if b < len(positions))
+            states = [self._states[max(k, first)] for k in range(len(times))]
+            document.animate(node, "translation", [positions[b] for positions, _ in states])
+            turns = _continuous(np.array([orientations[b] for _, orientations in states]))
+            document.animate(node, "rotation", np.roll(turns, -1, axis=1))  # scalar last
+            if first:
+                isThere = np.arange(len(times)) >= first
+                document.animate(node, "scale", np.repeat(isThere[:, None], 3, 1), "STEP")
+        if self._lines:
+            document.add_lines(np.array(self._lines), CONSTRAINT_COLOURS[1])
+        if simulation.groundMesh is not None:
+            document.add_ground(np.concatenate([p for p, _ in self._states]))
+        with named_errors(self.path), atomic_write(self.path) as partial:
+            document.write(partial)
+
+    def close(self):
+        """Does nothing: the file is written by `save`."""
+
+    def summary(self, simulation):
+        """Name and text of its row in the summary of a run."""
+        return "export", f"{shown_path(self.path)}: {len(self._times)} steps, real time"
+
+
+def _continuous(quaternions):
+    """The same rotations (T, 4), each quaternion on the side of the one before."""
+    turns = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
+    signs = np.concatenate([[1.0], np.where(turns, -1.0, 1.0)]).cumprod()
+    return signs[:, None] * quaternions
+
+
+class _Document:
+    """A glTF document in the making: one binary buffer, and the lists of the format."""
+
+    def __init__(self, gltf):
+        self._gltf = gltf
+        self._chunks, self._length = [], 0
+        self._shapes, self._materials = {}, {}
+        self._animation = gltf.Animation(name="motion")
+        self.document = gltf.GLTF2(
+            asset=gltf.Asset(version="2.0", generator="Rigid bodies"),
+            scene=0,
+            scenes=[gltf.Scene(nodes=[])],
+        )
+
+    def accessor(self, values, isIndex=False, isBounded=False):
+        """The index of an accessor to a copy of an array (n,) or (n, w), in single precision."""
+        gltf = self._gltf
+        array = np.ascontiguousarray(values, dtype=np.uint32 if isIndex else np.float32)
+        view = gltf.BufferView(buffer=0, byteOffset=self._length, byteLength=array.nbytes)
+        self._chunks.append(array.tobytes())
+        self._length += array.nbytes
+        self.document.bufferViews.append(view)
+        rows = array.reshape(len(array), -1)
+        self.document.accessors.append(
+            gltf.Accessor(
+                bufferView=len(self.document.bufferViews) - 1,
+                count=len(array),
+                componentType=gltf.UNSIGNED_INT if isIndex else gltf.FLOAT,
+                type={1: gltf.SCALAR, 3: gltf.VEC3, 4: gltf.VEC4}[rows.shape[1]],
+                min=rows.min(axis=0).tolist() if isBounded else None,
+                max=rows.max(axis=0).tolist() if isBounded else None,
+            )
+        )
+        return len(self.document.accessors) - 1
+
+    def material(self, colour):
+        """The index of a matt material of an sRGB colour."""
+        key = tuple(np.round(colour, 6))
+        if key not in self._materials:
+            surface = self._gltf.PbrMetallicRoughness(
+                baseColorFactor=[*linear(colour).tolist(), 1.0],
+                metallicFactor=0.0,
+                roughnessFactor=ROUGHNESS,
+            )
+            self.document.materials.append(self._gltf.Material(pbrMetallicRoughness=surface))
+            self._materials[key] = len(self.document.materials) - 1
+        return self._materials[key]
+
+    def shape(self, mesh, colour):
+        """The index of the mesh of a body in this colour; its corners are those of its faces."""
+        key = mesh.origVertices.tobytes(), mesh.faces.tobytes()
+        if key not in self._shapes:
+            corners = mesh.origVertices[mesh.faces].reshape(-1, 3)
+            normals = corner_normals(mesh.origVertices, mesh.faces).reshape(-1, 3)
+            corners, index = np.unique(np.hstack([corners, normals]), axis=0, return_inverse=True)
+            self._shapes[key] = (
+                self.accessor(corners[:, :3], isBounded=True),
+                self.accessor(corners[:, 3:]),
+                self.accessor(index.ravel(), isIndex=True),
+            )
+        return self._mesh((key, tuple(colour)), *self._shapes[key], self.material(colour))
+
+    def _mesh(self, key, position, normal, index, material, mode=4):
+        """The index of a mesh of triangles, or with mode 1 of lines; of each key there is one."""
+        if key not in self._shapes:
+            attributes = self._gltf.Attributes(POSITION=position, NORMAL=normal)
+            primitive = self._gltf.Primitive(
+                attributes=attributes, indices=index, material=material, mode=mode
+            )
+            self.document.meshes.append(self._gltf.Mesh(primitives=[primitive]))
+            self._shapes[key] = len(self.document.meshes) - 1
+        return self._shapes[key]
+
+    def node(self, name, mesh):
+        """The index of a new node."""
+        self.document.nodes.append(self._gltf.Node(name=name, mesh=mesh))
+        self.document.scenes[0].nodes.append(len(self.document.nodes) - 1)
+        return len(self.document.nodes) - 1
+
+    def animate(self, node, path, values, interpolation="LINEAR"):
+        """Sets a node's translation, rotation or scale (T, w); animates it if it changes."""
+        values = np.asarray(values, dtype=np.float64)
+        setattr(self.document.nodes[node], path, values[0].tolist())
+        if (values == values[0]).all():
+            return
+        animation, gltf = self._animation, self._gltf
+        animation.samplers.append(
+            gltf.AnimationSampler(
+                input=self.times, output=self.accessor(values), interpolation=interpolation
+            )
+        )
+        target = gltf.AnimationChannelTarget(node=node, path=path)
+        animation.channels.append(
+            gltf.AnimationChannel(sampler=len(animation.samplers) - 1, target=target)
+        )
+
+    def add_lines(self, ends, colour):
+        """Lines between points (T, R, 2, 3): each a unit line along y that is moved, turned and
+        stretched."""
+        unit = self.accessor(np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), isBounded=True)
+        index = self.accessor(np.array([0, 1]), isIndex=True)
+        mesh = self._mesh("line", unit, None, index, self.material(colour), mode=1)
+        for r in range(ends.shape[1]):
+            begin, along = ends[:, r, 0], ends[:, r, 1] - ends[:, r, 0]
+            length = np.linalg.norm(along, axis=1, keepdims=True)
+            node = self.node(f"constraint {r}", mesh)
+            self.animate(node, "translation", begin)
+            turns = _continuous(_turns_from_y(along / np.where(length > 0.0, length, 1.0)))
+            self.animate(node, "rotation", np.roll(turns, -1, axis=1))
+            self.animate(node, "scale", np.hstack([length, length, length]))
+
+    def add_ground(self, places):
+        """A square at y = 0 below everything that the bodies have been through (m, 3)."""
+        low, high = places.min(axis=0), places.max(axis=0)
+        middle, half = (low + high) / 2.0, 0.5 * GROUND_SIZE * max(np.linalg.norm(high - low), 1.0)
+        corners = np.array([[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [1, 0, -1]]) * half
+        corners = corners + middle * [1.0, 0.0, 1.0]
+        index = self.accessor(np.array([0, 1, 2, 0, 2, 3]), isIndex=True)
+        normals = self.accessor(np.tile([0.0, 1.0, 0.0], (4, 1)))
+        colour = np.array(GROUND_COLOURS[1])
+        position = self.accessor(corners, isBounded=True)
+        self.node("ground", self._mesh("ground", position, normals, index, self.material(colour)))
+
+    def write(self, path):
+        """Writes the document as GLB."""
+        if self._animation.channels:
+            self.document.animations.append(self._animation)
+        self.document.buffers.append(self._gltf.Buffer(byteLength=self._length))
+        self.document.set_binary_blob(b"".join(self._chunks))
+        self.document.save_binary(path)
+
+
+def _turns_from_y(directions):
+    """Quaternions (T, 4) that turn the y axis to unit vectors (T, 3), the shortest way."""
+    cosine = directions[:, 1]
+    turns = np.stack([1.0 + cosine, directions[:, 2], 0.0 * cosine, -directions[:, 0]], axis=1)
+    turns[cosine < -1.0 + 1e-9] = [0.0, 1.0, 0.0, 0.0]
+    return turns / np.linalg.norm(turns, axis=1, keepdims=True)

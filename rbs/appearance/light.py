@@ -1,0 +1,218 @@
+"""The light of studio pictures: sky, sun, and what bodies and ground send to each other.
+
+Light is linear, in units in which white paper in the open is about 2, and reflection diffuse. From
+each of several hundred directions, a map (`rbs.pictures.facenumbers`) tells which face light meets
+first. It reaches a point unless that face is another body's and lies before the point: there is
+nothing to trace, and no bias against faces that would shade themselves.
+
+Arrays of points, vectors and colours are (3, m), in single precision. From the top: directions;
+light in the open; light among bodies. Units: metres.
+"""
+
+import math
+
+import numpy as np
+
+from rbs.appearance.drawables import SUN
+from rbs.geometry.triples import dot
+from rbs.pictures.facenumbers import LightMaps
+
+# Sides of the maps of the sky and of what is below, in pixels.
+MAP_SIDES = {"sky": 288, "below": 224}
+# How far a face has to lie before a point to shade it, as a fraction of the size of what is lit.
+LEAST_GAP = 2e-4
+# The angle of the sun's disc: four times the real one's, for soft shadows.
+SUN_ANGLE = math.radians(2.0)
+# Irradiance of the sun, and radiance of the sky at the zenith and at the horizon.
+SUN_LIGHT = 5.6 * np.array([1.0, 0.945, 0.86])
+ZENITH, HORIZON = np.array([0.44, 0.54, 0.72]), np.array([0.58, 0.59, 0.60])
+# Reflectance of the ground.
+GROUND = np.array([0.50, 0.483, 0.458])
+# Of what a surface receives in the open, as a first guess of what it receives among others.
+AROUND = 0.55
+# Samples of the ground along each side, for the light that it sends up.
+GROUND_SAMPLES = 128
+
+
+def hemisphere(count):
+    """`count` directions (n, 3) of equal solid angle over the upper half space, on a spiral."""
+    k = np.arange(count) + 0.5
+    y, angle = k / count, k * math.pi * (3.0 - math.sqrt(5.0))
+    across = np.sqrt(1.0 - y * y)
+    return np.stack([across * np.cos(angle), y, across * np.sin(angle)], axis=1)
+
+
+def sun_disc(count):
+    """`count` directions (n, 3) towards the sun's disc, of equal solid angle."""
+    k = np.arange(count) + 0.5
+    radius, angle = np.sqrt(k / count), k * math.pi * (3.0 - math.sqrt(5.0))
+    side = np.cross(SUN, [0.0, 1.0, 0.0])
+    side /= np.linalg.norm(side)
+    x, y = (math.tan(0.5 * SUN_ANGLE) * radius * f(angle) for f in (np.cos, np.sin))
+    towards = SUN + x[:, None] * side + y[:, None] * np.cross(side, SUN)
+    return towards / np.linalg.norm(towards, axis=1, keepdims=True)
+
+
+def directions(counts):
+    """Directions of light by kind: dict of (n, 3), likewise of their numbers."""
+    below = hemisphere(counts["below"]) * [1.0, -1.0, 1.0]
+    return {"sky": hemisphere(counts["sky"]), "below": below, "sun": sun_disc(counts["sun"])}
+
+
+def sky_radiance(height):
+    """Radiance (n, 3) of the sky in directions of this sine of elevation (n,)."""
+    share = np.sqrt(np.clip(height, 0.0, 1.0))[:, None]
+    return (1.0 - share) * HORIZON + share * ZENITH
+
+
+class ByHeight:
+    """A table (k, n) of quantities over the y component, -1 to 1, of unit vectors."""
+
+    def __init__(self, quantities):
+        """quantities : function of heights (n,) that gives (n, k)"""
+        self.table = quantities(np.linspace(-1.0, 1.0, 513)).T.astype(np.float32)
+
+    def __call__(self, y):
+        """The quantities (k, m) of vectors of which this is the y component, (m,)."""
+        return self.table.take(((y + 1.0) * 256.0 + 0.5).astype(np.int32), axis=1, mode="clip")
+
+
+def _open_irradiance(height):
+    """What surfaces whose normals have these heights receive in the open: columns r, g, b of the
+    sky, and of half spaces of radiance 1 above and below the horizon."""
+    sky = hemisphere(4096)
+    normal = np.stack([np.sqrt(1.0 - height**2), height, 0.0 * height], axis=1)
+    received = np.maximum(normal @ sky.T, 0.0) @ sky_radiance(sky[:, 1]) * (math.tau / len(sky))
+    return np.column_stack([received, math.pi / 2 * (1.0 + height), math.pi / 2 * (1.0 - height)])
+
+
+OPEN = ByHeight(_open_irradiance)
+OPEN_SKY = OPEN.table[:3, -1]
+# Radiance of the ground in the open and, as a first guess, near bodies.
+OPEN_GROUND = GROUND / math.pi * (OPEN_SKY + SUN[1] * SUN_LIGHT)
+
+
+def irradiance(normal, light):
+    """What surfaces with these normals (3, m) receive, (3, m). light (5, m) : see `received`"""
+    cosine = np.maximum(dot(normal, SUN.astype(np.float32)), 0.0)
+    sun = SUN_LIGHT.astype(np.float32)[:, None] * (cosine * light[0])
+    return sun + OPEN(normal[1])[:3] * light[1] + light[2:]
+
+
+class SceneLight:
+    """What light the points of a scene receive, as its bodies stand.
+
+    surface : `Surface`; size : m, of what is lit
+    """
+
+    def __init__(self, surface, vertices, box, counts, sunMapSide, progress):
+        """Draws the maps: to be called within `bodies_only`, where faces are numbered.
+
+        vertices (V, 3) : of all bodies; box (2, 3) : what is lit; counts : of directions, by kind
+        progress : called with the fraction that is done
+        """
+        self.surface, self.size = surface, float(np.linalg.norm(box[1] - box[0]))
+        self._directions = directions(counts)
+        self._maps = LightMaps(surface, LEAST_GAP * self.size)
+        drawn = 0
+
+        def advance():
+            nonlocal drawn
+            drawn += 1
+            progress(drawn / sum(counts.values()))
+
+        for kind, towards in self._directions.items():
+            side = MAP_SIDES.get(kind, sunMapSide)
+            self._maps.draw(kind, towards, side, box, vertices, advance)
+        # What bodies and ground send to each other is guessed at first.
+        normal = surface.plane[:3]
+        inTheOpen = np.array([[1.0, 1.0, 0.0, 0.0, 0.0]], dtype=np.float32).T
+        self._sent = self._body_radiance(AROUND * irradiance(normal, inTheOpen))
+        margin = 0.7 * (box[1, 1] - box[0, 1])
+        self._low, self._high = box[0, [0, 2]] - margin, box[1, [0, 2]] + margin
+        self._ground = self._ground_radiance()
+        received = self.received(surface.centre, normal, surface.body)
+        self._sent = self._body_radiance(irradiance(normal, received))
+
+    def _body_radiance(self, received):
+        """The mean radiance of each body as seen against each direction of light, dict by kind of
+        lists of (3, n): a map does not tell which face is seen. received (3, F + 1) : by the faces
+        """
+        surface, result = self.surface, {}
+        body, sent = surface.body[1:], (surface.albedo * received / math.pi)[:, 1:]
+        for kind in ("sky", "below"):
+            result[kind] = []
+            for towards in self._directions[kind]:
+                seen = surface.area[1:] * np.maximum(-(towards @ surface.plane[:3, 1:]), 0.0)
+                total = np.maximum(np.bincount(body, seen), np.finfo(float).tiny)
+                mean = [np.bincount(body, seen * sent[c]) / total for c in range(3)]
+                result[kind].append(np.array(mean, dtype=np.float32))
+        return result
+
+    def _ground_radiance(self):
+        """The light (3, GROUND_SAMPLES²) that the ground sends up, x by x in rows of z."""
+        place = (np.arange(GROUND_SAMPLES) + 0.5) / GROUND_SAMPLES
+        x, z = (a + place * (b - a) for a, b in zip(self._low, self._high, strict=True))
+        points = np.zeros((3, GROUND_SAMPLES**2), dtype=np.float32)
+        points[0], points[2] = np.tile(x, GROUND_SAMPLES), np.repeat(z, GROUND_SAMPLES)
+        normal = np.zeros_like(points)
+        normal[1] = 1.0
+        received = self.received(points, normal, np.full(points.shape[1], -1))
+        return (GROUND[:, None] / math.pi * irradiance(normal, received)).astype(np.float32)
+
+    def received(self, x, normal, body, first=0, stride=1):
+        """What points x (3, m) receive, (5, m): the shares of the sun and of the sky that they see,
+        and the irradiance r, g, b from bodies and ground.
+
+        normal (3, m) : unit; body (m,) : that they are of, -1 for the ground
+        first, stride : take every stride-th direction, from the first on
+        """
+        result = np.zeros((5, x.shape[1]), dtype=np.float32)
+        some = np.flatnonzero(dot(normal, SUN.astype(np.float32)) > 0.0)
+        lit = np.ones(len(some), dtype=np.float32)
+        suns = range(first, len(self._directions["sun"]), stride)
+        points, bodies = x.take(some, axis=1), body.take(some)
+        for k in suns:
+            lit[self._maps.blockers("sun", k, points, bodies)[1]] -= 1.0 / len(suns)
+        result[0, some] = lit
+
+        irradiance = OPEN(normal[1])
+        free, around, total = self._gathered("sky", x, normal, body, first, stride)
+        result[1] = free / total
+        result[2:] = around * (irradiance[3] / total)
+        # hardly anything from below is seen by what faces up
+        some = np.flatnonzero((body >= 0) & (irradiance[4] > 0.06))
+        if len(some):
+            x, normal, body = x.take(some, axis=1), normal.take(some, axis=1), body.take(some)
+            _, around, total = self._gathered("below", x, normal, body, first, stride)
+            result[2:, some] += around * (irradiance[4].take(some) / total)
+        return result
+
+    def _gathered(self, kind, x, normal, body, first, stride):
+        """Sums over directions, each weighted by its cosine with the normal: of those in which
+        nothing is in the way (m,), of the radiance from what is (3, m), and of all (m,)."""
+        total = np.full(x.shape[1], 1e-6, dtype=np.float32)
+        free = np.zeros(x.shape[1], dtype=np.float32)
+        around = np.zeros(x.shape, dtype=np.float32)
+        for k in range(first, len(self._directions[kind]), stride):
+            towards = self._directions[kind][k].astype(np.float32)
+            weight = np.maximum(dot(normal, towards), 0.0)
+            total += weight
+            number, index = self._maps.blockers(kind, k, x, body)
+            blocked, blocker = weight.take(index), self.surface.body.take(number)
+            for c in range(3):
+                around[c, index] += blocked * self._sent[kind][k][c].take(blocker)
+            weight[index] = 0.0
+            free += weight
+            if kind == "below":
+                around += weight * self._ground.take(self._ground_sample(x, towards), axis=1)
+        return free, around, total
+
+    def _ground_sample(self, x, towards):
+        """Which sample (m,) of the ground is met from points x (3, m) in a direction downwards."""
+        columns = []
+        for axis, low, high in zip((0, 2), self._low, self._high, strict=True):
+            place = x[axis] - (towards[axis] / towards[1]) * x[1]
+            place = (place - low) * (GROUND_SAMPLES / (high - low))
+            columns.append(np.clip(place, 0.0, GROUND_SAMPLES - 1.0).astype(np.int32))
+        return columns[1] * GROUND_SAMPLES + columns[0]

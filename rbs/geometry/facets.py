@@ -1,0 +1,340 @@
+"""The facets of the Minkowski difference of two hulls, those that can be nearest to the origin.
+
+`find_facets` takes arrays of pairs and returns `Facets`, which tell how deep each pair penetrates
+and along which normal. `CachedAxes` saves most of the search where an axis is at hand that
+separates a pair, or nearly. The theory stands at the top of GJK.py; facets spanned by two edges are
+found on the Gauss map, with the pruning of Gregorius: The separating axis test between convex
+polyhedra. Game Developers Conference 2013.
+
+A pair's penetration along a facet is offset - normal · t, with t the translation from the centre
+of the first hull to that of the second; a negative one is a separation.
+"""
+
+import numpy as np
+
+from rbs.geometry.arrays import blocks, indices, ranges, row_minima, take
+from rbs.geometry.hulls import (
+    FEATURE_TOLERANCE,
+    ROUNDING,
+    TOUCH_TOLERANCE,
+    approximate_supports,
+    rotate_columns,
+    support_levels,
+    support_offsets,
+)
+from rbs.geometry.vectors import cross, dot, mat_vec, norm
+
+# Two edges with a sine below this are parallel and span no facet: the facets beside it are off by
+# no more than this angle times the edges' length.
+PARALLEL_SINE = 1e-12
+
+# Where an edge makes a larger sine than this with both faces of the other one, rounding cannot have
+# made up their facet, for coordinates up to a million times the size of the bodies.
+SURE_SINE = 1e-5
+
+# A cached axis proves a pair apart only when the gap along it exceeds this fraction of the size;
+# below it the sign of the facets' least penetration decides, so that one rule stands behind every
+# touching pair.
+LEAST_GAP = 1e-6
+
+
+def find_facets(hulls, first, second, translation, margin, axes=None, separation=None):
+    """The facets of P pairs that can be nearest within a margin of the given translations.
+
+    hulls : HullSet
+    first, second : (P,), the bodies of each pair
+    translation : (3, P), centre of the second minus centre of the first
+    margin : (P,), lengths ≥ 0; how far the translation may change before the facets have to be
+        found anew. A facet that is nearest at t + Δ has a penetration ≤ depth(t) + 2 |Δ| at t;
+        others are left out
+    axes : `CachedAxes`, or the axes (3, P) that it takes. Good ones save time; what `Facets` say of
+        a pair that collides does not depend on them
+    separation : (P,), lengths, by default the margin: of pairs further apart than this, one plane
+        is enough that shows it
+
+    Of a pair, faces of the first come first, then faces of the second, then edge pairs. The order
+    does not depend on the translation, so the same facet wins a tie.
+    """
+    if not isinstance(axes, CachedAxes):
+        axes = CachedAxes(hulls, first, second, translation, axes)
+    size = hulls.radius[first] + hulls.radius[second]
+    leastDepth = -(margin if separation is None else separation) - TOUCH_TOLERANCE * size
+    isApart = axes.penetration < np.minimum(leastDepth, -LEAST_GAP * size)
+    apart, near = indices(isApart), indices(~isApart)
+    offset = axes.offset[apart] + ROUNDING * size[apart]
+    found = [(apart, take(axes.axis, apart, axis=1), offset)]
+    completeUpTo = np.full(len(first), -np.inf)
+    i, j = first[near], second[near]
+    for some in blocks(hulls.entryCount[i] + hulls.entryCount[j]) if len(near) else ():
+        rows = near[some]
+        search = _FacetSearch(hulls, i[some], j[some], take(translation, rows, axis=1))
+        search.find_near(
+            axes.penetration[rows],
+            take(axes.vertex, rows, axis=1),
+            margin[rows],
+            leastDepth[rows],
+            size[rows],
+        )
+        found += [(take(rows, pair), *facets) for pair, *facets in search.found]
+        completeUpTo[rows] = search.completeUpTo
+    return Facets.gathered(found, completeUpTo)
+
+
+def all_facets(hulls, first, second, translation):
+    """All `Facets` of P pairs, at least one, in the order of `find_facets`.
+
+    For a single pair of hulls with few edges, to rule most of them out would take longer.
+    """
+    search = _FacetSearch(hulls, first, second, translation)
+    search.find_all()
+    return Facets.gathered(search.found, search.completeUpTo)
+
+
+class Facets:
+    """Facets of the Minkowski differences of P pairs, those that can be the nearest ones.
+
+    start : (P + 1,); pair p has the columns start[p] … start[p + 1]
+    normal : (3, K), unit; the second body moves along it to separate. offset : (K,)
+    completeUpTo : (P,); every facet with a penetration up to this, at the translation that the
+        facets were found at, is among them. -inf where they can only prove that the pair is apart
+    """
+
+    def __init__(self, start, normal, offset, completeUpTo):
+        self.start = start
+        self.normal = normal
+        self.offset = offset
+        self.completeUpTo = completeUpTo
+
+    @classmethod
+    def gathered(cls, found, completeUpTo):
+        """From a list of `(pair (K,), normal (3, K), offset (K,))`, in this order for each pair."""
+        pair, normal, offset = (np.concatenate(part, axis=-1) for part in zip(*found, strict=True))
+        order = pair.argsort(kind="stable")
+        start = pair[order].searchsorted(np.arange(len(completeUpTo) + 1))
+        return cls(start, take(normal, order, axis=1), offset[order], completeUpTo)
+
+    def of_pairs(self, pairs):
+        """The facets of these pairs (Q,), in this order, as new `Facets`."""
+        count = np.diff(self.start)[pairs]
+        column = ranges(self.start[pairs], count)[1]
+        return Facets(
+            np.concatenate(([0], count.cumsum())),
+            take(self.normal, column, axis=1),
+            self.offset[column],
+            self.completeUpTo[pairs],
+        )
+
+    def still_valid(self, p, penetration, shift):
+        """Whether the least penetration (m,) of the pairs p, at translations that differ by `shift`
+        (3, m) from where their facets were found, is that of the nearest facet.
+
+        A shift changes no penetration by more than |shift|. So while penetration + |shift| ≤
+        completeUpTo, no facet outside the list can be nearer.
+        """
+        return penetration + norm(shift) <= self.completeUpTo[p]
+
+    def minimal_penetrations(self, t):
+        """`(penetration (P,), normal (3, P))` along each pair's nearest facet, at t (3, P).
+
+        A negative penetration proves that a pair is apart.
+        """
+        count = np.diff(self.start)
+        pair = np.arange(len(count)).repeat(count)
+        penetration = self.offset - dot(self.normal, take(t, pair, axis=1))
+        least, column = row_minima(penetration, pair, self.start[:-1])
+        return least, take(self.normal, column, axis=1)
+
+
+class CachedAxes:
+    """An axis for each of P pairs that may separate it, or be near the nearest facet's normal.
+
+    axis : (3, P), unit
+    offset : (P,); penetration (P,) = offset - axis · translation: how far the hulls overlap along
+        the axis, no less than their depth, or, negative, are apart; up to rounding
+    vertex : (2, P), columns in the set: the vertex of the second hull that is lowest along the
+        axis, and that of the first one that is highest
+    """
+
+    def __init__(self, hulls, first, second, translation, axes=None):
+        """axes : (3, P), unit; where a column is zero, and by default, those between the centres"""
+        length = norm(translation)
+        # two centres in one point have no line between them, and any other axis will do
+        lines = translation / np.where(length > 0, length, 1.0)
+        lines[0] += length == 0
+        self.axis = lines if axes is None else np.where(dot(axes, axes) > 0, axes, lines)
+        bodies = np.concatenate((second, first))
+        level, vertex = approximate_supports(
+            hulls, bodies, np.concatenate((self.axis, -self.axis), axis=1)
+        )
+        level, self.vertex = level.reshape(2, -1), vertex.reshape(2, -1)
+        self.offset = -level[1] - level[0]
+        self.penetration = self.offset - dot(self.axis, translation)
+
+
+# --------------------------------------------------------------------------------------------------
+# The search
+# --------------------------------------------------------------------------------------------------
+
+
+class _FacetSearch:
+    """What `find_facets` finds for a block of pairs, at least one.
+
+    found : list of `(pair (K,), normal (3, K), offset (K,))`: of faces, and of edge pairs
+    completeUpTo : (P,), see `Facets`
+
+    The penetration along a face of A is at least the depth below it of any point x of B. So only
+    those faces count below which no point that is tried lies deeper than the pair can be: the
+    vertex of B that is lowest along the cached axis, and the one that is deepest below the face
+    that the first one is least below. Cached axis and that face also bound the depth of the pair.
+
+    Both hulls of the P pairs have a row each: row p has the faces and edges of the first one, row
+    P + p those of the second.
+    """
+
+    def __init__(self, hulls, first, second, t):
+        self.hulls = hulls
+        self.own, self.other = np.concatenate((first, second)), np.concatenate((second, first))
+        self.t = np.concatenate((t, -t), axis=1)
+        self.found = []
+        # the faces of all rows: count, start : (2 P,); row, offset : (F,); normal : (3, F)
+        self.count = take(hulls.faceCount, self.own)
+        self.start = self.count.cumsum() - self.count
+        self.row, face = ranges(take(hulls.faceStart, self.own), self.count)
+        self.normal = take(hulls.directions, face, axis=1)
+        if hulls.rotation is not None:
+            rotation = take(hulls.rotation, self.own, axis=1)
+            self.normal = rotate_columns(rotation, self.normal, self.count)
+        self.offset = take(hulls.offsets, face)
+
+    def find_all(self):
+        """All facets."""
+        self.completeUpTo = np.full(len(self.own) // 2, np.inf)
+        self.found.append(self._face_facets(np.arange(len(self.row))))
+        self._add_edge_pairs(self.completeUpTo, *self._list_edges(np.arange(len(self.own))))
+
+    def find_near(self, penetration, vertex, margin, leastDepth, size):
+        """The facets within the margin.
+
+        penetration, vertex : as of `CachedAxes`; margin : as for `find_facets`; leastDepth : (P,),
+        of pairs whose facets are asked for; size : (P,)
+        """
+        # Ties at rounding level have to survive: FEATURE_TOLERANCE is far above rounding.
+        extra = 2.0 * margin + FEATURE_TOLERANCE * size
+        # Of a pair that is apart, some facet has a negative penetration, but none need be as low
+        # as that along the cached axis.
+        depth = np.maximum(penetration, 0.0)
+        first = self._depths_below_faces(vertex.ravel())
+        best = row_minima(first, self.row, self.start)[1]
+        _, vertex = approximate_supports(self.hulls, self.other, take(self.normal, best, axis=1))
+        second = self._depths_below_faces(vertex)
+        # to the bit what the faces are compared by, so that a pair that is far apart keeps one
+        ofBest = np.maximum(first[best], second[best]).reshape(2, -1)
+        bound = np.minimum(np.minimum(*ofBest), depth) + extra
+        bound = np.concatenate((bound, bound)).repeat(self.count)
+        pair, normal, offset = self._face_facets(indices((first <= bound) & (second <= bound)))
+        penetration = offset - dot(normal, take(self.t, pair, axis=1))
+        np.minimum.at(depth, pair, penetration)
+
+        isComplete = depth >= leastDepth
+        bound = depth + extra
+        near = indices(penetration <= take(np.where(isComplete, bound, depth), pair))
+        self.found.append((take(pair, near), take(normal, near, axis=1), take(offset, near)))
+        self.completeUpTo = np.where(isComplete, depth + 2.0 * margin, -np.inf)
+        row, edge, faces = self._list_edges(indices(np.concatenate((isComplete, isComplete))))
+        kept = self._edges_near(faces, bound, first, second)
+        self._add_edge_pairs(bound, take(row, kept), take(edge, kept), take(faces, kept, axis=1))
+
+    def _depths_below_faces(self, vertex):
+        """How deep (F,) the vertex (2 P,) of each row's other hull lies below the row's faces."""
+        x = take(self.hulls.vertices, vertex, axis=1) + self.t
+        return self.offset - dot(self.normal, x.repeat(self.count, axis=1))
+
+    def _face_facets(self, faces):
+        """`(pair (N,), normal (3, N), offset (N,))`: the facets that these faces (N,) are."""
+        row, normal = take(self.row, faces), take(self.normal, faces, axis=1)
+        level = support_levels(self.hulls, take(self.other, row), normal)
+        half = len(self.own) // 2
+        sense = np.where(row < half, 1.0, -1.0)
+        return row % half, normal * sense, take(self.offset, faces) - level
+
+    def _list_edges(self, rows):
+        """`(row, edge (K,), faces (2, K))`: the edges of these rows, and where their faces are."""
+        own = self.own[rows]
+        count = self.hulls.edgeCount[own]
+        row, edge = ranges(self.hulls.edgeStart[own], count)
+        faces = take(self.hulls.edgeFaces, edge, axis=1) + self.start[rows].repeat(count)
+        return take(rows, row), edge, faces
+
+    def _edges_near(self, faces, bound, first, second):
+        """Which edges, of these faces (2, K), can span facets with a penetration ≤ bound (P,).
+
+        first, second : (F,), how deep the two points lie below the faces
+
+        Along any n between the normals n1, n2 of its faces, the penetration is at least
+        n · (a - x), a being an end of the edge and x any point of the other hull. With
+        n = (α n1 + β n2)/|…|, α, β ≥ 0, that is at least the lesser of the depths n1 · (a - x) and
+        n2 · (a - x) of x below the two faces, where both are positive. The points x are those of
+        the faces and the middle between them: where two edges cross, each face of the one has an
+        end of the other below it.
+        """
+        bound = np.concatenate((bound, bound)).repeat(self.count)
+        # a bit for each point
+        near = (first <= bound).view(np.uint8)
+        near = near | (second <= bound).view(np.uint8) << 1
+        near |= (0.5 * (first + second) <= bound).view(np.uint8) << 2
+        nearOne, nearOther = take(near, faces)
+        return indices((nearOne | nearOther) == 0b111)
+
+    def _add_edge_pairs(self, bound, row, edge, faces):
+        """Adds the facets with a penetration ≤ bound (P,) that edges span, see `_list_edges`.
+
+        An edge of A with the arc α1 α2 and an edge of B with the arc β1 β2 span a facet of A - B
+        when the arcs α1 α2 and -β1 -β2 cross. Each edge vector is the pole of its arc, so with
+        s_i = -eA · β_i and r_i = eB · α_i that is s1 s2 < 0, r1 r2 < 0 and s1 r2 > 0, the last one
+        telling the crossing from its antipode (Gregorius 2013). The facet's normal is along
+        eA × eB where r1 > 0, else opposite.
+        """
+        hulls, half = self.hulls, len(bound)
+        own = take(self.own, row)
+        normals = take(self.normal, faces, axis=1)
+        vector = take(hulls.edges, edge, axis=1)
+        if hulls.rotation is not None:
+            vector = mat_vec(take(hulls.rotation, own, axis=1), vector)
+        length2 = dot(vector, vector)
+        tail = take(hulls.vertices, take(hulls.edgeTail, edge) + hulls.vertexStart[own], axis=1)
+
+        # all combinations of a pair's edges, a of the first hull and b of the second
+        perRow = np.bincount(row, minlength=2 * half)
+        begin = perRow.cumsum() - perRow
+        pairA = row[: begin[half]]
+        a, b = ranges(begin[half + pairA], perRow[half + pairA])
+        r = dot(take(normals, a, axis=2), take(vector, b, axis=1)[:, None])
+        kept = indices(r[0] * r[1] < 0)  # most are ruled out by now
+        a, b, r = take(a, kept), take(b, kept), take(r, kept, axis=1)
+        s = -dot(take(normals, b, axis=2), take(vector, a, axis=1)[:, None])
+        kept = indices((s[0] * s[1] < 0) & (s[0] * r[1] > 0))
+        a, b, r, s = take(a, kept), take(b, kept), take(r, kept, axis=1), take(s, kept, axis=1)
+
+        pair, vectorA, vectorB = take(row, a), take(vector, a, axis=1), take(vector, b, axis=1)
+        lengthA2, lengthB2 = take(length2, a), take(length2, b)
+        normal = cross(vectorA, vectorB)
+        sine2 = dot(normal, normal)
+        spans = sine2 > PARALLEL_SINE**2 * lengthA2 * lengthB2
+        normal = normal / np.where(spans, np.copysign(np.sqrt(sine2), r[0]), 1.0)
+        # what rounding left along nearly parallel edges is taken out again
+        normal = normal - vectorA * (dot(normal, vectorA) / lengthA2)
+        normal = normal - vectorB * (dot(normal, vectorB) / lengthB2)
+        normal = normal / np.sqrt(np.where(spans, dot(normal, normal), 1.0))
+        offset = dot(normal, take(tail, a, axis=1) - take(tail, b, axis=1))
+        isNear = offset - dot(normal, take(self.t, pair, axis=1)) <= take(bound, pair)
+        near = indices(isNear & spans)
+        pair, normal, offset = take(pair, near), take(normal, near, axis=1), take(offset, near)
+
+        # Rounding may have let two arcs cross that only touch. There, the facet's plane has to be
+        # moved out to support the hulls, so that no vertex lies beyond.
+        sine2 = np.minimum((r * r).min(axis=0) / lengthB2, (s * s).min(axis=0) / lengthA2)
+        doubtful = indices(take(sine2, near) < SURE_SINE**2)
+        if len(doubtful):
+            bodies = take(self.own, pair[doubtful]), take(self.other, pair[doubtful])
+            offset[doubtful] = support_offsets(hulls, *bodies, take(normal, doubtful, axis=1))
+        self.found.append((pair, normal, offset))

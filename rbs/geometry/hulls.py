@@ -1,0 +1,312 @@
+"""Convex hulls: what a body looks like to the collision test.
+
+`build_hull` makes the `Hull` of a point set, once per shape. A `HullSet` holds the hulls of many
+bodies in flat tables, rotated to their orientations, with functions for support points. Lengths are
+in the unit of the points, and tolerances relative to the size of the hulls.
+"""
+
+import copy
+import math
+from functools import lru_cache
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from rbs.geometry.arrays import indices, ranges, take
+from rbs.geometry.vectors import cross, dot, mat_vec, norm, transpose
+
+EPS = np.finfo(np.float64).eps
+
+# Hulls closer than this, relative to their size, touch: the rounding of a rotation and a
+# translation of the vertices. Larger, and it would hold bodies together; smaller, and a box that
+# stands exactly on another would lose its contact.
+TOUCH_TOLERANCE = 64 * EPS
+
+# Vertices this close to a supporting plane, relative to the size of the hulls, belong to the
+# feature that rests on it. It must exceed what rounding tilts a resting face by, and it bounds how
+# far a contact point may lie from the surface.
+FEATURE_TOLERANCE = 1e-10
+
+# What a few operations on coordinates lose, relative to the coordinates.
+ROUNDING = 16 * EPS
+
+# Coordinates beyond this are refused: they are rounded by 1e-4.
+LARGEST_COORDINATE = 1e12
+# A hull thinner than this fraction of its length is flat: Qhull would merge sides of thinner ones.
+LEAST_ASPECT = 1e-6
+
+
+# --------------------------------------------------------------------------------------------------
+# One hull
+# --------------------------------------------------------------------------------------------------
+
+
+class Hull:
+    """The convex hull of a point set: vertices, faces and edges, in the frame of the points.
+
+    vertices : (V, 3); the extreme points. vertexIndex : (V,); their rows in the point set
+    directions : (D, 3), unit; the outward normals of the faces, coplanar triangles merged
+    offsets : (D,); the largest directions[k] · v over the vertices
+    corners : (ΣC,), rows in `vertices`: face by face, counter-clockwise seen from outside;
+        cornerCount : (D,), how many each face has
+    edgeTail : (E,); row in `vertices` of the point where the edge begins
+    edgeVector : (E, 3); from there to its end, along directions[f1] × directions[f2]
+    edgeFaces : (E, 2); the faces f1, f2 that meet there; the arc between their normals on the Gauss
+        map holds the edge's normals
+    radius : the largest |v|; width : the least extent along one of the directions; volume
+    """
+
+    def __init__(self, vertices, vertexIndex, directions, edgeTail, edgeVector, edgeFaces, volume):
+        self.vertices = vertices
+        self.vertexIndex = vertexIndex
+        self.directions = directions
+        self.edgeTail = edgeTail
+        self.edgeVector = edgeVector
+        self.edgeFaces = edgeFaces
+        self.volume = volume
+        heights = dot(directions.T[:, :, None], vertices.T[:, None, :])
+        self.offsets = heights.max(axis=1)
+        self.radius = math.sqrt(dot(vertices.T, vertices.T).max())
+        self.width = np.ptp(heights, axis=1).min()
+        isCorner = heights >= self.offsets[:, None] - FEATURE_TOLERANCE * self.radius
+        face, corners = np.nonzero(isCorner)
+        u = tangents(directions.T)
+        axes = (take(axis, face, axis=1) for axis in (u, cross(directions.T, u)))
+        order = by_angle(face, *(dot(axis, vertices[corners].T) for axis in axes))
+        self.corners, self.cornerCount = corners[order], np.bincount(face)
+
+
+def build_hull(points):
+    """The `Hull` of points (n, 3), which must not be flat.
+
+    Equal points give the same object: hulls are read only. Raises ValueError where the points have
+    no volume, or a coordinate is not finite or beyond LARGEST_COORDINATE.
+    """
+    return _hull_of_bytes(checked_points(points).tobytes())
+
+
+def checked_points(points):
+    """The points as a contiguous array (n, 3); raises ValueError, see `build_hull`."""
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) < 4:
+        raise ValueError(f"expected four points or more as rows of 3, got shape {points.shape}")
+    if not np.abs(points).max() <= LARGEST_COORDINATE:
+        raise ValueError(f"a coordinate is not finite, or beyond {LARGEST_COORDINATE:g}")
+    return points
+
+
+@lru_cache(maxsize=512)
+def _hull_of_bytes(data):
+    points = np.frombuffer(data, dtype=np.float64).reshape(-1, 3)
+    try:
+        hull = _hull_of_triangles(points, ConvexHull(points))
+    except QhullError:
+        hull = None
+    if hull is None or hull.width < LEAST_ASPECT * np.ptp(points, axis=0).max():
+        raise ValueError("the points are flat: a hull has a volume")
+    return hull
+
+
+def _hull_of_triangles(points, qhull):
+    """The `Hull` of what Qhull has found: triangles, of which flat facets consist."""
+    # The vector product at the corner opposite to the longest side: two long sides that are nearly
+    # parallel would lose most of it to rounding.
+    corners = points[qhull.simplices]
+    sides = (corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]]).transpose(2, 0, 1)
+    order = (dot(sides, sides).argmax(axis=1)[:, None] + np.arange(3)) % 3
+    corners = np.take_along_axis(corners, order[:, :, None], axis=1)
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = (areas * qhull.equations[:, :3]).sum(axis=1, keepdims=True) < 0
+    areas = np.where(inward, -areas, areas)
+    triangles, neighbours = (
+        np.where(inward, table[:, [0, 2, 1]], table) for table in (qhull.simplices, qhull.neighbors)
+    )
+    # Qhull gives the triangles of one flat facet one equation.
+    face = np.unique(qhull.equations, axis=0, return_inverse=True)[1].reshape(-1)
+    normals = np.zeros((face.max() + 1, 3))
+    np.add.at(normals, face, areas)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    if not lengths.all():
+        raise QhullError("a face has no area")
+    volume = dot(corners[:, 0].T - points[qhull.vertices[0]][:, None], areas.T).sum() / 6.0
+
+    # Triangle i, counter-clockwise seen from outside, has its side opposite to corner j in common
+    # with neighbours[i, j]; walked that way round, the side points along n_i × n_neighbour.
+    i, j = np.nonzero(
+        (np.arange(len(triangles))[:, None] < neighbours) & (face[:, None] != face[neighbours])
+    )
+    tail, head = triangles[i, (j + 1) % 3], triangles[i, (j + 2) % 3]
+    vertexIndex = np.sort(qhull.vertices)
+    return Hull(
+        points[vertexIndex],
+        vertexIndex,
+        normals / lengths,
+        vertexIndex.searchsorted(tail),
+        points[head] - points[tail],
+        np.stack((face[i], face[neighbours[i, j]]), axis=1),
+        float(volume),
+    )
+
+
+def tangents(normal):
+    """Unit vectors u (3, M) across the normals (3, M): n × the axis that n is farthest from.
+
+    The frame of a normal is u, n × u, n.
+    """
+    axis = np.abs(normal).argmin(axis=0)
+    across = cross(normal, (np.arange(3)[:, None] == axis).astype(float))
+    return across / norm(across)
+
+
+def by_angle(row, u, v):
+    """The order that sorts points (C,) by row and goes, within each, counter-clockwise around.
+
+    row : (C,), whose points u, v (C,) these are; angles are those about the mean of the row
+    """
+    count = np.maximum(np.bincount(row), 1)
+    du, dv = (x - take(np.bincount(row, x) / count, row) for x in (u, v))
+    length = np.abs(du) + np.abs(dv)
+    # grows with the angle, from -2 to 2; unlike an arctangent, it has the same bits everywhere
+    turn = np.copysign(1.0 - du / np.where(length > 0.0, length, 1.0), dv)
+    return np.lexsort((turn, row))
+
+
+# Stands for a mesh without vertices in a `HullSet`: a point, which meets nothing.
+NO_HULL = Hull(
+    np.zeros((1, 3)),
+    np.zeros(1, np.intp),
+    np.array([[0.0, 1.0, 0.0]]),
+    np.zeros(0, np.intp),
+    np.zeros((0, 3)),
+    np.zeros((0, 2), np.intp),
+    0.0,
+)
+
+
+# --------------------------------------------------------------------------------------------------
+# The hulls of many bodies
+# --------------------------------------------------------------------------------------------------
+
+
+class HullSet:
+    """The hulls of n bodies in flat tables, rotated to where the bodies are.
+
+    vertices : (3, ΣV), relative to the bodies' centres, at rest or rotated. Body b has
+        vertexCount[b] of them from vertexStart[b] on
+    rotation : (9, n), matrices row by row; None at rest
+    radius, innerRadius : (n,), from each body's centre to its farthest vertex and its nearest face
+
+    The rest is stored once for each distinct hull, at rest.
+
+    distinct : tuple of the hulls; shape : (n,), the number of each body's hull among them
+    directions : (3, ΣD), outward unit normals of the faces; offsets : (ΣD,). Body b has
+        faceCount[b] from faceStart[b] on
+    corners : (ΣC,), vertices counted from the body's first one. Face k has cornerCount[k] from
+        cornerStart[k] on
+    edges : (3, ΣE), vectors; edgeTail : (ΣE,), a vertex, and edgeFaces : (2, ΣE), two faces,
+        counted from the body's first one. Body b has edgeCount[b] from edgeStart[b] on
+    """
+
+    def __init__(self, hulls):
+        number = {hull: k for k, hull in enumerate(dict.fromkeys(hulls))}
+        self.distinct = distinct = tuple(number)
+        self.shape = np.array([number[hull] for hull in hulls], dtype=np.intp)
+
+        def table(hulls, name):
+            return np.ascontiguousarray(np.concatenate([getattr(h, name) for h in hulls]).T)
+
+        def parts(name):  # of each body: how many, and where they begin
+            count = np.array([len(getattr(hull, name)) for hull in distinct], dtype=np.intp)
+            return count[self.shape], (count.cumsum() - count)[self.shape]
+
+        self.vertices = table(hulls, "vertices")
+        self.vertexCount, _ = parts("vertices")
+        self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
+        self.radius = np.array([hull.radius for hull in hulls])
+        self.innerRadius = np.array([hull.offsets.min() for hull in distinct])[self.shape]
+        self.faceCount, self.faceStart = parts("directions")
+        self.directions, self.offsets = table(distinct, "directions"), table(distinct, "offsets")
+        self.corners, self.cornerCount = table(distinct, "corners"), table(distinct, "cornerCount")
+        self.cornerStart = self.cornerCount.cumsum() - self.cornerCount
+        self.edgeCount, self.edgeStart = parts("edgeTail")
+        self.edges, self.edgeTail = table(distinct, "edgeVector"), table(distinct, "edgeTail")
+        self.edgeFaces = table(distinct, "edgeFaces")
+        self.rotation = None
+        self.entryCount = self.vertexCount + self.faceCount + self.edgeCount
+
+    def rotated(self, rotation, vertices=None):
+        """These hulls, each rotated.
+
+        rotation : (9, n), each body's matrix row by row
+        vertices : (3, ΣV), the rotated vertices, where they are at hand
+        """
+        result = copy.copy(self)
+        if vertices is None:
+            vertices = rotate_columns(rotation, self.vertices, self.vertexCount)
+        result.vertices, result.rotation = vertices, rotation
+        return result
+
+    def boxes(self):
+        """Least and greatest coordinates (3, n), (3, n) of each hull relative to its centre."""
+        return tuple(
+            extreme.reduceat(self.vertices, self.vertexStart, axis=1)
+            for extreme in (np.minimum, np.maximum)
+        )
+
+
+def rotate_columns(rotation, table, count):
+    """A table (3, K) of count[b] columns for each body b, rotated by the matrix rotation[:, b]."""
+    return mat_vec(rotation.repeat(count, axis=1), table)
+
+
+# --------------------------------------------------------------------------------------------------
+# Supports: what lies lowest along a direction
+# --------------------------------------------------------------------------------------------------
+
+
+def support_levels(hulls, bodies, directions):
+    """How high (R,) the lowest vertex of each body (R,) is along its direction (3, R)."""
+    return _vertex_heights(hulls, bodies, directions)[0]
+
+
+def support_offsets(hulls, first, second, normal):
+    """Distance (P,) from the origin of the supporting plane of A - B with the normals (3, P)."""
+    return -support_levels(hulls, first, -normal) - support_levels(hulls, second, normal)
+
+
+def support_features(hulls, bodies, directions, tolerance):
+    """The features that lie lowest: vertices up to the tolerance (R,) above the lowest one.
+
+    Returns `(level, count, column)`: (R,), see `support_levels`; (R,), how many vertices each
+    feature has; their columns in the set, feature by feature.
+    """
+    level, heights, row, column = _vertex_heights(hulls, bodies, directions)
+    lowest = indices(heights <= take(level + tolerance, row))
+    return level, np.bincount(take(row, lowest), minlength=len(bodies)), take(column, lowest)
+
+
+def _vertex_heights(hulls, bodies, directions):
+    count = take(hulls.vertexCount, bodies)
+    row, column = ranges(take(hulls.vertexStart, bodies), count)
+    heights = dot(directions.repeat(count, axis=1), take(hulls.vertices, column, axis=1))
+    return np.minimum.reduceat(heights, count.cumsum() - count), heights, row, column
+
+
+def approximate_supports(hulls, bodies, directions):
+    """`(level, vertex)`, (R,) each: `support_levels` and where, up to rounding, in less time.
+
+    The directions are rotated into the frames of the shapes, of which there are few, for BLAS to
+    multiply. Its rounding differs between machines and with the number of rows: a hint only.
+    """
+    if hulls.rotation is not None:
+        inverse = transpose(take(hulls.rotation, bodies, axis=1))
+        directions = mat_vec(inverse, directions)
+    shape = hulls.shape[bodies]
+    level, vertex = np.empty(len(bodies)), hulls.vertexStart[bodies]
+    for k, hull in enumerate(hulls.distinct):
+        rows = indices(shape == k)
+        heights = take(directions, rows, axis=1).T @ hull.vertices.T
+        lowest = heights.argmin(axis=1)
+        vertex[rows] += lowest
+        level[rows] = take(heights, np.arange(len(rows)) * heights.shape[1] + lowest)
+    return level, vertex

@@ -1,0 +1,181 @@
+"""Where two hulls touch, once the normal between them is known.
+
+`contact_points` is the entrance. Along the normal, each hull has a support feature: a corner, an
+edge or a face. A corner that touches is the contact point, and so is the crossing of two edges.
+Otherwise the features overlap, seen along the normal, in a segment or a polygon, the contact patch;
+manifolds clip faces in the same way, see rbs/softstep/manifolds.py. Figures in a plane have
+coordinates (u, v), in the frame of `tangents`.
+"""
+
+import numpy as np
+
+from rbs.geometry.arrays import indices, ranges, take
+from rbs.geometry.hulls import by_angle, support_features, tangents
+from rbs.geometry.vectors import cross, dot, mul_add
+
+# By how much the sides of features are moved out again where rounding has left no overlap.
+SLACK_GROWTH = 1000.0
+# Twice the area of a patch, over the square of its outline, below which it is a segment.
+THIN = 1e-9
+
+
+def contact_points(hulls, first, second, t, normal, tolerance):
+    """Where P pairs touch: (3, P), on the second hulls, relative to their centres.
+
+    For the arguments see `Features`; for the point, `GJK.is_collide`.
+    """
+    features = Features(hulls, first, second, t, normal, tolerance)
+    point, isPatch = features.sharp_points()
+    patches = indices(isPatch)
+    if len(patches):
+        point[:, patches] = features.patch_centres(patches)
+    return point
+
+
+class Features:
+    """The support features of P pairs of bodies of a `HullSet` along their normals: what touches.
+
+    first, second : (P,); t : (3, P), centre of the second minus centre of the first
+    normal : (3, P), unit, from the first to the second
+    tolerance : (P,); vertices this close to a supporting plane belong to the feature on it
+
+    ends : (2, 2, P), of the features of first and second, the first and the last vertex in the set
+    vertices : (3, C), seen from the centre of the second; those of a feature are count from start
+        on, (2, P) each
+    level : (P,), how high the lowest one of the second stands along the normal
+    """
+
+    def __init__(self, hulls, first, second, t, normal, tolerance):
+        self.normal, self.tolerance = normal, tolerance
+        level, count, column = support_features(
+            hulls,
+            np.concatenate((first, second)),
+            np.concatenate((-normal, normal), axis=1),
+            np.concatenate((tolerance, tolerance)),
+        )
+        self.level = level[len(first) :]
+        start = count.cumsum() - count
+        self.ends = take(column, np.stack((start, start + count - 1))).reshape(2, 2, -1)
+        self.ends = self.ends.transpose(1, 0, 2)
+        self.start, self.count = start.reshape(2, -1), count.reshape(2, -1)
+        self.vertices = take(hulls.vertices, column, axis=1)
+        self.vertices[:, : self.count[0].sum()] -= t.repeat(self.count[0], axis=1)
+
+    def sharp_points(self):
+        """`(point (3, P), isPatch (P,))`: where a corner touches, or two edges cross.
+
+        Where isPatch is true, the features overlap in a segment or an area, and the point means
+        nothing. A corner of the first hull is lowered along the normal to the second one.
+
+        Edges cross where a0 + x d = b0 + s e, seen along the normal, with d and e along the edges
+        of first and second; times normal × d, x vanishes.
+        """
+        n = self.normal
+        ends = np.concatenate((self.start, self.start + self.count - 1))
+        a0, b0, a1, b1 = (take(self.vertices, end, axis=1) for end in ends)
+        (countA, countB), d, e = self.count, a1 - a0, b1 - b0
+        across = cross(n, d)
+        denominator, numerator = dot(across, e), dot(across, a0 - b0)
+        length = np.sqrt(np.maximum(dot(d, d), dot(e, e)))
+        isCrossing = (countA == 2) & (countB == 2)
+        isCrossing &= np.abs(denominator) > self.tolerance * length
+        s = np.minimum(np.maximum(numerator / np.where(isCrossing, denominator, 1.0), 0.0), 1.0)
+        point = np.where(isCrossing, mul_add(b0, s, e), mul_add(a0, self.level - dot(n, a0), n))
+        return np.where(countB == 1, b0, point), (countA > 1) & (countB > 1) & ~isCrossing
+
+    def patch_centres(self, pairs):
+        """The centres (3, R) of the patches of these pairs (R,), on the second hulls."""
+        normal = take(self.normal, pairs, axis=1)
+        u = tangents(normal)
+        v = cross(normal, u)
+        figures = []
+        for count, start, sense in zip(self.count, self.start, (1.0, -1.0), strict=True):
+            row, column = ranges(start[pairs], count[pairs])
+            vertices = take(self.vertices, column, axis=1)
+            uv = np.stack([dot(take(axis, row, axis=1), vertices) for axis in (u, v)])
+            order = by_angle(row, uv[0], sense * uv[1])
+            figures.append(Polygons(count[pairs], take(uv, order, axis=1)))
+        slack, isLost = self.tolerance[pairs], True
+        while np.any(isLost):
+            row, uv = overlap_corners(*figures, slack)
+            isLost = np.bincount(row, minlength=len(pairs)) == 0
+            slack = np.where(isLost, SLACK_GROWTH * slack, slack)
+        centre = centres(row, uv)
+        return centre[0] * u + centre[1] * v + self.level[pairs] * normal
+
+
+class Polygons:
+    """Convex polygons (K,) in a plane; segments and points count as such.
+
+    count, start : (K,), of the corners of each; row : (C,), the polygon of each corner; next :
+    (C,), the corner after it
+    uv : (2, C), the corners; side : (2, C), from each to the next; length : (C,), of the sides
+    """
+
+    def __init__(self, count, uv):
+        self.count, self.uv = count, uv
+        self.start = count.cumsum() - count
+        self.row = np.arange(len(count)).repeat(count)
+        self.next = np.arange(1, len(self.row) + 1)
+        self.next[self.start + count - 1] = self.start
+        self.side = take(uv, self.next, axis=1) - uv
+        self.length = np.sqrt(self.side[0] * self.side[0] + self.side[1] * self.side[1])
+
+
+def overlap_corners(a, b, slack):
+    """The corners `(row (Q,), uv (2, Q))` of the overlaps of the `Polygons` a and b, K of each.
+
+    Those of a run counter-clockwise and those of b clockwise, as faces that touch do.
+    slack : (K,), length by which a corner may lie outside: where sides coincide, rounding decides
+
+    Corners of one that lie inside the other, and crossings of their sides; in no order, and some of
+    them twice.
+    """
+    # all combinations of a corner i of a, with the side after it, and a corner j of b
+    i, j = ranges(take(b.start, a.row), take(b.count, a.row))
+    place = take(b.count, a.row).cumsum() - take(b.start + b.count, a.row)
+    du, dv = take(b.uv, j, axis=1) - take(a.uv, i, axis=1)
+    (sideAu, sideAv), (sideBu, sideBv) = take(a.side, i, axis=1), take(b.side, j, axis=1)
+    # twice the areas: how far inside a is to the side of b, and b to that of a
+    insideB = sideBu * dv - sideBv * du
+    insideA = sideAu * dv - sideAv * du
+    isOut = insideB < take(-take(slack, b.row) * b.length, j)
+    cornersA = indices(np.bincount(i, isOut, len(a.row)) == 0)
+    isOut = insideA < take(-take(slack, a.row) * a.length, i)
+    cornersB = indices(np.bincount(j, isOut, len(b.row)) == 0)
+    # two sides cross where the ends of each lie on different sides of the other
+    headA = take(insideB, take(place, take(a.next, i)) + j)
+    headB = take(insideA, take(place, i) + take(b.next, j))
+    crosses = indices((insideB * headA < 0) & (insideA * headB < 0))
+    s, i = insideB[crosses] / (insideB[crosses] - headA[crosses]), i[crosses]
+    crossing = take(a.uv, i, axis=1) + s * take(a.side, i, axis=1)
+    row = np.concatenate((a.row[cornersA], b.row[cornersB], a.row[i]))
+    uv = np.concatenate((a.uv[:, cornersA], b.uv[:, cornersB], crossing), axis=1)
+    # not those on the line of a segment, or of sides that coincide, but beyond its ends
+    low = np.maximum(*(np.minimum.reduceat(p.uv, p.start, axis=1) for p in (a, b))) - slack
+    high = np.minimum(*(np.maximum.reduceat(p.uv, p.start, axis=1) for p in (a, b))) + slack
+    isWithin = (uv >= take(low, row, axis=1)) & (uv <= take(high, row, axis=1))
+    kept = indices(isWithin.all(axis=0))
+    return row[kept], take(uv, kept, axis=1)
+
+
+def centres(row, uv):
+    """The centroid (2, K) of each row's figure, given by its corners (2, C): row (C,), 0 … K - 1.
+
+    That of the area; of a segment, and of what is as thin as rounding, that of the outline, there
+    and back.
+    """
+    figure = Polygons(np.bincount(row), take(uv, by_angle(row, *uv), axis=1))
+    row, length = figure.row, np.bincount(figure.row, figure.length)
+    origin = figure.uv[:, figure.start]
+    isPoint = length == 0.0
+    outline = np.stack([np.bincount(row, figure.length * x) for x in figure.uv + 0.5 * figure.side])
+    outline = np.where(isPoint, origin, outline / np.where(isPoint, 1.0, length))
+    # triangles from the first corner to each side: twice their areas, and the sums of their corners
+    x, y = figure.uv - take(origin, row, axis=1)
+    areas = x * figure.side[1] - y * figure.side[0]
+    area = np.bincount(row, areas)
+    sums = 2.0 * np.stack((x, y)) + figure.side
+    moment = np.stack([np.bincount(row, areas * total) for total in sums])
+    isThin = area <= THIN * length * length
+    return np.where(isThin, outline, origin + moment / (3.0 * np.where(isThin, 1.0, area)))

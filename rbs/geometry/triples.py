@@ -1,0 +1,93 @@
+"""Vectors of three floats: the algebra of one pair of bodies.
+
+A vector is a tuple of three floats, a matrix one of nine, row by row. `rbs.geometry.vectors` has
+the same functions for arrays of vectors, with the same operations in the same order, and so the
+same bits.
+"""
+
+import math
+
+import numpy as np
+
+ZERO = (0.0, 0.0, 0.0)
+
+
+def floats(value, count):
+    """`count` Python floats, as a tuple, out of an array of any shape with that many entries."""
+    return tuple(np.asarray(value, dtype=np.float64).reshape(count).tolist())
+
+
+def number(value):
+    """A Python float out of a number, or of an array that holds one."""
+    return value if type(value) is float else floats(value, 1)[0]
+
+
+def add(a, b):
+    """a + b."""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def sub(a, b):
+    """a - b."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def scale(factor, v):
+    """factor · v."""
+    return (factor * v[0], factor * v[1], factor * v[2])
+
+
+def divide(v, divisor):
+    """v / divisor, which rounds otherwise than 1 / divisor · v."""
+    return (v[0] / divisor, v[1] / divisor, v[2] / divisor)
+
+
+def mul_add(v, factor, direction):
+    """v + factor · direction."""
+    return (
+        v[0] + factor * direction[0],
+        v[1] + factor * direction[1],
+        v[2] + factor * direction[2],
+    )
+
+
+def dot(a, b):
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a, b):
+    """Vector product a × b."""
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
+
+
+def norm(v):
+    """Length."""
+    return math.sqrt(dot(v, v))
+
+
+def mat_vec(matrix, v):
+    """Matrix times vector."""
+    return (
+        matrix[0] * v[0] + matrix[1] * v[1] + matrix[2] * v[2],
+        matrix[3] * v[0] + matrix[4] * v[1] + matrix[5] * v[2],
+        matrix[6] * v[0] + matrix[7] * v[1] + matrix[8] * v[2],
+    )
+
+
+def transpose(matrix):
+    """The transposed matrix."""
+    return (*matrix[0::3], *matrix[1::3], *matrix[2::3])
+
+
+def rotate_tensor(rotation, tensor):
+    """R T Rᵀ for a symmetric tensor T; symmetric to the last bit."""
+    rows = transpose([x for k in range(3) for x in mat_vec(rotation, tensor[k::3])])  # of R T
+    xx, yy, zz = (dot(rows[k : k + 3], rotation[k : k + 3]) for k in (0, 3, 6))
+    xy, xz = (dot(rows[0:3], rotation[k : k + 3]) for k in (3, 6))
+    yz = dot(rows[3:6], rotation[6:9])
+    return (xx, xy, xz, xy, yy, yz, xz, yz, zz)

@@ -1,0 +1,440 @@
+"""Pictures and videos of a scene, drawn off-screen or from the window.
+
+From the top: starting to draw; taking a picture, in either look; the legend; series of pictures;
+videos, and the encoder of their files. Polyscope is imported inside the functions that use it.
+"""
+
+import errno
+import math
+import subprocess
+import tempfile
+import time
+from contextlib import contextmanager, nullcontext, suppress
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from tqdm import tqdm
+
+from rbs.appearance.colours import BACKGROUND
+from rbs.appearance.pictureoptions import SEEN_THROUGH
+from rbs.pictures.backends import OFFSCREEN_BACKEND
+from rbs.pictures.cameras import apply_camera
+from rbs.pictures.studio import STILL_DIRECTIONS, VIDEO_DIRECTIONS, Studio
+from rbs.pictures.view import SceneView, start_polyscope
+from rbs.scenes.files import atomic_write, named_errors, partial_path, put_in_place
+from rbs.scenes.messages import InputError, counted, print_error, shown_path
+
+# A picture is drawn as many times as large along each side, and averaged, as long as that takes no
+# more than so many pixels: 4K.
+SUPERSAMPLING = 2
+MOST_DRAWN_PIXELS = 4 * 3840 * 2160
+# How dark a shadow is where there is no ground.
+SHADOW_OPACITY = 0.4
+# Of the legend, in pixels: from the picture's upper left corner; and its rows' colour samples.
+LEGEND_MARGIN, SAMPLE_SIZE = 12, 18
+LEGEND_COLOUR = (0.19, 0.21, 0.25, 1.0)
+FFMPEG_REMEDY = "Install it: pip install imageio-ffmpeg"
+# Arguments of ffmpeg by a video's ending. Of .mp4: no artefacts to be seen; sides are made even,
+# as the codec wants them; and playing can begin before the file is there to its end. Of .gif: one
+# palette for all, without dithering, which would flicker and make it larger.
+CODECS = {
+    ".mp4": (
+        "-f",
+        "mp4",
+        "-vcodec",
+        "libx264",
+        "-pix_fmt",
+        "yuv420p",
+        "-crf",
+        "15",
+        "-vf",
+        "crop=trunc(iw/2)*2:trunc(ih/2)*2",
+        "-movflags",
+        "+faststart",
+    ),
+    ".gif": (
+        "-f",
+        "gif",
+        "-filter_complex",
+        "split[a][b];[a]palettegen=stats_mode=full[p];[b][p]paletteuse=dither=none",
+    ),
+}
+
+
+class VideoError(InputError):
+    """A video that cannot be made; one line."""
+
+
+def start_view(simulation, backend, options):
+    """Starts Polyscope for pictures with these PictureOptions; returns a SceneView."""
+    start_polyscope(backend, options.size)
+    view = SceneView(simulation)
+    if options.camera is not None:
+        apply_camera(options.camera)
+    elif options.look == "studio":
+        view.frame_still()
+    view.spread_ground()
+    if options.look == "studio":
+        view.studio = StudioLook(framesAnew=options.camera is None)
+    view.hasLegend = options.hasLegend
+    view.colouring = options.colouring
+    for name in options.overlays:
+        view.show(name, True)
+    view.show("ground", not options.isTransparent)
+    return view
+
+
+def take_picture(view, isTransparent=False, isStill=True):
+    """What the camera sees, (height, width, 3), or 4 where it is transparent, uint8.
+
+    isStill : whether it may take some time, which a frame of a video has not
+    """
+    if view.studio is not None:
+        return view.studio.take(view, isTransparent, isStill)
+    picture = _take_plain(view, isTransparent, isStill)
+    return np.ascontiguousarray(_with_legend(picture, view))
+
+
+class StudioLook:
+    """Takes the pictures of a SceneView in the studio look.
+
+    framesAnew : whether each still has a camera of its own, which sees all of the scene
+    report : function that is told which fraction of a still is done; without one, a terminal shows
+    """
+
+    def __init__(self, framesAnew, report=None):
+        self._framesAnew, self._report = framesAnew, report
+        self._studios = Studio(VIDEO_DIRECTIONS), Studio(STILL_DIRECTIONS)
+
+    def take(self, view, isTransparent, isStill):
+        """See `take_picture`."""
+        studio = self._studios[isStill]
+        if not isStill:
+            return _with_legend(studio.take(view), view)
+        with view.framed_still() if self._framesAnew else nullcontext(), self._progress() as report:
+            return _with_legend(studio.take(view, isTransparent, report), view)
+
+    @contextmanager
+    def _progress(self):
+        if self._report is not None:
+            yield self._report
+            return
+        with tqdm(total=100, desc="picture", unit="%", leave=False, disable=None) as progress:
+            yield lambda fraction: progress.update(round(100.0 * fraction) - progress.n)
+
+    def tell_cost(self, view, count):
+        """Takes a frame of a video on trial, and says how long `count` of them will take."""
+        begin = time.perf_counter()
+        self.take(view, False, isStill=False)
+        seconds = time.perf_counter() - begin
+        minutes = math.ceil(count * seconds / 60.0)
+        frames = f"about {seconds:.2g} s a frame, {counted(count, 'frame')}"
+        print_error(f"studio: {frames}, about {minutes} min")
+
+
+def _take_plain(view, isTransparent, isStill):
+    """What the camera sees in the look of the window.
+
+    Edges are smooth: the picture is drawn larger and averaged. Where bodies are see-through, it is
+    the mean of one with them and one without. Polyscope's own supersampling serves the window, and
+    has no effect off-screen with EGL; its depth peeling takes nine times as long.
+    """
+    import polyscope as ps
+
+    width, height = ps.get_window_size()
+    # Only off-screen does a window's size change at once.
+    isOffscreen = ps.get_render_engine_backend_name() == OFFSCREEN_BACKEND
+    isLarge = SUPERSAMPLING**2 * width * height > MOST_DRAWN_PIXELS
+    factor = SUPERSAMPLING if isOffscreen and not isLarge else 1
+    isSmooth = view.isSmooth
+    isChanged = isStill and not isOffscreen
+    if isChanged:
+        view.set_supersampling(True)
+    # Polyscope asks for both: a background of no opacity, and that this be kept.
+    ps.set_background_color((*BACKGROUND, 0.0 if isTransparent else 1.0))
+    if factor > 1:
+        ps.set_window_size(factor * width, factor * height)
+    try:
+        with view.whole_width():
+            picture = _draw(view, isTransparent)
+    finally:
+        ps.set_background_color((*BACKGROUND, 1.0))
+        if isChanged:
+            view.set_supersampling(isSmooth)
+        if factor > 1:
+            ps.set_window_size(width, height)
+    if factor > 1:
+        picture = averaged(picture, factor)
+    return picture
+
+
+def _draw(view, isTransparent):
+    """The picture (height, width, 3 or 4) as large as the window, uint8."""
+    import polyscope as ps
+
+    def shoot():
+        shot = ps.screenshot_to_buffer(transparent_bg=isTransparent)
+        return shot if isTransparent else shot[:, :, :3]
+
+    view.set_see_through(False)
+    shots = [_with_soft_shadows(shoot, view) if isTransparent else shoot()]
+    if view.isSeeThrough:
+        view.show_bodies(False)
+        shots.append(_with_soft_shadows(shoot, view) if isTransparent else shoot())
+        view.show_bodies(True)
+        view.set_see_through(True)
+        mixed = (1.0 - SEEN_THROUGH) * shots[0] + SEEN_THROUGH * shots[1].astype(np.float32)
+        return np.rint(mixed).astype(np.uint8)
+    return shots[0]
+
+
+def _with_soft_shadows(shoot, view):
+    """A transparent shot in which the shadows are black and let the background through."""
+    if "shadows" not in view.shown:
+        return shoot()
+    withShadows = shoot()
+    view.show_shadows(False)
+    shot = shoot().copy()
+    view.show_shadows(True)
+    isShadow = (shot[:, :, 3] == 0) & (withShadows[:, :, 3] > 0)
+    shot[isShadow] = (0, 0, 0, round(255 * SHADOW_OPACITY))
+    return shot
+
+
+def averaged(picture, factor):
+    """Each factor x factor pixels as one; (height, width, 3 or 4), uint8."""
+    height, width, channels = picture.shape
+    blocks = picture.reshape(height // factor, factor, width // factor, factor, channels)
+    if channels == 3:
+        total = blocks.sum(axis=(1, 3), dtype=np.uint16)
+        return ((total + factor**2 // 2) // factor**2).astype(np.uint8)
+    # What is not there at all has no colour to give.
+    opacity = blocks[..., 3:].astype(np.float32)
+    weight = opacity.sum(axis=(1, 3))
+    colour = (blocks[..., :3] * opacity).sum(axis=(1, 3)) / np.maximum(weight, 1.0)
+    return np.rint(np.concatenate([colour, weight / factor**2], axis=2)).astype(np.uint8)
+
+
+def draw_legend(rows):
+    """Rows (text, (r, g, b)) into the present panel."""
+    import polyscope.imgui as psim
+
+    flags = psim.ImGuiColorEditFlags_NoTooltip
+    for text, colour in rows:
+        psim.ColorButton(text, (*colour, 1.0), flags, (SAMPLE_SIZE, SAMPLE_SIZE))
+        psim.SameLine()
+        psim.Text(text)
+
+
+def _with_legend(picture, view):
+    """The picture with its legend in the upper left corner, where the view wants one."""
+    import polyscope as ps
+    import polyscope.imgui as psim
+
+    rows, place = view.legend() if view.hasLegend else [], {}
+    if not rows:
+        return picture
+
+    def draw():
+        psim.SetNextWindowPos((LEGEND_MARGIN, LEGEND_MARGIN), psim.ImGuiCond_Always)
+        psim.PushStyleColor(psim.ImGuiCol_WindowBg, LEGEND_COLOUR)
+        flags = psim.ImGuiWindowFlags_AlwaysAutoResize | psim.ImGuiWindowFlags_NoTitleBar
+        psim.Begin("Legend", flags=flags)
+        draw_legend(rows)
+        place["corner"], place["size"] = tuple(psim.GetWindowPos()), tuple(psim.GetWindowSize())
+        psim.End()
+        psim.PopStyleColor()
+
+    ps.set_user_callback(draw)
+    try:
+        for _ in range(2):  # a panel knows its size from the second frame on
+            shot = ps.screenshot_to_buffer(transparent_bg=False, include_UI=True)
+    finally:
+        ps.set_user_callback(view.callback)
+    (left, top), (width, height) = (map(round, place[name]) for name in ("corner", "size"))
+    picture = picture.copy()
+    box = slice(top, top + height), slice(left, left + width)
+    picture[box] = 255
+    picture[(*box, slice(3))] = shot[box][:, :, :3]
+    return picture
+
+
+class PictureSeries:
+    """Pictures of chosen steps, DIR/frame_<step, six digits>.png.
+
+    Attributes: folder; count, the pictures so far.
+    """
+
+    def __init__(self, folder, steps, view, isTransparent=False):
+        """Makes the folder; raises OSError when that cannot be done.
+
+        steps : whole numbers, those of which `add` takes a picture; view : SceneView
+        """
+        self.folder = Path(folder)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.count = 0
+        self._steps = steps
+        self._view = view
+        self._isTransparent = isTransparent
+
+    def add(self, simulation):
+        """Takes a picture if the simulation stands at one of the steps."""
+        if simulation.stepCount in self._steps:
+            self._view.refresh()
+            path = self.folder / f"frame_{simulation.stepCount:06d}.png"
+            save_picture(path, self._view, self._isTransparent)
+            self.count += 1
+
+    def save(self, simulation):
+        """Does nothing: each picture is whole when it is taken."""
+
+    def close(self):
+        """Does nothing: each picture is whole when it is taken."""
+
+    def summary(self, simulation):
+        """Name and text of its row in the summary of a run."""
+        return "pictures", f"{self.count} in {shown_path(self.folder)}"
+
+
+def save_picture(path, view, isTransparent=False):
+    """Writes what the camera sees as PNG, in place of an old file: whole or not at all."""
+    picture = take_picture(view, isTransparent)
+    with atomic_write(path) as partial:
+        Image.fromarray(picture).save(partial, "PNG")
+
+
+class Video:
+    """A video (.mp4 or .gif) of every `every`-th step.
+
+    Written beside its place under another name and put there by `save`. Attributes: path; count,
+    the pictures so far; rate, pictures a second; every.
+    """
+
+    def __init__(self, path, view, rate, every):
+        """Starts the encoder; raises VideoError where there is none, OSError where it cannot
+        write at `path`."""
+        import polyscope as ps
+
+        self.path = Path(path)
+        self.rate, self.every = rate, every
+        self.count = 0
+        self._view = view
+        self._firstStep = self._lastStep = None
+        self._partial = partial_path(path)
+        codec = CODECS[self.path.suffix.lower()]
+        with named_errors(path):
+            self._encoder = Encoder(self._partial, ps.get_buffer_size(), rate, codec)
+
+    def add(self, simulation):
+        """Takes a picture each `every` steps, from the first call on, but of no step twice.
+
+        raises OSError where the encoder has given up
+        """
+        step = simulation.stepCount
+        if self._firstStep is None:
+            self._firstStep = step
+        if (step - self._firstStep) % self.every == 0 and step != self._lastStep:
+            self._view.refresh()
+            with named_errors(self.path):
+                self._encoder.write(take_picture(self._view, isStill=False))
+            self.count += 1
+            self._lastStep = step
+
+    def save(self, simulation):
+        """Ends the video and puts it in its place, where an old one may be; raises OSError."""
+        with named_errors(self.path):
+            self._encoder.finish()
+            put_in_place(self._partial, self.path)
+
+    def summary(self, simulation):
+        """Name and text of its row in the summary of a run: its length, and how fast it plays."""
+        factor = self.rate * self.every * simulation.settings.timeStep
+        pace = "real time" if abs(factor - 1.0) < 0.01 else f"{factor:.3g} × real time"
+        text = f"{self.count} frames at {self.rate:.4g} fps ({pace})"
+        return "video", f"{shown_path(self.path)}: {text}"
+
+    def close(self):
+        """Removes what was written beside the place. Does nothing after `save`."""
+        self._encoder.stop()
+        if self._partial.is_file():
+            self._partial.unlink()
+
+
+class Encoder:
+    """An ffmpeg process that writes a video of the pictures that it is given.
+
+    Its exit status tells whether the file is whole. Ctrl-C in a terminal does not reach it, since
+    it is in a session of its own: a run ends after its step, and its video is finished.
+    """
+
+    def __init__(self, path, size, rate, arguments):
+        """size : width and height of the pictures; rate : pictures a second; arguments : of ffmpeg
+
+        Raises VideoError where there is no ffmpeg, OSError where `path` cannot be written.
+        """
+        try:
+            import imageio_ffmpeg
+        except ImportError:
+            raise VideoError(f"no video: imageio-ffmpeg is missing. {FFMPEG_REMEDY}") from None
+
+        Path(path).touch()
+        self._path = path
+        self._errors = tempfile.TemporaryFile()
+        command = [
+            imageio_ffmpeg.get_ffmpeg_exe(),
+            "-y",
+            "-v",
+            "error",
+            "-f",
+            "rawvideo",
+            "-pix_fmt",
+            "rgb24",
+            "-s",
+            "{}x{}".format(*size),
+            "-r",
+            str(Fraction(rate).limit_denominator()),
+            "-i",
+            "-",
+            *arguments,
+            str(path),
+        ]
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=self._errors,
+            start_new_session=True,
+        )
+
+    def write(self, picture):
+        """Adds a picture (height, width, 3), uint8; raises OSError where the process has ended."""
+        try:
+            self._process.stdin.write(picture)
+        except OSError:
+            raise self._failure() from None
+
+    def finish(self):
+        """Ends the video; raises OSError if its file is not whole."""
+        with suppress(OSError):  # the exit status tells
+            self._process.stdin.close()
+        if self._process.wait() != 0:
+            raise self._failure()
+        self._errors.close()
+
+    def stop(self):
+        """Ends the process, whatever there is of the file. Does nothing after `finish`."""
+        self._process.kill()
+        with suppress(OSError):
+            self._process.stdin.close()
+        self._process.wait()
+        self._errors.close()
+
+    def _failure(self):
+        """The OSError of a process that has ended too early, with the last that it has said."""
+        code = self._process.wait()
+        self._errors.seek(0)
+        said = self._errors.read().decode(errors="replace").splitlines() or [f"exit code {code}"]
+        cause = f"the video is not whole: {said[-1].rpartition('] ')[2]}"
+        return OSError(errno.EIO, cause, str(self._path))

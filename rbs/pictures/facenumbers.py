@@ -1,0 +1,224 @@
+"""Numbers of faces, which Polyscope draws as flat colours: from the camera, and from the light.
+
+Polyscope is imported inside the functions that use it. From the top: drawing numbers; the overlays;
+the camera; the maps of what the light meets first.
+
+Arrays of points are (3, m), in single precision. Units: metres.
+"""
+
+import math
+from contextlib import contextmanager
+
+import numpy as np
+
+from rbs.appearance.colours import BACKGROUND
+from rbs.appearance.drawables import BOX_CORNERS
+from rbs.geometry.triples import dot
+from rbs.pictures.cameras import kept_camera
+
+# The free rim of a map, in pixels, beyond which everything is lit.
+RIM = 3
+# The sides of maps grow in steps of this factor, and maps move by whole pixels, so that in a video
+# the shadows of what rests do not flicker while something else moves.
+MAP_GROWTH = 1.15
+
+
+@contextmanager
+def bodies_only(view, vertices, faces):
+    """Within it, Polyscope draws nothing of a SceneView but the bodies, all black.
+
+    yields (their SurfaceMesh, the structures that were drawn over them). Leaves window and camera
+    as they were.
+    """
+    import polyscope as ps
+
+    size = ps.get_window_size()
+    with kept_camera(), view.hidden() as overlays:
+        mesh = ps.register_surface_mesh(
+            "numbers",
+            vertices,
+            faces,
+            color=(0.0, 0.0, 0.0),
+            material="flat",
+            back_face_policy="cull",
+        )
+        ps.set_background_color((0.0, 0.0, 0.0, 0.0))
+        try:
+            yield mesh, overlays
+        finally:
+            ps.remove_surface_mesh("numbers")
+            ps.set_background_color((*BACKGROUND, 1.0))
+            ps.set_view_projection_mode("perspective")
+            ps.set_length_scale(view.size)
+            ps.set_window_size(*size)
+
+
+def samples(factor):
+    """Moves Polyscope's camera to each of factor × factor samples of its pixels; yields their row
+    and column. A window that is so many times larger would take 60 bytes a pixel."""
+    import polyscope as ps
+
+    matrix, camera = ps.get_camera_view_matrix(), Camera(1)
+    for row in range(factor):
+        for column in range(factor):
+            shear = np.eye(4)
+            shear[0, 2] = ((column + 0.5) / factor - 0.5) * camera.pixelAngle
+            shear[1, 2] = (0.5 - (row + 0.5) / factor) * camera.pixelAngle
+            ps.set_camera_view_matrix(shear @ matrix)
+            yield row, column
+    ps.set_camera_view_matrix(matrix)
+
+
+def draw_overlays(mesh, overlays, opacity, factor):
+    """What is drawn over black bodies, (height, width, 4), uint8, or None where there is nothing.
+
+    opacity : from 0 to 1, of what is behind a body; factor : of `samples`
+    """
+    import polyscope as ps
+
+    if not overlays:
+        return None
+    total = 0.0
+    for structure in overlays:
+        structure.set_enabled(True)
+    for _ in samples(factor):
+        before = ps.screenshot_to_buffer(transparent_bg=True)
+        mesh.set_enabled(False)
+        shot = ps.screenshot_to_buffer(transparent_bg=True)
+        mesh.set_enabled(True)
+        isHidden = (shot != before).any(axis=2, keepdims=True)
+        weight = shot[..., 3:] * np.where(isHidden, np.float32(opacity), np.float32(1.0))
+        total = total + np.concatenate([shot[..., :3] * weight, weight], axis=2)
+    for structure in overlays:
+        structure.set_enabled(False)
+    weight = total[..., 3:]
+    total[..., :3] /= np.maximum(weight, 1.0)
+    weight /= factor**2
+    return np.rint(total).astype(np.uint8)
+
+
+def number_faces(mesh, count):
+    """Colours the `count` faces of a SurfaceMesh by their numbers, from 1."""
+    number = np.arange(1, count + 1)
+    colours = np.stack([number & 255, number >> 8 & 255, number >> 16], axis=1) / 255.0
+    mesh.add_color_quantity("numbers", colours, defined_on="faces", enabled=True)
+
+
+def draw_numbers(isUpright=True):
+    """The numbers (height, width), int32, of the faces that are seen; 0 stands for no face.
+
+    isUpright : whether the first row is the highest one
+    """
+    import polyscope as ps
+
+    shot = ps.screenshot_to_buffer(transparent_bg=True, vertical_flip=isUpright)
+    return shot.view("<i4")[..., 0] & 0xFFFFFF
+
+
+class Camera:
+    """Polyscope's camera, of a picture of factor × factor samples a pixel.
+
+    eye, ahead (3,) : where it is, and looks to; axes (3, 3) : rows to the right, up and ahead
+    halfHeight : the tangent of half its angle upwards; pixelAngle : that of a sample
+    """
+
+    def __init__(self, factor):
+        import polyscope as ps
+
+        view = ps.get_view_camera_parameters()
+        self.eye = np.array(view.get_position(), dtype=np.float32)
+        axes = view.get_right_dir(), view.get_up_dir(), view.get_look_dir()
+        self.axes = np.array(axes, dtype=np.float32)
+        self.ahead = self.axes[2]
+        self.width, self.height = (factor * pixels for pixels in ps.get_window_size())
+        self.halfHeight = math.tan(math.radians(view.get_fov_vertical_deg()) / 2.0)
+        self.pixelAngle = 2.0 * self.halfHeight / self.height
+
+    def rays(self, first, last):
+        """Unit vectors (3, m) through the pixels of the rows from `first` to before `last`."""
+        right, up, ahead = self.axes[:, :, None, None]
+        x = ((np.arange(self.width) + 0.5 - self.width / 2.0) * self.pixelAngle).astype(np.float32)
+        y = (self.height / 2.0 - np.arange(first, last) - 0.5) * self.pixelAngle
+        rays = ahead + x * right + y.astype(np.float32)[:, None] * up
+        rays /= np.sqrt(dot(rays, rays))
+        return rays.reshape(3, -1)
+
+    def corner_nearness(self, first, last):
+        """How near the pixels (m,) of these rows are to a corner: squared, from 0 in the middle."""
+        x = (np.arange(self.width) + 0.5) / self.width - 0.5
+        y = (np.arange(first, last) + 0.5) / self.height - 0.5
+        return (2.0 * (x**2 + y[:, None] ** 2)).astype(np.float32).ravel()
+
+
+class LightMaps:
+    """For each direction of light, which face it meets first: orthographic maps of numbers."""
+
+    def __init__(self, surface, gap):
+        """surface : `Surface`; gap : m, by which a face must lie before a point to shade it"""
+        self._surface, self._gap = surface, gap
+        self._maps = {}
+        self._numberType = np.min_scalar_type(len(surface.body))
+
+    def draw(self, kind, directions, size, box, vertices, progress):
+        """Draws maps of size × size pixels, known as `kind`, in place of what the window shows.
+
+        directions (n, 3) : towards the light; box (2, 3) : low and high corner of what they have to
+        cover; vertices (V, 3) : of all bodies; progress : called after each map
+        """
+        import polyscope as ps
+
+        # Polyscope draws from 0.005 to 20 of its length scales away, at angles of 5° and more.
+        scale = float(np.linalg.norm(box[1] - box[0]))
+        ps.set_length_scale(scale)
+        ps.set_view_projection_mode("orthographic")
+        ps.set_window_size(size, size)
+        corners = np.where(BOX_CORNERS, box[1], box[0])
+        self._maps[kind] = []
+        for direction in directions:
+            up = np.eye(3)[np.abs(direction).argmin()]
+            right = np.cross(up, direction)
+            right /= np.linalg.norm(right)
+            axes = np.stack([right, np.cross(direction, right), direction])
+            places = corners @ axes.T
+            low, high = places.min(axis=0), places.max(axis=0)
+            half = (high - low)[:2].max() / 2.0 * size / (size - 2.0 * RIM)
+            half = MAP_GROWTH ** math.ceil(math.log(half, MAP_GROWTH))
+            pixel = 2.0 * half / size
+            middle = pixel * np.round((low + high) / 2.0 / pixel)
+            top = min((vertices @ direction).max(), high[2] + 10.0 * scale)
+            matrix = np.eye(4)
+            matrix[:3, :3] = axes
+            matrix[:3, 3] = -middle[0], -middle[1], -(top + 0.1 * scale)
+            ps.set_camera_view_matrix(matrix)
+            ps.set_vertical_fov_degrees(math.degrees(2.0 * math.atan(half / (2.0 * scale))))
+            number = draw_numbers(isUpright=False).astype(self._numberType)
+            for edge in (number[0], number[-1], number[:, 0], number[:, -1]):
+                edge[:] = 0
+            # to a point's row and column
+            toPixels = np.concatenate([axes[1::-1], -middle[1::-1, None]], axis=1) / pixel
+            toPixels[:, 3] += size / 2.0
+            self._maps[kind].append((number.ravel(), size, toPixels.astype(np.float32)))
+            progress()
+
+    def blockers(self, kind, k, x, body):
+        """What keeps the light of direction k from points x (3, m).
+
+        body (m,) : that the points are of; as bodies are convex, none shades itself
+        returns (number (b,) of the face in the way, index (b,) of the point)
+        """
+        number, size, toPixels = self._maps[kind][k]
+        row, column = (
+            np.clip(dot(toPixel, x) + toPixel[3], 0.0, size - 1.0).astype(np.int32)
+            for toPixel in toPixels
+        )
+        met = number.take(row * size + column)
+        index = np.flatnonzero(met)
+        met = met.take(index)
+        other = np.flatnonzero(self._surface.body.take(met) != body.take(index))
+        index, met = index.take(other), met.take(other)
+        plane = self._surface.plane
+        depth = plane[3].take(met)
+        for i in range(3):
+            depth -= plane[i].take(met) * x[i].take(index)
+        isBefore = np.flatnonzero(depth > self._gap)
+        return met.take(isBefore), index.take(isBefore)

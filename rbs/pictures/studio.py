@@ -1,0 +1,349 @@
+"""Studio pictures: sky light, soft shadows and rounded edges, worked out in NumPy.
+
+Polyscope draws numbers of faces only (`rbs.pictures.facenumbers`). What a sample of a picture shows
+is where its ray meets the plane of its face, or the ground. Neighbouring samples share the
+directions of light (`rbs.appearance.light`), and a mean over those of the same surface mixes them;
+then linear light becomes a colour, and samples become pixels. Arrays of points, vectors and colours
+are (3, m), in single precision. From the top: tones; `Studio`; what is lit; `Shades`; gloss;
+pixels. Units: metres.
+"""
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from rbs.appearance.colours import linear
+from rbs.appearance.drawables import SUN, flatten_meshes
+from rbs.appearance.light import (
+    GROUND,
+    LEAST_GAP,
+    OPEN_GROUND,
+    SUN_LIGHT,
+    ByHeight,
+    SceneLight,
+    irradiance,
+    sky_radiance,
+)
+from rbs.appearance.pictureoptions import SEEN_THROUGH
+from rbs.appearance.skins import Surface
+from rbs.geometry.triples import dot
+from rbs.pictures.facenumbers import (
+    Camera,
+    bodies_only,
+    draw_numbers,
+    draw_overlays,
+    number_faces,
+    samples,
+)
+
+# A picture is worked out so many times as large along each side, and averaged.
+SUPERSAMPLING = 2
+# Each of SHARED × SHARED neighbouring samples takes its share of the directions of light.
+SHARED = 4
+# Directions of a still and of a video's frame, multiples of SHARED²: fewer leave streaks.
+STILL_DIRECTIONS = {"sky": 256, "below": 128, "sun": 32}
+VIDEO_DIRECTIONS = {"sky": 192, "below": 96, "sun": 16}
+# Side of the sun's maps as a fraction of the picture's width, within bounds in pixels.
+SUN_MAP_FRACTION, SUN_MAP_SIDES = 0.7, (512, 1536)
+# Bodies further from those that are seen than so many times the picture's larger half cast no
+# shadows: one that was flung away would leave the maps coarse. To find out, every SEEN_STEP-th
+# sample is looked at.
+REACH, SEEN_STEP = 3.0, 16
+# Lines on the ground: a factor of its reflectance, and their width as a fraction of the distance
+# between them.
+LINE, LINE_WIDTH = 0.72, 0.024
+# Reflectance of a body's gloss seen head-on, and the sharpness of the sun's reflection.
+GLOSS, SHININESS = 0.04, 64
+# Cosines below this one between normal and camera count as this: else outlines would be white.
+LEAST_FACING = 0.15
+# What light is multiplied by before the tone curve: more is brighter and paler.
+EXPOSURE = 0.60
+# The backdrop as seen, at the horizon and from a ray's height of BACKDROP_HEIGHT on; and where the
+# ground fades into it, in sizes of the scene from the middle of the ground.
+BACKDROP, BACKDROP_HEIGHT = np.array([[0.885, 0.882, 0.872], [0.76, 0.765, 0.77]]), 0.6
+FADE_BEGIN, FADE_END = 0.8, 4.5
+# How much darker the corners of the picture are than its middle.
+VIGNETTE = 0.14
+# Metres, of what a ray meets nowhere.
+NOWHERE = 1e12
+# Samples that are shaded together, 200 bytes each, by each of so many threads.
+BAND_SAMPLES, THREADS = 300_000, 2
+
+
+def seen(light):
+    """sRGB colours of linear light, through the tone curve of the Academy Color Encoding System in
+    Narkowicz's fit."""
+    x = EXPOSURE * light
+    x = np.clip(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 0.0, 1.0)
+    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1.0 / 2.4) - 0.055)
+
+
+# `seen` as a table over light from 0 to MOST_LIGHT, all of which is white.
+MOST_LIGHT, TONES = 12.0, 1 << 16
+_TONE_TABLE = seen(np.arange(TONES) * MOST_LIGHT / TONES).astype(np.float32)
+# What polished surfaces mirror.
+SURROUNDINGS = ByHeight(lambda y: np.where(y[:, None] < 0.0, OPEN_GROUND, sky_radiance(y)))
+
+
+def toned(light):
+    """`seen`, from a table."""
+    place = (light * (TONES / MOST_LIGHT)).astype(np.int32)
+    return _TONE_TABLE.take(place, mode="clip")
+
+
+class Studio:
+    """Takes studio pictures, and keeps the light of a scene of which only the camera moves.
+
+    light : the `SceneLight` of the last picture, or None
+    """
+
+    def __init__(self, counts):
+        """counts : numbers of directions of light, by kind"""
+        self._counts = counts
+        self._skins, self._lit, self.light = {}, None, None
+
+    def take(self, view, isTransparent=False, progress=lambda fraction: None):
+        """What Polyscope's camera sees of a SceneView, (height, width, 3), or 4, uint8.
+
+        isTransparent : whether there is nothing behind bodies and shadows
+        progress : called with the fraction that is done
+        """
+        import polyscope as ps
+
+        meshes = view.simulation.meshes
+        vertices, faces, bodyOfFace = flatten_meshes(meshes)
+        view.set_see_through(False)
+        with bodies_only(view, vertices, faces) as (mesh, overlays):
+            camera = Camera(SUPERSAMPLING)
+            hidden = SEEN_THROUGH if view.isSeeThrough else 0.0
+            overlay = draw_overlays(mesh, overlays, hidden, SUPERSAMPLING)
+            number_faces(mesh, len(faces))
+            numbers = np.empty((camera.height, camera.width), dtype=np.int32)
+            for row, column in samples(SUPERSAMPLING):
+                numbers[row::SUPERSAMPLING, column::SUPERSAMPLING] = draw_numbers()
+            box = lit_box(meshes, vertices, bodyOfFace, numbers, camera)
+            albedo = linear(view.body_colours())
+            sunMapSide = int(np.clip(SUN_MAP_FRACTION * ps.get_window_size()[0], *SUN_MAP_SIDES))
+            lit = (vertices.tobytes(), albedo.tobytes(), box.tobytes(), sunMapSide)
+            if lit != self._lit:
+                self.light = None  # the old one makes room
+                surface = Surface(meshes, vertices, faces, bodyOfFace, albedo, self._skins)
+                self.light = SceneLight(
+                    surface,
+                    vertices,
+                    box,
+                    self._counts,
+                    sunMapSide,
+                    lambda fraction: progress(0.4 * fraction),
+                )
+                self._lit = lit
+        view.set_see_through(view.isSeeThrough)
+        hasGround = "ground" in view.shown and not isTransparent
+        shades = Shades(self.light, camera, numbers, view, hasGround, isTransparent)
+        picture = shades.picture(lambda fraction: progress(0.4 + 0.6 * fraction))
+        return picture if overlay is None else laid_over(overlay, picture)
+
+
+def lit_box(meshes, vertices, bodyOfFace, numbers, camera):
+    """Low and high corner (2, 3) of what the light is worked out for: all bodies, as far as they
+    are near those that are seen. numbers : of the faces that the camera sees
+    """
+    first = np.cumsum([0] + [len(mesh.origVertices) for mesh in meshes[:-1]])
+    low, high = np.minimum.reduceat(vertices, first), np.maximum.reduceat(vertices, first)
+    number = numbers[::SEEN_STEP, ::SEEN_STEP]
+    depth = (0.5 * (low + high) - camera.eye) @ camera.ahead
+    depth = depth[bodyOfFace[number[number > 0] - 1]]
+    depth = depth[depth > 0.0]
+    if len(depth):
+        # in steps, so that in a video the box does not move with every body
+        depth = float(np.median(depth))
+        reach = REACH * depth * camera.halfHeight * max(1.0, camera.width / camera.height)
+        reach = 1.25 ** math.ceil(math.log(reach, 1.25))
+        middle = reach / 8.0 * np.round((camera.eye + depth * camera.ahead) / (reach / 8.0))
+        isNear = ((low < middle + reach) & (high > middle - reach)).all(axis=1)
+        low = np.maximum(low[isNear], middle - reach)
+        high = np.minimum(high[isNear], middle + reach)
+    return np.stack([low.min(axis=0), high.max(axis=0)])
+
+
+class Shades:
+    """Shades a picture of which the numbers of faces are known."""
+
+    def __init__(self, light, camera, numbers, view, hasGround, isTransparent):
+        """light : `SceneLight`; numbers (height, width) : as the camera sees them, each
+        SUPERSAMPLING times the picture's; view : `SceneView`, which knows where the ground is
+        """
+        self._light, self._camera, self._numbers = light, camera, numbers
+        self._lineDistance, self._groundPlace = view.squareSide, view.groundPlace
+        self._hasGround, self._isTransparent = hasGround, isTransparent
+
+    def picture(self, progress):
+        """The picture (height, width, 3), or 4, uint8."""
+        height, width = self._numbers.shape
+        step = max(1, BAND_SAMPLES // width // SHARED) * SHARED
+        tops = range(0, height, step)
+        rows = []
+        with ThreadPoolExecutor(THREADS) as executor:
+            for part in executor.map(self._rows, tops, (min(t + step, height) for t in tops)):
+                rows.append(part)
+                progress(len(rows) / len(tops))
+        return np.concatenate(rows)
+
+    def _rows(self, top, bottom):
+        """The rows of the picture from these samples' rows, `top` to before `bottom`."""
+        # beyond them, what the mean over neighbours reaches
+        first, last = max(0, top - 1), min(len(self._numbers), bottom + SHARED - 2)
+        width = self._numbers.shape[1]
+        surface = self._light.surface
+        number, ray, distance, fade = self._met(first, last)
+        some = np.flatnonzero(fade < 1.0)
+        rows, columns = np.divmod(some, width)
+        own, towards = number.take(some), ray.take(some, axis=1)
+        x = self._camera.eye[:, None] + distance.take(some) * towards
+        normal = np.zeros_like(x)
+        normal[1] = 1.0
+        rounded = normal.copy()
+        on = np.flatnonzero(own)
+        detail = 2.0 * SUPERSAMPLING * self._camera.pixelAngle * distance.take(some.take(on))
+        normal[:, on], rounded[:, on] = surface.normals(own.take(on), x.take(on, axis=1), detail)
+
+        light = np.zeros((5, len(number)), dtype=np.float32)
+        share = (rows + first) % SHARED * SHARED + columns % SHARED
+        body = surface.body.take(own)
+        for c in range(SHARED**2):
+            those = np.flatnonzero(share == c)
+            light[:, some[those]] = self._light.received(
+                x.take(those, axis=1), normal.take(those, axis=1), body.take(those), c, SHARED**2
+            )
+        group = np.where(fade < 1.0, surface.group.take(number), -2)
+        light = mixed(light.reshape(5, -1, width), group.reshape(-1, width)).reshape(5, -1)
+
+        inner = slice((top - first) * width, (bottom - first) * width)
+        wanted = np.flatnonzero((rows >= top - first) & (rows < bottom - first))
+        some, own = some.take(wanted), own.take(wanted)
+        parts = [a.take(wanted, axis=1) for a in (x, towards, rounded)]
+        colour, opacity = self._backdrop(ray[1, inner])
+        place = some - inner.start
+        shown, opaque = self._shown(own, *parts, light.take(some, axis=1), distance.take(some))
+        part = fade.take(some)
+        colour[:, place] = (1.0 - part) * shown + part * colour[:, place]
+        opacity[place] = opaque
+        if not self._isTransparent:
+            colour *= 1.0 - VIGNETTE * self._camera.corner_nearness(top, bottom)
+        return self._averaged(colour, opacity, width)
+
+    def _met(self, first, last):
+        """What the rays of some rows meet: the number of a face (m,), or 0; ray (3, m); distance
+        (m,); and how far it has faded into the backdrop (m,), 0 to 1."""
+        camera, surface = self._camera, self._light.surface
+        number, ray = self._numbers[first:last].ravel(), camera.rays(first, last)
+        distance = np.full(len(number), NOWHERE, dtype=np.float32)
+        if camera.eye[1] > 0.0 and (self._hasGround or self._isTransparent):
+            down = np.flatnonzero(ray[1] < -1e-6)
+            distance[down] = -camera.eye[1] / ray[1].take(down)
+        on = np.flatnonzero(number)
+        plane = surface.plane.take(number.take(on), axis=1)
+        slope = np.minimum(dot(plane, ray.take(on, axis=1)), -1e-9)
+        toFace = (plane[3] - dot(plane, camera.eye)) / slope
+        if self._hasGround:  # which hides what has sunk into it
+            isAbove = toFace < distance.take(on) + LEAST_GAP * self._light.size
+            number[on[~isAbove]] = 0
+            on, toFace = on[isAbove], toFace[isAbove]
+        distance[on] = toFace
+        middle, size = self._groundPlace
+        away = np.hypot(*(distance * ray[k] + (camera.eye[k] - middle[k]) for k in (0, 2))) / size
+        fade = np.clip((away - FADE_BEGIN) / (FADE_END - FADE_BEGIN), 0.0, 1.0)
+        fade = 1.0 - (1.0 - fade) ** 2
+        fade[on] = 0.0
+        return number, ray, distance, fade
+
+    def _backdrop(self, rise):
+        """Colours (3, m) and opacity (m,) of what is behind all, seen along rays of this y (m,)."""
+        if self._isTransparent:
+            return np.zeros((3, len(rise)), np.float32), np.zeros(len(rise), np.float32)
+        height = np.clip(rise / BACKDROP_HEIGHT, 0.0, 1.0)
+        low, high = BACKDROP.astype(np.float32)[:, :, None]
+        return (1.0 - height) * low + height * high, np.ones(len(rise), np.float32)
+
+    def _shown(self, number, x, ray, normal, light, distance):
+        """Colours (3, m) and opacity (m,) of what is lit so, as `SceneLight.received` has it."""
+        onGround, onBody = (np.flatnonzero(isThat) for isThat in (number == 0, number > 0))
+        received = irradiance(normal, light)
+        albedo = self._light.surface.albedo.take(number, axis=1)
+        albedo[:, onGround] = GROUND[:, None]
+        opacity = np.ones(len(number), dtype=np.float32)
+        if self._isTransparent:
+            full = toned(OPEN_GROUND[:, None].astype(np.float32))
+            dark = toned(albedo[:, onGround] / math.pi * received[:, onGround]) / full
+            opacity[onGround] = 1.0 - np.minimum(dark.mean(axis=0), 1.0)
+            albedo[:, onGround] = 0.0
+        else:
+            ground = (a.take(onGround, axis=-1) for a in (x, ray, distance))
+            albedo[:, onGround] *= self._lines(*ground)
+        colour = albedo / np.float32(math.pi) * received
+        colour[:, onBody] += gloss(*(a.take(onBody, axis=1) for a in (normal, ray, light)))
+        return toned(colour), opacity
+
+    def _lines(self, x, ray, distance):
+        """What the lines on the ground leave of its light, (m,)."""
+        pixel = self._camera.pixelAngle * distance / np.maximum(-ray[1], 0.05) / self._lineDistance
+        left = np.ones(len(distance), dtype=np.float32)
+        for axis in (0, 2):
+            place = x[axis] / self._lineDistance
+            away = np.abs(place - np.rint(place))
+            cover = np.clip((0.5 * (LINE_WIDTH + pixel) - away) / pixel, 0.0, 1.0)
+            left *= 1.0 - (1.0 - LINE) * cover * np.minimum(1.0, LINE_WIDTH / pixel)
+        return left
+
+    def _averaged(self, colour, opacity, width):
+        """Samples (3, m) and (m,), in rows of `width`, as rows of the picture."""
+        s = SUPERSAMPLING
+        shape = -1, s, width // s, s
+        weight = opacity.reshape(shape).sum(axis=(1, 3))
+        total = (colour * opacity).reshape(3, *shape).sum(axis=(2, 4)) / np.maximum(weight, 1e-6)
+        if self._isTransparent:
+            total = np.concatenate([total, weight[None] / s**2])
+        return np.rint(255.0 * np.moveaxis(total, 0, 2)).astype(np.uint8, order="C")
+
+
+def gloss(normal, ray, light):
+    """The light (3, m) that the surfaces of bodies mirror towards the camera, along -ray (3, m)."""
+    sun = SUN.astype(np.float32)
+    cosine = np.maximum(dot(normal, sun), 0.0)
+    half = sun[:, None] - ray
+    half /= np.sqrt(dot(half, half))
+    shine = np.maximum(dot(normal, half), 0.0)
+    for _ in range(SHININESS.bit_length() - 1):
+        shine *= shine
+    shine *= GLOSS * (SHININESS + 8.0) / (8.0 * math.pi) * cosine * light[0]
+    facing = np.clip(-dot(normal, ray), LEAST_FACING, 1.0)
+    grazing = 1.0 - facing
+    fresnel = GLOSS + (1.0 - GLOSS) * grazing * (grazing * grazing) ** 2  # Schlick's
+    mirrored = SURROUNDINGS(2.0 * facing * normal[1] + ray[1])
+    return SUN_LIGHT.astype(np.float32)[:, None] * shine + 0.5 * fresnel * light[1] * mirrored
+
+
+def mixed(light, group):
+    """The mean (k, h, w) over SHARED × SHARED neighbours of the same group; group (h, w)."""
+    _, height, width = light.shape
+    total, count = np.zeros_like(light), np.zeros((height, width), dtype=np.float32)
+    for dy in range(-1, SHARED - 1):
+        for dx in range(-1, SHARED - 1):
+            to = slice(max(0, -dy), height - max(0, dy)), slice(max(0, -dx), width - max(0, dx))
+            of = slice(max(0, dy), height + min(0, dy)), slice(max(0, dx), width + min(0, dx))
+            isSame = group[to] == group[of]
+            count[to] += isSame
+            total[(slice(None), *to)] += isSame * light[(slice(None), *of)]
+    return total / count
+
+
+def laid_over(upper, lower):
+    """A picture with opacity over one with or without it, as many channels as the lower one."""
+    above = upper[..., 3:].astype(np.float32) / 255.0
+    if lower.shape[2] == 3:
+        return np.rint(above * upper[..., :3] + (1.0 - above) * lower).astype(np.uint8)
+    below = (1.0 - above) * (lower[..., 3:] / np.float32(255.0))
+    colour = above * upper[..., :3] + below * lower[..., :3]
+    colour /= np.maximum(above + below, 1e-6)
+    return np.rint(np.concatenate([colour, 255.0 * (above + below)], axis=2)).astype(np.uint8)

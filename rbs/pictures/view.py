@@ -1,0 +1,773 @@
+"""What is seen: bodies, shadows, constraints and overlays, in Polyscope.
+
+Polyscope is imported inside the functions that use it, never with this module, and only after
+`rbs.pictures.backends.find_backend` has found out that it can draw here.
+
+All bodies together are one surface, their shadows another one, and their edges one set of lines,
+so that the cost of drawing hardly depends on how many bodies there are. What stands for a
+simulation here may as well be a replay: anything with its attributes.
+
+From the top: starting Polyscope; `SceneView`; the overlays.
+"""
+
+import math
+from contextlib import contextmanager
+
+import numpy as np
+
+from Quaternion import QConj, QRotate
+from rbs.appearance.colours import (
+    BACKGROUND,
+    BOX_COLOUR,
+    CONSTRAINT_COLOURS,
+    CREASE_COLOUR,
+    FRICTION_COLOUR,
+    GROUND_COLOURS,
+    IMPULSE_COLOUR,
+    NORMAL_COLOUR,
+    PICKED_COLOUR,
+    SHADOW_COLOUR,
+    TRAIL_COLOUR,
+    VELOCITY_COLOUR,
+    BodyColours,
+    constraint_legend,
+)
+from rbs.appearance.drawables import (
+    ConstraintLines,
+    box_lines,
+    cast_shadows,
+    contact_patches,
+    find_creases,
+    flatten_meshes,
+    grid_cells,
+    ground_squares,
+    surface_points,
+)
+from rbs.appearance.pictureoptions import OVERLAYS, PICTURE_SIZE
+from rbs.pictures.arrows import ARROW_RADIUS, POINT_RADIUS, draw_arrows, draw_lines, remove_overlay
+from rbs.pictures.cameras import VIEW_DIRECTION, frame_camera, kept_camera, point_still_camera
+from RBSFunctions import refresh_vertices
+
+# All that can be switched on and off.
+LAYERS = ("ground", "shadows", *OVERLAYS)
+# What shows the contacts of the last steps.
+CONTACT_OVERLAYS = frozenset({"contacts", "impulses", "friction impulses"})
+# What is drawn at or within bodies, which are then seen through. In the window, Polyscope shows the
+# mean of all that lies behind each other, the ground too, which would leave bodies pale: by which
+# factor their colours are moved away from the ground's.
+SEE_THROUGH = CONTACT_OVERLAYS | {"velocities"}
+VIVIDNESS = 2.0
+# Half the width of the lines that edges are drawn as, relative to the scene's size.
+CREASE_RADIUS = 6e-4
+# Each line costs about 0.02 ms a frame where no graphics card helps. In a scene with more of them,
+# bodies are so small in the picture that lines would only darken it.
+MOST_CREASES = 4000
+# Half the width of the lines that constraints are drawn as, relative to the scene's size.
+CONSTRAINT_RADIUS = 1.2e-3
+# The longest impulse on screen, relative to the scene's size, and relative to the body of medium
+# size at most, so that arrows do not cover each other; and every contact's normal, relative to it.
+LONGEST_IMPULSE = 0.1
+IMPULSE_OF_BODY = 0.5
+NORMAL_LENGTH = 0.5
+# Steps for which a contact is shown: a tenth of a second, with the usual time step.
+HELD_CONTACT_STEPS = 5
+# A velocity is drawn as the way that it leads in this time, in seconds.
+VELOCITY_SECONDS = 0.5
+# Half the width of the outlines of contacts, relative to the scene's size.
+PATCH_RADIUS = 1.6e-3
+# Pictures back that a trail goes, and the most bodies that have one: every second body has where
+# there are up to twice as many, and so on.
+TRAIL_LENGTH = 40
+MOST_TRAILS = 30
+# A trail goes on over as many steps between two pictures; more is a jump to another time.
+LONGEST_TRAIL_STEP = 60
+# The most boxes, and cells, that are drawn, for the time that their lines take.
+MOST_BOXES = 200
+# The ground: how far it is seen, in sizes of the scene; the camera's usual distance from what it
+# looks at, likewise; how far, in sizes, and by which factor the view moves before the ground does;
+# and where Polyscope ends to draw, a little less than twenty sizes away.
+GROUND_REACH = 9.0
+USUAL_DISTANCE = 1.6
+GROUND_SHIFT, GROUND_GROWTH = 0.5, 1.6
+FAR_CLIP = 19.0
+# Of the way from the camera to what it looks at: where a shot begins.
+SHOT_BEGIN = 0.4
+# How far over the ground the shadows lie, relative to the scene's size: the least that keeps the
+# two from flickering through each other in a 24-bit depth buffer.
+SHADOW_HEIGHT = 1e-3
+
+
+def start_polyscope(backend, size=None):
+    """Starts Polyscope with this backend and the options that no scene changes.
+
+    size : (width, height) of the picture or window in pixels, or None for the usual one
+    """
+    import polyscope as ps
+
+    ps.set_verbosity(0)
+    ps.set_program_name("Rigid bodies")
+    ps.set_use_prefs_file(False)
+    ps.set_window_size(*(size or PICTURE_SIZE))
+    ps.init(backend.name)
+    ps.set_automatically_compute_scene_extents(False)
+    ps.set_up_dir("y_up")
+    ps.set_build_default_gui_panels(False)
+    ps.set_open_imgui_window_for_user_callback(False)
+    ps.set_ground_plane_mode("none")  # `SceneView` has its own, which is drawn three times faster
+    ps.set_background_color(BACKGROUND)
+    # Off-screen, more has no effect; see rbs/pictures/capture.py and rbs/window/panel.py.
+    ps.set_SSAA_factor(1)
+
+
+class SceneView:
+    """A simulation's bodies, shadows and constraints in Polyscope, which must have been started.
+
+    Attributes: simulation; colouring, a name of COLOURINGS; shown, a set of names of LAYERS;
+    picked, the index of the body that is marked, or None, and pickedPoint, a point (3,) of it at
+    rest; squareSide, of the ground's squares in metres; groundPlace, of the ground: its middle
+    (3,) and the size of what stands on it in metres; hasLegend, whether pictures have one;
+    follows, whether the camera moves along with the picked body, or with all; isSmooth, whether
+    the window is drawn with smooth edges; studio, a `StudioLook` where pictures have that look, or
+    None; callback, which draws the panels in each frame, or None.
+    """
+
+    def __init__(self, simulation):
+        self._margins = (0, 0, 0, 0)  # what the panels take: left, top, right, bottom, in pixels
+        self._windowSize = None
+        self.callback = self.studio = None
+        self.colouring = "body"
+        self.shown = {"ground", "shadows"}
+        self.hasLegend = self._follows = self.isSmooth = self._isVivid = False
+        self.rebuild(simulation)
+
+    def rebuild(self, simulation):
+        """Registers the bodies of a new scene and points the camera at them."""
+        import polyscope as ps
+
+        self.simulation = simulation
+        self.pick(None)
+        vertices, _, _ = flatten_meshes(simulation.meshes)
+        ground = vertices * [1.0, 0.0, 1.0]
+        points = np.concatenate([vertices, ground])
+        low, high = np.min(points, axis=0), np.max(points, axis=0)
+        self._size = float(np.linalg.norm(high - low))
+        ps.set_length_scale(self._size)
+        ps.set_bounding_box(low, high)
+        self._trail = []
+        self._trailStep = None
+        self._heldContacts = {}  # step -> its contacts
+        self.show_spring(None)
+        vertices = self._register_bodies()
+        bodySize = np.median(np.linalg.norm(np.subtract(*self._boxes(vertices)), axis=1))
+        self._longestArrow = min(LONGEST_IMPULSE * self._size, IMPULSE_OF_BODY * bodySize)
+        self._register_constraints(vertices)
+        self._lastFocus = self._focus()
+        self._point_camera(points)
+        self._move_ground()
+        for name in LAYERS:
+            self._show_layer(name)
+        self.refresh()
+
+    @property
+    def size(self):
+        """The diagonal of the box that holds the scene and its ground at the start, in metres."""
+        return self._size
+
+    def _register_bodies(self):
+        """Registers all bodies as one surface, and their shadows and edges; their vertices."""
+        import polyscope as ps
+
+        meshes = self.simulation.meshes
+        self.bodyColours = BodyColours(meshes)
+        vertices, faces, self.bodyOfFace = flatten_meshes(meshes)
+        self._bodyCount, self._faces = len(meshes), faces
+        self._firstVertex = np.cumsum([0] + [len(m.currVertices) for m in meshes[:-1]])
+        # What lies behind is not drawn: bodies are closed, and it would cost half as much again.
+        # Surfaces are drawn in the order of their names: what is seen through has to be the last.
+        self._bodies = ps.register_surface_mesh(
+            "solids", vertices, faces, material="clay", back_face_policy="cull"
+        )
+        self._bodies.set_selection_mode("faces_only")
+        self._shadows = ps.register_surface_mesh(
+            "shadows",
+            cast_shadows(vertices, SHADOW_HEIGHT * self._size),
+            faces,
+            material="flat",
+            back_face_policy="cull",
+            color=SHADOW_COLOUR,
+        )
+        self._register_creases(vertices, faces)
+        self._colours = None
+        return vertices
+
+    def _follow_body_count(self):
+        """Registers the bodies anew where some have been added or taken out; the camera stays."""
+        if len(self.simulation.meshes) == self._bodyCount:
+            return
+        if self.picked is not None and self.picked >= len(self.simulation.meshes):
+            self.pick(None)
+        self._register_bodies()
+        self._shadows.set_enabled("shadows" in self.shown)
+        self.set_see_through(self.isSeeThrough)
+
+    def spread_ground(self):
+        """Lays the ground under what the camera looks at, where that has moved far enough."""
+        import polyscope as ps
+
+        middle = np.array(ps.get_view_center(), dtype=np.float64)
+        distance = float(np.linalg.norm(self._eye() - middle))
+        size = max(self._size, distance / USUAL_DISTANCE)
+        if self.groundPlace is not None:
+            lastMiddle, lastSize = self.groundPlace
+            if (
+                np.linalg.norm((middle - lastMiddle)[[0, 2]]) < GROUND_SHIFT * lastSize
+                and 1.0 / GROUND_GROWTH < size / lastSize < GROUND_GROWTH
+            ):
+                return
+        self.groundPlace = middle, size
+        # Polyscope draws nothing that is further away.
+        reach = min(GROUND_REACH * size, max(FAR_CLIP * self._size - distance, 2.0 * self._size))
+        vertices, faces, colours, self.squareSide = ground_squares(size, middle, reach)
+        self._ground = ps.register_surface_mesh(
+            "ground", vertices, faces, material="flat", enabled="ground" in self.shown
+        )
+        self._ground.add_color_quantity("squares", colours, defined_on="vertices", enabled=True)
+
+    def _register_creases(self, vertices, faces):
+        import polyscope as ps
+
+        ps.remove_curve_network("creases", error_if_absent=False)
+        creases = find_creases(vertices, faces)
+        self._creases = None
+        if 0 < len(creases) <= MOST_CREASES:
+            # A curve network draws a dot at each of its nodes: it gets only those in use.
+            self._creaseNodes, ends = np.unique(creases, return_inverse=True)
+            self._creaseEnds = creases
+            self._creases = ps.register_curve_network(
+                "creases",
+                vertices[self._creaseNodes],
+                ends.reshape(-1, 2),
+                radius=CREASE_RADIUS,
+                color=CREASE_COLOUR,
+                material="flat",
+            )
+
+    def _register_constraints(self, vertices):
+        import polyscope as ps
+
+        ps.remove_curve_network("constraints", error_if_absent=False)
+        self._constraintLines = ConstraintLines(self.simulation)
+        if len(self._constraintLines.ends):
+            nodes = self._constraintLines.nodes(vertices)
+            self._lines = ps.register_curve_network(
+                "constraints",
+                nodes,
+                np.arange(len(nodes)).reshape(-1, 2),
+                radius=CONSTRAINT_RADIUS,
+                material="flat",
+            )
+
+    def _refresh_constraints(self, vertices):
+        self._lines.update_node_positions(self._constraintLines.nodes(vertices))
+        self._lines.add_color_quantity(
+            "use", self._constraintLines.colours(vertices), defined_on="edges", enabled=True
+        )
+        self._lines.set_enabled(self.simulation.settings.enforceConstraints)
+
+    def _point_camera(self, points, margins=None):
+        """Frames points (n, 3) between the panels; margins : other ones than those in use."""
+        import polyscope as ps
+
+        fieldOfView = ps.get_view_camera_parameters().get_fov_vertical_deg()
+        margins = self._margins if margins is None else margins
+        size = ps.get_window_size()
+        ps.look_at(*frame_camera(points, VIEW_DIRECTION, fieldOfView, size, margins))
+        self._framed = points, self._eye()
+
+    def set_margins(self, margins, size):
+        """Tells what the panels take of the window: pixels at the left, top, right and bottom.
+
+        size : of the window, (width, height). A camera that still frames the scene goes on to do so
+        """
+        if (margins, size) != (self._margins, self._windowSize):
+            isFramed = self._is_framed()
+            self._margins, self._windowSize = margins, size
+            if isFramed:
+                self._point_camera(self._framed[0])
+
+    def _is_framed(self):
+        """Whether nobody has moved the camera since it was made to frame the scene."""
+        points, eye = self._framed
+        return np.allclose(self._eye(), eye, rtol=1e-4)
+
+    def _eye(self):
+        """Where the camera is, (3,)."""
+        import polyscope as ps
+
+        return np.array(ps.get_view_camera_parameters().get_position(), dtype=np.float64)
+
+    def frame_all(self):
+        """Points the camera at all bodies as they are now."""
+        vertices = refresh_vertices(self.simulation.meshes)
+        self._point_camera(np.concatenate([vertices, vertices * [1.0, 0.0, 1.0]]))
+        self._lastFocus = self._focus()
+        self.spread_ground()
+
+    def frame_still(self):
+        """Points the camera, from low down, at the bodies as they are now."""
+        point_still_camera(self.simulation.meshes)
+        self._move_ground()
+
+    @contextmanager
+    def framed_still(self):
+        """Within it, the camera is where `frame_still` puts it."""
+        with kept_camera():
+            self.frame_still()
+            yield
+        self._move_ground()
+
+    def _move_ground(self):
+        """Lays the ground under what the camera looks at, however little that has moved."""
+        self.groundPlace = None
+        self.spread_ground()
+
+    def picture_camera(self):
+        """`(size, camera)` of a picture of what the window shows: width and height in pixels, and
+        as `load_camera` gives it."""
+        import polyscope as ps
+
+        with self.whole_width():
+            angle = ps.get_view_camera_parameters().get_fov_vertical_deg()
+            return ps.get_window_size(), {"viewMat": ps.get_camera_view_matrix(), "fov": angle}
+
+    def memory(self):
+        """What pictures show of former steps, and of the mouse: dict, to `recall` elsewhere."""
+        names = (
+            "_size",
+            "_longestArrow",
+            "_trail",
+            "_trailStep",
+            "_heldContacts",
+            "picked",
+            "pickedPoint",
+            "colouring",
+            "shown",
+            "hasLegend",
+            "bodyColours",
+            "groundPlace",
+            "squareSide",
+        )
+        return {name: vars(self)[name] for name in names}
+
+    def recall(self, memory):
+        """Makes pictures look as those of the SceneView that this is the `memory` of."""
+        import polyscope as ps
+
+        self.shown = memory["shown"]
+        for name in LAYERS:
+            self._show_layer(name)
+        vars(self).update(memory)
+        ps.set_length_scale(self._size)
+        self.refresh()
+
+    @contextmanager
+    def whole_width(self):
+        """Within it, a camera that still frames the scene between the panels does so without."""
+        points, isFramed = self._framed[0], any(self._margins) and self._is_framed()
+        if isFramed:
+            self._point_camera(points, (0, 0, 0, 0))
+        try:
+            yield
+        finally:
+            if isFramed:
+                self._point_camera(points)
+
+    @property
+    def follows(self):
+        """Whether the camera moves along with the picked body, or with all."""
+        return self._follows
+
+    @follows.setter
+    def follows(self, follows):
+        if follows and not self._follows:
+            self._lastFocus = self._focus()
+        self._follows = follows
+
+    def _focus(self):
+        """What the camera follows: the picked body, or the middle of the free ones, (3,)."""
+        free = [mesh.position[0] for mesh in self.simulation.meshes if not mesh.isFixed]
+        if self.picked is not None:
+            return self.simulation.meshes[self.picked].position[0].copy()
+        return np.mean(free, axis=0) if free else np.zeros(3)
+
+    def _follow(self):
+        """Moves the camera as what it follows has moved since the last time."""
+        import polyscope as ps
+
+        if not self._follows:
+            return
+        focus = self._focus()
+        way, self._lastFocus = focus - self._lastFocus, focus
+        if way.any():
+            target = np.array(ps.get_view_center(), dtype=np.float64) + way
+            ps.look_at(self._eye() + way, target)
+            self.spread_ground()
+
+    def refresh(self):
+        """Draws everything as it is now, all from one instant, from the next frame on."""
+        self._follow_body_count()
+        self._follow()
+        vertices = refresh_vertices(self.simulation.meshes)  # all at once, which is faster
+        self._bodies.update_vertex_positions(vertices)
+        if "shadows" in self.shown:
+            shadows = cast_shadows(vertices, SHADOW_HEIGHT * self._size)
+            self._shadows.update_vertex_positions(shadows)
+        if self._creases is not None:
+            self._creases.update_node_positions(vertices[self._creaseNodes])
+        if len(self._constraintLines.ends):
+            self._refresh_constraints(vertices)
+        self._refresh_colours()
+        if "trails" in self.shown:
+            self._extend_trails()
+        if CONTACT_OVERLAYS & self.shown:
+            self._find_contacts()
+        for name, paint in _PAINTERS.items():
+            if name in self.shown:
+                paint(self, name, vertices)
+        self._refresh_mark()
+
+    def body_colours(self):
+        """RGB of every body, (n, 3), in the present colouring."""
+        colours = self.bodyColours.of(self.simulation, self.colouring)
+        if self.picked is not None:
+            colours[self.picked] = PICKED_COLOUR
+        return colours
+
+    def _refresh_colours(self):
+        colours = self.body_colours()
+        if self._isVivid:
+            grey = np.mean(GROUND_COLOURS, axis=0)
+            colours = np.clip(grey + VIVIDNESS * (colours - grey), 0.0, 1.0)
+        if self._colours is None or not np.array_equal(colours, self._colours):
+            self._bodies.add_color_quantity(
+                "colour", colours[self.bodyOfFace], defined_on="faces", enabled=True
+            )
+        self._colours = colours
+
+    def legend(self):
+        """What the colours and arrows mean: rows (text, (r, g, b))."""
+        rows = self.bodyColours.legend(self.simulation, self.colouring)
+        if len(self._constraintLines.ends) and self.simulation.settings.enforceConstraints:
+            rows += constraint_legend()
+        return rows + [
+            (text(self), colour) for name, (text, colour) in _MEANINGS.items() if name in self.shown
+        ]
+
+    def show(self, name, isShown):
+        """Switches one of LAYERS on or off."""
+        if isShown:
+            self.shown.add(name)
+        else:
+            self.shown.discard(name)
+        self._show_layer(name)
+        self.refresh()
+
+    def _show_layer(self, name):
+        if name == "ground":
+            self._ground.set_enabled(name in self.shown)
+        elif name == "shadows":
+            self._shadows.set_enabled(name in self.shown)
+        else:
+            remove_overlay(name)
+            self._trail = []
+            self.set_see_through(self.isSeeThrough)
+
+    @property
+    def isSeeThrough(self):
+        """Whether bodies let what lies behind and within them be seen."""
+        return bool(SEE_THROUGH & self.shown)
+
+    def set_see_through(self, isOn):
+        """Lets bodies be seen through in the window; pictures are mixed of two instead."""
+        import polyscope as ps
+
+        ps.set_transparency_mode("simple" if isOn else "none")
+        if isOn != self._isVivid:
+            self._isVivid = isOn
+            self._refresh_colours()
+
+    def show_bodies(self, isShown):
+        """Shows the bodies with their creases, or not."""
+        self._bodies.set_enabled(isShown)
+        if self._creases is not None:
+            self._creases.set_enabled(isShown)
+
+    def show_shadows(self, isShown):
+        """Shows the shadows, or not, whatever `shown` says."""
+        self._shadows.set_enabled(isShown)
+
+    @contextmanager
+    def hidden(self):
+        """Within it, nothing of the scene is drawn; yields the structures that were drawn over the
+        bodies: constraints, overlays, marks."""
+        import polyscope as ps
+
+        names = ("constraints", "spring", "picked point", *OVERLAYS)
+        overlays = [ps.get_curve_network(name) for name in names if ps.has_curve_network(name)]
+        overlays += [ps.get_point_cloud(name) for name in names if ps.has_point_cloud(name)]
+        overlays = [one for one in overlays if one.is_enabled()]
+        scene = [self._bodies, self._shadows, self._ground, self._creases]
+        scene = [one for one in scene if one is not None and one.is_enabled()]
+        for structure in overlays + scene:
+            structure.set_enabled(False)
+        try:
+            yield overlays
+        finally:
+            for structure in overlays + scene:
+                structure.set_enabled(True)
+
+    def set_supersampling(self, isOn):
+        """Draws the window twice as large and averages it, or not."""
+        import polyscope as ps
+
+        self.isSmooth = isOn
+        ps.set_SSAA_factor(2 if isOn else 1)
+
+    def set_callback(self, callback):
+        """Gives Polyscope the function that draws the panels in each frame, or with None, none."""
+        import polyscope as ps
+
+        self.callback = callback
+        ps.set_user_callback(callback)
+
+    def set_resizable(self, isResizable):
+        """Lets the window be resized, or not."""
+        import polyscope as ps
+
+        ps.set_window_resizable(isResizable)
+
+    def pick(self, body, point=None):
+        """Marks a body (its index) and a point (3,) of the world on it; None marks none."""
+        self.picked, self.pickedPoint = body, None
+        self._lastFocus = self._focus()
+        if body is not None:
+            mesh = self.simulation.meshes[body]
+            self.pickedPoint = QRotate(QConj(mesh.orientation), point - mesh.position)[0]
+
+    def picked_point(self):
+        """Where the marked point is now, (3,) in the world."""
+        mesh = self.simulation.meshes[self.picked]
+        return (QRotate(mesh.orientation, self.pickedPoint[None]) + mesh.position)[0]
+
+    def body_at(self, pixel):
+        """The body that is seen at a pixel (x, y) from the top left corner of the window.
+
+        returns (index, point (3,) on its surface), or (None, None)
+        """
+        import polyscope as ps
+
+        hit = ps.pick(screen_coords=pixel)
+        if not hit.is_hit or hit.structure_name not in ("solids", "creases"):
+            return None, None
+        if hit.structure_name == "solids":
+            return int(self.bodyOfFace[hit.structure_data["index"]]), hit.position
+        vertices = self._creaseNodes
+        if hit.structure_data["element_type"] == "edge":
+            vertices = self._creaseEnds[:, 0]
+        vertex = vertices[hit.structure_data["index"]]
+        return int(np.searchsorted(self._firstVertex, vertex, side="right")) - 1, hit.position
+
+    def distance_of(self, point):
+        """How far a point (3,) is in front of the camera, along its line of sight, in metres."""
+        import polyscope as ps
+
+        return float((point - self._eye()) @ ps.get_view_camera_parameters().get_look_dir())
+
+    def point_at(self, pixel, distance):
+        """The point (3,) that is seen at a pixel, so many metres in front of the camera."""
+        import polyscope as ps
+
+        ray = ps.screen_coords_to_world_ray(pixel)
+        gaze = np.array(ps.get_view_camera_parameters().get_look_dir())
+        return self._eye() + distance / float(ray @ gaze) * ray
+
+    def aim(self, pixel):
+        """Where a shot towards a pixel begins, (3,), over the ground, and its direction (3,)."""
+        import polyscope as ps
+
+        ray = np.array(ps.screen_coords_to_world_ray(pixel), dtype=np.float64)
+        distance = np.linalg.norm(np.array(ps.get_view_center()) - self._eye())
+        begin = self._eye() + SHOT_BEGIN * distance * ray
+        begin[1] = max(begin[1], 0.05 * self._size)
+        return begin, ray / np.linalg.norm(ray)
+
+    def show_spring(self, ends):
+        """Shows the spring that drags a body, from point to point (2, 3), or with None, none."""
+        import polyscope as ps
+
+        if ends is None:
+            ps.remove_curve_network("spring", error_if_absent=False)
+        elif ps.has_curve_network("spring"):
+            ps.get_curve_network("spring").update_node_positions(np.array(ends))
+        else:
+            draw_lines("spring", np.array(ends), np.array([[0, 1]]), PICKED_COLOUR)
+
+    def _refresh_mark(self):
+        import polyscope as ps
+
+        ps.remove_point_cloud("picked point", error_if_absent=False)
+        if self.picked is not None:
+            ps.register_point_cloud(
+                "picked point",
+                self.picked_point()[None],
+                color=CREASE_COLOUR,
+                radius=2.0 * POINT_RADIUS,
+            )
+
+    # What the overlays consist of.
+
+    def _find_contacts(self):
+        """Finds the contacts of the last steps, and where they are now: they go with body 1.
+
+        Of each pair of bodies, those of its last step. A bounce is over before it is seen.
+        """
+        report, step = self.simulation.report, self.simulation.stepCount
+        if report is None:
+            self._heldContacts = {}
+        else:
+            self._heldContacts[step] = report.contacts
+        contacts, pairs = [], set()
+        for other in sorted(self._heldContacts, reverse=True):
+            if not 0 <= step - other < HELD_CONTACT_STEPS:
+                del self._heldContacts[other]
+                continue
+            found = [c for c in self._heldContacts[other] if (c.body1, c.body2) not in pairs]
+            pairs |= {(c.body1, c.body2) for c in found}
+            contacts += found
+        positions = [self.simulation.meshes[c.body1].position[0] for c in contacts]
+        arms = [contact.arm for contact in contacts]
+        self._contacts = contacts
+        self._contactPoints = np.array(positions).reshape(-1, 3) + np.array(arms).reshape(-1, 3)
+
+    def _draw_contacts(self, name, vertices):
+        """Each pair's points with their outline, and one normal from the middle of them."""
+        contacts, points = self._contacts, self._contactPoints
+        remove_overlay(name)
+        if contacts:
+            edges, middles, normals = contact_patches(
+                np.array([(c.body1, c.body2) for c in contacts]),
+                points,
+                np.array([c.normal for c in contacts]),
+            )
+            arrows = -NORMAL_LENGTH * self._longestArrow * normals
+            draw_arrows(name, middles, arrows, NORMAL_COLOUR)
+            draw_lines(name, points, edges, NORMAL_COLOUR, PATCH_RADIUS)
+
+    def _contact_meaning(self):
+        report = self.simulation.report
+        isSome = report is not None and report.hasSleepers
+        return f"contact manifold{', of bodies awake' if isSome else ''}; normal, towards body 1"
+
+    def _draw_impulses(self, name, vertices):
+        contacts, points = self._contacts, self._contactPoints
+        normals = np.array([c.normal for c in contacts]).reshape(-1, 3)
+        # Body 1 receives the opposite of what the contact gives to body 2.
+        arrows = -normals * np.array([c.impulse for c in contacts]).reshape(-1, 1)
+        # Thicker than the normals, along which they run.
+        draw_arrows(name, points, self._scaled(arrows), IMPULSE_COLOUR, 1.5 * ARROW_RADIUS)
+
+    def _draw_friction(self, name, vertices):
+        contacts, points = self._contacts, self._contactPoints
+        arrows = -np.array([c.friction for c in contacts]).reshape(-1, 3)
+        some = arrows.any(axis=1)
+        draw_arrows(name, points[some], self._scaled(arrows[some]), FRICTION_COLOUR)
+
+    def _scaled(self, arrows):
+        longest = np.linalg.norm(arrows, axis=1).max(initial=0.0)
+        return arrows * (self._longestArrow / longest if longest > 0.0 else 0.0)
+
+    def _impulse_scale(self, what, impulse):
+        longest = max((math.hypot(*impulse(contact)) for contact in self._contacts), default=0.0)
+        if longest == 0.0:
+            return f"no {what} this step"
+        return f"{what}; the longest is {longest:.2g} N s"
+
+    def _velocity_scale(self):
+        speed = self.squareSide / VELOCITY_SECONDS
+        return f"velocity; as long as a square is {speed:g} m/s"
+
+    def _draw_velocities(self, name, vertices):
+        """Arrows that begin where the line from the centre of mass leaves the body."""
+        meshes = self.simulation.meshes
+        centres = np.concatenate([mesh.position for mesh in meshes])
+        velocities = np.concatenate([mesh.linVelocity for mesh in meshes])
+        points = surface_points(vertices, self._faces, self.bodyOfFace, centres, velocities)
+        moves = velocities.any(axis=1) & [not mesh.isFixed for mesh in meshes]
+        draw_arrows(name, points[moves], VELOCITY_SECONDS * velocities[moves], VELOCITY_COLOUR)
+
+    def _boxes(self, vertices):
+        """Bounding boxes of the bodies, low and high (n, 3)."""
+        return (
+            np.minimum.reduceat(vertices, self._firstVertex),
+            np.maximum.reduceat(vertices, self._firstVertex),
+        )
+
+    def _draw_boxes(self, name, vertices):
+        low, high = (side[:MOST_BOXES] for side in self._boxes(vertices))
+        draw_lines(name, *box_lines(low, high), BOX_COLOUR)
+
+    def _draw_cells(self, name, vertices):
+        low, high = (side[:MOST_BOXES] for side in grid_cells(*self._boxes(vertices)))
+        draw_lines(name, *box_lines(low, high), CONSTRAINT_COLOURS[2])
+
+    def _extend_trails(self):
+        """Adds the present positions to the trails; after a jump in time, they begin anew."""
+        step = self.simulation.stepCount
+        if self._trail and step == self._trailStep:
+            return
+        if self._trail and not 0 < step - self._trailStep <= LONGEST_TRAIL_STEP:
+            self._trail = []
+        moving = [mesh for mesh in self.simulation.meshes if not mesh.isFixed]
+        moving = moving[:: math.ceil(len(moving) / MOST_TRAILS) or 1]
+        self._trail.append(np.array([mesh.position[0] for mesh in moving]).reshape(-1, 3))
+        self._trail = self._trail[-TRAIL_LENGTH:]
+        self._trailStep = step
+
+    def _draw_trails(self, name, vertices):
+        if len({len(row) for row in self._trail}) > 1:  # a body was fixed or freed
+            self._trail = self._trail[-1:]
+        nodes = np.array(self._trail)  # (times, bodies, 3)
+        index = np.arange(nodes[..., 0].size).reshape(nodes.shape[:2])
+        edges = np.stack([index[:-1], index[1:]], axis=-1).reshape(-1, 2)
+        draw_lines(name, nodes.reshape(-1, 3), edges, TRAIL_COLOUR)
+
+
+# What draws each overlay.
+_PAINTERS = {
+    "contacts": SceneView._draw_contacts,
+    "impulses": SceneView._draw_impulses,
+    "friction impulses": SceneView._draw_friction,
+    "velocities": SceneView._draw_velocities,
+    "bounding boxes": SceneView._draw_boxes,
+    "grid cells": SceneView._draw_cells,
+    "trails": SceneView._draw_trails,
+}
+
+
+# What the legend says of each overlay, given the SceneView, and its colour. Lengths in the picture
+# are told by the ground's squares.
+_MEANINGS = {
+    "contacts": (lambda view: view._contact_meaning(), NORMAL_COLOUR),
+    "impulses": (
+        lambda view: view._impulse_scale("normal impulse", lambda contact: [contact.impulse]),
+        IMPULSE_COLOUR,
+    ),
+    "friction impulses": (
+        lambda view: view._impulse_scale("friction impulse", lambda contact: contact.friction),
+        FRICTION_COLOUR,
+    ),
+    "velocities": (lambda view: view._velocity_scale(), VELOCITY_COLOUR),
+    "bounding boxes": (lambda view: "bounding box", BOX_COLOUR),
+    "grid cells": (lambda view: "grid cell of the broad phase", tuple(CONSTRAINT_COLOURS[2])),
+    "trails": (lambda view: "path of a centre of mass", TRAIL_COLOUR),
+}

@@ -1,0 +1,266 @@
+"""Time steps by a student's functions, in place of our own, on a scene that our program shows.
+
+The program keeps its own meshes, which it draws and records; a student's `Mesh` stands behind each
+of them. Before a step the student's meshes get the state of ours, and afterwards ours get theirs.
+"""
+
+import inspect
+import itertools
+from difflib import get_close_matches
+from functools import partial
+from hashlib import sha256
+
+import numpy as np
+
+from Quaternion import QRotate
+from rbs.program.submissions import SubmissionError, brief, describe, load_submission
+from rbs.scenes.messages import print_note
+from rbs.scenes.scenelines import scene_rows
+from rbs.stepping.bodies import STATE_WIDTHS, StateError
+from RBSFunctions import run_timestep, sweep
+
+# Our run_timestep's parameters in their order, and the values that they have where none is given.
+DEFAULTS = {name: one.default for name, one in inspect.signature(run_timestep).parameters.items()}
+PARAMETERS = tuple(DEFAULTS)
+# Those that the coursework's run_timestep has: the first four by their place, the others by name.
+COURSEWORK_PARAMETERS = set(PARAMETERS[:8])
+
+# A student's vertices are left as they are while the state is that of ours to within this, relative
+# to the size and in m: quaternions may be normalised in other ways.
+ROUNDING = 1e-12
+
+
+class SubmittedSteps:
+    """A student's run_timestep and Mesh, to be called in place of ours.
+
+    folder : with the student's modules, which are loaded
+    inOurLoop : whether `basic_step` takes the place of the student's run_timestep
+
+    Attributes: folder, resolved; digest, of the Python files in it, and of whose loop it is:
+    recordings tell by it whether these functions made them; functions, the module RBSFunctions;
+    run_timestep, what makes the steps.
+
+    Raises SubmissionError where the modules cannot be loaded, or have no run_timestep or Mesh.
+    """
+
+    def __init__(self, folder, inOurLoop=False):
+        submission = load_submission(folder, keepsNames=False)
+        self.folder = submission.folder
+        files = sorted(self.folder.glob("*.py"))
+        texts = [file.name.encode() + b"\0" + file.read_bytes() + b"\0" for file in files]
+        self.digest = sha256(b"".join(texts) + b"our loop" * inOurLoop).hexdigest()
+        self.functions = submission.functions
+        self._Mesh = self._function("Mesh")
+        if inOurLoop:
+            self.run_timestep = partial(basic_step, self.functions)
+        else:
+            self.run_timestep = self._function("run_timestep")
+        try:
+            parameters = inspect.signature(self.run_timestep).parameters
+        except (TypeError, ValueError):
+            parameters = {}
+        self._takesAll = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
+        self._known = set(parameters)
+        self._source = None
+        self._attributes = set(STATE_WIDTHS) | {"currVertices"}
+
+    def _function(self, name):
+        function = getattr(self.functions, name, None)
+        if not callable(function):
+            raise SubmissionError(f"{self.folder}: RBSFunctions.py has no {name}")
+        return function
+
+    def check_options(self, options):
+        """Raises SubmissionError for an option that the student's run_timestep does not know.
+
+        options : dict from the name of an option to that of the parameter
+        """
+        for option, parameter in options.items():
+            if parameter not in PARAMETERS[:5] and not self._knows(parameter):
+                raise SubmissionError(
+                    f"{option} does not go with --functions: the run_timestep in {self.folder} "
+                    f"takes no {parameter}"
+                )
+
+    def _knows(self, parameter):
+        return self._takesAll or parameter in self._known
+
+    def step(self, source, meshes, groundMesh, timeStep, CRCoeff, *arguments, **options):
+        """One step of our meshes, in place; returns None, as there is no report of it.
+
+        source : the SceneSource that the meshes are from; then as for our `run_timestep`. What has
+            its default there is not handed on, unless the coursework has it too.
+
+        Raises StateError, and leaves our meshes as they were, where the student's step raises, does
+        not know an option, or gives what is not a state.
+        """
+        options |= dict(zip(PARAMETERS[4:], arguments, strict=False))
+        for name in options.keys() - COURSEWORK_PARAMETERS:
+            if options[name] == DEFAULTS[name]:
+                del options[name]
+            elif not self._knows(name):
+                raise StateError(f"the run_timestep in {self.folder} takes no {name}")
+        options = {name: value for name, value in options.items() if self._knows(name)}
+        try:
+            theirs, ground = self.follow(meshes, source)
+            self.run_timestep(theirs, ground, timeStep, CRCoeff, **options)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # whatever a student's function raises
+            raise StateError(describe(error, self.folder)) from None
+        self._note_misspelt(theirs)
+        states = [self._state(*pair) for pair in zip(meshes, theirs, strict=True)]
+        for mesh, state in zip(meshes, states, strict=True):
+            for name, value in state.items():
+                setattr(mesh, name, value)
+
+    def _note_misspelt(self, theirs):
+        """Notes, once, an attribute that a step has added, named nearly as one of the state."""
+        added = [
+            name
+            for mesh in theirs
+            for name in getattr(mesh, "__dict__", ())
+            if name not in self._attributes
+        ]
+        self._attributes |= set(added)
+        for name in dict.fromkeys(added):
+            for meant in get_close_matches(name, STATE_WIDTHS, cutoff=0.85):
+                print_note(
+                    f"{self.folder}: a step assigns {brief(name, 60)}, and {meant} keeps its "
+                    "value, as in the coursework's released run_timestep; --our-loop takes ours"
+                )
+
+    def follow(self, meshes, source):
+        """Gives the student's meshes the state of ours; makes them first where it is needed.
+
+        Returns the list of them, and the student's ground. They are made of the numbers in the
+        scene's files, not of our meshes, whose vertices have their COM subtracted already.
+        """
+        if self._source is not source:
+            self._source = source
+            self._rows = scene_rows(source.scene, len(meshes))
+            self._meshes = [None] * len(meshes)
+            nothing = np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 4), int)
+            unturned = np.array([1.0, 0.0, 0.0, 0.0])
+            self._ground = self._Mesh("ground", *nothing, 0.0, np.zeros((1, 3)), unturned, True)
+        for k, mesh in enumerate(meshes):
+            theirs = self._meshes[k]
+            if theirs is None or bool(theirs.isFixed) != mesh.isFixed:
+                theirs = self._meshes[k] = self._make(k, mesh.isFixed)
+            hasMoved = False
+            for name in STATE_WIDTHS:
+                value = np.array(getattr(mesh, name), dtype=np.float64)
+                own = np.asarray(getattr(theirs, name), dtype=np.float64).reshape(value.shape)
+                if own.tobytes() != value.tobytes():
+                    setattr(theirs, name, value)
+                    hasMoved |= not np.allclose(own, value, rtol=ROUNDING, atol=ROUNDING)
+            if hasMoved:
+                theirs.currVertices = np.array(mesh.currVertices)
+        return self._meshes, self._ground
+
+    def _make(self, k, isFixed):
+        name, density, _isFixed, position, orientation = self._rows[k]
+        # The released class changes its arrays.
+        shape = [array.copy() for array in self._source.shapes[name]]
+        mesh = self._Mesh(name, *shape, density, position.copy(), orientation.copy(), isFixed)
+        self._attributes |= set(getattr(mesh, "__dict__", ()))
+        return mesh
+
+    def _state(self, mesh, theirs):
+        """The state of a student's mesh, in the shapes of ours: a dict of arrays."""
+        state = {}
+        for name, width in STATE_WIDTHS.items():
+            state[name] = _numbers(mesh.name, name, getattr(theirs, name, None), (1, width))
+        vertices = getattr(theirs, "currVertices", None)
+        state["currVertices"] = _numbers(
+            mesh.name, "currVertices", vertices, mesh.currVertices.shape
+        )
+        return state
+
+
+def basic_step(
+    functions,
+    meshes,
+    groundMesh,
+    timeStep,
+    CRCoeff,
+    enforceConstraints=True,
+    constraints=(),
+    maxIterations=1000,
+    tolerance=0.0,
+):
+    """Our run_timestep in its basic form, around the functions and meshes of another module.
+
+    functions : with `resolve_collision` and the two of constraints; the rest as for our
+        `run_timestep`. currVertices are brought up to date whenever a mesh has been moved
+    """
+
+    def move(mesh):
+        mesh.currVertices = QRotate(mesh.orientation, mesh.origVertices) + mesh.position
+
+    for mesh in meshes:
+        mesh.integrate_timestep(timeStep)
+        move(mesh)
+    for m1, m2 in itertools.combinations(meshes, 2):
+        isCollision, *contact = m1.detect_collision(m2)
+        if isCollision and not (m1.isFixed and m2.isFixed):
+            functions.resolve_collision(m1, m2, *contact, CRCoeff)
+            move(m1)
+            move(m2)
+    for mesh in meshes:
+        lowest = mesh.currVertices[mesh.currVertices[:, 1].argmin()].copy()
+        if lowest[1] <= 0.0 and not mesh.isFixed:
+            up = np.array([0.0, 1.0, 0.0])
+            functions.resolve_collision(mesh, groundMesh, lowest[1], up, lowest, CRCoeff)
+            move(mesh)
+
+    def visit(c):
+        """Looks at constraint c, corrects it if it is violated, and returns whether it was."""
+        m1, v1, m2, v2, refValue, upper = constraints[c]
+        pair = meshes[m1], meshes[m2]
+        position, linVelocity, angVelocity = (
+            [np.array(getattr(mesh, name)) for mesh in pair]
+            for name in ("position", "linVelocity", "angVelocity")
+        )
+        points = [pair[0].currVertices[[v1]], pair[1].currVertices[[v2]]]
+        invMasses = [mesh.invMass for mesh in pair]
+        wasValid, positions = functions.resolve_position_constraint(
+            position, points, refValue, invMasses, upper, tolerance
+        )
+        if wasValid:
+            return False
+        # the points stay on the line that joins them: arms and direction are those of before
+        _, linVelocities, angVelocities = functions.resolve_velocity_constraint(
+            position,
+            points,
+            linVelocity,
+            angVelocity,
+            invMasses,
+            [mesh.get_rotated_inv_IT() for mesh in pair],
+            tolerance,
+        )
+        for mesh, *state in zip(pair, positions, linVelocities, angVelocities, strict=True):
+            mesh.position, mesh.linVelocity, mesh.angVelocity = state
+            move(mesh)
+        return True
+
+    if enforceConstraints and len(constraints) > 0:
+        movable = {
+            c
+            for c, row in enumerate(constraints)
+            if row[0] != row[2] and not (meshes[row[0]].isFixed and meshes[row[2]].isFixed)
+        }
+        sweep(visit, movable, len(constraints), max(maxIterations, len(constraints)))
+
+
+def _numbers(meshName, name, value, shape):
+    """A copy of an array in the given shape; StateError where it is none of finite numbers."""
+    try:
+        array = np.array(value, dtype=np.float64).reshape(shape)
+    except (TypeError, ValueError):
+        raise StateError(
+            f"{brief(meshName, 60)}: {name} has shape {np.shape(value)}, not {shape}"
+        ) from None
+    if not np.isfinite(array).all():
+        raise StateError(f"{brief(meshName, 60)}: {name} is not finite")
+    return array

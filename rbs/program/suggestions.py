@@ -1,0 +1,129 @@
+"""Settings that a scene file recommends, in a comment that other programs pass over.
+
+    # suggests friction 0.5 restitution 0.2 scheduling queue broad-phase grid
+
+The words are the names of the command line's options that change the settings, without the dashes.
+From the top: reading a scene's recommendations; how a scene is opened that may have some.
+"""
+
+from dataclasses import asdict, replace
+
+from rbs.program.opening import find_file, open_file
+from rbs.scenes.messages import InputError, print_note, short, shown_path
+from rbs.scenes.scenelines import suggestion_lines
+from rbs.scenes.simulation import Simulation
+from rbs.scenes.textfiles import SceneError
+from rbs.stepping.settings import BY_OPTION, CHOSEN, IgnoredSetting, Settings, heeded
+
+
+def recommended_values(source):
+    """What a SceneSource recommends: dict from a field of the settings to its value.
+
+    raises SceneError, with file and line, if a recommendation is invalid
+    """
+    values = {}
+    for lineNumber, words in suggestion_lines(source.scene):
+        try:
+            values |= _values_of(words)
+            Settings(**values)
+        except ValueError as error:
+            raise SceneError(source.path, lineNumber, f"recommended settings: {error}") from None
+    return values
+
+
+def _values_of(words):
+    """The values that a line's words stand for; raises ValueError."""
+    values, words = {}, list(words)
+    while words:
+        word = words.pop(0)
+        if word not in BY_OPTION:
+            known = ", ".join(BY_OPTION)
+            raise ValueError(f"'{short(word)}' is none; there are {known}")
+        one = BY_OPTION[word]
+        if one.kind is bool:
+            values[one.name] = not one.default
+        elif not words:
+            raise ValueError(f"{word} has no value")
+        else:
+            try:
+                values[one.name] = one.parsed(words.pop(0))
+            except ValueError as error:
+                raise ValueError(f"{word} {error}") from None
+    return values
+
+
+def apply_settings(simulation, given, isBasic=False):
+    """Gives a simulation the settings that its scene recommends, with those that are given.
+
+    given : dict by field; a given setting overrides that recommendation, and the others hold
+    isBasic : whether recommendations are ignored
+    raises SceneError, or InputError for a given setting that the solver ignores
+    """
+    recommended = {} if isBasic else recommended_values(simulation.source)
+    try:
+        simulation.settings = Settings(**recommended).changed(**given)
+    except IgnoredSetting as error:
+        cause = error.inOptions
+        if "contactSolver" in recommended and "contactSolver" not in given:
+            cause += f", which {shown_path(simulation.scenePath)} recommends; --basic ignores that"
+        raise InputError(cause) from None
+    used = [
+        one
+        for name, one in CHOSEN.items()
+        if name in recommended and getattr(simulation.settings, name) == recommended[name]
+    ]
+    simulation.recommended = ", ".join(
+        one.label if one.kind is bool else f"{one.option} {shown(recommended[one.name])}"
+        for one in used
+    )
+    simulation.startSettings = replace(simulation.settings)
+
+
+class SceneOpener:
+    """Opens files for the window, each scene with the settings that it recommends.
+
+    What was given on the command line, or changed by hand, goes on from scene to scene, as far as
+    the solver heeds it.
+    """
+
+    def __init__(self, simulation, given, isBasic=False, allowOutsideMeshes=False):
+        """simulation : what the window begins with; given, isBasic : as for `apply_settings`"""
+        self._begun = None if simulation.isReplay else replace(simulation.settings)
+        self._given, self._isBasic = dict(given), isBasic
+        self._allowOutsideMeshes = allowOutsideMeshes
+
+    def __call__(self, text, settings, folder="."):
+        """The Simulation or Replay; see `open_file`.
+
+        text : a path, or what a person has typed, see `find_file`; folder : of the last scene;
+        settings : those of the last scene, or None where there was none
+        """
+        opened = open_file(find_file(text, folder), self._allowOutsideMeshes)
+        if isinstance(opened, Simulation):
+            if settings is not None and self._begun is not None:
+                begun = asdict(self._begun)
+                self._given |= {
+                    name: value for name, value in asdict(settings).items() if value != begun[name]
+                }
+            recommended = {} if self._isBasic else recommended_values(opened.source)
+            solver = self._given.get("contactSolver", recommended.get("contactSolver"))
+            solver = solver or CHOSEN["contactSolver"].default
+            apply_settings(opened, heeded(self._given, solver), self._isBasic)
+            self._begun = replace(opened.settings)
+            note_recommended(opened)
+        return opened
+
+
+def shown(value):
+    """A setting's value for a person to read."""
+    return f"{value:g}" if isinstance(value, float) else value
+
+
+def note_recommended(simulation):
+    """Says in one line that a scene runs with settings that it recommends, if it does."""
+    if simulation.recommended:
+        path = shown_path(simulation.scenePath)
+        print_note(
+            f"using the settings recommended in {path} ({simulation.recommended}); --basic "
+            "ignores them"
+        )

@@ -1,0 +1,436 @@
+"""Recordings: `Recorder` writes the states of a run into an HDF5 file, `Recording` reads them.
+
+A recording holds what the run was made from, so that it can be replayed, resumed and verified
+anywhere, and grows in HDF5's single-writer-multiple-readers mode: a run that is killed, or that
+still goes on, can be read up to its last flush.
+
+With s + 1 states of n bodies, the datasets are
+
+    positions (s + 1, n, 3), orientations (s + 1, n, 4), linVelocities, angVelocities (s + 1, n, 3)
+    times (s + 1,)          in s; written last, so that its length counts the states that are whole
+    scene, constraints      the texts of these files, as bytes in UTF-8
+    meshes/K/vertices, faces, tets      the mesh files, with the name in the scene as attribute file
+    events                  lines of JSON, as bytes: what changed before a step, see `Recorder`
+    solverIndex (c, 3)      rows (step, begin, end): from begin to end, `solverStates` holds what
+    solverStates            the soft-step solver had left at that step, as the bytes of an .npz file
+
+and the attributes are format, firstStep, bodies (of the scene), scene and constraints (file names),
+functions and functionsFolder (of a student's, "" for none), version and numpyVersion; those of the
+group `settings` are the settings of the first state. All numbers are little-endian, all datasets
+have checksums. Until a body is added by hand, its rows are zeros.
+
+Units: metres, kilograms, seconds.
+"""
+
+import ctypes
+import io
+import json
+import math
+import os
+import time
+from bisect import bisect_right
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from rbs import __version__
+from rbs.scenes.changes import from_record, initial_changes, to_record
+from rbs.scenes.files import named_errors, partial_path, put_in_place
+from rbs.scenes.messages import InputError, one_line, reason_of, shown_path
+from rbs.scenes.scenefiles import SceneSource
+from rbs.scenes.state import STATE_NAMES, STATE_WIDTHS
+
+RECORDING_ENDINGS = (".h5", ".hdf5")
+FORMAT = "rigid-body recording 1"
+# The oldest HDF5 that readers need; newer ones would save nothing.
+HDF5_VERSION = ("v110", "v110")
+# Seconds between two flushes. Less costs time; with more, a killed run loses more.
+FLUSH_SECONDS = 0.5
+# Bytes of states that are held back at most between two flushes.
+PENDING_BYTES = 4 << 20
+# Bytes of a dataset's chunk, the least that is read at once. More of them make files smaller,
+# fewer make it faster to jump to a step.
+CHUNK_BYTES = 16 << 10
+# Steps between two states of the soft-step solver that are kept, some seconds of a large scene.
+# More make the file smaller; resuming from the middle repeats up to as many steps.
+SOLVER_STEPS = 100
+# How often HDF5 reads what looks damaged in a file that is being written, or was when the run was
+# killed. Each time it waits twice as long, a second in all; by itself, it would try 100 times.
+READ_ATTEMPTS = 30
+# The parts of a mesh, as `load_mesh_file` returns them.
+MESH_PARTS = ("vertices", "faces", "tets")
+# Bytes of room in a file, for HDF5's own tables and for chunks that are not full yet.
+SPARE_BYTES = 1 << 20
+# Bytes of a body's state.
+STATE_BYTES = 8 * sum(STATE_WIDTHS.values())
+# Characters at most of what a library says about a damaged file.
+QUOTE_LENGTH = 80
+
+
+class RecordingError(InputError):
+    """A recording that cannot be used, or not written. Reads "file: cause" in one line."""
+
+    def __init__(self, path, cause):
+        super().__init__(f"{path}: {cause}")
+
+
+class Recorder:
+    """Writes the states of a simulation into a file, as they come.
+
+    Where there is no file of that name yet, the recording grows in its place; where there is one,
+    beside it, as FILE.part.h5, and replaces the old one when it is saved.
+
+    Events are dicts with a `step` and one of two more keys: `settings`, those that this step and
+    later ones were made with; `change`, what was done by hand before it, see `rbs.scenes.changes`.
+    """
+
+    def __init__(self, path):
+        """Creates the file; raises OSError that names `path`."""
+        self.path = Path(path)
+        self._partial = partial_path(path) if self.path.exists() else self.path
+        with named_errors(path):
+            open(self._partial, "wb").close()  # says in fewer words than HDF5 what is wrong
+        # Unlocked, since others read it while it is written, and network drives may lack locks.
+        self._file = h5py.File(self._partial, "w", libver=HDF5_VERSION, locking=False)
+        self.frameCount = 0
+        self._rows = {name: [] for name in (*STATE_NAMES, "times")}
+        self._events, self._solverStates = [], []
+
+    def add(self, simulation):
+        """Keeps the simulation's present state.
+
+        raises RecordingError when that is not one step after the last one kept, in the same scene;
+        OSError when it cannot be written
+        """
+        if self.frameCount == 0:
+            self._begin(simulation)
+        step = self._firstStep + self.frameCount
+        if simulation.source is not self._source or simulation.stepCount != step:
+            raise RecordingError(self.path, f"only step {step} of the same scene could follow")
+        if len(simulation.meshes) != self._bodyCount:
+            self.flush()
+            self._bodyCount = len(simulation.meshes)
+        if simulation.settings != self._settings:
+            self._settings = replace(simulation.settings)
+            self._events.append({"step": step, "settings": asdict(self._settings)})
+        for name, values in simulation.state().items():
+            self._rows[name].append(values)
+        self._rows["times"].append(simulation.time)
+        self._solver = simulation.solverState
+        if self.frameCount % SOLVER_STEPS == 0:
+            self._keep_solver_state(step)
+        self.frameCount += 1
+        isLate = time.monotonic() - self._lastFlush >= FLUSH_SECONDS
+        if isLate or len(self._rows["times"]) * self._bodyCount * STATE_BYTES >= PENDING_BYTES:
+            self.flush()
+
+    def note(self, simulation, change):
+        """Keeps a `Change` that has been done to the simulation since the last state was kept."""
+        self._events.append({"step": simulation.stepCount + 1, "change": to_record(change)})
+
+    def flush(self):
+        """Brings all states so far into the file, where other programs see them."""
+        rows = {name: np.array(values) for name, values in self._rows.items()}
+        times = rows.pop("times")
+        if not len(times):  # but there may be what has been kept since the last state
+            rows = {}
+        if not (len(times) or self._events or self._solverStates):
+            return
+        rows["events"] = _bytes_of("".join(json.dumps(event) + "\n" for event in self._events))
+        content = b"".join(content for _, content in self._solverStates)
+        rows["solverStates"] = np.frombuffer(content, np.uint8)
+        self._check_room(sum(values.nbytes for values in rows.values()))
+        end, index = self._file["solverStates"].shape[0], []
+        for step, content in self._solverStates:
+            index.append((step, end, end + len(content)))
+            end += len(content)
+        for name, values in rows.items():
+            self._append(name, values)
+        self._file.flush()
+        # Afterwards, so that whoever reads them finds all that they stand for.
+        self._append("solverIndex", np.array(index, dtype="<i8").reshape(-1, 3))
+        if len(times):
+            self._append("times", times)
+        self._file.flush()
+        self._rows = {name: [] for name in self._rows}
+        self._events, self._solverStates = [], []
+        self._lastFlush = time.monotonic()
+
+    def save(self, simulation=None):
+        """Ends the recording with the last state kept, and gives the file its name.
+
+        Without a state, nothing is left of it. raises OSError when it cannot be written
+        """
+        if self.frameCount:
+            self._keep_solver_state(self._firstStep + self.frameCount - 1)
+            self.flush()
+        self._file.close()
+        self._file = None
+        with named_errors(self.path):
+            if self.frameCount:
+                put_in_place(self._partial, self.path)
+            else:
+                self._partial.unlink()
+
+    def close(self):
+        """Ends a recording that was not saved: the last flush counts, or an old file stays."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+            if self._partial != self.path or not self.frameCount:
+                self._partial.unlink()
+
+    def summary(self, simulation):
+        """Name and text of its row in the summary of a run."""
+        return "recording", shown_path(self.path)
+
+    def _begin(self, simulation):
+        """Writes what the run is made from, and makes room for what is to come."""
+        file, source, submitted = self._file, simulation.source, simulation.submitted
+        self._source, self._firstStep = source, simulation.stepCount
+        self._bodyCount = len(simulation.meshes)
+        self._settings = replace(simulation.settings)
+        initial = initial_changes(simulation.changes, simulation.stepCount == 0)
+        self._events = [{"step": self._firstStep, "change": to_record(one)} for one in initial]
+        meshes = [array.nbytes for arrays in source.shapes.values() for array in arrays]
+        self._check_room(sum(meshes) + len(_bytes_of(source.scene + source.constraints)))
+        _set_attributes(
+            file,
+            {
+                "format": FORMAT,
+                "firstStep": self._firstStep,
+                "bodies": simulation.sceneCount,
+                "scene": _shown_name(source.path),
+                "constraints": _shown_name(source.constraintPath),
+                "functions": "" if submitted is None else submitted.digest,
+                "functionsFolder": "" if submitted is None else _shown_name(submitted.folder),
+                "version": __version__,
+                "numpyVersion": np.__version__,
+            },
+        )
+        _set_attributes(file.create_group("settings"), asdict(self._settings))
+        self._write_whole("scene", _bytes_of(source.scene))
+        self._write_whole("constraints", _bytes_of(source.constraints))
+        for k, (fileName, arrays) in enumerate(source.shapes.items()):
+            _set_attributes(file.create_group(f"meshes/{k}"), {"file": fileName})
+            for part, values in zip(MESH_PARTS, arrays, strict=True):
+                self._write_whole(f"meshes/{k}/{part}", values)
+        for name, width in STATE_WIDTHS.items():
+            self._make_series(name, "<f8", (self._bodyCount, width), (None, width))
+        self._make_series("times", "<f8")
+        self._make_series("events", "u1")
+        self._make_series("solverIndex", "<i8", (3,), (3,))
+        self._make_series("solverStates", "u1")
+        file.swmr_mode = True
+        self._lastFlush = 0.0
+
+    def _check_room(self, size):
+        """Raises OSError unless the disk has room for so many bytes, and some for HDF5's own.
+
+        HDF5 crashes if one of its writes fails. Windows and macOS cannot tell without writing.
+        """
+        if hasattr(os, "posix_fallocate"):
+            descriptor = self._file.id.get_vfd_handle()
+            end = os.fstat(descriptor).st_size
+            with named_errors(self.path):
+                os.posix_fallocate(descriptor, end, size + SPARE_BYTES)
+                os.ftruncate(descriptor, end)
+
+    def _write_whole(self, name, values):
+        """Writes a dataset that does not grow. Checksums need chunks, and these some content."""
+        if values.size:
+            self._file.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
+
+    def _make_series(self, name, dtype, row=(), mostRow=()):
+        """Makes an empty dataset that grows along its first axis, and where mostRow has None."""
+        rowBytes = np.dtype(dtype).itemsize * math.prod(row)
+        self._file.create_dataset(
+            name,
+            (0, *row),
+            dtype,
+            maxshape=(None, *mostRow),
+            chunks=(max(1, CHUNK_BYTES // rowBytes), *row),
+            fletcher32=True,
+        )
+
+    def _append(self, name, values):
+        dataset = self._file[name]
+        begin = dataset.shape[0]
+        if len(values):
+            dataset.resize((begin + len(values), *values.shape[1:]))
+            dataset[begin:] = values
+
+    def _keep_solver_state(self, step):
+        content = io.BytesIO()
+        np.savez(content, **self._solver.arrays())
+        self._solverStates.append((step, content.getvalue()))
+
+
+class Recording:
+    """A recording that is read, state by state; it is never in memory as a whole.
+
+    Attributes: path; firstStep, lastStep; source, a SceneSource; settingsHistory, list of (step,
+    dict), the fields of the settings that the steps from that one on were made with; changes, list
+    of (step, Change), what was done by hand before a step, or before the recording began; functions
+    and functionsFolder, a digest of the student's functions that made it, and the name of their
+    folder, or "" for both; version, numpyVersion.
+    """
+
+    def __init__(self, path):
+        """Reads all but the states; raises RecordingError."""
+        self.path = Path(path)
+        try:
+            open(path, "rb").close()
+        except OSError as error:
+            raise self.error(f"cannot be read ({reason_of(error)})") from None
+        if not h5py.is_hdf5(path):
+            raise self.error("this is not a recording")
+        with self.reading():
+            self._file = _open(path)
+            head = _attributes_of(self._file)
+            if head.get("format") != FORMAT:
+                raise self.error("this is an HDF5 file, but not a recording")
+            self.firstStep = int(head["firstStep"])
+            self.lastStep = self.firstStep + self._file["times"].shape[0] - 1
+            if self.lastStep < self.firstStep:
+                raise self.error("it holds no state")
+            names = "functions", "functionsFolder", "version", "numpyVersion"
+            self.functions, self.functionsFolder, self.version, self.numpyVersion = (
+                head[name] for name in names
+            )
+            self.source = self._read_source(head)
+            self._bodyCount = int(head["bodies"])
+            self._read_events()
+
+    def error(self, cause):
+        """The RecordingError about this recording. To be raised by the caller."""
+        return RecordingError(self.path, cause)
+
+    @contextmanager
+    def reading(self):
+        """Within it, whatever is raised about damaged bytes becomes a RecordingError."""
+        try:
+            yield
+        except RecordingError:
+            raise
+        except Exception as error:  # of h5py, JSON, zipfile and NumPy
+            raise self.error(f"it is damaged ({one_line(error, QUOTE_LENGTH)})") from None
+
+    def _read_source(self, head):
+        path, constraintPath = (self.path.parent / head[name] for name in ("scene", "constraints"))
+        source = SceneSource(path, self._text("scene"))
+        if head["constraints"]:
+            source.constraintPath, source.constraints = constraintPath, self._text("constraints")
+        meshes = self._file["meshes"]
+        for k in range(len(meshes)):
+            group = meshes[str(k)]
+            fileName = _attributes_of(group)["file"]
+            source.shapes[fileName] = tuple(group[part][()] for part in MESH_PARTS)
+        return source
+
+    def _text(self, name):
+        """The text in a dataset of bytes, "" where it is missing."""
+        return self._file[name][()].tobytes().decode("utf-8") if name in self._file else ""
+
+    def _read_events(self):
+        self.settingsHistory = [(self.firstStep, _attributes_of(self._file["settings"]))]
+        self.changes = []
+        for line in self._text("events").splitlines():
+            event = json.loads(line)
+            if event["step"] > self.lastStep:  # of a step that was still to be made
+                continue
+            if "settings" in event:
+                self.settingsHistory.append((event["step"], event["settings"]))
+            else:
+                self.changes.append((event["step"], from_record(event["change"])))
+
+    def body_count(self, step):
+        """How many bodies there are after a step."""
+        return self._bodyCount + sum(
+            one.kind == "add" and when <= step for when, one in self.changes
+        )
+
+    def changes_before(self, step):
+        """What was done by hand before a step was made; of the first one, before it all began."""
+        return [change for when, change in self.changes if when == step]
+
+    def frame(self, step):
+        """The state after a step: a dict of the arrays that `Scene.state` has, and times, a float.
+
+        raises RecordingError, also unless firstStep ≤ step ≤ lastStep
+        """
+        if not self.firstStep <= step <= self.lastStep:
+            raise self.error(
+                f"step {step} is not in it, only steps {self.firstStep} to {self.lastStep} are"
+            )
+        row, count = step - self.firstStep, self.body_count(step)
+        with self.reading():
+            frame = {name: self._file[name][row, :count] for name in STATE_NAMES}
+            return {**frame, "times": float(self._file["times"][row])}
+
+    def solver_state(self, step):
+        """The last solver state that was kept, up to a step: (its step, dict of arrays)."""
+        with self.reading():
+            index = self._file["solverIndex"][()]
+            kept, begin, end = index[index[:, 0] <= step][-1].tolist()
+            content = self._file["solverStates"][begin:end].tobytes()
+            with np.load(io.BytesIO(content)) as arrays:
+                return kept, dict(arrays)
+
+    def settings_at(self, step):
+        """What a step was made with: (the first step made so, dict of the settings' fields)."""
+        steps = [first for first, _ in self.settingsHistory]
+        return self.settingsHistory[max(0, bisect_right(steps, step) - 1)]
+
+
+def _open(path):
+    """Opens an HDF5 file to be read, also one that is being written, or was when it was killed.
+
+    That is tried last: HDF5 reads again there what looks damaged, in case it is being written.
+    """
+    try:
+        return h5py.File(path, "r", locking=False)
+    except OSError as error:
+        if "already open for write" not in str(error):
+            raise
+    access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
+    access.set_file_locking(False, True)
+    # A function that h5py has no name for; it is found where libraries know those they depend on.
+    limit = getattr(ctypes.CDLL(h5py.h5p.__file__), "H5Pset_metadata_read_attempts", None)
+    if limit is not None:
+        limit(ctypes.c_int64(access.id), ctypes.c_uint(READ_ATTEMPTS))
+    flags = h5py.h5f.ACC_RDONLY | h5py.h5f.ACC_SWMR_READ
+    return h5py.File(h5py.h5f.open(os.fsencode(path), flags, fapl=access))
+
+
+def _bytes_of(text):
+    return np.frombuffer(text.encode("utf-8"), np.uint8)
+
+
+def _shown_name(path):
+    """A file's name for an attribute, "" for None; letters that are not Unicode become `?`."""
+    return "" if path is None else path.name.encode("utf-8", "replace").decode("utf-8")
+
+
+def _set_attributes(group, values):
+    """Gives a group attributes. Texts have a fixed length: HDF5 has no checksums for others."""
+    for name, value in values.items():
+        if isinstance(value, str):
+            content = value.encode("utf-8")
+            value = np.array(content, h5py.string_dtype("utf-8", max(1, len(content))))
+        group.attrs[name] = h5py.Empty("<i8") if value is None else value
+
+
+def _attributes_of(group):
+    """The attributes of a group, a dict of the Python values that they were."""
+    found = {}
+    for name, value in group.attrs.items():
+        if isinstance(value, bytes):
+            value = value.decode("utf-8")
+        elif isinstance(value, h5py.Empty):
+            value = None
+        found[name] = value.item() if isinstance(value, np.generic) else value
+    return found

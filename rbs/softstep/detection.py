@@ -1,0 +1,193 @@
+"""The contacts of a step: near pairs, their manifolds old and new, and where the points are now.
+
+Nothing here changes what is remembered: it makes the successors, for the step to keep at its end.
+"""
+
+import numpy as np
+
+from rbs.geometry.arrays import find_sorted, indices, take
+from rbs.geometry.broadphase import grid_overlaps
+from rbs.geometry.facets import find_facets
+from rbs.geometry.hulls import tangents
+from rbs.geometry.vectors import cross, dot, mat_vec, transpose
+from rbs.softstep.manifolds import (
+    KEEP,
+    POINTS,
+    RIDGE,
+    Manifolds,
+    contact_normals,
+    ground_manifolds,
+    pair_manifolds,
+    pose_changes,
+    relative_poses,
+    thickness,
+    turn_points,
+)
+from rbs.softstep.sleeping import speeds
+from rbs.stepping.bodies import GRAVITY
+
+# The ground's normal, from the body to the ground, and the direction that its friction begins at.
+DOWN, ALONG = (0.0, -1.0, 0.0), (1.0, 0.0, 0.0)
+
+
+class BodyFrames:
+    """Where n bodies and the ground are: columns of n + 1, the ground at the origin.
+
+    position : (3, n + 1); orientation : (4, n + 1); rotation : (9, n + 1)
+    radius, size : (n + 1,), of the hulls, and their `thickness`; inf of the ground
+    """
+
+    def __init__(self, bodies):
+        self.position = np.concatenate((bodies.position, np.zeros((3, 1))), axis=1)
+        identity = np.array([[1.0], [0.0], [0.0], [0.0]])
+        self.orientation = np.concatenate((bodies.orientation, identity), axis=1)
+        identity = np.eye(3).reshape(9, 1)
+        self.rotation = np.concatenate((bodies.hulls.rotation, identity), axis=1)
+        count = len(bodies.invMass)
+        self.radius = np.append(bodies.hulls.radius, np.inf)
+        self.size = np.append(thickness(bodies.hulls, np.arange(count)), np.inf)
+
+    def sizes(self, first, second):
+        """The size (P,) of the thinner body of each pair."""
+        return np.minimum(take(self.size, first), take(self.size, second))
+
+    def translations(self, first, second):
+        """From the first COM to the second, (3, P); to the ground, to the point right below."""
+        t = take(self.position, second, axis=1) - take(self.position, first, axis=1)
+        t[0::2] = np.where(second == self.position.shape[1] - 1, 0.0, t[0::2])
+        return t
+
+
+class StepContacts:
+    """The manifolds of M pairs that can touch in this step, in world axes.
+
+    first, second : (M,); the ground is body n
+    normal, tangent1, tangent2 : (3, M), unit
+    arm : (3, 4, M), from the first COM to the points on the first body; t : (3, M)
+    separation : (4, M), along the normal; isPoint : (4, M) bool
+    """
+
+    def __init__(self, manifolds, frames):
+        count = frames.position.shape[1]
+        self.first, self.second = manifolds.bodies(count - 1)
+        rotation1 = take(frames.rotation, self.first, axis=1)
+        rotation2 = take(frames.rotation, self.second, axis=1)
+        self.t = frames.translations(self.first, self.second)
+        isGround = self.second == count - 1
+        normal = mat_vec(rotation1, manifolds.normal)
+        tangent = mat_vec(rotation1, manifolds.tangent)
+        self.normal = np.where(isGround, np.reshape(DOWN, (3, 1)), normal)
+        self.tangent1 = np.where(isGround, np.reshape(ALONG, (3, 1)), tangent)
+        self.tangent2 = cross(self.normal, self.tangent1)
+        self.isPoint = manifolds.isPoint
+        self.arm = turn_points(rotation1, manifolds.anchor1)
+        across = turn_points(rotation2, manifolds.anchor2) + self.t[:, None] - self.arm
+        self.separation = dot(across, self.normal[:, None])
+
+
+def detect(bodies, hasGround, isStill, kept, timeStep):
+    """The contacts of a step: `(manifolds, frames)`.
+
+    isStill : (n,) bool, what has not moved since the last step and will not do so by itself
+    kept : `SolverState`, whose pairs become those of this step; timeStep : s, of the whole step
+
+    Returns the `Manifolds` of all pairs that are near enough to have one, with the impulses that
+    they begin with, and the `BodyFrames`.
+    """
+    count = len(isStill) + 1
+    frames = BodyFrames(bodies)
+    # how far points of the bodies can come within the step
+    reach = (speeds(bodies) + np.where(bodies.isFixed, 0.0, abs(GRAVITY) * timeStep)) * timeStep
+    # with a margin, so that pairs that rest keep their manifolds, and what sleeps is not woken
+    box = bodies.box - (reach + KEEP * frames.size[:-1])
+    first, second = grid_overlaps(box, bodies.isFixed)
+    key = first * count + second
+    axis, known = np.zeros((3, len(key))), find_sorted(key, kept.pairKey)
+    axis[:, known >= 0] = kept.pairAxis[:, known[known >= 0]]
+    valid = _valid_manifolds(kept.manifolds, frames, bodies, key)
+    asked = indices(~(isStill[first] & isStill[second]) & (find_sorted(key, valid.key) < 0))
+    new, axis[:, asked] = _new_pair_manifolds(
+        bodies, frames, first[asked], second[asked], reach, axis[:, asked]
+    )
+    kept.pairKey, kept.pairAxis = key, axis
+    if hasGround:
+        new = new.joined(_new_ground_manifolds(bodies, frames, reach, valid.key, timeStep))
+    new.inherit(kept.manifolds, frames.sizes(*new.bodies(count - 1)))
+    return valid.joined(new), frames
+
+
+def _valid_manifolds(manifolds, frames, bodies, nearKey):
+    """The manifolds of pairs that are still near, and need not be renewed.
+
+    nearKey : (Q,), of the pairs of bodies that are near, sorted
+    """
+    count = len(frames.radius)
+    first, second = manifolds.bodies(count - 1)
+    isGround = (second == count - 1) & ~np.append(bodies.isFixed, True)[first]
+    manifolds = manifolds.rows(indices(isGround | (find_sorted(manifolds.key, nearKey) >= 0)))
+    first, second = manifolds.bodies(count - 1)
+    t = frames.translations(first, second)
+    poses = relative_poses(first, second, t, frames.rotation, frames.orientation)
+    smaller = np.minimum(frames.radius[first], frames.radius[second])
+    change = pose_changes(manifolds.translation, manifolds.rotation, *poses, smaller)
+    return manifolds.rows(indices(change <= KEEP * frames.sizes(first, second)))
+
+
+def _new_pair_manifolds(bodies, frames, first, second, reach, axis):
+    """`(Manifolds, normal (3, K))` of K pairs; axis : (3, K), their normals before, or 0."""
+    if len(first) == 0:
+        return Manifolds.none(), axis
+    t = frames.translations(first, second)
+    size = frames.sizes(first, second)
+    near = reach[first] + reach[second]
+    separation, width = near + KEEP * size, RIDGE * size
+    facets = find_facets(bodies.hulls, first, second, t, 0.5 * width, axis, separation)
+    penetration, normal = contact_normals(bodies.hulls, facets, first, second, t, width)
+    met = indices(penetration >= -separation)
+    if len(met) == 0:
+        return Manifolds.none(), normal
+    first, second = first[met], second[met]
+    t, along = take(t, met, axis=1), take(normal, met, axis=1)
+    points = pair_manifolds(bodies.hulls, first, second, t, along, penetration[met], near[met])
+    return _table(frames, first, second, t, along, tangents(along), *points), normal
+
+
+def _new_ground_manifolds(bodies, frames, reach, known, timeStep):
+    """The manifolds of bodies near the ground that have no valid one; known : their keys."""
+    count = len(reach) + 1
+    isNear = (bodies.box[1] <= reach + KEEP * frames.size[:-1]) & ~bodies.isFixed
+    isNear[known[known % count == count - 1] // count] = False
+    body = indices(isNear)
+    if len(body) == 0:
+        return Manifolds.none()
+    ground = np.full(len(body), count - 1)
+    t = frames.translations(body, ground)
+    shift, turn = timeStep * bodies.linVelocity[:, body], timeStep * bodies.angVelocity[:, body]
+    height = bodies.position[1, body]
+    arm, isPoint = ground_manifolds(bodies.hulls, body, height, reach[body], shift, turn)
+    normal, tangent = (np.tile(np.reshape(v, (3, 1)), len(body)) for v in (DOWN, ALONG))
+    below = arm - t[:, None]
+    below[1] = 0.0
+    return _table(frames, body, ground, t, normal, tangent, arm, below, isPoint)
+
+
+def _table(frames, first, second, t, normal, tangent, point1, point2, isPoint):
+    """`Manifolds` without impulses, sorted, of points (3, 4, K) from the COMs, in world axes."""
+    into1 = transpose(take(frames.rotation, first, axis=1))
+    into2 = transpose(take(frames.rotation, second, axis=1))
+    translation, rotation = relative_poses(first, second, t, frames.rotation, frames.orientation)
+    key = first * frames.position.shape[1] + second
+    return Manifolds(
+        key,
+        normal=mat_vec(into1, normal),
+        tangent=mat_vec(into1, tangent),
+        anchor1=turn_points(into1, point1),
+        anchor2=turn_points(into2, point2),
+        isPoint=isPoint,
+        translation=translation,
+        rotation=rotation,
+        impulse=np.zeros((POINTS, len(key))),
+        friction=np.zeros((3, len(key))),
+        offset=np.zeros((POINTS, len(key))),
+        substep=np.zeros(len(key)),
+    )

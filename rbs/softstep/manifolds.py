@@ -1,0 +1,374 @@
+"""Contact manifolds: up to four points where two hulls touch, kept from one step to the next.
+
+A manifold has the pair's normal n, from the first body to the second, and points that receive an
+impulse each: corners of the overlap of two faces, one of either hull, seen along n. Of these, four
+are kept that span the overlap, the deepest always among them, as in van den Bergen: Collision
+Detection in Interactive 3D Environments, 2003, and Bullet's persistent manifold.
+"""
+
+import numpy as np
+
+from rbs.geometry.arrays import find_sorted, indices, ranges, row_minima, take
+from rbs.geometry.hulls import FEATURE_TOLERANCE, support_offsets, tangents
+from rbs.geometry.patches import Features, Polygons, overlap_corners
+from rbs.geometry.vectors import cross, dot, mat_vec, mul_add, norm, transpose
+
+POINTS = 4
+
+# Of the size of the bodies, see `thickness`. Points that lie within this of each other are one.
+MERGE = 1e-3
+# Points this much further apart than the nearest one are left out, unless the bodies can come so
+# far within the step: the manifold is made anew before they touch. With more, a rolling cylinder
+# has corners far apart among its four, and sinks between them.
+CULL = 0.05
+# Where sides of two faces coincide, corners may lie this far outside of the other face.
+OUTSIDE = 1e-6
+# A manifold is made anew when the relative pose has changed by this. With more, its normal is
+# visibly out of date; with less, more time is spent on finding the same again.
+KEEP = 0.03
+# Two facets of the Minkowski difference whose penetrations differ by less than this share a normal,
+# if one minus the cosine between theirs is at least the second number. With a larger width, boxes
+# side by side in a wall are pushed apart by their edges.
+RIDGE, LEAST_TURN = 0.02, 0.05
+# A point inherits the impulse of one that was this near, in the frame of the first body.
+MATCH = 0.5
+# The cosine between a face's normal and the manifold's. Steeper faces are not clipped: along the
+# normal, rounding moves points of their planes far off the surface.
+LEAST_COSINE = 0.05
+# An angle, up to half a turn, is at most this many times the distance of the two unit quaternions.
+ANGLE_OF_CHORD = 2.23
+
+# The columns of the table: of each name, the shape of a manifold's share.
+COLUMNS = {
+    "normal": (3,),
+    "tangent": (3,),
+    "anchor1": (3, POINTS),
+    "anchor2": (3, POINTS),
+    "isPoint": (POINTS,),
+    "translation": (3,),
+    "rotation": (4,),
+    "impulse": (POINTS,),
+    "friction": (3,),
+    "offset": (POINTS,),
+    "substep": (),
+}
+
+
+class Manifolds:
+    """M manifolds, sorted by the pair i < j that they belong to. The ground is body n of n + 1.
+
+    key : (M,), i · (n + 1) + j
+    normal, tangent : (3, M), unit, in the frame of the first body; n and t1 of the solver
+    anchor1, anchor2 : (3, 4, M), where the points lie on either body, in its frame
+    isPoint : (4, M) bool; where false, the anchors mean nothing
+    translation, rotation : (3, M), (4, M), of the second body in the first one's frame when the
+        manifold was made
+    impulse : (4, M), along the normal at the points, and friction (3, M), along t1 and t2 and the
+        twist about n: those of the last substep, mass · speed, to start the next one with
+    offset : (4, M), lengths: from which penetration on the points press
+    substep : (M,), seconds, of the substeps that these are of; 0 where there have been none
+    """
+
+    __slots__ = ("key", *COLUMNS)
+
+    def __init__(self, key, **columns):
+        self.key = key
+        for name in COLUMNS:
+            setattr(self, name, columns[name])
+
+    @classmethod
+    def none(cls):
+        columns = {name: np.zeros((*shape, 0)) for name, shape in COLUMNS.items()}
+        columns["isPoint"] = columns["isPoint"].astype(bool)
+        return cls(np.zeros(0, dtype=np.int64), **columns)
+
+    def renewed(self, **columns):
+        """The same with other columns in place of those named."""
+        return Manifolds(**{name: getattr(self, name) for name in self.__slots__} | columns)
+
+    def bodies(self, count):
+        """The two bodies (2, M) of each, of as many bodies; the ground is `count`."""
+        return np.stack(np.divmod(self.key, count + 1))
+
+    def rows(self, some):
+        """The manifolds `some` (m,), ascending; all of them are these themselves."""
+        return self if len(some) == len(self.key) else self._taken(some)
+
+    def _taken(self, rows):
+        return Manifolds(**{n: take(getattr(self, n), rows, axis=-1) for n in self.__slots__})
+
+    def resized(self, old, count):
+        """`(manifolds, left)` of `count` bodies in place of `old`, changed at the end of the list.
+
+        left : (K,), bodies that have touched what has been removed
+        """
+        first, second = self.bodies(old)
+        isGround = second == old
+        isKept = (first < count) & (isGround | (second < count))
+        left = first[~isKept & (first < count)]
+        key = first * (count + 1) + np.where(isGround, count, second)
+        return self.renewed(key=key).rows(indices(isKept)), left
+
+    def joined(self, other):
+        """These and others, in the order of their keys."""
+        if len(other.key) == 0 or len(self.key) == 0:
+            return self if len(self.key) else other
+        parts = {n: (getattr(self, n), getattr(other, n)) for n in self.__slots__}
+        both = Manifolds(**{n: np.concatenate(part, axis=-1) for n, part in parts.items()})
+        return both._taken(both.key.argsort(kind="stable"))
+
+    def inherit(self, old, size):
+        """Takes over from the manifolds that these replace; size : (M,), see `thickness`.
+
+        Each point in turn gets impulse and offset of the nearest old one that is left, as seen by
+        the first body, if it is near at all. The friction is carried over as a vector.
+        """
+        if len(self.key) == 0 or len(old.key) == 0:
+            return
+        known = find_sorted(self.key, old.key)
+        mine = indices(known >= 0)
+        old = old.rows(known[mine])
+        free = old.isPoint.copy()
+        for k in range(POINTS):
+            away = self.anchor1[:, k, mine][:, None] - old.anchor1
+            distance = np.where(free, dot(away, away), np.inf)
+            nearest = distance.argmin(axis=0)
+            column = np.arange(len(mine))
+            isNear = distance[nearest, column] <= (MATCH * size[mine]) ** 2
+            isNear &= self.isPoint[k, mine]
+            self.impulse[k, mine] = np.where(isNear, old.impulse[nearest, column], 0.0)
+            self.offset[k, mine] = np.where(isNear, old.offset[nearest, column], 0.0)
+            free[nearest[isNear], column[isNear]] = False
+        force = old.tangent * old.friction[0] + cross(old.normal, old.tangent) * old.friction[1]
+        normal, tangent = self.normal[:, mine], self.tangent[:, mine]
+        self.friction[:, mine] = np.stack(
+            (dot(force, tangent), dot(force, cross(normal, tangent)), old.friction[2])
+        )
+        self.substep[mine] = old.substep
+
+
+def turn_points(matrix, points):
+    """Matrices (9, M) times points (3, 4, M)."""
+    return mat_vec(matrix[:, None], points)
+
+
+def relative_poses(first, second, t, rotation, orientation):
+    """`(translation (3, M), rotation (4, M))` of the second body in the first one's frame.
+
+    t : (3, M), from the first COM to the second; rotation (9, n + 1), orientation (4, n + 1)
+    """
+    translation = mat_vec(transpose(take(rotation, first, axis=1)), t)
+    aw, ax, ay, az = take(orientation, first, axis=1)
+    bw, bx, by, bz = take(orientation, second, axis=1)
+    return translation, np.stack(
+        (
+            aw * bw + ax * bx + ay * by + az * bz,
+            aw * bx - ax * bw - ay * bz + az * by,
+            aw * by + ax * bz - ay * bw - az * bx,
+            aw * bz - ax * by + ay * bx - az * bw,
+        )
+    )
+
+
+def pose_changes(translation, rotation, newTranslation, newRotation, radius):
+    """How far (M,) points of bodies of these radii (M,) are at most from where they were.
+
+    translation, newTranslation : (3, M); rotation, newRotation : (4, M)
+    """
+    cosine = np.zeros(len(radius))
+    for k in range(4):
+        cosine += rotation[k] * newRotation[k]
+    chord = np.sqrt(np.maximum(2.0 - 2.0 * np.abs(cosine), 0.0))
+    return norm(newTranslation - translation) + ANGLE_OF_CHORD * chord * radius
+
+
+# --------------------------------------------------------------------------------------------------
+# Building
+# --------------------------------------------------------------------------------------------------
+
+
+def contact_normals(hulls, facets, first, second, t, width):
+    """`(penetration (K,), normal (3, K))` of pairs, the normals continuous across ridges.
+
+    The direction of least penetration jumps where two facets of the Minkowski difference are
+    equally near. That is where two edges meet side by side, as those of two cards that lean on each
+    other: either card's face makes the normal, and neither lets friction hold them up. Hulls with
+    edges rounded by a small radius would have a normal in between. So a facet that is nearest by
+    less than the width is mixed with the one that is turned away from it most, unless that is the
+    other side of a hull that is nearly flat.
+
+    facets : of the pairs, complete up to the width; t : (3, K); width : (K,), lengths
+    """
+    penetration, normal = facets.minimal_penetrations(t)
+    count = np.diff(facets.start)
+    pair = np.arange(len(count)).repeat(count)
+    excess = facets.offset - dot(facets.normal, take(t, pair, axis=1)) - take(penetration, pair)
+    weight = np.maximum(1.0 - excess / take(width, pair), 0.0)
+    turn = 1.0 - dot(facets.normal, take(normal, pair, axis=1))
+    turn = weight * np.where(turn < 2.0 - LEAST_TURN, turn, 0.0)
+    least, other = row_minima(-turn, pair, facets.start[:-1])
+    ridge = indices(least < -LEAST_TURN)
+    if len(ridge):
+        other = other[ridge]
+        mean = normal[:, ridge] + weight[other] * facets.normal[:, other]
+        mean /= norm(mean)
+        normal[:, ridge] = mean
+        offset = support_offsets(hulls, first[ridge], second[ridge], mean)
+        penetration[ridge] = offset - dot(mean, t[:, ridge])
+    return penetration, normal
+
+
+def pair_manifolds(hulls, first, second, t, normal, depth, reach):
+    """Manifolds of K pairs that touch or nearly do: `(point1, point2, isPoint)`.
+
+    t, normal : (3, K); depth : (K,), the penetration along the normal, negative where they part
+    reach : (K,), how far points of the two bodies together can come within the step
+    point1, point2 : (3, 4, K), on the first and on the second body, each from its COM, in world
+        axes: a point and its partner lie on one line along the normal
+    """
+    size = np.minimum(thickness(hulls, first), thickness(hulls, second))
+    tolerance = FEATURE_TOLERANCE * (hulls.radius[first] + hulls.radius[second])
+    features = Features(hulls, first, second, t, normal, tolerance)
+    u = tangents(normal)
+    frame = u, cross(normal, u), normal  # at the second COM
+    faces = (
+        _Faces(hulls, first, normal, features.ends[0], tolerance, -t, frame),
+        _Faces(hulls, second, -normal, features.ends[1], tolerance, np.zeros_like(t), frame),
+    )
+    row, uv = overlap_corners(*faces, OUTSIDE * size)
+    some = indices(((faces[0].cosine > LEAST_COSINE) & (faces[1].cosine > LEAST_COSINE))[row])
+    row, uv = row[some], take(uv, some, axis=1)
+    heights = [face.heights(row, *uv) for face in faces]
+
+    # The deepest point, exact, where it is a corner or a crossing of edges. Of faces and parallel
+    # edges it is a corner of the overlap, if rounding has left one.
+    deepest, isPatch = features.sharp_points()
+    hasCorner = np.bincount(row, minlength=len(size)) > 0
+    isLost = indices(isPatch & ~hasCorner)
+    if len(isLost):
+        deepest[:, isLost] = features.patch_centres(isLost)
+    sharp = indices(~(isPatch & hasCorner))
+    exact = [dot(take(deepest, sharp, axis=1), take(axis, sharp, axis=1)) for axis in frame]
+    points = np.stack((*exact[:2], exact[2] + depth[sharp], exact[2])), np.stack((*uv, *heights))
+    row, points = np.concatenate((sharp, row)), np.concatenate(points, axis=1)
+    order = row.argsort(kind="stable")
+    row, points = row[order], take(points, order, axis=1)
+
+    u, v, height1, height2 = points
+    separation = height2 - height1
+    chosen, isPoint = _four_points(row, u, v, separation, separation, size, reach)
+    u, v, height1, height2 = points[:, chosen]  # (4, K) each
+    flat = frame[0][:, None] * u + frame[1][:, None] * v
+    point1 = mul_add(flat, height1, normal[:, None]) + t[:, None]
+    return point1, mul_add(flat, height2, normal[:, None]), isPoint
+
+
+def ground_manifolds(hulls, bodies, height, reach, shift, turn):
+    """Manifolds of bodies (K,) with the ground, as of `pair_manifolds`: `(point1, isPoint)`.
+
+    height : (K,), of the COMs above the ground; reach : (K,), as there
+    shift, turn : (3, K), the translations and rotation vectors of the step's free flight
+    """
+    row, column = ranges(take(hulls.vertexStart, bodies), take(hulls.vertexCount, bodies))
+    x, y, z = take(hulls.vertices, column, axis=1)
+    separation = y + take(height, row)
+    # (shift + turn × r)_y
+    later = separation + take(shift[1], row) + take(turn[2], row) * x - take(turn[0], row) * z
+    chosen, isPoint = _four_points(row, x, z, separation, later, thickness(hulls, bodies), reach)
+    return take(hulls.vertices, column[chosen].ravel(), axis=1).reshape(3, POINTS, -1), isPoint
+
+
+def thickness(hulls, bodies):
+    """What tolerances of manifolds are relative to: from the bodies' COMs to the nearest face."""
+    return hulls.innerRadius[bodies]
+
+
+class _Faces(Polygons):
+    """The face of each body (K,) that is turned most towards a direction, of those at its support.
+
+    Others can be turned more towards it, but the deepest point is not on them.
+    cosine : (K,), of the angle between the face's normal and the direction
+    """
+
+    def __init__(self, hulls, bodies, direction, ends, tolerance, origin, frame):
+        """ends, tolerance : as of `Features`; origin : (3, K), of the bodies in the frame, three
+        axes (3, K)"""
+        # in the bodies' frames, where the faces' normals stand
+        rotation = take(hulls.rotation, bodies, axis=1)
+        inverse = transpose(rotation)
+        count = take(hulls.faceCount, bodies)
+        row, face = ranges(take(hulls.faceStart, bodies), count)
+        normal, offset = take(hulls.directions, face, axis=1), take(hulls.offsets, face)
+        cosine = dot(normal, take(mat_vec(inverse, direction), row, axis=1))
+        highest = offset - 4.0 * take(tolerance, row)
+        for end in ends:
+            end = mat_vec(inverse, take(hulls.vertices, end, axis=1))
+            cosine[dot(normal, take(end, row, axis=1)) < highest] = -1.0
+        least, best = row_minima(-cosine, row, count.cumsum() - count)
+        self.cosine = -least
+
+        face = take(face, best)
+        count = take(hulls.cornerCount, face)
+        corner = take(hulls.corners, ranges(take(hulls.cornerStart, face), count)[1])
+        corner += take(hulls.vertexStart, bodies).repeat(count)
+        position = take(hulls.vertices, corner, axis=1) + origin.repeat(count, axis=1)
+        super().__init__(
+            count, np.stack([dot(position, axis.repeat(count, axis=1)) for axis in frame[:2]])
+        )
+        normal = mat_vec(rotation, take(normal, best, axis=1))
+        self._slopes = [dot(normal, axis) for axis in frame]
+        self._offset = take(offset, best) + dot(normal, origin)
+
+    def heights(self, row, u, v):
+        """How high (Q,) the planes of the faces `row` stand along n at the points u, v (Q,)."""
+        slopeU, slopeV, slopeN = (take(slope, row) for slope in self._slopes)
+        return (take(self._offset, row) - slopeU * u - slopeV * v) / slopeN
+
+
+def _four_points(row, u, v, separation, later, size, reach):
+    """Which four of each row's points span most: `(chosen (4, K), isPoint (4, K))`.
+
+    row : (Q,), ascending, each of 0 … K - 1 at least once; u, v : (Q,)
+    separation, later : (Q,), now, and expected at the end of the step; size, reach : (K,)
+
+    The deepest; the one that is going to be the deepest, or, if that is the same, the farthest from
+    it; the one that makes the largest triangle with these; and the one that adds most to the
+    triangle. Where none is left, `chosen` holds another and isPoint is false.
+    """
+    start = row.searchsorted(np.arange(len(size)))
+    least, first = row_minima(separation, row, start)
+    isFar = separation - take(least, row) > take(np.maximum(CULL * size, reach), row)
+    merge = MERGE * size
+
+    def farthest(measure):
+        """The point (K,) of each row with the largest measure, and the measure."""
+        negative, point = row_minima(np.where(isFar, np.inf, -measure), row, start)
+        return point, -negative
+
+    def area(p, q):
+        """Twice the area, signed, of the triangles that each point makes with p and q (K,)."""
+        pu, pv = u[p], v[p]
+        return take(u[q] - pu, row) * (v - take(pv, row)) - take(v[q] - pv, row) * (
+            u - take(pu, row)
+        )
+
+    away = np.hypot(u - take(u[first], row), v - take(v[first], row))
+    deepest, following = row_minima(later, row, start)
+    second = np.where(later[first] - deepest > merge, following, farthest(away)[0])
+    length = away[second]
+    areas = area(first, second)
+    third, size3 = farthest(np.abs(areas))
+    sense = np.where(areas[third] < 0, 1.0, -1.0)
+    beyond = np.maximum.reduce(
+        [take(sense, row) * outside for outside in (areas, area(second, third), area(third, first))]
+    )
+    fourth, size4 = farthest(beyond)
+    isPoint = np.stack(
+        (
+            np.ones(len(size), dtype=bool),
+            length > merge,
+            size3 > merge * length,
+            (size3 > merge * length) & (size4 > merge * length),
+        )
+    )
+    return np.stack((first, second, third, fourth)), isPoint

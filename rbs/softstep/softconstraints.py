@@ -1,0 +1,162 @@
+"""Distance constraints of the soft-step solver: soft bounds on the distance of two points.
+
+They are visited one batch after the other, no two of a batch moving the same body, before the
+contacts of the same sweep. Arms and directions are those of the substep: frozen ones let a net gain
+energy.
+"""
+
+import numpy as np
+
+from Quaternion import exponentials, rotation_matrices
+from rbs.geometry.arrays import take
+from rbs.geometry.vectors import cross, dot, mat_vec
+from rbs.softstep.springs import Spring, lasting
+from rbs.stepping.constraints import ConstraintRows, coloured_batches
+from rbs.stepping.kernels import distance_error
+
+# Of the springs: with the frequency of contacts a net gives way visibly; with critical damping a
+# heavy weight on a chain never comes to rest, and with that of contacts a net gives way more.
+FREQUENCY, DAMPING = 0.4, 2.0
+# Passes over all constraints in a sweep: a pull passes through a net by one body a pass. With one,
+# a chain that bears much more than its own weight swings ever higher.
+PASSES = 4
+
+
+class SoftConstraints:
+    """R pairs of points whose distance L is bounded: lower ≤ L ≤ upper.
+
+    With d the unit vector of p1 - p2, the distance changes by
+
+        u = d · (v1 + ω1 × r1 - v2 - ω2 × r2) = J v,   J = [d, r1 × d, -d, -(r2 × d)],
+
+    and an impulse λ along d on the first body and against it on the second bounds it: λ ≤ 0 at the
+    upper bound, which pulls, λ ≥ 0 at the lower one. Of the two, the one that is nearer, or more
+    violated, is looked at in a sweep. Where they coincide, λ has either sign.
+    """
+
+    def __init__(self, constraints, bodies, kept):
+        self._set_bounds(ConstraintRows(constraints, bodies.isFixed, bodies.vertexCount, 0.0))
+        isKnown = np.array_equal(self.key, kept.constraint)
+        columns = kept.constraintImpulse, kept.constraintOffset, kept.constraintSubstep
+        self.impulse, self.offset, self.substep = (
+            column.copy() if isKnown else np.zeros(self.count) for column in columns
+        )
+        self.isFixed = bodies.isFixed
+        self.visits = 0
+        self._arms = take(
+            bodies.vertices, (take(bodies.vertexStart, self.ends) + self.vertices).ravel(), axis=1
+        )
+
+    def _set_bounds(self, rows):
+        """Brings the constraints of the same two points together: one of either kind, as a rule.
+
+        key : (6, R), body, vertex, body, vertex, lower, upper; ends, vertices : (2, R)
+        """
+        points = np.stack((rows.body1, rows.vertex1, rows.body2, rows.vertex2))
+        first = row = np.zeros(0, dtype=np.intp)
+        if points.size:  # of none, it takes a twelfth of a small scene's step
+            points, first, row = np.unique(points, axis=1, return_index=True, return_inverse=True)
+        lower, upper = np.full(len(first), -np.inf), np.full(len(first), np.inf)
+        row = row.ravel()
+        np.minimum.at(upper, row[rows.upper], rows.refValue[rows.upper])
+        np.maximum.at(lower, row[~rows.upper], rows.refValue[~rows.upper])
+        order = first.argsort()  # as in the scene: chains are visited from one end to the other
+        self.key = np.concatenate((points, [lower], [upper])).astype(float)[:, order]
+        self.ends, self.vertices = (self.key[k:4:2].astype(np.intp) for k in (0, 1))
+        self.lower, self.upper = self.key[4:]
+        self.isRigid = self.lower >= self.upper
+        self.count = len(order)
+
+    def store(self, kept):
+        """Leaves to the next step what it starts with."""
+        if self.batches and self.offset.any():
+            sign, violation = self._violations()
+            offset = sign * lasting(sign * self.offset, violation)
+            self.offset = np.where(self.moves, offset, self.offset)
+        kept.constraint, kept.constraintImpulse = self.key, self.impulse
+        kept.constraintOffset = self.offset
+        kept.constraintSubstep = np.where(self.moves, self.spring.h, self.substep)
+
+    def begin(self, motion, frames, h):
+        """Makes the batches of those that can move in this step."""
+        self.spring = Spring(FREQUENCY, DAMPING, h)
+        self.position = frames.position
+        moves = self.moves = (take(motion.invMass, self.ends) > 0.0).any(axis=0)
+        self.batches = []
+        for batch in coloured_batches(*np.ascontiguousarray(self.ends), self.isFixed):
+            batch = batch[moves[batch]]
+            if len(batch):
+                self.batches.append((batch, self.ends[:, batch]))
+        ratio = np.where(moves, self.spring.ratios(self.substep), 1.0)
+        if (ratio != 1.0).any():
+            self._renew(motion)
+            sign, violation = self._violations()
+            pull = np.maximum(-sign * self.impulse, 0.0)
+            offset = self.spring.converted(sign * self.offset, pull, self.mass, violation, ratio)
+            self.offset = np.where(ratio == 1.0, self.offset, sign * offset)
+            self.impulse *= ratio
+
+    def _violations(self):
+        """`(sign, violation)` (R,) of the bounds that act, or are nearer: 1 of an upper one."""
+        isUpper = self.length - self.upper >= self.lower - self.length
+        isUpper = np.where(self.impulse == 0.0, isUpper, self.impulse < 0.0)
+        sign = np.where(isUpper, 1.0, -1.0)
+        return sign, sign * (self.length - np.where(isUpper, self.upper, self.lower))
+
+    def _renew(self, motion):
+        """Distances, Jacobians, effective masses, where the bodies are now."""
+        ends = self.ends.ravel()
+        angle = np.ascontiguousarray(take(motion.turn, ends, axis=0).T)
+        turn = np.stack(rotation_matrices(exponentials((0.0, *(0.5 * angle)))))
+        arm = mat_vec(turn, self._arms)
+        point = take(self.position, ends, axis=1) + take(motion.shift, ends, axis=0).T + arm
+        count = self.count
+        self.length, d = distance_error(point[:, :count], point[:, count:], 0.0)
+        d = np.concatenate((d, -d), axis=1)
+        rCrossD = cross(arm, d)
+        turning = mat_vec(take(motion.invInertia, ends, axis=1), rCrossD)
+        invMass = take(motion.invMass, ends)
+        K = (invMass + dot(rCrossD, turning)).reshape(2, count).sum(axis=0)
+        self.mass = np.where(K > 0.0, 1.0 / np.where(K > 0.0, K, 1.0), 0.0)
+        self.J = np.concatenate((d, rCrossD)).T.reshape(2, count, 6)
+        self.MJ = np.concatenate((invMass * d, turning)).T.reshape(2, count, 6)
+
+    def warm_start(self, motion):
+        self._renew(motion)
+        for batch, ends in self.batches:
+            motion.velocity[ends] += self.MJ[:, batch] * self.impulse[batch][:, None]
+
+    def sweep(self, motion, isSoft):
+        """Passes over all constraints; in the soft sweep, the errors are pulled out."""
+        if not isSoft:
+            self._renew(motion)
+        length = self.length - self.offset
+        isUpper = length - self.upper >= self.lower - length
+        C = length - np.where(isUpper, self.upper, self.lower)
+        isSlack = np.where(isUpper, C < 0.0, C > 0.0) & ~self.isRigid
+        bias = np.where(isSlack, C / self.spring.h, self.spring.rate * C if isSoft else 0.0)
+        softness = np.where(isSlack | (not isSoft), 1.0, self.spring.softness)
+        least = np.where(isUpper | self.isRigid, -np.inf, 0.0)
+        most = np.where(isUpper & ~self.isRigid, 0.0, np.inf)
+        rows = [
+            (
+                batch,
+                ends,
+                self.J[:, batch],
+                self.MJ[:, batch],
+                *(column[batch] for column in (bias, self.mass, softness, least, most)),
+            )
+            for batch, ends in self.batches
+        ]
+        for _ in range(PASSES):
+            for row in rows:
+                self._visit(motion.velocity, *row)
+
+    def _visit(self, velocity, batch, ends, J, MJ, bias, mass, softness, least, most):
+        """Solves a batch for its impulses, and applies what they have changed by."""
+        old = self.impulse[batch]
+        speed = (J * velocity[ends]).sum(axis=(0, 2))
+        impulse = np.clip(softness * (old - mass * (speed + bias)), least, most)
+        self.impulse[batch] = impulse
+        velocity[ends] += MJ * (impulse - old)[:, None]
+        self.visits += len(batch)

@@ -1,0 +1,210 @@
+"""A scene's constraints as columns, those that can be corrected at all, and their schedules.
+
+A visit looks at one constraint, corrects it if it is violated, and returns whether it was. A
+schedule says which one is visited when, and ends when every constraint is satisfied, or when the
+visits are used up. Of the list's `total` constraints, some can never be corrected, those between
+two fixed bodies for instance: a visit to them counts as one that found nothing.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+
+from rbs.geometry.arrays import indices, take
+from rbs.stepping.bodies import Bodies
+from rbs.stepping.kernels import distance_error, is_violated, shifts, stop
+
+
+class ConstraintRows:
+    """The constraints that a step has to look at, C of them.
+
+    A constraint whose meshes are both fixed, or between two vertices of one mesh, is never
+    corrected: no motion of the bodies changes its distance. Nor is a lower bound of no more than
+    the tolerance, a rope's: every distance satisfies it.
+
+    index : (C,), where each stands in the caller's list, whose length is `total`
+    body1, vertex1, body2, vertex2 : (C,); refValue : (C,); upper : (C,) bool
+    """
+
+    def __init__(self, constraints, isFixed, vertexCount, tolerance):
+        """constraints : rows `[m1, v1, m2, v2, refValue, upper]`; isFixed (n,) bool, vertexCount
+        (n,) : of the meshes; raises ValueError, which names constraint, mesh and vertex"""
+        self.total = len(constraints)
+        table = _table(constraints)
+        _check_ends(table, vertexCount)
+        body1, vertex1, body2, vertex2 = table[:4].astype(np.intp)
+        movable = (body1 != body2) & ~(isFixed[body1] & isFixed[body2])
+        movable &= (table[5] != 0) | (table[4] > tolerance)
+        self.index = indices(movable)
+        self.body1, self.vertex1 = body1[movable], vertex1[movable]
+        self.body2, self.vertex2 = body2[movable], vertex2[movable]
+        self.refValue = table[4, movable]
+        self.upper = table[5, movable] != 0
+
+    def tolist(self):
+        """Rows `(index, body1, vertex1, body2, vertex2, refValue, upper)` of plain numbers."""
+        columns = (
+            self.index,
+            self.body1,
+            self.vertex1,
+            self.body2,
+            self.vertex2,
+            self.refValue,
+            self.upper,
+        )
+        return list(zip(*(column.tolist() for column in columns), strict=True))
+
+
+def _table(constraints):
+    """The rows as columns (6, C) of floats; a number may be an array that holds one."""
+    if len(constraints) == 0:
+        return np.zeros((6, 0))
+    try:
+        rows = np.array([tuple(row) for row in constraints], dtype=np.float64)
+    except (TypeError, ValueError):  # arrays of one among numbers
+        rows = np.array(
+            [[np.asarray(value, dtype=np.float64).item() for value in row] for row in constraints]
+        )
+    if rows.ndim != 2 or rows.shape[1] != 6:
+        raise ValueError("a constraint is a row of six: m1, v1, m2, v2, refValue, upper")
+    return rows.T
+
+
+def _check_ends(table, vertexCount):
+    """Raises ValueError where a constraint names a mesh or a vertex that is not there."""
+    for mesh, vertex in (table[0:2], table[2:4]):
+        known = (mesh >= 0) & (mesh < len(vertexCount)) & (mesh == np.floor(mesh))
+        count = vertexCount[np.where(known, mesh, 0).astype(np.intp)]
+        fits = known & (vertex >= 0) & (vertex < count) & (vertex == np.floor(vertex))
+        if not fits.all():
+            c = int(fits.argmin())
+            if not known[c]:
+                raise ValueError(
+                    f"constraint {c}: there is no mesh {mesh[c]:g}, only 0 to "
+                    f"{len(vertexCount) - 1}"
+                )
+            raise ValueError(
+                f"constraint {c}: mesh {mesh[c]:g} has no vertex {vertex[c]:g}, only 0 to "
+                f"{count[c] - 1}"
+            )
+    if not np.isfinite(table[4]).all():
+        c = int(np.isfinite(table[4]).argmin())
+        raise ValueError(f"constraint {c}: the reference value must be finite")
+
+
+def queue(visit, constraints, total, maximumVisits):
+    """The sweep without the visits that cannot find anything: same result, bit for bit.
+
+    constraints : dict, of each index that can be corrected the bodies of it that can move
+
+    A visit depends on the positions of two bodies, so a constraint that was found satisfied is
+    clean until a body of it moves. The dirty ones are the bits of one integer: `dirty & -dirty` is
+    the lowest that is set, the next constraint in the sweep's order, and a body that moves sets
+    those of its constraints with a single `or`. Visits that are left out count as made, so that the
+    maximum ends at the same constraint.
+
+    Returns the number of visits that were made.
+    """
+    constraintsOf = {}
+    dirty = 0
+    for c, bodies in constraints.items():
+        dirty |= 1 << c
+        for b in bodies:
+            constraintsOf[b] = constraintsOf.get(b, 0) | 1 << c
+    visits = begin = c = 0  # visits made; the sweep's count at constraint 0; where it is
+    while dirty:
+        ahead = dirty >> c
+        if not ahead:  # the next dirty one belongs to the next sweep
+            begin, c = begin + total, 0
+            continue
+        c += (ahead & -ahead).bit_length() - 1
+        if begin + c >= maximumVisits:
+            break
+        dirty ^= 1 << c
+        if visit(c):
+            for b in constraints[c]:
+                dirty |= constraintsOf[b]
+        visits += 1
+        c += 1
+    return visits
+
+
+def project_in_batches(meshes, rows, tolerance, maximumVisits):
+    """Visits batch by batch, each of constraints that move no body in common; see
+    `project_constraints` in RBSFunctions.
+
+    meshes : list of Mesh; rows : `ConstraintRows` of theirs
+
+    As many visits as the sweep's, in another order: the result differs, within the same bounds.
+    Returns their number.
+    """
+    bodies = Bodies(meshes)
+    bodies.follow_orientations()
+    ends, vertices = np.stack((rows.body1, rows.body2)), np.stack((rows.vertex1, rows.vertex2))
+    arms = take(bodies.vertices, bodies.vertexStart[ends] + vertices, axis=1)
+    coloured = coloured_batches(rows.body1, rows.body2, bodies.isFixed)
+    left = rows.total - len(rows.index)  # visits that find nothing, counted once a sweep
+    visits = satisfiedInARow = 0
+    while coloured and satisfiedInARow < len(rows.index) and visits < maximumVisits:
+        visits = min(visits + left, maximumVisits)
+        for batch in coloured:
+            batch = batch[: max(0, maximumVisits - visits)]
+            visits += len(batch)
+            hasCorrected = visit_batch(bodies, rows, ends, arms, batch, tolerance)
+            satisfiedInARow = 0 if hasCorrected else satisfiedInARow + len(batch)
+            if satisfiedInARow >= len(rows.index) or visits >= maximumVisits:
+                break
+    bodies.write_back()
+    return visits
+
+
+def visit_batch(bodies, rows, ends, arms, batch, tolerance):
+    """Corrects what is violated of the constraints (m,); returns whether anything was.
+
+    ends : (2, C); arms : (3, 2, C), from each COM to its point
+
+    Moving the COMs along n leaves the arms and, as the points stay on one line, n as they are.
+    """
+    points = take(bodies.position, ends[:, batch], axis=1) + arms[..., batch]
+    C, n = distance_error(points[:, 0], points[:, 1], rows.refValue[batch])
+    violated = indices(is_violated(C, rows.upper[batch], tolerance))
+    if len(violated) == 0:
+        return False
+    b, r, n = ends[:, batch[violated]], arms[..., batch[violated]], n[:, violated]
+    invMasses = take(bodies.invMass, b)
+    motion = take(bodies.motion, b, axis=1)
+    motion[:3] += shifts(invMasses, C[violated]) * n[:, None]
+    stop(motion[3:], invMasses, take(bodies.invInertia, b, axis=1), r, n, tolerance)
+    bodies.motion[:, b] = motion
+    return True
+
+
+def coloured_batches(bodies1, bodies2, isFixed):
+    """Rows of constraints in batches in which no two move the same body: a list of arrays.
+
+    bodies1, bodies2, isFixed : as for `batches`
+    """
+    return _coloured(bodies1.tobytes(), bodies2.tobytes(), isFixed.tobytes())
+
+
+@lru_cache(maxsize=8)
+def _coloured(bodies1, bodies2, isFixed):
+    """`coloured_batches` by greedy colouring, of the bytes of its arrays.
+
+    A constraint gets the first batch that has neither of its bodies, fixed ones apart. The bits of
+    an integer tell which batches have a body.
+    """
+    first, second = (np.frombuffer(bodies, np.intp).tolist() for bodies in (bodies1, bodies2))
+    isFixed = np.frombuffer(isFixed, bool).tolist()
+    taken = [0] * len(isFixed)
+    colours = []
+    for i, j in zip(first, second, strict=True):
+        free = ~(taken[i] | taken[j])
+        bit = free & -free
+        if not isFixed[i]:
+            taken[i] |= bit
+        if not isFixed[j]:
+            taken[j] |= bit
+        colours.append(bit.bit_length() - 1)
+    colours = np.array(colours, dtype=np.intp)
+    return [indices(colours == k) for k in range(colours.max(initial=-1) + 1)]

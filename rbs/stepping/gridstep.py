@@ -1,0 +1,95 @@
+"""The step of `--broad-phase grid`: many bodies at once, with the bits of the loop over all pairs.
+
+In one direction: the meshes are gathered into tables, `Bodies`; they fly; `find_contacts` detects
+the pairs batch by batch and corrects positions; then the impulses follow, batch by batch, since
+within a step no position depends on a velocity; then the ground; and the tables are written back.
+The formulas are in rbs/stepping/kernels.py. Methods that a subclass of Mesh has of its own are not
+called.
+"""
+
+import numpy as np
+
+from rbs.geometry.arrays import take
+from rbs.stepping.batches import find_contacts
+from rbs.stepping.bodies import Bodies, check_numbers
+from rbs.stepping.kernels import collide, inverse_effective_mass, shifts
+from rbs.stepping.reports import GROUND, StepReport
+
+
+def grid_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic):
+    """`run_timestep` as far as the constraints; see there. Returns the `StepReport`."""
+    report = StepReport()
+    if len(meshes) == 0:
+        return report
+    with report.phase("gather"):
+        bodies = Bodies(meshes)
+    with report.phase("integrate"):
+        if gyroscopic:
+            bodies.turn_gyroscopically(timeStep)
+        bodies.fly(timeStep)
+        check_numbers(bodies.columns(), meshes, "free flight")
+    with report.phase("collisions"):
+        contacts, report.candidatePairs = find_contacts(bodies)
+        _apply_impulses(bodies, contacts, (CRCoeff, closingOnly, mu), report)
+    with report.phase("ground"):
+        if groundMesh is not None:
+            _resolve_ground(bodies, groundMesh, (CRCoeff, closingOnly, mu), report)
+    with report.phase("writeBack"):
+        check_numbers(bodies.columns(), meshes, "contacts")
+        bodies.write_back()
+    return report
+
+
+def _apply_impulses(bodies, contacts, settings, report):
+    """The impulses batch by batch; what does not depend on velocities, for all contacts at once."""
+    ends, n = contacts.bodies, contacts.normal
+    if len(contacts.rank) == 0:
+        return
+    penPoint = contacts.points(bodies.hulls)
+    arms = (penPoint + contacts.shift * n)[:, None] - contacts.after
+    invMasses, invInertias = take(bodies.invMass, ends), take(bodies.invInertia, ends, axis=1)
+    K, turning = inverse_effective_mass(invMasses, invInertias, arms, n)
+    impulses, frictions = [], []
+    for some in contacts.batches():
+        velocity = take(bodies.velocity, ends[:, some], axis=1)
+        impulse, friction = collide(
+            velocity,
+            invMasses[:, some],
+            invInertias[..., some],
+            arms[..., some],
+            n[:, some],
+            K[some],
+            turning[..., some],
+            *settings,
+        )
+        bodies.velocity[:, ends[:, some]] = velocity
+        impulses.append(impulse)
+        frictions.append(friction)
+    impulse, friction = np.concatenate(impulses), np.concatenate(frictions, axis=1)
+    report.add_columns(
+        contacts.rank, *ends, contacts.depth, n, penPoint, impulse, friction, arms[:, 0]
+    )
+
+
+def _resolve_ground(bodies, groundMesh, settings, report):
+    """`resolve_collision` of every body that reaches the ground, at its lowest vertex.
+
+    The ground is body 2: the body moves up, against the normal, by how deep the vertex is.
+    """
+    b, penPoint = bodies.lowest_points()
+    if len(b) == 0:
+        return
+    still = groundMesh.body_state()
+    still = np.reshape(still.position + still.linVelocity + still.angVelocity, (9, 1))
+    motion = np.stack((take(bodies.motion, b, axis=1), still.repeat(len(b), axis=1)), axis=1)
+    invMasses, invInertias = np.zeros((2, len(b))), np.zeros((9, 2, len(b)))
+    invMasses[0], invInertias[:, 0] = bodies.invMass[b], bodies.invInertia[:, b]
+    depth, n = -penPoint[1], np.tile([[0.0], [-1.0], [0.0]], len(b))
+    shift = shifts(invMasses, depth)
+    motion[:3] += shift * n[:, None]
+    arms = (penPoint + shift[1] * n)[:, None] - motion[:3]
+    K, turning = inverse_effective_mass(invMasses, invInertias, arms, n)
+    impulse, friction = collide(motion[3:], invMasses, invInertias, arms, n, K, turning, *settings)
+    bodies.motion[:, b] = motion[:, 0]
+    rank, second = np.full(len(b), np.iinfo(np.intp).max), np.full(len(b), GROUND)  # after all
+    report.add_columns(rank, b, second, depth, n, penPoint, impulse, friction, arms[:, 0])

@@ -1,0 +1,91 @@
+"""The formulas of RBSFunctions for many contacts or constraints at once, with the same bits.
+
+Each stands under the name that it has there, where it is derived. What belongs to the two bodies of
+m pairs has them next to each other along the second axis: velocities (6, 2, m), linear and angular,
+inverse masses (2, m), inverse inertia tensors (9, 2, m), and arms (3, 2, m) from the COMs to the
+points. Directions are (3, m). No body that can move is in two of the pairs.
+"""
+
+import numpy as np
+
+from rbs.geometry.vectors import cross, dot, mat_vec, norm
+
+# What body 1 receives is opposite to what body 2 receives.
+SIGNS = np.array([[-1.0], [1.0]])
+
+
+def shifts(invMasses, distance):
+    """`shifts`: how far (2, m) either body moves along n; not both masses infinite."""
+    return SIGNS * (invMasses / (invMasses[0] + invMasses[1])) * distance
+
+
+def relative_velocity(velocity, arms):
+    """`relative_velocity`: (3, m), of the point of body 1."""
+    atArms = velocity[:3] + cross(velocity[3:], arms)
+    return atArms[:, 0] - atArms[:, 1]
+
+
+def inverse_effective_mass(invMasses, invInertias, arms, n):
+    """`inverse_effective_mass` of both bodies together: `(K (m,), turning (3, 2, m))`.
+
+    turning : I⁻¹ (r × n), what the bodies' angular velocities change by with a unit impulse
+    """
+    rCrossN = cross(arms, n[:, None])
+    turning = mat_vec(invInertias, rCrossN)
+    k = invMasses + dot(rCrossN, turning)
+    return k[0] + k[1], turning
+
+
+def receive_impulses(velocity, impulse, invMasses, turning, n):
+    """`receive_impulse` of both bodies: changes the velocities in place by impulses (m,)."""
+    impulses = impulse * SIGNS
+    velocity[:3] += impulses * invMasses * n[:, None]
+    velocity[3:] += impulses * turning
+
+
+def collide(velocity, invMasses, invInertias, arms, n, K, turning, CRCoeff, closingOnly, mu):
+    """The impulses of `resolve_collision`: `(impulse (m,), friction (3, m))`.
+
+    K, turning : as of `inverse_effective_mass`. Changes the velocities in place.
+    """
+    change = (1.0 + CRCoeff) * dot(relative_velocity(velocity, arms), n)
+    if closingOnly:
+        change = change * (change > 0.0)
+    impulse = change / K
+    receive_impulses(velocity, impulse, invMasses, turning, n)
+    if mu == 0.0:
+        return impulse, np.zeros(n.shape)
+    return impulse, apply_friction(velocity, invMasses, invInertias, arms, n, mu * impulse)
+
+
+def apply_friction(velocity, invMasses, invInertias, arms, n, limit):
+    """`apply_friction`: the impulses (3, m); changes the velocities in place."""
+    u = relative_velocity(velocity, arms)
+    across = u - dot(u, n) * n
+    speed = norm(across)
+    t = across / np.where(speed > 0.0, speed, 1.0)
+    K, turning = inverse_effective_mass(invMasses, invInertias, arms, t)
+    impulse = np.minimum(speed / K, np.maximum(limit, 0.0) + 0.0)
+    receive_impulses(velocity, impulse, invMasses, turning, t)
+    return impulse * t
+
+
+def distance_error(point1, point2, refValue):
+    """`distance_error`: `(C (m,), n (3, m))`."""
+    d = point1 - point2
+    length = norm(d)
+    apart = length > 0.0
+    upwards = np.array([[0.0], [1.0], [0.0]])
+    return length - refValue, np.where(apart, d / np.where(apart, length, 1.0), upwards)
+
+
+def is_violated(C, upper, tolerance):
+    """Whether bounds are exceeded, as `resolve_position_constraint` asks."""
+    return np.where(upper, C > tolerance, C < -tolerance)
+
+
+def stop(velocity, invMasses, invInertias, arms, n, tolerance):
+    """The impulses of `resolve_velocity_constraint`; changes the velocities in place."""
+    Jv = dot(relative_velocity(velocity, arms), n)
+    K, turning = inverse_effective_mass(invMasses, invInertias, arms, n)
+    receive_impulses(velocity, Jv * (abs(Jv) > tolerance) / K, invMasses, turning, n)

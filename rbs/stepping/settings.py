@@ -1,0 +1,353 @@
+"""The settings of a step, each declared once: whoever offers, checks, keeps or passes them on reads
+this table.
+
+From the top: what a setting is; the table; `Settings`, the values that a scene is simulated with;
+the checks of `run_timestep`.
+"""
+
+import math
+from dataclasses import asdict, dataclass, make_dataclass
+
+from rbs.geometry.triples import number
+from rbs.scenes.messages import short
+
+BROAD_PHASES = ("all", "grid")
+CONSTRAINT_SCHEDULINGS = ("sweep", "queue", "batches")
+CONTACT_SOLVERS = ("impulse", "soft-step")
+# Length, or speed, by which a constraint may be violated before it is corrected. 1e-3 m is less
+# than anybody sees of bodies of 5 to 20 m. Less takes more constraint visits.
+CONSTRAINT_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A setting of a step.
+
+    name : of the field in `Settings`, and in recordings
+    parameter : of `run_timestep`
+    default : in the program, and in `run_timestep` unless defaultInStep is another one
+    kind : float, int, bool, or the tuple of names to choose from
+    option : on the command line, without dashes; "no-" before it switches a bool off; None for none
+    help : for --help, without the default
+    label, tooltip : in the window; sliderEnds : of a slider there, or None for a field to type into
+    limits : least and greatest value in the program; limitsInStep : likewise in `run_timestep`,
+        where an infinite end stands for any finite value
+    solver : the only contact solver that heeds it, None for all
+    isOfConstraints : whether it matters to distance constraints only
+    """
+
+    name: str
+    parameter: str
+    default: object
+    kind: type | tuple
+    option: str | None
+    help: str
+    label: str = ""
+    tooltip: str = ""
+    sliderEnds: tuple | None = None
+    limits: tuple = (-math.inf, math.inf)
+    limitsInStep: tuple = (-math.inf, math.inf)
+    solver: str | None = None
+    isOfConstraints: bool = False
+    defaultInStep: object = None
+
+    def checked(self, value, limits=None):
+        """The value as its kind; raises ValueError, which goes on from the setting's name.
+
+        limits : those of the program by default
+        """
+        if isinstance(self.kind, tuple):
+            if not isinstance(value, str) or value not in self.kind:
+                raise ValueError(f"must be one of {', '.join(self.kind)}, not {value!r}")
+            return value
+        if self.kind is bool:
+            if value not in (True, False):
+                raise ValueError(f"must be true or false, not {value!r}")
+            return bool(value)
+        if self.default is None and value is None:
+            return None
+        low, high = limits or self.limits
+        try:
+            found = number(value) if self.kind is float else int(value)
+        except (TypeError, ValueError, OverflowError):
+            found = math.nan
+        if not low <= found <= high or math.isinf(found) or found != value:
+            shown = f"{value:g}" if isinstance(value, float) else repr(value)
+            raise ValueError(f"must be {self._allowed(low, high)}, not {short(shown)}")
+        return found
+
+    def _allowed(self, low, high):
+        """What `checked` allows, in words."""
+        what = "a whole number" if self.kind is int else "a finite number"
+        if math.isinf(low) and math.isinf(high):
+            return what
+        return f"{what} of {low:g} or more" if math.isinf(high) else f"{what}, {low:g} to {high:g}"
+
+    def parsed(self, text):
+        """The value that a text spells; raises ValueError as `checked` does."""
+        if not isinstance(self.kind, tuple):
+            try:
+                # Python also takes 1_000, and digits of other scripts, for numbers.
+                text = self.kind(text if text.isascii() and "_" not in text else "no number")
+            except ValueError:
+                pass
+        return self.checked(text)
+
+    def isHeededBy(self, solver):
+        """Whether a contact solver, by its name, heeds it."""
+        return self.solver in (None, solver)
+
+
+POSITIVE = (0.0, math.inf)
+TABLE = (
+    Setting(
+        "restitution",
+        "CRCoeff",
+        0.5,
+        float,
+        "restitution",
+        "how bouncy contacts are: the fraction of the approach speed that is returned, 0 to 1. "
+        "With 1, bodies slowly gain energy, except with --solver soft-step",
+        "restitution",
+        "How bouncy: the fraction of the approach speed that is returned, 0 to 1",
+        (0.0, 1.0),
+        limits=(0.0, 1.0),
+    ),
+    Setting(
+        "timeStep",
+        "timeStep",
+        0.02,
+        float,
+        "time-step",
+        "simulated seconds per step",
+        "time step (s)",
+        "Simulated seconds per step",
+        limits=(1e-12, 1e3),
+        limitsInStep=POSITIVE,
+    ),
+    Setting(
+        "friction",
+        "mu",
+        0.0,
+        float,
+        "friction",
+        "coefficient of friction between bodies and with the ground. A box that spins flat on "
+        "another is slowed down with --solver soft-step only",
+        "friction",
+        "Coulomb's coefficient of friction, between bodies and with the ground",
+        (0.0, 1.0),
+        limits=POSITIVE,
+        limitsInStep=POSITIVE,
+    ),
+    Setting(
+        "contactSolver",
+        "contactSolver",
+        "impulse",
+        CONTACT_SOLVERS,
+        "solver",
+        "impulse: one impulse per contact, one contact after the other, as in the coursework; "
+        "soft-step: all contacts and constraints together, several points each, so that piles rest",
+        "solver",
+        "impulse: one contact after the other, as in the coursework; soft-step: all together, so "
+        "that piles rest",
+    ),
+    Setting(
+        "substeps",
+        "substeps",
+        8,
+        int,
+        "substeps",
+        "substeps per step. More make contacts stiffer, and cost more",
+        "substeps",
+        "Substeps per step. More make contacts stiffer, and cost more",
+        (1, 32),
+        limits=(1, 1000),
+        limitsInStep=(1, math.inf),
+        solver="soft-step",
+    ),
+    Setting(
+        "sleeping",
+        "sleeping",
+        True,
+        bool,
+        "no-sleeping",
+        "simulate bodies at rest too (by default they sleep until something disturbs them)",
+        "sleeping",
+        "Skip bodies at rest until something disturbs them",
+        solver="soft-step",
+    ),
+    Setting(
+        "broadPhase",
+        "broadPhase",
+        "all",
+        BROAD_PHASES,
+        "broad-phase",
+        "how possible contacts are found. all: every pair in turn; grid: through a uniform grid, "
+        "with identical motion, faster with hundreds of bodies",
+        "broad phase",
+        "How possible contacts are found. The motion is identical; grid is faster with many bodies",
+        solver="impulse",
+    ),
+    Setting(
+        "closingOnly",
+        "closingOnly",
+        False,
+        bool,
+        "closing-only",
+        "apply no impulse where bodies are already separating (by default they receive one, as in "
+        "the coursework)",
+        "approaching contacts only",
+        "No impulse where bodies are already separating",
+        solver="impulse",
+    ),
+    Setting(
+        "gyroscopic",
+        "gyroscopic",
+        False,
+        bool,
+        "gyroscopic",
+        "let spinning bodies tumble, as Euler's equations say (by default the angular velocity is "
+        "constant in free flight)",
+        "gyroscopic torque",
+        "Gyroscopic torque: spinning bodies may tumble (Euler's equations)",
+    ),
+    Setting(
+        "enforceConstraints",
+        "enforceConstraints",
+        True,
+        bool,
+        "no-constraints",
+        "let all bodies go free (constraints come last in a step and may press bodies into the "
+        "ground; hardly with --solver soft-step)",
+        "constraints",
+        "Enforce the distance constraints",
+        isOfConstraints=True,
+    ),
+    Setting(
+        "constraintScheduling",
+        "constraintScheduling",
+        "sweep",
+        CONSTRAINT_SCHEDULINGS,
+        "scheduling",
+        "sweep: visit constraints in order, over and over; queue: the same result with fewer "
+        "visits; batches: another order, many at once, for hundreds of constraints",
+        "scheduling",
+        "The order in which constraints are visited",
+        solver="impulse",
+        isOfConstraints=True,
+    ),
+    Setting(
+        "maxIterations",
+        "maxIterations",
+        None,
+        int,
+        "max-iterations",
+        "constraint visits in a step at most, but at least one of each (default: 20 of each, and "
+        "at least 1000)",
+        limits=(0, 10**15),
+        solver="impulse",
+        isOfConstraints=True,
+        defaultInStep=1000,
+    ),
+    Setting(
+        "tolerance",
+        "tolerance",
+        CONSTRAINT_TOLERANCE,
+        float,
+        None,
+        "",
+        limitsInStep=POSITIVE,
+        solver="impulse",
+        isOfConstraints=True,
+    ),
+)
+# The settings that people choose, by the names of their fields.
+CHOSEN = {one.name: one for one in TABLE if one.option is not None}
+BY_PARAMETER = {one.parameter: one for one in TABLE}
+BY_OPTION = {one.option: one for one in CHOSEN.values()}
+
+
+def heeded(values, solver):
+    """Those of some values, a dict by the fields of `Settings`, that a contact solver heeds."""
+    return {name: value for name, value in values.items() if CHOSEN[name].isHeededBy(solver)}
+
+
+class IgnoredSetting(ValueError):
+    """A setting that the contact solver ignores. Attribute: inOptions, the same for a terminal."""
+
+    def __init__(self, one, solver):
+        super().__init__(f"{one.name} has no effect with contactSolver {solver}")
+        self.inOptions = f"--{one.option} has no effect with --solver {solver}"
+
+
+class _Values:
+    """The methods of `Settings`."""
+
+    def __post_init__(self):
+        """Checks all values; raises ValueError that names the setting."""
+        for one in CHOSEN.values():
+            try:
+                setattr(self, one.name, one.checked(getattr(self, one.name)))
+            except ValueError as error:
+                raise ValueError(f"{one.name} {error}") from None
+        for one in self.ignored():
+            raise IgnoredSetting(one, self.contactSolver)
+
+    def ignored(self):
+        """The settings that the contact solver does not heed and that have no default value."""
+        return [
+            one
+            for one in CHOSEN.values()
+            if not one.isHeededBy(self.contactSolver) and getattr(self, one.name) != one.default
+        ]
+
+    def changed(self, **values):
+        """A copy with other values; raises ValueError, also for one that the solver ignores.
+
+        Where they change the solver, what the new one ignores of the others gets its default.
+        """
+        solver = values.get("contactSolver", self.contactSolver)
+        return Settings(**{**heeded(asdict(self), solver), **values})
+
+    def change(self, name, value):
+        """Changes a field in place; raises ValueError, and changes nothing, as `changed` does."""
+        vars(self).update(vars(self.changed(**{name: value})))
+
+    def arguments(self):
+        """What `run_timestep` is to be passed: dict by its parameters, without what is ignored."""
+        return {
+            one.parameter: getattr(self, one.name)
+            for one in CHOSEN.values()
+            if one.isHeededBy(self.contactSolver)
+        }
+
+
+Settings = make_dataclass(
+    "Settings", [(one.name, object, one.default) for one in CHOSEN.values()], bases=(_Values,)
+)
+Settings.__module__ = __name__
+Settings.__doc__ = """What a scene is simulated with, apart from its bodies.
+
+    Fields: see TABLE. The defaults are the coursework's behaviour.
+    """
+
+
+def check_arguments(**arguments):
+    """The arguments of `run_timestep`, by parameter, as their kinds: a dict.
+
+    Raises ValueError for what has no meaning, and for what the contact solver would ignore.
+    """
+    checked = {}
+    for parameter, value in arguments.items():
+        one = BY_PARAMETER[parameter]
+        try:
+            checked[parameter] = one.checked(value, one.limitsInStep)
+        except ValueError as error:
+            raise ValueError(f"{parameter} {error}") from None
+    solver = checked.get("contactSolver")
+    for parameter, value in checked.items():
+        one = BY_PARAMETER[parameter]
+        default = one.default if one.defaultInStep is None else one.defaultInStep
+        if solver and not one.isHeededBy(solver) and value != default:
+            raise ValueError(f"{parameter} has no effect with contactSolver {solver!r}")
+    return checked

@@ -1,0 +1,570 @@
+"""The window's panels, keys and mouse: their look, and which of the viewer's functions they call.
+
+From the top: `Panel`, with its keys and mouse; the main column; the column of numbers and the
+picked body; the timeline, messages and help. It is handed the viewer whose functions it calls.
+Polyscope is imported inside the functions that use it.
+"""
+
+import math
+import time
+
+import numpy as np
+
+from rbs.appearance.colours import COLOURINGS, PICKED_COLOUR
+from rbs.appearance.pictureoptions import LOOKS
+from rbs.pictures.capture import draw_legend
+from rbs.pictures.view import LAYERS, MOST_BOXES, MOST_TRAILS, TRAIL_LENGTH, VELOCITY_SECONDS
+from rbs.scenes.messages import counted
+from rbs.stepping.reports import PHASES
+from rbs.stepping.settings import CHOSEN
+from rbs.window.helppanel import draw_help
+from rbs.window.layout import ROOMY_HEIGHT, ROOMY_WIDTH, arrange
+from rbs.window.playback import SPEEDS, speed_name
+from rbs.window.plots import ALL_PLOTS, PLOTS, Plots
+from rbs.window.widgets import (
+    NumberField,
+    Tooltips,
+    draw_choice,
+    draw_error,
+    draw_slider,
+    draw_table,
+    draw_vectors,
+)
+
+# The room for the names beside fields, and how far sums are indented, in pixels.
+LABEL_WIDTH, INDENT = 112, 18
+# The mouse moves less than this between pressing and releasing where it picks, and does not turn
+# the camera.
+CLICK_PIXELS = 4.0
+# Of the fields to type into: what their buttons + and - change, and the least and greatest value.
+FIELDS = {"timeStep": (0.005, 1e-4, 1.0)}
+# m/s: the largest push.
+MOST_PUSH = 40.0
+# Seconds that a message stays for.
+MESSAGE_SECONDS = 20.0
+# Frames a second at most; and where nobody does anything and nothing plays for so many seconds.
+FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
+# Of the switches in the section Display.
+TOOLTIPS = {
+    "ground": "The chequered plane y = 0",
+    "shadows": "Of the bodies on the ground",
+    "contacts": "Contact points and normals, towards the body with the lower number",
+    "impulses": "Normal impulse on that body; the longest arrow is the largest of the step",
+    "friction impulses": "Tangential impulse on that body",
+    "velocities": f"Of the centres of mass: how far a body comes in {VELOCITY_SECONDS:g} s",
+    "bounding boxes": f"Axis-aligned, of the first {MOST_BOXES} bodies",
+    "grid cells": f"The first {MOST_BOXES} columns of the broad phase that hold a body",
+    "trails": f"Where up to {MOST_TRAILS} centres of mass were in the last {TRAIL_LENGTH} pictures",
+}
+
+
+class Panel:
+    """The window's panels, keys and mouse: shows a Viewer and calls its functions.
+
+    Attributes: viewer; path, what is typed into the field that opens a file; isHelpShown;
+    isSideShown, whether the column of numbers is, or None for as the window's width has it; layout,
+    of the last frame.
+    """
+
+    def __init__(self, viewer):
+        self.viewer = viewer
+        self.path = ""
+        self._fields = {
+            name: NumberField(CHOSEN[name].label, name, *ends, CHOSEN[name].tooltip)
+            for name, ends in FIELDS.items()
+        }
+        self.isHelpShown = False
+        self.isSideShown = None
+        self.layout = None
+        self.plots = Plots()
+        self._lastFrame = self._lastAction = time.perf_counter()
+        self._dropped = None
+        self._pressedAt = None
+        self._told = None, 0.0  # the message that is shown, and since when
+
+    def dropped(self, paths):
+        """Polyscope's callback for files that are dropped onto the window: the last one counts."""
+        self._dropped = paths[-1]
+
+    def frame(self):
+        """Polyscope's callback: keys, panels, and the steps that are due."""
+        if self._dropped is not None:
+            self.viewer.open(self._dropped)
+            self._dropped = None
+        self._handle_keys()
+        self._handle_mouse()
+        self.lay_out()
+        self.viewer.view.spread_ground()
+        self.viewer.watch_picture()
+        text, isError = self._message()
+        Tooltips.areHidden = isError
+        self._draw_main()
+        if self.layout.side is not None:
+            self._draw_side()
+        if self.layout.timeline is not None:
+            self._draw_timeline()
+        if text:
+            self._draw_message(text, isError)
+        if self.isHelpShown:
+            left, top, width, height = self.layout.picture
+            centre = left + width / 2, top + height / 2
+            self.isHelpShown = draw_help(centre, (width, height))
+        now = time.perf_counter()
+        self.viewer.play(now - self._lastFrame)
+        self._lastFrame = now
+        self._choose_frame_rate(now)
+        self._choose_smoothness()
+
+    def lay_out(self):
+        """Works out where everything lies in the window as it is, and tells the view."""
+        import polyscope as ps
+
+        width, height = ps.get_window_size()
+        hasSide = width >= ROOMY_WIDTH if self.isSideShown is None else self.isSideShown
+        hasSide = hasSide or self.viewer.picked() is not None
+        self.layout = arrange(width, height, hasSide, self.viewer.isReplay)
+        self.viewer.view.set_margins(self.layout.margins(width, height), (width, height))
+
+    def toggle_side(self):
+        """Shows or hides the column of numbers; a picked body, which it has, is picked no more."""
+        self.isSideShown = self.layout.side is None
+        if not self.isSideShown and self.viewer.picked() is not None:
+            self.viewer.view.pick(None)
+            self.viewer.view.refresh()
+
+    def _choose_frame_rate(self, now):
+        """Draws less often while nothing happens: a window that waits should not take a core."""
+        import polyscope as ps
+        import polyscope.imgui as psim
+
+        io = psim.GetIO()
+        isMoved = any(io.MouseDelta) or any(psim.IsMouseDown(k) for k in range(3)) or io.MouseWheel
+        if self.viewer.isPlaying or isMoved or io.WantTextInput or self._isKeyDown:
+            self._lastAction = now
+        isIdle = now - self._lastAction > IDLE_SECONDS
+        ps.set_max_fps(IDLE_RATE if isIdle else FRAME_RATE)
+
+    def _choose_smoothness(self):
+        """Draws smooth edges, which take four times as long, unless bodies or the camera move."""
+        import polyscope.imgui as psim
+
+        isHeld = any(psim.IsMouseDown(k) for k in range(3)) and not psim.GetIO().WantCaptureMouse
+        self.viewer.view.set_supersampling(not (self.viewer.isPlaying or isHeld))
+
+    def _handle_keys(self):
+        import polyscope.imgui as psim
+
+        self._isKeyDown = False
+        if psim.GetIO().WantTextInput:  # somebody types into a field
+            return
+        viewer = self.viewer
+
+        def pressed(*names, repeats=False):
+            keys = [getattr(psim, f"ImGuiKey_{name}") for name in names]
+            self._isKeyDown |= any(psim.IsKeyDown(key) for key in keys)
+            return any(psim.IsKeyPressed(key, repeats) for key in keys)
+
+        if pressed("Space"):
+            viewer.toggle_play()
+        # A key that is held down steps again and again.
+        if pressed("S", "RightArrow", repeats=True):
+            viewer.step_once()
+        if pressed("LeftArrow", repeats=True) and viewer.isReplay:
+            viewer.seek(viewer.simulation.stepCount - 1)
+        if pressed("R"):
+            viewer.reset()
+        if pressed("Backspace"):
+            viewer.restart()
+        if pressed("F"):
+            viewer.view.frame_all()
+        if pressed("B"):
+            viewer.shoot(tuple(psim.GetIO().MousePos))
+        if pressed("N"):
+            self.toggle_side()
+        if pressed("H", "F1") or (pressed("Slash") and psim.GetIO().KeyShift):
+            self.isHelpShown = not self.isHelpShown
+        if pressed("Escape"):
+            self.isHelpShown = False
+
+    def _handle_mouse(self):
+        """A click that does not drag picks a body; with Ctrl, the mouse drags one."""
+        import polyscope.imgui as psim
+
+        io, viewer = psim.GetIO(), self.viewer
+        mouse = tuple(io.MousePos)
+        if psim.IsMouseClicked(0) and not io.WantCaptureMouse:
+            if io.KeyCtrl:
+                viewer.grab_at(mouse)
+            else:
+                self._pressedAt = mouse
+        if viewer.grab is not None:
+            if psim.IsMouseDown(0):
+                viewer.drag_to(mouse)
+            else:
+                viewer.release()
+        if psim.IsMouseReleased(0) and self._pressedAt is not None:
+            if math.dist(self._pressedAt, mouse) < CLICK_PIXELS:
+                viewer.pick_at(self._pressedAt)
+            self._pressedAt = None
+
+    # The main column.
+
+    def _begin(self, title, box, least=0, flags=0):
+        """Begins a panel as wide as a Box, and as high as its content, from `least` to the Box."""
+        import polyscope.imgui as psim
+
+        psim.SetNextWindowPos((box.left, box.top), psim.ImGuiCond_Always)
+        psim.SetNextWindowSizeConstraints((box.width, least), (box.width, box.height))
+        flags |= psim.ImGuiWindowFlags_NoMove | psim.ImGuiWindowFlags_AlwaysAutoResize
+        flags |= psim.ImGuiWindowFlags_NoCollapse | psim.ImGuiWindowFlags_NoBringToFrontOnFocus
+        psim.Begin(title, flags=flags)
+
+    def _draw_main(self):
+        import polyscope.imgui as psim
+
+        self._begin("Rigid bodies", self.layout.main)
+        psim.PushItemWidth(psim.GetContentRegionAvail()[0] - LABEL_WIDTH)
+        self._draw_controls()
+        self._draw_files()
+        isRoomy = self.layout.main.height >= ROOMY_HEIGHT
+        if not self.viewer.isReplay:
+            if self._section("Simulation", isRoomy, "What the steps are made with"):
+                self._draw_settings()
+        if self._section("Display", False, "Colours, and what is drawn over the bodies"):
+            self._draw_display()
+        if self._section("Save", False, "Pictures, videos, recordings and cameras"):
+            self._draw_save()
+        rows = self.viewer.view.legend()
+        if rows:
+            psim.Separator()
+            psim.PushTextWrapPos(0.0)
+            draw_legend(rows)
+            psim.PopTextWrapPos()
+        psim.PopItemWidth()
+        psim.End()
+
+    def _section(self, title, isOpen, tooltip):
+        import polyscope.imgui as psim
+
+        flags = psim.ImGuiTreeNodeFlags_DefaultOpen if isOpen else 0
+        isShown = psim.CollapsingHeader(title, flags)
+        Tooltips.tell(tooltip)
+        return isShown
+
+    def _buttons(self, *rows):
+        """A row of equally wide buttons (label, function, tooltip)."""
+        import polyscope.imgui as psim
+
+        gap = psim.GetStyle().ItemSpacing[0]
+        width = (psim.GetContentRegionAvail()[0] - gap * (len(rows) - 1)) / len(rows)
+        for place, (label, act, tooltip) in enumerate(rows):
+            if place:
+                psim.SameLine()
+            if psim.Button(label, (width, 0)):
+                act()
+            Tooltips.tell(tooltip)
+
+    def _draw_controls(self):
+        import polyscope.imgui as psim
+
+        viewer, playback = self.viewer, self.viewer.playback
+        # ### gives the button one identity, whatever it says.
+        self._buttons(
+            (
+                "Pause###play" if viewer.isPlaying else "Play###play",
+                viewer.toggle_play,
+                "Space: simulate, or stop",
+            ),
+            ("Step", viewer.step_once, "S or Right: one time step"),
+            (
+                "Reset",
+                viewer.reset,
+                "R: bodies and settings as at the start; Backspace keeps the settings",
+            ),
+        )
+        speeds = {speed_name(speed): speed for speed in SPEEDS}
+        chosen = draw_choice("speed", speed_name(playback.speed), list(speeds), "Times real time")
+        if chosen is not None:
+            playback.speed = speeds[chosen]
+        if viewer.isReplay:
+            isChanged, isBackwards = psim.Checkbox("backwards", playback.isBackwards)
+            if isChanged:
+                playback.isBackwards = isBackwards
+            Tooltips.tell("Plays towards the start")
+        pace = playback.pace()
+        psim.Text("paused" if pace is None else f"{pace:.2g} × real time")
+        self._buttons(
+            ("Help", self._toggle_help, "H, F1 or ?: all keys, and what the mouse does"),
+            ("Numbers", self.toggle_side, "N: step, milliseconds and plots, at the right"),
+        )
+
+    def _toggle_help(self):
+        self.isHelpShown = not self.isHelpShown
+
+    def _draw_files(self):
+        import polyscope.imgui as psim
+
+        viewer = self.viewer
+        tooltip = "Our scenes, and what lies beside this one; or drop a file onto the window"
+        chosen = draw_choice(
+            "scene", viewer.name(), lambda: [one[:3] for one in viewer.files()], tooltip
+        )
+        if chosen is not None:
+            viewer.open(next(one.path for one in viewer.files() if one.name == chosen))
+        flags = psim.ImGuiInputTextFlags_EnterReturnsTrue | psim.ImGuiInputTextFlags_AutoSelectAll
+        entered, self.path = psim.InputTextWithHint("open", "name or path", self.path, flags)
+        Tooltips.tell(
+            "A scene (also by its name alone), a recording (.h5) or a camera (.json); then Enter"
+        )
+        if entered and self.path.strip():
+            viewer.open(self.path.strip())
+        if viewer.simulation.recommended:
+            psim.TextWrapped(f"Scene settings: {viewer.simulation.recommended}")
+            Tooltips.tell("Settings recommended by the scene file. Reset restores them.")
+
+    def _draw_settings(self):
+        """The settings that the solver heeds, each as its table has it."""
+        import polyscope.imgui as psim
+
+        simulation = self.viewer.simulation
+        settings = simulation.settings
+        for one in CHOSEN.values():
+            isHeeded = one.isHeededBy(settings.contactSolver)
+            if not one.label or not isHeeded or one.isOfConstraints and not simulation.constraints:
+                continue
+            value = getattr(settings, one.name)
+            if one.name in self._fields:
+                self._fields[one.name].draw(settings)
+                continue
+            if one.kind is bool:
+                isChanged, value = psim.Checkbox(one.label, value)
+            elif one.sliderEnds is None:
+                value = draw_choice(one.label, value, one.kind)
+                isChanged = value is not None
+            else:
+                isChanged, value = draw_slider(one.label, value, *one.sliderEnds)
+            Tooltips.tell(one.tooltip)
+            if isChanged:
+                settings.change(one.name, value)
+                self.viewer.view.refresh()
+
+    def _draw_display(self):
+        import polyscope.imgui as psim
+
+        view = self.viewer.view
+        chosen = draw_choice("colours", view.colouring, COLOURINGS, "What bodies are coloured by")
+        if chosen is not None:
+            view.colouring = chosen
+            view.refresh()
+        self._buttons(("Frame all", view.frame_all, "F: points the camera at all bodies"))
+        isChanged, follows = psim.Checkbox("follow", view.follows)
+        if isChanged:
+            view.follows = follows
+        Tooltips.tell("The camera goes along with the picked body, or with all")
+        for name in LAYERS:
+            changed, isShown = psim.Checkbox(name, name in view.shown)
+            Tooltips.tell(TOOLTIPS.get(name, ""))
+            if changed:
+                view.show(name, isShown)
+
+    def _draw_save(self):
+        import polyscope.imgui as psim
+
+        viewer = self.viewer
+        self._buttons(
+            ("Picture", viewer.save_picture, "A PNG of what is seen, without panels, in out/"),
+            ("Camera", viewer.save_camera, "For --camera, or to be dropped onto the window"),
+        )
+        chosen = draw_choice(
+            "look",
+            viewer.look,
+            LOOKS,
+            "Of pictures: plain, as the window; or "
+            "studio, with sky light and soft shadows, in seconds",
+        )
+        viewer.look = chosen or viewer.look
+        isFilming, isRecording = viewer.video is not None, viewer.recorder is not None
+        self._buttons(
+            (
+                "Stop###video" if isFilming else "Video###video",
+                viewer.toggle_video,
+                "An .mp4 of what plays from now on, in out/",
+            ),
+            (
+                "Stop###record" if isRecording else "Record###record",
+                viewer.toggle_recording,
+                "A recording (.h5) of every step from now on, with what is done by hand, for "
+                "--replay, --resume and --verify, in out/",
+            ),
+        )
+        told = []
+        if viewer.video is not None:
+            told.append(f"video: {counted(viewer.video.count, 'frame')}")
+        if viewer.recorder is not None:
+            told.append(f"recording: {counted(viewer.recorder.frameCount - 1, 'step')}")
+        psim.Text(", ".join(told))
+
+    # The column at the right.
+
+    def _draw_side(self):
+        import polyscope.imgui as psim
+
+        viewer = self.viewer
+        self._begin("Numbers", self.layout.side)
+        psim.PushItemWidth(psim.GetContentRegionAvail()[0] - LABEL_WIDTH)
+        if viewer.picked() is not None:
+            self._draw_body()
+        self._draw_numbers()
+        if self._section("Milliseconds", True, "Where the time goes; means of the last steps"):
+            self._draw_milliseconds()
+        viewer.isMeasuring = self._section("Plots", False, "Energy, momentum and errors over time")
+        if viewer.isMeasuring:
+            chosen = draw_choice(
+                "plot",
+                self.plots.chosen,
+                [ALL_PLOTS, *PLOTS],
+                "All, or one as large as there is room",
+            )
+            self.plots.chosen = chosen or self.plots.chosen
+            self.plots.draw(viewer.history, self.layout.side.height - psim.GetCursorPosY())
+        psim.PopItemWidth()
+        psim.End()
+
+    def _draw_numbers(self):
+        import polyscope.imgui as psim
+
+        simulation = self.viewer.simulation
+        square = self.viewer.view.squareSide
+        psim.Text(f"{counted(len(simulation.meshes), 'body')}; squares of {square:g} m")
+        psim.Text(f"step {simulation.stepCount}, {simulation.time:.2f} s simulated")
+        report = simulation.report
+        if report is not None:
+            if report.hasSleepers:
+                psim.Text(f"contacts of awake bodies: {report.contactCount}")
+            else:
+                psim.Text(counted(report.contactCount, "contact"))
+            psim.Text(counted(report.candidatePairs, "broad-phase pair"))
+            if simulation.constraints:
+                visits = counted(report.constraintVisits, "constraint visit")
+                psim.Text(f"{visits}, {counted(len(simulation.constraints), 'constraint bound')}")
+
+    def _draw_milliseconds(self):
+        import polyscope.imgui as psim
+
+        frame, step = self.viewer.frame_milliseconds(), self.viewer.step_milliseconds()
+        names = {"frame": "frame; of it", "step": "step; of it", **PHASES}
+        if frame:
+            psim.Text(f"{1e3 / frame['frame']:.0f} fps ({frame['frame']:.0f} ms)")
+            Tooltips.tell("Frames drawn in a second while it plays, and the time of each")
+            draw_table([(f"{ms:.1f}", names.get(name, name)) for name, ms in frame.items()], INDENT)
+            psim.Separator()
+        if step:
+            draw_table([(f"{ms:.2f}", names.get(name, name)) for name, ms in step.items()], INDENT)
+        if not frame and not step:
+            psim.Text("They begin with the next step.")
+
+    def _draw_body(self):
+        import polyscope.imgui as psim
+
+        viewer, mesh = self.viewer, self.viewer.picked()
+        psim.SeparatorText("Body")
+        psim.ColorButton("picked", (*PICKED_COLOUR, 1.0), psim.ImGuiColorEditFlags_NoTooltip)
+        psim.SameLine()
+        psim.Text(f"{mesh.name}, {'fixed' if mesh.isFixed else 'free'}")
+        psim.TextWrapped(f"mass {mesh.mass:.4g} kg, density {mesh.density:g} kg/m³")
+        draw_vectors(
+            [
+                (name, [f"{value:.2f}" for value in values[0]], unit)
+                for name, values, unit in (
+                    ("COM", mesh.position, "m"),
+                    ("v", mesh.linVelocity, "m/s"),
+                    ("spin", mesh.angVelocity, "rad/s"),
+                )
+            ]
+        )
+        if not viewer.isReplay:
+            self._draw_body_buttons()
+        psim.Separator()
+
+    def _draw_body_buttons(self):
+        import polyscope as ps
+        import polyscope.imgui as psim
+
+        viewer, isFixed = self.viewer, self.viewer.picked().isFixed
+        if psim.Button("Free###fix" if isFixed else "Fix###fix"):
+            viewer.set_fixed(not isFixed)
+        Tooltips.tell("A fixed body has infinite mass: nothing moves it")
+        isFixed = viewer.picked().isFixed
+        psim.BeginDisabled(isFixed)
+        isChanged, speed = draw_slider("push", viewer.pushSpeed, 0.0, MOST_PUSH, "%.1f m/s")
+        if isChanged:
+            viewer.pushSpeed = speed
+        Tooltips.tell("How much faster the centre of mass is after a push")
+        camera = ps.get_view_camera_parameters()
+        right = np.array(camera.get_right_dir())
+        directions = {
+            "Away": np.array(camera.get_look_dir()),
+            "Left": -right,
+            "Right": right,
+            "Up": np.array([0.0, 1.0, 0.0]),
+        }
+        self._buttons(
+            *(
+                (
+                    name,
+                    lambda direction=direction: viewer.push(direction),
+                    "An impulse at the point that was clicked",
+                )
+                for name, direction in directions.items()
+            )
+        )
+        psim.EndDisabled()
+
+    # Below, above and over the picture.
+
+    def _draw_timeline(self):
+        import polyscope.imgui as psim
+
+        viewer, replay = self.viewer, self.viewer.simulation
+        flags = psim.ImGuiWindowFlags_NoTitleBar | psim.ImGuiWindowFlags_NoScrollbar
+        self._begin("Timeline", self.layout.timeline, self.layout.timeline.height, flags)
+        psim.Text(f"{replay.time:.2f} of {replay.lastTime:.2f} s   {replay.recording.path.name}")
+        psim.SetNextItemWidth(-1.0)
+        moved, step = psim.SliderInt(
+            "###step",
+            replay.stepCount,
+            replay.firstStep,
+            replay.lastStep,
+            f"step %d of {replay.lastStep}",
+            psim.ImGuiSliderFlags_AlwaysClamp,
+        )
+        Tooltips.tell("Drag, or Ctrl-click to type a step")
+        if moved:
+            viewer.seek(step)
+        psim.End()
+
+    def _message(self):
+        """(what is to be told, whether it is an error); for a while only."""
+        viewer = self.viewer
+        text, now = viewer.message or viewer.saved, time.perf_counter()
+        if (text, bool(viewer.message)) != self._told[0]:
+            self._told = (text, bool(viewer.message)), now
+        if now - self._told[1] > MESSAGE_SECONDS:
+            viewer.message = viewer.saved = ""
+        return text, bool(viewer.message)
+
+    def _draw_message(self, text, isError):
+        """At the upper edge of the picture, where it moves nothing."""
+        import polyscope.imgui as psim
+
+        left, top, width, _ = self.layout.picture
+        psim.SetNextWindowPos((left, top), psim.ImGuiCond_Always)
+        psim.SetNextWindowSizeConstraints((width, 0), (width, 200))
+        psim.SetNextWindowBgAlpha(0.9)
+        flags = psim.ImGuiWindowFlags_NoTitleBar | psim.ImGuiWindowFlags_AlwaysAutoResize
+        psim.Begin("Message", flags=flags | psim.ImGuiWindowFlags_NoInputs)
+        if isError:
+            draw_error(text)
+        else:
+            psim.TextWrapped(text)
+        psim.End()

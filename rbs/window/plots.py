@@ -1,0 +1,81 @@
+"""The plots of the window: quantities over time, with a cursor.
+
+Polyscope is imported inside the functions that use it.
+"""
+
+import numpy as np
+
+# In pixels: the height of each plot where all are shown, the least of one alone, and that of what
+# stands below it.
+PLOT_HEIGHT, LARGE_PLOT_HEIGHT, READING_HEIGHT = 250, 320, 70
+# Plots from top to bottom: title, and what is called how in it.
+PLOTS = {
+    "energy (J)": {
+        "kinetic": "kineticEnergy",
+        "potential": "potentialEnergy",
+        "total": "totalEnergy",
+    },
+    "momentum (kg m/s)": {"x": "momentumX", "y": "momentumY", "z": "momentumZ"},
+    "deepest penetration (m)": {"depth": "deepestPenetration"},
+    "largest constraint violation (m)": {"violation": "largestViolation"},
+}
+ALL_PLOTS = "all"
+CURSOR_COLOUR = (0.85, 0.85, 0.85, 0.8)
+
+
+class Plots:
+    """Draws PLOTS. Attributes: chosen, a title or ALL_PLOTS; cursor, where the mouse is, in s."""
+
+    def __init__(self):
+        self.chosen = ALL_PLOTS
+        self.cursor = None
+
+    def draw(self, history, room):
+        """Draws the rows (time in s, dict of quantities); of what is not known, nothing.
+
+        room : pixels, the height that there is for one plot alone
+        """
+        import polyscope.imgui as psim
+
+        if not history:
+            psim.TextWrapped("They begin with the next step.")
+            return
+        times = np.array([row[0] for row in history])
+        cursor, self.cursor = self.cursor, None
+        for title, names in PLOTS.items():
+            values = np.array([[row[1][name] for name in names.values()] for row in history])
+            if self.chosen in (ALL_PLOTS, title) and not np.all(np.isnan(values)):
+                height = max(LARGE_PLOT_HEIGHT, room - READING_HEIGHT)
+                height = PLOT_HEIGHT if self.chosen == ALL_PLOTS else height
+                self._draw_one(title, names, times, values, cursor, height)
+
+    def _draw_one(self, title, names, times, values, cursor, height):
+        import polyscope.imgui as psim
+        import polyscope.implot as implot
+
+        flags = implot.ImPlotFlags_NoMenus | implot.ImPlotFlags_NoMouseText
+        if len(names) == 1:
+            flags |= implot.ImPlotFlags_NoLegend
+        if implot.BeginPlot(title, (-1.0, height), flags):
+            fit = implot.ImPlotAxisFlags_AutoFit | implot.ImPlotAxisFlags_NoHighlight
+            implot.SetupAxes("time (s)", "", fit, fit | implot.ImPlotAxisFlags_NoLabel)
+            implot.SetupAxisFormat(implot.ImAxis_Y1, "%.3g")
+            outside = implot.ImPlotLegendFlags_Outside | implot.ImPlotLegendFlags_Horizontal
+            implot.SetupLegend(implot.ImPlotLocation_North, outside)
+            for name, column in zip(names, values.T, strict=True):
+                implot.PlotLine(name, times, np.ascontiguousarray(column))
+            if cursor is not None:
+                implot.SetNextLineStyle(CURSOR_COLOUR, 1.0)
+                noFit = implot.ImPlotItemFlags_NoFit | implot.ImPlotItemFlags_NoLegend
+                implot.PlotInfLines("##cursor", np.array([cursor]), noFit)
+            if implot.IsPlotHovered():
+                self.cursor = float(np.clip(implot.GetPlotMousePos()[0], times[0], times[-1]))
+            implot.EndPlot()
+        place = len(times) - 1 if cursor is None else int(np.argmin(np.abs(times - cursor)))
+        psim.TextWrapped(reading(times[place], list(names), values[place]))
+
+
+def reading(time, names, values):
+    """What the curves say at a time, in one line."""
+    numbers = ", ".join(f"{name} {value:.3g}" for name, value in zip(names, values, strict=True))
+    return f"at {time:.2f} s: {numbers}"

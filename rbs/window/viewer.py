@@ -1,0 +1,482 @@
+"""The window: what its buttons and keys do.
+
+It is handed what it needs: a simulation or a replay, a function that opens another file, and one
+that lists them. How the panels look is `rbs.window.panel`'s, what is drawn behind them
+`rbs.pictures.view`'s. Polyscope is imported inside the functions that use it, never with this
+module. From the top: `show_window`; `Viewer`.
+"""
+
+import os
+import time
+from collections import deque
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+from statistics import fmean
+
+import numpy as np
+
+from rbs.appearance.pictureoptions import PictureOptions, video_timing
+from rbs.pictures.cameras import apply_camera, load_camera, save_camera
+from rbs.pictures.capture import Video, VideoError, save_picture, start_view
+from rbs.recordings.recording import Recorder, RecordingError
+from rbs.scenes import changes
+from rbs.scenes.grabbing import MOST_SHOTS, Grab, shot
+from rbs.scenes.messages import counted, reason_of
+from rbs.scenes.scenefiles import scene_name
+from rbs.stepping.bodies import StateError
+from rbs.window.panel import Panel
+from rbs.window.pictureprocess import PictureProcess
+from rbs.window.playback import Playback
+
+# Frames and steps over which the milliseconds on screen are a mean: half a second's worth.
+TIMED_STEPS = 25
+# Steps that a plot goes back.
+PLOTTED_STEPS = 500
+# m/s that a push gives to a body's centre of mass.
+DEFAULT_PUSH = 8.0
+# What is said where somebody drags or shoots in a recording.
+UNCHANGEABLE = "Recordings are read-only; --resume continues from one"
+
+
+def show_window(simulation, backend, openFile, listFiles, measure, pictureOptions=None):
+    """Opens the window on a simulation or a replay; returns when it is closed.
+
+    openFile, listFiles, measure : see `Viewer`; pictureOptions : `PictureOptions`, or None
+    """
+    import polyscope as ps
+
+    options = pictureOptions or PictureOptions()
+    view = start_view(simulation, backend, replace(options, look="plain"))
+    viewer = Viewer(simulation, view, openFile, listFiles, measure, options.look)
+    panel = Panel(viewer)
+    panel.lay_out()
+    if options.camera is None:
+        view.frame_all()
+    view.set_callback(panel.frame)
+    ps.set_files_dropped_callback(panel.dropped)
+    try:
+        ps.show()
+    finally:
+        viewer.stop_video()
+        viewer.stop_recording()
+        view.set_callback(None)
+        ps.clear_files_dropped_callback()
+
+
+class Viewer:
+    """What the window's buttons and keys do, apart from how they are drawn.
+
+    Attributes: simulation, a simulation or a replay; view, a SceneView; isPlaying; playback, a
+    Playback, with the speed; pushSpeed, m/s; grab, what is dragged, or None; message, an error line
+    or ""; saved, a line about the last file that was written; video, recorder and picture, those
+    that are being written, or None; look, one of LOOKS, of pictures; isMeasuring, whether `history`
+    grows: rows of time and quantities.
+    """
+
+    def __init__(self, simulation, view, openFile, listFiles, measure, look="plain"):
+        """openFile(text, settings, folder) gives a simulation or a replay, or raises ValueError;
+        listFiles(folder) gives a list of ListedFile; measure(simulation) a dict of floats.
+        """
+        self.simulation = simulation
+        self.view = view
+        self.isPlaying = False
+        self.playback = Playback()
+        self.pushSpeed = DEFAULT_PUSH
+        self.grab = None
+        self.message = self.saved = ""
+        self.video = self.recorder = self.picture = None
+        self.look = look
+        self.isMeasuring = False
+        self.history = deque(maxlen=PLOTTED_STEPS)
+        self._openFile, self._listFiles, self._measure = openFile, listFiles, measure
+        self._settings = None if self.isReplay else simulation.settings
+        # Of each step and frame, the seconds of the whole and of its parts.
+        self._steps, self._frames = deque(maxlen=TIMED_STEPS), deque(maxlen=TIMED_STEPS)
+        self._spent = {}  # seconds of the present frame, by what they were spent on
+
+    @property
+    def isReplay(self):
+        """Whether a recording is shown, which can be sought in; else a scene is simulated."""
+        return self.simulation.isReplay
+
+    # Time.
+
+    def toggle_play(self):
+        """Plays if paused, pauses if playing. A replay that is at its end begins anew."""
+        self.isPlaying = not self.isPlaying
+        self.message = ""
+        if self.isPlaying and self.isReplay:
+            begin, end = self.simulation.firstStep, self.simulation.lastStep
+            if self.playback.isBackwards:
+                begin, end = end, begin
+            if self.simulation.stepCount == end:
+                self.seek(begin)
+                self.isPlaying = True
+
+    def play(self, elapsed):
+        """If playing, makes the steps that are due `elapsed` seconds after the last frame."""
+        if not self.isPlaying:
+            self.playback.stop()
+            if self.recorder is not None:
+                self._try_recording(self.recorder.flush)
+            return
+        if self.playback.pace() is not None:  # the first one has waited for somebody to press Play
+            self._frames.append({"frame": elapsed, **self._spent})
+        self._spent = {}
+        before = self.simulation.time
+        step = self._step_replay if self.isReplay else self._step
+        self.playback.advance(elapsed, self.simulation.settings.timeStep, step)
+        self.playback.note(elapsed, abs(self.simulation.time - before))
+        self._show()
+
+    def _step_replay(self):
+        """One step on, or back; pauses at the end. Whether it goes on."""
+        replay = self.simulation
+        with self._timed("reading the recording"):
+            replay.seek(replay.stepCount + (-1 if self.playback.isBackwards else 1))
+        self._film()
+        end = replay.firstStep if self.playback.isBackwards else replay.lastStep
+        self.isPlaying = self.isPlaying and replay.stepCount != end
+        return self.isPlaying
+
+    def _step(self):
+        """One step, if its numbers are sound; else pauses, with a message. Whether it was made."""
+        simulation = self.simulation
+        if self.isReplay:
+            simulation.step()
+            self._film()
+            return True
+        if self.grab is not None:
+            mesh = simulation.meshes[self.grab.body]
+            self._change(self.grab.change(mesh, simulation.settings.timeStep))
+        try:
+            with self._timed("simulating"):
+                simulation.step()
+        except StateError as error:
+            self.isPlaying = False
+            self.message = str(error)
+            return False
+        if simulation.report is not None:
+            self._steps.append({"step": simulation.stepSeconds, **simulation.report.seconds})
+        if self.recorder is not None:
+            with self._timed("recording"):
+                self._try_recording(lambda: self.recorder.add(simulation))
+        self._film()
+        return True
+
+    def _film(self):
+        if self.video is not None:
+            try:
+                with self._timed("filming"):
+                    self.video.add(self.simulation)
+            except OSError as error:
+                self.stop_video()
+                self.message = _cannot_write(error)
+
+    @contextmanager
+    def _timed(self, name):
+        """Adds the seconds of the `with` block to what the present frame spends on it."""
+        begin = time.perf_counter()
+        yield
+        self._spent[name] = self._spent.get(name, 0.0) + time.perf_counter() - begin
+
+    def _show(self):
+        """Draws the present state, and adds it to the plots."""
+        if self.isMeasuring:
+            self.history.append((self.simulation.time, self._measure(self.simulation)))
+        self.view.refresh()
+        self._show_grab()
+
+    def step_once(self):
+        """A single step: pauses, if playing."""
+        self.isPlaying = False
+        self.message = ""
+        self._step()
+        self._show()
+
+    def seek(self, step):
+        """Puts a replay to a step, paused."""
+        self.isPlaying = False
+        self.simulation.seek(step)
+        self.history.clear()
+        self.view.refresh()
+
+    def reset(self):
+        """Back to the start of the scene, paused, with the settings that it began with."""
+        if not self.isReplay:
+            vars(self.simulation.settings).update(vars(self.simulation.startSettings))
+        self.restart()
+
+    def restart(self):
+        """Back to the start of the scene, paused, with the present settings. The camera stays."""
+        self.stop_recording()
+        self.release()
+        self.isPlaying = False
+        self.message = ""
+        self.simulation.reset()
+        self._forget()
+        self.view.refresh()
+
+    def _forget(self):
+        for memory in (self.history, self._steps, self._frames):
+            memory.clear()
+
+    # Files.
+
+    def open(self, path):
+        """Changes to another scene or recording, paused. A broken one only leaves its error in
+        `message`. The settings go on from scene to scene.
+
+        path : also as a person types it
+        """
+        self.message = self.saved = ""
+        try:
+            if Path(path).suffix == ".json":
+                apply_camera(load_camera(os.path.expanduser(path)))
+                return
+            simulation = self._openFile(path, self._settings, self.simulation.scenePath.parent)
+        except ValueError as error:
+            self.message = str(error)
+            return
+        except OSError as error:
+            self.message = f"{path}: cannot be read ({reason_of(error)})"
+            return
+        except MemoryError:
+            self.message = f"{path}: cannot be read (there is not enough memory)"
+            return
+        self.stop_video()
+        self.stop_recording()
+        self.release()
+        self.isPlaying = False
+        self.simulation = simulation
+        if not self.isReplay:
+            self._settings = simulation.settings
+        self._forget()
+        self.view.rebuild(simulation)
+
+    def files(self):
+        """Scenes and recordings beside the current scene, and our own: list of ListedFile."""
+        return self._listFiles(self.simulation.scenePath.parent)
+
+    def name(self):
+        """What the current scene is called."""
+        return scene_name(self.simulation.scenePath)
+
+    def _out_path(self, stem, ending):
+        """A path in out/<scene> that does not exist yet; makes the folder."""
+        folder = Path("out") / self.name()
+        folder.mkdir(parents=True, exist_ok=True)
+        path, number = folder / (stem + ending), 1
+        while path.exists():
+            number += 1
+            path = folder / f"{stem}-{number}{ending}"
+        return path
+
+    def _write(self, stem, ending, write):
+        """Writes a file of a new name; tells in `saved` or `message` what came of it."""
+        self.message = ""
+        try:
+            path = self._out_path(stem, ending)
+            write(path)
+        except OSError as error:
+            self.message = _cannot_write(error)
+            return
+        self.saved = f"saved {path}"
+
+    def save_picture(self):
+        """Writes what is seen, without the panel, as a PNG in out/<scene>."""
+        if self.picture is not None:
+            return
+        stem = f"picture_{self.simulation.stepCount:06d}"
+        if self.look == "plain":
+            self._write(stem, ".png", lambda path: save_picture(path, self.view))
+        else:
+            self._write(stem, ".png", self._begin_picture)
+            self.watch_picture()
+
+    def _begin_picture(self, path):
+        self.picture = PictureProcess(path, self.view)
+
+    def watch_picture(self):
+        """Tells how far a studio picture is that is being drawn, if there is one."""
+        picture = self.picture
+        if picture is None:
+            return
+        if picture.poll():
+            self.saved = f"drawing {picture.path}: {100.0 * picture.fraction:.0f} %"
+            return
+        self.picture = None
+        self.saved = "" if picture.error else f"saved {picture.path}"
+        self.message = picture.error and f"no picture: {picture.error}"
+
+    def save_camera(self):
+        """Writes the camera, for --camera or to be dropped onto the window."""
+        self._write("camera", ".json", save_camera)
+
+    def toggle_video(self):
+        """Begins a video of what is played from now on, or ends it."""
+        if self.video is not None:
+            self.stop_video()
+            return
+        self.message = ""
+        try:
+            rate, every = video_timing(self.simulation.settings.timeStep)
+            self.video = Video(self._out_path("video", ".mp4"), self.view, rate, every)
+        except VideoError as error:
+            self.message = str(error)
+        except OSError as error:
+            self.message = _cannot_write(error)
+        else:
+            self.view.set_resizable(False)  # all pictures of a video are of one size
+            self._film()
+
+    def stop_video(self):
+        """Ends the video, if there is one."""
+        if self.video is not None:
+            video, self.video = self.video, None
+            self.view.set_resizable(True)
+            try:
+                video.save(self.simulation)
+            except OSError as error:
+                video.close()
+                self.message = _cannot_write(error)
+            else:
+                self.saved = f"saved {video.path}, {counted(video.count, 'picture')}"
+
+    def toggle_recording(self):
+        """Begins a recording of what is simulated from now on, or ends it."""
+        if self.recorder is not None:
+            self.stop_recording()
+            return
+        self.message = UNCHANGEABLE if self.isReplay else ""
+        if self.isReplay:
+            return
+        try:
+            self.recorder = Recorder(self._out_path("recording", ".h5"))
+        except OSError as error:
+            self.message = _cannot_write(error)
+        else:
+            self._try_recording(lambda: self.recorder.add(self.simulation))
+
+    def stop_recording(self):
+        """Ends the recording, if there is one, with the last step that was made."""
+        if self.recorder is not None:
+            recorder, steps = self.recorder, self.recorder.frameCount - 1
+            self._try_recording(recorder.save)
+            if self.recorder is not None:
+                self.recorder = None
+                self.saved = f"saved {recorder.path}, {counted(steps, 'step')}"
+
+    def _try_recording(self, act):
+        """Does something to the recording; where it cannot be written, ends it, and says so."""
+        try:
+            act()
+        except (OSError, RecordingError) as error:
+            recorder, self.recorder = self.recorder, None
+            with suppress(OSError):  # said below
+                recorder.close()
+            self.message = _cannot_write(error)
+
+    # Bodies.
+
+    def _change(self, change):
+        """Does a `Change` to the bodies, and records it."""
+        self.simulation.change(change)
+        if self.recorder is not None:
+            self.recorder.note(self.simulation, change)
+
+    def grab_at(self, pixel):
+        """Holds the body that is seen at a pixel, at the point that is seen, to be dragged."""
+        self.release()
+        body, point = self.view.body_at(pixel)
+        if body is None:
+            return
+        if self.isReplay:
+            self.message = UNCHANGEABLE
+        elif self.simulation.meshes[body].isFixed:
+            self.message = f"{self.simulation.meshes[body].name} is fixed"
+        else:
+            self.message = ""
+            self.grab = Grab(self.simulation.meshes[body], body, point)
+            self._grabDistance = self.view.distance_of(point)
+
+    def drag_to(self, pixel):
+        """Moves the hand to a pixel, as far from the camera as the body was picked up."""
+        if self.grab is not None:
+            self.grab.target = self.view.point_at(pixel, self._grabDistance)
+            self._show_grab()
+
+    def release(self):
+        """Lets go: what is dragged keeps its velocity, and is thrown."""
+        if self.grab is not None:
+            self.grab = None
+            self.view.show_spring(None)
+
+    def _show_grab(self):
+        if self.grab is not None:
+            mesh = self.simulation.meshes[self.grab.body]
+            self.view.show_spring((self.grab.point(mesh), self.grab.target))
+
+    def shoot(self, pixel):
+        """Shoots a ball into the scene, from the camera towards a pixel."""
+        simulation = self.simulation
+        self.message = ""
+        if self.isReplay:
+            self.message = UNCHANGEABLE
+        elif simulation.submitted is not None:
+            self.message = "with --functions nothing can be shot: they know the scene's bodies only"
+        elif len(simulation.meshes) - simulation.sceneCount >= MOST_SHOTS:
+            self.message = f"{MOST_SHOTS} balls have been shot: R takes them out"
+        else:
+            self._change(shot(simulation.meshes, self.view.size, *self.view.aim(pixel)))
+            self.view.refresh()
+
+    def pick_at(self, pixel):
+        """Picks the body at a pixel of the window, or none."""
+        self.view.pick(*self.view.body_at(pixel))
+        self.view.refresh()
+
+    def picked(self):
+        """The picked Mesh, or None."""
+        return None if self.view.picked is None else self.simulation.meshes[self.view.picked]
+
+    def push(self, direction):
+        """Pushes the picked body along a unit direction (3,), at the point that was clicked."""
+        mesh = self.picked()
+        impulse = mesh.mass * self.pushSpeed * np.asarray(direction)
+        self._change(changes.push(self.view.picked, impulse, self.view.picked_point()))
+        self.view.refresh()
+
+    def set_fixed(self, isFixed):
+        """Fixes or frees the picked body."""
+        self._change(changes.fix(self.view.picked, isFixed))
+        self.view.refresh()
+
+    # Numbers.
+
+    def step_milliseconds(self):
+        """Means of the last steps: see `_mean_milliseconds`; of "step", each phase, and "other"."""
+        return _mean_milliseconds(self._steps, "other")
+
+    def frame_milliseconds(self):
+        """Likewise of the last frames while it played: of "frame", and what it was spent on."""
+        return _mean_milliseconds(self._frames, "drawing, waiting")
+
+
+def _mean_milliseconds(rows, rest):
+    """Means in ms: a dict, first of the whole, which is the sum of the others; last, of the rest.
+
+    rows : dicts of seconds, first of the whole, then of its parts; where there are none, nor are
+    there means
+    """
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    means = {name: 1e3 * fmean(row.get(name, 0.0) for row in rows) for name in names}
+    if means:
+        means[rest] = means[names[0]] - sum(means[name] for name in names[1:])
+    return means
+
+
+def _cannot_write(error):
+    """What the window says of an OSError or RecordingError."""
+    return f"cannot write: {reason_of(error)}"

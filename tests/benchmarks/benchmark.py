@@ -1,0 +1,109 @@
+"""Measures milliseconds per step.
+
+    python tests/benchmarks/benchmark.py SCENE … [--steps N] [--from K]
+
+Prints the median, with the quartiles, of the whole step and of each of its phases, over the steps
+from K to N, and on which scene and machine that was. Where several scenes or schedulings are given
+they take turns step by step, so that a busy machine is busy for all of them.
+"""
+
+import argparse
+import itertools
+import os
+import platform
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+import scipy
+
+from rbs.scenes.scenefiles import find_scene, scene_name
+from rbs.scenes.simulation import Settings, Simulation
+from rbs.stepping.settings import CONSTRAINT_SCHEDULINGS
+
+
+def describe_machine():
+    """Processor, cores and versions, for the first line of what is printed."""
+    processor = platform.processor() or platform.machine()
+    if Path("/proc/cpuinfo").is_file():
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+        processor = names[0] if names else processor
+    return (
+        f"{processor}, {os.cpu_count()} cores, Python {platform.python_version()}, "
+        f"NumPy {np.__version__}, SciPy {scipy.__version__}"
+    )
+
+
+def measure(simulations, steps, begin):
+    """Runs the simulations side by side; each one's `(seconds, StepReport)` from step `begin`."""
+    series = [[] for _ in simulations]
+    for step in range(steps):
+        for simulation, kept in zip(simulations, series, strict=True):
+            simulation.step()
+            if step >= begin:
+                kept.append((simulation.stepSeconds, simulation.report))
+    return series
+
+
+def quartiles(seconds):
+    """Median and quartiles in milliseconds, as text."""
+    low, median, high = np.percentile(1e3 * np.array(seconds), (25, 50, 75))
+    return f"{median:8.2f} ({low:.2f} – {high:.2f})"
+
+
+def print_result(title, kept):
+    """One block of the output: the step, its phases, and what was counted."""
+    seconds, reports = zip(*kept, strict=True)
+    print(f"\n{title}\n  {'whole step':<12} {quartiles(seconds)} ms")
+    for phase in reports[0].seconds:
+        print(f"  {phase:<12} {quartiles([report.seconds[phase] for report in reports])} ms")
+    pairs = np.median([report.candidatePairs for report in reports])
+    contacts = np.median([len(report.contacts) for report in reports])
+    visits = np.mean([report.constraintVisits for report in reports])
+    print(
+        f"  {pairs:g} broad-phase pairs, {contacts:g} contacts (medians), "
+        f"{visits:g} constraint visits (mean)"
+    )
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scenes", metavar="SCENE", nargs="+", help="file, or name of one in data/")
+    parser.add_argument("--steps", type=int, default=300, metavar="N")
+    parser.add_argument("--from", type=int, default=100, metavar="K", dest="begin")
+    parser.add_argument("--restitution", type=float, default=0.5, metavar="E")
+    parser.add_argument(
+        "--scheduling",
+        nargs="+",
+        default=["sweep"],
+        metavar="NAME",
+        choices=CONSTRAINT_SCHEDULINGS,
+        help=", ".join(CONSTRAINT_SCHEDULINGS),
+    )
+    options = parser.parse_args()
+
+    runs = list(itertools.product(map(find_scene, options.scenes), options.scheduling))
+    simulations = [
+        Simulation(scene, Settings(options.restitution, constraintScheduling=scheduling))
+        for scene, scheduling in runs
+    ]
+    print(describe_machine())
+    print(
+        f"steps {options.begin} to {options.steps}, restitution {options.restitution:g}, "
+        "median (quartiles)"
+    )
+    series = measure(simulations, options.steps, options.begin)
+    for (scene, scheduling), simulation, kept in zip(runs, simulations, series, strict=True):
+        constraints = len(simulation.constraints)
+        title = f"{scene_name(scene)}: {len(simulation.meshes)} bodies"
+        if constraints:
+            title += f", {constraints} constraints, {scheduling}"
+        print_result(title, kept)
+
+
+if __name__ == "__main__":
+    main()

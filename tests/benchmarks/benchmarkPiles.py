@@ -1,0 +1,456 @@
+"""Milliseconds per step against the number of bodies: `python tests/benchmarks/benchmarkPiles.py`.
+
+    python tests/benchmarks/benchmarkPiles.py --sizes 50 200 1000 --kinds pile --windows 200-300
+    python tests/benchmarks/benchmarkPiles.py --sizes 200 1000 --kinds heap --peers
+
+Scenes are those of data/make_pile.py. Each is run without friction and with it; see MATERIALS. For
+each kind, size and material, the runs take turns step by step, so that a busy machine is busy for
+all of them: the basic loop over all pairs up to --all-up-to bodies, and the grid; with --peers also
+MuJoCo and PyBullet, where they are installed (`pip install mujoco pybullet`), on the same hulls,
+poses, densities and time step, with the same friction and, in PyBullet, the same restitution.
+
+Prints, for every window of steps, medians with quartiles, contacts a body and growth exponents, and
+writes piles.csv, and piles.png and phases.png where matplotlib is installed. A contact is a pair
+that touches, however many points a peer makes of it.
+"""
+
+import argparse
+import csv
+import functools
+import importlib.util
+import itertools
+import math
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from benchmark import describe_machine
+
+from rbs.scenes.scenefiles import DATA_FOLDER
+from rbs.scenes.simulation import Settings, Simulation
+from rbs.stepping.reports import PHASES
+
+TIME_STEP = 0.02
+SIZES = [50, 200, 1000, 2000, 5000, 10000]
+KINDS = {"pile": [], "spread": ["--spread"], "heap": ["--heap"]}
+# Steps that are measured, the last one not included: those in which a heap collapses, and those in
+# which what is left of it moves slowly.
+WINDOWS = ["200-300", "500-600"]
+
+
+class Material(NamedTuple):
+    """What bodies are made of, and the ground too."""
+
+    friction: float  # Coulomb's μ
+    restitution: float
+
+
+MATERIALS = {"no friction": Material(0.0, 0.5), "friction 0.5": Material(0.5, 0.0)}
+OWN = {"all pairs": {}, "grid": {"broadPhase": "grid"}}
+COLUMNS = [
+    "kind",
+    "bodies",
+    "material",
+    "run",
+    "steps",
+    "milliseconds",
+    "low quartile",
+    "high quartile",
+    "candidate pairs",
+    "contacts",
+    "contacts a body",
+    *PHASES,
+    "peak memory MB",
+]
+# Okabe and Ito's colours, told apart by the colour-blind.
+COLOURS = ["#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"]
+
+
+class OwnRun:
+    """This program on a scene file."""
+
+    def __init__(self, scene, material, **settings):
+        settings = Settings(material.restitution, TIME_STEP, friction=material.friction, **settings)
+        self.simulation = Simulation(scene, settings)
+
+    def step(self):
+        self.simulation.step()
+
+    def counts(self):
+        """`(candidate pairs, contacts, seconds by phase)` of the last step."""
+        report = self.simulation.report
+        return report.candidatePairs, len(report.contacts), report.seconds
+
+
+class MuJoCoRun:
+    """MuJoCo on the bodies of a simulation; a plane stands for the ground.
+
+    Of the friction of two geoms it takes the greater. It has no restitution: contacts are springs
+    with dampers, by default critically damped, so that bodies hardly bounce.
+    """
+
+    def __init__(self, simulation, material, solver="newton"):
+        """solver : "newton", MuJoCo's default, or "cg" """
+        import mujoco
+
+        self.mujoco = mujoco
+        spec = mujoco.MjSpec()
+        spec.option.timestep = TIME_STEP
+        spec.option.gravity = (0.0, -9.8, 0.0)
+        spec.option.solver = getattr(mujoco.mjtSolver, f"mjSOL_{solver.upper()}")
+        # left to itself, MuJoCo asks for more memory than there is from some thousand bodies on
+        spec.memory = max(2**30, len(simulation.meshes) * 2**18)
+        # a normal alone, or with two directions to slide in; no friction of torsion or rolling
+        surface = {"condim": 3, "friction": (material.friction, 0, 0)}
+        if material.friction == 0:
+            surface = {"condim": 1}
+        # the plane's normal is its z axis: turned to y
+        spec.worldbody.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_PLANE,
+            size=(1, 1, 1),
+            quat=(math.sqrt(0.5), -math.sqrt(0.5), 0, 0),
+            **surface,
+        )
+        known = {}
+        for mesh in simulation.meshes:
+            if id(mesh.hull) not in known:
+                known[id(mesh.hull)] = f"mesh{len(known)}"
+                spec.add_mesh(name=known[id(mesh.hull)], uservert=mesh.hull.vertices.ravel())
+            body = spec.worldbody.add_body(pos=mesh.position[0], quat=mesh.orientation[0])
+            body.add_freejoint()
+            body.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_MESH,
+                meshname=known[id(mesh.hull)],
+                density=mesh.density,
+                **surface,
+            )
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+
+    def step(self):
+        self.mujoco.mj_step(self.model, self.data)
+
+    def counts(self):
+        pairs = np.sort(self.data.contact.geom[: self.data.ncon], axis=1)
+        return None, len(np.unique(pairs, axis=0)), {}
+
+
+class PyBulletRun:
+    """PyBullet on the bodies of a simulation; a plane stands for the ground.
+
+    It multiplies the frictions of two bodies, and so their restitutions: each body has the root.
+    """
+
+    def __init__(self, simulation, material):
+        import pybullet
+
+        self.pybullet = pybullet
+        self.client = pybullet.connect(pybullet.DIRECT)
+        pybullet.setTimeStep(TIME_STEP, physicsClientId=self.client)
+        pybullet.setGravity(0.0, -9.8, 0.0, physicsClientId=self.client)
+        plane = pybullet.createCollisionShape(
+            pybullet.GEOM_PLANE, planeNormal=(0, 1, 0), physicsClientId=self.client
+        )
+        bodies = [pybullet.createMultiBody(0, plane, physicsClientId=self.client)]
+        shapes = {}
+        for mesh in simulation.meshes:
+            if id(mesh.hull) not in shapes:
+                shapes[id(mesh.hull)] = pybullet.createCollisionShape(
+                    pybullet.GEOM_MESH,
+                    vertices=mesh.hull.vertices.tolist(),
+                    physicsClientId=self.client,
+                )
+            w, *xyz = mesh.orientation[0].tolist()
+            bodies.append(
+                pybullet.createMultiBody(
+                    mesh.mass,
+                    shapes[id(mesh.hull)],
+                    -1,
+                    mesh.position[0].tolist(),
+                    (*xyz, w),
+                    useMaximalCoordinates=1,
+                    physicsClientId=self.client,
+                )
+            )
+        for body in bodies:
+            pybullet.changeDynamics(
+                body,
+                -1,
+                lateralFriction=math.sqrt(material.friction),
+                restitution=math.sqrt(material.restitution),
+                physicsClientId=self.client,
+            )
+
+    def step(self):
+        self.pybullet.stepSimulation(physicsClientId=self.client)
+
+    def counts(self):
+        points = self.pybullet.getContactPoints(physicsClientId=self.client) or ()
+        touching = {(point[1], point[2]) for point in points if point[8] <= 0}  # the distance
+        return None, len(touching), {}
+
+
+# name in the table → package, what makes the run
+PEERS = {
+    "MuJoCo": ("mujoco", MuJoCoRun),
+    "MuJoCo, CG": ("mujoco", functools.partial(MuJoCoRun, solver="cg")),
+    "PyBullet": ("pybullet", PyBulletRun),
+}
+
+
+def make_scene(kind, count, folder):
+    """A scene file of data/make_pile.py, in `folder`, with the meshes beside it."""
+    command = [sys.executable, DATA_FOLDER / "make_pile.py", str(count), *KINDS[kind]]
+    path = Path(folder) / f"{kind}_{count}-scene.txt"
+    subprocess.run([*command, "--out", path], check=True)
+    for mesh in DATA_FOLDER.glob("*.mesh"):
+        shutil.copy(mesh, folder)
+    return path
+
+
+def make_runs(scene, count, material, options):
+    """Name → run, for everything that is asked for."""
+    runs = {
+        name: OwnRun(scene, material, **settings)
+        for name, settings in OWN.items()
+        if name != "all pairs" or count <= options.all_up_to
+    }
+    if options.peers:
+        simulation = Simulation(scene)
+        for name, (package, peer) in PEERS.items():
+            if not importlib.util.find_spec(package):
+                continue
+            try:
+                runs[name] = peer(simulation, material)
+            except (ValueError, MemoryError) as error:  # some do not take so many
+                print(f"{name} left out at {count} bodies: {error}")
+    return runs
+
+
+def read_window(text):
+    """A range of steps from "K-N"; raises ValueError."""
+    begin, end = map(int, text.split("-"))
+    if not 0 <= begin < end:
+        raise ValueError("no step is in there")
+    return range(begin, end)
+
+
+def measure(runs, windows):
+    """Steps the runs in turns; (window, name) → list of `(seconds, counts)`, one a step."""
+    kept = {key: [] for key in itertools.product(windows, runs)}
+    for step in range(max(window.stop for window in windows)):
+        for name, run in runs.items():
+            begin = time.perf_counter()
+            run.step()
+            seconds = time.perf_counter() - begin
+            inside = [window for window in windows if step in window]
+            counts = run.counts() if inside else None
+            for window in inside:
+                kept[window, name].append((seconds, counts))
+    return kept
+
+
+def row_of(kind, count, material, name, window, kept):
+    """One line of the table: a dict with the COLUMNS as its keys."""
+    seconds, counts = zip(*kept, strict=True)
+    low, median, high = np.percentile(1e3 * np.array(seconds), (25, 50, 75))
+    pairs, contacts, phases = zip(*counts, strict=True)
+    times = {
+        phase: f"{1e3 * np.median([seconds[phase] for seconds in phases]):.3f}"
+        for phase in phases[0]
+    }
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return {
+        "kind": kind,
+        "bodies": count,
+        "material": material,
+        "run": name,
+        "steps": f"{window.start}-{window.stop}",
+        "milliseconds": f"{median:.3f}",
+        "low quartile": f"{low:.3f}",
+        "high quartile": f"{high:.3f}",
+        "candidate pairs": "" if pairs[0] is None else f"{np.median(pairs):g}",
+        "contacts": f"{np.median(contacts):g}",
+        "contacts a body": f"{np.median(contacts) / count:.2f}",
+        **times,
+        "peak memory MB": f"{peak:.0f}",
+    }
+
+
+def group_of(row):
+    """What rows have in common that stand in one plot."""
+    return row["kind"], row["material"], row["steps"]
+
+
+def print_row(row, reference):
+    """Prints a row, with its ratio to the reference in ms."""
+    kind, material, steps = group_of(row)
+    ratio = float(row["milliseconds"]) / reference
+    details = [f"{row['contacts a body']} contacts a body"]
+    if row["candidate pairs"]:
+        details.append(f"{row['candidate pairs']} pairs")
+    details += [f"{phase} {float(row[phase]):.1f}" for phase in PHASES if row.get(phase)]
+    print(
+        f"{kind:<7}{row['bodies']:>6} {material:<13}{steps:<8} {row['run']:<11}"
+        f"{float(row['milliseconds']):9.2f} ms "
+        f"({float(row['low quartile']):.2f} – {float(row['high quartile']):.2f}), "
+        f"{ratio:5.2f} × the grid; {', '.join(details)}",
+        flush=True,
+    )
+
+
+def print_growth(rows):
+    """Prints d log(time) / d log(bodies) between the sizes, for each group and run."""
+    for group, run in dict.fromkeys((group_of(row), row["run"]) for row in rows):
+        own = [
+            (row["bodies"], float(row["milliseconds"]))
+            for row in rows
+            if (group_of(row), row["run"]) == (group, run)
+        ]
+        for (n1, t1), (n2, t2) in itertools.pairwise(own):
+            exponent = math.log(t2 / t1) / math.log(n2 / n1)
+            kind, material, steps = group
+            print(
+                f"{kind:<7}{material:<13}{steps:<8} {run:<11} {n1:>6} to {n2:>6}: "
+                f"time grows as N^{exponent:.2f}"
+            )
+
+
+def draw(rows, folder):
+    """piles.png and phases.png, a panel a group; says so where matplotlib is missing."""
+    if not importlib.util.find_spec("matplotlib"):
+        print("no plots: pip install matplotlib")
+        return
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    groups = list(dict.fromkeys(map(group_of, rows)))
+    names = list(dict.fromkeys(row["run"] for row in rows))
+    for draw_panel, file in ((draw_times, "piles.png"), (draw_phases, "phases.png")):
+        figure, axes = pyplot.subplots(
+            1, len(groups), figsize=(4 * len(groups) + 1, 4), sharey=True, squeeze=False
+        )
+        for axis, group in zip(axes[0], groups, strict=True):
+            draw_panel(axis, [row for row in rows if group_of(row) == group], names)
+            axis.set(title=", ".join(group), xlabel="bodies")
+            axis.label_outer()
+        axes[0][0].legend(frameon=False, fontsize="small")
+        figure.tight_layout()
+        figure.savefig(folder / file, dpi=150)
+        pyplot.close(figure)
+
+
+def draw_times(axis, rows, names):
+    """Milliseconds against bodies: a line a run, of those named."""
+    for name, colour in zip(names, COLOURS, strict=False):
+        own = [row for row in rows if row["run"] == name]
+        axis.loglog(
+            [row["bodies"] for row in own],
+            [float(row["milliseconds"]) for row in own],
+            "o-",
+            color=colour,
+            label=name,
+        )
+    axis.axhline(1e3 * TIME_STEP, color="0.6", linewidth=1, linestyle=":")
+    axis.set(ylabel="milliseconds per step (dotted: real time)")
+    axis.grid(which="major", color="0.9")
+
+
+def draw_phases(axis, rows, _names):
+    """What share of the grid's step each phase has, a bar a number of bodies."""
+    own = [row for row in rows if row["run"] == "grid"]
+    bottom = np.zeros(len(own))
+    phases = [phase for phase in PHASES if any(row.get(phase) for row in own)]
+    for phase, colour in zip(phases, COLOURS[1:], strict=False):
+        share = np.array([float(row[phase]) / float(row["milliseconds"]) for row in own])
+        axis.bar(
+            [str(row["bodies"]) for row in own], share, bottom=bottom, color=colour, label=phase
+        )
+        bottom += share
+    axis.set(ylabel="share of the grid's step", ylim=(0, 1))
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--sizes", nargs="+", type=int, default=SIZES, metavar="N")
+    parser.add_argument(
+        "--kinds",
+        nargs="+",
+        choices=KINDS,
+        default=list(KINDS),
+        metavar="KIND",
+        help=", ".join(KINDS),
+    )
+    parser.add_argument(
+        "--materials",
+        nargs="+",
+        choices=MATERIALS,
+        default=list(MATERIALS),
+        metavar="NAME",
+        help=f"of {', '.join(map(repr, MATERIALS))}",
+    )
+    parser.add_argument(
+        "--windows",
+        nargs="+",
+        type=read_window,
+        metavar="K-N",
+        default=[read_window(window) for window in WINDOWS],
+        help=f"steps that are measured (default: {' '.join(WINDOWS)})",
+    )
+    parser.add_argument(
+        "--all-up-to",
+        type=int,
+        default=1000,
+        metavar="N",
+        help="largest scene for the loop over all pairs (default: %(default)s)",
+    )
+    parser.add_argument("--peers", action="store_true", help="MuJoCo and PyBullet as well")
+    parser.add_argument("--out", type=Path, default=Path("out/benchmark"), metavar="DIR")
+    options = parser.parse_args()
+
+    options.out.mkdir(parents=True, exist_ok=True)
+    print(describe_machine())
+    print(f"medians (quartiles); steps of {TIME_STEP} s")
+    for name, material in MATERIALS.items():
+        print(f"{name}: μ = {material.friction:g}, restitution {material.restitution:g}")
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for case in itertools.product(options.kinds, options.sizes, options.materials):
+            kind, count, material = case
+            runs = make_runs(make_scene(kind, count, folder), count, MATERIALS[material], options)
+            new = [
+                row_of(*case, name, window, kept)
+                for (window, name), kept in measure(runs, options.windows).items()
+            ]
+            for row in new:
+                grid = next(
+                    other
+                    for other in new
+                    if other["run"] == "grid" and group_of(other) == group_of(row)
+                )
+                print_row(row, float(grid["milliseconds"]))
+            rows += new
+    print_growth(rows)
+    with (options.out / "piles.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS)
+        writer.writeheader()
+        writer.writerows(rows)
+    draw(rows, options.out)
+    print(f"written to {options.out}")
+
+
+if __name__ == "__main__":
+    main()

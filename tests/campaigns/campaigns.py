@@ -1,0 +1,494 @@
+"""Campaigns: random and hostile input for as long as is wanted, against independent answers.
+
+    python tests/campaigns/campaigns.py CAMPAIGN [--minutes 10] [--seed 1]
+
+CAMPAIGN is one of
+    pairs    `is_collide` against whole-number arithmetic and stretched Minkowski differences:
+             needles, blades, lattices and solids; overlapping, kissing and apart; up to 1e7 from
+             the origin, and from 1e-30 to 1e11 in size
+    bits     hostile scenes: pair by pair against the grid, the sweep against the queue, a list that
+             has been stepped against fresh copies of it, and the soft-step solver twice and after
+             it was saved and restored; all bit by bit
+    changes  meshes changed between steps, in every way that Python offers, against meshes built
+             anew
+
+Prints counts, and each failure with the number of its case, which `--case N` runs alone; ends with
+exit code 1 if there was one.
+"""
+
+import argparse
+import collections
+import copy
+import itertools
+import math
+import sys
+import time
+import traceback
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+import oracles
+from oracles import IDENTITY, SHAPES, body, quaternion, random_quaternions, turned
+
+import GJK
+from rbs.geometry.hulls import TOUCH_TOLERANCE
+from rbs.softstep.step import SolverState
+from rbs.stepping.bodies import StateError
+from RBSFunctions import run_timestep
+
+EPS = np.finfo(float).eps
+# At most so many are printed.
+MOST_FAILURES = 20
+
+
+# --------------------------------------------------------------------------------------------------
+# Pairs
+# --------------------------------------------------------------------------------------------------
+
+# Shapes of so few vertices that whole-number arithmetic takes milliseconds; the others are judged
+# by Qhull.
+FEW = ("tetrahedron", "box", "octahedron", "long-octahedron")
+MOST_EXACT_POINTS = 20
+SIZES = (1e-30, 1e-12, 1e-6, 1e6, 1e11)
+
+
+def unit_shape(name):
+    vertices = oracles.vertices_of(name)
+    return vertices / np.abs(vertices).max(axis=0)
+
+
+def point_set(rng, kind):
+    """Points (n, 3) of some kind, about 1 in size, near the origin."""
+    if kind == "lattice":
+        return rng.integers(-2, 3, size=(rng.integers(4, 9), 3)) * 0.5
+    elif kind == "curved":
+        points = unit_shape(rng.choice(["cylinder", "ellipsoid"]))
+    else:
+        points = unit_shape(rng.choice(FEW)) * thinness(rng, kind)
+    return turned(points, random_quaternions(rng, 1)[0])
+
+
+def thinness(rng, kind):
+    """Three factors: all about 1 of a solid, one or two of 1e-3 to 1e-1 of blades and needles."""
+    if kind == "solid":
+        return rng.uniform(0.3, 1.0, 3)
+    thin = 10.0 ** rng.uniform(-3.0, -1.0)
+    return np.array([1.0, thin if kind == "needle" else rng.uniform(0.3, 1.0), thin])
+
+
+KINDS = ("lattice", "curved", "solid", "needle", "blade")
+
+
+def aligned_pair(rng):
+    """Two needles or blades in nearly the same place, with nearly the same axes."""
+    factors = thinness(rng, rng.choice(["needle", "blade"]))
+    names = rng.choice(SHAPES, 2)
+    points1 = unit_shape(names[0]) * factors
+    points2 = unit_shape(names[1]) * factors * rng.uniform(0.5, 2.0)
+    if rng.random() < 0.5:
+        points2 = turned(points2, quaternion(rng.normal(size=3), 10.0 ** rng.uniform(-12.0, -2.0)))
+    points2 = points2 + rng.normal(size=3) * factors * rng.choice([0.0, 0.3, 1.0])
+    q = random_quaternions(rng, 1)[0]
+    return turned(points1, q), turned(points2, q)
+
+
+def random_pair(rng, counts):
+    """`(points1, points2)`: overlapping, kissing or apart; somewhere, and of some size."""
+    if rng.random() < 0.2:
+        counts["aligned needles and blades"] += 1
+        pair = aligned_pair(rng)
+    else:
+        kinds = rng.choice(KINDS, 2)
+        points1, points2 = (point_set(rng, kind) for kind in kinds)
+        if rng.random() < 0.3:
+            normal = rng.normal(size=3)
+            normal /= np.linalg.norm(normal)
+            shift = -oracles.gap_along(points1, points2, normal) * normal
+            counts["kissing"] += 1
+        else:
+            shift = rng.normal(size=3) * rng.choice([0.0, 0.3, 1.0])
+        pair = points1, points2 + (np.round(2 * shift) / 2 if "lattice" in kinds else shift)
+    if rng.random() < 0.3:
+        counts["far from the origin"] += 1
+        away = 10.0 ** rng.uniform(0.0, 7.0) * rng.normal(size=3)
+        return tuple(points + away for points in pair)
+    if rng.random() < 0.3:
+        counts["of extreme size"] += 1
+        size = rng.choice(SIZES)
+        return tuple(points * size for points in pair)
+    return pair
+
+
+def oracle_depth(points1, points2):
+    """`(depth, isExact)`; a negative depth is minus the distance if exact, else only a sign."""
+    if len(points1) + len(points2) <= MOST_EXACT_POINTS:
+        return oracles.exact_depth(points1, points2), True
+    # near the origin, and about 1 in size: neither changes a digit that counts
+    unit = math.ldexp(1.0, math.frexp(max(np.abs(points1).max(), np.abs(points2).max()))[1] - 1)
+    points1, points2 = points1 / unit, points2 / unit
+    middle = points1[0]
+    return oracles.thin_depth(points1 - middle, points2 - middle) * unit, False
+
+
+def pairs(rng, counts):
+    """A pair: verdict, depth, normal and point; returns a list of complaints."""
+    points1, points2 = random_pair(rng, counts)
+    try:
+        isCollision, depth, normal, point = GJK.is_collide(points1, points2)
+    except ValueError as error:
+        counts["refused in words"] += 1
+        extents = [np.linalg.svd(p - p.mean(axis=0))[1] for p in (points1, points2)]
+        isFlat = any(extent[-1] < 1e-5 * extent[0] for extent in extents)
+        return [] if isFlat else [f"refused: {error}"]
+    expected, isExact = oracle_depth(points1, points2)
+    counts["judged in whole numbers" if isExact else "judged by Qhull"] += 1
+    counts["collide"] += isCollision
+    size = oracles.size_of(points1, points2)
+    largest = max(np.abs(points1).max(), np.abs(points2).max())
+    # what coordinates are rounded by, relative to the size and to where they are
+    rounding = 16 * EPS * (size + largest)
+    if not isCollision:
+        return [f"a miss, {expected:g} deep"] if expected > rounding else []
+    found = []
+    if expected < -(TOUCH_TOLERANCE * size + rounding):
+        # Qhull's is no distance: a corner may be as near as it likes
+        found.append(f"hit, {-expected:g} apart") if isExact else None
+    elif abs(depth - max(expected, 0.0)) > rounding:
+        found.append(f"depth {depth:g} where it is {expected:g}, size {size:g}")
+    if not abs(np.linalg.norm(normal) - 1.0) < 1e-14:
+        found.append(f"a normal of the length {np.linalg.norm(normal)}")
+    if not abs(oracles.gap_along(points1, points2, normal) + depth) <= rounding:
+        found.append("moved by the depth along the normal, they do not touch")
+    heights = (points2 - point) @ normal[0]
+    if not abs(heights.min()) <= 1e-9 * size + rounding:
+        found.append("the point is not at the lowest feature of hull 2")
+    return found
+
+
+# --------------------------------------------------------------------------------------------------
+# Same bits
+# --------------------------------------------------------------------------------------------------
+
+# Coordinates on a lattice, with zeros of either sign.
+LATTICE = (-0.0, 0.0, 1.5, -1.5, 3.0)
+
+
+class RandomScene:
+    """Bodies, ground, constraints and options; `meshes()` makes the bodies anew, at the start."""
+
+    def __init__(self, rng, options=True):
+        self.scale = 10.0 ** rng.choice([0.0, 0.0, 0.0, rng.uniform(-12.0, 12.0)])
+        self.bodies = [self._random_body(rng) for _ in range(rng.integers(2, 9))]
+        self.ground = oracles.ground() if rng.random() < 0.6 else None
+        self.timeStep = float(rng.choice([0.02, 0.005, 0.1, 0.0]))
+        self.CRCoeff = float(rng.choice([0.0, 0.5, 1.0]))
+        count = len(self.bodies)
+        self.constraints = [
+            [
+                *itertools.chain(*((b, int(rng.integers(4))) for b in rng.choice(count, 2, False))),
+                float(rng.uniform(0.0, 5.0)) * self.scale,
+                bool(rng.integers(2)),
+            ]
+            for _ in range(rng.choice([0, 0, 3, 12]))
+        ]
+        self.options = (
+            {
+                "mu": float(rng.choice([0.0, 0.5, 1e6])),
+                "gyroscopic": bool(rng.integers(2)),
+                "closingOnly": bool(rng.integers(2)),
+                "maxIterations": int(rng.choice([0, 7, 1000])),
+                "tolerance": float(rng.choice([0.0, 1e-3])) * self.scale,
+            }
+            if options
+            else {}
+        )
+
+    def _random_body(self, rng):
+        position = rng.choice(LATTICE, size=3)
+        position[1] = abs(position[1]) + rng.integers(0, 4) * 1.4
+        q = IDENTITY if rng.random() < 0.5 else random_quaternions(rng, 1)[0]
+        settings = {
+            "name": SHAPES[rng.integers(6)],
+            "position": position * self.scale,
+            "orientation": q,
+            "density": 10.0 ** rng.uniform(-1.0, 1.0),
+            "isFixed": bool(rng.random() < 0.3),
+            "size": 0.25 * self.scale,
+        }
+        velocities = np.zeros((2, 3))
+        if not settings["isFixed"] and rng.random() < 0.5:
+            velocities = rng.choice([-0.0, 0.0, 1.0, -2.0], size=(2, 3)) * [[self.scale], [1.0]]
+        return settings, velocities
+
+    def meshes(self):
+        found = []
+        for settings, (linVelocity, angVelocity) in self.bodies:
+            found.append(body(**settings))
+            if not found[-1].isFixed:
+                found[-1].linVelocity, found[-1].angVelocity = linVelocity[None], angVelocity[None]
+        return found
+
+    def restored(self, rows):
+        """Fresh meshes in the state that `state_of` took."""
+        meshes = self.meshes()
+        oracles.restore(meshes, rows)
+        return meshes
+
+    def step(self, meshes, **options):
+        """Makes a step; returns its `outcome`, or the state and why the step was refused."""
+        try:
+            report = run_timestep(
+                meshes,
+                self.ground,
+                self.timeStep,
+                self.CRCoeff,
+                constraints=self.constraints,
+                **self.options | options,
+            )
+        except StateError as error:
+            return oracles.state_of(meshes).tobytes(), f"refused: {error}"
+        return oracles.outcome(meshes, report)
+
+
+def bits(rng, counts):
+    """A scene in all ways that have the same bits; returns a list of complaints."""
+    scene = RandomScene(rng)
+    if rng.random() < 0.3:
+        return soft_step_bits(rng, counts, scene)
+    isBatched = len(scene.constraints) > 0 and rng.random() < 0.4
+    schedulings = ["batches"] if isBatched else ["sweep", "queue"]
+    ways = [
+        {"broadPhase": broadPhase, "constraintScheduling": scheduling}
+        for broadPhase in ("all", "grid")
+        for scheduling in schedulings
+    ]
+    runs = [scene.meshes() for _ in ways]
+    found = []
+    resumes = set(rng.integers(1, 25, size=4).tolist())
+    for step in range(25):
+        isResumed = step in resumes
+        fresh = [scene.restored(oracles.state_of(m)) if isResumed else None for m in runs]
+        outcomes = [scene.step(m, **way) for m, way in zip(runs, ways, strict=True)]
+        counts["steps"] += len(ways)
+        counts["contacts"] += outcomes[0][1].count("Contact(")
+        counts["steps with constraints"] += len(scene.constraints) > 0
+        for way, outcome in zip(ways, outcomes, strict=True):
+            found += differences(f"step {step}: {ways[0]} and {way}", outcomes[0], outcome)
+        for way, outcome, meshes in zip(ways, outcomes, fresh, strict=True):
+            if isResumed:
+                counts["resumed"] += 1
+                where = f"step {step}: {way}, stepped before and fresh"
+                found += differences(where, outcome, scene.step(meshes, **way))
+        if outcomes[0][1].startswith("refused"):
+            counts["refused in words"] += 1
+            break
+        if found:
+            break
+    return found
+
+
+def differences(where, one, other):
+    """What two outcomes of `RandomScene.step` do not have in common, as a list of complaints."""
+    parts = [part for part, a, b in zip(("state", "report"), one, other, strict=True) if a != b]
+    return [f"{where}: the {' and '.join(parts)} differ"] if parts else []
+
+
+def soft_step_bits(rng, counts, scene):
+    """The soft-step solver: twice, and saved and restored at random; returns complaints."""
+    for name in ("closingOnly", "maxIterations", "tolerance"):  # of the impulse solver only
+        del scene.options[name]
+    options = {
+        "contactSolver": "soft-step",
+        "sleeping": bool(rng.integers(2)),
+        "substeps": int(rng.choice([1, 4, 8])),
+    }
+    runs = [(scene.meshes(), SolverState()) for _ in range(3)]
+    for step in range(40):
+        if rng.random() < 0.2:
+            meshes, solver = runs[2]
+            rows, arrays = oracles.state_of(meshes), solver.arrays()
+            runs[2] = scene.restored(rows), SolverState.from_arrays(arrays)
+            counts["soft-step: restored"] += 1
+        outcomes = [scene.step(m, solverState=solver, **options) for m, solver in runs]
+        counts["soft-step: steps"] += 3
+        counts["soft-step: contacts"] += outcomes[0][1].count("Contact(")
+        for name, outcome in zip(("the second time", "restored"), outcomes[1:], strict=True):
+            if found := differences(f"soft step {step}, {name}", outcomes[0], outcome):
+                return found
+        if outcomes[0][1].startswith("refused"):
+            counts["refused in words"] += 1
+            break
+    return []
+
+
+# --------------------------------------------------------------------------------------------------
+# Meshes changed between steps
+# --------------------------------------------------------------------------------------------------
+
+
+def changes(rng, counts):
+    """A list of meshes, changed and stepped, against meshes built anew; returns complaints."""
+    scene = RandomScene(rng)
+    scene.constraints = []
+    meshes = scene.meshes()
+    recipes = dict(zip(map(id, meshes), scene.bodies, strict=True))
+    apart = []
+    for step in range(30):
+        for _ in range(rng.integers(0, 4)):
+            change = CHANGES[rng.integers(len(CHANGES))]
+            counts[change.__name__.replace("_", " ")] += 1
+            change(rng, scene, meshes, apart, recipes)
+        fresh = []
+        for mesh in meshes:
+            fresh.append(body(**recipes[id(mesh)][0]))
+            fresh[-1].isFixed = mesh.isFixed
+        oracles.restore(fresh, oracles.state_of(meshes))
+        for mesh in meshes:
+            expected = turned(mesh.origVertices, mesh.orientation[0]) + mesh.position
+            if not np.abs(mesh.currVertices - expected).max() <= 1e-12 * np.abs(expected).max():
+                return [f"step {step}: currVertices are not those of the pose"]
+        broadPhase = str(rng.choice(["all", "grid"]))
+        outcomes = [scene.step(m, broadPhase=broadPhase) for m in (meshes, fresh)]
+        counts["steps"] += 1
+        counts["contacts"] += outcomes[0][1].count("Contact(")
+        if found := differences(f"step {step}, {broadPhase}, changed and new", *outcomes):
+            return found
+        if outcomes[0][1].startswith("refused"):
+            counts["refused in words"] += 1
+            break
+    return []
+
+
+def some(rng, meshes):
+    return meshes[rng.integers(len(meshes))]
+
+
+def moved(rng, scene, meshes, apart, recipes):
+    mesh = some(rng, meshes)
+    mesh.position = mesh.position + rng.normal(size=(1, 3)) * scene.scale
+
+
+def moved_in_place(rng, scene, meshes, apart, recipes):
+    np.ravel(some(rng, meshes).position)[rng.integers(3)] += rng.normal() * scene.scale
+
+
+def given_a_plain_vector(rng, scene, meshes, apart, recipes):
+    some(rng, meshes).position = rng.normal(size=3) * 2.0 * scene.scale
+
+
+def turned_over(rng, scene, meshes, apart, recipes):
+    some(rng, meshes).orientation = random_quaternions(rng, 1)
+
+
+def pushed(rng, scene, meshes, apart, recipes):
+    mesh = some(rng, meshes)
+    if not mesh.isFixed:
+        mesh.linVelocity = mesh.linVelocity + rng.normal(size=(1, 3)) * scene.scale
+        np.ravel(mesh.angVelocity)[:] = rng.normal(size=3)
+
+
+def fixed_or_freed(rng, scene, meshes, apart, recipes):
+    mesh = some(rng, meshes)
+    mesh.isFixed = not mesh.isFixed
+
+
+def ordered_anew(rng, scene, meshes, apart, recipes):
+    meshes[:] = [meshes[k] for k in rng.permutation(len(meshes))]
+
+
+def taken_out(rng, scene, meshes, apart, recipes):
+    if len(meshes) > 2:
+        apart.append(meshes.pop(rng.integers(len(meshes))))
+
+
+def put_back(rng, scene, meshes, apart, recipes):
+    if apart:
+        meshes.insert(rng.integers(len(meshes) + 1), apart.pop())
+
+
+def copied(rng, scene, meshes, apart, recipes):
+    k = rng.integers(len(meshes))
+    recipe = recipes[id(meshes[k])]
+    apart.append(meshes[k])  # it lives on: ids stay what they are
+    meshes[k] = (copy.copy if rng.random() < 0.5 else copy.deepcopy)(meshes[k])
+    recipes[id(meshes[k])] = recipe
+
+
+def looked_at(rng, scene, meshes, apart, recipes):
+    one, other = some(rng, meshes), some(rng, meshes)
+    one.detect_collision(other)
+    other.get_rotated_inv_IT()
+    other.currVertices.sum()
+
+
+CHANGES = (
+    moved,
+    moved_in_place,
+    given_a_plain_vector,
+    turned_over,
+    pushed,
+    fixed_or_freed,
+    ordered_anew,
+    taken_out,
+    put_back,
+    copied,
+    looked_at,
+)
+
+
+# --------------------------------------------------------------------------------------------------
+# The program
+# --------------------------------------------------------------------------------------------------
+
+CAMPAIGNS = {one.__name__: one for one in (pairs, bits, changes)}
+
+
+def run_campaign(name, cases, seconds, seed):
+    """Runs cases (an iterable of numbers) while there is time; `(counts, failures)`.
+
+    failures : list of `(case, complaint)`
+    """
+    counts, failures = collections.Counter(), []
+    end = time.monotonic() + seconds
+    for case in cases:
+        if time.monotonic() > end:
+            break
+        rng = np.random.default_rng([seed, case])
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            try:
+                found = CAMPAIGNS[name](rng, counts)
+            except Exception:
+                found = [traceback.format_exc()[-600:]]
+        counts["cases"] += 1
+        failures += [(case, complaint) for complaint in found]
+    return counts, failures
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("campaign", choices=CAMPAIGNS)
+    parser.add_argument("--minutes", type=float, default=2.0)
+    parser.add_argument("--cases", type=int, default=10**9, help="no more than these")
+    parser.add_argument("--case", type=int, help="this one alone")
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    cases = range(options.cases) if options.case is None else [options.case]
+    counts, failures = run_campaign(options.campaign, cases, 60 * options.minutes, options.seed)
+    for case, complaint in failures[:MOST_FAILURES]:
+        print(f"case {case} of seed {options.seed}: {complaint}")
+    for name, count in sorted(counts.items()):
+        print(f"{name:<48} {count}")
+    print(f"{'failures':<48} {len(failures) or 'none'}")
+    return int(len(failures) > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,136 @@
+"""Lets seeded heaps of mixed sizes collapse with both steps, and compares them bit by bit.
+
+    python tests/campaigns/heapCampaign.py [--heaps 200] [--bodies 24] [--steps 25]
+
+The accelerated step guesses how far contacts will move the bodies, and looks for pairs and facets
+within that margin. Here the margin is next to nothing, always too small; as usual; and much too
+large. That may change what a step costs, never what comes of it. Prints how many searches for
+facets and passes over the pairs there were; exit code 1 where a bit differs.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from oracles import body, ground, outcome
+
+import rbs.stepping.batches
+from RBSFunctions import run_timestep
+
+SHAPES = ("box", "tetrahedron", "octahedron", "cylinder")
+SIZES = (0.3, 3.0)  # the least and the largest body, in multiples of a shape's
+# What rbs/stepping/batches.py makes margins of: too little, with nothing remembered; as usual; too
+# much.
+NAMES = "LEAST_MARGIN", "MARGIN_GROWTH", "memory_of"
+USUAL = tuple(getattr(rbs.stepping.batches, name) for name in NAMES)
+MARGINS = {
+    "too small": (1e-9, 1.001, rbs.stepping.batches.Memory),
+    "as usual": USUAL,
+    "too large": (0.1, 10.0, rbs.stepping.batches.memory_of),
+}
+
+
+def make_heap(seed, count):
+    """`count` meshes of mixed shapes and sizes, turned at random, that overlap above the ground."""
+    rng = np.random.default_rng(seed)
+    meshes = []
+    side = 9.0 * count ** (1 / 3)
+    for k in range(count):
+        size = np.exp(rng.uniform(*np.log(SIZES)))
+        orientation = rng.normal(size=4)
+        position = rng.uniform((-side / 2, 4.0, -side / 2), (side / 2, 4.0 + side, side / 2))
+        density = rng.uniform(0.5, 2.0)
+        mesh = body(SHAPES[k % len(SHAPES)], position, orientation, density, k % 11 == 10, size)
+        if not mesh.isFixed:
+            mesh.linVelocity = rng.normal(size=(1, 3)) * [3.0, 10.0, 3.0]
+            mesh.angVelocity = rng.normal(size=(1, 3))
+        meshes.append(mesh)
+    return meshes
+
+
+class Counts:
+    """How many searches for facets and passes over the pairs there are within the `with` block."""
+
+    def __enter__(self):
+        self.searches = self.passes = 0
+        self._kept = rbs.stepping.batches.find_facets, rbs.stepping.batches.Pass.run
+        findFacets, run = self._kept
+
+        def counted_search(hulls, *arguments):
+            self.searches += 1
+            return findFacets(hulls, *arguments)
+
+        def counted_pass(batches):
+            self.passes += 1
+            return run(batches)
+
+        rbs.stepping.batches.find_facets = counted_search
+        rbs.stepping.batches.Pass.run = counted_pass
+        return self
+
+    def __exit__(self, *error):
+        rbs.stepping.batches.find_facets, rbs.stepping.batches.Pass.run = self._kept
+
+
+def outcomes_of(seed, count, steps, broadPhase, mu):
+    """`(outcomes, contacts)` of a heap: the `outcome` of each step, and its contacts."""
+    meshes, outcomes, contacts = make_heap(seed, count), [], 0
+    for _ in range(steps):
+        report = run_timestep(meshes, ground(), 0.02, 0.3, broadPhase=broadPhase, mu=mu)
+        contacts += len(report.contacts)
+        outcomes.append(outcome(meshes, report))
+    return outcomes, contacts
+
+
+def set_margins(values):
+    """Sets NAMES in rbs/stepping/batches.py."""
+    for name, value in zip(NAMES, values, strict=True):
+        setattr(rbs.stepping.batches, name, value)
+
+
+def compare(seed, count, steps):
+    """`(differing, contacts, counts)` of a heap: which of MARGINS give other bits;
+    contacts; searches and passes with each of them, (3, 2)."""
+    mu = 0.5 * (seed % 2)
+    expected, contacts = outcomes_of(seed, count, steps, "all", mu)
+    differing, counts = [], []
+    for margins, values in MARGINS.items():
+        set_margins(values)
+        try:
+            with Counts() as counted:
+                found, _ = outcomes_of(seed, count, steps, "grid", mu)
+        finally:
+            set_margins(USUAL)
+        counts.append((counted.searches, counted.passes))
+        if found != expected:
+            differing.append(margins)
+    return differing, contacts, np.array(counts)
+
+
+def main(arguments=None):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--heaps", type=int, default=200)
+    parser.add_argument("--bodies", type=int, default=24)
+    parser.add_argument("--steps", type=int, default=25)
+    options = parser.parse_args(arguments)
+    failed, contacts, counts = 0, 0, np.zeros((len(MARGINS), 2), dtype=int)
+    for seed in range(options.heaps):
+        differing, some, counted = compare(seed, options.bodies, options.steps)
+        contacts, counts = contacts + some, counts + counted
+        failed += bool(differing)
+        if differing:
+            print(f"heap {seed} differs with margins {differing}", flush=True)
+    print(f"{options.heaps} heaps, {options.heaps * options.steps} steps, {contacts} contacts")
+    for margins, (searches, passes) in zip(MARGINS, counts.tolist(), strict=True):
+        print(f"margins {margins}: {searches} searches for facets, {passes} passes")
+    print("all have the same bits" if not failed else f"{failed} heaps differ")
+    return int(failed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,81 @@
+"""Steps scenes pair by pair and with the accelerated step, and compares the states bit by bit.
+
+    python tests/campaigns/sameBits.py [SCENE …] [--steps 500] [--mu 0.4]
+
+Scenes are files or names; without any, all those of data/ apart from the largest pile are run. A
+scene's constraints are used. Prints a line a scene; exit code 1 if one differs, in the state or in
+what the step tells of its contacts.
+"""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from oracles import outcome
+
+from rbs.scenes.scenefiles import DATA_FOLDER, find_scene
+from rbs.scenes.simulation import Settings, Simulation
+
+
+def parse_arguments(arguments=None):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scenes", nargs="*", metavar="SCENE")
+    parser.add_argument("--steps", type=int, default=500)
+    parser.add_argument("--mu", type=float, default=0.0)
+    return parser.parse_args(arguments)
+
+
+def compare(scene, steps, mu):
+    """`(bodies, contacts, step, seconds)`: contacts between bodies; step, the first that differs.
+
+    seconds : the median time of a step, with each broad phase
+    """
+    simulations = [
+        Simulation(find_scene(scene), Settings(broadPhase=name, friction=mu))
+        for name in ("all", "grid")
+    ]
+    contacts, seconds = 0, []
+    for step in range(1, steps + 1):
+        spent = []
+        for simulation in simulations:
+            start = time.perf_counter()
+            simulation.step()
+            spent.append(time.perf_counter() - start)
+        seconds.append(spent)
+        one, other = (outcome(simulation.meshes, simulation.report) for simulation in simulations)
+        if one != other:
+            return len(simulations[0].meshes), contacts, step, np.median(seconds, axis=0)
+        contacts += sum(contact.body2 >= 0 for contact in simulations[0].report.contacts)
+    return len(simulations[0].meshes), contacts, None, np.median(seconds, axis=0)
+
+
+def main(arguments=None):
+    options = parse_arguments(arguments)
+    scenes = options.scenes or [
+        str(path)
+        for path in sorted(DATA_FOLDER.glob("*-scene.txt"))
+        if path.name not in ("pile_1000-scene.txt", "heap-scene.txt")  # hours, pair by pair
+    ]
+    print(f"{'scene':28} {'bodies':>6} {'contacts':>8}   ms a step: all, grid   same bits")
+    differs = False
+    for scene in scenes:
+        bodies, contacts, step, seconds = compare(scene, options.steps, options.mu)
+        name = Path(scene).name.removesuffix("-scene.txt")
+        verdict = f"yes, {options.steps} steps" if step is None else f"NO, from step {step}"
+        print(
+            f"{name:28} {bodies:6d} {contacts:8d}   {1e3 * seconds[0]:9.2f} {1e3 * seconds[1]:9.2f}"
+            f"   {verdict}",
+            flush=True,
+        )
+        differs |= step is not None
+    return int(differs)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,66 @@
+"""Prints a hash of the state that scenes reach, to compare machines.
+
+Two lines are the same exactly when every position, orientation and velocity has the same bits.
+`--only` runs the scenes whose names are given; `--folders` runs all scenes of some folders instead,
+by default settings, so that two versions of the program can be compared:
+
+    python tests/campaigns/stateHashes.py --folders data ../shared/course --steps 500
+"""
+
+import argparse
+import platform
+import sys
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+import scipy
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from rbs.scenes.scenefiles import find_scene, list_scenes
+from rbs.scenes.simulation import Settings, Simulation
+
+# Scene, steps, settings: contacts of all shapes, constraints, friction, the arrays of the grid.
+RUNS = (
+    ("mixed", 300, {}),
+    ("tower", 300, {}),
+    ("stress", 150, {"friction": 0.4}),
+    ("roll", 300, {"friction": 0.4, "closingOnly": True}),
+    ("cube", 200, {}),
+    ("net", 30, {"constraintScheduling": "batches"}),
+    ("pile_200", 80, {"broadPhase": "grid"}),
+)
+
+
+def state_hash(scene, steps, settings):
+    """The hash, as 32 hexadecimal digits, of the state after so many steps."""
+    simulation = Simulation(find_scene(scene), Settings(**settings))
+    for _ in range(steps):
+        simulation.step()
+    content = b"".join(values.tobytes() for values in simulation.state().values())
+    return sha256(content).hexdigest()[:32]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", metavar="SCENE", nargs="+")
+    parser.add_argument("--folders", metavar="DIR", nargs="+")
+    parser.add_argument("--steps", metavar="N", type=int, default=500, help="with --folders")
+    options = parser.parse_args()
+    runs = RUNS
+    if options.folders:
+        paths = [path for folder in options.folders for path in list_scenes(folder)]
+        runs = [(path, options.steps, {}) for path in paths]
+    print(
+        f"Python {platform.python_version()}, NumPy {np.__version__}, SciPy {scipy.__version__}, "
+        f"{platform.system()} {platform.machine()}"
+    )
+    for scene, steps, settings in runs:
+        if options.only is None or scene in options.only:
+            what = " ".join([str(scene), str(steps), *(f"{k}={v}" for k, v in settings.items())])
+            print(state_hash(scene, steps, settings), what, flush=True)
+
+
+if __name__ == "__main__":
+    main()

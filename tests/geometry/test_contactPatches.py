@@ -1,0 +1,64 @@
+"""The outlines in which the points of contact manifolds are drawn."""
+
+import numpy as np
+from opengl import require_opengl
+from oracles import DATA, random_quaternions, turned
+
+from rbs.appearance.drawables import contact_patches
+from rbs.program.suggestions import apply_settings
+from rbs.scenes.simulation import Simulation
+
+SQUARE = np.array([(-1, 0, -2), (1, 0, 2), (-1, 0, 2), (1, 0, -2)], dtype=float)
+UP = np.array([0.0, 1.0, 0.0])
+
+
+def test_outlines_go_once_around_whatever_the_order_and_the_pose():
+    rng = np.random.default_rng(3)
+    for q in random_quaternions(rng, 50):
+        order = rng.permutation(4)
+        points = turned(SQUARE[order], q)
+        normals = np.tile(turned(UP[None], q), (4, 1))
+        edges, middles, found = contact_patches(np.tile([3, 7], (4, 1)), points, normals)
+        # the sides of a rectangle of 2 by 4, and no diagonal
+        lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
+        assert np.allclose(sorted(lengths), [2, 2, 4, 4])
+        assert sorted(edges[:, 0]) == sorted(edges[:, 1]) == [0, 1, 2, 3]
+        assert np.allclose(middles, 0) and np.allclose(found, normals[:1])
+
+
+def test_each_pair_has_its_own_outline():
+    # four points of one pair, one of a second, two of a third, in a muddle; -1 is the ground
+    pairs = np.array([(0, 1), (2, -1), (0, 1), (0, 2), (2, -1), (0, 1), (0, 1)])
+    points = np.array([SQUARE[0], (5, 0, 0), SQUARE[1], (9, 9, 9), (7, 0, 0), SQUARE[2], SQUARE[3]])
+    edges, middles, normals = contact_patches(pairs, points, np.tile(UP, (7, 1)))
+    sides = {tuple(sorted(edge)) for edge in edges.tolist()}
+    assert sides == {(0, 5), (2, 5), (2, 6), (0, 6), (1, 4)}
+    assert np.allclose(middles, [(0, 0, 0), (9, 9, 9), (6, 0, 0)])
+    assert normals.shape == (3, 3)
+
+
+def test_view_outlines_the_manifolds_of_bodies_awake():
+    """A stack that falls asleep: 19 patches of four points between boxes, and one on the ground."""
+    backend = require_opengl()
+    import polyscope
+
+    from rbs.pictures.view import SceneView, start_polyscope
+
+    start_polyscope(backend)
+    path = DATA / "stack-scene.txt"
+    simulation = Simulation(path)
+    apply_settings(simulation, {})
+    view = SceneView(simulation)
+    view.show("contacts", True)
+    for _ in range(20):
+        simulation.step()
+    view.refresh()
+    assert polyscope.get_point_cloud("contacts").n_points() == 20
+    assert polyscope.get_curve_network("contacts").n_edges() == 80
+    assert view.legend()[0][0] == "contact manifold; normal, towards body 1"
+    while not simulation.report.isAsleep.all():
+        simulation.step()
+        assert simulation.stepCount < 200
+    assert view.legend()[0][0] == "contact manifold, of bodies awake; normal, towards body 1"
+    view.show("contacts", False)
+    assert not polyscope.has_curve_network("contacts") and not polyscope.has_point_cloud("contacts")

@@ -1,0 +1,297 @@
+"""Facets, GJK and contact points on arrays: a pair has the same bits in any company."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from oracles import IDENTITY, SHAPES, random_quaternions, vertices_of
+
+from Quaternion import Q2RotMatrix
+from rbs.geometry.facets import LEAST_GAP, CachedAxes, all_facets, find_facets
+from rbs.geometry.hulls import (
+    FEATURE_TOLERANCE,
+    TOUCH_TOLERANCE,
+    HullSet,
+    approximate_supports,
+    build_hull,
+    support_features,
+)
+from rbs.geometry.patches import contact_points
+from rbs.geometry.vectors import dot
+
+PAIRS = 300
+
+
+def is_complete(facets):
+    """Which pairs (P,) have all facets that can be nearest, not just one that separates them."""
+    return facets.completeUpTo > -np.inf
+
+
+@pytest.fixture(scope="module")
+def batch():
+    """Sixty hulls of all shapes and 300 pairs, about half of them meeting.
+
+    Two hulls in three are not turned, so that there are faces and edges that rest on each other.
+    """
+    rng = np.random.default_rng(9)
+    rest = [build_hull(vertices_of(name)) for name in SHAPES]
+    hulls = HullSet([rest[k % len(rest)] for k in range(60)])
+    turns = random_quaternions(rng, 60)
+    turns[np.arange(60) % 3 > 0] = IDENTITY
+    rotations = np.stack([Q2RotMatrix(q).ravel() for q in turns], axis=1)
+    first, second = rng.permuted(np.tile(np.arange(60), (PAIRS, 1)), axis=1)[:, :2].T
+    hulls = hulls.rotated(rotations)
+    size = hulls.radius[first] + hulls.radius[second]
+    direction = rng.normal(size=(3, PAIRS))
+    direction /= np.linalg.norm(direction, axis=0)
+    t = direction * size * rng.uniform(0, 1, size=PAIRS)
+    margin = size * rng.choice([0.0, 0.02, 0.1], size=PAIRS)
+    return SimpleNamespace(
+        rest=[rest[k % len(rest)] for k in range(60)],
+        rotations=rotations,
+        hulls=hulls,
+        first=first,
+        second=second,
+        t=t,
+        margin=margin,
+    )
+
+
+def body_vertices(hulls, b):
+    """The vertices (3, V) of a body, relative to its centre."""
+    return hulls.vertices[:, hulls.vertexStart[b] :][:, : hulls.vertexCount[b]]
+
+
+def nearest(facets, p, t):
+    """`(penetration, normal)` of pair p along its nearest facet, at the translation t (3,)."""
+    penetration, normal = facets.of_pairs(np.array([p])).minimal_penetrations(t[:, None])
+    return penetration[0], tuple(normal[:, 0])
+
+
+def alone(batch, p):
+    """`(hulls, first, second, t, margin)` of pair p as the only pair of the only two bodies."""
+    bodies = [batch.first[p], batch.second[p]]
+    hulls = HullSet([batch.rest[b] for b in bodies]).rotated(batch.rotations[:, bodies])
+    one = slice(p, p + 1)
+    return hulls, np.array([0]), np.array([1]), batch.t[:, one], batch.margin[one]
+
+
+@pytest.fixture(scope="module")
+def cached(batch):
+    """Axes for the batch, in turn: near the nearest facet's normal, none at all, and random."""
+    rng = np.random.default_rng(11)
+    facets = find_facets(batch.hulls, batch.first, batch.second, batch.t, batch.margin)
+    axes = facets.minimal_penetrations(batch.t)[1] + 0.03 * rng.normal(size=(3, PAIRS))
+    axes[:, 1::3] = 0.0
+    axes[:, 2::3] = rng.normal(size=axes[:, 2::3].shape)
+    length = np.linalg.norm(axes, axis=0)
+    return axes / np.where(length > 0, length, 1.0)
+
+
+@pytest.mark.parametrize("hasAxes", [False, True])
+@pytest.mark.parametrize("company", ["none", "two bodies of many", "small blocks"])
+def test_facets_have_the_same_bits_alone_and_in_a_batch(
+    batch, cached, hasAxes, company, monkeypatch
+):
+    axes = cached if hasAxes else np.zeros((3, PAIRS))
+    arguments = batch.hulls, batch.first, batch.second, batch.t, batch.margin, axes
+    together = find_facets(*arguments)
+    assert 0.2 < is_complete(together).mean() < 0.8
+    assert together.start[0] == 0 and together.start[-1] == together.normal.shape[1] > PAIRS
+    if company == "small blocks":
+        monkeypatch.setattr("rbs.geometry.arrays.BLOCK_ENTRIES", 1)
+        again = find_facets(*arguments)
+        for name in ("start", "normal"):
+            assert np.array_equal(getattr(again, name), getattr(together, name))
+        assert np.array_equal(is_complete(again), is_complete(together))
+        isExact = is_complete(together).repeat(np.diff(together.start))
+        assert np.array_equal(again.offset[isExact], together.offset[isExact])
+        # what comes of a cached axis alone does so up to rounding
+        assert np.abs(again.offset - together.offset).max() < 1e-13
+        bounds = [facets.completeUpTo[is_complete(together)] for facets in (again, together)]
+        assert np.abs(bounds[0] - bounds[1]).max() < 1e-13
+        return
+    for p in range(PAIRS):
+        one = slice(p, p + 1)
+        pair = (
+            alone(batch, p)
+            if company == "none"
+            else (
+                batch.hulls,
+                batch.first[one],
+                batch.second[one],
+                batch.t[:, one],
+                batch.margin[one],
+            )
+        )
+        single = find_facets(*pair, axes[:, one])
+        own = slice(together.start[p], together.start[p + 1])
+        assert np.array_equal(single.normal, together.normal[:, own])
+        assert np.array_equal(is_complete(single), is_complete(together)[one])
+        if is_complete(single)[0]:
+            assert np.array_equal(single.offset, together.offset[own])
+        else:  # the axis that separates them is a hint, and how far it does, up to rounding
+            assert np.abs(single.offset - together.offset[own]).max() < 1e-13
+
+
+def test_all_facets_of_a_pair_include_the_near_ones(batch):
+    """To the bit, in the same order; with all the others, they serve every translation."""
+    rng = np.random.default_rng(12)
+    many = find_facets(batch.hulls, batch.first, batch.second, batch.t, batch.margin)
+    more = compared = 0
+    pairs = np.flatnonzero(is_complete(many)).tolist()
+    for p in pairs:
+        hulls, first, second, *_ = alone(batch, p)
+        single = all_facets(hulls, first, second, batch.t[:, p : p + 1])
+        own = slice(many.start[p], many.start[p + 1])
+        near = np.vstack((many.normal[:, own], many.offset[own])).T.tolist()
+        everyOne = iter(np.vstack((single.normal, single.offset)).T.tolist())
+        assert all(facet in everyOne for facet in near)
+        more += len(single.offset) - len(near)
+        assert np.isinf(single.completeUpTo[0])
+        t = batch.t[:, p] * rng.uniform(-1, 1)
+        anew = find_facets(hulls, first, second, t[:, None], np.array([1e-3]))
+        penetration, normal = nearest(single, 0, t)
+        if is_complete(anew)[0]:
+            assert (penetration, normal) == nearest(anew, 0, t)
+            compared += 1
+        else:
+            assert penetration < 0 and nearest(anew, 0, t)[0] < 0
+    assert len(pairs) > 100 and more > 20 * len(pairs) and compared > 0.8 * len(pairs)
+
+
+def test_a_cached_axis_changes_no_bit_of_a_collision(batch, cached):
+    """Whatever axes are tried first, a pair that meets has the same nearest facet."""
+    arguments = batch.hulls, batch.first, batch.second, batch.t, batch.margin
+    one, other = find_facets(*arguments), find_facets(*arguments, cached)
+    penetration1, normal1 = one.minimal_penetrations(batch.t)
+    penetration2, normal2 = other.minimal_penetrations(batch.t)
+    meet = penetration1 >= 0
+    assert np.array_equal(meet, penetration2 >= 0) and 60 < meet.sum() < PAIRS - 60
+    assert np.array_equal(penetration1[meet], penetration2[meet])
+    assert np.array_equal(normal1[:, meet], normal2[:, meet])
+    # and an axis does change what is looked at
+    assert not np.array_equal(is_complete(one), is_complete(other))
+
+
+def test_contact_points_have_the_same_bits_alone_and_in_a_batch(batch):
+    facets = find_facets(batch.hulls, batch.first, batch.second, batch.t, batch.margin)
+    penetrations, normals = facets.minimal_penetrations(batch.t)
+    pairs = np.flatnonzero((penetrations >= 0) & is_complete(facets))
+    # hulls that are not turned have edges and faces that rest on each other along these
+    patches = np.flatnonzero(batch.first % 3 * (batch.second % 3) > 0)
+    pairs = np.concatenate((pairs, patches))
+    normals[:, patches] = np.array([[0.0], [1.0], [0.0]])
+    first, second = batch.first[pairs], batch.second[pairs]
+    t, normal = batch.t[:, pairs], normals[:, pairs]
+    t[1] *= np.arange(len(pairs)) < len(pairs) - len(patches)
+    tolerance = FEATURE_TOLERANCE * (batch.hulls.radius[first] + batch.hulls.radius[second])
+    together = contact_points(batch.hulls, first, second, t, normal, tolerance)
+    corners = 0
+    for k, p in enumerate(pairs):
+        hulls, *bodies, _, _ = alone(batch, p)
+        one = slice(k, k + 1)
+        single = contact_points(hulls, *bodies, t[:, one], normal[:, one], tolerance[one])
+        assert np.array_equal(single[:, 0], together[:, k])
+        vertices = body_vertices(batch.hulls, second[k])
+        corners += (vertices == together[:, k, None]).all(axis=0).any()
+    # of the rest, some are below a corner of the first hull, some centres of patches
+    assert len(pairs) > 150 and 20 < corners < len(pairs) - 60
+
+
+def test_supports_by_shape_and_by_body(batch, cached):
+    """Against each body's own vertices: in world axes to the bit, in the shapes' up to rounding."""
+    bodies, directions = batch.first, np.where(cached.any(axis=0), cached, [[0.0], [0.6], [0.8]])
+    vertices = [body_vertices(batch.hulls, b) for b in bodies]
+    level, count, column = support_features(batch.hulls, bodies, directions, np.full(PAIRS, 1e-9))
+    features = np.split(column, count.cumsum()[:-1])
+    byShape, vertexByShape = approximate_supports(batch.hulls, bodies, directions)
+    several = 0
+    for p in range(PAIRS):
+        heights = dot(directions[:, p, None], vertices[p])
+        own = np.flatnonzero(heights <= heights.min() + 1e-9) + batch.hulls.vertexStart[bodies[p]]
+        assert level[p] == heights.min() and np.array_equal(features[p], own)
+        assert abs(byShape[p] - level[p]) <= 1e-14 * batch.hulls.radius[bodies[p]]
+        assert vertexByShape[p] in own
+        several += len(own) > 1
+    assert 30 < several < PAIRS - 100
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-16, 1e-15, 1e-14, 1e-13, 1e-12, 1e-10, 1e-8, 1e-6, 1e-5])
+def test_a_cached_axis_decides_nothing_where_hulls_nearly_touch(gap):
+    """Tip to tip, the axis parts two octahedra further than any facet does."""
+    tip = build_hull(vertices_of("octahedron") / 3.4)
+    hulls, t = HullSet([tip, tip]), np.array([[2.0 + gap], [0.0], [0.0]])
+    bodies = np.array([0]), np.array([1])
+    axis = np.array([[1.0], [0.0], [0.0]])
+    for sine in (0.0, 0.3, 1.0):
+        cached = axis * np.sqrt(1 - sine**2) + sine * np.array([[0.0], [1.0], [0.0]])
+        facets = find_facets(hulls, *bodies, t, np.zeros(1), cached)
+        penetration, _ = nearest(facets, 0, t[:, 0])
+        # a facet's normal is the diagonal of a cube
+        expected = pytest.approx(-gap / np.sqrt(3), abs=1e-15)
+        assert penetration == expected or penetration < -LEAST_GAP
+        touches = penetration >= -TOUCH_TOLERANCE * 2
+        assert touches == (gap / np.sqrt(3) < TOUCH_TOLERANCE * 2)
+
+
+@pytest.mark.parametrize("distance", [1e2, 1e6, 1e8, 1e12, 1e70])
+def test_pairs_however_far_apart_get_a_plane_that_shows_it(distance):
+    """Also where the cached axis does not separate them, and rounding is larger than the bodies."""
+    rng = np.random.default_rng(13)
+    rotations = np.stack([Q2RotMatrix(q).ravel() for q in random_quaternions(rng, 80)], axis=1)
+    hulls = HullSet([build_hull(vertices_of("box"))] * 80).rotated(rotations)
+    bodies = np.arange(40), np.arange(40, 80)
+    t = distance * rng.normal(size=(3, 40))
+    cached = np.cross(t, rng.normal(size=(3, 40)), axis=0)
+    cached /= np.linalg.norm(cached, axis=0)
+    assert (CachedAxes(hulls, *bodies, t, cached).penetration > -distance / 1e3).all()
+    facets = find_facets(hulls, *bodies, t, np.zeros(40), cached)
+    assert np.diff(facets.start).min() >= 1 and not is_complete(facets).any()
+    assert facets.minimal_penetrations(t)[0].max() < -1
+
+
+def test_no_pairs_at_all(batch):
+    none = np.zeros(0, dtype=int)
+    facets = find_facets(batch.hulls, none, none, np.zeros((3, 0)), np.zeros(0))
+    assert facets.start.tolist() == [0] and len(facets.offset) == 0
+
+
+def test_facets_serve_every_translation_within_their_margin(batch):
+    """Planes made at t with a margin r know the nearest facet, to the bit, wherever t + Δ goes."""
+    rng = np.random.default_rng(10)
+    margin = 0.05 * (batch.hulls.radius[batch.first] + batch.hulls.radius[batch.second])
+    facets = find_facets(batch.hulls, batch.first, batch.second, batch.t, margin)
+    hits = compared = 0
+    for _ in range(4):
+        step = rng.normal(size=(3, PAIRS))
+        step *= margin * rng.choice([0.2, 0.999], size=PAIRS) / np.linalg.norm(step, axis=0)
+        moved = batch.t + step
+        fresh = find_facets(batch.hulls, batch.first, batch.second, moved, 0.5 * margin)
+        for p in range(PAIRS):
+            old, new = (nearest(some, p, moved[:, p]) for some in (facets, fresh))
+            if is_complete(facets)[p] and is_complete(fresh)[p]:
+                assert old == new
+                compared += 1
+                hits += old[0] >= 0
+            else:  # only whether they are apart was asked for
+                assert new[0] < 0
+                assert is_complete(facets)[p] or old[0] < 0
+    assert hits > 300 and compared - hits > 20
+
+
+@pytest.mark.parametrize("isAll", [False, True])
+def test_facets_contain_the_minkowski_difference(batch, cached, isAll):
+    """No vertex lies beyond any plane: each is a proof, whatever else went wrong."""
+    if isAll:
+        facets = all_facets(batch.hulls, batch.first, batch.second, batch.t)
+    else:
+        facets = find_facets(batch.hulls, batch.first, batch.second, batch.t, batch.margin, cached)
+    for p in range(PAIRS):
+        own = slice(facets.start[p], facets.start[p + 1])
+        vertices1, vertices2 = (
+            body_vertices(batch.hulls, b[p]).T for b in (batch.first, batch.second)
+        )
+        differences = (vertices1[:, None] - vertices2[None]).reshape(-1, 3)
+        beyond = (differences @ facets.normal[:, own]).max(axis=0) - facets.offset[own]
+        assert np.abs(beyond).max() < 1e-13

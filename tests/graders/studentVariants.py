@@ -1,0 +1,508 @@
+"""Submissions for the graders: one student's solution, and what others would have handed in.
+
+    python tests/graders/studentVariants.py    writes submissions/variants.md anew
+
+`submissions/student` holds the solution, with the right physics. The others are made of it by small
+edits that have names; an edit that does not fit the solution any more raises. `variants.md` holds
+what each is told, and what graders of the released shape print for it.
+"""
+
+import contextlib
+import functools
+import importlib
+import io
+import os
+import pickle
+import runpy
+import shutil
+import sys
+import tempfile
+import zipfile
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+FIXTURES = Path(__file__).resolve().parent / "submissions"
+STUDENT = FIXTURES / "student"
+ROOT = FIXTURES.parents[2]
+sys.path.insert(0, str(ROOT / "graders"))
+DATA = ROOT / "data"
+FUNCTIONS, QUATERNION = "RBSFunctions.py", "Quaternion.py"
+# Enough to tell all of them apart.
+SAMPLES = 30
+GRADERS = ("integrationGrading", "ResolveCollisionsGrading", "Constraints")
+
+# An edit: (old text, which occurs once in the two files; new text).
+SMALL_TENSOR = ("np.sum(6.0 * volumes[:, None, None]", "np.sum(volumes[:, None, None]")
+TURNED_BACK = ("return R @ self.invIT @ R.T", "return R.T @ self.invIT @ R")
+RELEASED = (SMALL_TENSOR, TURNED_BACK)
+# Of run_timestep: a corrected velocity that is lost, and visits that end early, as in the release.
+LOST = (
+    "            pair[k].linVelocity = linVelocities[k]\n",
+    "        pair[0].linVelocity, pair[1].linVelocty = linVelocities\n        for k in (0, 1):\n",
+)
+EARLY = ("and visits < maxIterations", "and visits * len(constraints) < maxIterations")
+
+POSITION = "self.position = self.position + timeStep * self.linVelocity"
+VELOCITY = "self.linVelocity = self.linVelocity + timeStep * gravity"
+GRAVITY = "gravity = np.array([[0.0, -9.8, 0.0]])"
+STEP = "QMult(QExp(half), self.orientation)"
+HALF = "0.5 * timeStep * self.angVelocity"
+FACTOR = "j = (1.0 + CRCoeff) *"
+VALID = "isValid = bool(C <= tolerance) if upper else bool(C >= -tolerance)"
+TENSOR2 = "invI2 = m2.get_rotated_inv_IT()"
+LINEAR1 = "m1.linVelocity = m1.linVelocity - m1.invMass * j * n"
+LINEAR2 = "m2.linVelocity = m2.linVelocity + m2.invMass * j * n"
+ANGULAR1 = "m1.angVelocity = m1.angVelocity - j * c1 @ invI1.T"
+ANGULAR2 = "m2.angVelocity = m2.angVelocity + j * c2 @ invI2.T"
+MOVE1 = "m1.position - m1.invMass / total * depth * n"
+MOVE2 = "m2.position + m2.invMass / total * depth * n"
+
+# The classic mistakes.
+MISTAKES = {
+    "explicit-euler": [
+        (
+            POSITION,
+            "self.position = self.position + timeStep * (self.linVelocity\n"
+            "                - timeStep * gravity)",
+        )
+    ],
+    "quaternion-order": [(STEP, "QMult(self.orientation, QExp(half))")],
+    "normal-sign": [
+        ("n = np.reshape(contactNormal, (1, 3))", "n = -np.reshape(contactNormal, (1, 3))"),
+    ],
+    "no-rotational-term": [
+        (" + np.sum(c1 * (c1 @ invI1.T)) + np.sum(c2 * (c2 @ invI2.T))", ""),
+    ],
+    "velocity-lost": [
+        ("m2.linVelocity = m2.linVelocity +", "m2.comVelocity = m2.linVelocity +"),
+    ],
+    "tensor-not-rotated": [("return R @ self.invIT @ R.T", "return self.invIT")],
+    "restitution-twice": [(FACTOR, "j = (1.0 + CRCoeff + CRCoeff) *")],
+    "fixed-moved": [
+        ("if not self.isFixed:\n            gravity", "if True:\n            gravity"),
+        ("if self.isFixed:\n            self.invMass", "if False:\n            self.invMass"),
+    ],
+    "com-not-subtracted": [
+        ("self.origVertices -= COM\n        corners = corners - COM\n", "pass\n"),
+    ],
+    "bounds-swapped": [
+        (VALID, "isValid = bool(C >= -tolerance) if upper else bool(C <= tolerance)"),
+    ],
+    "turned-back": [TURNED_BACK],
+    "gravity-upwards": [(GRAVITY, GRAVITY.replace("-", ""))],
+    "whole-angle": [(HALF, "timeStep * self.angVelocity")],
+    "turned-backwards": [(HALF, f"-{HALF}")],
+    "first-order": [(STEP, "self.orientation + QMult(half, self.orientation)")],
+    "weights-exchanged": [
+        (MOVE1, MOVE1.replace("m1.invMass", "m2.invMass")),
+        (MOVE2, MOVE2.replace("m2.invMass", "m1.invMass")),
+        ("(1, 3)) + m2.invMass / total", "(1, 3)) + m1.invMass / total"),
+    ],
+    "equal-weights": [
+        ("invMasses[0] / total * push", "0.5 * push"),
+        ("invMasses[1] / total * push", "0.5 * push"),
+    ],
+    "impulse-sign": [(FACTOR, "j = -(1.0 + CRCoeff) *")],
+    "closing-only": [(FACTOR, "j = (1.0 + CRCoeff) * (np.sum((v1 - v2) * n) > 0) *")],
+    "flag-inverted": [
+        ("return True, currPositions", "return False, currPositions"),
+        ("return False, (currP", "return True, (currP"),
+    ],
+    "depth-sign": [("return isCollision, depth, normal", "return isCollision, -depth, normal")],
+}
+
+# The commonest first ones.
+FIRST_MISTAKES = {
+    "no-h-in-velocity": [(VELOCITY, VELOCITY.replace("timeStep * ", ""))],
+    "no-h-in-position": [(POSITION, POSITION.replace("timeStep * ", ""))],
+    "no-h-in-orientation": [(HALF, "0.5 * self.angVelocity")],
+    "gravity-9.81": [(GRAVITY, GRAVITY.replace("9.8", "9.81"))],
+    "gravity-along-z": [(GRAVITY, "gravity = np.array([[0.0, 0.0, -9.8]])")],
+    "gravity-times-mass": [(GRAVITY, f"{GRAVITY} * self.mass")],
+    "half-acceleration": [
+        (
+            POSITION,
+            "self.position = self.position + timeStep * (self.linVelocity\n"
+            "                - timeStep * gravity) + 0.5 * timeStep ** 2 * gravity",
+        ),
+    ],
+    "tensor-not-inverted": [("return R @ self.invIT", "return R @ self.IT")],
+    "tensor-1-for-2": [(TENSOR2, "invI2 = invI1")],
+    "tensor-2-for-1": [("invI1 = m1.", "invI1 = m2.")],
+    "tensors-exchanged": [(TENSOR2, "invI1, invI2 = m2.get_rotated_inv_IT(), invI1")],
+    "arms-exchanged": [
+        (
+            "    r2 = contact - m2.position\n",
+            "    r2 = contact - m2.position\n    r1, r2 = r2, r1\n",
+        )
+    ],
+    "arms-reversed": [
+        (
+            "    r1 = contact - m1.position\n    r2 = contact - m2.position\n",
+            "    r1 = m1.position - contact\n    r2 = m2.position - contact\n",
+        )
+    ],
+    "spin-without-inertia": [
+        (ANGULAR1, ANGULAR1.replace(" @ invI1.T", "")),
+        (ANGULAR2, ANGULAR2.replace(" @ invI2.T", "")),
+    ],
+    "impulse-without-mass": [
+        (LINEAR1, LINEAR1.replace("m1.invMass * ", "")),
+        (LINEAR2, LINEAR2.replace("m2.invMass * ", "")),
+    ],
+    "one-minus-restitution": [(FACTOR, "j = (1.0 - CRCoeff) *")],
+    "restitution-alone": [(FACTOR, "j = CRCoeff *")],
+    "detection-order": [
+        ("return isCollision, depth, normal, point", "return isCollision, depth, point, normal")
+    ],
+    "position-order": [
+        (
+            "return False, (currPositions[0] - invMasses[0] / total * push,\n"
+            "                   currPositions[1] + invMasses[1] / total * push)",
+            "return (currPositions[0] - invMasses[0] / total * push,\n"
+            "            currPositions[1] + invMasses[1] / total * push), False",
+        ),
+    ],
+    "velocity-order": [("return False, (v1, v2), (w1, w2)", "return False, (w1, w2), (v1, v2)")],
+}
+
+# What the data do not show.
+HIDDEN_MISTAKES = {
+    "changes-its-arguments": [
+        (
+            "    return False, (currPositions[0] - invMasses[0] / total * push,\n"
+            "                   currPositions[1] + invMasses[1] / total * push)",
+            "    currPositions[0][:] -= invMasses[0] / total * push\n"
+            "    currPositions[1][:] += invMasses[1] / total * push\n"
+            "    return False, currPositions",
+        ),
+    ],
+    "absolute-depth": [("    # interpenetration\n", "    depth = abs(depth)\n")],
+    "two-fixed": [("    if total == 0.0:\n        return\n", "    total = np.float64(total)\n")],
+    "qexp-shape": [
+        (
+            "return np.exp(q[:, [0]]) * np.concatenate(",
+            "return np.squeeze(np.exp(q[:, [0]]) * np.concatenate(",
+        ),
+        ("q[:, 1:] / safe), axis=1\n    )", "q[:, 1:] / safe), axis=1))"),
+        (STEP, "QMult(QExp(half).reshape(1, 4), self.orientation)"),
+    ],
+    "no-tolerance": [(VALID, "isValid = bool(C <= 0.0) if upper else bool(C >= 0.0)")],
+    "lower-tolerance-sign": [(VALID, VALID.replace("-tol", "tol"))],
+    "stale-vertices": [
+        (
+            "self.orientation = QMult(QExp(half), self.orientation)\n        self.update_vertices()",
+            "self.orientation = QMult(QExp(half), self.orientation)",
+        ),
+    ],
+}
+
+# Right solutions, written otherwise.
+IN_PLACE = [
+    ("np.array(origVertices, dtype=float)", "origVertices"),
+    ("np.array(position, dtype=float).reshape(1, 3)", "position"),
+    ("np.array(orientation, dtype=float).reshape(1, 4)", "orientation.reshape(1, 4)"),
+    ("m1.linVelocity = m1.linVelocity - m1", "m1.linVelocity -= m1"),
+    ("m1.position = m1.position - m1", "m1.position -= m1"),
+    ("self.position = self.position + timeStep *", "self.position += timeStep *"),
+    (
+        "    push = C * difference / length\n",
+        "    push = C * difference / length\n    difference *= 0.0\n",
+    ),
+]
+RIGHT = {
+    "right": [],
+    "in-place": IN_PLACE,
+    "lists-and-plain-vectors": [
+        (
+            "    return False, (v1, v2), (w1, w2)",
+            "    return [np.array([False]), [v1[0], v2[0].tolist()], np.array([w1[0], w2[0]])]",
+        ),
+        (
+            "    return True, currPositions\n",
+            "    return np.True_, np.concatenate(currPositions)\n",
+        ),
+        (
+            "return isCollision, depth, normal, point",
+            "return isCollision, float(depth[0]), normal.tolist(), point.reshape(3, 1)",
+        ),
+        ("        return R @ self.invIT @ R.T", "        return (R @ self.invIT @ R.T).tolist()"),
+        ("invI1 = m1.get_rotated_inv_IT()", "invI1 = np.array(m1.get_rotated_inv_IT())"),
+        ("invI2 = m2.get_rotated_inv_IT()", "invI2 = np.array(m2.get_rotated_inv_IT())"),
+    ],
+    "flat-attributes": [
+        ("np.array(position, dtype=float).reshape(1, 3)", "np.array(position).reshape(3)"),
+        ("self.linVelocity = np.zeros((1, 3))", "self.linVelocity = np.zeros(3)"),
+        ("self.angVelocity = np.zeros((1, 3))", "self.angVelocity = np.zeros(3)"),
+        ("    difference = currConstPoints[0]", "    difference = np.ravel(currConstPoints[0])"),
+        ("- currConstPoints[1]\n    length", "- np.ravel(currConstPoints[1])\n    length"),
+    ],
+    "vertices-as-a-property": [
+        (
+            "    def update_vertices(self):\n        self.currVertices = "
+            "QRotate(self.orientation, self.origVertices) + self.position\n",
+            "    def update_vertices(self):\n        pass\n\n"
+            "    @property\n    def currVertices(self):\n"
+            "        return QRotate(self.orientation, self.origVertices) + self.position\n",
+        ),
+    ],
+    "box-kept-by-the-constructor": [
+        (
+            "        self.update_vertices()\n\n    def compute_mass",
+            "        self.update_vertices()\n        self.count = 0\n\n    def compute_mass",
+        ),
+        (
+            "+ self.position\n\n    def get_rotated",
+            "+ self.position\n        if len(self.currVertices):\n"
+            "            self.low, self.high = self.currVertices.min(0), self.currVertices.max(0)\n\n"
+            "    def get_rotated",
+        ),
+        (
+            "        low, high = self.currVertices.min(axis=0), self.currVertices.max(axis=0)\n"
+            "        otherLow, otherHigh = m.currVertices.min(axis=0), m.currVertices.max(axis=0)\n"
+            "        return bool(np.all(high >= otherLow) and np.all(otherHigh >= low))",
+            "        return bool(np.all(self.high >= m.low) and np.all(m.high >= self.low))",
+        ),
+    ],
+    "slots-and-helpers": [
+        (
+            "class Mesh:\n",
+            "class Body:\n    __slots__ = (\n"
+            "        'name origVertices faces tets density position orientation isFixed IT invIT '\n"
+            "        'linVelocity angVelocity mass invMass currVertices').split()\n\n"
+            "    def point_velocity(self, r):\n"
+            "        return self.linVelocity + np.cross(self.angVelocity, r)\n\n\nclass Mesh(Body):\n"
+            "    __slots__ = ()\n",
+        ),
+        ("v1 = m1.linVelocity + np.cross(m1.angVelocity, r1)", "v1 = m1.point_velocity(r1)"),
+        ("v2 = m2.linVelocity + np.cross(m2.angVelocity, r2)", "v2 = m2.point_velocity(r2)"),
+    ],
+    "solved-as-a-system": [
+        (
+            "    velocities = velocities - invM @ J * (J @ velocities) / (J @ invM @ J)\n",
+            "    J = J.reshape(1, 12)\n"
+            "    velocities = velocities + invM @ J.T @ np.linalg.solve(\n"
+            "        J @ invM @ J.T, -J @ velocities)\n",
+        ),
+        (
+            "    v1, w1, v2, w2 = velocities.reshape(4, 1, 3)",
+            "    v1, w1, v2, w2 = [\n"
+            "        velocities[3 * k : 3 * k + 3].reshape(1, 3) for k in range(4)]",
+        ),
+        (
+            "self.orientation = QMult(QExp(half), self.orientation)",
+            "q = QMult(QExp(half), self.orientation)\n"
+            "            self.orientation = q / np.linalg.norm(q)",
+        ),
+    ],
+    # The skeleton's tensor, alone and with the release's way of turning it.
+    "small-tensor": [SMALL_TENSOR],
+    "released": RELEASED,
+}
+
+# Half done: collisions move the meshes apart but give no impulse, tensor and position constraint
+# are the skeleton's stubs, and the velocity constraint is not there at all.
+HALF_DONE = [
+    ("    # velocities\n", "    return\n"),
+    ("return R @ self.invIT @ R.T", "return np.identity(3)"),
+    ("    C = length - refValue\n", "    return True, currPositions\n    C = length - refValue\n"),
+    ("def resolve_velocity_constraint(", "def resolve_velocities_some_day("),
+]
+
+# The skeleton as it is handed out: stubs for all that is to be written.
+SKELETON = [
+    ("if not self.isFixed:\n            gravity", "if False:\n            gravity"),
+    ("    n = np.reshape(contactNormal, (1, 3))\n", "    return\n"),
+    HALF_DONE[1],
+    HALF_DONE[2],
+    (
+        "    n = (currConstPoints[0] - currConstPoints[1]).reshape(3)\n",
+        "    return True, currLinVelocities, currAngVelocities\n",
+    ),
+]
+
+UNFINISHED = {
+    "half-done": HALF_DONE,
+    "skeleton": SKELETON,
+    "raises": [("    # velocities\n", "    raise ValueError('an impulse of no size')\n")],
+}
+VARIANTS = RIGHT | HIDDEN_MISTAKES | FIRST_MISTAKES | MISTAKES | UNFINISHED
+
+HOSTILE = {
+    "endless-loop": [("    # interpenetration\n", "    while True:\n        pass\n")],
+    "os-exit": [("    # interpenetration\n", "    os._exit(7)\n")],
+}
+
+
+def released(edits):
+    """The same edits on a solution with the physics of the 2024 release."""
+    touched = {old for old, _new in edits}
+    return [edit for edit in RELEASED if edit[0] not in touched] + list(edits)
+
+
+def edited(edits):
+    """The text of RBSFunctions.py and of Quaternion.py after edits."""
+    texts = [(STUDENT / name).read_text(encoding="utf-8") for name in (FUNCTIONS, QUATERNION)]
+    for old, new in edits:
+        counts = [text.count(old) for text in texts]
+        assert sum(counts) == 1, f"{sum(counts)} times: {old}"
+        texts[counts.index(1)] = texts[counts.index(1)].replace(old, new)
+    return texts
+
+
+def write_submission(folder, edits=()):
+    """Writes the student's files, edited, into a new folder; returns its path."""
+    folder = Path(folder)
+    folder.mkdir(parents=True)
+    for name, text in zip((FUNCTIONS, QUATERNION), edited(edits), strict=True):
+        (folder / name).write_text(text, encoding="utf-8")
+    return folder
+
+
+def write_zip(path, files):
+    """Writes a ZIP; files : dict from the name in the archive to its text or bytes."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+    return path
+
+
+def files_of(folder, top=""):
+    """For `write_zip`: a submission's files, in a folder of the archive."""
+    return {f"{top}{path.name}": path.read_bytes() for path in sorted(Path(folder).glob("*.py"))}
+
+
+# ---- What each is told, in one process ----------------------------------------------------------
+
+
+@contextlib.contextmanager
+def loaded(edits):
+    """Within it, RBSFunctions and Quaternion are the student's, edited; yields the two modules."""
+    sys.path[:0] = paths = [str(ROOT / "graders" / "released")]
+    ours = {
+        name: sys.modules.pop(name, None) for name in ("RBSFunctions", "Quaternion", "RBSLoadVis")
+    }
+    try:
+        for name, text in zip(("Quaternion", "RBSFunctions"), reversed(edited(edits)), strict=True):
+            sys.modules[name] = module = ModuleType(name)
+            exec(compile(text, STUDENT / f"{name}.py", "exec"), vars(module))
+        yield sys.modules["RBSFunctions"], sys.modules["Quaternion"]
+    finally:
+        for name, module in ours.items():
+            sys.modules.pop(name, None)
+            if module is not None:
+                sys.modules[name] = module
+        for path in paths:
+            sys.path.remove(path)
+
+
+@functools.cache
+def first_data(name, folder=DATA):
+    """(a grader, the first samples of its data in a folder)"""
+    grader = importlib.import_module(name).GRADER
+    data = grader.load(folder)
+    return grader, data | {
+        key: first_samples(data[key], layout[1:]) for key, layout in grader.layout.items()
+    }
+
+
+def first_samples(array, axes):
+    """The first ones of an array. axes : as in a layout"""
+    return np.array(array)[tuple(slice(SAMPLES if one == "samples" else None) for one in axes)]
+
+
+def grades_of(edits, folder=DATA):
+    """The Grades of a variant by each of the three graders, on the data in a folder."""
+    with loaded(edits) as modules:
+        conventions = importlib.import_module("conventions")
+        gradeReport = importlib.import_module("gradeReport")
+        trials = importlib.import_module("trials")
+        grades = []
+        for name in GRADERS:
+            grader, data = first_data(name, folder)
+            bodies = conventions.Bodies(*modules, data)
+            outcomes = []
+            for part in grader.asked(data, withExtras=True):
+                results = trials.Results(part.shapes, len(data["randomPositions"]), STUDENT)
+                part.run(bodies, data, part.samples(data), results)
+                outcomes.append((part, results))
+            grades.append(gradeReport.make_grade(grader, outcomes, data))
+    return grades
+
+
+def told(grades):
+    """The notes of grades, and what was replaced, as lines."""
+    lines = []
+    for grade in grades:
+        lines += [text for text in grade.remarks if "replaced for this verdict" in text]
+        lines += [f"{what}: {text}" for what, text in grade.notes]
+    return list(dict.fromkeys(lines))
+
+
+def released_error(edits, place):
+    """The largest error that the graders of the released shape print, infinite if one fails.
+
+    place : a folder with `grading` and `data`
+    """
+    errors = []
+    here = os.getcwd()
+    with loaded(edits):
+        path = sys.path[:]
+        try:
+            os.chdir(place / "grading")
+            for name in GRADERS:
+                printed = io.StringIO()
+                with contextlib.redirect_stdout(printed), np.errstate(all="ignore"):
+                    runpy.run_path(f"{name}.py")
+                errors += [float(line.split()[-1]) for line in printed.getvalue().splitlines()]
+        except Exception:
+            return np.inf
+        finally:
+            os.chdir(here)
+            sys.path[:] = path
+    return np.inf if np.isnan(errors).any() else max(errors)
+
+
+def write_place(place, change=lambda module, data: data):
+    """Fills a folder with `grading` and `data`: our first samples, or what becomes of them."""
+    shutil.copytree(FIXTURES / "released", place / "grading")
+    (place / "data").mkdir()
+    shutil.copy(DATA / "cylinder.mesh", place / "data")
+    for module in GRADERS:
+        grader, data = first_data(module)
+        data = change(module, data)
+        stored = {key: data[key].copy() for key in grader.layout}
+        if module == "integrationGrading":  # the released grader looks at one sample
+            for key in (key for key in stored if key.startswith("result")):
+                stored[key][1:] = 0.0
+        (place / "data" / grader.fileName).write_bytes(pickle.dumps(stored))
+    return place
+
+
+def table():
+    """The text of variants.md."""
+    lines = [
+        "# What each variant is told",
+        "",
+        "Written by `python tests/graders/studentVariants.py`; each is one change of `student`.",
+        "The last column is the verdict of graders of the released shape on our data, up to errors",
+        "of 1e-6.",
+        "",
+        "| variant | fails | told | released graders |",
+        "|---|--:|---|--:|",
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        place = write_place(Path(folder))
+        for name, edits in VARIANTS.items():
+            grades = grades_of(edits)
+            count = sum(len(grade.failures) for grade in grades)
+            error = released_error(edits, place)
+            verdict = "stop" if np.isinf(error) else "fails" if error > 1e-6 else "passes"
+            lines.append(f"| {name} | {count} | {'<br>'.join(told(grades))} | {verdict} |")
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    (FIXTURES / "variants.md").write_text(table(), encoding="utf-8")

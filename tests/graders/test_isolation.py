@@ -1,0 +1,250 @@
+"""Submissions that hang, crash, end the interpreter or escape: they harm nobody but themselves."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+
+import pytest
+from handIns import SOLUTION, START, link, start, stopped, workers
+from oracles import ROOT
+from studentVariants import HOSTILE, write_submission, write_zip
+
+sys.path.insert(0, str(ROOT / "graders"))
+
+import archives
+from archives import Entry, find_submissions, modules_of
+
+from rbs.program.submissions import SubmissionError
+
+COLLISIONS = "ResolveCollisionsGrading.py"
+
+
+def run(script, *arguments):
+    return subprocess.run(
+        [sys.executable, ROOT / "graders" / script, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+
+
+# ---- A single one -------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of the address space")
+def test_memory_is_limited(tmp_path):
+    folder = write_submission(tmp_path / "student", [(START, "    np.ones(1 << 28)\n")])  # 2 GiB
+    graded = run(COLLISIONS, "--modules", folder, "--memory-limit", 1024)
+    assert graded.returncode == 1
+    assert "MemoryError: Unable to allocate 2.00 GiB" in graded.stdout
+    assert "isCollision                        0 differ" in graded.stdout  # the rest is graded
+
+
+def test_the_folder_stays_as_it_was_whatever_is_written_into_it(tmp_path):
+    """The module writes beside itself, removes itself, and leaves no cache."""
+    wreck = (
+        "    here = os.path.dirname(os.path.abspath(__file__))\n"
+        "    open(os.path.join(here, 'written'), 'w').close()\n"
+        "    open('written too', 'w').close()\n"
+        "    os.path.exists(__file__) and os.remove(__file__)\n"
+    )
+    folder = write_submission(tmp_path / "student", [(START, wreck + START)])
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    graded = run(COLLISIONS, "--modules", folder)
+    assert graded.returncode == 0, graded.stdout
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="there are no process groups here")
+def test_what_is_started_is_ended_too(tmp_path):
+    pid = tmp_path / "pid"
+    begin = (
+        "    import subprocess, sys\n"
+        f"    if not os.path.exists({str(pid)!r}):\n"
+        "        one = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(300)'])\n"
+        f"        open({str(pid)!r}, 'w').write(str(one.pid))\n"
+    )
+    write_submission(tmp_path / "student", [(START, begin + START)])
+    graded = run(COLLISIONS, "--modules", tmp_path / "student")
+    assert graded.returncode == 0, graded.stdout
+    assert_ends(lambda: not is_running(int(pid.read_text())))
+
+
+def assert_ends(isOver):
+    """What has been told to end is being cleared away."""
+    begin = time.monotonic()
+    while not isOver():
+        assert time.monotonic() - begin < 10, "it still runs"
+        time.sleep(0.05)
+
+
+def is_running(pid):
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
+
+
+def test_no_window_can_be_opened(tmp_path, monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
+    look = "    assert not {'DISPLAY', 'WAYLAND_DISPLAY'} & set(os.environ)\n"
+    look += "    assert os.environ['MPLBACKEND'] == 'Agg'\n"
+    write_submission(tmp_path / "student", [(START, look + START)])
+    assert run(COLLISIONS, "--modules", tmp_path / "student").returncode == 0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a worker ends by its own clock")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("text", ["while True: pass\n", "import time; time.sleep(300)\n"])
+def test_no_worker_is_left(number, text, tmp_path):
+    (tmp_path / "student").mkdir()
+    (tmp_path / "student" / "RBSFunctions.py").write_text(text)
+    process = start(tmp_path / "student", "--out", tmp_path / "out")
+    begin = time.monotonic()
+    while not (found := set(workers()) & set(children(process.pid))):
+        assert time.monotonic() - begin < 30
+        time.sleep(0.02)
+    process.send_signal(number)
+    process.communicate(timeout=20)
+    assert_ends(lambda: not any(map(is_running, found)))
+
+
+def children(pid):
+    paths = Path(f"/proc/{pid}/task").glob("*/children")
+    return [int(word) for path in paths for word in path.read_text().split()]
+
+
+# ---- Command line of grade.py -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "cause"),
+    [
+        (["nowhere"], "nowhere: there is no such file or folder"),
+        (["empty"], "empty: there is no submission in this folder"),
+        (["file.txt"], "file.txt: a submission is a folder, a ZIP or a tar"),
+        (["student", "--jobs", "0"], "must be 1 or more, not 0"),
+        (["student", "--data", "empty"], "integration.data: cannot be read: No such file"),
+        (["student", "--out", "file.txt"], "file.txt: File exists"),
+        (["student", "--time-limit", "-1"], "must be 0.1 or more, not -1.0"),
+        (["student", "--marks", "nowhere"], "nowhere: No such file or directory"),
+        (["student", "--marks", "file.txt"], "file.txt: File contains no section headers."),
+        (["student", "--marks", "odd.ini"], "odd.ini: 'gravity' is none of integrate_timestep, "),
+    ],
+)
+def test_wrong_arguments_get_one_line(arguments, cause, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_submission(tmp_path / "student")
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "file.txt").write_text("text")
+    (tmp_path / "odd.ini").write_text("[all]\ngravity = 3\n")
+    graded = run("grade.py", *arguments)
+    assert graded.returncode == 2
+    assert graded.stdout == ""
+    (line,) = graded.stderr.splitlines()
+    assert line.startswith("grade.py: ")
+    assert cause in line
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
+def test_ctrl_c_ends_all_in_one_line(tmp_path):
+    for name in ("one", "two", "three"):
+        write_submission(tmp_path / "all" / name, HOSTILE["endless-loop"])
+    environment = os.environ | {"TMPDIR": str(tmp_path)}
+    process = start(tmp_path / "all", "--out", tmp_path / "out", "--jobs", 2, env=environment)
+    begin = time.monotonic()
+    while len(list(tmp_path.glob("running-*/answers.jsonl"))) < 2:
+        assert time.monotonic() - begin < 30
+        time.sleep(0.05)
+    assert stopped(process, tmp_path / "out", 0, signal.SIGINT) == (
+        130,
+        "grade.py: stopped with 0 of 3 graded; --resume goes on",
+        0,
+    )
+    assert not list(tmp_path.glob("running-*")) + list(tmp_path.glob("submission-*"))
+
+
+# ---- Finding and unpacking ----------------------------------------------------------------------
+
+
+def test_submissions_are_found_and_named(tmp_path):
+    place = tmp_path / "all"
+    write_submission(place / "one")
+    write_submission(place / "two" / "code")
+    write_submission(place / "Three: 3" / "deep" / "down")
+    write_zip(place / "one.zip", SOLUTION)
+    for name in (".hidden", "__MACOSX"):
+        (place / name).mkdir()
+    (place / "notes.txt").write_text("text")
+    (place / "a_1_assignsubmission_file_b.tar.gz").write_text("")
+    found = find_submissions([place, place / "two"])
+    assert [entry.name for entry in found] == ["Three_ 3", "a", "one", "one-2", "two", "two-2"]
+    assert found[4].path == place / "two"
+    with modules_of(found[0]) as (folder, remarks):
+        assert sorted(path.name for path in folder.iterdir()) == sorted(SOLUTION)
+        assert remarks == ["modules found in deep/down"]
+    with pytest.raises(SubmissionError, match="holds no RBSFunctions.py"):
+        with modules_of(Entry("hidden", place / ".hidden")):
+            pass
+
+
+def taken(path):
+    """What is taken of a submission: (dict from path to text, remarks)."""
+    with modules_of(Entry("it", path)) as (folder, remarks):
+        files = [one for one in folder.rglob("*") if one.is_file()]
+        return {one.relative_to(folder).as_posix(): one.read_text() for one in files}, remarks
+
+
+TOLD = "1 files are left out: too many or too large"
+CASES = {
+    "up": ({"a/../../x.py": "1", "../y.py": "2"}, {}, []),
+    "absolute": ({"/tmp/x.py": "1", "C:\\y.py": "2"}, {"tmp/x.py": "1", "C_/y.py": "2"}, []),
+    "backslashes": ({"a\\y.py": "2"}, {"a/y.py": "2"}, []),
+    "links": (link("x.py", "/etc/passwd"), {}, []),
+    "twice": ({"x.py": "1", "./x.py": "2"}, {"x.py": "2"}, []),
+    "odd": ({"a\x1bb.py": "1", "Icon\r": ""}, {"a_b.py": "1", "Icon_": ""}, []),
+    "many": ({f"a/{k}.py": "" for k in range(4)}, {f"a/{k}.py": "" for k in range(3)}, [TOLD]),
+    "large": ({"x.py": "0" * 600}, {}, [TOLD]),
+    "video": ({"x.mp4": "0" * 600}, {}, []),
+    "in all": ({"x.py": "0" * 450, "y.py": "0" * 451}, {"x.py": "0" * 450}, [TOLD]),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_of_a_zip_that_is_taken_which_is_needed_and_does_no_harm(case, tmp_path, monkeypatch):
+    members, expected, remarks = CASES[case]
+    monkeypatch.setattr(archives, "MOST_FILES", 4)
+    monkeypatch.setattr(archives, "LARGEST_FILE", 500)
+    monkeypatch.setattr(archives, "MOST_BYTES", 900)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "deep"))
+    (tmp_path / "deep").mkdir()
+    with zipfile.ZipFile(tmp_path / "it.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in ({"RBSFunctions.py": ""} | members).items():
+            archive.writestr(name, content)
+    assert taken(tmp_path / "it.zip") == ({"RBSFunctions.py": ""} | expected, remarks)
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [tmp_path / "it.zip"]
+
+
+def test_links_are_not_followed(tmp_path):
+    folder = write_submission(tmp_path / "student")
+    (tmp_path / "secret").mkdir()
+    (tmp_path / "secret" / "secret.py").write_text("read")
+    (folder / "linked.py").symlink_to(tmp_path / "secret" / "secret.py")
+    (folder / "linked").symlink_to(tmp_path / "secret")
+    assert set(taken(folder)[0]) == set(SOLUTION)
+
+
+@pytest.mark.parametrize("damage", ["text", "cut", "flipped"])
+def test_what_is_no_zip_is_refused(damage, tmp_path):
+    path = write_zip(tmp_path / "it.zip", {"RBSFunctions.py": os.urandom(2000)})
+    content = bytearray(path.read_bytes())
+    content[500] ^= 0xFF
+    path.write_bytes({"text": b"this is not a ZIP", "cut": content[:1000]}.get(damage, content))
+    with pytest.raises(SubmissionError, match="is no ZIP or tar, or a damaged one"):
+        taken(path)

@@ -1,0 +1,279 @@
+"""The studio look: its light against closed forms, and what pictures hold. Drawn off-screen."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from opengl import require_opengl
+from oracles import box_body
+from PIL import Image
+from program import DATA, run
+
+from rbs.appearance import light as light_of_day
+from rbs.appearance.colours import PALETTE, BodyColours
+from rbs.appearance.drawables import SUN, face_neighbours
+from rbs.appearance.pictureoptions import SEEN_THROUGH, PictureOptions
+from rbs.appearance.skins import Skin
+from rbs.pictures import studio
+from rbs.pictures.cameras import kept_camera
+from rbs.pictures.capture import StudioLook, start_view, take_picture
+from rbs.pictures.facenumbers import Camera
+from rbs.scenes.simulation import Simulation
+from rbs.stepping.settings import Settings
+from rbs.window.pictureprocess import PictureProcess
+
+SIZE = (160, 90)
+
+
+def view_of(*meshes, size=SIZE, **options):
+    """A SceneView of bodies in the studio look."""
+    simulation = SimpleNamespace(
+        meshes=list(meshes), constraints=[], settings=Settings(), report=None, stepCount=0
+    )
+    options = PictureOptions(size, look="studio", **options)
+    return start_view(simulation, require_opengl(), options)
+
+
+def light_of(view, counts=studio.STILL_DIRECTIONS):
+    """The SceneLight of a picture, of a still where nothing else is said."""
+    one = studio.Studio(counts)
+    one.take(view)
+    return one.light
+
+
+def on_ground(light, x, z):
+    """What points (x, z) of the ground receive, (5, m)."""
+    x, z = np.broadcast_arrays(x, z)
+    points = np.stack([x, np.zeros(x.shape), z]).astype(np.float32)
+    up = np.repeat([[0.0], [1.0], [0.0]], points.shape[1], axis=1).astype(np.float32)
+    return light.received(points, up, np.full(points.shape[1], -1))
+
+
+def test_a_boxs_shadow_ends_where_the_sun_says_as_softly_as_the_suns_disc_does():
+    """A box 6 m high throws the shadow of its upper edge x = 1 onto the ground."""
+    light = light_of(view_of(box_body(2, 6, 8, (0, 3, 0))))
+    x = np.linspace(1.0, 8.0, 400)
+    share = on_ground(light, x, 6.0 * -SUN[2] / SUN[1])[0]
+    # of the disc, finely: what passes over the edge
+    rng = np.random.default_rng(0)
+    radius, angle = np.sqrt(rng.random(20_000)), 2.0 * math.pi * rng.random(20_000)
+    side = np.cross(SUN, [0, 1, 0]) / np.linalg.norm(np.cross(SUN, [0, 1, 0]))
+    across = (radius * np.cos(angle))[:, None] * side
+    across += (radius * np.sin(angle))[:, None] * np.cross(side, SUN)
+    towards = SUN + math.tan(light_of_day.SUN_ANGLE / 2.0) * across
+    ends = np.sort(1.0 - 6.0 * towards[:, 0] / towards[:, 1])
+    expected = np.searchsorted(ends, x) / len(ends)
+    assert 0.2 < np.ptp(ends) < 0.5 and (share[x < ends[0] - 0.05] == 0).all()
+    assert (share[x > ends[-1] + 0.05] == 1).all()
+    assert np.abs(share - expected).max() < 0.12  # 32 directions, and a map's pixels of 2 cm
+    assert abs(np.trapezoid(share - expected, x)) < 0.01
+
+
+def seen_wall(height, width, distance):
+    """The form factor of a wall for the ground before its end, of whichever width."""
+    slant = np.hypot(height, distance)
+    near, far = np.arctan2(width, distance), np.arctan2(width, slant)
+    return (near - distance / slant * far) / (2.0 * math.pi)
+
+
+def test_the_skys_share_beside_a_wall_and_in_a_corner():
+    light = light_of(view_of(box_body(1, 4, 24, (-0.5, 2, 0))))
+    away = np.array([0.3, 1.0, 3.0, 8.0, 20.0])
+    expected = 1.0 - 2.0 * seen_wall(4.0, 12.0, away)
+    assert expected[0] < 0.55 and expected[-1] > 0.99
+    np.testing.assert_allclose(on_ground(light, away, 0.0)[1], expected, atol=0.02)
+    # two walls, x = 0 and z = 0, that meet: near the corner, a quarter of the sky is left
+    light = light_of(
+        view_of(box_body(1, 10, 11, (-0.5, 5, 5.5)), box_body(11, 10, 1, (5.5, 5, -0.5)))
+    )
+    away = np.array([0.3, 1.0, 3.0])
+    expected = 1.0 - 2.0 * (seen_wall(10.0, away, away) + seen_wall(10.0, 11.0 - away, away))
+    assert 0.25 < expected[0] < 0.28
+    np.testing.assert_allclose(on_ground(light, away, away)[1], expected, atol=0.02)
+
+
+def test_planes_receive_what_the_sky_sends():
+    """Of a sky of radiance H + (Z - H) √sin h, integrated over level ground and over a wall."""
+    H, Z = light_of_day.HORIZON, light_of_day.ZENITH
+    np.testing.assert_allclose(light_of_day.OPEN_SKY, math.pi * (H + 4.0 * Z) / 5.0, rtol=2e-3)
+    root = math.gamma(3 / 4) * math.gamma(3 / 2) / math.gamma(9 / 4)  # 2 ∫ √sin h cos² h dh
+    received = light_of_day.OPEN(np.array([0.0, -1.0]))[:3].T
+    np.testing.assert_allclose(received[0], H * math.pi / 2 + (Z - H) * root, rtol=4e-3)
+    assert received[1].max() < 1e-6
+
+
+def test_what_is_bright_lights_what_is_near():
+    """Ground before a wall in the sun receives more from it than ground behind it, and in its
+    colour; far away, nothing."""
+    light = light_of(view_of(box_body(1, 4, 30, (0, 2, 0))))  # the first colour is orange
+    before, behind, far = on_ground(light, np.array([-1.0, 1.0, -80.0]), 0.0)[2:].T
+    assert before[0] > 3.0 * behind[0] > 0.0 and before[0] > 3.0 * before[2]
+    assert far.max() < 0.01
+
+
+def test_normals_of_flat_sides_round_sides_and_edges():
+    mesh = box_body(2, 2, 2, (0, 0, 0))
+    skin = Skin(mesh.origVertices, mesh.faces)
+    x = np.append(mesh.origVertices[mesh.faces[0]].mean(axis=0), 1.0)
+    np.testing.assert_allclose(skin.smooth[0] @ x, skin.normal[0], atol=1e-12)
+    assert (skin.rimCount == 4).all() and abs(skin.radius - 2.0 * 0.035) < 1e-9
+    assert len(np.unique(skin.group)) == 6 and face_neighbours(mesh.faces).shape == (12, 3)
+    # the side of a cylinder is one surface, whose normals point away from the axis
+    mesh = Simulation(DATA / "single_cylinder-scene.txt").meshes[0]
+    skin = Skin(mesh.origVertices, mesh.faces)
+    count = [len(np.unique(skin.normal[skin.group == g].round(6), axis=0)) for g in range(3)]
+    onSide = np.flatnonzero(skin.group == np.argmax(count))
+    axis = np.linalg.svd(skin.normal[onSide])[2][-1]
+    x = mesh.origVertices[mesh.faces[onSide]]  # (f, 3, 3)
+    n = np.einsum("fij,fkj->fki", skin.smooth[onSide], np.insert(x, 3, 1.0, axis=2))
+    out = x - np.multiply.outer(x @ axis, axis)
+    cosine = np.sum(n * out, axis=2) / np.linalg.norm(n, axis=2) / np.linalg.norm(out, axis=2)
+    assert sorted(count)[:2] == [1, 1] and len(onSide) > 30 and cosine.min() > 0.99
+
+
+def test_the_same_scene_twice_has_the_same_bytes_and_keeps_its_maps(monkeypatch):
+    import polyscope as ps
+
+    meshes = Simulation(DATA / "stress-scene.txt").meshes
+    view, one = view_of(*meshes), studio.Studio(studio.VIDEO_DIRECTIONS)
+    first, light = one.take(view), one.light
+    with kept_camera():
+        ps.look_at((60.0, 30.0, 50.0), (0.0, 5.0, 0.0))
+        assert (one.take(view) != first).any() and one.light is light
+    np.testing.assert_array_equal(one.take(view), first)
+    np.testing.assert_array_equal(studio.Studio(studio.VIDEO_DIRECTIONS).take(view), first)
+    monkeypatch.setattr(studio, "BAND_SAMPLES", 3000)
+    np.testing.assert_array_equal(one.take(view), first)  # bands have no seams
+    meshes[-1].position = meshes[-1].position + 1.0
+    assert (one.take(view) != first).any() and one.light is not light
+
+
+def test_a_body_that_was_flung_away_leaves_picture_and_maps_as_they_were():
+    boxes = [box_body(2, 2, 2, (3 * k, 1, 0)) for k in range(5)]
+    flung = box_body(2, 2, 2, (0, 1, -3000))
+    size = light_of(view_of(*boxes), studio.VIDEO_DIRECTIONS).size
+    assert light_of(view_of(*boxes, flung), studio.VIDEO_DIRECTIONS).size == size
+    assert np.linalg.norm(Camera(1).eye) < 60.0
+
+
+@pytest.mark.parametrize("scene", ["stress", "wrecking_ball", "two_chain", "net"])
+def test_stills_show_all_bodies_from_low_down(scene):
+    view = view_of(*Simulation(DATA / f"{scene}-scene.txt").meshes)
+    camera = Camera(1)
+    assert 10.0 < math.degrees(math.asin(-camera.ahead[1])) < 20.0
+    vertices = np.concatenate([mesh.currVertices for mesh in view.simulation.meshes])
+    away = (vertices - camera.eye) @ np.linalg.inv(camera.axes)
+    place = away[:, :2] / away[:, 2:] / camera.halfHeight / [16 / 9, 1]
+    assert np.abs(place).max() < 0.95
+    assert (np.ptp(place, axis=0) / 2.0 > [0.7, 0.52]).any()
+
+
+def test_overlays_replace_what_is_behind_and_shine_through_what_is_before_them():
+    import polyscope as ps
+
+    from rbs.pictures.arrows import draw_lines
+
+    view = view_of(
+        box_body(4, 4, 4, (0, 2, 0)),
+        camera={
+            "viewMat": np.array([[1, 0, 0, 0], [0, 1, 0, -2], [0, 0, 1, -20], [0, 0, 0, 1.0]]),
+            "fov": 20.0,
+        },
+    )
+    bare = take_picture(view).astype(float)
+    pure = np.array([0, 0, 255.0])
+    for z, share in ((-5.0, 0.0), (5.0, 1.0)):
+        nodes = np.array([[-9.0, 2.2, z], [9.0, 2.2, z]])
+        draw_lines("trails", nodes, np.array([[0, 1]]), tuple(pure / 255.0), radius=0.05)
+        for isSeeThrough in (False, True):
+            view.shown = {"ground", "contacts"} if isSeeThrough else {"ground"}
+            ps.set_transparency_mode("none")
+            picture = take_picture(view)
+            share = 1.0 if z > 0 else SEEN_THROUGH * isSeeThrough
+            expected = share * pure + (1.0 - share) * bare[43, 80]
+            np.testing.assert_allclose(picture[43, 80], expected, atol=4)
+            np.testing.assert_allclose(picture[43, 15], pure, atol=4)
+            np.testing.assert_array_equal(picture[80], bare[80])
+
+
+def test_transparent_pictures_hold_bodies_and_shadows_only():
+    view = view_of(box_body(4, 4, 4, (0, 2, 0)), isTransparent=True)
+    picture = take_picture(view, isTransparent=True)
+    assert picture.shape == (90, 160, 4)
+    opacity, black = picture[..., 3], (picture[..., :3] == 0).all(axis=2)
+    assert (opacity[0] == 0).all() and (opacity[:, 0] < 8).all()
+    isBody = (opacity == 255) & ~black
+    isShadow = black & (opacity > 60) & (opacity < 220)
+    assert isBody.sum() > 1500 and isShadow.sum() > 300
+
+
+def test_the_ground_hides_what_has_sunk_into_it_and_is_left_out_when_it_is_switched_off():
+    view = view_of(box_body(4, 4, 4, (0, -1.9, 0)), box_body(1, 1, 1, (9, 0.5, 0)))
+    with view.framed_still():
+        drawn = studio.Studio(studio.VIDEO_DIRECTIONS)
+        withGround = drawn.take(view)
+        view.show("ground", False)
+        without = drawn.take(view)
+    orange = 255 * PALETTE[0]
+    near = [(np.abs(p - orange).max(axis=2) < 90).sum() for p in (withGround, without)]
+    assert near[1] > 4 * near[0] > 0
+    steps = [np.abs(np.diff(p[-1].astype(int), axis=0)).max() for p in (withGround, without)]
+    assert steps[0] > 8 and steps[1] <= 2  # no lines, nothing but the backdrop
+
+
+def test_another_process_draws_the_same_picture(tmp_path):
+    view = view_of(box_body(4, 4, 4, (0, 2, 0)), box_body(1, 1, 1, (3, 0.5, 1)))
+    view.pick(1, np.array([3.0, 1.0, 1.0]))
+    view.show("trails", True)
+    view.studio = StudioLook(framesAnew=False)
+    picture = PictureProcess(tmp_path / "p.png", view)
+    fractions = []
+    while picture.poll():
+        fractions.append(picture.fraction)
+    assert picture.error == "" and fractions == sorted(fractions) and max(fractions) > 0.5
+    np.testing.assert_array_equal(np.array(Image.open(tmp_path / "p.png")), take_picture(view))
+
+
+def test_copies_of_a_body_have_its_colour():
+    meshes = [box_body(1, 1, 1, (k, 1, 0)) for k in range(3)]
+    meshes[2].colourIndex = 0
+    colours = BodyColours(meshes).of(SimpleNamespace(meshes=meshes), "body")
+    np.testing.assert_array_equal(colours, PALETTE[[0, 1, 0]])
+
+
+def test_looks_are_refused_where_nothing_is_drawn(tmp_path):
+    for arguments, said in (
+        (("tet", "--look", "studio", "--headless"), "this run draws none"),
+        (("tet", "--look", "studio", "--record", "a.h5"), "this run draws none"),
+        (("--verify", "a.h5", "--look", "plain"), "--look does not go with --verify"),
+        (("tet", "--look", "nice", "--screenshots", "p"), "argument --look: invalid choice"),
+    ):
+        process = run(tmp_path, *arguments)
+        assert process.returncode == 2 and process.stderr.count("\n") == 1, process.stderr
+        assert said in process.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_stills_are_framed_anew_and_a_video_tells_what_it_costs(tmp_path):
+    require_opengl()
+    pytest.importorskip("imageio_ffmpeg")
+    process = run(
+        tmp_path,
+        "singlebox",
+        "--look",
+        "studio",
+        "--steps",
+        40,
+        "--every",
+        20,
+        "--screenshots",
+        "p",
+        "--video",
+        "v.mp4",
+        "--size",
+        "64x36",
+    )
+    assert process.returncode == 0, process.stderr
+    assert "s a frame, 3 frames, about 1 min" in process.stderr
+    assert len(list((tmp_path / "p").iterdir())) == 3 and (tmp_path / "v.mp4").stat().st_size > 500

@@ -1,0 +1,210 @@
+"""The simulation behind the command line; runs, pictures and videos; and where nothing can draw."""
+
+import inspect
+import json
+import os
+import re
+import signal
+import struct
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from opengl import require_opengl
+from oracles import ROOT
+from program import CAMERA, DATA, by_hand, call, environment, run, start, summary_of
+
+import rbs.program.options
+from rbs.recordings.recording import Recording
+from rbs.scenes.simulation import Simulation
+from rbs.scenes.state import STATE_NAMES
+from RigidBodySimulation import FALLBACK_PICTURES, load_constraint_file, load_scene_file
+
+onLinux = pytest.mark.skipif(
+    not sys.platform.startswith("linux"), reason="displays and EGL are found this way on Linux only"
+)
+
+
+def test_reset_leads_to_the_same_bits_again():
+    simulation = Simulation(DATA / "mixed-scene.txt")
+    begin, ends = simulation.state(), []
+    for _ in range(2):
+        for _ in range(80):
+            simulation.step()
+        ends.append(simulation.state())
+        assert simulation.stepCount == 80 and simulation.time == pytest.approx(1.6)
+        simulation.reset()
+        assert simulation.stepCount == 0 and simulation.time == 0.0
+        for name in STATE_NAMES:
+            np.testing.assert_array_equal(simulation.state()[name], begin[name])
+            np.testing.assert_array_equal(ends[0][name], ends[-1][name])
+            assert not np.array_equal(ends[0][name], begin[name]), name
+
+
+def test_headless_run_ends_with_a_summary_of_what_happened(capsys):
+    code, output, _ = call(capsys, "mixed", "--basic", "--headless", "--steps", 120)
+    summary = {line[:17].strip(): line[18:] for line in output.splitlines()}
+    simulation = Simulation(DATA / "mixed-scene.txt")
+    for _ in range(120):
+        simulation.step()
+    y, name = simulation.lowest_point()
+    assert summary["scene"].endswith("mixed-scene.txt") and summary["bodies"].startswith("15, 8 ")
+    assert (
+        summary["steps"].startswith("120 of 0.02 s: 2.4 s") and " ms " in summary["time per step"]
+    )
+    # This scene weighs 480 t.
+    assert f"{simulation.kinetic_energy() / 1e6:.6g} MJ now" in summary["kinetic energy"]
+    assert f"{simulation.potential_energy() / 1e6:.6g} MJ now" in summary["potential energy"]
+    assert summary["lowest point"] == f"y = {y:.4g} m ({name})"
+    assert summary["numbers"] == "all finite" and code == 0
+
+
+# Options; the constraint file that they mean, and what they mean in run_timestep. 3 visits are
+# less than the 16 bounds there are: still one sweep; 40 are two and a half.
+OURS = DATA / "tower_chain-constraints.txt"
+CHAINS = {
+    "": (OURS, {}),
+    "--no-constraints": (None, {}),
+    "--constraints strut.txt": ("strut.txt", {}),
+    "--max-iterations 3": (OURS, {"maxIterations": 3}),
+    "--max-iterations 40": (OURS, {"maxIterations": 40}),
+    "--scheduling queue": (OURS, {"constraintScheduling": "queue"}),
+    "--scheduling batches": (OURS, {"constraintScheduling": "batches"}),
+}
+
+
+def test_constraints_are_those_of_run_timestep(tmp_path, monkeypatch, capsys):
+    """From step 53 on several are taut, and the order of visits makes a difference."""
+    monkeypatch.chdir(tmp_path)
+    # From the fixed foot to the body on top, and nothing in between.
+    (tmp_path / "strut.txt").write_text("1\n0 0 8 0 1 2\n")
+    scene, found = DATA / "tower_chain-scene.txt", {}
+    for words, (file, options) in CHAINS.items():
+        arguments = [*words.split(), "--steps", 70, "--record", "r.h5"]
+        assert call(capsys, "tower_chain", *arguments)[0] == 0
+        recording = Recording("r.h5")
+        found[words] = np.array([recording.frame(step)["positions"] for step in range(71)])
+        if file is not None:
+            options = {**options, "constraints": load_constraint_file(file, load_scene_file(scene))}
+        expected = by_hand(scene, 70, 0.5, 0.02, **options)
+        np.testing.assert_array_equal(found[words], expected["positions"])
+        assert recording.source.constraints == (tmp_path / (file or OURS)).read_text()
+    assert np.array_equal(found.pop("--scheduling queue"), found[""])
+    assert len({positions.tobytes() for positions in found.values()}) == len(found) == 6
+
+
+def picture_size(path):
+    """(width, height) out of a PNG's header."""
+    content = path.read_bytes()
+    assert content[:8] == b"\x89PNG\r\n\x1a\n" and content[12:16] == b"IHDR"
+    return struct.unpack(">II", content[16:24])
+
+
+@onLinux
+def test_without_a_display_it_says_so_and_draws_off_screen(tmp_path):
+    require_opengl()
+    process = run(tmp_path, "tet", "--steps", 40, "--size", "640x360")
+    assert summary_of(process)["pictures"] == f"{FALLBACK_PICTURES} in out/tet"
+    (line,) = process.stderr.splitlines()
+    assert "there is no display" in line and "out/tet" in line
+    pictures = sorted((tmp_path / "out" / "tet").iterdir())
+    assert [p.name for p in pictures] == [f"frame_{k:06d}.png" for k in (0, 10, 20, 30, 40)]
+    assert {picture_size(p) for p in pictures} == {(640, 360)}
+    assert len({p.read_bytes() for p in pictures}) == FALLBACK_PICTURES
+
+
+def test_pictures_and_video_of_a_run_and_its_replay_under_any_name(tmp_path):
+    require_opengl()
+    pytest.importorskip("imageio_ffmpeg", reason="pip install imageio-ffmpeg")
+    # A size in the file has no effect on the picture's; H.264 takes even sides only.
+    (tmp_path / "ü.json").write_text(json.dumps({**CAMERA, "windowWidth": 640}))
+    options = ["--size", "161x121", "--camera", "ü.json"]
+    process = run(
+        tmp_path,
+        *("tet", "--steps", 20, "--record", "r.h5", "--video", "ein Film ö.mp4"),
+        *("--screenshots", "viele/Bilder é", *options),
+    )
+    summary = summary_of(process)
+    assert summary["video"].startswith("ein Film ö.mp4: 11 frames at 25 fps (real time)")
+    folder = tmp_path / "viele" / "Bilder é"
+    names = sorted(path.name for path in folder.iterdir())
+    assert names == ["frame_000000.png", "frame_000010.png", "frame_000020.png"]
+    assert {picture_size(path) for path in folder.iterdir()} == {(161, 121)}
+    process = run(
+        tmp_path,
+        *("--replay", "r.h5", "--video", "b.gif", "--fps", 10, "--every", 10),
+        *("--screenshots", "other", "--colours", "density", "--show", "trails", *options),
+    )
+    assert summary_of(process)["video"].startswith("b.gif: 3 frames at 10 fps (2 × real time)")
+    for name in names:
+        assert (tmp_path / "other" / name).read_bytes() != (folder / name).read_bytes()
+    assert len(list(tmp_path.iterdir())) == 6
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows cannot send Ctrl-C to one process")
+def test_video_that_ctrl_c_ends_is_whole(tmp_path):
+    require_opengl()
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="pip install imageio-ffmpeg")
+    words = "tet --video v.mp4 --steps 100000 --size 160x120 --every 1"
+    process = start(tmp_path, *words.split(), start_new_session=True)
+    part, end = tmp_path / "v.part.mp4", time.monotonic() + 60
+    while not (part.exists() and part.stat().st_size) and time.monotonic() < end:
+        time.sleep(0.1)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the encoder as well
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 130 and "stopped by Ctrl-C" in output, errors
+    assert [path.name for path in tmp_path.iterdir()] == ["v.mp4"]
+    said = next(line for line in output.splitlines() if line.startswith("video"))
+    count, _ = imageio_ffmpeg.count_frames_and_secs(str(tmp_path / "v.mp4"))
+    assert count > 1 and f" {count} frames" in said
+
+
+# What is missing: a variable or a module that does so when it is imported; the words of a command;
+# its exit code, and a word of the error. libglvnd looks for its drivers there; Mesa is one of them.
+MISSING = {
+    "OpenGL": ("__EGL_VENDOR_LIBRARY_FILENAMES", "/nonexistent", "", 0, "apt-get install"),
+    "pictures": ("__EGL_VENDOR_LIBRARY_FILENAMES", "/no", "--screenshots .", 2, "apt-get install"),
+    "a library": ("polyscope", "raise ImportError('libX11.so.6')", "", 0, "libX11.so.6"),
+    "a driver": ("polyscope", "import os; os.abort()", "", 0, "ended with code"),
+    "matplotlib": ("matplotlib", "raise ImportError('')", "--plot p.png", 2, "pip install"),
+}
+
+
+@onLinux
+@pytest.mark.parametrize("case", MISSING)
+def test_what_is_missing_is_told_in_one_line(tmp_path, case):
+    name, value, words, code, message = MISSING[case]
+    changes = {name: value}
+    if not name.startswith("_"):
+        changes = {"PYTHONPATH": str(tmp_path / "fakes")}
+        (tmp_path / "fakes").mkdir()
+        (tmp_path / "fakes" / f"{name}.py").write_text(value)
+    process = run(tmp_path, "tower", "--steps", 3, *words.split(), **changes)
+    (line,) = process.stderr.splitlines()
+    assert message in line and process.returncode == code
+    assert ("3 of 0.02 s" in process.stdout) == (code == 0)
+    assert {path.name for path in tmp_path.iterdir()} <= {"fakes"}
+
+
+def test_help_names_every_option_and_scene(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
+    code, output, errors = call(capsys, "--help")
+    assert (code, errors) == (0, "") and max(map(len, output.splitlines())) <= 100
+    options = re.findall(r'add_argument\(\s*"(--[a-z-]+)"', inspect.getsource(rbs.program.options))
+    assert len(options) > 15 and all(f"  {option}" in output for option in options)
+    listed = {line.split()[0] for line in output.splitlines() if line.startswith("    ")}
+    assert {path.name.removesuffix("-scene.txt") for path in DATA.glob("*-scene.txt")} <= listed
+
+
+def test_importing_the_modules_needs_no_display_and_no_polyscope():
+    modules = ["RigidBodySimulation", "RBSFunctions", "GJK", "Quaternion"]
+    modules += [
+        ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        for path in ROOT.glob("rbs/**/*.py")
+        if path.stem != "__init__"
+    ]
+    program = f"import sys, {', '.join(modules)}; sys.exit('polyscope' in sys.modules)"
+    process = subprocess.run([sys.executable, "-c", program], cwd=ROOT, env=environment())
+    assert process.returncode == 0

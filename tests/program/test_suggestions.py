@@ -1,0 +1,119 @@
+"""Settings that a scene recommends: how they are read, and when they are used."""
+
+import shutil
+
+import pytest
+from program import DATA, call
+
+from rbs.program.suggestions import SceneOpener, apply_settings, recommended_values
+from rbs.recordings.recording import Recording
+from rbs.scenes.scenefiles import SceneSource
+from rbs.scenes.simulation import Simulation
+from rbs.scenes.textfiles import SceneError
+from rbs.stepping.settings import Settings
+
+STANDING = {"contactSolver": "soft-step", "friction": 0.5, "restitution": 0.0}
+
+
+@pytest.fixture
+def make_scene(tmp_path, monkeypatch):
+    """Writes a scene of one box with these comment lines into the current folder; its path."""
+    shutil.copy(DATA / "box.mesh", tmp_path)
+    monkeypatch.chdir(tmp_path)
+
+    def make(lines="# nothing"):
+        (tmp_path / "a-scene.txt").write_text(f"# a box\n{lines}\n1\nbox.mesh 1 0 0 9 0 1 0 0 0")
+        return tmp_path / "a-scene.txt"
+
+    return make
+
+
+OPTIONS = "closing-only no-constraints time-step 0.01 max-iterations 7 scheduling queue"
+VALUES = {"closingOnly": True, "enforceConstraints": False, "timeStep": 0.01, "maxIterations": 7}
+# Comment lines, and what they recommend, or None.
+LINES = {
+    "# it suggests friction\n#suggestsfriction 1\n# suggests": {},
+    "# suggests friction 0.5\n#suggests\tfriction 0.25  \r": {"friction": 0.25},
+    f"# suggests {OPTIONS}": {**VALUES, "constraintScheduling": "queue"},
+    "# suggests friction 0.5\n  ## suggests mu 0.2": None,
+    "# suggests friction x": None,
+    "# suggests friction -1": None,
+    "# suggests scheduling quick": None,
+    "# suggests closing-only 1": None,
+    "# suggests constraints a.txt": None,
+    "# suggests solver soft-step closing-only": None,
+}
+
+
+@pytest.mark.parametrize(("lines", "expected"), LINES.items())
+def test_words_are_those_of_the_command_line(make_scene, lines, expected):
+    """Of what cannot be recommended, file and line are named: that of the last one."""
+    path = make_scene(lines)
+    source = SceneSource.of_files(path)
+    if expected is not None:
+        assert recommended_values(source) == expected
+        return
+    with pytest.raises(SceneError) as error:
+        recommended_values(source)
+    assert str(error.value).startswith(f"{path}:{2 + lines.count(chr(10))}: recommended settings: ")
+
+
+def test_wrong_recommendation_ends_the_program_unless_it_is_not_asked_for(make_scene, capsys):
+    path = make_scene("# suggests frictoin 1")
+    arguments = [path, "--headless", "--steps", 1]
+    code, output, errors = call(capsys, *arguments)
+    assert (code, output) == (2, "") and errors.count("\n") == 1 and f"{path}:2: " in errors
+    assert call(capsys, *arguments, "--basic")[0] == 0
+    code, _, errors = call(capsys, "stack", "--broad-phase", "grid", "--headless")
+    assert code == 2 and "no effect" in errors and "stack-scene.txt recommends" in errors
+
+
+# Words, the settings that they give, and those that are reported to be the scene's.
+RUNS = {
+    "stack": (STANDING, "restitution 0, friction 0.5, solver soft-step"),
+    "stack --friction 0": (STANDING | {"friction": 0.0}, "(restitution 0, solver soft-step)"),
+    "stack --solver impulse --broad-phase grid": (
+        STANDING | {"contactSolver": "impulse", "broadPhase": "grid"},
+        "(restitution 0, friction 0.5)",
+    ),
+    "stack --basic --friction 0.2": ({"friction": 0.2}, None),
+}
+
+
+@pytest.mark.parametrize("words", RUNS)
+def test_recommendations_are_used_reported_and_recorded(make_scene, capsys, words):
+    expected, reported = RUNS[words]
+    make_scene()
+    code, _, errors = call(capsys, *words.split(), "--record", "r.h5", "--steps", 2)
+    assert code == 0 and errors.count("\n") == (reported is not None)
+    assert reported is None or (reported in errors and "stack-scene.txt" in errors)
+    ((_, settings),) = Recording("r.h5").settingsHistory
+    assert Settings(**settings) == Settings(**expected)
+    assert call(capsys, "--verify", "r.h5")[::2] == (0, "")  # a recording has its settings in it
+
+
+def opened(name, **given):
+    simulation = Simulation(DATA / f"{name}-scene.txt")
+    apply_settings(simulation, given)
+    return simulation
+
+
+def test_in_the_window_each_scene_has_what_it_recommends_and_what_was_changed_by_hand(capsys):
+    stack, slide, tower = (DATA / f"{name}-scene.txt" for name in ("stack", "slide", "tower"))
+    first = opened("tower")
+    opener = SceneOpener(first, {})
+    assert opener(slide, first.settings).settings == Settings(friction=0.2)
+    assert "slide-scene.txt" in capsys.readouterr().err
+    settings = opener(tower, Settings(friction=0.2, timeStep=0.01)).settings
+    assert settings == Settings(timeStep=0.01)
+    settings.broadPhase = "grid"
+    settings = opener(stack, settings).settings  # whose solver ignores the broad phase
+    assert settings == Settings(timeStep=0.01, **STANDING)
+    settings.friction = 0.9
+    expected = Settings(timeStep=0.01, friction=0.9, broadPhase="grid")
+    assert opener(slide, settings).settings == expected
+    # Options that are given hold for all scenes.
+    first = opened("tower", restitution=0.9)
+    second = SceneOpener(first, {"restitution": 0.9})(slide, first.settings)
+    assert second.settings == Settings(restitution=0.9, friction=0.2) == second.startSettings
+    assert SceneOpener(opened("tower"), {}, isBasic=True)(slide, None).settings == Settings()

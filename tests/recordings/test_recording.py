@@ -1,0 +1,339 @@
+"""Recordings: what they hold, replaying, resuming and verifying them, damage; statistics."""
+
+import csv
+import shutil
+import signal
+import time
+
+import h5py
+import numpy as np
+import pytest
+from program import DATA, by_hand, call, record, run, start, summary_of
+
+from rbs import __version__
+from rbs.recordings.recording import SOLVER_STEPS, Recorder, Recording, RecordingError
+from rbs.recordings.replay import Replay, resume, verify
+from rbs.recordings.statistics import QUANTITY_UNITS
+from rbs.scenes.simulation import Settings, Simulation
+from rbs.scenes.state import STATE_NAMES
+
+STRESS = DATA / "stress-scene.txt"
+
+
+def assert_same_state(one, other):
+    for name in STATE_NAMES:
+        assert one[name].tobytes() == other[name].tobytes(), name
+
+
+def test_recording_holds_every_step_as_stepping_by_hand_gives_it(tmp_path, capsys):
+    options = ["--restitution", 0.8, "--time-step", 0.03, "--steps", 130, "--closing-only"]
+    scene, path = DATA / "mixed-scene.txt", tmp_path / "r.h5"
+    assert call(capsys, scene, "--headless", "--record", path, *options)[0] == 0
+    expected = by_hand(scene, 130, 0.8, 0.03, closingOnly=True)
+    with h5py.File(path) as recording:
+        for name, series in expected.items():
+            assert recording[name].dtype == np.dtype("<f8") and recording[name].fletcher32
+            np.testing.assert_array_equal(recording[name], series)
+        np.testing.assert_allclose(recording["times"], 0.03 * np.arange(131), rtol=1e-12)
+        settings, head = recording["settings"].attrs, recording.attrs
+        assert settings["timeStep"] == 0.03 and settings["restitution"] == 0.8
+        assert settings["closingOnly"] and isinstance(settings["maxIterations"], h5py.Empty)
+        assert head["scene"] == b"mixed-scene.txt" and head["constraints"] == b""
+        assert head["version"].decode() == __version__
+        assert recording["scene"][()].tobytes() == scene.read_bytes()
+    # The two ways of treating contacts that part must differ here, or the flag was not tested.
+    assert not np.array_equal(expected["positions"], by_hand(scene, 130, 0.8, 0.03)["positions"])
+
+
+def test_old_recording_stays_until_the_new_one_is_whole(tmp_path):
+    path, simulation = tmp_path / "r.h5", Simulation(DATA / "tet-scene.txt")
+    record(path, simulation, 3)
+    old = path.read_bytes()
+    simulation.reset()
+    for end in ("close", "save"):
+        recorder = Recorder(path)
+        recorder.add(simulation)
+        assert path.read_bytes() == old
+        assert Recording(tmp_path / "r.part.h5").lastStep == 0  # what a kill would leave
+        getattr(recorder, end)()
+        assert [one.name for one in tmp_path.iterdir()] == ["r.h5"]
+    assert Recording(path).lastStep == 0
+    path.unlink()
+    Recorder(path).save()  # of nothing
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_recording_is_read_while_it_grows(tmp_path, monkeypatch):
+    """Up to the last flush, for which it waits a while or for some MB; then only goes on."""
+    monkeypatch.setattr("rbs.recordings.recording.FLUSH_SECONDS", 1e9)
+    monkeypatch.setattr("rbs.recordings.recording.PENDING_BYTES", 41 * 13 * 8 * 10)
+    simulation, recorder, path = Simulation(STRESS), Recorder(tmp_path / "r.h5"), tmp_path / "r.h5"
+    counts = []
+    for _ in range(25):
+        recorder.add(simulation)
+        counts.append(Recording(path).lastStep if recorder.frameCount >= 10 else -1)
+        simulation.step()
+    assert counts[9] == 9 and counts[18] == 9 and counts[19:] == [19] * 6
+    assert summary_of(run(tmp_path, "--headless", "--replay", "r.h5"))["steps"].startswith("19 of")
+    simulation.step()
+    with pytest.raises(RecordingError, match="only step 25 of the same scene could follow"):
+        recorder.add(simulation)
+    recorder.save()
+    assert Recording(path).lastStep == 24 and verify(Recording(path)) == ""
+
+
+@pytest.fixture(scope="module")
+def chain(tmp_path_factory):
+    """(path of a recording of 60 steps, its states): tied bodies, and settings that change."""
+    simulation = Simulation(DATA / "tower_chain-scene.txt")
+    states = []
+
+    def keep_and_change(simulation, step):
+        states.append(simulation.state())
+        if step == 31:
+            simulation.settings.friction = 0.5
+
+    path = tmp_path_factory.mktemp("chain") / "chain.h5"
+    record(path, simulation, 60, keep_and_change)
+    return path, [*states, simulation.state()]
+
+
+def test_replay_stands_where_the_simulation_stood_and_simulates_nothing(chain):
+    path, states = chain
+    replay, live = Replay(Recording(path)), Simulation(DATA / "tower_chain-scene.txt")
+    assert replay.report is replay.stepSeconds is None
+    for step in range(61):
+        assert replay.stepCount == step and replay.time == live.time
+        assert_same_state(replay.state(), states[step])
+        for mesh, twin in zip(replay.meshes, live.meshes, strict=True):
+            np.testing.assert_array_equal(mesh.currVertices, twin.currVertices)
+        assert replay.kinetic_energy() == live.kinetic_energy()
+        assert replay.largest_violation() == live.largest_violation()
+        assert replay.settings.friction == (0.5 if step > 30 else 0.0)
+        live.settings.friction = 0.5 if step >= 30 else 0.0
+        live.step()
+        replay.step()
+    assert replay.stepCount == 60  # it stays at the end
+    for step, found in ((47, 47), (3, 3), (60, 60), (59, 59), (1000, 60), (-1, 0)):
+        replay.seek(step)
+        assert replay.stepCount == found
+        assert_same_state(replay.state(), states[found])
+
+
+@pytest.mark.parametrize(("solver", "steps"), [("impulse", 90), ("soft-step", 30)])
+def test_round_trip_without_the_scene(tmp_path, monkeypatch, capsys, solver, steps):
+    """Recorded, replayed, verified, resumed, and verified again."""
+    home, away = tmp_path / "home", tmp_path / "à côté de"
+    home.mkdir(), away.mkdir()
+    for path in (*DATA.glob("*.mesh"), *DATA.glob("tower_chain-*")):
+        shutil.copy(path, home)
+    monkeypatch.chdir(away)
+    settings = ["--friction", "0.3", "--restitution", "0.7", "--solver", solver]
+    scene = home / "tower_chain-scene.txt"
+    assert call(capsys, scene, "--steps", steps, "--record", "ß r.h5", *settings)[0] == 0
+    shutil.rmtree(home)
+    code, output, _ = call(capsys, "--headless", "--replay", "ß r.h5")
+    assert code == 0 and f"{steps} of 0.02 s" in output and "16 bounds" in output
+    code, output, _ = call(capsys, "--verify", "ß r.h5")
+    assert code == 0 and output.startswith(f"ß r.h5: steps 0–{steps} are identical")
+    rest = ["--from", steps // 2, "--steps", steps // 2, "--record", "rest.h5"]
+    assert call(capsys, "--resume", "ß r.h5", *rest)[0] == 0
+    expected, resumed = Recording("ß r.h5"), Recording("rest.h5")
+    assert (resumed.firstStep, resumed.lastStep) == (steps // 2, steps)
+    for step in range(steps // 2, steps + 1):
+        assert_same_state(expected.frame(step), resumed.frame(step))
+        assert expected.frame(step)["times"] == resumed.frame(step)["times"]
+    assert resumed.settings_at(steps)[1] == expected.settings_at(steps)[1]
+    assert call(capsys, "--verify", "rest.h5")[0] == 0
+
+
+@pytest.fixture(scope="module")
+def standing(tmp_path_factory):
+    """A recording of 130 soft steps, in which boxes hit the ground and each other."""
+    simulation = Simulation(STRESS, Settings(friction=0.5, contactSolver="soft-step"))
+    return record(tmp_path_factory.mktemp("soft") / "r.h5", simulation, 130)
+
+
+@pytest.mark.parametrize("step", [7, 100, 104, 130])
+def test_soft_steps_are_resumed_with_the_same_bits(standing, monkeypatch, step):
+    steps, make = [], Simulation.step
+    monkeypatch.setattr(Simulation, "step", lambda self: (steps.append(self.stepCount), make(self)))
+    recording = Recording(standing)
+    simulation = resume(recording, step)
+    kept = 130 if step == 130 else step // SOLVER_STEPS * SOLVER_STEPS
+    assert steps == list(range(kept, step))  # from the last state that was kept
+    for later in range(step + 1, min(step + 5, 131)):
+        simulation.step()
+        assert_same_state(simulation.state(), recording.frame(later))
+
+
+def edited(path, target, edit):
+    """A copy of a recording in which edit(h5py.File) has changed something."""
+    shutil.copy(path, target)
+    with h5py.File(target, "r+") as file:
+        edit(file)
+    return target
+
+
+def put(name, place, value):
+    def edit(file):
+        (file["settings"].attrs if name == "settings" else file[name])[place] = value
+
+    return edit
+
+
+EDITS = {
+    "a position": (put("positions", (33, 4, 1), 3.5), "step 33 differs: positions by up to "),
+    "the sign of a zero": (put("angVelocities", (0, 0, 0), -0.0), "step 0 differs: angVelocities"),
+    "a time": (put("times", 20, 0.5), "step 20 differs: times by up to 0.1"),
+    "the scene": (put("scene", 0, ord("?")), "it is damaged"),
+    "an event": (put("events", 0, 0), "it is damaged"),
+    "no state": (lambda file: file["times"].resize(0, axis=0), "it holds no state"),
+    "a setting": (put("settings", "friction", -1.0), "step 0: friction must be "),
+    "a new setting": (put("settings", "wind", 1.0), "it has a setting"),
+    "no mesh": (lambda file: file.__delitem__("meshes/0"), "it is damaged"),
+}
+
+
+@pytest.mark.parametrize("case", EDITS)
+def test_what_was_changed_in_a_recording_is_found(chain, tmp_path, capsys, case):
+    edit, cause = EDITS[case]
+    path = edited(chain[0], tmp_path / "d.h5", edit)
+    code, _, errors = call(capsys, "--verify", path)
+    assert code in (1, 2) and errors.count("\n") == 1
+    assert errors.startswith(f"RigidBodySimulation.py: {path}: {cause}")
+
+
+def test_resuming_takes_settings_and_needs_a_sound_step(standing, chain, tmp_path, capsys):
+    rest = tmp_path / "rest.h5"
+    options = ["--restitution", "0.25", "--no-constraints", "--steps", "2", "--record", rest]
+    assert call(capsys, "--resume", chain[0], *options)[0] == 0
+    expected = Recording(chain[0]).settings_at(60)[1] | {"restitution": 0.25, "friction": 0.5}
+    expected["enforceConstraints"] = False
+    assert Recording(rest).settings_at(62) == (60, expected)
+    bad = edited(standing, tmp_path / "d.h5", put("positions", (50, 30, 1), 3.5))
+    for path, step, cause in ((chain[0], 61, "is not in it"), (bad, 50, "cannot be resumed")):
+        code, _, errors = call(capsys, "--headless", "--resume", path, "--from", step)
+        assert code == 2 and f"{path}: step {step} {cause}" in errors
+
+
+def test_damaged_bytes_are_told_in_one_line(chain, tmp_path, capsys):
+    content, path = chain[0].read_bytes(), tmp_path / "d.h5"
+    place = content.index(Recording(chain[0]).frame(33)["positions"].tobytes())
+    places = [place, place + 13, *np.random.default_rng(3).integers(len(content), size=20).tolist()]
+    ends = [int(share * len(content)) for share in (0.0, 0.01, 0.3, 0.9, 0.999)]
+    damaged = [content[:at] + bytes([content[at] ^ 16]) + content[at + 1 :] for at in places]
+    codes = []
+    for bad in damaged + [content[:end] for end in ends]:
+        path.write_bytes(bad)
+        code, _, errors = call(capsys, "--verify", path)
+        assert (code, errors.count("\n")) in ((0, 0), (1, 1), (2, 1)), errors
+        assert not code or "it is damaged (" in errors or "not a recording" in errors
+        codes.append(code)
+    assert 0 not in codes[:2] + codes[-5:] and codes.count(0) < 12  # the others are in no use
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_a_signal_leaves_what_was_simulated(tmp_path, number):
+    process = start(tmp_path, "stress", "--steps", 10**5, "--record", "r.h5", "--stats", "s.csv")
+    table = tmp_path / "s.part.csv"
+    while not table.exists() or table.read_text().count("\n") < 100:
+        assert process.poll() is None, process.communicate()[1]
+    if number == signal.SIGKILL:  # all but the last second is kept
+        time.sleep(2.0)
+    steps = table.read_text().count("\n") - 2  # the heading, and the start
+    process.send_signal(number)
+    output, errors = process.communicate(timeout=60)
+    recording = Recording(tmp_path / "r.h5")
+    if number == signal.SIGKILL:
+        assert process.returncode == -signal.SIGKILL
+        assert recording.lastStep > 0 and (tmp_path / "s.part.csv").exists()
+    else:
+        assert process.returncode == 128 + number
+        assert "stopped by kill" in output and "Traceback" not in errors
+        assert recording.lastStep >= steps
+        assert table_of(tmp_path / "s.csv")["step"][-1] == str(recording.lastStep)
+    assert verify(recording) == ""
+
+
+def table_of(path):
+    """The columns of a .csv file, dict of lists of str."""
+    with open(path, encoding="utf-8", newline="") as file:
+        rows = list(csv.reader(file))
+    return {name: list(column) for name, *column in zip(*rows, strict=True)}
+
+
+def test_statistics_are_those_of_an_independent_computation(tmp_path, capsys):
+    options = ["--restitution", "0.8", "--time-step", "0.04", "--steps", "100"]
+    assert call(capsys, "stress", *options, "--stats", tmp_path / "s.csv")[0] == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["s.csv"]
+    table = table_of(tmp_path / "s.csv")
+    units = [f"{name} ({unit})" if unit else name for name, unit in QUANTITY_UNITS.items()]
+    assert list(table) == ["step", *units] and len(table["step"]) == 101
+    assert table["contacts"][0] == table["collisionsTime (ms)"][0] == ""
+
+    simulation = Simulation(STRESS, Settings(restitution=0.8, timeStep=0.04))
+    contacts = 0
+    for step in range(101):
+        got = {name: float(column[step]) for name, column in table.items() if column[step]}
+        if step > 0:
+            simulation.step()
+            depths = [contact.depth for contact in simulation.report.contacts]
+            contacts += len(depths)
+            assert got["contacts"] == len(depths) and got["collisionsTime (ms)"] > 0.0
+            assert got["deepestPenetration (m)"] == max(depths, default=0.0)
+            assert got["candidatePairs"] == simulation.report.candidatePairs
+        kinetic = potential = 0.0
+        p, L = np.zeros(3), np.zeros(3)
+        for mesh in (mesh for mesh in simulation.meshes if not mesh.isFixed):
+            v, w = mesh.linVelocity[0], mesh.angVelocity[0]
+            inertia = np.linalg.inv(mesh.get_rotated_inv_IT())
+            kinetic += 0.5 * mesh.mass * v @ v + 0.5 * w @ inertia @ w
+            potential += mesh.mass * 9.8 * mesh.position[0, 1]
+            p += mesh.mass * v
+            L += np.cross(mesh.position[0], mesh.mass * v) + inertia @ w
+        energies = [got[f"{name}Energy (J)"] for name in ("kinetic", "potential", "total")]
+        expected = [kinetic, potential, kinetic + potential]
+        assert got["time (s)"] == simulation.time and energies == pytest.approx(expected, rel=1e-12)
+        momentum = [got[f"momentum{axis} (kg m/s)"] for axis in "XYZ"]
+        angular = [got[f"angularMomentum{axis} (kg m²/s)"] for axis in "XYZ"]
+        np.testing.assert_allclose(momentum, p, rtol=1e-12, atol=1e-12 * np.abs(p).max())
+        np.testing.assert_allclose(angular, L, rtol=1e-11, atol=1e-11 * (1 + np.abs(L).max()))
+    assert contacts > 20
+
+
+def test_statistics_of_constraints_and_of_a_replay(chain, tmp_path, capsys):
+    scene, path = DATA / "tower_chain-scene.txt", tmp_path / "s.csv"
+    assert call(capsys, scene, "--steps", "70", "--stats", path)[0] == 0
+    table = table_of(path)
+    visits, violations = table["constraintVisits"][1:], table["largestViolation (m)"]
+    simulation = Simulation(scene)
+    for step in range(70):
+        simulation.step()
+        assert int(visits[step]) == simulation.report.constraintVisits >= 16
+    assert float(violations[-1]) == simulation.largest_violation() > 0.0
+    assert call(capsys, "--replay", chain[0], "--stats", path)[0] == 0
+    table = table_of(path)  # what the states tell
+    assert len(table["step"]) == 61
+    assert set(table["contacts"]) == {""} and "" not in table["totalEnergy (J)"]
+
+
+def test_plot_is_a_picture(tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    code, output, _ = call(capsys, "tower_chain", "--steps", "30", "--plot", tmp_path / "ä p.png")
+    assert code == 0 and output.splitlines()[-1].startswith("plot   ")
+    assert (tmp_path / "ä p.png").stat().st_size > 20_000
+
+
+def test_the_solver_s_state_at_the_end_is_kept_whenever_the_last_flush_was(tmp_path):
+    simulation = Simulation(DATA / "stack-scene.txt")
+    simulation.settings = simulation.settings.changed(contactSolver="soft-step")
+    recorder = Recorder(tmp_path / "r.h5")
+    for step in range(4):
+        if step:
+            simulation.step()
+        recorder.add(simulation)
+    recorder.flush()
+    recorder.save(simulation)
+    start, _ = Recording(tmp_path / "r.h5").solver_state(3)
+    assert start == 3

@@ -1,0 +1,99 @@
+"""The coursework's one ZIP: what is in it, and that it runs where nothing else is."""
+
+import json
+import subprocess
+import sys
+import zipfile
+
+import pytest
+from oracles import ROOT
+from program import environment
+
+GRADERS = ("integrationGrading", "ResolveCollisionsGrading", "Constraints")
+
+
+def call(folder, *command):
+    return subprocess.run(
+        [sys.executable, *map(str, command)],
+        cwd=folder,
+        env=environment(PYTHONPATH=""),
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory):
+    path = tmp_path_factory.mktemp("handed in") / "submission.zip"
+    result = call(path.parent, ROOT / "report/submission.py", path)
+    assert result.returncode == 0, result.stderr
+    return path
+
+
+@pytest.fixture(scope="module")
+def unpacked(archive, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("unpacked")
+    with zipfile.ZipFile(archive) as file:
+        file.extractall(folder)
+    return folder
+
+
+def test_it_has_report_modules_data_and_videos(archive):
+    with zipfile.ZipFile(archive) as file:
+        names = file.namelist()
+    assert {
+        "report.pdf",
+        "claims.md",
+        "code/RBSFunctions.py",
+        "code/GJK.py",
+        "code/Quaternion.py",
+        "code/RigidBodySimulation.py",
+        "code/data/box.mesh",
+        "code/data/collision-resolution.data",
+    } <= set(names)
+    assert sum(name.startswith("videos/") and name.endswith(".mp4") for name in names) == 5
+    rooms = {f"code/rbs/{path.name}" for path in (ROOT / "rbs").glob("*.py")}
+    assert {name for name in names if name.startswith("code/rbs/")} == rooms
+    assert not [name for name in names if "__pycache__" in name or name.startswith("/")]
+    tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True)
+    if tracked.returncode == 0:  # nothing that only lies about goes along
+        known = set(tracked.stdout.splitlines())
+        assert {name.removeprefix("code/") for name in names if name.startswith("code/")} <= known
+
+
+def test_the_same_files_give_the_same_bytes(archive, tmp_path):
+    assert call(tmp_path, ROOT / "report/submission.py", "again.zip").returncode == 0
+    assert (tmp_path / "again.zip").read_bytes() == archive.read_bytes()
+
+
+@pytest.mark.parametrize("grader", GRADERS)
+def test_its_graders_pass_in_a_fresh_folder(unpacked, grader):
+    result = call(unpacked / "code", f"graders/{grader}.py")
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "PASS" in result.stdout
+
+
+def test_its_modules_come_from_the_folder_and_run(unpacked):
+    code = "import json, GJK, rbs; print(json.dumps([GJK.__file__, rbs.__file__]))"
+    result = call(unpacked / "code", "-c", code)
+    assert all(path.startswith(str(unpacked)) for path in json.loads(result.stdout))
+    result = call(
+        unpacked / "code", "RigidBodySimulation.py", "singlebox", "--headless", "--steps", "5"
+    )
+    assert result.returncode == 0, result.stderr
+
+
+def test_videos_are_small():
+    sizes = [path.stat().st_size for path in (ROOT / "report/videos").glob("*.mp4")]
+    assert len(sizes) == 5 and max(sizes) <= 400_000 and sum(sizes) <= 2_000_000
+
+
+def test_a_missing_report_is_told_in_a_line(tmp_path):
+    code = (
+        "import sys, pathlib; sys.path.insert(0, sys.argv[1]); import submission; "
+        "submission.VIDEOS = ('nothing',); sys.argv = ['submission.py', 'a.zip']; submission.main()"
+    )
+    result = call(tmp_path, "-c", code, ROOT / "report")
+    assert result.returncode == 2 and "nothing.mp4: missing" in result.stderr
+    assert "Traceback" not in result.stderr and not (tmp_path / "a.zip").exists()

@@ -1,0 +1,191 @@
+"""What is done by hand: the spring that drags, the ball that is shot, and recordings of both."""
+
+import json
+import math
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+from oracles import DATA, body
+from program import call, record
+
+from rbs.recordings.recording import Recorder, Recording, RecordingError
+from rbs.recordings.replay import Replay, resume, verify
+from rbs.scenes import changes
+from rbs.scenes.grabbing import GRAB_FREQUENCY, Grab, shot, spring_impulse
+from rbs.scenes.simulation import Settings, Simulation
+from rbs.scenes.state import STATE_NAMES
+
+OMEGA = 2.0 * math.pi * GRAB_FREQUENCY
+
+
+@pytest.mark.parametrize(("timeStep", "density"), [(1e-4, 60.0), (0.02, 1e-3), (1.0, 1e6)])
+def test_spring_at_the_centre_of_mass_is_critically_damped(timeStep, density):
+    mesh = body("box", density=density)
+    target = np.array([3.0, -2.0, 7.0])
+    start, speed = mesh.position[0] - target, np.array([5.0, 0.0, -1.0])
+    mesh.linVelocity = speed[None]
+    # Both eigenvalues of the step are 1 / (1 + ω h): x_n = (a + b n) λⁿ, with a and b from the
+    # start and the first step, x_1 = x_0 + h v_1 and v_1 = (v_0 - h ω² x_0) λ².
+    decay = 1.0 / (1.0 + OMEGA * timeStep)
+    first = start + timeStep * (speed - timeStep * OMEGA**2 * start) * decay**2
+    slope = first / decay - start
+    for n in range(1, 40):
+        point = mesh.position[0]
+        mesh.push(spring_impulse(mesh, point, target, timeStep), point)
+        mesh.position = mesh.position + timeStep * mesh.linVelocity
+        expected = (start + n * slope) * decay**n
+        np.testing.assert_allclose(mesh.position[0] - target, expected, rtol=1e-8, atol=1e-9)
+    np.testing.assert_array_equal(mesh.angVelocity, np.zeros((1, 3)))
+
+
+@pytest.mark.parametrize("timeStep", [1e-3, 0.3])
+@pytest.mark.parametrize("density", [1e-4, 1e5])
+@pytest.mark.parametrize("name", ["box", "tetrahedron", "long-octahedron"])
+def test_spring_is_stable_whatever_it_holds_and_wherever(name, density, timeStep):
+    """A body that is held somewhere near its rim comes to hang or to rest; it is never driven."""
+    generator = np.random.default_rng(8)
+    mesh = body(name, density=density, orientation=generator.normal(size=4))
+    corner = mesh.currVertices[generator.integers(len(mesh.currVertices))]
+    grab, largest = Grab(mesh, 0, corner), []
+    grab.target = corner + generator.normal(size=3) * 20.0
+    for _ in range(250):
+        impulse = grab.change(mesh, timeStep).numbers
+        mesh.push(impulse[:3], impulse[3:])
+        largest.append(np.linalg.norm(grab.point(mesh) - grab.target))
+        mesh.integrate_timestep(timeStep)
+    # It hangs within a few sizes of the hand, and swings no further out than at the start.
+    sag = 9.8 / OMEGA**2 * (1.0 + OMEGA * timeStep) ** 2
+    assert max(largest[-60:]) < 0.5 * largest[0] + sag
+    assert np.linalg.norm(mesh.linVelocity) < 1e3
+
+
+@pytest.mark.parametrize("solver", ["impulse", "soft-step"])
+def test_shot_ball_hits_what_stands_in_its_way_and_is_gone_after_a_reset(solver):
+    simulation = Simulation(DATA / "stack-scene.txt", Settings(contactSolver=solver))
+    count, box = len(simulation.meshes), simulation.meshes[5].position[0]
+    position = box + [0.0, 0.0, 25.0]
+    simulation.change(shot(simulation.meshes, 60.0, position, [0.0, 0.0, -1.0]))
+    ball = simulation.meshes[-1]
+    assert len(simulation.meshes) == count + 1 and not ball.isFixed
+    radii = np.linalg.norm(ball.origVertices, axis=1)
+    assert radii.min() > 0.95 * radii.max() == pytest.approx(0.03 * 60.0 * 0.95, rel=0.05)
+    simulation.step()
+    np.testing.assert_allclose(ball.position[0, 2], position[2] - 60.0 * 0.02)
+    for _ in range(40):
+        simulation.step()
+    assert simulation.meshes[5].position[0, 2] < box[2] - 0.1
+    simulation.reset()
+    assert len(simulation.meshes) == count and simulation.changes == []
+
+
+@pytest.fixture(scope="module", params=["impulse", "soft-step"])
+def played(request, tmp_path_factory):
+    """A recording of the mixed scene with hands in it: path, states by step."""
+    settings = Settings(friction=0.5, contactSolver=request.param)
+    simulation = Simulation(DATA / "mixed-scene.txt", settings)
+    meshes, states = simulation.meshes, []
+    # Before the recording begins.
+    simulation.change(changes.push(3, [0.0, 3e4, 0.0], meshes[3].position[0]))
+
+    def change(one):
+        simulation.change(one)
+        recorder.note(simulation, one)
+
+    path = tmp_path_factory.mktemp("played") / "hands.h5"
+    recorder = Recorder(path)
+    for step in range(80):
+        recorder.add(simulation)
+        states.append(simulation.state())
+        if step == 4:
+            change(changes.push(1, [2e4, 0.0, 1e3], meshes[1].position[0] + 1.0))
+        if step == 9:
+            grab = Grab(meshes[2], 2, meshes[2].currVertices[0])
+        if 9 <= step < 39:
+            grab.target = np.array([10.0 * math.sin(step / 5.0), 30.0, 0.0])
+            change(grab.change(meshes[2], settings.timeStep))
+        if step in (19, 49):
+            change(shot(meshes, 80.0, [0.0, 20.0, 60.0], [0.0, -0.2, -0.98]))
+        if step in (29, 59):  # a body of the scene, and a ball that was shot
+            change(changes.fix(4 if step == 29 else 15, True))
+        simulation.step()
+    recorder.add(simulation)
+    recorder.note(simulation, changes.push(0, [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]))  # of no step
+    recorder.save()
+    return path, [*states, simulation.state()]
+
+
+def assert_state(simulation, expected):
+    for name in STATE_NAMES:
+        np.testing.assert_array_equal(simulation.state()[name], expected[name])
+
+
+def test_recording_of_a_played_scene_is_verified(played, capsys):
+    path, _ = played
+    recording = Recording(path)
+    counts = [recording.body_count(step) for step in (0, 19, 20, 49, 50, 80)]
+    assert counts == [15, 15, 16, 16, 17, 17]
+    kinds = [change.kind for _, change in recording.changes]
+    assert kinds.count("push") == 32 and kinds.count("add") == kinds.count("fix") == 2
+    assert call(capsys, "--verify", path)[0] == 0
+    # Without what was done by hand it would come out otherwise.
+    for wanted, step in (("push", 0), ("add", 20), ("fix", 30)):
+        recording = Recording(path)
+        left = next(k for k, (_, one) in enumerate(recording.changes) if one.kind == wanted)
+        when, one = recording.changes.pop(left)
+        if wanted == "add":
+            slower = one._replace(numbers=(*one.numbers[:8], 1.0, *one.numbers[9:]))
+            recording.changes.insert(left, (when, slower))
+        assert verify(recording).startswith(f"step {step} differs")
+
+
+@pytest.mark.parametrize("step", [0, 15, 20, 45])
+def test_played_scene_is_resumed_and_replayed_with_the_same_bits(played, step):
+    path, states = played
+    recording = Recording(path)
+    simulation, replay = resume(recording, step), Replay(recording)
+    assert simulation.stepCount == step
+    assert_state(simulation, states[step])
+    for later in range(step + 1, step + 36):
+        for change in recording.changes_before(later):
+            simulation.change(change)
+        simulation.step()
+        assert_state(simulation, states[later])
+    replay.seek(80)
+    for later in (step + 35, step):
+        replay.seek(later)
+        assert_state(replay, states[later])
+        assert replay.meshes[4].isFixed == (later >= 30)
+        assert len(replay.meshes) < 16 or replay.meshes[15].isFixed == (later >= 60)
+
+
+def test_recording_of_what_was_resumed_is_verified_too(played, tmp_path):
+    simulation, path = resume(Recording(played[0]), 55), tmp_path / "later.h5"
+    record(path, simulation, 12)
+    recording = Recording(path)
+    assert recording.firstStep == 55 and recording.body_count(55) == 17
+    assert verify(recording) == ""
+
+
+BROKEN = {
+    "an index": lambda change: change["shape"][2][0].__setitem__(0, 99),
+    "the density": lambda change: change["numbers"].__setitem__(0, 0.0),
+    "no numbers": lambda change: change.pop("numbers"),
+    "no tetrahedra": lambda change: change["shape"].pop(),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_bodies_that_are_none_are_refused_in_one_line(played, tmp_path, case):
+    """The first body that was shot is changed in the recording."""
+    path = shutil.copy(played[0], tmp_path / "bad.h5")
+    with h5py.File(path, "r+") as file:
+        events = [json.loads(line) for line in bytes(file["events"][()]).splitlines()]
+        shots = [one["change"] for one in events if one.get("change", {}).get("kind") == "add"]
+        BROKEN[case](shots[0])
+        text = "\n".join(map(json.dumps, events)).encode()
+        file["events"].resize((len(text),))
+        file["events"][:] = np.frombuffer(text, np.uint8)
+    with pytest.raises(RecordingError, match="bad.h5: it is damaged .*$"):
+        Replay(Recording(path))

@@ -1,0 +1,164 @@
+"""Every reader meets hundreds of damaged files: real ones, mutated.
+
+Bytes are flipped, lines and pieces deleted, doubled and swapped, words replaced by what readers
+stumble over, ends cut off. Either something whole is loaded, or the reader's own error comes out,
+in one line; and both must come out often, or the damage was too great or too small.
+
+The cases are the same in every run.
+"""
+
+import math
+import random
+import warnings
+from collections import Counter
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from program import record
+from test_loading import FILES, write
+
+import rbs.recordings.recording
+from rbs.recordings.recording import Recorder, Recording, RecordingError
+from rbs.recordings.replay import Replay, verify
+from rbs.scenes.meshfiles import tetrahedron_volumes
+from rbs.scenes.scenefiles import NonConvexWarning
+from rbs.scenes.simulation import Simulation
+from rbs.scenes.textfiles import SceneError
+from RigidBodySimulation import load_mesh_file
+
+# Of all cases, at least this share is loaded, and at least this share refused.
+CASES, LEAST_SHARE = 120, 0.08
+
+NASTY_WORDS = (
+    *(b"nan", b"-inf", b"1e308", b"1e-320", b"1e9", b"0", b"-0.0", b"-1", b"1", b"3", b"9" * 400),
+    *(b"0x1F", b"1_000", b"1,5", b"--1", b"+1", b"true", b"\xd9\xa3", b"#", b"\xef\xbb\xbf"),
+    *(b"\x00", b"..", b"../../etc/passwd", b"/dev/zero", b"t.mesh/", b"a-scene.txt", b"End"),
+    *(b"Vertices", b"Triangles", b"OFF", b"[", b"}", b'"', b"1e400", b"", b" "),
+)
+
+
+def mutated(content, generator, separator):
+    """The bytes after one or two operations on the pieces between separators, or on any pieces."""
+    for _ in range(generator.choice([1, 1, 1, 2])):
+        cut = generator.randrange(len(content) + 1)
+        pieces = content.split(separator) if separator else []
+        pieces = pieces or [content[:cut], content[cut : cut + 30], content[cut + 30 :]]
+        i = generator.randrange(len(pieces)) if separator else 1
+        words, nasty = pieces[i].split(b" "), generator.choice(NASTY_WORDS)
+        kind = generator.choice("flip cut delete double swap comment word word word".split())
+        if kind == "flip" and pieces[i]:
+            flipped = pieces[i][-1] ^ (1 << generator.randrange(8))
+            pieces[i] = pieces[i][:-1] + bytes([flipped])
+        elif kind == "cut":
+            pieces[-1] = pieces[-1][: -generator.randrange(1, 9)]
+        elif kind == "delete":
+            del pieces[i]
+        elif kind == "double":
+            pieces.insert(i, pieces[i])
+        elif kind == "swap":
+            pieces[i], pieces[0] = pieces[0], pieces[i]
+        elif kind == "comment":
+            pieces[i] += b" # " + nasty
+        else:
+            words[generator.randrange(len(words))] = nasty
+            pieces[i] = b" ".join(words)
+        content = (separator or b"").join(pieces)
+    return content
+
+
+def fuzz(name, check, error):
+    """Calls check(generator) so often, of which many calls return and many raise `error`."""
+    outcomes = Counter()
+
+    @settings(
+        max_examples=CASES,
+        derandomize=True,
+        database=None,
+        deadline=None,
+        suppress_health_check=list(HealthCheck),
+    )
+    # One draw each: drawing every number by itself would take most of the time.
+    @given(st.integers(0, 1 << 64))
+    def run(seed):
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")  # a warning would be a second line
+                warnings.simplefilter("ignore", NonConvexWarning)
+                check(random.Random(f"{name} {seed}"))
+        except error as told:
+            assert str(told).isprintable() and len(str(told)) < 1000
+            outcomes["refused"] += 1
+        else:
+            outcomes["loaded"] += 1
+
+    run()
+    assert min(outcomes["loaded"], outcomes["refused"]) >= LEAST_SHARE * CASES, outcomes
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The current folder, with a scene of two meshes and a constraint file."""
+    for name, text in FILES.items():
+        write(tmp_path, name, text)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def check_mesh(path):
+    vertices, faces, tets = load_mesh_file(path)
+    assert np.isfinite(vertices).all() and faces.shape[1:] == (3,) and tets.shape[1:] == (4,)
+    for indices in (faces, tets):
+        assert 0 <= indices.min() <= indices.max() < len(vertices)
+    assert np.all(tetrahedron_volumes(vertices, tets) > 0.0)
+
+
+def check_scene(path):
+    """Bodies, and bounds between them, that can be simulated."""
+    simulation = Simulation("a-scene.txt")
+    for mesh in simulation.meshes:
+        assert 0.0 < mesh.mass < math.inf and np.isfinite(mesh.invIT).all()
+        assert abs(np.linalg.norm(mesh.orientation) - 1.0) < 1e-12
+    simulation.step()
+    assert simulation.is_finite()
+
+
+@pytest.mark.parametrize(
+    ("name", "check"), [(name, check_scene) for name in FILES] + [("t.mesh", check_mesh)]
+)
+def test_text_file(folder, name, check):
+    content = (folder / name).read_bytes()
+
+    def check_mutated(generator):
+        (folder / name).write_bytes(mutated(content, generator, b"\n"))
+        check(folder / name)
+
+    fuzz(f"{name} {check.__name__}", check_mutated, SceneError)
+
+
+@pytest.mark.parametrize("isKilled", [False, True])
+def test_recording(folder, monkeypatch, isKilled):
+    """Whole, and as a killed run leaves it."""
+    monkeypatch.setattr(rbs.recordings.recording, "READ_ATTEMPTS", 10)  # else it would take long
+    simulation = Simulation("a-scene.txt")
+    if isKilled:
+        recorder = Recorder("r.h5")
+        for _ in range(3):
+            recorder.add(simulation)
+            simulation.step()
+        recorder.flush()
+    else:
+        record("r.h5", simulation, 2)
+    content, path = (folder / "r.h5").read_bytes(), folder / "bad.h5"
+
+    def check(generator):
+        # Behind these bytes, most are in no use yet.
+        changed = mutated(content[:12_000], generator, None)
+        path.write_bytes(changed + content[len(changed) :])
+        recording = Recording(path)
+        Replay(recording).seek(recording.lastStep)
+        verify(recording)
+
+    fuzz(f"recording {isKilled}", check, (RecordingError, SceneError))
+    assert verify(Recording("r.h5")) == ""

@@ -1,0 +1,397 @@
+"""Loading: meshes, scenes and constraints, the coursework's and our own, whole and broken."""
+
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+from oracles import COURSE, ROOT
+
+from rbs.program.opening import find_file
+from rbs.scenes.meshfiles import tetrahedron_volumes
+from rbs.scenes.scenefiles import NonConvexWarning, find_constraints, find_scene, scene_name
+from rbs.scenes.textfiles import SceneError
+from RigidBodySimulation import (
+    flatten_meshes,
+    load_constraint_file,
+    load_mesh_file,
+    load_scene_file,
+)
+
+# Sums over some hundred tetrahedra in double precision, relative to the volume.
+ROUNDING = 1e-12
+DATA = ROOT / "data"
+
+
+def parametrized_files(*endings):
+    """A test with each such file of data/ and, where they are at hand, of the coursework."""
+    paths = [path for folder in (DATA, COURSE) for path in sorted(folder.glob("*"))]
+    paths = [path for path in paths if path.name.endswith(endings)]
+    return pytest.mark.parametrize("path", paths, ids=[f"{p.parent.name}/{p.name}" for p in paths])
+
+
+def write(folder, name, text):
+    """Writes a file, bytes or str, and returns its path."""
+    path = folder / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def assert_is_body(vertices, faces, tets):
+    """The faces are one closed surface seen from outside, and the tetrahedra fill it."""
+    assert vertices.dtype == np.float64 and vertices.shape[1:] == (3,)
+    assert faces.dtype == np.int64 and faces.shape[1:] == (3,)
+    assert tets.dtype == np.int64 and tets.shape[1:] == (4,)
+    edges = Counter((face[k - 1], face[k]) for face in faces.tolist() for k in range(3))
+    assert all(edges[b, a] == count == 1 for (a, b), count in edges.items())
+    volumes = tetrahedron_volumes(vertices, tets)
+    assert np.all(volumes > 0.0)
+    # By the divergence theorem, from the surface alone; negative if the faces look inward.
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    assert np.sum(a * np.cross(b, c)) / 6.0 == pytest.approx(np.sum(volumes), rel=ROUNDING)
+
+
+@parametrized_files(".mesh", ".off")
+def test_mesh_file_loads(path):
+    assert_is_body(*load_mesh_file(path))
+
+
+def rows_of(path):
+    """The lines of a scene or constraint file that are no comment, but for the count, as words."""
+    lines = [line.split() for line in path.read_text().splitlines() if line.split()]
+    return [fields for fields in lines if not fields[0].startswith("#")][1:]
+
+
+@pytest.mark.filterwarnings("ignore::rbs.scenes.scenefiles.NonConvexWarning")
+@parametrized_files("-scene.txt")
+def test_scene_file_loads_with_its_constraints(path):
+    meshes, rows = load_scene_file(path), rows_of(path)
+    for index, (mesh, row) in enumerate(zip(meshes, rows, strict=True)):
+        assert mesh.name == f"{row[0].rsplit('.', 1)[0]} {index}"
+        assert mesh.density == float(row[1]) and mesh.isFixed == (row[2] == "1")
+        numbers = np.array(row[3:], dtype=float)
+        np.testing.assert_array_equal(mesh.position, numbers[None, :3])
+        unit = numbers[None, 3:7] / np.linalg.norm(numbers[3:7])
+        np.testing.assert_allclose(mesh.orientation, unit, rtol=0, atol=1e-15)
+    file = path.with_name(path.name.replace("-scene", "-constraints"))
+    assert find_constraints(path) == (file if file.exists() else None)
+    if file.exists():
+        constraints = load_constraint_file(file, meshes)
+        for row, low, high in zip(rows_of(file), constraints[::2], constraints[1::2], strict=True):
+            m1, v1, m2, v2 = ends = [int(x) for x in row[:4]]
+            distance = math.dist(meshes[m1].currVertices[v1], meshes[m2].currVertices[v2])
+            assert low == [*ends, float(row[4]) * distance, False]
+            assert high == [*ends, float(row[5]) * distance, True]
+
+
+# A right-angled tetrahedron with legs 1, 2, 3 (volume 1), of two tetrahedra: vertex 5 halves the
+# leg of 3. Its faces look outward.
+TETRAHEDRON = """\
+MeshVersionFormatted 1
+Dimension 3
+Vertices
+5
+0 0 0 1
+1 0 0 1
+0 2 0 1
+0 0 3 1
+0 0 1.5 1
+Triangles
+6
+1 3 2 1
+1 2 5 1
+5 2 4 1
+1 5 3 1
+5 4 3 1
+2 3 4 1
+Tetrahedra
+2
+1 2 3 5 1
+5 2 3 4 1
+End
+"""
+# The unit cube of six squares.
+CUBE = """\
+OFF
+8 6 12
+0 0 0
+1 0 0
+1 1 0
+0 1 0
+0 0 1
+1 0 1
+1 1 1
+0 1 1
+4 3 2 1 0
+4 4 5 6 7
+4 0 1 5 4
+4 1 2 6 5
+4 2 3 7 6
+4 3 0 4 7
+"""
+
+
+def as_tables(mesh):
+    """The arrays of a loaded mesh as comparable lists."""
+    return [array.tolist() for array in mesh]
+
+
+def test_mesh_gives_the_numbers_of_the_file_counted_from_zero(tmp_path):
+    vertices, faces, tets = mesh = load_mesh_file(write(tmp_path, "t.mesh", TETRAHEDRON))
+    assert vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3], [0, 0, 1.5]]
+    assert faces.tolist() == [[0, 2, 1], [0, 1, 4], [4, 1, 3], [0, 4, 2], [4, 3, 2], [1, 2, 3]]
+    assert tets.tolist() == [[0, 1, 2, 4], [4, 1, 2, 3]]
+    assert_is_body(*mesh)
+    assert as_tables(load_mesh_file(str(tmp_path / "t.mesh"))) == as_tables(mesh)
+
+
+def test_off_polygons_are_cut_into_fans_and_filled_from_the_mean(tmp_path):
+    vertices, faces, tets = mesh = load_mesh_file(write(tmp_path, "cube.off", CUBE))
+    assert_is_body(*mesh)
+    assert (len(vertices), len(faces), len(tets)) == (9, 12, 12)
+    assert vertices[8].tolist() == [0.5, 0.5, 0.5]
+    assert faces[:2].tolist() == [[3, 2, 1], [3, 1, 0]]
+    assert np.sum(tetrahedron_volumes(vertices, tets)) == pytest.approx(1.0, rel=ROUNDING)
+
+
+# Of a file's text, what is replaced by what with no effect.
+LEGAL_MESHES = [
+    ("t.mesh", "End", "End\nof the numbers"),
+    ("t.mesh", "Vertices\n5", "Vertices 5"),
+    ("t.mesh", "Dimension 3", "Dimension\n3"),
+    ("t.mesh", "0 2 0 1", "+0 +2.0e+0 -0 -1.5"),
+    ("t.mesh", "1 3 2 1", "2 3 1 1"),  # a triangle, and a tetrahedron, turned over
+    ("t.mesh", "1 2 3 5 1", "1 2 5 3 1"),
+    ("t.mesh", "End", "Edges\n1\n1 2 7\nCorners 2\n1\n2\nEnd"),
+    ("t.mesh", "Triangles", "Corners\n2\n1\n2\nTriangles"),
+    ("cube.off", "8 6 12", "8 6"),
+    ("cube.off", "4 3 2 1 0", "4 3 2 1 0 255 0 0"),
+]
+
+
+@pytest.mark.parametrize(("name", "old", "new"), LEGAL_MESHES)
+def test_legal_variant_of_a_mesh_loads_alike(tmp_path, name, old, new):
+    text = {"t.mesh": TETRAHEDRON, "cube.off": CUBE}[name]
+    assert text.count(old) == 1
+    expected = as_tables(load_mesh_file(write(tmp_path, name, text)))
+    assert as_tables(load_mesh_file(write(tmp_path, name, text.replace(old, new)))) == expected
+
+
+def off(vertices, faces):
+    """OFF text of polygons, counted from zero."""
+    rows = [" ".join(map(repr, row)) for row in vertices]
+    rows += [f"{len(face)} {' '.join(map(str, face))}" for face in faces]
+    return "\n".join(["OFF", f"{len(vertices)} {len(faces)}", *rows])
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0])
+def test_off_turned_at_random_loads_outward(tmp_path, share):
+    vertices, faces, _ = load_mesh_file(DATA / "ellipsoid.mesh")
+    turn = np.random.default_rng(20).random(len(faces)) < share
+    turned = np.where(turn[:, None], faces[:, ::-1], faces)
+    text = off(vertices.tolist(), turned.tolist())
+    loaded = load_mesh_file(write(tmp_path, "turned.off", text))
+    assert_is_body(*loaded)
+    assert turn.mean() > 0.4 and np.array_equal(loaded[1], faces)
+
+
+def test_dented_off_is_filled_from_where_all_is_seen_and_warned_of_once(tmp_path):
+    """An L of area 5: its corners' mean lies outside of it; all is seen from the inner square."""
+    outline = [(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)]
+    sides = [[i, i + 6, (i + 1) % 6 + 6, (i + 1) % 6] for i in range(6)]
+    caps = [[3, 4, 5, 0, 1, 2], [9, 10, 11, 6, 7, 8]]
+    text = off([(x, y, z) for y in (0.0, 2.0) for x, z in outline], sides + caps)
+    vertices, _, tets = mesh = load_mesh_file(write(tmp_path, "L.off", text))
+    assert_is_body(*mesh)
+    # The kernel is the box [0, 1] × [0, 2] × [0, 1]: at most 1/2 from all planes.
+    x, y, z = vertices[-1]
+    assert (x, z) == (pytest.approx(0.5), pytest.approx(0.5)) and 0.5 <= y <= 1.5
+    assert np.sum(tetrahedron_volumes(vertices, tets)) == pytest.approx(10.0, rel=ROUNDING)
+    rows = [f"L.off 1 0 0 {10 * k} 0 1 0 0 0" for k in range(3)]
+    with pytest.warns(NonConvexWarning) as warned:
+        load_scene_file(write(tmp_path, "b-scene.txt", "\n".join(["3", *rows])))
+    # The hull closes the triangle between (3, 1) and (1, 3): 2 more in area, and twice the volume.
+    (warning,) = [str(w.message) for w in warned]
+    assert warning.startswith("L.off ") and "volume 10" in warning and "hull 14" in warning
+
+
+SCENE = """\
+3
+cube.off   50.0  0   0 10 0   2 0 0 0
+cube.off  100    1   4 10.5 0  1 0 0 1
+t.mesh     7     0   0 20 -3.25   0.5 0.5 0.5 0.5
+"""
+FILES = {"cube.off": CUBE, "t.mesh": TETRAHEDRON, "a-scene.txt": SCENE}
+FILES["a-constraints.txt"] = "1\n0 1 1 2 0.5 1.25\n"
+
+
+@pytest.fixture
+def sceneFolder(tmp_path, monkeypatch):
+    """The current folder, with a scene of two meshes and three bodies, and a constraint."""
+    for name, text in FILES.items():
+        write(tmp_path, name, text)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_scene_bodies_have_names_poses_and_masses_and_share_nothing(sceneFolder):
+    first, second, third = load_scene_file(str(sceneFolder / "a-scene.txt"))
+    assert [m.name for m in (first, second, third)] == ["cube 0", "cube 1", "t 2"]
+    assert (first.mass, third.mass) == (pytest.approx(50.0), pytest.approx(7.0))
+    assert second.isFixed and second.invMass == 0.0 and not first.isFixed
+    assert first.orientation.tolist() == [[1, 0, 0, 0]]
+    np.testing.assert_allclose(second.orientation, [[math.sqrt(0.5), 0, 0, math.sqrt(0.5)]])
+    # A quarter turn about z takes the corner (1/2, -1/2, -1/2) of the cube to (1/2, 1/2, -1/2).
+    np.testing.assert_allclose(second.currVertices[1], [4.5, 11.0, -0.5], atol=1e-14)
+    for name in ("origVertices", "currVertices", "faces", "tets"):
+        assert not np.shares_memory(getattr(first, name), getattr(second, name))
+
+
+LEGAL_TEXT = {
+    "CR-LF": lambda text: text.replace("\n", "\r\n"),
+    "CR": lambda text: text.replace("\n", "\r"),
+    "byte-order mark": lambda text: "\ufeff" + text,
+    "tabs": lambda text: text.replace(" ", "\t \t"),
+    "blank lines": lambda text: "\n\n" + text.replace("\n", "\n \n"),
+    "comments": lambda text: "# Würfel, 立方体\n" + text.replace("\n", "  # and so\n"),
+    "no line end at the end": lambda text: text.rstrip("\n"),
+}
+
+
+@pytest.mark.parametrize("variant", LEGAL_TEXT)
+def test_legal_variant_of_text_files_loads_alike(sceneFolder, variant):
+    def load():
+        meshes = load_scene_file("a-scene.txt")
+        arrays = [as_tables((m.currVertices, m.faces, m.tets, m.orientation)) for m in meshes]
+        return arrays, load_constraint_file("a-constraints.txt", meshes)
+
+    before = load()
+    for name, text in FILES.items():
+        write(sceneFolder, name, LEGAL_TEXT[variant](text))
+    assert load() == before
+
+
+def test_blanks_any_letter_and_either_separator_in_names(tmp_path):
+    folder = tmp_path / "Räume, Körper & 物体" / "alle Netze"
+    folder.mkdir(parents=True)
+    write(folder.parent, "ein großer Würfel.off", CUBE)
+    write(folder, "Vierflächner é.MESH", TETRAHEDRON)
+    for separator in ("/", "\\"):
+        scene = f"2\n.{separator}ein großer Würfel.off 1 0 0 9 0 1 0 0 0\n"
+        scene += f"alle Netze{separator}Vierflächner é.MESH 2, 0, 0, 30, 0, 1, 0, 0, 0\n"
+        meshes = load_scene_file(write(folder.parent, "ein Turm-scene.txt", scene))
+        assert [mesh.name for mesh in meshes] == ["ein großer Würfel 0", "Vierflächner é 1"]
+
+
+def test_constraint_line_becomes_a_lower_and_an_upper_bound_as_the_bodies_stand(sceneFolder):
+    meshes = load_scene_file("a-scene.txt")
+    # Corner (1, 0, 0) of the first cube, whose centre is at (0, 10, 0), stands at
+    # (0.5, 9.5, -0.5). Corner (1, 1, 0) of the second one, turned by a quarter about z, at
+    # (4 - 0.5, 10.5 + 0.5, -0.5). Their distance: √(3² + 1.5²).
+    lower, upper = load_constraint_file("a-constraints.txt", meshes)
+    distance = math.sqrt(11.25)
+    assert lower == [0, 1, 1, 2, pytest.approx(0.5 * distance), False]
+    assert upper == [0, 1, 1, 2, pytest.approx(1.25 * distance), True]
+    meshes[0].currVertices = meshes[1].currVertices[[2] * 9] + [0, 3, 4]
+    lower, _ = load_constraint_file("a-constraints.txt", meshes)
+    assert lower[4] == pytest.approx(0.5 * 5.0)
+    path = write(sceneFolder, "zero.txt", "1\n1 3 1 3 1 2\n")
+    assert load_constraint_file(path, meshes) == [[1, 3, 1, 3, 0.0, False], [1, 3, 1, 3, 0.0, True]]
+    assert load_constraint_file(write(sceneFolder, "none.txt", "0"), meshes) == []
+
+
+def test_flattened_bodies_are_one_surface(sceneFolder):
+    meshes = load_scene_file("a-scene.txt")
+    meshes[2].currVertices = meshes[2].currVertices + [0.0, 100.0, 0.0]
+    vertices, faces, bodyOfFace = flatten_meshes(meshes)
+    assert vertices.shape == (9 + 9 + 5, 3) and faces.shape == (12 + 12 + 6, 3)
+    for body, mesh in enumerate(meshes):
+        corners = vertices[faces[bodyOfFace == body]]
+        np.testing.assert_array_equal(corners, mesh.currVertices[mesh.faces])
+    vertices[:] = 0.0
+    assert np.any(meshes[0].currVertices != 0.0)
+    assert [part.shape for part in flatten_meshes([])] == [(0, 3), (0, 3), (0,)]
+
+
+def test_scenes_are_found_by_path_and_by_bare_name(sceneFolder):
+    assert find_scene("tower") == DATA / "tower-scene.txt"
+    assert load_scene_file(find_scene("a-scene.txt"))[0].name == "cube 0"
+    assert scene_name(find_scene("tower")) == "tower" and scene_name("some/thing.txt") == "thing"
+    for name in ("a", "../data/tower"):  # of this folder, not of data/: only by its file's name
+        with pytest.raises(SceneError, match=f"^{name}: "):
+            find_scene(name)
+    with pytest.raises(SceneError, match="similar: mixed$"):
+        find_scene("mxied")
+    (sceneFolder / "tower").mkdir()  # does not hide the scene
+    assert find_scene("tower") == find_file("tower", ".") == DATA / "tower-scene.txt"
+
+
+# The least triangulation of the projective plane: every edge belongs to two triangles, and yet
+# there is no inside.
+PLANE = "OFF\n6 10 15\n1 0 0\n0 1 0\n0 0 1\n-1 0 0\n0 -1 0\n0 0 -1\n" + "".join(
+    f"3 {' '.join(face)}\n"
+    for face in ("012", "023", "034", "045", "051", "124", "235", "341", "452", "513")
+)
+NO_TETS = TETRAHEDRON[: TETRAHEDRON.index("Tetrahedra")]
+# Which file is broken; what replaces which text, or all of it for None; the line that the error
+# names, None for the file as a whole; and a word of its cause. Each has another cause.
+BROKEN = [
+    ("t.mesh", None, "", None, "empty"),
+    ("a-scene.txt", None, b"3\n\xff\xfe", None, "not a text file"),
+    ("t.mesh", "Vertices\n5", "Vertices\n" + "5" * 5000, 4, "whole number"),
+    ("t.mesh", "0 0 3 1", "0 0 ٣ 1", 8, "'٣'"),
+    ("t.mesh", "0 2 0 1", "0 nan 0 1", 7, "finite"),
+    ("t.mesh", "0 2 0 1", "0 2e10 0 1", 7, "exceed"),
+    ("t.mesh", "MeshVersion", "Mesh", 1, "MeshVersionFormatted"),
+    ("t.mesh", "Dimension 3", "Dimension 2", 2, "dimension"),
+    ("t.mesh", "Vertices\n5", "Vertices\n4", 9, "section"),
+    ("t.mesh", "Vertices", "Triangles", 3, "before"),
+    ("t.mesh", None, TETRAHEDRON[:54], 5, "Vertices 2 of 5"),
+    ("t.mesh", None, NO_TETS, None, "Tetrahedra"),
+    ("t.mesh", "1 3 2 1", "0 3 2 1", 12, "between 1 and 5"),
+    ("t.mesh", "1 3 2 1", "1 3 3 1", 12, "twice"),
+    ("t.mesh", "1 3 2 1", "1 3 4 1", 12, "not a face"),
+    ("t.mesh", "6\n1 3 2 1\n", "5\n", 12, "closed"),
+    ("t.mesh", "6\n1 3 2 1\n", "7\n1 3 2 1\n2 1 3 1\n", 13, "same"),
+    ("t.mesh", "a\n2\n", "a\n3\n1 2 3 5 1\n", None, "1.5"),
+    ("t.mesh", "0 0 1.5 1", "0.2 0.2 0 1", 20, "flat"),
+    ("t.mesh", "0 0 3 1\n0 0 1.5 1", "3 3 0 1\n2 0 0 1", None, "no volume"),
+    ("cube.off", "8 6 12", "8", 2, "numbers of vertices"),
+    ("cube.off", "4 4 5 6 7", "4 4 5 6", 12, "only 3"),
+    ("cube.off", "4 3 0 4 7\n", "4 3 0 4 7\n3 0 1 2\n", 17, "6 faces"),
+    ("cube.off", "4 3 0 4 7", "3 0 4 7", None, "closed"),
+    ("cube.off", None, PLANE, None, "no inside"),
+    ("cube.off", None, CUBE.replace(" 1\n", " 0\n"), None, "filled"),
+    ("a-scene.txt", "3\n", "", 1, "not a scene"),
+    ("a-scene.txt", "50.0", "50.0 1", 2, "10 columns, not 11"),
+    ("a-scene.txt", "50.0", "0", 2, "positive"),
+    ("a-scene.txt", "50.0", "1e-320", 2, "mass"),
+    ("a-scene.txt", "  1   4", "  2   4", 3, "isFixed"),
+    ("a-scene.txt", "2 0 0 0", "0 0 0 0", 2, "zero"),
+    ("a-scene.txt", "t.mesh", "u.mesh", 4, "u.mesh"),
+    ("a-constraints.txt", "0 1 1 2", "0 1 3 2", 2, "mesh index"),
+    ("a-constraints.txt", "0 1 1 2", "0 9 1 2", 2, "vertex index"),
+    ("a-constraints.txt", "0.5 1.25", "1.25 0.5", 2, "lower ≤ upper"),
+    ("a-constraints.txt", "0.5 1.25", "0.5 1e308", 2, "1e308"),
+]
+
+
+def broken(text, old, new):
+    """A text in which the first `old`, of which there must be one, or all for None, is `new`."""
+    assert old is None or old in text
+    return new if old is None else text.replace(old, new, 1)
+
+
+@pytest.mark.parametrize("case", BROKEN, ids=[f"{case[0]}: {case[4]}" for case in BROKEN])
+def test_broken_file_is_named_with_line_and_cause(sceneFolder, case):
+    name, old, new, line, cause = case
+    meshes = load_scene_file("a-scene.txt")
+    path = write(sceneFolder, name, broken(FILES[name], old, new))
+    with pytest.raises(SceneError) as raised:
+        if name.endswith("-constraints.txt"):
+            load_constraint_file(path, meshes)
+        else:
+            load_scene_file(sceneFolder / "a-scene.txt")
+    error = str(raised.value)
+    assert error.startswith(f"{path}:{line}: " if line else f"{path}: "), error
+    assert cause in error and error.isprintable() and len(error) < 300 + len(str(path)), error

@@ -1,0 +1,732 @@
+"""The soft-step solver: closed forms, conservation, rest, determinism, sleeping, recordings."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from oracles import (
+    DATA,
+    ROOT,
+    body,
+    box_body,
+    ground,
+    penetrations,
+    quaternion,
+    random_quaternions,
+    rotation,
+    state_of,
+)
+from program import record
+
+from rbs.geometry.hulls import HullSet
+from rbs.recordings.recording import Recording
+from rbs.recordings.replay import resume, verify
+from rbs.scenes.simulation import Settings, Simulation
+from rbs.softstep import step as softstep
+from rbs.softstep.manifolds import pair_manifolds
+from rbs.softstep.step import SolverState
+from rbs.stepping.bodies import GRAVITY
+from RBSFunctions import run_timestep
+
+H = 0.02
+
+
+def simulate(meshes, steps, state=None, CRCoeff=0.0, mu=0.5, hasGround=True, timeStep=H, **more):
+    """Steps of the soft-step solver; returns its state and the last report."""
+    state = SolverState() if state is None else state
+    floor = ground() if hasGround else None
+    for _ in range(steps):
+        report = run_timestep(
+            meshes,
+            floor,
+            timeStep,
+            CRCoeff,
+            mu=mu,
+            contactSolver="soft-step",
+            solverState=state,
+            **more,
+        )
+    return state, report
+
+
+def positions(meshes):
+    return np.array([m.position[0] for m in meshes])
+
+
+def top_speed(meshes):
+    return max(np.linalg.norm(m.linVelocity) for m in meshes)
+
+
+def momentum(meshes):
+    """Linear and angular momentum about the origin, (6,)."""
+    total = np.zeros(6)
+    for m in meshes:
+        turn = rotation(m.orientation[0]).as_matrix()
+        spin = turn @ m.IT @ turn.T @ m.angVelocity[0]
+        push = m.mass * m.linVelocity[0]
+        total += np.concatenate((push, np.cross(m.position[0], push) + spin))
+    return total
+
+
+def some_heap(seed=3, count=7):
+    """Boxes, octahedra and cylinders that fall onto each other and do not touch at the start."""
+    rng = np.random.default_rng(seed)
+    turns = random_quaternions(rng, count)
+    return [
+        body(
+            ("box", "octahedron", "cylinder")[i % 3],
+            (rng.uniform(-4, 4), 9 + 17 * i, rng.uniform(-4, 4)),
+            q,
+            density=rng.uniform(1, 5),
+        )
+        for i, q in enumerate(turns)
+    ]
+
+
+# --------------------------------------------------------------------------------------------------
+# What is refused
+# --------------------------------------------------------------------------------------------------
+
+
+def test_a_wrong_number_leaves_bodies_and_solver_as_they_were():
+    meshes = [box_body(2, 2, 2, (0, 1 + 2 * i, 0)) for i in range(2)]
+    state, _ = simulate(meshes, 5)
+    meshes[1].linVelocity = np.array([[0.0, np.inf, 0.0]])
+    before, kept = state_of(meshes), state.arrays()
+    with pytest.raises(ArithmeticError, match="body 1"):
+        simulate(meshes, 1, state)
+    assert np.array_equal(state_of(meshes), before)
+    for name, values in state.arrays().items():
+        assert np.array_equal(values, kept[name]), name
+
+
+@pytest.mark.parametrize("where", ["detect", "_make_substeps", "_settled", "check_numbers"])
+def test_whatever_is_raised_leaves_the_solver_as_it_was(where, monkeypatch):
+    """Also after a body has been added, which the step has to make room for."""
+    meshes = some_heap(count=5)
+    state, _ = simulate(meshes, 100)
+    meshes.append(box_body(2, 2, 2, (0, 60, 0)))
+    before, kept = state_of(meshes), state.arrays()
+    original = getattr(softstep, where)
+
+    def failing(*arguments):
+        original(*arguments)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(softstep, where, failing)
+        simulate(meshes, 1, state)
+    assert np.array_equal(state_of(meshes), before)
+    assert state.arrays().keys() == kept.keys()
+    assert all(np.array_equal(values, kept[name]) for name, values in state.arrays().items())
+
+
+def test_what_a_step_finds_out_about_pairs_is_kept_only_if_it_ends(monkeypatch):
+    """Also where no body leaves its box, and all else of the pairs stays as it was."""
+    meshes, state = some_heap(count=5), SolverState()
+    simulate(meshes, 60, state)
+    for _ in range(30):
+        kept = state.arrays()
+        with monkeypatch.context() as patch, pytest.raises(TypeError):
+            patch.setattr(softstep, "_make_substeps", None)
+            simulate(meshes, 1, state)
+        assert all(np.array_equal(values, kept[name]) for name, values in state.arrays().items())
+        simulate(meshes, 1, state)
+
+
+# --------------------------------------------------------------------------------------------------
+# Manifolds
+# --------------------------------------------------------------------------------------------------
+
+
+def manifold(mesh1, mesh2, normal, depth):
+    """`(point1 (P, 3), point2 (P, 3))` of two bodies, in the world."""
+    hulls = HullSet([mesh1.hull, mesh2.hull])
+    turns = [rotation(m.orientation[0]).as_matrix().reshape(9) for m in (mesh1, mesh2)]
+    t = (mesh2.position - mesh1.position).T
+    point1, point2, isPoint = pair_manifolds(
+        hulls.rotated(np.stack(turns, axis=1)),
+        np.array([0]),
+        np.array([1]),
+        t,
+        np.reshape(normal, (3, 1)),
+        np.array([depth]),
+        np.zeros(1),
+    )
+    some = isPoint[:, 0]
+    return (point1[:, some, 0].T + mesh1.position, point2[:, some, 0].T + mesh2.position)
+
+
+def test_the_manifold_of_two_boxes_is_the_corners_of_their_overlap():
+    low = box_body(4, 2, 4, (0, 1, 0))
+    high = box_body(2, 2, 6, (0.5, 2.9, 0), orientation=quaternion((0, 1, 0), 0))
+    point1, point2 = manifold(low, high, (0, 1, 0), 0.1)
+    assert len(point1) == 4
+    corners = {(x, z) for x in (-0.5, 1.5) for z in (-2.0, 2.0)}
+    assert {(round(x, 9), round(z, 9)) for x, _, z in point1} == corners
+    assert np.allclose(point1[:, 1], 2.0) and np.allclose(point2[:, 1], 1.9)
+
+
+def test_crossed_edges_meet_in_one_point():
+    low = box_body(8, 2, 2, (0, 0, 0), orientation=quaternion((1, 0, 0), 45))
+    high = box_body(2, 2, 8, (0, 2 * np.sqrt(2) - 0.1, 0), orientation=quaternion((0, 0, 1), 45))
+    point1, point2 = manifold(low, high, (0, 1, 0), 0.1)
+    assert len(point1) == 1
+    assert np.allclose(point1, [[0, np.sqrt(2), 0]])
+    assert np.allclose(point2, [[0, np.sqrt(2) - 0.1, 0]])
+
+
+def test_the_deepest_point_is_always_in_the_manifold():
+    rng = np.random.default_rng(5)
+    met = 0
+    for _ in range(120):
+        names = rng.choice(["box", "octahedron", "tetrahedron", "cylinder"], 2)
+        turns = random_quaternions(rng, 2)
+        one = body(names[0], (0, 0, 0), turns[0])
+        two = body(names[1], rng.normal(size=3) * 4, turns[1])
+        isCollision, depth, normal, _ = one.detect_collision(two)
+        if not isCollision:
+            continue
+        met += 1
+        normal = normal[0]
+        point1, point2 = manifold(one, two, normal, depth)
+        along = (point2 - point1) @ normal
+        assert along.min() == pytest.approx(-depth, abs=1e-9)
+        # the points lie on lines along the normal
+        assert np.allclose(point2 - point1, along[:, None] * normal, atol=1e-9)
+        assert 1 <= len(point1) <= 4
+    assert 40 < met < 120
+
+
+# --------------------------------------------------------------------------------------------------
+# Physics
+# --------------------------------------------------------------------------------------------------
+
+
+def test_free_flight_over_substeps_is_that_of_gravity():
+    ball = body("octahedron", (0, 100, 0))
+    ball.linVelocity, ball.angVelocity = np.array([[3.0, 0, 0]]), np.array([[0, 2.0, 0]])
+    simulate([ball], 10, substeps=4)
+    h, n = H / 4, 40
+    assert ball.linVelocity[0] == pytest.approx([3.0, GRAVITY * 10 * H, 0])
+    assert ball.position[0] == pytest.approx([0.6, 100 + GRAVITY * h * h * n * (n + 1) / 2, 0])
+    turn = rotation(ball.orientation[0]).as_rotvec()
+    assert turn == pytest.approx([0, 2.0 * 10 * H, 0])
+
+
+@pytest.mark.parametrize("scale", [0.05, 1.0, 50.0])
+@pytest.mark.parametrize("timeStep", [1 / 240, 1 / 30])
+def test_a_stack_rests_whatever_its_size_and_the_time_step(scale, timeStep):
+    side = 2 * scale
+    meshes = [box_body(side, side, side, (0, (i + 0.5) * side, 0)) for i in range(4)]
+    start = positions(meshes)
+    simulate(meshes, round(2 / timeStep), timeStep=timeStep, sleeping=False)
+    # Springs whose frequency is relative to the substeps' give way by a part of g h², whatever the
+    # size: with h/8 = 0.15 / f, a load of N m g on a contact with the split mass m/2 sinks by
+    # 2 N g / (2 π f)², and N = 4, 3, 2, 1 add up to 20 g / (2 π 1.2 / h)² = 0.35 g h².
+    moved = np.abs(positions(meshes) - start).max()
+    assert moved < 0.7 * -GRAVITY * timeStep**2
+    assert top_speed(meshes) < 0.01 * np.sqrt(-GRAVITY * scale)
+
+
+@pytest.mark.parametrize("factor", [1 / 64, 4.0, 64.0])
+def test_nothing_depends_on_the_unit_of_length(factor):
+    """Lengths times s, times times √s and masses times s³ leave gravity as it is: with powers of
+    four, to the last bit. The bodies are 0.1 to 770 units long, the steps 1/480 to 1/7 s."""
+    runs = []
+    for s in (1.0, factor):
+        meshes = [
+            body(m.name, s * m.position, m.orientation, density=m.density, size=s)
+            for m in some_heap(seed=4, count=5)
+        ]
+        simulate(meshes, 150, timeStep=np.sqrt(s) / 60, sleeping=False)
+        fallen = GRAVITY * 150 * np.sqrt(s) / 60
+        assert all(m.linVelocity[0, 1] > 0.9 * fallen for m in meshes[:3])  # they have landed
+        runs.append(state_of(meshes) / np.repeat([s, 1, s**0.5, s**-0.5], [3, 4, 3, 3]))
+    assert np.array_equal(*runs)
+
+
+def test_a_box_on_a_slope_holds_below_the_limit_and_slides_as_coulomb_has_it():
+    for degrees in (26, 30):  # arctan 0.5 is 26.565°
+        angle = np.radians(degrees)
+        q = quaternion((0, 0, 1), -degrees)
+        normal = np.array([np.sin(angle), np.cos(angle), 0])
+        meshes = [
+            box_body(200, 2, 20, (0, 0, 0), orientation=q, isFixed=True),
+            box_body(2, 2, 2, 2 * normal, orientation=q),
+        ]
+        start = positions(meshes)[1]
+        simulate(meshes, 100, hasGround=False, sleeping=False)
+        way = np.linalg.norm(positions(meshes)[1] - start)
+        pull = -GRAVITY * (np.sin(angle) - 0.5 * np.cos(angle))
+        if degrees == 26:
+            assert pull < 0 and way < 0.01
+        else:
+            assert way == pytest.approx(pull * 2.0**2 / 2, rel=0.02)
+
+
+def test_what_starts_to_slide_does_not_fall_asleep():
+    # at 28° a body of 50 units is slow, for its size, for longer than it takes to fall asleep
+    angle = np.radians(28)
+    q = quaternion((0, 0, 1), -28)
+    up = np.array([np.sin(angle), np.cos(angle), 0])
+    meshes = [
+        box_body(5000, 50, 500, (0, 0, 0), orientation=q, isFixed=True),
+        box_body(50, 50, 50, 50 * up, orientation=q),
+    ]
+    start = positions(meshes)[1]
+    simulate(meshes, 200, hasGround=False)
+    way = np.linalg.norm(positions(meshes)[1] - start)
+    pull = -GRAVITY * (np.sin(angle) - 0.5 * np.cos(angle))
+    assert way == pytest.approx(pull * 4.0**2 / 2, rel=0.02)
+
+
+@pytest.mark.parametrize("below", ["ground", "slab"])
+@pytest.mark.parametrize("name", ["tetrahedron", "octahedron", "cylinder", "ellipsoid", "box"])
+def test_what_is_thrown_down_does_not_go_through_the_surface(name, below):
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        thrown = body(name, orientation=random_quaternions(rng, 1)[0])
+        radius = thrown.hull.radius
+        thrown.position = np.array([[0.0, 2.5 * radius, 0.0]])
+        thrown.linVelocity = np.array([[3.0, -10.0, 0.0]]) * np.sqrt(radius / 5)
+        thrown.angVelocity = rng.normal(size=(1, 3)) * 2 * np.sqrt(5 / radius)
+        meshes = [thrown]
+        if below == "slab":
+            meshes.append(
+                box_body(40 * radius, radius, 40 * radius, (0, -radius / 2, 0), isFixed=True)
+            )
+        state, lowest, touches = SolverState(), [], 0
+        for _ in range(150):
+            report = simulate(meshes, 1, state, hasGround=below == "ground")[1]
+            lowest.append(thrown.currVertices[:, 1].min())
+            touches += bool(report.contacts)
+        assert touches > 10
+        assert min(lowest) > -0.005 * radius
+
+
+def test_a_light_body_that_a_heavy_one_hits_is_not_pressed_far_into_the_ground():
+    for x in (0.0, 0.5, 1.0, 1.5):
+        light = box_body(4, 2, 4, (0, 1, 0))
+        heavy = box_body(4, 4, 4, (x, 6, 0.3), density=15, orientation=quaternion((0, 0, 1), 20))
+        heavy.linVelocity = np.array([[0.0, -10.0, 0.0]])
+        state, lowest, isHit = SolverState(), [], False
+        for _ in range(60):
+            report = simulate([light, heavy], 1, state)[1]
+            lowest.append(light.currVertices[:, 1].min())
+            isHit |= any((c.body1, c.body2) == (0, 1) for c in report.contacts)
+        assert isHit
+        assert min(lowest) > -0.25  # with one sweep a substep, up to 0.59 of a height of 2
+
+
+@pytest.mark.parametrize("e", [0.5, 1.0])
+def test_every_bounce_keeps_the_square_of_the_restitution_of_its_height(e):
+    ball = body("octahedron", (0, 0, 0))
+    low = ball.currVertices[:, 1].min()
+    ball.position = np.array([[0.0, 8.0 - low, 0.0]])
+    heights, state = [8.0], SolverState()
+    while len(tops := bounces(heights)) < 3:
+        simulate([ball], 1, state, e)
+        heights.append(ball.position[0, 1] + low)
+        assert len(heights) < 600
+    ratios = np.divide(tops, [8.0, *tops[:2]])
+    assert ratios == pytest.approx([e * e] * 3, abs=0.02) and ratios.max() <= 1.0
+
+
+def bounces(heights):
+    """The tops that a body has come to after it has been at the ground."""
+    h = np.array(heights)
+    return h[1:-1][(h[1:-1] > h[:-2]) & (h[1:-1] >= h[2:])]
+
+
+def leaning_cards(degrees, mu):
+    """Two cards that lean on each other at their upper edges, after ten seconds: `(height, start)`.
+
+    The weight W of a card acts between its lower and its upper edge, which are 8 long and lie on
+    the card's lower side, 0.1 before its middle. Either holds the other with the horizontal force
+    N = W (4 cos α - 0.1 sin α) / (8 sin α), and the ground has to hold the same by friction.
+    """
+    cards = []
+    for side in (-1, 1):
+        card = box_body(8, 0.2, 5, (0, 0, 0), orientation=quaternion((0, 0, 1), degrees * side))
+        low, high = card.currVertices.min(axis=0), card.currVertices.max(axis=0)
+        card.position = np.array([[-low[0] if side < 0 else -high[0], -low[1], 0.0]])
+        cards.append(card)
+    start = positions(cards)[:, 1].max()
+    simulate(cards, 500, mu=mu, sleeping=False)
+    return positions(cards)[:, 1].max(), start
+
+
+def test_two_cards_lean_on_each_other_as_far_as_friction_holds_their_feet():
+    angle = np.radians(60)
+    least = (4 * np.cos(angle) - 0.1 * np.sin(angle)) / (8 * np.sin(angle))
+    for mu in (least * 1.02, 0.5):
+        height, start = leaning_cards(60, mu)
+        assert height == pytest.approx(start, abs=1e-3)
+    height, start = leaning_cards(60, least * 0.98)
+    assert height < 0.5 * start
+
+
+def test_collisions_in_free_space_keep_momentum():
+    rng = np.random.default_rng(2)
+    turns = random_quaternions(rng, 3)
+    meshes = [body("box", (16.0 * i, 0.3 * i, 0), q) for i, q in enumerate(turns)]
+    for i, m in enumerate(meshes):
+        m.linVelocity = np.array([[5.0 - 5.0 * i, 0.0, 0.0]])
+    before = momentum(meshes)
+    total = sum(m.mass for m in meshes)
+    _, report = simulate(meshes, 40, CRCoeff=0.5, hasGround=False)
+    after = momentum(meshes)
+    fall = total * GRAVITY * 40 * H
+    assert after[:3] - before[:3] == pytest.approx([0, fall, 0], abs=1e-9 * abs(fall))
+    assert np.abs([m.linVelocity[0, 0] - 5 + 5 * i for i, m in enumerate(meshes)]).max() > 0.5
+
+
+def test_hulls_that_are_nearly_flat_have_a_normal():
+    """Both sides of such a hull are equally near: they have no mean."""
+    meshes = [box_body(4, 1e-4, 4, (0.3 * i, 1.0, 0)) for i in range(2)]
+    simulate(meshes, 20, hasGround=False)
+    assert np.isfinite(positions(meshes)).all()
+    assert penetrations(meshes).max() < 1e-4
+
+
+def energy(meshes):
+    """The kinetic energy, and the potential energy above y = 0."""
+    total = 0.0
+    for m in meshes:
+        spin = rotation(m.orientation[0]).inv().apply(m.angVelocity[0])
+        total += 0.5 * (m.mass * (m.linVelocity**2).sum() + spin @ m.IT @ spin)
+        total -= GRAVITY * m.mass * m.position[0, 1]
+    return total
+
+
+def test_the_energy_of_bodies_that_fall_onto_each_other_stays_below_the_start():
+    meshes, state = some_heap(), SolverState()
+    energies = []
+    for _ in range(300):
+        simulate(meshes, 1, state, sleeping=False)
+        energies.append(energy(meshes))
+    assert max(energies) < energies[0] * (1 + 1e-3)
+    # what a blow by a much heavier body, at 30 units / s, gives back, it has taken just before
+    for k in range(10, len(energies)):
+        assert energies[k] < max(energies[k - 10 : k - 4]) + 1e-3 * energies[0]
+    assert energies[-1] < 0.5 * energies[0]
+    assert penetrations(meshes).max() < 0.2
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_elastic_bodies_that_hit_each_other_gain_no_energy_in_any_step(seed):
+    meshes, state, hits = some_heap(seed), SolverState(), 0
+    energies = [energy(meshes)]
+    for _ in range(400):
+        report = simulate(meshes, 1, state, CRCoeff=1.0, mu=0.0)[1]
+        energies.append(energy(meshes))
+        hits += any(c.body2 >= 0 and c.impulse > 0.0 for c in report.contacts)
+    assert hits > 10
+    assert np.diff(energies).max() < 1e-6 * energies[0]
+    assert energies[-1] > 0.5 * energies[0]  # they still bounce
+
+
+def test_a_chain_holds_its_load_and_gains_no_energy():
+    meshes = [box_body(2, 2, 2, (3.0 * i, 30, 0), isFixed=i == 0) for i in range(5)]
+    joints = []
+    for i in range(4):
+        gap = np.linalg.norm(meshes[i].currVertices[0] - meshes[i + 1].currVertices[0])
+        joints += [[i, 0, i + 1, 0, gap, True], [i, 0, i + 1, 0, 0.8 * gap, False]]
+    start = -GRAVITY * sum(m.mass * m.position[0, 1] for m in meshes[1:])
+    state = SolverState()
+    for _ in range(150):
+        simulate(meshes, 1, state, constraints=joints)
+        energy = sum(0.5 * m.mass * (m.linVelocity**2).sum() for m in meshes)
+        energy -= GRAVITY * sum(m.mass * m.position[0, 1] for m in meshes[1:])
+        assert energy < start * (1 + 1e-3)
+        for i, v, j, w, bound, upper in joints:
+            distance = np.linalg.norm(meshes[i].currVertices[v] - meshes[j].currVertices[w])
+            assert (distance - bound) * (1 if upper else -1) < 0.1
+    assert meshes[4].position[0, 1] < 25  # it has swung down
+
+
+def test_bounds_that_coincide_hold_a_distance_both_ways():
+    pivot = box_body(2, 2, 2, (0, 50, 0), isFixed=True)
+    bob = box_body(2, 2, 2, (6, 50, 0))
+    gap = np.linalg.norm(bob.currVertices[0] - pivot.currVertices[0])
+    rod = [[0, 0, 1, 0, gap, False], [0, 0, 1, 0, gap, True]]
+    bob.linVelocity = np.array([[-8.0, 0.0, 0.0]])  # the lower bound has to push
+    state, worst = SolverState(), 0.0
+    for _ in range(200):
+        simulate([pivot, bob], 1, state, constraints=rod)
+        distance = np.linalg.norm(bob.currVertices[0] - pivot.currVertices[0])
+        worst = max(worst, abs(distance - gap))
+    assert len(state.constraintImpulse) == 1  # both bounds are one row
+    assert worst < 0.02 and bob.position[0, 1] < 50
+
+
+def torque_free(steps, **options):
+    bar = box_body(8, 1, 2, (0, 1000, 0))
+    bar.angVelocity = np.array([[0.05, 0.02, 4.0]])  # nearly about the axis of middle inertia
+    bar.angVelocity = bar.angVelocity[:, [0, 2, 1]]
+    spins = []
+    for _ in range(steps):
+        run_timestep([bar], None, H, 0.0, gyroscopic=True, **options)
+        spins.append(bar.angVelocity[0].copy())
+    return bar, np.array(spins)
+
+
+def test_the_gyroscopic_term_has_the_same_bits_either_way_and_gains_no_energy():
+    bar, spins = torque_free(300)
+    _, other = torque_free(300, broadPhase="grid")
+    assert np.array_equal(spins, other)
+    turn = rotation(bar.orientation[0])
+    spin = turn.inv().apply(spins[-1])
+    start = np.array([0.05, 4.0, 0.02])
+    assert spin @ bar.IT @ spin <= start @ bar.IT @ start * (1 + 1e-9)
+    assert np.abs(spins - spins[0]).max() > 0.05  # it tumbles
+
+
+# --------------------------------------------------------------------------------------------------
+# Another time step
+# --------------------------------------------------------------------------------------------------
+
+
+def largest_motion(meshes, state, seconds, **options):
+    """The largest speed that a body comes to, and how far the bodies come at most."""
+    start, speed, way = positions(meshes), 0.0, 0.0
+    for _ in range(round(seconds / options.get("timeStep", H))):
+        simulate(meshes, 1, state, **options)
+        speed = max(speed, top_speed(meshes))
+        way = max(way, np.abs(positions(meshes) - start).max())
+    return speed, way
+
+
+SMALL = {"timeStep": 0.001}
+OTHER_STEPS = [
+    ({}, SMALL, 0.3),
+    (SMALL, {}, 1.0),
+    ({}, {"substeps": 32}, 0.5),
+    ({}, {"substeps": 4}, 1.5),
+    ({"substeps": 4}, {}, 1.0),
+]
+
+
+@pytest.mark.parametrize(("before", "after", "seconds"), OTHER_STEPS)
+@pytest.mark.parametrize("sleeping", [False, True])
+def test_a_stack_at_rest_stays_where_it_is_with_another_time_step(before, after, seconds, sleeping):
+    meshes = [box_body(12, 6, 8, (0, 3 + 6 * i, 0)) for i in range(20)]
+    steps = 400 if before is SMALL else 200
+    state, _ = simulate(meshes, steps, sleeping=sleeping, **before)
+    assert top_speed(meshes) < 0.05
+    speed, way = largest_motion(meshes, state, seconds, sleeping=sleeping, **after)
+    assert speed < 0.2 and way < 0.1
+
+
+def test_a_time_step_that_varies_disturbs_no_stack():
+    """By as much as the time between two pictures does."""
+    meshes = [box_body(12, 6, 8, (0, 3 + 6 * i, 0)) for i in range(20)]
+    state, _ = simulate(meshes, 100, sleeping=False)
+    start = positions(meshes)
+    for k in range(60):
+        simulate(meshes, 1, state, timeStep=(0.016, 0.017)[k % 2], sleeping=False)
+        assert top_speed(meshes) < 0.05
+    assert np.abs(positions(meshes) - start).max() < 0.02
+
+
+def test_what_a_tower_has_stood_on_does_not_float_when_it_is_gone():
+    meshes = [box_body(12, 6, 8, (0, 3 + 6 * i, 0)) for i in range(20)]
+    state, _ = simulate(meshes, 150, sleeping=False)
+    simulate(meshes, 50, state, substeps=4, sleeping=False)
+    # the lowest has been held where it was, though it would have sunk: 20 boxes on m/2, see above
+    assert -state.manifolds.offset.min() > 0.01
+    for k, mesh in enumerate(meshes[1:]):
+        mesh.position = np.array([[100.0 + 20.0 * k, 3.0, 0.0]])
+    simulate(meshes, 50, state, substeps=4, sleeping=False)
+    assert abs(meshes[0].position[0, 1] - 3.0) < 2e-3
+
+
+def test_bodies_in_each_other_part_whatever_the_time_step_was():
+    meshes = [box_body(2, 2, 2, (0, 1 + 1.5 * i, 0)) for i in range(2)]
+    state, _ = simulate(meshes, 2)
+    assert top_speed(meshes) < 3.0  # springs alone would make it 4.3
+    simulate(meshes, 300, state, timeStep=0.002, sleeping=False)
+    assert penetrations(meshes).max(initial=0.0) < 0.01
+
+
+@pytest.mark.parametrize(("before", "after", "seconds"), OTHER_STEPS[:2])
+def test_a_chain_at_rest_stays_where_it_is_with_another_time_step(before, after, seconds):
+    meshes = [
+        box_body(2, 2, 2, (0, 30 - 3.0 * i, 0), isFixed=i == 0, density=1 + 300 * (i == 3))
+        for i in range(4)
+    ]
+    ties = [[i, v, i + 1, v + 2, 1.0, True] for i in range(3) for v in (0, 5)]  # corners
+    state, _ = simulate(meshes, 300 if before is SMALL else 150, constraints=ties, **before)
+    assert top_speed(meshes) < 0.02
+    speed, way = largest_motion(meshes, state, 0.5 * seconds, constraints=ties, **after)
+    assert speed < 0.05 and way < 0.01
+
+
+# --------------------------------------------------------------------------------------------------
+# The same bits
+# --------------------------------------------------------------------------------------------------
+
+
+def test_twice_the_same_input_gives_the_same_bits_also_in_another_process():
+    code = (
+        "import sys; sys.path[:0] = ['tests', '.']\n"
+        "from test_softstep import *\n"
+        "meshes = some_heap(); simulate(meshes, 120)\n"
+        "sys.stdout.write(state_of(meshes).tobytes().hex())\n"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    meshes = some_heap()
+    simulate(meshes, 120)
+    assert state_of(meshes).tobytes().hex() == run.stdout
+
+
+def test_what_is_saved_and_restored_goes_on_with_the_same_bits():
+    meshes = some_heap()
+    state, _ = simulate(meshes, 170)
+    assert len(state.manifolds.key) > 2 and state.manifolds.impulse.max() > 0.0
+    rows, arrays = state_of(meshes), state.arrays()
+    simulate(meshes, 60, state)
+    again = some_heap()
+    for m, row in zip(again, rows, strict=True):
+        m.position, m.orientation = row[None, :3].copy(), row[None, 3:7].copy()
+        m.linVelocity, m.angVelocity = row[None, 7:10].copy(), row[None, 10:].copy()
+    simulate(again, 60, SolverState.from_arrays(arrays))
+    assert np.array_equal(state_of(again), state_of(meshes))
+
+
+def test_a_recording_can_be_verified_and_resumed_anywhere(tmp_path):
+    settings = Settings(0.0, friction=0.5, contactSolver="soft-step")
+    simulation = Simulation(DATA / "tower-scene.txt", settings)
+
+    whole = Recording(record(tmp_path / "whole.h5", simulation, 120))
+    # This one begins with a solver that remembers.
+    later = Recording(record(tmp_path / "later.h5", simulation, 60))
+    kept, arrays = later.solver_state(120)
+    assert kept == later.firstStep == 120 and arrays
+    for recording in (whole, later):
+        assert verify(recording) == ""
+    again = resume(later, 150)
+    for step in range(151, 181):
+        again.step()
+        assert np.array_equal(again.state()["positions"], later.frame(step)["positions"])
+
+
+def test_a_recording_is_resumed_at_its_end_without_a_step(tmp_path, monkeypatch):
+    settings = Settings(0.0, friction=0.5, contactSolver="soft-step")
+    simulation = Simulation(DATA / "tower-scene.txt", settings)
+    record(tmp_path / "tower.h5", simulation, 130)
+    assert simulation.solverState.manifolds.impulse.max() > 0.0
+    with monkeypatch.context() as patch:
+        patch.setattr(Simulation, "step", None)
+        resumed = resume(Recording(tmp_path / "tower.h5"), 130)
+    for _ in range(40):
+        for each in (simulation, resumed):
+            each.step()
+    assert np.array_equal(resumed.state()["positions"], simulation.state()["positions"])
+
+
+# --------------------------------------------------------------------------------------------------
+# Sleeping
+# --------------------------------------------------------------------------------------------------
+
+
+def sleeping_stack(count=3):
+    meshes = [box_body(2, 2, 2, (0, 1 + 2 * i, 0)) for i in range(count)]
+    meshes.append(box_body(2, 2, 2, (20, 1, 0)))
+    state, report = simulate(meshes, 100)
+    assert report.isAsleep.all() and top_speed(meshes) == 0.0
+    return meshes, state
+
+
+def test_what_rests_sleeps_and_stays_where_it_is():
+    meshes, state = sleeping_stack()
+    before = state_of(meshes)
+    simulate(meshes, 50, state)
+    assert np.array_equal(state_of(meshes), before)
+
+
+def test_a_blow_wakes_what_it_reaches_and_nothing_else():
+    meshes, state = sleeping_stack()
+    meshes[2].push(5.0 * meshes[2].mass * np.array([1.0, 0, 0]), meshes[2].position)
+    simulate(meshes, 4, state)
+    assert not state.sleep.isAsleep[2] and state.sleep.isAsleep[3]
+    simulate(meshes, 60, state)
+    assert meshes[2].position[0, 0] > 1.0
+
+
+def test_a_lost_support_wakes_what_stood_on_it():
+    meshes, state = sleeping_stack()
+    meshes[0].position = np.array([[50.0, 1.0, 0.0]])
+    simulate(meshes, 60, state)
+    assert meshes[1].position[0, 1] < 1.1 and meshes[2].position[0, 1] < 3.1
+
+
+def test_a_body_that_comes_down_wakes_what_it_lands_on():
+    meshes, state = sleeping_stack()
+    meshes[3].position = np.array([[0.6, 12.0, 0.0]])
+    simulate(meshes, 52, state)
+    assert not state.sleep.isAsleep[2]
+
+
+def test_a_body_that_is_added_far_away_changes_no_bit_of_what_sleeps():
+    meshes, state = sleeping_stack()
+    before, kept = state_of(meshes), state.manifolds
+    far = box_body(2, 2, 2, (1e4, 500, 0))
+    meshes.append(far)
+    simulate(meshes, 10, state)
+    assert np.array_equal(state_of(meshes[:4]), before)
+    assert state.sleep.isAsleep.tolist() == [True] * 4 + [False]
+    pairs = kept.bodies(4)
+    assert np.array_equal(state.manifolds.bodies(5), np.where(pairs == 4, 5, pairs))
+    assert np.array_equal(state.manifolds.impulse, kept.impulse)
+    assert far.position[0, 1] < 500
+    del meshes[-1]
+    simulate(meshes, 10, state)
+    assert np.array_equal(state_of(meshes), before) and state.sleep.isAsleep.all()
+
+
+def test_a_body_that_is_added_far_away_changes_no_bit_of_what_moves():
+    runs = []
+    for isAdded in (False, True):
+        meshes = some_heap()
+        state, _ = simulate(meshes, 90)
+        if isAdded:
+            meshes.append(box_body(2, 2, 2, (1e4, 500, 0)))
+        simulate(meshes, 60, state)
+        runs.append(state_of(meshes[:7]))
+    assert np.array_equal(*runs)
+
+
+@pytest.mark.parametrize("height", [7.0, 9.0])
+def test_a_body_that_is_added_wakes_what_it_touches_or_lands_on(height):
+    meshes, state = sleeping_stack()
+    meshes.append(box_body(2, 2, 2, (0.3, height, 0)))
+    simulate(meshes, 2 if height == 7.0 else 40, state)
+    assert not state.sleep.isAsleep[2] and state.sleep.isAsleep[3]
+    simulate(meshes, 150, state)
+    assert meshes[4].position[0, 1] == pytest.approx(7.0, abs=0.02) and state.sleep.isAsleep.all()
+
+
+def test_a_body_that_is_removed_from_the_end_wakes_what_stood_on_it():
+    meshes, state = sleeping_stack()
+    meshes.append(box_body(2, 2, 2, (40, 1, 0)))
+    meshes[0].position = np.array([[40.0, 3.0, 0.0]])
+    simulate(meshes, 200, state)
+    assert state.sleep.isAsleep.all()
+    del meshes[-1]
+    simulate(meshes, 40, state)
+    assert meshes[0].position[0, 1] < 1.1 and state.sleep.isAsleep[3]
+
+
+def test_the_report_tells_all_points_with_impulses_that_carry_the_weight():
+    meshes = [box_body(2, 2, 2, (0, 1 + 2 * i, 0)) for i in range(3)]
+    _, report = simulate(meshes, 200, sleeping=False)
+    contacts = report.contacts
+    assert len(contacts) == 12
+    under = [c.impulse for c in contacts if c.body1 == 0 and c.body2 == -1]
+    weight = -GRAVITY * sum(m.mass for m in meshes) * H
+    assert len(under) == 4 and sum(under) == pytest.approx(weight, rel=1e-2)

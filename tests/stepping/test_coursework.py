@@ -1,0 +1,178 @@
+"""The default step is the coursework's text: whoever edits one of its functions sees it move."""
+
+import inspect
+
+import numpy as np
+import pytest
+from oracles import DATA, IDENTITY, box_body, ground, quaternion, shape, state_of
+
+import RBSFunctions
+from RBSFunctions import Mesh, resolve_collision, run_timestep
+from RigidBodySimulation import load_constraint_file, load_scene_file
+
+broadPhases = pytest.mark.parametrize("broadPhase", ["all", "grid"])
+
+
+def load(name):
+    """Meshes and constraints of one of our scenes."""
+    meshes = load_scene_file(DATA / f"{name}-scene.txt")
+    path = DATA / f"{name}-constraints.txt"
+    return meshes, load_constraint_file(path, meshes) if path.is_file() else ()
+
+
+def test_the_step_fits_on_a_screen():
+    """Its code, that is: without the signature and the docstring, and without blank lines."""
+    calls = {
+        run_timestep: ("all_pairs_step", "project_constraints"),
+        RBSFunctions.all_pairs_step: (
+            "integrate_timestep",
+            "detect_collision",
+            "resolve_collision",
+        ),
+    }
+    for function, names in calls.items():
+        source = inspect.getsource(function).split('"""')[2]
+        assert 20 < sum(bool(line.strip()) for line in source.splitlines()) < 60
+        assert all(f"{name}(" in source for name in names)
+
+
+def weightless(self, timeStep):
+    self.position = self.position + timeStep * self.linVelocity
+    self.currVertices = self.origVertices + self.position
+
+
+def bouncing_off_nothing(m1, m2, depth, contactNormal, penPoint, CRCoeff):
+    resolve_collision(m1, m2, depth, contactNormal, penPoint, 0.0)
+
+
+def unstoppable(positions, points, linVelocities, angVelocities, invMasses, tensors, tolerance):
+    return True, linVelocities, angVelocities
+
+
+# What a student may have written instead: each with the signature of the coursework, and wrong in a
+# way that can be seen in the motion. Arguments have other names, which are not part of it.
+REPLACED = {
+    "integrate_timestep": (Mesh, weightless, "mixed"),
+    "detect_collision": (Mesh, lambda self, m: (False, 0.0, *np.zeros((2, 1, 3))), "mixed"),
+    "bounding_box_collision": (Mesh, lambda self, m: False, "mixed"),
+    "get_rotated_inv_IT": (Mesh, lambda self: 2.0 * self.invIT, "mixed"),
+    "resolve_collision": (RBSFunctions, bouncing_off_nothing, "mixed"),
+    "resolve_position_constraint": (RBSFunctions, lambda x, p, r, m, u, t: (True, x), "cube"),
+    "resolve_velocity_constraint": (RBSFunctions, unstoppable, "cube"),
+}
+
+
+@pytest.mark.parametrize("name", REPLACED)
+def test_each_function_of_the_coursework_is_called_and_seen_in_the_motion(name, monkeypatch):
+    """The same bits where one only passes on, with the coursework's number of arguments."""
+    owner, replacement, scene = REPLACED[name]
+    original, calls = getattr(owner, name), []
+
+    def passing_on(*arguments):
+        assert len(arguments) == len(inspect.signature(replacement).parameters)
+        calls.append(1)
+        return original(*arguments)
+
+    states = []
+    for function in (original, passing_on, replacement):
+        monkeypatch.setattr(owner, name, function)
+        meshes, constraints = load(scene)
+        for _ in range(130):  # until the bodies have met each other and the ground
+            run_timestep(meshes, ground(), 0.02, 0.5, constraints=constraints)
+        states.append(state_of(meshes))
+    assert len(calls) > 3 and np.array_equal(states[0], states[1])
+    assert np.abs(states[0] - states[2]).max() > 0.01
+
+
+class Ball(Mesh):
+    """Collides as a ball about its COM, with other balls."""
+
+    radius = 2.0
+
+    def detect_collision(self, m):
+        t = m.position - self.position
+        distance = np.linalg.norm(t)
+        depth = self.radius + m.radius - distance
+        normal = t / distance
+        return depth >= 0.0, depth, normal, m.position - m.radius * normal
+
+
+def test_a_subclass_may_detect_its_own_collisions():
+    """Small tetrahedra, far apart by their boxes, that collide as the balls that they are."""
+    vertices, faces, tets = shape("tetrahedron")
+    positions = [(-5.0, 100.0, 0.0), (5.0, 100.0, 0.0)]
+    balls = [Ball("ball", 0.01 * vertices, faces, tets, 1.0, p, IDENTITY, False) for p in positions]
+    for ball, speed in zip(balls, (3.0, -3.0), strict=True):
+        ball.linVelocity = np.array([[speed, 0.0, 0.0]])
+    contacts = [len(run_timestep(balls, None, 0.02, 1.0).contacts) for _ in range(100)]
+    # equal masses and a central hit: they have exchanged their velocities
+    assert sum(contacts) > 0
+    assert [ball.linVelocity[0, 0] for ball in balls] == pytest.approx([-3.0, 3.0])
+
+
+@broadPhases
+def test_an_exception_leaves_the_meshes_as_they_were(broadPhase, monkeypatch):
+    """In the middle of the constraints, after collisions have been resolved."""
+    meshes = [
+        box_body(2.0, 2.0, 2.0, (0.0, 0.9, 0.0), orientation=quaternion([0, 0, 1], 3)),
+        box_body(2.0, 2.0, 2.0, (0.3, 2.8, 0.0)),
+    ]
+    before = state_of(meshes)
+
+    def failing(*arguments):
+        raise RuntimeError("not written yet")
+
+    constraints = [[0, 0, 1, 0, 1.0, True]]
+    options = {"constraints": constraints, "broadPhase": broadPhase}
+    with monkeypatch.context() as patch, pytest.raises(RuntimeError):
+        patch.setattr(RBSFunctions, "resolve_velocity_constraint", failing)
+        run_timestep(meshes, ground(), 0.02, 0.5, **options)
+    assert np.array_equal(state_of(meshes), before)
+    report = run_timestep(meshes, ground(), 0.02, 0.5, **options)
+    assert len(report.contacts) >= 2 and not np.array_equal(state_of(meshes), before)
+
+
+REFUSED = [
+    ([0, 0, 2, 0, 1.0, True], "no mesh 2"),
+    ([-1, 0, 1, 0, 1.0, True], "no mesh -1"),
+    ([0, 8, 1, 0, 1.0, True], "mesh 0 has no vertex 8"),
+    ([0, 0, 1, np.nan, 1.0, True], "mesh 1 has no vertex nan"),
+    ([0, 0, 1, 0, np.nan, True], "reference value"),
+]
+
+
+@broadPhases
+def test_what_is_not_there_is_refused_by_name(broadPhase):
+    meshes = [box_body(1.0, 1.0, 1.0, (3.0 * k, 50.0, 0.0)) for k in range(2)]
+    before = state_of(meshes)
+    for row, said in REFUSED:
+        constraints = [[0, 0, 1, 0, 9.0, True], row]
+        with pytest.raises(ValueError, match=f"constraint 1: .*{said}"):
+            run_timestep(meshes, None, 0.02, 0.5, constraints=constraints, broadPhase=broadPhase)
+    with pytest.raises(ValueError, match="mesh 2, 'box', is in the list twice"):
+        run_timestep([*meshes, meshes[1]], None, 0.02, 0.5, broadPhase=broadPhase)
+    assert np.array_equal(state_of(meshes), before)
+
+
+@broadPhases
+def test_fixed_has_one_meaning(broadPhase):
+    """Fixed at the start, by assignment or by its inverse mass, a body stays; freed, it falls."""
+    for way in ("start", "isFixed", "invMass"):
+        lower = box_body(2.0, 2.0, 2.0, (0.0, 50.0, 0.0), isFixed=way == "start")
+        upper = box_body(2.0, 2.0, 2.0, (0.3, 51.9, 0.0))
+        if way == "isFixed":
+            lower.isFixed = True
+        elif way == "invMass":
+            lower.invMass = 0.0  # its inverse inertia is kept, and counts for nothing
+        upper.linVelocity = np.array([[0.5, -3.0, 0.2]])
+        assert lower.isFixed and not upper.isFixed
+        report = run_timestep([lower, upper], None, 0.02, 0.5, mu=0.3, broadPhase=broadPhase)
+        assert len(report.contacts) == 1
+        assert np.array_equal(state_of([lower])[0, :3], [0.0, 50.0, 0.0])
+        assert not state_of([lower])[0, 7:].any()
+        if way == "start":
+            expected = state_of([upper])
+        assert np.array_equal(state_of([upper]), expected)
+    lower.isFixed = False
+    run_timestep([lower], None, 0.02, 0.5, broadPhase=broadPhase)
+    assert lower.position[0, 1] < 50.0

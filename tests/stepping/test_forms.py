@@ -1,0 +1,211 @@
+"""The two forms of each formula give the same bits: for a pair in floats, for many in arrays."""
+
+import numpy as np
+import pytest
+from oracles import SHAPES, body, random_quaternions, state_of
+
+from Quaternion import exponential, exponentials
+from rbs.geometry import triples, vectors
+from rbs.stepping import kernels
+from rbs.stepping.bodies import Bodies
+from RBSFunctions import (
+    Body,
+    distance_error,
+    resolve_collision,
+    resolve_position_constraint,
+    resolve_velocity_constraint,
+)
+
+COUNT = 2000
+
+
+class Stub:
+    """What `resolve_collision` asks of a mesh."""
+
+    origVertices = (0,)
+
+    def __init__(self, *state):
+        self.body = Body(*state)
+
+    def body_state(self):
+        return self.body
+
+    def set_body_state(self, body):
+        self.body = body
+
+
+def column(table, c):
+    """Vector, matrix or number c of a table (…, m), as a tuple of floats or a float."""
+    return table[c].item() if table.ndim == 1 else tuple(table[:, c].tolist())
+
+
+def random_pairs(seed):
+    """invMasses (2, m), invInertias (9, 2, m), motion (9, 2, m) of pairs, and normals (3, m).
+
+    A third of the first bodies are fixed, and a third of the second ones. A fiftieth of the pairs
+    meet along the normal, without spin: they do not slide.
+    """
+    rng = np.random.default_rng(seed)
+    invMasses = 10.0 ** rng.uniform(-3, 3, (2, COUNT))
+    for k in range(2):
+        invMasses[k, k::3] = 0.0
+    root = rng.normal(size=(2, COUNT, 3, 3))
+    invInertias = invMasses * (root @ root.transpose(0, 1, 3, 2)).reshape(2, COUNT, 9).T.swapaxes(
+        1, 2
+    )
+    motion = rng.normal(size=(9, 2, COUNT)) * 10.0 ** rng.uniform(-1, 1, (2, COUNT))
+    n = rng.normal(size=(3, COUNT))
+    n /= vectors.norm(n)
+    motion[3:6, 0, ::50], motion[3:6, 1, ::50], motion[6:, :, ::50] = n[:, ::50], -n[:, ::50], 0.0
+    return rng, invMasses, np.ascontiguousarray(invInertias), motion, n
+
+
+def states_of(invMasses, invInertias, motion, c):
+    """The two bodies of pair c: the arguments of `Body`."""
+    return [
+        (
+            invMasses[k, c].item(),
+            column(invInertias[:, k], c),
+            *(column(motion[i : i + 3, k], c) for i in (0, 3, 6)),
+        )
+        for k in range(2)
+    ]
+
+
+def test_the_algebra():
+    rng = np.random.default_rng(1)
+    a, b = rng.normal(size=(2, 3, COUNT))
+    matrix, root = rng.normal(size=(9, COUNT)), rng.normal(size=(COUNT, 3, 3))
+    tensor = (root + root.transpose(0, 2, 1)).reshape(COUNT, 9).T
+    for name, *arguments in (
+        ("mul_add", a, a[1], b),
+        ("dot", a, b),
+        ("cross", a, b),
+        ("norm", a),
+        ("mat_vec", matrix, a),
+        ("transpose", matrix),
+        ("rotate_tensor", matrix, tensor),
+    ):
+        many = np.array(getattr(vectors, name)(*arguments))
+        for c in range(COUNT):
+            one = getattr(triples, name)(*(column(table, c) for table in arguments))
+            assert one == column(many, c), name
+
+
+def test_free_flight():
+    """Through the methods of `Mesh` and those of `Bodies`, with fast and slow turns."""
+    rng = np.random.default_rng(2)
+    q = np.concatenate(
+        (
+            rng.normal(size=(1, COUNT)),
+            rng.normal(size=(3, COUNT)) * 10.0 ** rng.uniform(-7, 1, COUNT),
+        )
+    )
+    q[1:, :5] = 0.0
+    many = exponentials(tuple(q))
+    assert all(exponential(column(q, c)) == column(np.array(many), c) for c in range(COUNT))
+
+    for gyroscopic in (False, True):
+        runs = []
+        for inTables in (False, True):
+            rng = np.random.default_rng(3)
+            meshes = []
+            for k, turn in enumerate(random_quaternions(rng, 200)):
+                place, name = rng.normal(size=(1, 3)), SHAPES[k % len(SHAPES)]
+                mesh = body(name, place, turn, isFixed=k % 5 == 0)
+                if not mesh.isFixed:
+                    mesh.linVelocity, mesh.angVelocity = rng.normal(size=(2, 1, 3)) * 10.0
+                meshes.append(mesh)
+            if inTables:
+                bodies = Bodies(meshes)
+                if gyroscopic:
+                    bodies.turn_gyroscopically(0.02)
+                bodies.fly(0.02)
+                bodies.write_back()
+            else:
+                for mesh in meshes:
+                    if gyroscopic:
+                        mesh.apply_gyroscopic_term(0.02)
+                    mesh.integrate_timestep(0.02)
+            runs.append(state_of(meshes))
+        assert runs[0].tobytes() == runs[1].tobytes()
+
+
+@pytest.mark.parametrize(
+    ("e", "closingOnly", "mu"),
+    [(0.0, False, 0.3), (0.5, True, 0.6), (1.0, False, 5.0), (0.3, False, 0.0)],
+)
+def test_contacts(e, closingOnly, mu):
+    rng, invMasses, invInertias, motion, n = random_pairs(4)
+    depth, point = rng.uniform(0, 1, COUNT), rng.normal(size=(3, COUNT))
+    after = motion.copy()
+    shift = kernels.shifts(invMasses, depth)
+    after[:3] += shift * n[:, None]
+    arms = (point + shift[1] * n)[:, None] - after[:3]
+    impulse, friction = kernels.collide(
+        after[3:],
+        invMasses,
+        invInertias,
+        arms,
+        n,
+        *kernels.inverse_effective_mass(invMasses, invInertias, arms, n),
+        e,
+        closingOnly,
+        mu,
+    )
+    sliding = limited = 0
+    for c in range(COUNT):
+        pair = [Stub(*state) for state in states_of(invMasses, invInertias, motion, c)]
+        answer = resolve_collision(
+            *pair, *(column(x, c) for x in (depth, n, point)), e, closingOnly, mu
+        )
+        if answer is None:
+            assert not invMasses[:, c].any()
+            continue
+        assert answer.impulse == impulse[c] and answer.friction == column(friction, c)
+        assert answer.arm == column(arms[:, 0], c)
+        for k in range(2):
+            one = pair[k].body
+            found = one.position + one.linVelocity + one.angVelocity
+            assert found == column(after[:, k], c)
+        sliding += any(answer.friction)
+        limited += triples.norm(answer.friction) > mu * answer.impulse * (1 - 1e-12) > 0
+    if mu:
+        assert 500 < sliding < COUNT and 50 < limited < sliding
+    assert not closingOnly or np.count_nonzero(impulse == 0.0) > 500
+
+
+@pytest.mark.parametrize("upper", [True, False])
+def test_constraints(upper):
+    rng, invMasses, invInertias, motion, _ = random_pairs(5)
+    invMasses = np.where(invMasses.sum(axis=0) > 0.0, invMasses, 1.0)
+    points = motion[:3] + rng.normal(size=(3, 2, COUNT))
+    points[:, 1, ::7] = points[:, 0, ::7]
+    refValue = vectors.norm(points[:, 0] - points[:, 1]) * rng.uniform(0.5, 1.5, COUNT)
+    refValue[::7] = 0.2
+    arms, tolerance = points - motion[:3], 0.3
+    C, n = kernels.distance_error(points[:, 0], points[:, 1], refValue)
+    isViolated = kernels.is_violated(C, np.full(COUNT, upper), tolerance)
+    moved = motion[:3] + kernels.shifts(invMasses, C) * n[:, None]
+    velocity = motion[3:].copy()
+    kernels.stop(velocity, invMasses, invInertias, arms, n, tolerance)
+    stopped = 0
+    for c in range(COUNT):
+        (w1, I1, x1, v1, omega1), (w2, I2, x2, v2, omega2) = states_of(
+            invMasses, invInertias, motion, c
+        )
+        p1, p2 = (column(points[:, k], c) for k in range(2))
+        assert distance_error(p1, p2, refValue[c].item()) == (C[c], column(n, c))
+        wasValid, positions = resolve_position_constraint(
+            (x1, x2), (p1, p2), refValue[c], (w1, w2), upper, tolerance
+        )
+        assert wasValid is not bool(isViolated[c])
+        if not wasValid:
+            assert np.array_equal(np.concatenate(positions).T, moved[..., c])
+        wasValid, *velocities = resolve_velocity_constraint(
+            (x1, x2), (p1, p2), (v1, v2), (omega1, omega2), (w1, w2), (I1, I2), tolerance
+        )
+        found = np.array(velocities).transpose(0, 3, 1, 2).reshape(6, 2)
+        assert np.array_equal(found, velocity[..., c])
+        stopped += not wasValid
+    assert 200 < np.count_nonzero(isViolated) < 1800 and stopped > 1000
