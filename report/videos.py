@@ -14,7 +14,8 @@ from pictures import RESTING, Camera, eight_boxes, thrown_cubes
 
 from rbs.appearance.pictureoptions import PictureOptions
 from rbs.pictures.backends import find_backend
-from rbs.pictures.capture import Encoder, start_view, take_picture
+from rbs.pictures.capture import start_view, take_picture
+from rbs.recordings.encoder import Encoder
 from rbs.scenes.files import atomic_write
 from rbs.scenes.scenefiles import find_scene
 from rbs.scenes.simulation import Settings, Simulation

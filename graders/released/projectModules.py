@@ -10,6 +10,6 @@ PROJECT = str(Path(__file__).resolve().parents[2])
 sys.path.insert(0, PROJECT)
 try:
     from rbs.program.submissions import our_module as our_module
-    from rbs.scenes.scenelines import scene_rows as scene_rows
+    from rbs.scenes.scenefiles import scene_rows as scene_rows
 finally:
     sys.path.remove(PROJECT)

@@ -15,7 +15,6 @@ import numpy as np
 
 from rbs.appearance.drawables import SUN
 from rbs.geometry.triples import dot
-from rbs.pictures.facenumbers import LightMaps
 
 # Sides of the maps of the sky and of what is below, in pixels.
 MAP_SIDES = {"sky": 288, "below": 224}
@@ -105,15 +104,15 @@ class SceneLight:
     surface : `Surface`; size : m, of what is lit
     """
 
-    def __init__(self, surface, vertices, box, counts, sunMapSide, progress):
+    def __init__(self, surface, maps, vertices, box, counts, sunMapSide, progress):
         """Draws the maps: to be called within `bodies_only`, where faces are numbered.
 
-        vertices (V, 3) : of all bodies; box (2, 3) : what is lit; counts : of directions, by kind
-        progress : called with the fraction that is done
+        maps : `LightMaps` of the surface; vertices (V, 3) : of all bodies; box (2, 3) : what is
+        lit; counts : of directions, by kind; progress : called with the fraction that is done
         """
         self.surface, self.size = surface, float(np.linalg.norm(box[1] - box[0]))
         self._directions = directions(counts)
-        self._maps = LightMaps(surface, LEAST_GAP * self.size)
+        self._maps = maps
         drawn = 0
 
         def advance():

@@ -1,1 +1,12 @@
-"""pictures."""
+"""Pictures and videos, drawn with Polyscope off-screen or from the window.
+
+In reading order:
+
+    backends     whether Polyscope can draw here, and how
+    cameras      camera files, and the camera of stills
+    overlays     contacts, impulses, velocities, boxes and trails
+    view         bodies, shadows, constraints and overlays as Polyscope structures
+    facenumbers  which face is seen, from the camera and from the light
+    studio       pictures with sky light, soft shadows and rounded edges
+    capture      pictures and videos in either look
+"""

@@ -1,16 +1,12 @@
 """Pictures and videos of a scene, drawn off-screen or from the window.
 
 From the top: starting to draw; taking a picture, in either look; the legend; series of pictures;
-videos, and the encoder of their files. Polyscope is imported inside the functions that use it.
+videos. Polyscope is imported inside the functions that use it.
 """
 
-import errno
 import math
-import subprocess
-import tempfile
 import time
-from contextlib import contextmanager, nullcontext, suppress
-from fractions import Fraction
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +19,9 @@ from rbs.pictures.backends import OFFSCREEN_BACKEND
 from rbs.pictures.cameras import apply_camera
 from rbs.pictures.studio import STILL_DIRECTIONS, VIDEO_DIRECTIONS, Studio
 from rbs.pictures.view import SceneView, start_polyscope
+from rbs.recordings.encoder import CODECS, Encoder
 from rbs.scenes.files import atomic_write, named_errors, partial_path, put_in_place
-from rbs.scenes.messages import InputError, counted, print_error, shown_path
+from rbs.scenes.messages import counted, print_error, shown_path
 
 # A picture is drawn as many times as large along each side, and averaged, as long as that takes no
 # more than so many pixels: 4K.
@@ -35,36 +32,6 @@ SHADOW_OPACITY = 0.4
 # Of the legend, in pixels: from the picture's upper left corner; and its rows' colour samples.
 LEGEND_MARGIN, SAMPLE_SIZE = 12, 18
 LEGEND_COLOUR = (0.19, 0.21, 0.25, 1.0)
-FFMPEG_REMEDY = "Install it: pip install imageio-ffmpeg"
-# Arguments of ffmpeg by a video's ending. Of .mp4: no artefacts to be seen; sides are made even,
-# as the codec wants them; and playing can begin before the file is there to its end. Of .gif: one
-# palette for all, without dithering, which would flicker and make it larger.
-CODECS = {
-    ".mp4": (
-        "-f",
-        "mp4",
-        "-vcodec",
-        "libx264",
-        "-pix_fmt",
-        "yuv420p",
-        "-crf",
-        "15",
-        "-vf",
-        "crop=trunc(iw/2)*2:trunc(ih/2)*2",
-        "-movflags",
-        "+faststart",
-    ),
-    ".gif": (
-        "-f",
-        "gif",
-        "-filter_complex",
-        "split[a][b];[a]palettegen=stats_mode=full[p];[b][p]paletteuse=dither=none",
-    ),
-}
-
-
-class VideoError(InputError):
-    """A video that cannot be made; one line."""
 
 
 def start_view(simulation, backend, options):
@@ -360,81 +327,3 @@ class Video:
         self._encoder.stop()
         if self._partial.is_file():
             self._partial.unlink()
-
-
-class Encoder:
-    """An ffmpeg process that writes a video of the pictures that it is given.
-
-    Its exit status tells whether the file is whole. Ctrl-C in a terminal does not reach it, since
-    it is in a session of its own: a run ends after its step, and its video is finished.
-    """
-
-    def __init__(self, path, size, rate, arguments):
-        """size : width and height of the pictures; rate : pictures a second; arguments : of ffmpeg
-
-        Raises VideoError where there is no ffmpeg, OSError where `path` cannot be written.
-        """
-        try:
-            import imageio_ffmpeg
-        except ImportError:
-            raise VideoError(f"no video: imageio-ffmpeg is missing. {FFMPEG_REMEDY}") from None
-
-        Path(path).touch()
-        self._path = path
-        self._errors = tempfile.TemporaryFile()
-        command = [
-            imageio_ffmpeg.get_ffmpeg_exe(),
-            "-y",
-            "-v",
-            "error",
-            "-f",
-            "rawvideo",
-            "-pix_fmt",
-            "rgb24",
-            "-s",
-            "{}x{}".format(*size),
-            "-r",
-            str(Fraction(rate).limit_denominator()),
-            "-i",
-            "-",
-            *arguments,
-            str(path),
-        ]
-        self._process = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=self._errors,
-            start_new_session=True,
-        )
-
-    def write(self, picture):
-        """Adds a picture (height, width, 3), uint8; raises OSError where the process has ended."""
-        try:
-            self._process.stdin.write(picture)
-        except OSError:
-            raise self._failure() from None
-
-    def finish(self):
-        """Ends the video; raises OSError if its file is not whole."""
-        with suppress(OSError):  # the exit status tells
-            self._process.stdin.close()
-        if self._process.wait() != 0:
-            raise self._failure()
-        self._errors.close()
-
-    def stop(self):
-        """Ends the process, whatever there is of the file. Does nothing after `finish`."""
-        self._process.kill()
-        with suppress(OSError):
-            self._process.stdin.close()
-        self._process.wait()
-        self._errors.close()
-
-    def _failure(self):
-        """The OSError of a process that has ended too early, with the last that it has said."""
-        code = self._process.wait()
-        self._errors.seek(0)
-        said = self._errors.read().decode(errors="replace").splitlines() or [f"exit code {code}"]
-        cause = f"the video is not whole: {said[-1].rpartition('] ')[2]}"
-        return OSError(errno.EIO, cause, str(self._path))

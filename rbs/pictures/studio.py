@@ -30,6 +30,7 @@ from rbs.appearance.skins import Surface
 from rbs.geometry.triples import dot
 from rbs.pictures.facenumbers import (
     Camera,
+    LightMaps,
     bodies_only,
     draw_numbers,
     draw_overlays,
@@ -129,8 +130,10 @@ class Studio:
             if lit != self._lit:
                 self.light = None  # the old one makes room
                 surface = Surface(meshes, vertices, faces, bodyOfFace, albedo, self._skins)
+                gap = LEAST_GAP * float(np.linalg.norm(box[1] - box[0]))
                 self.light = SceneLight(
                     surface,
+                    LightMaps(surface, gap),
                     vertices,
                     box,
                     self._counts,

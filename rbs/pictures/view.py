@@ -7,10 +7,9 @@ All bodies together are one surface, their shadows another one, and their edges 
 so that the cost of drawing hardly depends on how many bodies there are. What stands for a
 simulation here may as well be a replay: anything with its attributes.
 
-From the top: starting Polyscope; `SceneView`; the overlays.
+From the top: starting Polyscope; `SceneView`.
 """
 
-import math
 from contextlib import contextmanager
 
 import numpy as np
@@ -18,40 +17,28 @@ import numpy as np
 from Quaternion import QConj, QRotate
 from rbs.appearance.colours import (
     BACKGROUND,
-    BOX_COLOUR,
-    CONSTRAINT_COLOURS,
     CREASE_COLOUR,
-    FRICTION_COLOUR,
     GROUND_COLOURS,
-    IMPULSE_COLOUR,
-    NORMAL_COLOUR,
     PICKED_COLOUR,
     SHADOW_COLOUR,
-    TRAIL_COLOUR,
-    VELOCITY_COLOUR,
     BodyColours,
     constraint_legend,
 )
 from rbs.appearance.drawables import (
     ConstraintLines,
-    box_lines,
     cast_shadows,
-    contact_patches,
     find_creases,
     flatten_meshes,
-    grid_cells,
     ground_squares,
-    surface_points,
 )
+from rbs.appearance.framing import VIEW_DIRECTION, frame_camera
 from rbs.appearance.pictureoptions import OVERLAYS, PICTURE_SIZE
-from rbs.pictures.arrows import ARROW_RADIUS, POINT_RADIUS, draw_arrows, draw_lines, remove_overlay
-from rbs.pictures.cameras import VIEW_DIRECTION, frame_camera, kept_camera, point_still_camera
+from rbs.pictures.cameras import kept_camera, point_still_camera
+from rbs.pictures.overlays import CONTACT_OVERLAYS, POINT_RADIUS, Overlays, draw_lines
 from RBSFunctions import refresh_vertices
 
 # All that can be switched on and off.
 LAYERS = ("ground", "shadows", *OVERLAYS)
-# What shows the contacts of the last steps.
-CONTACT_OVERLAYS = frozenset({"contacts", "impulses", "friction impulses"})
 # What is drawn at or within bodies, which are then seen through. In the window, Polyscope shows the
 # mean of all that lies behind each other, the ground too, which would leave bodies pale: by which
 # factor their colours are moved away from the ground's.
@@ -64,25 +51,6 @@ CREASE_RADIUS = 6e-4
 MOST_CREASES = 4000
 # Half the width of the lines that constraints are drawn as, relative to the scene's size.
 CONSTRAINT_RADIUS = 1.2e-3
-# The longest impulse on screen, relative to the scene's size, and relative to the body of medium
-# size at most, so that arrows do not cover each other; and every contact's normal, relative to it.
-LONGEST_IMPULSE = 0.1
-IMPULSE_OF_BODY = 0.5
-NORMAL_LENGTH = 0.5
-# Steps for which a contact is shown: a tenth of a second, with the usual time step.
-HELD_CONTACT_STEPS = 5
-# A velocity is drawn as the way that it leads in this time, in seconds.
-VELOCITY_SECONDS = 0.5
-# Half the width of the outlines of contacts, relative to the scene's size.
-PATCH_RADIUS = 1.6e-3
-# Pictures back that a trail goes, and the most bodies that have one: every second body has where
-# there are up to twice as many, and so on.
-TRAIL_LENGTH = 40
-MOST_TRAILS = 30
-# A trail goes on over as many steps between two pictures; more is a jump to another time.
-LONGEST_TRAIL_STEP = 60
-# The most boxes, and cells, that are drawn, for the time that their lines take.
-MOST_BOXES = 200
 # The ground: how far it is seen, in sizes of the scene; the camera's usual distance from what it
 # looks at, likewise; how far, in sizes, and by which factor the view moves before the ground does;
 # and where Polyscope ends to draw, a little less than twenty sizes away.
@@ -135,6 +103,7 @@ class SceneView:
         self._margins = (0, 0, 0, 0)  # what the panels take: left, top, right, bottom, in pixels
         self._windowSize = None
         self.callback = self.studio = None
+        self._overlays = Overlays(self)
         self.colouring = "body"
         self.shown = {"ground", "shadows"}
         self.hasLegend = self._follows = self.isSmooth = self._isVivid = False
@@ -153,13 +122,10 @@ class SceneView:
         self._size = float(np.linalg.norm(high - low))
         ps.set_length_scale(self._size)
         ps.set_bounding_box(low, high)
-        self._trail = []
-        self._trailStep = None
-        self._heldContacts = {}  # step -> its contacts
         self.show_spring(None)
         vertices = self._register_bodies()
-        bodySize = np.median(np.linalg.norm(np.subtract(*self._boxes(vertices)), axis=1))
-        self._longestArrow = min(LONGEST_IMPULSE * self._size, IMPULSE_OF_BODY * bodySize)
+        bodySize = np.median(np.linalg.norm(np.subtract(*self.boxes(vertices)), axis=1))
+        self._overlays.restart(self._size, bodySize)
         self._register_constraints(vertices)
         self._lastFocus = self._focus()
         self._point_camera(points)
@@ -180,7 +146,7 @@ class SceneView:
         meshes = self.simulation.meshes
         self.bodyColours = BodyColours(meshes)
         vertices, faces, self.bodyOfFace = flatten_meshes(meshes)
-        self._bodyCount, self._faces = len(meshes), faces
+        self._bodyCount, self.faces = len(meshes), faces
         self._firstVertex = np.cumsum([0] + [len(m.currVertices) for m in meshes[:-1]])
         # What lies behind is not drawn: bodies are closed, and it would cost half as much again.
         # Surfaces are drawn in the order of their names: what is seen through has to be the last.
@@ -344,10 +310,6 @@ class SceneView:
         """What pictures show of former steps, and of the mouse: dict, to `recall` elsewhere."""
         names = (
             "_size",
-            "_longestArrow",
-            "_trail",
-            "_trailStep",
-            "_heldContacts",
             "picked",
             "pickedPoint",
             "colouring",
@@ -357,7 +319,7 @@ class SceneView:
             "groundPlace",
             "squareSide",
         )
-        return {name: vars(self)[name] for name in names}
+        return {name: vars(self)[name] for name in names} | {"overlays": self._overlays.memory}
 
     def recall(self, memory):
         """Makes pictures look as those of the SceneView that this is the `memory` of."""
@@ -366,7 +328,8 @@ class SceneView:
         self.shown = memory["shown"]
         for name in LAYERS:
             self._show_layer(name)
-        vars(self).update(memory)
+        self._overlays.memory = memory["overlays"]
+        vars(self).update({name: memory[name] for name in memory if name != "overlays"})
         ps.set_length_scale(self._size)
         self.refresh()
 
@@ -427,13 +390,7 @@ class SceneView:
         if len(self._constraintLines.ends):
             self._refresh_constraints(vertices)
         self._refresh_colours()
-        if "trails" in self.shown:
-            self._extend_trails()
-        if CONTACT_OVERLAYS & self.shown:
-            self._find_contacts()
-        for name, paint in _PAINTERS.items():
-            if name in self.shown:
-                paint(self, name, vertices)
+        self._overlays.refresh(vertices)
         self._refresh_mark()
 
     def body_colours(self):
@@ -459,9 +416,7 @@ class SceneView:
         rows = self.bodyColours.legend(self.simulation, self.colouring)
         if len(self._constraintLines.ends) and self.simulation.settings.enforceConstraints:
             rows += constraint_legend()
-        return rows + [
-            (text(self), colour) for name, (text, colour) in _MEANINGS.items() if name in self.shown
-        ]
+        return rows + self._overlays.meanings()
 
     def show(self, name, isShown):
         """Switches one of LAYERS on or off."""
@@ -478,8 +433,7 @@ class SceneView:
         elif name == "shadows":
             self._shadows.set_enabled(name in self.shown)
         else:
-            remove_overlay(name)
-            self._trail = []
+            self._overlays.remove(name)
             self.set_see_through(self.isSeeThrough)
 
     @property
@@ -495,6 +449,13 @@ class SceneView:
         if isOn != self._isVivid:
             self._isVivid = isOn
             self._refresh_colours()
+
+    def boxes(self, vertices):
+        """Bounding boxes of the bodies, low and high (n, 3)."""
+        return (
+            np.minimum.reduceat(vertices, self._firstVertex),
+            np.maximum.reduceat(vertices, self._firstVertex),
+        )
 
     def show_bodies(self, isShown):
         """Shows the bodies with their creases, or not."""
@@ -623,151 +584,3 @@ class SceneView:
                 color=CREASE_COLOUR,
                 radius=2.0 * POINT_RADIUS,
             )
-
-    # What the overlays consist of.
-
-    def _find_contacts(self):
-        """Finds the contacts of the last steps, and where they are now: they go with body 1.
-
-        Of each pair of bodies, those of its last step. A bounce is over before it is seen.
-        """
-        report, step = self.simulation.report, self.simulation.stepCount
-        if report is None:
-            self._heldContacts = {}
-        else:
-            self._heldContacts[step] = report.contacts
-        contacts, pairs = [], set()
-        for other in sorted(self._heldContacts, reverse=True):
-            if not 0 <= step - other < HELD_CONTACT_STEPS:
-                del self._heldContacts[other]
-                continue
-            found = [c for c in self._heldContacts[other] if (c.body1, c.body2) not in pairs]
-            pairs |= {(c.body1, c.body2) for c in found}
-            contacts += found
-        positions = [self.simulation.meshes[c.body1].position[0] for c in contacts]
-        arms = [contact.arm for contact in contacts]
-        self._contacts = contacts
-        self._contactPoints = np.array(positions).reshape(-1, 3) + np.array(arms).reshape(-1, 3)
-
-    def _draw_contacts(self, name, vertices):
-        """Each pair's points with their outline, and one normal from the middle of them."""
-        contacts, points = self._contacts, self._contactPoints
-        remove_overlay(name)
-        if contacts:
-            edges, middles, normals = contact_patches(
-                np.array([(c.body1, c.body2) for c in contacts]),
-                points,
-                np.array([c.normal for c in contacts]),
-            )
-            arrows = -NORMAL_LENGTH * self._longestArrow * normals
-            draw_arrows(name, middles, arrows, NORMAL_COLOUR)
-            draw_lines(name, points, edges, NORMAL_COLOUR, PATCH_RADIUS)
-
-    def _contact_meaning(self):
-        report = self.simulation.report
-        isSome = report is not None and report.hasSleepers
-        return f"contact manifold{', of bodies awake' if isSome else ''}; normal, towards body 1"
-
-    def _draw_impulses(self, name, vertices):
-        contacts, points = self._contacts, self._contactPoints
-        normals = np.array([c.normal for c in contacts]).reshape(-1, 3)
-        # Body 1 receives the opposite of what the contact gives to body 2.
-        arrows = -normals * np.array([c.impulse for c in contacts]).reshape(-1, 1)
-        # Thicker than the normals, along which they run.
-        draw_arrows(name, points, self._scaled(arrows), IMPULSE_COLOUR, 1.5 * ARROW_RADIUS)
-
-    def _draw_friction(self, name, vertices):
-        contacts, points = self._contacts, self._contactPoints
-        arrows = -np.array([c.friction for c in contacts]).reshape(-1, 3)
-        some = arrows.any(axis=1)
-        draw_arrows(name, points[some], self._scaled(arrows[some]), FRICTION_COLOUR)
-
-    def _scaled(self, arrows):
-        longest = np.linalg.norm(arrows, axis=1).max(initial=0.0)
-        return arrows * (self._longestArrow / longest if longest > 0.0 else 0.0)
-
-    def _impulse_scale(self, what, impulse):
-        longest = max((math.hypot(*impulse(contact)) for contact in self._contacts), default=0.0)
-        if longest == 0.0:
-            return f"no {what} this step"
-        return f"{what}; the longest is {longest:.2g} N s"
-
-    def _velocity_scale(self):
-        speed = self.squareSide / VELOCITY_SECONDS
-        return f"velocity; as long as a square is {speed:g} m/s"
-
-    def _draw_velocities(self, name, vertices):
-        """Arrows that begin where the line from the centre of mass leaves the body."""
-        meshes = self.simulation.meshes
-        centres = np.concatenate([mesh.position for mesh in meshes])
-        velocities = np.concatenate([mesh.linVelocity for mesh in meshes])
-        points = surface_points(vertices, self._faces, self.bodyOfFace, centres, velocities)
-        moves = velocities.any(axis=1) & [not mesh.isFixed for mesh in meshes]
-        draw_arrows(name, points[moves], VELOCITY_SECONDS * velocities[moves], VELOCITY_COLOUR)
-
-    def _boxes(self, vertices):
-        """Bounding boxes of the bodies, low and high (n, 3)."""
-        return (
-            np.minimum.reduceat(vertices, self._firstVertex),
-            np.maximum.reduceat(vertices, self._firstVertex),
-        )
-
-    def _draw_boxes(self, name, vertices):
-        low, high = (side[:MOST_BOXES] for side in self._boxes(vertices))
-        draw_lines(name, *box_lines(low, high), BOX_COLOUR)
-
-    def _draw_cells(self, name, vertices):
-        low, high = (side[:MOST_BOXES] for side in grid_cells(*self._boxes(vertices)))
-        draw_lines(name, *box_lines(low, high), CONSTRAINT_COLOURS[2])
-
-    def _extend_trails(self):
-        """Adds the present positions to the trails; after a jump in time, they begin anew."""
-        step = self.simulation.stepCount
-        if self._trail and step == self._trailStep:
-            return
-        if self._trail and not 0 < step - self._trailStep <= LONGEST_TRAIL_STEP:
-            self._trail = []
-        moving = [mesh for mesh in self.simulation.meshes if not mesh.isFixed]
-        moving = moving[:: math.ceil(len(moving) / MOST_TRAILS) or 1]
-        self._trail.append(np.array([mesh.position[0] for mesh in moving]).reshape(-1, 3))
-        self._trail = self._trail[-TRAIL_LENGTH:]
-        self._trailStep = step
-
-    def _draw_trails(self, name, vertices):
-        if len({len(row) for row in self._trail}) > 1:  # a body was fixed or freed
-            self._trail = self._trail[-1:]
-        nodes = np.array(self._trail)  # (times, bodies, 3)
-        index = np.arange(nodes[..., 0].size).reshape(nodes.shape[:2])
-        edges = np.stack([index[:-1], index[1:]], axis=-1).reshape(-1, 2)
-        draw_lines(name, nodes.reshape(-1, 3), edges, TRAIL_COLOUR)
-
-
-# What draws each overlay.
-_PAINTERS = {
-    "contacts": SceneView._draw_contacts,
-    "impulses": SceneView._draw_impulses,
-    "friction impulses": SceneView._draw_friction,
-    "velocities": SceneView._draw_velocities,
-    "bounding boxes": SceneView._draw_boxes,
-    "grid cells": SceneView._draw_cells,
-    "trails": SceneView._draw_trails,
-}
-
-
-# What the legend says of each overlay, given the SceneView, and its colour. Lengths in the picture
-# are told by the ground's squares.
-_MEANINGS = {
-    "contacts": (lambda view: view._contact_meaning(), NORMAL_COLOUR),
-    "impulses": (
-        lambda view: view._impulse_scale("normal impulse", lambda contact: [contact.impulse]),
-        IMPULSE_COLOUR,
-    ),
-    "friction impulses": (
-        lambda view: view._impulse_scale("friction impulse", lambda contact: contact.friction),
-        FRICTION_COLOUR,
-    ),
-    "velocities": (lambda view: view._velocity_scale(), VELOCITY_COLOUR),
-    "bounding boxes": (lambda view: "bounding box", BOX_COLOUR),
-    "grid cells": (lambda view: "grid cell of the broad phase", tuple(CONSTRAINT_COLOURS[2])),
-    "trails": (lambda view: "path of a centre of mass", TRAIL_COLOUR),
-}

@@ -15,7 +15,7 @@ import numpy as np
 from Quaternion import QRotate
 from rbs.program.submissions import SubmissionError, brief, describe, load_submission
 from rbs.scenes.messages import print_note
-from rbs.scenes.scenelines import scene_rows
+from rbs.scenes.scenefiles import scene_rows
 from rbs.stepping.bodies import STATE_WIDTHS, StateError
 from RBSFunctions import run_timestep, sweep
 

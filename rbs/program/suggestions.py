@@ -10,7 +10,7 @@ from dataclasses import asdict, replace
 
 from rbs.program.opening import find_file, open_file
 from rbs.scenes.messages import InputError, print_note, short, shown_path
-from rbs.scenes.scenelines import suggestion_lines
+from rbs.scenes.scenefiles import suggestion_lines
 from rbs.scenes.simulation import Simulation
 from rbs.scenes.textfiles import SceneError
 from rbs.stepping.settings import BY_OPTION, CHOSEN, IgnoredSetting, Settings, heeded

@@ -6,10 +6,10 @@ the checks of `run_timestep`.
 """
 
 import math
+import reprlib
 from dataclasses import asdict, dataclass, make_dataclass
 
 from rbs.geometry.triples import number
-from rbs.scenes.messages import short
 
 BROAD_PHASES = ("all", "grid")
 CONSTRAINT_SCHEDULINGS = ("sweep", "queue", "batches")
@@ -72,8 +72,8 @@ class Setting:
         except (TypeError, ValueError, OverflowError):
             found = math.nan
         if not low <= found <= high or math.isinf(found) or found != value:
-            shown = f"{value:g}" if isinstance(value, float) else repr(value)
-            raise ValueError(f"must be {self._allowed(low, high)}, not {short(shown)}")
+            shown = f"{value:g}" if isinstance(value, float) else reprlib.repr(value)
+            raise ValueError(f"must be {self._allowed(low, high)}, not {shown}")
         return found
 
     def _allowed(self, low, high):

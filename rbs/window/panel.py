@@ -13,7 +13,8 @@ import numpy as np
 from rbs.appearance.colours import COLOURINGS, PICKED_COLOUR
 from rbs.appearance.pictureoptions import LOOKS
 from rbs.pictures.capture import draw_legend
-from rbs.pictures.view import LAYERS, MOST_BOXES, MOST_TRAILS, TRAIL_LENGTH, VELOCITY_SECONDS
+from rbs.pictures.overlays import MOST_BOXES, MOST_TRAILS, TRAIL_LENGTH, VELOCITY_SECONDS
+from rbs.pictures.view import LAYERS
 from rbs.scenes.messages import counted
 from rbs.stepping.reports import PHASES
 from rbs.stepping.settings import CHOSEN

@@ -18,7 +18,8 @@ import numpy as np
 
 from rbs.appearance.pictureoptions import PictureOptions, video_timing
 from rbs.pictures.cameras import apply_camera, load_camera, save_camera
-from rbs.pictures.capture import Video, VideoError, save_picture, start_view
+from rbs.pictures.capture import Video, save_picture, start_view
+from rbs.recordings.encoder import VideoError
 from rbs.recordings.recording import Recorder, RecordingError
 from rbs.scenes import changes
 from rbs.scenes.grabbing import MOST_SHOTS, Grab, shot

@@ -637,7 +637,7 @@ def test_bodies_of_a_millimetre_ten_kilometres_away(kind):
 @pytest.mark.parametrize(
     ("shift", "centre"),
     [
-        # a box 4 × 2 × 4 over one of 12 × 6 × 8: on it, at its rim, and turned over three sides of it
+        # a box 4 × 2 × 4 over one of 12 × 6 × 8: on it, at its rim, and turned over three sides
         ((0, 0), (0, 0)),
         ((1.5, -2), (1.5, -2)),
         # x from 4 to 6 of 4 … 8: middle 5. z wholly on it.

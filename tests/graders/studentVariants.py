@@ -193,7 +193,8 @@ HIDDEN_MISTAKES = {
     "lower-tolerance-sign": [(VALID, VALID.replace("-tol", "tol"))],
     "stale-vertices": [
         (
-            "self.orientation = QMult(QExp(half), self.orientation)\n        self.update_vertices()",
+            "self.orientation = QMult(QExp(half), self.orientation)\n"
+            "        self.update_vertices()",
             "self.orientation = QMult(QExp(half), self.orientation)",
         ),
     ],
@@ -256,7 +257,8 @@ RIGHT = {
         (
             "+ self.position\n\n    def get_rotated",
             "+ self.position\n        if len(self.currVertices):\n"
-            "            self.low, self.high = self.currVertices.min(0), self.currVertices.max(0)\n\n"
+            "            self.low, self.high = self.currVertices.min(0), self.currVertices.max(0)\n"
+            "\n"
             "    def get_rotated",
         ),
         (
@@ -270,10 +272,12 @@ RIGHT = {
         (
             "class Mesh:\n",
             "class Body:\n    __slots__ = (\n"
-            "        'name origVertices faces tets density position orientation isFixed IT invIT '\n"
-            "        'linVelocity angVelocity mass invMass currVertices').split()\n\n"
+            "        'name origVertices faces tets density position orientation isFixed IT '\n"
+            ""
+            "        'invIT linVelocity angVelocity mass invMass currVertices').split()\n\n"
             "    def point_velocity(self, r):\n"
-            "        return self.linVelocity + np.cross(self.angVelocity, r)\n\n\nclass Mesh(Body):\n"
+            "        return self.linVelocity + np.cross(self.angVelocity, r)\n"
+            "\n\nclass Mesh(Body):\n"
             "    __slots__ = ()\n",
         ),
         ("v1 = m1.linVelocity + np.cross(m1.angVelocity, r1)", "v1 = m1.point_velocity(r1)"),

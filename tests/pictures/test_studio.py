@@ -172,7 +172,7 @@ def test_stills_show_all_bodies_from_low_down(scene):
 def test_overlays_replace_what_is_behind_and_shine_through_what_is_before_them():
     import polyscope as ps
 
-    from rbs.pictures.arrows import draw_lines
+    from rbs.pictures.overlays import draw_lines
 
     view = view_of(
         box_body(4, 4, 4, (0, 2, 0)),

@@ -16,7 +16,7 @@ from studentVariants import EARLY, HALF_DONE, LOST, MISTAKES, write_submission
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import resume
-from rbs.scenes.scenelines import fields_of, scene_rows
+from rbs.scenes.scenefiles import fields_of, scene_rows
 from rbs.scenes.simulation import Simulation
 from rbs.scenes.state import STATE_NAMES
 from RigidBodySimulation import load_constraint_file, load_mesh_file, load_scene_file

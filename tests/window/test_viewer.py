@@ -43,16 +43,10 @@ from rbs.appearance.drawables import (
     ground_squares,
     surface_points,
 )
+from rbs.appearance.framing import FRAME_MARGIN, VIEW_DIRECTION, frame_camera
 from rbs.appearance.pictureoptions import OVERLAYS, VIDEO_ENDINGS, PictureOptions, video_timing
 from rbs.geometry.broadphase import grid_overlaps
-from rbs.pictures.cameras import (
-    FRAME_MARGIN,
-    VIEW_DIRECTION,
-    CameraError,
-    frame_camera,
-    load_camera,
-    save_camera,
-)
+from rbs.pictures.cameras import CameraError, load_camera, save_camera
 from rbs.pictures.capture import (
     SEEN_THROUGH,
     SHADOW_OPACITY,
@@ -62,7 +56,8 @@ from rbs.pictures.capture import (
     start_view,
     take_picture,
 )
-from rbs.pictures.view import HELD_CONTACT_STEPS, LAYERS, MOST_CREASES, SceneView, start_polyscope
+from rbs.pictures.overlays import HELD_CONTACT_STEPS
+from rbs.pictures.view import LAYERS, MOST_CREASES, SceneView, start_polyscope
 from rbs.program.catalogue import SCENES
 from rbs.program.opening import find_file, list_files, open_file
 from rbs.program.suggestions import SceneOpener, apply_settings
