@@ -21,6 +21,7 @@ Positions corrected in proportion to the inverse masses: Müller et al., Positio
 
 import itertools
 import math
+import reprlib
 from dataclasses import dataclass
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
@@ -46,15 +47,29 @@ from rbs.geometry.triples import (
     sub,
 )
 from rbs.stepping.bodies import (
-    GRAVITY,
+    EARTH,
     check_distinct,
     check_numbers,
+    check_objects,
     gyroscopic_velocity,
+    named_faults,
     restored_on_error,
     state_columns,
 )
+from rbs.stepping.bodies import (
+    GRAVITY as GRAVITY,
+)
 from rbs.stepping.reports import GROUND, StepReport
 
+# The methods of Mesh that all pairs, one after the other, call in a step.
+STEP_METHODS = (
+    "integrate_timestep",
+    "apply_gyroscopic_term",
+    "bounding_box_collision",
+    "detect_collision",
+    "lowest_vertex",
+    "get_rotated_inv_IT",
+)
 # The ground's normal. It points into the body, which is why the depth there is negative.
 UPWARDS = (0.0, 1.0, 0.0)
 # Where the two points of a constraint coincide, no direction separates them better than another:
@@ -85,6 +100,7 @@ def run_timestep(
     sleeping=True,
     gyroscopic=False,
     solverState=None,
+    gravity=EARTH,
 ):
     """Moves a scene on by one time step, in place, and returns a `StepReport`.
 
@@ -112,6 +128,7 @@ def run_timestep(
     gyroscopic : whether the angular velocity changes in free flight, as Euler's equation has it
     solverState : `rbs.softstep.step.SolverState`, what a soft step leaves to the next, changed in
         place; None starts cold
+    gravity : three numbers, the acceleration of free fall in m/s²
 
     Raises ValueError, which says what, for options that it refuses, a mesh that is in the list
     twice, and a constraint of what is not there; `rbs.stepping.bodies.StateError`, which names the
@@ -120,58 +137,37 @@ def run_timestep(
     """
     from rbs.stepping.settings import check_arguments
 
-    checked = check_arguments(
-        timeStep=timeStep,
-        CRCoeff=CRCoeff,
-        enforceConstraints=enforceConstraints,
-        maxIterations=maxIterations,
-        tolerance=tolerance,
-        closingOnly=closingOnly,
-        constraintScheduling=constraintScheduling,
-        mu=mu,
-        broadPhase=broadPhase,
-        contactSolver=contactSolver,
-        substeps=substeps,
-        sleeping=sleeping,
-        gyroscopic=gyroscopic,
-    )
-    timeStep, CRCoeff, mu = checked["timeStep"], checked["CRCoeff"], checked["mu"]
+    checked = check_arguments(locals())
+    timeStep, contact = checked["timeStep"], (checked["CRCoeff"], closingOnly, checked["mu"])
+    flight = gyroscopic, checked["gravity"]
     constraints = constraints if enforceConstraints else ()
-    if contactSolver == "soft-step":
-        from rbs.softstep.step import soft_step
+    check_objects(groundMesh, solverState)
+    with named_faults(meshes):
+        if contactSolver == "soft-step":
+            from rbs.softstep.step import soft_step
 
-        return soft_step(
-            meshes,
-            groundMesh is not None,
-            timeStep,
-            CRCoeff,
-            mu,
-            constraints,
-            checked["substeps"],
-            sleeping,
-            gyroscopic,
-            solverState,
-        )
-    # the grid step changes nothing unless it succeeds
-    with restored_on_error(meshes if broadPhase == "all" or len(constraints) else ()):
-        if broadPhase == "grid":
-            from rbs.stepping.gridstep import grid_step
+            check_methods(meshes, contactSolver)
+            solver = checked["substeps"], sleeping, solverState
+            return soft_step(meshes, groundMesh, timeStep, *contact, *flight, constraints, *solver)
+        # the grid step changes nothing unless it succeeds
+        with restored_on_error(meshes if broadPhase == "all" or len(constraints) else ()):
+            if broadPhase == "grid":
+                from rbs.stepping.gridstep import grid_step
 
-            report = grid_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic)
-        else:
-            report = all_pairs_step(
-                meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic
-            )
-        with report.phase("constraints"):
-            report.constraintVisits = project_constraints(
-                meshes, constraints, maxIterations, checked["tolerance"], constraintScheduling
-            )
-            if report.constraintVisits:
-                check_numbers(state_columns(meshes), meshes, "contacts and constraints")
+                check_methods(meshes, broadPhase)
+                report = grid_step(meshes, groundMesh, timeStep, *contact, *flight)
+            else:
+                report = all_pairs_step(meshes, groundMesh, timeStep, *contact, *flight)
+            with report.phase("constraints"):
+                report.constraintVisits = project_constraints(
+                    meshes, constraints, maxIterations, checked["tolerance"], constraintScheduling
+                )
+                if report.constraintVisits:
+                    check_numbers(state_columns(meshes), meshes, "contacts and constraints")
     return report
 
 
-def all_pairs_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic):
+def all_pairs_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic, gravity):
     """`run_timestep` as far as the constraints, one body and one pair after the other; see there.
 
     Each detection sees the corrections of the earlier pairs. Returns the `StepReport`.
@@ -179,11 +175,12 @@ def all_pairs_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyros
     check_distinct(meshes)
     report = StepReport()
     extensions = {"closingOnly": closingOnly, "mu": mu} if closingOnly or mu else {}
+    pull = () if gravity == EARTH else (gravity,)
     with report.phase("integrate"):
         for mesh in meshes:
             if gyroscopic:
                 mesh.apply_gyroscopic_term(timeStep)
-            mesh.integrate_timestep(timeStep)
+            mesh.integrate_timestep(timeStep, *pull)
         check_numbers(state_columns(meshes), meshes, "free flight")
     with report.phase("collisions"):
         for (i, m1), (j, m2) in itertools.combinations(enumerate(meshes), 2):
@@ -201,6 +198,17 @@ def all_pairs_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyros
                 report.add_contact(i, GROUND, *contact, impulses)
     check_numbers(state_columns(meshes), meshes, "contacts")
     return report
+
+
+def check_methods(meshes, step):
+    """Raises ValueError if a subclass of Mesh has a method of its own that a step would not call.
+
+    step : the name of the broad phase or of the contact solver, which apply the formulas to arrays
+    """
+    for kind in dict.fromkeys(map(type, meshes)):
+        for name in STEP_METHODS:
+            if getattr(kind, name, None) is not getattr(Mesh, name):
+                raise ValueError(f"{kind.__name__}.{name} would not be called with {step!r}")
 
 
 # --------------------------------------------------------------------------------------------------
@@ -252,12 +260,12 @@ class Mesh:
 
     def __init__(self, name, origVertices, faces, tets, density, position, orientation, isFixed):
         self.name = name
-        self.origVertices = self._table("origVertices", origVertices, 3, np.float64)
+        self.origVertices = self._table("origVertices", origVertices, 3)
         self.faces = self._table("faces", faces, 3, np.int64)
         self.tets = self._table("tets", tets, 4, np.int64)
-        self.density = number(density)
-        self.position = np.array(position, dtype=np.float64).reshape(1, 3)
-        self.orientation = np.array(orientation, dtype=np.float64).reshape(1, 4)
+        self.density = float(self._entry("density", density, 1)[0, 0])
+        self.position = self._entry("position", position, 3)
+        self.orientation = self._entry("orientation", orientation, 4)
         length = math.hypot(*self.orientation[0].tolist())
         if not 0 < length < math.inf:
             raise ValueError(f"mesh {name}: the orientation has no direction")
@@ -273,16 +281,38 @@ class Mesh:
         self._forget_pose()
         self.cachedAxes = WeakKeyDictionary()
 
-    def _table(self, what, rows, width, dtype):
-        """A copy of `rows` as (n, width); ValueError when it has another shape."""
-        table = np.array(rows, dtype=dtype)
+    def __repr__(self):
+        x, y, z = floats(self.position, 3)
+        mass = "fixed" if self.isFixed else f"{self.mass:.4g} kg"
+        where = f"({x:.4g}, {y:.4g}, {z:.4g})"
+        return f"Mesh({self.name!r}, {len(self.origVertices)} vertices, {mass}, at {where})"
+
+    def _table(self, what, rows, width, dtype=np.float64):
+        """A copy of `rows` as (n, width); raises ValueError if it is anything else."""
+        try:
+            table = np.array(rows, dtype=np.float64)
+        except (TypeError, ValueError):
+            table = np.array(np.nan)
         if table.size == 0:
-            return table.reshape(0, width)
+            return np.empty((0, width), dtype)
         if table.ndim != 2 or table.shape[1] != width:
-            raise ValueError(
-                f"mesh {self.name}: {what} has shape {table.shape} in place of (n, {width})"
-            )
-        return table
+            found = f"of shape {table.shape}" if table.ndim else reprlib.repr(rows)
+            raise ValueError(f"mesh {self.name}: {what} must be (n, {width}), not {found}")
+        if not np.isfinite(table).all() or (table != table.astype(dtype)).any():
+            kind = "finite" if dtype is np.float64 else "whole"
+            raise ValueError(f"mesh {self.name}: {what} must be {kind} numbers")
+        return table.astype(dtype)
+
+    def _entry(self, what, value, width):
+        """`width` finite numbers as (1, width); raises ValueError if it is anything else."""
+        try:
+            row = np.array(value, dtype=np.float64).reshape(1, width)
+        except (TypeError, ValueError):
+            row = np.array(np.nan)
+        if not np.isfinite(row).all():
+            count = "a finite number" if width == 1 else f"{width} finite numbers"
+            raise ValueError(f"mesh {self.name}: {what} must be {count}, not {reprlib.repr(value)}")
+        return row
 
     def _init_mass_properties(self):
         """Sets volume, mass and IT, moves the rest vertices to their COM, and builds the hull.
@@ -322,6 +352,8 @@ class Mesh:
 
     @isFixed.setter
     def isFixed(self, isFixed):
+        if isFixed not in (True, False):
+            raise ValueError(f"mesh {self.name}: isFixed must be True or False, not {isFixed!r}")
         if isFixed:
             self.linVelocity, self.angVelocity = np.zeros((1, 3)), np.zeros((1, 3))
         if isFixed or len(self.origVertices) == 0:
@@ -329,7 +361,7 @@ class Mesh:
         else:
             self.invMass, self.invIT = 1.0 / self.mass, np.linalg.inv(self.IT)
 
-    def integrate_timestep(self, timeStep):
+    def integrate_timestep(self, timeStep, gravity=EARTH):
         """Moves the mesh on by timeStep seconds of free flight; a fixed mesh stays as it is.
 
         Semi-implicit Euler: v ← v + g h, COM ← COM + v h with the new velocity, orientation ←
@@ -338,7 +370,7 @@ class Mesh:
         if self.isFixed:
             return
         h = number(timeStep)
-        linVelocity = mul_add(floats(self.linVelocity, 3), h, (0.0, GRAVITY, 0.0))
+        linVelocity = mul_add(floats(self.linVelocity, 3), h, gravity)
         position = mul_add(floats(self.position, 3), h, linVelocity)
         turn = exponential((0.0, *scale(0.5, scale(h, floats(self.angVelocity, 3)))))
         w, x, y, z = multiply(turn, floats(self.orientation, 4))
@@ -504,6 +536,11 @@ _KEPT_NAMES = (
     "_currVertices",
     "cachedAxes",
 )
+
+
+def ground():
+    """Returns the ground y ≤ 0: a fixed Mesh without vertices, at the origin."""
+    return Mesh("ground", [], [], [], 0.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), True)
 
 
 def refresh_vertices(meshes):

@@ -36,6 +36,7 @@ from rbs.program.headless import (
     signals_handled,
     step_progress,
 )
+from rbs.program.notebook import Simulation
 from rbs.program.opening import list_files, open_replay
 from rbs.program.options import (
     DEFAULT_EVERY,
@@ -62,11 +63,23 @@ from rbs.scenes.scenefiles import (
     load_scene_file,
     scene_name,
 )
-from rbs.scenes.simulation import Simulation
-from rbs.stepping.settings import IgnoredSetting
+from rbs.scenes.simulation import Simulation as SceneSimulation
+from rbs.stepping.settings import IgnoredSetting, Settings
+from RBSFunctions import Mesh, ground, run_timestep
 
-# The loaders, by the names that they are known by.
-__all__ = ["flatten_meshes", "load_constraint_file", "load_mesh_file", "load_scene_file", "main"]
+# The names for Python programs: the loaders among them, as they are known.
+__all__ = [
+    "Mesh",
+    "Settings",
+    "Simulation",
+    "flatten_meshes",
+    "ground",
+    "load_constraint_file",
+    "load_mesh_file",
+    "load_scene_file",
+    "main",
+    "run_timestep",
+]
 
 # What the program draws where it was asked for a window and there is no display.
 FALLBACK_PICTURES = 5
@@ -101,10 +114,10 @@ def main(arguments=None):
 
 def run_asked_mode(options):
     """What the command line asks for; returns the exit code."""
-    Simulation.submitted = None
+    SceneSimulation.submitted = None
     if options.functions is not None:
-        Simulation.submitted = SubmittedSteps(options.functions, bool(options.our_loop))
-        Simulation.submitted.check_options(
+        SceneSimulation.submitted = SubmittedSteps(options.functions, bool(options.our_loop))
+        SceneSimulation.submitted.check_options(
             {
                 option_name(dest): one.parameter
                 for dest, one in SETTING_OPTIONS.items()
@@ -150,7 +163,7 @@ def simulation_of(options):
         except IgnoredSetting as error:
             raise InputError(error.inOptions) from None
         return simulation
-    simulation = Simulation(
+    simulation = SceneSimulation(
         find_scene(options.scene or DEFAULT_SCENE),
         constraintPath=options.constraints,
         allowOutsideMeshes=options.allow_outside_meshes,
@@ -239,7 +252,7 @@ def verify_as_asked(options):
     """--verify; returns the exit code, 0 or 1."""
     recording = Recording(options.verify)
     steps = f"steps {recording.firstStep}–{recording.lastStep}"
-    check_functions(recording, Simulation.submitted)
+    check_functions(recording, SceneSimulation.submitted)
     with step_progress(recording.lastStep - recording.firstStep) as advance:
         try:
             wrong = verify(recording, advance)

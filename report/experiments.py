@@ -23,9 +23,10 @@ import style
 
 from Quaternion import QConj, QRotate
 from rbs.scenes.scenefiles import find_scene
-from rbs.scenes.simulation import Settings, Simulation, make_ground
+from rbs.scenes.simulation import Settings, Simulation
 from rbs.stepping.settings import CHOSEN, CONSTRAINT_TOLERANCE
 from RBSFunctions import GRAVITY, Mesh, resolve_collision, run_timestep
+from RBSFunctions import ground as make_ground
 from RigidBodySimulation import load_mesh_file
 
 ROOT = Path(__file__).resolve().parent.parent

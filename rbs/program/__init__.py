@@ -7,6 +7,7 @@ In reading order:
     suggestions     settings that a scene file suggests
     options         the command line
     headless        runs without a window
+    notebook         `Simulation` for Python programs and notebooks
     submissions     modules of a student in place of ours
     submittedsteps  steps of a scene by a student's functions
 """

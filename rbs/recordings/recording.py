@@ -40,7 +40,7 @@ from rbs import __version__
 from rbs.scenes.changes import from_record, initial_changes, to_record
 from rbs.scenes.files import named_errors, partial_path, put_in_place
 from rbs.scenes.messages import InputError, one_line, reason_of, shown_path
-from rbs.scenes.scenefiles import SceneSource
+from rbs.scenes.scenefiles import BodySource, SceneSource
 from rbs.scenes.state import STATE_NAMES, STATE_WIDTHS
 
 RECORDING_ENDINGS = (".h5", ".hdf5")
@@ -321,7 +321,9 @@ class Recording:
 
     def _read_source(self, head):
         path, constraintPath = (self.path.parent / head[name] for name in ("scene", "constraints"))
-        source = SceneSource(path, self._text("scene"))
+        text = self._text("scene")
+        kind = BodySource if text.startswith('{"bodies"') else SceneSource
+        source = kind(path, text)
         if head["constraints"]:
             source.constraintPath, source.constraints = constraintPath, self._text("constraints")
         meshes = self._file["meshes"]

@@ -6,6 +6,7 @@ can hold it; finding files by name; the parts of a scene's lines.
 Units: metres, kilograms, seconds. The y axis points up.
 """
 
+import json
 import math
 import os
 import re
@@ -16,9 +17,12 @@ from pathlib import Path
 
 import numpy as np
 
+from rbs.geometry.triples import floats
 from rbs.scenes.meshfiles import LARGEST_COORDINATE, load_mesh_file
 from rbs.scenes.messages import short
 from rbs.scenes.textfiles import LineReader, SceneError, read_text
+from rbs.stepping.bodies import STATE_WIDTHS
+from rbs.stepping.constraints import constraint_rows
 from RBSFunctions import Mesh
 
 # Our own scenes and meshes: within the package where it is installed, else beside it, as in a
@@ -177,6 +181,46 @@ class SceneSource:
         """The paths of all files that it was read from."""
         meshes = [self.path.parent / name for name in self.shapes]
         return [self.path, *filter(None, [self.constraintPath]), *meshes]
+
+
+class BodySource(SceneSource):
+    """Meshes and constraints as a scene without files: its text is JSON, exact to the bit."""
+
+    @classmethod
+    def of_meshes(cls, meshes, constraints=(), name="scene"):
+        """Keeps copies; raises TypeError or ValueError, which says what cannot be used."""
+        if not isinstance(meshes, list | tuple):
+            raise TypeError(f"meshes must be a list of Mesh, not {type(meshes).__name__}")
+        shapes, names, bodies = {}, {}, []
+        for b, mesh in enumerate(meshes):
+            if not isinstance(mesh, Mesh):
+                raise TypeError(f"meshes[{b}] must be a Mesh, not {type(mesh).__name__}")
+            arrays = mesh.origVertices.copy(), mesh.faces.copy(), mesh.tets.copy()
+            shape = names.setdefault(tuple(map(bytes, arrays)), str(len(names)))
+            shapes.setdefault(shape, arrays)
+            row = {"name": mesh.name, "shape": shape, "density": mesh.density}
+            row |= {"isFixed": mesh.isFixed}
+            row |= {state: floats(getattr(mesh, state), n) for state, n in STATE_WIDTHS.items()}
+            bodies.append(row)
+        vertexCount = np.array([len(mesh.origVertices) for mesh in meshes], dtype=np.intp)
+        rows = constraint_rows(constraints, vertexCount)
+        return cls(Path(name), json.dumps({"bodies": bodies, "constraints": rows}), shapes=shapes)
+
+    def make(self, allowOutsideMeshes=False):
+        """Returns (list of Mesh, list of constraints)."""
+        content, meshes = json.loads(self.scene), []
+        for row in content["bodies"]:
+            shape = self.shapes[row["shape"]]
+            state = row["density"], row["position"], row["orientation"], row["isFixed"]
+            mesh = Mesh(row["name"], *shape, *state)
+            for name in ("linVelocity", "angVelocity"):
+                setattr(mesh, name, np.reshape(row[name], (1, 3)).astype(np.float64))
+            meshes.append(mesh)
+        return meshes, [[*row[:5], bool(row[5])] for row in content["constraints"]]
+
+    def files(self):
+        """No paths."""
+        return []
 
 
 def find_scene(name):

@@ -1,4 +1,4 @@
-"""A scene that is simulated: `Simulation`, and the ground.
+"""A scene that is simulated: `Simulation`.
 
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
@@ -9,12 +9,13 @@ from functools import partial
 
 import numpy as np
 
-from rbs.scenes.scenefiles import SceneSource
+from rbs.scenes.messages import counted
+from rbs.scenes.scenefiles import BodySource, SceneSource, scene_name
 from rbs.scenes.state import Scene
 from rbs.softstep.step import SolverState
 from rbs.stepping.bodies import StateError
 from rbs.stepping.settings import CONSTRAINT_TOLERANCE, Settings
-from RBSFunctions import Mesh, run_timestep
+from RBSFunctions import ground, run_timestep
 
 # Constraint visits in a step: as many sweeps as a chain needs to pass a tug along itself a few
 # times over, and what the coursework allows where the constraints are few.
@@ -42,14 +43,47 @@ class Simulation(Scene):
         """
         self.settings = Settings() if settings is None else settings
         self.startSettings = replace(self.settings)
-        self.groundMesh = make_ground()
+        self.groundMesh = ground()
         if not isinstance(scene, SceneSource):
             scene = SceneSource.of_files(scene, constraintPath)
         self.source, self.scenePath = scene, scene.path
         self.meshes, self.constraints = scene.make(allowOutsideMeshes)
-        self._startState = self.state()
         self._startFixed = [mesh.isFixed for mesh in self.meshes]
         self._begin()
+        self._startState = self.state()
+
+    @classmethod
+    def from_meshes(cls, meshes, constraints=(), settings=None, name="scene"):
+        """Makes a simulation of meshes, without files.
+
+        The simulation has copies of the meshes, with their velocities: they are the state that
+        `reset` returns to.
+
+        Parameters
+        ----------
+        meshes : list of Mesh
+        constraints : list of [m1, v1, m2, v2, refValue, upper]
+            See `run_timestep`.
+        settings : Settings, optional
+            By default, those of the coursework.
+        name : str
+            The title of plots and recordings.
+
+        Returns
+        -------
+        Simulation
+
+        Raises
+        ------
+        TypeError, ValueError
+            If something in the list is no Mesh, or a constraint names a missing vertex.
+        """
+        return cls(BodySource.of_meshes(meshes, constraints, name), settings)
+
+    def __repr__(self):
+        name, bodies = scene_name(self.scenePath), counted(len(self.meshes), "body")
+        links = counted(len(self.constraints), "constraint")
+        return f"Simulation({name!r}, {bodies}, {links}, step {self.stepCount}, {self.time:g} s)"
 
     def _begin(self):
         self.changes = []
@@ -115,18 +149,3 @@ class Simulation(Scene):
         self.changes = [one for one in self.changes if one.kind != "push"]
         self.stepCount += 1
         self.time += settings.timeStep
-
-
-def make_ground():
-    """The ground as the contract has it: a fixed mesh of nothing at the origin."""
-    noTriangles, noTets = np.empty((0, 3), dtype=np.int64), np.empty((0, 4), dtype=np.int64)
-    return Mesh(
-        "ground",
-        np.empty((0, 3)),
-        noTriangles,
-        noTets,
-        0.0,
-        np.zeros((1, 3)),
-        [[1.0, 0.0, 0.0, 0.0]],
-        True,
-    )

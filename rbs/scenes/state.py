@@ -12,7 +12,7 @@ import numpy as np
 
 from Quaternion import QConj, QRotate
 from rbs.stepping import bodies
-from RBSFunctions import GRAVITY, refresh_vertices
+from RBSFunctions import refresh_vertices
 
 # The state of a body: the rest of it follows from these and from what never changes.
 STATE_NAMES = {
@@ -108,7 +108,7 @@ class Scene:
     def potential_energy(self):
         """Of all free bodies over the ground, in J: m g y of their centres of mass."""
         return sum(
-            float(-GRAVITY * mesh.mass * mesh.position[0, 1])
+            float(self.settings.gravity * mesh.mass * mesh.position[0, 1])
             for mesh in self.meshes
             if not mesh.isFixed
         )

@@ -65,8 +65,8 @@ class SoftContacts:
 
     def __init__(self, manifolds, frames, motion, mu, timeStep, h):
         """Of the manifolds, those with a body that can move; h : s, of a substep."""
-        self.mu, self.h = mu, h
-        self.fall = abs(GRAVITY) * timeStep  # the speed that gravity adds within the step
+        self.mu, self.h, self.fallRate = mu, h, motion.fallRate
+        self.fall = self.fallRate * timeStep  # the speed that gravity adds within the step
         first, second = manifolds.bodies(len(motion.shift))
         self.rows = indices(~(motion.isStill[first] & motion.isStill[second]))
         manifolds = manifolds.rows(self.rows)
@@ -75,7 +75,7 @@ class SoftContacts:
         self._place_points()
         self._make_rows(motion)
         smaller = np.minimum(frames.radius[contacts.first], frames.radius[contacts.second])
-        self.push = PUSH_SPEED * np.sqrt(abs(GRAVITY) * smaller)
+        self.push = PUSH_SPEED * np.sqrt(max(self.fallRate, -GRAVITY) * smaller)
         self.impulse = manifolds.impulse * contacts.isPoint
         self.friction = manifolds.friction if mu > 0.0 else np.zeros((3, self.count))
         self.offset = manifolds.offset
@@ -170,7 +170,7 @@ class SoftContacts:
         self.measure(motion)
         contacts, speed = self.contacts, self.speed
         gravity = motion.gravity[contacts.second] - motion.gravity[contacts.first]
-        gain = -2.0 * contacts.normal[1] * gravity * np.maximum(self.separation, 0.0)
+        gain = -2.0 * dot(contacts.normal, gravity.T) * np.maximum(self.separation, 0.0)
         return -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
 
     def measure(self, motion):
@@ -187,7 +187,7 @@ class SoftContacts:
 
     def warm_start(self):
         """Begins with the impulses of the substep before, as far as they are a load."""
-        limit = np.maximum(LOAD_GROWTH * self.started, self.mass * (abs(GRAVITY) * self.h))
+        limit = np.maximum(LOAD_GROWTH * self.started, self.mass * (self.fallRate * self.h))
         started = np.minimum(self.impulse, limit)
         if self.mu > 0.0:
             total = np.maximum(self.impulse.sum(axis=0), TINY)
@@ -342,7 +342,7 @@ def energy_share(bodies, motion, before, links):
 
     start = bodies.velocity.T
     limit = 0.5 * products(tensors(bodies.invInertia), start, start)
-    limit += mass * GRAVITY * motion.shift[:, 1]
+    limit += mass * dot(np.reshape(bodies.gravity, (3, 1)), motion.shift.T)
     rotation = np.stack(rotation_matrices(motion.result(bodies)[1]))
     inertia = tensors(np.stack(rotate_tensor(rotation, bodies.restInvInertia)))
     # the energy is that before plus b s + a s²

@@ -24,7 +24,6 @@ from rbs.softstep.manifolds import (
     turn_points,
 )
 from rbs.softstep.sleeping import speeds
-from rbs.stepping.bodies import GRAVITY
 
 # The ground's normal, from the body to the ground, and the direction that its friction begins at.
 DOWN, ALONG = (0.0, -1.0, 0.0), (1.0, 0.0, 0.0)
@@ -97,7 +96,7 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
     count = len(isStill) + 1
     frames = BodyFrames(bodies)
     # how far points of the bodies can come within the step
-    reach = (speeds(bodies) + np.where(bodies.isFixed, 0.0, abs(GRAVITY) * timeStep)) * timeStep
+    reach = (speeds(bodies) + np.where(bodies.isFixed, 0.0, bodies.fallRate * timeStep)) * timeStep
     # with a margin, so that pairs that rest keep their manifolds, and what sleeps is not woken
     box = bodies.box - (reach + KEEP * frames.size[:-1])
     first, second = grid_overlaps(box, bodies.isFixed)

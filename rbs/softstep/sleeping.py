@@ -12,7 +12,6 @@ touches it is fast again; so waking spreads by one body a step.
 import numpy as np
 
 from rbs.geometry.vectors import norm
-from rbs.stepping.bodies import GRAVITY
 
 # Seconds that bodies have to be slow for before they sleep.
 SLEEP_SECONDS = 0.5
@@ -92,7 +91,7 @@ class Sleep:
         """`(isAsleep, timer)` (n,) at the end of a step; arguments as for `woken`."""
         isStill = isAsleep | bodies.isFixed
         timer = np.where(isStill | _are_slow(bodies), self.timer + timeStep, 0.0)
-        isStarting = speeds(bodies) > STARTING * abs(GRAVITY) * SLEEP_SECONDS
+        isStarting = speeds(bodies) > STARTING * bodies.fallRate * SLEEP_SECONDS
         isAwake = np.append(~isStill & (isStarting | (timer < SLEEP_SECONDS)), False)
         sleeps = ~(isAwake | _beside(isAwake, links))[:-1] & ~bodies.isFixed
         return isAsleep | sleeps, timer
@@ -100,7 +99,7 @@ class Sleep:
 
 def _are_slow(bodies):
     """Which bodies (n,) are slow."""
-    return speeds(bodies) <= SLOW * np.sqrt(abs(GRAVITY) * bodies.hulls.radius)
+    return speeds(bodies) <= SLOW * np.sqrt(bodies.fallRate * bodies.hulls.radius)
 
 
 def _beside(some, links):

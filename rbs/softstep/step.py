@@ -22,12 +22,23 @@ from rbs.softstep.detection import detect
 from rbs.softstep.manifolds import COLUMNS, Manifolds
 from rbs.softstep.sleeping import Sleep
 from rbs.softstep.softconstraints import SoftConstraints
-from rbs.stepping.bodies import GRAVITY, Bodies, check_numbers, turned
+from rbs.stepping.bodies import EARTH, Bodies, check_numbers, turned
 from rbs.stepping.reports import StepReport
 
 
 def soft_step(
-    meshes, hasGround, timeStep, CRCoeff, mu, constraints, substeps, sleeping, isGyroscopic, state
+    meshes,
+    groundMesh,
+    timeStep,
+    CRCoeff,
+    closingOnly,
+    mu,
+    isGyroscopic,
+    gravity,
+    constraints,
+    substeps,
+    sleeping,
+    state,
 ):
     """`run_timestep` with the soft-step solver; see there. Returns a `StepReport`.
 
@@ -37,17 +48,18 @@ def soft_step(
     if len(meshes) == 0 or timeStep == 0.0:
         return report
     with report.phase("gather"):
-        bodies = Bodies(meshes)
+        bodies = Bodies(meshes, gravity)
         bodies.follow_orientations()
         state = SolverState() if state is None else state
         kept = state.begun(bodies)
-        isDisturbed = kept.sleep.disturbed(bodies)
+        isDisturbed = kept.sleep.disturbed(bodies) | (kept.gravity != gravity).any()
+        kept.gravity = np.array(gravity)
         if isGyroscopic:
             bodies.turn_gyroscopically(timeStep)
         check_numbers(bodies.columns(), meshes, "the last step")
     with report.phase("collisions"):
         isStill = (kept.sleep.isAsleep | bodies.isFixed) & ~isDisturbed
-        manifolds, frames = detect(bodies, hasGround, isStill, kept, timeStep)
+        manifolds, frames = detect(bodies, groundMesh is not None, isStill, kept, timeStep)
         distances = SoftConstraints(constraints, bodies, kept)
         if sleeping:
             isAsleep = _still_asleep(kept, bodies, isDisturbed, manifolds, distances)
@@ -127,7 +139,8 @@ class Motion:
     velocity : (n + 1, 6), linear and angular; shift, turn : (n, 3), sums of v h and of ω h: the
         orientation is exp(turn/2) ∘ q
     isStill : (n + 1,) bool, what is fixed or asleep, and the ground; for these, invMass : (n + 1,),
-        invInertia : (9, n + 1) and gravity : (n + 1,) are 0
+        invInertia : (9, n + 1) and gravity : (n + 1, 3) are 0
+    fallRate : the magnitude of gravity, m/s²
     """
 
     def __init__(self, bodies, isAsleep):
@@ -138,11 +151,12 @@ class Motion:
         self.invMass = np.where(isStill, 0.0, np.append(bodies.invMass, 0.0))
         self.invInertia = np.zeros((9, count))
         self.invInertia[:, :-1] = np.where(isStill[:-1], 0.0, bodies.invInertia)
-        self.gravity = np.where(isStill, 0.0, GRAVITY)
+        self.fallRate = bodies.fallRate
+        self.gravity = np.where(isStill[:, None], 0.0, bodies.gravity)
         self.shift, self.turn = np.zeros((count - 1, 3)), np.zeros((count - 1, 3))
 
     def fall(self, h):
-        self.velocity[:, 1] += self.gravity * h
+        self.velocity[:, :3] += self.gravity * h
 
     def push(self, impulses):
         """Changes the velocities by impulses (n + 1, 6) on the bodies, linear and angular."""
@@ -176,6 +190,7 @@ class SolverState:
     pairKey : (P,), i · (count + 1) + j of the pairs i < j whose boxes were near each other
     pairAxis : (3, P), along which they were found apart, or penetrating; 0 where it is unknown
     constraint : (6, R), what distance constraints there were, see `SoftConstraints`
+    gravity : (3,), of the last step; another one wakes all bodies
     constraintImpulse : (R,), of these in the last substep; constraintOffset and constraintSubstep
         (R,), as offset and substep of `Manifolds`
     """
@@ -187,6 +202,7 @@ class SolverState:
         "constraintImpulse",
         "constraintOffset",
         "constraintSubstep",
+        "gravity",
     )
 
     def __init__(self):
@@ -196,7 +212,7 @@ class SolverState:
         """Forgets everything: the next step starts cold."""
         self.count = self.manifolds = self.sleep = None
         self.pairKey, self.pairAxis = np.zeros(0, dtype=np.int64), np.zeros((3, 0))
-        self.constraint = np.zeros((6, 0))
+        self.constraint, self.gravity = np.zeros((6, 0)), np.array(EARTH)
         self.constraintImpulse = self.constraintOffset = self.constraintSubstep = np.zeros(0)
 
     def begun(self, bodies):
@@ -239,8 +255,8 @@ class SolverState:
         state = cls()
         if arrays:
             arrays = {name: np.array(value) for name, value in arrays.items()}
-            for name in cls.COLUMNS:
-                setattr(state, name, arrays[name])
+            for name in cls.COLUMNS:  # older recordings have no gravity
+                setattr(state, name, arrays.get(name, getattr(state, name)))
             state.sleep = Sleep(**{name: arrays[f"sleep.{name}"] for name in Sleep.COLUMNS})
             state.manifolds = Manifolds(**{n: arrays[f"manifolds.{n}"] for n in ("key", *COLUMNS)})
             state.count = len(state.sleep.timer)

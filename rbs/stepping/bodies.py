@@ -8,6 +8,8 @@ The gyroscopic term is made implicit as in Catto: Numerical Methods. Game Develo
 2015.
 """
 
+import math
+import reprlib
 from collections import deque
 from contextlib import contextmanager
 from functools import lru_cache
@@ -58,6 +60,38 @@ def check_distinct(meshes):
         raise ValueError(f"mesh {twice}, {meshes[twice].name!r}, is in the list twice")
 
 
+def check_objects(groundMesh, solverState):
+    """Raises TypeError unless each is None, or a Mesh and a SolverState."""
+    for name, value, kind, attribute in (
+        ("groundMesh", groundMesh, "Mesh", "invMass"),
+        ("solverState", solverState, "SolverState", "begun"),
+    ):
+        if value is not None and not hasattr(value, attribute):
+            raise TypeError(f"{name} must be a {kind} or None, not {reprlib.repr(value)}")
+
+
+@contextmanager
+def named_faults(meshes):
+    """Within it, an error from an attribute of a mesh becomes a ValueError that names both."""
+    try:
+        yield
+    except (AttributeError, TypeError, ValueError):
+        if not isinstance(meshes, list | tuple):
+            raise TypeError(f"meshes must be a list of Mesh, not {reprlib.repr(meshes)}") from None
+        for b, mesh in enumerate(meshes):
+            for name, width in STATE_WIDTHS.items():
+                try:
+                    triples.floats(getattr(mesh, name), width)
+                except AttributeError:
+                    raise TypeError(f"meshes[{b}] must be a Mesh, not {mesh!r}") from None
+                except (TypeError, ValueError):
+                    value = reprlib.repr(getattr(mesh, name))
+                    raise ValueError(
+                        f"body {b}, {mesh.name!r}: {name} must be {width} numbers, not {value}"
+                    ) from None
+        raise
+
+
 def state_columns(meshes):
     """The state of meshes as arrays: dict, of each name in STATE_WIDTHS a table (w, n)."""
     return {name: _columns(meshes, name, width) for name, width in STATE_WIDTHS.items()}
@@ -90,8 +124,9 @@ def restored_on_error(meshes):
 # Free flight
 # --------------------------------------------------------------------------------------------------
 
-# Acceleration of free fall, length units / s².
+# Acceleration of free fall along y, m/s², and as a vector, the default of a step.
 GRAVITY = -9.8
+EARTH = (0.0, GRAVITY, 0.0)
 
 
 def turned(orientation, angle):
@@ -188,14 +223,15 @@ class Bodies:
     box : (6, n), bounding boxes in the world when the orientations were last followed: least
         coordinates, then greatest ones negated. A mesh without vertices has none
     hulls : HullSet, rotated to the orientations
+    gravity : three floats, the acceleration of free fall; fallRate, its magnitude
     vertices : (3, ΣV), all vertices, rotated, relative to their COMs; those of a body begin at
         vertexStart (n,), and it has vertexCount (n,) of them
     """
 
-    def __init__(self, meshes):
+    def __init__(self, meshes, gravity=EARTH):
         """Gathers the state of at least one mesh. `fly` or `follow_orientations` has to follow
         before anything is asked that depends on the orientations."""
-        self.meshes = meshes
+        self.meshes, self.gravity, self.fallRate = meshes, gravity, math.hypot(*gravity)
         self._shapes = _shapes(tuple(meshes))
         self.vertexStart = self._shapes.vertexStart
         self.vertexCount = self._shapes.vertexCount
@@ -220,7 +256,7 @@ class Bodies:
 
     def fly(self, timeStep):
         """Free flight of the bodies that are not fixed: `Mesh.integrate_timestep`."""
-        linVelocity = self.linVelocity + timeStep * np.array([[0.0], [GRAVITY], [0.0]])
+        linVelocity = self.linVelocity + timeStep * np.reshape(self.gravity, (3, 1))
         position = self.position + timeStep * linVelocity
         orientation = turned(self.orientation, timeStep * self.angVelocity)
         moved = np.concatenate((position, linVelocity, self.angVelocity))

@@ -55,6 +55,16 @@ class ConstraintRows:
         return list(zip(*(column.tolist() for column in columns), strict=True))
 
 
+def constraint_rows(constraints, vertexCount):
+    """Constraints as lists [m1, v1, m2, v2, refValue, upper] of plain numbers.
+
+    vertexCount : (n,), of the meshes. Raises ValueError, which names constraint, mesh and vertex.
+    """
+    table = _table(constraints)
+    _check_ends(table, vertexCount)
+    return [[*map(int, row[:4]), row[4], bool(row[5])] for row in table.T.tolist()]
+
+
 def _table(constraints):
     """The rows as columns (6, C) of floats; a number may be an array that holds one."""
     if len(constraints) == 0:

@@ -16,13 +16,13 @@ from rbs.stepping.kernels import collide, inverse_effective_mass, shifts
 from rbs.stepping.reports import GROUND, StepReport
 
 
-def grid_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic):
+def grid_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic, gravity):
     """`run_timestep` as far as the constraints; see there. Returns the `StepReport`."""
     report = StepReport()
     if len(meshes) == 0:
         return report
     with report.phase("gather"):
-        bodies = Bodies(meshes)
+        bodies = Bodies(meshes, gravity)
     with report.phase("integrate"):
         if gyroscopic:
             bodies.turn_gyroscopically(timeStep)

@@ -57,6 +57,13 @@ class StepReport:
         self.seconds = {}
         self.isAsleep = None
 
+    def __repr__(self):
+        milliseconds = 1e3 * sum(self.seconds.values())
+        return (
+            f"StepReport({self.contactCount} contacts, {self.candidatePairs} candidate pairs, "
+            f"{self.constraintVisits} constraint visits, {milliseconds:.3g} ms)"
+        )
+
     @property
     def contacts(self):
         """List of `Contact` in the order i < j, the ground last."""

@@ -9,7 +9,7 @@ import math
 import reprlib
 from dataclasses import asdict, dataclass, make_dataclass
 
-from rbs.geometry.triples import number
+from rbs.geometry.triples import floats, number
 
 BROAD_PHASES = ("all", "grid")
 CONSTRAINT_SCHEDULINGS = ("sweep", "queue", "batches")
@@ -124,6 +124,19 @@ TABLE = (
         "Simulated seconds per step",
         limits=(1e-12, 1e3),
         limitsInStep=POSITIVE,
+    ),
+    Setting(
+        "gravity",
+        "gravity",
+        9.8,
+        float,
+        "gravity",
+        "acceleration of free fall along −y, in m/s²",
+        "gravity (m/s²)",
+        "Acceleration of free fall, downwards",
+        (0.0, 20.0),
+        limits=(0.0, 1000.0),
+        defaultInStep=(0.0, -9.8, 0.0),
     ),
     Setting(
         "friction",
@@ -293,6 +306,11 @@ class _Values:
         for one in self.ignored():
             raise IgnoredSetting(one, self.contactSolver)
 
+    def __repr__(self):
+        values = {name: getattr(self, name) for name in CHOSEN}
+        chosen = [f"{n}={v!r}" for n, v in values.items() if v != CHOSEN[n].default]
+        return f"Settings({', '.join(chosen)})"
+
     def ignored(self):
         """The settings that the contact solver does not heed and that have no default value."""
         return [
@@ -315,15 +333,19 @@ class _Values:
 
     def arguments(self):
         """What `run_timestep` is to be passed: dict by its parameters, without what is ignored."""
-        return {
+        values = {
             one.parameter: getattr(self, one.name)
             for one in CHOSEN.values()
             if one.isHeededBy(self.contactSolver)
         }
+        return values | {"gravity": (0.0, -self.gravity, 0.0)}
 
 
 Settings = make_dataclass(
-    "Settings", [(one.name, object, one.default) for one in CHOSEN.values()], bases=(_Values,)
+    "Settings",
+    [(one.name, object, one.default) for one in CHOSEN.values()],
+    bases=(_Values,),
+    repr=False,
 )
 Settings.__module__ = __name__
 Settings.__doc__ = """What a scene is simulated with, apart from its bodies.
@@ -332,14 +354,17 @@ Settings.__doc__ = """What a scene is simulated with, apart from its bodies.
     """
 
 
-def check_arguments(**arguments):
-    """The arguments of `run_timestep`, by parameter, as their kinds: a dict.
+def check_arguments(arguments):
+    """The arguments of `run_timestep` that are settings, as their kinds: dict by parameter.
 
+    arguments : dict of all its arguments
     Raises ValueError for what has no meaning, and for what the contact solver would ignore.
     """
-    checked = {}
-    for parameter, value in arguments.items():
-        one = BY_PARAMETER[parameter]
+    checked = {"gravity": _acceleration(arguments["gravity"])}
+    for parameter, one in BY_PARAMETER.items():
+        if parameter == "gravity":
+            continue
+        value = arguments[parameter]
         try:
             checked[parameter] = one.checked(value, one.limitsInStep)
         except ValueError as error:
@@ -347,7 +372,20 @@ def check_arguments(**arguments):
     solver = checked.get("contactSolver")
     for parameter, value in checked.items():
         one = BY_PARAMETER[parameter]
+        if one.solver is None:
+            continue
         default = one.default if one.defaultInStep is None else one.defaultInStep
-        if solver and not one.isHeededBy(solver) and value != default:
+        if not one.isHeededBy(solver) and value != default:
             raise ValueError(f"{parameter} has no effect with contactSolver {solver!r}")
     return checked
+
+
+def _acceleration(gravity):
+    """The argument gravity as a tuple of three floats; raises ValueError."""
+    try:
+        found = floats(gravity, 3)
+    except (TypeError, ValueError):
+        found = (math.nan,)
+    if not all(abs(one) <= BY_PARAMETER["gravity"].limits[1] for one in found):
+        raise ValueError(f"gravity must be three numbers in m/s², not {reprlib.repr(gravity)}")
+    return found

@@ -13,7 +13,7 @@ import rbs.stepping.batches
 from rbs.geometry.broadphase import grid_overlaps
 from rbs.geometry.facets import find_facets
 from rbs.scenes.scenefiles import DATA_FOLDER
-from rbs.scenes.simulation import make_ground
+from RBSFunctions import ground as make_ground
 from RBSFunctions import run_timestep
 from RigidBodySimulation import load_scene_file
 

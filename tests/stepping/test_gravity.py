@@ -1,0 +1,148 @@
+"""Gravity as a setting: closed forms on the Moon, on Earth and sideways, in all three steps."""
+
+import math
+
+import numpy as np
+import pytest
+from oracles import box_body, ground, state_of
+
+from rbs.softstep.step import SolverState
+from RBSFunctions import Mesh, run_timestep
+
+STEPS = {
+    "all pairs": {},
+    "grid": {"broadPhase": "grid"},
+    "soft step": {"contactSolver": "soft-step", "substeps": 8},
+}
+H = 0.02
+
+
+def run(meshes, count, step, **options):
+    options |= STEPS[step]
+    if step == "soft step":
+        options["solverState"] = SolverState()
+    for _ in range(count):
+        run_timestep(meshes, ground(), H, 0.0, **options)
+
+
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("g", [(0, -1.62, 0), (0, -9.8, 0), (3.0, -9.8, -2.0), (0, 0, 0)])
+def test_free_fall_is_the_sum_of_its_steps(g, step):
+    """Σ v h over N steps of h is N (N + 1)/2 g h², and N v h: N are substeps in the soft step."""
+    body, v, count = box_body(12, 6, 8, (0, 100, 0)), np.array([1.0, 2.0, 3.0]), 40
+    body.linVelocity = v[None]
+    run([body], count, step, gravity=g)
+    h, n = (H / 8, 8 * count) if step == "soft step" else (H, count)
+    expected = [0, 100, 0] + count * H * v + n * (n + 1) / 2 * h * h * np.array(g)
+    np.testing.assert_allclose(body.position[0], expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(body.linVelocity[0], v + count * H * np.array(g), atol=1e-12)
+
+
+def test_all_pairs_and_the_grid_agree_to_the_bit_with_gravity_askew():
+    ends = []
+    for step in ("all pairs", "grid"):
+        meshes = [box_body(2, 2, 2, (0.3 * k, 3 + 2.5 * k, 0.1 * k)) for k in range(5)]
+        run(meshes, 60, step, gravity=(1.5, -9.8, 0.5), mu=0.3)
+        ends.append(state_of(meshes))
+    assert all(np.array_equal(a, b) for a, b in zip(*ends, strict=True))
+    assert meshes[0].position[0, 0] > 0.1
+
+
+@pytest.mark.parametrize("degrees", [25.0, 28.0])
+def test_gravity_askew_is_a_slope(degrees):
+    """With μ = 0.5, boxes slide from atan μ = 26.6° on: s = g (sin α - μ cos α) t²/2."""
+    angle, count = math.radians(degrees), 200
+    body = box_body(12, 6, 8, (0, 3, 0))
+    pull, press = 9.8 * math.sin(angle), 9.8 * math.cos(angle)
+    run([body], count, "soft step", gravity=(pull, -press, 0.0), mu=0.5)
+    slid = max(0.0, pull - 0.5 * press) * (count * H) ** 2 / 2
+    assert body.position[0, 0] == pytest.approx(slid, rel=2e-3, abs=1e-4)
+    assert (slid > 1.0) == (degrees > 27.0)
+
+
+def test_sleeping_bodies_wake_when_gravity_changes():
+    body, state = box_body(2, 2, 2, (0, 1, 0)), SolverState()
+    options = {"contactSolver": "soft-step", "solverState": state}
+    for _ in range(60):
+        report = run_timestep([body], ground(), H, 0.0, **options)
+    assert report.isAsleep.all()
+    run_timestep([body], ground(), H, 0.0, gravity=(0, 3.0, 0), **options)
+    assert body.linVelocity[0, 1] > 0.0
+
+
+class Floating(Mesh):
+    """A student's variant that knows no gravity."""
+
+    def integrate_timestep(self, timeStep):
+        self.position = self.position + timeStep * self.linVelocity
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_a_subclass_is_called_or_refused_by_name(step):
+    box = box_body(2, 2, 2, (0, 9, 0))
+    place = box.position, box.orientation, False
+    body = Floating("float", box.origVertices, box.faces, box.tets, 1.0, *place)
+    if step == "all pairs":
+        run([body], 1, step)
+        assert body.position[0, 1] == 9.0
+    else:
+        with pytest.raises(ValueError, match="Floating.integrate_timestep would not be called"):
+            run([body], 1, step)
+
+
+BAD_MESH = {
+    "origVertices": None,
+    "faces": [[0, 1]],
+    "tets": None,
+    "density": "heavy",
+    "position": (1, 2),
+    "orientation": (1, 0, 0),
+    "isFixed": "no",
+}
+BAD_STEP = {
+    "meshes": None,
+    "groundMesh": "y = 0",
+    "timeStep": "a",
+    "CRCoeff": None,
+    "enforceConstraints": "no",
+    "constraints": [[1, 2]],
+    "maxIterations": "a",
+    "tolerance": -1,
+    "closingOnly": 3,
+    "constraintScheduling": "x",
+    "mu": -1,
+    "broadPhase": None,
+    "contactSolver": "y",
+    "substeps": 1.5,
+    "sleeping": "s",
+    "gyroscopic": "g",
+    "solverState": {},
+    "gravity": 9.8,
+}
+BAD_STATE = {
+    "position": None,
+    "orientation": (1, 0, 0),
+    "linVelocity": np.zeros(2),
+    "angVelocity": 3.0,
+}
+
+
+def refused(name, call):
+    with pytest.raises((TypeError, ValueError)) as raised:
+        call()
+    assert name.removesuffix("s") in str(raised.value), raised.value
+
+
+def test_bad_values_of_public_parameters_are_refused_by_name():
+    box = box_body(2, 2, 2, (0, 9, 0))
+    good = {name: getattr(box, name) for name in BAD_MESH}
+    for name, value in BAD_MESH.items():
+        refused(name, lambda n=name, v=value: Mesh("body", **good | {n: v}))
+    good = {"meshes": [box], "groundMesh": ground(), "timeStep": H, "CRCoeff": 0.5}
+    for name, value in BAD_STEP.items():
+        refused(name, lambda n=name, v=value: run_timestep(**good | {n: v}))
+    for name, value in BAD_STATE.items():
+        for options in STEPS.values():
+            body = box_body(2, 2, 2, (0, 9, 0))
+            setattr(body, name, value)
+            refused(name, lambda b=body, o=options: run_timestep([b], None, H, 0.5, **o))
