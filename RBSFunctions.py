@@ -89,8 +89,7 @@ def run_timestep(
     ----------
     meshes : list of Mesh
     groundMesh : a fixed Mesh without vertices, the half space y ≤ 0; None for free space
-    timeStep : seconds ≥ 0. Collisions are detected at the end of the motion, so a fast body may
-        pass through a thin one
+    timeStep : seconds ≥ 0. Collisions are detected after the motion, so that fast bodies may tunnel
     CRCoeff, closingOnly, mu : see `resolve_collision`
     enforceConstraints : bool; False ignores the constraints
     constraints : rows `[m1, v1, m2, v2, refValue, upper]`. The distance between rest vertex v1 of
@@ -99,9 +98,8 @@ def run_timestep(
     tolerance : length by which a constraint may be violated before it is corrected, and speed at
         which its distance may then still change
     constraintScheduling : "sweep" visits the constraints in order until all in a row are satisfied;
-        "queue" gives bitwise identical results but skips visits that cannot change anything;
-        "batches" corrects constraints without a common body together, which suits hundreds of
-        constraints and reaches another state within the same bounds
+        "queue" skips visits that cannot change anything, with bitwise identical results; "batches"
+        suits hundreds of constraints, and reaches another state within the same bounds
     broadPhase : "all" detects and resolves pair by pair; "grid" gives bitwise identical results
         with uniform grids and batches of pairs, which suits hundreds of bodies. The grid step does
         not call methods that a subclass of Mesh overrides
@@ -121,9 +119,7 @@ def run_timestep(
     ------
     ValueError : an option is invalid, a mesh is listed twice, or a constraint refers to a mesh or
         vertex that does not exist
-    rbs.stepping.bodies.StateError : a number would become NaN, infinite or absurdly large; names
-    the
-        body
+    rbs.stepping.bodies.StateError : a number would become NaN, infinite or absurdly large
     """
     from rbs.stepping.settings import check_arguments
 
@@ -299,9 +295,8 @@ class Mesh:
         """Sets volume, mass and IT, centres the rest vertices on the COM, and builds the hull.
 
         Over a tetrahedron of volume V with corners x_i, the integral of x is V (Σ x_i) / 4, and
-        that of x xᵀ is V/20 (Σ x_i x_iᵀ + (Σ x_i)(Σ x_i)ᵀ) (Tonon 2005). Let C be the sum of the
-        latter over all tetrahedra, about the COM, times the density. The inertia tensor is then
-        tr(C) 1 - C.
+        that of x xᵀ is V/20 (Σ x_i x_iᵀ + (Σ x_i)(Σ x_i)ᵀ) (Tonon 2005). With C the sum of the
+        latter, about the COM, times the density, the inertia tensor is tr(C) 1 - C.
         """
         for corners, what in ((self.faces, "face"), (self.tets, "tetrahedron")):
             if corners.size and not 0 <= corners.min() <= corners.max() < len(self.origVertices):
@@ -345,8 +340,7 @@ class Mesh:
         """Integrates timeStep seconds of free flight. A fixed mesh does not change.
 
         Semi-implicit Euler: v ← v + g h, COM ← COM + v h with the new velocity, orientation ←
-        exp(ω h/2) ∘ orientation. The angular velocity is constant, as the gyroscopic term is
-        omitted.
+        exp(ω h/2) ∘ orientation. The angular velocity stays: the gyroscopic term is omitted.
         """
         if self.isFixed:
             return

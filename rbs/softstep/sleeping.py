@@ -99,7 +99,6 @@ class Sleep:
 
 
 def _are_slow(bodies):
-    """Which bodies (n,) are slow."""
     return speeds(bodies) <= SLOW * np.sqrt(abs(GRAVITY) * bodies.hulls.radius)
 
 

@@ -28,16 +28,9 @@ from rbs.stepping.reports import StepReport
 def soft_step(
     meshes, hasGround, timeStep, CRCoeff, mu, constraints, substeps, sleeping, isGyroscopic, state
 ):
-    """Advances a scene by one step with the soft-step solver; see `run_timestep`.
+    """`run_timestep` with the soft-step solver; see there. Returns a `StepReport`.
 
-    Parameters
-    ----------
-    hasGround, isGyroscopic : bool; the other arguments as for `run_timestep`
     state : `SolverState` or None; changed only at the end, when nothing can fail any more
-
-    Returns
-    -------
-    StepReport
     """
     report = StepReport()
     if len(meshes) == 0 or timeStep == 0.0:
