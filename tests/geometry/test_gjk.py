@@ -780,9 +780,9 @@ CUBE = box(2, 2, 2)
     ("points", "message"),
     [
         (np.zeros((0, 3)), "expected at least four points as rows of 3, not shape (0, 3)"),
-        (np.zeros((9, 2)), "got shape (9, 2)"),
-        (np.zeros(3), "got shape (3,)"),
-        (CUBE[:3], "got shape (3, 3)"),
+        (np.zeros((9, 2)), "not shape (9, 2)"),
+        (np.zeros(3), "not shape (3,)"),
+        (CUBE[:3], "not shape (3, 3)"),
         (CUBE * [1, 0, 1], "the points are flat, so their hull has no volume"),
         (CUBE * [1, 0, 0], "flat"),
         (CUBE * 0, "flat"),
