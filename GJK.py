@@ -1,29 +1,29 @@
-"""Convex against convex: who touches whom, how deep, along which normal, and where.
+"""Collision of two convex hulls: whether they touch, how deep, along which normal, and where.
 
-`is_collide` answers for two sets of points, `collide_rotated` for two hulls that a simulation has
-rotated. Below it, hulls are in rbs/geometry/hulls.py, the facets of the Minkowski difference in
-rbs/geometry/facets.py, and contact points in rbs/geometry/patches.py. They work on arrays of pairs
-with elementwise formulas, so that a pair's result has the same bits whatever else is in the array.
+`is_collide` tests two point sets, and `collide_rotated` two hulls that a simulation has rotated.
+They build on rbs/geometry: hulls.py has the hulls, facets.py the facets of the Minkowski
+difference, and patches.py the contact points. Those modules apply elementwise formulas to arrays of
+pairs, so that the result of a pair has the same bits whatever else is in the array.
 
-The picture behind all of it is the Minkowski difference M = A - B of two hulls, each relative to
-its own centre. With t = centreB - centreA the hulls meet exactly when t lies in M, and the least
-translation that separates them is the distance from t to the surface of M:
+All of it rests on the Minkowski difference M = A - B of two hulls, each relative to its own centre.
+With t = centreB - centreA, the hulls intersect exactly if t lies in M, and the least translation
+that separates them is the distance from t to the surface of M:
 
     depth(t) = min over the facets k of M of  h_k - n_k · t,
 
-n_k being the outward unit normal of the facet and h_k its distance from the origin. Moving B by
-depth · n_k of the minimal facet separates the pair. A facet of M is a face of A, a face of B turned
-round, or the parallelogram of an edge of A and an edge of B whose arcs on the Gauss map cross.
+where n_k is the outward unit normal of the facet and h_k its distance from the origin. Moving B by
+depth · n_k of the minimal facet separates the pair. A facet of M is a face of A, a reversed face of
+B, or the parallelogram of an edge of A and an edge of B whose arcs on the Gauss map cross.
 
-`is_collide` has three stages. GJK decides whether two hulls are apart, and stops at the first
-separating axis [1, 2]. For the rest, the facets of M near t are found among the faces and, with
-the Gauss map [3], the edge pairs; where these are many, a bound excludes most: a facet with the
-normal n has, for every pair of points a of A and b of B on it, a penetration ≥ n · (a - b - t).
-Finally, the two features that support the minimal facet give the contact point. As n_k and h_k do
-not depend on t, the facets of a pair stay right while its bodies only translate.
+`is_collide` has three stages. First, GJK searches for a separating axis and stops at the first one
+[1, 2]. If it finds none, the facets of M near t are determined from the faces and, with the Gauss
+map [3], from the edge pairs. If there are many edge pairs, a bound excludes most of them: the
+penetration of a facet with the normal n is at least n · (a - b - t) for any points a of A and b of
+B. Finally, the two features that support the minimal facet give the contact point. As n_k and h_k
+do not depend on t, the facets of a pair remain valid while its bodies only translate.
 
-A simulation step does without GJK: the axis kept from its last step separates most pairs that are
-apart, and the rest go to the facets at once, which those that meet need anyway.
+A simulation step does not need GJK. The axis cached from the last step separates most pairs that
+are apart, and the other pairs proceed to the facets, which colliding pairs need in any case.
 
 [1] Gilbert, Johnson, Keerthi: A fast procedure for computing the distance between complex objects
     in three-dimensional space. IEEE J. Robotics and Automation 4(2), 1988.
@@ -48,42 +48,51 @@ from rbs.geometry.hulls import (
 from rbs.geometry.patches import contact_points
 from rbs.geometry.triples import cross, divide, dot, mul_add, norm, scale, sub
 
-# Point sets may differ in size by up to this factor: of smaller ones, rounding leaves nothing.
+# Largest ratio of the sizes of two point sets. Beyond it, rounding leaves too little of the
+# smaller.
 LARGEST_RATIO = 1e12
 
-# GJK stops when an iteration brings the origin closer by less than this fraction of its distance,
-# and after this many: it ends in a few, but rounding can make it cycle. The facets settle the rest.
+# Least progress of a GJK iteration, as a fraction of the distance to the origin, and the maximum
+# number of iterations. Rounding can make GJK cycle; the facets then decide. A larger fraction or
+# fewer iterations leave more pairs to the facets.
 GJK_PROGRESS = 1e-12
 GJK_ITERATIONS = 48
 
-# Up to this many combinations of their edges, to look at all facets of a pair is the faster way.
+# Number of edge combinations up to which enumerating all facets is faster. Affects speed only.
 FEW_COMBINATIONS = 4000
 
 _ZERO = np.zeros((1, 3))
 _ZERO.setflags(write=False)
-# What `is_collide` returns where there is no collision. The arrays are read only.
+# Result of `is_collide` without a collision. The arrays are read-only.
 NO_COLLISION = (False, 0.0, _ZERO, _ZERO)
 
-# The pair of a `HullSet` of two.
+# Row indices of the only pair in a `HullSet` of two.
 _PAIR = np.array([0]), np.array([1])
 
 
 def is_collide(vertices1, vertices2):
-    """Whether the convex hulls of two point sets meet, and the least translation to separate them.
+    """Tests the convex hulls of two point sets for collision.
 
-    vertices1, vertices2 : (n1, 3), (n2, 3), in any order, inner points allowed
+    Hulls that touch within rounding collide, with a depth of 0. Without a collision, the last three
+    results are zero and read-only.
 
-    Returns `(isCollision, depth, intNormal, intPosition)`:
-    isCollision : bool; hulls that touch within rounding collide, with a depth of 0
-    depth : float ≥ 0; the length of the least translation that separates the hulls
+    Parameters
+    ----------
+    vertices1, vertices2 : (n1, 3), (n2, 3), in any order; interior points are allowed
+
+    Returns
+    -------
+    isCollision : bool
+    depth : float ≥ 0, length of the least translation that separates the hulls
     intNormal : (1, 3), unit; hull 2 moves along it, by depth, to separate
-    intPosition : (1, 3); the point of hull 2 that is deepest inside hull 1. Where two edges cross,
-        it is on that of hull 2; where an edge or a face lies flat on the other hull, it is the
-        centroid of what they share. intPosition + depth · intNormal lies on the surface of hull 1
-    Without a collision the last three are zero, and read only.
+    intPosition : (1, 3), the point of hull 2 deepest inside hull 1. If two edges cross, it lies on
+        that of hull 2; if an edge or a face lies flat on the other hull, it is the centroid of
+        their overlap. intPosition + depth · intNormal lies on the surface of hull 1
 
-    Raises ValueError for points that are flat, thinner than a millionth of their length; not
-    finite or beyond ±1e12; and for sets of which one is over 1e12 times as large as the other.
+    Raises
+    ------
+    ValueError : points are flat (thinner than a millionth of their length), not finite or beyond
+        ±1e12, or one set is over 1e12 times as large as the other
     """
     points = [checked_points(vertices) for vertices in (vertices1, vertices2)]
     centres = [0.5 * (p.min(axis=0) + p.max(axis=0)) for p in points]
@@ -93,13 +102,13 @@ def is_collide(vertices1, vertices2):
         raise ValueError(f"one point set is over {LARGEST_RATIO:g} times as large as the other")
     t = tuple((centres[1] - centres[0]).tolist())
     size = radius1 + radius2
-    # coordinates far from the origin are rounded themselves
+    # rounding error of the coordinates, which grows with their distance from the origin
     blur = EPS * max(float(np.abs(p).max()) for p in points)
     tolerance = TOUCH_TOLERANCE * size + 4 * blur
     vertices = np.split(hulls.vertices, hulls.vertexStart[1:], axis=1)
     if separating_axis(*vertices, t, max(LEAST_GAP * size, tolerance)):
         return NO_COLLISION
-    # a face's vertices are off its plane by their rounding, and by more at its far end
+    # rounding moves a face's vertices off its plane, most at the far end
     patchTolerance = FEATURE_TOLERANCE * size + 32 * blur
     isCollision, depth, normal, point = _collide(hulls, t, tolerance, patchTolerance)
     if not isCollision:
@@ -108,15 +117,20 @@ def is_collide(vertices1, vertices2):
 
 
 def collide_rotated(rotated1, rotated2, t, axis=None):
-    """Whether two rotated hulls meet, for a simulation, which knows hulls and orientations.
+    """Tests two rotated hulls for collision, for a simulation that caches hulls and rotations.
 
+    Parameters
+    ----------
     rotated1, rotated2 : `RBSFunctions.RotatedHull`
     t : tuple of 3, centre of the second minus centre of the first
-    axis : tuple of 3, unit, that may separate them, which saves time. It changes no result
+    axis : tuple of 3, unit, a possible separating axis; it saves time without changing results
 
-    Returns `(isCollision, depth, normal, point)`: bool; float ≥ 0; tuple of 3, unit, the axis along
-    which they overlap least or are apart; and the point of hull 2 that is deepest inside hull 1,
-    relative to the centre of hull 2, a tuple of 3, or None without a collision.
+    Returns
+    -------
+    isCollision, depth : bool; float ≥ 0
+    normal : tuple of 3, unit, axis of least penetration or of separation
+    point : tuple of 3, the point of hull 2 deepest inside hull 1, relative to the centre of hull 2;
+        None without a collision
     """
     hull1, hull2 = rotated1.hull, rotated2.hull
     size = hull1.radius + hull2.radius
@@ -134,14 +148,14 @@ def collide_rotated(rotated1, rotated2, t, axis=None):
 
 @lru_cache(maxsize=1024)
 def _hull_pair(hull1, hull2):
-    """The `HullSet` of two hulls at rest."""
+    """Returns the `HullSet` of two hulls at rest."""
     return HullSet([hull1, hull2])
 
 
 def _collide(hulls, t, tolerance, patchTolerance, axis=None):
     """`collide_rotated` for a `HullSet` of two.
 
-    tolerance : hulls that are apart by no more touch; patchTolerance : see `contact_points`
+    tolerance : largest separation that counts as touching; patchTolerance : see `contact_points`
     """
     translation = np.array([t]).T  # (3, 1), an array of one pair
     if hulls.edgeCount[0] * hulls.edgeCount[1] <= FEW_COMBINATIONS:
@@ -165,27 +179,31 @@ def _collide(hulls, t, tolerance, patchTolerance, axis=None):
 
 
 def separating_axis(vertices1, vertices2, t, gap):
-    """GJK: an axis along which two hulls are further apart than a gap, or None if there is none.
+    """Searches with GJK for an axis along which two hulls are separated by more than a gap.
 
+    Parameters
+    ----------
     vertices1, vertices2 : (3, V), relative to the hulls' centres
     t : tuple of 3, centre of the second minus centre of the first
     gap : length ≥ 0
 
-    Returns a tuple of 3, unit: every vertex of the second hull lies further along it than every
-    vertex of the first, by more than the gap.
+    Returns
+    -------
+    tuple of 3, unit, or None if none was found. Along it, every vertex of the second hull lies
+    beyond every vertex of the first one by more than the gap.
     """
-    # D = A - B - t holds the origin when the pair meets. The first v is a direction, the later
-    # ones are the points of a simplex in D that are nearest to the origin.
+    # D = A - B - t contains the origin if the hulls intersect. The first v is only a direction;
+    # later ones are the points nearest to the origin on a simplex in D.
     v, simplex = (sub((0.0, 0.0, 0.0), t) if any(t) else (1.0, 0.0, 0.0)), ()
     for _ in range(GJK_ITERATIONS):
-        # w, the point of D that is least along v: all of D lies beyond it
+        # w is the support point of D along -v: all of D lies beyond it
         a = vertices1[:, dot(v, vertices1).argmin()].tolist()
         b = vertices2[:, dot(v, vertices2).argmax()].tolist()
         w = sub(sub(a, b), t)
         if dot(v, w) > gap * norm(v):
             return divide(v, -norm(v))
         if simplex and dot(v, v) - dot(v, w) <= GJK_PROGRESS * dot(v, v):
-            return None  # D comes no nearer to the origin than v, which is within the gap
+            return None  # v is the point of D nearest to the origin, and within the gap
         simplex, v = nearest_face((*simplex, w))
         if len(simplex) == 4:
             return None
@@ -193,10 +211,10 @@ def separating_axis(vertices1, vertices2, t, gap):
 
 
 def nearest_face(simplex):
-    """`(corners, v)`: the face of a simplex that is nearest to the origin, and its nearest point v.
+    """Returns the face of a simplex nearest to the origin and its nearest point: `(corners, v)`.
 
     simplex : up to four points, tuples of 3. A face is a corner, an edge or a triangle, or the
-        whole tetrahedron where it holds the origin
+        whole tetrahedron if it contains the origin
     """
     if len(simplex) == 4 and _holds_origin(simplex):
         return simplex, (0.0, 0.0, 0.0)
@@ -208,14 +226,17 @@ def nearest_face(simplex):
             found.append(((p, q), mul_add(p, along / dot(d, d), d)))
     for a, b, c in itertools.combinations(simplex, 3):
         n = cross(sub(b, a), sub(c, a))
-        # the weight of a corner is the area that the projected origin spans with the other two
+        # a corner's barycentric weight is the area that the projected origin spans with the other
+        # two
         if min(dot(cross(b, c), n), dot(cross(c, a), n), dot(cross(a, b), n)) > 0.0:
             found.append(((a, b, c), scale(dot(a, n) / dot(n, n), n)))
     return min(found, key=lambda face: dot(face[1], face[1]))
 
 
 def _holds_origin(tetrahedron):
-    """Whether each of four corners lies on the same side of the other three as the origin."""
+    """Whether each corner of a tetrahedron lies on the same side of the opposite face as the
+    origin.
+    """
     for p in tetrahedron:
         a, b, c = (corner for corner in tetrahedron if corner is not p)
         n = cross(sub(b, a), sub(c, a))

@@ -1,22 +1,20 @@
-"""The coursework: rigid bodies, the integrator, collisions, constraints, and the step of them all.
+"""The coursework: rigid bodies, their integration, collisions, constraints and the time step.
 
-From the top: `run_timestep`, which reads as the coursework's text; `Mesh`; contacts with friction;
-distance constraints. Everything here is for one body, or a pair. The steps for thousands of bodies,
-rbs/stepping/gridstep.py and rbs/softstep/step.py, have rooms of their own: they are handed the
-meshes and return a report.
+Reading order: `run_timestep`, which follows the coursework's text; `Mesh`; contacts with friction;
+distance constraints. All functions here treat one body or one pair; the steps for thousands of
+bodies are in rbs/stepping/gridstep.py and rbs/softstep/step.py.
 
-Units are whatever the scene uses, lengths and masses alike, with seconds and a gravity of 9.8
-length units per second squared along -y. Vectors of one mesh are rows (1, 3), quaternions (1, 4)
-with the scalar part first; (3,) and (4,) are accepted wherever one is passed in or assigned. The
-formulas are on tuples of floats: for three numbers, that is ten times as fast as arrays.
+Lengths and masses have the units of the scene, time is in seconds, and gravity is 9.8 length units
+per second squared along -y. Vectors of one mesh are rows (1, 3), and quaternions are rows (1, 4)
+with the scalar part first; (3,) and (4,) are accepted as well. The formulas work on tuples of
+floats, because NumPy's overhead dominates for arrays of three numbers.
 
-Sources. The integrator, impulses and the inertia of a rotated body: Baraff, Rigid Body Simulation,
-SIGGRAPH course notes, 2001. Inertia of a tetrahedron: Tonon, Explicit exact formulas for the 3-D
-tetrahedron inertia tensor, J. Mathematics and Statistics 1(1), 2005. One impulse a contact, with
-friction along the sliding: Mirtich, Impulse-based dynamic simulation of rigid body systems, 1996.
-Positions corrected in proportion to the inverse masses: Müller et al., Position based dynamics,
-2007. Constraints on velocities: Catto, Modeling and solving constraints, Game Developers Conference
-2009.
+Sources. Integration, impulses, inertia in world axes: Baraff, Rigid Body Simulation, SIGGRAPH 2001.
+Inertia of a tetrahedron: Tonon, Explicit exact formulas for the 3-D tetrahedron inertia tensor,
+J. Mathematics and Statistics 1(1), 2005. One impulse per contact, with friction: Mirtich,
+Impulse-based dynamic simulation of rigid body systems, 1996. Position correction: Müller et al.,
+Position based dynamics, 2007. Velocity constraints: Catto, Modeling and solving constraints, Game
+Developers Conference 2009.
 """
 
 import itertools
@@ -48,6 +46,7 @@ from rbs.geometry.triples import (
 )
 from rbs.stepping.bodies import (
     EARTH,
+    GRAVITY as GRAVITY,
     check_distinct,
     check_numbers,
     check_objects,
@@ -56,12 +55,9 @@ from rbs.stepping.bodies import (
     restored_on_error,
     state_columns,
 )
-from rbs.stepping.bodies import (
-    GRAVITY as GRAVITY,
-)
 from rbs.stepping.reports import GROUND, StepReport
 
-# The methods of Mesh that all pairs, one after the other, call in a step.
+# Methods of Mesh that the loop over all pairs calls, and the other steps do not.
 STEP_METHODS = (
     "integrate_timestep",
     "apply_gyroscopic_term",
@@ -70,10 +66,9 @@ STEP_METHODS = (
     "lowest_vertex",
     "get_rotated_inv_IT",
 )
-# The ground's normal. It points into the body, which is why the depth there is negative.
+# Normal of the ground, pointing into the body. The penetration depth there is negative to match.
 UPWARDS = (0.0, 1.0, 0.0)
-# Where the two points of a constraint coincide, no direction separates them better than another:
-# they are moved apart along this one.
+# Direction that separates coincident constraint points, for which no direction is preferred.
 COINCIDENT_DIRECTION = (0.0, 1.0, 0.0)
 
 
@@ -102,38 +97,44 @@ def run_timestep(
     solverState=None,
     gravity=EARTH,
 ):
-    """Moves a scene on by one time step, in place, and returns a `StepReport`.
+    """Advances a scene by one time step, in place. An exception leaves the meshes unchanged.
 
+    Parameters
+    ----------
     meshes : list of Mesh
     groundMesh : a fixed Mesh without vertices, the half space y ≤ 0; None for free space
-    timeStep : seconds ≥ 0. What a body crosses within one of them it does not hit
-    CRCoeff : coefficient of restitution, see `resolve_collision`
-    enforceConstraints : whether the constraints are looked at
-    constraints : rows `[m1, v1, m2, v2, refValue, upper]`: the distance between rest vertex v1 of
-        meshes[m1] and rest vertex v2 of meshes[m2] is at most refValue if upper, else at least
-    maxIterations : constraint visits at most, but never less than one of each
-    tolerance : how far, as a length, a constraint may be violated before it is corrected; as a
-        speed, how fast its distance may change when it is
-    closingOnly, mu : see `resolve_collision`
-    constraintScheduling : "sweep" visits the constraints in order until as many visits as there are
-        constraints found nothing to correct; "queue" gives the same bits and leaves out visits that
-        cannot find anything; "batches" visits constraints without a common body together, which
-        ends elsewhere within the same bounds, and suits hundreds of constraints
-    broadPhase : "all" detects and resolves the pairs one after the other; "grid" gives the same
-        bits through uniform grids and batches of pairs, and suits hundreds of bodies. It applies
-        the formulas to arrays: what a subclass of Mesh has in place of a method is not called
-    contactSolver : "impulse" resolves one contact after the other; "soft-step" all contacts and
-        constraints together, several points a contact, in `substeps` substeps, so that piles rest;
-        with `sleeping`, what rests is left out until it is disturbed. See rbs/softstep/step.py
-    gyroscopic : whether the angular velocity changes in free flight, as Euler's equation has it
-    solverState : `rbs.softstep.step.SolverState`, what a soft step leaves to the next, changed in
-        place; None starts cold
-    gravity : three numbers, the acceleration of free fall in m/s²
+    timeStep : seconds ≥ 0. Collisions are detected after the motion, so that fast bodies may tunnel
+    CRCoeff, closingOnly, mu : see `resolve_collision`
+    enforceConstraints : bool; False ignores the constraints
+    constraints : rows `[m1, v1, m2, v2, refValue, upper]`. The distance between rest vertex v1 of
+        meshes[m1] and rest vertex v2 of meshes[m2] is at most refValue if upper, otherwise at least
+    maxIterations : maximum number of constraint visits; each constraint is visited at least once
+    tolerance : length by which a constraint may be violated before it is corrected, and speed at
+        which its distance may then still change
+    constraintScheduling : "sweep" visits the constraints in order until all in a row are satisfied;
+        "queue" skips visits that cannot change anything, with bitwise identical results; "batches"
+        suits hundreds of constraints, and reaches another state within the same bounds
+    broadPhase : "all" detects and resolves pair by pair; "grid" gives bitwise identical results
+        with uniform grids and batches of pairs, which suits hundreds of bodies. Methods of
+        Mesh that a subclass overrides are called by "all" only, and refused otherwise
+    contactSolver : "impulse" resolves one contact after the other; "soft-step" solves all contacts
+        and constraints together, with several points per contact, so that piles rest
+    substeps, sleeping : of the soft step: number of substeps ≥ 1, and whether bodies at rest are
+        skipped until they are disturbed; see rbs/softstep/step.py
+    gyroscopic : bool; True lets spinning bodies tumble in free flight, after Euler's equations
+    solverState : `rbs.softstep.step.SolverState`, carried from one soft step to the next and
+        changed in place; None starts cold
+    gravity : three numbers, acceleration of free fall in m/s²
 
-    Raises ValueError, which says what, for options that it refuses, a mesh that is in the list
-    twice, and a constraint of what is not there; `rbs.stepping.bodies.StateError`, which names the
-    body, where a number would become NaN, infinite or absurdly large. Whatever is raised, the
-    meshes are then as they were before the step.
+    Returns
+    -------
+    StepReport
+
+    Raises
+    ------
+    ValueError : an option is invalid, a mesh is listed twice, or a constraint refers to a mesh or
+        vertex that does not exist
+    rbs.stepping.bodies.StateError : a number would become NaN, infinite or absurdly large
     """
     from rbs.stepping.settings import check_arguments
 
@@ -149,7 +150,7 @@ def run_timestep(
             check_methods(meshes, contactSolver)
             solver = checked["substeps"], sleeping, solverState
             return soft_step(meshes, groundMesh, timeStep, *contact, *flight, constraints, *solver)
-        # the grid step changes nothing unless it succeeds
+        # the grid step changes nothing if it fails
         with restored_on_error(meshes if broadPhase == "all" or len(constraints) else ()):
             if broadPhase == "grid":
                 from rbs.stepping.gridstep import grid_step
@@ -168,7 +169,7 @@ def run_timestep(
 
 
 def all_pairs_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic, gravity):
-    """`run_timestep` as far as the constraints, one body and one pair after the other; see there.
+    """The part of `run_timestep` before the constraints, one body and one pair after the other.
 
     Each detection sees the corrections of the earlier pairs. Returns the `StepReport`.
     """
@@ -217,11 +218,11 @@ def check_methods(meshes, step):
 
 
 class RotatedHull:
-    """What the collision test reads of a mesh: what follows from its orientation.
+    """Geometry of a mesh at one orientation, as collision detection reads it.
 
     hull : `Hull`, at rest; rotation : nine floats, matrix row by row
-    vertices : (3, V), relative to the COM; hullVertices : (3, Vh), those of the hull
-    low, high : three floats each, the box of the hull relative to the COM
+    vertices : (3, V), relative to the COM; hullVertices : (3, Vh), the vertices of the hull
+    low, high : three floats each, bounding box of the hull relative to the COM
     """
 
     def __init__(self, mesh):
@@ -234,28 +235,34 @@ class RotatedHull:
 
 
 class Mesh:
-    """A rigid body: a tetrahedral mesh with a density, and where it is and how it moves.
+    """A rigid body: a tetrahedral mesh with a density, a pose and a velocity.
 
+    The arrays are copied. A mesh without vertices is the ground: fixed, and without a shape.
+
+    Parameters
+    ----------
     name : str
-    origVertices : (V, 3); rest vertices. They are translated so that the COM is the origin, and
-        never change afterwards
-    faces : (F, 3) int; boundary triangles, counter-clockwise seen from outside
-    tets : (T, 4) int; tetrahedra that fill the body without overlap, in any orientation
+    origVertices : (V, 3), rest vertices; translated so that the COM is the origin, then constant
+    faces : (F, 3) int, boundary triangles, counter-clockwise seen from outside
+    tets : (T, 4) int, tetrahedra that fill the body without overlap, in either orientation
     density : float > 0, mass per volume
-    position : (1, 3); the COM in the world
-    orientation : (1, 4), not zero; unit quaternion from rest to world, normalised on entry
-    isFixed : bool; a fixed mesh has infinite mass: nothing moves it
+    position, orientation : (1, 3), COM in the world; (1, 4), quaternion from rest to world, not
+        zero, normalised on entry
+    isFixed : bool; a fixed mesh has infinite mass and never moves
 
-    The arrays are copied. Raises ValueError when an array has the wrong shape, an index points
-    nowhere, or vertices come without mass. A mesh with no vertices is the ground: like a fixed one,
-    without shape.
+    Attributes
+    ----------
+    currVertices : (V, 3), vertices in the world, at the present pose
+    linVelocity, angVelocity : (1, 3), velocity of the COM; angular velocity, rad/s, world axes
+    mass, invMass : float; invMass is 0 if the mesh is fixed
+    IT, invIT : (3, 3), inertia tensor about the COM at rest, and its inverse, 0 if fixed
+    volume, hullVolume : float, of the tetrahedra, and of the convex hull, which is what collides
+    hull : `rbs.geometry.hulls.Hull`
+    cachedAxes : per other mesh, the axis of separation or of least penetration last found
 
-    Further attributes: currVertices (V, 3), the vertices in the world, always those of the present
-    position and orientation; linVelocity (1, 3), of the COM; angVelocity (1, 3), rad/s, world axes;
-    mass; invMass, 0 if fixed; IT (3, 3), inertia tensor about the COM at rest; invIT (3, 3), its
-    inverse, 0 if fixed; volume, of the tetrahedra; hullVolume, of the convex hull that collides in
-    its stead; hull, a `rbs.geometry.hulls.Hull`; cachedAxes, by other mesh, the axis along which
-    the two were apart, or overlapped least, when they were last looked at.
+    Raises
+    ------
+    ValueError : an array has the wrong shape, an index is out of range, or vertices have no mass
     """
 
     def __init__(self, name, origVertices, faces, tets, density, position, orientation, isFixed):
@@ -268,7 +275,7 @@ class Mesh:
         self.orientation = self._entry("orientation", orientation, 4)
         length = math.hypot(*self.orientation[0].tolist())
         if not 0 < length < math.inf:
-            raise ValueError(f"mesh {name}: the orientation has no direction")
+            raise ValueError(f"mesh {name}: the orientation is zero or not finite")
         self.orientation /= length
         self.linVelocity = np.zeros((1, 3))
         self.angVelocity = np.zeros((1, 3))
@@ -288,7 +295,7 @@ class Mesh:
         return f"Mesh({self.name!r}, {len(self.origVertices)} vertices, {mass}, at {where})"
 
     def _table(self, what, rows, width, dtype=np.float64):
-        """A copy of `rows` as (n, width); raises ValueError if it is anything else."""
+        """Returns a copy of `rows` as (n, width); raises ValueError if it is anything else."""
         try:
             table = np.array(rows, dtype=np.float64)
         except (TypeError, ValueError):
@@ -315,15 +322,15 @@ class Mesh:
         return row
 
     def _init_mass_properties(self):
-        """Sets volume, mass and IT, moves the rest vertices to their COM, and builds the hull.
+        """Sets volume, mass and IT, centres the rest vertices on the COM, and builds the hull.
 
-        Over a tetrahedron with the corners x_i, the integral of x is V (Σ x_i) / 4, and that of
-        x xᵀ is V/20 (Σ x_i x_iᵀ + (Σ x_i)(Σ x_i)ᵀ) (Tonon 2005). With C the sum of the latter times
-        the density, about the COM, the inertia tensor is tr(C) 1 - C.
+        Over a tetrahedron of volume V with corners x_i, the integral of x is V (Σ x_i) / 4, and
+        that of x xᵀ is V/20 (Σ x_i x_iᵀ + (Σ x_i)(Σ x_i)ᵀ) (Tonon 2005). With C the sum of the
+        latter, about the COM, times the density, the inertia tensor is tr(C) 1 - C.
         """
         for corners, what in ((self.faces, "face"), (self.tets, "tetrahedron")):
             if corners.size and not 0 <= corners.min() <= corners.max() < len(self.origVertices):
-                raise ValueError(f"mesh {self.name}: a {what} names a vertex that is not there")
+                raise ValueError(f"mesh {self.name}: a {what} refers to vertices out of range")
         corners = self.origVertices[self.tets]  # (T, 4, 3)
         edges = corners[:, 1:] - corners[:, :1]
         volumes = np.abs((edges[:, 0] * np.cross(edges[:, 1], edges[:, 2])).sum(axis=1)) / 6.0
@@ -331,8 +338,8 @@ class Mesh:
         self.mass = self.density * self.volume
         if not 0 < self.mass < math.inf:
             raise ValueError(
-                f"mesh {self.name}: density {self.density:g} times volume {self.volume:g} "
-                "gives no mass"
+                f"mesh {self.name}: density {self.density:g} and volume {self.volume:g} "
+                "give no positive, finite mass"
             )
         centreOfMass = (volumes[:, None] * corners.mean(axis=1)).sum(axis=0) / self.volume
         self.origVertices -= centreOfMass
@@ -362,10 +369,10 @@ class Mesh:
             self.invMass, self.invIT = 1.0 / self.mass, np.linalg.inv(self.IT)
 
     def integrate_timestep(self, timeStep, gravity=EARTH):
-        """Moves the mesh on by timeStep seconds of free flight; a fixed mesh stays as it is.
+        """Integrates timeStep seconds of free flight. A fixed mesh does not change.
 
         Semi-implicit Euler: v ← v + g h, COM ← COM + v h with the new velocity, orientation ←
-        exp(ω h/2) ∘ orientation. The angular velocity stays: the gyroscopic term is left out.
+        exp(ω h/2) ∘ orientation. The angular velocity stays: the gyroscopic term is omitted.
         """
         if self.isFixed:
             return
@@ -374,13 +381,13 @@ class Mesh:
         position = mul_add(floats(self.position, 3), h, linVelocity)
         turn = exponential((0.0, *scale(0.5, scale(h, floats(self.angVelocity, 3)))))
         w, x, y, z = multiply(turn, floats(self.orientation, 4))
-        # a product of unit quaternions drifts from unit length by rounding
+        # rounding makes a product of unit quaternions drift from unit length
         length = math.sqrt(w * w + (x * x + y * y + z * z))
         self.linVelocity, self.position = _row(linVelocity), _row(position)
         self.orientation = _row((w, x, y, z)) / length
 
     def apply_gyroscopic_term(self, timeStep):
-        """Turns the angular velocity as torque-free motion does; see `gyroscopic_velocity`."""
+        """Applies the gyroscopic torque to the angular velocity; see `gyroscopic_velocity`."""
         if self.invMass != 0.0:
             angVelocity = gyroscopic_velocity(
                 floats(self.angVelocity, 3),
@@ -405,11 +412,11 @@ class Mesh:
         )
 
     def detect_collision(self, m):
-        """Collision of the convex hulls of this mesh and of m, at their positions and orientations.
+        """Tests the convex hulls of this mesh and of m for collision at their present poses.
 
-        Returns `(isCollision, depth, intNormal, intPosition)` as `GJK.is_collide` does, this mesh
-        being hull 1: m has to move by depth along intNormal (1, 3) to separate, and intPosition
-        (1, 3) is the point of m that is deepest inside this mesh. Two fixed meshes never collide.
+        Returns `(isCollision, depth, intNormal, intPosition)` as `GJK.is_collide` does, with this
+        mesh as hull 1: moving m by depth along intNormal (1, 3) separates the two, and intPosition
+        (1, 3) is the point of m deepest inside this mesh. Two fixed meshes never collide.
         """
         if not self.bounding_box_collision(m) or (self.isFixed and m.isFixed):
             return GJK.NO_COLLISION
@@ -423,9 +430,9 @@ class Mesh:
         return True, depth, _row(normal), _row(add(point, position2))
 
     def lowest_vertex(self):
-        """The lowest of the vertices in the world (3,), of equally low ones the first.
+        """Returns the lowest vertex in the world (3,), the first one if several are equally low.
 
-        None of a mesh that nothing moves: the ground leaves it where it is.
+        Returns None if the mesh is fixed, because the ground cannot move it.
         """
         if self.isFixed:
             return None
@@ -438,7 +445,7 @@ class Mesh:
         return np.array(rotate_tensor(rotation, floats(self.invIT, 9))).reshape(3, 3)
 
     def push(self, impulse, point):
-        """Applies an impulse (3,), mass · speed, at a point (3,) of the world; nothing if fixed.
+        """Applies an impulse (3,), mass · speed, at a world point (3,), unless the mesh is fixed.
 
         With r from the COM to the point, v ← v + J / m and ω ← ω + R I⁻¹ Rᵀ (r × J).
         """
@@ -448,7 +455,7 @@ class Mesh:
         self.angVelocity = self.angVelocity + torque @ self.get_rotated_inv_IT().T
 
     def body_state(self):
-        """What a contact reads and changes, in floats: `Body`."""
+        """Returns the `Body` on which contacts and constraints operate."""
         invInertia = np.zeros((3, 3)) if self.isFixed else self.get_rotated_inv_IT()
         return Body(
             float(self.invMass),
@@ -459,25 +466,25 @@ class Mesh:
         )
 
     def set_body_state(self, body):
-        """Takes over position and velocities; what cannot move stays as it is."""
+        """Stores the position and velocities of a `Body`. An immovable mesh does not change."""
         if body.invMass == 0.0:
             return
         self.position = _row(body.position)
         self.linVelocity = _row(body.linVelocity)
         self.angVelocity = _row(body.angVelocity)
 
-    # What follows from the pose is worked out when it is first asked for, and kept until position
-    # or orientation change, by assignment or in place: they are compared by their bytes.
+    # Quantities that depend on the pose are computed on demand and cached until position or
+    # orientation changes. Comparing their bytes also notices changes in place.
 
     def rotated_hull(self):
-        """The `RotatedHull` at the present orientation; None without vertices."""
+        """Returns the `RotatedHull` at the present orientation; None without vertices."""
         self._follow_pose()
         if self._rotatedHull is None and self.hull is not None:
             self._rotatedHull = RotatedHull(self)
         return self._rotatedHull
 
     def bounding_box(self):
-        """Least and greatest x, y, z of the hull in the world, six floats; None likewise."""
+        """Returns the least and greatest x, y, z of the hull in the world: six floats, or None."""
         if (
             self._boundingBox is None
             or self.position.tobytes() != self._positionKey
@@ -506,7 +513,7 @@ class Mesh:
         self._currVertices = vertices
 
     def _follow_pose(self):
-        """Drops what has been worked out for another position or orientation."""
+        """Invalidates what was cached for another position or orientation."""
         position, orientation = self.position.tobytes(), self.orientation.tobytes()
         if orientation != self._orientationKey:
             self._forget_pose()
@@ -519,7 +526,7 @@ class Mesh:
         self._rotatedHull = self._boundingBox = self._currVertices = None
 
     def __getstate__(self):
-        """What copies and pickles take along: the attributes, not what is kept to save time."""
+        """Returns the attributes without the caches, for copies and pickles."""
         return {name: value for name, value in vars(self).items() if name not in _KEPT_NAMES}
 
     def __setstate__(self, state):
@@ -544,10 +551,9 @@ def ground():
 
 
 def refresh_vertices(meshes):
-    """Works out the currVertices that are not at hand of all these meshes, in one go.
+    """Computes all missing currVertices in one pass, which is faster than mesh by mesh.
 
-    For those who look at all of them: mesh by mesh, NumPy's calls would take most of the time.
-    Returns the currVertices of one mesh after the other, (ΣV, 3), to be read only.
+    Returns the currVertices of all meshes, concatenated: (ΣV, 3), read-only.
     """
     for m in meshes:
         m._follow_pose()
@@ -568,7 +574,7 @@ def refresh_vertices(meshes):
 
 
 def _row(value):
-    """A new array of one row, out of a tuple of floats or an array."""
+    """Returns a new array of one row, from a tuple of floats or an array."""
     return np.array(value).reshape(1, -1)
 
 
@@ -581,9 +587,9 @@ NO_FRICTION = (0.0, 0.0, 0.0)
 
 @dataclass(slots=True)
 class Body:
-    """What a contact or a constraint reads and changes of a mesh, in floats.
+    """State of a body on which contacts and constraints operate, in floats.
 
-    invMass : 1 / kg, 0 for what cannot move; invInertia : nine entries row by row, world axes
+    invMass : 1 / mass, 0 if immovable; invInertia : nine entries row by row, world axes
     position, linVelocity, angVelocity : tuples of three
     """
 
@@ -595,8 +601,9 @@ class Body:
 
 
 class ContactImpulses(NamedTuple):
-    """What a contact did: the impulse that body 2 receives along the normal, mass · speed, and
-    across it, a vector; and the arm, from the COM of body 1 to where they act."""
+    """Impulses that a contact applied to body 2, mass · speed: along the normal, and friction as a
+    vector; and the arm from the COM of body 1 to the contact point.
+    """
 
     impulse: float
     friction: tuple
@@ -604,29 +611,34 @@ class ContactImpulses(NamedTuple):
 
 
 def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOnly=False, mu=0.0):
-    """Separates two meshes that interpenetrate and lets them bounce, changing both in place.
+    """Separates two penetrating meshes and applies the contact impulses, in place.
 
-    depth : length they interpenetrate by. A negative one moves the meshes the other way, as the
-        ground asks for, whose normal points into the mesh
+    The position correction is split by inverse mass, see `shifts`. For the impulses, let n be the
+    normal, u the velocity of body 1 relative to body 2 at the contact point, which has moved along
+    with m2, and K the sum of both inverse effective masses. An impulse -j n on body 1 and +j n on
+    body 2 lowers the closing speed u · n by j K. Restitution requires it to become -e (u · n),
+    hence j = (1 + e) (u · n) / K.
+
+    Parameters
+    ----------
+    m1, m2 : Mesh
+    depth : penetration depth. A negative one moves the meshes the opposite way, as the ground
+        requires, whose normal points into the mesh
     contactNormal : (1, 3), unit; m2 moves along it, m1 against it
-    penPoint : (1, 3); the point of m2 that is deepest inside m1
-    CRCoeff : coefficient of restitution, 0 (they stay together) to 1 (they bounce off). The formula
-        is followed beyond that too: above 1 every contact gains energy, and a negative one leaves
-        the part -CRCoeff of the closing speed as it was
-    closingOnly : when true, a contact that already separates receives no impulse. By default the
-        impulse is applied whatever the sign of the closing velocity, as the coursework's reference
-        does
-    mu : coefficient of friction ≥ 0. Unless it is 0, a second impulse at the same point, of at most
-        mu times the first one, slows or stops the sliding. A huge one stops any sliding where
-        bodies are pressed together, and never turns it round
+    penPoint : (1, 3), the point of m2 deepest inside m1
+    CRCoeff : coefficient of restitution e, 0 (no bounce) to 1 (no loss). The formula holds outside
+        this range, too: e > 1 adds energy, and e < 0 keeps the fraction -e of the closing speed
+    closingOnly : bool; True applies no impulse to bodies that already separate. False, as in the
+        coursework's reference, applies it whatever the sign of the closing speed
+    mu : coefficient of friction ≥ 0; limits the friction impulse to mu times the normal impulse
 
-    The interpenetration is split by inverse mass, see `shifts`. Restitution asks that a closing
-    speed of c become one of -e c: with u the velocity of body 1 relative to body 2 at the contact
-    point, which has moved along with m2, and K the sum of both bodies' inverse effective masses,
-    an impulse -j n on body 1 and +j n on body 2 lowers u · n by j K, hence j = (1 + e) (u · n) / K.
+    Returns
+    -------
+    ContactImpulses, or None if neither mesh can move; both then stay as they are
 
-    Returns the `ContactImpulses`, None of two meshes that cannot move, which stay as they are.
-    Raises ValueError for a restitution that is not finite, or a friction that is negative or not.
+    Raises
+    ------
+    ValueError : CRCoeff is not finite, or mu is negative or not finite
     """
     e, mu = number(CRCoeff), number(mu)
     if not math.isfinite(e):
@@ -637,7 +649,7 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     if body1.invMass + body2.invMass == 0.0:
         return None
     depth, n, point = number(depth), floats(contactNormal, 3), floats(penPoint, 3)
-    # A depth of 0 does not tell which way the normal points; on the ground, it is into m1.
+    # At depth 0 the sign tells nothing of the normal; on the ground it points into m1.
     if depth < 0.0 or (depth == 0.0 and len(m2.origVertices) == 0):
         depth, n = -depth, scale(-1.0, n)
 
@@ -663,17 +675,17 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
 
 
 def shifts(invMass1, invMass2, distance):
-    """How far two bodies move along the direction from 1 to 2 to be `distance` further apart.
+    """Displacements of bodies 1 and 2, along the direction from 1 to 2, that add `distance`.
 
-    Each in proportion to its inverse mass, w_i = m_i⁻¹ / (m_1⁻¹ + m_2⁻¹), so that their common COM
-    stays. Not both masses may be infinite.
+    Each is proportional to w_i = m_i⁻¹ / (m_1⁻¹ + m_2⁻¹), so that the common COM does not move. At
+    least one mass must be finite.
     """
     total = invMass1 + invMass2
     return -(invMass1 / total * distance), invMass2 / total * distance
 
 
 def relative_velocity(body1, body2, r1, r2):
-    """Velocity of body 1 at its arm relative to body 2: v1 + ω1 × r1 - (v2 + ω2 × r2)."""
+    """Velocity of body 1 relative to body 2 at their arms: v1 + ω1 × r1 - (v2 + ω2 × r2)."""
     return sub(
         add(body1.linVelocity, cross(body1.angVelocity, r1)),
         add(body2.linVelocity, cross(body2.angVelocity, r2)),
@@ -681,11 +693,11 @@ def relative_velocity(body1, body2, r1, r2):
 
 
 def inverse_effective_mass(body, r, n):
-    """`(k, turning)`: how a body responds to a unit impulse along n at an arm r.
+    """Response of a body to a unit impulse along n at the arm r: `(k, turning)`.
 
     turning : I⁻¹ (r × n), the change of the angular velocity
-    k : the change of the velocity of the point along n. It gains m⁻¹ from the motion of the COM
-        and, from the rotation, ((I⁻¹ (r × n)) × r) · n = (r × n) · I⁻¹ (r × n)
+    k : the change of the point's velocity along n. The motion of the COM contributes m⁻¹, and the
+        rotation ((I⁻¹ (r × n)) × r) · n = (r × n) · I⁻¹ (r × n)
     """
     rCrossN = cross(r, n)
     turning = mat_vec(body.invInertia, rCrossN)
@@ -693,20 +705,20 @@ def inverse_effective_mass(body, r, n):
 
 
 def receive_impulse(body, j, n, turning):
-    """Changes a body by an impulse j along n: v ← v + j m⁻¹ n and ω ← ω + j I⁻¹ (r × n)."""
+    """Applies an impulse j along n to a body: v ← v + j m⁻¹ n and ω ← ω + j I⁻¹ (r × n)."""
     body.linVelocity = mul_add(body.linVelocity, j * body.invMass, n)
     body.angVelocity = mul_add(body.angVelocity, j, turning)
 
 
 def apply_friction(body1, body2, r1, r2, n, limit):
-    """Coulomb friction at a contact; returns the impulse, a vector, that body 2 receives.
+    """Applies Coulomb friction at a contact and returns the impulse vector on body 2.
 
-    limit : μ times the normal impulse; none where that is negative, as nothing is pressed there
+    limit : μ times the normal impulse; no friction acts if it is negative
 
-    With u the velocity of body 1 relative to body 2 at the contact and t the unit vector of its
-    part across the normal, an impulse -j t on body 1 and +j t on body 2 lowers u · t by j K, K
-    being both bodies' inverse effective mass along t. The sliding stops at j = u · t / K; friction
-    gives that much or its limit, whichever is less, and so never turns the sliding round. The
+    Let u be the velocity of body 1 relative to body 2 at the contact, t the unit vector of its part
+    perpendicular to the normal, and K the sum of the inverse effective masses along t. An impulse
+    -j t on body 1 and +j t on body 2 lowers u · t by j K, so the sliding stops at j = u · t / K.
+    Friction applies the lesser of this and its limit, and thus never reverses the sliding. The
     kinetic energy changes by -j u · t + j² K / 2, which is at most 0 for 0 ≤ j ≤ u · t / K.
     """
     u = relative_velocity(body1, body2, r1, r2)
@@ -715,7 +727,7 @@ def apply_friction(body1, body2, r1, r2, n, limit):
     t = divide(across, speed or 1.0)
     k1, turning1 = inverse_effective_mass(body1, r1, t)
     k2, turning2 = inverse_effective_mass(body2, r2, t)
-    j = min(speed / (k1 + k2), max(limit, 0.0) + 0.0)  # a zero has no sign
+    j = min(speed / (k1 + k2), max(limit, 0.0) + 0.0)  # turns -0.0 into 0.0
     receive_impulse(body1, -j, t, turning1)
     receive_impulse(body2, j, t, turning2)
     return scale(j, t)
@@ -729,17 +741,22 @@ def apply_friction(body1, body2, r1, r2, n, limit):
 def resolve_position_constraint(
     currPositions, currConstPoints, refValue, invMasses, upper, tolerance
 ):
-    """Moves two bodies so that a bound on the distance of two of their points holds.
+    """Moves two bodies so that a bound on the distance between two of their points holds.
 
-    currPositions : pair of (1, 3), the COMs
-    currConstPoints : pair of (1, 3), p1 and p2; C = ‖p1 - p2‖ - refValue
-    refValue : length ≥ 0, the bound
-    invMasses : pair of inverse masses; 0 for what cannot move
-    upper : bool; an upper bound is valid when C ≤ tolerance, a lower one when C ≥ -tolerance
+    A violated bound moves the bodies along p1 - p2, in proportion to their inverse masses, until
+    C = ‖p1 - p2‖ - refValue is 0. Coincident points separate along y, the first one upwards.
 
-    Returns `(positionWasValid, correctedPositions)`: a bool and a pair of new (1, 3) arrays, the
-    COMs, moved along p1 - p2 in proportion to the inverse masses until C = 0. Coincident points are
-    moved apart along y, the first one upwards. Bodies that both cannot move stay where they are.
+    Parameters
+    ----------
+    currPositions, currConstPoints : pairs of (1, 3), the COMs, and the points p1 and p2
+    refValue : length ≥ 0
+    invMasses : pair of inverse masses, 0 if immovable; two immovable bodies stay as they are
+    upper : bool; an upper bound is valid if C ≤ tolerance, a lower one if C ≥ -tolerance
+    tolerance : length
+
+    Returns
+    -------
+    (positionWasValid, correctedPositions) : bool and a pair of new (1, 3) arrays, the COMs
     """
     (x1, x2), (p1, p2) = floats_of(currPositions), floats_of(currConstPoints)
     invMass1, invMass2 = number(invMasses[0]), number(invMasses[1])
@@ -761,20 +778,23 @@ def resolve_velocity_constraint(
     invInertiaTensors,
     tolerance,
 ):
-    """Stops the change of the distance of two points of two bodies by an impulse between them.
+    """Applies an impulse that stops the change of the distance between two points of two bodies.
 
+    With J = [n, r1 × n, -n, -(r2 × n)], J v is the rate at which ‖p1 - p2‖ grows, and J M⁻¹ Jᵀ is
+    the inverse effective mass. The correction Δv = -M⁻¹Jᵀ (J M⁻¹ Jᵀ)⁻¹ J v is therefore the impulse
+    of a collision without restitution, and makes J v zero. Two immovable bodies keep their
+    velocities.
+
+    Parameters
+    ----------
     currPositions, currConstPoints, invMasses : as for `resolve_position_constraint`
     currLinVelocities, currAngVelocities : pairs of (1, 3)
     invInertiaTensors : pair of (3, 3), inverse inertia tensors in world axes
-    tolerance : speed; valid when |J v| ≤ tolerance, with J v the rate at which ‖p1 - p2‖ grows
+    tolerance : speed; the velocities are valid if |J v| ≤ tolerance
 
-    J = [n, r1 × n, -n, -(r2 × n)], so that J v is the closing speed along n, and J M⁻¹ Jᵀ the
-    inverse effective mass: Δv = -M⁻¹Jᵀ (J M⁻¹ Jᵀ)⁻¹ J v is a collision's impulse without
-    restitution.
-
-    Returns `(velocityWasValid, correctedLinVelocities, correctedAngVelocities)`: a bool and two
-    pairs of new (1, 3) arrays, with J v = 0 unless it was valid. Bodies that both cannot move keep
-    their velocities.
+    Returns
+    -------
+    (velocityWasValid, correctedLinVelocities, correctedAngVelocities) : bool, pairs of new (1, 3)
     """
     (x1, x2), (p1, p2) = floats_of(currPositions), floats_of(currConstPoints)
     (v1, v2), (omega1, omega2) = floats_of(currLinVelocities), floats_of(currAngVelocities)
@@ -799,12 +819,10 @@ def resolve_velocity_constraint(
 
 
 class Pair:
-    """A pair of vectors, as the two functions above take and return it.
+    """Pair of vectors; indexing gives arrays (1, 3) or of another shape.
 
-    Arrays of their own for whoever indexes it, rows (1, 3) or of another shape; and `floats`, two
-    tuples, so that a sweep of a thousand visits makes no arrays. Points may bring their exact
-    `arms` along: their difference to the COMs would lose the digits that the COMs' distance from
-    the origin takes up.
+    `floats` holds the two tuples, so that a sweep creates no arrays. `arms` may hold the exact arms
+    of points, because the difference of points and COMs loses precision far from the origin.
     """
 
     __slots__ = ("arms", "floats", "shape")
@@ -823,7 +841,7 @@ class Pair:
 
 
 def floats_of(pair, count=3):
-    """Two tuples of floats, of a `Pair` or any other pair of arrays with so many entries."""
+    """Returns two tuples of `count` floats, from a `Pair` or any other pair of arrays."""
     try:
         return pair.floats
     except AttributeError:
@@ -831,17 +849,17 @@ def floats_of(pair, count=3):
 
 
 def distance_error(p1, p2, refValue):
-    """`(C, n)` of a distance constraint: C = ‖p1 - p2‖ - refValue, n the unit vector of p1 - p2."""
+    """Distance error C = ‖p1 - p2‖ - refValue and the unit vector n of p1 - p2: `(C, n)`."""
     d = sub(p1, p2)
     length = norm(d)
     return length - refValue, divide(d, length) if length > 0.0 else COINCIDENT_DIRECTION
 
 
 def project_constraints(meshes, constraints, maxIterations, tolerance, scheduling):
-    """Visits the constraints until they hold or the visits are used up; returns their number.
+    """Visits constraints until all hold or the maximum is reached; returns the number of visits.
 
-    A visit looks at one constraint, and corrects positions and velocities where it is violated.
-    Arguments as for `run_timestep`; see rbs/stepping/constraints.py for the schedules.
+    A visit checks one constraint, and corrects positions and velocities if it is violated. See
+    `run_timestep` for the arguments and rbs/stepping/constraints.py for the schedules.
     """
     if len(constraints) == 0:
         return 0
@@ -871,7 +889,7 @@ def project_constraints(meshes, constraints, maxIterations, tolerance, schedulin
     }
 
     def visit(c):
-        """Looks at constraint c, corrects it if it is violated, and returns whether it was."""
+        """Checks constraint c, corrects it if it is violated, and returns whether it was."""
         body1, r1, body2, r2, refValue, upper = ties[c]
         x1, x2, invMasses = body1.position, body2.position, (body1.invMass, body2.invMass)
         points = Pair(add(x1, r1), add(x2, r2), arms=(r1, r2))
@@ -880,7 +898,7 @@ def project_constraints(meshes, constraints, maxIterations, tolerance, schedulin
         )
         if isValid:
             return False
-        # the points stay on the line that joins them: the direction is the same afterwards
+        # the correction keeps the points on the line through them, so the direction is unchanged
         _, linVelocities, angVelocities = resolve_velocity_constraint(
             positions,
             points,
@@ -906,10 +924,10 @@ def project_constraints(meshes, constraints, maxIterations, tolerance, schedulin
 
 
 def sweep(visit, constraints, total, maximumVisits):
-    """Visits in the list's order, over and over, until as many in a row as there are found nothing.
+    """Visits constraints in order until `total` visits in a row find no violation; returns the
+    number.
 
-    visit : function of an index; constraints : indices that can be corrected, a dict or set; total
-    Returns the number of visits.
+    visit : function of an index; constraints : dict or set of the indices that can be corrected
     """
     visits = satisfiedInARow = 0
     while satisfiedInARow < total and visits < maximumVisits:

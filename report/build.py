@@ -1,17 +1,17 @@
 """Builds the report: `python report/build.py`.
 
-Runs the experiments, draws their plots, renders the pictures and videos, measures the times, writes
-every number that the text quotes to numbers.json, looks whether a number contradicts a sentence
-(`claims.py`), lists the claims in claims.md, and typesets report.typ to report.pdf.
+Runs the experiments, draws their plots, renders pictures and videos, measures times, writes every
+number in the text to numbers.json, checks the sentences against the numbers (`claims.py`), lists
+the claims in claims.md, and typesets report.typ to report.pdf.
 
-    python report/build.py                        all of it
-    python report/build.py --keep-timings         with the times of scale.csv and its neighbours
+    python report/build.py                        everything
+    python report/build.py --keep-timings         reuses the times in scale.csv and the other tables
     python report/build.py --only tunnelling      one experiment, its numbers and the PDF
-    python report/build.py --check                measures again, and compares with numbers.json
+    python report/build.py --check                measures again and compares with numbers.json
     python report/build.py --only scale --sizes 50 200 1000 3000
 
-It ends with 1 where a number contradicts a sentence, something failed, or there are too many pages;
-the PDF is written all the same.
+Exits with 1 if a number contradicts a sentence, a part fails, or the report has too many pages. The
+PDF is written in any case.
 """
 
 import argparse
@@ -25,7 +25,7 @@ import sys
 import time
 from pathlib import Path
 
-# Two cores do two experiments at a time; more threads in each would only get in their way.
+# Experiments run in parallel, one per core; more threads in each would only slow them down.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
@@ -43,15 +43,15 @@ FIGURES = FOLDER / "figures"
 NUMBERS = FOLDER / "numbers.json"
 CLAIMS = FOLDER / "claims.md"
 TIMED = ("scale", "slick", "scheduling", "restTimes")
-assert mechanisms and resting  # they add to the experiments
+assert mechanisms and resting  # these register experiments
 REPEATABLE = ("constants", *experiments.EXPERIMENTS, *experiments.SILENT)
-# What these measure of MuJoCo and PyBullet stays where they are not installed.
+# Their numbers of MuJoCo and PyBullet are kept where these are not installed.
 BESIDE_PEERS = ("resting", "standing")
 VIDEOS = {f"video_{name}": name for name in videos.VIDEOS}
 SOURCE = FOLDER / "report.typ"
 MOST_PAGES = 3
-SIZES = ("9.8", "9.7", "9.6", "9.5", "9.4", "9.3", "9.2")  # points of the text
-# Seconds, roughly, of those that take long.
+SIZES = ("9.8", "9.7", "9.6", "9.5", "9.4", "9.3", "9.2")  # font sizes in points
+# Approximate seconds of the long experiments.
 DURATIONS = {
     "tunnelling": 80,
     "samebits": 75,
@@ -76,7 +76,7 @@ DURATIONS = {
 
 
 def run_experiment(name, isDrawn=True):
-    """`(numbers, seconds)` of one experiment, picture or video; draws it.
+    """Runs and draws one experiment, picture or video; returns `(numbers, seconds)`.
 
     Pictures and videos have no numbers: None.
     """
@@ -89,17 +89,16 @@ def run_experiment(name, isDrawn=True):
     elif name in experiments.EXPERIMENTS:
         path = FIGURES / f"{name}.svg" if isDrawn else io.BytesIO()
         numbers = style.draw(experiments.EXPERIMENTS[name], path)
-    else:  # Polyscope starts once in a process
+    else:  # Polyscope can start only once per process
         script, word = (videos, VIDEOS[name]) if name in VIDEOS else (pictures, name)
         subprocess.run([sys.executable, script.__file__, word], check=True)
     return numbers, time.perf_counter() - begin
 
 
 def run_experiments(names, isDrawn=True, done=lambda numbers: None):
-    """`(name → numbers, names that failed)`, as many at a time as there are cores, the longest
-    first.
+    """Runs experiments in parallel, the longest first: `(name → numbers, names that failed)`.
 
-    done : is called with each one's `{name: numbers}`
+    done : function called with `{name: numbers}` of each one
     """
     results, failed = {}, []
     order = sorted(names, key=lambda name: -DURATIONS.get(name, 1))
@@ -121,7 +120,7 @@ def run_experiments(names, isDrawn=True, done=lambda numbers: None):
 
 
 def draw_timings():
-    """Figures and numbers of what has been timed."""
+    """Draws the figures of the timings and returns their numbers."""
     return {
         "scale": style.draw(timings.scale, FIGURES / "scale.svg"),
         "slick": style.draw(timings.slick, FIGURES / "slick.svg"),
@@ -139,7 +138,7 @@ def has_peers():
 
 
 def save_numbers(numbers):
-    """One number a line, sorted, so that a change is seen."""
+    """Saves the numbers sorted, one per line, so that differences are readable."""
     kept = load_numbers()
     if not has_peers():
         for name in BESIDE_PEERS:
@@ -154,9 +153,9 @@ def save_numbers(numbers):
 
 
 def typeset():
-    """report.pdf and, for the eye, a picture of each page in out/report; how many pages.
+    """Writes report.pdf, and a picture of each page in out/report; returns the number of pages.
 
-    The largest of SIZES is used with which it has no more than MOST_PAGES.
+    The font size is the largest of SIZES that needs no more than MOST_PAGES.
     """
     import typst
 
@@ -179,9 +178,9 @@ def typeset():
 
 
 def check():
-    """Measures again what does not depend on the time; the number of differences.
+    """Measures everything that does not depend on time; returns the number of differences.
 
-    Looks also at the states of the pictures, whether their captions are true.
+    Also checks the captions against the states in the pictures.
     """
     kept, wrong = load_numbers(), 0
     for name in pictures.PICTURES:
@@ -225,14 +224,14 @@ def main():
     parser.add_argument(
         "--only", nargs="+", metavar="NAME", default=None, help=f"of {', '.join(sorted(known))}"
     )
-    parser.add_argument("--keep-timings", action="store_true", help="measure no times")
+    parser.add_argument("--keep-timings", action="store_true", help="reuse the measured times")
     parser.add_argument(
         "--sizes",
         nargs="+",
         type=int,
         metavar="N",
         default=timings.SIZES,
-        help="bodies of the heaps timed (default: %(default)s)",
+        help="numbers of bodies in the timed heaps (default: %(default)s)",
     )
     parser.add_argument("--quick", action="store_true", help="time small heaps, early")
     parser.add_argument(
@@ -243,7 +242,7 @@ def main():
         sys.exit(1 if check() else 0)
     chosen = known if options.only is None else set(options.only)
     if not chosen <= known:
-        parser.error(f"there is no {', '.join(sorted(chosen - known))}")
+        parser.error(f"unknown: {', '.join(sorted(chosen - known))}")
 
     begin = time.perf_counter()
     FIGURES.mkdir(exist_ok=True)

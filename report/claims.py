@@ -1,8 +1,9 @@
-"""What the report claims, where it is measured, and whether the numbers bear it out.
+"""Claims of the report, their measurements, and their check against the numbers.
 
-A sentence of the report that says more than a number ("grows", "more than", "saves nothing") has
-a claim here with a condition on numbers.json. `contradictions` lists those that do not hold; the
-build ends with 1 then. `table` writes all to claims.md, with the commands that measure them.
+Each sentence of the report that says more than a number ("grows", "more than", "saves nothing") has
+a claim here, with a condition on numbers.json. `contradictions` lists the claims that do not hold,
+with which the build exits with 1. `table` writes all claims to claims.md, with the commands that
+measure them.
 """
 
 import math
@@ -13,8 +14,9 @@ from typing import NamedTuple
 class Claim(NamedTuple):
     """A sentence of the report.
 
-    where : page or figure; sentence : in words, with {group.key} for numbers; holds : function of
-    a function that looks numbers up by "group.key", or None where the numbers speak for themselves
+    where : page or figure; sentence : in words, with {group.key} for numbers; holds : condition, a
+        function of a function that looks numbers up by "group.key", or None if there is no
+        condition
     """
 
     where: str
@@ -23,15 +25,14 @@ class Claim(NamedTuple):
 
 
 def lookup(numbers, path):
-    """The text of a number, by "group.key" or "group.inner.key"; "nan" of what is not measured."""
+    """Returns a number as text, by "group.key" or "group.inner.key"; "nan" if unmeasured."""
     for key in path.split("."):
         numbers = numbers.get(key, {})
-    return numbers or "nan"  # of which no condition is true
+    return numbers or "nan"  # no condition on it is true
 
 
 def value(numbers, path):
-    """A number as a float: its text may have thin spaces and a proper minus sign. A pile that has
-    fallen has sunk without end."""
+    """Parses a number, which may have thin spaces and a proper minus sign; "fallen" is infinite."""
     words = {"\u202f": "", "−": "-", "fallen": "inf"}
     number = lookup(numbers, path)
     for word, replacement in words.items():
@@ -282,7 +283,7 @@ CLAIMS = [
     ),
 ]
 
-# figure → what draws its panels, by `python report/build.py --only`
+# figure → experiments that draw its panels, by `python report/build.py --only`
 FIGURES = [
     ("1", ("picture_stack", "stack", "rest")),
     ("2", ("picture_tunnel", "gyroscopic")),
@@ -299,14 +300,14 @@ PATH = re.compile(r"\{([\w.]+)\}")
 
 
 def holds(claim, numbers):
-    """Whether a claim is true of the numbers, which must be there if it has a condition."""
+    """Whether the numbers satisfy a claim; its numbers must exist if it has a condition."""
     if claim.holds is None:
         return True
     return bool(claim.holds(lambda path: value(numbers, path)))
 
 
 def contradictions(numbers):
-    """A line for each claim that the numbers do not bear out."""
+    """Returns a line for each claim that the numbers contradict."""
     times = numbers.get("videos", {})
     unseen = [f"videos: {what} is never to be seen" for what in times if times[what] == "never"]
     return unseen + [
@@ -321,7 +322,7 @@ def sentence(claim, numbers):
 
 
 def table(numbers):
-    """claims.md."""
+    """Returns the text of claims.md."""
     import pictures
 
     rows = []

@@ -1,11 +1,9 @@
-"""What the report measures of movement, constraints and friction: a function for each claim.
+"""Measurements of movement, constraints and friction: one function per claim of the report.
 
-Those of EXPERIMENTS draw a panel on the axis that they are given; those of SILENT draw none. All
-return the numbers that the text quotes, as text with the digits that are stated. Nothing here
-depends on the time or on chance; what is timed is in `timings.py`, and what explains how the
-program scales in `mechanisms.py` and `resting.py`.
-
-Units: metres, kilograms, seconds. Bodies are those of data/.
+Functions in EXPERIMENTS draw a panel on the given axis; those in SILENT draw nothing. All return
+the numbers in the text, as text with the digits stated there. No result depends on time or chance.
+Timings are in `timings.py`; experiments on how the program scales are in `mechanisms.py` and
+`resting.py`. Units: metres, kilograms, seconds. The bodies are those of data/.
 """
 
 import itertools
@@ -25,8 +23,7 @@ from Quaternion import QConj, QRotate
 from rbs.scenes.scenefiles import find_scene
 from rbs.scenes.simulation import Settings, Simulation
 from rbs.stepping.settings import CHOSEN, CONSTRAINT_TOLERANCE
-from RBSFunctions import GRAVITY, Mesh, resolve_collision, run_timestep
-from RBSFunctions import ground as make_ground
+from RBSFunctions import GRAVITY, Mesh, ground as make_ground, resolve_collision, run_timestep
 from RigidBodySimulation import load_mesh_file
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -41,13 +38,13 @@ SILENT = {}
 
 
 def experiment(function):
-    """Adds a function of an axis to the experiments, under its own name."""
+    """Decorator: adds a function of an axis to EXPERIMENTS under its own name."""
     EXPERIMENTS[function.__name__] = function
     return function
 
 
 def silent(function):
-    """Adds a function that draws nothing, likewise."""
+    """Decorator: adds a function that draws nothing to SILENT."""
     SILENT[function.__name__] = function
     return function
 
@@ -63,7 +60,7 @@ def shape(name):
 
 
 def body(name, position=(0, 0, 0), orientation=(1, 0, 0, 0), size=1.0, isFixed=False, density=1.0):
-    """A `Mesh` of data/<name>.mesh, scaled by one factor or by three."""
+    """Returns a `Mesh` of data/<name>.mesh, scaled by one factor or by three."""
     vertices, faces, tets = shape(name)
     return Mesh(name, vertices * size, faces, tets, density, position, orientation, isFixed)
 
@@ -73,7 +70,7 @@ def box(sizes, position, **settings):
 
 
 def turn(axis, degrees):
-    """The unit quaternion that turns by an angle about an axis."""
+    """Unit quaternion of a rotation about an axis by an angle."""
     axis, half = np.array(axis, dtype=float), math.radians(degrees) / 2
     return (math.cos(half), *(math.sin(half) * axis / np.linalg.norm(axis)))
 
@@ -110,7 +107,7 @@ def scene(name, **settings):
 
 @lru_cache
 def heap_scene(count):
-    """The path of a dense heap of data/make_pile.py, which collapses when it is let go."""
+    """Returns the path of a dense heap from data/make_pile.py, which collapses when released."""
     sys.path.insert(0, str(ROOT / "tests" / "benchmarks"))
     from benchmarkPiles import make_scene
 
@@ -118,23 +115,23 @@ def heap_scene(count):
 
 
 def up_axis_tilt(mesh):
-    """Degrees between a mesh's own y axis and the vertical."""
+    """Angle in degrees between a mesh's own y axis and the vertical."""
     up = QRotate(mesh.orientation, np.array([[0.0, 1.0, 0.0]]))[0]
     return math.degrees(math.acos(min(1.0, up[1])))
 
 
 def slope(x, y):
-    """The exponent k of y ~ x^k, fitted on logarithms."""
+    """Fits the exponent k of y   x^k on logarithms."""
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
 def text(value, digits):
-    """A number with so many decimals, as it is quoted; a proper minus sign."""
+    """Formats a number with so many decimals and a proper minus sign."""
     return f"{value:.{digits}f}".replace("-", "−")
 
 
 def constants():
-    """Set-up that the text quotes."""
+    """Parameters of the experiments that the text quotes."""
     return {
         "h": f"{H:g}",
         "e": f"{E:g}",
@@ -154,7 +151,7 @@ REST_SECONDS = 10.0
 
 
 def resting_box(h):
-    """Times, tilts in degrees, spins in rad/s (n, 3)."""
+    """Returns times, tilts in degrees, and angular velocities in rad/s (n, 3)."""
     mesh = box(BOX, (0, BOX[1] / 2, 0))
     rows = []
     for t, _ in steps_of([mesh], REST_SECONDS, h):
@@ -165,7 +162,7 @@ def resting_box(h):
 
 @experiment
 def rest(axis):
-    """A box that starts flat and at rest on the ground never lies still."""
+    """A box that starts flat and at rest on the ground never comes to rest."""
     tilts, sways = [], []
     steps = (H, H / 4)
     for h, colour in zip(steps, (style.VERMILION, style.BLUE), strict=True):
@@ -191,7 +188,7 @@ STACK_SECONDS = 2.0
 
 
 def stack_of(count, isBottomFirst, seconds=STACK_SECONDS, h=H):
-    """A stack of boxes, from the ground upwards, after some time with the default settings."""
+    """Simulates a stack of boxes, from the ground upwards, with the default settings."""
     meshes = [box(BOX, (0, BOX[1] * (k + 0.5), 0)) for k in range(count)]
     for _t, _ in steps_of(meshes if isBottomFirst else meshes[::-1], seconds, h):
         pass
@@ -199,7 +196,7 @@ def stack_of(count, isBottomFirst, seconds=STACK_SECONDS, h=H):
 
 
 def overlap_and_sinking(meshes):
-    """The deepest overlap of neighbours, and how far the top box is too low."""
+    """Returns the deepest overlap of neighbours, and by how much the top box has sunk."""
     overlaps = [max(0.0, -meshes[0].currVertices[:, 1].min())]
     for lower, upper in itertools.pairwise(meshes):
         overlaps.append(lower.detect_collision(upper)[1])
@@ -208,7 +205,7 @@ def overlap_and_sinking(meshes):
 
 @experiment
 def stack(axis):
-    """Overlap that a sweep leaves, against the height of the stack."""
+    """Overlap that remains after a sweep, against the height of the stack."""
     counts = np.array([1, 2, 3, 4, 5, 6, 7, 8, 10])
     numbers = {}
     for isBottomFirst, colour, mark, label in (
@@ -247,9 +244,9 @@ def stack(axis):
 
 
 def bounces(height, e, h=H, seconds=None):
-    """Of an octahedron that falls on its tip: times, energies per kilogram, steps with contact.
+    """Times, energies per kilogram and contact steps of an octahedron falling on its tip.
 
-    Without a duration, until it has bounced once.
+    Without a duration, it stops after the first bounce.
     """
     tip = -shape("octahedron")[0][:, 1].min()
     mesh = body("octahedron", (0, tip + height, 0))
@@ -266,7 +263,7 @@ def bounces(height, e, h=H, seconds=None):
 
 @silent
 def restitution():
-    """What a bounce keeps of the speed, from many heights; and what many bounces keep."""
+    """Fraction of the speed that a bounce returns, from many heights, and after many bounces."""
     heights = np.geomspace(0.01, 10.0, 60)
     kept = []
     for height in heights:
@@ -290,12 +287,12 @@ def restitution():
     }
 
 
-TUMBLE_SPIN = (1.5, 0.0, 1.5)  # half way between the short axis and a long one
+TUMBLE_SPIN = (1.5, 0.0, 1.5)  # midway between the short axis and a long one
 TUMBLE_SECONDS = 10.0
 
 
 def euler_reference(mesh, seconds, h):
-    """The true free tumbling, by RK4 with the step h: `(orientations, spins in world axes)`."""
+    """Integrates free tumbling by RK4 with the step h: `(orientations, spins in world axes)`."""
     inertia, inverse = mesh.IT, np.linalg.inv(mesh.IT)
 
     def rates(q, w):
@@ -332,13 +329,13 @@ def tumbling():
 
 
 def angles_from_start(vectors):
-    """Degrees between each row and the first one."""
+    """Angles in degrees between each row and the first one."""
     unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.degrees(np.arccos(np.clip(unit @ unit[0], -1, 1)))
 
 
 def tumbling_momenta(gyroscopic):
-    """The angular momentum (n, 3) of the tumbling body at the start and after each step."""
+    """Angular momentum (n, 3) of the tumbling body at the start and after each step."""
     mesh, momenta = tumbling(), []
     for _ in range(round(TUMBLE_SECONDS / H) + 1):
         spin = QRotate(QConj(mesh.orientation), mesh.angVelocity)
@@ -349,7 +346,7 @@ def tumbling_momenta(gyroscopic):
 
 @experiment
 def gyroscopic(axis):
-    """Directions of angular momentum and of spin of a free tumbling body, and what is exact."""
+    """Directions of angular momentum and spin of a free tumbling body, with the exact solution."""
     mesh = tumbling()
     _, exactSpins = euler_reference(mesh, TUMBLE_SECONDS, H / 10)
     off, mended = (angles_from_start(tumbling_momenta(isExact)) for isExact in (False, True))
@@ -376,7 +373,7 @@ ORDER_SECONDS = 2.0
 
 @silent
 def order():
-    """Errors of a flight against the time step: of the position, and of the orientation."""
+    """Errors of position and orientation in free flight, against the time step."""
     steps = 0.08 / 2.0 ** np.arange(7)
     reference = euler_reference(tumbling(), ORDER_SECONDS, 1 / 1024)[0][-1]
     places, turns = [], []
@@ -401,25 +398,25 @@ def order():
 
 
 CUBE = 1.0
-WAY = (40, 40)  # the slab's other sides
+WAY = (40, 40)  # other sides of the slab
 
 
 def crossing_share(speed, thickness, closingOnly=False, h=H, phases=24):
-    """In which share of starts, spread over a step, a thrown cube crosses a fixed slab."""
+    """Fraction of starts, spread over a step, from which a thrown cube crosses a fixed slab."""
     crossed = 0
     for phase in (np.arange(phases) + 0.5) / phases:
         slab = box((thickness, *WAY), (0, 0, 0), isFixed=True)
         start = -(thickness + CUBE) / 2 - speed * h * (1.0 + phase)
         cube = throw(box((CUBE,) * 3, (start, 0, 0)), (speed, 0, 0))
         for _t, _ in steps_of([slab, cube], 12 * h, h, ground=False, closingOnly=closingOnly):
-            cube.position[0, 1], cube.linVelocity[0, 1] = 0.0, 0.0  # no fall
+            cube.position[0, 1], cube.linVelocity[0, 1] = 0.0, 0.0  # no gravity
         crossed += cube.position[0, 0] > 0 and cube.linVelocity[0, 0] > 0
     return crossed / phases
 
 
 @silent
 def tunnelling():
-    """The least speed at which a body crosses another one, against thickness over time step."""
+    """Least speed at which a body crosses another one, against thickness over time step."""
     least = []
     for h in (H, H / 4):
         for thickness in (0.25, 1.0, 3.0, 9.0):
@@ -454,7 +451,7 @@ def tunnelling():
 
 @silent
 def separating():
-    """What the impulses on separating contacts do."""
+    """Effect of the impulses on separating contacts."""
     lower, upper = box(BOX, (0, 0, 0)), throw(box(BOX, (0, BOX[1] - 0.1, 0)), (0, 1, 0))
     collides, depth, normal, point = lower.detect_collision(upper)
     before = upper.linVelocity[0, 1] - lower.linVelocity[0, 1]
@@ -492,7 +489,7 @@ CHAIN_SECONDS = 2.0
 
 
 def chain_stretch(links, sweeps):
-    """Mean elongation of a hanging chain, as a fraction of its ropes' length; late."""
+    """Mean late elongation of a hanging chain, as a fraction of its ropes' length."""
     half = 3.4 * 0.5
     pitch = 2 * half + ROPE
     meshes = [
@@ -506,7 +503,7 @@ def chain_stretch(links, sweeps):
         meshes, CHAIN_SECONDS, ground=False, constraints=rows, maxIterations=sweeps * links
     ):
         if t > CHAIN_SECONDS / 2:
-            # what the bodies take of the way from the first one's middle to the last one's
+            # subtracts the bodies' own length from that of the chain
             length = -meshes[-1].position[0, 1] - 2 * half * links
             stretches.append(length / (links * ROPE) - 1)
     return float(np.mean(stretches))
@@ -514,7 +511,7 @@ def chain_stretch(links, sweeps):
 
 @silent
 def stretch():
-    """Stretch of hanging chains of several lengths, with one sweep over them a step and with 16."""
+    """Stretch of hanging chains of several lengths, with 1 and with 16 sweeps per step."""
     numbers = {}
     for links in (5, 10, 20):
         numbers[f"one{links}"] = text(100 * chain_stretch(links, 1), 0)
@@ -523,7 +520,7 @@ def stretch():
 
 
 def overlaps_of(meshes):
-    """Depths of all pairs of meshes that overlap now."""
+    """Returns the depths of all overlapping pairs of meshes."""
     depths = []
     for i, first in enumerate(meshes):
         for second in meshes[i + 1 :]:
@@ -564,14 +561,16 @@ def corrections():
 
 
 def lowest_vertices(simulation):
-    """The height of each free body's lowest vertex."""
+    """Returns the height of each free body's lowest vertex."""
     return np.array([mesh.lowest_vertex()[1] for mesh in simulation.meshes if not mesh.isFixed])
 
 
 @experiment
 def cliques(axis):
-    """Bodies that are all constrained to each other: how deep constraints press them into the
-    ground, which comes before them, and how much they still turn when all should lie still."""
+    """Depth to which constraints press fully linked bodies into the ground, and their spin.
+
+    The ground is resolved before the constraints, and the bodies should lie still.
+    """
     spins, low, steps, late = {}, {}, 500, 400
     for constrained, colour, label in (
         (False, style.BLUE, "no constraints"),
@@ -623,7 +622,7 @@ def stopping_distance(mu, e, h=H):
 
 @experiment
 def stopping(axis):
-    """How far beyond v²/2μg a sliding box stops, against μ."""
+    """Excess over v²/2μg of a sliding box's stopping distance, against μ."""
     mus = np.array([0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0])
     theory = FAST**2 / (2 * mus * G)
     excesses = {}
@@ -653,7 +652,7 @@ INCLINE_SECONDS = 5.0
 
 
 def slide_down(degrees, h=H, e=E):
-    """The way that a box makes down a slope in 5 s."""
+    """Distance that a box slides down a slope in 5 s."""
     tilt = turn((0, 0, 1), -degrees)
     downhill, normal = QRotate(np.array([tilt, tilt]), np.eye(3)[:2])
     slab = box((400, 20, 200), -10 * normal, orientation=tilt, isFixed=True)
@@ -665,7 +664,7 @@ def slide_down(degrees, h=H, e=E):
 
 
 def slope_law(angles):
-    """The distance after 5 s on slopes of so many degrees (n,), by Coulomb's law."""
+    """Distance after 5 s on slopes of these angles in degrees (n,), by Coulomb's law."""
     slopes = np.radians(angles)
     pull = np.sin(slopes) - INCLINE_MU * np.cos(slopes)
     return 0.5 * G * INCLINE_SECONDS**2 * np.maximum(0.0, pull)
@@ -673,7 +672,7 @@ def slope_law(angles):
 
 @experiment
 def incline(axis):
-    """How much further than Coulomb's law a box comes on a slope, against the angle."""
+    """Excess of a box's distance on a slope over Coulomb's law, against the angle."""
     angles = np.array([5, 10, 15, 18, 20, 21, 22, 23, 24, 26, 30, 35, 40])
     critical = math.degrees(math.atan(INCLINE_MU))
     axis.axhline(0, color=style.BLACK, linestyle="--", linewidth=0.8)
@@ -713,7 +712,7 @@ ROLL_SPEED, ROLL_MU = 20.0, 0.5
 
 
 def ball(subdivisions, radius=6.0):
-    """A ball of 10 · 4ⁿ + 2 vertices that stands on the ground; data/ball.mesh is the first."""
+    """A ball of 10 · 4ⁿ + 2 vertices on the ground; the first one is data/ball.mesh."""
     sys.path.insert(0, str(DATA))
     from make_data import make_ellipsoid
 
@@ -726,7 +725,7 @@ def ball(subdivisions, radius=6.0):
 
 @silent
 def rolling():
-    """A ball that is thrown without spin: its speed, and its rim's, against time."""
+    """Speed of a ball thrown without spin, and of its rim, against time."""
     numbers = {}
     for subdivisions in (1, 3):
         mesh = throw(ball(subdivisions), (ROLL_SPEED, 0, 0))
@@ -749,7 +748,7 @@ def rolling():
 
 @silent
 def samebits():
-    """How far the grid, and the grid with one bit changed, part from the default, against time."""
+    """Distance of runs with the grid, and with the grid and one changed bit, from the default."""
     steps = 600
     reference = Simulation(heap_scene(200), Settings())
     others = {
@@ -759,7 +758,7 @@ def samebits():
     nudged = others["nudged"].meshes[100]
     x = nudged.position[0, 0]
     nudged.position = np.array([[np.nextafter(x, np.inf), *nudged.position[0, 1:]]])
-    # name → the bodies in the order of the reference's
+    # name → bodies in the order of the reference
     bodies = {name: list(other.meshes) for name, other in others.items()}
     others["reversed"].meshes.reverse()
     parted = {name: [] for name in others}

@@ -1,7 +1,8 @@
-"""The README's gallery, drawn by the program itself: `python report/gallery.py [NAME ...]`.
+"""Draws the README's gallery with the program itself: `python report/gallery.py [NAME ...]`.
 
-Each picture is the last one of a run of the command line, of a moment of action, in the studio
-look. It is drawn at twice the size and scaled down, unless it has a legend, which is to be read.
+Each picture is the last one of a run of the command line, at a moment of action, in the studio
+look. It is drawn at twice the size and scaled down, unless it has a legend, which must stay
+legible.
 """
 
 import shlex
@@ -19,9 +20,9 @@ from RigidBodySimulation import main
 FOLDER = Path(__file__).resolve().parent / "gallery"
 SIZE = (960, 540)
 MOST_BYTES = 250_000
-# Of JPEG, that are tried in turn until the file is small enough.
+# JPEG qualities, tried in turn until the file is small enough.
 QUALITIES = (95, 92, 88, 84, 80)
-# Name → arguments and the step.
+# Name → arguments, and number of the step.
 PICTURES = {
     "wrecking_ball": ("wrecking_ball", 270),
     "net": ("net", 140),
@@ -37,7 +38,7 @@ PICTURES = {
 
 
 def draw(name):
-    """Writes gallery/<name>.jpg; name : of PICTURES."""
+    """Writes gallery/<name>.jpg; name : a name of PICTURES."""
     arguments, step = PICTURES[name]
     factor = 1 if "--legend" in arguments else 2
     with tempfile.TemporaryDirectory() as folder:

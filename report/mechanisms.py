@@ -1,8 +1,7 @@
-"""How the program scales, drawn from the running program: grid, ordered batches, constraint queue.
+"""Scaling of the program, as seen in its own runs: grid, ordered batches, constraint queue.
 
-Each function draws its panel and returns the numbers that the text quotes, as in `experiments.py`.
-What the program does inside a step is observed by `watched`, which counts the calls that a step
-makes and changes nothing.
+Each function draws its panel and returns the numbers in the text, as in `experiments.py`. `watched`
+observes the calls that a step makes, without changing them.
 """
 
 from contextlib import contextmanager
@@ -19,17 +18,17 @@ import RBSFunctions
 from rbs.geometry.broadphase import grid_levels, grid_overlaps
 from rbs.scenes.simulation import Settings, Simulation
 
-HEAP_STEP = 150  # by which a heap has begun to collapse
+HEAP_STEP = 150  # by then, a heap has begun to collapse
 MATERIAL = {"friction": 0.5, "restitution": 0.0}
 
 
 def thousands(number):
-    """A whole number with thin spaces between its thousands."""
+    """Formats a whole number with thin spaces between its thousands."""
     return f"{number:,.0f}".replace(",", "\u202f")
 
 
 def heap(count, steps=HEAP_STEP, **settings):
-    """A dense heap of so many bodies, after some steps."""
+    """Returns a dense heap of so many bodies, after some steps."""
     settings = {"broadPhase": "grid", **MATERIAL, **settings}
     simulation = Simulation(heap_scene(count), Settings(**settings))
     for _ in range(steps):
@@ -38,7 +37,7 @@ def heap(count, steps=HEAP_STEP, **settings):
 
 
 def boxes(meshes):
-    """The bodies' bounding boxes as `rbs.geometry.broadphase` has them, (6, n)."""
+    """Bounding boxes of the bodies, (6, n), as in `rbs.geometry.broadphase`."""
     low = np.array([mesh.currVertices.min(axis=0) for mesh in meshes])
     high = np.array([mesh.currVertices.max(axis=0) for mesh in meshes])
     return np.concatenate([low, -high], axis=1).T
@@ -46,7 +45,7 @@ def boxes(meshes):
 
 @contextmanager
 def watched(module, name, wrapper):
-    """Within it, the module has `wrapper` of its own function or class of this name."""
+    """Replaces a function or class of the module by `wrapper` of it within the `with` block."""
     original = getattr(module, name)
     setattr(module, name, wrapper(original))
     try:
@@ -62,7 +61,7 @@ def watched(module, name, wrapper):
 
 @experiment
 def grid(axis):
-    """The columns of the grid seen along x: which bodies one body is compared with."""
+    """Columns of the grid seen along x, and the bodies with which one body is compared."""
     meshes = heap(1000).meshes
     low = np.min([mesh.currVertices.min(axis=0) for mesh in meshes], axis=0)
     high = np.max([mesh.currVertices.max(axis=0) for mesh in meshes], axis=0)
@@ -79,7 +78,7 @@ def grid(axis):
     levels = [(level, width) for level, _, width in grid_levels(box)]
     (large, _), (small, width) = levels
     first, second = grid_overlaps(box, isFixed)
-    # the body that is asked for: of those near the middle of the heap, the one with most partners
+    # the body whose query is drawn: the one with most partners near the middle of the heap
     centre = (box[:3] - box[3:]) / 2
     away = np.linalg.norm(centre - middle[:, None], axis=0)
     partners = np.bincount(np.concatenate((first, second)), minlength=len(meshes))
@@ -144,7 +143,7 @@ CANDIDATE_SIZES = (50, 100, 200, 500, 1000, 2000)
 
 @experiment
 def candidates(axis):
-    """Pairs that are looked at, against the number of bodies: all, along one axis, the grid's."""
+    """Candidate pairs against the number of bodies: all, along one axis, and of the grid."""
     rows = []
     for count in CANDIDATE_SIZES:
         meshes = heap(count).meshes
@@ -152,7 +151,7 @@ def candidates(axis):
         first, _ = grid_overlaps(box, np.zeros(count, dtype=bool))
         order = np.sort(box[0])
         alongX = np.sum(order.searchsorted(-box[3], side="right")) - count * (count + 1) / 2
-        # spheres about the centres, all of the largest radius: what a k-d tree of points can find
+        # spheres of the largest radius about the centres, as a k-d tree of points would find them
         centre = ((box[:3] - box[3:]) / 2).T
         radius = max(np.linalg.norm(shape(m.name.split(" ")[0])[0], axis=1).max() for m in meshes)
         tree = len(cKDTree(centre).query_pairs(2 * radius))
@@ -194,10 +193,10 @@ def candidates(axis):
 
 
 class Passes:
-    """What the grid steps of a simulation do: the wrapped `Pass` writes here.
+    """Records of the grid steps of a simulation, written by the wrapped `Pass`.
 
-    steps : list of lists, a dict a pass: batches, how many; isComplete; and of each pair keys, for
-    their order, batch, touches, isNew (P,), whether the first pass was without it
+    steps : list of lists, one dict per pass: number of batches; isComplete; and per pair keys, its
+        position in the order, batch, touches, isNew (P,), whether the first pass missed it
     """
 
     def __init__(self):
@@ -234,15 +233,15 @@ class Passes:
         return Watched
 
 
-SQUEEZED = 0.8  # of the distances between the bodies of a heap, which then overlap
+SQUEEZED = 0.8  # factor of the distances between the bodies of a heap, which then overlap
 
 
 @experiment
 def batches(axis):
-    """The pairs of one step in their batches, and those that a roll-back has added.
+    """Pairs of one step in their batches, including those that a roll-back added.
 
-    In a collapsing heap no step is rolled back, so the step that is drawn is the first one of a
-    heap whose bodies start inside each other: nothing is known of how far they are going to move.
+    No step of a collapsing heap is rolled back. The figure therefore shows the first step of a heap
+    whose bodies start inside each other, when their displacements are not yet known.
     """
     usual, squeezed = Passes(), Passes()
     with watched(rbs.stepping.batches, "Pass", usual.wrapper):
@@ -301,16 +300,16 @@ def batches(axis):
 
 
 class Visits:
-    """The visits that schedules make: the wrapped functions write here.
+    """Visits of the schedules, recorded by the wrapped functions.
 
-    steps : list of lists, `(constraint, was violated)` for each visit; of batches, how many
+    steps : list of lists, `(constraint, was violated)` per visit, or the number for a batch
     """
 
     def __init__(self):
         self.steps = []
 
     def schedule(self, original):
-        """Of `sweep` and `queue`, which are handed a visit."""
+        """Wraps `sweep` or `queue`, which take a visit."""
 
         def watching(visit, *arguments):
             self.steps.append([])
@@ -319,7 +318,7 @@ class Visits:
         return watching
 
     def step(self, original):
-        """Of `project_in_batches`."""
+        """Wraps `project_in_batches`."""
 
         def watching(*arguments):
             self.steps.append([])
@@ -328,7 +327,7 @@ class Visits:
         return watching
 
     def visit(self, original):
-        """Of one visit, or of `visit_batch`."""
+        """Wraps a visit, or `visit_batch`."""
 
         def watching(*arguments):
             isViolated = original(*arguments)
@@ -339,7 +338,7 @@ class Visits:
         return watching
 
     def counts(self):
-        """Visits to constraints that can be violated at all, of each step."""
+        """Number of visits per step to constraints that can be violated at all."""
         return np.array(
             [
                 sum(len(c) if isinstance(c, np.ndarray) else 1 for c, _ in made)
@@ -354,7 +353,7 @@ CONSTRAINED_FROM, CONSTRAINED_STEPS = 50, 100
 
 
 def visits_of(name, scheduling, steps=CONSTRAINED_STEPS):
-    """`(Visits, worst violation in metres)` of a scene, from CONSTRAINED_FROM on."""
+    """`(Visits, worst violation in metres)` of a scene, starting at CONSTRAINED_FROM."""
     visits, worst = Visits(), 0.0
     simulation = scene(name, constraintScheduling=scheduling, broadPhase="grid")
     with (
@@ -373,13 +372,13 @@ def visits_of(name, scheduling, steps=CONSTRAINED_STEPS):
 
 @experiment
 def queue(axis):
-    """Which constraints of the net the queue visits in one step, in each sweep's place."""
+    """Constraints of the net that the queue visits in one step, by sweep."""
     visits, _ = visits_of("net", "queue", CONSTRAINED_FROM + 1)
     (made,) = visits.steps
     constraints = np.array([c for c, _ in made])
     violated = np.array([isViolated for _, isViolated in made])
     sweeps = np.cumsum(np.diff(constraints, prepend=-1) <= 0)
-    everyone = np.unique(constraints)  # in its first sweep all are dirty
+    everyone = np.unique(constraints)  # all are dirty in the first sweep
     place = everyone.searchsorted(constraints)
     for some, colour, label in (
         (~violated, style.SKY, "visited: holds"),
@@ -420,7 +419,7 @@ def queue(axis):
 
 @silent
 def schedules():
-    """Real visits and the worst violation that each schedule leaves, in four scenes."""
+    """Actual visits and worst remaining violation of each schedule, in four scenes."""
     numbers = {"from": str(CONSTRAINED_FROM), "to": str(CONSTRAINED_STEPS)}
     for name in CONSTRAINED:
         own = {}

@@ -1,8 +1,7 @@
-"""The report's pictures, drawn off-screen by the program itself: `python report/pictures.py NAME`.
+"""Draws the report's pictures off-screen with the program itself: `python report/pictures.py NAME`.
 
-Each is a scene of data/, or one made here of its meshes, at some step, seen by a camera of its own.
-Before it is drawn, the state is looked at: what the caption says must be true of it, or nothing is
-drawn (`checked`).
+Each shows a scene of data/, or one built here from its meshes, at some step, with a camera of its
+own. A picture is drawn only if its caption is true of the state (`checked`).
 """
 
 import copy
@@ -30,14 +29,14 @@ UPRIGHT = (1, 0, 0, 0)
 
 
 class Camera(NamedTuple):
-    """Where a camera is, what it looks at, (3,) in metres, and its angle upwards in degrees."""
+    """A camera: position and target (3,) in metres, and vertical field of view in degrees."""
 
     position: tuple
     target: tuple
     fieldOfView: float
 
     def apply(self, view):
-        """Looks from there at what a SceneView shows."""
+        """Applies the camera to a SceneView."""
         import polyscope as ps
 
         ps.set_vertical_fov_degrees(self.fieldOfView)
@@ -46,8 +45,10 @@ class Camera(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """What is drawn: a simulation in its state, and how; facts, what its caption says of the
-    state, sentence → whether it is true."""
+    """A simulation in its state, and how to draw it.
+
+    facts : the caption's statements about the state, sentence → whether it is true
+    """
 
     simulation: Simulation
     camera: Camera
@@ -58,7 +59,7 @@ class Picture(NamedTuple):
 
 
 def made_scene(rows, **settings):
-    """A `Simulation` of rows `(mesh file, density, isFixed, position, orientation)`."""
+    """Returns a `Simulation` of rows `(mesh file, density, isFixed, position, orientation)`."""
     with tempfile.TemporaryDirectory() as folder:
         lines = [str(len(rows))]
         for mesh, density, isFixed, position, orientation in rows:
@@ -76,7 +77,7 @@ def run(simulation, steps):
 
 
 def ghosts(mesh, index, states):
-    """Copies of a body of this index where it was: positions and orientations in states."""
+    """Copies of the body `index` at earlier states: positions and orientations."""
     copies = []
     for position, orientation in states:
         ghost = copy.copy(mesh)
@@ -96,7 +97,7 @@ STACK_STEPS = 100
 
 
 def stack():
-    """The lowest of eight boxes after two seconds, beside fixed ones, which keep their places."""
+    """The lowest of eight boxes after two seconds, beside fixed ones, which stay in place."""
     simulation = run(eight_boxes(), STACK_STEPS)
     overlap, sinking = overlap_and_sinking(simulation.meshes[:8])
     lowest = simulation.meshes[0].detect_collision(simulation.meshes[1])[1]
@@ -118,10 +119,10 @@ WALL = (1, 10, 17)
 
 
 def thrown_cubes():
-    """Cubes thrown at a fixed wall, each faster than the one before."""
+    """Cubes thrown at a fixed wall at increasing speeds."""
     simulation = made_scene([("box.mesh", 500, True, (0, 0, 0), UPRIGHT)], closingOnly=True)
     wall = box(WALL, (0, 5, 0), isFixed=True)
-    # what is fast enough begins where none of its steps ends in the wall's nearer half
+    # the starts of fast cubes are such that no step ends in the wall's nearer half
     starts = (-6.5, -10.0, -13.6, -20.8)
     cubes = [box((2, 2, 2), (x, 6, z)) for x, z in zip(starts, (-6, -2, 2, 6), strict=True)]
     for cube, speed in zip(cubes, TUNNEL_SPEEDS, strict=True):
@@ -131,7 +132,7 @@ def thrown_cubes():
 
 
 def tunnel():
-    """Cubes that a wall has stopped, and others that it has not; the fast ones at every step."""
+    """Cubes stopped by a wall, and others that pass it; the fast ones at every step."""
     simulation = thrown_cubes()
     wall, *cubes = simulation.meshes
     passed, states = [set() for _ in cubes], [[] for _ in cubes]
@@ -164,7 +165,7 @@ def tunnel():
 
 
 def cube():
-    """Eight bodies, each constrained to all others, when they are deepest in the ground."""
+    """Eight bodies, each constrained to all others, at their greatest depth in the ground."""
     simulation = Simulation(find_scene("cube"), Settings())
     deepest, best = 0.0, None
     for _ in range(200):
@@ -186,7 +187,7 @@ SLOPE_SECONDS = 5.0
 
 
 def slope():
-    """Boxes on two slopes, with friction: one stays, the other one is shown where it was."""
+    """Boxes on two slopes, with friction: one stays, the other leaves earlier copies."""
     simulation = Simulation(find_scene("incline"), Settings(friction=0.4))
     steep, gentle = simulation.meshes[1], simulation.meshes[3]
     starts = [steep.position.copy(), gentle.position.copy()]
@@ -196,7 +197,7 @@ def slope():
         np.linalg.norm(mesh.position - start)
         for mesh, start in zip((steep, gentle), starts, strict=True)
     ]
-    angle = 2 * math.atan(1 / 4)  # as the scene has it
+    angle = 2 * math.atan(1 / 4)  # as in the scene
     law = 0.5 * G * SLOPE_SECONDS**2 * (math.sin(angle) - 0.4 * math.cos(angle))
     simulation.meshes = [*simulation.meshes, *ghosts(steep, 1, states)]
     return Picture(
@@ -218,7 +219,7 @@ def pyramid(**settings):
     simulation = Simulation(find_scene("pyramid"), Settings(**RESTING, **settings))
     rows = round(simulation.meshes[-1].position[0, 1] / BOX[1] + 0.5)
     run(simulation, PYRAMID_STEPS)
-    # the scene begins with gaps between the boxes
+    # the scene starts with gaps between the boxes
     sunk = (rows - 0.5) * BOX[1] - max(mesh.position[0, 1] for mesh in simulation.meshes)
     return simulation, sunk, Camera((80, 56, 172), (4, 41, 0), 36)
 
@@ -237,7 +238,7 @@ HEAP_STEPS = 110
 
 
 def heap():
-    """A dense heap of a thousand bodies, with friction, while it collapses."""
+    """A dense heap of a thousand bodies, with friction, during its collapse."""
     simulation = Simulation(heap_scene(1000), Settings(broadPhase="grid", **RESTING))
     start = max(mesh.position[0, 1] for mesh in simulation.meshes)
     run(simulation, HEAP_STEPS)
@@ -260,7 +261,7 @@ PICTURES = {
 }
 
 
-# Name → what its caption says; `checked` compares it with what was looked at.
+# Name → statements of the caption, which `checked` compares with the facts.
 CAPTIONS = {
     "picture_stack": (
         "the boxes stand in each other, by a quarter of a box and more",
@@ -291,7 +292,7 @@ CAPTIONS = {
 
 
 def checked(name):
-    """The Picture of this name; ends with a line where its caption is not true of it."""
+    """Returns the Picture of this name; exits with a message if its caption is not true."""
     picture = PICTURES[name]()
     assert tuple(picture.facts) == CAPTIONS[name]
     wrong = [fact for fact, isTrue in picture.facts.items() if not isTrue]
@@ -301,11 +302,11 @@ def checked(name):
 
 
 def draw(name, size=SIZE):
-    """Writes figures/<name>.png; name : of PICTURES."""
+    """Writes figures/<name>.png; name : a name of PICTURES."""
     picture = checked(name)
     backend = find_backend(window=False)
     if backend.name is None:
-        sys.exit(f"no pictures can be drawn: {backend.reason}. {backend.remedy}")
+        sys.exit(f"cannot draw pictures: {backend.reason}. {backend.remedy}")
     options = PictureOptions(size, None, picture.transparent, picture.colouring, picture.overlays)
     view = start_view(picture.simulation, backend, options)
     picture.camera.apply(view)

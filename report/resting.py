@@ -1,7 +1,7 @@
-"""The solver in which piles rest, beside the basic one and the peers: speeds, overlaps, heights.
+"""The soft step compared with the impulse solver and other engines: speeds, overlaps, heights.
 
-Each function returns the numbers that the text quotes, as in `experiments.py`; those of MuJoCo and
-PyBullet only where these are installed.
+Each function returns the numbers in the text, as in `experiments.py`. Those of MuJoCo and PyBullet
+are measured only if these are installed.
 """
 
 import copy
@@ -29,7 +29,7 @@ ENGINES = {  # name → key in numbers.json, label, colour, dash
 }
 HEAP, HEAP_STEPS, SAMPLE = 200, 1000, 20
 FRICTION = benchmarkPiles.MATERIALS["friction 0.5"]
-# The modules of the soft-step solver alone, and those of the accelerated basic step alone.
+# Modules used only by the soft step, and those used only by the accelerated basic step.
 SOLVER_ROOMS = (
     "springs",
     "manifolds",
@@ -44,7 +44,7 @@ NUMERALS = {4: "four", 6: "six", 8: "eight", 10: "ten", 12: "twelve"}
 
 
 def engines(scenePath, material=FRICTION):
-    """Name → something with `step()`, for our two solvers and the peers that are installed."""
+    """Returns name → object with `step()`, for our two solvers and the installed engines."""
     runs = {
         "basic": benchmarkPiles.OwnRun(scenePath, material, broadPhase="grid"),
         "soft step": benchmarkPiles.OwnRun(scenePath, material, contactSolver="soft-step"),
@@ -57,7 +57,7 @@ def engines(scenePath, material=FRICTION):
 
 
 def motion_of(run, count):
-    """`(positions (n, 3), orientations (n, 4), velocities (n, 3))` of what `engines` gives."""
+    """`(positions (n, 3), orientations (n, 4), velocities (n, 3))` of a run of `engines`."""
     if hasattr(run, "simulation"):
         meshes = run.simulation.meshes
         return tuple(
@@ -67,7 +67,7 @@ def motion_of(run, count):
     if hasattr(run, "data"):
         poses = run.data.qpos.reshape(count, 7)
         return poses[:, :3].copy(), poses[:, 3:].copy(), run.data.qvel.reshape(count, 6)[:, :3]
-    bodies = range(1, count + 1)  # the plane is number 0
+    bodies = range(1, count + 1)  # number 0 is the plane
     client = {"physicsClientId": run.client}
     poses = [run.pybullet.getBasePositionAndOrientation(b, **client) for b in bodies]
     speeds = [run.pybullet.getBaseVelocity(b, **client)[0] for b in bodies]
@@ -76,7 +76,7 @@ def motion_of(run, count):
 
 
 def overlaps(meshes, positions, orientations):
-    """The depths of all pairs that overlap, measured by the program's exact collision test."""
+    """Depths of all overlapping pairs, from the program's exact collision test."""
     for mesh, position, orientation in zip(meshes, positions, orientations, strict=True):
         mesh.position, mesh.orientation = position[None].copy(), orientation[None].copy()
     pairs = np.stack(grid_overlaps(boxes(meshes), np.zeros(len(meshes), dtype=bool)), axis=1)
@@ -133,10 +133,10 @@ STANDING_STEPS = 500
 
 @silent
 def standing():
-    """How many cm the top of a stack, and of a pyramid, has sunk, in four engines.
+    """Distance in cm by which the top of a stack, and of a pyramid, has sunk, in four engines.
 
-    "fallen" stands for more than half a box. What only closes the gaps between the boxes, which
-    these scenes begin with, does not count.
+    "fallen" stands for more than half a box. Closing the initial gaps between the boxes does not
+    count.
     """
     numbers = {"seconds": f"{STANDING_STEPS * H:g}"}
     for name in ("stack", "pyramid"):
@@ -145,7 +145,7 @@ def standing():
         top = int(np.argmax([mesh.position[0, 1] for mesh in start]))
         numbers[f"{name}Count"] = str(len(start))
         rows = round(start[top].position[0, 1] / BOX[1] + 0.5)
-        closed = (rows - 0.5) * BOX[1]  # with the gaps between the boxes closed
+        closed = (rows - 0.5) * BOX[1]  # with closed gaps
         numbers[f"{name}Rows"] = str(rows)
         numbers[f"{name}Height"] = text(rows * BOX[1], 0)
         for engine, run in engines(path).items():
@@ -160,7 +160,7 @@ def standing():
 
 @silent
 def code():
-    """Lines of the soft-step solver's modules, and of those for grid and batches; its substeps."""
+    """Lines of code of the soft step, and of grid and batches; number of substeps."""
 
     def lines(rooms):
         return sum(len((ROOT / "rbs" / f"{room}.py").read_text().splitlines()) for room in rooms)

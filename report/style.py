@@ -1,11 +1,11 @@
-"""What all plots of the report have in common: size, type, colours."""
+"""Common style of the report's plots: size, type, colours."""
 
 import matplotlib
 
 matplotlib.use("Agg")
 from matplotlib import pyplot
 
-# Okabe and Ito's colours, told apart by the colour-blind; lines differ in dash or marker as well.
+# Okabe and Ito's colours for the colour-blind. Lines differ in dash or marker as well.
 BLACK, BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = (
     "#000000",
     "#0072B2",
@@ -19,8 +19,8 @@ COLOURS = [BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK]
 GREY = "0.55"
 
 CENTIMETRE = 1 / 2.54
-# Plots are set at their own size, so 7.5 is 7.5 points on paper: a third of the text's width, half
-# of it, and half of a column.
+# Sizes of panels in centimetres. Plots are printed at this size, so that font sizes are true: a
+# third and a half of the text's width, and half of a column.
 PANEL, WIDE, NARROW = (
     (width * CENTIMETRE, height * CENTIMETRE)
     for width, height in ((5.75, 4.5), (8.75, 4.5), (4.2, 3.5))
@@ -59,14 +59,14 @@ SETTINGS = {
     "grid.color": "0.92",
     "grid.linewidth": 0.5,
     "axes.axisbelow": True,
-    # the same plot gives the same bytes
+    # identical plots give identical bytes
     "svg.hashsalt": "rigid bodies",
     "svg.fonttype": "path",
 }
 
 
 def draw(function, path):
-    """Calls `function(axis)` on an empty panel, writes it to path (.svg), returns its answer."""
+    """Calls `function(axis)` on an empty panel, saves it to path (.svg), and returns its result."""
     size = SIZES.get(function.__name__, PANEL)
     with pyplot.rc_context(SETTINGS):
         figure, axis = pyplot.subplots(figsize=size, layout="constrained")

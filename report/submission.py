@@ -1,11 +1,11 @@
-"""The coursework's one ZIP: `python report/submission.py [FILE.zip]`.
+"""Packs the coursework's ZIP: `python report/submission.py [FILE.zip]`.
 
-    report.pdf, claims.md       what was found, and what measures it
-    videos/                     which the captions name
-    code/                       the four modules, the rooms of rbs/ that they need, data/, graders/
+    report.pdf, claims.md       results, and the measurements behind them
+    videos/                     the videos named in the captions
+    code/                       the four modules, the modules of rbs/, data/, graders/
 
-By default it is written to out/submission.zip. The same files give the same bytes. Nothing of the
-coursework's own scenes or grader data is in it.
+The default is out/submission.zip. Identical files give identical bytes. The coursework's own scenes
+and grader data are not included.
 """
 
 import argparse
@@ -21,7 +21,7 @@ from rbs.scenes.messages import InputError
 ROOT = Path(__file__).resolve().parent.parent
 MODULES = ("RBSFunctions.py", "GJK.py", "Quaternion.py", "RigidBodySimulation.py")
 VIDEOS = ("movement", "constraints", "friction", "scale", "resting")
-# folder of the code → what of it goes along
+# folder of the code → files to include
 CODE = {
     ".": (*MODULES, "LICENSE", "pyproject.toml"),
     "rbs": ("*.py",),
@@ -30,19 +30,19 @@ CODE = {
     "graders/released": ("*.py",),
     "graders/released/ours": ("*.py",),
 }
-# Of every file in the ZIP: the earliest time that it can hold.
+# Time of every file in the ZIP, the earliest possible one.
 TIME = (1980, 1, 1, 0, 0, 0)
 
 
 def contents():
-    """Name in the ZIP → path, in order; raises InputError that names what is missing."""
+    """Returns the files, name in the ZIP → path, in order; raises InputError if one is missing."""
     files = {"report.pdf": ROOT / "report/report.pdf", "claims.md": ROOT / "report/claims.md"}
     files |= {f"videos/{name}.mp4": ROOT / f"report/videos/{name}.mp4" for name in VIDEOS}
     for folder, patterns in CODE.items():
         for pattern in patterns:
             found = sorted((ROOT / folder).glob(pattern))
             if not found:
-                raise InputError(f"{folder}/{pattern}: there is no such file")
+                raise InputError(f"{folder}/{pattern}: no such file")
             names = {f"code/{path.relative_to(ROOT).as_posix()}": path for path in found}
             files |= names
     for path in files.values():
@@ -52,7 +52,7 @@ def contents():
 
 
 def write(target):
-    """Writes the ZIP, whole or not at all; how many files it has."""
+    """Writes the ZIP atomically; returns the number of files."""
     files = contents()
     with atomic_write(target) as partial, zipfile.ZipFile(partial, "w") as archive:
         for name, path in files.items():

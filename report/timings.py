@@ -1,8 +1,8 @@
-"""What takes how long: the part of the report that differs from run to run.
+"""Timings: the part of the report that differs from run to run.
 
-The tables are kept as text files beside this one, with the machine and the date in their first
-lines, so that the report can be built from them without measuring again. All runs of one row of
-the report take turns, step by step, so that a busy machine is busy for all of them.
+The tables are text files in this folder, with machine and date in their first lines, so that the
+report can be built from them without measuring again. The runs of one row take turns, step by step,
+so that other load on the machine affects all of them.
 """
 
 import csv
@@ -33,10 +33,10 @@ SIZES = [100, 200, 500, 1000, 2000]
 QUICK_SIZES = [50, 100, 150, 200]
 FRICTION, FRICTIONLESS = "friction 0.5", "no friction"
 WINDOW, QUICK_WINDOW = range(200, 260), range(60, 80)  # steps
-# Bodies, beyond which the loop over all pairs, and heaps without friction, take too long.
+# Numbers of bodies beyond which the loop over all pairs, and heaps without friction, are too slow.
 MOST_LOOPED, MOST_FRICTIONLESS = 500, 1000
-# The table compares heaps of so many bodies, or of as many as there are below, with and without
-# friction.
+# Number of bodies in the heaps that the table compares, with and without friction, or the largest
+# one measured below it.
 COMPARED = 1000
 
 RUNS = {  # name in the table → label, colour, marker, dash
@@ -58,7 +58,7 @@ KEYS = {
 
 
 def write(path, rows):
-    """A table, under comment lines that say where and when it was measured."""
+    """Writes a table, below comment lines with machine and date."""
     revision = subprocess.run(
         ["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True
     ).stdout.strip()
@@ -74,14 +74,14 @@ def write(path, rows):
 
 
 def read(path):
-    """`(machine, [date, revision, load average], rows)` of a table."""
+    """Returns `(machine, [date, revision, load average], rows)` of a table."""
     lines = path.read_text().splitlines()
     machine, when = (line.removeprefix("# ") for line in lines[:2])
     return machine, when.split(", "), list(csv.DictReader(lines[2:]))
 
 
 def heap_runs(count, material):
-    """Name → run, of everything that is compared on a dense heap."""
+    """Returns name → run, for all settings compared on a dense heap."""
     path = heap_scene(count)
     own = {
         "all pairs": {},
@@ -100,7 +100,7 @@ def heap_runs(count, material):
 
 
 def measure_scale(sizes, window=WINDOW):
-    """Writes scale.csv: medians of the milliseconds per step of dense heaps."""
+    """Writes scale.csv: median milliseconds per step for dense heaps."""
     rows = []
     for material in (FRICTION, FRICTIONLESS):
         for count in sizes:
@@ -115,7 +115,7 @@ def measure_scale(sizes, window=WINDOW):
 
 
 def measure_scheduling():
-    """Writes scheduling.csv: milliseconds of whole steps with the three schedules."""
+    """Writes scheduling.csv: milliseconds per whole step for the three schedules."""
     rows = []
     for name in mechanisms.CONSTRAINED:
         simulations = [
@@ -136,7 +136,7 @@ AWAKE, LATE = slice(200, 300), slice(900, 1000)
 
 
 def measure_resting():
-    """Writes resting.csv: milliseconds of a step while a heap collapses, and when it has."""
+    """Writes resting.csv: milliseconds per step during and after the collapse of a heap."""
     runs = resting.engines(heap_scene(resting.HEAP))
     seconds = {name: [] for name in runs}
     for _ in range(resting.HEAP_STEPS):
@@ -158,18 +158,18 @@ def measure_resting():
 
 
 def milliseconds(value):
-    """Milliseconds with two digits that count."""
+    """Formats milliseconds with two significant digits."""
     value = float(value)
     return text(value, 0 if value >= 10 else 1 if value >= 1 else 2)
 
 
 def listed(words):
-    """ "a", "a and b", "a, b and c"."""
+    """Joins words to "a", "a and b" or "a, b and c"."""
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
 def scheduling():
-    """The table of the report, as rows of text, and what the text says of it."""
+    """Returns the rows of the report's table, as text, and the numbers in the text."""
     _, _, rows = read(SCHEDULING)
     times = {(row["scene"], row["scheduling"]): float(row["milliseconds"]) for row in rows}
     numbers = {}
@@ -195,7 +195,7 @@ def scheduling():
 
 
 def times_of(rows, material, run):
-    """`(bodies, milliseconds)` of a run, as arrays."""
+    """Returns `(bodies, milliseconds)` of a run as arrays."""
     own = [
         (int(row["bodies"]), float(row["milliseconds"]))
         for row in rows
@@ -280,7 +280,7 @@ def slick(axis):
 
 
 def rest_times():
-    """Milliseconds of a step of the heap of `resting.resting`, awake and late."""
+    """Milliseconds per step of the heap of `resting.resting`, awake and late."""
     _, _, rows = read(RESTING)
     numbers = {"bodies": str(resting.HEAP)}
     for name, window in (("awake", AWAKE), ("late", LATE)):

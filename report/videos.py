@@ -1,7 +1,7 @@
-"""The report's videos, with close-ups, a file a section: `python report/videos.py NAME`.
+"""Makes the report's videos, with close-ups, one file per section: `python report/videos.py NAME`.
 
-Each is a few segments of a simulation. The time at which there is something to see is found by
-looking at the states (`videos`, an experiment), not by hand: the captions name it.
+Each consists of a few segments of a simulation. The times of the events that the captions name are
+found from the states (`videos`, an experiment).
 """
 
 import sys
@@ -24,13 +24,15 @@ FOLDER = Path(__file__).resolve().parent / "videos"
 SIZE = (600, 380)
 RATE = 25
 MOST_BYTES = 400_000
-# H.264's constant rate factors that are tried in turn until the file is small enough.
+# H.264 constant rate factors, tried in turn until the file is small enough.
 QUALITIES = (24, 28, 31, 34, 37, 40)
 
 
 class Segment(NamedTuple):
-    """Some steps of a simulation: from `begin` to `end`, a picture every `every` steps, each held
-    for `hold` frames; what is to be seen, and `event`, whether it is so in a state."""
+    """Steps `begin` to `end`, a picture every `every` steps, each held for `hold` frames.
+
+    The text names an event; `event` tells whether it happens in a state.
+    """
 
     what: str
     simulation: Simulation
@@ -71,7 +73,7 @@ def movement():
 
 
 def post_hit(simulation):
-    """Whether a box of the left chain touches a post of the two chains' scene."""
+    """Whether a box of the left chain touches a post in the scene of two chains."""
     posts = range(18, 26)
     return any(c.body1 in range(1, 9) and c.body2 in posts for c in simulation.report.contacts)
 
@@ -152,7 +154,7 @@ VIDEOS = {f.__name__: f for f in (movement, constraints, friction, scale, restin
 
 
 def frames(name):
-    """Steps through a video: yields `(Segment, isNew)` for every picture."""
+    """Steps through a video; yields `(Segment, isNew)` for every picture."""
     for segment in VIDEOS[name]():
         isNew = True
         while True:
@@ -165,18 +167,18 @@ def frames(name):
             segment.simulation.step()
 
 
-NEVER = "never"  # of what is not to be seen, which contradicts the caption
+NEVER = "never"  # of an event that does not happen, which contradicts the caption
 
 
 def clock(frame):
-    """Minutes and seconds of a frame, as a player shows them."""
+    """Formats the time of a frame in minutes and seconds, as a player does."""
     seconds = int(frame / RATE)
     return f"{seconds // 60}:{seconds % 60:02d}"
 
 
 @silent
 def videos():
-    """When to look: the first frame of each segment in which there is what it shows."""
+    """Times of the events: the first frame of each segment in which its event happens."""
     numbers = {}
     for name in VIDEOS:
         frame, seen, shown = 0, {}, set()
@@ -198,7 +200,7 @@ def make(name):
     """Writes videos/<name>.mp4, of at most MOST_BYTES."""
     backend = find_backend(window=False)
     if backend.name is None:
-        sys.exit(f"no videos can be drawn: {backend.reason}. {backend.remedy}")
+        sys.exit(f"cannot draw videos: {backend.reason}. {backend.remedy}")
     view, pictures = None, []
     for segment, isNew in frames(name):
         if view is None:
@@ -238,7 +240,7 @@ def make(name):
             if size <= MOST_BYTES:
                 break
         else:
-            sys.exit(f"video {name} has {size} bytes; {MOST_BYTES} are allowed")
+            sys.exit(f"video {name} has {size} bytes, more than the {MOST_BYTES} allowed")
     print(f"{name}: {len(pictures)} frames, quality {quality}, {size / 1e3:.0f} kB", flush=True)
 
 

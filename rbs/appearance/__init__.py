@@ -1,11 +1,11 @@
-"""What a scene looks like, computed without drawing: nothing here needs Polyscope.
+"""The look of a scene, computed without drawing and without Polyscope.
 
 In reading order:
 
-    pictureoptions  the options of pictures and videos
-    colours         the colours of bodies, constraints and overlays
-    drawables       surfaces and lines made of bodies, constraints and the ground
-    framing         where a camera has to stand
+    pictureoptions  options of pictures and videos
+    colours         colours of bodies, constraints and overlays
+    drawables       surfaces and lines of bodies, constraints and the ground
+    framing         viewpoints from which a scene is fully visible
     skins           normals across rounded edges, and contact shadows
     light           sky light, sunlight, and light from bodies and ground
     gltf            export of a run to 3-D programs

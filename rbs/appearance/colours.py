@@ -1,8 +1,7 @@
-"""Colours: of bodies by what is known of them, and of everything else that is drawn.
+"""Colours of bodies, by one of their properties, and of everything else in a picture.
 
-From the top: the colours; `BodyColours`, the ways to colour and their legend; contact islands; the
-colour map.
-All colours are (r, g, b) from 0 to 1.
+Reading order: the constants; `BodyColours`, the colourings and their legend; contact islands; the
+colour map. All colours are (r, g, b) from 0 to 1.
 """
 
 import math
@@ -12,16 +11,16 @@ import numpy as np
 from rbs.softstep.contacts import islands
 
 BACKGROUND = (0.62, 0.70, 0.80)
-# What Polyscope's tone mapping, which leaves flat surfaces alone, makes of it.
+# BACKGROUND after Polyscope's tone mapping, which does not change flat surfaces.
 SEEN_BACKGROUND = (0.839, 0.886, 0.945)
 FIXED_COLOUR = (0.72, 0.72, 0.72)
 PICKED_COLOUR = (0.90, 0.10, 0.55)
-# Of a body that touches no other free one, where bodies are coloured by what they touch.
+# Colour of a body that touches no other free body, when colouring by contact island.
 LONE_COLOUR = (0.93, 0.93, 0.90)
 SHADOW_COLOUR = (0.41, 0.42, 0.45)
 CREASE_COLOUR = (0.10, 0.12, 0.15)
-# The colour map viridis at equal steps: its lightness falls evenly, also for the colour-blind.
-# From light to heavy, and without the map's darkest tenth, on which no edge would show.
+# The colour map viridis at equal steps, for light to heavy. Its lightness falls evenly, also for
+# the colour-blind. The darkest tenth is omitted, because no edge would be visible on it.
 VIRIDIS = (
     np.array(
         [
@@ -38,7 +37,7 @@ VIRIDIS = (
     )
     / 255.0
 )
-# Colours that the colour-blind tell apart (Okabe and Ito), and lighter ones of the same kind.
+# Colours that the colour-blind can tell apart (Okabe and Ito), and lighter variants.
 PALETTE = (
     np.array(
         [
@@ -56,10 +55,10 @@ PALETTE = (
     )
     / 255.0
 )
-# The two greys of the ground's squares.
+# Two greys of the ground's squares.
 GROUND_COLOURS = ((0.62, 0.63, 0.64), (0.68, 0.69, 0.70))
-# Constraints from slack over taut to too long or too short: light blue, yellow, vermilion, which
-# the colour-blind tell apart too (Okabe and Ito's palette).
+# Colours of slack, taut and exceeded constraints: light blue, yellow and vermilion of Okabe and
+# Ito's palette.
 CONSTRAINT_COLOURS = np.array([[86, 180, 233], [240, 228, 66], [213, 94, 0]]) / 255.0
 # Overlays.
 NORMAL_COLOUR = (0.0, 0.25, 0.55)
@@ -68,17 +67,17 @@ FRICTION_COLOUR = (0.84, 0.15, 0.16)
 VELOCITY_COLOUR = (0.0, 0.45, 0.30)
 BOX_COLOUR = (0.20, 0.20, 0.25)
 TRAIL_COLOUR = (0.35, 0.10, 0.45)
-# m/s, of the darkest bodies where they are coloured by speed: a fall from 46 m.
+# Speed of the darkest bodies when colouring by speed, in m/s. Less separates slow speeds better.
 TOP_SPEED = 30.0
-# Densities that the legend has room for; of more, it shows only the ends.
+# Number of densities that the legend lists. If there are more, it shows the extremes.
 LEGEND_LINES = 6
 
 
 class BodyColours:
-    """The colours of a scene's bodies.
+    """Colours of a scene's bodies.
 
-    Densities are placed between the extremes that the scene begins with: what is fixed or freed
-    changes no other body's colour.
+    The scale of densities spans the extremes at the start of the scene, so that fixing or freeing a
+    body changes no other body's colour.
     """
 
     def __init__(self, meshes):
@@ -87,13 +86,12 @@ class BodyColours:
         self._extremes = min(densities), max(densities)
 
     def of(self, simulation, colouring):
-        """RGB of every body, (n, 3): grey if fixed, else by a name of COLOURINGS."""
+        """RGB of every body, (n, 3): grey if fixed, otherwise by a name of COLOURINGS."""
         isFixed = np.array([[mesh.isFixed] for mesh in simulation.meshes])
         return np.where(isFixed, FIXED_COLOUR, COLOURINGS[colouring](self, simulation))
 
     def by_body(self, simulation):
-        """The palette over and over. A copy of a body can name in `colourIndex` whose colour it
-        has."""
+        """Repeats the palette; a copy of a body has the `colourIndex` of its original."""
         index = [getattr(mesh, "colourIndex", k) for k, mesh in enumerate(simulation.meshes)]
         return PALETTE[np.array(index, dtype=np.intp) % len(PALETTE)]
 
@@ -104,14 +102,14 @@ class BodyColours:
         return np.array([colours[mesh.density] for mesh in simulation.meshes])
 
     def by_speed(self, simulation):
-        """Viridis from rest, light, to TOP_SPEED and above, dark."""
+        """Viridis from light, at rest, to dark, at TOP_SPEED and above."""
         velocities = np.concatenate([mesh.linVelocity for mesh in simulation.meshes])
         place = np.clip(np.linalg.norm(velocities, axis=1) / TOP_SPEED, 0.0, 1.0)
         steps = np.linspace(0.0, 1.0, len(VIRIDIS))
         return np.stack([np.interp(place, steps, channel) for channel in VIRIDIS.T], axis=1)
 
     def by_island(self, simulation):
-        """The palette's colour of the lowest index among all that hang together by contacts."""
+        """Palette colour of the lowest index in the body's contact island."""
         contacts = () if simulation.report is None else simulation.report.contacts
         pairs = [(contact.body1, contact.body2) for contact in contacts]
         lowest = contact_islands(simulation.meshes, pairs)
@@ -121,15 +119,12 @@ class BodyColours:
         """Awake bodies as by body, sleeping ones in one pale colour."""
         report, colours = simulation.report, self.by_body(simulation)
         if report is not None and report.hasSleepers:
-            # Bodies that have been added since the step come last.
+            # bodies added since the step come last
             colours[np.flatnonzero(report.isAsleep)] = LONE_COLOUR
         return colours
 
     def legend(self, simulation, colouring):
-        """What the colours mean: rows (text, (r, g, b)).
-
-        colouring : a name of COLOURINGS. Of densities, all are named, or the ends of too many.
-        """
+        """Returns the legend of a colouring, a name of COLOURINGS: rows (text, (r, g, b))."""
         meshes, report = simulation.meshes, simulation.report
         free = [mesh for mesh in meshes if not mesh.isFixed]
         lines = []
@@ -156,23 +151,23 @@ class BodyColours:
         return lines + [("fixed", FIXED_COLOUR)] * (len(free) < len(meshes))
 
 
-# What each colour of a constraint says.
+# Legend texts of the constraint colours.
 CONSTRAINT_MEANINGS = ("constraint slack", "constraint taut", "constraint exceeded")
 
 
 def constraint_legend():
-    """What the colours of constraints mean: rows (text, (r, g, b))."""
+    """Returns the legend of the constraint colours: rows (text, (r, g, b))."""
     return [
         (text, tuple(c)) for text, c in zip(CONSTRAINT_MEANINGS, CONSTRAINT_COLOURS, strict=True)
     ]
 
 
 def contact_islands(meshes, pairs):
-    """For every body the lowest index among those that it is connected with by contacts.
+    """Returns, for every body, the lowest index in its contact island: (n,) int.
 
     pairs : (body, body) that touch, indices in `meshes`, or -1 for the ground
-    Fixed bodies and the ground connect nothing. returns (n,) int, -1 for a body that touches no
-    other free one
+
+    Fixed bodies and the ground connect nothing. A body that touches no other free body has -1.
     """
     links = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
     labels = islands(links, np.array([not mesh.isFixed for mesh in meshes]))
@@ -181,9 +176,9 @@ def contact_islands(meshes, pairs):
 
 
 def colour_of_density(density, lightest, heaviest):
-    """RGB (3,) of a body: viridis over the logarithm of the density, from lightest to heaviest.
+    """Returns the RGB (3,) of a density: viridis over its logarithm, from lightest to heaviest.
 
-    Where all bodies are equally dense, the middle of the map.
+    If all bodies are equally dense, returns the middle of the map.
     """
     if heaviest > lightest:
         place = math.log(density / lightest) / math.log(heaviest / lightest)
@@ -192,12 +187,12 @@ def colour_of_density(density, lightest, heaviest):
 
 
 def linear(colours):
-    """Linear light of sRGB colours."""
+    """Converts sRGB colours to linear light."""
     return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
 
 
 def viridis(place):
-    """RGB (3,) of the colour map: place 0 is its light end, 1 its dark one."""
+    """Returns the RGB (3,) of the colour map, from its light end at 0 to its dark end at 1."""
     steps = np.arange(len(VIRIDIS))
     return np.array([np.interp(place * steps[-1], steps, channel) for channel in VIRIDIS.T])
 

@@ -1,9 +1,7 @@
-"""What is drawn, as arrays: surfaces and lines made of bodies, constraints, boxes and the ground.
+"""Geometry of pictures as arrays: surfaces and lines of bodies, constraints, boxes and the ground.
 
-Nothing here draws, or needs Polyscope. From the top: all bodies as one surface, and its creases;
-constraint lines; the ground; shadows; outlines of contacts; boxes and grid cells.
-
-Units: metres. The y axis points up.
+Reading order: all bodies as one surface, and its creases; constraint lines; the ground; shadows;
+outlines of contacts; boxes and grid cells. Units: metres. The y axis points up.
 """
 
 import math
@@ -15,25 +13,25 @@ from rbs.geometry.arrays import ranges
 from rbs.geometry.broadphase import grid_levels
 from RBSFunctions import refresh_vertices
 
-# Faces that meet at a smaller angle, in radians, pass for one round surface: a cylinder of 20 sides
-# or more, or a finely divided ellipsoid.
+# Angle in radians below which two faces look like one round surface, as those of a cylinder of 20
+# sides or more. A larger one smooths real edges; a smaller one shows the facets of round bodies.
 CREASE_ANGLE = math.radians(30.0)
-# A bound that is exceeded by this fraction of itself gets the last colour of constraints in full.
+# Excess over a bound at which a constraint has its last colour in full, as a fraction of the bound.
 FULL_EXCESS = 0.05
-# How many squares the ground has across, and the least side of one, relative to what is looked at.
+# Number of the ground's squares across, and least side of a square relative to the view's size.
 GROUND_SQUARES = 80
 SQUARE_SIZE = 0.08
-# The plain ground around them: rings and sectors; where it begins to fade, relative to how far it
-# is seen; and how far it lies below the squares, relative to what is looked at.
+# Plain ground around the squares: rings and sectors; the distance at which it begins to fade, as a
+# fraction of its reach; and its depth below the squares, relative to the view's size.
 GROUND_RINGS, GROUND_SECTORS = 12, 96
 FADE_BEGIN = 0.12
 DISC_DEPTH = 2e-3
-# Where the shadow of a point falls that is 1 m above the ground: the light comes from the upper
-# left, over the usual camera's shoulder, as the shading of the bodies has it.
+# Shadow of a point 1 m above the ground. The light comes from the upper left, over the shoulder of
+# the usual camera, as in the shading of the bodies.
 SHADOW_SLANT = np.array([0.50, 0.0, -0.22])
-# Towards the sun of studio pictures, which stands lower.
+# Direction towards the sun in studio pictures, which is lower.
 SUN = np.array([-0.58, 0.70, 0.42]) / math.sqrt(0.58**2 + 0.70**2 + 0.42**2)
-# The corners of a box, as 0 for its low and 1 for its high end along x, y, z, and its edges.
+# Corners of a box, with 0 for its low and 1 for its high end along x, y, z, and its edges.
 BOX_CORNERS = np.array([[k >> 2 & 1, k >> 1 & 1, k & 1] for k in range(8)])
 BOX_EDGES = np.array(
     [(a, b) for a in range(8) for b in range(a) if np.sum(BOX_CORNERS[a] != BOX_CORNERS[b]) == 1]
@@ -41,12 +39,11 @@ BOX_EDGES = np.array(
 
 
 def flatten_meshes(meshes):
-    """All bodies as the one surface that a viewer draws fastest.
+    """Joins all bodies to one surface, which is the fastest to draw.
 
-    meshes : list of Mesh
-    returns (vertices (ΣV, 3), where the bodies are now; faces (ΣF, 3), counted through all bodies;
-    bodyOfFace (ΣF,), the index in `meshes` of the body that each face belongs to). A value per
-    body becomes a value per face by indexing: densities[bodyOfFace].
+    Returns `(vertices, faces, bodyOfFace)`: (ΣV, 3), in the world; (ΣF, 3), numbered through all
+    bodies; (ΣF,), the body of each face. Indexing turns a value per body into a value per face, as
+    in densities[bodyOfFace].
     """
     refresh_vertices(meshes)
     vertices = [np.reshape(mesh.currVertices, (-1, 3)) for mesh in meshes]
@@ -61,12 +58,10 @@ def flatten_meshes(meshes):
 
 
 def find_creases(vertices, faces):
-    """The edges that a body shows: where two faces meet at more than CREASE_ANGLE.
+    """Returns the visible edges of bodies, (E, 2), where two faces meet at more than CREASE_ANGLE.
 
-    So a box shows twelve edges and no diagonals, and an ellipsoid none.
-
-    vertices (V, 3); faces (F, 3) of closed surfaces
-    returns (E, 2) vertex indices
+    A box has twelve such edges and no diagonals, an ellipsoid none. vertices : (V, 3); faces : (F,
+    3) of closed surfaces
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
@@ -79,10 +74,10 @@ def find_creases(vertices, faces):
 
 
 def corner_normals(vertices, faces):
-    """The unit normals (F, 3, 3) at the corners of faces (F, 3), as a smooth surface has them.
+    """Returns the unit normals (F, 3, 3) at the corners of faces (F, 3), as of a smooth surface.
 
-    At a corner, the faces around its vertex are averaged, by their areas, that meet the corner's
-    own face at less than CREASE_ANGLE. vertices (V, 3)
+    The normal at a corner is the area-weighted mean of the faces around its vertex that meet the
+    corner's own face at less than CREASE_ANGLE. vertices : (V, 3)
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     across = np.cross(b - a, c - a)
@@ -100,8 +95,8 @@ def corner_normals(vertices, faces):
 
 
 def face_neighbours(faces):
-    """The faces (F, 3) on the other side of each face's edges; faces (F, 3) of closed surfaces."""
-    # Half-edge 3 f + k runs along face f from its corner k to the next one; its twin runs back.
+    """Returns the faces (F, 3) across each face's edges; faces (F, 3) of closed surfaces."""
+    # half-edge 3 f + k runs along face f from its corner k to the next one; its twin runs back
     count = faces.max(initial=0) + 1
     tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     order, twinPlaces = np.argsort(tails * count + heads), np.argsort(heads * count + tails)
@@ -111,10 +106,10 @@ def face_neighbours(faces):
 
 
 class ConstraintLines:
-    """The constraints of a simulation as lines between their vertices.
+    """Constraints of a simulation as lines between their vertices.
 
-    Two bounds on the distance of the same two vertices are one line. Vertices are counted through
-    all bodies, as `flatten_meshes` counts them.
+    Two bounds on the distance of the same two vertices form one line. Vertices are numbered through
+    all bodies, as in `flatten_meshes`.
     """
 
     def __init__(self, simulation):
@@ -128,15 +123,15 @@ class ConstraintLines:
         self.least, self.most = np.array(list(bounds.values())).reshape(-1, 2).T
 
     def nodes(self, vertices):
-        """The lines' ends (2 T, 3), each line's two after each other; vertices (ΣV, 3)."""
+        """Returns the ends of the lines, pairwise, (2 T, 3); vertices : (ΣV, 3)."""
         return vertices[self.ends].reshape(-1, 3)
 
     def colours(self, vertices):
-        """RGB (T, 3): how much of the allowed band is used, or by how much it is exceeded."""
+        """RGB (T, 3) for the part of the allowed range in use, or for the excess over it."""
         tails, heads = vertices[self.ends[:, 0]], vertices[self.ends[:, 1]]
         distance = np.linalg.norm(tails - heads, axis=1)
         middle, half = (self.least + self.most) / 2.0, (self.most - self.least) / 2.0
-        # A rope, which has no lower bound, is used by as much as it is pulled out.
+        # a rope has no lower bound; its use is its extension
         isRope = self.least == 0.0
         middle, half = np.where(isRope, 0.0, middle), np.where(isRope, self.most, half)
         off = np.abs(distance - middle)
@@ -148,27 +143,28 @@ class ConstraintLines:
 
 
 def ground_squares(size, middle, reach):
-    """The ground: a chequered disc under `middle` (3,), in plain rings that fade into the sky.
+    """Builds the ground: a chequered disc at `middle` (3,), in plain rings that fade away.
 
-    size : metres, of what is looked at; reach : metres, how far the ground can be seen
-    returns (vertices (V, 3), faces (F, 3), colours (V, 3), side of a square in metres: 1, 2 or 5
-    times a power of ten)
+    size : metres, of the view; reach : metres, visible radius of the ground
+
+    Returns `(vertices (V, 3), faces (F, 3), colours (V, 3), side)`, with the side of a square in
+    metres: 1, 2 or 5 times a power of ten.
     """
     least = SQUARE_SIZE * size
     power = 10.0 ** math.floor(math.log10(least))
     side = next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= least)
     ticks = np.arange(GROUND_SQUARES) - GROUND_SQUARES // 2
-    # Whole pairs of squares: the colours of the ground do not depend on the scene's place.
+    # shifts by whole pairs of squares, so that their colours do not depend on the place
     shift = 2.0 * side * np.round(np.asarray(middle) / (2.0 * side))
     row, column = (ticks.ravel() for ticks in np.meshgrid(ticks, ticks, indexing="ij"))
     radius = side * GROUND_SQUARES / 2
     isSeen = side * np.hypot(row + 0.5, column + 0.5) < radius
     row, column = row[isSeen, None], column[isSeen, None]
-    # Each square has its own corners, so that it ends sharply, and fades smoothly.
+    # each square has its own corners, for sharp borders and smooth fading
     x, z = column + [0, 0, 1, 1], row + [0, 1, 1, 0]
     squares = side * np.stack([x, np.zeros_like(x), z], axis=-1).reshape(-1, 3) + shift * [1, 0, 1]
     corners = 4 * np.arange(len(row))[:, None, None] + [[0, 1, 2], [0, 2, 3]]
-    # Far squares would only flicker: they fade into the plain grey between them.
+    # far squares would flicker, so they fade into the grey between them
     plain = np.mean(GROUND_COLOURS, axis=0)
     contrast = 1.0 - _smooth(
         np.linalg.norm(squares - middle * np.array([1, 0, 1]), axis=1), 0.45 * radius, 0.95 * radius
@@ -177,8 +173,8 @@ def ground_squares(size, middle, reach):
         (np.array(GROUND_COLOURS) - plain)[((row + column) % 2)[:, 0]], 4, axis=0
     )
 
-    # The plain rings, of equal ratios, begin under the last squares only: two layers would hide
-    # twice as much of what is drawn where bodies are see-through.
+    # The plain rings, of equal ratios, begin only below the last squares. Two layers would hide
+    # twice as much behind transparent bodies.
     radii = np.geomspace(min(0.9 * radius, 0.5 * reach), reach, GROUND_RINGS)
     angles = np.linspace(0.0, 2.0 * math.pi, GROUND_SECTORS, endpoint=False)
     disc = np.stack(
@@ -211,15 +207,15 @@ def ground_squares(size, middle, reach):
 
 
 def _smooth(values, low, high):
-    """0 up to low, 1 from high on, and without a kink between."""
+    """Smooth step from 0 at low to 1 at high."""
     place = np.clip((values - low) / (high - low), 0.0, 1.0)
     return place * place * (3.0 - 2.0 * place)
 
 
 def cast_shadows(vertices, height, slant=SHADOW_SLANT):
-    """Vertices (V, 3) as the light throws them onto the plane at this height in metres, (V, 3).
+    """Projects vertices (V, 3) along the light onto the plane at this height in metres.
 
-    slant (3,) : where the shadow of a point falls that is 1 m above the ground
+    slant : (3,), shadow of a point 1 m above the ground
     """
     shadows = vertices + np.maximum(vertices[:, 1:2], 0.0) * slant
     shadows[:, 1] = height
@@ -227,16 +223,16 @@ def cast_shadows(vertices, height, slant=SHADOW_SLANT):
 
 
 def surface_points(vertices, faces, bodyOfFace, centres, directions):
-    """Where rays from inside convex bodies leave them, (n, 3).
+    """Returns the points (n, 3) where rays from inside convex bodies leave them.
 
-    vertices (V, 3), faces (F, 3), bodyOfFace (F,) : as `flatten_meshes` gives them
-    centres, directions : (n, 3), a ray for each body; one of no direction stays in its centre
+    vertices, faces, bodyOfFace : from `flatten_meshes`
+    centres, directions : (n, 3), one ray per body; with a zero direction, the point is the centre
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(directions, axis=1, keepdims=True)
     directions = directions / np.where(lengths > 0.0, lengths, 1.0)
-    # A plane is reached after (height of the centre under it) / (speed towards it).
+    # distance to a plane: height of the centre below it / speed towards it
     speeds = np.sum(normals * directions[bodyOfFace], axis=1)
     heights = np.sum(normals * (a - centres[bodyOfFace]), axis=1)
     isAhead = speeds > 1e-9 * np.linalg.norm(normals, axis=1)
@@ -246,10 +242,12 @@ def surface_points(vertices, faces, bodyOfFace, centres, directions):
 
 
 def contact_patches(pairs, points, normals):
-    """The outlines of contact manifolds: of each pair's points, once around the normal.
+    """Returns the outlines of contact manifolds, once around the normal of each pair.
 
-    pairs : (m, 2), the bodies that touch; points, normals : (m, 3)
-    returns (edges (E, 2), indices of points; middles (P, 3) and normals (P, 3) of the P pairs)
+    pairs : (m, 2), bodies that touch; points, normals : (m, 3)
+
+    Returns `(edges (E, 2), middles (P, 3), normals (P, 3))`: indices of points, and the middle and
+    normal of each of the P pairs.
     """
     _, first, patch, counts = np.unique(
         pairs, axis=0, return_index=True, return_inverse=True, return_counts=True
@@ -258,13 +256,13 @@ def contact_patches(pairs, points, normals):
     middles = np.zeros((len(first), 3))
     np.add.at(middles, patch, points)
     middles /= counts[:, None]
-    # Some axis across the normal, from which angles are counted.
+    # any axis perpendicular to the normal, as origin of the angles
     across = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
     along = np.cross(normals, across)
     away = points - middles[patch]
     angle = np.arctan2(np.sum(along[patch] * away, axis=1), np.sum(across[patch] * away, axis=1))
     order = np.lexsort((angle, patch))
-    # Each point to the next one of its patch, the last to the first.
+    # connects each point to the next one of its patch, and the last to the first
     begin = np.cumsum(counts) - counts
     place = np.arange(len(order)) - begin[patch[order]]
     following = order[begin[patch[order]] + (place + 1) % counts[patch[order]]]
@@ -273,17 +271,17 @@ def contact_patches(pairs, points, normals):
 
 
 def box_lines(low, high):
-    """The edges of boxes as lines: low, high (n, 3); returns nodes (8 n, 3), edges (12 n, 2)."""
+    """Edges of boxes low, high (n, 3) as lines: nodes (8 n, 3), edges (12 n, 2)."""
     corners = np.where(BOX_CORNERS, high[:, None], low[:, None])
     edges = BOX_EDGES + 8 * np.arange(len(low))[:, None, None]
     return corners.reshape(-1, 3), edges.reshape(-1, 2)
 
 
 def grid_cells(low, high):
-    """The cells of the uniform-grid broad phase that hold a body, from its first to its last one.
+    """Returns the occupied cells of the uniform-grid broad phase as boxes: low, high (m, 3).
 
-    A cell is a column along x. low, high : (n, 3), the boxes of the bodies
-    returns (low, high), both (m, 3)
+    A cell is a column along x, drawn from its first to its last body. low, high : (n, 3), boxes of
+    the bodies
     """
     cells = {}
     for level, _, width in grid_levels(np.concatenate([low, -high], axis=1).T):

@@ -1,7 +1,4 @@
-"""Where a camera has to stand to see a scene, beside the panels and as large as possible.
-
-Units: metres, degrees.
-"""
+"""Viewpoints that show a scene as large as possible beside the panels. Units: metres, degrees."""
 
 import math
 
@@ -10,25 +7,25 @@ import numpy as np
 from rbs.appearance.drawables import SUN, cast_shadows
 from RBSFunctions import refresh_vertices
 
-# From the middle of the scene to the camera: a little from the right, a little from above.
+# Direction from the middle of the scene to the camera: slightly from the right and from above.
 VIEW_DIRECTION = (0.45, 0.36, 1.0)
-# The free rim of a picture, as a fraction of its size.
+# Free margin of a picture, as a fraction of its size.
 FRAME_MARGIN = 0.08
-# Of stills that are framed anew: likewise, but low; the angle upwards in degrees; and the further
-# free rim above and below.
+# For newly framed stills: the direction, which is lower; the vertical field of view in degrees; the
+# additional free margin above and below.
 STILL_DIRECTION, STILL_ANGLE, STILL_MARGIN = (0.45, 0.28, 1.0), 30.0, 0.11
-# By which part of its distance the camera may stand back so that shadows are in the picture too.
+# Largest increase of the camera's distance to show shadows, as a fraction of that distance.
 SHADOW_ROOM = 0.3
-# A body is flung away if it is so many times further from the middle than all nearer ones reach,
-# which are at least this share of all.
+# A body is an outlier if it is this many times farther from the middle than all nearer bodies
+# reach. The nearer ones are at least the fraction MAIN_SHARE of all.
 FLUNG, MAIN_SHARE = 2.5, 0.8
 
 
 def frame_still(meshes, size):
-    """Where the camera of a still stands: low down, it sees bodies and their shadows in the sun.
+    """Returns the camera of a still, `(position (3,), target (3,))`, for the angle STILL_ANGLE.
 
-    size : width and height of the picture in pixels. Bodies that are flung far from the others do
-    not count. Returns (position (3,), target (3,)), for the angle STILL_ANGLE.
+    The camera is low and sees the bodies and their shadows in the sun, except bodies flung far from
+    the others. size : width and height of the picture in pixels
     """
     refresh_vertices(meshes)
     middles = np.array([np.mean(mesh.currVertices, axis=0) for mesh in meshes])
@@ -47,7 +44,7 @@ def frame_still(meshes, size):
     shadows = cast_shadows(vertices, 0.0, -SUN / SUN[1])
     far = np.array(frame_camera(np.concatenate([vertices, shadows]), *how))
     distance, farDistance = (np.linalg.norm(eye - target) for eye, target in (near, far))
-    # What is seen by two cameras is seen from between them, too: no further on than is needed.
+    # points seen by two cameras are seen from between them, too; move no farther than needed
     most = min(1.0, SHADOW_ROOM * distance / max(farDistance - distance, 1e-9 * distance))
     for share in most * np.linspace(0.0, 1.0, 9):
         eye, target = near + share * (far - near)
@@ -57,7 +54,7 @@ def frame_still(meshes, size):
 
 
 def are_seen(points, eye, target, fieldOfView, aspect):
-    """Whether a camera sees all points (n, 3), and a little rim around them."""
+    """Whether a camera sees all points (n, 3), with a small margin around them."""
     backward, right, up = view_axes(eye - target)
     away = points - eye
     half = -math.tan(math.radians(fieldOfView) / 2.0) * (1.0 - FRAME_MARGIN) * (away @ backward)
@@ -65,7 +62,7 @@ def are_seen(points, eye, target, fieldOfView, aspect):
 
 
 def view_axes(direction):
-    """Unit vectors (3,) of a camera that stands in this direction: towards it, right and up."""
+    """Unit vectors (3,) of a camera in this direction: towards it, right and up."""
     backward = np.asarray(direction, dtype=np.float64)
     backward = backward / np.linalg.norm(backward)
     right = np.cross([0.0, 1.0, 0.0], backward)
@@ -74,19 +71,18 @@ def view_axes(direction):
 
 
 def frame_camera(points, direction, fieldOfView, size, margins=(0, 0, 0, 0)):
-    """Where a camera must stand to see all points beside the panels, and as large as possible.
+    """Returns the nearest camera that sees all points beside the panels: position, target (3,).
 
     points : (n, 3); direction : from the middle of their bounding box to the camera
-    fieldOfView : vertical, in degrees; size : width and height of the window; margins : what the
-    panels take of it at the left, top, right and bottom
-    returns (position (3,), target (3,))
+    fieldOfView : vertical, in degrees; size : width and height of the window; margins : pixels
+        covered by panels at the left, top, right and bottom
     """
     backward, right, up = view_axes(direction)
     middle = (np.min(points, axis=0) + np.max(points, axis=0)) / 2.0
     arms = points - middle
-    # A point at (x, z), z towards the camera, is seen by a camera at (X, Z) while
-    # -(Z - z) s ≤ x - X ≤ (Z - z) t, s and t the tangents of the angles to the picture's sides:
-    # X + Z t ≥ x + z t, and -X + Z s ≥ -x + z s. The nearest camera has both sides touch.
+    # A camera at (X, Z), with z towards it, sees a point (x, z) if -(Z - z) s ≤ x - X ≤ (Z - z) t,
+    # where s and t are the tangents of the angles to the picture's sides. Hence X + Z t ≥ x + z t
+    # and -X + Z s ≥ -x + z s. Both sides touch the points for the nearest camera.
     depths = arms @ backward
     width, height = size
     left, top, rightMargin, bottom = margins

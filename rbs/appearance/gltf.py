@@ -1,10 +1,8 @@
 """Export of a run as glTF 2.0 (.glb), which Blender and other 3-D programs open.
 
-Each body is a node whose translation and rotation are animated, in real time, step by step. Shapes
-that occur more than once are stored once. A constraint is a line between its two vertices.
-pygltflib, which writes the file, is imported inside `GltfWriter`.
-
-Units: metres, seconds. glTF's y axis points up, as ours does.
+Each body is a node with animated translation and rotation, in real time, step by step. Repeated
+shapes are stored once. A constraint is a line between its two vertices. pygltflib writes the file,
+and is imported inside `GltfWriter`. Units: metres, seconds. The y axis points up, as in glTF.
 """
 
 import numpy as np
@@ -16,7 +14,7 @@ from rbs.scenes.messages import InputError, shown_path
 from RBSFunctions import refresh_vertices
 
 GLTF_REMEDY = "Install it: pip install pygltflib"
-# Side of the ground, in sizes of the scene, and how rough surfaces are, from 0 to 1.
+# Side of the ground as a multiple of the scene's size, and roughness of surfaces, 0 to 1.
 GROUND_SIZE, ROUGHNESS = 6.0, 0.6
 
 
@@ -25,21 +23,21 @@ class ExportError(InputError):
 
 
 class GltfWriter:
-    """Collects the states of a run, and writes them at its end."""
+    """Collects the states of a run and writes them at its end."""
 
     def __init__(self, path):
-        """Raises ExportError where pygltflib is missing."""
+        """Raises ExportError if pygltflib is missing."""
         try:
             import pygltflib
         except ImportError:
-            raise ExportError(f"no export: pygltflib is missing. {GLTF_REMEDY}") from None
+            raise ExportError(f"cannot export: pygltflib is missing. {GLTF_REMEDY}") from None
         self.path = path
         self._gltf = pygltflib
         self._times, self._states, self._lines = [], [], []
-        self._constraints = None  # `ConstraintLines`, where the run begins with them
+        self._constraints = None  # `ConstraintLines`, if the run starts with constraints
 
     def add(self, simulation):
-        """Notes where the bodies are."""
+        """Records the poses of the bodies."""
         state = simulation.state()
         isFirst, isTied = not self._times, simulation.settings.enforceConstraints
         if isFirst and isTied and simulation.constraints:
@@ -51,14 +49,14 @@ class GltfWriter:
             self._lines.append(nodes.reshape(-1, 2, 3))
 
     def save(self, simulation):
-        """Writes the file, in place of an old one; raises OSError."""
+        """Writes the file, replacing an old one; raises OSError."""
         document = _Document(self._gltf)
         times = np.array(self._times) - self._times[0]
         document.times = document.accessor(times, isBounded=True)
         meshes, colours = simulation.meshes, BodyColours(simulation.meshes).of(simulation, "body")
         for b, mesh in enumerate(meshes):
             node = document.node(mesh.name, document.shape(mesh, colours[b]))
-            # what is added by hand is not there before; a size of zero hides it
+            # bodies added during the run are hidden by a size of zero until then
             first = next(k for k, (positions, _) in enumerate(self._states) if b < len(positions))
             states = [self._states[max(k, first)] for k in range(len(times))]
             document.animate(node, "translation", [positions[b] for positions, _ in states])
@@ -78,19 +76,19 @@ class GltfWriter:
         """Does nothing: the file is written by `save`."""
 
     def summary(self, simulation):
-        """Name and text of its row in the summary of a run."""
+        """Returns name and text of its row in the summary of a run."""
         return "export", f"{shown_path(self.path)}: {len(self._times)} steps, real time"
 
 
 def _continuous(quaternions):
-    """The same rotations (T, 4), each quaternion on the side of the one before."""
+    """The same rotations (T, 4), with the sign of each quaternion closest to the last one."""
     turns = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
     signs = np.concatenate([[1.0], np.where(turns, -1.0, 1.0)]).cumprod()
     return signs[:, None] * quaternions
 
 
 class _Document:
-    """A glTF document in the making: one binary buffer, and the lists of the format."""
+    """A glTF document under construction: one binary buffer, and the lists of the format."""
 
     def __init__(self, gltf):
         self._gltf = gltf
@@ -104,7 +102,7 @@ class _Document:
         )
 
     def accessor(self, values, isIndex=False, isBounded=False):
-        """The index of an accessor to a copy of an array (n,) or (n, w), in single precision."""
+        """Adds a single-precision copy of an array (n,) or (n, w); returns its accessor's index."""
         gltf = self._gltf
         array = np.ascontiguousarray(values, dtype=np.uint32 if isIndex else np.float32)
         view = gltf.BufferView(buffer=0, byteOffset=self._length, byteLength=array.nbytes)
@@ -125,7 +123,7 @@ class _Document:
         return len(self.document.accessors) - 1
 
     def material(self, colour):
-        """The index of a matt material of an sRGB colour."""
+        """Returns the index of a matt material of an sRGB colour."""
         key = tuple(np.round(colour, 6))
         if key not in self._materials:
             surface = self._gltf.PbrMetallicRoughness(
@@ -138,7 +136,7 @@ class _Document:
         return self._materials[key]
 
     def shape(self, mesh, colour):
-        """The index of the mesh of a body in this colour; its corners are those of its faces."""
+        """Returns the index of a body's mesh in this colour, with the corners of its faces."""
         key = mesh.origVertices.tobytes(), mesh.faces.tobytes()
         if key not in self._shapes:
             corners = mesh.origVertices[mesh.faces].reshape(-1, 3)
@@ -152,7 +150,7 @@ class _Document:
         return self._mesh((key, tuple(colour)), *self._shapes[key], self.material(colour))
 
     def _mesh(self, key, position, normal, index, material, mode=4):
-        """The index of a mesh of triangles, or with mode 1 of lines; of each key there is one."""
+        """Returns the index of the mesh with this key, of triangles or, with mode 1, of lines."""
         if key not in self._shapes:
             attributes = self._gltf.Attributes(POSITION=position, NORMAL=normal)
             primitive = self._gltf.Primitive(
@@ -163,13 +161,13 @@ class _Document:
         return self._shapes[key]
 
     def node(self, name, mesh):
-        """The index of a new node."""
+        """Adds a node and returns its index."""
         self.document.nodes.append(self._gltf.Node(name=name, mesh=mesh))
         self.document.scenes[0].nodes.append(len(self.document.nodes) - 1)
         return len(self.document.nodes) - 1
 
     def animate(self, node, path, values, interpolation="LINEAR"):
-        """Sets a node's translation, rotation or scale (T, w); animates it if it changes."""
+        """Sets a node's translation, rotation or scale (T, w), and animates it if it changes."""
         values = np.asarray(values, dtype=np.float64)
         setattr(self.document.nodes[node], path, values[0].tolist())
         if (values == values[0]).all():
@@ -186,8 +184,7 @@ class _Document:
         )
 
     def add_lines(self, ends, colour):
-        """Lines between points (T, R, 2, 3): each a unit line along y that is moved, turned and
-        stretched."""
+        """Adds lines between points (T, R, 2, 3), as a transformed unit line along y each."""
         unit = self.accessor(np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), isBounded=True)
         index = self.accessor(np.array([0, 1]), isIndex=True)
         mesh = self._mesh("line", unit, None, index, self.material(colour), mode=1)
@@ -201,7 +198,7 @@ class _Document:
             self.animate(node, "scale", np.hstack([length, length, length]))
 
     def add_ground(self, places):
-        """A square at y = 0 below everything that the bodies have been through (m, 3)."""
+        """Adds a square at y = 0 below all positions (m, 3) of the bodies."""
         low, high = places.min(axis=0), places.max(axis=0)
         middle, half = (low + high) / 2.0, 0.5 * GROUND_SIZE * max(np.linalg.norm(high - low), 1.0)
         corners = np.array([[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [1, 0, -1]]) * half
@@ -222,7 +219,7 @@ class _Document:
 
 
 def _turns_from_y(directions):
-    """Quaternions (T, 4) that turn the y axis to unit vectors (T, 3), the shortest way."""
+    """Quaternions (T, 4) of the shortest rotations from the y axis to unit vectors (T, 3)."""
     cosine = directions[:, 1]
     turns = np.stack([1.0 + cosine, directions[:, 2], 0.0 * cosine, -directions[:, 0]], axis=1)
     turns[cosine < -1.0 + 1e-9] = [0.0, 1.0, 0.0, 0.0]

@@ -1,11 +1,11 @@
-"""The light of studio pictures: sky, sun, and what bodies and ground send to each other.
+"""Light of studio pictures: sky, sun, and diffuse light from bodies and ground.
 
-Light is linear, in units in which white paper in the open is about 2, and reflection diffuse. From
-each of several hundred directions, a map (`rbs.pictures.facenumbers`) tells which face light meets
-first. It reaches a point unless that face is another body's and lies before the point: there is
-nothing to trace, and no bias against faces that would shade themselves.
+Light is linear, in units in which white paper in the open has about 2, and reflection is diffuse.
+For each of several hundred directions, a map (`rbs.pictures.facenumbers`) contains the face that
+the light meets first. Light reaches a point unless that face belongs to another body and lies in
+front of the point. No rays need tracing, and faces do not shade themselves.
 
-Arrays of points, vectors and colours are (3, m), in single precision. From the top: directions;
+Arrays of points, vectors and colours are (3, m), in single precision. Reading order: directions;
 light in the open; light among bodies. Units: metres.
 """
 
@@ -16,25 +16,26 @@ import numpy as np
 from rbs.appearance.drawables import SUN
 from rbs.geometry.triples import dot
 
-# Sides of the maps of the sky and of what is below, in pixels.
+# Sides of the maps of the sky and of the light from below, in pixels.
 MAP_SIDES = {"sky": 288, "below": 224}
-# How far a face has to lie before a point to shade it, as a fraction of the size of what is lit.
+# Least distance of a face in front of a point that it shades, as a fraction of the lit size. Less
+# lets faces shade themselves; more lets light through at contacts.
 LEAST_GAP = 2e-4
-# The angle of the sun's disc: four times the real one's, for soft shadows.
+# Angle of the sun's disc, in radians. More makes shadows softer.
 SUN_ANGLE = math.radians(2.0)
-# Irradiance of the sun, and radiance of the sky at the zenith and at the horizon.
+# Irradiance of the sun, and radiance of the sky at the zenith and at the horizon (r, g, b).
 SUN_LIGHT = 5.6 * np.array([1.0, 0.945, 0.86])
 ZENITH, HORIZON = np.array([0.44, 0.54, 0.72]), np.array([0.58, 0.59, 0.60])
 # Reflectance of the ground.
 GROUND = np.array([0.50, 0.483, 0.458])
-# Of what a surface receives in the open, as a first guess of what it receives among others.
+# Initial estimate of a surface's irradiance among others, as a fraction of that in the open.
 AROUND = 0.55
-# Samples of the ground along each side, for the light that it sends up.
+# Number of samples of the ground along each side, for the light that it reflects.
 GROUND_SAMPLES = 128
 
 
 def hemisphere(count):
-    """`count` directions (n, 3) of equal solid angle over the upper half space, on a spiral."""
+    """`count` directions (n, 3) of equal solid angle in the upper half space, on a spiral."""
     k = np.arange(count) + 0.5
     y, angle = k / count, k * math.pi * (3.0 - math.sqrt(5.0))
     across = np.sqrt(1.0 - y * y)
@@ -42,7 +43,7 @@ def hemisphere(count):
 
 
 def sun_disc(count):
-    """`count` directions (n, 3) towards the sun's disc, of equal solid angle."""
+    """Returns `count` directions (n, 3) of equal solid angle towards the sun's disc."""
     k = np.arange(count) + 0.5
     radius, angle = np.sqrt(k / count), k * math.pi * (3.0 - math.sqrt(5.0))
     side = np.cross(SUN, [0.0, 1.0, 0.0])
@@ -53,32 +54,33 @@ def sun_disc(count):
 
 
 def directions(counts):
-    """Directions of light by kind: dict of (n, 3), likewise of their numbers."""
+    """Returns the directions of light, dict of (n, 3) by kind; counts : dict of their numbers."""
     below = hemisphere(counts["below"]) * [1.0, -1.0, 1.0]
     return {"sky": hemisphere(counts["sky"]), "below": below, "sun": sun_disc(counts["sun"])}
 
 
 def sky_radiance(height):
-    """Radiance (n, 3) of the sky in directions of this sine of elevation (n,)."""
+    """Radiance (n, 3) of the sky at these sines of elevation (n,)."""
     share = np.sqrt(np.clip(height, 0.0, 1.0))[:, None]
     return (1.0 - share) * HORIZON + share * ZENITH
 
 
 class ByHeight:
-    """A table (k, n) of quantities over the y component, -1 to 1, of unit vectors."""
+    """Table (k, n) of quantities that depend on the y component, -1 to 1, of unit vectors."""
 
     def __init__(self, quantities):
-        """quantities : function of heights (n,) that gives (n, k)"""
+        """quantities : function of heights (n,) that returns (n, k)"""
         self.table = quantities(np.linspace(-1.0, 1.0, 513)).T.astype(np.float32)
 
     def __call__(self, y):
-        """The quantities (k, m) of vectors of which this is the y component, (m,)."""
+        """Returns the quantities (k, m) of vectors with this y component, (m,)."""
         return self.table.take(((y + 1.0) * 256.0 + 0.5).astype(np.int32), axis=1, mode="clip")
 
 
 def _open_irradiance(height):
-    """What surfaces whose normals have these heights receive in the open: columns r, g, b of the
-    sky, and of half spaces of radiance 1 above and below the horizon."""
+    """Irradiance in the open, by the heights of normals: columns r, g, b of the sky, and half
+    spaces of radiance 1 above and below the horizon.
+    """
     sky = hemisphere(4096)
     normal = np.stack([np.sqrt(1.0 - height**2), height, 0.0 * height], axis=1)
     received = np.maximum(normal @ sky.T, 0.0) @ sky_radiance(sky[:, 1]) * (math.tau / len(sky))
@@ -87,28 +89,29 @@ def _open_irradiance(height):
 
 OPEN = ByHeight(_open_irradiance)
 OPEN_SKY = OPEN.table[:3, -1]
-# Radiance of the ground in the open and, as a first guess, near bodies.
+# Radiance of the ground in the open, also the initial estimate near bodies.
 OPEN_GROUND = GROUND / math.pi * (OPEN_SKY + SUN[1] * SUN_LIGHT)
 
 
 def irradiance(normal, light):
-    """What surfaces with these normals (3, m) receive, (3, m). light (5, m) : see `received`"""
+    """Irradiance (3, m) of surfaces with these normals (3, m); light : (5, m), see `received`."""
     cosine = np.maximum(dot(normal, SUN.astype(np.float32)), 0.0)
     sun = SUN_LIGHT.astype(np.float32)[:, None] * (cosine * light[0])
     return sun + OPEN(normal[1])[:3] * light[1] + light[2:]
 
 
 class SceneLight:
-    """What light the points of a scene receive, as its bodies stand.
+    """Light received by the points of a scene, with its bodies in their present poses.
 
-    surface : `Surface`; size : m, of what is lit
+    surface : `Surface`; size : m, of the lit region
     """
 
     def __init__(self, surface, maps, vertices, box, counts, sunMapSide, progress):
-        """Draws the maps: to be called within `bodies_only`, where faces are numbered.
+        """Draws the maps; call within `bodies_only`, with the faces numbered.
 
-        maps : `LightMaps` of the surface; vertices (V, 3) : of all bodies; box (2, 3) : what is
-        lit; counts : of directions, by kind; progress : called with the fraction that is done
+        maps : `LightMaps` of the surface; vertices : (V, 3), of all bodies; box : (2, 3), lit
+            region;
+        counts : numbers of directions, by kind; progress : called with the completed fraction
         """
         self.surface, self.size = surface, float(np.linalg.norm(box[1] - box[0]))
         self._directions = directions(counts)
@@ -123,7 +126,7 @@ class SceneLight:
         for kind, towards in self._directions.items():
             side = MAP_SIDES.get(kind, sunMapSide)
             self._maps.draw(kind, towards, side, box, vertices, advance)
-        # What bodies and ground send to each other is guessed at first.
+        # initial estimate of the light between bodies and ground
         normal = surface.plane[:3]
         inTheOpen = np.array([[1.0, 1.0, 0.0, 0.0, 0.0]], dtype=np.float32).T
         self._sent = self._body_radiance(AROUND * irradiance(normal, inTheOpen))
@@ -134,8 +137,8 @@ class SceneLight:
         self._sent = self._body_radiance(irradiance(normal, received))
 
     def _body_radiance(self, received):
-        """The mean radiance of each body as seen against each direction of light, dict by kind of
-        lists of (3, n): a map does not tell which face is seen. received (3, F + 1) : by the faces
+        """Mean radiance of each body by direction of light, dict by kind of lists (3, n), because a
+        map does not contain the visible face. received : (3, F + 1)
         """
         surface, result = self.surface, {}
         body, sent = surface.body[1:], (surface.albedo * received / math.pi)[:, 1:]
@@ -149,7 +152,7 @@ class SceneLight:
         return result
 
     def _ground_radiance(self):
-        """The light (3, GROUND_SAMPLES²) that the ground sends up, x by x in rows of z."""
+        """Radiance (3, GROUND_SAMPLES²) of the ground, x by x in rows of z."""
         place = (np.arange(GROUND_SAMPLES) + 0.5) / GROUND_SAMPLES
         x, z = (a + place * (b - a) for a, b in zip(self._low, self._high, strict=True))
         points = np.zeros((3, GROUND_SAMPLES**2), dtype=np.float32)
@@ -160,11 +163,13 @@ class SceneLight:
         return (GROUND[:, None] / math.pi * irradiance(normal, received)).astype(np.float32)
 
     def received(self, x, normal, body, first=0, stride=1):
-        """What points x (3, m) receive, (5, m): the shares of the sun and of the sky that they see,
-        and the irradiance r, g, b from bodies and ground.
+        """Light (5, m) received at points x (3, m).
 
-        normal (3, m) : unit; body (m,) : that they are of, -1 for the ground
-        first, stride : take every stride-th direction, from the first on
+        The rows are the visible fractions of the sun and of the sky, and the irradiance r, g, b
+        from bodies and ground.
+
+        normal : (3, m), unit; body : (m,), to which the points belong, -1 for the ground
+        first, stride : use every stride-th direction, starting with the first
         """
         result = np.zeros((5, x.shape[1]), dtype=np.float32)
         some = np.flatnonzero(dot(normal, SUN.astype(np.float32)) > 0.0)
@@ -179,7 +184,7 @@ class SceneLight:
         free, around, total = self._gathered("sky", x, normal, body, first, stride)
         result[1] = free / total
         result[2:] = around * (irradiance[3] / total)
-        # hardly anything from below is seen by what faces up
+        # surfaces that face up receive hardly any light from below
         some = np.flatnonzero((body >= 0) & (irradiance[4] > 0.06))
         if len(some):
             x, normal, body = x.take(some, axis=1), normal.take(some, axis=1), body.take(some)
@@ -188,8 +193,9 @@ class SceneLight:
         return result
 
     def _gathered(self, kind, x, normal, body, first, stride):
-        """Sums over directions, each weighted by its cosine with the normal: of those in which
-        nothing is in the way (m,), of the radiance from what is (3, m), and of all (m,)."""
+        """Sums over directions, weighted by cosine with the normal: the weights of free ones (m,),
+        the radiance of the others (3, m), and all weights (m,).
+        """
         total = np.full(x.shape[1], 1e-6, dtype=np.float32)
         free = np.zeros(x.shape[1], dtype=np.float32)
         around = np.zeros(x.shape, dtype=np.float32)
@@ -208,7 +214,7 @@ class SceneLight:
         return free, around, total
 
     def _ground_sample(self, x, towards):
-        """Which sample (m,) of the ground is met from points x (3, m) in a direction downwards."""
+        """Returns the ground sample (m,) that a ray from x (3, m) in a downward direction meets."""
         columns = []
         for axis, low, high in zip((0, 2), self._low, self._high, strict=True):
             place = x[axis] - (towards[axis] / towards[1]) * x[1]

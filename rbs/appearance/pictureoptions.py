@@ -1,17 +1,17 @@
-"""The options of pictures and videos: what can be chosen, and what there is without a choice.
+"""Options of pictures and videos, with their choices and defaults.
 
-The command line names these choices without importing what draws. From the top: the choices; the
+The command line lists the choices without importing drawing code. Reading order: the choices; the
 options of a picture; the timing of a video.
 """
 
 import re
 from dataclasses import dataclass
 
-# Width and height in pixels where nobody asks for others.
+# Default width and height in pixels.
 PICTURE_SIZE = (1280, 720)
-# The least and the largest width and height of pictures: a thumbnail, and 8K.
+# Least and largest width and height in pixels: a thumbnail, and 8K.
 PICTURE_SIZES = (16, 8192)
-# What can be drawn over the bodies. `rbs.pictures.view` has a function for each.
+# Overlays drawn over the bodies. `rbs.pictures.view` has a function for each.
 OVERLAYS = (
     "contacts",
     "impulses",
@@ -21,29 +21,27 @@ OVERLAYS = (
     "grid cells",
     "trails",
 )
-# How pictures are drawn: as the window is, or with sky light and soft shadows, which takes seconds.
+# Looks of pictures: as in the window, or with sky light and soft shadows, which takes seconds.
 LOOKS = ("plain", "studio")
-# How much of what is behind a body is seen where bodies are see-through.
+# Fraction of the background that shows through a transparent body, 0 to 1.
 SEEN_THROUGH = 0.55
-# The names of a series' pictures, with the number of the step.
+# File names of a series of pictures, with the number of the step.
 PICTURE_NAME = re.compile(r"frame_[0-9]{6,}\.png")
 VIDEO_ENDINGS = (".mp4", ".gif")
-# Pictures a second that a video has where nobody says: enough for motion to look smooth, and a
-# divisor of the usual 50 steps a second.
+# Default frame rate of videos, in frames per second: smooth, and a divisor of the usual step rate.
 VIDEO_RATE = 25.0
-# Pictures a second: what an encoder can still write down, what screens can still show, and, of
-# what time step and --every make together, what an encoder can write down again.
+# Frames per second: the least that an encoder accepts, the most that screens show, and the most
+# that an encoder accepts for a time step and --every.
 SLOWEST_VIDEO, FASTEST_VIDEO, FASTEST_ENCODER = 0.01, 240.0, 1e4
 
 
 @dataclass
 class PictureOptions:
-    """What pictures and videos look like, apart from the scene.
+    """Appearance of pictures and videos, apart from the scene.
 
-    size : (width, height) in pixels; camera : as `load_camera` gives it, or None to see all of the
-    scene; isTransparent : whether the background, and the ground, are left out; colouring : a name
-    of COLOURINGS; overlays : names of OVERLAYS; hasLegend : whether their meaning is in the
-    picture; look : one of LOOKS
+    size : (width, height) in pixels; camera : from `load_camera`, or None to show the whole scene;
+    isTransparent : whether background and ground are omitted; colouring : a name of COLOURINGS;
+    overlays : names of OVERLAYS; hasLegend : whether the picture explains them; look : one of LOOKS
     """
 
     size: tuple = PICTURE_SIZE
@@ -56,11 +54,11 @@ class PictureOptions:
 
 
 def video_timing(timeStep, rate=None, every=None):
-    """How often a video takes a picture, and how fast it plays; in real time, as far as possible.
+    """Returns frame rate and steps per frame, `(rate, every)`, for real time as far as possible.
 
-    timeStep : seconds; rate : pictures a second, or None; every : steps between two pictures, or
-    None. Given both, the video plays `rate · every · timeStep` times as fast as the scene.
-    returns (rate, every)
+    timeStep : seconds; rate : frames per second, or None; every : steps per frame, or None. If both
+        are
+    given, the video plays `rate · every · timeStep` times as fast as the scene.
     """
     if every is None:
         every = max(1, round(1.0 / ((rate or VIDEO_RATE) * timeStep)))

@@ -1,9 +1,7 @@
-"""How the surfaces of bodies meet the light: smooth normals, rounded edges, planes of faces.
+"""Surfaces of bodies for lighting: smooth normals, rounded edges, planes of faces.
 
-Needs no Polyscope. Arrays of points and vectors are (3, m), which NumPy works through fastest, and
-in single precision. From the top: the skin of one shape at rest; all bodies of a scene.
-
-Units: metres.
+Arrays of points and vectors are (3, m), in single precision, which NumPy processes fastest. Reading
+order: the skin of one shape at rest; all bodies of a scene. Units: metres.
 """
 
 import math
@@ -15,24 +13,24 @@ from rbs.appearance.drawables import CREASE_ANGLE, corner_normals, face_neighbou
 from rbs.geometry.triples import dot
 from rbs.softstep.contacts import islands
 
-# Radius of rounded edges, as a fraction of the thinnest extent of the body: larger ones look like
-# soap, smaller ones catch no light.
+# Radius of rounded edges, as a fraction of the least extent of the body. More looks like soap; less
+# catches no light.
 ROUNDING = 0.035
-# Normals that are looked at to find the thinnest extent of a shape.
+# Number of normals tried to find the least extent of a shape. More takes longer.
 MOST_NORMALS = 300
-# Sides whose normals have this cosine or more are one flat side.
+# Least cosine between the normals of faces that form one flat side.
 FLAT_COSINE = 1.0 - 1e-9
 
 
 class Skin:
-    """The surface of one shape, at rest.
+    """Surface of one shape at rest.
 
     normal (F, 3), offset (F,), area (F,) : of the faces and their planes
     smooth (F, 3, 4) : the interpolated normal at a point x has the direction of smooth · (x, 1)
-    group (F,) : faces that pass for one round surface have the same number
-    rims (F, E, 7) : the creases around the flat side that a face belongs to. A point x of the side
-        is rims[e, 3] - rims[e, :3] · x away from crease e, beyond which the normal is rims[e, 4:7]
-    rimCount (F,) : how many of the E there are
+    group (F,) : number shared by faces that look like one round surface
+    rims (F, E, 7) : creases around the flat side of a face. A point x of the side has the distance
+        rims[e, 3] - rims[e, :3] · x from crease e, beyond which the normal is rims[e, 4:7]
+    rimCount (F,) : number of creases in use
     radius : of the rounded edges, m
     """
 
@@ -55,8 +53,8 @@ class Skin:
         self._find_rims(corners, edges, neighbours, isRound, side)
 
     def _interpolate(self, n, corners, edges):
-        """The normals n (F, 3, 3) of the corners, carried over the faces in between."""
-        # The share of corner k grows from 0 on the opposite edge to 1 at the corner.
+        """Interpolates the normals n (F, 3, 3) of the corners over the faces."""
+        # the weight of corner k grows from 0 on the opposite edge to 1 at the corner
         growth = np.cross(self.normal[:, None], np.roll(edges, -1, axis=1))
         growth /= np.maximum(2.0 * self.area, np.finfo(float).tiny)[:, None, None]
         share = np.concatenate(
@@ -78,27 +76,27 @@ class Skin:
 
 
 def _joined(neighbours, isJoined):
-    """A number (F,) for each set of faces that are joined over their edges."""
+    """Returns a number (F,) for each set of faces joined across edges."""
     face, edge = np.nonzero(isJoined)
     links = np.stack([face, neighbours[face, edge]])
     return islands(links, np.ones(len(neighbours), dtype=bool))
 
 
 class Surface:
-    """All bodies as they stand, by the number of a face, counted through all bodies from 1; 0 is
-    no face.
+    """Surfaces of all bodies in their poses. Faces count through all bodies from 1; 0 is none.
 
-    body, group (F + 1,) : of each face; of no face, -1
-    plane (4, F + 1) : of the faces; plane[:3] · x - plane[3] is the height of x over it
-    albedo (3, F + 1) : the reflectance of the faces, linear
+    body, group (F + 1,) : of each face; -1 for no face
+    plane (4, F + 1) : of the faces; plane[:3] · x - plane[3] is the height of x above it
+    albedo (3, F + 1) : linear reflectance of the faces
     centre (3, F + 1), area (F + 1,) : of the faces
     """
 
     def __init__(self, meshes, vertices, faces, bodyOfFace, albedo, skins):
-        """vertices, faces, bodyOfFace : of `flatten_meshes`; albedo (n, 3) : of the bodies;
-        skins : dict in which the skins of shapes are kept from one surface to the next
+        """skins : dict that caches the skins of shapes; albedo : (n, 3), of the bodies.
+
+        vertices, faces, bodyOfFace : from `flatten_meshes`
         """
-        used, rows = {}, []  # each shape's skin, and each body's first row in the tables below
+        used, rows = {}, []  # each shape's first row, and each body's, in the tables below
         for mesh in meshes:
             key = mesh.origVertices.tobytes(), mesh.faces.tobytes()
             if key not in skins:
@@ -145,9 +143,9 @@ class Surface:
         self.centre = _with_none(vertices[faces].mean(axis=1).T, 0).astype(np.float32)
 
     def normals(self, number, x, detail):
-        """`(smooth, rounded)` unit normals (3, m) at points x (3, m) of the faces (m,).
+        """`(smooth, rounded)` unit normals (3, m) at points x (3, m) of the faces `number` (m,).
 
-        detail (m,) : what is still seen there, m; finer edges are made wider, and bent less
+        detail (m,) : size of the least visible detail, m; finer edges are drawn wider and flatter
         """
         body, row = self.body.take(number), self._row.take(number)
         R = self._rotation.take(body, axis=1).reshape(3, 3, -1)
@@ -173,5 +171,5 @@ class Surface:
 
 
 def _with_none(values, none):
-    """values (..., F) with what stands for no face before them."""
+    """Prepends the value for no face to values (..., F)."""
     return np.concatenate([np.full((*values.shape[:-1], 1), none), values], axis=-1)

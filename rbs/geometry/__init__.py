@@ -1,7 +1,7 @@
-"""Vectors, convex hulls, and how deep two of them overlap.
+"""Vectors, convex hulls, and the penetration of two hulls.
 
-GJK.py builds on these modules. They work on arrays of pairs with elementwise formulas, so that a
-pair gives the same bits whatever else is in the array. In reading order:
+GJK.py builds on these modules. Elementwise formulas on arrays of pairs give each pair the same bits
+whatever else is in the array. In reading order:
 
     triples     vectors of three floats, for one pair of bodies
     vectors     the same algebra on arrays of vectors
@@ -9,5 +9,5 @@ pair gives the same bits whatever else is in the array. In reading order:
     hulls       convex hulls, of one shape and of many bodies
     facets      depth and normal: the nearest facet of the Minkowski difference
     patches     contact point: the centroid of the contact patch
-    broadphase  bounding boxes that overlap, by uniform grids
+    broadphase  overlapping bounding boxes, by uniform grids
 """

@@ -1,4 +1,4 @@
-"""Indexing of long arrays in few calls: rows of different lengths that lie one after the other."""
+"""Indexing of long arrays in few calls, for tables of consecutive rows with different lengths."""
 
 import numpy as np
 
@@ -6,22 +6,21 @@ import numpy as np
 def take(table, index, axis=None):
     """`table.take(index, axis)` for indices that are known to be in range.
 
-    To clip them is twice as fast as to check them; without an axis, the table counts as flat.
-    The rows of what `table[:, index]` makes are not contiguous, and all that is worked out from it
-    later is slow, a soft step by a fifth; here they are.
+    Clipping is faster than checking them. Without an axis, the table counts as flat. The result is
+    contiguous, unlike that of `table[:, index]`, which slows down all later operations on it.
     """
     return table.take(index, axis=axis, mode="clip")
 
 
 def indices(mask):
-    """Where (K,) a mask (n,) is true; `np.flatnonzero` takes four times as long for short ones."""
+    """Positions (K,) at which a mask (n,) is true; faster than `np.flatnonzero` for short masks."""
     return mask.nonzero()[0]
 
 
 def ranges(first, length):
-    """Concatenated ranges: `(row, index)`, both (Σ length,), row k with first[k] … and so on.
+    """Concatenated ranges: `(row, index)`, both (Σ length,); range k counts up from first[k].
 
-    first, length : (R,); where each range begins, and how many numbers it has
+    first, length : (R,), start and length of each range
     """
     row = np.arange(len(first)).repeat(length)
     index = np.arange(len(row))
@@ -30,9 +29,9 @@ def ranges(first, length):
 
 
 def row_minima(values, row, start):
-    """`(least (R,), index (R,))`: the least value of each row, and of equals the first one's index.
+    """Least value of each row and its first index: `(least (R,), index (R,))`.
 
-    values, row : (K,), one row after the other, none of them empty; start : (R,), where they begin
+    values, row : (K,), one row after the other, none of them empty; start : (R,), start of each row
     """
     least = np.minimum.reduceat(values, start)
     equal = indices(values == take(least, row))
@@ -40,21 +39,22 @@ def row_minima(values, row, start):
 
 
 def find_sorted(keys, known):
-    """Index (m,) of each key (m,) among the known ones, ascending; -1 if absent."""
+    """Indices (m,) of the keys (m,) in the ascending `known`; -1 if absent."""
     if len(known) == 0:
         return np.full(len(keys), -1)
     index = np.minimum(known.searchsorted(keys), len(known) - 1)
     return np.where(known[index] == keys, index, -1)
 
 
-# Table entries that are worked on at a time: their vectors stay in the processor's cache.
+# Number of table entries per block, so that their vectors stay in the processor's cache. More leave
+# the cache; fewer cost more calls.
 BLOCK_ENTRIES = 200_000
 
 
 def blocks(length):
-    """Slices of consecutive rows that have up to BLOCK_ENTRIES entries together, or are single.
+    """Slices of consecutive rows with up to BLOCK_ENTRIES entries together, or a single row.
 
-    length : (R,), the entries of each row. Of no rows, an empty slice.
+    length : (R,), entries of each row. Yields an empty slice if there are no rows.
     """
     if length.sum() <= BLOCK_ENTRIES:
         yield slice(0, len(length))

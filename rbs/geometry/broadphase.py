@@ -1,40 +1,40 @@
-"""Broad phase: which pairs of boxes overlap, through uniform grids.
+"""Broad phase: pairs of overlapping boxes, found by uniform grids.
 
-A box is a column of six numbers: its least coordinates, and its greatest ones negated, so that the
-boxes a and b overlap when a ≤ `overlap_limits`(b) in every row.
+A box is a column of six numbers: its least coordinates, then its negated greatest ones. The boxes a
+and b overlap if a ≤ `overlap_limits`(b) in every row.
 
-The grid is hierarchical, as in Ericson: Real-Time Collision Detection, chapter 7.2: each level has
-cells as wide as its largest box, and a box is looked for in its own level and in those of larger
-boxes.
+The grid is hierarchical (Ericson: Real-Time Collision Detection, chapter 7.2); see `grid_overlaps`.
 """
 
 import numpy as np
 
 from rbs.geometry.arrays import indices, ranges, take
 
-# A level of the grid has columns as wide as its largest box and holds boxes down to this fraction
-# of it. Smaller ones would crowd the columns, and more levels would cost more look-ups.
+# Least size of a box in a level, as a fraction of the largest one, which sets the width of the
+# columns. Less crowds the columns; more makes more levels and queries.
 GRID_SHRINK = 1 / 8
-# Up to so many cells along a side, a cell's number is its index; beyond, only cells in use count.
+# Number of cells along a side up to which numbers are indices; beyond, only used cells count.
 MOST_CELLS = 1e6
 
 
 def overlap_limits(box):
-    """What another box has to be at most, in each row, to overlap this one; (6, …) to (6, …)."""
+    """Upper limits for another box to overlap this one, row by row: (6, …) to (6, …)."""
     return -np.concatenate((box[3:], box[:3]))
 
 
 def grid_overlaps(box, isFixed):
-    """Pairs i < j whose boxes overlap, `(first, second)` in that order.
+    """Finds the pairs i < j whose boxes overlap, in order: `(first, second)`.
 
-    box : (6, n); isFixed : (n,) bool, two such bodies are no pair
+    Parameters
+    ----------
+    box : (6, n); isFixed : (n,) bool, pairs of two fixed bodies are omitted
 
     Boxes are sorted into levels by their largest side. Each level is a grid over y and z whose
     columns are as wide as its largest box, and within a column the boxes are sorted along x. A box
-    stands in the one column that holds its least corner; of two boxes that overlap, the columns are
-    the same or neighbours, and along x the least corner of one lies in the other. A box queries its
-    own level and those of larger boxes, so one huge floor among small boxes is a level of its own
-    and costs each of them one candidate.
+    is in the one column that contains its least corner. The columns of two overlapping boxes are
+    equal or neighbours, and along x the least corner of one box lies in the other. As a box queries
+    only its own level and those of larger boxes, a huge floor among small boxes costs each of them
+    one candidate.
     """
     found = []
     for level, smaller, width in grid_levels(box):
@@ -45,9 +45,9 @@ def grid_overlaps(box, isFixed):
 
 
 def overlaps_of(some, box, isFixed):
-    """The keys i · n + j, ascending, of the overlaps that have a body of `some` (m,), each once.
+    """Keys i · n + j, ascending and distinct, of the overlaps that involve a body of `some` (m,).
 
-    The boxes of each level are sorted along x, so that those near a box of `some` are a range.
+    The boxes of each level are sorted along x, so that those near a box of `some` form a range.
     """
     found = []
     for level, _, width in grid_levels(box):
@@ -58,14 +58,14 @@ def overlaps_of(some, box, isFixed):
         row, index = ranges(begin, np.maximum(end - begin, 0))
         found.append(_overlapping(box, some[row], along[index]))
     keys = _pair_keys(found, isFixed)
-    return keys[np.diff(keys, prepend=-1) > 0]  # two of `some` have found each other twice
+    return keys[np.diff(keys, prepend=-1) > 0]  # pairs within `some` are found twice
 
 
 def grid_levels(box):
-    """Sorts boxes into the levels of a grid, from the largest: yields `(level, smaller, width)`.
+    """Sorts boxes into grid levels, from the largest; yields `(level, smaller, width)`.
 
-    level, smaller : indices of the boxes of this level and of all later ones; width : the largest
-    side of this level's boxes
+    level, smaller : indices of the boxes of this level, and of all later ones; width : largest side
+        of this level's boxes
     """
     extent = (-box[3:] - box[:3]).max(axis=0)
     rest = indices(np.isfinite(extent))
@@ -78,9 +78,9 @@ def grid_levels(box):
 
 
 def _pair_keys(found, isFixed):
-    """The keys i · n + j of pairs i < j, in ascending order, as often as they were found.
+    """Keys i · n + j of pairs i < j, ascending, with repetitions.
 
-    found : list of pairs (2, m), in any order; what are two fixed bodies, or one, is left out
+    found : list of pairs (2, m), in any order; omits two fixed bodies, and a body with itself
     """
     first, second = np.concatenate([np.zeros((2, 0), dtype=np.intp), *found], axis=1)
     some = indices((first != second) & ~(isFixed[first] & isFixed[second]))
@@ -91,8 +91,7 @@ def _pair_keys(found, isFixed):
 
 
 def _cell_indices(values):
-    """Compact cell indices ≥ 1 of whole floats: neighbours (±1) stay neighbours, others do not
-    become any."""
+    """Compact cell indices ≥ 1 of whole floats, neighbours (±1) only if they were so before."""
     least = values.min()
     if values.max() - least < MOST_CELLS:
         return (values - least).astype(np.int64) + 1
@@ -105,7 +104,7 @@ def _level_overlaps(box, level, queries, width):
     """Pairs (2, P) of a body in `level` and one in `queries` whose boxes overlap, each pair once.
 
     level : indices of boxes with sides of at most `width`; queries : the same array, or indices of
-    other boxes, none larger.
+        other boxes, none larger
     """
     isOwn = queries is level
     bodies = level if isOwn else np.concatenate((level, queries))
@@ -113,7 +112,7 @@ def _level_overlaps(box, level, queries, width):
     z = _cell_indices(np.floor(box[2, bodies] / width))
     stride = int(z.max()) + 2
     column = y * stride + z
-    # the level's boxes by column, and along x within a column
+    # the level's boxes sorted by column, and along x within a column
     along = box[0, level].argsort()
     lowX = box[0, level][along]
     order = np.empty(len(level), dtype=np.int64)
@@ -122,9 +121,9 @@ def _level_overlaps(box, level, queries, width):
     key = column[:count] * (count + 1) + order
     entries = key.argsort()
     key = key[entries]
-    if isOwn:  # bisection is faster for what comes in order
+    if isOwn:  # bisection is faster for sorted values
         queries, order, column = level[entries], order[entries], column[entries]
-    # the range along x that can overlap a query
+    # the range along x that may overlap a query
     end = lowX.searchsorted(-box[3, queries], side="right")
     begin = order + 1 if isOwn else lowX.searchsorted(box[0, queries] - width, side="left")
 
@@ -135,12 +134,12 @@ def _level_overlaps(box, level, queries, width):
     some = indices(length > 0)
     row, entry = ranges(take(first, some), take(length, some))
     i, j = level[entries[entry]], queries[some[row] % len(queries)]
-    # within a level, the range along x holds exactly those that overlap there
+    # within a level, the range contains exactly the boxes that overlap along x
     return _overlapping(box, i, j, (2, 1) if isOwn else (2, 1, 0))
 
 
 def _overlapping(box, i, j, axes=(2, 1, 0)):
-    """Those of the pairs i (m,), j (m,) whose boxes overlap along the axes: (2, P)."""
+    """Those of the pairs i (m,), j (m,) whose boxes overlap along the given axes: (2, P)."""
     for k in axes:
         overlap = (take(box[k], i) <= -take(box[k + 3], j)) & (
             take(box[k], j) <= -take(box[k + 3], i)

@@ -1,13 +1,13 @@
-"""The facets of the Minkowski difference of two hulls, those that can be nearest to the origin.
+"""Facets of the Minkowski difference of two hulls that can be nearest to the origin.
 
-`find_facets` takes arrays of pairs and returns `Facets`, which tell how deep each pair penetrates
-and along which normal. `CachedAxes` saves most of the search where an axis is at hand that
-separates a pair, or nearly. The theory stands at the top of GJK.py; facets spanned by two edges are
-found on the Gauss map, with the pruning of Gregorius: The separating axis test between convex
-polyhedra. Game Developers Conference 2013.
+`find_facets` takes arrays of pairs and returns `Facets`, from which the penetration and normal of
+each pair follow. `CachedAxes` saves most of the search if a separating axis, or nearly one, is
+known. The theory is at the top of GJK.py. Facets spanned by two edges are found on the Gauss map,
+with edge pruning (Gregorius: The separating axis test between convex polyhedra. Game Developers
+Conference 2013).
 
-A pair's penetration along a facet is offset - normal · t, with t the translation from the centre
-of the first hull to that of the second; a negative one is a separation.
+The penetration of a pair along a facet is offset - normal · t, where t is the translation from the
+centre of the first hull to that of the second. A negative penetration is a separation.
 """
 
 import numpy as np
@@ -24,36 +24,39 @@ from rbs.geometry.hulls import (
 )
 from rbs.geometry.vectors import cross, dot, mat_vec, norm
 
-# Two edges with a sine below this are parallel and span no facet: the facets beside it are off by
-# no more than this angle times the edges' length.
+# Sine of the angle below which two edges are parallel and span no facet. The adjacent facets then
+# err by at most this angle times the length of the edges.
 PARALLEL_SINE = 1e-12
 
-# Where an edge makes a larger sine than this with both faces of the other one, rounding cannot have
-# made up their facet, for coordinates up to a million times the size of the bodies.
+# Sine of the angle between an edge and both faces of another one beyond which their facet cannot be
+# due to rounding, for coordinates up to a million times the size of the bodies.
 SURE_SINE = 1e-5
 
-# A cached axis proves a pair apart only when the gap along it exceeds this fraction of the size;
-# below it the sign of the facets' least penetration decides, so that one rule stands behind every
-# touching pair.
+# Least gap along a cached axis that proves separation, as a fraction of the size. Below it, the
+# sign of the least penetration decides, so that one rule applies to every touching pair.
 LEAST_GAP = 1e-6
 
 
 def find_facets(hulls, first, second, translation, margin, axes=None, separation=None):
-    """The facets of P pairs that can be nearest within a margin of the given translations.
+    """Finds the facets of P pairs that can be nearest within a margin of the given translations.
 
+    Parameters
+    ----------
     hulls : HullSet
     first, second : (P,), the bodies of each pair
     translation : (3, P), centre of the second minus centre of the first
-    margin : (P,), lengths ≥ 0; how far the translation may change before the facets have to be
-        found anew. A facet that is nearest at t + Δ has a penetration ≤ depth(t) + 2 |Δ| at t;
-        others are left out
-    axes : `CachedAxes`, or the axes (3, P) that it takes. Good ones save time; what `Facets` say of
-        a pair that collides does not depend on them
-    separation : (P,), lengths, by default the margin: of pairs further apart than this, one plane
-        is enough that shows it
+    margin : (P,), lengths ≥ 0 by which the translation may change before the facets must be found
+        again. A facet that is nearest at t + Δ has a penetration ≤ depth(t) + 2 |Δ| at t; others
+        are omitted
+    axes : `CachedAxes`, or the axes (3, P) that it takes. Good axes save time without changing the
+        facets of colliding pairs
+    separation : (P,), lengths, by default the margin. For pairs further apart, one separating plane
+        is enough
 
-    Of a pair, faces of the first come first, then faces of the second, then edge pairs. The order
-    does not depend on the translation, so the same facet wins a tie.
+    Returns
+    -------
+    Facets. Those of a pair are ordered: faces of the first hull, faces of the second, edge pairs.
+    The order does not depend on the translation, so that ties always favour the same facet.
     """
     if not isinstance(axes, CachedAxes):
         axes = CachedAxes(hulls, first, second, translation, axes)
@@ -81,22 +84,19 @@ def find_facets(hulls, first, second, translation, margin, axes=None, separation
 
 
 def all_facets(hulls, first, second, translation):
-    """All `Facets` of P pairs, at least one, in the order of `find_facets`.
-
-    For a single pair of hulls with few edges, to rule most of them out would take longer.
-    """
+    """Finds all `Facets` of P ≥ 1 pairs; faster than `find_facets` for one pair with few edges."""
     search = _FacetSearch(hulls, first, second, translation)
     search.find_all()
     return Facets.gathered(search.found, search.completeUpTo)
 
 
 class Facets:
-    """Facets of the Minkowski differences of P pairs, those that can be the nearest ones.
+    """Facets of the Minkowski differences of P pairs that can be nearest.
 
     start : (P + 1,); pair p has the columns start[p] … start[p + 1]
-    normal : (3, K), unit; the second body moves along it to separate. offset : (K,)
-    completeUpTo : (P,); every facet with a penetration up to this, at the translation that the
-        facets were found at, is among them. -inf where they can only prove that the pair is apart
+    normal : (3, K), unit, the second body moves along it to separate; offset : (K,)
+    completeUpTo : (P,); all facets with a penetration up to this, at the translation of the search,
+        are included. -inf if the facets only prove separation
     """
 
     def __init__(self, start, normal, offset, completeUpTo):
@@ -107,14 +107,14 @@ class Facets:
 
     @classmethod
     def gathered(cls, found, completeUpTo):
-        """From a list of `(pair (K,), normal (3, K), offset (K,))`, in this order for each pair."""
+        """Builds `Facets` from a list of `(pair (K,), normal (3, K), offset (K,))`."""
         pair, normal, offset = (np.concatenate(part, axis=-1) for part in zip(*found, strict=True))
         order = pair.argsort(kind="stable")
         start = pair[order].searchsorted(np.arange(len(completeUpTo) + 1))
         return cls(start, take(normal, order, axis=1), offset[order], completeUpTo)
 
     def of_pairs(self, pairs):
-        """The facets of these pairs (Q,), in this order, as new `Facets`."""
+        """Returns the facets of these pairs (Q,), in this order, as new `Facets`."""
         count = np.diff(self.start)[pairs]
         column = ranges(self.start[pairs], count)[1]
         return Facets(
@@ -125,18 +125,18 @@ class Facets:
         )
 
     def still_valid(self, p, penetration, shift):
-        """Whether the least penetration (m,) of the pairs p, at translations that differ by `shift`
-        (3, m) from where their facets were found, is that of the nearest facet.
+        """Whether the least penetrations (m,) of the pairs p still belong to the nearest facets.
 
-        A shift changes no penetration by more than |shift|. So while penetration + |shift| ≤
-        completeUpTo, no facet outside the list can be nearer.
+        shift : (3, m), change of the translations since the facets were found. No penetration
+            changes by more than |shift|. While penetration + |shift| ≤ completeUpTo, no omitted
+            facet can be nearer.
         """
         return penetration + norm(shift) <= self.completeUpTo[p]
 
     def minimal_penetrations(self, t):
-        """`(penetration (P,), normal (3, P))` along each pair's nearest facet, at t (3, P).
+        """`(penetration (P,), normal (3, P))` along the nearest facet of each pair, at t (3, P).
 
-        A negative penetration proves that a pair is apart.
+        A negative penetration proves separation.
         """
         count = np.diff(self.start)
         pair = np.arange(len(count)).repeat(count)
@@ -146,19 +146,19 @@ class Facets:
 
 
 class CachedAxes:
-    """An axis for each of P pairs that may separate it, or be near the nearest facet's normal.
+    """For each of P pairs, an axis that may separate it or be close to the nearest facet's normal.
 
     axis : (3, P), unit
-    offset : (P,); penetration (P,) = offset - axis · translation: how far the hulls overlap along
-        the axis, no less than their depth, or, negative, are apart; up to rounding
-    vertex : (2, P), columns in the set: the vertex of the second hull that is lowest along the
-        axis, and that of the first one that is highest
+    offset : (P,); penetration : (P,), offset - axis · translation, overlap of the hulls along the
+        axis: up to rounding at least their depth, or, if negative, a separation
+    vertex : (2, P), columns in the set: lowest vertex of the second hull and highest vertex of the
+        first one along the axis
     """
 
     def __init__(self, hulls, first, second, translation, axes=None):
-        """axes : (3, P), unit; where a column is zero, and by default, those between the centres"""
+        """axes : (3, P), unit; by default and for zero columns, the lines between the centres"""
         length = norm(translation)
-        # two centres in one point have no line between them, and any other axis will do
+        # coincident centres define no line, and any axis will do
         lines = translation / np.where(length > 0, length, 1.0)
         lines[0] += length == 0
         self.axis = lines if axes is None else np.where(dot(axes, axes) > 0, axes, lines)
@@ -177,18 +177,18 @@ class CachedAxes:
 
 
 class _FacetSearch:
-    """What `find_facets` finds for a block of pairs, at least one.
+    """The search of `find_facets` for a block of P ≥ 1 pairs.
 
     found : list of `(pair (K,), normal (3, K), offset (K,))`: of faces, and of edge pairs
     completeUpTo : (P,), see `Facets`
 
-    The penetration along a face of A is at least the depth below it of any point x of B. So only
-    those faces count below which no point that is tried lies deeper than the pair can be: the
-    vertex of B that is lowest along the cached axis, and the one that is deepest below the face
-    that the first one is least below. Cached axis and that face also bound the depth of the pair.
+    The penetration along a face of A is at least the depth of any point x of B below that face. A
+    face is therefore excluded if one of two points lies deeper below it than the pair's bound: the
+    lowest vertex of B along the cached axis, and the lowest vertex below the face that the first
+    point is least below. That face and the cached axis also bound the depth of the pair.
 
-    Both hulls of the P pairs have a row each: row p has the faces and edges of the first one, row
-    P + p those of the second.
+    Both hulls of a pair have a row: row p has the faces and edges of the first hull, and row P + p
+    those of the second.
     """
 
     def __init__(self, hulls, first, second, t):
@@ -196,7 +196,7 @@ class _FacetSearch:
         self.own, self.other = np.concatenate((first, second)), np.concatenate((second, first))
         self.t = np.concatenate((t, -t), axis=1)
         self.found = []
-        # the faces of all rows: count, start : (2 P,); row, offset : (F,); normal : (3, F)
+        # faces of all rows; count, start : (2 P,); row, offset : (F,); normal : (3, F)
         self.count = take(hulls.faceCount, self.own)
         self.start = self.count.cumsum() - self.count
         self.row, face = ranges(take(hulls.faceStart, self.own), self.count)
@@ -207,27 +207,26 @@ class _FacetSearch:
         self.offset = take(hulls.offsets, face)
 
     def find_all(self):
-        """All facets."""
         self.completeUpTo = np.full(len(self.own) // 2, np.inf)
         self.found.append(self._face_facets(np.arange(len(self.row))))
         self._add_edge_pairs(self.completeUpTo, *self._list_edges(np.arange(len(self.own))))
 
     def find_near(self, penetration, vertex, margin, leastDepth, size):
-        """The facets within the margin.
+        """Finds the facets within the margin.
 
-        penetration, vertex : as of `CachedAxes`; margin : as for `find_facets`; leastDepth : (P,),
-        of pairs whose facets are asked for; size : (P,)
+        penetration, vertex : from `CachedAxes`; margin : as for `find_facets`
+        leastDepth : (P,), least depth of pairs that need all facets; size : (P,)
         """
-        # Ties at rounding level have to survive: FEATURE_TOLERANCE is far above rounding.
+        # keeps ties: FEATURE_TOLERANCE is far above rounding
         extra = 2.0 * margin + FEATURE_TOLERANCE * size
-        # Of a pair that is apart, some facet has a negative penetration, but none need be as low
-        # as that along the cached axis.
+        # A separated pair has a facet with a negative penetration, but it may exceed the one along
+        # the cached axis.
         depth = np.maximum(penetration, 0.0)
         first = self._depths_below_faces(vertex.ravel())
         best = row_minima(first, self.row, self.start)[1]
         _, vertex = approximate_supports(self.hulls, self.other, take(self.normal, best, axis=1))
         second = self._depths_below_faces(vertex)
-        # to the bit what the faces are compared by, so that a pair that is far apart keeps one
+        # the same bits as in the comparison of faces, so that a separated pair keeps one
         ofBest = np.maximum(first[best], second[best]).reshape(2, -1)
         bound = np.minimum(np.minimum(*ofBest), depth) + extra
         bound = np.concatenate((bound, bound)).repeat(self.count)
@@ -245,12 +244,12 @@ class _FacetSearch:
         self._add_edge_pairs(bound, take(row, kept), take(edge, kept), take(faces, kept, axis=1))
 
     def _depths_below_faces(self, vertex):
-        """How deep (F,) the vertex (2 P,) of each row's other hull lies below the row's faces."""
+        """Depths (F,) of the vertex (2 P,) of each row's other hull below the row's faces."""
         x = take(self.hulls.vertices, vertex, axis=1) + self.t
         return self.offset - dot(self.normal, x.repeat(self.count, axis=1))
 
     def _face_facets(self, faces):
-        """`(pair (N,), normal (3, N), offset (N,))`: the facets that these faces (N,) are."""
+        """Facets of these faces (N,): `(pair (N,), normal (3, N), offset (N,))`."""
         row, normal = take(self.row, faces), take(self.normal, faces, axis=1)
         level = support_levels(self.hulls, take(self.other, row), normal)
         half = len(self.own) // 2
@@ -258,7 +257,7 @@ class _FacetSearch:
         return row % half, normal * sense, take(self.offset, faces) - level
 
     def _list_edges(self, rows):
-        """`(row, edge (K,), faces (2, K))`: the edges of these rows, and where their faces are."""
+        """Edges of these rows and positions of their faces: `(row, edge (K,), faces (2, K))`."""
         own = self.own[rows]
         count = self.hulls.edgeCount[own]
         row, edge = ranges(self.hulls.edgeStart[own], count)
@@ -266,19 +265,19 @@ class _FacetSearch:
         return take(rows, row), edge, faces
 
     def _edges_near(self, faces, bound, first, second):
-        """Which edges, of these faces (2, K), can span facets with a penetration ≤ bound (P,).
+        """Edges, of these faces (2, K), that can span facets with a penetration ≤ bound (P,).
 
-        first, second : (F,), how deep the two points lie below the faces
+        first, second : (F,), depths of the two points below the faces
 
-        Along any n between the normals n1, n2 of its faces, the penetration is at least
-        n · (a - x), a being an end of the edge and x any point of the other hull. With
-        n = (α n1 + β n2)/|…|, α, β ≥ 0, that is at least the lesser of the depths n1 · (a - x) and
-        n2 · (a - x) of x below the two faces, where both are positive. The points x are those of
-        the faces and the middle between them: where two edges cross, each face of the one has an
-        end of the other below it.
+        Along any n between the normals n1, n2 of the faces, the penetration is at least n · (a -
+        x), where a is an end of the edge and x any point of the other hull. Let n = (α n1 + β
+        n2)/|…| with α, β ≥ 0. If the depths n1 · (a - x) and n2 · (a - x) of x below the two faces
+        are positive, the penetration is at least the lesser one. The points x are those of the
+        faces and the middle between them: if two edges cross, each face of the one has an end of
+        the other below it.
         """
         bound = np.concatenate((bound, bound)).repeat(self.count)
-        # a bit for each point
+        # one bit per point
         near = (first <= bound).view(np.uint8)
         near = near | (second <= bound).view(np.uint8) << 1
         near |= (0.5 * (first + second) <= bound).view(np.uint8) << 2
@@ -288,11 +287,11 @@ class _FacetSearch:
     def _add_edge_pairs(self, bound, row, edge, faces):
         """Adds the facets with a penetration ≤ bound (P,) that edges span, see `_list_edges`.
 
-        An edge of A with the arc α1 α2 and an edge of B with the arc β1 β2 span a facet of A - B
-        when the arcs α1 α2 and -β1 -β2 cross. Each edge vector is the pole of its arc, so with
-        s_i = -eA · β_i and r_i = eB · α_i that is s1 s2 < 0, r1 r2 < 0 and s1 r2 > 0, the last one
-        telling the crossing from its antipode (Gregorius 2013). The facet's normal is along
-        eA × eB where r1 > 0, else opposite.
+        An edge of A with the arc α1 α2 and an edge of B with the arc β1 β2 span a facet of A - B if
+        the arcs α1 α2 and -β1 -β2 cross. Each edge vector is the pole of its arc. With s_i = -eA ·
+        β_i and r_i = eB · α_i, the arcs cross if s1 s2 < 0, r1 r2 < 0 and s1 r2 > 0, where the last
+        condition excludes the antipode (Gregorius 2013). The facet's normal is along eA × eB if r1
+        > 0, otherwise opposite.
         """
         hulls, half = self.hulls, len(bound)
         own = take(self.own, row)
@@ -309,7 +308,7 @@ class _FacetSearch:
         pairA = row[: begin[half]]
         a, b = ranges(begin[half + pairA], perRow[half + pairA])
         r = dot(take(normals, a, axis=2), take(vector, b, axis=1)[:, None])
-        kept = indices(r[0] * r[1] < 0)  # most are ruled out by now
+        kept = indices(r[0] * r[1] < 0)  # excludes most pairs
         a, b, r = take(a, kept), take(b, kept), take(r, kept, axis=1)
         s = -dot(take(normals, b, axis=2), take(vector, a, axis=1)[:, None])
         kept = indices((s[0] * s[1] < 0) & (s[0] * r[1] > 0))
@@ -321,7 +320,7 @@ class _FacetSearch:
         sine2 = dot(normal, normal)
         spans = sine2 > PARALLEL_SINE**2 * lengthA2 * lengthB2
         normal = normal / np.where(spans, np.copysign(np.sqrt(sine2), r[0]), 1.0)
-        # what rounding left along nearly parallel edges is taken out again
+        # removes the components that rounding leaves along nearly parallel edges
         normal = normal - vectorA * (dot(normal, vectorA) / lengthA2)
         normal = normal - vectorB * (dot(normal, vectorB) / lengthB2)
         normal = normal / np.sqrt(np.where(spans, dot(normal, normal), 1.0))
@@ -330,8 +329,8 @@ class _FacetSearch:
         near = indices(isNear & spans)
         pair, normal, offset = take(pair, near), take(normal, near, axis=1), take(offset, near)
 
-        # Rounding may have let two arcs cross that only touch. There, the facet's plane has to be
-        # moved out to support the hulls, so that no vertex lies beyond.
+        # Rounding may make two arcs cross that only touch. The plane of such a facet is moved
+        # outwards to support the hulls, so that no vertex lies beyond it.
         sine2 = np.minimum((r * r).min(axis=0) / lengthB2, (s * s).min(axis=0) / lengthA2)
         doubtful = indices(take(sine2, near) < SURE_SINE**2)
         if len(doubtful):

@@ -1,8 +1,8 @@
-"""Convex hulls: what a body looks like to the collision test.
+"""Convex hulls: the collision geometry of bodies.
 
-`build_hull` makes the `Hull` of a point set, once per shape. A `HullSet` holds the hulls of many
-bodies in flat tables, rotated to their orientations, with functions for support points. Lengths are
-in the unit of the points, and tolerances relative to the size of the hulls.
+`build_hull` builds the `Hull` of a point set, once per shape. A `HullSet` contains the hulls of
+many bodies in flat tables, rotated to their orientations, with functions for support points.
+Lengths are in the unit of the points, and tolerances are relative to the size of the hulls.
 """
 
 import copy
@@ -17,22 +17,22 @@ from rbs.geometry.vectors import cross, dot, mat_vec, norm, transpose
 
 EPS = np.finfo(np.float64).eps
 
-# Hulls closer than this, relative to their size, touch: the rounding of a rotation and a
-# translation of the vertices. Larger, and it would hold bodies together; smaller, and a box that
-# stands exactly on another would lose its contact.
+# Separation up to which hulls touch, as a fraction of their size: the rounding of a rotation and a
+# translation. More holds bodies together; less loses the contact of a box that stands exactly on
+# another.
 TOUCH_TOLERANCE = 64 * EPS
 
-# Vertices this close to a supporting plane, relative to the size of the hulls, belong to the
-# feature that rests on it. It must exceed what rounding tilts a resting face by, and it bounds how
-# far a contact point may lie from the surface.
+# Distance from a supporting plane up to which vertices belong to its feature, as a fraction of the
+# hulls' size. It must exceed the tilt of a resting face by rounding, and it bounds the distance of
+# a contact point from the surface.
 FEATURE_TOLERANCE = 1e-10
 
-# What a few operations on coordinates lose, relative to the coordinates.
+# Rounding error of a few operations on coordinates, as a fraction of the coordinates.
 ROUNDING = 16 * EPS
 
-# Coordinates beyond this are refused: they are rounded by 1e-4.
+# Largest coordinate allowed, in the unit of the points. Rounding of larger ones becomes visible.
 LARGEST_COORDINATE = 1e12
-# A hull thinner than this fraction of its length is flat: Qhull would merge sides of thinner ones.
+# Least thickness of a hull, as a fraction of its length. Qhull would merge sides of thinner ones.
 LEAST_ASPECT = 1e-6
 
 
@@ -42,18 +42,17 @@ LEAST_ASPECT = 1e-6
 
 
 class Hull:
-    """The convex hull of a point set: vertices, faces and edges, in the frame of the points.
+    """Convex hull of a point set: vertices, faces and edges, in the frame of the points.
 
-    vertices : (V, 3); the extreme points. vertexIndex : (V,); their rows in the point set
-    directions : (D, 3), unit; the outward normals of the faces, coplanar triangles merged
-    offsets : (D,); the largest directions[k] · v over the vertices
-    corners : (ΣC,), rows in `vertices`: face by face, counter-clockwise seen from outside;
-        cornerCount : (D,), how many each face has
-    edgeTail : (E,); row in `vertices` of the point where the edge begins
-    edgeVector : (E, 3); from there to its end, along directions[f1] × directions[f2]
-    edgeFaces : (E, 2); the faces f1, f2 that meet there; the arc between their normals on the Gauss
-        map holds the edge's normals
-    radius : the largest |v|; width : the least extent along one of the directions; volume
+    vertices : (V, 3), extreme points; vertexIndex : (V,), their rows in the point set
+    directions : (D, 3), unit outward normals of the faces, with coplanar triangles merged
+    offsets : (D,), largest directions[k] · v over the vertices
+    corners : (ΣC,), rows in `vertices`, face by face, counter-clockwise seen from outside;
+        cornerCount : (D,), number of corners of each face
+    edgeTail : (E,), row in `vertices` of the start of the edge
+    edgeVector : (E, 3), from there to its end, along directions[f1] × directions[f2]
+    edgeFaces : (E, 2), adjacent faces f1, f2; the arc between their normals is the edge's Gauss map
+    radius : largest |v|; width : least extent along one of the directions; volume
     """
 
     def __init__(self, vertices, vertexIndex, directions, edgeTail, edgeVector, edgeFaces, volume):
@@ -77,21 +76,23 @@ class Hull:
 
 
 def build_hull(points):
-    """The `Hull` of points (n, 3), which must not be flat.
+    """Returns the `Hull` of points (n, 3); equal points give the same read-only object.
 
-    Equal points give the same object: hulls are read only. Raises ValueError where the points have
-    no volume, or a coordinate is not finite or beyond LARGEST_COORDINATE.
+    Raises
+    ------
+    ValueError : the points have no volume, or a coordinate is not finite or beyond
+        LARGEST_COORDINATE
     """
     return _hull_of_bytes(checked_points(points).tobytes())
 
 
 def checked_points(points):
-    """The points as a contiguous array (n, 3); raises ValueError, see `build_hull`."""
+    """Returns the points as a contiguous array (n, 3); raises ValueError as `build_hull` does."""
     points = np.ascontiguousarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 4:
-        raise ValueError(f"expected four points or more as rows of 3, got shape {points.shape}")
+        raise ValueError(f"expected at least four points as rows of 3, not shape {points.shape}")
     if not np.abs(points).max() <= LARGEST_COORDINATE:
-        raise ValueError(f"a coordinate is not finite, or beyond {LARGEST_COORDINATE:g}")
+        raise ValueError(f"a coordinate is not finite or beyond {LARGEST_COORDINATE:g}")
     return points
 
 
@@ -103,14 +104,14 @@ def _hull_of_bytes(data):
     except QhullError:
         hull = None
     if hull is None or hull.width < LEAST_ASPECT * np.ptp(points, axis=0).max():
-        raise ValueError("the points are flat: a hull has a volume")
+        raise ValueError("the points are flat, so their hull has no volume")
     return hull
 
 
 def _hull_of_triangles(points, qhull):
-    """The `Hull` of what Qhull has found: triangles, of which flat facets consist."""
-    # The vector product at the corner opposite to the longest side: two long sides that are nearly
-    # parallel would lose most of it to rounding.
+    """Builds the `Hull` from Qhull's triangles, which make up the flat facets."""
+    # Uses the vector product at the corner opposite the longest side. With two nearly parallel long
+    # sides, rounding would be much larger.
     corners = points[qhull.simplices]
     sides = (corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]]).transpose(2, 0, 1)
     order = (dot(sides, sides).argmax(axis=1)[:, None] + np.arange(3)) % 3
@@ -130,8 +131,8 @@ def _hull_of_triangles(points, qhull):
         raise QhullError("a face has no area")
     volume = dot(corners[:, 0].T - points[qhull.vertices[0]][:, None], areas.T).sum() / 6.0
 
-    # Triangle i, counter-clockwise seen from outside, has its side opposite to corner j in common
-    # with neighbours[i, j]; walked that way round, the side points along n_i × n_neighbour.
+    # Triangle i, counter-clockwise seen from outside, shares the side opposite corner j with
+    # neighbours[i, j]. In this sense of rotation, the side points along n_i × n_neighbour.
     i, j = np.nonzero(
         (np.arange(len(triangles))[:, None] < neighbours) & (face[:, None] != face[neighbours])
     )
@@ -149,7 +150,7 @@ def _hull_of_triangles(points, qhull):
 
 
 def tangents(normal):
-    """Unit vectors u (3, M) across the normals (3, M): n × the axis that n is farthest from.
+    """Unit vectors u (3, M) perpendicular to the normals n (3, M): n × the axis farthest from n.
 
     The frame of a normal is u, n × u, n.
     """
@@ -159,19 +160,19 @@ def tangents(normal):
 
 
 def by_angle(row, u, v):
-    """The order that sorts points (C,) by row and goes, within each, counter-clockwise around.
+    """Order that sorts points (C,) by row and, within a row, counter-clockwise about their mean.
 
-    row : (C,), whose points u, v (C,) these are; angles are those about the mean of the row
+    row, u, v : (C,), row and coordinates of the points
     """
     count = np.maximum(np.bincount(row), 1)
     du, dv = (x - take(np.bincount(row, x) / count, row) for x in (u, v))
     length = np.abs(du) + np.abs(dv)
-    # grows with the angle, from -2 to 2; unlike an arctangent, it has the same bits everywhere
+    # increases with the angle, from -2 to 2; unlike arctan2, it has the same bits on all machines
     turn = np.copysign(1.0 - du / np.where(length > 0.0, length, 1.0), dv)
     return np.lexsort((turn, row))
 
 
-# Stands for a mesh without vertices in a `HullSet`: a point, which meets nothing.
+# Hull of a mesh without vertices in a `HullSet`: a point, which touches nothing.
 NO_HULL = Hull(
     np.zeros((1, 3)),
     np.zeros(1, np.intp),
@@ -189,22 +190,22 @@ NO_HULL = Hull(
 
 
 class HullSet:
-    """The hulls of n bodies in flat tables, rotated to where the bodies are.
+    """Hulls of n bodies in flat tables, rotated to the bodies' orientations.
 
-    vertices : (3, ΣV), relative to the bodies' centres, at rest or rotated. Body b has
-        vertexCount[b] of them from vertexStart[b] on
+    vertices : (3, ΣV), relative to the bodies' centres, at rest or rotated; those of body b are
+        vertexCount[b] from vertexStart[b] on
     rotation : (9, n), matrices row by row; None at rest
     radius, innerRadius : (n,), from each body's centre to its farthest vertex and its nearest face
 
     The rest is stored once for each distinct hull, at rest.
 
-    distinct : tuple of the hulls; shape : (n,), the number of each body's hull among them
-    directions : (3, ΣD), outward unit normals of the faces; offsets : (ΣD,). Body b has
+    distinct : tuple of the hulls; shape : (n,), index of each body's hull in it
+    directions : (3, ΣD), outward unit normals of the faces; offsets : (ΣD,); those of body b are
         faceCount[b] from faceStart[b] on
-    corners : (ΣC,), vertices counted from the body's first one. Face k has cornerCount[k] from
-        cornerStart[k] on
+    corners : (ΣC,), vertices relative to the body's first one; those of face k are cornerCount[k]
+        from cornerStart[k] on
     edges : (3, ΣE), vectors; edgeTail : (ΣE,), a vertex, and edgeFaces : (2, ΣE), two faces,
-        counted from the body's first one. Body b has edgeCount[b] from edgeStart[b] on
+        relative to the body's first one; those of body b are edgeCount[b] from edgeStart[b] on
     """
 
     def __init__(self, hulls):
@@ -215,7 +216,7 @@ class HullSet:
         def table(hulls, name):
             return np.ascontiguousarray(np.concatenate([getattr(h, name) for h in hulls]).T)
 
-        def parts(name):  # of each body: how many, and where they begin
+        def parts(name):  # per body: count and start
             count = np.array([len(getattr(hull, name)) for hull in distinct], dtype=np.intp)
             return count[self.shape], (count.cumsum() - count)[self.shape]
 
@@ -235,10 +236,9 @@ class HullSet:
         self.entryCount = self.vertexCount + self.faceCount + self.edgeCount
 
     def rotated(self, rotation, vertices=None):
-        """These hulls, each rotated.
+        """Returns the hulls at other rotations.
 
-        rotation : (9, n), each body's matrix row by row
-        vertices : (3, ΣV), the rotated vertices, where they are at hand
+        rotation : (9, n), matrices row by row; vertices : (3, ΣV), rotated vertices, if known
         """
         result = copy.copy(self)
         if vertices is None:
@@ -247,7 +247,7 @@ class HullSet:
         return result
 
     def boxes(self):
-        """Least and greatest coordinates (3, n), (3, n) of each hull relative to its centre."""
+        """Least and greatest coordinates of each hull, relative to its centre: (3, n), (3, n)."""
         return tuple(
             extreme.reduceat(self.vertices, self.vertexStart, axis=1)
             for extreme in (np.minimum, np.maximum)
@@ -255,7 +255,7 @@ class HullSet:
 
 
 def rotate_columns(rotation, table, count):
-    """A table (3, K) of count[b] columns for each body b, rotated by the matrix rotation[:, b]."""
+    """Rotates a table (3, K) with count[b] columns for each body b by its matrix rotation[:, b]."""
     return mat_vec(rotation.repeat(count, axis=1), table)
 
 
@@ -265,20 +265,20 @@ def rotate_columns(rotation, table, count):
 
 
 def support_levels(hulls, bodies, directions):
-    """How high (R,) the lowest vertex of each body (R,) is along its direction (3, R)."""
+    """Heights (R,) of the lowest vertex of each body (R,) along its direction (3, R)."""
     return _vertex_heights(hulls, bodies, directions)[0]
 
 
 def support_offsets(hulls, first, second, normal):
-    """Distance (P,) from the origin of the supporting plane of A - B with the normals (3, P)."""
+    """Distances (P,) from the origin to the supporting planes of A - B with the normals (3, P)."""
     return -support_levels(hulls, first, -normal) - support_levels(hulls, second, normal)
 
 
 def support_features(hulls, bodies, directions, tolerance):
-    """The features that lie lowest: vertices up to the tolerance (R,) above the lowest one.
+    """Finds the lowest features: all vertices up to a tolerance (R,) above the lowest one.
 
-    Returns `(level, count, column)`: (R,), see `support_levels`; (R,), how many vertices each
-    feature has; their columns in the set, feature by feature.
+    Returns `(level, count, column)`: (R,), see `support_levels`; (R,), number of vertices of each
+    feature; their columns in the set, feature by feature.
     """
     level, heights, row, column = _vertex_heights(hulls, bodies, directions)
     lowest = indices(heights <= take(level + tolerance, row))
@@ -293,10 +293,10 @@ def _vertex_heights(hulls, bodies, directions):
 
 
 def approximate_supports(hulls, bodies, directions):
-    """`(level, vertex)`, (R,) each: `support_levels` and where, up to rounding, in less time.
+    """`(level, vertex)`, (R,) each: `support_levels` and the lowest vertices, up to rounding.
 
-    The directions are rotated into the frames of the shapes, of which there are few, for BLAS to
-    multiply. Its rounding differs between machines and with the number of rows: a hint only.
+    This is faster, because BLAS multiplies the directions in the frames of the few distinct shapes.
+    Its rounding differs between machines and with the number of rows: a hint only.
     """
     if hulls.rotation is not None:
         inverse = transpose(take(hulls.rotation, bodies, axis=1))

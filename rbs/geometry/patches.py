@@ -1,10 +1,10 @@
-"""Where two hulls touch, once the normal between them is known.
+"""Contact points of two hulls, given the normal.
 
-`contact_points` is the entrance. Along the normal, each hull has a support feature: a corner, an
-edge or a face. A corner that touches is the contact point, and so is the crossing of two edges.
-Otherwise the features overlap, seen along the normal, in a segment or a polygon, the contact patch;
-manifolds clip faces in the same way, see rbs/softstep/manifolds.py. Figures in a plane have
-coordinates (u, v), in the frame of `tangents`.
+The main function is `contact_points`. Along the normal, each hull has a support feature: a vertex,
+an edge or a face. The contact point is a vertex that touches, or the crossing of two edges.
+Otherwise the features, seen along the normal, overlap in a segment or a polygon, the contact patch.
+Manifolds clip faces in the same way, see rbs/softstep/manifolds.py. Plane figures have coordinates
+(u, v), in the frame of `tangents`.
 """
 
 import numpy as np
@@ -13,17 +13,15 @@ from rbs.geometry.arrays import indices, ranges, take
 from rbs.geometry.hulls import by_angle, support_features, tangents
 from rbs.geometry.vectors import cross, dot, mul_add
 
-# By how much the sides of features are moved out again where rounding has left no overlap.
+# Factor by which the slack of polygon sides grows if rounding has left no overlap. More moves the
+# contact point further; less repeats the clipping more often.
 SLACK_GROWTH = 1000.0
-# Twice the area of a patch, over the square of its outline, below which it is a segment.
+# Area below which a patch is a segment: twice the area over the square of the outline's length.
 THIN = 1e-9
 
 
 def contact_points(hulls, first, second, t, normal, tolerance):
-    """Where P pairs touch: (3, P), on the second hulls, relative to their centres.
-
-    For the arguments see `Features`; for the point, `GJK.is_collide`.
-    """
+    """Contact points (3, P) on the second hulls, from their centres; see `Features`."""
     features = Features(hulls, first, second, t, normal, tolerance)
     point, isPatch = features.sharp_points()
     patches = indices(isPatch)
@@ -33,16 +31,16 @@ def contact_points(hulls, first, second, t, normal, tolerance):
 
 
 class Features:
-    """The support features of P pairs of bodies of a `HullSet` along their normals: what touches.
+    """Support features along the normals, for P pairs of bodies of a `HullSet`.
 
     first, second : (P,); t : (3, P), centre of the second minus centre of the first
     normal : (3, P), unit, from the first to the second
-    tolerance : (P,); vertices this close to a supporting plane belong to the feature on it
+    tolerance : (P,), distance from a supporting plane up to which vertices belong to its feature
 
-    ends : (2, 2, P), of the features of first and second, the first and the last vertex in the set
-    vertices : (3, C), seen from the centre of the second; those of a feature are count from start
-        on, (2, P) each
-    level : (P,), how high the lowest one of the second stands along the normal
+    ends : (2, 2, P), first and last vertex in the set of the features of first and second
+    vertices : (3, C), relative to the second centre; those of a feature are count from start on,
+        (2, P) each
+    level : (P,), height along the normal of the lowest vertex of the second body
     """
 
     def __init__(self, hulls, first, second, t, normal, tolerance):
@@ -62,13 +60,13 @@ class Features:
         self.vertices[:, : self.count[0].sum()] -= t.repeat(self.count[0], axis=1)
 
     def sharp_points(self):
-        """`(point (3, P), isPatch (P,))`: where a corner touches, or two edges cross.
+        """Contact points at vertices and edge crossings: `(point (3, P), isPatch (P,))`.
 
-        Where isPatch is true, the features overlap in a segment or an area, and the point means
-        nothing. A corner of the first hull is lowered along the normal to the second one.
+        If isPatch is true, the features overlap in a segment or an area, and the point is
+        meaningless. A vertex of the first hull is lowered along the normal to the second hull.
 
-        Edges cross where a0 + x d = b0 + s e, seen along the normal, with d and e along the edges
-        of first and second; times normal × d, x vanishes.
+        Seen along the normal, edges cross where a0 + x d = b0 + s e, with d and e along the edges
+        of first and second. The scalar product with normal × d eliminates x.
         """
         n = self.normal
         ends = np.concatenate((self.start, self.start + self.count - 1))
@@ -84,7 +82,7 @@ class Features:
         return np.where(countB == 1, b0, point), (countA > 1) & (countB > 1) & ~isCrossing
 
     def patch_centres(self, pairs):
-        """The centres (3, R) of the patches of these pairs (R,), on the second hulls."""
+        """Centres (3, R) of the patches of these pairs (R,), on the second hulls."""
         normal = take(self.normal, pairs, axis=1)
         u = tangents(normal)
         v = cross(normal, u)
@@ -105,11 +103,11 @@ class Features:
 
 
 class Polygons:
-    """Convex polygons (K,) in a plane; segments and points count as such.
+    """K convex polygons in a plane, including segments and points.
 
-    count, start : (K,), of the corners of each; row : (C,), the polygon of each corner; next :
-    (C,), the corner after it
-    uv : (2, C), the corners; side : (2, C), from each to the next; length : (C,), of the sides
+    count, start : (K,), of the corners of each; row : (C,), polygon of each corner; next : (C,),
+        the following corner
+    uv : (2, C), corners; side : (2, C), from each corner to the next; length : (C,), of the sides
     """
 
     def __init__(self, count, uv):
@@ -123,27 +121,27 @@ class Polygons:
 
 
 def overlap_corners(a, b, slack):
-    """The corners `(row (Q,), uv (2, Q))` of the overlaps of the `Polygons` a and b, K of each.
+    """Corners of the overlaps of the K `Polygons` a and b: `(row (Q,), uv (2, Q))`.
 
-    Those of a run counter-clockwise and those of b clockwise, as faces that touch do.
-    slack : (K,), length by which a corner may lie outside: where sides coincide, rounding decides
+    The polygons of a are counter-clockwise and those of b clockwise, as touching faces are.
+    slack : (K,), length by which a corner may lie outside, for sides that coincide up to rounding
 
-    Corners of one that lie inside the other, and crossings of their sides; in no order, and some of
-    them twice.
+    The result has the corners of one that lie inside the other, and the crossings of their sides,
+    in no particular order and with repetitions.
     """
-    # all combinations of a corner i of a, with the side after it, and a corner j of b
+    # all pairs of a corner i of a, with the side after it, and a corner j of b
     i, j = ranges(take(b.start, a.row), take(b.count, a.row))
     place = take(b.count, a.row).cumsum() - take(b.start + b.count, a.row)
     du, dv = take(b.uv, j, axis=1) - take(a.uv, i, axis=1)
     (sideAu, sideAv), (sideBu, sideBv) = take(a.side, i, axis=1), take(b.side, j, axis=1)
-    # twice the areas: how far inside a is to the side of b, and b to that of a
+    # twice the signed areas: positive if a is inside the side of b, and b inside that of a
     insideB = sideBu * dv - sideBv * du
     insideA = sideAu * dv - sideAv * du
     isOut = insideB < take(-take(slack, b.row) * b.length, j)
     cornersA = indices(np.bincount(i, isOut, len(a.row)) == 0)
     isOut = insideA < take(-take(slack, a.row) * a.length, i)
     cornersB = indices(np.bincount(j, isOut, len(b.row)) == 0)
-    # two sides cross where the ends of each lie on different sides of the other
+    # two sides cross if the ends of each lie on different sides of the other
     headA = take(insideB, take(place, take(a.next, i)) + j)
     headB = take(insideA, take(place, i) + take(b.next, j))
     crosses = indices((insideB * headA < 0) & (insideA * headB < 0))
@@ -151,7 +149,7 @@ def overlap_corners(a, b, slack):
     crossing = take(a.uv, i, axis=1) + s * take(a.side, i, axis=1)
     row = np.concatenate((a.row[cornersA], b.row[cornersB], a.row[i]))
     uv = np.concatenate((a.uv[:, cornersA], b.uv[:, cornersB], crossing), axis=1)
-    # not those on the line of a segment, or of sides that coincide, but beyond its ends
+    # excludes points beyond the ends of a segment or of coincident sides
     low = np.maximum(*(np.minimum.reduceat(p.uv, p.start, axis=1) for p in (a, b))) - slack
     high = np.minimum(*(np.maximum.reduceat(p.uv, p.start, axis=1) for p in (a, b))) + slack
     isWithin = (uv >= take(low, row, axis=1)) & (uv <= take(high, row, axis=1))
@@ -160,10 +158,10 @@ def overlap_corners(a, b, slack):
 
 
 def centres(row, uv):
-    """The centroid (2, K) of each row's figure, given by its corners (2, C): row (C,), 0 … K - 1.
+    """Centroids (2, K) of the figures with these corners (2, C); row : (C,), 0 … K - 1.
 
-    That of the area; of a segment, and of what is as thin as rounding, that of the outline, there
-    and back.
+    The centroid is that of the area or, for a segment or a figure as thin as rounding, of the
+    outline.
     """
     figure = Polygons(np.bincount(row), take(uv, by_angle(row, *uv), axis=1))
     row, length = figure.row, np.bincount(figure.row, figure.length)
@@ -171,7 +169,7 @@ def centres(row, uv):
     isPoint = length == 0.0
     outline = np.stack([np.bincount(row, figure.length * x) for x in figure.uv + 0.5 * figure.side])
     outline = np.where(isPoint, origin, outline / np.where(isPoint, 1.0, length))
-    # triangles from the first corner to each side: twice their areas, and the sums of their corners
+    # triangles from the first corner to each side: twice their areas, and their corner sums
     x, y = figure.uv - take(origin, row, axis=1)
     areas = x * figure.side[1] - y * figure.side[0]
     area = np.bincount(row, areas)

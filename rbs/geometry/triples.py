@@ -1,8 +1,8 @@
 """Vectors of three floats: the algebra of one pair of bodies.
 
 A vector is a tuple of three floats, a matrix one of nine, row by row. `rbs.geometry.vectors` has
-the same functions for arrays of vectors, with the same operations in the same order, and so the
-same bits.
+the same functions for arrays of vectors. Their operations are the same in the same order, so the
+results have the same bits.
 """
 
 import math
@@ -13,37 +13,33 @@ ZERO = (0.0, 0.0, 0.0)
 
 
 def floats(value, count):
-    """`count` Python floats, as a tuple, out of an array of any shape with that many entries."""
+    """Returns an array of any shape with `count` entries as a tuple of Python floats."""
     return tuple(np.asarray(value, dtype=np.float64).reshape(count).tolist())
 
 
 def number(value):
-    """A Python float out of a number, or of an array that holds one."""
+    """Returns a number, or an array that holds one, as a Python float."""
     return value if type(value) is float else floats(value, 1)[0]
 
 
 def add(a, b):
-    """a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 def sub(a, b):
-    """a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 def scale(factor, v):
-    """factor · v."""
     return (factor * v[0], factor * v[1], factor * v[2])
 
 
 def divide(v, divisor):
-    """v / divisor, which rounds otherwise than 1 / divisor · v."""
+    """v / divisor, which rounds differently from (1 / divisor) · v."""
     return (v[0] / divisor, v[1] / divisor, v[2] / divisor)
 
 
 def mul_add(v, factor, direction):
-    """v + factor · direction."""
     return (
         v[0] + factor * direction[0],
         v[1] + factor * direction[1],
@@ -52,7 +48,6 @@ def mul_add(v, factor, direction):
 
 
 def dot(a, b):
-    """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
@@ -66,7 +61,6 @@ def cross(a, b):
 
 
 def norm(v):
-    """Length."""
     return math.sqrt(dot(v, v))
 
 
@@ -80,7 +74,6 @@ def mat_vec(matrix, v):
 
 
 def transpose(matrix):
-    """The transposed matrix."""
     return (*matrix[0::3], *matrix[1::3], *matrix[2::3])
 
 

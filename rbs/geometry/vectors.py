@@ -1,23 +1,22 @@
-"""Arrays of vectors: the algebra of thousands of bodies or pairs at once.
+"""Arrays of vectors: the algebra of thousands of bodies or pairs.
 
-The first axis has the components and the last, long one the vectors: (3, n), matrices (9, n), row
-by row. `rbs.geometry.triples` has the same functions for single vectors, with the same operations
-in the same order, and so the same bits: sums of products are written out, and nothing here goes
-through BLAS, `einsum` or a pairwise sum.
+The first axis has the components, the last one the vectors: (3, n), and matrices (9, n), row by
+row. `rbs.geometry.triples` has the same functions for single vectors, with the same operations in
+the same order, and so the same bits. Sums of products are therefore written out, without BLAS,
+`einsum` or pairwise summation.
 """
 
 import numpy as np
 
 from rbs.geometry.triples import (
-    rotate_tensor as rotate_tensor,  # nothing but products and sums: as it is
+    rotate_tensor as rotate_tensor,  # works on arrays, too
 )
 
-# The components x y z x y: the factors of a vector product stand next to each other in it.
+# Indices of the components x y z x y, in which the factors of a vector product are adjacent.
 _CYCLE = np.array([0, 1, 2, 0, 1])
 
 
 def mul_add(v, factor, direction):
-    """v + factor · direction."""
     return v + factor * direction
 
 
@@ -42,7 +41,7 @@ def norm(v):
 
 
 def mat_vec(matrix, v):
-    """Matrix times vector, (9, n) and (3, n); either may be a single one, (9,) or (3, 1)."""
+    """Matrix times vector, (9, n) and (3, n); either may be single, (9,) or (3, 1)."""
     products = matrix.reshape(3, 3, *(matrix.shape[1:] or (1,))) * v
     result = products[:, 0]
     result += products[:, 1]
@@ -51,5 +50,5 @@ def mat_vec(matrix, v):
 
 
 def transpose(matrix):
-    """The transposed matrices, (9, n)."""
+    """Transposed matrices, (9, n)."""
     return matrix[[0, 3, 6, 1, 4, 7, 2, 5, 8]]

@@ -1,7 +1,7 @@
-"""What can be drawn with on this machine: a window, off-screen pictures, or nothing.
+"""Graphics backends of this machine: a window, off-screen pictures, or nothing.
 
-Polyscope is tried out in a process of its own, because on a display that has no GLX or no driver,
-opening its window ends the process by a segmentation fault.
+Polyscope is tried out in a separate process. On a display without GLX or driver, opening its window
+ends the process with a segmentation fault.
 """
 
 import os
@@ -11,29 +11,29 @@ from dataclasses import dataclass
 
 WINDOW_BACKEND = "openGL3_glfw"
 OFFSCREEN_BACKEND = "openGL3_egl"
-# Polyscope links against the first and loads the others when it starts.
+# Polyscope links against the first package and loads the others at its start.
 DEBIAN_PACKAGES = "libx11-6 libegl1 libgl1 libgl1-mesa-dri"
-# Ends well if Polyscope starts with the backend that is given, or else prints the cause.
+# Succeeds if Polyscope starts with the given backend, and otherwise prints the cause.
 PROBE = """
 import os, sys
 try:
     import polyscope as ps
-    ps.set_use_prefs_file(False)  # else it leaves files behind
+    ps.set_use_prefs_file(False)  # leave no files behind
     ps.set_errors_throw_exceptions(True)
     ps.init(sys.argv[1])
 except Exception as error:
     print(error, flush=True)
-    os._exit(1)  # at its usual end, Polyscope would add that it has not been started
+    os._exit(1)  # skip Polyscope's own message
 """
 
 
 @dataclass
 class Backend:
-    """What `find_backend` found.
+    """Result of `find_backend`.
 
-    name : Polyscope's name of the backend, None where nothing can be drawn
-    reason : why there is no window, or nothing at all; "" where all is well
-    remedy : what to do about it
+    name : Polyscope's name of the backend; None if nothing can be drawn
+    reason : cause of a missing window or backend, or ""
+    remedy : advice to the user, or ""
     """
 
     name: str | None
@@ -42,17 +42,16 @@ class Backend:
 
     @property
     def opensWindow(self):
-        """Whether a window can be opened; else only pictures can be drawn, if a name is given."""
+        """Whether a window can be opened. If not, a backend with a name draws pictures only."""
         return self.name == WINDOW_BACKEND
 
 
 def find_backend(window):
-    """Finds out how Polyscope can draw here, without importing it into this process.
+    """Finds the `Backend` that Polyscope can use here, without importing Polyscope.
 
-    window : whether a window is wanted; without one, only pictures are
-    returns a Backend
+    window : bool; False prefers off-screen pictures
     """
-    onLinux = sys.platform.startswith("linux")  # elsewhere, there is no EGL
+    onLinux = sys.platform.startswith("linux")  # EGL exists only on Linux
     windowed = [WINDOW_BACKEND] if has_display() else []
     offscreen = [OFFSCREEN_BACKEND] if onLinux else [WINDOW_BACKEND]
     candidates = windowed + offscreen if window else offscreen + windowed
@@ -71,14 +70,14 @@ def find_backend(window):
 
 
 def has_display():
-    """Whether a window could be opened at all. Off Linux, there always is a display."""
+    """Whether there is a display. On systems other than Linux, there always is."""
     if not sys.platform.startswith("linux"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def _probe(backendName):
-    """Starts Polyscope in another process: None where that works, else what went wrong."""
+    """Starts Polyscope in another process; returns None if this works, otherwise the cause."""
     command = [sys.executable, "-c", PROBE, backendName]
     result = subprocess.run(command, capture_output=True, text=True)
     if result.returncode == 0:

@@ -1,9 +1,7 @@
-"""The camera: where it stands to see a scene, and files that say so.
+"""Camera files, and the camera of stills.
 
-From the top: reading, applying and writing a camera; the camera of stills. Polyscope is imported
-inside the functions that use it.
-
-Units: metres, degrees.
+Reading order: reading, applying and writing a camera; the camera of stills. Polyscope is imported
+inside the functions that use it. Units: metres, degrees.
 """
 
 import json
@@ -15,29 +13,34 @@ from rbs.appearance.framing import STILL_ANGLE, frame_still
 from rbs.scenes.files import atomic_write, read_bytes
 from rbs.scenes.messages import InputError, reason_of
 
-# What a camera file has to hold.
+# Required content of a camera file, for the message.
 CAMERA = "it needs viewMat, a rigid motion as 16 numbers, and fov, an angle in degrees"
-# Metres: as far as Polyscope's single precision still tells what is seen, and more.
+# Largest entry of a camera matrix, in metres, well beyond what single precision can draw.
 FARTHEST_CAMERA = 1e9
-# The longest file that is looked at, in bytes: a camera takes some 600.
+# Largest camera file in bytes, well above the size of a valid one.
 CAMERA_BYTES = 1 << 20
 
 
 class CameraError(InputError):
-    """A camera that cannot be used. Reads "file: cause" in one line."""
+    """A camera that cannot be used. The message is one line, "file: cause"."""
 
 
 def load_camera(path):
-    """Reads a camera as Polyscope writes it, of which it would ignore a broken one silently.
+    """Reads and checks a camera written by Polyscope, which would silently ignore a broken one.
 
-    returns a dict: viewMat (4, 4), from the world to the camera; fov, upwards, in degrees
-    raises CameraError that says in one line what is wrong with the file
+    Returns
+    -------
+    dict : viewMat (4, 4), from the world to the camera; fov, vertical field of view in degrees
+
+    Raises
+    ------
+    CameraError : the file cannot be read or is not a camera; one line
     """
     try:
         camera = json.loads(read_bytes(path, CAMERA_BYTES))
         viewMat = np.array(camera["viewMat"], dtype=np.float64).reshape(4, 4)
         fov = float(camera["fov"])
-        # Of NaN, all of these are false.
+        # all of these are false for NaN
         isRigid = np.allclose(viewMat[:3, :3] @ viewMat[:3, :3].T, np.eye(3), atol=1e-3)
         if not (isRigid and np.all(np.abs(viewMat) < FARTHEST_CAMERA) and 0.0 < fov < 180.0):
             raise ValueError("no camera sees a scene from there")
@@ -46,15 +49,15 @@ def load_camera(path):
     except json.JSONDecodeError as error:
         raise CameraError(f"{path}:{error.lineno}: this is not a JSON file: {error.msg}") from None
     except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
-        raise CameraError(f"{path}: this is not a camera of Polyscope's: {CAMERA}") from None
+        raise CameraError(f"{path}: this is not a Polyscope camera: {CAMERA}") from None
     return {"viewMat": viewMat, "fov": fov}
 
 
 def apply_camera(camera):
-    """Puts Polyscope's camera where `load_camera` says.
+    """Applies a camera from `load_camera` to Polyscope.
 
-    Polyscope's own `set_view_from_json` would also change the window's size and how far is seen,
-    and leaves the angle as it is.
+    Polyscope's `set_view_from_json` would also change the window's size and the clipping range, and
+    not the field of view.
     """
     import polyscope as ps
 
@@ -63,7 +66,7 @@ def apply_camera(camera):
 
 
 def save_camera(path):
-    """Writes Polyscope's camera as JSON, in place of an old file: whole or not at all."""
+    """Writes Polyscope's camera as JSON, replacing an old file atomically."""
     import polyscope as ps
 
     with atomic_write(path) as partial:
@@ -72,7 +75,7 @@ def save_camera(path):
 
 @contextmanager
 def kept_camera():
-    """Within it, Polyscope's camera may be moved; afterwards it is where it was."""
+    """Restores Polyscope's camera at the end of the `with` block."""
     import polyscope as ps
 
     matrix = ps.get_camera_view_matrix()
@@ -84,7 +87,7 @@ def kept_camera():
 
 
 def point_still_camera(meshes):
-    """Points Polyscope's camera at bodies and their shadows, as `frame_still` has it."""
+    """Points Polyscope's camera at bodies and their shadows, see `frame_still`."""
     import polyscope as ps
 
     eye, target = frame_still(meshes, ps.get_window_size())

@@ -1,7 +1,7 @@
 """Pictures and videos of a scene, drawn off-screen or from the window.
 
-From the top: starting to draw; taking a picture, in either look; the legend; series of pictures;
-videos. Polyscope is imported inside the functions that use it.
+Reading order: starting Polyscope; pictures in either look; the legend; series of pictures; videos.
+Polyscope is imported inside the functions that use it.
 """
 
 import math
@@ -23,19 +23,19 @@ from rbs.recordings.encoder import CODECS, Encoder
 from rbs.scenes.files import atomic_write, named_errors, partial_path, put_in_place
 from rbs.scenes.messages import counted, print_error, shown_path
 
-# A picture is drawn as many times as large along each side, and averaged, as long as that takes no
-# more than so many pixels: 4K.
+# Factor by which pictures are drawn larger along each side and then averaged, and the largest
+# number of pixels for it: 4K, supersampled.
 SUPERSAMPLING = 2
 MOST_DRAWN_PIXELS = 4 * 3840 * 2160
-# How dark a shadow is where there is no ground.
+# Opacity of shadows without a ground, 0 to 1.
 SHADOW_OPACITY = 0.4
-# Of the legend, in pixels: from the picture's upper left corner; and its rows' colour samples.
+# Legend: distance from the picture's upper left corner, and size of its colour samples, in pixels.
 LEGEND_MARGIN, SAMPLE_SIZE = 12, 18
 LEGEND_COLOUR = (0.19, 0.21, 0.25, 1.0)
 
 
 def start_view(simulation, backend, options):
-    """Starts Polyscope for pictures with these PictureOptions; returns a SceneView."""
+    """Starts Polyscope for pictures with these PictureOptions; returns the SceneView."""
     start_polyscope(backend, options.size)
     view = SceneView(simulation)
     if options.camera is not None:
@@ -54,9 +54,9 @@ def start_view(simulation, backend, options):
 
 
 def take_picture(view, isTransparent=False, isStill=True):
-    """What the camera sees, (height, width, 3), or 4 where it is transparent, uint8.
+    """Returns the camera's picture, (height, width, 3), or 4 if transparent, uint8.
 
-    isStill : whether it may take some time, which a frame of a video has not
+    isStill : bool; True allows a slower and better picture than a frame of a video
     """
     if view.studio is not None:
         return view.studio.take(view, isTransparent, isStill)
@@ -67,8 +67,8 @@ def take_picture(view, isTransparent=False, isStill=True):
 class StudioLook:
     """Takes the pictures of a SceneView in the studio look.
 
-    framesAnew : whether each still has a camera of its own, which sees all of the scene
-    report : function that is told which fraction of a still is done; without one, a terminal shows
+    framesAnew : whether each still gets its own camera, which shows the whole scene
+    report : function of the completed fraction of a still; by default a progress bar in a terminal
     """
 
     def __init__(self, framesAnew, report=None):
@@ -92,26 +92,26 @@ class StudioLook:
             yield lambda fraction: progress.update(round(100.0 * fraction) - progress.n)
 
     def tell_cost(self, view, count):
-        """Takes a frame of a video on trial, and says how long `count` of them will take."""
+        """Takes a trial frame of a video and prints the estimated time for `count` frames."""
         begin = time.perf_counter()
         self.take(view, False, isStill=False)
         seconds = time.perf_counter() - begin
         minutes = math.ceil(count * seconds / 60.0)
-        frames = f"about {seconds:.2g} s a frame, {counted(count, 'frame')}"
+        frames = f"about {seconds:.2g} s per frame, {counted(count, 'frame')}"
         print_error(f"studio: {frames}, about {minutes} min")
 
 
 def _take_plain(view, isTransparent, isStill):
-    """What the camera sees in the look of the window.
+    """Takes a picture in the look of the window.
 
-    Edges are smooth: the picture is drawn larger and averaged. Where bodies are see-through, it is
-    the mean of one with them and one without. Polyscope's own supersampling serves the window, and
-    has no effect off-screen with EGL; its depth peeling takes nine times as long.
+    Edges are smooth, because the picture is drawn larger and averaged. With transparent bodies, it
+    is the mean of a picture with them and one without. Polyscope's own supersampling has no effect
+    off-screen with EGL, and its depth peeling is much slower.
     """
     import polyscope as ps
 
     width, height = ps.get_window_size()
-    # Only off-screen does a window's size change at once.
+    # a window changes its size at once only off-screen
     isOffscreen = ps.get_render_engine_backend_name() == OFFSCREEN_BACKEND
     isLarge = SUPERSAMPLING**2 * width * height > MOST_DRAWN_PIXELS
     factor = SUPERSAMPLING if isOffscreen and not isLarge else 1
@@ -119,7 +119,7 @@ def _take_plain(view, isTransparent, isStill):
     isChanged = isStill and not isOffscreen
     if isChanged:
         view.set_supersampling(True)
-    # Polyscope asks for both: a background of no opacity, and that this be kept.
+    # Polyscope needs both a background without opacity, and the request to keep it
     ps.set_background_color((*BACKGROUND, 0.0 if isTransparent else 1.0))
     if factor > 1:
         ps.set_window_size(factor * width, factor * height)
@@ -138,7 +138,7 @@ def _take_plain(view, isTransparent, isStill):
 
 
 def _draw(view, isTransparent):
-    """The picture (height, width, 3 or 4) as large as the window, uint8."""
+    """Returns the picture (height, width, 3 or 4) in the window's size, uint8."""
     import polyscope as ps
 
     def shoot():
@@ -158,7 +158,7 @@ def _draw(view, isTransparent):
 
 
 def _with_soft_shadows(shoot, view):
-    """A transparent shot in which the shadows are black and let the background through."""
+    """Takes a transparent picture with black, translucent shadows."""
     if "shadows" not in view.shown:
         return shoot()
     withShadows = shoot()
@@ -171,13 +171,13 @@ def _with_soft_shadows(shoot, view):
 
 
 def averaged(picture, factor):
-    """Each factor x factor pixels as one; (height, width, 3 or 4), uint8."""
+    """Averages blocks of factor × factor pixels; (height, width, 3 or 4), uint8."""
     height, width, channels = picture.shape
     blocks = picture.reshape(height // factor, factor, width // factor, factor, channels)
     if channels == 3:
         total = blocks.sum(axis=(1, 3), dtype=np.uint16)
         return ((total + factor**2 // 2) // factor**2).astype(np.uint8)
-    # What is not there at all has no colour to give.
+    # weights colours by opacity, because transparent pixels have no colour
     opacity = blocks[..., 3:].astype(np.float32)
     weight = opacity.sum(axis=(1, 3))
     colour = (blocks[..., :3] * opacity).sum(axis=(1, 3)) / np.maximum(weight, 1.0)
@@ -185,7 +185,7 @@ def averaged(picture, factor):
 
 
 def draw_legend(rows):
-    """Rows (text, (r, g, b)) into the present panel."""
+    """Draws rows (text, (r, g, b)) into the current panel."""
     import polyscope.imgui as psim
 
     flags = psim.ImGuiColorEditFlags_NoTooltip
@@ -196,7 +196,7 @@ def draw_legend(rows):
 
 
 def _with_legend(picture, view):
-    """The picture with its legend in the upper left corner, where the view wants one."""
+    """Returns the picture with its legend in the upper left corner, if the view wants one."""
     import polyscope as ps
     import polyscope.imgui as psim
 
@@ -216,7 +216,7 @@ def _with_legend(picture, view):
 
     ps.set_user_callback(draw)
     try:
-        for _ in range(2):  # a panel knows its size from the second frame on
+        for _ in range(2):  # a panel has its size from the second frame on
             shot = ps.screenshot_to_buffer(transparent_bg=False, include_UI=True)
     finally:
         ps.set_user_callback(view.callback)
@@ -231,13 +231,13 @@ def _with_legend(picture, view):
 class PictureSeries:
     """Pictures of chosen steps, DIR/frame_<step, six digits>.png.
 
-    Attributes: folder; count, the pictures so far.
+    Attributes: folder; count, number of pictures so far.
     """
 
     def __init__(self, folder, steps, view, isTransparent=False):
-        """Makes the folder; raises OSError when that cannot be done.
+        """Creates the folder; raises OSError if that fails.
 
-        steps : whole numbers, those of which `add` takes a picture; view : SceneView
+        steps : whole numbers, steps at which `add` takes a picture; view : SceneView
         """
         self.folder = Path(folder)
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -247,7 +247,7 @@ class PictureSeries:
         self._isTransparent = isTransparent
 
     def add(self, simulation):
-        """Takes a picture if the simulation stands at one of the steps."""
+        """Takes a picture if the simulation is at one of the steps."""
         if simulation.stepCount in self._steps:
             self._view.refresh()
             path = self.folder / f"frame_{simulation.stepCount:06d}.png"
@@ -255,18 +255,18 @@ class PictureSeries:
             self.count += 1
 
     def save(self, simulation):
-        """Does nothing: each picture is whole when it is taken."""
+        """Does nothing, as each picture is complete."""
 
     def close(self):
-        """Does nothing: each picture is whole when it is taken."""
+        """Does nothing, as each picture is complete."""
 
     def summary(self, simulation):
-        """Name and text of its row in the summary of a run."""
+        """Returns name and text of its row in the summary of a run."""
         return "pictures", f"{self.count} in {shown_path(self.folder)}"
 
 
 def save_picture(path, view, isTransparent=False):
-    """Writes what the camera sees as PNG, in place of an old file: whole or not at all."""
+    """Writes the camera's picture as PNG, replacing an old file atomically."""
     picture = take_picture(view, isTransparent)
     with atomic_write(path) as partial:
         Image.fromarray(picture).save(partial, "PNG")
@@ -275,13 +275,15 @@ def save_picture(path, view, isTransparent=False):
 class Video:
     """A video (.mp4 or .gif) of every `every`-th step.
 
-    Written beside its place under another name and put there by `save`. Attributes: path; count,
-    the pictures so far; rate, pictures a second; every.
+    It is written to a temporary file beside `path`, which `save` renames. Attributes: path; count,
+    number of frames so far; rate, frames per second; every.
     """
 
     def __init__(self, path, view, rate, every):
-        """Starts the encoder; raises VideoError where there is none, OSError where it cannot
-        write at `path`."""
+        """Starts the encoder.
+
+        Raises VideoError if there is no encoder, and OSError if it cannot write at `path`.
+        """
         import polyscope as ps
 
         self.path = Path(path)
@@ -295,9 +297,9 @@ class Video:
             self._encoder = Encoder(self._partial, ps.get_buffer_size(), rate, codec)
 
     def add(self, simulation):
-        """Takes a picture each `every` steps, from the first call on, but of no step twice.
+        """Takes a frame every `every` steps, from the first call on, but never two of one step.
 
-        raises OSError where the encoder has given up
+        Raises OSError if the encoder has failed.
         """
         step = simulation.stepCount
         if self._firstStep is None:
@@ -310,20 +312,20 @@ class Video:
             self._lastStep = step
 
     def save(self, simulation):
-        """Ends the video and puts it in its place, where an old one may be; raises OSError."""
+        """Finishes the video and moves it to its path, replacing an old file; raises OSError."""
         with named_errors(self.path):
             self._encoder.finish()
             put_in_place(self._partial, self.path)
 
     def summary(self, simulation):
-        """Name and text of its row in the summary of a run: its length, and how fast it plays."""
+        """Returns name and text of its row in the summary of a run: length and speed."""
         factor = self.rate * self.every * simulation.settings.timeStep
         pace = "real time" if abs(factor - 1.0) < 0.01 else f"{factor:.3g} × real time"
         text = f"{self.count} frames at {self.rate:.4g} fps ({pace})"
         return "video", f"{shown_path(self.path)}: {text}"
 
     def close(self):
-        """Removes what was written beside the place. Does nothing after `save`."""
+        """Removes the temporary file, if any; does nothing after `save`."""
         self._encoder.stop()
         if self._partial.is_file():
             self._partial.unlink()

@@ -1,9 +1,8 @@
-"""Numbers of faces, which Polyscope draws as flat colours: from the camera, and from the light.
+"""Numbers of visible faces, which Polyscope draws as flat colours, from camera and light.
 
-Polyscope is imported inside the functions that use it. From the top: drawing numbers; the overlays;
-the camera; the maps of what the light meets first.
-
-Arrays of points are (3, m), in single precision. Units: metres.
+Polyscope is imported inside the functions that use it. Reading order: drawing numbers; the
+overlays; the camera; the maps of the faces that light meets first. Arrays of points are (3, m), in
+single precision. Units: metres.
 """
 
 import math
@@ -16,19 +15,19 @@ from rbs.appearance.drawables import BOX_CORNERS
 from rbs.geometry.triples import dot
 from rbs.pictures.cameras import kept_camera
 
-# The free rim of a map, in pixels, beyond which everything is lit.
+# Free margin of a map in pixels, beyond which everything is lit.
 RIM = 3
-# The sides of maps grow in steps of this factor, and maps move by whole pixels, so that in a video
-# the shadows of what rests do not flicker while something else moves.
+# Step factor of the sides of maps. Maps move by whole pixels, so that the shadows of resting bodies
+# do not flicker in a video. More wastes resolution; less flickers more often.
 MAP_GROWTH = 1.15
 
 
 @contextmanager
 def bodies_only(view, vertices, faces):
-    """Within it, Polyscope draws nothing of a SceneView but the bodies, all black.
+    """Makes Polyscope draw only the bodies of a SceneView, in black, in the `with` block.
 
-    yields (their SurfaceMesh, the structures that were drawn over them). Leaves window and camera
-    as they were.
+    Yields their SurfaceMesh, and the structures that were drawn over them. Restores window and
+    camera.
     """
     import polyscope as ps
 
@@ -54,8 +53,10 @@ def bodies_only(view, vertices, faces):
 
 
 def samples(factor):
-    """Moves Polyscope's camera to each of factor × factor samples of its pixels; yields their row
-    and column. A window that is so many times larger would take 60 bytes a pixel."""
+    """Moves the camera through factor × factor samples per pixel; yields row and column.
+
+    A window larger by this factor would need much more memory.
+    """
     import polyscope as ps
 
     matrix, camera = ps.get_camera_view_matrix(), Camera(1)
@@ -70,9 +71,9 @@ def samples(factor):
 
 
 def draw_overlays(mesh, overlays, opacity, factor):
-    """What is drawn over black bodies, (height, width, 4), uint8, or None where there is nothing.
+    """Draws the overlays over black bodies: (height, width, 4), uint8, or None if there are none.
 
-    opacity : from 0 to 1, of what is behind a body; factor : of `samples`
+    opacity : 0 to 1, of what lies behind a body; factor : as for `samples`
     """
     import polyscope as ps
 
@@ -98,16 +99,16 @@ def draw_overlays(mesh, overlays, opacity, factor):
 
 
 def number_faces(mesh, count):
-    """Colours the `count` faces of a SurfaceMesh by their numbers, from 1."""
+    """Colours the `count` faces of a SurfaceMesh with their numbers, from 1."""
     number = np.arange(1, count + 1)
     colours = np.stack([number & 255, number >> 8 & 255, number >> 16], axis=1) / 255.0
     mesh.add_color_quantity("numbers", colours, defined_on="faces", enabled=True)
 
 
 def draw_numbers(isUpright=True):
-    """The numbers (height, width), int32, of the faces that are seen; 0 stands for no face.
+    """Returns the numbers (height, width), int32, of the visible faces; 0 is no face.
 
-    isUpright : whether the first row is the highest one
+    isUpright : whether the first row is the top one
     """
     import polyscope as ps
 
@@ -116,10 +117,11 @@ def draw_numbers(isUpright=True):
 
 
 class Camera:
-    """Polyscope's camera, of a picture of factor × factor samples a pixel.
+    """Polyscope's camera, for a picture with factor × factor samples per pixel.
 
-    eye, ahead (3,) : where it is, and looks to; axes (3, 3) : rows to the right, up and ahead
-    halfHeight : the tangent of half its angle upwards; pixelAngle : that of a sample
+    eye, ahead (3,) : position and viewing direction; axes (3, 3) : rows to the right, up and ahead
+    halfHeight : tangent of half the vertical field of view; pixelAngle : tangent of a sample's
+        angle
     """
 
     def __init__(self, factor):
@@ -144,30 +146,31 @@ class Camera:
         return rays.reshape(3, -1)
 
     def corner_nearness(self, first, last):
-        """How near the pixels (m,) of these rows are to a corner: squared, from 0 in the middle."""
+        """Squared distances (m,) of these rows' pixels from the middle; 1 at the corners."""
         x = (np.arange(self.width) + 0.5) / self.width - 0.5
         y = (np.arange(first, last) + 0.5) / self.height - 0.5
         return (2.0 * (x**2 + y[:, None] ** 2)).astype(np.float32).ravel()
 
 
 class LightMaps:
-    """For each direction of light, which face it meets first: orthographic maps of numbers."""
+    """Orthographic maps of the faces that light meets first, for each direction of light."""
 
     def __init__(self, surface, gap):
-        """surface : `Surface`; gap : m, by which a face must lie before a point to shade it"""
+        """surface : `Surface`; gap : m, least distance of a face in front of a shaded point"""
         self._surface, self._gap = surface, gap
         self._maps = {}
         self._numberType = np.min_scalar_type(len(surface.body))
 
     def draw(self, kind, directions, size, box, vertices, progress):
-        """Draws maps of size × size pixels, known as `kind`, in place of what the window shows.
+        """Draws maps of size × size pixels, stored as `kind`, instead of the window's content.
 
-        directions (n, 3) : towards the light; box (2, 3) : low and high corner of what they have to
-        cover; vertices (V, 3) : of all bodies; progress : called after each map
+        directions : (n, 3), towards the light; box : (2, 3), low and high corner of the covered
+            region;
+        vertices : (V, 3), of all bodies; progress : called after each map
         """
         import polyscope as ps
 
-        # Polyscope draws from 0.005 to 20 of its length scales away, at angles of 5° and more.
+        # Polyscope draws only a range of its length scale, at angles above a minimum
         scale = float(np.linalg.norm(box[1] - box[0]))
         ps.set_length_scale(scale)
         ps.set_view_projection_mode("orthographic")
@@ -194,17 +197,18 @@ class LightMaps:
             number = draw_numbers(isUpright=False).astype(self._numberType)
             for edge in (number[0], number[-1], number[:, 0], number[:, -1]):
                 edge[:] = 0
-            # to a point's row and column
+            # maps a point to its row and column
             toPixels = np.concatenate([axes[1::-1], -middle[1::-1, None]], axis=1) / pixel
             toPixels[:, 3] += size / 2.0
             self._maps[kind].append((number.ravel(), size, toPixels.astype(np.float32)))
             progress()
 
     def blockers(self, kind, k, x, body):
-        """What keeps the light of direction k from points x (3, m).
+        """Finds the faces that block light of direction k from points x (3, m).
 
-        body (m,) : that the points are of; as bodies are convex, none shades itself
-        returns (number (b,) of the face in the way, index (b,) of the point)
+        body : (m,), to which the points belong; as bodies are convex, none shades itself
+
+        Returns `(number (b,), index (b,))`: blocking faces, and the points that they shade.
         """
         number, size, toPixels = self._maps[kind][k]
         row, column = (

@@ -1,7 +1,7 @@
-"""What is drawn over the bodies: contacts, impulses, velocities, boxes and trails, in Polyscope.
+"""Overlays in Polyscope: contacts, impulses, velocities, boxes and trails.
 
-Polyscope is imported inside the functions that use it. From the top: `Overlays`; what draws and
-explains each of them; arrows and lines.
+Polyscope is imported inside the functions that use it. Reading order: `Overlays`; the painter and
+the legend of each overlay; arrows and lines.
 """
 
 import math
@@ -20,26 +20,26 @@ from rbs.appearance.colours import (
 )
 from rbs.appearance.drawables import box_lines, contact_patches, grid_cells, surface_points
 
-# What shows the contacts of the last steps.
+# Overlays that show the contacts of the last steps.
 CONTACT_OVERLAYS = frozenset({"contacts", "impulses", "friction impulses"})
-# The longest impulse on screen, relative to the scene's size, and relative to the body of medium
-# size at most, so that arrows do not cover each other; and every contact's normal, relative to it.
+# Length of the longest impulse, relative to the scene's size; its limit, relative to the median
+# body, so that arrows do not cover each other; and length of contact normals, relative to it.
 LONGEST_IMPULSE = 0.1
 IMPULSE_OF_BODY = 0.5
 NORMAL_LENGTH = 0.5
-# Steps for which a contact is shown: a tenth of a second, with the usual time step.
+# Number of steps for which a contact stays visible. More smears motion; less hides brief contacts.
 HELD_CONTACT_STEPS = 5
-# A velocity is drawn as the way that it leads in this time, in seconds.
+# Time in seconds whose displacement is drawn as the velocity. More lengthens the arrows.
 VELOCITY_SECONDS = 0.5
-# Half the width of the outlines of contacts, relative to the scene's size.
+# Half the width of contact outlines, relative to the scene's size.
 PATCH_RADIUS = 1.6e-3
-# Pictures back that a trail goes, and the most bodies that have one: every second body has where
-# there are up to twice as many, and so on.
+# Length of a trail in frames, and largest number of trails. If there are more bodies, every second
+# one has a trail, or every third, and so on.
 TRAIL_LENGTH = 40
 MOST_TRAILS = 30
-# A trail goes on over as many steps between two pictures; more is a jump to another time.
+# Largest number of steps between two frames of a trail. More counts as a jump in time.
 LONGEST_TRAIL_STEP = 60
-# The most boxes, and cells, that are drawn, for the time that their lines take.
+# Largest number of boxes and cells drawn, because their lines take time.
 MOST_BOXES = 200
 # Half the widths of arrows, points and lines, relative to the scene's size.
 ARROW_RADIUS = 3e-3
@@ -48,10 +48,10 @@ LINE_RADIUS = 8e-4
 
 
 class Overlays:
-    """The overlays of a `SceneView`.
+    """Overlays of a `SceneView`.
 
-    memory : what they show of former steps, attributes longestArrow in metres, heldContacts, trail
-        and trailStep; it may come from another view
+    memory : their data from earlier steps: longestArrow in metres, heldContacts, trail and
+        trailStep; it may come from another view
     """
 
     def __init__(self, view):
@@ -59,7 +59,7 @@ class Overlays:
         self.memory = None
 
     def restart(self, size, bodySize):
-        """Forgets all steps. size, bodySize : of the scene and of a usual body, in metres"""
+        """Forgets all steps. size, bodySize : of the scene and of a typical body, in metres"""
         self.memory = SimpleNamespace(
             longestArrow=min(LONGEST_IMPULSE * size, IMPULSE_OF_BODY * bodySize),
             trail=[],
@@ -68,12 +68,12 @@ class Overlays:
         )
 
     def remove(self, name):
-        """Removes an overlay; a trail will begin anew."""
+        """Removes an overlay, and restarts the trails."""
         remove_overlay(name)
         self.memory.trail = []
 
     def refresh(self, vertices):
-        """Draws the overlays that are shown. vertices (V, 3) : of all bodies"""
+        """Draws the visible overlays. vertices : (V, 3), of all bodies"""
         shown = self._view.shown
         if "trails" in shown:
             self._extend_trails()
@@ -84,14 +84,14 @@ class Overlays:
                 paint(self, name, vertices)
 
     def meanings(self):
-        """The legend of the overlays that are shown: rows (text, (r, g, b))."""
+        """Returns the legend of the visible overlays: rows (text, (r, g, b))."""
         shown = self._view.shown
         return [(text(self), colour) for name, (text, colour) in _MEANINGS.items() if name in shown]
 
     def _find_contacts(self):
-        """Finds the contacts of the last steps, and where they are now: they go with body 1.
+        """Collects the contacts of the last steps at their present places; they move with body 1.
 
-        Of each pair of bodies, those of its last step. A bounce is over before it is seen.
+        For each pair of bodies, its latest contacts count. A bounce would be too brief to see.
         """
         report, step = self._view.simulation.report, self._view.simulation.stepCount
         if report is None:
@@ -112,7 +112,7 @@ class Overlays:
         self._contactPoints = np.array(positions).reshape(-1, 3) + np.array(arms).reshape(-1, 3)
 
     def _draw_contacts(self, name, vertices):
-        """Each pair's points with their outline, and one normal from the middle of them."""
+        """Draws each pair's points with their outline, and one normal from their middle."""
         contacts, points = self._contacts, self._contactPoints
         remove_overlay(name)
         if contacts:
@@ -128,14 +128,15 @@ class Overlays:
     def _contact_meaning(self):
         report = self._view.simulation.report
         isSome = report is not None and report.hasSleepers
-        return f"contact manifold{', of bodies awake' if isSome else ''}; normal, towards body 1"
+        only = "; awake bodies only" if isSome else ""
+        return f"contact area and normal (on the body listed first{only})"
 
     def _draw_impulses(self, name, vertices):
         contacts, points = self._contacts, self._contactPoints
         normals = np.array([c.normal for c in contacts]).reshape(-1, 3)
-        # Body 1 receives the opposite of what the contact gives to body 2.
+        # body 1 receives the opposite of the impulse on body 2
         arrows = -normals * np.array([c.impulse for c in contacts]).reshape(-1, 1)
-        # Thicker than the normals, along which they run.
+        # thicker than the normals, with which they coincide
         draw_arrows(name, points, self._scaled(arrows), IMPULSE_COLOUR, 1.5 * ARROW_RADIUS)
 
     def _draw_friction(self, name, vertices):
@@ -152,14 +153,14 @@ class Overlays:
         longest = max((math.hypot(*impulse(contact)) for contact in self._contacts), default=0.0)
         if longest == 0.0:
             return f"no {what} this step"
-        return f"{what}; the longest is {longest:.2g} N s"
+        return f"{what} (longest: {longest:.2g} N s)"
 
     def _velocity_scale(self):
         speed = self._view.squareSide / VELOCITY_SECONDS
-        return f"velocity; as long as a square is {speed:g} m/s"
+        return f"velocity (one floor square = {speed:g} m/s)"
 
     def _draw_velocities(self, name, vertices):
-        """Arrows that begin where the line from the centre of mass leaves the body."""
+        """Draws arrows from where the line from the centre of mass leaves the body."""
         view, meshes = self._view, self._view.simulation.meshes
         centres = np.concatenate([mesh.position for mesh in meshes])
         velocities = np.concatenate([mesh.linVelocity for mesh in meshes])
@@ -176,7 +177,7 @@ class Overlays:
         draw_lines(name, *box_lines(low, high), CONSTRAINT_COLOURS[2])
 
     def _extend_trails(self):
-        """Adds the present positions to the trails; after a jump in time, they begin anew."""
+        """Adds the present positions to the trails, which restart after a jump in time."""
         step = self._view.simulation.stepCount
         if self.memory.trail and step == self.memory.trailStep:
             return
@@ -197,7 +198,7 @@ class Overlays:
         draw_lines(name, nodes.reshape(-1, 3), edges, TRAIL_COLOUR)
 
 
-# What draws each overlay.
+# Painter of each overlay.
 _PAINTERS = {
     "contacts": Overlays._draw_contacts,
     "impulses": Overlays._draw_impulses,
@@ -209,8 +210,7 @@ _PAINTERS = {
 }
 
 
-# What the legend says of each overlay, given the Overlays, and its colour. Lengths in the picture
-# are told by the ground's squares.
+# Legend text of each overlay, as a function of the Overlays, and its colour.
 _MEANINGS = {
     "contacts": (lambda overlays: overlays._contact_meaning(), NORMAL_COLOUR),
     "impulses": (
@@ -233,7 +233,7 @@ _MEANINGS = {
 
 
 def remove_overlay(name):
-    """Removes what `draw_arrows` or `draw_lines` has drawn under this name, if anything."""
+    """Removes the arrows or lines drawn under this name, if any."""
     import polyscope as ps
 
     ps.remove_point_cloud(name, error_if_absent=False)
@@ -241,7 +241,7 @@ def remove_overlay(name):
 
 
 def draw_arrows(name, points, arrows, colour, radius=ARROW_RADIUS):
-    """Points (m, 3) with arrows (m, 3) in metres, in place of the last ones of this name."""
+    """Draws points (m, 3) with arrows (m, 3) in metres, replacing those of this name."""
     import polyscope as ps
 
     ps.remove_point_cloud(name, error_if_absent=False)
@@ -261,7 +261,7 @@ def draw_arrows(name, points, arrows, colour, radius=ARROW_RADIUS):
 
 
 def draw_lines(name, nodes, edges, colour, radius=LINE_RADIUS):
-    """Lines between nodes (n, 3), edges (m, 2), in place of the last ones of this name."""
+    """Draws lines between nodes (n, 3), edges (m, 2), replacing those of this name."""
     import polyscope as ps
 
     ps.remove_curve_network(name, error_if_absent=False)

@@ -1,11 +1,11 @@
-"""Studio pictures: sky light, soft shadows and rounded edges, worked out in NumPy.
+"""Studio pictures: sky light, soft shadows and rounded edges, computed in NumPy.
 
-Polyscope draws numbers of faces only (`rbs.pictures.facenumbers`). What a sample of a picture shows
-is where its ray meets the plane of its face, or the ground. Neighbouring samples share the
-directions of light (`rbs.appearance.light`), and a mean over those of the same surface mixes them;
-then linear light becomes a colour, and samples become pixels. Arrays of points, vectors and colours
-are (3, m), in single precision. From the top: tones; `Studio`; what is lit; `Shades`; gloss;
-pixels. Units: metres.
+Polyscope only draws the numbers of faces (`rbs.pictures.facenumbers`). A sample shows the point
+where its ray meets the plane of its face, or the ground. Neighbouring samples share the directions
+of light (`rbs.appearance.light`), and are then averaged over the same surface. Finally, linear
+light becomes a colour, and samples become pixels. Arrays of points, vectors and colours are (3, m),
+in single precision. Reading order: tones; `Studio`; the lit region; `Shades`; gloss; pixels. Units:
+metres.
 """
 
 import math
@@ -38,63 +38,62 @@ from rbs.pictures.facenumbers import (
     samples,
 )
 
-# A picture is worked out so many times as large along each side, and averaged.
+# Factor by which pictures are computed larger along each side and then averaged.
 SUPERSAMPLING = 2
-# Each of SHARED × SHARED neighbouring samples takes its share of the directions of light.
+# Side of a block of samples that share the directions of light. More is faster and coarser.
 SHARED = 4
-# Directions of a still and of a video's frame, multiples of SHARED²: fewer leave streaks.
+# Numbers of directions for a still and for a video frame, multiples of SHARED². Fewer leave
+# streaks.
 STILL_DIRECTIONS = {"sky": 256, "below": 128, "sun": 32}
 VIDEO_DIRECTIONS = {"sky": 192, "below": 96, "sun": 16}
-# Side of the sun's maps as a fraction of the picture's width, within bounds in pixels.
+# Side of the sun's maps, as a fraction of the picture's width, and its bounds in pixels.
 SUN_MAP_FRACTION, SUN_MAP_SIDES = 0.7, (512, 1536)
-# Bodies further from those that are seen than so many times the picture's larger half cast no
-# shadows: one that was flung away would leave the maps coarse. To find out, every SEEN_STEP-th
-# sample is looked at.
+# Distance from the visible bodies beyond which bodies cast no shadows, as a multiple of the
+# picture's larger half. More makes maps coarse if a body is flung away. Every SEEN_STEP-th sample
+# is tested.
 REACH, SEEN_STEP = 3.0, 16
-# Lines on the ground: a factor of its reflectance, and their width as a fraction of the distance
-# between them.
+# Lines on the ground: factor of the reflectance, and width as a fraction of their distance.
 LINE, LINE_WIDTH = 0.72, 0.024
-# Reflectance of a body's gloss seen head-on, and the sharpness of the sun's reflection.
+# Reflectance of a body's gloss, seen head-on, and sharpness of the sun's reflection.
 GLOSS, SHININESS = 0.04, 64
-# Cosines below this one between normal and camera count as this: else outlines would be white.
+# Least cosine between normal and camera. Less makes outlines white.
 LEAST_FACING = 0.15
-# What light is multiplied by before the tone curve: more is brighter and paler.
+# Factor of light before the tone curve. More is brighter and paler.
 EXPOSURE = 0.60
-# The backdrop as seen, at the horizon and from a ray's height of BACKDROP_HEIGHT on; and where the
-# ground fades into it, in sizes of the scene from the middle of the ground.
+# Displayed colours of the backdrop at the horizon and from a ray's height of BACKDROP_HEIGHT; range
+# in which the ground fades into it, in sizes of the scene.
 BACKDROP, BACKDROP_HEIGHT = np.array([[0.885, 0.882, 0.872], [0.76, 0.765, 0.77]]), 0.6
 FADE_BEGIN, FADE_END = 0.8, 4.5
-# How much darker the corners of the picture are than its middle.
+# Darkening of the picture's corners, 0 to 1.
 VIGNETTE = 0.14
-# Metres, of what a ray meets nowhere.
+# Distance of rays that meet nothing, in metres.
 NOWHERE = 1e12
-# Samples that are shaded together, 200 bytes each, by each of so many threads.
+# Number of samples shaded together, and number of threads. More take more memory.
 BAND_SAMPLES, THREADS = 300_000, 2
 
 
 def seen(light):
-    """sRGB colours of linear light, through the tone curve of the Academy Color Encoding System in
-    Narkowicz's fit."""
+    """Converts linear light to sRGB by the ACES tone curve in Narkowicz's approximation."""
     x = EXPOSURE * light
     x = np.clip(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 0.0, 1.0)
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1.0 / 2.4) - 0.055)
 
 
-# `seen` as a table over light from 0 to MOST_LIGHT, all of which is white.
+# `seen` as a table over light from 0 to MOST_LIGHT, beyond which all is white.
 MOST_LIGHT, TONES = 12.0, 1 << 16
 _TONE_TABLE = seen(np.arange(TONES) * MOST_LIGHT / TONES).astype(np.float32)
-# What polished surfaces mirror.
+# Surroundings mirrored by glossy surfaces.
 SURROUNDINGS = ByHeight(lambda y: np.where(y[:, None] < 0.0, OPEN_GROUND, sky_radiance(y)))
 
 
 def toned(light):
-    """`seen`, from a table."""
+    """`seen`, from the table."""
     place = (light * (TONES / MOST_LIGHT)).astype(np.int32)
     return _TONE_TABLE.take(place, mode="clip")
 
 
 class Studio:
-    """Takes studio pictures, and keeps the light of a scene of which only the camera moves.
+    """Takes studio pictures, and reuses the light of a scene while only the camera moves.
 
     light : the `SceneLight` of the last picture, or None
     """
@@ -105,10 +104,10 @@ class Studio:
         self._skins, self._lit, self.light = {}, None, None
 
     def take(self, view, isTransparent=False, progress=lambda fraction: None):
-        """What Polyscope's camera sees of a SceneView, (height, width, 3), or 4, uint8.
+        """Returns a SceneView in Polyscope's camera: (height, width, 3), or 4, uint8.
 
-        isTransparent : whether there is nothing behind bodies and shadows
-        progress : called with the fraction that is done
+        isTransparent : whether the background behind bodies and shadows is omitted
+        progress : called with the completed fraction
         """
         import polyscope as ps
 
@@ -128,7 +127,7 @@ class Studio:
             sunMapSide = int(np.clip(SUN_MAP_FRACTION * ps.get_window_size()[0], *SUN_MAP_SIDES))
             lit = (vertices.tobytes(), albedo.tobytes(), box.tobytes(), sunMapSide)
             if lit != self._lit:
-                self.light = None  # the old one makes room
+                self.light = None  # frees the memory of the old one
                 surface = Surface(meshes, vertices, faces, bodyOfFace, albedo, self._skins)
                 gap = LEAST_GAP * float(np.linalg.norm(box[1] - box[0]))
                 self.light = SceneLight(
@@ -149,8 +148,9 @@ class Studio:
 
 
 def lit_box(meshes, vertices, bodyOfFace, numbers, camera):
-    """Low and high corner (2, 3) of what the light is worked out for: all bodies, as far as they
-    are near those that are seen. numbers : of the faces that the camera sees
+    """Returns the corners (2, 3) of the lit region: the bodies near those that the camera sees.
+
+    numbers : of the faces that the camera sees
     """
     first = np.cumsum([0] + [len(mesh.origVertices) for mesh in meshes[:-1]])
     low, high = np.minimum.reduceat(vertices, first), np.maximum.reduceat(vertices, first)
@@ -159,7 +159,7 @@ def lit_box(meshes, vertices, bodyOfFace, numbers, camera):
     depth = depth[bodyOfFace[number[number > 0] - 1]]
     depth = depth[depth > 0.0]
     if len(depth):
-        # in steps, so that in a video the box does not move with every body
+        # in steps, so that the box does not follow every motion in a video
         depth = float(np.median(depth))
         reach = REACH * depth * camera.halfHeight * max(1.0, camera.width / camera.height)
         reach = 1.25 ** math.ceil(math.log(reach, 1.25))
@@ -171,18 +171,19 @@ def lit_box(meshes, vertices, bodyOfFace, numbers, camera):
 
 
 class Shades:
-    """Shades a picture of which the numbers of faces are known."""
+    """Shades a picture, given the numbers of its faces."""
 
     def __init__(self, light, camera, numbers, view, hasGround, isTransparent):
-        """light : `SceneLight`; numbers (height, width) : as the camera sees them, each
-        SUPERSAMPLING times the picture's; view : `SceneView`, which knows where the ground is
+        """light : `SceneLight`; view : `SceneView`, with the place of the ground
+
+        numbers : (height, width), as seen by the camera, each SUPERSAMPLING times the picture's
         """
         self._light, self._camera, self._numbers = light, camera, numbers
         self._lineDistance, self._groundPlace = view.squareSide, view.groundPlace
         self._hasGround, self._isTransparent = hasGround, isTransparent
 
     def picture(self, progress):
-        """The picture (height, width, 3), or 4, uint8."""
+        """Returns the picture (height, width, 3), or 4, uint8."""
         height, width = self._numbers.shape
         step = max(1, BAND_SAMPLES // width // SHARED) * SHARED
         tops = range(0, height, step)
@@ -194,8 +195,8 @@ class Shades:
         return np.concatenate(rows)
 
     def _rows(self, top, bottom):
-        """The rows of the picture from these samples' rows, `top` to before `bottom`."""
-        # beyond them, what the mean over neighbours reaches
+        """Shades the picture's rows for the rows of samples from `top` to before `bottom`."""
+        # includes the rows that the mean over neighbours needs
         first, last = max(0, top - 1), min(len(self._numbers), bottom + SHARED - 2)
         width = self._numbers.shape[1]
         surface = self._light.surface
@@ -237,8 +238,10 @@ class Shades:
         return self._averaged(colour, opacity, width)
 
     def _met(self, first, last):
-        """What the rays of some rows meet: the number of a face (m,), or 0; ray (3, m); distance
-        (m,); and how far it has faded into the backdrop (m,), 0 to 1."""
+        """Intersects the rays of some rows: `(number (m,), ray (3, m), distance (m,), fade (m,))`.
+
+        number is 0 if there is no face, and fade is the part of the backdrop, 0 to 1.
+        """
         camera, surface = self._camera, self._light.surface
         number, ray = self._numbers[first:last].ravel(), camera.rays(first, last)
         distance = np.full(len(number), NOWHERE, dtype=np.float32)
@@ -249,7 +252,7 @@ class Shades:
         plane = surface.plane.take(number.take(on), axis=1)
         slope = np.minimum(dot(plane, ray.take(on, axis=1)), -1e-9)
         toFace = (plane[3] - dot(plane, camera.eye)) / slope
-        if self._hasGround:  # which hides what has sunk into it
+        if self._hasGround:  # the ground hides faces below it
             isAbove = toFace < distance.take(on) + LEAST_GAP * self._light.size
             number[on[~isAbove]] = 0
             on, toFace = on[isAbove], toFace[isAbove]
@@ -262,7 +265,7 @@ class Shades:
         return number, ray, distance, fade
 
     def _backdrop(self, rise):
-        """Colours (3, m) and opacity (m,) of what is behind all, seen along rays of this y (m,)."""
+        """Colours (3, m) and opacity (m,) of the backdrop, for rays with this y (m,)."""
         if self._isTransparent:
             return np.zeros((3, len(rise)), np.float32), np.zeros(len(rise), np.float32)
         height = np.clip(rise / BACKDROP_HEIGHT, 0.0, 1.0)
@@ -270,7 +273,7 @@ class Shades:
         return (1.0 - height) * low + height * high, np.ones(len(rise), np.float32)
 
     def _shown(self, number, x, ray, normal, light, distance):
-        """Colours (3, m) and opacity (m,) of what is lit so, as `SceneLight.received` has it."""
+        """Colours (3, m) and opacity (m,) of surfaces in this light, see `SceneLight.received`."""
         onGround, onBody = (np.flatnonzero(isThat) for isThat in (number == 0, number > 0))
         received = irradiance(normal, light)
         albedo = self._light.surface.albedo.take(number, axis=1)
@@ -289,7 +292,7 @@ class Shades:
         return toned(colour), opacity
 
     def _lines(self, x, ray, distance):
-        """What the lines on the ground leave of its light, (m,)."""
+        """Factor (m,) by which lines darken the ground."""
         pixel = self._camera.pixelAngle * distance / np.maximum(-ray[1], 0.05) / self._lineDistance
         left = np.ones(len(distance), dtype=np.float32)
         for axis in (0, 2):
@@ -300,7 +303,7 @@ class Shades:
         return left
 
     def _averaged(self, colour, opacity, width):
-        """Samples (3, m) and (m,), in rows of `width`, as rows of the picture."""
+        """Averages samples (3, m) and (m,), in rows of `width`, to rows of the picture."""
         s = SUPERSAMPLING
         shape = -1, s, width // s, s
         weight = opacity.reshape(shape).sum(axis=(1, 3))
@@ -311,7 +314,7 @@ class Shades:
 
 
 def gloss(normal, ray, light):
-    """The light (3, m) that the surfaces of bodies mirror towards the camera, along -ray (3, m)."""
+    """Light (3, m) that the surfaces of bodies mirror towards the camera, along -ray (3, m)."""
     sun = SUN.astype(np.float32)
     cosine = np.maximum(dot(normal, sun), 0.0)
     half = sun[:, None] - ray
@@ -328,7 +331,7 @@ def gloss(normal, ray, light):
 
 
 def mixed(light, group):
-    """The mean (k, h, w) over SHARED × SHARED neighbours of the same group; group (h, w)."""
+    """Mean (k, h, w) over SHARED × SHARED neighbours of the same group; group : (h, w)."""
     _, height, width = light.shape
     total, count = np.zeros_like(light), np.zeros((height, width), dtype=np.float32)
     for dy in range(-1, SHARED - 1):
@@ -342,7 +345,7 @@ def mixed(light, group):
 
 
 def laid_over(upper, lower):
-    """A picture with opacity over one with or without it, as many channels as the lower one."""
+    """Composites a picture with opacity over another one, which keeps its number of channels."""
     above = upper[..., 3:].astype(np.float32) / 255.0
     if lower.shape[2] == 3:
         return np.rint(above * upper[..., :3] + (1.0 - above) * lower).astype(np.uint8)

@@ -1,13 +1,13 @@
-"""What is seen: bodies, shadows, constraints and overlays, in Polyscope.
+"""Bodies, shadows, constraints and overlays in Polyscope.
 
-Polyscope is imported inside the functions that use it, never with this module, and only after
-`rbs.pictures.backends.find_backend` has found out that it can draw here.
+Polyscope is imported inside the functions that use it, and only after
+`rbs.pictures.backends.find_backend` has found that it can draw here.
 
-All bodies together are one surface, their shadows another one, and their edges one set of lines,
-so that the cost of drawing hardly depends on how many bodies there are. What stands for a
-simulation here may as well be a replay: anything with its attributes.
+All bodies form one surface, their shadows another one, and their edges one set of lines, so that
+the cost of drawing hardly depends on the number of bodies. A replay may take the place of a
+simulation, as may anything with its attributes.
 
-From the top: starting Polyscope; `SceneView`.
+Reading order: starting Polyscope; `SceneView`.
 """
 
 from contextlib import contextmanager
@@ -37,38 +37,38 @@ from rbs.pictures.cameras import kept_camera, point_still_camera
 from rbs.pictures.overlays import CONTACT_OVERLAYS, POINT_RADIUS, Overlays, draw_lines
 from RBSFunctions import refresh_vertices
 
-# All that can be switched on and off.
+# Layers that can be switched on and off.
 LAYERS = ("ground", "shadows", *OVERLAYS)
-# What is drawn at or within bodies, which are then seen through. In the window, Polyscope shows the
-# mean of all that lies behind each other, the ground too, which would leave bodies pale: by which
-# factor their colours are moved away from the ground's.
+# Overlays drawn at or within bodies, which then become transparent. In the window, Polyscope
+# averages all surfaces along a ray, including the ground. VIVIDNESS is the factor by which colours
+# are moved away from the ground's to compensate; less leaves bodies pale.
 SEE_THROUGH = CONTACT_OVERLAYS | {"velocities"}
 VIVIDNESS = 2.0
-# Half the width of the lines that edges are drawn as, relative to the scene's size.
+# Half the width of edges, relative to the scene's size.
 CREASE_RADIUS = 6e-4
-# Each line costs about 0.02 ms a frame where no graphics card helps. In a scene with more of them,
-# bodies are so small in the picture that lines would only darken it.
+# Largest number of edges drawn. More slow down drawing without a graphics card, and darken the
+# small bodies of large scenes.
 MOST_CREASES = 4000
-# Half the width of the lines that constraints are drawn as, relative to the scene's size.
+# Half the width of constraints, relative to the scene's size.
 CONSTRAINT_RADIUS = 1.2e-3
-# The ground: how far it is seen, in sizes of the scene; the camera's usual distance from what it
-# looks at, likewise; how far, in sizes, and by which factor the view moves before the ground does;
-# and where Polyscope ends to draw, a little less than twenty sizes away.
+# The ground, in sizes of the scene: its visible radius; the camera's usual distance from its
+# target; the shift and the factor of the view beyond which the ground follows; and the distance at
+# which Polyscope clips, with a small margin.
 GROUND_REACH = 9.0
 USUAL_DISTANCE = 1.6
 GROUND_SHIFT, GROUND_GROWTH = 0.5, 1.6
 FAR_CLIP = 19.0
-# Of the way from the camera to what it looks at: where a shot begins.
+# Start of a shot, as a fraction of the way from the camera to its target.
 SHOT_BEGIN = 0.4
-# How far over the ground the shadows lie, relative to the scene's size: the least that keeps the
-# two from flickering through each other in a 24-bit depth buffer.
+# Height of shadows above the ground, relative to the scene's size: the least that does not flicker
+# in a 24-bit depth buffer.
 SHADOW_HEIGHT = 1e-3
 
 
 def start_polyscope(backend, size=None):
-    """Starts Polyscope with this backend and the options that no scene changes.
+    """Starts Polyscope with this backend and the options common to all scenes.
 
-    size : (width, height) of the picture or window in pixels, or None for the usual one
+    size : (width, height) of picture or window in pixels; None for the default
     """
     import polyscope as ps
 
@@ -81,26 +81,29 @@ def start_polyscope(backend, size=None):
     ps.set_up_dir("y_up")
     ps.set_build_default_gui_panels(False)
     ps.set_open_imgui_window_for_user_callback(False)
-    ps.set_ground_plane_mode("none")  # `SceneView` has its own, which is drawn three times faster
+    ps.set_ground_plane_mode("none")  # that of `SceneView` is faster
     ps.set_background_color(BACKGROUND)
-    # Off-screen, more has no effect; see rbs/pictures/capture.py and rbs/window/panel.py.
+    # more has no effect off-screen; see rbs/pictures/capture.py and rbs/window/panel.py
     ps.set_SSAA_factor(1)
 
 
 class SceneView:
-    """A simulation's bodies, shadows and constraints in Polyscope, which must have been started.
+    """A simulation's bodies, shadows and constraints in Polyscope, which must be running.
 
-    Attributes: simulation; colouring, a name of COLOURINGS; shown, a set of names of LAYERS;
-    picked, the index of the body that is marked, or None, and pickedPoint, a point (3,) of it at
-    rest; squareSide, of the ground's squares in metres; groundPlace, of the ground: its middle
-    (3,) and the size of what stands on it in metres; hasLegend, whether pictures have one;
-    follows, whether the camera moves along with the picked body, or with all; isSmooth, whether
-    the window is drawn with smooth edges; studio, a `StudioLook` where pictures have that look, or
-    None; callback, which draws the panels in each frame, or None.
+    Attributes
+    ----------
+    simulation; colouring : a name of COLOURINGS; shown : set of names of LAYERS
+    picked, pickedPoint : index of the selected body, or None; (3,), a point of it at rest
+    squareSide : side of the ground's squares in metres
+    groundPlace : middle (3,) of the ground, and size of what stands on it in metres
+    hasLegend, isSmooth : whether pictures have a legend; whether the window's edges are smooth
+    follows : whether the camera follows the selected body, or the centre of all
+    studio : `StudioLook` if pictures have that look, or None
+    callback : function that draws the panels in each frame, or None
     """
 
     def __init__(self, simulation):
-        self._margins = (0, 0, 0, 0)  # what the panels take: left, top, right, bottom, in pixels
+        self._margins = (0, 0, 0, 0)  # pixels covered by panels: left, top, right, bottom
         self._windowSize = None
         self.callback = self.studio = None
         self._overlays = Overlays(self)
@@ -136,11 +139,11 @@ class SceneView:
 
     @property
     def size(self):
-        """The diagonal of the box that holds the scene and its ground at the start, in metres."""
+        """Diagonal of the box around the scene and its ground at the start, in metres."""
         return self._size
 
     def _register_bodies(self):
-        """Registers all bodies as one surface, and their shadows and edges; their vertices."""
+        """Registers bodies, shadows and edges; returns the vertices."""
         import polyscope as ps
 
         meshes = self.simulation.meshes
@@ -148,8 +151,8 @@ class SceneView:
         vertices, faces, self.bodyOfFace = flatten_meshes(meshes)
         self._bodyCount, self.faces = len(meshes), faces
         self._firstVertex = np.cumsum([0] + [len(m.currVertices) for m in meshes[:-1]])
-        # What lies behind is not drawn: bodies are closed, and it would cost half as much again.
-        # Surfaces are drawn in the order of their names: what is seen through has to be the last.
+        # Back faces are culled, because bodies are closed. Surfaces are drawn in alphabetical
+        # order, and transparent ones must come last.
         self._bodies = ps.register_surface_mesh(
             "solids", vertices, faces, material="clay", back_face_policy="cull"
         )
@@ -167,7 +170,7 @@ class SceneView:
         return vertices
 
     def _follow_body_count(self):
-        """Registers the bodies anew where some have been added or taken out; the camera stays."""
+        """Registers the bodies again if some were added or removed; the camera stays."""
         if len(self.simulation.meshes) == self._bodyCount:
             return
         if self.picked is not None and self.picked >= len(self.simulation.meshes):
@@ -177,7 +180,7 @@ class SceneView:
         self.set_see_through(self.isSeeThrough)
 
     def spread_ground(self):
-        """Lays the ground under what the camera looks at, where that has moved far enough."""
+        """Moves the ground below the camera's target, if that has moved far enough."""
         import polyscope as ps
 
         middle = np.array(ps.get_view_center(), dtype=np.float64)
@@ -191,7 +194,7 @@ class SceneView:
             ):
                 return
         self.groundPlace = middle, size
-        # Polyscope draws nothing that is further away.
+        # Polyscope clips everything beyond
         reach = min(GROUND_REACH * size, max(FAR_CLIP * self._size - distance, 2.0 * self._size))
         vertices, faces, colours, self.squareSide = ground_squares(size, middle, reach)
         self._ground = ps.register_surface_mesh(
@@ -206,7 +209,7 @@ class SceneView:
         creases = find_creases(vertices, faces)
         self._creases = None
         if 0 < len(creases) <= MOST_CREASES:
-            # A curve network draws a dot at each of its nodes: it gets only those in use.
+            # a curve network draws a dot at each node, so it gets only those in use
             self._creaseNodes, ends = np.unique(creases, return_inverse=True)
             self._creaseEnds = creases
             self._creases = ps.register_curve_network(
@@ -241,7 +244,7 @@ class SceneView:
         self._lines.set_enabled(self.simulation.settings.enforceConstraints)
 
     def _point_camera(self, points, margins=None):
-        """Frames points (n, 3) between the panels; margins : other ones than those in use."""
+        """Frames points (n, 3) between the panels; margins : instead of the present ones."""
         import polyscope as ps
 
         fieldOfView = ps.get_view_camera_parameters().get_fov_vertical_deg()
@@ -251,9 +254,9 @@ class SceneView:
         self._framed = points, self._eye()
 
     def set_margins(self, margins, size):
-        """Tells what the panels take of the window: pixels at the left, top, right and bottom.
+        """Sets the pixels that panels cover at the left, top, right and bottom of the window.
 
-        size : of the window, (width, height). A camera that still frames the scene goes on to do so
+        size : of the window, (width, height). A camera that frames the scene continues to do so.
         """
         if (margins, size) != (self._margins, self._windowSize):
             isFramed = self._is_framed()
@@ -262,44 +265,43 @@ class SceneView:
                 self._point_camera(self._framed[0])
 
     def _is_framed(self):
-        """Whether nobody has moved the camera since it was made to frame the scene."""
+        """Whether the camera has not moved since it framed the scene."""
         points, eye = self._framed
         return np.allclose(self._eye(), eye, rtol=1e-4)
 
     def _eye(self):
-        """Where the camera is, (3,)."""
+        """Position of the camera, (3,)."""
         import polyscope as ps
 
         return np.array(ps.get_view_camera_parameters().get_position(), dtype=np.float64)
 
     def frame_all(self):
-        """Points the camera at all bodies as they are now."""
+        """Points the camera at all bodies in their present poses."""
         vertices = refresh_vertices(self.simulation.meshes)
         self._point_camera(np.concatenate([vertices, vertices * [1.0, 0.0, 1.0]]))
         self._lastFocus = self._focus()
         self.spread_ground()
 
     def frame_still(self):
-        """Points the camera, from low down, at the bodies as they are now."""
+        """Points the camera at the present bodies from a low position."""
         point_still_camera(self.simulation.meshes)
         self._move_ground()
 
     @contextmanager
     def framed_still(self):
-        """Within it, the camera is where `frame_still` puts it."""
+        """Applies `frame_still` within the `with` block."""
         with kept_camera():
             self.frame_still()
             yield
         self._move_ground()
 
     def _move_ground(self):
-        """Lays the ground under what the camera looks at, however little that has moved."""
+        """Moves the ground below the camera's target, however small the distance."""
         self.groundPlace = None
         self.spread_ground()
 
     def picture_camera(self):
-        """`(size, camera)` of a picture of what the window shows: width and height in pixels, and
-        as `load_camera` gives it."""
+        """Returns size in pixels and camera, as from `load_camera`, of a picture of the window."""
         import polyscope as ps
 
         with self.whole_width():
@@ -307,7 +309,7 @@ class SceneView:
             return ps.get_window_size(), {"viewMat": ps.get_camera_view_matrix(), "fov": angle}
 
     def memory(self):
-        """What pictures show of former steps, and of the mouse: dict, to `recall` elsewhere."""
+        """Returns the data of pictures from earlier steps and selections: dict, for `recall`."""
         names = (
             "_size",
             "picked",
@@ -322,7 +324,7 @@ class SceneView:
         return {name: vars(self)[name] for name in names} | {"overlays": self._overlays.memory}
 
     def recall(self, memory):
-        """Makes pictures look as those of the SceneView that this is the `memory` of."""
+        """Adopts the `memory` of another SceneView, so that pictures look the same."""
         import polyscope as ps
 
         self.shown = memory["shown"]
@@ -335,7 +337,7 @@ class SceneView:
 
     @contextmanager
     def whole_width(self):
-        """Within it, a camera that still frames the scene between the panels does so without."""
+        """Lets a camera that frames the scene use the panels' area within the `with` block."""
         points, isFramed = self._framed[0], any(self._margins) and self._is_framed()
         if isFramed:
             self._point_camera(points, (0, 0, 0, 0))
@@ -347,7 +349,7 @@ class SceneView:
 
     @property
     def follows(self):
-        """Whether the camera moves along with the picked body, or with all."""
+        """Whether the camera follows the selected body, or the centre of all."""
         return self._follows
 
     @follows.setter
@@ -357,14 +359,14 @@ class SceneView:
         self._follows = follows
 
     def _focus(self):
-        """What the camera follows: the picked body, or the middle of the free ones, (3,)."""
+        """Point (3,) that the camera follows: the selected body, or the centre of the free ones."""
         free = [mesh.position[0] for mesh in self.simulation.meshes if not mesh.isFixed]
         if self.picked is not None:
             return self.simulation.meshes[self.picked].position[0].copy()
         return np.mean(free, axis=0) if free else np.zeros(3)
 
     def _follow(self):
-        """Moves the camera as what it follows has moved since the last time."""
+        """Moves the camera by the displacement of its focus since the last call."""
         import polyscope as ps
 
         if not self._follows:
@@ -377,10 +379,10 @@ class SceneView:
             self.spread_ground()
 
     def refresh(self):
-        """Draws everything as it is now, all from one instant, from the next frame on."""
+        """Draws everything in its present state, at one instant, from the next frame on."""
         self._follow_body_count()
         self._follow()
-        vertices = refresh_vertices(self.simulation.meshes)  # all at once, which is faster
+        vertices = refresh_vertices(self.simulation.meshes)  # faster than one by one
         self._bodies.update_vertex_positions(vertices)
         if "shadows" in self.shown:
             shadows = cast_shadows(vertices, SHADOW_HEIGHT * self._size)
@@ -394,7 +396,7 @@ class SceneView:
         self._refresh_mark()
 
     def body_colours(self):
-        """RGB of every body, (n, 3), in the present colouring."""
+        """RGB of every body, (n, 3), in the current colouring."""
         colours = self.bodyColours.of(self.simulation, self.colouring)
         if self.picked is not None:
             colours[self.picked] = PICKED_COLOUR
@@ -412,7 +414,7 @@ class SceneView:
         self._colours = colours
 
     def legend(self):
-        """What the colours and arrows mean: rows (text, (r, g, b))."""
+        """Returns the legend of colours and arrows: rows (text, (r, g, b))."""
         rows = self.bodyColours.legend(self.simulation, self.colouring)
         if len(self._constraintLines.ends) and self.simulation.settings.enforceConstraints:
             rows += constraint_legend()
@@ -438,11 +440,11 @@ class SceneView:
 
     @property
     def isSeeThrough(self):
-        """Whether bodies let what lies behind and within them be seen."""
+        """Whether bodies are transparent."""
         return bool(SEE_THROUGH & self.shown)
 
     def set_see_through(self, isOn):
-        """Lets bodies be seen through in the window; pictures are mixed of two instead."""
+        """Makes bodies transparent in the window; pictures are blended from two instead."""
         import polyscope as ps
 
         ps.set_transparency_mode("simple" if isOn else "none")
@@ -451,26 +453,28 @@ class SceneView:
             self._refresh_colours()
 
     def boxes(self, vertices):
-        """Bounding boxes of the bodies, low and high (n, 3)."""
+        """Bounding boxes of the bodies: low, high (n, 3)."""
         return (
             np.minimum.reduceat(vertices, self._firstVertex),
             np.maximum.reduceat(vertices, self._firstVertex),
         )
 
     def show_bodies(self, isShown):
-        """Shows the bodies with their creases, or not."""
+        """Shows or hides the bodies with their creases."""
         self._bodies.set_enabled(isShown)
         if self._creases is not None:
             self._creases.set_enabled(isShown)
 
     def show_shadows(self, isShown):
-        """Shows the shadows, or not, whatever `shown` says."""
+        """Shows or hides the shadows, regardless of `shown`."""
         self._shadows.set_enabled(isShown)
 
     @contextmanager
     def hidden(self):
-        """Within it, nothing of the scene is drawn; yields the structures that were drawn over the
-        bodies: constraints, overlays, marks."""
+        """Hides the scene within the `with` block.
+
+        Yields the structures that were drawn over the bodies: constraints, overlays, marks.
+        """
         import polyscope as ps
 
         names = ("constraints", "spring", "picked point", *OVERLAYS)
@@ -488,27 +492,27 @@ class SceneView:
                 structure.set_enabled(True)
 
     def set_supersampling(self, isOn):
-        """Draws the window twice as large and averages it, or not."""
+        """Switches supersampling of the window on or off."""
         import polyscope as ps
 
         self.isSmooth = isOn
         ps.set_SSAA_factor(2 if isOn else 1)
 
     def set_callback(self, callback):
-        """Gives Polyscope the function that draws the panels in each frame, or with None, none."""
+        """Sets the function that draws the panels in each frame; None removes it."""
         import polyscope as ps
 
         self.callback = callback
         ps.set_user_callback(callback)
 
     def set_resizable(self, isResizable):
-        """Lets the window be resized, or not."""
+        """Allows or forbids resizing the window."""
         import polyscope as ps
 
         ps.set_window_resizable(isResizable)
 
     def pick(self, body, point=None):
-        """Marks a body (its index) and a point (3,) of the world on it; None marks none."""
+        """Marks a body, by index, and a world point (3,) on it; None marks nothing."""
         self.picked, self.pickedPoint = body, None
         self._lastFocus = self._focus()
         if body is not None:
@@ -516,14 +520,14 @@ class SceneView:
             self.pickedPoint = QRotate(QConj(mesh.orientation), point - mesh.position)[0]
 
     def picked_point(self):
-        """Where the marked point is now, (3,) in the world."""
+        """Present position (3,) of the marked point in the world."""
         mesh = self.simulation.meshes[self.picked]
         return (QRotate(mesh.orientation, self.pickedPoint[None]) + mesh.position)[0]
 
     def body_at(self, pixel):
-        """The body that is seen at a pixel (x, y) from the top left corner of the window.
+        """Returns body and point (3,) at a pixel (x, y) from the window's top left corner.
 
-        returns (index, point (3,) on its surface), or (None, None)
+        The result is (None, None) if there is no body.
         """
         import polyscope as ps
 
@@ -539,13 +543,13 @@ class SceneView:
         return int(np.searchsorted(self._firstVertex, vertex, side="right")) - 1, hit.position
 
     def distance_of(self, point):
-        """How far a point (3,) is in front of the camera, along its line of sight, in metres."""
+        """Depth of a point (3,) along the camera's line of sight, in metres."""
         import polyscope as ps
 
         return float((point - self._eye()) @ ps.get_view_camera_parameters().get_look_dir())
 
     def point_at(self, pixel, distance):
-        """The point (3,) that is seen at a pixel, so many metres in front of the camera."""
+        """Point (3,) at a pixel, at a depth of so many metres."""
         import polyscope as ps
 
         ray = ps.screen_coords_to_world_ray(pixel)
@@ -553,7 +557,7 @@ class SceneView:
         return self._eye() + distance / float(ray @ gaze) * ray
 
     def aim(self, pixel):
-        """Where a shot towards a pixel begins, (3,), over the ground, and its direction (3,)."""
+        """Returns start (3,), above the ground, and direction (3,) of a shot towards a pixel."""
         import polyscope as ps
 
         ray = np.array(ps.screen_coords_to_world_ray(pixel), dtype=np.float64)
@@ -563,7 +567,7 @@ class SceneView:
         return begin, ray / np.linalg.norm(ray)
 
     def show_spring(self, ends):
-        """Shows the spring that drags a body, from point to point (2, 3), or with None, none."""
+        """Shows the spring that drags a body, between two points (2, 3); None removes it."""
         import polyscope as ps
 
         if ends is None:

@@ -1,10 +1,10 @@
-"""Contacts of the soft step: all manifolds at once, as constraints on velocities; and restitution.
+"""Contacts of the soft step: simultaneous velocity constraints on all manifolds, and restitution.
 
-Penetration is pushed out by springs, see rbs/softstep/springs.py. All manifolds are solved at once
-from the same velocities, so that nothing depends on an order. To make that converge, a body that is
-in N manifolds counts in each with a mass of m/N, and the impulses act on the whole of it: Tonge,
-Benevolenski, Voroshilov: Mass Splitting for Jitter-Free Parallel Rigid Body Simulation. SIGGRAPH
-2012.
+Springs push penetration out, see rbs/softstep/springs.py. All manifolds are solved simultaneously
+from the same velocities, so that the result does not depend on an order. For convergence, the mass
+of a body with N manifolds is split: it counts as m/N in each of them, while the impulses act on the
+whole body (Tonge, Benevolenski, Voroshilov: Mass Splitting for Jitter-Free Parallel Rigid Body
+Simulation. SIGGRAPH 2012).
 """
 
 import numpy as np
@@ -20,53 +20,53 @@ from rbs.softstep.springs import Spring, lasting
 from rbs.stepping.bodies import GRAVITY
 from rbs.stepping.reports import GROUND
 
-# How stiff contacts are. The frequency is relative to that of the substeps, 60 Hz at 1/400 s: with
-# split masses, half of it is visibly soft, and with a fifth more a tower of rings bounces on itself
-# ever higher: one sweep a substep lets the impulses lag behind, and they act as an undamped spring
-# of about 0.22. With critical damping, what is heavy sinks through what is light below it.
+# Natural frequency of contact springs, as a fraction of the substep frequency, and damping ratio.
+# Lower frequencies are visibly soft. Higher ones make tall stacks bounce, because the impulses of
+# one sweep per substep lag behind, like an undamped spring. With less damping, down to critical,
+# heavy bodies sink through light ones below them.
 FREQUENCY, DAMPING = 0.15, 10.0
-# The largest speed that penetration is pushed out with, in √(g r) of the smaller body: 3 m/s for a
-# cube of a metre. Without it, bodies that start inside each other burst apart.
+# Largest speed at which penetration is pushed out, in √(g r) of the smaller body. With more, bodies
+# that start inside each other burst apart; with less, they separate slowly.
 PUSH_SPEED = 1.0
-# From substep to substep, an impulse may at most double: a blow is over with its substep, and to
-# begin the next one with it throws bodies apart. Without this, Newton's cradle loses its swing.
+# Largest growth of an impulse from one warm start to the next, as a factor. With more, the impulse
+# of an impact is repeated in the next substep and throws bodies apart; less delays a new load.
 LOAD_GROWTH = 2.0
-# Where points still close this many times faster than gravity adds speed in a step, there is a
-# second sweep. Without it, a light body between a heavy one and the ground is pressed into both.
+# Closing speed that calls for a second sweep, in multiples of the speed that gravity adds per step.
+# With more, a light body between a heavy one and the ground is pressed into both; less costs time.
 HIT_STEPS = 10.0
-# With fewer sweeps for restitution, what one point gives back disturbs the others: a box that falls
-# flat starts to spin.
+# Number of sweeps for restitution. With fewer, the impulses at one point disturb the others, so
+# that a box that lands flat starts to spin; more cost time.
 RESTITUTION_SWEEPS = 16
-# The rows of ξ that have a linear part, along n, t1 and t2.
+# Rows of ξ with a linear part: those along n, t1 and t2.
 LINEAR = [0, 3, 4]
-# In place of zero under a fraction.
+# Least divisor, in place of zero.
 TINY = np.finfo(float).tiny
 
 
 class SoftContacts:
-    """The contacts of a step as constraints on velocities, M manifolds at once.
+    """Contacts of a step as velocity constraints, for M manifolds at once.
 
-    The relative motion of the two bodies of a manifold, in its frame n, t1, t2 about the middle of
-    its points, is a twist ξ of six numbers: Δv · n, Δω · t1, Δω · t2, which the normals see, and
-    Δv · t1, Δv · t2, Δω · n, which friction sees. With the arms r_i from the COMs to the middle and
-    e one of the three axes,
+    The relative motion of the two bodies of a manifold is a twist ξ of six numbers, in the frame n,
+    t1, t2 at the centre of its points: Δv · n, Δω · t1 and Δω · t2, on which the normal impulses
+    act, and Δv · t1, Δv · t2 and Δω · n, on which friction acts. With the arms r_i from the COMs to
+    the centre, and e one of the three axes,
 
-        Δv · e = e · v2 + (r2 × e) · ω2 - e · v1 - (r1 × e) · ω1,        Δω · e = e · ω2 - e · ω1,
+        Δv · e = e · v2 + (r2 × e) · ω2 - e · v1 - (r1 × e) · ω1,        Δω · e = e · ω2 - e · ω1
 
-    the rows of the Jacobian: ξ = J v. A wrench w in the same frame changes the velocities by
-    M⁻¹ Jᵀ w. The points stand x along t1 and y along t2 from the middle; there, the normal speed is
-    u_k = ξ_0 + y_k ξ_1 - x_k ξ_2, or u = Bᵀ ξ, and impulses λ_k along n make the wrench B λ, that
-    is, w_0 = Σ λ, w_1 = Σ y λ, w_2 = -Σ x λ. Friction acts in the middle, along t1 and t2, with a
+    are the rows of the Jacobian: ξ = J v. A wrench w in the same frame changes the velocities by
+    M⁻¹ Jᵀ w. The point k, at x_k along t1 and y_k along t2 from the centre, has the normal speed
+    u_k = ξ_0 + y_k ξ_1 - x_k ξ_2, or u = Bᵀ ξ. Impulses λ_k along n form the wrench B λ, that is,
+    w_0 = Σ λ, w_1 = Σ y λ, w_2 = -Σ x λ. Friction acts at the centre, along t1 and t2 and as a
     twist about n: w_3, w_4, w_5.
 
-    With masses split, the twist of a manifold responds to its own wrench by A = J N M⁻¹ Jᵀ, 6 × 6,
-    N the number of manifolds of each body. J is sparse, and frozen within the step.
+    With split masses, the twist of a manifold responds to its own wrench by A = J N M⁻¹ Jᵀ, 6 × 6,
+    where N is the number of manifolds of each body. J is sparse, and constant within the step.
     """
 
     def __init__(self, manifolds, frames, motion, mu, timeStep, h):
-        """Of the manifolds, those with a body that can move; h : s, of a substep."""
+        """Selects the manifolds that have a movable body; h : s, length of a substep."""
         self.mu, self.h, self.fallRate = mu, h, motion.fallRate
-        self.fall = self.fallRate * timeStep  # the speed that gravity adds within the step
+        self.fall = self.fallRate * timeStep  # speed that gravity adds in a step
         first, second = manifolds.bodies(len(motion.shift))
         self.rows = indices(~(motion.isStill[first] & motion.isStill[second]))
         manifolds = manifolds.rows(self.rows)
@@ -94,28 +94,28 @@ class SoftContacts:
         self.start1 = take(frames.position, contacts.first, axis=1)
 
     def _place_points(self):
-        """The middles of the manifolds, and where their points stand around them."""
+        """Computes the centres of the manifolds, and the positions of their points around them."""
         contacts, isPoint = self.contacts, self.contacts.isPoint
         weight = isPoint / np.maximum(isPoint.sum(axis=0), 1)
         middle = sum(weight[k] * contacts.arm[:, k] for k in range(POINTS))
-        # the points of the two bodies are `separation` apart: the middle is between them
+        # the centre lies midway between the points of the two bodies, which are `separation` apart
         gap = sum(weight[k] * contacts.separation[k] for k in range(POINTS))
         away = contacts.arm - middle[:, None]
         x, y = (
             dot(away, axis[:, None]) * isPoint for axis in (contacts.tangent1, contacts.tangent2)
         )
         self.B = np.stack((isPoint.astype(float), y, -x))  # (3, 4, M)
-        # what limits friction and the twist about n, for each unit of a normal impulse
+        # limits of friction and of the twist about n, per unit of normal impulse
         self.limits = self.mu * np.stack((self.B[0], np.sqrt(x * x + y * y)))
         middle = middle + 0.5 * gap * contacts.normal
         self.arms = middle, middle - contacts.t
 
     def _make_rows(self, motion):
-        """The rows of J for either body, without the sign, and what follows from A.
+        """Computes the rows of J for either body, without the sign, and the parts of A.
 
-        K : Bᵀ A B, (4, 4, M), how the normal speeds respond to the impulses; mass : (4, M), of
-        each point alone; coupling : (9, M), how friction's rows respond to the normals' wrench;
-        frictionMass : (9, M), the inverse of their response to their own
+        K : Bᵀ A B, (4, 4, M), response of the normal speeds to the impulses; mass : (4, M), of each
+            point alone; coupling : (9, M), response of the friction rows to the normal wrench;
+            frictionMass : (9, M), inverse of their response to their own wrench
         """
         contacts = self.contacts
         n, t1, t2 = contacts.normal, contacts.tangent1, contacts.tangent2
@@ -147,9 +147,9 @@ class SoftContacts:
         self.frictionMass /= np.where(determinant > 0.0, determinant, 1.0)
 
     def _sparse_rows(self, bodies, linear, angular, count):
-        """J, 6 M × 6 (n + 1), row r of manifold m at r M + m.
+        """Returns J, 6 M × 6 (n + 1), with row r of manifold m at r M + m.
 
-        linear : (3, M) each, of the rows LINEAR; angular : (3, 6, M), of either body
+        linear : (3, M) each, of the rows LINEAR; angular : (3, 6, M), for either body
         """
         columns = 6 * np.stack(bodies, axis=1)[:, :, None] + np.arange(6)  # (M, 2, 6)
         values, index, length = [], [], []
@@ -165,8 +165,10 @@ class SoftContacts:
         return csr_array((np.concatenate(values), *place), shape=(6 * self.count, 6 * count))
 
     def impact_speeds(self, motion):
-        """How fast (4, M) points come together when free flight has closed their gaps s: with the
-        relative acceleration a along the normal, u² = u₀² - 2 a s."""
+        """Normal speeds (4, M) at which points meet after free flight has closed their gaps s.
+
+        u² = u₀² - 2 a s, with the relative acceleration a along the normal.
+        """
         self.measure(motion)
         contacts, speed = self.contacts, self.speed
         gravity = motion.gravity[contacts.second] - motion.gravity[contacts.first]
@@ -174,19 +176,18 @@ class SoftContacts:
         return -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
 
     def measure(self, motion):
-        """Works out the twists ξ, (6, M), and the speeds along the normals u = Bᵀ ξ, (4, M), which
-        are positive where the bodies part."""
+        """Computes the twists ξ, (6, M), and normal speeds u = Bᵀ ξ, (4, M), > 0 if separating."""
         self.apply(motion)
         self.twist = (self.J @ motion.velocity.ravel()).reshape(6, -1)
         self.speed = self.twist[0] + self.B[1] * self.twist[1] + self.B[2] * self.twist[2]
 
     def apply(self, motion):
-        """Gives the bodies the wrenches that have come together since the last time."""
+        """Applies the wrenches accumulated since the last call to the bodies."""
         motion.push((self.JT @ self.pending.ravel()).reshape(-1, 6))
         self.pending = np.zeros((6, self.count))
 
     def warm_start(self):
-        """Begins with the impulses of the substep before, as far as they are a load."""
+        """Starts with the impulses of the last substep, limited by LOAD_GROWTH."""
         limit = np.maximum(LOAD_GROWTH * self.started, self.mass * (self.fallRate * self.h))
         started = np.minimum(self.impulse, limit)
         if self.mu > 0.0:
@@ -196,13 +197,13 @@ class SoftContacts:
         self.pending += np.concatenate(((self.B * self.impulse).sum(axis=1), self.friction))
 
     def move(self):
-        """The points come as far apart as the bodies have moved in a substep."""
+        """Advances the separations by one substep."""
         self.separation += self.h * self.speed
 
     def soft_sweep(self):
-        """One pass over all contacts in which penetration pushes out.
+        """Makes one pass over all contacts in which springs push penetration out.
 
-        A gap may close within the substep, and no more.
+        A gap may close within the substep, but not more.
         """
         isApart = self.separation > 0.0
         push = np.maximum(self.spring.rate * self.separation, -self.push)
@@ -212,23 +213,22 @@ class SoftContacts:
         )
 
     def are_hit(self):
-        """Whether points are about to meet at such a speed that one sweep is not enough."""
+        """Whether any points approach so fast that one sweep is not enough."""
         gap = np.maximum(self.separation, 0.0)
         isHit = self.speed + gap / self.h < -HIT_STEPS * self.fall
         return (isHit & self.contacts.isPoint).any()
 
     def relaxing_sweep(self):
-        """One pass over all contacts that takes the speed of pushing out away again."""
+        """Makes one pass over all contacts that removes the velocity added by the springs."""
         self._solve(np.maximum(self.separation, 0.0) / self.h)
         self.totalImpulse += self.impulse
         self.totalFriction += self.friction
 
     def _solve(self, bias, softness=1.0):
-        """Solves all manifolds for impulses, of the motion that has been measured, and notes what
-        they have changed by: λ ← s (λ - m (u + bias)), λ ≥ 0.
+        """Solves all manifolds from the measured motion: λ ← s (λ - m (u + bias)), λ ≥ 0.
 
-        The points of a manifold come one after the other, as in Gauss and Seidel's method, and
-        friction follows. Where their order alternates, high stacks sway.
+        The points of a manifold are visited in order, as in the Gauss-Seidel method, and then
+        friction. Alternating the order would make tall stacks sway.
         """
         before = self.impulse
         impulse, mass = before * softness, self.mass * softness
@@ -241,7 +241,7 @@ class SoftContacts:
         if self.mu > 0.0:
             slip = self.twist[3:] + mat_vec(self.coupling, wrench)
             friction = friction - mat_vec(self.frictionMass, slip)
-            # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever
+            # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
             limit, twistLimit = (self.limits * impulse).sum(axis=1)
             size = np.sqrt(friction[0] * friction[0] + friction[1] * friction[1])
             friction[:2] *= limit / np.maximum(np.maximum(size, limit), TINY)
@@ -250,10 +250,11 @@ class SoftContacts:
         self.impulse, self.friction = impulse, friction
 
     def restitute(self, motion, CRCoeff, closing, bodies, links):
-        """Where bodies came together faster than by what gravity adds in a step, which belongs to
-        resting, and have touched, they part with e times that speed, as far as energy allows.
+        """Applies restitution where bodies met faster than gravity accelerates them in a step.
 
-        closing : (4, M), of `impact_speeds`; links : (2, R), bodies that constraints hold together
+        Points that have touched separate with e times that speed, as far as energy allows.
+
+        closing : (4, M), from `impact_speeds`; links : (2, R), bodies connected by constraints
         """
         bounces = (closing < -self.fall) & (self.totalImpulse > 0.0)
         if not bounces.any():
@@ -274,7 +275,7 @@ class SoftContacts:
         self.totalFriction += share * (self.friction - before[1])
 
     def store(self, manifolds):
-        """The manifolds with what they start the next step with."""
+        """Returns the manifolds with the values from which the next step starts."""
         names = ("impulse", "friction", "offset", "substep")
         columns = {name: getattr(manifolds, name).copy() for name in names}
         if self.offset.any():
@@ -285,9 +286,9 @@ class SoftContacts:
         return manifolds.renewed(**columns)
 
     def tell(self, report):
-        """Notes every point that has given an impulse or touches, at the start of the step.
+        """Reports every point that touches or received an impulse, at the start of the step.
 
-        A manifold's friction is shared out by the normal impulses of its points.
+        A manifold's friction is divided in proportion to the normal impulses of its points.
         """
         contacts, impulse = self.contacts, self.totalImpulse
         k, m = np.nonzero((impulse > 0.0) | (contacts.isPoint & (contacts.separation <= 0.0)))
@@ -317,16 +318,16 @@ class SoftContacts:
 
 
 def energy_share(bodies, motion, before, links):
-    """The part (n,) of what restitution changes in velocities that the energy allows.
+    """Returns the fraction (n,) of restitution's velocity changes that energy permits.
 
     bodies : `Bodies`, at the start of the step; motion : `Motion`, with restitution
-    before : (n, 6), velocities without; links : (2, L), bodies that touch or are held together
+    before : (n, 6), velocities without it; links : (2, L), bodies that touch or are tied
 
-    Newton's law of restitution lets two points part with e times the speed that they met with.
-    Where several pairs meet in one step, this can ask for more energy than there was: Stronge:
-    Rigid body collisions with friction. Proceedings of the Royal Society A, 1990. So an island, of
-    bodies that hang together, keeps the largest share with which its energy is no higher than at
-    the start of the step. As that is the same for all of the island, momentum is kept.
+    Newton's law of restitution lets two points separate with e times their closing speed. If
+    several pairs collide in one step, this may require more energy than there was (Stronge: Rigid
+    body collisions with friction. Proceedings of the Royal Society A, 1990). Each island of
+    connected bodies therefore keeps the largest fraction that does not raise its energy above that
+    at the start of the step. One fraction for the whole island conserves momentum.
     """
     isStill = motion.isStill[:-1]
     mass = np.where(isStill, 0.0, 1.0 / np.where(isStill, 1.0, bodies.invMass))
@@ -336,7 +337,7 @@ def energy_share(bodies, motion, before, links):
         return np.where(isStill[:, None, None], 0.0, np.linalg.inv(matrices))
 
     def products(inertia, v, w):
-        """vᵀ M w (n,) of velocities (n, 6)."""
+        """Returns vᵀ M w (n,) for velocities (n, 6)."""
         turning = (inertia @ w[:, 3:, None])[:, :, 0]
         return mass * (v[:, :3] * w[:, :3]).sum(axis=1) + (v[:, 3:] * turning).sum(axis=1)
 
@@ -345,7 +346,7 @@ def energy_share(bodies, motion, before, links):
     limit += mass * dot(np.reshape(bodies.gravity, (3, 1)), motion.shift.T)
     rotation = np.stack(rotation_matrices(motion.result(bodies)[1]))
     inertia = tensors(np.stack(rotate_tensor(rotation, bodies.restInvInertia)))
-    # the energy is that before plus b s + a s²
+    # with the fraction s, the energy is that without restitution plus b s + a s²
     change = motion.velocity[:-1] - before
     island = islands(links, ~isStill)
     a = np.bincount(island, 0.5 * products(inertia, change, change))
@@ -357,10 +358,10 @@ def energy_share(bodies, motion, before, links):
 
 
 def islands(links, isFree):
-    """The island (n,) of each body, a number from 0: of those that hang together.
+    """Returns the island (n,) of each body, a number from 0: its connected component.
 
-    links : (2, L), bodies that do; n or -1 is the ground
-    isFree : (n,) bool; what is not free, and the ground, connects nothing
+    links : (2, L), connected bodies; n or -1 is the ground
+    isFree : (n,) bool; bodies that are not free, and the ground, connect nothing
     """
     count = len(isFree)
     first, second = links[:, np.append(isFree, False)[links].all(axis=0)]

@@ -1,6 +1,6 @@
-"""The contacts of a step: near pairs, their manifolds old and new, and where the points are now.
+"""Contacts of a step: near pairs, their old and new manifolds, and the present contact points.
 
-Nothing here changes what is remembered: it makes the successors, for the step to keep at its end.
+Nothing here modifies the stored state. New objects are returned, which the step stores at its end.
 """
 
 import numpy as np
@@ -25,15 +25,15 @@ from rbs.softstep.manifolds import (
 )
 from rbs.softstep.sleeping import speeds
 
-# The ground's normal, from the body to the ground, and the direction that its friction begins at.
+# Normal of the ground, from the body towards the ground, and the first tangent of its friction.
 DOWN, ALONG = (0.0, -1.0, 0.0), (1.0, 0.0, 0.0)
 
 
 class BodyFrames:
-    """Where n bodies and the ground are: columns of n + 1, the ground at the origin.
+    """Poses of n bodies and of the ground, in n + 1 columns; the ground is at the origin.
 
     position : (3, n + 1); orientation : (4, n + 1); rotation : (9, n + 1)
-    radius, size : (n + 1,), of the hulls, and their `thickness`; inf of the ground
+    radius, size : (n + 1,), of the hulls, and their `thickness`; inf for the ground
     """
 
     def __init__(self, bodies):
@@ -47,22 +47,22 @@ class BodyFrames:
         self.size = np.append(thickness(bodies.hulls, np.arange(count)), np.inf)
 
     def sizes(self, first, second):
-        """The size (P,) of the thinner body of each pair."""
+        """Returns the size (P,) of the thinner body of each pair."""
         return np.minimum(take(self.size, first), take(self.size, second))
 
     def translations(self, first, second):
-        """From the first COM to the second, (3, P); to the ground, to the point right below."""
+        """Vectors (3, P) from the first COM to the second, or to the ground right below."""
         t = take(self.position, second, axis=1) - take(self.position, first, axis=1)
         t[0::2] = np.where(second == self.position.shape[1] - 1, 0.0, t[0::2])
         return t
 
 
 class StepContacts:
-    """The manifolds of M pairs that can touch in this step, in world axes.
+    """World-space geometry of the M manifolds that can touch in this step.
 
     first, second : (M,); the ground is body n
-    normal, tangent1, tangent2 : (3, M), unit
-    arm : (3, 4, M), from the first COM to the points on the first body; t : (3, M)
+    normal, tangent1, tangent2 : (3, M), unit; t : (3, M), from the first COM to the second
+    arm : (3, 4, M), from the first COM to the points on the first body
     separation : (4, M), along the normal; isPoint : (4, M) bool
     """
 
@@ -85,19 +85,19 @@ class StepContacts:
 
 
 def detect(bodies, hasGround, isStill, kept, timeStep):
-    """The contacts of a step: `(manifolds, frames)`.
+    """Detects the contacts of a step: `(manifolds, frames)`.
 
-    isStill : (n,) bool, what has not moved since the last step and will not do so by itself
-    kept : `SolverState`, whose pairs become those of this step; timeStep : s, of the whole step
+    isStill : (n,) bool, bodies that did not move since the last step and will not start to
+    kept : `SolverState`, whose pairs are replaced by those of this step; timeStep : s
 
-    Returns the `Manifolds` of all pairs that are near enough to have one, with the impulses that
-    they begin with, and the `BodyFrames`.
+    Returns the `Manifolds` of all pairs near enough to have one, with their warm-starting impulses,
+    and the `BodyFrames`.
     """
     count = len(isStill) + 1
     frames = BodyFrames(bodies)
-    # how far points of the bodies can come within the step
+    # largest distance that points of each body can move in the step
     reach = (speeds(bodies) + np.where(bodies.isFixed, 0.0, bodies.fallRate * timeStep)) * timeStep
-    # with a margin, so that pairs that rest keep their manifolds, and what sleeps is not woken
+    # the margin keeps the manifolds of resting pairs, and lets sleeping bodies sleep
     box = bodies.box - (reach + KEEP * frames.size[:-1])
     first, second = grid_overlaps(box, bodies.isFixed)
     key = first * count + second
@@ -116,9 +116,9 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
 
 
 def _valid_manifolds(manifolds, frames, bodies, nearKey):
-    """The manifolds of pairs that are still near, and need not be renewed.
+    """Returns the manifolds of pairs that are still near and have not changed their relative pose.
 
-    nearKey : (Q,), of the pairs of bodies that are near, sorted
+    nearKey : (Q,), sorted keys of the near pairs
     """
     count = len(frames.radius)
     first, second = manifolds.bodies(count - 1)
@@ -133,7 +133,7 @@ def _valid_manifolds(manifolds, frames, bodies, nearKey):
 
 
 def _new_pair_manifolds(bodies, frames, first, second, reach, axis):
-    """`(Manifolds, normal (3, K))` of K pairs; axis : (3, K), their normals before, or 0."""
+    """`(Manifolds, normal (3, K))` of K pairs; axis : (3, K), their last normals, or 0."""
     if len(first) == 0:
         return Manifolds.none(), axis
     t = frames.translations(first, second)
@@ -152,7 +152,7 @@ def _new_pair_manifolds(bodies, frames, first, second, reach, axis):
 
 
 def _new_ground_manifolds(bodies, frames, reach, known, timeStep):
-    """The manifolds of bodies near the ground that have no valid one; known : their keys."""
+    """Manifolds of bodies near the ground that have no valid one; known : keys of the others."""
     count = len(reach) + 1
     isNear = (bodies.box[1] <= reach + KEEP * frames.size[:-1]) & ~bodies.isFixed
     isNear[known[known % count == count - 1] // count] = False
@@ -171,7 +171,7 @@ def _new_ground_manifolds(bodies, frames, reach, known, timeStep):
 
 
 def _table(frames, first, second, t, normal, tangent, point1, point2, isPoint):
-    """`Manifolds` without impulses, sorted, of points (3, 4, K) from the COMs, in world axes."""
+    """Sorted `Manifolds` without impulses; points (3, 4, K) from the COMs, in world axes."""
     into1 = transpose(take(frames.rotation, first, axis=1))
     into2 = transpose(take(frames.rotation, second, axis=1))
     translation, rotation = relative_poses(first, second, t, frames.rotation, frames.orientation)

@@ -1,9 +1,9 @@
-"""Contact manifolds: up to four points where two hulls touch, kept from one step to the next.
+"""Contact manifolds: up to four contact points per pair of hulls, kept between steps.
 
-A manifold has the pair's normal n, from the first body to the second, and points that receive an
-impulse each: corners of the overlap of two faces, one of either hull, seen along n. Of these, four
-are kept that span the overlap, the deepest always among them, as in van den Bergen: Collision
-Detection in Interactive 3D Environments, 2003, and Bullet's persistent manifold.
+A manifold has the normal n of the pair, from the first body to the second, and points that each
+receive an impulse. The points are corners of the overlap of two faces, one of either hull, seen
+along n. Four of them are kept that span the overlap and include the deepest one, as in van den
+Bergen: Collision Detection in Interactive 3D Environments, 2003, and in Bullet.
 """
 
 import numpy as np
@@ -15,30 +15,31 @@ from rbs.geometry.vectors import cross, dot, mat_vec, mul_add, norm, transpose
 
 POINTS = 4
 
-# Of the size of the bodies, see `thickness`. Points that lie within this of each other are one.
+# Lengths from here to RIDGE are fractions of the `thickness` of the bodies. Points closer together
+# than this count as one; more merges distinct corners.
 MERGE = 1e-3
-# Points this much further apart than the nearest one are left out, unless the bodies can come so
-# far within the step: the manifold is made anew before they touch. With more, a rolling cylinder
-# has corners far apart among its four, and sinks between them.
+# Points whose separation exceeds the least one by more than this are omitted, unless the bodies can
+# close the gap within the step; the manifold is rebuilt before they touch. With more, the four
+# points of a rolling cylinder lie too far apart, and it sinks between them.
 CULL = 0.05
-# Where sides of two faces coincide, corners may lie this far outside of the other face.
+# Distance by which corners may lie outside the other face, so that coincident sides are found.
 OUTSIDE = 1e-6
-# A manifold is made anew when the relative pose has changed by this. With more, its normal is
-# visibly out of date; with less, more time is spent on finding the same again.
+# Change of the relative pose after which a manifold is rebuilt. With more, its normal becomes
+# visibly outdated; with less, time is spent on finding the same manifold again.
 KEEP = 0.03
-# Two facets of the Minkowski difference whose penetrations differ by less than this share a normal,
-# if one minus the cosine between theirs is at least the second number. With a larger width, boxes
-# side by side in a wall are pushed apart by their edges.
+# Two facets of the Minkowski difference share a normal if their penetrations differ by less than
+# RIDGE and one minus the cosine between their normals is at least LEAST_TURN. With a larger RIDGE,
+# the edges of adjacent boxes push each other apart; with a smaller one, the normal jumps.
 RIDGE, LEAST_TURN = 0.02, 0.05
-# A point inherits the impulse of one that was this near, in the frame of the first body.
+# Largest distance from which a point inherits the impulse of an old one, in the first body's frame.
 MATCH = 0.5
-# The cosine between a face's normal and the manifold's. Steeper faces are not clipped: along the
-# normal, rounding moves points of their planes far off the surface.
+# Least cosine between the normals of a face and of the manifold. Steeper faces are not clipped,
+# because rounding would move points in their planes far off the surface along the normal.
 LEAST_COSINE = 0.05
-# An angle, up to half a turn, is at most this many times the distance of the two unit quaternions.
+# Upper bound of a rotation angle ≤ π divided by the distance between the two unit quaternions.
 ANGLE_OF_CHORD = 2.23
 
-# The columns of the table: of each name, the shape of a manifold's share.
+# Columns of the table: per name, the shape of one manifold's entry.
 COLUMNS = {
     "normal": (3,),
     "tangent": (3,),
@@ -55,18 +56,18 @@ COLUMNS = {
 
 
 class Manifolds:
-    """M manifolds, sorted by the pair i < j that they belong to. The ground is body n of n + 1.
+    """Table of M manifolds, sorted by key. The ground is body n.
 
-    key : (M,), i · (n + 1) + j
-    normal, tangent : (3, M), unit, in the frame of the first body; n and t1 of the solver
-    anchor1, anchor2 : (3, 4, M), where the points lie on either body, in its frame
-    isPoint : (4, M) bool; where false, the anchors mean nothing
-    translation, rotation : (3, M), (4, M), of the second body in the first one's frame when the
-        manifold was made
-    impulse : (4, M), along the normal at the points, and friction (3, M), along t1 and t2 and the
-        twist about n: those of the last substep, mass · speed, to start the next one with
-    offset : (4, M), lengths: from which penetration on the points press
-    substep : (M,), seconds, of the substeps that these are of; 0 where there have been none
+    key : (M,), i · (n + 1) + j for the pair i < j
+    normal, tangent : (3, M), unit, n and t1 in the frame of the first body
+    anchor1, anchor2 : (3, 4, M), contact points on either body, in its frame
+    isPoint : (4, M) bool; the anchors are meaningless if false
+    translation, rotation : (3, M), (4, M), pose of the second body in the first one's frame when
+        the manifold was built
+    impulse, friction : (4, M), along the normal at the points; (3, M), along t1, t2 and as a twist
+        about n; mass · speed, from the last substep, for warm starting
+    offset : (4, M), lengths, penetration from which the points' springs act
+    substep : (M,), s, length of the substeps behind these values; 0 if there were none
     """
 
     __slots__ = ("key", *COLUMNS)
@@ -83,24 +84,24 @@ class Manifolds:
         return cls(np.zeros(0, dtype=np.int64), **columns)
 
     def renewed(self, **columns):
-        """The same with other columns in place of those named."""
+        """Returns a copy in which the given columns are replaced."""
         return Manifolds(**{name: getattr(self, name) for name in self.__slots__} | columns)
 
     def bodies(self, count):
-        """The two bodies (2, M) of each, of as many bodies; the ground is `count`."""
+        """Returns the two bodies (2, M) of each manifold; the ground is body `count`."""
         return np.stack(np.divmod(self.key, count + 1))
 
     def rows(self, some):
-        """The manifolds `some` (m,), ascending; all of them are these themselves."""
+        """Returns the manifolds `some` (m,), ascending; returns self if these are all."""
         return self if len(some) == len(self.key) else self._taken(some)
 
     def _taken(self, rows):
         return Manifolds(**{n: take(getattr(self, n), rows, axis=-1) for n in self.__slots__})
 
     def resized(self, old, count):
-        """`(manifolds, left)` of `count` bodies in place of `old`, changed at the end of the list.
+        """`(manifolds, left)` for `count` bodies instead of `old`, after changes at the list's end.
 
-        left : (K,), bodies that have touched what has been removed
+        left : (K,), bodies that touched a removed body
         """
         first, second = self.bodies(old)
         isGround = second == old
@@ -110,7 +111,7 @@ class Manifolds:
         return self.renewed(key=key).rows(indices(isKept)), left
 
     def joined(self, other):
-        """These and others, in the order of their keys."""
+        """Returns these manifolds and others, sorted by key."""
         if len(other.key) == 0 or len(self.key) == 0:
             return self if len(self.key) else other
         parts = {n: (getattr(self, n), getattr(other, n)) for n in self.__slots__}
@@ -118,10 +119,10 @@ class Manifolds:
         return both._taken(both.key.argsort(kind="stable"))
 
     def inherit(self, old, size):
-        """Takes over from the manifolds that these replace; size : (M,), see `thickness`.
+        """Takes over impulses of the manifolds that these replace; size : (M,), see `thickness`.
 
-        Each point in turn gets impulse and offset of the nearest old one that is left, as seen by
-        the first body, if it is near at all. The friction is carried over as a vector.
+        Each point in turn inherits from the nearest old point that is left, in the first body's
+        frame, if it is near enough. Friction is carried over as a vector.
         """
         if len(self.key) == 0 or len(old.key) == 0:
             return
@@ -148,14 +149,14 @@ class Manifolds:
 
 
 def turn_points(matrix, points):
-    """Matrices (9, M) times points (3, 4, M)."""
+    """Multiplies matrices (9, M) by points (3, 4, M)."""
     return mat_vec(matrix[:, None], points)
 
 
 def relative_poses(first, second, t, rotation, orientation):
     """`(translation (3, M), rotation (4, M))` of the second body in the first one's frame.
 
-    t : (3, M), from the first COM to the second; rotation (9, n + 1), orientation (4, n + 1)
+    t : (3, M), from the first COM to the second; rotation : (9, n + 1); orientation : (4, n + 1)
     """
     translation = mat_vec(transpose(take(rotation, first, axis=1)), t)
     aw, ax, ay, az = take(orientation, first, axis=1)
@@ -171,7 +172,7 @@ def relative_poses(first, second, t, rotation, orientation):
 
 
 def pose_changes(translation, rotation, newTranslation, newRotation, radius):
-    """How far (M,) points of bodies of these radii (M,) are at most from where they were.
+    """Upper bounds (M,) of the distance that points of bodies with these radii (M,) have moved.
 
     translation, newTranslation : (3, M); rotation, newRotation : (4, M)
     """
@@ -188,16 +189,16 @@ def pose_changes(translation, rotation, newTranslation, newRotation, radius):
 
 
 def contact_normals(hulls, facets, first, second, t, width):
-    """`(penetration (K,), normal (3, K))` of pairs, the normals continuous across ridges.
+    """`(penetration (K,), normal (3, K))` of pairs, with normals that are continuous across ridges.
 
     The direction of least penetration jumps where two facets of the Minkowski difference are
-    equally near. That is where two edges meet side by side, as those of two cards that lean on each
-    other: either card's face makes the normal, and neither lets friction hold them up. Hulls with
-    edges rounded by a small radius would have a normal in between. So a facet that is nearest by
-    less than the width is mixed with the one that is turned away from it most, unless that is the
-    other side of a hull that is nearly flat.
+    equally near. This happens if two edges meet side by side, as those of two cards that lean on
+    each other: the normal is then that of either card, and with neither of them can friction hold
+    the cards up. Rounding the edges by a small radius would give a normal in between. Therefore a
+    facet less than `width` farther than the nearest one is blended with it: of several, the one
+    with the most different direction, except the opposite side of a nearly flat hull.
 
-    facets : of the pairs, complete up to the width; t : (3, K); width : (K,), lengths
+    facets : `Facets` of the pairs, complete up to the width; t : (3, K); width : (K,), lengths
     """
     penetration, normal = facets.minimal_penetrations(t)
     count = np.diff(facets.start)
@@ -219,12 +220,12 @@ def contact_normals(hulls, facets, first, second, t, width):
 
 
 def pair_manifolds(hulls, first, second, t, normal, depth, reach):
-    """Manifolds of K pairs that touch or nearly do: `(point1, point2, isPoint)`.
+    """Builds the manifolds of K pairs that touch or nearly do: `(point1, point2, isPoint)`.
 
-    t, normal : (3, K); depth : (K,), the penetration along the normal, negative where they part
-    reach : (K,), how far points of the two bodies together can come within the step
-    point1, point2 : (3, 4, K), on the first and on the second body, each from its COM, in world
-        axes: a point and its partner lie on one line along the normal
+    t, normal : (3, K); depth : (K,), penetration along the normal, negative if separated
+    reach : (K,), largest distance by which points of the two bodies can approach in the step
+    point1, point2 : (3, 4, K), on the first and second body, relative to its COM, world axes. A
+        point and its partner lie on one line along the normal
     """
     size = np.minimum(thickness(hulls, first), thickness(hulls, second))
     tolerance = FEATURE_TOLERANCE * (hulls.radius[first] + hulls.radius[second])
@@ -240,8 +241,8 @@ def pair_manifolds(hulls, first, second, t, normal, depth, reach):
     row, uv = row[some], take(uv, some, axis=1)
     heights = [face.heights(row, *uv) for face in faces]
 
-    # The deepest point, exact, where it is a corner or a crossing of edges. Of faces and parallel
-    # edges it is a corner of the overlap, if rounding has left one.
+    # If the deepest point is a vertex or a crossing of edges, it is added exactly. For faces and
+    # parallel edges it is a corner of the overlap, unless rounding has left none.
     deepest, isPatch = features.sharp_points()
     hasCorner = np.bincount(row, minlength=len(size)) > 0
     isLost = indices(isPatch & ~hasCorner)
@@ -264,10 +265,10 @@ def pair_manifolds(hulls, first, second, t, normal, depth, reach):
 
 
 def ground_manifolds(hulls, bodies, height, reach, shift, turn):
-    """Manifolds of bodies (K,) with the ground, as of `pair_manifolds`: `(point1, isPoint)`.
+    """Builds manifolds with the ground, as `pair_manifolds` does: `(point1, isPoint)`.
 
-    height : (K,), of the COMs above the ground; reach : (K,), as there
-    shift, turn : (3, K), the translations and rotation vectors of the step's free flight
+    bodies : (K,); height : (K,), of the COMs above the ground; reach : (K,)
+    shift, turn : (3, K), translations and rotation vectors of the step's free flight
     """
     row, column = ranges(take(hulls.vertexStart, bodies), take(hulls.vertexCount, bodies))
     x, y, z = take(hulls.vertices, column, axis=1)
@@ -279,21 +280,20 @@ def ground_manifolds(hulls, bodies, height, reach, shift, turn):
 
 
 def thickness(hulls, bodies):
-    """What tolerances of manifolds are relative to: from the bodies' COMs to the nearest face."""
+    """Returns the distance from the COM to the nearest face, to which tolerances are relative."""
     return hulls.innerRadius[bodies]
 
 
 class _Faces(Polygons):
-    """The face of each body (K,) that is turned most towards a direction, of those at its support.
+    """The face of each body (K,), of those at the support, that is turned most to a direction.
 
-    Others can be turned more towards it, but the deepest point is not on them.
+    Other faces may be turned more to it, but the deepest point does not lie on them.
     cosine : (K,), of the angle between the face's normal and the direction
     """
 
     def __init__(self, hulls, bodies, direction, ends, tolerance, origin, frame):
-        """ends, tolerance : as of `Features`; origin : (3, K), of the bodies in the frame, three
-        axes (3, K)"""
-        # in the bodies' frames, where the faces' normals stand
+        """ends, tolerance : as in `Features`; origin : (3, K), the bodies; frame : axes (3, K)"""
+        # the face normals are in the bodies' frames
         rotation = take(hulls.rotation, bodies, axis=1)
         inverse = transpose(rotation)
         count = take(hulls.faceCount, bodies)
@@ -320,20 +320,20 @@ class _Faces(Polygons):
         self._offset = take(offset, best) + dot(normal, origin)
 
     def heights(self, row, u, v):
-        """How high (Q,) the planes of the faces `row` stand along n at the points u, v (Q,)."""
+        """Heights (Q,) along n of the planes of the faces `row` at the points u, v (Q,)."""
         slopeU, slopeV, slopeN = (take(slope, row) for slope in self._slopes)
         return (take(self._offset, row) - slopeU * u - slopeV * v) / slopeN
 
 
 def _four_points(row, u, v, separation, later, size, reach):
-    """Which four of each row's points span most: `(chosen (4, K), isPoint (4, K))`.
+    """Selects up to four points of each row that span it: `(chosen (4, K), isPoint (4, K))`.
 
     row : (Q,), ascending, each of 0 … K - 1 at least once; u, v : (Q,)
-    separation, later : (Q,), now, and expected at the end of the step; size, reach : (K,)
+    separation, later : (Q,), now, and predicted for the end of the step; size, reach : (K,)
 
-    The deepest; the one that is going to be the deepest, or, if that is the same, the farthest from
-    it; the one that makes the largest triangle with these; and the one that adds most to the
-    triangle. Where none is left, `chosen` holds another and isPoint is false.
+    In this order: the deepest point; the predicted deepest one or, if that is the same, the
+    farthest from it; the point that forms the largest triangle with these; and the point that adds
+    most to the triangle. If none is left, isPoint is false.
     """
     start = row.searchsorted(np.arange(len(size)))
     least, first = row_minima(separation, row, start)
@@ -341,12 +341,12 @@ def _four_points(row, u, v, separation, later, size, reach):
     merge = MERGE * size
 
     def farthest(measure):
-        """The point (K,) of each row with the largest measure, and the measure."""
+        """Returns the point (K,) of each row with the largest measure, and that measure."""
         negative, point = row_minima(np.where(isFar, np.inf, -measure), row, start)
         return point, -negative
 
     def area(p, q):
-        """Twice the area, signed, of the triangles that each point makes with p and q (K,)."""
+        """Returns twice the signed area of each point's triangle with p and q (K,)."""
         pu, pv = u[p], v[p]
         return take(u[q] - pu, row) * (v - take(pv, row)) - take(v[q] - pv, row) * (
             u - take(pu, row)

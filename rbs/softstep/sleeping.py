@@ -1,34 +1,34 @@
-"""Sleeping: bodies that have come to rest are left out of a step until something disturbs them.
+"""Sleeping: bodies at rest are skipped until something disturbs them.
 
-The rule is local: a body falls asleep when it and all that it touches, or is tied to, have been
-slow for a while. Box2D and Bullet put whole islands to sleep instead; in a heap, where everything
-hangs together, a few bodies that still roll would keep nearly all of it awake.
+The rule is local: a body falls asleep if it and all bodies that it touches or is tied to have been
+slow for a while. Box2D and Bullet put whole islands to sleep instead. In a heap, which is one
+island, a few rolling bodies would keep nearly all of it awake.
 
-A sleeping body has no velocity, and holds what leans on it as a fixed one would. It wakes where
-somebody has moved it or what it touches, where a contact that it had is gone, and where a body that
-touches it is fast again; so waking spreads by one body a step.
+A sleeping body has no velocity, and supports others like a fixed one. It wakes if it or a body that
+it touches has been moved from outside, if one of its contacts is lost, or if a body that touches it
+is fast again. Waking therefore spreads by one body per step.
 """
 
 import numpy as np
 
 from rbs.geometry.vectors import norm
 
-# Seconds that bodies have to be slow for before they sleep.
+# Seconds for which bodies must be slow before they fall asleep. Less stops slow motions.
 SLEEP_SECONDS = 0.5
-# A body is slow below this part of √(g r), r its radius: a hundredth of the speed that it gets by
-# falling for half its radius.
+# Largest speed of a slow body, in √(g r) with its radius r. More stops visible motion; less keeps
+# piles awake.
 SLOW = 0.01
-# What starts to slide is slow for a while, too: nothing falls asleep that is faster than this part
-# of what gravity would have added meanwhile. So a slope may be 0.2° too steep for friction, and
-# what lies on it still falls asleep.
+# Largest speed of a body that may fall asleep, as a fraction of the speed that gravity adds in
+# SLEEP_SECONDS. It keeps bodies that start to slide awake. With more, bodies fall asleep on slopes
+# too steep for friction; with less, piles stay awake.
 STARTING = 0.004
 
 
 class Sleep:
-    """Which of n bodies sleep, and for how long the others have been slow.
+    """Sleeping state of n bodies, and how long the others have been slow.
 
     isAsleep : (n,) bool; timer : (n,), seconds
-    position, orientation, velocity : (3, n), (4, n), (6, n), as the last step has left them
+    position, orientation, velocity : (3, n), (4, n), (6, n), at the end of the last step
     """
 
     COLUMNS = ("isAsleep", "timer", "position", "orientation", "velocity")
@@ -39,7 +39,7 @@ class Sleep:
 
     @classmethod
     def of(cls, bodies, isAsleep, timer):
-        """The `Sleep` of bodies as they are now."""
+        """Returns the `Sleep` of bodies at their present state."""
         return cls(
             isAsleep=isAsleep,
             timer=timer,
@@ -50,13 +50,13 @@ class Sleep:
 
     @classmethod
     def none(cls, bodies):
-        """All are awake."""
+        """Returns a `Sleep` in which all bodies are awake."""
         return cls.of(bodies, np.zeros(len(bodies.invMass), dtype=bool), 0.0 * bodies.invMass)
 
     def resized(self, bodies, stirred):
-        """The `Sleep` of bodies some of which, at the end of the list, have come or gone.
+        """Returns the `Sleep` after bodies at the end of the list were added or removed.
 
-        stirred : (K,), those that wake. The new ones count as moved: what they touch wakes.
+        stirred : (K,), bodies that wake. New bodies count as moved, so bodies that they touch wake.
         """
         columns = vars(Sleep.none(bodies))
         columns["velocity"] = np.full_like(columns["velocity"], np.nan)
@@ -67,7 +67,7 @@ class Sleep:
         return Sleep(**columns)
 
     def disturbed(self, bodies):
-        """Which bodies (n,) are not as the last step has left them."""
+        """Which bodies (n,) differ from their state at the end of the last step."""
         return (
             (bodies.position != self.position).any(axis=0)
             | (bodies.orientation != self.orientation).any(axis=0)
@@ -75,10 +75,10 @@ class Sleep:
         )
 
     def woken(self, bodies, disturbed, links, lost):
-        """`isAsleep` (n,) at the beginning of a step.
+        """Returns `isAsleep` (n,) at the start of a step.
 
-        disturbed : (n,); links : (2, L), bodies that touch or are tied, the ground being body n
-        lost : (K,), those that did, and do no longer
+        disturbed : (n,); links : (2, L), bodies that touch or are tied; the ground is body n
+        lost : (K,), bodies that have lost a contact
         """
         if not self.isAsleep.any():
             return self.isAsleep
@@ -88,7 +88,7 @@ class Sleep:
         return self.isAsleep & ~isStirred[:-1] & ~bodies.isFixed
 
     def settled(self, bodies, isAsleep, links, timeStep):
-        """`(isAsleep, timer)` (n,) at the end of a step; arguments as for `woken`."""
+        """Returns `(isAsleep, timer)` (n,) at the end of a step; arguments as for `woken`."""
         isStill = isAsleep | bodies.isFixed
         timer = np.where(isStill | _are_slow(bodies), self.timer + timeStep, 0.0)
         isStarting = speeds(bodies) > STARTING * bodies.fallRate * SLEEP_SECONDS
@@ -98,12 +98,11 @@ class Sleep:
 
 
 def _are_slow(bodies):
-    """Which bodies (n,) are slow."""
     return speeds(bodies) <= SLOW * np.sqrt(bodies.fallRate * bodies.hulls.radius)
 
 
 def _beside(some, links):
-    """Which bodies (n + 1,) are linked to one of some (n + 1,)."""
+    """Which bodies (n + 1,) are linked to one of `some` (n + 1,)."""
     first, second = links
     found = np.zeros_like(some)
     found[first[some[second]]] = True
@@ -112,5 +111,5 @@ def _beside(some, links):
 
 
 def speeds(bodies):
-    """How fast a point of each body (n,) moves at most: |v| + |ω| r."""
+    """Upper bounds (n,) of the speed of any point of each body: |v| + |ω| r."""
     return norm(bodies.linVelocity) + norm(bodies.angVelocity) * bodies.hulls.radius

@@ -1,8 +1,7 @@
-"""Distance constraints of the soft-step solver: soft bounds on the distance of two points.
+"""Distance constraints of the soft step: soft bounds on the distance between two points.
 
-They are visited one batch after the other, no two of a batch moving the same body, before the
-contacts of the same sweep. Arms and directions are those of the substep: frozen ones let a net gain
-energy.
+They are visited in batches without a common movable body, before the contacts of the same sweep.
+Arms and directions are updated every substep, because constant ones let a net gain energy.
 """
 
 import numpy as np
@@ -14,24 +13,25 @@ from rbs.softstep.springs import Spring, lasting
 from rbs.stepping.constraints import ConstraintRows, coloured_batches
 from rbs.stepping.kernels import distance_error
 
-# Of the springs: with the frequency of contacts a net gives way visibly; with critical damping a
-# heavy weight on a chain never comes to rest, and with that of contacts a net gives way more.
+# Natural frequency of the springs, as a fraction of the substep frequency, and damping ratio. With
+# a lower frequency or more damping, a net gives way visibly; with less damping, down to critical, a
+# heavy weight on a chain never comes to rest.
 FREQUENCY, DAMPING = 0.4, 2.0
-# Passes over all constraints in a sweep: a pull passes through a net by one body a pass. With one,
-# a chain that bears much more than its own weight swings ever higher.
+# Passes over all constraints per sweep. A pull travels by one body per pass, so with fewer, a
+# heavily loaded chain swings ever higher; more cost time.
 PASSES = 4
 
 
 class SoftConstraints:
-    """R pairs of points whose distance L is bounded: lower ≤ L ≤ upper.
+    """R pairs of points with a bounded distance L: lower ≤ L ≤ upper.
 
     With d the unit vector of p1 - p2, the distance changes by
 
-        u = d · (v1 + ω1 × r1 - v2 - ω2 × r2) = J v,   J = [d, r1 × d, -d, -(r2 × d)],
+        u = d · (v1 + ω1 × r1 - v2 - ω2 × r2) = J v,   J = [d, r1 × d, -d, -(r2 × d)].
 
-    and an impulse λ along d on the first body and against it on the second bounds it: λ ≤ 0 at the
-    upper bound, which pulls, λ ≥ 0 at the lower one. Of the two, the one that is nearer, or more
-    violated, is looked at in a sweep. Where they coincide, λ has either sign.
+    An impulse λ along d on the first body, and against it on the second, enforces the bounds. It
+    pulls, λ ≤ 0, at the upper bound and pushes, λ ≥ 0, at the lower one. A sweep considers the
+    bound that is nearer or more violated. If the bounds coincide, λ may have either sign.
     """
 
     def __init__(self, constraints, bodies, kept):
@@ -48,19 +48,19 @@ class SoftConstraints:
         )
 
     def _set_bounds(self, rows):
-        """Brings the constraints of the same two points together: one of either kind, as a rule.
+        """Merges the constraints of the same two points into one row of bounds.
 
         key : (6, R), body, vertex, body, vertex, lower, upper; ends, vertices : (2, R)
         """
         points = np.stack((rows.body1, rows.vertex1, rows.body2, rows.vertex2))
         first = row = np.zeros(0, dtype=np.intp)
-        if points.size:  # of none, it takes a twelfth of a small scene's step
+        if points.size:  # skips a slow call
             points, first, row = np.unique(points, axis=1, return_index=True, return_inverse=True)
         lower, upper = np.full(len(first), -np.inf), np.full(len(first), np.inf)
         row = row.ravel()
         np.minimum.at(upper, row[rows.upper], rows.refValue[rows.upper])
         np.maximum.at(lower, row[~rows.upper], rows.refValue[~rows.upper])
-        order = first.argsort()  # as in the scene: chains are visited from one end to the other
+        order = first.argsort()  # in the scene's order, so that chains are visited from end to end
         self.key = np.concatenate((points, [lower], [upper])).astype(float)[:, order]
         self.ends, self.vertices = (self.key[k:4:2].astype(np.intp) for k in (0, 1))
         self.lower, self.upper = self.key[4:]
@@ -68,7 +68,7 @@ class SoftConstraints:
         self.count = len(order)
 
     def store(self, kept):
-        """Leaves to the next step what it starts with."""
+        """Stores impulses and offsets for the next step."""
         if self.batches and self.offset.any():
             sign, violation = self._violations()
             offset = sign * lasting(sign * self.offset, violation)
@@ -78,7 +78,7 @@ class SoftConstraints:
         kept.constraintSubstep = np.where(self.moves, self.spring.h, self.substep)
 
     def begin(self, motion, frames, h):
-        """Makes the batches of those that can move in this step."""
+        """Builds the batches of the constraints that can move in this step."""
         self.spring = Spring(FREQUENCY, DAMPING, h)
         self.position = frames.position
         moves = self.moves = (take(motion.invMass, self.ends) > 0.0).any(axis=0)
@@ -97,14 +97,14 @@ class SoftConstraints:
             self.impulse *= ratio
 
     def _violations(self):
-        """`(sign, violation)` (R,) of the bounds that act, or are nearer: 1 of an upper one."""
+        """`(sign, violation)` (R,) of the active or nearer bound; sign is 1 for an upper one."""
         isUpper = self.length - self.upper >= self.lower - self.length
         isUpper = np.where(self.impulse == 0.0, isUpper, self.impulse < 0.0)
         sign = np.where(isUpper, 1.0, -1.0)
         return sign, sign * (self.length - np.where(isUpper, self.upper, self.lower))
 
     def _renew(self, motion):
-        """Distances, Jacobians, effective masses, where the bodies are now."""
+        """Updates distances, Jacobians and effective masses to the present poses."""
         ends = self.ends.ravel()
         angle = np.ascontiguousarray(take(motion.turn, ends, axis=0).T)
         turn = np.stack(rotation_matrices(exponentials((0.0, *(0.5 * angle)))))
@@ -127,7 +127,7 @@ class SoftConstraints:
             motion.velocity[ends] += self.MJ[:, batch] * self.impulse[batch][:, None]
 
     def sweep(self, motion, isSoft):
-        """Passes over all constraints; in the soft sweep, the errors are pulled out."""
+        """Passes over all constraints; the soft sweep corrects violations with springs."""
         if not isSoft:
             self._renew(motion)
         length = self.length - self.offset
@@ -153,7 +153,7 @@ class SoftConstraints:
                 self._visit(motion.velocity, *row)
 
     def _visit(self, velocity, batch, ends, J, MJ, bias, mass, softness, least, most):
-        """Solves a batch for its impulses, and applies what they have changed by."""
+        """Solves a batch for its impulses and applies their changes."""
         old = self.impulse[batch]
         speed = (J * velocity[ends]).sum(axis=(0, 2))
         impulse = np.clip(softness * (old - mass * (speed + bias)), least, most)

@@ -1,17 +1,17 @@
 """Springs: soft bounds of the soft step, as impulses.
 
-A bound that is violated by C, with the speed u at which C grows and the effective mass m, is a
-spring and damper of angular frequency ω and damping ratio ζ. Integrated implicitly over a substep
-h, that is the impulse
+Let a bound be violated by C, let u be the speed at which C grows, and m the effective mass. The
+bound acts as a spring and damper with the angular frequency ω and the damping ratio ζ. Implicit
+integration over a substep h gives the impulse
 
-    λ ← s (λ - m (u + β C)),   s = a₂/(1 + a₂),   β = ω/a₁,   a₁ = 2 ζ + h ω,   a₂ = h ω a₁:
+    λ ← s (λ - m (u + β C)),   s = a₂/(1 + a₂),   β = ω/a₁,   a₁ = 2 ζ + h ω,   a₂ = h ω a₁
 
-Catto: Soft Constraints. Game Developers Conference 2011.
+(Catto: Soft Constraints. Game Developers Conference 2011).
 
-A load F violates the bound by F / (m ω²). As ω is relative to the frequency of the substeps, that
-is a length in proportion to h²: with another h, bodies at rest would be thrown back, or drop, by
-the difference. That becomes the bound's offset: it acts on violations beyond it, or, where it is
-negative, before there are any.
+A load F violates the bound by F / (m ω²). As ω is relative to the substep frequency, this length is
+proportional to h². Without compensation, a change of h would throw bodies at rest upwards or drop
+them by the difference. The difference therefore becomes an offset of the bound, which then acts
+only on the violation beyond it or, if it is negative, even before there is a violation.
 """
 
 import math
@@ -20,9 +20,9 @@ import numpy as np
 
 
 class Spring:
-    """A soft bound with the frequency in units of the substeps' (1/h) and the damping ratio.
+    """Soft bound with a frequency in units of the substep frequency 1/h, and a damping ratio.
 
-    h : s; rate : 1/s, β; softness : s
+    h : s; rate : β, 1/s; softness : s, dimensionless
     """
 
     def __init__(self, frequency, damping, h):
@@ -33,26 +33,27 @@ class Spring:
         self.rate, self.softness = self._angle / (h * a1), a2 / (1.0 + a2)
 
     def ratios(self, substep):
-        """h over the lengths of substeps before, (M,); 1 where there have been none, which is 0."""
+        """Ratios (M,) of h to the lengths of earlier substeps; 1 for a length of 0, none."""
         isKnown = substep > 0.0
         return np.where(isKnown, self.h / np.where(isKnown, substep, self.h), 1.0)
 
     def converted(self, offset, impulse, mass, violation, ratio):
-        """Offsets for substeps that are `ratio` times as long.
+        """Returns the offsets for substeps that are `ratio` times as long.
 
-        impulse : of the bounds, in the last substep, and violation : of them. By either they have
-            given way: in motion these differ, and the smaller one is a load's
+        impulse : of the bounds in the last substep; violation : of the bounds. Each implies a
+            displacement; in motion the two differ, and the smaller one is due to the load
         """
-        stiffness = self._angle**2 * mass * ratio / self.h  # m ω² h, of those substeps
+        stiffness = self._angle**2 * mass * ratio / self.h  # m ω² h of the earlier substeps
         give = impulse / np.where(stiffness > 0.0, stiffness, np.inf)
         give = np.minimum(give, np.maximum(violation - offset, 0.0))
         return offset + (give - ratio * give * ratio)
 
 
 def lasting(offset, violation):
-    """What is left of offsets where bounds are violated by so much, negative where they are apart.
+    """Returns the offsets that remain at these violations (negative: separations).
 
-    They end with the load: what is no longer violated has none, and none holds bodies apart.
+    Offsets end with the load. A bound that is no longer violated has none, and none holds bodies
+    apart.
     """
     held = np.minimum(np.maximum(offset, offset - violation), 0.0)
     return np.where(offset > 0.0, np.minimum(offset, np.maximum(violation, 0.0)), held)

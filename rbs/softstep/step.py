@@ -1,16 +1,15 @@
-"""The soft-step contact solver: piles that rest.
+"""The soft-step contact solver, with which piles come to rest.
 
-A step is cut into substeps of length h, and each makes one pass over all contacts: Macklin et al.:
-Small Steps in Physics Simulation. SCA 2019. Contacts are springs and dampers that are integrated
-implicitly, see rbs/softstep/springs.py; Solver2D and Box2D v3 call it soft step. Within a substep:
-gravity; the impulses of the substep before, as a start; one sweep in which penetration pushes out;
-the move; one relaxing sweep without the push, which takes its speed out again. Restitution comes
-after the last substep.
+A step is divided into substeps of length h, each with one pass over all contacts (Macklin et al.:
+Small Steps in Physics Simulation. SCA 2019). Contacts are implicitly integrated springs and
+dampers, see rbs/softstep/springs.py; Solver2D and Box2D v3 call this method soft step. A substep
+applies gravity and the impulses of the last substep (warm starting), makes one sweep that pushes
+penetration out, moves the bodies, and makes one relaxing sweep without the push, which removes the
+velocity that the push has added. Restitution follows after the last substep.
 
-Nothing here has a unit of its own: times are counted in substeps, speeds in √(g r).
+Constants are relative: times are in substeps, speeds in √(g r).
 
-From the top: the step; who sleeps; `Motion`; and `SolverState`, all that one step leaves to the
-next, beside the bodies.
+Reading order: the step; sleeping; `Motion`; `SolverState`.
 """
 
 import numpy as np
@@ -42,7 +41,7 @@ def soft_step(
 ):
     """`run_timestep` with the soft-step solver; see there. Returns a `StepReport`.
 
-    state : `SolverState` or None; it changes at the end, when nothing can go wrong any more
+    state : `SolverState` or None; changed only at the end, when nothing can fail any more
     """
     report = StepReport()
     if len(meshes) == 0 or timeStep == 0.0:
@@ -93,7 +92,7 @@ def soft_step(
 
 
 def _make_substeps(motion, contacts, distances, substeps, h):
-    """The substeps: gravity, warm start, soft sweep, move, relaxing sweep."""
+    """Runs the substeps: gravity, warm starting, soft sweep, motion, relaxing sweep."""
     for _ in range(substeps):
         motion.fall(h)
         contacts.warm_start()
@@ -117,7 +116,7 @@ def _make_substeps(motion, contacts, distances, substeps, h):
 
 
 def _still_asleep(kept, bodies, isDisturbed, manifolds, distances):
-    """Which bodies (n,) sleep through this step; see rbs/softstep/sleeping.py."""
+    """Returns the bodies (n,) that sleep through this step; see rbs/softstep/sleeping.py."""
     links = np.concatenate((manifolds.bodies(kept.count), distances.ends), axis=1)
     lost = kept.manifolds.key[find_sorted(kept.manifolds.key, manifolds.key) < 0]
     lost = np.concatenate(np.divmod(lost, kept.count + 1))
@@ -125,7 +124,7 @@ def _still_asleep(kept, bodies, isDisturbed, manifolds, distances):
 
 
 def _settled(kept, bodies, isAsleep, distances, timeStep):
-    """The `Sleep` at the end of the step; what falls asleep stands still."""
+    """Returns the `Sleep` at the end of the step, and stops bodies that fall asleep."""
     touching = kept.manifolds.bodies(kept.count)[:, (kept.manifolds.impulse > 0.0).any(axis=0)]
     links = np.concatenate((touching, distances.ends), axis=1)
     isAsleep, timer = kept.sleep.settled(bodies, isAsleep, links, timeStep)
@@ -134,13 +133,13 @@ def _settled(kept, bodies, isAsleep, distances, timeStep):
 
 
 class Motion:
-    """The velocities of the n bodies and of the ground, and how far they have come in the step.
+    """Velocities of the n bodies and of the ground, and their displacements within the step.
 
-    velocity : (n + 1, 6), linear and angular; shift, turn : (n, 3), sums of v h and of ω h: the
-        orientation is exp(turn/2) ∘ q
-    isStill : (n + 1,) bool, what is fixed or asleep, and the ground; for these, invMass : (n + 1,),
+    velocity : (n + 1, 6), linear and angular; shift, turn : (n, 3), sums of v h and of ω h, so that
+        the orientation becomes exp(turn/2) ∘ q
+    isStill : (n + 1,) bool, fixed or sleeping bodies and the ground. For these, invMass : (n + 1,),
         invInertia : (9, n + 1) and gravity : (n + 1, 3) are 0
-    fallRate : the magnitude of gravity, m/s²
+    fallRate : magnitude of gravity, m/s²
     """
 
     def __init__(self, bodies, isAsleep):
@@ -159,7 +158,7 @@ class Motion:
         self.velocity[:, :3] += self.gravity * h
 
     def push(self, impulses):
-        """Changes the velocities by impulses (n + 1, 6) on the bodies, linear and angular."""
+        """Applies impulses (n + 1, 6), linear and angular, to the bodies."""
         self.velocity[:, :3] += self.invMass[:, None] * impulses[:, :3]
         self.velocity[:, 3:] += mat_vec(self.invInertia, impulses[:, 3:].T).T
 
@@ -179,20 +178,19 @@ class Motion:
 
 
 class SolverState:
-    """What `run_timestep` takes as solverState, reads, and puts its successor's content into.
+    """State of the soft-step solver, carried from one step to the next as `solverState`.
 
-    Without it a step starts cold: it finds every contact anew and begins with no impulses. With it,
-    a simulation that is saved with its bodies and restored goes on with the same bits. It belongs
-    to a list of bodies, to the end of which others may be added, or from it be removed.
+    A step without it starts cold: it detects every contact anew and starts with no impulses. A
+    simulation that is saved and restored with it continues bit for bit. It belongs to one list of
+    bodies, which may only grow or shrink at its end.
 
     count : number of bodies; None before the first step
     manifolds : `Manifolds`; sleep : `Sleep`
-    pairKey : (P,), i · (count + 1) + j of the pairs i < j whose boxes were near each other
-    pairAxis : (3, P), along which they were found apart, or penetrating; 0 where it is unknown
-    constraint : (6, R), what distance constraints there were, see `SoftConstraints`
+    pairKey, pairAxis : (P,), i · (count + 1) + j of the pairs i < j with nearby boxes, and (3, P),
+        their axes of separation or penetration; 0 if unknown
     gravity : (3,), of the last step; another one wakes all bodies
-    constraintImpulse : (R,), of these in the last substep; constraintOffset and constraintSubstep
-        (R,), as offset and substep of `Manifolds`
+    constraint : (6, R), keys of the distance constraints, see `SoftConstraints`
+    constraintImpulse, constraintOffset, constraintSubstep : (R,), as in `Manifolds`
     """
 
     COLUMNS = (
@@ -209,17 +207,16 @@ class SolverState:
         self.clear()
 
     def clear(self):
-        """Forgets everything: the next step starts cold."""
+        """Forgets everything, so that the next step starts cold."""
         self.count = self.manifolds = self.sleep = None
         self.pairKey, self.pairAxis = np.zeros(0, dtype=np.int64), np.zeros((3, 0))
         self.constraint, self.gravity = np.zeros((6, 0)), np.array(EARTH)
         self.constraintImpulse = self.constraintOffset = self.constraintSubstep = np.zeros(0)
 
     def begun(self, bodies):
-        """The state that a step of these bodies begins with: another one, this stays as it is.
+        """Returns a new state in which a step of these bodies begins; this one does not change.
 
-        Bodies that have been added are awake, without contacts; what has touched bodies that have
-        been removed is awake, too.
+        Added bodies are awake and have no contacts. Bodies that touched a removed one wake.
         """
         count = len(bodies.invMass)
         state = SolverState()
@@ -237,11 +234,11 @@ class SolverState:
         return state
 
     def replace(self, other):
-        """Takes over the content of another state. Nobody writes into the arrays of a state."""
+        """Takes over the content of another state. The arrays of a state are never modified."""
         self.__dict__.update(other.__dict__)
 
     def arrays(self):
-        """The content as arrays: dict, {} before the first step. `from_arrays` takes it back."""
+        """Returns the content as a dict of arrays for `from_arrays`; {} before the first step."""
         if self.count is None:
             return {}
         found = {name: getattr(self, name) for name in self.COLUMNS}
@@ -251,7 +248,7 @@ class SolverState:
 
     @classmethod
     def from_arrays(cls, arrays):
-        """The `SolverState` that `arrays` was made from."""
+        """Returns the `SolverState` from which `arrays` were made."""
         state = cls()
         if arrays:
             arrays = {name: np.array(value) for name, value in arrays.items()}

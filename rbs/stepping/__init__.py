@@ -1,12 +1,12 @@
-"""The step of many bodies, with the formulas of RBSFunctions.py on arrays.
+"""The step for many bodies: the formulas of RBSFunctions.py on arrays.
 
-`run_timestep` hands its meshes over to `grid_step` or `project_constraints`. In reading order:
+`run_timestep` passes its meshes to `grid_step` or `project_constraints`. In reading order:
 
-    settings     the table of settings, their bounds and messages
-    bodies       the state of meshes in tables, and what is checked of it
+    settings     table of settings with their bounds and messages
+    bodies       tables of the meshes' state, and checks of it
     reports      per-step diagnostics: contacts, counters and timings
-    kernels      impulses and corrections, on arrays of contacts
-    batches      ordered batches of contacts, with detection and corrections
+    kernels      impulses and corrections on arrays of contacts
+    batches      contacts in ordered batches: detection and position correction
     gridstep     the step of `broadPhase="grid"`
     constraints  schedules of distance constraints: sweep, queue, batches
 """

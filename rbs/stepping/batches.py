@@ -1,14 +1,14 @@
-"""Contacts of many bodies: detected in batches, with the bits of one pair after the other.
+"""Contacts of many bodies, detected in batches, bitwise identical to one pair after the other.
 
-The coursework detects and resolves the pairs i < j in that order, each seeing the corrections of
-the earlier ones. Two pairs without a common body that can move do not see each other, so pairs are
-put into batches that keep the order of those that do: a pair's batch is the one after the last
-batches of its two bodies. Within a batch all pairs are looked at together.
+The coursework detects and resolves the pairs i < j in order, so that each pair sees the corrections
+of the earlier ones. Two pairs without a common movable body do not affect each other. Pairs are
+therefore put into batches that preserve the order of pairs with a common body: the batch of a pair
+follows the last batches of its two bodies. The pairs of a batch are processed together.
 
-Which pairs can touch is not known beforehand, since corrections move bodies. So a pass is
-speculative: it takes the pairs that are near each other when every body has a margin. Afterwards,
-pairs are looked for that it has missed: that touch where sequential execution would have had them.
-If there are any, the positions are rolled back, and the pass is made again with larger margins.
+Corrections move bodies, so the pairs that can touch are not known beforehand. A pass is therefore
+speculative. It processes the pairs that are near each other if every body has a margin. Afterwards
+it searches for missed pairs: other pairs that overlap at the positions that sequential execution
+would have had. If there are any, it rolls the positions back and repeats with larger margins.
 """
 
 import itertools
@@ -24,17 +24,18 @@ from rbs.geometry.patches import contact_points
 from rbs.geometry.vectors import dot, norm
 from rbs.stepping.kernels import shifts
 
-# A body's margin at least, relative to its radius: corrections move most bodies less.
+# Least margin of a body, as a fraction of its radius. Corrections move most bodies less. More makes
+# more candidate pairs; less misses more pairs.
 LEAST_MARGIN = 0.01
-# A body gets this many times its displacement in one step as its margin in the next, or when the
-# pass is made again. More of it makes more pairs near, less of it misses more.
+# Margin of a body in the next step or pass, as a multiple of its displacement in this one. More
+# makes more candidate pairs; less misses more pairs.
 MARGIN_GROWTH = 1.3
 
 
 def find_contacts(bodies):
-    """`(contacts, candidatePairs)`: corrects the positions of bodies that touch.
+    """Corrects the positions of bodies that touch; returns `(contacts, candidatePairs)`.
 
-    contacts : `Contacts`; candidatePairs : how many pairs the broad phase has found
+    contacts : `Contacts`; candidatePairs : number of pairs that the broad phase found
     """
     start, memory = bodies.position.copy(), memory_of(tuple(bodies.meshes))
     margin = np.maximum(LEAST_MARGIN * bodies.hulls.radius, MARGIN_GROWTH * memory.displacement)
@@ -50,11 +51,11 @@ def find_contacts(bodies):
 
 
 class Memory:
-    """What a step has found out about pairs, to save time in the next one. It changes no result.
+    """Results about pairs that save time in the next step, without changing its result.
 
-    keys : (P,), sorted; i · n + j of the pairs whose boxes were near each other
-    axis : (3, P), along which the pair overlapped least, or was furthest apart
-    displacement : (n,), how far corrections moved each body at most within the step
+    keys : (P,), sorted; i · n + j for the pairs with nearby boxes
+    axis : (3, P), axes of least penetration or of separation
+    displacement : (n,), largest distance by which corrections moved each body in the step
     """
 
     def __init__(self, meshes):
@@ -62,35 +63,33 @@ class Memory:
         self.displacement = np.zeros(len(meshes))
 
     def axes(self, keys):
-        """Axes (3, P) for `CachedAxes`: zero for pairs that were not near."""
+        """Returns the axes (3, P) for `CachedAxes`, zero for pairs that were not near."""
         if len(self.keys) == 0:
             return np.zeros((3, len(keys)))
         known = find_sorted(keys, self.keys)
         return np.where(known >= 0, take(self.axis, known, axis=1), 0.0)
 
 
-# The memories of the scenes at hand.
+# Memories of the present scenes.
 memory_of = lru_cache(maxsize=4)(Memory)
 
 
 class Pass:
-    """One pass over the pairs that can touch, in batches.
+    """One pass over the candidate pairs, in batches.
 
-    All pairs that touch are among them as long as no body moves further than its margin (n,), and
-    often beyond.
+    It includes all pairs that touch as long as no body moves by more than its margin (n,).
 
-    keys : (Q,), i · n + j of the pairs whose boxes are near each other; axis (3, Q), along which
-        each overlaps least, or is apart by gap (Q,), -inf for the pairs that are in the batches
+    keys, axis, gap : (Q,), i · n + j for the pairs with nearby boxes; (3, Q), axes of least
+        penetration or of separation; (Q,), separations, -inf for pairs in the batches
 
-    Of the P pairs in the batches, sorted by batch and then in the order i < j:
+    For the P pairs in the batches, sorted by batch and then in the order i < j:
 
-    bodyPair : (2, P); rank : (P,), where each stands in the order i < j
-    starts : (B + 1,), where the batches begin
-    facets : `Facets`; facetPair : (K,), the pair of each facet, counted from the batch's first one,
-        and facetStart (P,), where the facets of a pair begin, likewise
-    invMasses : (2, P), of the bodies
-    t : (3, P), translations that the facets were found at
-    apart : (P,), the penetration below which a pair counts as apart; tolerance (P,), see
+    bodyPair : (2, P); rank : (P,), position in the order i < j
+    starts : (B + 1,), start of each batch
+    facets : `Facets`; facetPair : (K,), pair of each facet, and facetStart : (P,), first facet of
+        each pair, both relative to the start of the batch
+    invMasses : (2, P); t : (3, P), translations at which the facets were found
+    apart : (P,), penetration below which a pair counts as separated; tolerance : (P,), see
         `contact_points`
     """
 
@@ -114,7 +113,7 @@ class Pass:
         rows = near[self.rank]
         self.bodyPair = np.stack((first[rows], second[rows]))
         self.facets = facets.of_pairs(rows)
-        begin = take(self.starts, batch)  # of each pair's batch
+        begin = take(self.starts, batch)  # start of each pair's batch
         self.facetStart = self.facets.start[:-1] - self.facets.start[begin]
         self.facetPair = (np.arange(len(rows)) - begin).repeat(np.diff(self.facets.start))
         self.invMasses = take(bodies.invMass, self.bodyPair)
@@ -122,19 +121,21 @@ class Pass:
         self.apart, self.tolerance = -TOUCH_TOLERANCE * size[rows], FEATURE_TOLERANCE * size[rows]
 
     def run(self):
-        """Detects the pairs batch by batch, and moves those that touch apart: the `Contacts`."""
+        """Detects the pairs batch by batch and separates those that touch: `Contacts`."""
         found = [self._resolve_batch(*ends) for ends in itertools.pairwise(self.starts.tolist())]
         return Contacts(self, found)
 
     def _resolve_batch(self, begin, end):
-        """Of the pairs from `begin` to `end`: `(pairs (H,), depth, normal, before, after, shift)`
-        of those that touch, as in `Contacts`."""
+        """Separates the pairs from `begin` to `end` that touch; returns columns of `Contacts`.
+
+        In order: pairs (H,), depth, normal, before, after, shift.
+        """
         bodies, some = self.bodies, slice(begin, end)
         pairs = self.bodyPair[:, some]
         position = take(bodies.position, pairs, axis=1)
         penetration, normal = self._penetrations(begin, end, position[:, 1] - position[:, 0])
         touches = penetration >= self.apart[some]
-        # where hulls overlap by more than rounding, so do their boxes
+        # hulls that overlap by more than rounding have overlapping boxes
         doubtful = indices(touches & (penetration <= self.tolerance[some]))
         if len(doubtful):
             box = bodies.box_at(pairs[:, doubtful], position[..., doubtful])
@@ -148,7 +149,7 @@ class Pass:
         return hits + begin, depth, normal, before, after, shift[1]
 
     def _penetrations(self, begin, end, t):
-        """`(penetration (m,), normal (3, m))` at the translations t, exact where a pair touches."""
+        """`(penetration (m,), normal (3, m))` at the translations t, exact for pairs that touch."""
         facets, some = self.facets, slice(begin, end)
         columns = slice(facets.start[begin], facets.start[end])
         normals, pair = facets.normal[:, columns], self.facetPair[columns]
@@ -169,14 +170,11 @@ class Pass:
         return penetration, normal
 
     def has_missed(self, history):
-        """Whether pairs that are not in the batches would have touched at their turn.
-
-        They are looked at in the positions that sequential execution would have had.
-        """
+        """Whether a pair outside the batches overlaps at the positions of sequential execution."""
         bodies, displacement = self.bodies, history.displacement
         count = len(displacement)
         i, j = np.divmod(self.keys, count)
-        # pairs that were too far apart, but whose bodies have moved far enough to close the gap
+        # separated pairs whose bodies have moved far enough to close the gap
         met = (displacement[i] + displacement[j] >= self.gap) & (self.gap > -np.inf)
         keys, axis = self.keys[met], self.axis[:, met]
         beyond = indices(displacement > self.margin)
@@ -202,11 +200,11 @@ class Pass:
 
 
 def in_batches(first, second, isFixed):
-    """`(order (P,), starts (B + 1,), batch (P,))`: which pair is worked on when, where each batch
-    begins, and the batch of each pair in this order.
+    """Assigns pairs to batches: `(order (P,), starts (B + 1,), batch (P,))`.
 
-    A pair's batch is the one after the last batches of its two bodies: pairs that share a body
-    which can move keep their order, hence the bits of one pair at a time.
+    The results are the order of processing, the start of each batch, and the batch of each pair in
+    this order. The batch of a pair follows the last batches of its two bodies, so that pairs with a
+    common movable body keep their order, and with it their results bit for bit.
     """
     isFixed = isFixed.tolist()
     last = [-1] * len(isFixed)
@@ -225,20 +223,18 @@ def in_batches(first, second, isFixed):
 
 
 class Contacts:
-    """The pairs that touched in a pass, H of them, in batches of their own.
+    """The H pairs that touched in a pass, in batches of their own, which are fewer and larger.
 
-    They are fewer, and larger, than those of all pairs that could have touched.
-
-    starts : (B + 1,), where each batch of them begins
-    bodies : (2, H); rank : (H,), where they stand in the order i < j
-    depth : (H,), ≥ 0; normal : (3, H), unit, from the first to the second
-    before, after : (3, 2, H), where the bodies were and where they are then
-    shift : (H,), how far the second body moved along the normal
-    tolerance : (H,), see `contact_points`
+    starts : (B + 1,), start of each batch
+    bodies : (2, H); rank : (H,), position in the order i < j
+    depth : (H,), ≥ 0; normal : (3, H), unit, from the first body to the second
+    before, after : (3, 2, H), positions of the bodies before and after the correction
+    shift : (H,), displacement of the second body along the normal; tolerance : (H,), see
+        `contact_points`
     """
 
     def __init__(self, attempt, found):
-        """attempt : `Pass`; found : list of what it has found in each batch"""
+        """attempt : `Pass`; found : list of its results, batch by batch"""
         nothing = (
             np.zeros(0, dtype=np.intp),
             np.zeros(0),
@@ -261,24 +257,24 @@ class Contacts:
         )
 
     def points(self, hulls):
-        """The point (3, H) of each second body that lies deepest in the first before they move."""
+        """Points (3, H) of the second bodies deepest inside the first ones before correction."""
         t = self.before[:, 1] - self.before[:, 0]
         point = contact_points(hulls, *self.bodies, t, self.normal, self.tolerance)
         return point + self.before[:, 1]
 
     def batches(self):
-        """The slices of the contacts that belong to one batch, in order."""
+        """Slices of the contacts, one per batch, in order."""
         return itertools.starmap(slice, itertools.pairwise(self.starts.tolist()))
 
 
 class PositionHistory:
-    """Where contacts have put the bodies during a pass.
+    """Positions of the bodies during a pass, after each of their contacts.
 
-    start : (3, n), the bodies' positions before
-    key : (K,), of each contact of a body: body · n² + i · n + j, in ascending order, for the pair
-        i, j; a body meets its pairs in this order
-    position : (3, K), where the body is after it
-    displacement : (n,), how far each body has been from its start
+    start : (3, n), positions before the pass
+    key : (K,), body · n² + i · n + j for each contact i, j of a body, ascending; a body visits its
+        pairs in this order
+    position : (3, K), of the body after the contact
+    displacement : (n,), largest distance of each body from its start
     """
 
     def __init__(self, start, contacts):
@@ -296,7 +292,7 @@ class PositionHistory:
         self.key, self.position = key[order], take(position, order, axis=1)
 
     def positions_at_turn(self, first, second):
-        """Where the bodies of the pairs first, second (m,) are at their turn: (3, m), (3, m)."""
+        """Positions (3, m), (3, m) of the pairs' bodies at their turn in sequential execution."""
         count = len(first)
         bodies = np.concatenate((first, second))
         turn = first * len(self.displacement) + second

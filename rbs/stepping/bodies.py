@@ -1,11 +1,9 @@
-"""Bodies as arrays: what a step in tables reads and writes of thousands of meshes, in few arrays.
+"""Tables of bodies: the state of thousands of meshes in a few arrays.
 
-From the top: the state of meshes as arrays, and what is checked of it; free flight; `Bodies`, which
-has a column a body for what follows from the orientations as well: rotated hulls, boxes, inverse
-inertia in world axes.
+Reading order: the state of meshes as arrays, and its checks; free flight; `Bodies`, which also has
+what depends on the orientations: rotated hulls, boxes and inverse inertia in world axes.
 
-The gyroscopic term is made implicit as in Catto: Numerical Methods. Game Developers Conference
-2015.
+The implicit gyroscopic term follows Catto: Numerical Methods. Game Developers Conference 2015.
 """
 
 import math
@@ -24,25 +22,24 @@ from rbs.geometry.arrays import indices, ranges, row_minima, take
 from rbs.geometry.hulls import FEATURE_TOLERANCE, NO_HULL, HullSet, rotate_columns
 from rbs.geometry.vectors import rotate_tensor
 
-# No number of a state may be larger: products of four of them are still finite, and nothing that
-# is to be looked at is as far away or as fast.
+# Largest number allowed in a state, in any unit. Products of four such numbers are still finite; no
+# useful scene comes near it.
 LARGEST_NUMBER = 1e75
 
-# The state of a mesh: how many numbers each attribute has.
+# Attributes that form the state of a mesh, and how many numbers each has.
 STATE_WIDTHS = {"position": 3, "orientation": 4, "linVelocity": 3, "angVelocity": 3}
 
 
 class StateError(ArithmeticError):
-    """A step that would give a body a number that is NaN, infinite or beyond LARGEST_NUMBER."""
+    """A step would give a body a number that is NaN, infinite or beyond LARGEST_NUMBER."""
 
 
 def check_numbers(columns, meshes, when):
-    """Raises StateError, which names the body, where a number is NaN, infinite or too large.
+    """Raises StateError, which names the body, if a number is NaN, infinite or too large.
 
-    columns : as of `state_columns`
-    when : what the step has just done, for the message
+    columns : from `state_columns`; when : what the step has just done, for the message
     """
-    # NaN is the maximum of whatever holds it, and not less than anything
+    # a maximum with NaN is NaN, and comparisons with NaN are false
     if all(abs(table).max(initial=0.0) <= LARGEST_NUMBER for table in columns.values()):
         return
     for name, table in columns.items():
@@ -54,10 +51,10 @@ def check_numbers(columns, meshes, when):
 
 
 def check_distinct(meshes):
-    """Raises ValueError where a mesh is in the list twice: it cannot collide with itself."""
+    """Raises ValueError if a mesh is listed twice, because it cannot collide with itself."""
     if len({id(mesh) for mesh in meshes}) < len(meshes):
         twice = next(k for k, mesh in enumerate(meshes) if any(mesh is m for m in meshes[:k]))
-        raise ValueError(f"mesh {twice}, {meshes[twice].name!r}, is in the list twice")
+        raise ValueError(f"mesh {twice}, {meshes[twice].name!r}, is listed twice")
 
 
 def check_objects(groundMesh, solverState):
@@ -93,23 +90,23 @@ def named_faults(meshes):
 
 
 def state_columns(meshes):
-    """The state of meshes as arrays: dict, of each name in STATE_WIDTHS a table (w, n)."""
+    """Returns the state of meshes as a dict: for each name in STATE_WIDTHS, a table (w, n)."""
     return {name: _columns(meshes, name, width) for name, width in STATE_WIDTHS.items()}
 
 
 def _columns(meshes, name, width):
-    """An attribute of that many numbers, in any shape, of all meshes: a table (width, n)."""
+    """Returns an attribute with `width` numbers, of all meshes, as a table (width, n)."""
     values = list(map(attrgetter(name), meshes))
     try:
         table = np.concatenate(values)
-    except ValueError:  # shapes that differ, which takes twice as long; or no mesh
+    except ValueError:  # slow path: different shapes, or no mesh
         table = np.concatenate([np.empty(0), *values], axis=None)
     return np.ascontiguousarray(table.reshape(-1, width).T, dtype=np.float64)
 
 
 @contextmanager
 def restored_on_error(meshes):
-    """Within it, whatever is raised leaves the state of the meshes as it was at the beginning."""
+    """Restores the state of the meshes if an exception leaves the `with` block."""
     before = [[getattr(m, name).copy() for name in STATE_WIDTHS] for m in meshes]
     try:
         yield
@@ -124,29 +121,29 @@ def restored_on_error(meshes):
 # Free flight
 # --------------------------------------------------------------------------------------------------
 
-# Acceleration of free fall along y, m/s², and as a vector, the default of a step.
+# Gravitational acceleration along y, in m/s², and as a vector, the default of a step.
 GRAVITY = -9.8
 EARTH = (0.0, GRAVITY, 0.0)
 
 
 def turned(orientation, angle):
-    """exp(φ/2) ∘ q, of unit length: orientations (4, n) after turns by rotation vectors (3, n)."""
+    """Unit orientations (4, n) after rotation by vectors φ (3, n): exp(φ/2) ∘ q."""
     rotation = exponentials((0.0, *(0.5 * angle)))
     w, x, y, z = multiply(rotation, orientation)
     return np.stack((w, x, y, z)) / np.sqrt(w * w + (x * x + y * y + z * z))
 
 
 def gyroscopic_velocity(angVelocity, orientation, inertia, timeStep):
-    """The angular velocity after timeStep seconds without torque, three components.
+    """Returns the angular velocity after timeStep seconds without torque, three components.
 
-    inertia : nine entries, the tensor at rest about the COM; angVelocity in world axes. Components
-    may be floats or arrays (n,): there are none but the four basic operations on them
+    angVelocity : world axes; orientation : (w, x, y, z); inertia : nine entries, the tensor at rest
+        about the COM. Components may be floats or arrays (n,)
 
-    Euler's equation in body axes is I ω' + ω × I ω = 0. An explicit step gains energy and explodes
-    for long bodies; the implicit one, f(ω) = I (ω - ω₀) + h ω × I ω = 0, only loses some. One step
-    of Newton's method from ω₀, where f = h ω₀ × I ω₀ and
-    f' = I + h ([ω₀]× I - [I ω₀]×), is enough: ω = ω₀ - f'⁻¹ f. The columns c_k of f' are
-    I e_k + h (ω₀ × I e_k - (I ω₀) × e_k), and f' x = b is solved by Cramer's rule.
+    Euler's equation in body axes is I ω' + ω × I ω = 0. An explicit step gains energy and diverges
+    for long bodies, whereas the implicit one, f(ω) = I (ω - ω₀) + h ω × I ω = 0, only loses some.
+    One step of Newton's method from ω₀ is enough: ω = ω₀ - f'⁻¹ f, where f = h ω₀ × I ω₀ and
+    f' = I + h ([ω₀]× I - [I ω₀]×). The columns of f' are c_k = I e_k + h (ω₀ × I e_k - (I ω₀) ×
+    e_k), and Cramer's rule solves f' x = b.
     """
     add, cross, dot, scale, sub = (
         triples.add,
@@ -183,13 +180,13 @@ def gyroscopic_velocity(angVelocity, orientation, inertia, timeStep):
 
 
 class _Shapes:
-    """What never changes of a list of meshes: rest vertices and hulls, in tables.
+    """Constant data of a list of meshes: rest vertices and hulls, in tables.
 
-    vertices : (3, ΣV), rest vertices of all meshes; body b has vertexStart[b] … of them
-    hulls : HullSet at rest; a mesh without vertices has a point for a hull
-    hullColumn : (ΣVh,), the columns in `vertices` of the hulls' vertices
+    vertices : (3, ΣV), rest vertices of all meshes; those of body b start at vertexStart[b]
+    hulls : HullSet at rest; a mesh without vertices has a point as its hull
+    hullColumn : (ΣVh,), columns of the hulls' vertices in `vertices`
     hasShape : (n,) bool
-    given : dict, of each attribute that the last step has given rows `(table (n, …), rows)`
+    given : dict, per attribute whose rows the last step has set: `(table (n, …), rows)`
     """
 
     def __init__(self, meshes):
@@ -198,7 +195,7 @@ class _Shapes:
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.hasShape = self.vertexCount > 0
         self.given = {}
-        # a column more, for what has no vertices and has to have a point
+        # one more column, the point of meshes without vertices
         vertices = [*(m.origVertices for m in meshes), np.zeros((1, 3))]
         self.vertices = np.ascontiguousarray(np.concatenate(vertices).T)
         hulls = [NO_HULL if m.hull is None else m.hull for m in meshes]
@@ -209,28 +206,30 @@ class _Shapes:
         )
 
 
-# The tables of the scenes at hand: making them costs more than a step of a small scene.
+# Tables of the present scenes. Building them costs more than a step of a small scene.
 _shapes = lru_cache(maxsize=4)(_Shapes)
 
 
 class Bodies:
-    """The meshes of one step as arrays, one column a body.
+    """The meshes of one step as arrays, one column per body.
 
-    motion : (9, n); its parts are position, linVelocity, angVelocity, (3, n) each, the last two
-        together velocity
-    orientation : (4, n)
-    invMass : (n,); invInertia : (9, n), world axes, row by row; both 0 of what is fixed
-    box : (6, n), bounding boxes in the world when the orientations were last followed: least
-        coordinates, then greatest ones negated. A mesh without vertices has none
+    motion : (9, n), made up of position, linVelocity and angVelocity, (3, n) each; the last two
+        together are velocity
+    orientation : (4, n); isFixed : (n,) bool
+    invMass : (n,); invInertia : (9, n), world axes, row by row; both 0 if fixed
+    box : (6, n), bounding boxes in the world at the last `follow_orientations`: least coordinates,
+        then negated greatest ones; inf for a mesh without vertices
     hulls : HullSet, rotated to the orientations
-    gravity : three floats, the acceleration of free fall; fallRate, its magnitude
-    vertices : (3, ΣV), all vertices, rotated, relative to their COMs; those of a body begin at
-        vertexStart (n,), and it has vertexCount (n,) of them
+    gravity : three floats, acceleration of free fall; fallRate, its magnitude
+    vertices : (3, ΣV), all vertices, rotated, relative to the COMs; those of a body start at
+        vertexStart (n,), and there are vertexCount (n,) of them
     """
 
     def __init__(self, meshes, gravity=EARTH):
-        """Gathers the state of at least one mesh. `fly` or `follow_orientations` has to follow
-        before anything is asked that depends on the orientations."""
+        """Reads the state of at least one mesh.
+
+        Call `fly` or `follow_orientations` before using what depends on the orientations.
+        """
         self.meshes, self.gravity, self.fallRate = meshes, gravity, math.hypot(*gravity)
         self._shapes = _shapes(tuple(meshes))
         self.vertexStart = self._shapes.vertexStart
@@ -251,11 +250,11 @@ class Bodies:
     angVelocity = property(lambda self: self.motion[6:9])
 
     def columns(self):
-        """The state: dict, of each name in STATE_WIDTHS a table (w, n)."""
+        """Returns the state as a dict: for each name in STATE_WIDTHS, a table (w, n)."""
         return {name: getattr(self, name) for name in STATE_WIDTHS}
 
     def fly(self, timeStep):
-        """Free flight of the bodies that are not fixed: `Mesh.integrate_timestep`."""
+        """Integrates free flight of the bodies that are not fixed, as `Mesh.integrate_timestep`."""
         linVelocity = self.linVelocity + timeStep * np.reshape(self.gravity, (3, 1))
         position = self.position + timeStep * linVelocity
         orientation = turned(self.orientation, timeStep * self.angVelocity)
@@ -265,13 +264,13 @@ class Bodies:
         self.follow_orientations()
 
     def turn_gyroscopically(self, timeStep):
-        """Changes the angular velocities of free bodies as torque-free motion does."""
+        """Applies the gyroscopic torque to the angular velocities of free bodies."""
         inertia = np.where(self.isFixed, np.eye(3).reshape(9, 1), _columns(self.meshes, "IT", 9))
         after = gyroscopic_velocity(self.angVelocity, self.orientation, inertia, timeStep)
         self.motion[6:9] = np.where(self.isFixed, self.angVelocity, after)
 
     def follow_orientations(self):
-        """Works out what follows from the orientations: vertices, hulls, boxes, inertia."""
+        """Computes what depends on the orientations: vertices, hulls, boxes, inertia."""
         shapes = self._shapes
         rotation = np.stack(rotation_matrices(self.orientation))
         self.invInertia = np.stack(rotate_tensor(rotation, self.restInvInertia))
@@ -283,15 +282,12 @@ class Bodies:
         self.box = self.box_at(np.arange(len(self.meshes)), self.position)
 
     def box_at(self, b, position):
-        """The boxes of the bodies b (m,) at these positions (3, m), as in `box`."""
+        """Returns the boxes of the bodies b (m,) at the positions (3, m), as in `box`."""
         return take(self._relativeBox, b, axis=1) + np.concatenate((position, -position))
 
     def lowest_points(self):
-        """`(b (m,), point (3, m))`: bodies that reach down to y = 0, and the lowest vertex of each.
-
-        Of equally low ones, the first.
-        """
-        # the hull's lowest corner; a vertex that is none may lie below it by rounding
+        """`(b (m,), point (3, m))`: bodies that reach y ≤ 0, and their first lowest vertices."""
+        # lowest vertex of the hull; rounding may put another vertex of the mesh below it
         corner = self._relativeBox[1] + self.position[1]
         near = indices((corner <= FEATURE_TOLERANCE * self.hulls.radius) & ~self.isFixed)
         if len(near) == 0:
@@ -305,10 +301,10 @@ class Bodies:
         return b, take(self.vertices, vertex, axis=1) + take(self.position, b, axis=1)
 
     def _gathered(self, name, width):
-        """An attribute of all meshes as a table (width, n).
+        """Returns an attribute of all meshes as a table (width, n).
 
-        Where all of them still have the rows that a step has given them, the table is at hand, with
-        all that has been written into the rows: to look takes half as long as to gather them.
+        If every mesh still has the row that a step has set, the existing table is reused. It
+        includes changes within the rows, and checking takes less time than reading all rows.
         """
         table, rows = self._shapes.given.get(name, (None, ()))
         values = map(attrgetter(name), self.meshes)
@@ -317,19 +313,19 @@ class Bodies:
         return np.ascontiguousarray(table.reshape(-1, width).T)
 
     def _give(self, name, columns):
-        """Makes rows of a new table (n, …) an attribute of the meshes; returns the table.
+        """Sets an attribute of the meshes to the rows of a new table (n, …); returns the table.
 
-        A new one each step, so that what somebody has kept of the old rows stays as it was.
+        The table is new in each step, so that references to old rows keep their values.
         """
         shape = (3, 3) if name == "invIT" else (1, len(columns))
         table = np.ascontiguousarray(columns.T).reshape(-1, *shape)
         rows = list(table)
-        deque(map(setattr, self.meshes, repeat(name), rows), maxlen=0)  # in half a loop's time
+        deque(map(setattr, self.meshes, repeat(name), rows), maxlen=0)  # faster than a loop
         self._shapes.given[name] = table, rows
         return table
 
     def write_back(self):
-        """Gives the meshes their rows of new tables; fixed ones keep what they had."""
+        """Writes the state to the meshes, as rows of new tables; fixed ones keep theirs."""
         self.motion = np.where(self.isFixed, self._start, self.motion)
         for name, columns in self.columns().items():
             self._give(name, columns)

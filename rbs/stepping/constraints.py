@@ -1,9 +1,9 @@
-"""A scene's constraints as columns, those that can be corrected at all, and their schedules.
+"""Distance constraints of a scene as columns, and the schedules by which they are visited.
 
-A visit looks at one constraint, corrects it if it is violated, and returns whether it was. A
-schedule says which one is visited when, and ends when every constraint is satisfied, or when the
-visits are used up. Of the list's `total` constraints, some can never be corrected, those between
-two fixed bodies for instance: a visit to them counts as one that found nothing.
+A visit checks one constraint, corrects it if it is violated, and returns whether it was. A schedule
+determines the order of visits. It ends when every constraint is satisfied, or at the maximum number
+of visits. Some of the list's `total` constraints can never be corrected, such as those between two
+fixed bodies; a visit to them counts as satisfied.
 """
 
 from functools import lru_cache
@@ -16,19 +16,21 @@ from rbs.stepping.kernels import distance_error, is_violated, shifts, stop
 
 
 class ConstraintRows:
-    """The constraints that a step has to look at, C of them.
+    """The C constraints that a step has to visit.
 
-    A constraint whose meshes are both fixed, or between two vertices of one mesh, is never
-    corrected: no motion of the bodies changes its distance. Nor is a lower bound of no more than
-    the tolerance, a rope's: every distance satisfies it.
+    A constraint between two fixed meshes, or between two vertices of one mesh, can never be
+    corrected, because no motion of the bodies changes its distance. A lower bound of no more than
+    the tolerance, as in a rope, is always satisfied.
 
-    index : (C,), where each stands in the caller's list, whose length is `total`
+    index : (C,), positions in the caller's list, which has `total` rows
     body1, vertex1, body2, vertex2 : (C,); refValue : (C,); upper : (C,) bool
     """
 
     def __init__(self, constraints, isFixed, vertexCount, tolerance):
-        """constraints : rows `[m1, v1, m2, v2, refValue, upper]`; isFixed (n,) bool, vertexCount
-        (n,) : of the meshes; raises ValueError, which names constraint, mesh and vertex"""
+        """constraints : rows `[m1, v1, m2, v2, refValue, upper]`; isFixed, vertexCount : (n,)
+
+        Raises ValueError, which names constraint, mesh and vertex, if one does not exist.
+        """
         self.total = len(constraints)
         table = _table(constraints)
         _check_ends(table, vertexCount)
@@ -42,7 +44,7 @@ class ConstraintRows:
         self.upper = table[5, movable] != 0
 
     def tolist(self):
-        """Rows `(index, body1, vertex1, body2, vertex2, refValue, upper)` of plain numbers."""
+        """Returns tuples `(index, body1, vertex1, body2, vertex2, refValue, upper)`."""
         columns = (
             self.index,
             self.body1,
@@ -66,12 +68,12 @@ def constraint_rows(constraints, vertexCount):
 
 
 def _table(constraints):
-    """The rows as columns (6, C) of floats; a number may be an array that holds one."""
+    """Returns the rows as columns (6, C) of floats; arrays of one number count as numbers."""
     if len(constraints) == 0:
         return np.zeros((6, 0))
     try:
         rows = np.array([tuple(row) for row in constraints], dtype=np.float64)
-    except (TypeError, ValueError):  # arrays of one among numbers
+    except (TypeError, ValueError):  # arrays of one number among the numbers
         rows = np.array(
             [[np.asarray(value, dtype=np.float64).item() for value in row] for row in constraints]
         )
@@ -81,7 +83,7 @@ def _table(constraints):
 
 
 def _check_ends(table, vertexCount):
-    """Raises ValueError where a constraint names a mesh or a vertex that is not there."""
+    """Raises ValueError if a constraint refers to a mesh or vertex that does not exist."""
     for mesh, vertex in (table[0:2], table[2:4]):
         known = (mesh >= 0) & (mesh < len(vertexCount)) & (mesh == np.floor(mesh))
         count = vertexCount[np.where(known, mesh, 0).astype(np.intp)]
@@ -90,7 +92,7 @@ def _check_ends(table, vertexCount):
             c = int(fits.argmin())
             if not known[c]:
                 raise ValueError(
-                    f"constraint {c}: there is no mesh {mesh[c]:g}, only 0 to "
+                    f"constraint {c}: mesh {mesh[c]:g} does not exist, only 0 to "
                     f"{len(vertexCount) - 1}"
                 )
             raise ValueError(
@@ -103,17 +105,17 @@ def _check_ends(table, vertexCount):
 
 
 def queue(visit, constraints, total, maximumVisits):
-    """The sweep without the visits that cannot find anything: same result, bit for bit.
+    """The sweep without unnecessary visits, with bitwise identical results.
 
-    constraints : dict, of each index that can be corrected the bodies of it that can move
+    constraints : dict, from each index that can be corrected to its movable bodies
 
-    A visit depends on the positions of two bodies, so a constraint that was found satisfied is
-    clean until a body of it moves. The dirty ones are the bits of one integer: `dirty & -dirty` is
-    the lowest that is set, the next constraint in the sweep's order, and a body that moves sets
-    those of its constraints with a single `or`. Visits that are left out count as made, so that the
-    maximum ends at the same constraint.
+    A visit depends on the positions of two bodies. A satisfied constraint is therefore clean until
+    one of its bodies moves. The dirty constraints are the set bits of one integer: `dirty & -dirty`
+    is the lowest one, which is next in the sweep's order, and a moving body sets the bits of all
+    its constraints with a single `or`. Omitted visits count towards the maximum, so that the queue
+    ends at the same constraint as the sweep.
 
-    Returns the number of visits that were made.
+    Returns the number of visits made.
     """
     constraintsOf = {}
     dirty = 0
@@ -121,10 +123,10 @@ def queue(visit, constraints, total, maximumVisits):
         dirty |= 1 << c
         for b in bodies:
             constraintsOf[b] = constraintsOf.get(b, 0) | 1 << c
-    visits = begin = c = 0  # visits made; the sweep's count at constraint 0; where it is
+    visits = begin = c = 0  # visits made; the sweep's count at constraint 0; constraint
     while dirty:
         ahead = dirty >> c
-        if not ahead:  # the next dirty one belongs to the next sweep
+        if not ahead:  # continue with the next sweep
             begin, c = begin + total, 0
             continue
         c += (ahead & -ahead).bit_length() - 1
@@ -140,20 +142,19 @@ def queue(visit, constraints, total, maximumVisits):
 
 
 def project_in_batches(meshes, rows, tolerance, maximumVisits):
-    """Visits batch by batch, each of constraints that move no body in common; see
-    `project_constraints` in RBSFunctions.
+    """Visits batches of constraints without a common movable body; see `project_constraints`.
 
-    meshes : list of Mesh; rows : `ConstraintRows` of theirs
+    meshes : list of Mesh; rows : `ConstraintRows`
 
-    As many visits as the sweep's, in another order: the result differs, within the same bounds.
-    Returns their number.
+    The order of the visits differs from the sweep's, so the result differs within the same bounds.
+    Returns the number of visits.
     """
     bodies = Bodies(meshes)
     bodies.follow_orientations()
     ends, vertices = np.stack((rows.body1, rows.body2)), np.stack((rows.vertex1, rows.vertex2))
     arms = take(bodies.vertices, bodies.vertexStart[ends] + vertices, axis=1)
     coloured = coloured_batches(rows.body1, rows.body2, bodies.isFixed)
-    left = rows.total - len(rows.index)  # visits that find nothing, counted once a sweep
+    left = rows.total - len(rows.index)  # satisfied visits, counted once per sweep
     visits = satisfiedInARow = 0
     while coloured and satisfiedInARow < len(rows.index) and visits < maximumVisits:
         visits = min(visits + left, maximumVisits)
@@ -169,11 +170,11 @@ def project_in_batches(meshes, rows, tolerance, maximumVisits):
 
 
 def visit_batch(bodies, rows, ends, arms, batch, tolerance):
-    """Corrects what is violated of the constraints (m,); returns whether anything was.
+    """Corrects the violated ones of the constraints `batch` (m,); returns whether there were any.
 
     ends : (2, C); arms : (3, 2, C), from each COM to its point
 
-    Moving the COMs along n leaves the arms and, as the points stay on one line, n as they are.
+    Moving the COMs along n changes neither the arms nor, as the points stay on one line, n.
     """
     points = take(bodies.position, ends[:, batch], axis=1) + arms[..., batch]
     C, n = distance_error(points[:, 0], points[:, 1], rows.refValue[batch])
@@ -190,19 +191,19 @@ def visit_batch(bodies, rows, ends, arms, batch, tolerance):
 
 
 def coloured_batches(bodies1, bodies2, isFixed):
-    """Rows of constraints in batches in which no two move the same body: a list of arrays.
+    """Returns a list of arrays of constraint rows, in each of which no two move the same body.
 
-    bodies1, bodies2, isFixed : as for `batches`
+    bodies1, bodies2, isFixed : as for `in_batches`
     """
     return _coloured(bodies1.tobytes(), bodies2.tobytes(), isFixed.tobytes())
 
 
 @lru_cache(maxsize=8)
 def _coloured(bodies1, bodies2, isFixed):
-    """`coloured_batches` by greedy colouring, of the bytes of its arrays.
+    """`coloured_batches` by greedy colouring, from the bytes of its arrays.
 
-    A constraint gets the first batch that has neither of its bodies, fixed ones apart. The bits of
-    an integer tell which batches have a body.
+    A constraint takes the first batch that contains none of its movable bodies. The batches of a
+    body are the set bits of an integer.
     """
     first, second = (np.frombuffer(bodies, np.intp).tolist() for bodies in (bodies1, bodies2))
     isFixed = np.frombuffer(isFixed, bool).tolist()

@@ -1,10 +1,9 @@
-"""The step of `--broad-phase grid`: many bodies at once, with the bits of the loop over all pairs.
+"""The step of `--broad-phase grid` for many bodies, bitwise identical to the loop over all pairs.
 
-In one direction: the meshes are gathered into tables, `Bodies`; they fly; `find_contacts` detects
-the pairs batch by batch and corrects positions; then the impulses follow, batch by batch, since
-within a step no position depends on a velocity; then the ground; and the tables are written back.
-The formulas are in rbs/stepping/kernels.py. Methods that a subclass of Mesh has of its own are not
-called.
+The meshes are read into tables, `Bodies`, and integrated. `find_contacts` detects the pairs batch
+by batch and corrects positions. The impulses follow batch by batch, which is possible because
+within a step no position depends on a velocity. The ground comes last, and the tables are written
+back. The formulas are in rbs/stepping/kernels.py.
 """
 
 import numpy as np
@@ -17,7 +16,7 @@ from rbs.stepping.reports import GROUND, StepReport
 
 
 def grid_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic, gravity):
-    """`run_timestep` as far as the constraints; see there. Returns the `StepReport`."""
+    """The part of `run_timestep` before the constraints; see there. Returns the `StepReport`."""
     report = StepReport()
     if len(meshes) == 0:
         return report
@@ -41,7 +40,7 @@ def grid_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic
 
 
 def _apply_impulses(bodies, contacts, settings, report):
-    """The impulses batch by batch; what does not depend on velocities, for all contacts at once."""
+    """Applies the impulses by batch; whatever ignores velocities is computed for all at once."""
     ends, n = contacts.bodies, contacts.normal
     if len(contacts.rank) == 0:
         return
@@ -72,9 +71,9 @@ def _apply_impulses(bodies, contacts, settings, report):
 
 
 def _resolve_ground(bodies, groundMesh, settings, report):
-    """`resolve_collision` of every body that reaches the ground, at its lowest vertex.
+    """Applies `resolve_collision` to every body that reaches the ground, at its lowest vertex.
 
-    The ground is body 2: the body moves up, against the normal, by how deep the vertex is.
+    The ground is body 2. The body moves up, against the normal, by the depth of the vertex.
     """
     b, penPoint = bodies.lowest_points()
     if len(b) == 0:
@@ -91,5 +90,5 @@ def _resolve_ground(bodies, groundMesh, settings, report):
     K, turning = inverse_effective_mass(invMasses, invInertias, arms, n)
     impulse, friction = collide(motion[3:], invMasses, invInertias, arms, n, K, turning, *settings)
     bodies.motion[:, b] = motion[:, 0]
-    rank, second = np.full(len(b), np.iinfo(np.intp).max), np.full(len(b), GROUND)  # after all
+    rank, second = np.full(len(b), np.iinfo(np.intp).max), np.full(len(b), GROUND)  # last
     report.add_columns(rank, b, second, depth, n, penPoint, impulse, friction, arms[:, 0])

@@ -1,21 +1,21 @@
 """The formulas of RBSFunctions for many contacts or constraints at once, with the same bits.
 
-Each stands under the name that it has there, where it is derived. What belongs to the two bodies of
-m pairs has them next to each other along the second axis: velocities (6, 2, m), linear and angular,
-inverse masses (2, m), inverse inertia tensors (9, 2, m), and arms (3, 2, m) from the COMs to the
-points. Directions are (3, m). No body that can move is in two of the pairs.
+Each function has the name of its counterpart there, where it is derived. Quantities of the two
+bodies of m pairs have both bodies along the second axis: velocities (6, 2, m), linear and angular;
+inverse masses (2, m); inverse inertia tensors (9, 2, m); arms (3, 2, m) from the COMs to the
+points. Directions are (3, m). No movable body is in two of the pairs.
 """
 
 import numpy as np
 
 from rbs.geometry.vectors import cross, dot, mat_vec, norm
 
-# What body 1 receives is opposite to what body 2 receives.
+# Signs of the impulses on body 1 and body 2, which are opposite.
 SIGNS = np.array([[-1.0], [1.0]])
 
 
 def shifts(invMasses, distance):
-    """`shifts`: how far (2, m) either body moves along n; not both masses infinite."""
+    """`shifts`: displacements (2, m) of both bodies along n; not both masses may be infinite."""
     return SIGNS * (invMasses / (invMasses[0] + invMasses[1])) * distance
 
 
@@ -28,7 +28,7 @@ def relative_velocity(velocity, arms):
 def inverse_effective_mass(invMasses, invInertias, arms, n):
     """`inverse_effective_mass` of both bodies together: `(K (m,), turning (3, 2, m))`.
 
-    turning : I⁻¹ (r × n), what the bodies' angular velocities change by with a unit impulse
+    turning : I⁻¹ (r × n), change of the angular velocities by a unit impulse
     """
     rCrossN = cross(arms, n[:, None])
     turning = mat_vec(invInertias, rCrossN)
@@ -37,16 +37,16 @@ def inverse_effective_mass(invMasses, invInertias, arms, n):
 
 
 def receive_impulses(velocity, impulse, invMasses, turning, n):
-    """`receive_impulse` of both bodies: changes the velocities in place by impulses (m,)."""
+    """`receive_impulse` of both bodies: applies impulses (m,) to the velocities, in place."""
     impulses = impulse * SIGNS
     velocity[:3] += impulses * invMasses * n[:, None]
     velocity[3:] += impulses * turning
 
 
 def collide(velocity, invMasses, invInertias, arms, n, K, turning, CRCoeff, closingOnly, mu):
-    """The impulses of `resolve_collision`: `(impulse (m,), friction (3, m))`.
+    """Impulses of `resolve_collision`: `(impulse (m,), friction (3, m))`.
 
-    K, turning : as of `inverse_effective_mass`. Changes the velocities in place.
+    K, turning : from `inverse_effective_mass`. Changes the velocities in place.
     """
     change = (1.0 + CRCoeff) * dot(relative_velocity(velocity, arms), n)
     if closingOnly:
@@ -80,12 +80,12 @@ def distance_error(point1, point2, refValue):
 
 
 def is_violated(C, upper, tolerance):
-    """Whether bounds are exceeded, as `resolve_position_constraint` asks."""
+    """Whether bounds are violated, as in `resolve_position_constraint`."""
     return np.where(upper, C > tolerance, C < -tolerance)
 
 
 def stop(velocity, invMasses, invInertias, arms, n, tolerance):
-    """The impulses of `resolve_velocity_constraint`; changes the velocities in place."""
+    """Applies the impulses of `resolve_velocity_constraint` to the velocities, in place."""
     Jv = dot(relative_velocity(velocity, arms), n)
     K, turning = inverse_effective_mass(invMasses, invInertias, arms, n)
     receive_impulses(velocity, Jv * (abs(Jv) > tolerance) / K, invMasses, turning, n)

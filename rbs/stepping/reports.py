@@ -1,4 +1,4 @@
-"""What a step tells of itself: its contacts, counts and times, for the eye and for benchmarks."""
+"""Per-step diagnostics: contacts, counters and timings."""
 
 import time
 from contextlib import contextmanager
@@ -8,11 +8,11 @@ import numpy as np
 
 from rbs.geometry.triples import ZERO, floats, sub
 
-# Stands for the ground where a contact names its second body.
+# Index of the ground as the second body of a contact.
 GROUND = -1
 
-# The phases that a step may have, in order, and their names in the window. The basic one has no
-# tables to gather and write back. The soft-step solver solves contacts and constraints together.
+# Phases of a step, in order, and their names in the window. The pair-by-pair step has no tables to
+# read and write back. The soft step solves contacts and constraints together.
 PHASES = {
     "gather": "gather",
     "integrate": "integrate",
@@ -25,28 +25,28 @@ PHASES = {
 
 
 class Contact(NamedTuple):
-    """One contact that a step has resolved. Vectors are tuples of 3 in world axes.
+    """One contact that a step resolved. Vectors are tuples of 3 in world axes.
 
-    No zero has a sign, so that the same contact is told in the same bits however it was found.
+    Zeros are unsigned, so that a contact has the same bits however it was found.
     """
 
     body1: int  # index of the mesh
-    body2: int  # likewise, or GROUND
+    body2: int  # index of the mesh, or GROUND
     depth: float  # ≥ 0, before the correction
     normal: tuple  # unit, from body 1 to body 2
-    point: tuple  # the point of body 2 that is deepest in body 1; body 1's lowest one on the ground
-    impulse: float  # mass · speed, what body 2 receives along the normal
-    friction: tuple  # mass · speed, what it receives across
-    arm: tuple  # from the COM of body 1 to where the impulses act; it goes along with body 1
+    point: tuple  # point of body 2 deepest inside body 1; on the ground, lowest point of body 1
+    impulse: float  # mass · speed, on body 2, along the normal
+    friction: tuple  # mass · speed, on body 2, perpendicular to the normal
+    arm: tuple  # from the COM of body 1 to where the impulses act
 
 
 class StepReport:
-    """What a step did: for the eye and for benchmarks, never read by the simulation.
+    """Diagnostics of one step, for display and benchmarks. The simulation never reads them.
 
-    candidatePairs : number of pairs that the broad phase gave to the collision test
-    constraintVisits : number of constraints looked at
-    seconds : dict, the time spent in each phase, of PHASES
-    isAsleep : (n,) bool, which bodies the soft-step solver leaves out; None of the other one
+    candidatePairs : number of pairs that the broad phase passed to the collision test
+    constraintVisits : number of constraint visits
+    seconds : dict, time spent in each of the PHASES
+    isAsleep : (n,) bool, bodies that the soft step skips; None with the other solver
     """
 
     def __init__(self):
@@ -66,7 +66,7 @@ class StepReport:
 
     @property
     def contacts(self):
-        """List of `Contact` in the order i < j, the ground last."""
+        """Contacts in the order i < j, the ground last: list of `Contact`."""
         pending, self._pending = self._pending, []
         rows = []
         for *columns, impulse, friction, arm in pending:
@@ -80,18 +80,18 @@ class StepReport:
 
     @property
     def contactCount(self):
-        """How many contacts there are; does not list them."""
+        """Number of contacts, without listing them."""
         return len(self._contacts) + sum(len(columns[0]) for columns in self._pending)
 
     @property
     def hasSleepers(self):
-        """Whether bodies sleep; contacts among them are not listed."""
+        """Whether any bodies sleep; contacts between sleeping bodies are not listed."""
         return self.isAsleep is not None and bool(self.isAsleep.any())
 
     def add_contact(self, i, j, depth, normal, point, impulses):
-        """Notes what `resolve_collision` was given, and what it returned: ContactImpulses or None.
+        """Adds a contact from the arguments of `resolve_collision` and its result, if any.
 
-        A negative depth, as on the ground, comes with a normal that points from body 2 to body 1.
+        A negative depth, as on the ground, comes with a normal from body 2 to body 1.
         """
         depth, normal = float(depth), floats(normal, 3)
         if depth < 0.0 or j == GROUND:
@@ -113,23 +113,23 @@ class StepReport:
         )
 
     def add_columns(self, *columns):
-        """Notes contacts that arrays describe; they become `Contact`s when they are asked for.
+        """Adds contacts given as arrays, which are converted to `Contact`s on demand.
 
-        columns : rank (m,), where they stand in the order i < j; then what a `Contact` holds: body1
-            (m,), body2 (m,), depth (m,), normal (3, m), point (3, m), impulse (m,), friction (3, m)
-            or a single vector for all, arm (3, m)
+        columns : rank (m,), position in the order i < j; then the fields of `Contact`: body1 (m,),
+            body2 (m,), depth (m,), normal (3, m), point (3, m), impulse (m,), friction (3, m) or
+            one vector for all, arm (3, m)
         """
         self._pending.append(columns)
 
     @contextmanager
     def phase(self, name):
-        """Times what is done inside the `with` block."""
+        """Measures the time of the `with` block."""
         start = time.perf_counter()
         yield
         self.seconds[name] = time.perf_counter() - start
 
 
 def _unsigned(vector):
-    """The vector as a tuple of 3 floats, with 0.0 in place of -0.0."""
+    """Returns the vector as a tuple of 3 floats, with 0.0 for -0.0."""
     x, y, z = floats(vector, 3)
     return x + 0.0, y + 0.0, z + 0.0

@@ -7,8 +7,15 @@ import sys
 import numpy as np
 import pytest
 from campaigns import CAMPAIGNS, run_campaign
-from oracles import ROOT, exact_depth, minkowski_depth, random_quaternions, thin_depth, turned
-from oracles import vertices_of as vertices
+from oracles import (
+    ROOT,
+    exact_depth,
+    minkowski_depth,
+    random_quaternions,
+    thin_depth,
+    turned,
+    vertices_of as vertices,
+)
 
 import GJK
 import RBSFunctions

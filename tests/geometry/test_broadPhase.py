@@ -13,8 +13,7 @@ import rbs.stepping.batches
 from rbs.geometry.broadphase import grid_overlaps
 from rbs.geometry.facets import find_facets
 from rbs.scenes.scenefiles import DATA_FOLDER
-from RBSFunctions import ground as make_ground
-from RBSFunctions import run_timestep
+from RBSFunctions import ground as make_ground, run_timestep
 from RigidBodySimulation import load_scene_file
 
 # Per kind of scene: the range of the boxes' sides as powers of ten, and half the width of the

@@ -55,10 +55,11 @@ def test_view_outlines_the_manifolds_of_bodies_awake():
     view.refresh()
     assert polyscope.get_point_cloud("contacts").n_points() == 20
     assert polyscope.get_curve_network("contacts").n_edges() == 80
-    assert view.legend()[0][0] == "contact manifold; normal, towards body 1"
+    assert view.legend()[0][0] == "contact area and normal (on the body listed first)"
     while not simulation.report.isAsleep.all():
         simulation.step()
         assert simulation.stepCount < 200
-    assert view.legend()[0][0] == "contact manifold, of bodies awake; normal, towards body 1"
+    listed = "contact area and normal (on the body listed first; awake bodies only)"
+    assert view.legend()[0][0] == listed
     view.show("contacts", False)
     assert not polyscope.has_curve_network("contacts") and not polyscope.has_point_cloud("contacts")

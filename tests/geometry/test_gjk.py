@@ -11,8 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from oracles import (
     IDENTITY,
     SHAPES,
@@ -779,16 +778,16 @@ CUBE = box(2, 2, 2)
 @pytest.mark.parametrize(
     ("points", "message"),
     [
-        (np.zeros((0, 3)), "expected four points or more as rows of 3, got shape (0, 3)"),
-        (np.zeros((9, 2)), "got shape (9, 2)"),
-        (np.zeros(3), "got shape (3,)"),
-        (CUBE[:3], "got shape (3, 3)"),
-        (CUBE * [1, 0, 1], "the points are flat: a hull has a volume"),
+        (np.zeros((0, 3)), "expected at least four points as rows of 3, not shape (0, 3)"),
+        (np.zeros((9, 2)), "not shape (9, 2)"),
+        (np.zeros(3), "not shape (3,)"),
+        (CUBE[:3], "not shape (3, 3)"),
+        (CUBE * [1, 0, 1], "the points are flat, so their hull has no volume"),
         (CUBE * [1, 0, 0], "flat"),
         (CUBE * 0, "flat"),
         (CUBE * [1, 1, 1e-7], "flat"),
         (CUBE @ Q2RotMatrix(quaternion([1, 2, 3], 40)) * [1, 0, 1] + 0.3, "flat"),
-        (CUBE * [1, 1, np.nan], "a coordinate is not finite, or beyond 1e+12"),
+        (CUBE * [1, 1, np.nan], "a coordinate is not finite or beyond 1e+12"),
         (CUBE * [1, 1, np.inf], "beyond 1e+12"),
         (CUBE + 1.1e12, "beyond 1e+12"),
         (CUBE * 3e-12, "one point set is over 1e+12 times as large as the other"),

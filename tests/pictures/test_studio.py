@@ -275,5 +275,5 @@ def test_stills_are_framed_anew_and_a_video_tells_what_it_costs(tmp_path):
         "64x36",
     )
     assert process.returncode == 0, process.stderr
-    assert "s a frame, 3 frames, about 1 min" in process.stderr
+    assert "s per frame, 3 frames, about 1 min" in process.stderr
     assert len(list((tmp_path / "p").iterdir())) == 3 and (tmp_path / "v.mp4").stat().st_size > 500

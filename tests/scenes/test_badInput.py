@@ -121,7 +121,7 @@ def test_camera_that_cannot_be_used(folder, capsys):
     for text in (*cameras, json.dumps(CAMERA | {"fov": 180})):
         write(folder, "camera.json", text)
         arguments = ["a-scene.txt", "--camera", "camera.json", *RECORDED]
-        assert_refused(folder, capsys, arguments, "camera.json: this is not a camera")
+        assert_refused(folder, capsys, arguments, "camera.json: this is not a Polyscope camera")
 
 
 def test_recording_that_cannot_be_used(folder, capsys):

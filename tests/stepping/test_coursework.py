@@ -133,8 +133,8 @@ def test_an_exception_leaves_the_meshes_as_they_were(broadPhase, monkeypatch):
 
 
 REFUSED = [
-    ([0, 0, 2, 0, 1.0, True], "no mesh 2"),
-    ([-1, 0, 1, 0, 1.0, True], "no mesh -1"),
+    ([0, 0, 2, 0, 1.0, True], "mesh 2 does not exist"),
+    ([-1, 0, 1, 0, 1.0, True], "mesh -1 does not exist"),
     ([0, 8, 1, 0, 1.0, True], "mesh 0 has no vertex 8"),
     ([0, 0, 1, np.nan, 1.0, True], "mesh 1 has no vertex nan"),
     ([0, 0, 1, 0, np.nan, True], "reference value"),
@@ -149,7 +149,7 @@ def test_what_is_not_there_is_refused_by_name(broadPhase):
         constraints = [[0, 0, 1, 0, 9.0, True], row]
         with pytest.raises(ValueError, match=f"constraint 1: .*{said}"):
             run_timestep(meshes, None, 0.02, 0.5, constraints=constraints, broadPhase=broadPhase)
-    with pytest.raises(ValueError, match="mesh 2, 'box', is in the list twice"):
+    with pytest.raises(ValueError, match="mesh 2, 'box', is listed twice"):
         run_timestep([*meshes, meshes[1]], None, 0.02, 0.5, broadPhase=broadPhase)
     assert np.array_equal(state_of(meshes), before)
 

@@ -976,8 +976,8 @@ def test_videos_play_in_real_time_unless_told_otherwise(timeStep, rate, every, e
     ("text", "cause"),
     [
         ("", "1: this is not a JSON file: Expecting value"),
-        ("[1, 2]", "this is not a camera of Polyscope's: it needs viewMat"),
-        ('{"viewMat": [1, 2, 3], "fov": 45}', "this is not a camera of Polyscope's"),
+        ("[1, 2]", "this is not a Polyscope camera: it needs viewMat"),
+        ('{"viewMat": [1, 2, 3], "fov": 45}', "this is not a Polyscope camera"),
     ],
 )
 def test_broken_camera_files_are_told_in_one_line(tmp_path, text, cause):
@@ -1315,7 +1315,7 @@ def test_legend_is_in_the_picture_where_it_is_asked_for(polyscope, twoBoxes):
     twoBoxes.show("velocities", True)
     texts = [text for text, _ in twoBoxes.legend()]
     assert texts[:3] == ["density 1 kg/m³", "density 9 kg/m³", "fixed"]
-    assert texts[3:] == [f"velocity; as long as a square is {twoBoxes.squareSide / 0.5:g} m/s"]
+    assert texts[3:] == [f"velocity (one floor square = {twoBoxes.squareSide / 0.5:g} m/s)"]
     seen = take_picture(twoBoxes)
     changed = np.any(seen != bare, axis=2)
     assert changed[14:60, 14:120].mean() > 0.95 and not changed[:10].any()
