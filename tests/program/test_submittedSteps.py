@@ -200,7 +200,7 @@ def test_our_loop_takes_the_place_of_the_released_one(tmp_path):
     process = run(tmp_path, *scene)
     torn = float(summary_of(process)["constraints"].split()[-2])
     (line,) = process.stderr.splitlines()
-    assert "student: a step assigns linVelocty, and linVelocity keeps its value, as in" in line
+    assert "student: a step assigns linVelocty, so linVelocity keeps its value, as in" in line
     process = run(tmp_path, *scene, "--our-loop")
     held = float(summary_of(process)["constraints"].split()[-2])
     assert (process.stderr, held < 0.1, torn > 5.0) == ("", True, True)
@@ -247,7 +247,7 @@ def test_a_recording_belongs_to_the_functions_that_made_it(tmp_path):
             (line,) = process.stderr.splitlines()
             assert f"{name}: {cause}" in line
 
-    assert_refused("theirs.h5", "it was made with the functions in student, which --functions")
+    assert_refused("theirs.h5", "it was made with the functions in student; name that")
     assert_refused("ours.h5", "it was made without --functions", "--functions", student)
     process = run(tmp_path, "--verify", "theirs.h5", "--functions", student)
     assert (process.returncode, process.stderr) == (0, "")

@@ -212,7 +212,7 @@ def test_resuming_takes_settings_and_needs_a_sound_step(standing, chain, tmp_pat
     expected["enforceConstraints"] = False
     assert Recording(rest).settings_at(62) == (60, expected)
     bad = edited(standing, tmp_path / "d.h5", put("positions", (50, 30, 1), 3.5))
-    for path, step, cause in ((chain[0], 61, "is not in it"), (bad, 50, "cannot be resumed")):
+    for path, step, cause in ((chain[0], 61, "is not recorded"), (bad, 50, "cannot be resumed")):
         code, _, errors = call(capsys, "--headless", "--resume", path, "--from", step)
         assert code == 2 and f"{path}: step {step} {cause}" in errors
 

@@ -101,7 +101,7 @@ def test_mesh_outside_of_the_scenes_folder_is_read_only_when_asked_for(outside, 
     scene = f"scenes/{name}-scene.txt"
     assert_refused(outside.parent, capsys, [scene, *RECORDED], f"{scene}:2: ", "--allow-outside")
     for load in (load_scene_file, Simulation):
-        with pytest.raises(SceneError, match="outside of the scene's folder"):
+        with pytest.raises(SceneError, match="outside the scene's folder"):
             load(scene)
     (mesh,) = load_scene_file(scene, allowOutsideMeshes=True)
     assert len(mesh.tets) == 2
@@ -188,5 +188,5 @@ def test_program_ends_with_one_line_and_code_2(folder):
     process = run(folder, "t.mesh", *RECORDED)
     assert (process.returncode, process.stdout) == (2, "")
     (line,) = process.stderr.splitlines()
-    assert line.startswith("RigidBodySimulation.py: t.mesh:1: this is not a scene: ")
+    assert line.startswith("RigidBodySimulation.py: t.mesh:1: not a scene: ")
     assert snapshot(folder) == before
