@@ -59,8 +59,14 @@ class Run:
 def run_steps(simulation, steps, observers=()):
     """Simulates `steps` steps, or fewer if a signal arrives or a number becomes invalid.
 
+    Parameters
+    ----------
     observers : functions of the simulation, called at its start and after every step
-    Returns a Run. Its times are empty for a replay.
+
+    Returns
+    -------
+    Run
+        Its times are empty for a replay.
     """
     run = Run([])
     with signals_noted() as noted, step_progress(steps) as advance:

@@ -107,7 +107,16 @@ def resume(recording, step, simulation=None):
 
     The settings are those of the next recorded step; later changes are ignored. The state of the
     soft-step solver is recorded only every few steps, so the steps since the last one are repeated.
-    Raises RecordingError.
+
+    Parameters
+    ----------
+    step : number of the recorded step
+    simulation : of this recording's scene at its start; loaded if None
+
+    Raises
+    ------
+    RecordingError
+        If the step is not recorded, or cannot be restored bit for bit.
     """
     simulation = simulation or recorded_scene(recording)
     check_functions(recording, simulation.submitted)

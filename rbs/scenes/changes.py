@@ -25,6 +25,8 @@ class Shape(NamedTuple):
 class Change(NamedTuple):
     """A change of one body.
 
+    Attributes
+    ----------
     kind, numbers : "push" with an impulse (3,) in N s and a point (3,) in world axes; "fix" with
         1 to fix and 0 to free; "add" with density, position, orientation and velocities
     body : its index

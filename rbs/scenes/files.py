@@ -67,6 +67,8 @@ def atomic_write(path):
 def check_outputs(outputs, inputs):
     """Raises InputError if a run would overwrite one of its inputs, or write one file twice.
 
+    Parameters
+    ----------
     outputs : dict from the name of an option to its path
     inputs : paths of the files that the run reads
     """

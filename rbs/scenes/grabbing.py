@@ -37,7 +37,11 @@ def spring_impulse(mesh, point, target, timeStep, frequency=GRAB_FREQUENCY):
     This is stable for every mass and every step h. For a point mass, the error after n steps is
     (a + b n) / (1 + ω h)ⁿ. The impulse on a fixed body is zero.
 
+    Parameters
+    ----------
     point, target : (3,), in world axes
+    timeStep : s
+    frequency : Hz
     """
     if mesh.isFixed:
         return np.zeros(3)
@@ -84,7 +88,11 @@ def _unit_ball():
 def shot(meshes, size, position, direction):
     """Returns the `Change` that shoots a ball into a scene.
 
-    size : of the scene, in metres; position : (3,), of the ball; direction : (3,), unit
+    Parameters
+    ----------
+    size : of the scene, in metres
+    position : (3,), of the ball
+    direction : (3,), unit
     """
     vertices, faces, tets = _unit_ball()
     body = len(meshes)

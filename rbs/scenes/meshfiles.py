@@ -245,10 +245,20 @@ def _agree_with(start, neighbours, turned):
 def fill_surface(vertices, faces):
     """Joins every triangle of a closed surface to one inner point.
 
+    Parameters
+    ----------
     faces : (F, 3), counter-clockwise seen from outside
-    Returns (vertices (V+1, 3), the inner point last; faces; tets (T, 4) of positive volume).
-    Triangles without area get no tetrahedron. Raises ValueError if no point sees all faces from
-    behind.
+
+    Returns
+    -------
+    vertices : (V + 1, 3), the inner point last
+    faces : the same
+    tets : (T, 4) of positive volume, one for each triangle with an area
+
+    Raises
+    ------
+    ValueError
+        If no point sees all faces from behind.
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)

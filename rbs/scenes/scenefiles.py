@@ -306,9 +306,14 @@ def fields_of(line):
 def scene_rows(text, count):
     """Returns the bodies of a scene with the numbers in its file, not normalised.
 
+    Parameters
+    ----------
     text : of a scene file that `load_scene_file` has accepted
     count : number of bodies
-    Returns a list of (mesh file, density, isFixed, position (1, 3), orientation (1, 4)).
+
+    Returns
+    -------
+    list of (mesh file, density, isFixed, position (1, 3), orientation (1, 4))
     """
     lines = [fields for fields in map(fields_of, text.splitlines()) if fields]
     rows = []

@@ -35,7 +35,10 @@ class Simulation(Scene):
     def __init__(self, scene, settings=None, constraintPath=None, *, allowOutsideMeshes=False):
         """Loads the scene. Raises SceneError.
 
+        Parameters
+        ----------
         scene : path of a scene file, or a SceneSource
+        settings : Settings, by default the coursework's behaviour
         constraintPath : by default NAME-constraints.txt of NAME-scene.txt, if it exists
         allowOutsideMeshes : see `load_scene_file`
         """

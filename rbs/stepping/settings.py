@@ -22,6 +22,8 @@ CONSTRAINT_TOLERANCE = 1e-3
 class Setting:
     """A setting of a step.
 
+    Attributes
+    ----------
     name : the field in `Settings` and in recordings
     parameter : the parameter of `run_timestep`
     default : in the program, and in `run_timestep` unless defaultInStep is given
