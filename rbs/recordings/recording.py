@@ -290,12 +290,12 @@ class Recording:
         except OSError as error:
             raise self.error(f"cannot be read ({reason_of(error)})") from None
         if not h5py.is_hdf5(path):
-            raise self.error("is not a recording")
+            raise self.error("not a recording")
         with self.reading():
             self._file = _open(path)
             head = _attributes_of(self._file)
             if head.get("format") != FORMAT:
-                raise self.error("is an HDF5 file, but not a recording")
+                raise self.error("an HDF5 file, but not a recording")
             self.firstStep = int(head["firstStep"])
             self.lastStep = self.firstStep + self._file["times"].shape[0] - 1
             if self.lastStep < self.firstStep:

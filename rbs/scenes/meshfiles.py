@@ -62,7 +62,7 @@ def _read_medit(reader):
     Other sections (Edges, Corners, ...) are skipped. Reading stops at `End` or the end of the file.
     """
     if reader.row("MeshVersionFormatted")[0] != "MeshVersionFormatted":
-        raise reader.error("a .mesh file starts with MeshVersionFormatted")
+        raise reader.error("a .mesh file must start with MeshVersionFormatted")
     sections, lines = {}, {}
     passingOver = False
     while not reader.at_end():
@@ -163,7 +163,7 @@ def _read_off(reader):
     """Reads a closed surface of polygons, cuts it into triangles and fills it with tetrahedra."""
     header, *counts = reader.row("OFF")
     if header != "OFF":
-        raise reader.error("an .off file starts with OFF")
+        raise reader.error("an .off file must start with OFF")
     counts = counts or reader.row("the counts")
     if len(counts) not in (2, 3):  # the number of edges may be left out
         raise reader.error(f"expected the numbers of vertices and faces, not '{short(*counts)}'")

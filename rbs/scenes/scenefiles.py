@@ -235,7 +235,7 @@ def _body_row(reader, fields, what):
     """
     name = " ".join(fields[:-9])
     if len(fields) < 10 or (len(fields) > 10 and not name.lower().endswith((".mesh", ".off"))):
-        raise reader.error(f"{what} takes 10 columns, not {len(fields)}: '{short(*fields)}'")
+        raise reader.error(f"{what} must have 10 columns, not {len(fields)}: '{short(*fields)}'")
     return [name.replace("\\", "/"), *fields[-9:]]
 
 
@@ -262,9 +262,9 @@ def _make_body(reader, name, vertices, faces, tets, density, *state):
             mesh = Mesh(name, vertices, faces, tets, density, *state)
             inverses = 1.0 / mesh.mass, np.linalg.inv(mesh.IT)
     except (ValueError, ZeroDivisionError) as error:
-        raise reader.error(f"this cannot be a body: {error}") from None
+        raise reader.error(f"invalid body: {error}") from None
     if not all(np.isfinite(value).all() for value in (mesh.IT, *inverses)):
-        raise reader.error(f"this cannot be a body: its mass, {mesh.mass:g}, is out of range")
+        raise reader.error(f"invalid body: its mass, {mesh.mass:g}, is out of range")
     if 0.0 < mesh.hullVolume * (1.0 + CONVEXITY_TOLERANCE) < mesh.volume:
         raise reader.error(
             f"the tetrahedra of {name} overlap, because their volume, {mesh.volume:.6g}, exceeds "

@@ -26,13 +26,13 @@ def read_text(path):
     except FileNotFoundError:
         raise SceneError(path, None, "no such file") from None
     except IsADirectoryError:
-        raise SceneError(path, None, "is a folder, not a file") from None
+        raise SceneError(path, None, "a folder, not a file") from None
     except UnicodeDecodeError:
-        raise SceneError(path, None, "is not a text file") from None
+        raise SceneError(path, None, "not a text file") from None
     except (OSError, ValueError) as error:  # a ValueError for a NUL in the name
         raise SceneError(path, None, f"cannot be read ({reason_of(error)})") from None
     if "\0" in text:
-        raise SceneError(path, None, "is not a text file")
+        raise SceneError(path, None, "not a text file")
     return text
 
 
@@ -81,7 +81,7 @@ class LineReader:
         self._next = next(self._lines, None)
         if columns is not None and len(fields) != columns:
             width = "1 column" if columns == 1 else f"{columns} columns"
-            raise self.error(f"{what} takes {width}, not {len(fields)}: '{short(*fields)}'")
+            raise self.error(f"{what} must have {width}, not {len(fields)}: '{short(*fields)}'")
         return fields
 
     def count(self, what, low=0, kind=""):

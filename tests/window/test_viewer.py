@@ -311,8 +311,8 @@ def test_scenes_beside_the_current_one_can_be_chosen(viewer):
 def test_broken_file_shows_its_error_and_keeps_the_current_scene(viewer, tmp_path):
     for name, cause in (
         ("broken-scene.txt", ":1: the file ends before body 1 of 2"),
-        ("poem.txt", ":1: this is not a scene: the number of bodies"),
-        ("broken.h5", ": this is not a recording"),
+        ("poem.txt", ":1: not a scene: the number of bodies"),
+        ("broken.h5", ": not a recording"),
         ("broken.json", ":1: this is not a JSON file"),
     ):
         (tmp_path / name).write_text("2\n" if name.endswith("scene.txt") else "nothing")
