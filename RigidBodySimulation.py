@@ -1,11 +1,10 @@
-"""The program: simulates a scene, in a window or without one.
+"""The program, which simulates a scene in a window or without one, and the loaders.
 
     python RigidBodySimulation.py mixed                 opens a window
     python RigidBodySimulation.py mixed --headless      needs no display and no OpenGL
 
-Here are also the loaders, by the names that they are known by: `load_scene_file`, `load_mesh_file`,
-`load_constraint_file` and `flatten_meshes`. What draws, and with it Polyscope, is imported only
-when something is to be seen.
+The loaders have the coursework's names: `load_scene_file`, `load_mesh_file`, `load_constraint_file`
+and `flatten_meshes`. Polyscope is imported only if something is drawn.
 
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
@@ -67,7 +66,7 @@ from rbs.scenes.simulation import Simulation as SceneSimulation
 from rbs.stepping.settings import IgnoredSetting, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
-# The names for Python programs: the loaders among them, as they are known.
+# Names for Python programs. The loaders have the coursework's names.
 __all__ = [
     "Mesh",
     "Settings",
@@ -81,21 +80,21 @@ __all__ = [
     "run_timestep",
 ]
 
-# What the program draws where it was asked for a window and there is no display.
+# Number of pictures that are drawn instead of a window if there is no display.
 FALLBACK_PICTURES = 5
 
 
 def main(arguments=None):
     """Runs the command line.
 
-    returns the exit code: 0, 1 where --verify finds a difference, 2 for bad input, 3 where the
-    numbers of a run go wrong, 130 after Ctrl-C, 143 after kill
+    Returns the exit code: 0; 1 if --verify finds a difference; 2 for bad input; 3 if a number of a
+    run becomes invalid; 130 after Ctrl-C; 143 after kill.
     """
     options = parse_options(arguments)
     with warnings.catch_warnings(), signals_handled(interrupt):
         warnings.simplefilter("always", NonConvexWarning)
         warnings.showwarning = lambda message, *where: print_error(f"warning: {message}")
-        if hasattr(sys.stdout, "reconfigure"):  # a name may hold what the terminal has no sign for
+        if hasattr(sys.stdout, "reconfigure"):  # the terminal may lack characters of a name
             sys.stdout.reconfigure(errors="backslashreplace")
         try:
             return run_asked_mode(options)
@@ -104,7 +103,7 @@ def main(arguments=None):
         except OSError as error:
             print_error(f"{error.filename or 'cannot write'}: {reason_of(error)}")
         except MemoryError:
-            print_error("there is not enough memory")
+            print_error("not enough memory")
         except KeyboardInterrupt as error:
             number = error.args[0] if error.args else signal.SIGINT
             print_error(f"stopped by {SIGNAL_NAMES[number]}")
@@ -113,7 +112,7 @@ def main(arguments=None):
 
 
 def run_asked_mode(options):
-    """What the command line asks for; returns the exit code."""
+    """Runs the mode that the options select. Returns the exit code."""
     SceneSimulation.submitted = None
     if options.functions is not None:
         SceneSimulation.submitted = SubmittedSteps(options.functions, bool(options.our_loop))
@@ -151,7 +150,7 @@ def run_asked_mode(options):
 
 
 def simulation_of(options):
-    """The Simulation, or Replay, that the command line asks for."""
+    """Returns the Simulation or Replay that the options select."""
     if options.replay is not None:
         return open_replay(options.replay)
     if options.resume is not None:
@@ -173,12 +172,12 @@ def simulation_of(options):
 
 
 def ignores_recommendations(options):
-    """Whether scenes run without what they recommend, as a student's functions always do."""
+    """Returns whether recommended settings are ignored, as always with --functions."""
     return bool(options.basic or options.functions)
 
 
 def run_as_asked(simulation, options, pictureOptions):
-    """A run without a window, with what is to be written of it; returns the exit code."""
+    """Runs without a window and writes the outputs. Returns the exit code."""
     steps = steps_of(simulation, options)
     timing = None if options.video is None else video_timing_of(simulation, options)
     writers = []
@@ -193,10 +192,10 @@ def run_as_asked(simulation, options, pictureOptions):
 
             backend = find_backend(window=False)
             if backend.name is None:
-                print_error(f"no pictures can be drawn: {backend.reason}. {backend.remedy}")
+                print_error(f"cannot draw pictures: {backend.reason}. {backend.remedy}")
                 return 2
             if pictureOptions.look == "studio" and backend.opensWindow:
-                raise InputError("--look studio is drawn off-screen by EGL, which is missing here")
+                raise InputError("--look studio needs EGL, which is missing here")
             view = start_view(simulation, backend, pictureOptions)
         if options.screenshots is not None:
             first = simulation.stepCount
@@ -219,11 +218,10 @@ def run_as_asked(simulation, options, pictureOptions):
 
 
 def open_window_or_fall_back(simulation, options, pictureOptions, opener):
-    """The window; without a display, pictures; without OpenGL, only the simulation.
+    """Opens the window. Without a display, draws pictures; without OpenGL, only simulates.
 
-    opener : a SceneOpener, for what is opened in the window
-
-    returns the exit code
+    opener : SceneOpener for files opened in the window
+    Returns the exit code.
     """
     backend = find_backend(window=True)
     if backend.opensWindow:
@@ -249,7 +247,7 @@ def open_window_or_fall_back(simulation, options, pictureOptions, opener):
 
 
 def verify_as_asked(options):
-    """--verify; returns the exit code, 0 or 1."""
+    """Runs --verify. Returns the exit code, 0 or 1."""
     recording = Recording(options.verify)
     steps = f"steps {recording.firstStep}–{recording.lastStep}"
     check_functions(recording, SceneSimulation.submitted)
@@ -264,13 +262,13 @@ def verify_as_asked(options):
         print(f"{path}: {steps} are identical, bit for bit")
         return 0
     if recording.numpyVersion != np.__version__:
-        wrong += f" (recorded with NumPy {recording.numpyVersion}, this is {np.__version__})"
+        wrong += f" (recorded with NumPy {recording.numpyVersion}, now {np.__version__})"
     print_error(f"{path}: {wrong}")
     return 1
 
 
 def picture_options_of(options):
-    """The `PictureOptions` that the command line asks for; raises CameraError."""
+    """Returns the PictureOptions that the options select. Raises CameraError."""
     camera = None
     if options.camera is not None:
         from rbs.pictures.cameras import load_camera
@@ -288,18 +286,18 @@ def picture_options_of(options):
 
 
 def video_timing_of(simulation, options):
-    """(pictures a second, steps between two) of the video; raises InputError where it has none."""
+    """Returns (frames per second, steps per frame) of the video. Raises InputError."""
     rate, every = video_timing(simulation.settings.timeStep, options.fps, options.every)
     if not SLOWEST_VIDEO <= rate <= FASTEST_ENCODER:
         raise InputError(
-            f"{options.video}: in real time there would be {rate:.3g} pictures a second; "
-            "say with --fps how many there shall be"
+            f"{options.video}: real time would need {rate:.3g} frames per second; choose a rate "
+            "with --fps"
         )
     return rate, every
 
 
 def steps_of(simulation, options):
-    """How many steps a run without a window makes: of a replay, no more than were recorded."""
+    """Returns the number of steps of a run without a window, limited by a replay's length."""
     if simulation.isReplay:
         left = simulation.lastStep - simulation.stepCount
         return left if options.steps is None else min(left, options.steps)
@@ -307,7 +305,7 @@ def steps_of(simulation, options):
 
 
 def command():
-    """The program as a process of its own; ends it."""
+    """Runs the program and exits."""
     sys.exit(main())
 
 

@@ -1,7 +1,7 @@
 """Write the project's own meshes and scenes: `python data/make_data.py [--out DIR]`.
 
-Every file is written beside this script, or into DIR. The numbers depend on nothing but this file:
-two runs, on any two machines, write the same bytes.
+Every file is written beside this script, or into DIR. The numbers depend only on this file, so all
+machines write the same bytes.
 
 Units: metres and kilograms. The y axis points up and the ground is the plane y = 0.
 """
@@ -15,13 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-# Coordinates are rounded to a nanometre: much more than the last-bit differences (about 1e-15 m)
-# between the sines of different C libraries, which therefore never reach a file, and much less
-# than the 5e-2 m or more between any vertex and the plane of a face that it does not belong to.
+# Decimals of coordinates in metres. More would let the last bits of a C library's sines reach the
+# files; fewer would move vertices noticeably towards the planes of other faces.
 COORDINATE_DECIMALS = 9
 
-# MEDIT gives every vertex, triangle and tetrahedron a reference number, for instance its material.
-# All of ours have the same.
+# The reference number that MEDIT gives every vertex, triangle and tetrahedron, such as a material.
 REFERENCE = 1
 
 
@@ -35,11 +33,10 @@ REFERENCE = 1
 def fill_convex(vertices, polygons):
     """Make a mesh of a convex polyhedron, without adding a vertex to it.
 
-    Every polygon is cut into a fan from its vertex of lowest index, so vertex 0 belongs to every
-    triangle of the flat faces around it, and each other triangle lies in a plane that vertex 0 is
-    strictly inside of. Joining those triangles to vertex 0 fills the body with tetrahedra of
-    positive volume. Every vertex is then a corner, which a contact or a constraint can use;
-    a vertex put inside would be carried along in each step for nothing.
+    Every polygon is cut into a fan from its vertex of lowest index. Then vertex 0 belongs to every
+    triangle of the faces around it, and lies strictly behind the planes of all other triangles.
+    Joining these to vertex 0 fills the body with tetrahedra of positive volume. Every vertex is a
+    corner, which a contact or a constraint can use; an inner vertex would be useless.
 
     vertices : (V, 3), metres
     polygons : lists of vertex indices, counter-clockwise seen from outside
@@ -58,15 +55,15 @@ def fill_convex(vertices, polygons):
 def make_tetrahedron(width, height, depth):
     """Four alternate corners of a box with one corner at the origin; sizes in metres.
 
-    Its faces are equal and its principal moments of inertia differ. Unlike the other meshes it is
-    not centred on the origin, so that each scene with it needs the shift to the centre of mass.
+    Its faces are congruent, and its principal moments of inertia differ. Unlike the other meshes it
+    is not centred on the origin, so that scenes with it need the shift to the centre of mass.
     """
     vertices = [[width, height, depth], [0, height, 0], [width, 0, 0], [0, 0, depth]]
     return fill_convex(vertices, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 
 
 def make_hexahedron(corners):
-    """Eight corners with six flat faces; corner 4 (x > 0) + 2 (y > 0) + (z > 0) as of a box."""
+    """Eight corners with six flat faces, in the order of a box: 4 (x > 0) + 2 (y > 0) + (z > 0)."""
     return fill_convex(
         corners,
         [
@@ -87,9 +84,9 @@ def make_box(width, height, depth):
 
 
 def make_voussoir(count, inner, outer, width):
-    """One of `count` equal wedges of an arch, in the place of the keystone.
+    """One of `count` equal wedges of an arch, at the position of the keystone.
 
-    The arch is half a ring about the z axis, with the radii inner and outer; sizes in metres.
+    The arch is half a ring about the z axis, with radii inner and outer; sizes in metres.
     """
     half = math.pi / (2 * count)
     return make_hexahedron(
@@ -102,16 +99,16 @@ def make_voussoir(count, inner, outer, width):
     )
 
 
-# One of eleven equal sectors about the y axis reaches to z = ± x tan(π/11) = ± 0.29363 x.
-# A little less, 27/92 = 0.29348, leaves joints of 1 cm at most. Corners are multiples of 1/2⁹, for
-# which nine decimals are enough, x of 92 and z of 27 of them: the sides are flat to the last bit.
+# One of eleven equal sectors about the y axis reaches to z = ± x tan(π/11) = ± 0.29363 x. A little
+# less, 27/92 = 0.29348, leaves joints of at most 1 cm. Corners are multiples of 1/2⁹ (x of 92, z of
+# 27 times that), which nine decimals represent exactly, so the sides are exactly flat.
 DOME_SECTORS, DOME_GRID = 11, 1 / 2**9
 DOME_INNER, DOME_OUTER = 30.0, 37.0  # radii, in metres
-DOME_JOINTS = (0.0, 20.0, 40.0, 58.0, 74.0)  # in degrees: where its rings meet
+DOME_JOINTS = (0.0, 20.0, 40.0, 58.0, 74.0)  # degrees, between the rings
 
 
 def make_dome_block(ring):
-    """A block of a dome about the y axis, in its place on the x axis, between two joints."""
+    """A block of a dome about the y axis, positioned on the x axis, between two joints."""
     corners = []
     for radius, joint in itertools.product((DOME_INNER, DOME_OUTER), DOME_JOINTS[ring : ring + 2]):
         angle = math.radians(joint)
@@ -122,9 +119,9 @@ def make_dome_block(ring):
 
 
 def make_ring_block(count, inner, outer, height):
-    """One of `count` equal blocks of a low ring about the y axis, in its place on the x axis.
+    """One of `count` equal blocks of a low ring about the y axis, positioned on the x axis.
 
-    inner, outer : of the middles of its sides from the axis, in metres
+    inner, outer : distances of the middles of its sides from the axis, in metres
     """
     slope = math.tan(math.pi / count)
     return make_hexahedron(
@@ -137,16 +134,16 @@ def make_ring_block(count, inner, outer, height):
     )
 
 
-# The blocks of a tray are eighths of a ring. Half of one reaches to z = ± x tan(π/8) = ± 0.41421 x;
-# 53/128 = 0.41406 leaves joints of 1 cm at most, and corners for which nine decimals are enough.
+# The blocks of a tray are eighths of a ring. Half of one reaches to z = ± x tan(π/8) = ± 0.41421 x.
+# 53/128 = 0.41406 leaves joints of at most 1 cm, and corners that nine decimals represent exactly.
 TRAY_BLOCKS, TRAY_SLOPE, TRAY_HEIGHT = 8, 53 / 128, 6.0
 
 
 def make_tray_block(foot, brim, outer, height):
-    """A block of a low wall about the y axis, in its place on the x axis.
+    """A block of a low wall about the y axis, positioned on the x axis.
 
-    foot, brim, outer : how far its inner side at the bottom and at the top, and its outer side, are
-        from the axis; in metres
+    foot, brim, outer : distances from the axis of its inner side at the bottom and at the top, and
+        of its outer side, in metres
     """
     profile = [(foot, -height / 2), (brim, height / 2), (outer, -height / 2), (outer, height / 2)]
     return make_hexahedron([(x, y, side * TRAY_SLOPE * x) for x, y in profile for side in (-1, 1)])
@@ -162,8 +159,8 @@ def make_octahedron(a, b, c):
 def make_cylinder(radius, length, sides):
     """A right prism along z on a regular polygon of `sides` corners; sizes in metres.
 
-    The corners stand half a step away from the x axis: with a multiple of four sides, one side
-    faces straight down, and a cylinder that is not turned lies flat on the ground.
+    The corners are half a step away from the x axis. If the number of sides is a multiple of four,
+    one side faces straight down, and an unrotated cylinder lies flat on the ground.
     """
     angles = [2 * math.pi * (i + 0.5) / sides for i in range(sides)]
     vertices = [
@@ -198,14 +195,14 @@ def make_icosahedron():
 
 
 def subdivide(points, triangles):
-    """Cut each triangle into four, with the middles of its edges lifted onto the unit sphere.
+    """Cut each triangle into four, with the midpoints of its edges lifted onto the unit sphere.
 
-    points : (P, 3); triangles : (i, j, k). Returns the same for the finer surface.
+    points : (P, 3); triangles : list of (i, j, k). Returns both for the finer surface.
     """
     edges = sorted(
         {tuple(sorted(edge)) for i, j, k in triangles for edge in ((i, j), (j, k), (k, i))}
     )
-    middle = {}  # (i, j) and (j, i) -> index of the middle of that edge
+    middle = {}  # (i, j) and (j, i) -> index of the edge's midpoint
     for index, (i, j) in enumerate(edges, start=len(points)):
         middle[i, j] = middle[j, i] = index
     lifted = points[[i for i, _ in edges]] + points[[j for _, j in edges]]
@@ -219,14 +216,14 @@ def subdivide(points, triangles):
 
 
 def make_ellipsoid(a, b, c, subdivisions):
-    """10 · 4ⁿ + 2 points well spread over the unit sphere, scaled to half-axes a, b, c (metres)."""
+    """An ellipsoid of 10 · 4ⁿ + 2 vertices with half-axes a, b, c in metres, n subdivisions."""
     points, triangles = make_icosahedron()
     for _ in range(subdivisions):
         points, triangles = subdivide(points, triangles)
     return fill_convex(points * [a, b, c], triangles)
 
 
-# About the sizes of the coursework's meshes, so that scenes can be adapted from one to the other.
+# The sizes are near those of the coursework's meshes, so that scenes can be adapted.
 MESHES = {
     "tetrahedron": make_tetrahedron(8.0, 7.0, 6.0),
     "box": make_box(12.0, 6.0, 8.0),
@@ -248,13 +245,13 @@ MESHES = {
 # Scenes. A scene is a list of bodies.
 # ---------------------------------------------------------------------------------------------
 
-# Orientations (w, x, y, z); a simulation normalises them.
+# Orientations (w, x, y, z), normalised when a scene is loaded.
 AS_MODELLED = (1.0, 0.0, 0.0, 0.0)
 Z_TO_VERTICAL = (1.0, 1.0, 0.0, 0.0)  # 90° about x: a cylinder stands on its cap
 QUARTER_YAW = (1.0, 0.0, 1.0, 0.0)  # 90° about y
 
-# A fixed post stands this far above the ground (metres), too little to see: standing on y = 0
-# itself it would be a contact with the ground in every step.
+# m, the height of a fixed post above the ground, too small to see. At 0, the post would touch the
+# ground in every step.
 POST_CLEARANCE = 0.1
 
 
@@ -269,9 +266,9 @@ class Body(NamedTuple):
 
 
 class Tie(NamedTuple):
-    """One line of a constraint file: the distance of a vertex of one body from one of another.
+    """One line of a constraint file: bounds of the distance between vertices of two bodies.
 
-    The bounds are factors of the distance at the start. A rope has the lower bound 0.
+    The bounds are multiples of the distance at the start. A rope has the lower bound 0.
     """
 
     body1: int
@@ -283,7 +280,7 @@ class Tie(NamedTuple):
 
 
 def random_orientation(generator):
-    """A (w, x, y, z) of any direction. `generator`: random.Random, the same on all versions."""
+    """A random quaternion (w, x, y, z). `generator`: random.Random, equal on all versions."""
     return tuple(round(generator.uniform(-1.0, 1.0), 3) for _ in range(4))
 
 
@@ -302,22 +299,22 @@ def make_posts(places):
 
 
 def single_tet():
-    """A tilted tetrahedron falls, and starts to spin where it lands."""
+    """A tilted tetrahedron falls, and starts to spin when it lands."""
     return [Body("tetrahedron.mesh", 60.0, (3.0, 28.0, -4.0), (1.0, 0.3, 0.0, 0.5))]
 
 
 def single_box():
-    """A box, read from a surface without tetrahedra, falls on one of its corners."""
+    """A box, read from a surface without tetrahedra, falls on a corner."""
     return [Body("box.off", 120.0, (0.0, 36.0, 0.0), (1.0, 0.2, 0.0, 0.3))]
 
 
 def single_cylinder():
-    """A long fall, onto the rim of a cap."""
+    """A cylinder falls far, onto the rim of a cap."""
     return [Body("cylinder.mesh", 120.0, (0.0, 80.0, 0.0), (1.0, 0.6, 0.3, 0.0))]
 
 
 def two_cylinders():
-    """A lying cylinder bounces off the ground into one that lies askew over it."""
+    """A lying cylinder bounces off the ground into a skew one above it."""
     return [
         Body("cylinder.mesh", 120.0, (0.0, 22.0, 0.0)),
         Body("cylinder.mesh", 120.0, (4.0, 38.0, -3.0), (1.0, 0.0, 0.2, 0.0)),
@@ -325,16 +322,16 @@ def two_cylinders():
 
 
 def two_cylinders_ties():
-    """A corner of each cap of one to the same corner of the other, elastic by a fifth."""
+    """Tie a corner of each cap to the same corner of the other cylinder, elastic by a fifth."""
     return [Tie(0, vertex, 1, vertex, 0.8, 1.2) for vertex in (0, 39)]
 
 
 def tet_rain():
     """A square of 5 x 5 tetrahedra. They land one after another and bounce into each other."""
     generator = random.Random(25)
-    # Less than a tetrahedron's largest diameter, 12.2: nothing but each other pushes them
-    # sideways. Neighbours start 14 m or more apart in height; some diagonal ones only 6 m, and
-    # those are 12.7 m apart along the ground.
+    # Less than a tetrahedron's largest diameter, 12.2, so that they push each other sideways.
+    # Neighbours start at least 14 m apart in height; some diagonal ones only 6 m, but these are
+    # 12.7 m apart along the ground.
     spacing = 9.0
     bodies = []
     for i, (row, column) in enumerate(itertools.product(range(-2, 3), repeat=2)):
@@ -351,7 +348,7 @@ def tet_rain():
 
 
 def mixed_shapes():
-    """One of each shape, and another box, fall onto each other in a tray, and stay in it.
+    """One of each shape, and another box, fall onto each other in a tray and stay in it.
 
     They start where none of them is thrown over the wall, which is low. With restitution 1, they
     bounce over it.
@@ -374,7 +371,7 @@ def mixed_shapes():
 
 
 def tower():
-    """A column falls onto itself: boxes, crosswise, then tetrahedra, then octahedra."""
+    """A column of crosswise boxes, tetrahedra and octahedra collapses."""
     return [
         Body("box.mesh", 2400.0, (0.0, 8.0, 0.0)),
         Body("box.mesh", 1600.0, (0.0, 20.0, 0.0), QUARTER_YAW),
@@ -400,8 +397,8 @@ def stress():
         "cylinder.mesh",
     ]
     bodies = make_posts(itertools.product((-63.0, -21.0, 21.0, 63.0), repeat=2))
-    # A spacing of 28 puts 16 of the bodies about 7 m beside a post along x and along z, so that
-    # most of them graze it, and keeps all of them, whose radii add up to 22 m at most, apart.
+    # A spacing of 28 puts 16 of the bodies about 7 m beside a post along x and z, so that most
+    # graze it. It also keeps the bodies apart, as two radii add up to at most 22 m.
     for i, (column, row) in enumerate(itertools.product(range(-2, 3), repeat=2)):
         x, z = (round(28.0 * step + generator.uniform(-3.0, 3.0), 2) for step in (column, row))
         y = round(generator.uniform(42.0, 66.0), 2)
@@ -412,7 +409,7 @@ def stress():
 
 
 def cube():
-    """Octahedra at the corners of a tilted cube, to be tied to each other."""
+    """Octahedra at the corners of a tilted cube, tied to each other."""
     edge, centre = 11.0, (0.0, 30.0, 0.0)
     tilt = (4.0, 1.0, 0.0, 1.0)
     bodies = []
@@ -423,12 +420,12 @@ def cube():
 
 
 def cube_ties():
-    """Every body to every other one, at the distance that they start with: the cube is rigid."""
+    """Tie every body to every other at its initial distance, so that the cube is rigid."""
     return [Tie(i, 0, k, 0, 1.0, 1.0) for i, k in itertools.combinations(range(8), 2)]
 
 
 def tower_chain():
-    """A leaning column on a fixed foot, each body to be tied to the one below.
+    """A leaning column on a fixed foot, each body tied to the one below.
 
     Tied, it buckles, falls past its foot and hangs from it, with its end on the ground.
     """
@@ -442,7 +439,7 @@ def tower_chain():
 
 
 def tower_chain_ties():
-    """Each body to the next, elastic by a tenth."""
+    """Tie each body to the next, elastic by a tenth."""
     return [Tie(i, 0, i + 1, 0, 0.9, 1.1) for i in range(8)]
 
 
@@ -470,12 +467,12 @@ def two_chains():
 
 
 def two_chains_ties():
-    """Each body of a chain to the next, elastic by a tenth."""
+    """Tie each body of a chain to the next, elastic by a tenth."""
     return [Tie(i, 0, i + 1, 0, 0.9, 1.1) for first in (0, 9) for i in range(first, first + 8)]
 
 
 def rope_bridge():
-    """Planks between two fixed abutments sag, and catch what falls onto them."""
+    """Planks between two fixed abutments sag, and catch bodies that fall onto them."""
     height, pitch, planks = 40.0, 9.0, 13
     # turned a quarter, a plank is 8 m along the bridge and 12 m across it
     deck = [
@@ -497,9 +494,9 @@ def rope_bridge():
 
 
 def rope_bridge_ties():
-    """On either side, the lower corner of each plank to the facing one of the next plank."""
-    # The quarter turn takes z to x and x to -z: corners with z > 0 face the next plank, the sign of
-    # x tells the side of the bridge, and a corner's index is 4 (x > 0) + 2 (y > 0) + (z > 0).
+    """Tie the lower corners of each plank to the facing corners of the next."""
+    # The quarter turn takes z to x and x to -z. So corners with z > 0 face the next plank, and the
+    # sign of x is the side of the bridge. A corner's index is 4 (x > 0) + 2 (y > 0) + (z > 0).
     return [Tie(i, side + 1, i + 1, side, 0.0, 1.2) for i in range(14) for side in (0, 4)]
 
 
@@ -507,7 +504,7 @@ NET_SIDE = 20  # bodies along each side of the net
 
 
 def hanging_net():
-    """A square net of octahedra on its four corners, and three light bodies that fall into it."""
+    """A net of octahedra hangs at its corners, and three light bodies fall into it."""
     height, pitch = 90.0, 8.0
     places = list(itertools.product(range(NET_SIDE), repeat=2))
     corners = set(itertools.product((0, NET_SIDE - 1), repeat=2))
@@ -530,7 +527,7 @@ def hanging_net():
 
 
 def hanging_net_ties():
-    """Each body's tip along x, and along z, to the facing tip of the next one."""
+    """Tie each body's tips along x and z to the facing tips of its neighbours."""
     ties = []
     for i, k in itertools.product(range(NET_SIDE), repeat=2):
         here = NET_SIDE * i + k
@@ -545,7 +542,7 @@ CHAIN_LINKS = 5  # octahedra between the anchor and the ball
 
 
 def make_chain_and_ball(anchor, orientation):
-    """A chain on a fixed octahedron at `anchor`, and a ball at its end that is let go.
+    """A chain on a fixed octahedron at `anchor`, with a ball at its end that is released.
 
     It swings towards +x, turned by the orientation.
     """
@@ -570,9 +567,9 @@ def make_chain_and_ball(anchor, orientation):
 
 
 def wrecking_ball():
-    """A ball on a chain is let go beside a stack of boxes and swings into it."""
+    """A ball on a chain is released beside a stack of boxes and swings into it."""
     plinth = Body("box.mesh", 1000.0, (14.0, 3.0, 0.0), QUARTER_YAW, isFixed=True)
-    # A hair above one another: boxes that touch from the start would be resolved in the first step.
+    # Just above one another, because boxes in contact would be resolved in the first step.
     stack = [
         Body("box.mesh", 150.0, (14.0, 9.0 + 6.01 * i + 0.01, 0.0), QUARTER_YAW) for i in range(4)
     ]
@@ -580,7 +577,7 @@ def wrecking_ball():
 
 
 def wrecking_ball_ties():
-    """From each link's tip at -x to the next one's at +x, the last one to the ball's."""
+    """Tie each link's tip at -x to the next one's at +x, and the last to the ball."""
     ballTip = int(np.argmax(MESHES["ball"][0][:, 0]))
     tips = [0] * CHAIN_LINKS + [ballTip]  # vertex 0 of an octahedron is its tip at +x
     return [Tie(i, 2, i + 1, tip, 0.0, 1.05) for i, tip in enumerate(tips)]
@@ -589,21 +586,21 @@ def wrecking_ball_ties():
 # Slopes descend towards +x: (n, 0, 0, -1) turns by -2 atan(1/n) about z.
 GENTLE = (8.0, 0.0, 0.0, -1.0)  # 14.3°, the friction angle of μ = 16/63 = 0.25
 STEEP = (4.0, 0.0, 0.0, -1.0)  # 28.1°, the friction angle of μ = 8/15 = 0.53
-# A slab upright across the slopes: its x to z, its z to y.
+# A slab set upright across the slopes, its x along z and its z along y.
 WALL = (1.0, -1.0, -1.0, -1.0)
-# What lies on a slope starts this far above it (metres), too little to see. Bodies that touch at
-# the start would be resolved before they have moved.
+# m, the initial height of a body above its slope, too small to see. Bodies in contact would be
+# resolved before they have moved.
 HAIR = 0.01
 SLAB = np.ptp(MESHES["slab"][0], axis=0)  # its length, thickness and width
 
 
 def slope_axes(tilt):
-    """The unit vectors (3,) of a slope: downhill, and up from it."""
+    """Return the unit vectors (3,) of a slope: downhill, and normal to it."""
     return (turn(tilt, axis) for axis in np.eye(3)[:2])
 
 
 def make_slope(tilt, lane, meshFile, halfHeight, uphill):
-    """A fixed slab, its lower end near the ground and its middle at z = lane, and a body on it.
+    """A fixed slab with its lower end near the ground and its middle at z = lane, and a body on it.
 
     uphill : from the slab's middle to the body, metres. The body is turned like the slab.
     """
@@ -618,12 +615,12 @@ def make_slope(tilt, lane, meshFile, halfHeight, uphill):
 
 
 def make_wall(x, z):
-    """A fixed slab across the way, so that what comes along stays in the picture."""
+    """A fixed slab across the way, so that bodies stay in the picture."""
     return Body("slab.mesh", 1000.0, (x, SLAB[2] / 2 + POST_CLEARANCE, z), WALL, isFixed=True)
 
 
 def incline():
-    """Boxes on slopes of 14° and 28°. With μ = 0.4, whose friction angle is 22°, one stays."""
+    """Boxes on slopes of 14° and 28°. One stays, because μ = 0.4 has a friction angle of 22°."""
     return [
         *make_slope(STEEP, -10.0, "box.mesh", 3.0, 17.0),
         *make_slope(GENTLE, 10.0, "box.mesh", 3.0, 17.0),
@@ -631,14 +628,14 @@ def incline():
 
 
 def slide():
-    """Boxes slide down a chute from three heights, and reach the ground with three speeds.
+    """Boxes slide down chutes from three heights, and reach the ground at three speeds.
 
     With μ = 0.2 they stop there one behind the other, with more of it on the chute; with less they
     arrive at the wall.
     """
     slabs, boxes = [], []
     lanes = {2: -15.0, 3: 0.0, 5: 15.0}  # slope of the slab that a box starts on -> its z
-    edge = None  # where the upper sides of two slabs meet
+    edge = None  # the edge between the upper sides of two slabs
     for n in (10, 5, 3, 2):  # from below: 11°, 23°, 37° and 53°
         tilt = (float(n), 0.0, 0.0, -1.0)
         downhill, normal = slope_axes(tilt)
@@ -646,7 +643,7 @@ def slide():
             edge = np.array([0.0, POST_CLEARANCE + SLAB[1] * normal[1], 0.0])
         middle = edge - (HAIR + SLAB[2] / 2) * downhill
         edge = middle - SLAB[2] / 2 * downhill
-        # The tilt after a quarter turn about y, which lays the slab across: (n, 1, n, -1).
+        # A quarter turn about y lays the slab across, and then the tilt follows: (n, 1, n, -1).
         slabs.append(
             Body(
                 "slab.mesh",
@@ -673,7 +670,7 @@ def roll():
 
 
 def settle():
-    """Boxes that are set spinning, by landing on a corner or on a post's rim, come to rest."""
+    """Boxes that land on a corner or on a post's rim start to spin, and come to rest."""
     return [
         *make_posts([(0.0, 0.0)]),
         Body("box.mesh", 60.0, (3.0, 32.0, -4.0)),
@@ -682,12 +679,12 @@ def settle():
     ]
 
 
-# What is built of blocks starts with joints of about a millimetre.
+# m, the initial joints between the blocks of a structure.
 JOINT = 0.001
 
 
 def stack():
-    """Twenty boxes on top of each other: they stay with the soft-step solver, and sink without."""
+    """Twenty boxes on top of each other. They only stand with the soft-step solver."""
     return [
         Body("box.mesh", 60.0, (0.0, round(3.0 + JOINT + i * (6.0 + JOINT), 6), 0.0))
         for i in range(20)
@@ -708,7 +705,7 @@ def pyramid():
 
 
 def dominoes():
-    """Slabs on end in a row, of which the first leans over: with friction, they fall in turn."""
+    """Slabs on end in a row, the first one leaning. With friction, they fall in turn."""
     upright = (1.0, 0.0, 0.0, 1.0)  # 90° about z
     leaning = (1.0, 0.0, 0.0, 0.8)  # 77°
     return [
@@ -721,21 +718,21 @@ def dominoes():
 
 
 def centre_of_mass(mesh):
-    """(3,), of a tuple as those of MESHES."""
+    """Return the centre of mass (3,) of a mesh, a tuple as in MESHES."""
     vertices, _, tets = mesh
     corners = vertices[tets]
     volumes = np.linalg.det(corners[:, 1:] - corners[:, :1])
     return np.average(corners.mean(axis=1), axis=0, weights=volumes)
 
 
-# Wedges are modelled about the axis of what they are a part of, in one place of it, and are turned
-# about it to the others.
+# Wedges are modelled at one position about the axis of their structure, and are turned about it to
+# the others.
 
 
 def make_block(name, density, axis, degrees, rise=0.0, away=(0.0, 0.0, 0.0)):
-    """A body of MESHES, turned about an axis through the origin.
+    """A body with a mesh of MESHES, turned about an axis through the origin.
 
-    axis : 1, y or 2, z; rise : metres; away : (3,), how far it is moved before it is turned
+    axis : 1 (y) or 2 (z); rise : metres; away : (3,), shift before the rotation
     """
     half = math.radians(degrees) / 2
     orientation = [round(math.cos(half), COORDINATE_DECIMALS), 0.0, 0.0, 0.0]
@@ -745,23 +742,23 @@ def make_block(name, density, axis, degrees, rise=0.0, away=(0.0, 0.0, 0.0)):
 
 
 def make_arch(name, count):
-    """Half a ring of `count` wedges about the z axis, which stands on the ground on its ends."""
+    """Half a ring of `count` wedges about the z axis, its ends on the ground."""
     degrees = [180.0 * ((count - 1) / 2 - i) / count for i in range(count)]
     return [make_block(name, 60.0, 2, angle, JOINT, (0.0, 5 * JOINT, 0.0)) for angle in degrees]
 
 
 def arch():
-    """Fifteen wedges stand as an arch, held up by nothing but their weight."""
+    """Fifteen wedges stand as an arch, held up only by their weight."""
     return make_arch("voussoir", 15)
 
 
 def arch_blow():
-    """The same arch, and a heavy ball that falls onto its shoulder."""
+    """A heavy ball falls onto the shoulder of an arch."""
     return [*make_arch("voussoir", 15), Body("ball.mesh", 2000.0, (20.0, 75.0, 0.0))]
 
 
 def dome():
-    """Four rings of eleven wedge-shaped blocks, which hold each other around an open eye."""
+    """Four rings of eleven wedges hold each other around an open eye."""
     return [
         make_block(f"dome_block_{ring + 1}", 60.0, 1, 360.0 * i / DOME_SECTORS, (ring + 1) * JOINT)
         for ring in range(4)
@@ -791,11 +788,11 @@ CARD_TILT = 68.0  # degrees from the ground
 
 
 def card_house():
-    """Cards that lean on each other in pairs, three beside each other, two on top, and one."""
+    """Pairs of leaning cards in three storeys: three pairs, two, and one."""
     length, thickness, _ = CARD
     half = math.radians(CARD_TILT) / 2
     angle = 2 * half
-    # of a leaning card: how far its lowest corner is from its middle, across and down
+    # offsets of a leaning card's lowest corner from its middle, down and across
     drop = length / 2 * math.sin(angle) + thickness / 2 * math.cos(angle)
     reach = length / 2 * math.cos(angle) + thickness / 2 * math.sin(angle)
     pitch = 12.0  # from pair to pair
@@ -815,7 +812,7 @@ def card_house():
             )
         floor += 2 * drop + JOINT
         for left, right in itertools.pairwise(middles):
-            # from the middle of the house outwards, over the pairs at either end
+            # outwards from the middle of the house, over the pairs at the ends
             outwards = np.sign(left + right) or 0.0
             place = (left + right) / 2 + outwards * (length - pitch) / 2
             place += outwards * JOINT
@@ -831,7 +828,7 @@ def card_house():
 
 
 def wall():
-    """A wall of bricks, and a ball on a chain that swings into it."""
+    """A ball on a chain swings into a wall of bricks."""
     bricks = [
         Body(
             "box.mesh",
@@ -849,7 +846,7 @@ def wall():
 
 
 def ramp():
-    """Boxes on slopes of 26° and 28°: with μ = 0.5, whose friction angle is 26.6°, one stays."""
+    """Boxes on slopes of 26° and 28°. One stays, as μ = 0.5 has a friction angle of 26.6°."""
     tilts = [
         (round(1 / math.tan(math.radians(angle / 2)), 6), 0.0, 0.0, -1.0) for angle in (26.0, 28.0)
     ]
@@ -860,13 +857,13 @@ def ramp():
 
 
 CRADLE_BALLS = 5
-# Metres between its balls. They hit one after the other: what meets within one step moves on
-# together.
+# m between the balls. They must hit one after the other, because balls that meet within one step
+# move on together.
 CRADLE_GAP = 0.4
 
 
 def middle_of_a_face(mesh):
-    """(3,), of the face in the plane z = 0 that is the furthest along x, and above it."""
+    """Return the middle (3,) of the face across z = 0 with y > 0 that is furthest along x."""
     vertices, faces, _ = mesh
     middles = vertices[np.array(faces)].mean(axis=1)
     isFlat = (np.abs(middles[:, 2]) < 1e-6) & (middles[:, 1] > 0.0)
@@ -874,12 +871,12 @@ def middle_of_a_face(mesh):
 
 
 def cradle():
-    """Newton's cradle: five balls side by side on two strings each, of which one is let go.
+    """Newton's cradle: five balls side by side on two strings each. One of them is released.
 
-    The strings hold the ends of a ball's axis along z, about which nothing makes it turn.
+    The strings hold the ends of a ball's axis along z, and no force turns it about this axis.
     """
     height, length, angle = 70.0, 50.0, math.radians(40.0)
-    # turned about z, two faces of a ball look along ± x and meet those of the next ones squarely
+    # a turn about z points two faces of each ball along ± x, squarely at its neighbours
     x, y, _ = middle_of_a_face(MESHES["ball"])
     half = -math.atan2(y, x) / 2
     forward = tuple(np.round((math.cos(half), 0.0, 0.0, math.sin(half)), COORDINATE_DECIMALS))
@@ -898,7 +895,7 @@ def cradle():
 
 
 def cradle_ties():
-    """The ends of each ball's axis along z to the tips of its hooks towards the balls."""
+    """Tie the ends of each ball's axis along z to the inner tips of its hooks."""
     z = MESHES["ball"][0][:, 2]
     return [
         Tie(i, int(ballEnd), CRADLE_BALLS + 2 * i + side, tip, 0.0, 1.0)
@@ -908,7 +905,7 @@ def cradle_ties():
 
 
 def loaded_bridge():
-    """The rope bridge, and boxes and cylinders that come to rest on it."""
+    """Boxes and cylinders come to rest on the rope bridge."""
     deck = rope_bridge()[:15]
     loads = [Body("box.mesh", 300.0, (-27.0 + 18.0 * i, 56.0, 0.0), QUARTER_YAW) for i in range(4)]
     loads += [
@@ -918,7 +915,7 @@ def loaded_bridge():
 
 
 def loaded_net():
-    """The net, and eighteen bodies, none of which fits through it, that fall into it."""
+    """Eighteen bodies, too large for its mesh, fall into the net."""
     generator = random.Random(17)
     net = hanging_net()[: NET_SIDE**2]
     shapes = ["box.mesh", "ball.mesh", "cylinder.mesh"]
@@ -970,10 +967,9 @@ SCENES = {
     "loaded_net": loaded_net,
 }
 
-# What rests: see rbs/softstep/step.py.
+# Settings with which structures and piles rest; see rbs/softstep/step.py.
 RESTING = "solver soft-step friction 0.5 restitution 0"
-# The settings that show what a scene is named for, by its name: a comment in its file, which this
-# project's program follows where no option says otherwise.
+# Recommended settings, by scene, written as a comment in its file.
 SUGGESTIONS = {
     "incline": "friction 0.4",
     "slide": "friction 0.2",
@@ -999,7 +995,7 @@ SUGGESTIONS = {
     "cradle": "solver soft-step restitution 1",
 }
 
-# What is tied together in a scene, by the scene's name.
+# Functions that return the constraints, by scene.
 TIES = {
     "two_cylinder": two_cylinders_ties,
     "cube": cube_ties,
@@ -1021,12 +1017,12 @@ TIES = {
 
 
 def format_numbers(values):
-    """The shortest text that reads back as the same doubles."""
+    """Return the shortest text that reads back as the same doubles."""
     return " ".join(repr(float(value)) for value in values)
 
 
 def write_lines(path, lines):
-    """Write text lines, ended by a line feed on every system."""
+    """Write lines of text, with line feeds on every system."""
     path.write_text("\n".join(lines) + "\n", encoding="ascii", newline="\n")
 
 
@@ -1041,7 +1037,7 @@ def write_mesh(path, vertices, faces, tets):
 
 
 def write_off(path, vertices, faces):
-    """Write the surface of a mesh as OFF: zero-based indices, each face after its length."""
+    """Write the surface of a mesh as OFF: zero-based indices, after each face's count."""
     lines = ["OFF", f"{len(vertices)} {len(faces)} 0"]
     lines += [format_numbers(vertex) for vertex in vertices]
     lines += [" ".join(str(i) for i in (len(face), *face)) for face in faces]
@@ -1049,12 +1045,12 @@ def write_off(path, vertices, faces):
 
 
 def suggestion_line(words):
-    """The comment by which a scene suggests settings."""
+    """Return the comment that recommends settings."""
     return f"# suggests {words}"
 
 
 def scene_lines(bodies):
-    """The lines of a scene: their number, then `mesh density isFixed x y z qw qx qy qz` each."""
+    """Return the lines of a scene: a count, then `mesh density isFixed x y z qw qx qy qz`."""
     lines = [str(len(bodies))]
     for body in bodies:
         lines.append(
@@ -1065,7 +1061,7 @@ def scene_lines(bodies):
 
 
 def write_ties(path, ties):
-    """Write a constraint file: the number of ties, then `m1 v1 m2 v2 lower upper` each."""
+    """Write a constraint file: a count, then `m1 v1 m2 v2 lower upper` per line."""
     write_lines(path, [str(len(ties))] + [" ".join(map(str, tie)) for tie in ties])
 
 
@@ -1076,7 +1072,7 @@ def main():
         type=Path,
         metavar="DIR",
         default=Path(__file__).parent,
-        help="where to write them (default: beside this script)",
+        help="output folder (default: beside this script)",
     )
     folder = parser.parse_args().out
     folder.mkdir(parents=True, exist_ok=True)

@@ -4,13 +4,12 @@
     python data/make_pile.py 1000 --spread --shapes box octahedron --seed 7 --out wide-scene.txt
     python data/make_pile.py 1000 --heap --out heap-scene.txt
 
-The bodies are turned at random and do not touch at the start. They stand on a jittered lattice: a
-block of four layers, which drops and carpets the ground after 250 steps of 0.02 s, or with --spread
-a single layer with little to collide with. With --heap they are packed bounding box to bounding box
-into a block as high as wide, up to 130 m, which within 200 steps collapses into a heap, with
-friction one of 2 to 3 contacts a body. They suggest the settings with which they come to rest. The
-same arguments give the same bytes. The meshes are those of this folder, so the scene has to lie
-here. heap-scene.txt, pile_200-scene.txt and pile_1000-scene.txt are made here.
+The bodies have random orientations and do not touch at the start. They lie on a jittered lattice: a
+block of four layers, which falls and covers the ground, or with --spread a single wide layer with
+few collisions. With --heap they are packed bounding box to bounding box into a block as high as
+wide, up to 130 m, which collapses into a heap. The scene recommends settings with which the bodies
+come to rest. The same arguments give the same bytes. The scene must lie in this folder, beside its
+meshes. heap-scene.txt, pile_200-scene.txt and pile_1000-scene.txt are made here.
 """
 
 import argparse
@@ -33,39 +32,39 @@ from make_data import (
 
 PILE_SHAPES = ["box", "tetrahedron", "octahedron", "cylinder"]
 DENSITY = 50.0  # kg / m³
-CLEARANCE = 1.0  # metres between the lowest bodies and the ground
-JITTER = 0.5  # metres, along each axis, up and down
-# Layers of a block. Of more, the highest would fall for longer, and hit at higher speeds.
+CLEARANCE = 1.0  # m between the lowest bodies and the ground
+JITTER = 0.5  # m, the largest random shift along each axis
+# Layers of a block. With more, the highest bodies fall longer and hit faster.
 LAYERS = 4
-# Neighbours of a single layer are this many times as far apart as those of a block.
+# Distance of neighbours in a single layer, relative to a block.
 SPREAD = 2.0
 
-# A heap is packed in whole millimetres, so that sums are exact.
+# Per metre. A heap is packed in whole millimetres, so that sums are exact.
 MILLIMETRES = 1000
-# Millimetres between boxes that face each other: a position is rounded by half of one.
+# mm between neighbouring boxes, more than the rounding of their positions.
 GAP = 2
-# What the boxes of a heap fill of the block that they are packed into.
+# Fraction of the block that the boxes of a heap fill. Less makes the block larger.
 FILL = 0.46
-# Metres. From there bodies reach 50 m/s, which is 1 m in a step of 0.02 s; from higher up, they
-# would begin to pass through one another.
+# m, the greatest height of a heap. Bodies that fall from higher up would be so fast that they pass
+# through one another.
 MOST_HEIGHT = 130.0
 
 
 def diameter(name):
-    """Twice the largest distance of a vertex from the middle of the corners, in metres."""
+    """Return twice the largest distance, in metres, of a vertex from the mean of the vertices."""
     vertices = MESHES[name][0]
     return 2 * float(np.linalg.norm(vertices - vertices.mean(axis=0), axis=1).max())
 
 
 def shuffled(shapes, count, generator):
-    """`count` names, the shapes taking turns in random order."""
+    """Return `count` names in random order, equally many of each shape."""
     order = [shapes[i % len(shapes)] for i in range(count)]
     generator.shuffle(order)
     return order
 
 
 def make_pile(count, shapes, isSpread, seed):
-    """A list of `count` bodies on a lattice.
+    """Return a list of `count` bodies on a lattice.
 
     count : int ≥ 1; shapes : names of MESHES; isSpread : a layer instead of a block; seed : int
     """
@@ -90,10 +89,9 @@ def make_pile(count, shapes, isSpread, seed):
 
 
 def half_sides(name, orientation):
-    """Half the sides (3,) of a bounding box of a turned mesh, in whole millimetres.
+    """Return half the sides (3,) of the bounding box of a rotated mesh, in whole millimetres.
 
-    The box is centred at the centre of mass, which all meshes have in the middle of their corners,
-    and so reaches as far to either side as the mesh does to one.
+    The box is centred at the centre of mass, which is the mean of the vertices in all meshes.
     """
     vertices = MESHES[name][0]
     turned = turn(orientation, vertices - vertices.mean(axis=0))
@@ -101,13 +99,13 @@ def half_sides(name, orientation):
 
 
 def pack_boxes(sides, width):
-    """Places boxes in a block: the least corners (n, 3), in whole millimetres.
+    """Packs boxes into a block. Returns their least corners (n, 3), in whole millimetres.
 
     sides : (n, 3), in millimetres; width : of the block along x and z, at least that of the boxes
 
-    The boxes stand side by side in rows along x, as words do in lines. Each is pushed back, against
-    the direction of z, to what stands in its layer, and then comes down, against that of y, to what
-    lies below. A layer ends where the next box would jut out of the block.
+    The boxes stand side by side in rows along x, like words in lines. Each is pushed along -z until
+    it meets a box of its layer, and then drops along -y onto the boxes below. A new layer begins
+    when the next box would project from the block.
     """
     low, high = np.zeros_like(sides), np.zeros_like(sides)
     layer = x = 0  # the first box of the layer; where the next one goes
@@ -127,7 +125,7 @@ def pack_boxes(sides, width):
 
 
 def make_heap(count, shapes, seed):
-    """A list of `count` bodies packed into a block that is as high as wide, or MOST_HEIGHT high.
+    """Return a list of `count` bodies in a block as high as wide, or MOST_HEIGHT high.
 
     count : int ≥ 1; shapes : names of MESHES; seed : int
     """
@@ -158,16 +156,16 @@ def main():
         default=PILE_SHAPES,
         choices=MESHES,
         metavar="NAME",
-        help=f"of {', '.join(MESHES)} (default: {' '.join(PILE_SHAPES)})",
+        help=f"shapes, of {', '.join(MESHES)} (default: {' '.join(PILE_SHAPES)})",
     )
     kind = parser.add_mutually_exclusive_group()
     kind.add_argument("--spread", action="store_true", help="one wide layer, not a block")
     kind.add_argument("--heap", action="store_true", help="a dense block, as high as wide")
-    parser.add_argument("--seed", type=int, default=1, metavar="S", help="(default: 1)")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="(default: to standard output)")
+    parser.add_argument("--seed", type=int, default=1, metavar="S", help="random seed (default: 1)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="(default: standard output)")
     options = parser.parse_args()
     if options.count < 1:
-        parser.error("N has to be at least 1")
+        parser.error("N must be at least 1")
     if options.heap:
         bodies = make_heap(options.count, options.shapes, options.seed)
     else:

@@ -1,4 +1,4 @@
-"""Runs without a window: stepping, what watches it, and the summary at its end.
+"""Runs without a window: stepping, signals, and the summary at the end.
 
 From the top: `run_without_window`; stepping, with its progress; signals; the summary.
 
@@ -15,21 +15,24 @@ from tqdm import tqdm
 from rbs.scenes.messages import print_error, shown_path
 from rbs.stepping.bodies import StateError
 
-# What people call the signals that ask a program to end. Windows has no SIGHUP.
+# Names of the signals that ask a program to end, for messages. Windows has no SIGHUP.
 SIGNAL_NAMES = {
     getattr(signal, name): text
     for name, text in {"SIGINT": "Ctrl-C", "SIGTERM": "kill", "SIGHUP": "a hang-up"}.items()
     if hasattr(signal, name)
 }
-# Of what is told of energies, from the largest on.
+# Joules per unit, from the largest unit down.
 ENERGY_UNITS = {"TJ": 1e12, "GJ": 1e9, "MJ": 1e6, "kJ": 1e3}
 
 
 def run_without_window(simulation, steps, writers=()):
-    """Runs, writes what is asked for and prints the summary; returns the exit code.
+    """Runs a simulation, writes its outputs and prints the summary. Returns the exit code.
 
-    writers : each has add(simulation), called at the start and after every step; then
-        save(simulation) and summary(simulation), the name and text of a row; see `Recorder`
+    Parameters
+    ----------
+    writers : list
+        Each has `add(simulation)`, called at the start and after every step, then
+        `save(simulation)` and `summary(simulation)`, the name and text of a row. See `Recorder`.
     """
     startEnergies = simulation.kinetic_energy(), simulation.potential_energy()
     run = run_steps(simulation, steps, [writer.add for writer in writers])
@@ -46,18 +49,24 @@ def run_without_window(simulation, steps, writers=()):
 
 @dataclass
 class Run:
-    """What `run_steps` measured."""
+    """The result of `run_steps`."""
 
     stepSeconds: list
-    stoppedBy: int = 0  # a signal's number
-    failure: str = ""  # of a StateError
+    stoppedBy: int = 0  # the number of a signal
+    failure: str = ""  # the message of a StateError
 
 
 def run_steps(simulation, steps, observers=()):
-    """Simulates `steps` steps, or fewer if a signal asks for the end or a number goes wrong.
+    """Simulates `steps` steps, or fewer if a signal arrives or a number becomes invalid.
 
+    Parameters
+    ----------
     observers : functions of the simulation, called at its start and after every step
-    returns a Run; of a replay, which measures nothing, its times are empty
+
+    Returns
+    -------
+    Run
+        Its times are empty for a replay.
     """
     run = Run([])
     with signals_noted() as noted, step_progress(steps) as advance:
@@ -82,14 +91,14 @@ def run_steps(simulation, steps, observers=()):
 
 @contextmanager
 def step_progress(steps):
-    """Shows in a terminal how far a run has come; yields a function to call after every step."""
+    """Shows a progress bar in a terminal. Yields a function to call after every step."""
     with tqdm(total=steps, unit="step", leave=False, disable=None) as progress:
         yield progress.update
 
 
 @contextmanager
 def signals_handled(handle):
-    """Within it, Ctrl-C, kill and a hang-up call handle(number, frame); nohup is respected."""
+    """Makes Ctrl-C, kill and a hang-up call handle(number, frame). Respects nohup."""
     before = {number: signal.getsignal(number) for number in SIGNAL_NAMES}
     for number, handler in before.items():
         if handler != signal.SIG_IGN or number == signal.SIGINT:
@@ -103,9 +112,9 @@ def signals_handled(handle):
 
 @contextmanager
 def signals_noted():
-    """Within it, signals are noted in the list that it yields, so that a run ends after its step.
+    """Yields a list that collects the numbers of signals, so that a run can end after its step.
 
-    The second one raises KeyboardInterrupt, in case a step never ends.
+    A second signal raises KeyboardInterrupt, in case a step never ends.
     """
     noted = []
 
@@ -119,24 +128,24 @@ def signals_noted():
 
 
 def interrupt(number, frame):
-    """Handles any signal as Python handles Ctrl-C; the exception's argument is the number."""
+    """Signal handler: raises KeyboardInterrupt with the signal's number."""
     raise KeyboardInterrupt(number)
 
 
 def summarise(simulation, run, startEnergies):
-    """The lines that a run without a window ends with. startEnergies : (kinetic, potential) in J"""
+    """Returns the summary of a run. startEnergies : (kinetic, potential) in J"""
     meshes = simulation.meshes
     fixedCount = sum(mesh.isFixed for mesh in meshes)
     kinetic, potential = startEnergies
     y, lowestName = simulation.lowest_point()
-    stepTime = "a recording" if simulation.isReplay else "no step was made"
+    stepTime = "none (a recording)" if simulation.isReplay else "no step was made"
     if run.stepSeconds:
         median = statistics.median(run.stepSeconds)
         stepTime = f"{1e3 * median:.2f} ms median, {sum(run.stepSeconds):.1f} s in total"
     where = f"y = {y:.4g} m ({lowestName})" if meshes else "none"
     rows = {
         "scene": shown_path(simulation.scenePath),
-        "bodies": f"{len(meshes)}, {fixedCount} of them fixed",
+        "bodies": f"{len(meshes)} ({fixedCount} fixed)",
         "constraints": constraint_summary(simulation),
         "steps": f"{simulation.stepCount} of {simulation.settings.timeStep:g} s: "
         f"{simulation.time:.6g} s simulated"
@@ -148,13 +157,13 @@ def summarise(simulation, run, startEnergies):
         "potential energy": f"{shown_energy(potential)} at the start, "
         f"{shown_energy(simulation.potential_energy())} now",
         "lowest point": where,
-        "numbers": "all finite" if simulation.is_finite() else "NOT ALL FINITE",
+        "state": "all values finite" if simulation.is_finite() else "NOT ALL VALUES FINITE",
     }
     return "\n".join(f"{name:<17} {value}" for name, value in rows.items())
 
 
 def shown_energy(energy):
-    """An energy, given in J, in the unit that leaves one to three digits before the point."""
+    """Returns an energy in J as text, with one to three digits before the point."""
     for unit, size in ENERGY_UNITS.items():
         if abs(energy) >= size:
             return f"{energy / size:.6g} {unit}"
@@ -162,10 +171,10 @@ def shown_energy(energy):
 
 
 def constraint_summary(simulation):
-    """How many constraints there are, and how far the one that is off most is off."""
+    """Returns the number of constraint bounds and the largest violation, as text."""
     if not simulation.constraints:
         return "none"
     count = f"{len(simulation.constraints)} bounds"
     if not simulation.settings.enforceConstraints:
-        return f"{count}, left out"
+        return f"{count}, ignored"
     return f"{count}, violated by at most {simulation.largest_violation():.3g} m"

@@ -1,7 +1,4 @@
-"""From names to what they stand for: scenes and recordings opened as the user asks for them.
-
-From the top: any file, for the window, and by what name; what lies in a folder.
-"""
+"""Opening scenes and recordings by path or name, and listing those in a folder."""
 
 import os
 from pathlib import Path
@@ -15,12 +12,12 @@ from rbs.scenes.scenefiles import DATA_FOLDER, SCENE_ENDING, find_scene, list_sc
 from rbs.scenes.simulation import Simulation
 from rbs.scenes.textfiles import SceneError
 
-# The heading of what lies beside the present scene.
+# Heading of the files beside the current scene, in the window's list.
 BESIDE = "beside this scene"
 
 
 class ListedFile(NamedTuple):
-    """A file that can be chosen: its group, its name in the list, a line about it, its path."""
+    """A file in the window's list: heading, name, a line about it, path."""
 
     group: str
     name: str
@@ -29,9 +26,10 @@ class ListedFile(NamedTuple):
 
 
 def open_file(path, allowOutsideMeshes=False):
-    """The Simulation of a scene file, or the Replay of a recording, for the window.
+    """Opens a scene file as a Simulation, or a recording as a Replay.
 
-    allowOutsideMeshes : see `load_scene_file`; raises SceneError or RecordingError
+    allowOutsideMeshes : see `load_scene_file`
+    Raises SceneError or RecordingError.
     """
     if Path(path).suffix in RECORDING_ENDINGS:
         return open_replay(path)
@@ -39,20 +37,27 @@ def open_file(path, allowOutsideMeshes=False):
 
 
 def open_replay(path):
-    """The Replay of a recording; says so if a student's functions made it."""
+    """Opens a recording as a Replay, with a note if a student's functions made it."""
     recording = Recording(path)
     if recording.functions:
         folder = recording.functionsFolder
-        print_note(f"{shown_path(path)}: recorded with the functions in {folder}, not with ours")
+        print_note(f"{shown_path(path)}: recorded with the functions in {folder}")
     return Replay(recording)
 
 
 def find_file(text, folder):
-    """The path of what a person has typed: a path, `~` for home, or the name of a scene.
+    """Returns the path of a file from what a user typed.
 
-    text : seen from the current folder, then from `folder`, then as the name of a scene there, then
-    of one of ours
-    raises SceneError where there is nothing of the kind
+    Parameters
+    ----------
+    text : str
+        A path from the current folder or from `folder`, with `~` for home, or the name of a scene
+        in `folder` or in data/. They are tried in this order.
+
+    Raises
+    ------
+    SceneError
+        If nothing matches.
     """
     path, folder = Path(os.path.expanduser(text)), Path(folder)
     for place in (path, folder / path, folder / f"{path}{SCENE_ENDING}"):
@@ -60,13 +65,13 @@ def find_file(text, folder):
             return place
     if path.name == str(text) and not path.suffix:
         return find_scene(text)
-    raise SceneError(text, None, "there is no such file")
+    raise SceneError(text, None, "no such file")
 
 
 def list_files(folder):
-    """What can be opened from a list: scenes and recordings in a folder, and our own scenes.
+    """Returns the scenes and recordings in a folder, and the scenes in data/.
 
-    returns a list of ListedFile, group by group; no name is in it twice
+    The result is a list of ListedFile, group by group, in which each name occurs once.
     """
     folder = Path(folder)
     listed = []
@@ -85,7 +90,7 @@ def list_files(folder):
         (group, name, line) for group, lines in SCENES.items() for name, line in lines.items()
     ]
     known = {name for _, name, _ in described}
-    described += [("others of ours", name, "") for name in ours if name not in known]
+    described += [("other scenes", name, "") for name in ours if name not in known]
     return listed + [
         ListedFile(group, name, line, ours[name])
         for group, name, line in described

@@ -1,7 +1,7 @@
-"""The command line's options: what there is, which values they take, what goes with what.
+"""The options of the command line, their values, and which of them exclude each other.
 
-From the top: the parser and its groups; which options are given, and whether they go together; the
-settings that they give; kinds of values.
+From the top: the parser and its groups; the options that are given, and whether they can be
+combined; the settings that they give; kinds of values.
 """
 
 import argparse
@@ -26,27 +26,25 @@ from rbs.scenes.messages import PROGRAM_NAME, one_line, short
 from rbs.scenes.textfiles import plain_float, plain_int
 from rbs.stepping.settings import BY_OPTION
 
-# What runs where no scene is named.
+# The scene that runs if none is named.
 DEFAULT_SCENE = "mixed"
-# Ten seconds with the default time step: the falls and the settling of every scene in data/.
+# Ten seconds with the default time step, long enough for every scene in data/ to settle.
 DEFAULT_STEPS = 500
-# Five pictures a second with the default time step.
+# Steps between screenshots: five pictures per simulated second with the default time step.
 DEFAULT_EVERY = 10
-# The most steps, or visits, that can be asked for: more than there will be time for, and a number
-# that floats hold exactly.
+# Largest number of steps, or of visits: more than time allows, and exact as a float.
 MOST_STEPS = 10**15
-# What --help begins with, and ends with.
+# The beginning and the end of --help.
 INTRODUCTION = """\
-Simulates rigid bodies that fall, collide and bounce, and shows them.
+Simulates and shows rigid bodies that fall, collide and bounce.
 
   RigidBodySimulation.py                                  the mixed scene, in a window
   RigidBodySimulation.py tower                            another scene; see the list below
   RigidBodySimulation.py stress --video stress.mp4        a video
-  RigidBodySimulation.py bridge --record bridge.h5       a run without a window, recorded
-  RigidBodySimulation.py --replay bridge.h5              and looked at again
+  RigidBodySimulation.py bridge --record bridge.h5        a recording
+  RigidBodySimulation.py --replay bridge.h5               its replay
 
-Where there is no display, a scene runs off-screen: pictures go to out/<scene>, and a summary is
-printed."""
+Without a display, the program draws the scene off-screen into out/<scene> and prints a summary."""
 SCENE_LIST = "scenes:\n" + "\n".join(
     f"  {group}\n" + "\n".join(f"    {name:<18}{line}" for name, line in lines.items())
     for group, lines in SCENES.items()
@@ -62,45 +60,45 @@ RigidBodySimulation.py tower --record tower.h5 --stats tower.csv --steps 1000
 RigidBodySimulation.py --replay tower.h5
 RigidBodySimulation.py --resume tower.h5 --from 500 --friction 0.4"""
 
-# The options that change the settings, under the names that argparse gives them.
+# The options that change settings, by their argparse names.
 SETTING_OPTIONS = {option.replace("-", "_"): one for option, one in BY_OPTION.items()}
 WITHOUT_WINDOW = frozenset(
     {"headless", "screenshots", "video", "record", "stats", "plot", "export"}
 )
-# What does not go with what, and why.
+# Options that exclude each other, and why.
 CONFLICTS = {
     "replay": (
         {*SETTING_OPTIONS, "scene", "constraints", "basic", "record", "functions"},
-        "a replay simulates nothing; --resume goes on with other settings, and may be recorded",
+        "a replay does not simulate; --resume can change settings and be recorded",
     ),
     "resume": (
         {"scene", "constraints", "basic"},
-        "it goes on with the scene and the settings of the recording",
+        "scene and settings come from the recording",
     ),
     "verify": (
         {*SETTING_OPTIONS, "scene", "constraints", "basic", "steps", "every"}
         | WITHOUT_WINDOW - {"headless"}
         | {"look"},
-        "it only compares, and with the scene and the settings of the recording",
+        "it only repeats the recording, with its scene and settings",
     ),
-    "video": ({"transparent"}, "videos have no transparency"),
-    "no_constraints": ({"constraints"}, "all bodies go free"),
+    "video": ({"transparent"}, "videos cannot be transparent"),
+    "no_constraints": ({"constraints"}, "constraints are ignored"),
 }
-# What makes no sense without another option.
+# Options that need another option, and the end of their messages.
 COMPANIONS = {
     "every": (
         {"screenshots", "video"},
-        "says how often --screenshots or --video draws, which is missing",
+        "needs --screenshots or --video",
     ),
-    "fps": ({"video"}, "says how fast --video plays, which is missing"),
-    "transparent": ({"screenshots"}, "says how --screenshots draws, which is missing"),
-    "our_loop": ({"functions"}, "says how --functions makes its steps, which is missing"),
-    "from_step": ({"resume"}, "says where --resume starts, which is missing"),
+    "fps": ({"video"}, "needs --video"),
+    "transparent": ({"screenshots"}, "needs --screenshots"),
+    "our_loop": ({"functions"}, "needs --functions"),
+    "from_step": ({"resume"}, "needs --resume"),
 }
 
 
 def make_parser():
-    """The ArgumentParser of all options; their order is that of --help."""
+    """Returns the ArgumentParser of all options, in the order of --help."""
     parser = OneLineParser(
         prog=PROGRAM_NAME,
         usage=f"{PROGRAM_NAME} [SCENE] [options]",
@@ -115,28 +113,28 @@ def make_parser():
         metavar="SCENE",
         nargs="?",
         type=PATH,
-        help=f"a scene file, or the name of a scene of data/ (default: {DEFAULT_SCENE})",
+        help=f"a scene file, or the name of a scene in data/ (default: {DEFAULT_SCENE})",
     )
     parser.add_argument(
         "--allow-outside-meshes",
         action="store_true",
-        help="read meshes that a scene names by an absolute path, by .. or through a symbolic link "
-        "out of its folder too (default: only those in its folder, or below)",
+        help="also read meshes outside the scene's folder, which the scene names by an absolute "
+        "path, by .. or through a symbolic link",
     )
     parser.add_argument(
         "--functions",
         metavar="DIR",
         type=PATH,
-        help="make the steps with the RBSFunctions.py of this folder, a student's for instance, "
-        "which runs with your rights; options that its run_timestep does not know are refused. "
+        help="simulate with the RBSFunctions.py in DIR, such as a student's. It runs with your "
+        "rights. Options that its run_timestep has no parameter for are refused. "
         "graders/compare.py finds the first step and call that differs from this project's",
     )
     parser.add_argument(
         "--our-loop",
         action="store_true",
-        help="with --functions: this project's step, with its order and its end of the constraint "
-        "visits, around the functions and the Mesh of that folder. The coursework's released "
-        "run_timestep drops a corrected velocity and ends early where there are many constraints",
+        help="with --functions: replace the run_timestep in DIR by this project's loop, and call "
+        "the other functions and the Mesh in DIR. The coursework's released run_timestep loses a "
+        "corrected velocity, and stops too early if there are many constraints",
     )
 
     add_physics_options(parser)
@@ -152,8 +150,8 @@ def add_physics_options(parser):
     physics.add_argument(
         "--basic",
         action="store_true",
-        help="the coursework's behaviour, whatever the scene recommends (by default, settings that "
-        "a scene recommends, as '# suggests friction 0.5' does, are used unless they are given)",
+        help="ignore the settings that a scene file recommends (in lines such as '# suggests "
+        "friction 0.5'), and start from the coursework's behaviour",
     )
     for one in BY_OPTION.values():
         if not one.isOfConstraints:
@@ -161,14 +159,14 @@ def add_physics_options(parser):
 
 
 def add_constraint_options(parser):
-    """Which constraints there are, and how they are solved."""
+    """Constraint files, and how constraints are solved."""
     constraints = parser.add_argument_group("constraints", CONSTRAINT_EXAMPLES)
     constraints.add_argument(
         "--constraints",
         metavar="FILE",
         type=PATH,
-        help="the constraints between the bodies (default: NAME-constraints.txt beside "
-        "NAME-scene.txt, if there is one)",
+        help="constraints between the bodies (default: NAME-constraints.txt beside NAME-scene.txt, "
+        "if it exists)",
     )
     for one in BY_OPTION.values():
         if one.isOfConstraints:
@@ -176,7 +174,7 @@ def add_constraint_options(parser):
 
 
 def add_setting(group, one):
-    """Adds the option of a Setting; its value is there only where it is given."""
+    """Adds the option of a Setting. It has no value unless it is given."""
     name = "--" + one.option
     only = "" if one.solver is None else f"with --solver {one.solver}: "
     if one.kind is bool:
@@ -190,7 +188,7 @@ def add_setting(group, one):
 
 
 def setting_type(one):
-    """An argparse type of a Setting."""
+    """Returns the argparse type of a Setting."""
 
     def parse(text):
         try:
@@ -202,71 +200,72 @@ def setting_type(one):
 
 
 def add_output_options(parser):
-    """Runs without a window, and what pictures and videos look like."""
+    """Runs without a window, pictures and videos."""
     output = parser.add_argument_group("without a window", OUTPUT_EXAMPLES)
     output.add_argument(
         "--headless",
         action="store_true",
-        help="simulate without a window and print a summary; needs no display and no OpenGL",
+        help="simulate without a window and print a summary. Needs no display and no OpenGL",
     )
     output.add_argument(
         "--steps",
         metavar="N",
         type=WHOLE_NUMBER,
-        help=f"how many steps a run without a window has (default: {DEFAULT_STEPS}, or all that "
-        "are recorded)",
+        help=f"number of steps of a run without a window (default: {DEFAULT_STEPS}; with --replay, "
+        "all that are recorded)",
     )
     output.add_argument(
         "--screenshots",
         metavar="DIR",
         type=PATH,
-        help="draw off-screen into DIR/frame_<step>.png; no window opens",
+        help="draw pictures into DIR/frame_<step>.png, without a window",
     )
     output.add_argument(
         "--video",
         metavar="FILE",
         type=option_type(str, checked_video, "path"),
-        help="draw off-screen into a video, .mp4 or .gif; no window opens",
+        help="draw a video, .mp4 or .gif, without a window",
     )
     output.add_argument(
         "--every",
         metavar="K",
         type=POSITIVE_NUMBER,
-        help=f"one picture each K steps (default: {DEFAULT_EVERY} for --screenshots; for --video, "
-        "so that it plays in real time)",
+        help=f"draw every K-th step (default: {DEFAULT_EVERY} for --screenshots; for --video, "
+        "chosen so that it plays in real time)",
     )
     output.add_argument(
         "--fps",
         metavar="R",
         type=option_type(plain_float, checked_rate, "number"),
-        help=f"pictures a second in a video (default: near {VIDEO_RATE:g}, so that it "
-        "plays in real time)",
+        help=f"frames per second of a video (default: near {VIDEO_RATE:g}, so that it plays "
+        "in real time)",
     )
     picture = parser.add_argument_group("picture")
     picture.add_argument(
         "--size",
         metavar="WxH",
         type=option_type(str, checked_size, "size"),
-        help=f"in pixels, also of the window (default: {'x'.join(map(str, PICTURE_SIZE))})",
+        help=f"size in pixels, also of the window (default: {'x'.join(map(str, PICTURE_SIZE))})",
     )
     picture.add_argument(
         "--look",
         metavar="NAME",
         choices=LOOKS,
-        help="plain, as the window; or studio, with sky light and soft shadows, seconds a picture: "
-        "for --screenshots, --video and the window's Picture button (default: plain)",
+        help="plain, as in the window; or studio, with sky light and soft shadows, which takes "
+        "seconds per picture. Used by --screenshots, --video and the window's Picture button "
+        "(default: plain)",
     )
     picture.add_argument(
         "--camera",
         metavar="FILE.json",
         type=PATH,
-        help="where to look from, as saved from the window (default: all of the scene is seen)",
+        help="viewpoint, saved from the window (default: the whole scene is in view)",
     )
     picture.add_argument(
         "--colours",
         metavar="NAME",
         choices=COLOURINGS,
-        help=f"what bodies are coloured by: {', '.join(COLOURINGS)} (default: body)",
+        help=f"quantity that the bodies' colours show: {', '.join(COLOURINGS)} (default: body)",
     )
     picture.add_argument(
         "--show",
@@ -274,17 +273,18 @@ def add_output_options(parser):
         choices=OVERLAYS,
         action="extend",
         nargs="+",
-        help=f"what is drawn over them: {', '.join(OVERLAYS)}",
+        help=f"overlays to draw: {', '.join(OVERLAYS)}",
     )
     picture.add_argument(
         "--legend",
         action="store_true",
-        help="in pictures and videos, say what the colours and arrows mean, as the window does",
+        help="add the window's legend of colours and arrows to pictures and videos",
     )
     picture.add_argument(
         "--transparent",
         action="store_true",
-        help="with --screenshots: no background and no ground, only bodies and their shadows",
+        help="with --screenshots: draw only bodies and their shadows, without background and "
+        "ground",
     )
 
 
@@ -295,67 +295,67 @@ def add_recording_options(parser):
         "--record",
         metavar="FILE.h5",
         type=option_type(str, checked_recording, "path"),
-        help="write the state after every step, and the starting state; no window opens. The file "
-        "can be read while it grows, and after a crash",
+        help="record the state at the start and after every step, without a window. The file can "
+        "be read while it grows, and after a crash",
     )
     source = recordings.add_mutually_exclusive_group()
     source.add_argument(
         "--replay",
         metavar="FILE.h5",
         type=PATH,
-        help="show a recording, simulating nothing",
+        help="show a recording",
     )
     source.add_argument(
         "--resume",
         metavar="FILE.h5",
         type=PATH,
-        help="go on from a recorded state, with the settings of the recording and those that are "
-        "given as options",
+        help="continue from a recorded state, with the recorded settings unless options change "
+        "them",
     )
     source.add_argument(
         "--verify",
         metavar="FILE.h5",
         type=PATH,
-        help="simulate once more and compare every state to the last bit; exit code 1, and the "
-        "first step that differs, where they are not the same",
+        help="simulate again and compare every state, bit for bit. If one differs, the first step "
+        "that differs is named, and the exit code is 1",
     )
     recordings.add_argument(
         "--from",
         dest="from_step",
         metavar="STEP",
         type=WHOLE_NUMBER,
-        help="with --resume, the step to go on from (default: the last one)",
+        help="with --resume: the step to continue from (default: the last one)",
     )
     recordings.add_argument(
         "--stats",
         metavar="FILE.csv",
         type=PATH,
-        help="write energies, momenta, contacts, violations and times of every step; no window "
-        "opens",
+        help="write energies, momenta, contacts, violations and times of every step, without a "
+        "window",
     )
     recordings.add_argument(
         "--plot",
         metavar="FILE.png",
         type=PATH,
-        help="draw the same numbers over time; needs matplotlib; no window opens",
+        help="plot the same quantities over time, without a window. Needs matplotlib",
     )
     recordings.add_argument(
         "--export",
         metavar="FILE.glb",
         type=option_type(str, checked_export, "path"),
-        help="write the run as an animated glTF 2.0 file, for Blender and other 3-D programs; "
-        "needs pygltflib; no window opens",
+        help="write the run as an animated glTF 2.0 file, for Blender and other 3-D programs, "
+        "without a window. Needs pygltflib",
     )
 
 
 class Options(dict):
-    """The options that are given, by argparse's names; as attributes, all others are None."""
+    """The options that are given, by argparse name. As attributes, all others are None."""
 
     __getattr__ = dict.get
 
 
 def parse_options(arguments=None):
-    """The Options of a command line; ends the program with one line where it is wrong."""
+    """Returns the Options of a command line. Exits with a one-line message if it is invalid."""
     parser = make_parser()
     options = Options(vars(parser.parse_args(arguments)))
     check_options(parser, options)
@@ -363,26 +363,26 @@ def parse_options(arguments=None):
 
 
 def check_options(parser, options):
-    """Ends the program with one line where the given options do not go together."""
+    """Exits with a one-line message if the given options cannot be combined."""
     given = set(options)
     for dest, (companions, cause) in COMPANIONS.items():
         if dest in given and not given & companions:
             parser.error(f"{option_name(dest)} {cause}")
     if "look" in given and given & WITHOUT_WINDOW and not given & {"screenshots", "video"}:
-        parser.error("--look says how pictures look, but this run draws none")
+        parser.error("--look needs --screenshots or --video, or the window")
     for mode, (others, cause) in CONFLICTS.items():
         for dest in sorted(given & others if mode in given else ()):
-            parser.error(f"{option_name(dest)} does not go with {option_name(mode)}: {cause}")
+            parser.error(f"{option_name(dest)} cannot be used with {option_name(mode)}: {cause}")
 
 
 def option_name(dest):
-    """How an option is written on the command line."""
+    """Returns an option as it is written on the command line."""
     names = {"from_step": "--from", "scene": "SCENE"}
     return names.get(dest, "--" + dest.replace("_", "-"))
 
 
 def given_settings(options):
-    """The settings that the options give: dict by the fields of `Settings`."""
+    """Returns the settings that are given as options: dict by field of `Settings`."""
     return {
         one.name: not one.default if one.kind is bool else options[dest]
         for dest, one in SETTING_OPTIONS.items()
@@ -391,7 +391,7 @@ def given_settings(options):
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """Reports a wrong command line in one line: argparse itself puts the whole usage before it."""
+    """Reports an invalid command line in one line, without the usage that argparse adds."""
 
     def parse_args(self, args=None, namespace=None):
         words = sys.argv[1:] if args is None else args
@@ -405,7 +405,7 @@ class OneLineParser(argparse.ArgumentParser):
 
 
 def option_type(convert, check, kind):
-    """An argparse type whose errors say what is wrong. check : value -> value, or ValueError"""
+    """Returns an argparse type with clear errors. check : value -> value, or ValueError"""
 
     def parse(text):
         try:
@@ -421,7 +421,7 @@ def option_type(convert, check, kind):
 
 
 def at_least(low, high):
-    """A check that numbers are not below `low`, and not above `high`."""
+    """Returns a check that low ≤ number ≤ high."""
 
     def check(value):
         if not low <= value <= high:
@@ -433,7 +433,7 @@ def at_least(low, high):
 
 
 def checked_size(text):
-    """(width, height) of "1280x720"; else ValueError."""
+    """Returns (width, height) of a text like "1280x720". Raises ValueError."""
     match = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text)
     size = tuple(map(int, match.groups())) if match else (0, 0)
     low, high = PICTURE_SIZES
@@ -444,7 +444,7 @@ def checked_size(text):
 
 
 def checked_video(path):
-    """The path, if its ending is that of a video; else ValueError."""
+    """Returns a path that ends like a video. Raises ValueError."""
     if Path(path).suffix.lower() not in VIDEO_ENDINGS:
         endings = " or ".join(VIDEO_ENDINGS)
         raise ValueError(f"the name of a video must end in {endings}, not '{path}'")
@@ -452,14 +452,14 @@ def checked_video(path):
 
 
 def checked_export(path):
-    """The path, if its ending is .glb; else ValueError."""
+    """Returns a path that ends in .glb. Raises ValueError."""
     if Path(path).suffix.lower() != ".glb":
         raise ValueError(f"the name of an export must end in .glb, not '{path}'")
     return path
 
 
 def checked_recording(path):
-    """The path, if its ending is that of a recording; else ValueError."""
+    """Returns a path that ends like a recording. Raises ValueError."""
     if Path(path).suffix not in RECORDING_ENDINGS:
         endings = " or ".join(RECORDING_ENDINGS)
         raise ValueError(f"the name of a recording must end in {endings}, not '{path}'")
@@ -467,20 +467,20 @@ def checked_recording(path):
 
 
 def checked_path(path):
-    """The path, if it is one at all; else ValueError."""
+    """Returns a path that is not empty. Raises ValueError."""
     if not path:
         raise ValueError("the name of a file or folder must not be empty")
     return path
 
 
 def checked_rate(value):
-    """Pictures a second, if a video can have as many; else ValueError."""
+    """Returns a frame rate that a video can have. Raises ValueError."""
     if not SLOWEST_VIDEO <= value <= FASTEST_VIDEO:
         raise ValueError(f"must lie between {SLOWEST_VIDEO:g} and {FASTEST_VIDEO:g}, not {value:g}")
     return value
 
 
-# Kinds of option values, each with its message when it is something else.
+# Types of option values.
 WHOLE_NUMBER = option_type(plain_int, at_least(0, MOST_STEPS), "whole number")
 POSITIVE_NUMBER = option_type(plain_int, at_least(1, MOST_STEPS), "whole number")
 PATH = option_type(str, checked_path, "path")

@@ -1,10 +1,10 @@
-"""Someone else's modules in place of ours: finding, loading and describing a student's work.
+"""Loading a student's modules, which have the same names as this project's.
 
-A submission is a folder with a student's `RBSFunctions.py`, `Quaternion.py` and whatever they
-import, under the very names that our own modules have. Both can be loaded in one process:
-`load_submission` gives the names to the student, and `our_module` finds ours all the same.
+A submission is a folder with a student's `RBSFunctions.py`, `Quaternion.py` and the modules that
+they import. Both sets of modules can be loaded in one process: `load_submission` gives the names to
+the student's, and `our_module` still finds this project's.
 
-Loading a submission runs its code with the rights of whoever asks for it.
+Loading a submission runs its code with the rights of the user.
 """
 
 import importlib
@@ -17,38 +17,38 @@ from types import ModuleType
 
 from rbs.scenes.messages import InputError, one_line, short
 
-# The modules beside the package, whose names a submission may take.
+# This project's modules whose names a submission may use.
 OUR_MODULES = ("Quaternion", "GJK", "RBSFunctions", "RigidBodySimulation")
 PROGRAM_FOLDER = Path(__file__).resolve().parents[2]
-# What the released code imports besides NumPy and SciPy: cppyy, InitializeCCD, RBSLoadVis. It lies
-# within the package where that is installed, as `rbs.scenes.scenefiles.DATA_FOLDER` does.
+# Stand-ins for the modules that the released code imports: cppyy, InitializeCCD, RBSLoadVis. An
+# installed package contains them, as it does `rbs.scenes.scenefiles.DATA_FOLDER`.
 _INSTALLED = PROGRAM_FOLDER / "rbs" / "released"
 STAND_INS = _INSTALLED if _INSTALLED.is_dir() else PROGRAM_FOLDER / "graders" / "released"
-# The modules that a submission brings: the first in any case, the second where the first needs it.
+# The modules of a submission. The second may be missing if the first does not import it.
 SUBMITTED_MODULES = ("RBSFunctions", "Quaternion")
 
 
 class SubmissionError(InputError):
-    """A submission that cannot be loaded. The message is the cause, in one line."""
+    """A submission cannot be loaded. The message gives the cause in one line."""
 
     def __init__(self, cause):
         super().__init__(brief(cause))
 
 
 def brief(text, limit=300):
-    """What a submission says, in one line with single blanks, cut off at `limit` characters."""
+    """Returns a submission's text as one line with single blanks, cut off at `limit`."""
     return short(*one_line(text or " ").split(), limit=limit)
 
 
 # ---- Our own modules ----------------------------------------------------------------------------
 
-_OURS = {}  # our modules that are loaded but not in sys.modules, by name
+_OURS = {}  # modules of this project that are loaded but not in sys.modules, by name
 
 
 def our_module(name):
-    """This project's module of that name, whoever has the name in this process.
+    """Returns this project's module of that name, even if a submission uses the name.
 
-    name : of a module in the project's folder, such as "GJK" or "RBSFunctions"
+    name : of a module at the top of the project, such as "GJK" or "RBSFunctions"
     """
     loaded = sys.modules.get(name)
     if _is_ours(loaded):
@@ -58,7 +58,7 @@ def our_module(name):
 
 
 def _is_ours(module):
-    """Whether it is one of our modules; where they are installed, others lie beside them."""
+    """Returns whether a module is one of this project's."""
     if getattr(module, "__name__", None) not in OUR_MODULES:
         return False
     file = getattr(module, "__file__", None)
@@ -67,10 +67,9 @@ def _is_ours(module):
 
 @contextmanager
 def _our_names():
-    """Within it, imports find the modules in the project's folder; afterwards, those from before.
+    """Makes imports find the project's modules, then restores the previous ones.
 
-    Our modules get to know each other by these imports, and keep working when their names are
-    given back.
+    The project's modules import each other meanwhile, and keep working afterwards.
     """
     names = set(OUR_MODULES)
     hidden = {name: sys.modules.pop(name) for name in names & set(sys.modules)}
@@ -91,12 +90,12 @@ def _our_names():
 
 @dataclass(frozen=True)
 class Submission:
-    """Loaded modules of a student.
+    """A student's loaded modules.
 
-    folder : where they lie
-    functions, quaternion : the modules RBSFunctions and Quaternion; without a Quaternion.py both
-        are RBSFunctions, which then has its functions or does without
-    missing : names of the modules that are not there
+    folder : their folder
+    functions, quaternion : the modules RBSFunctions and Quaternion. Both are RBSFunctions if there
+        is no Quaternion.py
+    missing : names of the missing modules
     """
 
     folder: Path
@@ -106,10 +105,10 @@ class Submission:
 
 
 def check_folder(folder):
-    """Raises SubmissionError unless the folder holds RBSFunctions.py."""
+    """Raises SubmissionError unless the folder contains RBSFunctions.py."""
     folder = Path(folder)
     if not folder.is_dir():
-        raise SubmissionError(f"{folder}: there is no such folder")
+        raise SubmissionError(f"{folder}: no such folder")
     if not (folder / "RBSFunctions.py").is_file():
         raise SubmissionError(f"{folder}: holds no RBSFunctions.py")
 
@@ -117,13 +116,23 @@ def check_folder(folder):
 def load_submission(folder, keepsNames=True):
     """Imports a student's modules.
 
-    keepsNames : whether they have the names in this process from now on; if not, ours have them
-        again as soon as the student's are loaded, and the folder goes to the end of the path
+    Imports look in the folder first, then among the stand-ins for the released modules. This
+    project's modules are hidden, so that none replaces a module that the folder lacks.
 
-    Imports look in the folder first, then among the stand-ins for what the released code needs.
-    Our own modules are not found, so that none takes the place of one that the folder lacks.
+    Parameters
+    ----------
+    keepsNames : bool
+        Whether the student's modules keep the names in this process. If not, this project's get
+        them back after loading, and the folder moves to the end of the path.
 
-    Returns a Submission. Raises SubmissionError, with file and line where the cause has them.
+    Returns
+    -------
+    Submission
+
+    Raises
+    ------
+    SubmissionError
+        If the modules cannot be imported; with file and line if they are known.
     """
     check_folder(folder)
     folder = Path(folder).resolve()
@@ -138,7 +147,7 @@ def load_submission(folder, keepsNames=True):
         quaternion = functions if missing else importlib.import_module("Quaternion")
     except KeyboardInterrupt:
         raise
-    except BaseException as error:  # whatever a student's module raises, SystemExit included
+    except BaseException as error:  # a student's module may raise anything, even SystemExit
         cause = describe(error, folder)
         if isinstance(error, ImportError) and error.name in lacking:
             cause = cause.partition("ModuleNotFoundError")[0] + f"there is no {error.name}.py"
@@ -152,10 +161,10 @@ def load_submission(folder, keepsNames=True):
 
 
 def _give_up_names(names):
-    """Drops, and returns in a dict, our modules, graders and stand-ins of these names.
+    """Drops this project's modules, graders and stand-ins of these names. Returns them in a dict.
 
-    Modules of Python and of installed packages stay: a student's random.py is not ours to load in
-    place of Python's own.
+    Modules of Python and of installed packages stay: a student's random.py must not replace
+    Python's own.
     """
     dropped = {}
     for name in sorted(names & set(sys.modules)):
@@ -173,10 +182,10 @@ def _give_up_names(names):
 
 
 def describe(error, folder):
-    """An exception as "file:line in function, called from file:line in function: type: message".
+    """Returns an exception as "file:line in function, called from file:line …: type: message".
 
-    The lines are the student's own, the innermost first, and three at most; where no line of theirs
-    had a part in it, they are left out. folder : of the submission
+    The lines are those of the student's own files, innermost first, at most three, or none.
+    folder : of the submission
     """
     folder = Path(folder).resolve()
     message = brief(str(error))

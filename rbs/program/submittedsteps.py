@@ -1,7 +1,7 @@
-"""Time steps by a student's functions, in place of our own, on a scene that our program shows.
+"""Time steps by a student's functions, for --functions.
 
-The program keeps its own meshes, which it draws and records; a student's `Mesh` stands behind each
-of them. Before a step the student's meshes get the state of ours, and afterwards ours get theirs.
+The program draws and records its own meshes. Each has a counterpart of the student's `Mesh` class,
+which gets its state before a step and gives it back afterwards.
 """
 
 import inspect
@@ -19,28 +19,36 @@ from rbs.scenes.scenefiles import scene_rows
 from rbs.stepping.bodies import STATE_WIDTHS, StateError
 from RBSFunctions import run_timestep, sweep
 
-# Our run_timestep's parameters in their order, and the values that they have where none is given.
+# The parameters of run_timestep in order, with their defaults.
 DEFAULTS = {name: one.default for name, one in inspect.signature(run_timestep).parameters.items()}
 PARAMETERS = tuple(DEFAULTS)
-# Those that the coursework's run_timestep has: the first four by their place, the others by name.
+# The parameters of the coursework's run_timestep: four by position, the others by name.
 COURSEWORK_PARAMETERS = set(PARAMETERS[:8])
 
-# A student's vertices are left as they are while the state is that of ours to within this, relative
-# to the size and in m: quaternions may be normalised in other ways.
+# Relative, and in m: smaller differences between the two states leave the student's vertices alone.
+# They come from other ways to normalise quaternions.
 ROUNDING = 1e-12
 
 
 class SubmittedSteps:
-    """A student's run_timestep and Mesh, to be called in place of ours.
+    """A student's run_timestep and Mesh, called in place of this project's.
 
-    folder : with the student's modules, which are loaded
-    inOurLoop : whether `basic_step` takes the place of the student's run_timestep
+    Parameters
+    ----------
+    folder : of the student's modules
+    inOurLoop : whether `basic_step` replaces the student's run_timestep
 
-    Attributes: folder, resolved; digest, of the Python files in it, and of whose loop it is:
-    recordings tell by it whether these functions made them; functions, the module RBSFunctions;
-    run_timestep, what makes the steps.
+    Attributes
+    ----------
+    folder : the same, resolved
+    digest : of the Python files and inOurLoop; recordings identify the functions by it
+    functions : the module RBSFunctions
+    run_timestep : the function that makes the steps
 
-    Raises SubmissionError where the modules cannot be loaded, or have no run_timestep or Mesh.
+    Raises
+    ------
+    SubmissionError
+        If the modules cannot be loaded, or have no run_timestep or Mesh.
     """
 
     def __init__(self, folder, inOurLoop=False):
@@ -71,42 +79,42 @@ class SubmittedSteps:
         return function
 
     def check_options(self, options):
-        """Raises SubmissionError for an option that the student's run_timestep does not know.
+        """Raises SubmissionError if the student's run_timestep lacks the parameter of an option.
 
-        options : dict from the name of an option to that of the parameter
+        options : dict from the name of an option to that of its parameter
         """
         for option, parameter in options.items():
             if parameter not in PARAMETERS[:5] and not self._knows(parameter):
                 raise SubmissionError(
-                    f"{option} does not go with --functions: the run_timestep in {self.folder} "
-                    f"takes no {parameter}"
+                    f"{option} cannot be used with these --functions: the run_timestep in "
+                    f"{self.folder} has no parameter {parameter}"
                 )
 
     def _knows(self, parameter):
         return self._takesAll or parameter in self._known
 
     def step(self, source, meshes, groundMesh, timeStep, CRCoeff, *arguments, **options):
-        """One step of our meshes, in place; returns None, as there is no report of it.
+        """Makes one step of the program's meshes in place.
 
-        source : the SceneSource that the meshes are from; then as for our `run_timestep`. What has
-            its default there is not handed on, unless the coursework has it too.
+        source : the SceneSource of the meshes; the rest as for `run_timestep`. Parameters that the
+            coursework lacks are passed on only if they are not default.
 
-        Raises StateError, and leaves our meshes as they were, where the student's step raises, does
-        not know an option, or gives what is not a state.
+        Raises StateError if the student's step raises, lacks a parameter, or gives an invalid
+        state. The meshes then stay as they were.
         """
         options |= dict(zip(PARAMETERS[4:], arguments, strict=False))
         for name in options.keys() - COURSEWORK_PARAMETERS:
             if options[name] == DEFAULTS[name]:
                 del options[name]
             elif not self._knows(name):
-                raise StateError(f"the run_timestep in {self.folder} takes no {name}")
+                raise StateError(f"the run_timestep in {self.folder} has no parameter {name}")
         options = {name: value for name, value in options.items() if self._knows(name)}
         try:
             theirs, ground = self.follow(meshes, source)
             self.run_timestep(theirs, ground, timeStep, CRCoeff, **options)
         except KeyboardInterrupt:
             raise
-        except BaseException as error:  # whatever a student's function raises
+        except BaseException as error:  # a student's function may raise anything
             raise StateError(describe(error, self.folder)) from None
         self._note_misspelt(theirs)
         states = [self._state(*pair) for pair in zip(meshes, theirs, strict=True)]
@@ -115,7 +123,7 @@ class SubmittedSteps:
                 setattr(mesh, name, value)
 
     def _note_misspelt(self, theirs):
-        """Notes, once, an attribute that a step has added, named nearly as one of the state."""
+        """Prints a note, once, if a step adds an attribute named almost like one of the state."""
         added = [
             name
             for mesh in theirs
@@ -126,15 +134,17 @@ class SubmittedSteps:
         for name in dict.fromkeys(added):
             for meant in get_close_matches(name, STATE_WIDTHS, cutoff=0.85):
                 print_note(
-                    f"{self.folder}: a step assigns {brief(name, 60)}, and {meant} keeps its "
-                    "value, as in the coursework's released run_timestep; --our-loop takes ours"
+                    f"{self.folder}: a step assigns {brief(name, 60)}, so {meant} keeps its value, "
+                    "as in the coursework's released run_timestep; --our-loop avoids this"
                 )
 
     def follow(self, meshes, source):
-        """Gives the student's meshes the state of ours; makes them first where it is needed.
+        """Gives the student's meshes the state of the program's, and makes them if necessary.
 
-        Returns the list of them, and the student's ground. They are made of the numbers in the
-        scene's files, not of our meshes, whose vertices have their COM subtracted already.
+        They are made from the numbers in the scene's files, because the vertices of the program's
+        meshes are already relative to the COM.
+
+        Returns the list of student's meshes, and the student's ground.
         """
         if self._source is not source:
             self._source = source
@@ -160,14 +170,14 @@ class SubmittedSteps:
 
     def _make(self, k, isFixed):
         name, density, _isFixed, position, orientation = self._rows[k]
-        # The released class changes its arrays.
+        # Copies, because the released class changes its arrays.
         shape = [array.copy() for array in self._source.shapes[name]]
         mesh = self._Mesh(name, *shape, density, position.copy(), orientation.copy(), isFixed)
         self._attributes |= set(getattr(mesh, "__dict__", ()))
         return mesh
 
     def _state(self, mesh, theirs):
-        """The state of a student's mesh, in the shapes of ours: a dict of arrays."""
+        """Returns the state of a student's mesh in the program's shapes: a dict of arrays."""
         state = {}
         for name, width in STATE_WIDTHS.items():
             state[name] = _numbers(mesh.name, name, getattr(theirs, name, None), (1, width))
@@ -189,10 +199,10 @@ def basic_step(
     maxIterations=1000,
     tolerance=0.0,
 ):
-    """Our run_timestep in its basic form, around the functions and meshes of another module.
+    """The basic run_timestep, with another module's functions and meshes.
 
-    functions : with `resolve_collision` and the two of constraints; the rest as for our
-        `run_timestep`. currVertices are brought up to date whenever a mesh has been moved
+    functions : module with `resolve_collision` and the two constraint functions; the rest as for
+        `run_timestep`. currVertices are updated whenever a mesh has moved
     """
 
     def move(mesh):
@@ -215,7 +225,7 @@ def basic_step(
             move(mesh)
 
     def visit(c):
-        """Looks at constraint c, corrects it if it is violated, and returns whether it was."""
+        """Corrects constraint c if it is violated. Returns whether it was."""
         m1, v1, m2, v2, refValue, upper = constraints[c]
         pair = meshes[m1], meshes[m2]
         position, linVelocity, angVelocity = (
@@ -229,7 +239,7 @@ def basic_step(
         )
         if wasValid:
             return False
-        # the points stay on the line that joins them: arms and direction are those of before
+        # the points move along the line that joins them, so the arms and the direction still hold
         _, linVelocities, angVelocities = functions.resolve_velocity_constraint(
             position,
             points,
@@ -254,7 +264,7 @@ def basic_step(
 
 
 def _numbers(meshName, name, value, shape):
-    """A copy of an array in the given shape; StateError where it is none of finite numbers."""
+    """Returns a copy of an array in the given shape. Raises StateError if that is impossible."""
     try:
         array = np.array(value, dtype=np.float64).reshape(shape)
     except (TypeError, ValueError):

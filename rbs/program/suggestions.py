@@ -1,9 +1,9 @@
-"""Settings that a scene file recommends, in a comment that other programs pass over.
+"""Settings that a scene file recommends, in a comment that other programs ignore.
 
     # suggests friction 0.5 restitution 0.2 scheduling queue broad-phase grid
 
-The words are the names of the command line's options that change the settings, without the dashes.
-From the top: reading a scene's recommendations; how a scene is opened that may have some.
+The words are the names of command-line options without dashes. From the top: reading a scene's
+recommendations; applying them; opening further scenes in the window.
 """
 
 from dataclasses import asdict, replace
@@ -17,9 +17,9 @@ from rbs.stepping.settings import BY_OPTION, CHOSEN, IgnoredSetting, Settings, h
 
 
 def recommended_values(source):
-    """What a SceneSource recommends: dict from a field of the settings to its value.
+    """Returns the settings that a SceneSource recommends: dict from field to value.
 
-    raises SceneError, with file and line, if a recommendation is invalid
+    Raises SceneError, with file and line, if a recommendation is invalid.
     """
     values = {}
     for lineNumber, words in suggestion_lines(source.scene):
@@ -32,13 +32,13 @@ def recommended_values(source):
 
 
 def _values_of(words):
-    """The values that a line's words stand for; raises ValueError."""
+    """Returns the settings that the words of a line recommend. Raises ValueError."""
     values, words = {}, list(words)
     while words:
         word = words.pop(0)
         if word not in BY_OPTION:
             known = ", ".join(BY_OPTION)
-            raise ValueError(f"'{short(word)}' is none; there are {known}")
+            raise ValueError(f"unknown setting '{short(word)}'; known are {known}")
         one = BY_OPTION[word]
         if one.kind is bool:
             values[one.name] = not one.default
@@ -53,11 +53,21 @@ def _values_of(words):
 
 
 def apply_settings(simulation, given, isBasic=False):
-    """Gives a simulation the settings that its scene recommends, with those that are given.
+    """Gives a simulation the settings that its scene recommends, overridden by those given.
 
-    given : dict by field; a given setting overrides that recommendation, and the others hold
-    isBasic : whether recommendations are ignored
-    raises SceneError, or InputError for a given setting that the solver ignores
+    Parameters
+    ----------
+    given : dict
+        Values by field. Each overrides that recommendation; the others hold.
+    isBasic : bool
+        Whether recommendations are ignored.
+
+    Raises
+    ------
+    SceneError
+        If a recommendation is invalid.
+    InputError
+        If the solver ignores a given setting.
     """
     recommended = {} if isBasic else recommended_values(simulation.source)
     try:
@@ -82,21 +92,21 @@ def apply_settings(simulation, given, isBasic=False):
 class SceneOpener:
     """Opens files for the window, each scene with the settings that it recommends.
 
-    What was given on the command line, or changed by hand, goes on from scene to scene, as far as
-    the solver heeds it.
+    Settings given on the command line, or changed in the window, are kept from scene to scene if
+    the solver uses them.
     """
 
     def __init__(self, simulation, given, isBasic=False, allowOutsideMeshes=False):
-        """simulation : what the window begins with; given, isBasic : as for `apply_settings`"""
+        """simulation : the first one in the window; given, isBasic : see `apply_settings`"""
         self._begun = None if simulation.isReplay else replace(simulation.settings)
         self._given, self._isBasic = dict(given), isBasic
         self._allowOutsideMeshes = allowOutsideMeshes
 
     def __call__(self, text, settings, folder="."):
-        """The Simulation or Replay; see `open_file`.
+        """Returns a Simulation or Replay; see `open_file`.
 
-        text : a path, or what a person has typed, see `find_file`; folder : of the last scene;
-        settings : those of the last scene, or None where there was none
+        text, folder : see `find_file`; folder is that of the last scene
+        settings : of the last scene, or None if there was none
         """
         opened = open_file(find_file(text, folder), self._allowOutsideMeshes)
         if isinstance(opened, Simulation):
@@ -115,12 +125,12 @@ class SceneOpener:
 
 
 def shown(value):
-    """A setting's value for a person to read."""
+    """Returns the value of a setting as text."""
     return f"{value:g}" if isinstance(value, float) else value
 
 
 def note_recommended(simulation):
-    """Says in one line that a scene runs with settings that it recommends, if it does."""
+    """Prints a line if a scene uses settings that it recommends."""
     if simulation.recommended:
         path = shown_path(simulation.scenePath)
         print_note(

@@ -1,9 +1,9 @@
-"""Recordings of runs: what a run was, step by step.
+"""Recordings of runs, replays, statistics and videos.
 
 In reading order:
 
     recording   the HDF5 file: writing and reading
-    replay      replaying, resuming and verifying
-    statistics  energies, momenta and contacts of every step, as a table or a plot
+    replay      replaying, resuming and verifying a recording
+    statistics  energies, momenta and contacts per step, as a table or a plot
     encoder     video files, written by ffmpeg
 """

@@ -1,4 +1,4 @@
-"""Video files: pictures piped to ffmpeg, which the package imageio-ffmpeg brings along."""
+"""Video files, encoded by the ffmpeg of the package imageio-ffmpeg."""
 
 import errno
 import subprocess
@@ -10,9 +10,9 @@ from pathlib import Path
 from rbs.scenes.messages import InputError
 
 FFMPEG_REMEDY = "Install it: pip install imageio-ffmpeg"
-# Arguments of ffmpeg by a video's ending. Of .mp4: no artefacts to be seen; sides are made even,
-# as the codec wants them; and playing can begin before the file is there to its end. Of .gif: one
-# palette for all, without dithering, which would flicker and make it larger.
+# Arguments of ffmpeg by file ending. .mp4: no visible artefacts; even sides, as the codec requires;
+# playable while it loads. .gif: one palette for all frames, without dithering, which flickers and
+# enlarges the file.
 CODECS = {
     ".mp4": "-f mp4 -vcodec libx264 -pix_fmt yuv420p -crf 15"
     " -vf crop=trunc(iw/2)*2:trunc(ih/2)*2 -movflags +faststart".split(),
@@ -22,20 +22,20 @@ CODECS = {
 
 
 class VideoError(InputError):
-    """A video that cannot be made; one line."""
+    """A video cannot be made."""
 
 
 class Encoder:
-    """An ffmpeg process that writes a video of the pictures that it is given.
+    """An ffmpeg process that writes a video.
 
-    Its exit status tells whether the file is whole. Ctrl-C in a terminal does not reach it, since
-    it is in a session of its own: a run ends after its step, and its video is finished.
+    It runs in a session of its own, so that Ctrl-C in a terminal does not reach it, and a run that
+    ends after its step can finish its video.
     """
 
     def __init__(self, path, size, rate, arguments):
-        """size : width and height of the pictures; rate : pictures a second; arguments : of ffmpeg
+        """size : (width, height) in pixels; rate : frames per second; arguments : of ffmpeg
 
-        Raises VideoError where there is no ffmpeg, OSError where `path` cannot be written.
+        Raises VideoError if ffmpeg is missing, OSError if `path` cannot be written.
         """
         try:
             import imageio_ffmpeg
@@ -58,22 +58,22 @@ class Encoder:
         )
 
     def write(self, picture):
-        """Adds a picture (height, width, 3), uint8; raises OSError where the process has ended."""
+        """Adds a frame (height, width, 3), uint8. Raises OSError if the process has ended."""
         try:
             self._process.stdin.write(picture)
         except OSError:
             raise self._failure() from None
 
     def finish(self):
-        """Ends the video; raises OSError if its file is not whole."""
-        with suppress(OSError):  # the exit status tells
+        """Ends the video. Raises OSError if its file is incomplete."""
+        with suppress(OSError):  # the exit status tells if it failed
             self._process.stdin.close()
         if self._process.wait() != 0:
             raise self._failure()
         self._errors.close()
 
     def stop(self):
-        """Ends the process, whatever there is of the file. Does nothing after `finish`."""
+        """Ends the process, leaving the file incomplete. Does nothing after `finish`."""
         self._process.kill()
         with suppress(OSError):
             self._process.stdin.close()
@@ -81,9 +81,9 @@ class Encoder:
         self._errors.close()
 
     def _failure(self):
-        """The OSError of a process that has ended too early, with the last that it has said."""
+        """Returns the OSError of a process that ended too early, with its last line."""
         code = self._process.wait()
         self._errors.seek(0)
         said = self._errors.read().decode(errors="replace").splitlines() or [f"exit code {code}"]
-        cause = f"the video is not whole: {said[-1].rpartition('] ')[2]}"
+        cause = f"the video is incomplete: {said[-1].rpartition('] ')[2]}"
         return OSError(errno.EIO, cause, str(self._path))

@@ -1,23 +1,23 @@
-"""Recordings: `Recorder` writes the states of a run into an HDF5 file, `Recording` reads them.
+"""Recordings: `Recorder` writes the states of a run to an HDF5 file, `Recording` reads them.
 
-A recording holds what the run was made from, so that it can be replayed, resumed and verified
-anywhere, and grows in HDF5's single-writer-multiple-readers mode: a run that is killed, or that
-still goes on, can be read up to its last flush.
+A recording includes the scene, so that it can be replayed, resumed and verified anywhere. It is
+written in HDF5's single-writer-multiple-readers mode, so that the file of a run that was killed, or
+is still going, can be read up to its last flush.
 
 With s + 1 states of n bodies, the datasets are
 
     positions (s + 1, n, 3), orientations (s + 1, n, 4), linVelocities, angVelocities (s + 1, n, 3)
-    times (s + 1,)          in s; written last, so that its length counts the states that are whole
-    scene, constraints      the texts of these files, as bytes in UTF-8
-    meshes/K/vertices, faces, tets      the mesh files, with the name in the scene as attribute file
-    events                  lines of JSON, as bytes: what changed before a step, see `Recorder`
-    solverIndex (c, 3)      rows (step, begin, end): from begin to end, `solverStates` holds what
-    solverStates            the soft-step solver had left at that step, as the bytes of an .npz file
+    times (s + 1,)          in s; written last, so that its length counts the complete states
+    scene, constraints      texts of these files, as bytes in UTF-8
+    meshes/K/vertices, faces, tets      mesh files; the attribute file is the name in the scene
+    events                  lines of JSON, as bytes: changes before a step, see `Recorder`
+    solverIndex (c, 3)      rows (step, begin, end), bytes of `solverStates` that hold the state of
+    solverStates            the soft-step solver after that step, as an .npz file
 
-and the attributes are format, firstStep, bodies (of the scene), scene and constraints (file names),
-functions and functionsFolder (of a student's, "" for none), version and numpyVersion; those of the
-group `settings` are the settings of the first state. All numbers are little-endian, all datasets
-have checksums. Until a body is added by hand, its rows are zeros.
+The attributes are format, firstStep, bodies (of the scene), scene and constraints (file names),
+functions and functionsFolder (of a student, or ""), version and numpyVersion. The attributes of the
+group `settings` are the settings of the first state. All numbers are little-endian. All datasets
+have checksums. Rows of a body are zero until it is added.
 
 Units: metres, kilograms, seconds.
 """
@@ -45,71 +45,71 @@ from rbs.scenes.state import STATE_NAMES, STATE_WIDTHS
 
 RECORDING_ENDINGS = (".h5", ".hdf5")
 FORMAT = "rigid-body recording 1"
-# The oldest HDF5 that readers need; newer ones would save nothing.
+# The oldest HDF5 version that can read the file. Newer ones would save no space.
 HDF5_VERSION = ("v110", "v110")
-# Seconds between two flushes. Less costs time; with more, a killed run loses more.
+# Seconds between flushes. Fewer cost time; with more, a killed run loses more.
 FLUSH_SECONDS = 0.5
-# Bytes of states that are held back at most between two flushes.
+# Bytes of states after which they are flushed in any case. Bounds the memory of large scenes.
 PENDING_BYTES = 4 << 20
-# Bytes of a dataset's chunk, the least that is read at once. More of them make files smaller,
-# fewer make it faster to jump to a step.
+# Bytes of a dataset's chunk, the least that is read at once. Larger chunks make smaller files;
+# smaller ones make seeking faster.
 CHUNK_BYTES = 16 << 10
-# Steps between two states of the soft-step solver that are kept, some seconds of a large scene.
-# More make the file smaller; resuming from the middle repeats up to as many steps.
+# Steps between recorded states of the soft-step solver. More make the file smaller; resuming from
+# the middle repeats up to as many steps.
 SOLVER_STEPS = 100
-# How often HDF5 reads what looks damaged in a file that is being written, or was when the run was
-# killed. Each time it waits twice as long, a second in all; by itself, it would try 100 times.
+# Attempts of HDF5 to read metadata that look damaged while a file is being written. Each waits
+# twice as long as the last. More attempts report a truly damaged file later.
 READ_ATTEMPTS = 30
 # The parts of a mesh, as `load_mesh_file` returns them.
 MESH_PARTS = ("vertices", "faces", "tets")
-# Bytes of room in a file, for HDF5's own tables and for chunks that are not full yet.
+# Bytes reserved for HDF5's own tables and for chunks that are not full yet.
 SPARE_BYTES = 1 << 20
-# Bytes of a body's state.
+# Bytes of the state of one body.
 STATE_BYTES = 8 * sum(STATE_WIDTHS.values())
-# Characters at most of what a library says about a damaged file.
+# Characters, the most that are quoted from a library's message about a damaged file.
 QUOTE_LENGTH = 80
 
 
 class RecordingError(InputError):
-    """A recording that cannot be used, or not written. Reads "file: cause" in one line."""
+    """A recording that cannot be used or written. The message reads "file: cause"."""
 
     def __init__(self, path, cause):
         super().__init__(f"{path}: {cause}")
 
 
 class Recorder:
-    """Writes the states of a simulation into a file, as they come.
+    """Writes the states of a simulation to a file, one by one.
 
-    Where there is no file of that name yet, the recording grows in its place; where there is one,
-    beside it, as FILE.part.h5, and replaces the old one when it is saved.
+    If a file of that name exists, the recording grows beside it as FILE.part.h5, and replaces it in
+    `save`. Otherwise it grows in place.
 
-    Events are dicts with a `step` and one of two more keys: `settings`, those that this step and
-    later ones were made with; `change`, what was done by hand before it, see `rbs.scenes.changes`.
+    Events are dicts with a `step` and either `settings`, valid from this step on, or `change`, made
+    by hand before it; see `rbs.scenes.changes`.
     """
 
     def __init__(self, path):
-        """Creates the file; raises OSError that names `path`."""
+        """Creates the file. Raises OSError, naming `path`."""
         self.path = Path(path)
         self._partial = partial_path(path) if self.path.exists() else self.path
         with named_errors(path):
-            open(self._partial, "wb").close()  # says in fewer words than HDF5 what is wrong
-        # Unlocked, since others read it while it is written, and network drives may lack locks.
+            open(self._partial, "wb").close()  # a shorter error message than HDF5's
+        # Unlocked, because others read it meanwhile, and network drives may lack locks.
         self._file = h5py.File(self._partial, "w", libver=HDF5_VERSION, locking=False)
         self.frameCount = 0
         self._rows = {name: [] for name in (*STATE_NAMES, "times")}
         self._events, self._solverStates = [], []
 
     def add(self, simulation):
-        """Keeps the simulation's present state.
+        """Records the present state of the simulation.
 
-        raises RecordingError when that is not one step after the last one kept, in the same scene;
-        OSError when it cannot be written
+        Raises RecordingError unless it is one step after the last state, in the same scene, and
+        OSError if it cannot be written.
         """
         if self.frameCount == 0:
             self._begin(simulation)
         step = self._firstStep + self.frameCount
         if simulation.source is not self._source or simulation.stepCount != step:
-            raise RecordingError(self.path, f"only step {step} of the same scene could follow")
+            raise RecordingError(self.path, f"expected step {step} of the same scene")
         if len(simulation.meshes) != self._bodyCount:
             self.flush()
             self._bodyCount = len(simulation.meshes)
@@ -128,14 +128,14 @@ class Recorder:
             self.flush()
 
     def note(self, simulation, change):
-        """Keeps a `Change` that has been done to the simulation since the last state was kept."""
+        """Records a `Change` that was made since the last recorded state."""
         self._events.append({"step": simulation.stepCount + 1, "change": to_record(change)})
 
     def flush(self):
-        """Brings all states so far into the file, where other programs see them."""
+        """Writes all states so far to the file, so that other programs see them."""
         rows = {name: np.array(values) for name, values in self._rows.items()}
         times = rows.pop("times")
-        if not len(times):  # but there may be what has been kept since the last state
+        if not len(times):  # events and solver states may be pending nevertheless
             rows = {}
         if not (len(times) or self._events or self._solverStates):
             return
@@ -150,7 +150,7 @@ class Recorder:
         for name, values in rows.items():
             self._append(name, values)
         self._file.flush()
-        # Afterwards, so that whoever reads them finds all that they stand for.
+        # Last, so that a reader finds all data that they refer to.
         self._append("solverIndex", np.array(index, dtype="<i8").reshape(-1, 3))
         if len(times):
             self._append("times", times)
@@ -160,9 +160,9 @@ class Recorder:
         self._lastFlush = time.monotonic()
 
     def save(self, simulation=None):
-        """Ends the recording with the last state kept, and gives the file its name.
+        """Ends the recording after the last state, and puts the file in place.
 
-        Without a state, nothing is left of it. raises OSError when it cannot be written
+        A recording without a state is removed. Raises OSError if it cannot be written.
         """
         if self.frameCount:
             self._keep_solver_state(self._firstStep + self.frameCount - 1)
@@ -176,7 +176,7 @@ class Recorder:
                 self._partial.unlink()
 
     def close(self):
-        """Ends a recording that was not saved: the last flush counts, or an old file stays."""
+        """Ends a recording that was not saved, at its last flush. An old file stays."""
         if self._file is not None:
             self._file.close()
             self._file = None
@@ -188,7 +188,7 @@ class Recorder:
         return "recording", shown_path(self.path)
 
     def _begin(self, simulation):
-        """Writes what the run is made from, and makes room for what is to come."""
+        """Writes the scene and the settings, and creates the datasets of the states."""
         file, source, submitted = self._file, simulation.source, simulation.submitted
         self._source, self._firstStep = source, simulation.stepCount
         self._bodyCount = len(simulation.meshes)
@@ -228,9 +228,9 @@ class Recorder:
         self._lastFlush = 0.0
 
     def _check_room(self, size):
-        """Raises OSError unless the disk has room for so many bytes, and some for HDF5's own.
+        """Raises OSError unless the disk has room for `size` bytes and HDF5's own tables.
 
-        HDF5 crashes if one of its writes fails. Windows and macOS cannot tell without writing.
+        HDF5 crashes if one of its writes fails. Windows and macOS cannot check without writing.
         """
         if hasattr(os, "posix_fallocate"):
             descriptor = self._file.id.get_vfd_handle()
@@ -240,12 +240,12 @@ class Recorder:
                 os.ftruncate(descriptor, end)
 
     def _write_whole(self, name, values):
-        """Writes a dataset that does not grow. Checksums need chunks, and these some content."""
+        """Writes a dataset of fixed size. Checksums need chunks, which must not be empty."""
         if values.size:
             self._file.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
 
     def _make_series(self, name, dtype, row=(), mostRow=()):
-        """Makes an empty dataset that grows along its first axis, and where mostRow has None."""
+        """Creates an empty dataset that grows along its first axis, and where mostRow is None."""
         rowBytes = np.dtype(dtype).itemsize * math.prod(row)
         self._file.create_dataset(
             name,
@@ -270,33 +270,36 @@ class Recorder:
 
 
 class Recording:
-    """A recording that is read, state by state; it is never in memory as a whole.
+    """A recording, read state by state; it is never in memory as a whole.
 
-    Attributes: path; firstStep, lastStep; source, a SceneSource; settingsHistory, list of (step,
-    dict), the fields of the settings that the steps from that one on were made with; changes, list
-    of (step, Change), what was done by hand before a step, or before the recording began; functions
-    and functionsFolder, a digest of the student's functions that made it, and the name of their
-    folder, or "" for both; version, numpyVersion.
+    Attributes
+    ----------
+    path, firstStep, lastStep
+    source : SceneSource
+    settingsHistory : list of (step, dict), the settings from that step on
+    changes : list of (step, Change), made by hand before that step, or before the recording
+    functions, functionsFolder : digest of the student's functions and name of their folder, or ""
+    version, numpyVersion : of the program that recorded it
     """
 
     def __init__(self, path):
-        """Reads all but the states; raises RecordingError."""
+        """Reads all but the states. Raises RecordingError."""
         self.path = Path(path)
         try:
             open(path, "rb").close()
         except OSError as error:
             raise self.error(f"cannot be read ({reason_of(error)})") from None
         if not h5py.is_hdf5(path):
-            raise self.error("this is not a recording")
+            raise self.error("not a recording")
         with self.reading():
             self._file = _open(path)
             head = _attributes_of(self._file)
             if head.get("format") != FORMAT:
-                raise self.error("this is an HDF5 file, but not a recording")
+                raise self.error("an HDF5 file, but not a recording")
             self.firstStep = int(head["firstStep"])
             self.lastStep = self.firstStep + self._file["times"].shape[0] - 1
             if self.lastStep < self.firstStep:
-                raise self.error("it holds no state")
+                raise self.error("it has no states")
             names = "functions", "functionsFolder", "version", "numpyVersion"
             self.functions, self.functionsFolder, self.version, self.numpyVersion = (
                 head[name] for name in names
@@ -306,12 +309,12 @@ class Recording:
             self._read_events()
 
     def error(self, cause):
-        """The RecordingError about this recording. To be raised by the caller."""
+        """Returns a RecordingError about this recording, for the caller to raise."""
         return RecordingError(self.path, cause)
 
     @contextmanager
     def reading(self):
-        """Within it, whatever is raised about damaged bytes becomes a RecordingError."""
+        """Turns any error about damaged bytes into a RecordingError."""
         try:
             yield
         except RecordingError:
@@ -334,7 +337,7 @@ class Recording:
         return source
 
     def _text(self, name):
-        """The text in a dataset of bytes, "" where it is missing."""
+        """Returns the text of a dataset of bytes, or "" if it is missing."""
         return self._file[name][()].tobytes().decode("utf-8") if name in self._file else ""
 
     def _read_events(self):
@@ -342,7 +345,7 @@ class Recording:
         self.changes = []
         for line in self._text("events").splitlines():
             event = json.loads(line)
-            if event["step"] > self.lastStep:  # of a step that was still to be made
+            if event["step"] > self.lastStep:  # the run was killed before this step
                 continue
             if "settings" in event:
                 self.settingsHistory.append((event["step"], event["settings"]))
@@ -350,23 +353,23 @@ class Recording:
                 self.changes.append((event["step"], from_record(event["change"])))
 
     def body_count(self, step):
-        """How many bodies there are after a step."""
+        """Returns the number of bodies after a step."""
         return self._bodyCount + sum(
             one.kind == "add" and when <= step for when, one in self.changes
         )
 
     def changes_before(self, step):
-        """What was done by hand before a step was made; of the first one, before it all began."""
+        """Returns the changes made by hand before a step."""
         return [change for when, change in self.changes if when == step]
 
     def frame(self, step):
-        """The state after a step: a dict of the arrays that `Scene.state` has, and times, a float.
+        """Returns the state after a step: the dict of `Scene.state`, with the float `times`.
 
-        raises RecordingError, also unless firstStep ≤ step ≤ lastStep
+        Raises RecordingError, also unless firstStep ≤ step ≤ lastStep.
         """
         if not self.firstStep <= step <= self.lastStep:
             raise self.error(
-                f"step {step} is not in it, only steps {self.firstStep} to {self.lastStep} are"
+                f"step {step} is not recorded, only steps {self.firstStep} to {self.lastStep} are"
             )
         row, count = step - self.firstStep, self.body_count(step)
         with self.reading():
@@ -374,7 +377,7 @@ class Recording:
             return {**frame, "times": float(self._file["times"][row])}
 
     def solver_state(self, step):
-        """The last solver state that was kept, up to a step: (its step, dict of arrays)."""
+        """Returns the last solver state up to a step: (its step, dict of arrays)."""
         with self.reading():
             index = self._file["solverIndex"][()]
             kept, begin, end = index[index[:, 0] <= step][-1].tolist()
@@ -383,15 +386,15 @@ class Recording:
                 return kept, dict(arrays)
 
     def settings_at(self, step):
-        """What a step was made with: (the first step made so, dict of the settings' fields)."""
+        """Returns the settings of a step: (first step with them, dict by field)."""
         steps = [first for first, _ in self.settingsHistory]
         return self.settingsHistory[max(0, bisect_right(steps, step) - 1)]
 
 
 def _open(path):
-    """Opens an HDF5 file to be read, also one that is being written, or was when it was killed.
+    """Opens an HDF5 file for reading, even if it is being written, or its writer was killed.
 
-    That is tried last: HDF5 reads again there what looks damaged, in case it is being written.
+    The ordinary way is tried first, because the other retries metadata that look damaged.
     """
     try:
         return h5py.File(path, "r", locking=False)
@@ -400,7 +403,7 @@ def _open(path):
             raise
     access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
     access.set_file_locking(False, True)
-    # A function that h5py has no name for; it is found where libraries know those they depend on.
+    # h5py does not offer this function of HDF5. Some systems do not find it.
     limit = getattr(ctypes.CDLL(h5py.h5p.__file__), "H5Pset_metadata_read_attempts", None)
     if limit is not None:
         limit(ctypes.c_int64(access.id), ctypes.c_uint(READ_ATTEMPTS))
@@ -413,12 +416,12 @@ def _bytes_of(text):
 
 
 def _shown_name(path):
-    """A file's name for an attribute, "" for None; letters that are not Unicode become `?`."""
+    """Returns a file's name, or "" for None. Bytes that are not Unicode become `?`."""
     return "" if path is None else path.name.encode("utf-8", "replace").decode("utf-8")
 
 
 def _set_attributes(group, values):
-    """Gives a group attributes. Texts have a fixed length: HDF5 has no checksums for others."""
+    """Sets attributes of a group. Texts get a fixed length, because only these have checksums."""
     for name, value in values.items():
         if isinstance(value, str):
             content = value.encode("utf-8")
@@ -427,7 +430,7 @@ def _set_attributes(group, values):
 
 
 def _attributes_of(group):
-    """The attributes of a group, a dict of the Python values that they were."""
+    """Returns the attributes of a group as a dict of Python values."""
     found = {}
     for name, value in group.attrs.items():
         if isinstance(value, bytes):

@@ -1,6 +1,6 @@
-"""What a recording is good for: replaying it, resuming it, verifying it.
+"""Replaying, resuming and verifying recordings.
 
-From the top: `Replay`, which stands in for a simulation; `resume` and `verify`; the settings.
+From the top: `Replay`, used in place of a simulation; `resume` and `verify`; recorded settings.
 
 Units: metres, kilograms, seconds.
 """
@@ -19,18 +19,17 @@ from rbs.stepping.settings import CHOSEN
 
 
 class Replay(Scene):
-    """A recording in place of a simulation: has its attributes, and steps, but simulates nothing.
+    """A recording with the interface of a simulation.
 
-    Attributes: see `Scene`; the settings are those that the present step was made with. Of its own:
-    recording; firstStep, lastStep; lastTime, of the last step, in s.
-
-    What was added by hand is in `meshes` from its step on: they are another list then.
+    Attributes, besides those of `Scene`: recording; firstStep, lastStep; lastTime, of the last
+    step, in s. The settings are those of the present step. Bodies added by hand are in `meshes`
+    from their step on; `meshes` is then a new list.
     """
 
     isReplay = True
 
     def __init__(self, recording):
-        """Stands at the recording's first step; raises RecordingError or SceneError."""
+        """Starts at the first recorded step. Raises RecordingError or SceneError."""
         self.recording = recording
         simulation = recorded_scene(recording)
         self.source, self.scenePath = simulation.source, simulation.scenePath
@@ -49,7 +48,7 @@ class Replay(Scene):
         self.reset()
 
     def seek(self, step):
-        """Puts the bodies to where they were after that step, or after the nearest recorded one."""
+        """Puts the bodies into their state after a step, or after the nearest recorded one."""
         step = min(max(int(step), self.firstStep), self.lastStep)
         frame = self.recording.frame(step)
         count = len(frame["positions"])
@@ -61,7 +60,7 @@ class Replay(Scene):
         self.settings = self._settings[self.recording.settings_at(step)[0]]
 
     def _fix_bodies(self, step):
-        """Fixes and frees the bodies that this was done to, as they were after a step."""
+        """Fixes and frees bodies as they were after a step."""
         changes = self.recording.changes
         for body in {one.body: None for _, one in changes if one.kind == "fix"}:
             isFixed = self._startFixed[body] if body < len(self._startFixed) else False
@@ -72,17 +71,17 @@ class Replay(Scene):
                 self._allMeshes[body].isFixed = isFixed
 
     def step(self):
-        """One step on; at the end, it stays there."""
+        """Goes on by one step, unless it is the last."""
         if self.stepCount < self.lastStep:
             self.seek(self.stepCount + 1)
 
     def reset(self):
-        """Back to the first step."""
+        """Goes back to the first step."""
         self.seek(self.firstStep)
 
 
 def recorded_scene(recording):
-    """The Simulation of a recording's scene, at the scene's start; raises RecordingError."""
+    """Returns the Simulation of a recording's scene, at its start. Raises RecordingError."""
     with recording.reading():
         return Simulation(recording.source)
 
@@ -90,26 +89,34 @@ def recorded_scene(recording):
 def check_functions(recording, submitted):
     """Raises RecordingError unless a recording was made with these functions.
 
-    submitted : `SubmittedSteps`, or None for this program's own functions
+    submitted : `SubmittedSteps`, or None for this project's functions
     """
     if recording.functions and submitted is None:
         raise recording.error(
-            f"it was made with the functions in {recording.functionsFolder}, which --functions "
-            "must name"
+            f"it was made with the functions in {recording.functionsFolder}; name that folder with "
+            "--functions"
         )
     if submitted is not None and not recording.functions:
         raise recording.error("it was made without --functions")
     if submitted is not None and recording.functions != submitted.digest:
-        raise recording.error(f"the functions in {submitted.folder} are not those that made it")
+        raise recording.error(f"it was not made with the functions in {submitted.folder}")
 
 
 def resume(recording, step, simulation=None):
-    """The Simulation of a recording, put to where a step has left it, to go on with the same bits.
+    """Returns a Simulation that continues a recording after a step with the same bits.
 
-    Its settings become those that the recording went on with; later changes are not followed. What
-    the soft-step solver leaves to the next step is recorded every few steps: from the last of them,
-    the steps up to this one are made again.
-    raises RecordingError
+    The settings are those of the next recorded step; later changes are ignored. The state of the
+    soft-step solver is recorded only every few steps, so the steps since the last one are repeated.
+
+    Parameters
+    ----------
+    step : number of the recorded step
+    simulation : of this recording's scene at its start; loaded if None
+
+    Raises
+    ------
+    RecordingError
+        If the step is not recorded, or cannot be restored bit for bit.
     """
     simulation = simulation or recorded_scene(recording)
     check_functions(recording, simulation.submitted)
@@ -135,35 +142,45 @@ def resume(recording, step, simulation=None):
 
 
 def step_again(recording, step, simulation):
-    """Makes a recorded step once more, with its settings and what was done by hand before it."""
+    """Repeats a recorded step, with its settings and the changes by hand before it."""
     simulation.settings = restored_settings(recording, step, simulation.settings)
     redo_changes(recording, step, simulation)
     simulation.step()
 
 
 def redo_changes(recording, step, simulation, withPushes=True):
-    """Does to a simulation what was done by hand before a step; pushes are in the next state."""
+    """Repeats the changes by hand before a step. The next recorded state includes pushes."""
     for change in recording.changes_before(step):
         if withPushes or change.kind != "push":
             redo(recording, change, simulation)
 
 
 def redo(recording, change, simulation):
-    """Does a `Change` once more; raises RecordingError where it cannot be done."""
+    """Repeats a `Change`. Raises RecordingError if that is impossible."""
     with recording.reading():
         simulation.change(change)
 
 
 def verify(recording, advance=None):
-    """Simulates a recording once more and compares the states, to the last bit.
+    """Simulates a recording again and compares the states bit for bit.
 
-    advance : called after every step
-    returns what is wrong first, in a few words, or ""
-    raises RecordingError when the recording cannot be read or its settings have no sense
+    Parameters
+    ----------
+    advance : function, called after every step
+
+    Returns
+    -------
+    str
+        The first difference, in a few words, or "".
+
+    Raises
+    ------
+    RecordingError
+        If the recording cannot be read, or its settings are invalid.
     """
     simulation = recorded_scene(recording)
     first = recording.firstStep
-    if first > 0:  # what came before was not recorded
+    if first > 0:  # the steps before were not recorded
         simulation = resume(recording, first, simulation)
     else:
         redo_changes(recording, first, simulation)
@@ -182,9 +199,9 @@ def verify(recording, advance=None):
 
 
 def difference(simulation, frame):
-    """How a simulation's state differs most from a recorded one, in a few words; "" if in no bit.
+    """Returns the largest difference between a simulation's state and a frame, or "" if none.
 
-    frame : as `Recording.frame` returns it
+    frame : result of `Recording.frame`
     """
     state = {**simulation.state(), "times": np.float64(simulation.time)}
     largest = {
@@ -199,17 +216,16 @@ def difference(simulation, frame):
 
 
 def restored_settings(recording, step, settings):
-    """The settings that a recorded step was made with, as far as there are such settings today.
+    """Returns the settings of a recorded step.
 
-    settings : of the type that is wanted; has what the recording does not know
-    raises RecordingError when the recording has a setting that is unknown or has no sense
+    settings : a Settings with the values of settings that the recording lacks
+    Raises RecordingError if a recorded setting is unknown or invalid.
     """
     _, fields = recording.settings_at(step)
     unknown = sorted(set(fields) - set(CHOSEN))
     if unknown:
         raise recording.error(
-            "it has a setting that this version does not know: "
-            f"{one_line(unknown[0], QUOTE_LENGTH)}"
+            f"it has a setting unknown to this version: {one_line(unknown[0], QUOTE_LENGTH)}"
         )
     try:
         return replace(settings, **fields)

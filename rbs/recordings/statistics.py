@@ -1,6 +1,4 @@
-"""Statistics of a run: the quantities of a step, a table of them, and its plot.
-
-From the top: the quantities and their units; `StatsWriter`, a table of them; `PlotWriter`.
+"""Statistics of a run: the quantities of each step, as a table and as a plot.
 
 Units: metres, kilograms, seconds; times of phases in milliseconds.
 """
@@ -17,7 +15,7 @@ from rbs.scenes.messages import shown_path
 from rbs.scenes.scenefiles import scene_name
 from rbs.stepping.reports import PHASES
 
-# What `step_quantities` gives, each with its unit. A phase's time is called after the phase.
+# Quantities of `step_quantities`, with units. The time of a phase is named after the phase.
 QUANTITY_UNITS = {
     "time": "s",
     "kineticEnergy": "J",
@@ -35,12 +33,11 @@ QUANTITY_UNITS = {
 
 
 def step_quantities(simulation):
-    """The numbers about a simulation's present step, or a replay's: dict of the names above.
+    """Returns the quantities of the present step of a simulation or replay, by name.
 
-    What only the step itself can tell, from `deepestPenetration` on, is NaN before the first step
-    and in a replay, and so are the times of phases that a step does not have. The deepest
-    penetration is that which contacts were found with, before they were corrected; without a
-    contact it is 0.
+    Quantities from `deepestPenetration` on come from the step's report. They are NaN before the
+    first step and in a replay, and so is the time of a phase that the step does not have. The
+    deepest penetration is measured before the correction, and is 0 without contacts.
     """
     kinetic, potential = simulation.kinetic_energy(), simulation.potential_energy()
     values = [
@@ -66,14 +63,14 @@ def step_quantities(simulation):
 
 
 class StatsWriter:
-    """Writes `step_quantities` of every step into a .csv file, as they come.
+    """Writes `step_quantities` of every step to a .csv file, row by row.
 
-    A column each, named "name (unit)", after the number of the step; a number that is unknown is
-    left out. Until `save`, the table is FILE.part.csv.
+    The columns are the step and then "name (unit)". Unknown numbers are left empty. Until `save`,
+    the table is FILE.part.csv.
     """
 
     def __init__(self, path):
-        """Raises OSError that names `path` when nothing can be written there."""
+        """Raises OSError, naming `path`, if it cannot be written."""
         self.path, self._partial = Path(path), partial_path(path)
         with named_errors(path):
             self._file = open(self._partial, "w", encoding="utf-8", newline="", buffering=1)
@@ -82,7 +79,7 @@ class StatsWriter:
             self._writer.writerow(["step", *names])
 
     def add(self, simulation):
-        """Writes the line of the simulation's present step; raises OSError."""
+        """Writes the row of the present step. Raises OSError."""
         values = step_quantities(simulation).values()
         with named_errors(self.path):
             self._writer.writerow(
@@ -90,14 +87,14 @@ class StatsWriter:
             )
 
     def save(self, simulation):
-        """Puts the file in its place, instead of an old one; raises OSError."""
+        """Puts the file in place, replacing an old one. Raises OSError."""
         with named_errors(self.path):
             self._file.close()
             put_in_place(self._partial, self.path)
 
     def close(self):
-        """Removes what was not saved."""
-        with suppress(OSError):  # on a full disk, for what is still to be written
+        """Removes a table that was not saved."""
+        with suppress(OSError):  # a full disk may prevent the last write
             self._file.close()
         if self._partial.is_file() and self._partial != self.path:
             self._partial.unlink()
@@ -108,10 +105,10 @@ class StatsWriter:
 
 
 class PlotWriter:
-    """Plots `step_quantities` of every step as a PNG. Needs matplotlib, and no display."""
+    """Plots `step_quantities` of every step as a PNG. Needs matplotlib, but no display."""
 
     def __init__(self, path):
-        """Raises ImportError, which says what to install, where nothing can be plotted."""
+        """Raises ImportError, naming the package to install, if matplotlib is missing."""
         try:
             import matplotlib  # noqa: F401
         except ImportError:
@@ -122,28 +119,28 @@ class PlotWriter:
         self._rows = []
 
     def add(self, simulation):
-        """Keeps the numbers of the simulation's present step."""
+        """Keeps the quantities of the present step."""
         self._rows.append(list(step_quantities(simulation).values()))
 
     def save(self, simulation):
-        """Draws the plot, in place of an old one; raises OSError."""
+        """Draws the plot, replacing an old one. Raises OSError."""
         title = f"{scene_name(simulation.scenePath)}, to step {simulation.stepCount}"
         with atomic_write(self.path) as partial:
             plot_quantities(self._rows, partial, title)
 
     def close(self):
-        """There is nothing to remove."""
+        """Does nothing: no file is open."""
 
     def summary(self, simulation):
         """Name and text of its row in the summary of a run."""
         return "plot", shown_path(self.path)
 
 
-# Okabe and Ito's colours, which the colour-blind tell apart: black, orange, sky blue, green,
-# vermilion, blue. The lines differ in their dashes too.
+# Okabe and Ito's colours, which the colour-blind can tell apart: black, orange, sky blue, green,
+# vermilion, blue. The lines also differ in their dashes.
 PLOT_COLOURS = ("#000000", "#E69F00", "#56B4E9", "#009E73", "#D55E00", "#0072B2")
 PLOT_DASHES = ("-", "--", ":", "-.", (0, (5, 1)), (0, (3, 1, 1, 1)))
-# The panels of a plot: label of the axis, its unit, the quantities, which have that unit.
+# The panels of a plot: label of the axis, unit, quantities.
 PLOT_PANELS = (
     ("energy", "J", ("totalEnergy", "kineticEnergy", "potentialEnergy")),
     ("momentum", "kg m/s", ("momentumX", "momentumY", "momentumZ")),
@@ -152,14 +149,14 @@ PLOT_PANELS = (
     ("number per step", "", ("contacts", "candidatePairs", "constraintVisits")),
     ("time per step", "ms", tuple(f"{phase}Time" for phase in PHASES)),
 )
-# What goes over several powers of ten, and where it turns linear, since there are zeros too.
+# Panels with a logarithmic axis, and the value below which it is linear, to include zeros.
 LOGARITHMIC_PANELS = {"depth": 1e-3, "number per step": 1.0, "time per step": 0.01}
 PLOT_INCHES = (12.0, 10.0)
 PLOT_DPI = 120
 
 
 def plot_quantities(rows, path, title):
-    """Draws what `step_quantities` gave of each step as a PNG over time; raises OSError."""
+    """Plots rows of `step_quantities` over time as a PNG. Raises OSError."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -183,7 +180,7 @@ def plot_quantities(rows, path, title):
         axes.set_ylabel(f"{name} ({unit})" if unit else name)
         axes.grid(alpha=0.3)
         if shown:
-            # Above the axes, where it hides nothing.
+            # Above the axes, so as not to hide a line.
             axes.legend(
                 loc="lower right",
                 bbox_to_anchor=(1.0, 1.0),

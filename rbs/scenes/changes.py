@@ -1,8 +1,7 @@
-"""What a user does to the bodies between two steps: `Change`, and changes as text for recordings.
+"""Changes that a user makes to the bodies between two steps, and how they are recorded.
 
-A body is pushed, which dragging does with every step; fixed or freed; or added to the scene. A
-change is made through `Simulation.change` only, so that what is done by hand can be recorded, and
-done again to the last bit.
+A body can be pushed (dragging pushes it in every step), fixed, freed, or added. All changes go
+through `Simulation.change`, so that they can be recorded and repeated bit for bit.
 
 Units: metres, kilograms, seconds.
 """
@@ -15,7 +14,7 @@ from RBSFunctions import Mesh
 
 
 class Shape(NamedTuple):
-    """A body's shape: name; vertices (V, 3); faces (F, 3) and tets (T, 4), indices into them."""
+    """A body's shape: name, vertices (V, 3), and indices faces (F, 3) and tets (T, 4)."""
 
     name: str
     vertices: np.ndarray
@@ -24,10 +23,14 @@ class Shape(NamedTuple):
 
 
 class Change(NamedTuple):
-    """What is done to a body (its index) with some numbers; shape : of a body that is added.
+    """A change of one body.
 
-    kind, numbers : "push" with an impulse (3,), in N s, and a point (3,) of the world; "fix" with
+    Attributes
+    ----------
+    kind, numbers : "push" with an impulse (3,) in N s and a point (3,) in world axes; "fix" with
         1 to fix and 0 to free; "add" with density, position, orientation and velocities
+    body : its index
+    shape : of a body that is added, else None
     """
 
     kind: str
@@ -36,7 +39,7 @@ class Change(NamedTuple):
     shape: Shape | None = None
 
     def apply(self, meshes):
-        """Does it to a list of Mesh; raises ValueError where it cannot be done."""
+        """Applies it to a list of Mesh. Raises ValueError if that is impossible."""
         if self.kind == "add":
             meshes.append(self._added_mesh())
         elif self.kind == "fix":
@@ -50,23 +53,23 @@ class Change(NamedTuple):
         with np.errstate(all="ignore"):
             inertia = np.linalg.inv(mesh.IT)
         if not (np.isfinite(mesh.IT).all() and np.isfinite(inertia).all()):
-            raise ValueError(f"mesh {mesh.name}: its inertia is beyond reckoning")
+            raise ValueError(f"mesh {mesh.name}: its inertia is out of range")
         mesh.linVelocity, mesh.angVelocity = numbers[None, 8:11], numbers[None, 11:14]
         return mesh
 
 
 def push(body, impulse, point):
-    """The Change that gives a body an impulse (3,) at a point (3,) of the world."""
+    """Returns the Change that applies an impulse (3,) at a point (3,) in world axes."""
     return Change("push", body, (*_floats(impulse), *_floats(point)))
 
 
 def fix(body, isFixed):
-    """The Change that fixes a body, or frees it."""
+    """Returns the Change that fixes or frees a body."""
     return Change("fix", body, (float(isFixed),))
 
 
 def add(body, shape, density, position, linVelocity):
-    """The Change that adds a body, which will have the index `body`; it does not spin."""
+    """Returns the Change that adds a body with index `body` and no angular velocity."""
     pose = (*_floats(position), 1.0, 0.0, 0.0, 0.0)
     numbers = (float(density), *pose, *_floats(linVelocity), 0.0, 0.0, 0.0)
     return Change("add", body, numbers, shape)
@@ -77,7 +80,7 @@ def _floats(vector):
 
 
 def to_record(change):
-    """A Change as a dict that JSON holds to the last bit; `from_record` takes it back."""
+    """Returns a Change as a dict that JSON keeps bit for bit. `from_record` is the inverse."""
     record = change._asdict()
     if change.shape is None:
         del record["shape"]
@@ -88,7 +91,7 @@ def to_record(change):
 
 
 def from_record(record):
-    """The Change that `to_record` made the dict of; raises KeyError, TypeError or ValueError."""
+    """Returns the Change of a dict by `to_record`. Raises KeyError, TypeError or ValueError."""
     shape = record.get("shape")
     if shape is not None:
         name, vertices, *indices = shape
@@ -98,9 +101,9 @@ def from_record(record):
 
 
 def initial_changes(changes, isStart):
-    """What has to be done to a scene's bodies before they are put into a state of the run.
+    """Returns the changes to apply to a scene before its bodies are put into a state of the run.
 
-    changes : list of Change, all so far; isStart : whether the state is that before the first step,
-    which pushes are part of
+    changes : list of all Changes so far
+    isStart : whether the state is that before the first step; only then are pushes included
     """
     return [one for one in changes if isStart or one.kind != "push"]

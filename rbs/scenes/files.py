@@ -1,4 +1,4 @@
-"""Files: reading with a size limit, writing whole files only, and no output over an input."""
+"""Files: reading with a size limit, atomic writing, and checks of output paths."""
 
 import errno
 import os
@@ -7,23 +7,23 @@ from pathlib import Path
 
 from rbs.scenes.messages import InputError
 
-# Bytes of the longest text file that is read, about a mesh of a million vertices. In memory, it
-# takes some ten times as much.
+# Bytes. Longer text files are refused. Enough for a mesh of about a million vertices, which takes
+# some ten times as much memory.
 TEXT_BYTES = 256 << 20
 
 
 def read_bytes(path, limit=TEXT_BYTES):
     """Returns all bytes of a file. Raises OSError, also if it is longer than `limit` bytes."""
     if os.path.getsize(path) > limit:
-        raise OSError(errno.EFBIG, f"longer than {limit} bytes, the most that is read", str(path))
+        raise OSError(errno.EFBIG, f"longer than the limit of {limit} bytes", str(path))
     return Path(path).read_bytes()
 
 
 def partial_path(path):
-    """Returns the path under which to write a file until it is whole: film.mp4, film.part.mp4.
+    """Returns the path to write a file under until it is whole: film.part.mp4 for film.mp4.
 
-    A target that exists and is no regular file, such as /dev/null or a pipe, is its own partial
-    path: it is simply opened and written. Links are followed.
+    A target that exists and is not a regular file, such as /dev/null or a pipe, is written in place
+    and is its own partial path. Links are followed.
     """
     target = Path(os.path.realpath(path))
     if target.exists() and not target.is_file():
@@ -32,7 +32,7 @@ def partial_path(path):
 
 
 def put_in_place(partial, path):
-    """Gives a file written at its partial path the name `path`, in place of an old file."""
+    """Renames a file from its partial path to `path`, replacing an old file."""
     target = Path(os.path.realpath(path))
     if partial != target:
         os.replace(partial, target)
@@ -40,7 +40,7 @@ def put_in_place(partial, path):
 
 @contextmanager
 def named_errors(path):
-    """Within it, an OSError names the file that the caller knows, not the partial one."""
+    """Makes an OSError name `path` instead of the partial path."""
     try:
         yield
     except OSError as error:
@@ -50,9 +50,9 @@ def named_errors(path):
 
 @contextmanager
 def atomic_write(path):
-    """Yields the path of a file to write, which replaces `path` if no error is raised.
+    """Yields the path of a temporary file, which replaces `path` if no error is raised.
 
-    Raises OSError that names `path`; an old file of that name then stays as it was.
+    Raises OSError, naming `path`. An old file of that name then stays as it was.
     """
     partial = partial_path(path)
     try:
@@ -65,9 +65,11 @@ def atomic_write(path):
 
 
 def check_outputs(outputs, inputs):
-    """Raises InputError if a run would write over one of its inputs, or write one file twice.
+    """Raises InputError if a run would overwrite one of its inputs, or write one file twice.
 
-    outputs : dict from an option's name to the path that it is given
+    Parameters
+    ----------
+    outputs : dict from the name of an option to its path
     inputs : paths of the files that the run reads
     """
     taken = {os.path.realpath(path): "this run reads it" for path in inputs}

@@ -1,6 +1,4 @@
-"""What hands do in the window, as physics: the spring that drags a body, the ball that is shot.
-
-From the top: `spring_impulse`; `Grab`; `ball_shape` and `shot`. Nothing here draws.
+"""The spring that drags a body, and the ball that is shot. Nothing here draws.
 
 Units: metres, kilograms, seconds.
 """
@@ -15,31 +13,35 @@ from rbs.scenes.changes import Shape, add, push
 from rbs.scenes.meshfiles import load_mesh_file
 from rbs.scenes.scenefiles import DATA_FOLDER
 
-# Hz. The body is at the hand within half a second; it hangs g / ω² = 6 cm below, which nobody sees
-# of bodies that are metres large. A stiffer spring would tear it through others.
+# Hz, the frequency of the spring. The body reaches the cursor within half a second, and hangs
+# g / ω² = 6 cm below it, invisible on bodies of metres. Stiffer springs tear it through others.
 GRAB_FREQUENCY = 2.0
-# Of the scene's size: the radius of the ball that is shot, and how far it flies in a second.
+# Radius of the ball, and its distance covered in a second, as fractions of the scene's size.
 SHOT_RADIUS, SHOT_SPEED = 0.03, 1.0
-# How many times as dense as the scene's median body: a lighter one bounces off a wall.
+# Density of the ball, relative to the median body. A lighter ball bounces off a wall.
 SHOT_DENSITY = 4.0
-# The most balls that can be shot into a scene: each makes the pictures and recordings larger.
+# Limit of balls in a scene. Each ball slows drawing and enlarges recordings.
 MOST_SHOTS = 200
 
 
 def spring_impulse(mesh, point, target, timeStep, frequency=GRAB_FREQUENCY):
-    """The impulse (3,), in N s, by which a spring and a damper draw a point of a body to a target.
+    """Returns the impulse (3,), in N s, of a damped spring from a point of a body to a target.
 
-    The spring, of the stiffness k = m ω² with ω = 2π frequency, is critically damped, d = 2 m ω,
-    and taken at the end of the step, as Catto's soft constraints are (GDC 2011): with
-    C = p − target, v the point's velocity, and K its response to an impulse, v' = v + K J and
-    J = −h (k (C + h v') + d v'), so that
+    The spring has stiffness k = m ω² with ω = 2π frequency, and is critically damped, d = 2 m ω. It
+    is evaluated at the end of the step, like Catto's soft constraints (GDC 2011). With C = p −
+    target, v the point's velocity, K its response to an impulse, v' = v + K J and
+    J = −h (k (C + h v') + d v'):
 
         (K + γ 1) J = −(v + h k γ C),    γ = 1 / (h (d + h k))
 
-    It is stable for every mass and every step h. Of a point mass that is drawn, the error after n
-    steps is (a + b n) / (1 + ω h)ⁿ. Nothing moves a fixed body.
+    This is stable for every mass and every step h. For a point mass, the error after n steps is
+    (a + b n) / (1 + ω h)ⁿ. The impulse on a fixed body is zero.
 
-    point, target : (3,), of the world
+    Parameters
+    ----------
+    point, target : (3,), in world axes
+    timeStep : s
+    frequency : Hz
     """
     if mesh.isFixed:
         return np.zeros(3)
@@ -57,36 +59,40 @@ def spring_impulse(mesh, point, target, timeStep, frequency=GRAB_FREQUENCY):
 
 
 class Grab:
-    """A body that is held by a point of it. Attributes: body, its index; target (3,), the hand."""
+    """A body held at one of its points. Attributes: body, its index; target (3,), the cursor."""
 
     def __init__(self, mesh, body, point):
-        """point : (3,), where the body is held, in the world"""
+        """point : (3,), where the body is held, in world axes"""
         self.body = body
         self.target = np.array(point, dtype=np.float64)
         self._arm = QRotate(QConj(mesh.orientation), self.target - mesh.position)
 
     def point(self, mesh):
-        """Where the body is held now, (3,)."""
+        """Returns the point (3,) where the body is held, in world axes."""
         return (QRotate(mesh.orientation, self._arm) + mesh.position)[0]
 
     def change(self, mesh, timeStep):
-        """The `Change` that a step of timeStep begins with, while the body is held."""
+        """Returns the `Change` to apply before a step while the body is held."""
         point = self.point(mesh)
         return push(self.body, spring_impulse(mesh, point, self.target, timeStep), point)
 
 
 @lru_cache(maxsize=1)
 def _unit_ball():
-    """Vertices, faces and tets of a ball of radius 1."""
+    """Returns vertices, faces and tets of a ball of radius 1."""
     vertices, faces, tets = load_mesh_file(DATA_FOLDER / "ball.mesh")
     vertices = vertices - vertices.mean(axis=0)
     return vertices / np.linalg.norm(vertices, axis=1).max(), faces, tets
 
 
 def shot(meshes, size, position, direction):
-    """The `Change` that shoots a ball into a scene.
+    """Returns the `Change` that shoots a ball into a scene.
 
-    size : of the scene, in metres; position (3,), of the ball; direction (3,), a unit vector
+    Parameters
+    ----------
+    size : of the scene, in metres
+    position : (3,), of the ball
+    direction : (3,), unit
     """
     vertices, faces, tets = _unit_ball()
     body = len(meshes)

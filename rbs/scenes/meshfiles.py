@@ -1,7 +1,7 @@
 """Mesh files: tetrahedra from .mesh (MEDIT text), closed surfaces from .off.
 
-From the top: `load_mesh_file`; MEDIT files, whose faces are turned outward by their tetrahedra; OFF
-files, whose faces are turned by each other and filled with tetrahedra; volumes and edges.
+From the top: `load_mesh_file`; MEDIT files, whose tetrahedra orient the faces; OFF files, whose
+faces orient each other and are filled with tetrahedra; volumes and edges.
 
 Units: metres. Faces are counter-clockwise seen from outside; all indices count from 0.
 """
@@ -13,35 +13,40 @@ import numpy as np
 from rbs.scenes.messages import counted, short
 from rbs.scenes.textfiles import LineReader, SceneError
 
-# Metres: from here on a body of ordinary size has but a few digits left for its shape, and
-# products of three coordinates are still far from overflowing.
+# m. Beyond, few digits are left for the shape of a body of ordinary size. Products of three such
+# coordinates are far from overflowing.
 LARGEST_COORDINATE = 1e9
-# A tetrahedron is flat when its volume is below this fraction of the cube of the mesh's extent:
-# well above the rounding of a volume (1e-16), far below the thinnest of a usual mesh (1e-5).
+# Least volume of a tetrahedron, relative to the cube of the mesh's extent; smaller ones count as
+# flat. Far above the rounding of a volume, and far below the thinnest tetrahedra of usual meshes.
 FLAT_VOLUME = 1e-13
-# By what fraction the volume within a mesh's triangles may differ from that of its tetrahedra.
+# Largest relative difference between the volume inside the triangles and that of the tetrahedra.
 VOLUME_TOLERANCE = 1e-9
-# A point lies inside of a face's plane when it is deeper than this fraction of the mesh's extent:
-# well above the rounding of a distance (1e-15), and below any tetrahedron worth having.
+# Least depth of an inner point below the plane of each face, relative to the mesh's extent. Far
+# above the rounding of a distance. Larger values refuse more surfaces.
 INSIDE_MARGIN = 1e-9
-# The sections of a MEDIT file that are used: the width of their rows without the reference number.
+# The sections of a MEDIT file that are used, with columns per row, without the reference number.
 _MEDIT_SECTIONS = {"Vertices": 3, "Triangles": 3, "Tetrahedra": 4}
 
 
 def load_mesh_file(path):
     """Reads a tetrahedral mesh (.mesh, MEDIT text) or a closed surface (.off).
 
-    Faces are turned to be counter-clockwise seen from outside, and tetrahedra to have
-    det(b - a, c - a, d - a) > 0, whichever way the file has them. A surface is filled with the
-    tetrahedra of its faces and one inner point, which becomes the last vertex. Vertices may
-    coincide, and may be used by nothing.
+    Faces are oriented counter-clockwise seen from outside, and tetrahedra so that
+    det(b - a, c - a, d - a) > 0, whatever their orientation in the file. A surface is filled with
+    tetrahedra from its faces to one inner point, which becomes the last vertex. Vertices may
+    coincide or be unused.
 
-    The triangles must be one or more closed surfaces, none of them twice; they must enclose the
-    volume that the tetrahedra have; and no tetrahedron may be flat.
+    Returns
+    -------
+    vertices : (V, 3) float64
+    faces : (F, 3) int64, indices from 0
+    tets : (T, 4) int64, indices from 0
 
-    path : str or Path
-    returns (vertices (V, 3) float64, faces (F, 3) int64, tets (T, 4) int64), indices from 0
-    raises SceneError when the file is missing, malformed, or not a body of some volume
+    Raises
+    ------
+    SceneError
+        If the file is missing or malformed, a tetrahedron is flat, or the triangles are not closed
+        surfaces, each given once, around the volume of the tetrahedra.
     """
     readers = {".mesh": _read_medit, ".off": _read_off}
     read = readers.get(os.path.splitext(path)[1].lower())
@@ -52,12 +57,12 @@ def load_mesh_file(path):
 
 
 def _read_medit(reader):
-    """The sections of a .mesh file, in any order as long as the vertices come first.
+    """Reads the sections of a .mesh file, in any order if the vertices come first.
 
-    Other sections (Edges, Corners, ...) are passed over. `End` or the end of the file ends it.
+    Other sections (Edges, Corners, ...) are skipped. Reading stops at `End` or the end of the file.
     """
     if reader.row("MeshVersionFormatted")[0] != "MeshVersionFormatted":
-        raise reader.error("a .mesh file starts with MeshVersionFormatted")
+        raise reader.error("a .mesh file must start with MeshVersionFormatted")
     sections, lines = {}, {}
     passingOver = False
     while not reader.at_end():
@@ -70,7 +75,7 @@ def _read_medit(reader):
         elif keyword in _MEDIT_SECTIONS:
             passingOver = False
             if keyword in sections:
-                raise reader.error(f"there is a second section {keyword}")
+                raise reader.error(f"second section {keyword}")
             if keyword != "Vertices" and "Vertices" not in sections:
                 raise reader.error(f"the section {keyword} comes before the section Vertices")
             table = _read_medit_section(reader, keyword, fields, sections)
@@ -81,7 +86,7 @@ def _read_medit(reader):
             raise reader.error(f"expected the name of a section, not '{short(keyword, *fields)}'")
     for keyword in _MEDIT_SECTIONS:
         if not len(sections.get(keyword, ())):
-            raise SceneError(reader.path, None, f"there are no {keyword}")
+            raise SceneError(reader.path, None, f"no {keyword}")
     vertices, faces, tets = (sections[keyword] for keyword in _MEDIT_SECTIONS)
     volumes = tetrahedron_volumes(vertices, tets)
     isFlat = np.abs(volumes) <= FLAT_VOLUME * np.max(np.ptp(vertices[tets.ravel()], axis=0)) ** 3
@@ -103,12 +108,12 @@ def _read_medit(reader):
 
 
 def _read_medit_section(reader, keyword, fields, sections):
-    """The rows of one section, without the reference number: (n, width) floats or indices.
+    """Reads the rows of one section. Returns (array (n, width), line numbers of its rows).
 
-    returns (the array, list of the lines that its rows stand in)
+    The reference numbers are left out.
     """
     width = _MEDIT_SECTIONS[keyword]
-    if fields:  # the count stands behind the keyword
+    if fields:  # the count may follow the keyword
         count = reader.integer(fields[0], f"the number of {keyword}")
     else:
         count = reader.count(keyword)
@@ -124,10 +129,11 @@ def _read_medit_section(reader, keyword, fields, sections):
 
 
 def _orient_faces_outward(path, lines, vertices, faces, tets):
-    """The faces, each turned so that the tetrahedron that it bounds lies behind it.
+    """Returns the faces, each oriented so that its tetrahedron lies behind it.
 
-    That decides for each face by itself, so a file may mix both directions. lines : of the faces
-    raises SceneError where the faces are not a closed surface of the tetrahedra
+    Each face is decided by itself, so a file may mix both orientations.
+    lines : line numbers of the faces
+    Raises SceneError unless the faces are a closed surface of the tetrahedra.
     """
     opposite = {}
     for tet in tets.tolist():
@@ -139,9 +145,9 @@ def _orient_faces_outward(path, lines, vertices, faces, tets):
         if key not in opposite:
             raise SceneError(path, line, f"triangle {row} is not a face of any tetrahedron")
         if first.setdefault(key, row) != row:
-            raise SceneError(path, line, f"triangle {row} is the same as triangle {first[key]}")
+            raise SceneError(path, line, f"triangle {row} repeats triangle {first[key]}")
     inner = [opposite[key] for key in keys]
-    # The inner vertex of an outward face stands at a negative distance over it.
+    # The inner vertex of an outward face lies at a negative distance from it.
     inward = tetrahedron_volumes(vertices, np.column_stack([faces, inner])) > 0.0
     faces = np.where(inward[:, None], faces[:, ::-1], faces)
     for (low, high), owners in _faces_at_edges(faces).items():
@@ -154,13 +160,13 @@ def _orient_faces_outward(path, lines, vertices, faces, tets):
 
 
 def _read_off(reader):
-    """A closed surface of polygons, cut into triangles and filled with tetrahedra."""
+    """Reads a closed surface of polygons, cuts it into triangles and fills it with tetrahedra."""
     header, *counts = reader.row("OFF")
     if header != "OFF":
-        raise reader.error("an .off file starts with OFF")
+        raise reader.error("an .off file must start with OFF")
     counts = counts or reader.row("the counts")
     if len(counts) not in (2, 3):  # the number of edges may be left out
-        raise reader.error(f"expected the numbers of vertices and faces: '{short(*counts)}'")
+        raise reader.error(f"expected the numbers of vertices and faces, not '{short(*counts)}'")
     vertexCount = reader.integer(counts[0], "the number of vertices", low=4)
     faceCount = reader.integer(counts[1], "the number of faces", low=4)
     vertices = np.array(
@@ -174,7 +180,7 @@ def _read_off(reader):
         corners = reader.integer(row[0], "the number of a face's corners", low=3)
         if len(row) <= corners:
             raise reader.error(f"a face of {corners} corners has only {len(row) - 1}")
-        # What follows the corners is the face's colour.
+        # A colour may follow the corners.
         polygon = _read_corners(reader, row[1 : corners + 1], 0, vertexCount)
         triangles += [[polygon[0], a, b] for a, b in zip(polygon[1:], polygon[2:], strict=False)]
     reader.expect_end(f"{faceCount} faces")
@@ -186,20 +192,26 @@ def _read_off(reader):
 
 
 def orient_surface(vertices, faces):
-    """Turns the triangles of a closed surface to be counter-clockwise seen from outside.
+    """Orients the triangles of a closed surface counter-clockwise seen from outside.
 
-    Neighbours are made to agree, starting from one triangle of each connected piece, and a piece
-    with a negative volume is turned as a whole. Works on any closed surface, convex or not.
+    Neighbours are made consistent, starting from one triangle of each connected piece, and a piece
+    of negative volume is flipped as a whole. The surface need not be convex.
 
-    vertices (V, 3), faces (F, 3); returns (F, 3)
-    raises ValueError when an edge does not belong to exactly two triangles, or has no sides
+    Returns
+    -------
+    (F, 3)
+
+    Raises
+    ------
+    ValueError
+        If an edge does not belong to exactly two triangles, or the surface is not orientable.
     """
     neighbours = [[] for _ in faces]
     for (low, high), owners in _faces_at_edges(faces).items():
         if len(owners) != 2:
             raise ValueError(_not_closed(low, high, len(owners)))
         (one, oneAscends), (other, otherAscends) = owners
-        # Neighbours that agree run along their common edge in opposite directions.
+        # Consistent neighbours traverse their common edge in opposite directions.
         neighbours[one].append((other, oneAscends == otherAscends))
         neighbours[other].append((one, oneAscends == otherAscends))
 
@@ -217,26 +229,36 @@ def orient_surface(vertices, faces):
 
 
 def _agree_with(start, neighbours, turned):
-    """The triangles connected with `start`; notes in `turned` which must turn to agree with it."""
+    """Returns the triangles connected with `start`. Marks in `turned` those to be flipped."""
     turned[start] = False
     piece = [start]
-    for face in piece:  # grows while it is walked through
+    for face in piece:  # grows during the loop
         for other, differs in neighbours[face]:
             if turned[other] is None:
                 turned[other] = turned[face] ^ differs
                 piece.append(other)
             elif turned[other] != turned[face] ^ differs:
-                raise ValueError("the surface has no inside: it cannot be turned consistently")
+                raise ValueError("the surface has no inside (it is not orientable)")
     return piece
 
 
 def fill_surface(vertices, faces):
     """Joins every triangle of a closed surface to one inner point.
 
-    vertices (V, 3); faces (F, 3), counter-clockwise seen from outside
-    returns (vertices (V+1, 3) with the inner point as last one, faces, tets (T, 4) of positive
-    volume); a triangle without area gets no tetrahedron
-    raises ValueError when no point sees all faces from behind
+    Parameters
+    ----------
+    faces : (F, 3), counter-clockwise seen from outside
+
+    Returns
+    -------
+    vertices : (V + 1, 3), the inner point last
+    faces : the same
+    tets : (T, 4) of positive volume, one for each triangle with an area
+
+    Raises
+    ------
+    ValueError
+        If no point sees all faces from behind.
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
@@ -254,18 +276,16 @@ def fill_surface(vertices, faces):
 
 
 def find_inner_point(vertices, normals, offsets, margin):
-    """A point (3,) more than `margin` behind all planes normals · x = offsets.
+    """Returns a point (3,) more than `margin` behind all planes normals · x = offsets.
 
-    The vertex mean, if it will do: it always does for a convex body. Else the point whose least
-    distance from the planes is largest, which is a linear programme: maximise t under
-    normals · x + t ≤ offsets.
-
-    raises ValueError when there is no such point
+    The mean of the vertices is used if it qualifies, as in every convex body. Otherwise a linear
+    programme maximises the least distance t from the planes, normals · x + t ≤ offsets. Raises
+    ValueError if no point qualifies.
     """
     mean = np.mean(vertices, axis=0)
     if np.max(normals @ mean - offsets) < -margin:
         return mean
-    # Imported here: it takes as long as everything else together, and few files need it.
+    # Imported here, because it takes long and few files need it.
     from scipy.optimize import linprog
 
     best = linprog(
@@ -276,26 +296,26 @@ def find_inner_point(vertices, normals, offsets, margin):
     )
     if best.status != 0 or best.x[3] <= margin:
         raise ValueError(
-            "the surface cannot be filled from one point, since no point sees all of it from "
-            "inside; give it as a .mesh with tetrahedra"
+            "the surface cannot be filled, because no point sees all of it from inside; give it as "
+            "a .mesh with tetrahedra"
         )
     return best.x[:3]
 
 
 def tetrahedron_volumes(vertices, tets):
-    """Signed volumes (T,): positive where d lies on the side that a, b, c turn clockwise from."""
+    """Returns signed volumes (T,), positive if a, b, c run clockwise seen from d."""
     a, b, c, d = (vertices[tets[:, k]] for k in range(4))
     return np.sum(np.cross(b - a, c - a) * (d - a), axis=1) / 6.0
 
 
 def enclosed_volume(vertices, faces):
-    """Of closed surfaces, by the divergence theorem; negative if the faces look inward."""
+    """Returns the volume inside closed surfaces, by the divergence theorem; signed."""
     a, b, c = (vertices[faces[:, k]] - vertices[0] for k in range(3))
     return float(np.sum(a * np.cross(b, c)) / 6.0)
 
 
 def _faces_at_edges(faces):
-    """dict of the edges (low, high), each with its owners: (face, whether low comes first)."""
+    """Returns a dict from edges (low, high) to lists of (face, whether low comes first)."""
     owners = {}
     for face, corners in enumerate(faces.tolist()):
         for tail, head in zip(corners, corners[1:] + corners[:1], strict=True):
@@ -305,15 +325,15 @@ def _faces_at_edges(faces):
 
 
 def _not_closed(low, high, count):
-    """What is wrong with a surface one of whose edges belongs to so many triangles."""
+    """Returns the message for an edge that belongs to `count` triangles."""
     return (
-        f"the surface is not closed: the edge between the vertices {low} and {high} "
+        f"the surface is not closed: the edge between vertices {low} and {high} "
         f"belongs to {counted(count, 'triangle')}, not to 2"
     )
 
 
 def _read_corners(reader, fields, first, vertexCount):
-    """Vertex indices counted from `first`, as a list counted from 0; no vertex twice."""
+    """Returns a list of vertex indices from 0, read from fields that count from `first`."""
     last = first + vertexCount - 1
     corners = [reader.integer(field, "a vertex index", first, last) - first for field in fields]
     if len(set(corners)) < len(corners):

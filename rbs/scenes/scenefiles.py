@@ -1,7 +1,7 @@
-"""Scene and constraint files: where they are, and what is in them.
+"""Scene and constraint files: finding and reading them.
 
-From the top: loading a scene and its constraints; what a scene is made from, so that a recording
-can hold it; finding files by name; the parts of a scene's lines.
+From the top: loading scenes and constraints; `SceneSource`, which recordings keep; finding files by
+name; the columns of a scene's lines.
 
 Units: metres, kilograms, seconds. The y axis points up.
 """
@@ -25,53 +25,58 @@ from rbs.stepping.bodies import STATE_WIDTHS
 from rbs.stepping.constraints import constraint_rows
 from RBSFunctions import Mesh
 
-# Our own scenes and meshes: within the package where it is installed, else beside it, as in a
-# checkout. An installed package has other packages' folders beside it.
+# The project's scenes and meshes: inside an installed package, beside the package in a checkout.
 _PACKAGE = Path(__file__).resolve().parents[1]
 DATA_FOLDER = next(filter(Path.is_dir, [_PACKAGE / "data"]), _PACKAGE.parent / "data")
 
-# The end of a mesh file's name, with what separates it from the numbers behind it.
+# The end of a mesh file's name, before the separator.
 _NAME_END = re.compile(r"\.(?:mesh|off)(?=[\s,])", re.IGNORECASE)
 
-# A comment line that suggests settings: "# suggests friction 0.5".
+# A comment line that recommends settings: "# suggests friction 0.5".
 _SUGGESTION = re.compile(r"\s*#+\s*suggests\s+(.*)")
 SCENE_ENDING = "-scene.txt"
 CONSTRAINTS_ENDING = "-constraints.txt"
-# kg/m³: a neutron star has less than 1e19, and masses are still far from overflowing.
+# kg/m³. Larger ones are refused, before masses overflow. A neutron star has less than 1e19.
 LARGEST_DENSITY = 1e30
-# A mesh counts as convex while its hull is larger than itself by no more than this fraction.
-# Coordinates that were written with four decimals make about 1e-5; what a smaller tolerance would
-# report nobody could see, and a dent of 1e-4 shifts a contact by far less than a body's size.
+# Largest relative excess of the hull's volume over that of a convex mesh. Coordinates rounded to
+# four decimals make about 1e-5. Smaller values report dents that are invisible, larger ones hide
+# visible dents.
 CONVEXITY_TOLERANCE = 1e-4
 
 
 class NonConvexWarning(UserWarning):
-    """A mesh that collides as its convex hull, which is larger than the mesh itself."""
+    """A mesh is not convex, and collides as its convex hull."""
 
 
 def load_scene_file(path, allowOutsideMeshes=False):
     """Reads a scene: the number of bodies, then `meshfile density isFixed x y z qw qx qy qz` each.
 
-    Mesh files are looked up beside the scene file, and each is read once; their names may have
-    blanks in them, and `\\` separates folders as `/` does. A body is named after its mesh file and
-    its place in the scene, "box 3": the index that constraints know it by.
-    A mesh that is not convex gives one NonConvexWarning, however many bodies use it.
+    Mesh files are looked up beside the scene file. Their names may contain blanks, and `\\`
+    separates folders as `/` does. A body is named after its mesh file and its index, such as
+    "box 3". Constraints refer to this index. A mesh that is not convex gives one NonConvexWarning.
 
-    path : str or Path
-    allowOutsideMeshes : whether mesh files may lie outside of the scene's folder, by an absolute
-        path, by `..` or through a symbolic link; without it, a scene of unknown origin makes this
-        program read nothing but what came with it
-    returns a list of Mesh
-    raises SceneError
+    Parameters
+    ----------
+    allowOutsideMeshes : bool
+        Whether mesh files may lie outside the scene's folder, by an absolute path, `..` or a
+        symbolic link. If not, a scene of unknown origin can only read files that came with it.
+
+    Returns
+    -------
+    list of Mesh
+
+    Raises
+    ------
+    SceneError
+        If a file is missing or malformed, with file and line.
     """
     return _make_bodies(LineReader(path, fields_of), {}, allowOutsideMeshes)
 
 
 def _make_bodies(reader, shapes, allowOutsideMeshes=False):
-    """The list of Mesh of a scene's lines.
+    """Returns the list of Mesh of a scene's lines.
 
-    shapes : dict of what `load_mesh_file` returns, by the names of the mesh files; those that are
-        missing are read, and added
+    shapes : dict from mesh file names to results of `load_mesh_file`; missing ones are added
     """
     bodyCount = reader.count("bodies", low=1, kind="a scene")
     seen = set()
@@ -88,8 +93,8 @@ def _make_bodies(reader, shapes, allowOutsideMeshes=False):
         largest = max(map(abs, orientation))
         if largest == 0.0:
             raise reader.error("the quaternion must not be zero")
-        # hypot neither overflows nor vanishes where the sum of the squares would; of the largest
-        # numbers that there are, it does.
+        # hypot does not overflow or vanish as the sum of the squares would, except near the
+        # largest floats.
         scale = 1.0 if largest < 1e300 else largest
         length = math.hypot(*(component / scale for component in orientation))
         orientation = [component / scale / length for component in orientation]
@@ -108,13 +113,21 @@ def _make_bodies(reader, shapes, allowOutsideMeshes=False):
 def load_constraint_file(path, meshes):
     """Reads distance constraints: their number, then `m1 v1 m2 v2 lower upper` each.
 
-    Vertex v1 of mesh m1 and vertex v2 of mesh m2 (counted from 0) stay between `lower` and `upper`
-    times the distance that they have now, by their currVertices.
+    The distance between vertex v1 of mesh m1 and vertex v2 of mesh m2, counted from 0, stays
+    between `lower` and `upper` times its present value, by currVertices.
 
+    Parameters
+    ----------
     meshes : list of Mesh
-    returns a list of [m1, v1, m2, v2, refValue, upper], two for each line: first the lower bound,
-    then the upper one; refValue in metres, upper a bool
-    raises SceneError
+
+    Returns
+    -------
+    list of [m1, v1, m2, v2, refValue, upper]
+        Two per line, the lower bound first. refValue in metres; upper, a bool.
+
+    Raises
+    ------
+    SceneError
     """
     return _make_constraints(LineReader(path, fields_of), meshes)
 
@@ -130,7 +143,7 @@ def _make_constraints(reader, meshes):
             raise reader.error(f"the bounds must be 0 ≤ lower ≤ upper, not {row[4]} and {row[5]}")
         distance = math.dist(meshes[m1].currVertices[v1], meshes[m2].currVertices[v2])
         if upper * distance == math.inf:
-            raise reader.error(f"the upper bound {row[5]} is beyond reckoning")
+            raise reader.error(f"the upper bound {row[5]} is out of range")
         constraints.append([m1, v1, m2, v2, lower * distance, False])
         constraints.append([m1, v1, m2, v2, upper * distance, True])
     reader.expect_end(f"{lineCount} constraints")
@@ -139,12 +152,12 @@ def _make_constraints(reader, meshes):
 
 @dataclass
 class SceneSource:
-    """What a scene is made from: with it, a scene can be made again without its files.
+    """The contents of a scene's files, from which the scene can be made again without them.
 
-    path, constraintPath : of the files that it was read from; constraintPath is None for none
-    scene, constraints : the texts of these files; constraints is "" for none
-    shapes : dict of (vertices, faces, tets), as `load_mesh_file` returns them, by the names that
-        the scene has for its mesh files; `make` reads those that are missing
+    path, constraintPath : paths of the files; constraintPath is None if there are no constraints
+    scene, constraints : texts of these files, or ""
+    shapes : dict from mesh file names, as in the scene, to (vertices, faces, tets); `make` reads
+        missing ones
     """
 
     path: Path
@@ -155,9 +168,9 @@ class SceneSource:
 
     @classmethod
     def of_files(cls, scenePath, constraintPath=None):
-        """Reads the texts; raises SceneError.
+        """Reads the texts. Raises SceneError.
 
-        constraintPath : by default, the file that belongs to the scene by its name, if any
+        constraintPath : by default NAME-constraints.txt of NAME-scene.txt, if it exists
         """
         source = cls(Path(scenePath), read_text(scenePath))
         if constraintPath is None:
@@ -169,7 +182,7 @@ class SceneSource:
         return source
 
     def make(self, allowOutsideMeshes=False):
-        """Returns (list of Mesh, list of constraints); raises SceneError."""
+        """Returns (list of Mesh, list of constraints). Raises SceneError."""
         reader = LineReader(self.path, fields_of, self.scene)
         meshes = _make_bodies(reader, self.shapes, allowOutsideMeshes)
         if self.constraintPath is None:
@@ -178,7 +191,7 @@ class SceneSource:
         return meshes, _make_constraints(reader, meshes)
 
     def files(self):
-        """The paths of all files that it was read from."""
+        """Returns the paths of all files that were read."""
         meshes = [self.path.parent / name for name in self.shapes]
         return [self.path, *filter(None, [self.constraintPath]), *meshes]
 
@@ -224,109 +237,109 @@ class BodySource(SceneSource):
 
 
 def find_scene(name):
-    """The path of a scene: `name` itself if it is one, else data/<name>-scene.txt.
+    """Returns the path of a scene: `name` if such a file exists, else data/<name>-scene.txt.
 
-    raises SceneError that names the scenes of data/ whose names are like it when there is neither
+    Raises SceneError, naming similar scenes in data/, if neither exists.
     """
     path = Path(name)
     ours = DATA_FOLDER / f"{name}{SCENE_ENDING}"
     isOurs = path.name == str(name) and os.path.exists(ours)
-    if isOurs and not os.path.isfile(path):  # a folder of that name does not hide the scene
+    if isOurs and not os.path.isfile(path):  # a folder of that name must not hide the scene
         return ours
-    if os.path.exists(path):  # unlike path.exists(), does not raise where it cannot look
+    if os.path.exists(path):  # path.exists() may raise
         return path
     known = [scene_name(scene) for scene in list_scenes(DATA_FOLDER)]
     similar = get_close_matches(str(name), known)
-    cause = "there is no such scene, neither a file nor one of ours, which --help lists"
+    cause = "no such scene or file; --help lists the scenes"
     raise SceneError(name, None, cause + f"; similar: {', '.join(similar)}" * bool(similar))
 
 
 def list_scenes(folder):
-    """The paths of all scenes in a folder, by name."""
+    """Returns the sorted paths of all scenes in a folder."""
     return sorted(Path(folder).glob(f"*{SCENE_ENDING}"))
 
 
 def find_constraints(scenePath):
-    """The constraint file that belongs to NAME-scene.txt, NAME-constraints.txt, or None."""
+    """Returns the path NAME-constraints.txt for NAME-scene.txt, or None if it does not exist."""
     path = Path(scenePath).with_name(scene_name(scenePath) + CONSTRAINTS_ENDING)
     return path if os.path.exists(path) else None
 
 
 def scene_name(path):
-    """What a person calls a scene: the file's name without its ending."""
+    """Returns the name of a scene: its file's name without the ending."""
     name = Path(path).name
     return name[: -len(SCENE_ENDING)] if name.endswith(SCENE_ENDING) else Path(path).stem
 
 
 def _body_row(reader, fields, what):
-    """The ten columns of a body's line, the name of its mesh file with `/` between folders.
+    """Returns the ten columns of a body's line.
 
-    A name may have blanks in it, which is seen from its ending. `\\` stands for `/` on every
-    system, so that a scene means the same on all of them.
+    The name of the mesh file may contain blanks, because its ending marks where it ends. `\\` is
+    replaced by `/`, so that a scene means the same on every system.
     """
     name = " ".join(fields[:-9])
     if len(fields) < 10 or (len(fields) > 10 and not name.lower().endswith((".mesh", ".off"))):
-        raise reader.error(f"{what} takes 10 columns, not {len(fields)}: '{short(*fields)}'")
+        raise reader.error(f"{what} must have 10 columns, not {len(fields)}: '{short(*fields)}'")
     return [name.replace("\\", "/"), *fields[-9:]]
 
 
 def _load_mesh_beside(reader, fileName, allowOutside):
-    """The mesh of a scene's current line; where there is none, the error names that line."""
+    """Loads the mesh file of a scene's current line. Raises SceneError."""
     folder = Path(reader.path).parent
     path = folder / fileName
-    # realpath follows links and `..` as the system would.
+    # realpath resolves links and `..` as the system would.
     home, target = os.path.realpath(folder), os.path.realpath(path)
     if not allowOutside and not Path(target).is_relative_to(home):
         raise reader.error(
-            f"the mesh file '{short(fileName)}' lies outside of the scene's folder; "
-            "--allow-outside-meshes reads it"
+            f"the mesh file '{short(fileName)}' lies outside the scene's folder; "
+            "--allow-outside-meshes admits it"
         )
     if not os.path.exists(path):
-        raise reader.error(f"there is no mesh file '{short(fileName)}' beside the scene")
+        raise reader.error(f"no mesh file '{short(fileName)}' beside the scene")
     return load_mesh_file(path)
 
 
 def _make_body(reader, name, vertices, faces, tets, density, *state):
-    """The Mesh of a scene's current line; raises SceneError where its mass has no sense."""
+    """Returns the Mesh of a scene's current line. Raises SceneError if its mass is invalid."""
     try:
         with np.errstate(all="ignore"):
             mesh = Mesh(name, vertices, faces, tets, density, *state)
             inverses = 1.0 / mesh.mass, np.linalg.inv(mesh.IT)
     except (ValueError, ZeroDivisionError) as error:
-        raise reader.error(f"this cannot be a body: {error}") from None
+        raise reader.error(f"invalid body: {error}") from None
     if not all(np.isfinite(value).all() for value in (mesh.IT, *inverses)):
-        raise reader.error(f"this cannot be a body: its mass, {mesh.mass:g}, is beyond reckoning")
+        raise reader.error(f"invalid body: its mass, {mesh.mass:g}, is out of range")
     if 0.0 < mesh.hullVolume * (1.0 + CONVEXITY_TOLERANCE) < mesh.volume:
         raise reader.error(
-            f"the tetrahedra of {name} overlap: their volume is {mesh.volume:.6g}, that of their "
-            f"convex hull {mesh.hullVolume:.6g}"
+            f"the tetrahedra of {name} overlap, because their volume, {mesh.volume:.6g}, exceeds "
+            f"that of their convex hull, {mesh.hullVolume:.6g}"
         )
     return mesh
 
 
 def _warn_unless_convex(fileName, mesh):
-    """Warns if the hull of a Mesh is larger than itself; stacklevel: whoever loads the scene."""
+    """Warns if a Mesh is not convex. The warning points at the caller that loads the scene."""
     if mesh.hullVolume > mesh.volume * (1.0 + CONVEXITY_TOLERANCE):
         warnings.warn(
-            f"{fileName} is not convex (volume {mesh.volume:.6g}, its convex hull "
-            f"{mesh.hullVolume:.6g}): it collides as its hull",
+            f"{fileName} is not convex (volume {mesh.volume:.6g}, convex hull "
+            f"{mesh.hullVolume:.6g}) and collides as its hull",
             NonConvexWarning,
             stacklevel=3,
         )
 
 
 def _read_end(reader, meshField, vertexField, meshes):
-    """(mesh index, vertex index) of one end of a constraint."""
+    """Returns (mesh index, vertex index) of one end of a constraint."""
     mesh = reader.integer(meshField, "a mesh index", 0, len(meshes) - 1)
     vertex = reader.integer(vertexField, "a vertex index", 0, len(meshes[mesh].currVertices) - 1)
     return mesh, vertex
 
 
 def fields_of(line):
-    """The fields of a line, a list of str; what follows a `#` is a comment.
+    """Splits a line into a list of str, without the comment after `#`.
 
-    The coursework's text prints commas between the numbers. They count as blanks, but for those in
-    the name of a mesh file.
+    Commas count as blanks, as the coursework's text uses them between numbers, except in the name
+    of a mesh file.
     """
     line = line.split("#", 1)[0]
     ends = [match.end() for match in _NAME_END.finditer(line)]
@@ -335,11 +348,16 @@ def fields_of(line):
 
 
 def scene_rows(text, count):
-    """The bodies of a scene, with the numbers as they stand in its file.
+    """Returns the bodies of a scene with the numbers in its file, not normalised.
 
-    text : of a scene file that `load_scene_file` has accepted, so that nothing can be wrong with it
-    count : how many bodies it has found
-    Returns a list of (mesh file, density, isFixed, position (1, 3), orientation (1, 4)).
+    Parameters
+    ----------
+    text : of a scene file that `load_scene_file` has accepted
+    count : number of bodies
+
+    Returns
+    -------
+    list of (mesh file, density, isFixed, position (1, 3), orientation (1, 4))
     """
     lines = [fields for fields in map(fields_of, text.splitlines()) if fields]
     rows = []
@@ -353,9 +371,6 @@ def scene_rows(text, count):
 
 
 def suggestion_lines(text):
-    """The words of a scene's comment lines that begin with `# suggests`.
-
-    Returns a list of (line number, list of words).
-    """
+    """Returns the words after `# suggests` in a scene's comments: list of (line number, words)."""
     found = ((k, _SUGGESTION.match(line)) for k, line in enumerate(text.splitlines(), start=1))
     return [(number, match[1].split()) for number, match in found if match]

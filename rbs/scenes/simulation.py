@@ -1,4 +1,4 @@
-"""A scene that is simulated: `Simulation`.
+"""`Simulation`, a scene with its settings and its steps.
 
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
@@ -17,28 +17,30 @@ from rbs.stepping.bodies import StateError
 from rbs.stepping.settings import CONSTRAINT_TOLERANCE, Settings
 from RBSFunctions import ground, run_timestep
 
-# Constraint visits in a step: as many sweeps as a chain needs to pass a tug along itself a few
-# times over, and what the coursework allows where the constraints are few.
+# Limits of the constraint visits in a step: sweeps over all constraints, enough for a pull to pass
+# along a chain several times, and the coursework's limit, which holds for few constraints.
 SWEEPS = 20
 LEAST_VISITS = 1000
 
 
 class Simulation(Scene):
-    """A scene, what it is simulated with, and how far it has come.
+    """A scene that is simulated.
 
-    Attributes: see `Scene`; of its own: solverState, what the soft-step solver has left to the next
-    step; changes, list of `Change`, what has been done to the bodies by hand: all but the pushes
-    before the last step; startSettings, a copy of the settings that it began with.
+    Attributes, besides those of `Scene`: solverState, kept by the soft-step solver for the next
+    step; changes, list of all `Change`s so far, except pushes before the last step; startSettings,
+    a copy of the settings at the start.
     """
 
-    submitted = None  # `SubmittedSteps` that make the steps in place of run_timestep
+    submitted = None  # `SubmittedSteps` that replace run_timestep
 
     def __init__(self, scene, settings=None, constraintPath=None, *, allowOutsideMeshes=False):
-        """Loads the scene; raises SceneError.
+        """Loads the scene. Raises SceneError.
 
-        scene : the path of a scene file, or a SceneSource
-        constraintPath : a constraint file; by default the one that belongs to the scene by its
-            name, if there is one
+        Parameters
+        ----------
+        scene : path of a scene file, or a SceneSource
+        settings : Settings, by default the coursework's behaviour
+        constraintPath : by default NAME-constraints.txt of NAME-scene.txt, if it exists
         allowOutsideMeshes : see `load_scene_file`
         """
         self.settings = Settings() if settings is None else settings
@@ -93,10 +95,7 @@ class Simulation(Scene):
         self.stepSeconds = self.report = None
 
     def reset(self):
-        """Puts every body back to where the scene has it, at rest, and free or fixed as it was.
-
-        Bodies that have been added are taken out: `meshes` is another list then.
-        """
+        """Restores the start. If added bodies are removed, `meshes` becomes a new list."""
         if len(self.meshes) > self.sceneCount:
             self.meshes = self.meshes[: self.sceneCount]
         for mesh, isFixed in zip(self.meshes, self._startFixed, strict=True):
@@ -105,33 +104,33 @@ class Simulation(Scene):
         self._begin()
 
     def change(self, change):
-        """Does a `Change` to the bodies, between two steps; raises ValueError where it cannot."""
+        """Applies a `Change` between two steps. Raises ValueError if that is impossible."""
         change.apply(self.meshes)
         self.changes.append(change)
 
     @property
     def sceneCount(self):
-        """How many bodies the scene has, without those that have been added."""
+        """Number of bodies in the scene file, without added ones."""
         return len(self._startFixed)
 
     def max_iterations(self):
-        """Constraint visits in a step at most: as set, or twenty sweeps and at least a thousand."""
+        """Returns the limit of constraint visits in a step: the setting, or its default."""
         if self.settings.maxIterations is not None:
             return self.settings.maxIterations
         return max(LEAST_VISITS, SWEEPS * len(self.constraints))
 
     def step(self):
-        """Goes on by one time step.
+        """Makes one time step.
 
-        raises StateError, which names the step and the body, where a number would become NaN,
-        infinite or absurdly large; the simulation then stays as it was before the step
+        Raises StateError, naming step and body, if a number would become NaN, infinite or absurdly
+        large. The simulation then stays as it was before the step.
         """
         settings = self.settings
         arguments = settings.arguments()
         if settings.contactSolver == "impulse":
             arguments["maxIterations"] = self.max_iterations()
-            arguments["tolerance"] = CONSTRAINT_TOLERANCE  # a student's default may be another one
-            self.solverState.clear()  # what the other solver has left is out of date
+            arguments["tolerance"] = CONSTRAINT_TOLERANCE  # a student's default may differ
+            self.solverState.clear()  # out of date after a step of this solver
         else:
             arguments["solverState"] = self.solverState
         begin = time.perf_counter()
@@ -139,7 +138,7 @@ class Simulation(Scene):
         if self.submitted is not None:
             advance = partial(self.submitted.step, self.source)
         try:
-            with np.errstate(all="ignore"):  # what overflows is told in one line below
+            with np.errstate(all="ignore"):  # an overflow is reported in one line below
                 self.report = advance(
                     self.meshes, self.groundMesh, constraints=self.constraints, **arguments
                 )

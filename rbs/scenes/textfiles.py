@@ -1,6 +1,6 @@
-"""Text files, read line by line; whatever is wrong with one is told with file and line number.
+"""Reading text files line by line, with errors that name file and line.
 
-From the top: the error; the reader; numbers as people write them.
+From the top: `SceneError`; `LineReader`; parsing of numbers.
 """
 
 import io
@@ -11,43 +11,42 @@ from rbs.scenes.messages import InputError, reason_of, short
 
 
 class SceneError(InputError):
-    """A file, or a name of one, that cannot be used. Reads "file:line: cause" in one line."""
+    """A file that cannot be used. The message reads "file:line: cause"."""
 
     def __init__(self, path, lineNumber, cause):
-        """lineNumber : counted from 1, or None where the file as a whole is meant."""
+        """lineNumber : counted from 1, or None for the whole file"""
         place = f"{path}:{lineNumber}" if lineNumber else f"{path}"
         super().__init__(f"{place}: {cause}")
 
 
 def read_text(path):
-    """Returns the text of a file in UTF-8, with or without a byte-order mark; raises SceneError."""
+    """Returns the text of a UTF-8 file, without a byte-order mark. Raises SceneError."""
     try:
         text = read_bytes(path).decode("utf-8-sig")
     except FileNotFoundError:
-        raise SceneError(path, None, "there is no such file") from None
+        raise SceneError(path, None, "no such file") from None
     except IsADirectoryError:
-        raise SceneError(path, None, "this is a folder, not a file") from None
+        raise SceneError(path, None, "a folder, not a file") from None
     except UnicodeDecodeError:
-        raise SceneError(path, None, "this is not a text file") from None
+        raise SceneError(path, None, "not a text file") from None
     except (OSError, ValueError) as error:  # a ValueError for a NUL in the name
         raise SceneError(path, None, f"cannot be read ({reason_of(error)})") from None
     if "\0" in text:
-        raise SceneError(path, None, "this is not a text file")
+        raise SceneError(path, None, "not a text file")
     return text
 
 
 class LineReader:
-    """The lines of a text file that hold something, split into fields, one after the other.
+    """Reads the lines of a text file in order, split into fields.
 
-    fieldsOf : function that splits a line into a list of str; by default at blanks
+    fieldsOf : function that splits a line into a list of str, by default at blanks
 
-    Anything from a `#` to the end of its line is a comment. Blank lines, tabs, CR-LF and a
-    byte-order mark make no difference. Whatever is wrong is raised as a SceneError that names the
-    file and the line read last.
+    A comment reaches from `#` to the end of the line. Blank lines, tabs, CR-LF and a byte-order
+    mark make no difference. Errors are SceneErrors that name the file and the last line read.
     """
 
     def __init__(self, path, fieldsOf=lambda line: line.split("#", 1)[0].split(), text=None):
-        """text : what the file holds, or None to read it; then raises SceneError."""
+        """text : content of the file, or None to read it. Raises SceneError."""
         self.path = path
         self._fieldsOf = fieldsOf
         self.lineNumber = None
@@ -57,23 +56,24 @@ class LineReader:
             raise self.error("the file is empty")
 
     def _split(self, text):
-        """Yields (line number, fields) of the lines with something in them, one at a time."""
+        """Yields (line number, fields) of the lines that are not blank."""
         for number, line in enumerate(io.StringIO(text, newline=None), start=1):
             if fields := self._fieldsOf(line):
                 yield number, fields
 
     def error(self, cause):
-        """The SceneError that stands at the current line. To be raised by the caller."""
+        """Returns a SceneError for the current line, for the caller to raise."""
         return SceneError(self.path, self.lineNumber, cause)
 
     def at_end(self):
-        """Whether no line with something in it is left."""
+        """Returns whether all remaining lines are blank."""
         return self._next is None
 
     def row(self, what, columns=None):
-        """The fields of the next line, a list of str; as many as `columns`, if given.
+        """Returns the fields of the next line, a list of str.
 
-        what : names the line in the error that is raised where it is missing or has another width
+        what : name of the line, for errors
+        Raises SceneError if the line is missing, or does not have `columns` fields.
         """
         if self._next is None:
             raise self.error(f"the file ends before {what}")
@@ -81,25 +81,25 @@ class LineReader:
         self._next = next(self._lines, None)
         if columns is not None and len(fields) != columns:
             width = "1 column" if columns == 1 else f"{columns} columns"
-            raise self.error(f"{what} takes {width}, not {len(fields)}: '{short(*fields)}'")
+            raise self.error(f"{what} must have {width}, not {len(fields)}: '{short(*fields)}'")
         return fields
 
     def count(self, what, low=0, kind=""):
-        """A line that holds nothing but a whole number ≥ low, the number of `what`.
+        """Reads a line with one whole number ≥ low, the number of `what`. Returns the number.
 
-        kind : what a file cannot be that begins otherwise, for the error
+        kind : kind of file that begins with this line, for errors
         """
-        number = f"this is not {kind}: the number of {what}" if kind else f"the number of {what}"
+        number = f"not {kind}: the number of {what}" if kind else f"the number of {what}"
         (field,) = self.row(number, columns=1)
         return self.integer(field, number, low)
 
     def rows(self, count, what, columns=None):
-        """The next `count` lines as lists of fields, one at a time."""
+        """Yields the fields of the next `count` lines."""
         for index in range(count):
             yield self.row(f"{what} {index + 1} of {count}", columns)
 
     def number(self, field, what, largest=math.inf):
-        """The finite float that `field` spells, between -largest and largest."""
+        """Returns the float that `field` spells, finite and between -largest and largest."""
         try:
             value = plain_float(field)
         except ValueError:
@@ -107,15 +107,15 @@ class LineReader:
         if not math.isfinite(value):
             raise self.error(f"{what} must be finite, not '{short(field)}'")
         if abs(value) > largest:
-            raise self.error(f"{what} must not exceed {largest:g}, as '{short(field)}' does")
+            raise self.error(f"{what} must not exceed {largest:g}, but is '{short(field)}'")
         return value
 
     def numbers(self, fields, what, largest=math.inf):
-        """The finite floats that the fields spell, as a list."""
+        """Returns the floats that the fields spell, as `number` does."""
         return [self.number(field, what, largest) for field in fields]
 
     def integer(self, field, what, low=0, high=None):
-        """The whole number that `field` spells, low ≤ number and, if `high` is given, ≤ high."""
+        """Returns the whole number that `field` spells, between low and high."""
         try:
             value = plain_int(field)
         except ValueError:
@@ -130,21 +130,21 @@ class LineReader:
         return value
 
     def expect_end(self, announced):
-        """Raises unless all that is left is blank. `announced`: what the count had promised."""
+        """Raises SceneError unless the remaining lines are blank. announced : as "3 bodies"."""
         if not self.at_end():
             fields = self.row("the end")
-            raise self.error(f"more lines than the {announced} announced: '{short(*fields)}'")
+            raise self.error(f"unexpected line after {announced}: '{short(*fields)}'")
 
 
 def plain_float(text):
-    """The float that a text spells; ValueError for what only Python takes for one, as 1_000."""
+    """Returns the float that a text spells. Raises ValueError, also for Python's 1_000."""
     if "_" in text or not text.isascii():
         raise ValueError(f"not a number: {text!r}")
     return float(text)
 
 
 def plain_int(text):
-    """The whole number that a text spells; ValueError for what only Python takes for one."""
+    """Returns the whole number that a text spells. Raises ValueError, also for Python's 1_000."""
     if "_" in text or not text.isascii():
         raise ValueError(f"not a whole number: {text!r}")
     return int(text)

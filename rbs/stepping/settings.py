@@ -1,8 +1,7 @@
-"""The settings of a step, each declared once: whoever offers, checks, keeps or passes them on reads
-this table.
+"""The settings of a step, each declared once.
 
-From the top: what a setting is; the table; `Settings`, the values that a scene is simulated with;
-the checks of `run_timestep`.
+Command line, window, recordings and checks all read this table. From the top: `Setting`; the table;
+`Settings`, the values that a scene is simulated with; the checks of `run_timestep`.
 """
 
 import math
@@ -14,8 +13,8 @@ from rbs.geometry.triples import floats, number
 BROAD_PHASES = ("all", "grid")
 CONSTRAINT_SCHEDULINGS = ("sweep", "queue", "batches")
 CONTACT_SOLVERS = ("impulse", "soft-step")
-# Length, or speed, by which a constraint may be violated before it is corrected. 1e-3 m is less
-# than anybody sees of bodies of 5 to 20 m. Less takes more constraint visits.
+# m, and m/s: the violation of a constraint that is left uncorrected. Invisible on bodies of 5 to
+# 20 m. Smaller values take more constraint visits.
 CONSTRAINT_TOLERANCE = 1e-3
 
 
@@ -23,17 +22,20 @@ CONSTRAINT_TOLERANCE = 1e-3
 class Setting:
     """A setting of a step.
 
-    name : of the field in `Settings`, and in recordings
-    parameter : of `run_timestep`
-    default : in the program, and in `run_timestep` unless defaultInStep is another one
+    Attributes
+    ----------
+    name : the field in `Settings` and in recordings
+    parameter : the parameter of `run_timestep`
+    default : in the program, and in `run_timestep` unless defaultInStep is given
     kind : float, int, bool, or the tuple of names to choose from
-    option : on the command line, without dashes; "no-" before it switches a bool off; None for none
+    option : on the command line, without dashes; "no-" switches a bool off; None if it has none
     help : for --help, without the default
-    label, tooltip : in the window; sliderEnds : of a slider there, or None for a field to type into
-    limits : least and greatest value in the program; limitsInStep : likewise in `run_timestep`,
-        where an infinite end stands for any finite value
-    solver : the only contact solver that heeds it, None for all
-    isOfConstraints : whether it matters to distance constraints only
+    label, tooltip : in the window
+    sliderEnds : ends of the slider in the window, or None for a field to type into
+    limits, limitsInStep : least and greatest value in the program, and in `run_timestep`. An
+        infinite end stands for any finite value
+    solver : the only contact solver that uses it, or None for all
+    isOfConstraints : whether it affects distance constraints only
     """
 
     name: str
@@ -52,9 +54,9 @@ class Setting:
     defaultInStep: object = None
 
     def checked(self, value, limits=None):
-        """The value as its kind; raises ValueError, which goes on from the setting's name.
+        """Returns the value as its kind. Raises ValueError, to be read after the setting's name.
 
-        limits : those of the program by default
+        limits : (least, greatest), by default those of the program
         """
         if isinstance(self.kind, tuple):
             if not isinstance(value, str) or value not in self.kind:
@@ -77,24 +79,24 @@ class Setting:
         return found
 
     def _allowed(self, low, high):
-        """What `checked` allows, in words."""
+        """Returns the values that `checked` allows, in words."""
         what = "a whole number" if self.kind is int else "a finite number"
         if math.isinf(low) and math.isinf(high):
             return what
         return f"{what} of {low:g} or more" if math.isinf(high) else f"{what}, {low:g} to {high:g}"
 
     def parsed(self, text):
-        """The value that a text spells; raises ValueError as `checked` does."""
+        """Returns the value of a text. Raises ValueError as `checked` does."""
         if not isinstance(self.kind, tuple):
             try:
-                # Python also takes 1_000, and digits of other scripts, for numbers.
+                # Python also reads 1_000, and digits of other scripts, as numbers.
                 text = self.kind(text if text.isascii() and "_" not in text else "no number")
             except ValueError:
                 pass
         return self.checked(text)
 
     def isHeededBy(self, solver):
-        """Whether a contact solver, by its name, heeds it."""
+        """Returns whether the contact solver of this name uses it."""
         return self.solver in (None, solver)
 
 
@@ -106,8 +108,8 @@ TABLE = (
         0.5,
         float,
         "restitution",
-        "how bouncy contacts are: the fraction of the approach speed that is returned, 0 to 1. "
-        "With 1, bodies slowly gain energy, except with --solver soft-step",
+        "coefficient of restitution: the fraction of the approach speed that is returned, 0 to 1. "
+        "With 1, bodies slowly gain energy, unless --solver soft-step is used",
         "restitution",
         "How bouncy: the fraction of the approach speed that is returned, 0 to 1",
         (0.0, 1.0),
@@ -144,10 +146,10 @@ TABLE = (
         0.0,
         float,
         "friction",
-        "coefficient of friction between bodies and with the ground. A box that spins flat on "
-        "another is slowed down with --solver soft-step only",
+        "coefficient of friction between bodies and with the ground. Only --solver soft-step slows "
+        "a box that spins flat on another",
         "friction",
-        "Coulomb's coefficient of friction, between bodies and with the ground",
+        "Coulomb friction coefficient, between bodies and with the ground",
         (0.0, 1.0),
         limits=POSITIVE,
         limitsInStep=POSITIVE,
@@ -158,8 +160,8 @@ TABLE = (
         "impulse",
         CONTACT_SOLVERS,
         "solver",
-        "impulse: one impulse per contact, one contact after the other, as in the coursework; "
-        "soft-step: all contacts and constraints together, several points each, so that piles rest",
+        "impulse solves one contact after the other, with one impulse each, as in the coursework; "
+        "soft-step solves all contacts and constraints together, so that piles rest",
         "solver",
         "impulse: one contact after the other, as in the coursework; soft-step: all together, so "
         "that piles rest",
@@ -170,9 +172,9 @@ TABLE = (
         8,
         int,
         "substeps",
-        "substeps per step. More make contacts stiffer, and cost more",
+        "substeps per step. More make contacts stiffer and take longer",
         "substeps",
-        "Substeps per step. More make contacts stiffer, and cost more",
+        "Substeps per step. More make contacts stiffer and take longer",
         (1, 32),
         limits=(1, 1000),
         limitsInStep=(1, math.inf),
@@ -184,7 +186,7 @@ TABLE = (
         True,
         bool,
         "no-sleeping",
-        "simulate bodies at rest too (by default they sleep until something disturbs them)",
+        "simulate bodies at rest too (by default, they sleep until something disturbs them)",
         "sleeping",
         "Skip bodies at rest until something disturbs them",
         solver="soft-step",
@@ -195,8 +197,8 @@ TABLE = (
         "all",
         BROAD_PHASES,
         "broad-phase",
-        "how possible contacts are found. all: every pair in turn; grid: through a uniform grid, "
-        "with identical motion, faster with hundreds of bodies",
+        "search for possible contacts: all tests every pair; grid uses a uniform grid, which is "
+        "faster with hundreds of bodies. The motion is identical",
         "broad phase",
         "How possible contacts are found. The motion is identical; grid is faster with many bodies",
         solver="impulse",
@@ -207,10 +209,10 @@ TABLE = (
         False,
         bool,
         "closing-only",
-        "apply no impulse where bodies are already separating (by default they receive one, as in "
-        "the coursework)",
+        "apply no impulse if bodies are already separating (by default, one is applied, as in the "
+        "coursework)",
         "approaching contacts only",
-        "No impulse where bodies are already separating",
+        "No impulse if bodies are already separating",
         solver="impulse",
     ),
     Setting(
@@ -219,8 +221,8 @@ TABLE = (
         False,
         bool,
         "gyroscopic",
-        "let spinning bodies tumble, as Euler's equations say (by default the angular velocity is "
-        "constant in free flight)",
+        "let spinning bodies tumble, following Euler's equations (by default, the angular velocity "
+        "is constant in free flight)",
         "gyroscopic torque",
         "Gyroscopic torque: spinning bodies may tumble (Euler's equations)",
     ),
@@ -230,8 +232,8 @@ TABLE = (
         True,
         bool,
         "no-constraints",
-        "let all bodies go free (constraints come last in a step and may press bodies into the "
-        "ground; hardly with --solver soft-step)",
+        "ignore the distance constraints. They are solved last in a step and may press bodies into "
+        "the ground, much less so with --solver soft-step",
         "constraints",
         "Enforce the distance constraints",
         isOfConstraints=True,
@@ -242,10 +244,10 @@ TABLE = (
         "sweep",
         CONSTRAINT_SCHEDULINGS,
         "scheduling",
-        "sweep: visit constraints in order, over and over; queue: the same result with fewer "
-        "visits; batches: another order, many at once, for hundreds of constraints",
+        "sweep visits constraints in order, repeatedly; queue gives the same result with fewer "
+        "visits; batches visits many at once in another order, for hundreds of constraints",
         "scheduling",
-        "The order in which constraints are visited",
+        "Order in which constraints are visited",
         solver="impulse",
         isOfConstraints=True,
     ),
@@ -255,8 +257,8 @@ TABLE = (
         None,
         int,
         "max-iterations",
-        "constraint visits in a step at most, but at least one of each (default: 20 of each, and "
-        "at least 1000)",
+        "most constraint visits per step; each constraint is visited at least once (default: 20 "
+        "times the number of constraints, and at least 1000)",
         limits=(0, 10**15),
         solver="impulse",
         isOfConstraints=True,
@@ -274,19 +276,19 @@ TABLE = (
         isOfConstraints=True,
     ),
 )
-# The settings that people choose, by the names of their fields.
+# The settings that a user can choose, by field name.
 CHOSEN = {one.name: one for one in TABLE if one.option is not None}
 BY_PARAMETER = {one.parameter: one for one in TABLE}
 BY_OPTION = {one.option: one for one in CHOSEN.values()}
 
 
 def heeded(values, solver):
-    """Those of some values, a dict by the fields of `Settings`, that a contact solver heeds."""
+    """Returns those of the values, a dict by field of `Settings`, that a contact solver uses."""
     return {name: value for name, value in values.items() if CHOSEN[name].isHeededBy(solver)}
 
 
 class IgnoredSetting(ValueError):
-    """A setting that the contact solver ignores. Attribute: inOptions, the same for a terminal."""
+    """A setting that the contact solver ignores. inOptions : the message in command-line terms."""
 
     def __init__(self, one, solver):
         super().__init__(f"{one.name} has no effect with contactSolver {solver}")
@@ -297,7 +299,7 @@ class _Values:
     """The methods of `Settings`."""
 
     def __post_init__(self):
-        """Checks all values; raises ValueError that names the setting."""
+        """Checks all values. Raises ValueError, naming the setting."""
         for one in CHOSEN.values():
             try:
                 setattr(self, one.name, one.checked(getattr(self, one.name)))
@@ -312,7 +314,7 @@ class _Values:
         return f"Settings({', '.join(chosen)})"
 
     def ignored(self):
-        """The settings that the contact solver does not heed and that have no default value."""
+        """Returns the settings that the contact solver ignores although they are not default."""
         return [
             one
             for one in CHOSEN.values()
@@ -320,19 +322,19 @@ class _Values:
         ]
 
     def changed(self, **values):
-        """A copy with other values; raises ValueError, also for one that the solver ignores.
+        """Returns a copy with other values. A new solver resets the settings that it ignores.
 
-        Where they change the solver, what the new one ignores of the others gets its default.
+        Raises ValueError for an invalid value, or one that the solver ignores.
         """
         solver = values.get("contactSolver", self.contactSolver)
         return Settings(**{**heeded(asdict(self), solver), **values})
 
     def change(self, name, value):
-        """Changes a field in place; raises ValueError, and changes nothing, as `changed` does."""
+        """Changes a field in place. Raises ValueError as `changed` does, changing nothing."""
         vars(self).update(vars(self.changed(**{name: value})))
 
     def arguments(self):
-        """What `run_timestep` is to be passed: dict by its parameters, without what is ignored."""
+        """Returns a dict of arguments for `run_timestep`, without any that the solver ignores."""
         values = {
             one.parameter: getattr(self, one.name)
             for one in CHOSEN.values()
@@ -348,17 +350,17 @@ Settings = make_dataclass(
     repr=False,
 )
 Settings.__module__ = __name__
-Settings.__doc__ = """What a scene is simulated with, apart from its bodies.
+Settings.__doc__ = """The settings that a scene is simulated with. Fields: see TABLE.
 
-    Fields: see TABLE. The defaults are the coursework's behaviour.
+    The defaults give the coursework's behaviour.
     """
 
 
 def check_arguments(arguments):
-    """The arguments of `run_timestep` that are settings, as their kinds: dict by parameter.
+    """Returns the arguments of `run_timestep` that are settings, by parameter, as their kinds.
 
     arguments : dict of all its arguments
-    Raises ValueError for what has no meaning, and for what the contact solver would ignore.
+    Raises ValueError for an invalid value, and for one that the contact solver would ignore.
     """
     checked = {"gravity": _acceleration(arguments["gravity"])}
     for parameter, one in BY_PARAMETER.items():

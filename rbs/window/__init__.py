@@ -1,13 +1,13 @@
-"""The window: panels, keys and the mouse.
+"""The window: panels, keys and mouse.
 
 In reading order:
 
-    playback        how many steps a frame makes
-    layout          where the panels lie
-    widgets         buttons and fields of a panel
-    plots           energies over time
-    helppanel       the table of keys and mouse actions
-    panel           the panels
-    pictureprocess  a studio picture drawn by another process
-    viewer          the window, and what buttons, keys and mouse do
+    playback        number of steps per frame, and the pace
+    layout          positions of the panels
+    widgets         buttons, fields and tables of a panel
+    plots           plots of energy, momentum and errors
+    helppanel       table of keys and mouse actions
+    panel           panels, and the handling of keys and mouse
+    pictureprocess  studio pictures drawn by another process
+    viewer          the window, and the actions of buttons, keys and mouse
 """

@@ -1,34 +1,34 @@
-"""The window's help: all keys, and what the mouse does.
+"""The window's help panel: keys and mouse actions.
 
 Polyscope is imported inside the functions that use it.
 """
 
 KEYS = {
     "Space": "play, pause",
-    "S, Right": "one step on",
-    "Left": "one step back, in a recording",
-    "R": "reset: bodies and settings as at the start",
-    "Backspace": "restart: bodies as the scene has them, settings as they are",
-    "B": "shoot a ball at what is under the mouse",
-    "F": "frame all bodies",
-    "N": "show or hide the numbers at the right",
+    "S, Right": "one step forward",
+    "Left": "one step back (recordings)",
+    "R": "start over, with the scene's own settings",
+    "Backspace": "start over, keeping the settings",
+    "B": "shoot a ball at the mouse",
+    "F": "fit everything in view",
+    "N": "show or hide the readout",
     "H, F1, ?": "show or hide this help",
     "Escape": "close a list, or this help",
 }
 MOUSE = {
-    "click": "pick a body: its numbers, pushing, fixing",
+    "click": "select a body: readout, push, fix",
     "Ctrl + drag": "drag a body; let go to throw it",
-    "drag": "turn the view",
-    "Shift + drag, right drag": "move the view",
-    "wheel": "nearer, further away",
+    "drag": "orbit",
+    "Shift + drag, right drag": "pan",
+    "wheel": "zoom",
     "drop a file": "open a scene, a recording or a camera",
 }
-# Where the explanations begin, in pixels.
+# Pixels, the width of the left column.
 INDENT = 180
 
 
 def draw_help(centre, most):
-    """Draws the panel; returns whether it stays open. centre, most : pixels, its place and size."""
+    """Draws the panel. Returns whether it stays open. centre, most : pixels, place and limit."""
     import polyscope.imgui as psim
 
     psim.SetNextWindowPos(centre, psim.ImGuiCond_Always, (0.5, 0.5))

@@ -1,24 +1,23 @@
-"""The window's layout: where the panels lie, whatever the window's size. Nothing here draws.
+"""The layout of the window's panels. Nothing here draws.
 
-Two columns at the window's sides, from top to bottom, and a strip for the timeline between them.
-The picture has what is left.
+Two columns at the sides, a strip for the timeline between them, and the picture in the rest.
 
 Units: pixels, from the window's upper left corner.
 """
 
 from typing import NamedTuple
 
-# The part of the window's width that a column has, and its least and greatest width.
+# Width of a column, as a fraction of the window's, and its least and greatest width.
 COLUMN_SHARE, LEAST_COLUMN, MOST_COLUMN = 0.25, 260, 420
-# From this width on there is room for both columns without being asked.
+# Width from which both columns are shown by default.
 ROOMY_WIDTH = 1000
-# From this height on there is room for the settings without being asked.
+# Height from which the settings are shown by default.
 ROOMY_HEIGHT = 640
 TIMELINE_HEIGHT = 70
 
 
 class Box(NamedTuple):
-    """A rectangle: its upper left corner and its size."""
+    """A rectangle: upper left corner and size."""
 
     left: int
     top: int
@@ -27,7 +26,7 @@ class Box(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """Where things lie, each a Box; `side` and `timeline` are None where they are not shown."""
+    """The Boxes of a window. `side` and `timeline` are None if they are hidden."""
 
     main: Box
     side: Box | None
@@ -35,16 +34,13 @@ class Layout(NamedTuple):
     picture: Box
 
     def margins(self, width, height):
-        """What the panels take of a window: pixels at the left, top, right and bottom."""
+        """Returns the margins around the picture: left, top, right, bottom."""
         left, top, wide, high = self.picture
         return left, top, width - left - wide, height - top - high
 
 
 def arrange(width, height, hasSide, hasTimeline):
-    """The Layout of a window of this size.
-
-    hasSide : whether the right column is shown; hasTimeline : whether the timeline is
-    """
+    """Returns the Layout of a window, with or without the right column and the timeline."""
     column = round(min(max(COLUMN_SHARE * width, LEAST_COLUMN), MOST_COLUMN))
     right = width - column if hasSide else width
     bottom = height - TIMELINE_HEIGHT if hasTimeline else height

@@ -1,8 +1,7 @@
-"""The window's panels, keys and mouse: their look, and which of the viewer's functions they call.
+"""The window's panels, keys and mouse, and the functions of the viewer that they call.
 
-From the top: `Panel`, with its keys and mouse; the main column; the column of numbers and the
-picked body; the timeline, messages and help. It is handed the viewer whose functions it calls.
-Polyscope is imported inside the functions that use it.
+From the top: `Panel`, with keys and mouse; the main column; the readout and the selected body; the
+timeline and messages. Polyscope is imported inside the functions that use it.
 """
 
 import math
@@ -32,39 +31,38 @@ from rbs.window.widgets import (
     draw_vectors,
 )
 
-# The room for the names beside fields, and how far sums are indented, in pixels.
+# Pixels: width of the labels beside fields, and indent of the parts of a sum.
 LABEL_WIDTH, INDENT = 112, 18
-# The mouse moves less than this between pressing and releasing where it picks, and does not turn
-# the camera.
+# Pixels. A shorter movement between pressing and releasing the button counts as a click; a longer
+# one turns the camera.
 CLICK_PIXELS = 4.0
-# Of the fields to type into: what their buttons + and - change, and the least and greatest value.
+# Number fields: change by the buttons + and -, least and greatest value.
 FIELDS = {"timeStep": (0.005, 1e-4, 1.0)}
-# m/s: the largest push.
+# m/s, the end of the slider for pushes.
 MOST_PUSH = 40.0
-# Seconds that a message stays for.
+# Seconds that a message is shown.
 MESSAGE_SECONDS = 20.0
-# Frames a second at most; and where nobody does anything and nothing plays for so many seconds.
+# Most frames per second; the same while idle; and seconds without input or playing until idle.
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
-# Of the switches in the section Display.
+# Tooltips of the switches in the section Display.
 TOOLTIPS = {
-    "ground": "The chequered plane y = 0",
-    "shadows": "Of the bodies on the ground",
-    "contacts": "Contact points and normals, towards the body with the lower number",
-    "impulses": "Normal impulse on that body; the longest arrow is the largest of the step",
-    "friction impulses": "Tangential impulse on that body",
-    "velocities": f"Of the centres of mass: how far a body comes in {VELOCITY_SECONDS:g} s",
-    "bounding boxes": f"Axis-aligned, of the first {MOST_BOXES} bodies",
-    "grid cells": f"The first {MOST_BOXES} columns of the broad phase that hold a body",
-    "trails": f"Where up to {MOST_TRAILS} centres of mass were in the last {TRAIL_LENGTH} pictures",
+    "ground": "Chequered plane y = 0",
+    "shadows": "Shadows cast on the floor",
+    "contacts": "Contact points, and normals towards the body listed first",
+    "impulses": "Normal impulses on the body listed first, relative to the largest one",
+    "friction impulses": "Friction impulses on the body listed first",
+    "velocities": f"Velocity of each centre: the distance covered in {VELOCITY_SECONDS:g} s",
+    "bounding boxes": f"Axis-aligned bounding boxes of the first {MOST_BOXES} bodies",
+    "grid cells": f"Cells of the broad phase that contain bodies, up to {MOST_BOXES} columns",
+    "trails": f"Paths of up to {MOST_TRAILS} bodies over the last {TRAIL_LENGTH} frames",
 }
 
 
 class Panel:
-    """The window's panels, keys and mouse: shows a Viewer and calls its functions.
+    """The window's panels, keys and mouse, which show a Viewer and call its functions.
 
-    Attributes: viewer; path, what is typed into the field that opens a file; isHelpShown;
-    isSideShown, whether the column of numbers is, or None for as the window's width has it; layout,
-    of the last frame.
+    Attributes: viewer; path, text of the field that opens a file; isHelpShown; isSideShown, whether
+    the readout is shown, or None to let the window's width decide; layout, of the last frame.
     """
 
     def __init__(self, viewer):
@@ -81,14 +79,14 @@ class Panel:
         self._lastFrame = self._lastAction = time.perf_counter()
         self._dropped = None
         self._pressedAt = None
-        self._told = None, 0.0  # the message that is shown, and since when
+        self._told = None, 0.0  # the message that is shown, and its time
 
     def dropped(self, paths):
-        """Polyscope's callback for files that are dropped onto the window: the last one counts."""
+        """Polyscope's callback for files dropped onto the window. Only the last one is opened."""
         self._dropped = paths[-1]
 
     def frame(self):
-        """Polyscope's callback: keys, panels, and the steps that are due."""
+        """Polyscope's callback for each frame: keys, panels, and the steps that are due."""
         if self._dropped is not None:
             self.viewer.open(self._dropped)
             self._dropped = None
@@ -117,7 +115,7 @@ class Panel:
         self._choose_smoothness()
 
     def lay_out(self):
-        """Works out where everything lies in the window as it is, and tells the view."""
+        """Arranges the panels for the window's size, and sets the margins of the view."""
         import polyscope as ps
 
         width, height = ps.get_window_size()
@@ -127,14 +125,14 @@ class Panel:
         self.viewer.view.set_margins(self.layout.margins(width, height), (width, height))
 
     def toggle_side(self):
-        """Shows or hides the column of numbers; a picked body, which it has, is picked no more."""
+        """Shows or hides the readout. Hiding it also deselects the body."""
         self.isSideShown = self.layout.side is None
         if not self.isSideShown and self.viewer.picked() is not None:
             self.viewer.view.pick(None)
             self.viewer.view.refresh()
 
     def _choose_frame_rate(self, now):
-        """Draws less often while nothing happens: a window that waits should not take a core."""
+        """Lowers the frame rate while idle, so that a waiting window does not occupy a core."""
         import polyscope as ps
         import polyscope.imgui as psim
 
@@ -146,7 +144,7 @@ class Panel:
         ps.set_max_fps(IDLE_RATE if isIdle else FRAME_RATE)
 
     def _choose_smoothness(self):
-        """Draws smooth edges, which take four times as long, unless bodies or the camera move."""
+        """Smooths edges only while bodies and camera rest, because that takes longer."""
         import polyscope.imgui as psim
 
         isHeld = any(psim.IsMouseDown(k) for k in range(3)) and not psim.GetIO().WantCaptureMouse
@@ -156,7 +154,7 @@ class Panel:
         import polyscope.imgui as psim
 
         self._isKeyDown = False
-        if psim.GetIO().WantTextInput:  # somebody types into a field
+        if psim.GetIO().WantTextInput:  # a field has the focus
             return
         viewer = self.viewer
 
@@ -167,7 +165,7 @@ class Panel:
 
         if pressed("Space"):
             viewer.toggle_play()
-        # A key that is held down steps again and again.
+        # A key that is held down repeats its step.
         if pressed("S", "RightArrow", repeats=True):
             viewer.step_once()
         if pressed("LeftArrow", repeats=True) and viewer.isReplay:
@@ -188,7 +186,7 @@ class Panel:
             self.isHelpShown = False
 
     def _handle_mouse(self):
-        """A click that does not drag picks a body; with Ctrl, the mouse drags one."""
+        """Selects a body with a click, and drags one with Ctrl."""
         import polyscope.imgui as psim
 
         io, viewer = psim.GetIO(), self.viewer
@@ -211,7 +209,7 @@ class Panel:
     # The main column.
 
     def _begin(self, title, box, least=0, flags=0):
-        """Begins a panel as wide as a Box, and as high as its content, from `least` to the Box."""
+        """Begins a panel as wide as a Box, and as high as its content, within limits."""
         import polyscope.imgui as psim
 
         psim.SetNextWindowPos((box.left, box.top), psim.ImGuiCond_Always)
@@ -229,11 +227,11 @@ class Panel:
         self._draw_files()
         isRoomy = self.layout.main.height >= ROOMY_HEIGHT
         if not self.viewer.isReplay:
-            if self._section("Simulation", isRoomy, "What the steps are made with"):
+            if self._section("Simulation", isRoomy, "Physics settings"):
                 self._draw_settings()
-        if self._section("Display", False, "Colours, and what is drawn over the bodies"):
+        if self._section("Display", False, "Colours and overlays"):
             self._draw_display()
-        if self._section("Save", False, "Pictures, videos, recordings and cameras"):
+        if self._section("Save", False, "Pictures, videos, recordings and viewpoints"):
             self._draw_save()
         rows = self.viewer.view.legend()
         if rows:
@@ -253,7 +251,7 @@ class Panel:
         return isShown
 
     def _buttons(self, *rows):
-        """A row of equally wide buttons (label, function, tooltip)."""
+        """Draws a row of equally wide buttons (label, function, tooltip)."""
         import polyscope.imgui as psim
 
         gap = psim.GetStyle().ItemSpacing[0]
@@ -269,34 +267,36 @@ class Panel:
         import polyscope.imgui as psim
 
         viewer, playback = self.viewer, self.viewer.playback
-        # ### gives the button one identity, whatever it says.
+        # ### keeps the button's identity when its label changes.
         self._buttons(
             (
                 "Pause###play" if viewer.isPlaying else "Play###play",
                 viewer.toggle_play,
-                "Space: simulate, or stop",
+                "Space: play or pause",
             ),
-            ("Step", viewer.step_once, "S or Right: one time step"),
+            ("Step", viewer.step_once, "S or Right: one step forward"),
             (
                 "Reset",
                 viewer.reset,
-                "R: bodies and settings as at the start; Backspace keeps the settings",
+                "R: start over, with the scene's own settings. Backspace keeps your settings",
             ),
         )
         speeds = {speed_name(speed): speed for speed in SPEEDS}
-        chosen = draw_choice("speed", speed_name(playback.speed), list(speeds), "Times real time")
+        chosen = draw_choice(
+            "speed", speed_name(playback.speed), list(speeds), "Speed, relative to real time"
+        )
         if chosen is not None:
             playback.speed = speeds[chosen]
         if viewer.isReplay:
             isChanged, isBackwards = psim.Checkbox("backwards", playback.isBackwards)
             if isChanged:
                 playback.isBackwards = isBackwards
-            Tooltips.tell("Plays towards the start")
+            Tooltips.tell("Play backwards")
         pace = playback.pace()
         psim.Text("paused" if pace is None else f"{pace:.2g} × real time")
         self._buttons(
-            ("Help", self._toggle_help, "H, F1 or ?: all keys, and what the mouse does"),
-            ("Numbers", self.toggle_side, "N: step, milliseconds and plots, at the right"),
+            ("Help", self._toggle_help, "H, F1 or ?: keys and mouse actions"),
+            ("Readout", self.toggle_side, "N: counts, timings and plots, on the right"),
         )
 
     def _toggle_help(self):
@@ -306,7 +306,9 @@ class Panel:
         import polyscope.imgui as psim
 
         viewer = self.viewer
-        tooltip = "Our scenes, and what lies beside this one; or drop a file onto the window"
+        tooltip = (
+            "Scenes of this project, and files beside this scene; or drop a file on the window"
+        )
         chosen = draw_choice(
             "scene", viewer.name(), lambda: [one[:3] for one in viewer.files()], tooltip
         )
@@ -315,7 +317,7 @@ class Panel:
         flags = psim.ImGuiInputTextFlags_EnterReturnsTrue | psim.ImGuiInputTextFlags_AutoSelectAll
         entered, self.path = psim.InputTextWithHint("open", "name or path", self.path, flags)
         Tooltips.tell(
-            "A scene (also by its name alone), a recording (.h5) or a camera (.json); then Enter"
+            "Open a scene (a path or a name), a recording (.h5) or a viewpoint (.json) with Enter"
         )
         if entered and self.path.strip():
             viewer.open(self.path.strip())
@@ -324,7 +326,7 @@ class Panel:
             Tooltips.tell("Settings recommended by the scene file. Reset restores them.")
 
     def _draw_settings(self):
-        """The settings that the solver heeds, each as its table has it."""
+        """Draws the settings that the solver uses."""
         import polyscope.imgui as psim
 
         simulation = self.viewer.simulation
@@ -353,15 +355,17 @@ class Panel:
         import polyscope.imgui as psim
 
         view = self.viewer.view
-        chosen = draw_choice("colours", view.colouring, COLOURINGS, "What bodies are coloured by")
+        chosen = draw_choice(
+            "colours", view.colouring, COLOURINGS, "Quantity that the bodies' colours show"
+        )
         if chosen is not None:
             view.colouring = chosen
             view.refresh()
-        self._buttons(("Frame all", view.frame_all, "F: points the camera at all bodies"))
+        self._buttons(("Frame all", view.frame_all, "F: fit everything in view"))
         isChanged, follows = psim.Checkbox("follow", view.follows)
         if isChanged:
             view.follows = follows
-        Tooltips.tell("The camera goes along with the picked body, or with all")
+        Tooltips.tell("Camera follows the selected body, or the centre of all")
         for name in LAYERS:
             changed, isShown = psim.Checkbox(name, name in view.shown)
             Tooltips.tell(TOOLTIPS.get(name, ""))
@@ -373,15 +377,19 @@ class Panel:
 
         viewer = self.viewer
         self._buttons(
-            ("Picture", viewer.save_picture, "A PNG of what is seen, without panels, in out/"),
-            ("Camera", viewer.save_camera, "For --camera, or to be dropped onto the window"),
+            ("Picture", viewer.save_picture, "Save this view as a PNG, without panels, to out/"),
+            (
+                "Camera",
+                viewer.save_camera,
+                "Save the viewpoint to out/; drop the file here, or pass it to --camera",
+            ),
         )
         chosen = draw_choice(
             "look",
             viewer.look,
             LOOKS,
-            "Of pictures: plain, as the window; or "
-            "studio, with sky light and soft shadows, in seconds",
+            "Look of saved pictures: plain, as in the window; or studio, with sky light and soft "
+            "shadows, which takes seconds",
         )
         viewer.look = chosen or viewer.look
         isFilming, isRecording = viewer.video is not None, viewer.recorder is not None
@@ -389,13 +397,13 @@ class Panel:
             (
                 "Stop###video" if isFilming else "Video###video",
                 viewer.toggle_video,
-                "An .mp4 of what plays from now on, in out/",
+                "Film from now until Stop (.mp4 in out/)",
             ),
             (
                 "Stop###record" if isRecording else "Record###record",
                 viewer.toggle_recording,
-                "A recording (.h5) of every step from now on, with what is done by hand, for "
-                "--replay, --resume and --verify, in out/",
+                "Record every step from now until Stop, including your own drags, pushes and "
+                "shots, for --replay, --resume and --verify (.h5 in out/)",
             ),
         )
         told = []
@@ -411,12 +419,12 @@ class Panel:
         import polyscope.imgui as psim
 
         viewer = self.viewer
-        self._begin("Numbers", self.layout.side)
+        self._begin("Readout", self.layout.side)
         psim.PushItemWidth(psim.GetContentRegionAvail()[0] - LABEL_WIDTH)
         if viewer.picked() is not None:
             self._draw_body()
         self._draw_numbers()
-        if self._section("Milliseconds", True, "Where the time goes; means of the last steps"):
+        if self._section("Milliseconds", True, "Time per phase, averaged over the last steps"):
             self._draw_milliseconds()
         viewer.isMeasuring = self._section("Plots", False, "Energy, momentum and errors over time")
         if viewer.isMeasuring:
@@ -424,7 +432,7 @@ class Panel:
                 "plot",
                 self.plots.chosen,
                 [ALL_PLOTS, *PLOTS],
-                "All, or one as large as there is room",
+                "All plots, or a single large one",
             )
             self.plots.chosen = chosen or self.plots.chosen
             self.plots.draw(viewer.history, self.layout.side.height - psim.GetCursorPosY())
@@ -436,15 +444,15 @@ class Panel:
 
         simulation = self.viewer.simulation
         square = self.viewer.view.squareSide
-        psim.Text(f"{counted(len(simulation.meshes), 'body')}; squares of {square:g} m")
+        psim.Text(f"{counted(len(simulation.meshes), 'body')} · floor squares {square:g} m")
         psim.Text(f"step {simulation.stepCount}, {simulation.time:.2f} s simulated")
         report = simulation.report
         if report is not None:
             if report.hasSleepers:
-                psim.Text(f"contacts of awake bodies: {report.contactCount}")
+                psim.Text(f"{report.contactCount} contacts of awake bodies")
             else:
                 psim.Text(counted(report.contactCount, "contact"))
-            psim.Text(counted(report.candidatePairs, "broad-phase pair"))
+            psim.Text(counted(report.candidatePairs, "candidate pair"))
             if simulation.constraints:
                 visits = counted(report.constraintVisits, "constraint visit")
                 psim.Text(f"{visits}, {counted(len(simulation.constraints), 'constraint bound')}")
@@ -453,16 +461,16 @@ class Panel:
         import polyscope.imgui as psim
 
         frame, step = self.viewer.frame_milliseconds(), self.viewer.step_milliseconds()
-        names = {"frame": "frame; of it", "step": "step; of it", **PHASES}
+        names = {"frame": "frame, of which", "step": "step, of which", **PHASES}
         if frame:
             psim.Text(f"{1e3 / frame['frame']:.0f} fps ({frame['frame']:.0f} ms)")
-            Tooltips.tell("Frames drawn in a second while it plays, and the time of each")
+            Tooltips.tell("Frames per second while playing, and the time of each")
             draw_table([(f"{ms:.1f}", names.get(name, name)) for name, ms in frame.items()], INDENT)
             psim.Separator()
         if step:
             draw_table([(f"{ms:.2f}", names.get(name, name)) for name, ms in step.items()], INDENT)
         if not frame and not step:
-            psim.Text("They begin with the next step.")
+            psim.Text("No data yet: press Play.")
 
     def _draw_body(self):
         import polyscope.imgui as psim
@@ -477,9 +485,9 @@ class Panel:
             [
                 (name, [f"{value:.2f}" for value in values[0]], unit)
                 for name, values, unit in (
-                    ("COM", mesh.position, "m"),
+                    ("centre", mesh.position, "m"),
                     ("v", mesh.linVelocity, "m/s"),
-                    ("spin", mesh.angVelocity, "rad/s"),
+                    ("angular", mesh.angVelocity, "rad/s"),
                 )
             ]
         )
@@ -494,13 +502,13 @@ class Panel:
         viewer, isFixed = self.viewer, self.viewer.picked().isFixed
         if psim.Button("Free###fix" if isFixed else "Fix###fix"):
             viewer.set_fixed(not isFixed)
-        Tooltips.tell("A fixed body has infinite mass: nothing moves it")
+        Tooltips.tell("Fix or free this body. A fixed body has infinite mass")
         isFixed = viewer.picked().isFixed
         psim.BeginDisabled(isFixed)
         isChanged, speed = draw_slider("push", viewer.pushSpeed, 0.0, MOST_PUSH, "%.1f m/s")
         if isChanged:
             viewer.pushSpeed = speed
-        Tooltips.tell("How much faster the centre of mass is after a push")
+        Tooltips.tell("Speed that a push adds")
         camera = ps.get_view_camera_parameters()
         right = np.array(camera.get_right_dir())
         directions = {
@@ -514,7 +522,7 @@ class Panel:
                 (
                     name,
                     lambda direction=direction: viewer.push(direction),
-                    "An impulse at the point that was clicked",
+                    "Push at the point that was clicked",
                 )
                 for name, direction in directions.items()
             )
@@ -545,7 +553,7 @@ class Panel:
         psim.End()
 
     def _message(self):
-        """(what is to be told, whether it is an error); for a while only."""
+        """Returns (message, whether it is an error). Messages expire after a while."""
         viewer = self.viewer
         text, now = viewer.message or viewer.saved, time.perf_counter()
         if (text, bool(viewer.message)) != self._told[0]:
@@ -555,7 +563,7 @@ class Panel:
         return text, bool(viewer.message)
 
     def _draw_message(self, text, isError):
-        """At the upper edge of the picture, where it moves nothing."""
+        """Draws a message over the upper edge of the picture."""
         import polyscope.imgui as psim
 
         left, top, width, _ = self.layout.picture

@@ -1,6 +1,6 @@
-"""A studio picture that another process draws, so that the window can be used meanwhile.
+"""A studio picture drawn by another process, so that the window can be used meanwhile.
 
-Polyscope has one window a process: the other one is handed what is seen, and draws it off-screen.
+Polyscope has one window per process, so the other process draws the same view off-screen.
 """
 
 import multiprocessing
@@ -12,16 +12,19 @@ from rbs.pictures.backends import OFFSCREEN_BACKEND, Backend
 from rbs.pictures.capture import StudioLook, save_picture, start_view
 from rbs.scenes.messages import one_line
 
-# What a picture shows of a simulation or a replay.
+# Attributes of a simulation or a replay that a picture shows.
 SHOWN_ATTRIBUTES = ("meshes", "constraints", "settings", "report", "stepCount")
 
 
 @dataclass
 class Job:
-    """What is to be drawn, as it can be sent to another process.
+    """A picture to draw, in a form that can be sent to another process.
 
-    path : of the PNG; simulation : with SHOWN_ATTRIBUTES; memory : of the `SceneView`; size :
-    (width, height) in pixels; camera : as `load_camera` gives it
+    path : of the PNG
+    simulation : with SHOWN_ATTRIBUTES
+    memory : of the `SceneView`
+    size : (width, height) in pixels
+    camera : as returned by `load_camera`
     """
 
     path: str
@@ -32,7 +35,7 @@ class Job:
 
 
 class PictureProcess:
-    """Draws what a SceneView shows now, and writes it as PNG at `path`."""
+    """Draws the present picture of a SceneView to a PNG at `path`."""
 
     def __init__(self, path, view):
         self.path = path
@@ -47,8 +50,10 @@ class PictureProcess:
         self.fraction, self.error = 0.0, ""
 
     def poll(self):
-        """Notes `fraction`, what is done, from 0 to 1, and `error`, a line or "". Whether it still
-        draws."""
+        """Updates `fraction`, the progress from 0 to 1, and `error`, a line or "".
+
+        Returns whether the process is still drawing.
+        """
         try:
             while self._receiver.poll():
                 said = self._receiver.recv()
@@ -59,18 +64,18 @@ class PictureProcess:
         except EOFError:
             self._process.join()
             if self._process.exitcode != 0 and not self.error:
-                self.error = f"the process that draws ended with code {self._process.exitcode}"
+                self.error = f"the drawing process ended with code {self._process.exitcode}"
             return False
         return True
 
 
 def _draw(job, sender):
-    """Draws in the other process."""
+    """Draws, in the other process."""
     try:
         options = PictureOptions(job.size, job.camera)
         view = start_view(job.simulation, Backend(OFFSCREEN_BACKEND), options)
         view.recall(job.memory)
         view.studio = StudioLook(framesAnew=False, report=sender.send)
         save_picture(job.path, view)
-    except Exception as error:  # whatever it is, the window says it
+    except Exception as error:  # any error is shown in the window
         sender.send(one_line(error))

@@ -1,4 +1,4 @@
-"""Playback: how many steps a frame of the window makes, and the pace that comes of it.
+"""Playback: the number of steps per frame of the window, and the resulting pace.
 
 Nothing here draws. Units: seconds.
 """
@@ -7,26 +7,26 @@ import math
 import time
 from collections import deque
 
-# Times real time. The last one makes as many steps as there is time for.
+# Speeds relative to real time. The last makes as many steps as possible.
 SPEEDS = (0.1, 0.25, 1.0, 4.0, math.inf)
-# A frame makes the steps that are due, so that a scene plays at its true speed however fast it is
-# drawn, but goes on to draw after this many seconds of stepping: a window that is slower than the
-# scene plays in slow motion, and still answers to its buttons.
+# Seconds of stepping per frame. After them the frame is drawn, so that a scene too slow for real
+# time plays in slow motion and the window stays responsive. More make the window sluggish; fewer
+# slow the scene down.
 STEPPING_SECONDS = 0.02
-# What is due after a pause in drawing, while the window is dragged for instance, is forgotten but
-# for this many seconds, so that the scene does not leap.
+# Seconds of simulation that are caught up after a pause in drawing, such as while the window is
+# dragged. More make the scene leap.
 CATCH_UP_SECONDS = 0.1
-# Over how long the pace is measured.
+# Seconds over which the pace is averaged.
 PACE_SECONDS = 1.0
 
 
 def speed_name(speed):
-    """What a person calls one of SPEEDS."""
-    return "as fast as possible" if speed == math.inf else f"{speed:g} ×"
+    """Returns one of SPEEDS as text."""
+    return "unlimited" if speed == math.inf else f"{speed:g} ×"
 
 
 class Playback:
-    """Plays steps at a speed. Attributes: speed, one of SPEEDS; isBackwards, of a recording."""
+    """Plays steps at a speed. Attributes: speed, one of SPEEDS; isBackwards, for recordings."""
 
     def __init__(self):
         self.speed = 1.0
@@ -34,14 +34,14 @@ class Playback:
         self.stop()
 
     def stop(self):
-        """Forgets what is due, and the pace: playing is over."""
-        self._due = 0.0  # seconds of simulation that playing has fallen behind by
-        self._paces = deque()  # of each frame: its seconds, and those simulated in it
+        """Clears the steps that are due, and the pace."""
+        self._due = 0.0  # simulated seconds still to be played
+        self._paces = deque()  # per frame: its seconds, and the simulated ones
 
     def advance(self, elapsed, timeStep, step):
         """Makes the steps that are due `elapsed` seconds after the last frame.
 
-        step : a function that makes one of timeStep, and returns whether it goes on
+        step : function that makes one step of timeStep and returns whether to continue
         """
         begin = time.perf_counter()
         if self.speed == math.inf:
@@ -58,12 +58,12 @@ class Playback:
                 self._due = 0.0
 
     def note(self, elapsed, simulated):
-        """Keeps what a frame of `elapsed` seconds has simulated, for the pace."""
+        """Adds a frame of `elapsed` seconds, with its simulated seconds, to the pace."""
         self._paces.append((elapsed, simulated))
         while sum(wall for wall, _ in self._paces) - self._paces[0][0] > PACE_SECONDS:
             self._paces.popleft()
 
     def pace(self):
-        """Seconds simulated in a second, over the last frames; None before there are any."""
+        """Returns simulated seconds per second over the last frames, or None without frames."""
         wall = sum(elapsed for elapsed, _ in self._paces)
         return sum(simulated for _, simulated in self._paces) / wall if wall > 0.0 else None

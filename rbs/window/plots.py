@@ -1,14 +1,14 @@
-"""The plots of the window: quantities over time, with a cursor.
+"""The window's plots of quantities over time, with a cursor.
 
 Polyscope is imported inside the functions that use it.
 """
 
 import numpy as np
 
-# In pixels: the height of each plot where all are shown, the least of one alone, and that of what
-# stands below it.
+# Pixels: height of each plot if all are shown, least height of a single one, and height of the line
+# of values below it.
 PLOT_HEIGHT, LARGE_PLOT_HEIGHT, READING_HEIGHT = 250, 320, 70
-# Plots from top to bottom: title, and what is called how in it.
+# Plots from top to bottom: title, and its curves: label and quantity.
 PLOTS = {
     "energy (J)": {
         "kinetic": "kineticEnergy",
@@ -24,21 +24,21 @@ CURSOR_COLOUR = (0.85, 0.85, 0.85, 0.8)
 
 
 class Plots:
-    """Draws PLOTS. Attributes: chosen, a title or ALL_PLOTS; cursor, where the mouse is, in s."""
+    """Draws PLOTS. Attributes: chosen, a title or ALL_PLOTS; cursor, time at the mouse in s."""
 
     def __init__(self):
         self.chosen = ALL_PLOTS
         self.cursor = None
 
     def draw(self, history, room):
-        """Draws the rows (time in s, dict of quantities); of what is not known, nothing.
+        """Draws rows (time in s, dict of quantities). Unknown quantities are left out.
 
-        room : pixels, the height that there is for one plot alone
+        room : pixels, the height available to a single plot
         """
         import polyscope.imgui as psim
 
         if not history:
-            psim.TextWrapped("They begin with the next step.")
+            psim.TextWrapped("No data yet: press Play.")
             return
         times = np.array([row[0] for row in history])
         cursor, self.cursor = self.cursor, None
@@ -76,6 +76,6 @@ class Plots:
 
 
 def reading(time, names, values):
-    """What the curves say at a time, in one line."""
+    """Returns the values of the curves at a time, in one line."""
     numbers = ", ".join(f"{name} {value:.3g}" for name, value in zip(names, values, strict=True))
     return f"at {time:.2f} s: {numbers}"

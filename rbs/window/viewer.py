@@ -1,9 +1,8 @@
-"""The window: what its buttons and keys do.
+"""The window, and the actions of its buttons, keys and mouse.
 
-It is handed what it needs: a simulation or a replay, a function that opens another file, and one
-that lists them. How the panels look is `rbs.window.panel`'s, what is drawn behind them
-`rbs.pictures.view`'s. Polyscope is imported inside the functions that use it, never with this
-module. From the top: `show_window`; `Viewer`.
+`rbs.window.panel` draws the panels, `rbs.pictures.view` the scene behind them. Functions to open
+and list files are passed in. Polyscope is imported inside the functions that use it. From the top:
+`show_window`; `Viewer`.
 """
 
 import os
@@ -30,20 +29,25 @@ from rbs.window.panel import Panel
 from rbs.window.pictureprocess import PictureProcess
 from rbs.window.playback import Playback
 
-# Frames and steps over which the milliseconds on screen are a mean: half a second's worth.
+# Frames, and steps, over which timings are averaged: half a second of playing.
 TIMED_STEPS = 25
-# Steps that a plot goes back.
+# Steps that the plots show.
 PLOTTED_STEPS = 500
-# m/s that a push gives to a body's centre of mass.
+# m/s that a push adds to the velocity of the centre of mass.
 DEFAULT_PUSH = 8.0
-# What is said where somebody drags or shoots in a recording.
+# Message if the user drags, shoots or records in a replay.
 UNCHANGEABLE = "Recordings are read-only; --resume continues from one"
 
 
 def show_window(simulation, backend, openFile, listFiles, measure, pictureOptions=None):
-    """Opens the window on a simulation or a replay; returns when it is closed.
+    """Opens the window on a simulation or a replay. Returns when it is closed.
 
-    openFile, listFiles, measure : see `Viewer`; pictureOptions : `PictureOptions`, or None
+    Parameters
+    ----------
+    simulation : Simulation or Replay
+    backend : see `start_view`
+    openFile, listFiles, measure : see `Viewer`
+    pictureOptions : PictureOptions, or None
     """
     import polyscope as ps
 
@@ -66,18 +70,24 @@ def show_window(simulation, backend, openFile, listFiles, measure, pictureOption
 
 
 class Viewer:
-    """What the window's buttons and keys do, apart from how they are drawn.
+    """The actions of the window's buttons, keys and mouse, apart from drawing them.
 
-    Attributes: simulation, a simulation or a replay; view, a SceneView; isPlaying; playback, a
-    Playback, with the speed; pushSpeed, m/s; grab, what is dragged, or None; message, an error line
-    or ""; saved, a line about the last file that was written; video, recorder and picture, those
-    that are being written, or None; look, one of LOOKS, of pictures; isMeasuring, whether `history`
-    grows: rows of time and quantities.
+    Attributes
+    ----------
+    simulation : Simulation or Replay
+    view : SceneView
+    isPlaying, playback : whether it plays; Playback, with the speed
+    pushSpeed : m/s
+    grab : Grab of the dragged body, or None
+    message, saved : an error, and a line about the last file written, or ""
+    video, recorder, picture : files that are being written, or None
+    look : one of LOOKS, for pictures
+    isMeasuring, history : whether `history`, rows (time, quantities), grows
     """
 
     def __init__(self, simulation, view, openFile, listFiles, measure, look="plain"):
-        """openFile(text, settings, folder) gives a simulation or a replay, or raises ValueError;
-        listFiles(folder) gives a list of ListedFile; measure(simulation) a dict of floats.
+        """openFile(text, settings, folder) returns a Simulation or Replay, or raises ValueError.
+        listFiles(folder) returns a list of ListedFile, measure(simulation) a dict of floats.
         """
         self.simulation = simulation
         self.view = view
@@ -92,19 +102,19 @@ class Viewer:
         self.history = deque(maxlen=PLOTTED_STEPS)
         self._openFile, self._listFiles, self._measure = openFile, listFiles, measure
         self._settings = None if self.isReplay else simulation.settings
-        # Of each step and frame, the seconds of the whole and of its parts.
+        # Per step and per frame: the seconds of the whole and of its parts.
         self._steps, self._frames = deque(maxlen=TIMED_STEPS), deque(maxlen=TIMED_STEPS)
-        self._spent = {}  # seconds of the present frame, by what they were spent on
+        self._spent = {}  # seconds of the present frame, by activity
 
     @property
     def isReplay(self):
-        """Whether a recording is shown, which can be sought in; else a scene is simulated."""
+        """Whether a recording is shown instead of a simulation."""
         return self.simulation.isReplay
 
     # Time.
 
     def toggle_play(self):
-        """Plays if paused, pauses if playing. A replay that is at its end begins anew."""
+        """Plays if paused, pauses if playing. A replay at its end starts again."""
         self.isPlaying = not self.isPlaying
         self.message = ""
         if self.isPlaying and self.isReplay:
@@ -122,7 +132,7 @@ class Viewer:
             if self.recorder is not None:
                 self._try_recording(self.recorder.flush)
             return
-        if self.playback.pace() is not None:  # the first one has waited for somebody to press Play
+        if self.playback.pace() is not None:  # the first one waited for Play
             self._frames.append({"frame": elapsed, **self._spent})
         self._spent = {}
         before = self.simulation.time
@@ -132,7 +142,7 @@ class Viewer:
         self._show()
 
     def _step_replay(self):
-        """One step on, or back; pauses at the end. Whether it goes on."""
+        """Goes one recorded step on, or back; pauses at the end. Returns whether to go on."""
         replay = self.simulation
         with self._timed("reading the recording"):
             replay.seek(replay.stepCount + (-1 if self.playback.isBackwards else 1))
@@ -142,7 +152,7 @@ class Viewer:
         return self.isPlaying
 
     def _step(self):
-        """One step, if its numbers are sound; else pauses, with a message. Whether it was made."""
+        """Makes one step, or pauses with a message if it fails. Returns whether it was made."""
         simulation = self.simulation
         if self.isReplay:
             simulation.step()
@@ -177,40 +187,40 @@ class Viewer:
 
     @contextmanager
     def _timed(self, name):
-        """Adds the seconds of the `with` block to what the present frame spends on it."""
+        """Adds the seconds of the `with` block to the timings of the present frame."""
         begin = time.perf_counter()
         yield
         self._spent[name] = self._spent.get(name, 0.0) + time.perf_counter() - begin
 
     def _show(self):
-        """Draws the present state, and adds it to the plots."""
+        """Draws the present state and adds it to the plots."""
         if self.isMeasuring:
             self.history.append((self.simulation.time, self._measure(self.simulation)))
         self.view.refresh()
         self._show_grab()
 
     def step_once(self):
-        """A single step: pauses, if playing."""
+        """Makes a single step, and pauses."""
         self.isPlaying = False
         self.message = ""
         self._step()
         self._show()
 
     def seek(self, step):
-        """Puts a replay to a step, paused."""
+        """Moves a replay to a step, and pauses."""
         self.isPlaying = False
         self.simulation.seek(step)
         self.history.clear()
         self.view.refresh()
 
     def reset(self):
-        """Back to the start of the scene, paused, with the settings that it began with."""
+        """Starts over with the settings of the start, and pauses."""
         if not self.isReplay:
             vars(self.simulation.settings).update(vars(self.simulation.startSettings))
         self.restart()
 
     def restart(self):
-        """Back to the start of the scene, paused, with the present settings. The camera stays."""
+        """Starts over with the present settings and camera, and pauses."""
         self.stop_recording()
         self.release()
         self.isPlaying = False
@@ -226,10 +236,9 @@ class Viewer:
     # Files.
 
     def open(self, path):
-        """Changes to another scene or recording, paused. A broken one only leaves its error in
-        `message`. The settings go on from scene to scene.
+        """Opens another scene, recording or camera, and pauses. Settings are kept.
 
-        path : also as a person types it
+        If it cannot be opened, the reason is in `message`. path : also as a user types it
         """
         self.message = self.saved = ""
         try:
@@ -244,7 +253,7 @@ class Viewer:
             self.message = f"{path}: cannot be read ({reason_of(error)})"
             return
         except MemoryError:
-            self.message = f"{path}: cannot be read (there is not enough memory)"
+            self.message = f"{path}: cannot be read (not enough memory)"
             return
         self.stop_video()
         self.stop_recording()
@@ -257,15 +266,15 @@ class Viewer:
         self.view.rebuild(simulation)
 
     def files(self):
-        """Scenes and recordings beside the current scene, and our own: list of ListedFile."""
+        """Returns a list of ListedFile: files beside the current scene, and the scenes in data/."""
         return self._listFiles(self.simulation.scenePath.parent)
 
     def name(self):
-        """What the current scene is called."""
+        """Returns the name of the current scene."""
         return scene_name(self.simulation.scenePath)
 
     def _out_path(self, stem, ending):
-        """A path in out/<scene> that does not exist yet; makes the folder."""
+        """Returns a path in out/<scene> that does not exist yet. Creates the folder."""
         folder = Path("out") / self.name()
         folder.mkdir(parents=True, exist_ok=True)
         path, number = folder / (stem + ending), 1
@@ -275,7 +284,7 @@ class Viewer:
         return path
 
     def _write(self, stem, ending, write):
-        """Writes a file of a new name; tells in `saved` or `message` what came of it."""
+        """Writes a file with a new name, and sets `saved` or `message`."""
         self.message = ""
         try:
             path = self._out_path(stem, ending)
@@ -286,7 +295,7 @@ class Viewer:
         self.saved = f"saved {path}"
 
     def save_picture(self):
-        """Writes what is seen, without the panel, as a PNG in out/<scene>."""
+        """Saves the view, without panels, as a PNG in out/<scene>."""
         if self.picture is not None:
             return
         stem = f"picture_{self.simulation.stepCount:06d}"
@@ -300,7 +309,7 @@ class Viewer:
         self.picture = PictureProcess(path, self.view)
 
     def watch_picture(self):
-        """Tells how far a studio picture is that is being drawn, if there is one."""
+        """Shows the progress of a studio picture, if one is being drawn."""
         picture = self.picture
         if picture is None:
             return
@@ -312,11 +321,11 @@ class Viewer:
         self.message = picture.error and f"no picture: {picture.error}"
 
     def save_camera(self):
-        """Writes the camera, for --camera or to be dropped onto the window."""
+        """Saves the viewpoint, for --camera or to be dropped onto the window."""
         self._write("camera", ".json", save_camera)
 
     def toggle_video(self):
-        """Begins a video of what is played from now on, or ends it."""
+        """Starts or ends a video."""
         if self.video is not None:
             self.stop_video()
             return
@@ -329,11 +338,11 @@ class Viewer:
         except OSError as error:
             self.message = _cannot_write(error)
         else:
-            self.view.set_resizable(False)  # all pictures of a video are of one size
+            self.view.set_resizable(False)  # all frames of a video have the same size
             self._film()
 
     def stop_video(self):
-        """Ends the video, if there is one."""
+        """Ends the video, if one is being written."""
         if self.video is not None:
             video, self.video = self.video, None
             self.view.set_resizable(True)
@@ -343,10 +352,10 @@ class Viewer:
                 video.close()
                 self.message = _cannot_write(error)
             else:
-                self.saved = f"saved {video.path}, {counted(video.count, 'picture')}"
+                self.saved = f"saved {video.path}, {counted(video.count, 'frame')}"
 
     def toggle_recording(self):
-        """Begins a recording of what is simulated from now on, or ends it."""
+        """Starts or ends a recording."""
         if self.recorder is not None:
             self.stop_recording()
             return
@@ -361,7 +370,7 @@ class Viewer:
             self._try_recording(lambda: self.recorder.add(self.simulation))
 
     def stop_recording(self):
-        """Ends the recording, if there is one, with the last step that was made."""
+        """Ends the recording, if there is one, after the last step."""
         if self.recorder is not None:
             recorder, steps = self.recorder, self.recorder.frameCount - 1
             self._try_recording(recorder.save)
@@ -370,25 +379,25 @@ class Viewer:
                 self.saved = f"saved {recorder.path}, {counted(steps, 'step')}"
 
     def _try_recording(self, act):
-        """Does something to the recording; where it cannot be written, ends it, and says so."""
+        """Calls a function of the recorder. If it fails, ends the recording with a message."""
         try:
             act()
         except (OSError, RecordingError) as error:
             recorder, self.recorder = self.recorder, None
-            with suppress(OSError):  # said below
+            with suppress(OSError):  # reported below
                 recorder.close()
             self.message = _cannot_write(error)
 
     # Bodies.
 
     def _change(self, change):
-        """Does a `Change` to the bodies, and records it."""
+        """Applies and records a `Change`."""
         self.simulation.change(change)
         if self.recorder is not None:
             self.recorder.note(self.simulation, change)
 
     def grab_at(self, pixel):
-        """Holds the body that is seen at a pixel, at the point that is seen, to be dragged."""
+        """Starts dragging the body at a pixel, by the visible point."""
         self.release()
         body, point = self.view.body_at(pixel)
         if body is None:
@@ -403,13 +412,13 @@ class Viewer:
             self._grabDistance = self.view.distance_of(point)
 
     def drag_to(self, pixel):
-        """Moves the hand to a pixel, as far from the camera as the body was picked up."""
+        """Moves the target of the spring to a pixel, at the distance where the drag began."""
         if self.grab is not None:
             self.grab.target = self.view.point_at(pixel, self._grabDistance)
             self._show_grab()
 
     def release(self):
-        """Lets go: what is dragged keeps its velocity, and is thrown."""
+        """Ends the drag. The body keeps its velocity."""
         if self.grab is not None:
             self.grab = None
             self.view.show_spring(None)
@@ -420,56 +429,55 @@ class Viewer:
             self.view.show_spring((self.grab.point(mesh), self.grab.target))
 
     def shoot(self, pixel):
-        """Shoots a ball into the scene, from the camera towards a pixel."""
+        """Shoots a ball from the camera towards a pixel."""
         simulation = self.simulation
         self.message = ""
         if self.isReplay:
             self.message = UNCHANGEABLE
         elif simulation.submitted is not None:
-            self.message = "with --functions nothing can be shot: they know the scene's bodies only"
+            self.message = "no shots with --functions, because they only know the scene's bodies"
         elif len(simulation.meshes) - simulation.sceneCount >= MOST_SHOTS:
-            self.message = f"{MOST_SHOTS} balls have been shot: R takes them out"
+            self.message = f"Limit of {MOST_SHOTS} balls reached; R removes them"
         else:
             self._change(shot(simulation.meshes, self.view.size, *self.view.aim(pixel)))
             self.view.refresh()
 
     def pick_at(self, pixel):
-        """Picks the body at a pixel of the window, or none."""
+        """Selects the body at a pixel, or none."""
         self.view.pick(*self.view.body_at(pixel))
         self.view.refresh()
 
     def picked(self):
-        """The picked Mesh, or None."""
+        """Returns the selected Mesh, or None."""
         return None if self.view.picked is None else self.simulation.meshes[self.view.picked]
 
     def push(self, direction):
-        """Pushes the picked body along a unit direction (3,), at the point that was clicked."""
+        """Pushes the selected body along a unit direction (3,), at the clicked point."""
         mesh = self.picked()
         impulse = mesh.mass * self.pushSpeed * np.asarray(direction)
         self._change(changes.push(self.view.picked, impulse, self.view.picked_point()))
         self.view.refresh()
 
     def set_fixed(self, isFixed):
-        """Fixes or frees the picked body."""
+        """Fixes or frees the selected body."""
         self._change(changes.fix(self.view.picked, isFixed))
         self.view.refresh()
 
     # Numbers.
 
     def step_milliseconds(self):
-        """Means of the last steps: see `_mean_milliseconds`; of "step", each phase, and "other"."""
+        """Returns mean milliseconds of the last steps: "step", each phase, and "other"."""
         return _mean_milliseconds(self._steps, "other")
 
     def frame_milliseconds(self):
-        """Likewise of the last frames while it played: of "frame", and what it was spent on."""
-        return _mean_milliseconds(self._frames, "drawing, waiting")
+        """Returns mean milliseconds of the last frames while playing: "frame" and its parts."""
+        return _mean_milliseconds(self._frames, "drawing and waiting")
 
 
 def _mean_milliseconds(rows, rest):
-    """Means in ms: a dict, first of the whole, which is the sum of the others; last, of the rest.
+    """Returns a dict of means in ms: the whole, its parts, and the rest, named `rest`.
 
-    rows : dicts of seconds, first of the whole, then of its parts; where there are none, nor are
-    there means
+    rows : dicts of seconds, the whole first, then its parts. Without rows, the result is empty.
     """
     names = list(dict.fromkeys(name for row in rows for name in row))
     means = {name: 1e3 * fmean(row.get(name, 0.0) for row in rows) for name in names}
@@ -479,5 +487,5 @@ def _mean_milliseconds(rows, rest):
 
 
 def _cannot_write(error):
-    """What the window says of an OSError or RecordingError."""
+    """Returns the message for an OSError or RecordingError."""
     return f"cannot write: {reason_of(error)}"

@@ -1,27 +1,24 @@
-"""Widgets of the window's panels: tooltips, fields that clamp, lists, numbers in columns.
+"""Widgets of the window's panels: tooltips, fields, lists, tables of numbers.
 
 Polyscope is imported inside the functions that use it.
 """
 
 # RGB and opacity.
 ERROR_TEXT = (1.0, 0.45, 0.40, 1.0)
-# Of a list with a line beside each name, in pixels: where the lines begin, and how wide it is.
+# Pixels, of a list with a description beside each name: indent of these, width, height.
 LINE_INDENT, LIST_WIDTH, LIST_HEIGHT = 140, 560, 460
-# The width of a number in a table, in pixels.
+# Pixels, the width of a number in a table.
 NUMBER_WIDTH = 64
 
 
 class Tooltips:
-    """Says what the last widget is for while the mouse rests on it, unless `areHidden`.
-
-    They are hidden while a message is shown, which they could cover.
-    """
+    """Tooltips. `areHidden` while a message is shown, which they could cover."""
 
     areHidden = False
 
     @classmethod
     def tell(cls, text):
-        """To be called right after a widget."""
+        """Sets the tooltip of the last widget."""
         import polyscope.imgui as psim
 
         if text and not cls.areHidden:
@@ -29,19 +26,19 @@ class Tooltips:
 
 
 class NumberField:
-    """A number to be typed into the panel. It takes effect with Enter, or on leaving the field.
+    """A field for a number, which takes effect with Enter or on leaving the field.
 
-    What lies outside of its bounds becomes the nearer bound.
+    Values are clamped to the bounds.
     """
 
     def __init__(self, label, name, step, low, high, tooltip):
-        """name : of a field of the settings; step : what the buttons + and - change it by"""
+        """name : of a setting; step : change by the buttons + and -"""
         self._label, self._name, self._step = label, name, step
         self._low, self._high, self._tooltip = low, high, tooltip
         self._typed = None
 
     def draw(self, settings):
-        """Draws the field; what is no number changes nothing."""
+        """Draws the field. Text that is not a number changes nothing."""
         import polyscope.imgui as psim
 
         value = getattr(settings, self._name)
@@ -50,16 +47,16 @@ class NumberField:
         if changed:
             self._typed = value
         if psim.IsItemDeactivatedAfterEdit() and self._typed is not None:
-            if self._typed == self._typed:  # else it is not a number
+            if self._typed == self._typed:  # not NaN
                 settings.change(self._name, min(max(self._typed, self._low), self._high))
             self._typed = None
 
 
 def draw_choice(label, current, names, tooltip=""):
-    """A list to choose one name from; returns the chosen one, or None where nothing was.
+    """Draws a list. Returns the name that is chosen, or None.
 
-    names : list of names, or of (group, name, line): then there are headings, and a line each; or
-    a function that gives such a list, when the list is open
+    names : list of names, or of (heading, name, description), or a function that returns such a
+        list, called while the list is open
     """
     import polyscope.imgui as psim
 
@@ -88,10 +85,10 @@ def draw_choice(label, current, names, tooltip=""):
 
 
 def draw_slider(label, value, low, high, shown="%.3f"):
-    """A slider for a float or an int; returns (whether it was moved, the value as it is shown)."""
+    """Draws a slider for a float or an int. Returns (whether it was moved, its rounded value)."""
     import polyscope.imgui as psim
 
-    clamp = psim.ImGuiSliderFlags_AlwaysClamp  # also what is typed in with Ctrl-click
+    clamp = psim.ImGuiSliderFlags_AlwaysClamp  # also clamps a value typed after Ctrl-click
     if isinstance(value, int):
         return psim.SliderInt(label, value, low, high, "%d", clamp)
     isMoved, moved = psim.SliderFloat(label, value, low, high, shown, clamp)
@@ -99,7 +96,7 @@ def draw_slider(label, value, low, high, shown="%.3f"):
 
 
 def draw_error(message):
-    """A message that nobody overlooks."""
+    """Draws an error message in red."""
     import polyscope.imgui as psim
 
     psim.PushStyleColor(psim.ImGuiCol_Text, ERROR_TEXT)
@@ -108,7 +105,7 @@ def draw_error(message):
 
 
 def draw_table(rows, indent=0):
-    """Rows (number, what it is), the numbers flush right; indent : pixels, of all but the first."""
+    """Draws rows (number, label), numbers flush right. indent : pixels, except for the first."""
     import polyscope.imgui as psim
 
     left = psim.GetCursorPosX()
@@ -121,7 +118,7 @@ def draw_table(rows, indent=0):
 
 
 def draw_vectors(rows):
-    """Rows (name, three numbers, unit), in columns; the numbers are texts, and flush right."""
+    """Draws rows (name, three texts of numbers, unit), numbers flush right."""
     import polyscope.imgui as psim
 
     left, right = psim.GetCursorPosX(), psim.GetContentRegionAvail()[0]

@@ -1,9 +1,9 @@
-"""What the basic step does that bodies do not: its known limits, in numbers.
+"""The known errors of the basic step, in numbers.
 
     python tests/benchmarks/limits.py [NAME …]
 
-Each as the coursework has it, with --closing-only, and with --solver soft-step. README.md has this
-table and says what is measured, and a test runs some of it again.
+Each in the basic step, with --closing-only, and with --solver soft-step. tests/README.md has this
+table and explains the rows; a test runs some of them again.
 """
 
 import argparse
@@ -74,7 +74,7 @@ def depth_below_ground(steps, isPassedAgain=False, **settings):
 
 
 def row_of(name):
-    """A row of the table, as README.md has it."""
+    """A row of the table, as in tests/README.md."""
     cells = []
     for settings in WAYS.values():
         if name == "spin":

@@ -1,15 +1,15 @@
-"""README's numbers of what the basic step does wrong are those that limits.py measures."""
+"""The errors of the basic step in tests/README.md are those that limits.py measures."""
 
 import re
 
 from limits import NAMES, WAYS, depth_below_ground, row_of
 from oracles import ROOT
 
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+README = (ROOT / "tests" / "README.md").read_text(encoding="utf-8")
 
 
 def test_readme_has_what_is_measured():
-    """Of what takes seconds."""
+    """The rows that take seconds."""
     rows = {name: re.findall(rf"^\| {name} \| .* \|$", README, re.MULTILINE) for name in NAMES}
     assert {len(found) for found in rows.values()} == {1}
     assert all(row.count(" | ") == len(WAYS) for (row,) in rows.values())

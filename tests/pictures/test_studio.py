@@ -244,9 +244,9 @@ def test_copies_of_a_body_have_its_colour():
 
 def test_looks_are_refused_where_nothing_is_drawn(tmp_path):
     for arguments, said in (
-        (("tet", "--look", "studio", "--headless"), "this run draws none"),
-        (("tet", "--look", "studio", "--record", "a.h5"), "this run draws none"),
-        (("--verify", "a.h5", "--look", "plain"), "--look does not go with --verify"),
+        (("tet", "--look", "studio", "--headless"), "--look needs --screenshots or --video"),
+        (("tet", "--look", "studio", "--record", "a.h5"), "--look needs --screenshots or --video"),
+        (("--verify", "a.h5", "--look", "plain"), "--look cannot be used with --verify"),
         (("tet", "--look", "nice", "--screenshots", "p"), "argument --look: invalid choice"),
     ):
         process = run(tmp_path, *arguments)

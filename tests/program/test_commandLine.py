@@ -50,7 +50,7 @@ def test_headless_run_ends_with_a_summary_of_what_happened(capsys):
     for _ in range(120):
         simulation.step()
     y, name = simulation.lowest_point()
-    assert summary["scene"].endswith("mixed-scene.txt") and summary["bodies"].startswith("15, 8 ")
+    assert summary["scene"].endswith("mixed-scene.txt") and summary["bodies"].startswith("15 (8 ")
     assert (
         summary["steps"].startswith("120 of 0.02 s: 2.4 s") and " ms " in summary["time per step"]
     )
@@ -58,7 +58,7 @@ def test_headless_run_ends_with_a_summary_of_what_happened(capsys):
     assert f"{simulation.kinetic_energy() / 1e6:.6g} MJ now" in summary["kinetic energy"]
     assert f"{simulation.potential_energy() / 1e6:.6g} MJ now" in summary["potential energy"]
     assert summary["lowest point"] == f"y = {y:.4g} m ({name})"
-    assert summary["numbers"] == "all finite" and code == 0
+    assert summary["state"] == "all values finite" and code == 0
 
 
 # Options; the constraint file that they mean, and what they mean in run_timestep. 3 visits are

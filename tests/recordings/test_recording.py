@@ -76,7 +76,7 @@ def test_a_recording_is_read_while_it_grows(tmp_path, monkeypatch):
     assert counts[9] == 9 and counts[18] == 9 and counts[19:] == [19] * 6
     assert summary_of(run(tmp_path, "--headless", "--replay", "r.h5"))["steps"].startswith("19 of")
     simulation.step()
-    with pytest.raises(RecordingError, match="only step 25 of the same scene could follow"):
+    with pytest.raises(RecordingError, match="expected step 25 of the same scene"):
         recorder.add(simulation)
     recorder.save()
     assert Recording(path).lastStep == 24 and verify(Recording(path)) == ""
@@ -188,7 +188,7 @@ EDITS = {
     "a time": (put("times", 20, 0.5), "step 20 differs: times by up to 0.1"),
     "the scene": (put("scene", 0, ord("?")), "it is damaged"),
     "an event": (put("events", 0, 0), "it is damaged"),
-    "no state": (lambda file: file["times"].resize(0, axis=0), "it holds no state"),
+    "no state": (lambda file: file["times"].resize(0, axis=0), "it has no states"),
     "a setting": (put("settings", "friction", -1.0), "step 0: friction must be "),
     "a new setting": (put("settings", "wind", 1.0), "it has a setting"),
     "no mesh": (lambda file: file.__delitem__("meshes/0"), "it is damaged"),
@@ -212,7 +212,7 @@ def test_resuming_takes_settings_and_needs_a_sound_step(standing, chain, tmp_pat
     expected["enforceConstraints"] = False
     assert Recording(rest).settings_at(62) == (60, expected)
     bad = edited(standing, tmp_path / "d.h5", put("positions", (50, 30, 1), 3.5))
-    for path, step, cause in ((chain[0], 61, "is not in it"), (bad, 50, "cannot be resumed")):
+    for path, step, cause in ((chain[0], 61, "is not recorded"), (bad, 50, "cannot be resumed")):
         code, _, errors = call(capsys, "--headless", "--resume", path, "--from", step)
         assert code == 2 and f"{path}: step {step} {cause}" in errors
 

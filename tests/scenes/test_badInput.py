@@ -101,7 +101,7 @@ def test_mesh_outside_of_the_scenes_folder_is_read_only_when_asked_for(outside, 
     scene = f"scenes/{name}-scene.txt"
     assert_refused(outside.parent, capsys, [scene, *RECORDED], f"{scene}:2: ", "--allow-outside")
     for load in (load_scene_file, Simulation):
-        with pytest.raises(SceneError, match="outside of the scene's folder"):
+        with pytest.raises(SceneError, match="outside the scene's folder"):
             load(scene)
     (mesh,) = load_scene_file(scene, allowOutsideMeshes=True)
     assert len(mesh.tets) == 2
@@ -149,9 +149,9 @@ OPTIONS = [
     ("--replay r.h5 --verify r.h5", "argument --verify: "),
     ("--every 3", "--every "),
     ("--from 3", "--from "),
-    ("--video v.mp4 --screenshots s --transparent", "--transparent does not go with --video"),
-    ("--constraints a --no-constraints", "--constraints does not go with --no-constraints"),
-    ("--replay r.h5", "SCENE does not go with --replay"),
+    ("--video v.mp4 --screenshots s --transparent", "--transparent cannot be used with --video"),
+    ("--constraints a --no-constraints", "--constraints cannot be used with --no-constraints"),
+    ("--replay r.h5", "SCENE cannot be used with --replay"),
     ("--video v.mp4 --time-step 200", "v.mp4: "),
     ("--constraints cube.off", "cube.off:1: "),
     ("--camera camera.json --stats ./camera.json", "--stats ./camera.json: not written"),
@@ -188,5 +188,5 @@ def test_program_ends_with_one_line_and_code_2(folder):
     process = run(folder, "t.mesh", *RECORDED)
     assert (process.returncode, process.stdout) == (2, "")
     (line,) = process.stderr.splitlines()
-    assert line.startswith("RigidBodySimulation.py: t.mesh:1: this is not a scene: ")
+    assert line.startswith("RigidBodySimulation.py: t.mesh:1: not a scene: ")
     assert snapshot(folder) == before

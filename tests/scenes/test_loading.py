@@ -352,7 +352,7 @@ BROKEN = [
     ("t.mesh", "1 3 2 1", "1 3 3 1", 12, "twice"),
     ("t.mesh", "1 3 2 1", "1 3 4 1", 12, "not a face"),
     ("t.mesh", "6\n1 3 2 1\n", "5\n", 12, "closed"),
-    ("t.mesh", "6\n1 3 2 1\n", "7\n1 3 2 1\n2 1 3 1\n", 13, "same"),
+    ("t.mesh", "6\n1 3 2 1\n", "7\n1 3 2 1\n2 1 3 1\n", 13, "repeats triangle 1"),
     ("t.mesh", "a\n2\n", "a\n3\n1 2 3 5 1\n", None, "1.5"),
     ("t.mesh", "0 0 1.5 1", "0.2 0.2 0 1", 20, "flat"),
     ("t.mesh", "0 0 3 1\n0 0 1.5 1", "3 3 0 1\n2 0 0 1", None, "no volume"),
