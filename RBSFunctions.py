@@ -288,6 +288,48 @@ class Mesh:
         self._forget_pose()
         self.cachedAxes = WeakKeyDictionary()
 
+    @classmethod
+    def from_surface(
+        cls,
+        name,
+        vertices,
+        faces,
+        density,
+        position=None,
+        orientation=(1.0, 0.0, 0.0, 0.0),
+        isFixed=False,
+    ):
+        """Makes a body of a closed surface, as SciPy's ConvexHull or trimesh have one.
+
+        Parameters
+        ----------
+        vertices : (V, 3), in metres; those of no face are left out
+        faces : (F, 3) int, triangles whose corners are in any order
+        position : three numbers, the COM in the world; None leaves the body where the vertices are
+        name, density, orientation, isFixed : see `Mesh`
+
+        Returns
+        -------
+        Mesh
+
+        Raises
+        ------
+        ValueError : the surface is not closed, or no point inside sees all of it
+        """
+        from rbs.geometry.surfaces import fill_surface, orient_surface
+
+        try:
+            vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
+            used, faces = np.unique(faces, return_inverse=True)
+            vertices, faces = vertices[used], faces.reshape(-1, 3)
+            vertices, faces, tets = fill_surface(vertices, orient_surface(vertices, faces))
+        except (IndexError, TypeError, ValueError) as error:
+            raise ValueError(f"mesh {name}: {error}") from None
+        mesh = cls(name, vertices, faces, tets, density, (0.0, 0.0, 0.0), orientation, isFixed)
+        centre = vertices[-1] - mesh.origVertices[-1]
+        mesh.position = mesh._entry("position", centre if position is None else position, 3)
+        return mesh
+
     def __repr__(self):
         x, y, z = floats(self.position, 3)
         mass = "fixed" if self.isFixed else f"{self.mass:.4g} kg"

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from oracles import COURSE, ROOT
 
+from rbs.geometry.surfaces import tetrahedron_volumes
 from rbs.program.opening import find_file
-from rbs.scenes.meshfiles import tetrahedron_volumes
 from rbs.scenes.scenefiles import NonConvexWarning, find_constraints, find_scene, scene_name
 from rbs.scenes.textfiles import SceneError
 from RigidBodySimulation import (

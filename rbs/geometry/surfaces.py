@@ -1,0 +1,151 @@
+"""Closed surfaces of triangles: turned outwards, filled with tetrahedra, and their volumes.
+
+Units: metres. Faces are counter-clockwise seen from outside.
+"""
+
+import numpy as np
+
+# Least depth of an inner point below the plane of each face, relative to the mesh's extent. Far
+# above the rounding of a distance. Larger values refuse more surfaces.
+INSIDE_MARGIN = 1e-9
+
+
+def orient_surface(vertices, faces):
+    """Orients the triangles of a closed surface counter-clockwise seen from outside.
+
+    Neighbours are made consistent, starting from one triangle of each connected piece, and a piece
+    of negative volume is flipped as a whole. The surface need not be convex.
+
+    Returns
+    -------
+    (F, 3)
+
+    Raises
+    ------
+    ValueError
+        If an edge does not belong to exactly two triangles, or the surface is not orientable.
+    """
+    neighbours = [[] for _ in faces]
+    for (low, high), owners in faces_at_edges(faces).items():
+        if len(owners) != 2:
+            raise ValueError(not_closed(low, high, len(owners)))
+        (one, oneAscends), (other, otherAscends) = owners
+        # Consistent neighbours traverse their common edge in opposite directions.
+        neighbours[one].append((other, oneAscends == otherAscends))
+        neighbours[other].append((one, oneAscends == otherAscends))
+
+    result = faces.copy()
+    turned = [None] * len(faces)
+    for start in range(len(faces)):
+        if turned[start] is None:
+            piece = _agree_with(start, neighbours, turned)
+            flips = [face for face in piece if turned[face]]
+            result[flips] = result[flips][:, ::-1]
+            a, b, c = (vertices[result[piece, k]] for k in range(3))
+            if np.sum(a * np.cross(b, c)) < 0.0:  # six times the enclosed volume
+                result[piece] = result[piece][:, ::-1]
+    return result
+
+
+def _agree_with(start, neighbours, turned):
+    """Returns the triangles connected with `start`. Marks in `turned` those to be flipped."""
+    turned[start] = False
+    piece = [start]
+    for face in piece:  # grows during the loop
+        for other, differs in neighbours[face]:
+            if turned[other] is None:
+                turned[other] = turned[face] ^ differs
+                piece.append(other)
+            elif turned[other] != turned[face] ^ differs:
+                raise ValueError("the surface has no inside (it is not orientable)")
+    return piece
+
+
+def fill_surface(vertices, faces):
+    """Joins every triangle of a closed surface to one inner point.
+
+    Parameters
+    ----------
+    faces : (F, 3), counter-clockwise seen from outside
+
+    Returns
+    -------
+    vertices : (V + 1, 3), the inner point last
+    faces : the same
+    tets : (T, 4) of positive volume, one for each triangle with an area
+
+    Raises
+    ------
+    ValueError
+        If no point sees all faces from behind.
+    """
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    lengths = np.sqrt(np.sum(normals * normals, axis=1))
+    extent = np.max(np.ptp(vertices, axis=0))
+    solid = lengths > INSIDE_MARGIN * extent * extent
+    if not solid.any():
+        raise ValueError("the mesh has no volume")
+    normals = normals[solid] / lengths[solid, None]
+    offsets = np.sum(normals * a[solid], axis=1)
+
+    inner = find_inner_point(vertices, normals, offsets, INSIDE_MARGIN * extent)
+    apex = np.full((np.count_nonzero(solid), 1), len(vertices))
+    return np.vstack([vertices, inner]), faces, np.hstack([apex, faces[solid]])
+
+
+def find_inner_point(vertices, normals, offsets, margin):
+    """Returns a point (3,) more than `margin` behind all planes normals · x = offsets.
+
+    The mean of the vertices is used if it qualifies, as in every convex body. Otherwise a linear
+    programme maximises the least distance t from the planes, normals · x + t ≤ offsets. Raises
+    ValueError if no point qualifies.
+    """
+    mean = np.mean(vertices, axis=0)
+    if np.max(normals @ mean - offsets) < -margin:
+        return mean
+    # Imported here, because it takes long and few files need it.
+    from scipy.optimize import linprog
+
+    best = linprog(
+        c=[0.0, 0.0, 0.0, -1.0],
+        A_ub=np.column_stack([normals, np.ones(len(normals))]),
+        b_ub=offsets,
+        bounds=[(None, None)] * 4,
+    )
+    if best.status != 0 or best.x[3] <= margin:
+        raise ValueError(
+            "the surface cannot be filled, because no point sees all of it from inside; give it as "
+            "a .mesh with tetrahedra"
+        )
+    return best.x[:3]
+
+
+def tetrahedron_volumes(vertices, tets):
+    """Returns signed volumes (T,), positive if a, b, c run clockwise seen from d."""
+    a, b, c, d = (vertices[tets[:, k]] for k in range(4))
+    return np.sum(np.cross(b - a, c - a) * (d - a), axis=1) / 6.0
+
+
+def enclosed_volume(vertices, faces):
+    """Returns the volume inside closed surfaces, by the divergence theorem; signed."""
+    a, b, c = (vertices[faces[:, k]] - vertices[0] for k in range(3))
+    return float(np.sum(a * np.cross(b, c)) / 6.0)
+
+
+def faces_at_edges(faces):
+    """Returns a dict from edges (low, high) to lists of (face, whether low comes first)."""
+    owners = {}
+    for face, corners in enumerate(faces.tolist()):
+        for tail, head in zip(corners, corners[1:] + corners[:1], strict=True):
+            key = (min(tail, head), max(tail, head))
+            owners.setdefault(key, []).append((face, tail < head))
+    return owners
+
+
+def not_closed(low, high, count):
+    """Returns the message for an edge that belongs to `count` triangles."""
+    return (
+        f"the surface is not closed: the edge between vertices {low} and {high} "
+        f"belongs to {count} triangle{'s' * (count != 1)}, not to 2"
+    )
