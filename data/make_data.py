@@ -630,8 +630,8 @@ def incline():
 def slide():
     """Boxes slide down chutes from three heights, and reach the ground at three speeds.
 
-    With μ = 0.2 they stop one behind the other. With more friction they stop on the chute, with less
-    they reach the wall.
+    With μ = 0.2 they stop one behind the other. With more friction they stop on the chute; with
+    less they reach the wall.
     """
     slabs, boxes = [], []
     lanes = {2: -15.0, 3: 0.0, 5: 15.0}  # slope of a box's first slab -> its z, in metres

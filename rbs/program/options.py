@@ -396,7 +396,7 @@ class OneLineParser(argparse.ArgumentParser):
     def parse_args(self, args=None, namespace=None):
         words = sys.argv[1:] if args is None else args
         for word in map(str, words):
-            if word.startswith("--") and word.endswith("=--"):  # argparse would return an empty list
+            if word.startswith("--") and word.endswith("=--"):  # argparse returns an empty list
                 self.error(f"argument {word[:-3]}: '--' is not a value")
         return super().parse_args(args, namespace)
 
