@@ -261,7 +261,7 @@ class Body(NamedTuple):
     meshFile: str
     density: float  # kg / m³
     position: tuple  # centre of mass (x, y, z), metres
-    orientation: tuple = AS_MODELLED  # (w, x, y, z), of any length but zero
+    orientation: tuple = AS_MODELLED  # (w, x, y, z), of any length except zero
     isFixed: bool = False
 
 
@@ -291,7 +291,7 @@ def turn(orientation, vector):
 
 
 def make_posts(places):
-    """Fixed standing cylinders at `places`, a list of (x, z) in metres."""
+    """Return fixed upright cylinders at `places`, a list of (x, z) in metres."""
     y = 10.0 + POST_CLEARANCE  # half the cylinder's length
     return [
         Body("cylinder.mesh", 4000.0, (x, y, z), Z_TO_VERTICAL, isFixed=True) for x, z in places
@@ -327,7 +327,7 @@ def two_cylinders_ties():
 
 
 def tet_rain():
-    """A square of 5 x 5 tetrahedra. They land one after another and bounce into each other."""
+    """A square of 5 × 5 tetrahedra, which land in turn and bounce into each other."""
     generator = random.Random(25)
     # Less than a tetrahedron's largest diameter, 12.2, so that they push each other sideways.
     # Neighbours start at least 14 m apart in height; some diagonal ones only 6 m, but these are
@@ -350,8 +350,8 @@ def tet_rain():
 def mixed_shapes():
     """One of each shape, and another box, fall onto each other in a tray and stay in it.
 
-    They start where none of them is thrown over the wall, which is low. With restitution 1, they
-    bounce over it.
+    The wall is low, but high enough for the default restitution. With restitution 1, they bounce
+    over it.
     """
     bodies = [
         Body("long-octahedron.mesh", 60.0, (5.0, 33.0, 2.0), (1.0, 0.9, 0.0, 0.1)),
@@ -386,7 +386,7 @@ def tower():
 
 
 def stress():
-    """25 assorted bodies fall onto 4 x 4 fixed posts."""
+    """25 assorted bodies fall onto 4 × 4 fixed posts."""
     generator = random.Random(41)
     shapes = [
         "box.mesh",
@@ -427,7 +427,7 @@ def cube_ties():
 def tower_chain():
     """A leaning column on a fixed foot, each body tied to the one below.
 
-    Tied, it buckles, falls past its foot and hangs from it, with its end on the ground.
+    It buckles, falls past its foot and hangs from it, with its end on the ground.
     """
     shapes = 3 * ["box.mesh"] + 3 * ["tetrahedron.mesh"] + 3 * ["octahedron.mesh"]
     densities = [2400.0, 1800.0, 1200.0, 1500.0, 1000.0, 700.0, 600.0, 900.0, 1400.0]
@@ -447,7 +447,7 @@ def two_chains():
     """Two chains above an alley of fixed posts; small bodies fall onto one of them.
 
     Nine boxes hang straight down from the first; nine tetrahedra reach out sideways from the
-    first, and swing down into the boxes. Neighbours are to be tied to each other.
+    first, and swing down into the boxes. Neighbours are tied to each other.
     """
     height = 136.0
     hanging = [
@@ -474,7 +474,7 @@ def two_chains_ties():
 def rope_bridge():
     """Planks between two fixed abutments sag, and catch bodies that fall onto them."""
     height, pitch, planks = 40.0, 9.0, 13
-    # turned a quarter, a plank is 8 m along the bridge and 12 m across it
+    # after a quarter turn, a plank is 8 m along the bridge and 12 m across it
     deck = [
         Body(
             "box.mesh",
@@ -630,11 +630,11 @@ def incline():
 def slide():
     """Boxes slide down chutes from three heights, and reach the ground at three speeds.
 
-    With μ = 0.2 they stop there one behind the other, with more of it on the chute; with less they
-    arrive at the wall.
+    With μ = 0.2 they stop one behind the other. With more friction they stop on the chute; with
+    less they reach the wall.
     """
     slabs, boxes = [], []
-    lanes = {2: -15.0, 3: 0.0, 5: 15.0}  # slope of the slab that a box starts on -> its z
+    lanes = {2: -15.0, 3: 0.0, 5: 15.0}  # slope of a box's first slab -> its z, in metres
     edge = None  # the edge between the upper sides of two slabs
     for n in (10, 5, 3, 2):  # from below: 11°, 23°, 37° and 53°
         tilt = (float(n), 0.0, 0.0, -1.0)

@@ -108,7 +108,7 @@ def pack_boxes(sides, width):
     when the next box would project from the block.
     """
     low, high = np.zeros_like(sides), np.zeros_like(sides)
-    layer = x = 0  # the first box of the layer; where the next one goes
+    layer = x = 0  # the first box of the layer; the position of the next
     for i, side in enumerate(sides):
         if x + side[0] > width:
             x = 0

@@ -145,7 +145,7 @@ def make_parser():
 
 
 def add_physics_options(parser):
-    """Contacts, friction, the time step, the broad phase."""
+    """Adds the options of the physics."""
     physics = parser.add_argument_group("simulation", PHYSICS_EXAMPLES)
     physics.add_argument(
         "--basic",
@@ -159,7 +159,7 @@ def add_physics_options(parser):
 
 
 def add_constraint_options(parser):
-    """Constraint files, and how constraints are solved."""
+    """Adds the options of constraints."""
     constraints = parser.add_argument_group("constraints", CONSTRAINT_EXAMPLES)
     constraints.add_argument(
         "--constraints",
@@ -200,7 +200,7 @@ def setting_type(one):
 
 
 def add_output_options(parser):
-    """Runs without a window, pictures and videos."""
+    """Adds the options of runs without a window, pictures and videos."""
     output = parser.add_argument_group("without a window", OUTPUT_EXAMPLES)
     output.add_argument(
         "--headless",
@@ -289,7 +289,7 @@ def add_output_options(parser):
 
 
 def add_recording_options(parser):
-    """Recordings and statistics."""
+    """Adds the options of recordings and statistics."""
     recordings = parser.add_argument_group("recordings", RECORDING_EXAMPLES)
     recordings.add_argument(
         "--record",
@@ -396,7 +396,7 @@ class OneLineParser(argparse.ArgumentParser):
     def parse_args(self, args=None, namespace=None):
         words = sys.argv[1:] if args is None else args
         for word in map(str, words):
-            if word.startswith("--") and word.endswith("=--"):  # argparse makes an empty list of it
+            if word.startswith("--") and word.endswith("=--"):  # argparse returns an empty list
                 self.error(f"argument {word[:-3]}: '--' is not a value")
         return super().parse_args(args, namespace)
 

@@ -40,7 +40,7 @@ def brief(text, limit=300):
     return short(*one_line(text or " ").split(), limit=limit)
 
 
-# ---- Our own modules ----------------------------------------------------------------------------
+# ---- This project's modules ---------------------------------------------------------------------
 
 _OURS = {}  # modules of this project that are loaded but not in sys.modules, by name
 

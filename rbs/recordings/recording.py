@@ -60,7 +60,7 @@ SOLVER_STEPS = 100
 # Attempts of HDF5 to read metadata that look damaged while a file is being written. Each waits
 # twice as long as the last. More attempts report a truly damaged file later.
 READ_ATTEMPTS = 30
-# The parts of a mesh, as `load_mesh_file` returns them.
+# The parts of a mesh, in the order of `load_mesh_file`.
 MESH_PARTS = ("vertices", "faces", "tets")
 # Bytes reserved for HDF5's own tables and for chunks that are not full yet.
 SPARE_BYTES = 1 << 20
@@ -184,7 +184,7 @@ class Recorder:
                 self._partial.unlink()
 
     def summary(self, simulation):
-        """Name and text of its row in the summary of a run."""
+        """Returns name and text of its row in the summary of a run."""
         return "recording", shown_path(self.path)
 
     def _begin(self, simulation):
@@ -319,7 +319,7 @@ class Recording:
             yield
         except RecordingError:
             raise
-        except Exception as error:  # of h5py, JSON, zipfile and NumPy
+        except Exception as error:  # from h5py, JSON, zipfile or NumPy
             raise self.error(f"it is damaged ({one_line(error, QUOTE_LENGTH)})") from None
 
     def _read_source(self, head):

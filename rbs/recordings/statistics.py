@@ -100,7 +100,7 @@ class StatsWriter:
             self._partial.unlink()
 
     def summary(self, simulation):
-        """Name and text of its row in the summary of a run."""
+        """Returns name and text of its row in the summary of a run."""
         return "statistics", shown_path(self.path)
 
 
@@ -132,7 +132,7 @@ class PlotWriter:
         """Does nothing: no file is open."""
 
     def summary(self, simulation):
-        """Name and text of its row in the summary of a run."""
+        """Returns name and text of its row in the summary of a run."""
         return "plot", shown_path(self.path)
 
 

@@ -29,7 +29,7 @@ def read_text(path):
         raise SceneError(path, None, "a folder, not a file") from None
     except UnicodeDecodeError:
         raise SceneError(path, None, "not a text file") from None
-    except (OSError, ValueError) as error:  # a ValueError for a NUL in the name
+    except (OSError, ValueError) as error:  # a NUL in the name raises ValueError
         raise SceneError(path, None, f"cannot be read ({reason_of(error)})") from None
     if "\0" in text:
         raise SceneError(path, None, "not a text file")

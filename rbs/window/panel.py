@@ -413,7 +413,7 @@ class Panel:
             told.append(f"recording: {counted(viewer.recorder.frameCount - 1, 'step')}")
         psim.Text(", ".join(told))
 
-    # The column at the right.
+    # The readout, on the right.
 
     def _draw_side(self):
         import polyscope.imgui as psim
@@ -529,7 +529,7 @@ class Panel:
         )
         psim.EndDisabled()
 
-    # Below, above and over the picture.
+    # The timeline and messages.
 
     def _draw_timeline(self):
         import polyscope.imgui as psim

@@ -41,7 +41,7 @@ class PictureProcess:
         self.path = path
         shown = {name: getattr(view.simulation, name) for name in SHOWN_ATTRIBUTES}
         job = Job(str(path), SimpleNamespace(**shown), view.memory(), *view.picture_camera())
-        # not forked: a copy of this process would share its connection to the display
+        # not forked, because a copy of this process would share its connection to the display
         context = multiprocessing.get_context("spawn")
         self._receiver, sender = context.Pipe(duplex=False)
         self._process = context.Process(target=_draw, args=(job, sender))

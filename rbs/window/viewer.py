@@ -236,7 +236,7 @@ class Viewer:
     # Files.
 
     def open(self, path):
-        """Opens another scene, recording or camera, and pauses. Settings are kept.
+        """Opens another scene or recording, paused, or a camera. Settings are kept.
 
         If it cannot be opened, the reason is in `message`. path : also as a user types it
         """

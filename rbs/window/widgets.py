@@ -3,7 +3,7 @@
 Polyscope is imported inside the functions that use it.
 """
 
-# RGB and opacity.
+# Colour of error messages: RGB and opacity.
 ERROR_TEXT = (1.0, 0.45, 0.40, 1.0)
 # Pixels, of a list with a description beside each name: indent of these, width, height.
 LINE_INDENT, LIST_WIDTH, LIST_HEIGHT = 140, 560, 460
