@@ -234,9 +234,7 @@ def nearest_face(simplex):
 
 
 def _holds_origin(tetrahedron):
-    """Whether each corner of a tetrahedron lies on the same side of the opposite face as the
-    origin.
-    """
+    """Whether each corner of a tetrahedron is on the origin's side of the opposite face."""
     for p in tetrahedron:
         a, b, c = (corner for corner in tetrahedron if corner is not p)
         n = cross(sub(b, a), sub(c, a))
