@@ -464,7 +464,7 @@ class Mesh:
 
     @property
     def currVertices(self):
-        """Vertices in the world, (V, 3); read-only unless assigned, as they follow from the pose."""
+        """Vertices in the world (V, 3), read-only unless assigned; they follow from the pose."""
         self._follow_pose()
         if self._currVertices is None:
             rotated = self.rotated_hull()

@@ -13,7 +13,7 @@ from rbs.geometry.arrays import indices, ranges, take
 # Least size of a box in a level, as a fraction of the largest one, which sets the width of the
 # columns. Less crowds the columns; more makes more levels and queries.
 GRID_SHRINK = 1 / 8
-# Number of cells along a side up to which numbers are indices; beyond, only used cells count.
+# Number of cells along a side up to which all cells are numbered; beyond, only those in use.
 MOST_CELLS = 1e6
 
 

@@ -33,7 +33,7 @@ class Spring:
         self.rate, self.softness = self._angle / (h * a1), a2 / (1.0 + a2)
 
     def ratios(self, substep):
-        """Ratios (M,) of h to the lengths of earlier substeps; 1 for a length of 0, none."""
+        """Ratios (M,) of h to the lengths of earlier substeps; 1 if there were none (length 0)."""
         isKnown = substep > 0.0
         return np.where(isKnown, self.h / np.where(isKnown, substep, self.h), 1.0)
 
