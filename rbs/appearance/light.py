@@ -18,8 +18,8 @@ from rbs.geometry.triples import dot
 
 # Sides of the maps of the sky and of the light from below, in pixels.
 MAP_SIDES = {"sky": 288, "below": 224}
-# Least distance of a face in front of a point that it shades, as a fraction of the lit size. Less
-# lets faces shade themselves; more lets light through at contacts.
+# Least distance of a face in front of a point that it shades, as a fraction of the lit size. More
+# lets light through at contacts.
 LEAST_GAP = 2e-4
 # Angle of the sun's disc, in radians. More makes shadows softer.
 SUN_ANGLE = math.radians(2.0)
