@@ -52,8 +52,7 @@ class Spring:
 def lasting(offset, violation):
     """Returns the offsets that remain at these violations (negative: separations).
 
-    Offsets end with the load. A bound that is no longer violated has none, and none holds bodies
-    apart.
+    They end with the load: no satisfied bound has one, and none holds bodies apart.
     """
     held = np.minimum(np.maximum(offset, offset - violation), 0.0)
     return np.where(offset > 0.0, np.minimum(offset, np.maximum(violation, 0.0)), held)
