@@ -52,9 +52,8 @@ from rbs.geometry.triples import cross, divide, dot, mul_add, norm, scale, sub
 # smaller.
 LARGEST_RATIO = 1e12
 
-# Least progress of a GJK iteration, as a fraction of the distance to the origin, and the maximum
-# number of iterations. Rounding can make GJK cycle; the facets then decide. A larger fraction or
-# fewer iterations leave more pairs to the facets.
+# Least progress of a GJK iteration, as a fraction of the distance to the origin, and most
+# iterations. Rounding can make GJK cycle; the facets decide pairs that it leaves open.
 GJK_PROGRESS = 1e-12
 GJK_ITERATIONS = 48
 
@@ -82,8 +81,7 @@ def is_collide(vertices1, vertices2):
 
     Returns
     -------
-    isCollision : bool
-    depth : float ≥ 0, length of the least translation that separates the hulls
+    isCollision, depth : bool; float ≥ 0, length of the least translation that separates the hulls
     intNormal : (1, 3), unit; hull 2 moves along it, by depth, to separate
     intPosition : (1, 3), the point of hull 2 deepest inside hull 1. If two edges cross, it lies on
         that of hull 2; if an edge or a face lies flat on the other hull, it is the centroid of
@@ -127,8 +125,8 @@ def collide_rotated(rotated1, rotated2, t, axis=None):
 
     Returns
     -------
-    isCollision, depth : bool; float ≥ 0
-    normal : tuple of 3, unit, axis of least penetration or of separation
+    isCollision, depth, normal : bool; float ≥ 0; tuple of 3, unit, axis of penetration or
+        separation
     point : tuple of 3, the point of hull 2 deepest inside hull 1, relative to the centre of hull 2;
         None without a collision
     """
@@ -179,18 +177,13 @@ def _collide(hulls, t, tolerance, patchTolerance, axis=None):
 
 
 def separating_axis(vertices1, vertices2, t, gap):
-    """Searches with GJK for an axis along which two hulls are separated by more than a gap.
+    """Searches with GJK for an axis that separates two hulls by more than a gap, a length ≥ 0.
 
-    Parameters
-    ----------
     vertices1, vertices2 : (3, V), relative to the hulls' centres
     t : tuple of 3, centre of the second minus centre of the first
-    gap : length ≥ 0
 
-    Returns
-    -------
-    tuple of 3, unit, or None if none was found. Along it, every vertex of the second hull lies
-    beyond every vertex of the first one by more than the gap.
+    Returns a tuple of 3, unit, or None if none was found. Along it, every vertex of the second hull
+    lies beyond every vertex of the first one by more than the gap.
     """
     # D = A - B - t contains the origin if the hulls intersect. The first v is only a direction;
     # later ones are the points nearest to the origin on a simplex in D.
@@ -234,9 +227,7 @@ def nearest_face(simplex):
 
 
 def _holds_origin(tetrahedron):
-    """Whether each corner of a tetrahedron lies on the same side of the opposite face as the
-    origin.
-    """
+    """Whether each corner of a tetrahedron is on the origin's side of the opposite face."""
     for p in tetrahedron:
         a, b, c = (corner for corner in tetrahedron if corner is not p)
         n = cross(sub(b, a), sub(c, a))

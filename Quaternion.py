@@ -75,8 +75,8 @@ def exponentials(q):
 def rotation_matrices(q):
     """Returns the nine entries of the rotation matrix of each quaternion, row by row.
 
-    q : tuple (w, x, y, z) of floats or of arrays, not zero. As q v q⁻¹ does not depend on the
-        length of q, dividing by |q|² keeps the matrix orthogonal to rounding even if q has drifted.
+    q : tuple (w, x, y, z) of floats or of arrays, not zero. As q v q⁻¹ does not depend on |q|,
+        dividing by |q|² keeps the matrix orthogonal to rounding even if q has drifted.
     """
     w, x, y, z = q
     s = 2.0 / (w * w + x * x + y * y + z * z)
@@ -148,12 +148,7 @@ def QExp(q):
 
 
 def Q2RotMatrix(q):
-    """Rotation matrix R (3, 3) of a unit quaternion (1, 4) or (4,): R v = q v q⁻¹ for columns v.
-
-    Raises
-    ------
-    ValueError : q is not one quaternion
-    """
+    """Rotation matrix R (3, 3) of one unit quaternion (1, 4) or (4,): R v = q v q⁻¹."""
     components = _components(q, 4)
     if len(components[0]) != 1:
         raise ValueError(f"expected one quaternion, not {len(components[0])}")

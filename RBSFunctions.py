@@ -119,9 +119,9 @@ def run_timestep(
         Mesh that a subclass overrides are called by "all" only, and refused otherwise
     contactSolver : "impulse" resolves one contact after the other; "soft-step" solves all contacts
         and constraints together, with several points per contact, so that piles rest
-    substeps, sleeping : of the soft step: number of substeps ≥ 1, and whether bodies at rest are
-        skipped until they are disturbed; see rbs/softstep/step.py
-    gyroscopic : bool; True lets spinning bodies tumble in free flight, after Euler's equations
+    substeps, sleeping : number of substeps ≥ 1, and whether bodies at rest are skipped until they
+        are disturbed; soft step only, see rbs/softstep/step.py
+    gyroscopic : bool; True lets spinning bodies tumble in free flight, by Euler's equations
     solverState : `rbs.softstep.step.SolverState`, carried from one soft step to the next and
         changed in place; None starts cold
     gravity : three numbers, acceleration of free fall in m/s²
@@ -396,7 +396,7 @@ class Mesh:
 
     @property
     def isFixed(self):
-        """Whether nothing moves the mesh. Assigning fixes it, at rest where it is, or frees it."""
+        """Whether the mesh cannot move. Assigning True fixes it at rest, and False frees it."""
         return self.invMass == 0.0
 
     @isFixed.setter
@@ -413,8 +413,8 @@ class Mesh:
     def integrate_timestep(self, timeStep, gravity=EARTH):
         """Integrates timeStep seconds of free flight. A fixed mesh does not change.
 
-        Semi-implicit Euler: v ← v + g h, COM ← COM + v h with the new velocity, orientation ←
-        exp(ω h/2) ∘ orientation. The angular velocity stays: the gyroscopic term is omitted.
+        Semi-implicit Euler: v ← v + g h, COM ← COM + v h with the new velocity, orientation ← exp(ω
+        h/2) ∘ orientation. The angular velocity stays, as the gyroscopic term is omitted.
         """
         if self.isFixed:
             return
@@ -538,7 +538,7 @@ class Mesh:
 
     @property
     def currVertices(self):
-        """They cannot be written into: they follow from the pose. What is assigned can be."""
+        """Vertices in the world (V, 3), read-only unless assigned; they follow from the pose."""
         self._follow_pose()
         if self._currVertices is None:
             rotated = self.rotated_hull()
@@ -550,7 +550,7 @@ class Mesh:
 
     @currVertices.setter
     def currVertices(self, vertices):
-        """Holds until position or orientation change."""
+        """Replaces the vertices until position or orientation changes."""
         self._follow_pose()
         self._currVertices = vertices
 
@@ -664,8 +664,8 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     Parameters
     ----------
     m1, m2 : Mesh
-    depth : penetration depth. A negative one moves the meshes the opposite way, as the ground
-        requires, whose normal points into the mesh
+    depth : penetration depth. A negative one moves the meshes the opposite way, as for the ground,
+        whose normal points into the mesh
     contactNormal : (1, 3), unit; m2 moves along it, m1 against it
     penPoint : (1, 3), the point of m2 deepest inside m1
     CRCoeff : coefficient of restitution e, 0 (no bounce) to 1 (no loss). The formula holds outside
@@ -691,7 +691,7 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     if body1.invMass + body2.invMass == 0.0:
         return None
     depth, n, point = number(depth), floats(contactNormal, 3), floats(penPoint, 3)
-    # At depth 0 the sign tells nothing of the normal; on the ground it points into m1.
+    # A depth of 0 has no sign. On the ground, the normal then points into m1.
     if depth < 0.0 or (depth == 0.0 and len(m2.origVertices) == 0):
         depth, n = -depth, scale(-1.0, n)
 
@@ -966,10 +966,10 @@ def project_constraints(meshes, constraints, maxIterations, tolerance, schedulin
 
 
 def sweep(visit, constraints, total, maximumVisits):
-    """Visits constraints in order until `total` visits in a row find no violation; returns the
-    number.
+    """Visits constraints in order until `total` visits in a row find no violation.
 
     visit : function of an index; constraints : dict or set of the indices that can be corrected
+    Returns the number of visits.
     """
     visits = satisfiedInARow = 0
     while satisfiedInARow < total and visits < maximumVisits:

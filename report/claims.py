@@ -2,8 +2,7 @@
 
 Each sentence of the report that says more than a number ("grows", "more than", "saves nothing") has
 a claim here, with a condition on numbers.json. `contradictions` lists the claims that do not hold,
-with which the build exits with 1. `table` writes all claims to claims.md, with the commands that
-measure them.
+which fail the build. `table` writes all claims to claims.md, with the commands that measure them.
 """
 
 import math

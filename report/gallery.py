@@ -1,8 +1,7 @@
 """Draws the README's gallery with the program itself: `python report/gallery.py [NAME ...]`.
 
 Each picture is the last one of a run of the command line, at a moment of action, in the studio
-look. It is drawn at twice the size and scaled down, unless it has a legend, which must stay
-legible.
+look. It is drawn at twice the size and scaled down, unless it has a legend.
 """
 
 import shlex

@@ -60,8 +60,8 @@ def flatten_meshes(meshes):
 def find_creases(vertices, faces):
     """Returns the visible edges of bodies, (E, 2), where two faces meet at more than CREASE_ANGLE.
 
-    A box has twelve such edges and no diagonals, an ellipsoid none. vertices : (V, 3); faces : (F,
-    3) of closed surfaces
+    A box has twelve such edges and no diagonals, an ellipsoid none. vertices : (V, 3); faces :
+    (F, 3) of closed surfaces
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)

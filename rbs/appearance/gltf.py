@@ -210,7 +210,6 @@ class _Document:
         self.node("ground", self._mesh("ground", position, normals, index, self.material(colour)))
 
     def write(self, path):
-        """Writes the document as GLB."""
         if self._animation.channels:
             self.document.animations.append(self._animation)
         self.document.buffers.append(self._gltf.Buffer(byteLength=self._length))

@@ -18,8 +18,8 @@ from rbs.geometry.triples import dot
 
 # Sides of the maps of the sky and of the light from below, in pixels.
 MAP_SIDES = {"sky": 288, "below": 224}
-# Least distance of a face in front of a point that it shades, as a fraction of the lit size. Less
-# lets faces shade themselves; more lets light through at contacts.
+# Least distance of a face in front of a point that it shades, as a fraction of the lit size. More
+# lets light through at contacts.
 LEAST_GAP = 2e-4
 # Angle of the sun's disc, in radians. More makes shadows softer.
 SUN_ANGLE = math.radians(2.0)
@@ -78,9 +78,7 @@ class ByHeight:
 
 
 def _open_irradiance(height):
-    """Irradiance in the open, by the heights of normals: columns r, g, b of the sky, and half
-    spaces of radiance 1 above and below the horizon.
-    """
+    """Irradiance in the open by the height of normals: sky r, g, b, and unit half spaces."""
     sky = hemisphere(4096)
     normal = np.stack([np.sqrt(1.0 - height**2), height, 0.0 * height], axis=1)
     received = np.maximum(normal @ sky.T, 0.0) @ sky_radiance(sky[:, 1]) * (math.tau / len(sky))
@@ -163,13 +161,11 @@ class SceneLight:
         return (GROUND[:, None] / math.pi * irradiance(normal, received)).astype(np.float32)
 
     def received(self, x, normal, body, first=0, stride=1):
-        """Light (5, m) received at points x (3, m).
+        """Returns the light (5, m) that reaches points x (3, m).
 
-        The rows are the visible fractions of the sun and of the sky, and the irradiance r, g, b
-        from bodies and ground.
-
-        normal : (3, m), unit; body : (m,), to which the points belong, -1 for the ground
-        first, stride : use every stride-th direction, starting with the first
+        The rows are the visible fractions of sun and sky, and the irradiance r, g, b from bodies
+        and ground. normal : (3, m), unit; body : (m,), that of the points, -1 for the ground;
+        first, stride : use every stride-th direction, from the first on
         """
         result = np.zeros((5, x.shape[1]), dtype=np.float32)
         some = np.flatnonzero(dot(normal, SUN.astype(np.float32)) > 0.0)
@@ -184,7 +180,7 @@ class SceneLight:
         free, around, total = self._gathered("sky", x, normal, body, first, stride)
         result[1] = free / total
         result[2:] = around * (irradiance[3] / total)
-        # surfaces that face up receive hardly any light from below
+        # light from below hardly reaches surfaces that face up
         some = np.flatnonzero((body >= 0) & (irradiance[4] > 0.06))
         if len(some):
             x, normal, body = x.take(some, axis=1), normal.take(some, axis=1), body.take(some)
@@ -193,8 +189,9 @@ class SceneLight:
         return result
 
     def _gathered(self, kind, x, normal, body, first, stride):
-        """Sums over directions, weighted by cosine with the normal: the weights of free ones (m,),
-        the radiance of the others (3, m), and all weights (m,).
+        """Sums over directions, weighted by cosine: `(free (m,), radiance (3, m), total (m,))`.
+
+        Free directions are not blocked; the radiance is that of blocking bodies, and of the ground.
         """
         total = np.full(x.shape[1], 1e-6, dtype=np.float32)
         free = np.zeros(x.shape[1], dtype=np.float32)

@@ -13,7 +13,7 @@ from rbs.geometry.arrays import indices, ranges, take
 # Least size of a box in a level, as a fraction of the largest one, which sets the width of the
 # columns. Less crowds the columns; more makes more levels and queries.
 GRID_SHRINK = 1 / 8
-# Number of cells along a side up to which numbers are indices; beyond, only used cells count.
+# Number of cells along a side up to which all cells are numbered; beyond, only those in use.
 MOST_CELLS = 1e6
 
 
@@ -23,11 +23,7 @@ def overlap_limits(box):
 
 
 def grid_overlaps(box, isFixed):
-    """Finds the pairs i < j whose boxes overlap, in order: `(first, second)`.
-
-    Parameters
-    ----------
-    box : (6, n); isFixed : (n,) bool, pairs of two fixed bodies are omitted
+    """Finds the pairs i < j whose boxes overlap.
 
     Boxes are sorted into levels by their largest side. Each level is a grid over y and z whose
     columns are as wide as its largest box, and within a column the boxes are sorted along x. A box
@@ -35,6 +31,14 @@ def grid_overlaps(box, isFixed):
     equal or neighbours, and along x the least corner of one box lies in the other. As a box queries
     only its own level and those of larger boxes, a huge floor among small boxes costs each of them
     one candidate.
+
+    Parameters
+    ----------
+    box : (6, n); isFixed : (n,) bool, pairs of two fixed bodies are omitted
+
+    Returns
+    -------
+    (first, second) : (P,), (P,) int, in the order i < j
     """
     found = []
     for level, smaller, width in grid_levels(box):

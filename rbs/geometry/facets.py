@@ -184,8 +184,8 @@ class _FacetSearch:
 
     The penetration along a face of A is at least the depth of any point x of B below that face. A
     face is therefore excluded if one of two points lies deeper below it than the pair's bound: the
-    lowest vertex of B along the cached axis, and the lowest vertex below the face that the first
-    point is least below. That face and the cached axis also bound the depth of the pair.
+    lowest vertex of B along the cached axis, and the deepest vertex below the face that the first
+    one is least below. That face and the cached axis also bound the depth of the pair.
 
     Both hulls of a pair have a row: row p has the faces and edges of the first hull, and row P + p
     those of the second.
@@ -269,12 +269,12 @@ class _FacetSearch:
 
         first, second : (F,), depths of the two points below the faces
 
-        Along any n between the normals n1, n2 of the faces, the penetration is at least n · (a -
-        x), where a is an end of the edge and x any point of the other hull. Let n = (α n1 + β
-        n2)/|…| with α, β ≥ 0. If the depths n1 · (a - x) and n2 · (a - x) of x below the two faces
-        are positive, the penetration is at least the lesser one. The points x are those of the
-        faces and the middle between them: if two edges cross, each face of the one has an end of
-        the other below it.
+        Along any n between the normals n1, n2 of the faces, the penetration is at least
+        n · (a - x), where a is an end of the edge and x any point of the other hull. Let
+        n = (α n1 + β n2)/|…| with α, β ≥ 0. If the depths n1 · (a - x) and n2 · (a - x) of x below
+        the two faces are positive, the penetration is at least the lesser one. The points x are
+        those of the faces and the middle between them: if two edges cross, each face of the one has
+        an end of the other below it.
         """
         bound = np.concatenate((bound, bound)).repeat(self.count)
         # one bit per point
@@ -288,10 +288,10 @@ class _FacetSearch:
         """Adds the facets with a penetration ≤ bound (P,) that edges span, see `_list_edges`.
 
         An edge of A with the arc α1 α2 and an edge of B with the arc β1 β2 span a facet of A - B if
-        the arcs α1 α2 and -β1 -β2 cross. Each edge vector is the pole of its arc. With s_i = -eA ·
-        β_i and r_i = eB · α_i, the arcs cross if s1 s2 < 0, r1 r2 < 0 and s1 r2 > 0, where the last
-        condition excludes the antipode (Gregorius 2013). The facet's normal is along eA × eB if r1
-        > 0, otherwise opposite.
+        the arcs α1 α2 and -β1 -β2 cross. Each edge vector is the pole of its arc. With
+        s_i = -eA · β_i and r_i = eB · α_i, the arcs cross if s1 s2 < 0, r1 r2 < 0 and s1 r2 > 0,
+        where the last condition excludes the antipode (Gregorius 2013). The facet's normal is along
+        eA × eB if r1 > 0, otherwise opposite.
         """
         hulls, half = self.hulls, len(bound)
         own = take(self.own, row)

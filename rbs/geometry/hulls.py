@@ -260,7 +260,7 @@ def rotate_columns(rotation, table, count):
 
 
 # --------------------------------------------------------------------------------------------------
-# Supports: what lies lowest along a direction
+# Support points: the lowest ones along a direction
 # --------------------------------------------------------------------------------------------------
 
 

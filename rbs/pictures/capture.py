@@ -280,10 +280,7 @@ class Video:
     """
 
     def __init__(self, path, view, rate, every):
-        """Starts the encoder.
-
-        Raises VideoError if there is no encoder, and OSError if it cannot write at `path`.
-        """
+        """Starts the encoder; raises VideoError if there is none, OSError if it cannot write."""
         import polyscope as ps
 
         self.path = Path(path)

@@ -53,10 +53,7 @@ def bodies_only(view, vertices, faces):
 
 
 def samples(factor):
-    """Moves the camera through factor × factor samples per pixel; yields row and column.
-
-    A window larger by this factor would need much more memory.
-    """
+    """Moves the camera through factor² samples per pixel, to save memory; yields row, column."""
     import polyscope as ps
 
     matrix, camera = ps.get_camera_view_matrix(), Camera(1)
@@ -164,9 +161,8 @@ class LightMaps:
     def draw(self, kind, directions, size, box, vertices, progress):
         """Draws maps of size × size pixels, stored as `kind`, instead of the window's content.
 
-        directions : (n, 3), towards the light; box : (2, 3), low and high corner of the covered
-            region;
-        vertices : (V, 3), of all bodies; progress : called after each map
+        directions : (n, 3), towards the light; box : (2, 3), corners of the region; vertices : (V,
+            3), of all bodies; progress : called after each map
         """
         import polyscope as ps
 
@@ -204,11 +200,10 @@ class LightMaps:
             progress()
 
     def blockers(self, kind, k, x, body):
-        """Finds the faces that block light of direction k from points x (3, m).
+        """Finds the faces that block light of direction k from points x (3, m) of the bodies (m,).
 
-        body : (m,), to which the points belong; as bodies are convex, none shades itself
-
-        Returns `(number (b,), index (b,))`: blocking faces, and the points that they shade.
+        Bodies are convex, so none shades itself. Returns `(number (b,), index (b,))`: blocking
+        faces, and the points that they shade.
         """
         number, size, toPixels = self._maps[kind][k]
         row, column = (

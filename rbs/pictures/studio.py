@@ -148,10 +148,7 @@ class Studio:
 
 
 def lit_box(meshes, vertices, bodyOfFace, numbers, camera):
-    """Returns the corners (2, 3) of the lit region: the bodies near those that the camera sees.
-
-    numbers : of the faces that the camera sees
-    """
+    """Corners (2, 3) of the lit region, the bodies near those whose face numbers are visible."""
     first = np.cumsum([0] + [len(mesh.origVertices) for mesh in meshes[:-1]])
     low, high = np.minimum.reduceat(vertices, first), np.maximum.reduceat(vertices, first)
     number = numbers[::SEEN_STEP, ::SEEN_STEP]
@@ -174,10 +171,7 @@ class Shades:
     """Shades a picture, given the numbers of its faces."""
 
     def __init__(self, light, camera, numbers, view, hasGround, isTransparent):
-        """light : `SceneLight`; view : `SceneView`, with the place of the ground
-
-        numbers : (height, width), as seen by the camera, each SUPERSAMPLING times the picture's
-        """
+        """light : `SceneLight`; view : `SceneView`; numbers : (height, width), of the samples"""
         self._light, self._camera, self._numbers = light, camera, numbers
         self._lineDistance, self._groundPlace = view.squareSide, view.groundPlace
         self._hasGround, self._isTransparent = hasGround, isTransparent
@@ -238,9 +232,9 @@ class Shades:
         return self._averaged(colour, opacity, width)
 
     def _met(self, first, last):
-        """Intersects the rays of some rows: `(number (m,), ray (3, m), distance (m,), fade (m,))`.
+        """Intersects rows of rays: `(number (m,), ray (3, m), distance (m,), fade (m,))`.
 
-        number is 0 if there is no face, and fade is the part of the backdrop, 0 to 1.
+        number is 0 if there is no face; fade is the part of the backdrop, 0 to 1.
         """
         camera, surface = self._camera, self._light.surface
         number, ray = self._numbers[first:last].ravel(), camera.rays(first, last)

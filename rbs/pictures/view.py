@@ -471,10 +471,7 @@ class SceneView:
 
     @contextmanager
     def hidden(self):
-        """Hides the scene within the `with` block.
-
-        Yields the structures that were drawn over the bodies: constraints, overlays, marks.
-        """
+        """Hides the scene within the `with` block; yields the structures drawn over bodies."""
         import polyscope as ps
 
         names = ("constraints", "spring", "picked point", *OVERLAYS)
@@ -506,7 +503,6 @@ class SceneView:
         ps.set_user_callback(callback)
 
     def set_resizable(self, isResizable):
-        """Allows or forbids resizing the window."""
         import polyscope as ps
 
         ps.set_window_resizable(isResizable)

@@ -116,7 +116,7 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
 
 
 def _valid_manifolds(manifolds, frames, bodies, nearKey):
-    """Returns the manifolds of pairs that are still near and have not changed their relative pose.
+    """Returns the manifolds of pairs that are still near and in nearly the same relative pose.
 
     nearKey : (Q,), sorted keys of the near pairs
     """

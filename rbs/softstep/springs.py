@@ -33,7 +33,7 @@ class Spring:
         self.rate, self.softness = self._angle / (h * a1), a2 / (1.0 + a2)
 
     def ratios(self, substep):
-        """Ratios (M,) of h to the lengths of earlier substeps; 1 for a length of 0, none."""
+        """Ratios (M,) of h to the lengths of earlier substeps; 1 if there were none (length 0)."""
         isKnown = substep > 0.0
         return np.where(isKnown, self.h / np.where(isKnown, substep, self.h), 1.0)
 
@@ -52,8 +52,7 @@ class Spring:
 def lasting(offset, violation):
     """Returns the offsets that remain at these violations (negative: separations).
 
-    Offsets end with the load. A bound that is no longer violated has none, and none holds bodies
-    apart.
+    They end with the load: no satisfied bound has one, and none holds bodies apart.
     """
     held = np.minimum(np.maximum(offset, offset - violation), 0.0)
     return np.where(offset > 0.0, np.minimum(offset, np.maximum(violation, 0.0)), held)

@@ -142,8 +142,8 @@ def gyroscopic_velocity(angVelocity, orientation, inertia, timeStep):
     Euler's equation in body axes is I ω' + ω × I ω = 0. An explicit step gains energy and diverges
     for long bodies, whereas the implicit one, f(ω) = I (ω - ω₀) + h ω × I ω = 0, only loses some.
     One step of Newton's method from ω₀ is enough: ω = ω₀ - f'⁻¹ f, where f = h ω₀ × I ω₀ and
-    f' = I + h ([ω₀]× I - [I ω₀]×). The columns of f' are c_k = I e_k + h (ω₀ × I e_k - (I ω₀) ×
-    e_k), and Cramer's rule solves f' x = b.
+    f' = I + h ([ω₀]× I - [I ω₀]×). The columns of f' are
+    c_k = I e_k + h (ω₀ × I e_k - (I ω₀) × e_k), and Cramer's rule solves f' x = b.
     """
     add, cross, dot, scale, sub = (
         triples.add,
