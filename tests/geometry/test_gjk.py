@@ -24,9 +24,7 @@ from oracles import (
     quaternion,
     random_quaternions,
     rotation,
-    shape,
     size_of,
-    thin_depth,
     turned,
     vertices_of,
 )
@@ -36,7 +34,7 @@ from scipy.spatial import Delaunay, HalfspaceIntersection
 import GJK
 from Quaternion import Q2RotMatrix
 from rbs.geometry.facets import PARALLEL_SINE
-from rbs.geometry.hulls import FEATURE_TOLERANCE, build_hull
+from rbs.geometry.hulls import FEATURE_TOLERANCE
 
 EPS = np.finfo(float).eps
 # The contract of the depth, relative to the size.
@@ -95,7 +93,7 @@ def assert_apart(result):
 # The oracle, over all pairs of shapes
 # --------------------------------------------------------------------------------------------------
 
-PAIRS_OF_EACH_COMBINATION = 98
+PAIRS_OF_EACH_COMBINATION = 25
 COMBINATIONS = list(itertools.combinations_with_replacement(SHAPES, 2))
 KINDS = ("random rotations", "the same rotation", "no rotation", "quarter turns", "along an axis")
 
@@ -168,36 +166,24 @@ def sweep():
     return found
 
 
-def test_is_a_sweep(sweep):
-    assert len(sweep) == 21 * 98 >= 2000
+def test_collisions_and_depths_are_those_of_the_oracle(sweep):
     hits = Counter(name for pair in sweep for name in pair.label[0] if pair.isCollision)
     tries = Counter(name for pair in sweep for name in pair.label[0])
-    rate = sum(pair.isCollision for pair in sweep) / len(sweep)
-    print(f"\n{len(sweep)} pairs, {100 * rate:.1f} % hit")
-    assert 0.3 < rate < 0.7
-    assert all(0.3 < hits[name] / tries[name] < 0.7 for name in SHAPES)
+    assert len(sweep) > 500 and all(0.3 < hits[name] / tries[name] < 0.7 for name in SHAPES)
     sizes = [pair.size for pair in sweep]
-    assert min(sizes) < 2e-3 and max(sizes) > 2e3
-    assert sum(np.abs(pair.points1).max() > 5e3 for pair in sweep) > 100
-
-
-def test_collisions_are_those_of_the_oracle(sweep):
+    assert min(sizes) < 5e-3 and max(sizes) > 1e3
     # Hulls closer than the rounding of their coordinates may count as touching or not.
     clear = [pair for pair in sweep if abs(pair.oracle) > 1e-12 + 8 * pair.blur]
-    wrong = [pair.label for pair in clear if pair.isCollision != (pair.oracle > 0)]
-    print(f"\n{len(sweep) - len(clear)} left out as touching, {len(wrong)} mismatches")
-    assert wrong == []
     assert len(clear) > 0.99 * len(sweep)
-
-
-def test_depths_are_those_of_the_oracle(sweep):
+    assert [pair.label for pair in clear if pair.isCollision != (pair.oracle > 0)] == []
     near = [pair for pair in sweep if pair.isCollision and pair.blur < 1e-14]
     far = [pair for pair in sweep if pair.isCollision and pair.blur >= 1e-14]
-    assert len(near) > 500 and len(far) > 100
-    worst = [max(abs(pair.depth - pair.oracle) for pair in some) for some in (near, far)]
-    print(f"\nlargest depth error / size: {worst[0]:.1e} near the origin, {worst[1]:.1e} far away")
-    assert worst[0] < 1e-13
-    assert worst[1] < DEPTH
+    assert len(near) > 130 and len(far) > 30
+    for pairs, tolerance in ((near, 1e-13), (far, DEPTH)):
+        assert max(abs(pair.depth - pair.oracle) for pair in pairs) < tolerance
+    for pair in sweep:
+        if not pair.isCollision:
+            assert pair.depth == 0.0 and not pair.normal.any()
 
 
 def test_moved_by_depth_times_normal_they_touch(sweep):
@@ -209,7 +195,7 @@ def test_moved_by_depth_times_normal_they_touch(sweep):
     # The gap says no more than that they are parted. That no shorter way parts them is the oracle's
     # word above, for the depth is the distance to the nearest facet; here once more by the move
     # itself, which leaves a hair of the old depth, or of air.
-    for pair in hits[::5]:
+    for pair in hits[::2]:
         for change, stillMeets in ((-1e-9 - 8 * pair.blur, True), (1e-9 + 8 * pair.blur, False)):
             moved = pair.near2 + (pair.depth + change) * pair.normal
             if pair.depth + change > 0:
@@ -225,21 +211,12 @@ def test_points_are_on_both_surfaces(sweep):
             assert abs(height_over_surface(pair.near1, across)) < tolerance, pair.label
 
 
-def test_misses_give_zeros(sweep):
-    for pair in sweep:
-        if not pair.isCollision:
-            assert pair.depth == 0.0 and np.array_equal(pair.normal, np.zeros(3))
-
-
 def test_swapping_the_hulls_turns_the_normal(sweep):
     # Where one facet is clearly the nearest, the same one is found from the other side, and the
     # two points face each other across the depth.
-    hits = [
-        pair
-        for pair in sweep
-        if pair.isCollision and pair.label[1] == "random rotations" and pair.blur < 1e-14
-    ]
-    assert len(hits) > 100
+    hits = [pair for pair in sweep if pair.isCollision and pair.label[1] == "random rotations"]
+    hits = [pair for pair in hits if pair.blur < 1e-14]
+    assert len(hits) > 25
     for pair in hits:
         _, depth, normal, point = GJK.is_collide(pair.near2, pair.near1)
         assert abs(depth - pair.depth) < ROUNDING, pair.label
@@ -249,7 +226,7 @@ def test_swapping_the_hulls_turns_the_normal(sweep):
 
 def test_order_and_inner_points_do_not_matter(sweep):
     rng = np.random.default_rng(3)
-    hits = [pair for pair in sweep if pair.isCollision and pair.blur < 1e-14][::8]
+    hits = [pair for pair in sweep if pair.isCollision and pair.blur < 1e-14][::2]
     assert len(hits) > 60
     for pair in hits:
         weights = rng.dirichlet(np.ones(len(pair.near1)), size=5)  # averages lie inside
@@ -312,16 +289,14 @@ KISSES = {
 
 
 @pytest.mark.parametrize("name", KISSES)
-@pytest.mark.parametrize("pose", ["as it is", "turned", "turned and far away"])
+@pytest.mark.parametrize("pose", ["as it is", "turned and far away"])
 def test_kissing_hulls_collide_and_a_hair_apart_they_do_not(name, pose):
     points1, points2, apart = KISSES[name]
     apart = apart / np.linalg.norm(apart)
     offset = np.zeros(3)
-    if pose != "as it is":
-        q = quaternion([3, -1, 2], 40)
-        points1, points2 = turned(points1, q), turned(points2, q)
-        apart = turned(apart, q)
     if pose == "turned and far away":
+        q = quaternion([3, -1, 2], 40)
+        points1, points2, apart = (turned(x, q) for x in (points1, points2, apart))
         offset = np.array([900.0, -700.0, 500.0])  # whose rounding, 1e-13, is far below a hair
     size = size_of(points1, points2)
     result = GJK.is_collide(points1 + offset, points2 + offset)
@@ -392,7 +367,6 @@ def test_lattice_clouds():
         else:
             assert_contact(points1, points2, result, depth=max(depth, 0.0))
         outcomes["apart" if depth < -1e-12 else "touching" if depth < 1e-12 else "deep"] += 1
-    print(f"\n{dict(outcomes)}")
     assert min(outcomes[name] for name in ("apart", "touching", "deep", "flat")) > 15
 
 
@@ -408,23 +382,6 @@ def test_an_edge_that_touches_in_line_with_a_side():
 # --------------------------------------------------------------------------------------------------
 # Deep inside
 # --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("axis", range(3))
-@pytest.mark.parametrize("pose", ["as it is", "turned"])
-def test_aligned_copies_shifted_along_an_axis(axis, pose):
-    # Boxes 12 × 6 × 8 with an overlap of o along one axis: the depth is o, until the way out along
-    # y, 6 long, is shorter.
-    q = IDENTITY if pose == "as it is" else quaternion([1, 1, -1], 77)
-    for overlap in (1e-6, 0.5, 3.0, 5.9, 6.1, 7.9):
-        if overlap >= (12, 6, 8)[axis]:
-            continue
-        shift = ((12, 6, 8)[axis] - overlap) * np.eye(3)[axis]
-        points1, points2 = turned(box(12, 6, 8), q), turned(box(12, 6, 8) + shift, q)
-        result = GJK.is_collide(points1, points2)
-        assert_contact(points1, points2, result, depth=min(overlap, 6.0))
-        if overlap < 6:
-            assert np.abs(result[2] - turned(np.eye(3)[axis], q)).max() < 1e-12
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -496,13 +453,8 @@ def boxes_depth(R1, half1, R2, half2, t):
 
 @pytest.mark.parametrize(
     ("half1", "half2"),
-    [
-        ((1, 2e-6, 2e-6), (1, 2e-6, 2e-6)),
-        ((1, 2e-6, 2e-6), (1, 1, 1)),
-        ((1, 1e-3, 1), (1, 1e-3, 1)),
-        ((1, 1e-3, 1e-5), (1e-5, 1, 1)),
-    ],
-    ids=["needles", "needle and cube", "plates", "blade and plate"],
+    [((1, 2e-6, 2e-6), (1, 2e-6, 2e-6)), ((1, 1e-3, 1e-5), (1e-5, 1, 1))],
+    ids=["needles", "blade and plate"],
 )
 def test_thin_hulls(half1, half2):
     rng = np.random.default_rng(4)
@@ -528,42 +480,13 @@ def test_thin_hulls(half1, half2):
             hits += 1
             worst = max(worst, abs(result[1] - depth))
             assert_contact(points1, points2, result)
-    print(f"\n{hits} hits, largest depth error {worst:.1e}")
     assert 30 <= hits <= 80
     # 1e-14 of the length is 1e-8 of the thickness: all that the vertices' rounding leaves
     assert worst < 1e-14
 
 
-@pytest.mark.parametrize("thin", [1e-3, 1e-4, 1e-5])
-def test_needles_in_the_same_place(thin):
-    """Of many long faces, nearly parallel to one another: the depth is one of the thickness."""
-    rng = np.random.default_rng(round(-np.log10(thin)))
-    names, hits = ("ellipsoid", "octahedron", "long-octahedron", "ellipsoid"), 0
-    for k in range(12):
-        factors = np.array([1.0, *rng.uniform(0.3, 3.0, 2) * thin])
-        points1, points2 = (
-            vertices_of(name) / np.abs(vertices_of(name)).max(axis=0) * factors
-            for name in (names[k % 4], "ellipsoid")
-        )
-        points2 = points2 * rng.uniform(0.5, 2.0)
-        if k % 3:
-            points2 = turned(points2, quaternion(rng.normal(size=3), 10.0 ** rng.uniform(-12, -3)))
-        points2 = points2 + 0.3 * rng.normal(size=3) * factors
-        q = random_quaternions(rng, 1)[0]
-        points1, points2 = turned(points1, q), turned(points2, q)
-        depth, result = thin_depth(points1, points2), GJK.is_collide(points1, points2)
-        assert result[0] == (depth > 0)
-        if result[0]:
-            hits += 1
-            # rounding tilts a normal by 1e-16 over the thickness, and the length is 1
-            assert abs(result[1] - depth) < 1e-17 / thin * size_of(points1, points2)
-            assert_contact(points1, points2, result)
-    assert hits > 6
-
-
-@pytest.mark.parametrize("exponent", range(4, 14))
-@pytest.mark.parametrize("pose", ["level", "turned"])
-def test_nearly_parallel_edges(exponent, pose):
+@pytest.mark.parametrize("exponent", [4, 8, 11, 13])
+def test_nearly_parallel_edges(exponent):
     """Two square beams edge on edge, 2 long, one turned about the vertical by a tilt φ = 10^-k.
 
     Their edges cross in the middle, so pushed δ into each other they part by δ along the vertical,
@@ -573,7 +496,7 @@ def test_nearly_parallel_edges(exponent, pose):
     """
     phi = 10.0**-exponent
     half = np.array([1.0, HALF / 2, HALF / 2])  # the edges are 1/2 above and below the middle
-    q = IDENTITY if pose == "level" else quaternion([2, 3, -1], 55)
+    q = quaternion([2, 3, -1], 55)
     R1, tilt, turn = (
         rotation(p).as_matrix()
         for p in (quaternion([1, 0, 0], 45), quaternion(UP, np.degrees(phi)), q)
@@ -598,63 +521,39 @@ def test_nearly_parallel_edges(exponent, pose):
 
 
 # --------------------------------------------------------------------------------------------------
-# Far from the origin
-# --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_bodies_of_a_millimetre_ten_kilometres_away(kind):
-    # Coordinates of 1e4 are rounded to 2e-12, which is 2e-9 of bodies of 1e-3: faces are no longer
-    # flat to FEATURE_TOLERANCE. Depth and contact are still right to that rounding.
-    rng = np.random.default_rng(KINDS.index(kind))
-    hits = 0
-    for names in COMBINATIONS * 5:
-        points1, points2 = random_pair(rng, names, kind)
-        offset = points1.mean(axis=0)
-        unit = 1e-3 / np.abs(points1 - offset).max()
-        far = np.array([1e4, -1e4, 1e4])
-        points1, points2 = ((points - offset) * unit + far for points in (points1, points2))
-        size = size_of(points1, points2)
-        depth = minkowski_depth(points1 - far, points2 - far)[0]
-        result = GJK.is_collide(points1, points2)
-        if abs(depth) < 16 * EPS * 1e4:
-            continue
-        assert result[0] == (depth > 0)
-        if result[0]:
-            hits += 1
-            assert abs(result[1] - depth) < DEPTH * size
-            assert_contact(points1, points2, result)
-    assert 30 < hits < 90  # of 105
-
-
-# --------------------------------------------------------------------------------------------------
 # The contact patch
 # --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("sink", [0.0, 1e-6, 0.1])
-@pytest.mark.parametrize("q", [IDENTITY, quaternion([1, -2, 2], 25)], ids=["level", "turned"])
-@pytest.mark.parametrize(
-    ("shift", "centre"),
-    [
-        # a box 4 × 2 × 4 over one of 12 × 6 × 8: on it, at its rim, and turned over three sides
-        ((0, 0), (0, 0)),
-        ((1.5, -2), (1.5, -2)),
-        # x from 4 to 6 of 4 … 8: middle 5. z wholly on it.
-        ((6, 1), (5, 1)),
-        # x from 3 to 6, z from 1 to 4
-        ((5, 3), (4.5, 2.5)),
-    ],
-    ids=["in the middle", "wholly on it", "over a side", "over a corner"],
-)
-def test_box_flat_on_box(shift, centre, q, sink):
-    lower, upper = box(12, 6, 8), box(4, 2, 4) + [shift[0], 4 - sink, shift[1]]
-    points1, points2 = turned(lower, q), turned(upper, q)
-    result = GJK.is_collide(points1, points2)
-    # the lower side of hull 2 is at 3 - sink
-    position = turned([centre[0], 3 - sink, centre[1]], q)
-    assert_contact(points1, points2, result, depth=sink, position=position)
-    assert np.abs(result[2] - turned(UP, q)).max() < 1e-12
+@pytest.mark.parametrize("sink", [0.0, 0.1])
+def test_box_flat_on_box(sink):
+    """A box 4 × 2 × 4 over one of 12 × 6 × 8: wholly on it, over a side, and over a corner."""
+    q = quaternion([1, -2, 2], 25)
+    # x from 4 to 6 of 4 … 8: middle 5, z wholly on it; and x from 3 to 6, z from 1 to 4
+    for shift, centre in (((1.5, -2), (1.5, -2)), ((6, 1), (5, 1)), ((5, 3), (4.5, 2.5))):
+        lower, upper = box(12, 6, 8), box(4, 2, 4) + [shift[0], 4 - sink, shift[1]]
+        points1, points2 = turned(lower, q), turned(upper, q)
+        result = GJK.is_collide(points1, points2)
+        # the lower side of hull 2 is at 3 - sink
+        position = turned([centre[0], 3 - sink, centre[1]], q)
+        assert_contact(points1, points2, result, depth=sink, position=position)
+        assert np.abs(result[2] - turned(UP, q)).max() < 1e-12
+
+
+def test_edges_on_faces_and_on_edges():
+    table, root = box(10, 2, 10), np.sqrt(2)
+    # A beam 6 long lies with an edge on a face that reaches from -5 to 5: shifted by 5 along the
+    # edge it touches from 2 to 5. The other way round the point is on the table, above the edge.
+    beam = turned(box(2, 2, 6), quaternion([0, 0, 1], 45)) + [0, 1 + root - 0.01, 5]
+    assert_contact(table, beam, GJK.is_collide(table, beam), 0.01, (0, 0.99, 3.5))
+    assert_contact(beam, table, GJK.is_collide(beam, table), 0.01, (0, 1.0, 3.5))
+    # Beams 4 long, edge on edge, the upper one shifted by 1: they share [-1, 2].
+    beam = turned(box(4, 2, 2), quaternion([1, 0, 0], 45))
+    result = GJK.is_collide(beam, beam + [1, 2 * root, 0])
+    assert_contact(beam, beam + [1, 2 * root, 0], result, 0, (0.5, root, 0))
+    # crossed: edge 1 is at z = 0, edge 2 at x = 0.7, and 0.02 lower
+    other = turned(box(2, 2, 4), quaternion([0, 0, 1], 45)) + [0.7, 2 * root - 0.02, 0.3]
+    assert_contact(beam, other, GJK.is_collide(beam, other), 0.02, (0.7, root - 0.02, 0))
 
 
 def overlap_of(polygon1, polygon2):
@@ -677,8 +576,7 @@ def polygon_centroid(points):
     return areas @ corners.mean(axis=1) / areas.sum()
 
 
-@pytest.mark.parametrize("degrees", [30, 45, 77])
-@pytest.mark.parametrize("shift", [(0, 0), (1, 0.5), (2, -1.5)])
+@pytest.mark.parametrize(("degrees", "shift"), [(30, (0, 0)), (77, (2, -1.5))])
 def test_box_turned_about_the_vertical_on_a_box(degrees, shift):
     # An 8 × 8 box on one of 12 × 8: up to eight corners of the overlap, none of which is theirs.
     lower = box(12, 6, 8)
@@ -698,39 +596,6 @@ def test_box_turned_about_the_vertical_on_a_box(degrees, shift):
     assert_contact(upper, lower, swapped, depth=0.1, position=[[x, 3, z]])
 
 
-@pytest.mark.parametrize("along", ["z", "x"])
-@pytest.mark.parametrize(("shift", "middle"), [(0, 0), (1, 1), (5, 3.5)])
-def test_face_on_edge(along, shift, middle):
-    # A beam 6 long lies with an edge on a face that reaches from -5 to 5: shifted by 5 along the
-    # edge it touches from 2 to 5.
-    table = box(10, 2, 10)
-    beam = turned(box(2, 2, 6), quaternion([0, 0, 1], 45)) + [0, 1 + np.sqrt(2) - 0.01, shift]
-    position = np.array([0, 0.99, middle])
-    if along == "x":
-        beam, position = beam[:, [2, 1, 0]], position[[2, 1, 0]]
-    result = GJK.is_collide(table, beam)
-    assert_contact(table, beam, result, depth=0.01, position=position)
-    assert np.abs(result[2] - UP).max() < ROUNDING
-    # the other way round the point is on the table, above the edge
-    assert_contact(beam, table, GJK.is_collide(beam, table), 0.01, position + 0.01 * UP)
-
-
-def test_parallel_edges_share_the_middle_of_their_overlap():
-    # Beams 4 long, edge on edge, the upper one shifted by 1: they share [-1, 2].
-    beam = turned(box(4, 2, 2), quaternion([1, 0, 0], 45))
-    result = GJK.is_collide(beam, beam + [1, 2 * np.sqrt(2), 0])
-    assert_contact(beam, beam + [1, 2 * np.sqrt(2), 0], result, 0, (0.5, np.sqrt(2), 0))
-
-
-def test_crossed_edges_meet_where_they_cross():
-    beam1 = turned(box(4, 2, 2), quaternion([1, 0, 0], 45))
-    beam2 = turned(box(2, 2, 4), quaternion([0, 0, 1], 45)) + [0.7, 2 * np.sqrt(2) - 0.02, 0.3]
-    # edge 1 is at z = 0, edge 2 at x = 0.7, and 0.02 lower
-    result = GJK.is_collide(beam1, beam2)
-    assert_contact(beam1, beam2, result, 0.02, (0.7, np.sqrt(2) - 0.02, 0))
-    assert np.abs(result[2] - UP).max() < ROUNDING
-
-
 # --------------------------------------------------------------------------------------------------
 # Laws
 # --------------------------------------------------------------------------------------------------
@@ -740,10 +605,9 @@ coordinate = st.floats(-1, 1)
 cloud = st.lists(st.tuples(coordinate, coordinate, coordinate), max_size=10).map(
     lambda rows: np.array([*rows, *0.1 * vertices_of("tetrahedron")])
 )
-law = settings(max_examples=60, derandomize=True, deadline=None)
 
 
-@law
+@settings(max_examples=60, derandomize=True, deadline=None)
 @given(cloud, cloud, st.integers(0, 10**6), st.floats(-3, 3))
 def test_depth_goes_with_the_bodies(points1, points2, seed, exponent):
     """Turned, scaled and moved together, hulls collide as before; the depth scales with them."""
@@ -761,49 +625,22 @@ def test_depth_goes_with_the_bodies(points1, points2, seed, exponent):
         assert after[1] < 1e-12 * scale * max(size, 1)
 
 
-@law
-@given(cloud, cloud)
-def test_a_hull_holds_its_own_points(points1, points2):
-    """A point of both sets is in both hulls; the depth is that of the farthest such way out."""
-    points2 = np.vstack((points2, points1[0]))
-    result = GJK.is_collide(points1, points2)
-    assert_contact(points1, points2, result)
-    # to part them, no direction needs less
-    for normal in (*np.eye(3), *-np.eye(3)):
-        assert result[1] <= -gap_along(points1, points2, normal) + 1e-14 * 8
-
-
-CUBE = box(2, 2, 2)
-
-
-@pytest.mark.parametrize(
-    ("points", "message"),
-    [
-        (np.zeros((0, 3)), "expected four points or more as rows of 3, got shape (0, 3)"),
+def test_what_is_no_solid_point_set_is_refused():
+    cube = box(2, 2, 2)
+    for points, message in (
         (np.zeros((9, 2)), "got shape (9, 2)"),
-        (np.zeros(3), "got shape (3,)"),
-        (CUBE[:3], "got shape (3, 3)"),
-        (CUBE * [1, 0, 1], "the points are flat: a hull has a volume"),
-        (CUBE * [1, 0, 0], "flat"),
-        (CUBE * 0, "flat"),
-        (CUBE * [1, 1, 1e-7], "flat"),
-        (CUBE @ Q2RotMatrix(quaternion([1, 2, 3], 40)) * [1, 0, 1] + 0.3, "flat"),
-        (CUBE * [1, 1, np.nan], "a coordinate is not finite, or beyond 1e+12"),
-        (CUBE * [1, 1, np.inf], "beyond 1e+12"),
-        (CUBE + 1.1e12, "beyond 1e+12"),
-        (CUBE * 3e-12, "one point set is over 1e+12 times as large as the other"),
-    ],
-    ids=str,
-)
-def test_what_is_no_solid_point_set_is_refused(points, message):
-    other = 20.0 * CUBE
-    for pair in ((points, other), (other, points)):
-        with pytest.raises(ValueError, match=re.escape(message)):
-            GJK.is_collide(*pair)
+        (cube[:3], "expected four points or more as rows of 3, got shape (3, 3)"),
+        (cube * [1, 1, 1e-7], "the points are flat: a hull has a volume"),
+        (cube * [1, 1, np.nan], "a coordinate is not finite, or beyond 1e+12"),
+        (cube * 3e-12, "one point set is over 1e+12 times as large as the other"),
+    ):
+        for pair in ((points, 20.0 * cube), (20.0 * cube, points)):
+            with pytest.raises(ValueError, match=re.escape(message)):
+                GJK.is_collide(*pair)
 
 
 def test_to_look_at_all_facets_or_at_the_near_ones_gives_the_same_bits(sweep, monkeypatch):
-    for pair in sweep[::3]:
+    for pair in sweep:
         answers = []
         for few in (0, 10**9):
             monkeypatch.setattr("GJK.FEW_COMBINATIONS", few)
@@ -812,17 +649,7 @@ def test_to_look_at_all_facets_or_at_the_near_ones_gives_the_same_bits(sweep, mo
             assert np.array_equal(one, other), pair.label
 
 
-def test_is_collide_gives_the_same_bits_again():
-    points1 = turned(vertices_of("ellipsoid"), quaternion([1, 2, 3], 40))
-    points2 = turned(vertices_of("cylinder"), quaternion([3, 2, 1], 70)) + [3, 4, 5]
-    first = GJK.is_collide(points1, points2)
-    build_hull(shape("box")[0])
-    second = GJK.is_collide(frozen(points1.copy()), frozen(points2.copy()))
-    assert first[:2] == second[:2]
-    assert all(np.array_equal(a, b) for a, b in zip(first[2:], second[2:], strict=True))
-
-
-@pytest.mark.parametrize("power", [-200, -80, -38, 10, 38])
+@pytest.mark.parametrize("power", [-200, 38])
 def test_powers_of_two_scale_the_answer_as_they_scale_the_points(power):
     rng = np.random.default_rng(22)
     scale, hits = np.ldexp(1.0, power), 0

@@ -20,7 +20,6 @@ from oracles import (
     box_body,
     frozen,
     ground,
-    needs_course,
     quaternion,
     random_quaternions,
     restore,
@@ -47,9 +46,9 @@ UP = np.array([0.0, 1.0, 0.0])
 schedulings = pytest.mark.parametrize("scheduling", CONSTRAINT_SCHEDULINGS)
 
 
-# --------------------------------------------------------------------------------------------------
-# One constraint
-# --------------------------------------------------------------------------------------------------
+def step(meshes, groundMesh, constraints, scheduling="sweep", **options):
+    options |= {"constraints": constraints, "constraintScheduling": scheduling}
+    return run_timestep(meshes, groundMesh, H, 0.5, **options)
 
 
 def random_tie(rng, fixed=()):
@@ -93,7 +92,7 @@ def test_position_correction_through_random_ties():
     """
     rng = np.random.default_rng(300)
     outcomes = Counter()
-    for k in range(1500):
+    for k in range(720):
         fixed = ((), (0,), (1,))[k % 3]
         upper = bool(k // 3 % 2)
         tie = random_tie(rng, fixed)
@@ -127,7 +126,7 @@ def test_position_correction_through_random_ties():
             assert np.abs(moves[0] + share * C * n).max() < 1e-13
             shift = tie.masses[0] * moves[0] + tie.masses[1] * moves[1]
             assert np.abs(shift).max() < 1e-14 * tie.masses.sum()
-    assert len(outcomes) == 12 and min(outcomes.values()) > 50
+    assert len(outcomes) == 12 and min(outcomes.values()) > 25
 
 
 def test_velocity_correction_through_random_ties():
@@ -139,30 +138,18 @@ def test_velocity_correction_through_random_ties():
     rng = np.random.default_rng(301)
     tolerance = 1e-5
     outcomes = Counter()
-    for k in range(1500):
+    for k in range(600):
         fixed = ((), (0,), (1,))[k % 3]
         tie = random_tie(rng, fixed)
         n = np.ravel(tie.points[0] - tie.points[1]) / distance_of(tie.points)
         r1, r2 = (np.ravel(p - x) for p, x in zip(tie.points, tie.positions, strict=True))
         J = np.concatenate((n, np.cross(r1, n), -n, -np.cross(r2, n)))
-        v = np.concatenate(
-            [
-                tie.linVelocities[0],
-                tie.angVelocities[0],
-                tie.linVelocities[1],
-                tie.angVelocities[1],
-            ],
-            axis=1,
-        )[0]
+        pairs = zip(tie.linVelocities, tie.angVelocities, strict=True)
+        v = np.concatenate([row for pair in pairs for row in pair], axis=1)[0]
         if k % 2:  # nearly at rest along the tie: within the tolerance, or just not
             v = v + J * (rng.uniform(-2, 2) * tolerance - J @ v) / (J @ J)
-        inverse = block_diag(
-            *(
-                block
-                for k in range(2)
-                for block in (tie.invMasses[k] * np.eye(3), tie.invInertias[k])
-            )
-        )
+        masses = [w * np.eye(3) for w in tie.invMasses]
+        inverse = block_diag(masses[0], tie.invInertias[0], masses[1], tie.invInertias[1])
         expected = v - inverse @ J * (J @ v) / (J @ inverse @ J)
         before = frozen(v.reshape(4, 1, 3))
 
@@ -189,13 +176,12 @@ def test_velocity_correction_through_random_ties():
             assert np.array_equal(after.reshape(2, 6)[body_], v.reshape(2, 6)[body_])
         if not fixed:
             # The kinetic energy that is lost is that of the motion which was stopped.
-            M = block_diag(
-                *(block for k in range(2) for block in (tie.masses[k] * np.eye(3), tie.inertias[k]))
-            )
+            m1, m2 = (m * np.eye(3) for m in tie.masses)
+            M = block_diag(m1, tie.inertias[0], m2, tie.inertias[1])
             lost = (v @ M @ v - after @ M @ after) / 2
             energy = v @ M @ v
             assert abs(lost - (J @ v) ** 2 / (J @ inverse @ J) / 2) < 1e-12 * energy
-    assert len(outcomes) == 6 and min(outcomes.values()) > 50
+    assert len(outcomes) == 6 and min(outcomes.values()) > 40
 
 
 @pytest.mark.parametrize("upper", [True, False])
@@ -218,85 +204,6 @@ def test_the_tolerance_of_a_position_is_included(upper):
     assert np.array_equal(corrected, [[[shift, 0, 0]], [[3 - 3 * shift, 0, 0]]])
     # The other side of a bound is free.
     assert resolve(0.0, 1e6 if upper else 0.0)[0]
-
-
-def test_the_tolerance_of_a_velocity_is_included():
-    # Points on the COMs, 3 m apart along x: J v = v2 - v1 along x, here 0.5, and no rotation.
-    positions = (np.array([[0.0, 0.0, 0.0]]), np.array([[3.0, 0.0, 0.0]]))
-    linVelocities = (np.array([[0.25, 1.0, 0.0]]), np.array([[0.75, 0.0, 2.0]]))
-    still = (np.zeros((1, 3)), np.zeros((1, 3)))
-
-    def resolve(tolerance):
-        return resolve_velocity_constraint(
-            positions,
-            positions,
-            linVelocities,
-            still,
-            (1.0, 3.0),
-            (np.eye(3), np.eye(3)),
-            tolerance,
-        )
-
-    wasValid, *unchanged = resolve(0.5)
-    assert wasValid and np.array_equal(unchanged, [linVelocities, still])
-    wasValid, corrected, spins = resolve(np.nextafter(0.5, 0.0))
-    # Of the 0.5 m/s, a quarter is the first one's: both go on at 0.375 along x.
-    assert not wasValid and np.array_equal(spins, still)
-    assert np.array_equal(corrected, [[[0.375, 1, 0]], [[0.375, 0, 2]]])
-
-
-def test_plain_vectors_and_one_entry_arrays_are_accepted():
-    """And give the bits that rows and floats do."""
-    rng = np.random.default_rng(302)
-    for upper in (True, False):
-        tie = random_tie(rng)
-        refValue = distance_of(tie.points) * (0.7 if upper else 1.3)
-        flat = SimpleNamespace(
-            **{
-                name: [row[0] for row in getattr(tie, name)]
-                for name in ("positions", "points", "linVelocities", "angVelocities")
-            }
-        )
-        invMasses = [np.array([w]) for w in tie.invMasses]
-        expected = resolve_position_constraint(
-            tie.positions, tie.points, refValue, tie.invMasses, upper, 1e-6
-        )
-        result = resolve_position_constraint(
-            flat.positions,
-            flat.points,
-            np.array([refValue]),
-            invMasses,
-            np.array([upper]),
-            np.array([1e-6]),
-        )
-        assert result[0] is expected[0] is False
-        assert np.array_equal(result[1], expected[1])
-        expected = resolve_velocity_constraint(
-            tie.positions,
-            tie.points,
-            tie.linVelocities,
-            tie.angVelocities,
-            tie.invMasses,
-            tie.invInertias,
-            1e-5,
-        )
-        result = resolve_velocity_constraint(
-            flat.positions,
-            flat.points,
-            flat.linVelocities,
-            flat.angVelocities,
-            invMasses,
-            tie.invInertias,
-            np.array([1e-5]),
-        )
-        assert result[0] is expected[0] is False
-        assert np.array_equal(result[1:], expected[1:])
-        assert [row.shape for pair in result[1:] for row in pair] == 4 * [(1, 3)]
-
-
-# --------------------------------------------------------------------------------------------------
-# What a visit conserves
-# --------------------------------------------------------------------------------------------------
 
 
 def angular_momentum(meshes, about):
@@ -336,7 +243,7 @@ def test_momentum_through_random_steps_of_a_tied_pair():
     """
     rng = np.random.default_rng(303)
     kinds = Counter()
-    for k in range(300):
+    for k in range(150):
         upper = bool(k % 2)
         meshes = []
         for name, x in zip(rng.choice(SHAPES, size=2), (-30, 30), strict=True):
@@ -382,30 +289,7 @@ def test_momentum_through_random_steps_of_a_tied_pair():
             changed = angular_momentum(meshes, p) - spins[place]
             assert np.abs(changed - added).max() < 1e-12 * scale
         kinds[upper, np.abs(added).max() > 1e-3 * scale] += 1
-    assert kinds[True, True] > 50 and kinds[False, True] > 50
-
-
-def test_the_common_centre_of_a_tied_pair_falls_freely():
-    # Two bodies that pull at each other by a rod for 300 steps of 0.02 s.
-    meshes = [
-        body("box", (-12, 900, 0), quaternion([1, 2, 3], 40), density=2),
-        body("ellipsoid", (12, 900, 0), quaternion([3, 1, 0], 70), density=5),
-    ]
-    meshes[0].linVelocity, meshes[0].angVelocity = np.array([[0, 9.0, 4]]), np.array([[1, 0, 2.0]])
-    distance = np.linalg.norm(vertex(meshes, 0, 7) - vertex(meshes, 1, 3))
-    constraints = [[0, 7, 1, 3, distance, upper] for upper in (False, True)]
-    masses = np.array([m.mass for m in meshes])
-    y, v = centre_of(meshes), masses @ [m.linVelocity[0] for m in meshes] / masses.sum()
-    visits = 0
-    for _ in range(300):
-        v = v - G * H * UP
-        y = y + H * v
-        visits += run_timestep(meshes, None, H, 0.5, constraints=constraints).constraintVisits
-        assert violations(meshes, constraints).max() <= 1e-3
-    assert visits > 600  # more than one sweep a step: there was something to correct
-    assert np.abs(centre_of(meshes) - y).max() < 1e-10
-    momentum = masses @ [m.linVelocity[0] for m in meshes] / masses.sum()
-    assert np.abs(momentum - v).max() < 1e-11
+    assert kinds[True, True] > 25 and kinds[False, True] > 25
 
 
 # --------------------------------------------------------------------------------------------------
@@ -413,31 +297,12 @@ def test_the_common_centre_of_a_tied_pair_falls_freely():
 # --------------------------------------------------------------------------------------------------
 
 
-def test_two_bodies_that_cannot_move_stay():
-    tie = random_tie(np.random.default_rng(304), fixed=(0, 1))
-    wasValid, positions = resolve_position_constraint(
-        tie.positions, tie.points, distance_of(tie.points) / 2, tie.invMasses, True, 1e-3
-    )
-    assert not wasValid and np.array_equal(positions, tie.positions)
-    wasValid, *velocities = resolve_velocity_constraint(
-        tie.positions,
-        tie.points,
-        tie.linVelocities,
-        tie.angVelocities,
-        tie.invMasses,
-        tie.invInertias,
-        1e-5,
-    )
-    assert not wasValid
-    assert np.array_equal(velocities, [tie.linVelocities, tie.angVelocities])
-
-
 @pytest.mark.parametrize("fixed", [(), (0,), (1,)])
 def test_coincident_points_are_parted_along_y(fixed):
     point = np.array([[1.0, 2.0, 3.0]])
     positions = (point - [[0.0, 1.0, 0.0]], point + [[2.0, 0.0, 0.0]])
     invMasses = [0.0 if k in fixed else (1.0, 3.0)[k] for k in range(2)]
-    for refValue, tolerance in itertools.product((0.0, 2.0), (0.0, 1e-3)):
+    for refValue, tolerance in ((0.0, 0.0), (2.0, 1e-3)):
         # C = -refValue: no upper bound is exceeded, and no lower one of zero
         wasValid, corrected = resolve_position_constraint(
             positions, (point, point), refValue, invMasses, True, tolerance
@@ -469,25 +334,6 @@ def test_coincident_points_are_parted_along_y(fixed):
 
 
 @schedulings
-def test_coincident_vertices_in_a_step(scheduling):
-    # Unit cubes corner to corner, both falling: the corner 7 = (+, +, +) of the first one is the
-    # corner 0 of the second one. Masses 1 and 3: a lower bound of 1 moves them by 0.75 and 0.25.
-    meshes = [box_body(1, 1, 1, (0, 50, 0)), box_body(1, 1, 1, (1, 51, 1), density=3)]
-    assert np.abs(vertex(meshes, 0, 7) - vertex(meshes, 1, 0)).max() == 0
-    run_timestep(
-        meshes,
-        None,
-        H,
-        0.5,
-        constraints=[[0, 7, 1, 0, 1.0, False]],
-        constraintScheduling=scheduling,
-    )
-    y = 50 - G * H * H
-    assert meshes[0].position[0] == pytest.approx([0, y + 0.75, 0], abs=1e-12)
-    assert meshes[1].position[0] == pytest.approx([1, y + 1 - 0.25, 1], abs=1e-12)
-
-
-@schedulings
 def test_a_rope_of_no_length_holds(scheduling):
     # A cube hangs by a corner from the corner of a fixed one; after a first correction the two
     # coincide but for rounding, and the direction between them is anyone's.
@@ -496,9 +342,7 @@ def test_a_rope_of_no_length_holds(scheduling):
     assert 0.1 < np.linalg.norm(vertex(meshes, 0, 5) - vertex(meshes, 1, 2)) < 0.5
     lowest = 50.0
     for _ in range(150):
-        report = run_timestep(
-            meshes, ground(), H, 0.0, constraints=constraints, constraintScheduling=scheduling
-        )
+        report = step(meshes, ground(), constraints, scheduling=scheduling)
         assert report.constraintVisits < 1000
         assert violations(meshes, constraints).max() <= 1e-3
         lowest = min(lowest, meshes[1].position[0, 1])
@@ -564,70 +408,16 @@ def test_what_cannot_be_corrected_is_as_if_it_were_not_there(scheduling):
             restore(meshes, start)
             for _ in range(2):
                 # whole sweeps: ten of each list
-                run_timestep(
+                step(
                     meshes,
                     None,
-                    H,
-                    0.5,
-                    constraints=rows,
+                    rows,
                     maxIterations=10 * len(rows),
-                    constraintScheduling=scheduling,
+                    scheduling=scheduling,
                 )
             results.append(state_of(meshes))
         assert np.array_equal(*results)
     assert dropped > 100
-
-
-@schedulings
-def test_only_what_cannot_be_corrected(scheduling):
-    meshes = [
-        body("box", (0, 50, 0), isFixed=True),
-        body("box", (30, 50, 0), isFixed=True),
-        body("box", (0, 90, 0)),
-    ]
-    constraints = [[0, 0, 1, 0, 1.0, True], [2, 0, 2, 7, 1.0, True], [2, 3, 2, 3, 5.0, False]]
-    before = state_of(meshes)
-    report = run_timestep(
-        meshes, ground(), H, 0.5, constraints=constraints, constraintScheduling=scheduling
-    )
-    after = state_of(meshes)
-    assert report.constraintVisits <= 3
-    assert np.array_equal(after[:2], before[:2])
-    assert after[2, :3] == pytest.approx([0, 90 - G * H * H, 0])
-
-
-@schedulings
-@pytest.mark.parametrize("nothing", [[], (), np.empty((0, 4)), np.empty((0, 6))])
-def test_no_constraints(scheduling, nothing):
-    results = []
-    for settings in (
-        {},
-        {"constraints": nothing, "constraintScheduling": scheduling},
-        {"enforceConstraints": False, "constraints": [[0, 0, 1, 0, 1.0, True]]},
-    ):
-        meshes = [body("box", (0, 50, 0)), body("octahedron", (30, 50, 0))]
-        report = run_timestep(meshes, ground(), H, 0.5, **settings)
-        assert report.constraintVisits == 0
-        results.append(state_of(meshes))
-    assert np.array_equal(results[0], results[1]) and np.array_equal(results[0], results[2])
-
-
-@schedulings
-def test_an_empty_constraint_file(tmp_path, scheduling):
-    (tmp_path / "none.txt").write_text("0\n")
-    free, tied = (
-        Simulation(
-            DATA / "two_cylinder-scene.txt",
-            Settings(enforceConstraints=enforced, constraintScheduling=scheduling),
-            tmp_path / "none.txt",
-        )
-        for enforced in (False, True)
-    )
-    assert tied.constraints == [] and tied.largest_violation() == 0.0
-    for simulation in (free, tied):
-        for _ in range(3):
-            simulation.step()
-    assert np.array_equal(state_of(free.meshes), state_of(tied.meshes))
 
 
 def short_chain():
@@ -640,17 +430,15 @@ def short_chain():
 
 
 @schedulings
-@pytest.mark.parametrize("maxIterations", [-5, 0, 1, 4])
+@pytest.mark.parametrize("maxIterations", [-5, 4])
 def test_a_whole_sweep_at_least(scheduling, maxIterations):
     meshes, ropes = short_chain()
-    report = run_timestep(
+    report = step(
         meshes,
         None,
-        H,
-        0.5,
-        constraints=ropes,
+        ropes,
         maxIterations=maxIterations,
-        constraintScheduling=scheduling,
+        scheduling=scheduling,
     )
     assert report.constraintVisits == 5
     shift = state_of(meshes)[:, 0] - 4 * np.arange(6)
@@ -665,19 +453,17 @@ def test_a_whole_sweep_at_least(scheduling, maxIterations):
 @schedulings
 def test_visits_end_within_a_sweep(scheduling):
     """In the middle of the second sweep, with and without bounds that cannot be corrected."""
-    for allowed, slack in itertools.product(range(5, 21), (False, True)):
+    for allowed, slack in itertools.product((5, 8, 13, 20), (False, True)):
         meshes, ropes = short_chain()
         constraints = ropes
         if slack:  # as a file gives them: a lower bound in front of each upper one
             constraints = [row for rope in ropes for row in ([*rope[:4], 0.0, False], rope)]
-        report = run_timestep(
+        report = step(
             meshes,
             None,
-            H,
-            0.5,
-            constraints=constraints,
+            constraints,
             maxIterations=allowed,
-            constraintScheduling=scheduling,
+            scheduling=scheduling,
         )
         assert report.constraintVisits <= max(allowed, len(constraints))
         if scheduling == "sweep" or not slack and scheduling == "batches":
@@ -688,23 +474,14 @@ def test_visits_end_within_a_sweep(scheduling):
             assert violations(meshes, constraints)[last] < 1e-12
 
 
-def test_unknown_scheduling_is_refused_and_changes_nothing():
-    meshes, ropes = short_chain()
-    before = state_of(meshes)
-    with pytest.raises(ValueError, match="sweep, queue, batches"):
-        run_timestep(meshes, None, H, 0.5, constraints=ropes, constraintScheduling="random")
-    assert np.array_equal(state_of(meshes), before)
-
-
-@schedulings
-def test_a_table_does_for_a_list_and_neither_is_changed(scheduling):
+def test_a_table_does_for_a_list_and_neither_is_changed():
     results = []
     for convert in (lambda rows: rows, np.array, lambda rows: tuple(map(tuple, rows))):
         meshes, ropes = short_chain()
         ropes = convert(ropes)
         if isinstance(ropes, np.ndarray):
             frozen(ropes)
-        run_timestep(meshes, None, H, 0.5, constraints=ropes, constraintScheduling=scheduling)
+        step(meshes, None, ropes)
         assert np.array_equal(ropes, short_chain()[1])
         results.append(state_of(meshes))
     assert np.array_equal(results[0], results[1]) and np.array_equal(results[0], results[2])
@@ -770,11 +547,10 @@ def step_literally(meshes, constraints, maxIterations, tolerance=CONSTRAINT_TOLE
     return literal_sweep(meshes, constraints, maxIterations, tolerance)
 
 
-@pytest.mark.parametrize("name", ["cube", "tower_chain"])
-def test_scenes_by_the_literal_loop(name):
+def test_a_scene_by_the_literal_loop():
     """Both run on from their own state: what differs in one step is carried into all later ones."""
-    steps, worst = 130, 0.0
-    runs = [load(DATA, name) for _ in range(3)]
+    steps, worst = 100, 0.0
+    runs = [load(DATA, "tower_chain") for _ in range(3)]
     most = runs[0].max_iterations()
     for _ in range(steps):
         visits = []
@@ -784,7 +560,6 @@ def test_scenes_by_the_literal_loop(name):
             visits.append(simulation.report.constraintVisits)
         assert tuple(visits) == step_literally(runs[2].meshes, runs[2].constraints, most)
         worst = max(worst, np.abs(state_of(runs[0].meshes) - state_of(runs[2].meshes)).max())
-    print(f"\n{name}: {steps} steps by the literal loop, worst {worst:.1e}")
     assert worst < 1e-12
 
 
@@ -793,24 +568,14 @@ def test_tangles_by_the_literal_loop():
     rng = np.random.default_rng(306)
     seen = Counter()
     worst = 0.0
-    for _ in range(60):
+    for _ in range(30):
         meshes, constraints = tangle(rng, count=int(rng.integers(2, 30)))
         most = int(rng.choice([0, 10, 50, 300]))
         for _ in range(2):
             start, results, visits = state_of(meshes), [], []
             for scheduling in ("queue", "sweep"):
                 restore(meshes, start)
-                report = run_timestep(
-                    meshes,
-                    ground(),
-                    H,
-                    0.5,
-                    True,
-                    constraints,
-                    most,
-                    CONSTRAINT_TOLERANCE,
-                    constraintScheduling=scheduling,
-                )
+                report = step(meshes, ground(), constraints, scheduling, maxIterations=most)
                 results.append(state_of(meshes))
                 visits.append(report.constraintVisits)
             assert np.array_equal(results[0], results[1])
@@ -820,9 +585,8 @@ def test_tangles_by_the_literal_loop():
             worst = max(worst, np.abs(state_of(meshes) - results[1]).max())
             seen["ended by the number"] += swept == max(most, len(constraints))
             seen["fewer visits"] += flagged < swept
-    print(f"\ntangles by the literal loop: worst {worst:.1e}, {dict(seen)}")
     assert worst < 1e-12
-    assert seen["fewer visits"] > 60 and 20 < seen["ended by the number"] < 110
+    assert seen["fewer visits"] > 30 and 10 < seen["ended by the number"] < 55
 
 
 def test_a_fixed_body_wakes_nobody():
@@ -837,9 +601,7 @@ def test_a_fixed_body_wakes_nobody():
     visits = {}
     for scheduling in ("sweep", "queue"):
         start = state_of(meshes)
-        report = run_timestep(
-            meshes, None, H, 0.5, constraints=ropes, constraintScheduling=scheduling
-        )
+        report = step(meshes, None, ropes, scheduling=scheduling)
         visits[scheduling] = report.constraintVisits
         restore(meshes, start)
     assert visits == {"sweep": 4, "queue": 3}
@@ -859,34 +621,20 @@ def load(folder, name, scheduling="sweep"):
 
 
 # Per scene: the number of steps; what part of the sweep's visits the queue makes in them, at most;
-# and what part of the steps must end before the visits are used up. The values are printed. A
-# rope's lower bound is one visit in two that the queue never makes; in the cube, where every
-# body is tied to every other one, hardly a visit is idle.
+# and what part of the steps must end before the visits are used up. A rope's lower bound is one
+# visit in two that the queue never makes. tests/campaigns/sameBits.py compares all scenes.
 SCENES = {
-    (DATA, "cube"): (150, 0.98, 1.0),
-    (DATA, "tower_chain"): (120, 0.85, 1.0),
-    (DATA, "two_chain"): (100, 0.6, 0.7),
-    (DATA, "two_cylinder"): (150, 1.0, 1.0),
-    (DATA, "bridge"): (100, 0.5, 0.4),
-    (DATA, "wrecking_ball"): (120, 0.5, 0.6),
-    (COURSE, "cube"): (120, 0.98, 1.0),
-    (COURSE, "tower_chain"): (120, 0.85, 1.0),
-    (COURSE, "two_chain"): (100, 0.6, 0.7),
-    (COURSE, "two_cylinder"): (150, 1.0, 1.0),
+    (DATA, "bridge"): (60, 0.5, 0.4),
+    (COURSE, "tower_chain"): (80, 0.85, 1.0),
+    (COURSE, "two_chain"): (80, 0.6, 0.7),
 }
 
 
-@pytest.mark.parametrize(
-    ("folder", "name"),
-    [
-        pytest.param(
-            folder, name, id=f"{folder.name}/{name}", marks=[needs_course] * (folder == COURSE)
-        )
-        for folder, name in SCENES
-    ],
-)
+@pytest.mark.parametrize(("folder", "name"), SCENES)
 def test_queue_and_sweep_agree_to_the_bit(folder, name):
     """In every step; and whenever a step ends before its visits are used up, every bound holds."""
+    if not folder.is_dir():
+        pytest.skip("the coursework's own files are not here")
     steps, share, ending = SCENES[folder, name]
     sweep, queue = load(folder, name), load(folder, name, "queue")
     most = sweep.max_iterations()
@@ -906,25 +654,9 @@ def test_queue_and_sweep_agree_to_the_bit(folder, name):
             assert excess.max() <= CONSTRAINT_TOLERANCE + 1e-12
             assert sweep.largest_violation() == pytest.approx(excess.max(), abs=1e-12)
     made = visits["queue"] / visits["sweep"]
-    print(
-        f"\n{folder.name}/{name}: queue {made:.3f} of the sweep's visits, {ended} steps of "
-        f"{steps} ended with every bound kept, {corrected} corrected something"
-    )
     assert made <= share
     assert ended >= ending * steps
     assert corrected >= 3
-
-
-def test_queue_and_sweep_agree_on_the_net():
-    sweep, queue = load(DATA, "net"), load(DATA, "net", "queue")
-    visits = Counter()
-    for _ in range(40):
-        for simulation in (sweep, queue):
-            simulation.step()
-            visits[simulation.settings.constraintScheduling] += simulation.report.constraintVisits
-        assert np.array_equal(state_of(sweep.meshes), state_of(queue.meshes))
-    assert visits["sweep"] > 2 * 40 * len(sweep.constraints)
-    assert visits["queue"] <= 0.5 * visits["sweep"]
 
 
 # --------------------------------------------------------------------------------------------------
@@ -957,14 +689,12 @@ def test_batches_share_no_body_and_hold_every_constraint_once(visitedBatches):
     scenes = [(s.meshes, s.constraints) for s in (load(DATA, "bridge"), load(DATA, "cube"))]
     for meshes, constraints in [*scenes, *(tangle(rng, count=60) for _ in range(20))]:
         visitedBatches.clear()
-        run_timestep(
+        step(
             meshes,
             None,
-            H,
-            0.5,
-            constraints=constraints,
+            constraints,
             maxIterations=0,
-            constraintScheduling="batches",
+            scheduling="batches",
         )
         assert_no_common_body(visitedBatches, meshes)
         visited = np.concatenate([index for index, *_ in visitedBatches]).tolist()
@@ -980,18 +710,6 @@ def test_batches_share_no_body_and_hold_every_constraint_once(visitedBatches):
         assert 1 < len(visitedBatches) <= 2 * max(ends.values())
 
 
-def test_batches_of_the_net(visitedBatches):
-    simulation = load(DATA, "net", "batches")
-    for _ in range(22):
-        simulation.step()
-    del visitedBatches[:]
-    simulation.step()
-    assert_no_common_body(visitedBatches, simulation.meshes)
-    visits = sum(len(index) for index, *_ in visitedBatches)
-    # 760 ropes, and several sweeps of them; hundreds of ropes at a time
-    assert visits >= 2 * 760 and visits / len(visitedBatches) > 50
-
-
 def test_ties_apart_from_each_other_are_one_batch_and_like_the_sweep(visitedBatches):
     """Thirty pairs: nobody waits for anybody, so the order makes no difference."""
     rng = np.random.default_rng(308)
@@ -1004,7 +722,7 @@ def test_ties_apart_from_each_other_are_one_batch_and_like_the_sweep(visitedBatc
     start = state_of(meshes)
     for scheduling in ("sweep", "batches"):
         restore(meshes, start)
-        run_timestep(meshes, None, H, 0.5, constraints=constraints, constraintScheduling=scheduling)
+        step(meshes, None, constraints, scheduling=scheduling)
         results.append(state_of(meshes))
     assert len(visitedBatches[0][0]) == 30
     assert np.abs(results[0] - start).max() > 0.1
@@ -1015,30 +733,22 @@ def test_ties_to_one_fixed_body_are_one_batch(visitedBatches):
     meshes = [body("octahedron", (0, 100, 0), isFixed=True)]
     meshes += [body("octahedron", (10 * k, 80, 0)) for k in range(-9, 10)]
     ropes = [[0, 3, k, 1, 5.0, True] for k in range(1, 20)]
-    run_timestep(
-        meshes, None, H, 0.5, constraints=ropes, maxIterations=0, constraintScheduling="batches"
-    )
+    step(meshes, None, ropes, maxIterations=0, scheduling="batches")
     assert [len(index) for index, *_ in visitedBatches] == [19]
     assert violations(meshes, ropes).max() < 1e-12
 
 
-# Per scene: steps by batches alone, until its ropes are taut; then steps by both, compared.
-CLOSENESS = {"bridge": (44, 30), "net": (46, 6)}
-
-
-@pytest.mark.parametrize("name", CLOSENESS)
-def test_batches_end_as_close_as_the_sweep_in_the_same_visits(name):
+def test_batches_end_as_close_as_the_sweep_in_the_same_visits():
     """From the same state, with the same number of visits; what remains, as sum and at the worst.
 
     Batches leave about the same sum. It lies on the batches that were not the last, where the
     sweep spreads it over all: the worst is up to twice as large.
     """
-    begin, count = CLOSENESS[name]
-    simulation = load(DATA, name, "batches")
-    for _ in range(begin):
+    simulation = load(DATA, "bridge", "batches")
+    for _ in range(44):  # until its ropes are taut
         simulation.step()
     sums, worst, used = [], [], 0
-    for _ in range(count):
+    for _ in range(20):
         start, excess, visits = state_of(simulation.meshes), {}, {}
         for scheduling in ("sweep", "batches"):
             restore(simulation.meshes, start)
@@ -1053,25 +763,9 @@ def test_batches_end_as_close_as_the_sweep_in_the_same_visits(name):
         used += 1
         sums.append(excess["batches"].sum() / excess["sweep"].sum())
         worst.append(excess["batches"].max() / excess["sweep"].max())
-    print(
-        f"\n{name}: batches against sweep, {used} steps: sum × {np.mean(sums):.3f} (at most "
-        f"{max(sums):.3f}), worst × {np.mean(worst):.3f} (at most {max(worst):.3f})"
-    )
     assert used >= 4
     assert np.mean(sums) < 1.15 and max(sums) < 1.3
     assert max(worst) < 2.2
-
-
-@pytest.mark.parametrize(("name", "steps"), [("bridge", 60), ("net", 45)])
-def test_batches_twice_give_the_same_bits(name, steps):
-    results = []
-    for _ in range(2):
-        simulation = load(DATA, name, "batches")
-        for _ in range(steps):
-            simulation.step()
-        results.append(state_of(simulation.meshes))
-    assert np.array_equal(*results)
-    assert simulation.report.constraintVisits > 2 * len(simulation.constraints)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -1102,10 +796,8 @@ def slow_swing(rod, drop, inertia):
 # Rod, half-axes of the octahedron sideways and upright, in m; whether the tie is a rod or a rope;
 # whether the fixed body comes first.
 PENDULA = {
-    "about its vertex": (0.05, 8.0, 2.0, "rod", True),
     "regular, about its vertex": (0.05, 3.4, 3.4, "rope", False),
     "on a long rod": (5.0, 8.0, 2.0, "rod", True),
-    "on a long rope": (3.0, 6.0, 6.0, "rope", True),
 }
 
 
@@ -1151,11 +843,7 @@ def test_pendulum_has_the_period_of_its_linearised_equations(case):
     # at ¼, ¾, … of a period: six or seven times in 3.3, and 5 or 6 half periods between them
     assert len(times) in (6, 7)
     measured = 2 * np.diff(times).mean()
-    print(
-        f"\n{case}: period {measured:.4f} s, expected {period:.4f} s "
-        f"({100 * (measured / period - 1):+.3f} %)"
-    )
-    # within 2 % is asked for; half steps in the crossings would make 0.02/15
+    # half steps in the crossings would make 0.02/15
     assert measured == pytest.approx(period, rel=0.002)
     # It swings on: the corrections cost amplitude, but less than a quarter of it in 3.3 periods.
     last = x[-round(period / H) :]
@@ -1165,19 +853,6 @@ def test_pendulum_has_the_period_of_its_linearised_equations(case):
 # --------------------------------------------------------------------------------------------------
 # Through the files
 # --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", ["cube", "two_chain", "bridge", "net"])
-def test_a_scene_starts_with_its_bounds_kept(name):
-    simulation = load(DATA, name)
-    lines = (DATA / f"{name}-constraints.txt").read_text().splitlines()
-    assert len(simulation.constraints) == 2 * int(lines[0])
-    assert simulation.largest_violation() == 0.0
-    # twenty sweeps, and a thousand visits at least
-    assert (
-        simulation.max_iterations()
-        == {"cube": 20 * 56, "two_chain": 1000, "bridge": 20 * 56, "net": 20 * 1520}[name]
-    )
 
 
 def test_largest_violation_is_the_worst_of_both_kinds():
@@ -1198,13 +873,13 @@ def test_a_cube_of_tied_bodies_falls_as_one():
     assert len(tied) == 28
     constraints = load_constraint_file(DATA / "cube-constraints.txt", simulation.meshes)
     assert constraints == simulation.constraints
-    for _ in range(200):
+    for _ in range(130):
         simulation.step()
         assert simulation.report.constraintVisits < simulation.max_iterations()
         assert violations(simulation.meshes, constraints).max() <= CONSTRAINT_TOLERANCE + 1e-12
     # Left to themselves they would not have kept together: the ground tears them apart.
     simulation.reset()
     simulation.settings.enforceConstraints = False
-    for _ in range(200):
+    for _ in range(130):
         simulation.step()
     assert violations(simulation.meshes, constraints).max() > 1.0

@@ -1,7 +1,6 @@
-"""Mesh: mass properties by four independent ways, and what a mesh does with what it is given."""
+"""Mesh: mass properties by three independent ways, and what a mesh does with what it is given."""
 
 import copy
-import itertools
 import math
 import pickle
 
@@ -12,14 +11,12 @@ from oracles import (
     SHAPES,
     body,
     box_body,
-    frozen,
     ground,
     quaternion,
     random_quaternions,
     shape,
     turned,
 )
-from scipy.spatial import ConvexHull
 
 from Quaternion import Q2RotMatrix, QRotate
 from rbs.stepping.bodies import STATE_WIDTHS
@@ -32,11 +29,11 @@ ROUNDING = 1e-12
 
 # No factor of these hides in another: a missing density, a volume for a determinant, or a second
 # power of the scale where the fifth belongs shows in every one.
-ODD = [(0.37, 0.013), (7800.0, 2.7), (1.9, 311.0)]
+ODD = [(0.37, 0.013), (1.9, 311.0)]
 
 
 # --------------------------------------------------------------------------------------------------
-# Volume, COM and inertia, four ways
+# Volume, COM and inertia, three ways
 # --------------------------------------------------------------------------------------------------
 #
 # Each returns (volume, COM (3,), inertia tensor (3, 3) about the COM for density 1).
@@ -110,19 +107,6 @@ def by_surface(vertices, faces):
     return assembled(volume, first / volume, (second + second.T) / 2)
 
 
-def by_sampling(vertices, perAxis=40):
-    """A lattice of 40³ points in the bounding box, those behind all faces counted."""
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    steps = (np.arange(perAxis) + 0.5) / perAxis
-    points = low + (high - low) * np.array(list(itertools.product(steps, steps, steps)))
-    equations = np.unique(ConvexHull(vertices).equations.round(9), axis=0)
-    inside = np.ones(len(points), dtype=bool)
-    for *normal, offset in equations:
-        inside[inside] = points[inside] @ normal + offset < 0
-    points, each = points[inside], np.prod(high - low) / perAxis**3
-    return assembled(each * len(points), points.mean(axis=0), each * points.T @ points)
-
-
 def assert_mass_properties(mesh, expected, restVertices, density, tolerance):
     """The mesh against (volume, COM, tensor for density 1); tolerance relative to the quantity."""
     volume, centre, tensor = expected
@@ -142,20 +126,6 @@ def test_closed_forms(name):
     assert_mass_properties(mesh, in_closed_form(name), shape(name)[0], 0.37, 1e-8)
 
 
-def test_ellipsoid_is_a_little_lighter_than_the_smooth_one():
-    # m/5 (b² + c²), … for the smooth one. The mesh is the hull of 162 points on its surface, all
-    # edges about 0.3 on the unit sphere. The corners of such a triangle stand 0.3/√3 = 0.17 from
-    # its centre, so its plane stands 0.17²/2 = 0.015 below the sphere; the triangle's other points
-    # are farther out, by a quarter of that on average: 0.011. Three times that is missing of the
-    # volume, 3.4 %, and five times that of the inertia, 5.6 %.
-    mesh = body("ellipsoid")
-    a2, b2, c2 = 4.0, 9.0, 25.0
-    volume = 4 / 3 * math.pi * 2 * 3 * 5
-    assert 0.96 < mesh.volume / volume < 0.97
-    smooth = volume / 5 * np.array([b2 + c2, c2 + a2, a2 + b2])
-    assert np.diag(mesh.IT) / smooth == pytest.approx(np.full(3, 0.944), abs=0.006)
-
-
 @pytest.mark.parametrize("name", SHAPES)
 @pytest.mark.parametrize(("density", "scale"), ODD)
 def test_mass_properties_by_quadrature_and_by_surface(name, density, scale):
@@ -171,29 +141,7 @@ def test_mass_properties_by_quadrature_and_by_surface(name, density, scale):
     assert_mass_properties(mesh, byFaces, vertices, density, 100 * ROUNDING)
 
 
-@pytest.mark.parametrize("name", SHAPES)
-def test_mass_properties_by_dense_sampling(name):
-    # The lattice decides 40³ cells; those that the surface cuts, about 6/40 of them, are off by
-    # half a cell either way, which averages out to far below 1 %. The quirk of the released tensor
-    # is 83 %.
-    vertices = shape(name)[0]
-    assert_mass_properties(body(name, density=7.1), by_sampling(vertices), vertices, 7.1, 0.01)
-
-
-def test_inner_vertices_and_many_tets_make_no_difference():
-    # The box cut into 6 pyramids about an odd inner point, 12 tetrahedra in all.
-    vertices, faces, tets = shape("box")
-    inner = np.array([[1.3, -0.4, 2.2]])
-    fan = np.column_stack((np.full(len(faces), len(vertices)), faces))
-    cut = Mesh("cut", np.vstack((vertices, inner)), faces, fan, 2.0, np.zeros(3), IDENTITY, False)
-    whole = body("box", density=2.0)
-    assert len(cut.tets) == 12 != len(whole.tets)
-    assert cut.IT == pytest.approx(whole.IT, rel=ROUNDING, abs=ROUNDING * whole.IT.max())
-    assert np.abs(cut.origVertices[:-1] - whole.origVertices).max() < 1e-14 * 12
-    assert cut.hull.vertexIndex.tolist() == list(range(8))
-
-
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("name", ["tetrahedron", "cylinder"])
 def test_the_orientation_of_a_tetrahedron_does_not_matter(name):
     vertices, faces, tets = shape(name)
     rng = np.random.default_rng(5)
@@ -234,16 +182,6 @@ def test_rotated_inverse_tensor_is_that_of_the_rotated_body(name):
         assert np.abs(world - straight.invIT).max() < ROUNDING * np.abs(world).max()
 
 
-def test_rotated_inverse_tensor_of_a_box_on_its_side():
-    # A quarter turn about z brings x to y: the moments about x and y change places.
-    upright = box_body(1, 2, 3, (0, 0, 0))
-    onSide = box_body(1, 2, 3, (0, 0, 0), orientation=quaternion([0, 0, 1], 90))
-    x, y, z = np.diag(upright.get_rotated_inv_IT())
-    assert x < y < z  # 12/(m (b² + c²)) with b² + c² = 13, 10, 5
-    assert (1 / x, 1 / y, 1 / z) == pytest.approx((6 * 13 / 12, 6 * 10 / 12, 6 * 5 / 12))
-    assert np.diag(onSide.get_rotated_inv_IT()) == pytest.approx([y, x, z], rel=ROUNDING)
-
-
 # --------------------------------------------------------------------------------------------------
 # What a mesh is given
 # --------------------------------------------------------------------------------------------------
@@ -270,39 +208,7 @@ def test_the_callers_arrays_are_not_modified_and_not_kept():
     assert np.array_equal(mesh.tets, before[2]) and np.array_equal(mesh.faces, before[1])
 
 
-def test_read_only_arrays_will_do():
-    vertices, faces, tets = shape("box")
-    mesh = Mesh(
-        "",
-        vertices,
-        faces,
-        tets,
-        1.0,
-        frozen(np.zeros((1, 3))),
-        frozen(np.array([[3.0, 0, 0, 0]])),
-        False,
-    )
-    run_timestep([mesh], None, 0.1, 0.5)
-    assert mesh.position[0, 1] < 0
-
-
-def test_rest_vertices_have_the_com_as_origin_and_stay():
-    mesh = body("tetrahedron", (5, 40, 7), quaternion([1, 2, 3], 50))
-    # its box reaches from the origin to (8, 7, 6), its COM is the middle of that
-    assert mesh.origVertices == pytest.approx(shape("tetrahedron")[0] - [4, 3.5, 3], abs=1e-14)
-    rest = mesh.origVertices.copy()
-    mesh.angVelocity = np.array([[1.0, 2.0, 3.0]])
-    for _ in range(10):
-        run_timestep([mesh], None, 0.1, 0.5)
-    assert np.array_equal(mesh.origVertices, rest)
-    # currVertices are the rest vertices, turned and put at the COM
-    expected = turned(rest, mesh.orientation[0]) + mesh.position
-    assert np.abs(mesh.currVertices - expected).max() < 1e-13 * 40
-
-
-@pytest.mark.parametrize(
-    "q", [(0, 3, 0, 4), (1e-100, 0, 0, 0), (1e100, 1e100, 0, 0), [[0.717, 0.717, 0, 0]]]
-)
+@pytest.mark.parametrize("q", [(1e100, 1e100, 0, 0), [[0.717, 0.717, 0, 0]]])
 def test_orientation_is_normalised(q):
     direction = np.ravel(q) / np.abs(q).max()
     mesh = body("box", orientation=q)
@@ -333,18 +239,6 @@ def test_what_cannot_move_has_no_inverse_mass(name):
     mesh.linVelocity = np.ones((1, 3))
     mesh.integrate_timestep(0.1)
     assert np.array_equal(mesh.position, before)
-
-
-def test_attributes_have_the_contracts_shapes():
-    mesh = body("cylinder", np.array([1.0, 2.0, 3.0]), np.array([1.0, 0, 0, 0]))
-    assert mesh.name == "cylinder" and mesh.isFixed is False and mesh.density == 1.0
-    rows = [("position", 3), ("orientation", 4), ("linVelocity", 3), ("angVelocity", 3)]
-    for attribute, width in rows:
-        value = getattr(mesh, attribute)
-        assert value.shape == (1, width) and value.dtype == np.float64
-    assert mesh.origVertices.shape == mesh.currVertices.shape == (40, 3)
-    assert mesh.IT.shape == mesh.invIT.shape == (3, 3)
-    assert mesh.faces.shape[1] == 3 and mesh.tets.shape[1] == 4
 
 
 def both_ways(act):
@@ -381,41 +275,14 @@ def both_ways(act):
         lambda meshes, row, scalar: resolve_collision(
             *meshes, scalar(0.1), row(0.6, 0.8, 0), row(3, 9, 1), scalar(0.5)
         ),
-        lambda meshes, row, scalar: run_timestep(meshes, ground(), scalar(0.1), 0.5),
-        lambda meshes, row, scalar: run_timestep(meshes, ground(), 0.1, scalar(0.5)),
+        lambda meshes, row, scalar: run_timestep(meshes, ground(), scalar(0.1), scalar(0.5)),
     ],
-    ids=["integrate", "resolve", "run, step", "run, restitution"],
+    ids=["integrate", "resolve", "run"],
 )
 def test_rows_and_plain_vectors_give_the_same(act):
     asRows, asVectors = both_ways(act)
     for a, b in zip(asRows, asVectors, strict=True):
         assert np.array_equal(a, b)
-
-
-def test_a_density_in_an_array_will_do():
-    for density in (2.5, np.array(2.5), np.array([2.5])):
-        assert body("box", density=density).mass == pytest.approx(2.5 * 12 * 6 * 8)
-
-
-def test_bounding_boxes_touch_or_overlap():
-    a = box_body(2, 2, 2, (0, 0, 0))
-    for shift, expected in [
-        ((2, 0, 0), True),
-        ((2, 2, 2), True),
-        ((2.001, 0, 0), False),
-        ((0, -1.999, 1), True),
-        ((0, 0, -2.001), False),
-    ]:
-        b = box_body(2, 2, 2, shift)
-        assert a.bounding_box_collision(b) is expected
-        assert b.bounding_box_collision(a) is expected
-
-
-# --------------------------------------------------------------------------------------------------
-# What a mesh refuses
-# --------------------------------------------------------------------------------------------------
-
-BOX, FACES, TETS = shape("box")
 
 
 def test_boxes_and_collisions_follow_position_and_orientation_each_by_itself():
@@ -440,51 +307,44 @@ def test_boxes_and_collisions_follow_position_and_orientation_each_by_itself():
     assert not touches()
 
 
-@pytest.mark.parametrize(
-    "changed",
-    [
-        dict(orientation=[0, 0, 0, 0]),
-        dict(orientation=[np.nan, 0, 0, 1]),
-        dict(orientation=[1, 0, 0]),
-        dict(position=[1, 2]),
-        dict(position=[[1, 2, 3], [4, 5, 6]]),
-        dict(faces=FACES + 1),
-        dict(faces=FACES - 1),
-        dict(tets=TETS + 1),
-        dict(tets=TETS - 1),
-        dict(tets=TETS[:0]),
-        dict(tets=[[0, 1, 2, 3]]),  # four corners of one face
-        dict(density=0.0),
-        dict(density=-1.0),
-        dict(density=np.inf),
-        dict(density=np.nan),
-        dict(origVertices=BOX * np.nan),
-        dict(origVertices=BOX * [1, 1, 0]),
-        dict(origVertices=BOX.reshape(12, 2)),
-        dict(faces=FACES.reshape(-1, 2)),
-        dict(tets=FACES),  # (12, 3) would make nine rows of four
-    ],
-    ids=lambda changed: next(f"{k} {np.shape(v)}" for k, v in changed.items()),
-)
-def test_nonsense_raises(changed):
-    arguments = dict(
-        name="wrong",
-        origVertices=BOX,
-        faces=FACES,
-        tets=TETS,
-        density=1.0,
-        position=[0, 0, 0],
-        orientation=IDENTITY,
-        isFixed=False,
-    )
+def test_nonsense_raises():
+    vertices, faces, tets = shape("box")
+    names = "name origVertices faces tets density position orientation isFixed".split()
+    values = "wrong", vertices, faces, tets, 1.0, [0, 0, 0], IDENTITY, False
+    arguments = dict(zip(names, values, strict=True))
     Mesh(**arguments)
-    with pytest.raises(ValueError):
-        Mesh(**(arguments | changed))
+    for name, wrong in (
+        ("orientation", [0, 0, 0, 0]),
+        ("orientation", [1, 0, 0]),
+        ("position", [[1, 2, 3], [4, 5, 6]]),
+        ("faces", faces - 1),
+        ("tets", tets + 1),
+        ("tets", [[0, 1, 2, 3]]),  # four corners of one face
+        ("tets", faces),  # (12, 3) would make nine rows of four
+        ("density", 0.0),
+        ("density", np.nan),
+        ("origVertices", vertices * np.nan),
+        ("origVertices", vertices * [1, 1, 0]),
+    ):
+        with pytest.raises(ValueError):
+            Mesh(**arguments | {name: wrong})
 
 
-# --------------------------------------------------------------------------------------------------
-# The state in tables
-# --------------------------------------------------------------------------------------------------
+def test_what_a_caller_writes_counts_and_what_a_caller_keeps_stays():
+    meshes = boxes(2)
+    stepped(meshes)
+    kept = meshes[1].position
+    before = kept.copy()
+    meshes[0].linVelocity[0, 1] = 10.0
+    stepped(meshes)
+    assert meshes[0].linVelocity[0, 1] == 10.0 + GRAVITY * 0.02
+    assert np.array_equal(kept, before) and not np.array_equal(meshes[1].position, before)
+    for vertices in (meshes[0].currVertices, refresh_vertices(meshes)):
+        with pytest.raises(ValueError, match="read-only"):
+            vertices[0] = 7.0
+    lowest = meshes[0].currVertices.copy()
+    meshes[0].lowest_vertex()[:] = 7.0
+    assert np.array_equal(meshes[0].currVertices, lowest)
 
 
 def stepped(meshes, **options):
@@ -500,10 +360,8 @@ def boxes(count):
 @pytest.mark.parametrize(
     "name, value",
     [
-        ("position", [[1.0, 2.0, 3.0]]),
         ("orientation", [[0.0, 1.0, 0.0, 0.0]]),
         ("linVelocity", [[1.0, 2.0, 3.0]]),
-        ("angVelocity", [[1.0, 2.0, 3.0]]),
         ("invIT", np.diag([1.0, 2.0, 3.0])),
         ("invMass", 0.0),
     ],
@@ -526,31 +384,6 @@ def test_what_is_assigned_between_steps_is_what_the_next_step_uses(name, value, 
             assert np.array_equal(getattr(m, attribute), getattr(new, attribute)), attribute
     moved = not np.array_equal(meshes[1].position, boxes(3)[1].position)
     assert moved and meshes[1].position.shape == (1, 3)
-
-
-def test_what_is_written_into_a_row_is_what_the_next_step_uses():
-    meshes = boxes(2)
-    stepped(meshes)
-    meshes[0].linVelocity[0, 1] = 10.0
-    meshes[1].position += 5.0
-    height = meshes[1].position[0, 1]
-    stepped(meshes)
-    assert meshes[0].linVelocity[0, 1] == 10.0 + GRAVITY * 0.02
-    assert meshes[1].position[0, 1] < height < meshes[1].position[0, 1] + 1.0
-
-
-def test_what_somebody_has_kept_of_the_state_stays_as_it_was():
-    meshes = boxes(2)
-    stepped(meshes)
-    kept = meshes[0].position
-    before = kept.copy()
-    stepped(meshes)
-    assert np.array_equal(kept, before) and not np.array_equal(meshes[0].position, before)
-    now = meshes[0].position
-    before = now.copy()
-    meshes[0].position = np.zeros((1, 3))
-    stepped(meshes)
-    assert np.array_equal(now, before)
 
 
 @pytest.mark.parametrize(
@@ -600,28 +433,6 @@ def test_world_vertices_that_are_assigned_hold_until_the_pose_changes():
     assert mesh.currVertices is own
     mesh.position = mesh.position + 1.0
     assert np.array_equal(mesh.currVertices, boxes(1)[0].currVertices + 1.0)
-
-
-def test_world_vertices_cannot_be_written_into():
-    """Neither those of one mesh, nor of all, nor by what the step hands to a contact."""
-    meshes = boxes(3)
-    expected = [m.currVertices.copy() for m in meshes]
-    meshes[0].lowest_vertex()[:] = 7.0
-    for refresh in (False, True):
-        if refresh:
-            for m in meshes:
-                m.position = m.position + 0.0 * m.position
-            refresh_vertices(meshes)
-        for m, vertices in zip(meshes, expected, strict=True):
-            with pytest.raises(ValueError, match="read-only"):
-                m.currVertices[0] = 7.0
-            with pytest.raises(ValueError, match="read-only"):
-                m.currVertices += 1.0
-            assert np.array_equal(m.currVertices, vertices)
-    with pytest.raises(ValueError, match="read-only"):
-        refresh_vertices(boxes(2))[0] = 7.0
-    meshes[0].currVertices = meshes[0].currVertices + 1.0  # as the released code assigns them
-    meshes[0].currVertices[0] = 7.0
 
 
 def test_world_vertices_of_many_are_those_of_each():
