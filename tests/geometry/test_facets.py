@@ -8,12 +8,7 @@ from oracles import IDENTITY, SHAPES, box_body, random_quaternions, vertices_of
 
 from Quaternion import Q2RotMatrix
 from rbs.geometry.facets import LEAST_GAP, all_facets, find_facets
-from rbs.geometry.hulls import (
-    FEATURE_TOLERANCE,
-    TOUCH_TOLERANCE,
-    HullSet,
-    build_hull,
-)
+from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE, HullSet, build_hull
 from rbs.geometry.patches import Polygons, contact_points, overlap_corners
 
 PAIRS = 300

@@ -20,22 +20,6 @@ def load(name):
     return meshes, load_constraint_file(path, meshes) if path.is_file() else ()
 
 
-def test_the_step_fits_on_a_screen():
-    """Its code, that is: without the signature and the docstring, and without blank lines."""
-    calls = {
-        run_timestep: ("all_pairs_step", "project_constraints"),
-        RBSFunctions.all_pairs_step: (
-            "integrate_timestep",
-            "detect_collision",
-            "resolve_collision",
-        ),
-    }
-    for function, names in calls.items():
-        source = inspect.getsource(function).split('"""')[2]
-        assert 20 < sum(bool(line.strip()) for line in source.splitlines()) < 60
-        assert all(f"{name}(" in source for name in names)
-
-
 def weightless(self, timeStep):
     self.position = self.position + timeStep * self.linVelocity
     self.currVertices = self.origVertices + self.position

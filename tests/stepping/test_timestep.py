@@ -7,21 +7,17 @@ for a body whose motion is simple enough to write down. A bounce then has to mat
 
 import copy
 import itertools
-import warnings
 from collections import Counter
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from oracles import (
-    COURSE,
     DATA,
     SHAPES,
     body,
-    body_count,
     box_body,
     ground,
-    needs_course,
     quaternion,
     random_quaternions,
     restore,
@@ -585,39 +581,3 @@ def test_a_mesh_without_vertices_in_the_list_is_nothing(place):
     del withNothing[place]
     assert np.array_equal(state_of(without), state_of(withNothing))
     assert np.array_equal(nothing.position, np.zeros((1, 3)))
-
-
-# --------------------------------------------------------------------------------------------------
-# Whole scenes
-# --------------------------------------------------------------------------------------------------
-
-
-def run_scene(path):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the course's cylinder is not convex, and says so
-        meshes = load_scene_file(path)
-    fixed = [k for k, mesh in enumerate(meshes) if mesh.isFixed]
-    before = state_of(meshes)
-    contacts = 0
-    for _ in range(150):
-        contacts += len(run_timestep(meshes, ground(), H, 0.5).contacts)
-    after = state_of(meshes)
-    assert np.isfinite(after).all()
-    assert np.abs(np.linalg.norm(after[:, 3:7], axis=1) - 1).max() < 1e-12
-    assert np.array_equal(after[fixed], before[fixed])
-    for mesh in meshes:
-        assert np.isfinite(mesh.currVertices).all()
-        # the ground has the last word in a step
-        assert mesh.isFixed or mesh.currVertices[:, 1].min() > -1e-12 * 100
-    return contacts
-
-
-def test_our_scenes():
-    for name in ("mixed", "wrecking_ball"):
-        assert run_scene(DATA / f"{name}-scene.txt") > 0
-
-
-@needs_course
-def test_scenes_of_the_course():
-    paths = sorted(COURSE.glob("*-scene.txt"))[::3]
-    assert len(paths) > 2 and sum(run_scene(path) for path in paths if body_count(path) <= 50) > 0
