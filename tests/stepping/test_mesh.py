@@ -241,50 +241,6 @@ def test_what_cannot_move_has_no_inverse_mass(name):
     assert np.array_equal(mesh.position, before)
 
 
-def both_ways(act):
-    """The state of two meshes after `act`, with rows and floats, and with plain (n,) and (1,)."""
-    results = []
-    for row, scalar in (
-        (lambda *x: np.array([x], dtype=float), lambda x: x),
-        (lambda *x: np.array(x, dtype=float), lambda x: np.array([x])),
-    ):
-        vertices, faces, tets = shape("box")
-        meshes = [
-            Mesh("", vertices, faces, tets, 1.0, row(x, 9, 0), row(1, 0, 0, 0.1), False)
-            for x in (0, 5)
-        ]
-        for m in meshes:
-            m.linVelocity, m.angVelocity = row(1, 2, 3), row(0.1, 0.2, 0.3)
-            m.position, m.orientation = m.position.reshape(row(1, 2, 3).shape), row(1, 0, 0, 0)
-        act(meshes, row, scalar)
-        results.append(
-            [
-                np.ravel(getattr(m, name))
-                for m in meshes
-                for name in ("position", "orientation", "linVelocity", "angVelocity")
-            ]
-        )
-        assert all(m.position.shape == (1, 3) and m.linVelocity.shape == (1, 3) for m in meshes)
-    return results
-
-
-@pytest.mark.parametrize(
-    "act",
-    [
-        lambda meshes, row, scalar: [m.integrate_timestep(scalar(0.1)) for m in meshes],
-        lambda meshes, row, scalar: resolve_collision(
-            *meshes, scalar(0.1), row(0.6, 0.8, 0), row(3, 9, 1), scalar(0.5)
-        ),
-        lambda meshes, row, scalar: run_timestep(meshes, ground(), scalar(0.1), scalar(0.5)),
-    ],
-    ids=["integrate", "resolve", "run"],
-)
-def test_rows_and_plain_vectors_give_the_same(act):
-    asRows, asVectors = both_ways(act)
-    for a, b in zip(asRows, asVectors, strict=True):
-        assert np.array_equal(a, b)
-
-
 def test_boxes_and_collisions_follow_position_and_orientation_each_by_itself():
     """By assignment and in place: a box of 12 × 6 × 8 beside a small one, moved up or turned up."""
     long, small = body("box"), box_body(1.0, 1.0, 1.0, (0.0, 5.5, 0.0))

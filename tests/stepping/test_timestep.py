@@ -5,7 +5,6 @@ for a body whose motion is simple enough to write down. A bounce then has to mat
 "about ½ g t²".
 """
 
-import copy
 import itertools
 from collections import Counter
 from types import SimpleNamespace
@@ -466,22 +465,6 @@ def test_a_step_is_the_literal_loop(closingOnly, steps, broadPhase):
     assert len(pairs) >= 6 and len(seen) - len(pairs) >= 3 and seen.total() > 40
 
 
-@pytest.mark.parametrize("order", [(0, 1, 2), (1, 2, 0)])
-def test_later_pairs_see_earlier_corrections(order):
-    # Unit cubes in a row: a fixed wall, B 0.3 deep in it, and C 0.1 behind B. Pushed out of the
-    # wall, B goes 0.2 into C, if the wall's pair with B has its turn before B's with C. Of these
-    # 0.2 each gives way 0.1: B is in the wall again, and C is 0.1 farther away.
-    wall = box_body(1, 1, 1, (0, 0, 0), isFixed=True)
-    b, c = box_body(1, 1, 1, (0.7, 0, 0)), box_body(1, 1, 1, (1.8, 0, 0))
-    meshes = [(wall, b, c)[k] for k in order]
-    run_timestep(meshes, None, H, 0.5)
-    pairs = [frozenset(pair) for pair in itertools.combinations(order, 2)]
-    wallFirst = pairs.index({0, 1}) < pairs.index({1, 2})
-    assert wallFirst == (order == (0, 1, 2))
-    expected = (0.9, 1.9) if wallFirst else (1.0, 1.8)
-    assert (b.position[0, 0], c.position[0, 0]) == pytest.approx(expected, abs=1e-14)
-
-
 # --------------------------------------------------------------------------------------------------
 # Same bits
 # --------------------------------------------------------------------------------------------------
@@ -512,18 +495,6 @@ def test_save_restore_and_step_on_gives_the_same_bits(broadPhase):
         assert np.array_equal(state_of(again), expected)
 
 
-def test_what_meshes_keep_changes_no_bit():
-    """Cached axes, turned hulls and boxes save time only: the bits are the same without them."""
-    keeping, forgetting = small_scene(), small_scene()
-    for _ in range(60):
-        run_timestep(keeping, ground(), H, 0.5)
-        run_timestep(forgetting, ground(), H, 0.5)
-        assert np.array_equal(state_of(keeping), state_of(forgetting))
-        forgetting = copy.deepcopy(forgetting)
-    assert sum(len(mesh.cachedAxes) for mesh in keeping) > 5
-    assert sum(len(mesh.cachedAxes) for mesh in forgetting) == 0
-
-
 # --------------------------------------------------------------------------------------------------
 # The caller and the meshes
 # --------------------------------------------------------------------------------------------------
@@ -536,15 +507,6 @@ def test_the_ground_is_touched_at_0_and_not_above(height, touches):
     report = run_timestep([mesh], ground(), 0.0, 0.5)
     assert len(report.contacts) == touches
     assert mesh.position[0, 1] == 1.0 + height
-
-
-def test_bodies_that_stand_exactly_on_something_touch_it():
-    # y ≤ 0 and depth ≥ 0 count: at rest and without a step's fall, hence with h = 0, the impulse
-    # is nothing, but the contacts are reported.
-    meshes = [box_body(2, 2, 2, (0, 1, 0)), box_body(2, 2, 2, (0, 3, 0))]
-    report = run_timestep(meshes, ground(), 0.0, 0.5)
-    assert [(c.body1, c.body2) for c in report.contacts] == [(0, 1), (0, -1)]
-    assert [c.depth for c in report.contacts] == [0, 0]
 
 
 def test_bodies_that_stand_on_each_other_somewhere_touch_too():
