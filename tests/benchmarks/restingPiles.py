@@ -24,17 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from benchmarkPiles import Material, MuJoCoRun, PyBulletRun, make_scene
-from oracles import (
-    BOX,
-    body,
-    box_body,
-    ground,
-    penetrations,
-    quaternion,
-    restore,
-    rotation,
-    state_of,
-)
+from oracles import BOX, body, box_body, ground, penetrations, restore, rotation, state_of
 
 from rbs.scenes.scenefiles import DATA_FOLDER, load_scene_file
 from rbs.scenes.simulation import Settings, Simulation
@@ -145,17 +135,6 @@ def arch():
     seconds = pile.run(1500)
     milliseconds = 1e3 * np.median(seconds)
     pile.tell(f"arch of 15 wedges, 1500 steps, {milliseconds:.2f} ms each", "speed 1e-6")
-    cards = []
-    for side in (-1, 1):
-        q = quaternion((0, 0, 1), 60 * side)
-        card = box_body(8, 0.2, 5, (0, 0, 0), orientation=q)
-        low, high = card.currVertices.min(axis=0), card.currVertices.max(axis=0)
-        inner = low[0] if side < 0 else high[0]
-        card.position = np.array([[-inner, -low[1], 0.0]])
-        cards.append(card)
-    pile = Pile(cards)
-    pile.run(500)
-    pile.tell("two cards leaning at 60°", "stands")
 
 
 # Milliseconds a step that another simulator in Python takes for such builds on a machine like those
@@ -218,29 +197,6 @@ def asleep(count=1000):
     tell("a blow on the top", f"{before - pile.state.sleep.isAsleep.sum()} wake", "some")
 
 
-def constraints():
-    for name in ("net", "bridge"):
-        simulation = Simulation(
-            DATA_FOLDER / f"{name}-scene.txt",
-            Settings(0.0, TIME_STEP, friction=FRICTION, contactSolver="soft-step"),
-        )
-        start = simulation.kinetic_energy() + simulation.potential_energy()
-        rise, violations, seconds = -np.inf, [], []
-        for _ in range(1000):
-            begin = time.process_time()
-            simulation.step()
-            seconds.append(time.process_time() - begin)
-            energy = simulation.kinetic_energy() + simulation.potential_energy()
-            rise = max(rise, (energy - start) / abs(start))
-            violations.append(simulation.largest_violation())
-        tell(
-            f"{name}, 1000 steps",
-            f"energy rises by {rise:.1e} at most, violation median {np.median(violations):.4f}, "
-            f"max {max(violations):.4f}, {1e3 * np.median(seconds):.1f} ms a step",
-            "no gain, 0.02, 0.1",
-        )
-
-
 def course(folder):
     """The coursework's scenes. What is round rolls on, and what hangs swings on, beyond the end:
     there is no rolling resistance and no air."""
@@ -301,7 +257,7 @@ def compare(meshes, rows, arrays, title, steps=60):
     )
 
 
-ROWS = {f.__name__: f for f in (stack, pyramid, masses, arch, masonry, heap, asleep, constraints)}
+ROWS = {f.__name__: f for f in (stack, pyramid, masses, arch, masonry, heap, asleep)}
 
 
 def main():

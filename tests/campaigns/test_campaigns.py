@@ -48,18 +48,6 @@ def too_tolerant(patch):
     patch.setattr(GJK, "TOUCH_TOLERANCE", 1e-2)
 
 
-def unsigned_zeros(patch):
-    """The formula of friction as it was: it leaves -0.0 alone where nothing is pressed."""
-    friction = RBSFunctions.apply_friction
-
-    def leaving(body1, body2, arm1, arm2, normal, limit):
-        if limit <= 0.0:
-            return RBSFunctions.NO_FRICTION
-        return friction(body1, body2, arm1, arm2, normal, limit)
-
-    patch.setattr(RBSFunctions, "apply_friction", leaving)
-
-
 def forgetful(patch):
     """A solver state that is saved without its impulses."""
     arrays = SolverState.arrays
@@ -87,7 +75,6 @@ def a_kept_box(patch):
     ("name", "fault", "cases"),
     [
         ("pairs", too_tolerant, range(300)),
-        ("bits", unsigned_zeros, range(60)),
         ("bits", forgetful, range(30)),
         ("changes", a_kept_box, range(10)),
     ],

@@ -6,7 +6,7 @@ import sys
 import heapCampaign
 import numpy as np
 import pytest
-from oracles import box_body, outcome, quaternion, state_of
+from oracles import box_body, outcome, quaternion
 
 import rbs.stepping.batches
 from rbs.geometry.broadphase import grid_overlaps
@@ -136,9 +136,9 @@ def test_a_body_beyond_its_margin_is_not_missed(monkeypatch):
     """With next to no margin, pairs are missed, and the pass is made again."""
     monkeypatch.setattr(rbs.stepping.batches, "LEAST_MARGIN", 1e-9)
     monkeypatch.setattr(rbs.stepping.batches, "memory_of", rbs.stepping.batches.Memory)
-    with heapCampaign.Counts() as counted:
+    with heapCampaign.counting() as counted:
         assert assert_same_motion(DATA_FOLDER / "tower-scene.txt", 150, 0.5) > 10
-    assert counted.passes > 150 + 20
+    assert counted["passes"] > 150 + 20
 
 
 @pytest.mark.parametrize("side", [1e2, 1e10])
@@ -172,20 +172,6 @@ def test_bodies_thrown_far_out_of_a_huge_one_leave_those_that_they_touched(side,
     assert max(anew) > 10  # many at once, in the grid's batches
 
 
-def test_a_body_pushed_into_one_that_was_far_hits_it_in_the_same_step():
-    """Cubes of 2: the first, fixed, pushes the second by 0.5, over a gap of 0.3, into the third.
-
-    Those two part by 0.1 each.
-    """
-    x = [0.0, 1.5, 3.8]
-    cubes = [box_body(2.0, 2.0, 2.0, (x[k], 0.0, 0.0), isFixed=k == 0) for k in range(3)]
-    contacts = run_timestep(cubes, None, 1e-6, 0.0, broadPhase="grid").contacts
-    assert [(contact.body1, contact.body2) for contact in contacts] == [(0, 1), (1, 2)]
-    assert [contact.depth for contact in contacts] == pytest.approx([0.5, 0.2])
-    moved = [m.position[0, 0] for m in cubes]
-    assert moved == pytest.approx([0.0, 1.9, 3.9])
-
-
 @pytest.mark.parametrize("isPushedFirst", [True, False])
 def test_a_body_pushed_over_a_gap_within_its_box_hits_in_the_same_step(isPushedFirst):
     """Seen from above, a square beside a diamond: their boxes overlap, they are 0.41 apart.
@@ -204,27 +190,6 @@ def test_a_body_pushed_over_a_gap_within_its_box_hits_in_the_same_step(isPushedF
     assert [(contact.body1, contact.body2) for contact in contacts] == [(0, k), (1, 2)]
     gap = (2.0 - np.sqrt(2)) / np.sqrt(2)
     assert [contact.depth for contact in contacts] == pytest.approx([0.8, 0.8 - gap])
-
-
-def test_what_is_remembered_of_pairs_changes_no_bit(monkeypatch):
-    """A scene that forgets everything after each step moves as one that remembers."""
-    remembering = load_scene_file(DATA_FOLDER / "stress-scene.txt")
-    forgetting = load_scene_file(DATA_FOLDER / "stress-scene.txt")
-    known = []
-    original = rbs.stepping.batches.Memory.axes
-
-    def watched(self, keys):
-        axes = original(self, keys)
-        known.append(int(axes.any(axis=0).sum()))
-        return axes
-
-    monkeypatch.setattr(rbs.stepping.batches.Memory, "axes", watched)
-    for _ in range(200):
-        run_timestep(remembering, make_ground(), 0.02, 0.5, broadPhase="grid")
-        rbs.stepping.batches.memory_of(tuple(forgetting)).__init__(forgetting)
-        run_timestep(forgetting, make_ground(), 0.02, 0.5, broadPhase="grid")
-        assert np.array_equal(state_of(remembering), state_of(forgetting))
-    assert sum(known) > 500 and known.count(0) >= 200
 
 
 def test_piles_are_made_as_asked():

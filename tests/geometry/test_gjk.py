@@ -11,8 +11,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from oracles import (
     IDENTITY,
     SHAPES,
@@ -350,25 +348,6 @@ def test_lattice_clouds():
 # --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", SHAPES)
-def test_identical_copies_part_by_their_least_width(name):
-    # Concentric copies A of a hull: A - A is symmetric, and its nearest facet is as far away as
-    # the hull is wide across its narrowest direction.
-    for q in (IDENTITY, *random_quaternions(np.random.default_rng(1), 3)):
-        points = turned(vertices_of(name), q)
-        result = GJK.is_collide(points, points.copy())
-        assert_contact(points, points, result, depth=minkowski_depth(points, points)[0])
-        expected = {
-            "box": 6.0,
-            "octahedron": 2 * 3.4 / np.sqrt(3),
-            # 1/√(1/10.4² + 1/10.4² + 1/1.4²) from the centre to a face
-            "long-octahedron": 2 / np.sqrt(2 / 10.4**2 + 1 / 1.4**2),
-            "cylinder": 10 * np.cos(np.pi / 20),  # across opposite sides of the 20-gon
-        }.get(name)
-        if expected is not None:
-            assert result[1] == pytest.approx(expected, rel=1e-9)
-
-
 # --------------------------------------------------------------------------------------------------
 # Thin
 # --------------------------------------------------------------------------------------------------
@@ -485,35 +464,6 @@ def test_box_turned_about_the_vertical_on_a_box(degrees, shift):
     # from the other side the patch is the same, and its point is on the rectangle
     swapped = GJK.is_collide(upper, lower)
     assert_contact(upper, lower, swapped, depth=0.1, position=[[x, 3, z]])
-
-
-# --------------------------------------------------------------------------------------------------
-# Laws
-# --------------------------------------------------------------------------------------------------
-
-coordinate = st.floats(-1, 1)
-# solid by four points that are there in any case
-cloud = st.lists(st.tuples(coordinate, coordinate, coordinate), max_size=10).map(
-    lambda rows: np.array([*rows, *0.1 * vertices_of("tetrahedron")])
-)
-
-
-@settings(max_examples=60, derandomize=True, deadline=None)
-@given(cloud, cloud, st.integers(0, 10**6), st.floats(-3, 3))
-def test_depth_goes_with_the_bodies(points1, points2, seed, exponent):
-    """Turned, scaled and moved together, hulls collide as before; the depth scales with them."""
-    before = GJK.is_collide(points1, points2)
-    size = size_of(points1, points2)
-    if before[0]:
-        assert_contact(points1, points2, before)
-    rng = np.random.default_rng(seed)
-    q, scale, shift = random_quaternions(rng, 1)[0], 10**exponent, rng.normal(size=3)
-    moved = [(turned(points, q) + shift) * scale for points in (points1, points2)]
-    after = GJK.is_collide(*moved)
-    if before[0] and before[1] > 1e-12 * max(size, 1):
-        assert after[0] and abs(after[1] / scale - before[1]) < 1e-12 * max(size, 1)
-    elif not before[0] and after[0]:
-        assert after[1] < 1e-12 * scale * max(size, 1)
 
 
 def test_what_is_no_solid_point_set_is_refused():

@@ -11,7 +11,7 @@ RESTING = {"contactSolver": "soft-step", "friction": 0.5, "restitution": 0.0}
 
 
 def test_scenes_recommend_what_they_rest_with():
-    for name in {**CHECKS, "heap": None, "pile_1000": None}:
+    for name in (*CHECKS, "heap", "pile_1000"):
         values = recommended_values(SceneSource.of_files(DATA / f"{name}-scene.txt"))
         assert values == RESTING or name == "cradle", name
 

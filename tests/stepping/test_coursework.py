@@ -4,7 +4,7 @@ import inspect
 
 import numpy as np
 import pytest
-from oracles import DATA, IDENTITY, box_body, ground, quaternion, shape, state_of
+from oracles import DATA, box_body, ground, quaternion, state_of
 
 import RBSFunctions
 from RBSFunctions import Mesh, resolve_collision, run_timestep
@@ -66,32 +66,6 @@ def test_each_function_of_the_coursework_is_called_and_seen_in_the_motion(name, 
         states.append(state_of(meshes))
     assert len(calls) > 3 and np.array_equal(states[0], states[1])
     assert np.abs(states[0] - states[2]).max() > 0.01
-
-
-class Ball(Mesh):
-    """Collides as a ball about its COM, with other balls."""
-
-    radius = 2.0
-
-    def detect_collision(self, m):
-        t = m.position - self.position
-        distance = np.linalg.norm(t)
-        depth = self.radius + m.radius - distance
-        normal = t / distance
-        return depth >= 0.0, depth, normal, m.position - m.radius * normal
-
-
-def test_a_subclass_may_detect_its_own_collisions():
-    """Small tetrahedra, far apart by their boxes, that collide as the balls that they are."""
-    vertices, faces, tets = shape("tetrahedron")
-    positions = [(-5.0, 100.0, 0.0), (5.0, 100.0, 0.0)]
-    balls = [Ball("ball", 0.01 * vertices, faces, tets, 1.0, p, IDENTITY, False) for p in positions]
-    for ball, speed in zip(balls, (3.0, -3.0), strict=True):
-        ball.linVelocity = np.array([[speed, 0.0, 0.0]])
-    contacts = [len(run_timestep(balls, None, 0.02, 1.0).contacts) for _ in range(100)]
-    # equal masses and a central hit: they have exchanged their velocities
-    assert sum(contacts) > 0
-    assert [ball.linVelocity[0, 0] for ball in balls] == pytest.approx([-3.0, 3.0])
 
 
 @broadPhases
