@@ -27,7 +27,6 @@ from benchmarkPiles import Material, MuJoCoRun, PyBulletRun, make_scene
 from oracles import BOX, body, box_body, ground, penetrations, restore, rotation, state_of
 
 from rbs.scenes.scenefiles import DATA_FOLDER, load_scene_file
-from rbs.scenes.simulation import Settings, Simulation
 from rbs.softstep.step import SolverState
 from RBSFunctions import Mesh, run_timestep
 
@@ -129,14 +128,6 @@ def wedge(inner, outer, from_, to, width):
     return Mesh("wedge", corners, box.faces, tets, 1.0, centre, (1, 0, 0, 0), False)
 
 
-def arch():
-    edges = np.linspace(0, np.pi, 16)
-    pile = Pile([wedge(8, 11, a, b, 4) for a, b in zip(edges[:-1], edges[1:], strict=True)])
-    seconds = pile.run(1500)
-    milliseconds = 1e3 * np.median(seconds)
-    pile.tell(f"arch of 15 wedges, 1500 steps, {milliseconds:.2f} ms each", "speed 1e-6")
-
-
 # Milliseconds a step that another simulator in Python takes for such builds on a machine like those
 # that this was written on: RAINBOW of the University of Copenhagen, with its proximal Gauss-Seidel.
 MASONRY_PEER = {"arch of 12": 124.0, "tower of 67": 934.0, "dome of 44": 1180.0}
@@ -185,34 +176,13 @@ def asleep(count=1000):
     awake.state = SolverState.from_arrays(pile.state.arrays())
     seconds = np.array([(pile.run(1)[0], awake.run(1)[0]) for _ in range(100)])
     sleeping, awake = np.median(seconds[10:], axis=0)
-    tell(
-        f"heap of {count} asleep 10 s after step 600",
-        f"{100 * share:.1f} %, a step takes {sleeping / awake:.2f} of one awake",
-        "95 %, 0.3",
-    )
+    measured = f"{100 * share:.1f} %, a step takes {sleeping / awake:.2f} of one awake"
+    tell(f"heap of {count} asleep 10 s after step 600", measured, "95 %, 0.3")
     top = int(pile.positions()[:, 1].argmax())
     before = pile.state.sleep.isAsleep.sum()
     meshes[top].push(20.0 * meshes[top].mass * np.array([1.0, -1.0, 0.0]), meshes[top].position)
     pile.run(50)
     tell("a blow on the top", f"{before - pile.state.sleep.isAsleep.sum()} wake", "some")
-
-
-def course(folder):
-    """The coursework's scenes. What is round rolls on, and what hangs swings on, beyond the end:
-    there is no rolling resistance and no air."""
-    for path in sorted(Path(folder).glob("*-scene.txt")):
-        settings = Settings(0.0, TIME_STEP, friction=FRICTION, contactSolver="soft-step")
-        simulation = Simulation(path, settings)
-        for _ in range(1000):
-            simulation.step()
-        moving = [
-            f"{m.name} {speed:.2f}"
-            for m in simulation.meshes
-            if (speed := np.linalg.norm(m.linVelocity)) > 1e-3
-        ]
-        low, _ = simulation.lowest_point()
-        state = f"{len(moving)} still move: {', '.join(moving[:4])}" if moving else "rests"
-        tell(path.name, f"{state}; lowest point {low:.4f}", "rests, -0.05")
 
 
 def peers(sizes):
@@ -236,9 +206,8 @@ def compare(meshes, rows, arrays, title, steps=60):
     bullet, mujoco = PyBulletRun(scene, material), MuJoCoRun(scene, material, solver="cg")
     for k, m in enumerate(meshes):
         linear, angular = m.linVelocity[0], m.angVelocity[0]
-        bullet.pybullet.resetBaseVelocity(
-            k + 1, linear.tolist(), angular.tolist(), physicsClientId=bullet.client
-        )
+        motion = linear.tolist(), angular.tolist()
+        bullet.pybullet.resetBaseVelocity(k + 1, *motion, physicsClientId=bullet.client)
         mujoco.data.qvel[6 * k : 6 * k + 3] = linear  # a free joint turns in the body's frame
         mujoco.data.qvel[6 * k + 3 : 6 * k + 6] = rotation(m.orientation).inv().apply(angular)[0]
     times = {"own": [], "PyBullet": [], "MuJoCo CG": []}
@@ -250,34 +219,24 @@ def compare(meshes, rows, arrays, title, steps=60):
     bullet.pybullet.disconnect(bullet.client)
     medians = {name: 1e3 * np.median(seconds[10:]) for name, seconds in times.items()}
     ratios = [f"{medians['own'] / medians[name]:.2f} of {name}" for name in list(times)[1:]]
-    print(
-        f"{title:<44} {', '.join(f'{name} {ms:.2f} ms' for name, ms in medians.items())}: "
-        f"{', '.join(ratios)}",
-        flush=True,
-    )
+    milliseconds = ", ".join(f"{name} {ms:.2f} ms" for name, ms in medians.items())
+    print(f"{title:<44} {milliseconds}: {', '.join(ratios)}", flush=True)
 
 
-ROWS = {f.__name__: f for f in (stack, pyramid, masses, arch, masonry, heap, asleep)}
+ROWS = {f.__name__: f for f in (stack, pyramid, masses, masonry, heap, asleep)}
 
 
 def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument(
-        "rows",
-        metavar="ROW",
-        nargs="*",
-        choices=[[], *ROWS, "peers"],
-        help=f"of {', '.join(ROWS)}, peers",
-    )
+    names = [*ROWS, "peers"]
+    text = f"of {', '.join(names)}"
+    parser.add_argument("rows", metavar="ROW", nargs="*", choices=[[], *names], help=text)
     parser.add_argument("--sizes", nargs="+", type=int, default=[200, 1000], metavar="N")
-    parser.add_argument("--scenes", type=Path, metavar="FOLDER", help="runs its scenes too")
     options = parser.parse_args()
-    for name in options.rows or ([] if options.scenes else ROWS):
+    for name in options.rows or ROWS:
         peers(options.sizes) if name == "peers" else ROWS[name]()
-    if options.scenes:
-        course(options.scenes)
 
 
 if __name__ == "__main__":

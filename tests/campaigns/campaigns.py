@@ -45,10 +45,6 @@ EPS = np.finfo(float).eps
 MOST_FAILURES = 20
 
 
-# --------------------------------------------------------------------------------------------------
-# Pairs
-# --------------------------------------------------------------------------------------------------
-
 # Shapes of so few vertices that whole-number arithmetic takes milliseconds; the others are judged
 # by Qhull.
 FEW = ("tetrahedron", "box", "octahedron", "long-octahedron")
@@ -168,10 +164,6 @@ def pairs(rng, counts):
         found.append("the point is not at the lowest feature of hull 2")
     return found
 
-
-# --------------------------------------------------------------------------------------------------
-# Same bits
-# --------------------------------------------------------------------------------------------------
 
 # Coordinates on a lattice, with zeros of either sign.
 LATTICE = (-0.0, 0.0, 1.5, -1.5, 3.0)
@@ -310,11 +302,6 @@ def soft_step_bits(rng, counts, scene):
             counts["refused in words"] += 1
             break
     return []
-
-
-# --------------------------------------------------------------------------------------------------
-# Meshes changed between steps
-# --------------------------------------------------------------------------------------------------
 
 
 def changes(rng, counts):

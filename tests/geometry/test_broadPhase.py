@@ -76,11 +76,6 @@ def test_what_has_no_box_is_in_no_pair():
     assert grid_overlaps(np.zeros((6, 0)), np.zeros(0, bool)).shape == (2, 0)
 
 
-# --------------------------------------------------------------------------------------------------
-# Batches of contacts
-# --------------------------------------------------------------------------------------------------
-
-
 def test_batches_keep_the_order_of_pairs_that_share_a_moving_body():
     rng = np.random.default_rng(4)
     isFixed = rng.random(40) < 0.2

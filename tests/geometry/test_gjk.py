@@ -86,10 +86,6 @@ def assert_apart(result):
     assert np.array_equal(normal, np.zeros((1, 3))) and np.array_equal(point, np.zeros((1, 3)))
 
 
-# --------------------------------------------------------------------------------------------------
-# The oracle, over all pairs of shapes
-# --------------------------------------------------------------------------------------------------
-
 PAIRS_OF_EACH_COMBINATION = 25
 COMBINATIONS = list(itertools.combinations_with_replacement(SHAPES, 2))
 KINDS = ("random rotations", "the same rotation", "no rotation", "quarter turns", "along an axis")
@@ -230,6 +226,10 @@ def test_gjk_finds_an_axis_exactly_where_there_is_one(sweep):
 
 UP = np.array([0.0, 1.0, 0.0])
 HALF = np.sqrt(0.5)
+# A beam edge upwards, along x and along z; the tips of an octahedron.
+BEAM = turned(box(4, 2, 2), quaternion([1, 0, 0], 45))
+CROSSED = turned(box(2, 2, 4), quaternion([0, 0, 1], 45))
+TIPS = vertices_of("octahedron") / 3.4
 
 # name: (hull 1, hull 2 such that they touch, the direction to part them by)
 KISSES = {
@@ -237,27 +237,11 @@ KISSES = {
     "face on face, flush sides": (box(4, 2, 6), box(4, 2, 6) + [0, 2, 0], UP),
     "faces that share an edge only": (box(2, 2, 2), box(2, 2, 2) + [2, 2, 0], UP + [1, 0, 0]),
     "faces that share a corner only": (box(2, 2, 2), box(2, 2, 2) + [2, 2, 2], np.ones(3)),
-    "edges crossed": (
-        turned(box(4, 2, 2), quaternion([1, 0, 0], 45)),
-        turned(box(2, 2, 4), quaternion([0, 0, 1], 45)) + 2 * np.sqrt(2) * UP,
-        UP,
-    ),
-    "parallel edges": (
-        turned(box(4, 2, 2), quaternion([1, 0, 0], 45)),
-        turned(box(4, 2, 2), quaternion([1, 0, 0], 45)) + 2 * np.sqrt(2) * UP + [1, 0, 0],
-        UP,
-    ),
-    "corner on face": (box(8, 2, 8), vertices_of("octahedron") / 3.4 + 2 * UP, UP),
-    "corner on corner": (
-        vertices_of("octahedron") / 3.4,
-        vertices_of("octahedron") / 3.4 + 2 * UP,
-        UP,
-    ),
-    "edge on face": (
-        box(8, 2, 8),
-        turned(box(2, 2, 4), quaternion([0, 0, 1], 45)) + (1 + np.sqrt(2)) * UP,
-        UP,
-    ),
+    "edges crossed": (BEAM, CROSSED + 2 * np.sqrt(2) * UP, UP),
+    "parallel edges": (BEAM, BEAM + 2 * np.sqrt(2) * UP + [1, 0, 0], UP),
+    "corner on face": (box(8, 2, 8), TIPS + 2 * UP, UP),
+    "corner on corner": (TIPS, TIPS + 2 * UP, UP),
+    "edge on face": (box(8, 2, 8), CROSSED + (1 + np.sqrt(2)) * UP, UP),
 }
 
 
@@ -307,11 +291,8 @@ def test_closed_forms_on_a_lattice(name):
         outcomes["apart" if depth < 0 else "touching" if depth == 0 else "deep"] += 1
     # Cubes: 5³ of 7³ shifts meet, 3³ of them deep. Octahedra: the lattice has 129 points with
     # Σ |t_k| ≤ 4 and 63 with ≤ 3, out of 9³.
-    assert outcomes == (
-        {"deep": 27, "touching": 98, "apart": 218}
-        if name == "box"
-        else {"deep": 63, "touching": 66, "apart": 600}
-    )
+    expected = {"box": (27, 98, 218), "octahedron": (63, 66, 600)}[name]
+    assert expected == tuple(outcomes[kind] for kind in ("deep", "touching", "apart"))
 
 
 def test_lattice_clouds():
@@ -342,15 +323,6 @@ def test_lattice_clouds():
         outcomes["apart" if depth < -1e-12 else "touching" if depth < 1e-12 else "deep"] += 1
     assert min(outcomes[name] for name in ("apart", "touching", "deep", "flat")) > 15
 
-
-# --------------------------------------------------------------------------------------------------
-# Deep inside
-# --------------------------------------------------------------------------------------------------
-
-
-# --------------------------------------------------------------------------------------------------
-# Thin
-# --------------------------------------------------------------------------------------------------
 
 SIGNS = np.array(list(itertools.product([-1.0, 1.0], repeat=3)))
 
@@ -418,12 +390,11 @@ def test_edges_on_faces_and_on_edges():
     assert_contact(table, beam, GJK.is_collide(table, beam), 0.01, (0, 0.99, 3.5))
     assert_contact(beam, table, GJK.is_collide(beam, table), 0.01, (0, 1.0, 3.5))
     # Beams 4 long, edge on edge, the upper one shifted by 1: they share [-1, 2].
-    beam = turned(box(4, 2, 2), quaternion([1, 0, 0], 45))
-    result = GJK.is_collide(beam, beam + [1, 2 * root, 0])
-    assert_contact(beam, beam + [1, 2 * root, 0], result, 0, (0.5, root, 0))
+    result = GJK.is_collide(BEAM, BEAM + [1, 2 * root, 0])
+    assert_contact(BEAM, BEAM + [1, 2 * root, 0], result, 0, (0.5, root, 0))
     # crossed: edge 1 is at z = 0, edge 2 at x = 0.7, and 0.02 lower
-    other = turned(box(2, 2, 4), quaternion([0, 0, 1], 45)) + [0.7, 2 * root - 0.02, 0.3]
-    assert_contact(beam, other, GJK.is_collide(beam, other), 0.02, (0.7, root - 0.02, 0))
+    other = CROSSED + [0.7, 2 * root - 0.02, 0.3]
+    assert_contact(BEAM, other, GJK.is_collide(BEAM, other), 0.02, (0.7, root - 0.02, 0))
 
 
 def overlap_of(polygon1, polygon2):

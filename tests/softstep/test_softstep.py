@@ -91,11 +91,6 @@ def test_whatever_is_raised_leaves_the_solver_as_it_was(where, monkeypatch):
     assert all(np.array_equal(values, kept[name]) for name, values in state.arrays().items())
 
 
-# --------------------------------------------------------------------------------------------------
-# Manifolds
-# --------------------------------------------------------------------------------------------------
-
-
 def manifold(mesh1, mesh2, normal, depth):
     """`(point1 (P, 3), point2 (P, 3))` of two bodies, in the world."""
     hulls = HullSet([mesh1.hull, mesh2.hull])
@@ -147,11 +142,6 @@ def test_the_deepest_point_is_always_in_the_manifold():
         assert np.allclose(point2 - point1, along[:, None] * normal, atol=1e-9)
         assert 1 <= len(point1) <= 4
     assert 40 < met < 120
-
-
-# --------------------------------------------------------------------------------------------------
-# Physics
-# --------------------------------------------------------------------------------------------------
 
 
 def test_free_flight_over_substeps_is_that_of_gravity():
@@ -382,11 +372,6 @@ def test_bounds_that_coincide_hold_a_distance_both_ways():
     assert worst < 0.02 and bob.position[0, 1] < 50
 
 
-# --------------------------------------------------------------------------------------------------
-# Another time step
-# --------------------------------------------------------------------------------------------------
-
-
 def largest_motion(meshes, state, seconds, **options):
     """The largest speed that a body comes to, and how far the bodies come at most."""
     start, speed, way = positions(meshes), 0.0, 0.0
@@ -428,11 +413,6 @@ def test_bodies_in_each_other_part_whatever_the_time_step_was():
     assert penetrations(meshes).max(initial=0.0) < 0.01
 
 
-# --------------------------------------------------------------------------------------------------
-# The same bits
-# --------------------------------------------------------------------------------------------------
-
-
 def test_what_is_saved_and_restored_goes_on_with_the_same_bits():
     meshes = some_heap()
     state, _ = simulate(meshes, 170)
@@ -460,11 +440,6 @@ def test_a_recording_can_be_verified_and_resumed_anywhere(tmp_path):
     for step in range(151, 181):
         again.step()
         assert np.array_equal(again.state()["positions"], later.frame(step)["positions"])
-
-
-# --------------------------------------------------------------------------------------------------
-# Sleeping
-# --------------------------------------------------------------------------------------------------
 
 
 def sleeping_stack(count=3):

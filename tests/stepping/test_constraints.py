@@ -493,11 +493,6 @@ def test_batches_end_as_close_as_the_sweep_in_the_same_visits():
     assert max(worst) < 2.2
 
 
-# --------------------------------------------------------------------------------------------------
-# A pendulum
-# --------------------------------------------------------------------------------------------------
-
-
 def slow_swing(rod, drop, inertia):
     """Of a body on a rod: `(period, α/β)` of the slower of its two small oscillations.
 
@@ -573,11 +568,6 @@ def test_pendulum_has_the_period_of_its_linearised_equations(case):
     # It swings on: the corrections cost amplitude, but less than a quarter of it in 3.3 periods.
     last = x[-round(period / H) :]
     assert 0.75 * x[0] < np.abs(last).max() < 1.01 * x[0]
-
-
-# --------------------------------------------------------------------------------------------------
-# Through the files
-# --------------------------------------------------------------------------------------------------
 
 
 def test_a_cube_of_tied_bodies_falls_as_one():

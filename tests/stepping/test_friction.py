@@ -35,11 +35,6 @@ def throw(mesh, linVelocity, angVelocity=(0, 0, 0)):
     return mesh
 
 
-# --------------------------------------------------------------------------------------------------
-# Single contacts
-# --------------------------------------------------------------------------------------------------
-
-
 def random_pair(rng, k):
     """Two meshes of any size and density that move at random; of every third pair one is fixed.
 
@@ -107,10 +102,6 @@ def across(vectors, normal):
     """The vectors (n, 3) without their parts along the unit normals."""
     return vectors - (vectors * normal).sum(axis=1, keepdims=True) * normal
 
-
-# --------------------------------------------------------------------------------------------------
-# Sliding on level ground
-# --------------------------------------------------------------------------------------------------
 
 # What a box slides on: the ground, or a fixed body, before or after it in the list.
 FLOORS = ("ground", "body before", "body after")

@@ -145,11 +145,6 @@ def test_tumbling_box_on_the_ground(e):
     assert hits >= 3 and np.abs(w).max() > 0.5
 
 
-# --------------------------------------------------------------------------------------------------
-# One contact: resolve_collision
-# --------------------------------------------------------------------------------------------------
-
-
 def kinetic_energy(states, masses, tensors):
     """states : (2, 13). tensors : of the bodies, in world axes; nothing for a mass of 0."""
     v, w = states[:, 7:10], states[:, 10:]
@@ -231,11 +226,6 @@ def test_a_corner_hit_in_numbers():
     assert twin.position[0] == pytest.approx([0, 0.5, 0], abs=1e-15)
     assert twin.linVelocity[0] == pytest.approx([0, -5, 0], abs=1e-14)
     assert twin.angVelocity[0] == pytest.approx([-9, 0, 9], abs=1e-13)
-
-
-# --------------------------------------------------------------------------------------------------
-# The order of a step, by a literal loop
-# --------------------------------------------------------------------------------------------------
 
 
 def literal_step(meshes, groundMesh, timeStep, e, closingOnly=False):
