@@ -47,7 +47,7 @@ WINDOWS = ["200-300", "500-600"]
 
 
 class Material(NamedTuple):
-    """What bodies are made of, and the ground too."""
+    """The material of all bodies and of the ground."""
 
     friction: float  # Coulomb's μ
     restitution: float
@@ -249,7 +249,7 @@ def row_of(kind, count, material, name, window, kept):
 
 
 def group_of(row):
-    """What rows have in common that stand in one plot."""
+    """The columns by which rows are compared."""
     return row["kind"], row["material"], row["steps"]
 
 

@@ -1,9 +1,9 @@
-"""What the basic step does that bodies do not: its known limits, in numbers.
+"""Measures the known limits of the basic step.
 
     python tests/benchmarks/limits.py [NAME …]
 
 Each as the coursework has it, with --closing-only, and with --solver soft-step. README.md has this
-table and says what is measured, and a test runs some of it again.
+table and describes each row; a test repeats some of it.
 """
 
 import argparse
@@ -57,7 +57,7 @@ def spin_left(**settings):
 
 
 def depth_below_ground(steps, isPassedAgain=False, **settings):
-    """How deep the lowest vertex of the cube scene lies, at most and in the last fifth, as text.
+    """Depth of the cube scene's lowest vertex, at most and in the last fifth, as text.
 
     isPassedAgain : whether every body that is in the ground after a step is lifted out of it
     """

@@ -1,12 +1,12 @@
-"""What the soft-step solver holds up: `python tests/benchmarks/restingPiles.py [ROW ...]`.
+"""Measures how piles rest with the soft-step solver.
 
     python tests/benchmarks/restingPiles.py                       all rows but the peers
     python tests/benchmarks/restingPiles.py stack pyramid         these rows
     python tests/benchmarks/restingPiles.py peers --sizes 200     PyBullet and MuJoCo as well
 
 Bodies have friction 0.5 and restitution 0, a step is 0.02 s, and sleeping is off unless a row is
-about it. Boxes are those of data/box.mesh, 12 × 6 × 8, or cubes of 2. Each line tells what was
-measured, and what was to be reached. Penetration is measured on the final poses by the hull of the
+about it. Boxes are those of data/box.mesh, 12 × 6 × 8, or cubes of 2. Each line gives what was
+measured and the goal. Penetration is measured on the final poses by the hull of the
 Minkowski difference (tests/oracles.py), not by the solver's own test.
 """
 

@@ -1,4 +1,4 @@
-"""README's numbers of what the basic step does wrong are those that limits.py measures."""
+"""The README's table of limits has the numbers that limits.py measures."""
 
 import re
 
@@ -9,7 +9,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def test_readme_has_what_is_measured():
-    """Of what takes seconds."""
+    """Repeats the rows that take seconds."""
     rows = {name: re.findall(rf"^\| {name} \| .* \|$", README, re.MULTILINE) for name in NAMES}
     assert {len(found) for found in rows.values()} == {1}
     assert all(row.count(" | ") == len(WAYS) for (row,) in rows.values())

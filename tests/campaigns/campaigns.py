@@ -271,7 +271,7 @@ def bits(rng, counts):
 
 
 def differences(where, one, other):
-    """What two outcomes of `RandomScene.step` do not have in common, as a list of complaints."""
+    """Differences of two outcomes of `RandomScene.step`, as a list of complaints."""
     parts = [part for part, a, b in zip(("state", "report"), one, other, strict=True) if a != b]
     return [f"{where}: the {' and '.join(parts)} differ"] if parts else []
 

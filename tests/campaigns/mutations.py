@@ -111,7 +111,7 @@ rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)
     np.where(areas[third] < 0, 1.0, -1.0) -> np.where(areas[third] < 0, -1.0, 1.0)
 rbs/softstep/manifolds.py: normal at a ridge, a sign (softstep)
     normal[:, ridge] + weight[other] -> normal[:, ridge] - weight[other]
-rbs/softstep/sleeping.py: waking, a lost contact wakes nobody (softstep)
+rbs/softstep/sleeping.py: waking, a lost contact wakes no body (softstep)
     isStirred[lost] = True -> isStirred[lost] = False
 rbs/softstep/springs.py: soft contact, a coefficient (softstep)
     a2 = self._angle * a1 -> a2 = self._angle

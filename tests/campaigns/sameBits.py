@@ -4,7 +4,7 @@
 
 Scenes are files or names; without any, all those of data/ apart from the largest pile are run. A
 scene's constraints are used. Prints a line a scene; exit code 1 if one differs, in the state or in
-what the step tells of its contacts.
+the contacts that the step reports.
 """
 
 import argparse

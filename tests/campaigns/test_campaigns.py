@@ -80,7 +80,7 @@ def a_kept_box(patch):
     ],
 )
 def test_a_fault_is_noticed(name, fault, cases, monkeypatch):
-    """In one of these cases, none of which fails without the fault."""
+    """One of the cases fails, and passes again without the fault."""
     for case in cases:
         with monkeypatch.context() as patch:
             fault(patch)
@@ -88,7 +88,7 @@ def test_a_fault_is_noticed(name, fault, cases, monkeypatch):
         if found:
             assert run_campaign(name, [case], math.inf, seed=1)[1] == []
             return
-    pytest.fail("nobody noticed")
+    pytest.fail("no case noticed the fault")
 
 
 def test_oracles_of_depth_agree():

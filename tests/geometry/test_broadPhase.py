@@ -97,7 +97,7 @@ def test_batches_keep_the_order_of_pairs_that_share_a_moving_body():
 
 
 def test_margins_change_no_bit_of_heaps_of_mixed_sizes():
-    """With small ones, passes are made, and facets searched, again and again."""
+    """Small margins cost repeated passes and searches for facets, and nothing else."""
     differing, contacts, (small, usual, large) = heapCampaign.compare(1, 20, 20)
     assert (
         differing == [] and contacts > 150 and small[0] > 2 * usual[0] and usual[0] > 1.2 * large[0]
@@ -128,7 +128,7 @@ def test_grid_gives_the_same_bits(name, options):
 
 
 def test_a_body_beyond_its_margin_is_not_missed(monkeypatch):
-    """With next to no margin, pairs are missed, and the pass is made again."""
+    """A margin near zero misses pairs, and the pass is repeated."""
     monkeypatch.setattr(rbs.stepping.batches, "LEAST_MARGIN", 1e-9)
     monkeypatch.setattr(rbs.stepping.batches, "memory_of", rbs.stepping.batches.Memory)
     with heapCampaign.counting() as counted:

@@ -111,7 +111,7 @@ def test_facets_have_the_same_bits_alone_and_in_a_batch(batch, cached, company, 
 
 
 def test_all_facets_of_a_pair_include_the_near_ones(batch):
-    """To the bit, in the same order; with all the others, they serve every translation."""
+    """The near facets are among all, bit by bit and in order; all of them serve any translation."""
     rng = np.random.default_rng(12)
     many = find_facets(batch.hulls, batch.first, batch.second, batch.t, batch.margin)
     more = compared = 0
@@ -137,7 +137,7 @@ def test_all_facets_of_a_pair_include_the_near_ones(batch):
 
 
 def test_a_cached_axis_changes_no_bit_of_a_collision(batch, cached):
-    """Whatever axes are tried first, a pair that meets has the same nearest facet."""
+    """A pair that meets has the same nearest facet whichever axes are tried first."""
     arguments = batch.hulls, batch.first, batch.second, batch.t, batch.margin
     one, other = find_facets(*arguments), find_facets(*arguments, cached)
     penetration1, normal1 = one.minimal_penetrations(batch.t)
@@ -246,7 +246,7 @@ def test_features_that_rounding_has_parted_meet_between_them(gap):
 
 
 def test_sides_in_line_that_do_not_meet_leave_nothing_beyond_their_ends():
-    """Of features in a plane, the overlap goes no further than either of them."""
+    """The overlap of features in a plane is within both of them."""
     rng = np.random.default_rng(5)
     for angle in rng.uniform(0.0, 2.0 * np.pi, size=200):
         (c, s), (u0, u1, u2) = (np.cos(angle), np.sin(angle)), rng.uniform(0.1, 1.0, size=3)

@@ -36,7 +36,7 @@ def as_quaternions(matrices):
 
 @pytest.mark.parametrize("n", [0, 1, 1000])
 def test_products_conjugates_and_inverses(rng, n):
-    """Of any length, not only unit quaternions; products are those of complex matrices."""
+    """Quaternions of any length multiply as complex matrices do."""
     p, q = rng.normal(size=(2, n, 4))
     result = QMult(p, q)
     assert result.shape == (n, 4) and result.dtype == np.float64

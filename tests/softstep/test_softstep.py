@@ -72,7 +72,7 @@ def some_heap(seed=3, count=7):
 
 @pytest.mark.parametrize("where", ["detect", "check_numbers"])
 def test_whatever_is_raised_leaves_the_solver_as_it_was(where, monkeypatch):
-    """Also after a body has been added, which the step has to make room for."""
+    """A body has been added before, which the step has to make room for."""
     meshes = some_heap(count=5)
     state, _ = simulate(meshes, 100)
     meshes.append(box_body(2, 2, 2, (0, 60, 0)))

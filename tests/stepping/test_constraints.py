@@ -174,7 +174,7 @@ def vertex(meshes, mesh, index):
 
 
 def violations(meshes, constraints):
-    """By how much each bound is exceeded (C,), 0 where it is not."""
+    """Excess over each bound (C,), 0 if the bound holds."""
     rows = []
     for m1, v1, m2, v2, refValue, upper in constraints:
         C = np.linalg.norm(vertex(meshes, m1, v1) - vertex(meshes, m2, v2)) - refValue
@@ -221,7 +221,7 @@ def test_coincident_points_are_parted_along_y(fixed):
 @schedulings
 def test_a_rope_of_no_length_holds(scheduling):
     # A cube hangs by a corner from the corner of a fixed one; after a first correction the two
-    # coincide but for rounding, and the direction between them is anyone's.
+    # coincide but for rounding, and the direction between them is arbitrary.
     meshes = [box_body(1, 1, 1, (0, 50, 0), isFixed=True), box_body(1, 1, 1, (1.3, 48.8, 1))]
     constraints = [[0, 5, 1, 2, 0.0, False], [0, 5, 1, 2, 0.0, True]]
     assert 0.1 < np.linalg.norm(vertex(meshes, 0, 5) - vertex(meshes, 1, 2)) < 0.5
@@ -260,7 +260,7 @@ def tangle(rng, count=24, fixed=2):
 
 
 def can_be_corrected(meshes, row, tolerance=CONSTRAINT_TOLERANCE):
-    """Whether any motion of the bodies could make a visit of this constraint do something."""
+    """Returns whether some motion of the bodies would let a visit of this constraint act."""
     m1, _, m2, _, refValue, upper = row
     return (
         m1 != m2
@@ -310,7 +310,7 @@ def test_a_whole_sweep_at_least(scheduling, maxIterations):
     if scheduling != "batches":
         # In order: rope 0 pulls cube 1 all of its 0.5 to the left, for the other one is fixed.
         # Rope 1 is now 1 too long, and pulls cube 1 back by half of that, and cube 2 to the left
-        # by the other half. So do the next ones, up to cube 5, which nobody pulls back.
+        # by the other half. So do the next ones, up to cube 5, which is not pulled back.
         assert shift == pytest.approx([0, 0, 0, 0, 0, -0.5], abs=1e-12)
 
 
@@ -399,7 +399,7 @@ def load(name, scheduling="sweep"):
     "name, steps, share, ending", [("bridge", 60, 0.5, 0.4), ("two_chain", 80, 0.6, 0.7)]
 )
 def test_queue_and_sweep_agree_to_the_bit(name, steps, share, ending):
-    """In every step; and whenever a step ends before its visits are used up, every bound holds."""
+    """Every bound holds after a step that ends before its visits are used up."""
     sweep, queue = load(name), load(name, "queue")
     most = sweep.max_iterations()
     visits, ended, corrected = Counter(), 0, 0
@@ -464,10 +464,10 @@ def test_ties_to_one_fixed_body_are_one_batch(visitedBatches):
 
 
 def test_batches_end_as_close_as_the_sweep_in_the_same_visits():
-    """From the same state, with the same number of visits; what remains, as sum and at the worst.
+    """Compares the violations that remain after the same number of visits from the same state.
 
-    Batches leave about the same sum. It lies on the batches that were not the last, where the
-    sweep spreads it over all: the worst is up to twice as large.
+    Batches leave about the same sum. It lies on the batches before the last one, while the sweep
+    spreads it over all constraints, so the largest violation is up to twice as large.
     """
     simulation = load("bridge", "batches")
     for _ in range(44):  # until its ropes are taut
@@ -494,7 +494,7 @@ def test_batches_end_as_close_as_the_sweep_in_the_same_visits():
 
 
 def slow_swing(rod, drop, inertia):
-    """Of a body on a rod: `(period, α/β)` of the slower of its two small oscillations.
+    """`(period, α/β)` of the slower of the two small oscillations of a body on a rod.
 
     The rod, without mass, hangs from a fixed point and is turned by α; from its end the body hangs
     by a point `drop` away from its COM, along a line turned by β. The COM is at
@@ -534,7 +534,7 @@ def test_pendulum_has_the_period_of_its_linearised_equations(case):
     if rod < 0.1:  # all but the physical pendulum about its vertex
         about = 2 * np.pi * np.sqrt(((a * a + b * b) / 10 + b * b) / (G * b))
         assert period == pytest.approx(about, rel=0.01)
-    # A point of mass on a string of that length would be told apart.
+    # A point of mass on a string of that length would have another period.
     assert abs(2 * np.pi * np.sqrt((rod + b) / G) / period - 1) > 0.04
 
     beta = 0.05

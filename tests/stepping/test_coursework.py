@@ -1,4 +1,4 @@
-"""The default step is the coursework's text: whoever edits one of its functions sees it move."""
+"""The default step calls the coursework's functions, so a student who edits one sees its effect."""
 
 import inspect
 
@@ -70,7 +70,7 @@ def test_each_function_of_the_coursework_is_called_and_seen_in_the_motion(name, 
 
 @broadPhases
 def test_an_exception_leaves_the_meshes_as_they_were(broadPhase, monkeypatch):
-    """In the middle of the constraints, after collisions have been resolved."""
+    """The exception is raised within the constraints, after collisions have been resolved."""
     meshes = [
         box_body(2.0, 2.0, 2.0, (0.0, 0.9, 0.0), orientation=quaternion([0, 0, 1], 3)),
         box_body(2.0, 2.0, 2.0, (0.3, 2.8, 0.0)),

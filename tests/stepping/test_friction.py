@@ -53,7 +53,7 @@ def random_pair(rng, k):
 
 
 def test_friction_is_coulombs_at_random_contacts():
-    """Against the sliding, as much as stops it, but no more than μ times the normal impulse.
+    """The impulse of friction stops the sliding, up to μ times the normal impulse.
 
     What is expected are two opposite impulses at one point, across the normal. They conserve the
     momentum and the angular momentum, and take energy as long as they only slow the sliding.

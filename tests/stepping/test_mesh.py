@@ -31,13 +31,13 @@ ODD = [(0.37, 0.013), (1.9, 311.0)]
 
 
 def assembled(volume, centre, secondMoments):
-    """From V, the COM and S = ∫ x xᵀ about the origin: I = tr(C) 1 - C with C = S - V c cᵀ."""
+    """I = tr(C) 1 - C with C = S - V c cᵀ, from V, the COM c and S = ∫ x xᵀ about the origin."""
     C = secondMoments - volume * np.outer(centre, centre)
     return volume, centre, np.trace(C) * np.eye(3) - C
 
 
 def in_closed_form(name):
-    """Of the sizes in data/make_data.py. For a body with the mean squares x², y², z² about its COM
+    """Uses the sizes in data/make_data.py. For a body with mean squares x², y², z² about its COM
     that is symmetric enough, the tensor is V diag(y² + z², z² + x², x² + y²).
     """
     centre = np.zeros(3)
@@ -75,7 +75,7 @@ def by_quadrature(vertices, tets):
 
 
 def by_surface(vertices, faces):
-    """From the faces alone, by the divergence theorem: ∫ x_k² dV = ⅓ ∮ x_k³ n_k dA, and so on.
+    """Uses the faces alone, by the divergence theorem: ∫ x_k² dV = ⅓ ∮ x_k³ n_k dA, and so on.
 
     Every term is a polynomial of degree three over a triangle, for which this six-point rule
     (degree 4; Dunavant 1985) is exact. No tetrahedron is used.
@@ -154,8 +154,8 @@ def test_rotated_inverse_tensor_is_that_of_the_rotated_body(name):
         R = Q2RotMatrix(mesh.orientation)
         assert np.abs(world - R @ mesh.invIT @ R.T).max() < ROUNDING * np.abs(world).max()
         assert np.array_equal(world, world.T)
-        # … and by its meaning: a mesh built from the turned vertices, itself not turned. This is
-        # what tells R I⁻¹ Rᵀ from Rᵀ I⁻¹ R.
+        # … and by its meaning: a mesh built from the turned vertices, itself not turned. This
+        # distinguishes R I⁻¹ Rᵀ from Rᵀ I⁻¹ R.
         straight = Mesh(name, turned(vertices, q), faces, tets, 0.6, np.zeros(3), IDENTITY, False)
         assert np.abs(world - straight.invIT).max() < ROUNDING * np.abs(world).max()
 
@@ -195,7 +195,7 @@ def test_what_cannot_move_has_no_inverse_mass():
 
 
 def test_boxes_and_collisions_follow_position_and_orientation_each_by_itself():
-    """By assignment and in place: a box of 12 × 6 × 8 beside a small one, moved up or turned up."""
+    """Moves or turns a box of 12 × 6 × 8 beside a small one, by assignment and in place."""
     long, small = body("box"), box_body(1.0, 1.0, 1.0, (0.0, 5.5, 0.0))
     upright = quaternion([0, 0, 1], 90)
     flat, low = long.orientation.copy(), long.position.copy()

@@ -270,7 +270,7 @@ def small_scene():
     [(False, 100, "all"), (False, 100, "grid"), (True, 50, "grid")],
 )
 def test_a_step_is_the_literal_loop(closingOnly, steps, broadPhase):
-    """To the bit, the accelerated step as well as the default one."""
+    """Both the default and the accelerated step give the same bits as the loop."""
     fast, slow = small_scene(), small_scene()
     seen = Counter()
     for _ in range(steps):
@@ -336,7 +336,7 @@ def test_bodies_that_stand_on_each_other_somewhere_touch_too():
 
 @pytest.mark.parametrize("place", [0, 3])
 def test_a_mesh_without_vertices_in_the_list_is_nothing(place):
-    """Neither hit nor moved, and the others step as if it were not there, to the bit."""
+    """It is neither hit nor moved, and the others have the same bits as without it."""
 
     def three():
         return [
