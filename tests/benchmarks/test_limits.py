@@ -5,7 +5,7 @@ import re
 from limits import NAMES, WAYS, depth_below_ground, row_of
 from oracles import ROOT
 
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+README = "".join(path.read_text("utf-8") for path in (ROOT / "README.md", ROOT / "tests/README.md"))
 
 
 def test_readme_has_what_is_measured():
