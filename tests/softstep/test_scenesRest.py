@@ -1,4 +1,4 @@
-"""Scenes that suggest the soft-step solver: their suggestions, and some that stand, slide and swing."""
+"""Scenes that suggest the soft-step solver: suggestions, and some that stand, slide and swing."""
 
 import pytest
 from oracles import DATA
