@@ -169,12 +169,11 @@ def test_a_stack_rests_whatever_its_size_and_the_time_step(scale, timeStep):
     assert top_speed(meshes) < 0.01 * np.sqrt(-GRAVITY * scale)
 
 
-@pytest.mark.parametrize("factor", [1 / 64, 4.0])
-def test_nothing_depends_on_the_unit_of_length(factor):
+def test_nothing_depends_on_the_unit_of_length():
     """Lengths times s, times times √s and masses times s³ leave gravity as it is: with powers of
-    four, to the last bit. The bodies are 0.1 to 770 units long, the steps 1/480 to 1/7 s."""
+    four, to the last bit."""
     runs = []
-    for s in (1.0, factor):
+    for s in (1.0, 1 / 64):
         meshes = [
             body(m.name, s * m.position, m.orientation, density=m.density, size=s)
             for m in some_heap(seed=4, count=5)
@@ -324,9 +323,8 @@ def test_the_energy_of_bodies_that_fall_onto_each_other_stays_below_the_start():
     assert penetrations(meshes).max() < 0.2
 
 
-@pytest.mark.parametrize("seed", [3, 4])
-def test_elastic_bodies_that_hit_each_other_gain_no_energy_in_any_step(seed):
-    meshes, state, hits = some_heap(seed), SolverState(), 0
+def test_elastic_bodies_that_hit_each_other_gain_no_energy_in_any_step():
+    meshes, state, hits = some_heap(), SolverState(), 0
     energies = [energy(meshes)]
     for _ in range(400):
         report = simulate(meshes, 1, state, CRCoeff=1.0, mu=0.0)[1]
