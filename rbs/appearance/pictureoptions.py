@@ -4,7 +4,6 @@ The command line names these choices without importing what draws. From the top:
 options of a picture; the timing of a video.
 """
 
-import re
 from dataclasses import dataclass
 
 # Width and height in pixels where nobody asks for others.
@@ -25,8 +24,6 @@ OVERLAYS = (
 LOOKS = ("plain", "studio")
 # How much of what is behind a body is seen where bodies are see-through.
 SEEN_THROUGH = 0.55
-# The names of a series' pictures, with the number of the step.
-PICTURE_NAME = re.compile(r"frame_[0-9]{6,}\.png")
 VIDEO_ENDINGS = (".mp4", ".gif")
 # Pictures a second that a video has where nobody says: enough for motion to look smooth, and a
 # divisor of the usual 50 steps a second.
