@@ -24,7 +24,7 @@ VIDEOS = ("movement", "constraints", "friction", "scale", "resting")
 # folder of the code → files to include
 CODE = {
     ".": (*MODULES, "LICENSE", "pyproject.toml"),
-    "rbs": ("*.py",),
+    "rbs": ("**/*.py",),
     "data": ("*.mesh", "*.off", "*.txt", "*.data", "*.py"),
     "graders": ("*.py", "*.md", "*.ini"),
     "graders/released": ("*.py",),
