@@ -14,9 +14,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import referencePhysics as physics
-from gradingTools import DATA_DIRECTORY, EXACT, RELEASED_2024
-from referencePhysics import exact, unit
+from reference import referencePhysics as physics
+from reference.graderData import DATA_DIRECTORY, EXACT, RELEASED_2024
+from reference.referencePhysics import exact, unit
 
 SAMPLE_COUNT = 100
 

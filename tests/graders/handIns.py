@@ -327,7 +327,7 @@ def workers():
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         with suppress(OSError):
             words = path.read_bytes().split(b"\0")
-            if str(ROOT / "graders" / "worker.py").encode() in words:
+            if str(ROOT / "graders" / "isolated" / "worker.py").encode() in words:
                 found.append(int(path.parent.name))
     return found
 

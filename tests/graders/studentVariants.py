@@ -420,18 +420,12 @@ def first_samples(array, axes):
 def grades_of(edits, folder=DATA):
     """The Grades of a variant by each of the three graders, on the data in a folder."""
     with loaded(edits) as modules:
-        conventions = importlib.import_module("conventions")
-        gradeReport = importlib.import_module("gradeReport")
-        trials = importlib.import_module("trials")
+        bodies = importlib.import_module("verdict.bodies")
+        gradeReport = importlib.import_module("verdict.gradeReport")
         grades = []
         for name in GRADERS:
             grader, data = first_data(name, folder)
-            bodies = conventions.Bodies(*modules, data)
-            outcomes = []
-            for part in grader.asked(data, withExtras=True):
-                results = trials.Results(part.shapes, len(data["randomPositions"]), STUDENT)
-                part.run(bodies, data, part.samples(data), results)
-                outcomes.append((part, results))
+            outcomes = grader.judge(bodies.Bodies(*modules, data), data, STUDENT)
             grades.append(gradeReport.make_grade(grader, outcomes, data))
     return grades
 

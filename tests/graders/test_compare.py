@@ -14,7 +14,7 @@ from studentVariants import EARLY, HOSTILE, LOST, RIGHT, SMALL_TENSOR, VARIANTS,
 sys.path.insert(0, str(ROOT / "graders"))
 
 from compare import SCENES
-from stepComparison import RETURNED, Comparison
+from isolated.stepComparison import RETURNED, Comparison
 
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.scenes.simulation import Simulation

@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "graders"))
 
 import make_reference
-from gradingTools import (
+from reference.graderData import (
     COLLISION_LAYOUT,
     CONSTRAINT_LAYOUT,
     INTEGRATION_LAYOUT,

@@ -14,8 +14,8 @@ import Constraints
 import integrationGrading
 import make_reference
 import ResolveCollisionsGrading
-from gradingTools import EXACT, RELEASED_2024
-from hints import TABLE, explain, mistakes_of
+from reference.graderData import EXACT, RELEASED_2024
+from verdict.hints import TABLE, explain, mistakes_of
 
 GRADERS = [module.GRADER for module in (integrationGrading, ResolveCollisionsGrading, Constraints)]
 FUNCTIONS = {

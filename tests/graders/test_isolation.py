@@ -15,8 +15,8 @@ from studentVariants import HOSTILE, write_submission, write_zip
 
 sys.path.insert(0, str(ROOT / "graders"))
 
-import archives
-from archives import Entry, find_submissions, modules_of
+from isolated import archives
+from isolated.archives import Entry, find_submissions, modules_of
 
 from rbs.program.submissions import SubmissionError
 

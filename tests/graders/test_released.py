@@ -20,7 +20,7 @@ from oracles import COURSE, DATA, ROOT, needs_course
 
 sys.path.insert(0, str(ROOT / "graders"))
 
-from rigidModel import resolution, velocity_constraints
+from reference.rigidModel import resolution, velocity_constraints
 
 from RigidBodySimulation import load_constraint_file, load_mesh_file, load_scene_file
 

@@ -20,7 +20,7 @@ try:
 except ModuleNotFoundError:
     sys.exit("make_reference.py needs mpmath: pip install mpmath")
 
-from gradingTools import RELEASED_2024
+from reference.graderData import RELEASED_2024
 
 mp.dps = 50
 
