@@ -229,7 +229,7 @@ def main(arguments):
     passed = sum(sheets.passes(ledger.grades[entry.name]) for entry in entries)
     sheets.print_table(rows)
     print("", *sheets.summary_of(rows, ledger.marks), sep="\n")
-    print(f"{alike} pairs of submissions are alike\n")
+    print(f"pairs of submissions that are alike: {alike}\n")
     took = f"{time.perf_counter() - begin:.1f} s"
     print(f"{passed} of {len(entries)} pass, {took}; sheets, grades.csv and marks.csv in {out}")
     return PASSED if passed == len(entries) else FAILED
