@@ -111,7 +111,7 @@ def compare_scene(scene, folder, target, limits):
         if run_limited(words, work, limits.seconds, megabytes, said) != 0:
             said.seek(0)
             line = (said.read().splitlines() or [f"stopped after {limits.seconds:g} s"])[-1]
-            result.remarks.append(brief(f"pictures are missing: {line}"))
+            result.remarks.append(brief(f"not all pictures: {line}"))
         target.mkdir(parents=True, exist_ok=True)
         for frame in sorted(work.parent.glob("frames/frame_*.png")):
             step = int(re.sub(r"\D", "", frame.stem))
