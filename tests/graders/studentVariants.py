@@ -430,7 +430,7 @@ def grades_of(edits, folder=DATA):
     return grades
 
 
-def told(grades):
+def hints_of(grades):
     """The notes of grades, and what was replaced, as lines."""
     lines = []
     for grade in grades:
@@ -495,7 +495,7 @@ def row(name, place=None):
     place : of `write_place`, or None for no verdict
     """
     grades = grades_of(VARIANTS[name])
-    cells = [name, str(sum(len(grade.failures) for grade in grades)), "<br>".join(told(grades))]
+    cells = [name, str(sum(len(grade.failures) for grade in grades)), "<br>".join(hints_of(grades))]
     if place:
         error = released_error(VARIANTS[name], place)
         cells.append("stop" if np.isinf(error) else "fails" if error > 1e-6 else "passes")

@@ -4,7 +4,7 @@
 
 The environment variable RBS_PHYSICS is "exact", this project's own physics and the default, or
 "released-2024", which gives every `Mesh` the inertia of the coursework's 2024 reference solution
-(`physics2024`), behind its grader data. This affects every function that asks a Mesh for its tensor.
+(`physics2024`), behind its grader data. It affects every function that asks a Mesh for its tensor.
 `run_timestep`, which no grader calls, turns the smaller tensor to world axes the right way round.
 """
 
