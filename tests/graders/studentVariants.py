@@ -419,12 +419,12 @@ def first_samples(array, axes):
 
 def grades_of(edits, folder=DATA):
     """The Grades of a variant by each of the three graders, on the data in a folder."""
+    given = [first_data(name, folder) for name in GRADERS]
+    bodies = importlib.import_module("verdict.bodies")
+    gradeReport = importlib.import_module("verdict.gradeReport")
+    grades = []
     with loaded(edits) as modules:
-        bodies = importlib.import_module("verdict.bodies")
-        gradeReport = importlib.import_module("verdict.gradeReport")
-        grades = []
-        for name in GRADERS:
-            grader, data = first_data(name, folder)
+        for grader, data in given:
             outcomes = grader.judge(bodies.Bodies(*modules, data), data, STUDENT)
             grades.append(gradeReport.make_grade(grader, outcomes, data))
     return grades
