@@ -46,8 +46,14 @@ def test_an_installed_program_needs_no_checkout(tmp_path):
     wheel = call(folder, "-c", BUILD.format("wheel"), tmp_path, path=tools).splitlines()[-1]
     with zipfile.ZipFile(tmp_path / wheel) as archive:
         archive.extractall(site)
-    shipped = {path.name for path in (site / "rbs" / "data").iterdir()} - {"__pycache__", "README.md"}
-    assert shipped == {path.name for path in (ROOT / "data").iterdir()} - {"__pycache__", "README.md"}
+    shipped = {path.name for path in (site / "rbs" / "data").iterdir()} - {
+        "__pycache__",
+        "README.md",
+    }
+    assert shipped == {path.name for path in (ROOT / "data").iterdir()} - {
+        "__pycache__",
+        "README.md",
+    }
     (entries,) = site.glob("*.dist-info/entry_points.txt")
     assert "rigid-body-simulation = RigidBodySimulation:command" in entries.read_text()
     program = "-c", "import RigidBodySimulation as r; raise SystemExit(r.command())"
