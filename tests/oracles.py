@@ -37,12 +37,6 @@ IDENTITY = (1.0, 0.0, 0.0, 0.0)
 # --------------------------------------------------------------------------------------------------
 
 
-def body_count(path):
-    """The number of bodies that a scene file announces in its first line but comments."""
-    lines = (line.split("#")[0].split() for line in path.read_text().splitlines())
-    return int(next(fields[0] for fields in lines if fields))
-
-
 def frozen(array):
     """The array, made read only."""
     array.setflags(write=False)
