@@ -235,5 +235,5 @@ def test_stills_are_framed_anew_and_a_video_tells_what_it_costs(tmp_path):
     options = "--steps 1 --every 20 --screenshots p --video v.mp4 --size 64x36".split()
     process = run(tmp_path, "singlebox", "--look", "studio", *options)
     assert process.returncode == 0, process.stderr
-    assert "s a frame, 1 frame, about 1 min" in process.stderr
+    assert "s per frame, 1 frame, about 1 min" in process.stderr
     assert len(list((tmp_path / "p").iterdir())) == 1 and (tmp_path / "v.mp4").stat().st_size > 500

@@ -50,7 +50,7 @@ def test_headless_run_ends_with_a_summary_of_what_happened(capsys):
     for _ in range(120):
         simulation.step()
     y, name = simulation.lowest_point()
-    assert summary["scene"].endswith("mixed-scene.txt") and summary["bodies"].startswith("15, 8 ")
+    assert summary["scene"].endswith("mixed-scene.txt") and summary["bodies"].startswith("15 (8 ")
     assert summary["steps"].startswith("120 of 0.02 s: 2.4 s")
     # This scene weighs 480 t.
     assert f"{simulation.kinetic_energy() / 1e6:.6g} MJ now" in summary["kinetic energy"]

@@ -123,7 +123,7 @@ def test_the_window_may_reset_fix_and_free_bodies(tmp_path):
 def test_options_that_the_student_does_not_know_are_refused(options, name, tmp_path, program):
     student = write_submission(tmp_path / "student")
     line = refusal(program, "mixed", "--headless", "--functions", student, *options.split())
-    assert line.endswith(f"takes no {name}")
+    assert line.endswith(f"has no parameter {name}")
 
 
 def test_options_that_the_student_knows_are_passed_on(tmp_path, program):

@@ -186,7 +186,7 @@ EDITS = {
     "a position": (put("positions", (33, 4, 1), 3.5), "step 33 differs: positions by up to "),
     "the sign of a zero": (put("angVelocities", (0, 0, 0), -0.0), "step 0 differs: angVelocities"),
     "the scene": (put("scene", 0, ord("?")), "it is damaged"),
-    "no state": (lambda file: file["times"].resize(0, axis=0), "it holds no state"),
+    "no state": (lambda file: file["times"].resize(0, axis=0), "it has no states"),
     "a setting": (put("settings", "friction", -1.0), "step 0: friction must be "),
 }
 

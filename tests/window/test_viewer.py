@@ -152,9 +152,9 @@ def test_time_of_filming_and_reading_is_kept_apart_from_simulating(
         one.toggle_play()
         for _ in range(4):
             one.play(0.021)
-    expected = {"frame": 21.0, "simulating": 1.0, "filming": 16.0, "drawing, waiting": 4.0}
+    expected = {"frame": 21.0, "simulating": 1.0, "filming": 16.0, "drawing and waiting": 4.0}
     assert viewer.frame_milliseconds() == pytest.approx(expected)
-    expected = {"frame": 21.0, "reading the recording": 2.0, "drawing, waiting": 19.0}
+    expected = {"frame": 21.0, "reading the recording": 2.0, "drawing and waiting": 19.0}
     assert replay.frame_milliseconds() == pytest.approx(expected)
 
 

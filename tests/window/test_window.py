@@ -141,7 +141,7 @@ def session(display, tmp_path):
     """Opens a Session on a path; it is closed at the end."""
     opened = []
 
-    def open_session(path, size=(1000, 660)):
+    def open_session(path, size=(1000, 700)):
         opened.append(Session(display, tmp_path, path, size))
         return opened[-1]
 
