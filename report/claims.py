@@ -37,7 +37,14 @@ CLAIMS = [
     law("Movement", "cubes that cross: 1 - (d + a) / (2 v h) / %", "tunnel", 0.03),
     Claim("Movement", "drawn shares differ from the law / %", "tunnel.worst", "<", 1.25),
     Claim("Movement", "the least v h that crosses / (d + a)", "tunnel.least", "=", 0.5, 0.0021),
-    Claim("Movement", "pulled: 1 - (d + a) / (v h)", "tunnel.pulledMeasured", "=", "tunnel.pulled", 0.1),
+    Claim(
+        "Movement",
+        "pulled: 1 - (d + a) / (v h)",
+        "tunnel.pulledMeasured",
+        "=",
+        "tunnel.pulled",
+        0.1,
+    ),
     law("Movement", "L swings by twice its angle to ω / °", "tumble", 1e-3),
     Claim("Movement", "whatever the step / °", "tumble.fine", "=", "tumble.predicted", 1e-3),
     Claim("Movement", "some impulses pull / %", "pulling.share", ">", 10),
@@ -70,9 +77,17 @@ CLAIMS = [
     Claim("Scale", "none on the bridge / %", "schedules.bridge.saved", "<", 1),
     Claim("Scale", "batches are faster on the net", "choice.batchesNet", ">", 3),
     Claim("Scale", "the grid is faster than the loop", "choice.gain", ">", 5),
-    Claim("Scale", "at 5000 at rest, PyBullet is slower", "engines.PyBullet.most", ">", "engines.soft.most"),
+    Claim(
+        "Scale",
+        "at 5000 at rest, PyBullet is slower",
+        "engines.PyBullet.most",
+        ">",
+        "engines.soft.most",
+    ),
     Claim("Scale", "and so is MuJoCo with CG", "engines.MuJoCoCG.most", ">", "engines.soft.most"),
-    Claim("Scale", "at 200, PyBullet is faster", "engines.PyBullet.least", "<", "engines.soft.least"),
+    Claim(
+        "Scale", "at 200, PyBullet is faster", "engines.PyBullet.least", "<", "engines.soft.least"
+    ),
     Claim("Scale", "facets take most time / %", "parts.find_facets", ">", "parts.find_contacts"),
 ]
 
@@ -117,23 +132,21 @@ def broken(numbers):
     return [f"{claim.where}: {' '.join(line(claim, numbers))}" for claim in wrong]
 
 
+HEAD = """# Claims of the report, and what measures them
+
+Written by `python report/build.py`, which exits with 1 if a claim does not hold.
+`python report/build.py --only NAME` measures one again.
+
+| section | claim | measured | law or bound | by | holds |
+|---|---|---|---|---|---|
+"""
+
+
 def table(numbers):
     """Returns the text of claims.md."""
     rows = []
     for claim in CLAIMS:
         verdict = "yes" if holds(claim, numbers) else "**no**"
         cells = claim.where, *line(claim, numbers), f"`{claim.measured.split('.')[0]}`", verdict
-        rows.append(f"| {' | '.join(cells)} |")
-    return "\n".join(
-        [
-            "# Claims of the report, and what measures them",
-            "",
-            "Written by `python report/build.py`, which exits with 1 if a claim does not hold.",
-            "`python report/build.py --only NAME` measures one again.",
-            "",
-            "| section | claim | measured | law or bound | by | holds |",
-            "|---|---|---|---|---|---|",
-            *rows,
-            "",
-        ]
-    )
+        rows.append(f"| {' | '.join(cells)} |\n")
+    return HEAD + "".join(rows)

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "benchmarks")]
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "benchmarks"))
 
 import style
 
@@ -28,6 +28,7 @@ from rbs.stepping.settings import CHOSEN
 from RBSFunctions import Mesh, ground as make_ground, run_timestep
 from RigidBodySimulation import load_mesh_file
 
+ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT / "data"
 G, H, E = (CHOSEN[name].default for name in ("gravity", "timeStep", "restitution"))
 BOX = np.array([12.0, 6.0, 8.0])  # sizes of data/box.mesh
@@ -111,6 +112,12 @@ def exponent(x, y):
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
+def row(predicted, measured, coarse, fine, cured, **others):
+    """Returns the numbers of a row of the table, and others."""
+    names = "predicted measured coarse fine cured".split()
+    return dict(zip(names, (predicted, measured, coarse, fine, cured), strict=True)) | others
+
+
 def overlap_of(meshes):
     """Returns the deepest overlap of neighbours in a stack, and of its foot with the ground."""
     depths = [lower.detect_collision(upper)[1] for lower, upper in itertools.pairwise(meshes)]
@@ -162,15 +169,10 @@ def rest(axis):
     axis.annotate("tilt: gh²", (STEPS[1], 3e-3), color=style.BLUE)
     cured = rocking(H, **SOFT, sleeping=False)
     for k, name in enumerate(("sway", "tilt")):
-        coarse, _, fine = found[G][:, k]
-        numbers[name] = {
-            "predicted": k + 1,
-            "measured": exponent(STEPS, found[G][:, k]),
-            "gravity": exponent((G, 3.7), [found[G][0, k], found[3.7][0, k]]),
-            "coarse": coarse,
-            "fine": fine,
-            "cured": cured[k],
-        }
+        values = found[G][:, k]
+        gravity = exponent((G, 3.7), [values[0], found[3.7][0, k]])
+        power = exponent(STEPS, values)
+        numbers[name] = row(k + 1, power, values[0], values[-1], cured[k], gravity=gravity)
     return numbers
 
 
@@ -195,19 +197,12 @@ def stack(axis):
     axis.legend(loc="upper left")
     soft, meshes = stacked(), stacked()
     finish(run(soft, STACK_STEPS, **SOFT))
-    for step, _ in enumerate(run(meshes, 5 * STACK_STEPS)):
+    for step, _ in enumerate(run(meshes, 5 * STACK_STEPS), 1):
+        out = H * step
         if max(abs(mesh.position[0, [0, 2]]).max() for mesh in meshes) > BOX[2] / 2:
             break
-    return {
-        "predicted": 2,
-        "measured": exponent(STEPS, ends),
-        "coarse": ends[0],
-        "fine": ends[-1],
-        "cured": overlap_of(soft),
-        "count": STACKED,
-        "seconds": STACK_STEPS * H,
-        "out": H * (step + 1),
-    }
+    others = {"count": STACKED, "seconds": STACK_STEPS * H, "out": out}
+    return row(2, exponent(STEPS, ends), ends[0], ends[-1], overlap_of(soft), **others)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -226,14 +221,7 @@ def fall():
         finish(run([mesh], round(FALL_SECONDS / h), h, ground=False, **options))
         return -mesh.position[0, 1] - 0.5 * G * FALL_SECONDS**2
 
-    return {
-        "predicted": 0.5 * G * H * FALL_SECONDS,
-        "measured": below(H),
-        "coarse": below(H),
-        "fine": below(H / 4),
-        "cured": below(H, **SOFT),
-        "seconds": FALL_SECONDS,
-    }
+    return row(0.5 * G * H * FALL_SECONDS, below(H), below(H), below(H / 4), below(H, **SOFT))
 
 
 def kept_speed(height, h=H, **options):
@@ -247,7 +235,7 @@ def kept_speed(height, h=H, **options):
 
 
 def envelope(height, h, sign):
-    """Bound of `kept_speed`: e v'/v, with v = √(2 g height) and v' = √(v² + (g h / 2)²) ± g h / 2."""
+    """Bound of `kept_speed`: e (√(v² + (g h / 2)²) ± g h / 2) / v, with v = √(2 g height)."""
     v, half = np.sqrt(2 * G * height), G * h / 2
     return E * (np.hypot(v, half) + sign * half) / v
 
@@ -259,7 +247,7 @@ BOUNCE_HEIGHT = 0.1
 def bounce(axis):
     """Fraction of the speed that one bounce returns, against the height, within its bounds."""
     heights = np.geomspace(0.01, 10.0, 60)
-    numbers, inside = {}, []
+    inside = []
     for h, colour, mark in ((H, style.VERMILION, "s"), (H / 4, style.BLUE, "o")):
         kept = np.array([kept_speed(height, h) for height in heights])
         low, high = (envelope(heights, h, sign) for sign in (-1, 1))
@@ -269,19 +257,12 @@ def bounce(axis):
         axis.semilogx(heights, high, color=colour, linewidth=0.7)
     axis.set(xlabel="height / m", ylabel="speed after / before", ylim=(0.35, 0.65))
     axis.legend(loc="upper right")
-    near = BOUNCE_HEIGHT * np.linspace(0.9, 1.1, 41)
-    numbers["predictedLow"], numbers["predicted"] = (
-        float(envelope(BOUNCE_HEIGHT, H, sign)) for sign in (-1, 1)
-    )
-    for name, h, options in (("measured", H, {}), ("fine", H / 4, {}), ("cured", H, SOFT)):
-        kept = [kept_speed(height, h, **options) for height in near]
-        numbers |= {name: max(kept), f"{name}Low": min(kept)}
-    return numbers | {
-        "coarse": numbers["measured"],
-        "height": BOUNCE_HEIGHT,
-        "inside": sum(inside),
-        "drops": len(inside),
-    }
+    near, most = BOUNCE_HEIGHT * np.linspace(0.9, 1.1, 41), []
+    for h, options in ((H, {}), (H / 4, {}), (H, SOFT)):
+        most.append(max(kept_speed(height, h, **options) for height in near))
+    bound = float(envelope(BOUNCE_HEIGHT, H, 1))
+    others = {"height": BOUNCE_HEIGHT, "inside": sum(inside), "drops": len(inside)}
+    return row(bound, most[0], *most, **others)
 
 
 CUBE, WALL = 1.0, 1.0  # sizes along the flight: a and d
@@ -327,22 +308,14 @@ def tunnel(axis):
         axis.plot(ratios, 100 * np.array(shares), mark, color=colour, markersize=3, label=label)
     axis.set(xlabel="v h / (d + a)", ylabel="cubes that cross / %", ylim=(-2, 90))
     axis.legend(loc="upper left")
-    least = [r for r in (0.499, 0.501) if crossing_share(r * limit, phases=1000) > 0]
-    return {
-        "predicted": 100 * float(crossing_law(TUNNEL_SPEED)),
-        "measured": 100 * crossing_share(TUNNEL_SPEED, phases=120),
-        "coarse": 100 * crossing_share(TUNNEL_SPEED, phases=120),
-        "fine": 100 * crossing_share(TUNNEL_SPEED, H / 4),
-        "cured": 100 * crossing_share(TUNNEL_SPEED, **SOFT),
-        "speed": TUNNEL_SPEED,
-        "size": WALL,
-        "limit": limit / 2,
-        "least": least[0],
-        "worst": 100 * max(errors),
-        "pulled": 100 * float(crossing_law(1.05 * limit)),
-        "pulledMeasured": 100 * crossing_share(1.05 * limit, phases=120),
-        "pulledAt": 1.05 * limit,
-    }
+    crossing = [r for r in (0.499, 0.501) if crossing_share(r * limit, phases=1000) > 0]
+    pulled, others = 1.05 * limit, {"least": crossing[0], "worst": 100 * max(errors)}
+    others |= {"pulledAt": pulled, "pulled": 100 * float(crossing_law(pulled))}
+    others["pulledMeasured"] = 100 * crossing_share(pulled, phases=120)
+    cases, phases = ((H, {}), (H / 4, {}), (H, SOFT)), 120
+    shares = [100 * crossing_share(TUNNEL_SPEED, h, phases, **one) for h, one in cases]
+    law = 100 * float(crossing_law(TUNNEL_SPEED))
+    return row(law, shares[0], *shares, **others)
 
 
 TUMBLE_SPIN, TUMBLE_SECONDS = (1.5, 0.0, 1.5), 10.0  # midway between the short axis and a long one
@@ -363,13 +336,8 @@ def tumble():
     spin = np.array(TUMBLE_SPIN)
     momentum = body("long-octahedron").IT @ spin
     cosine = momentum @ spin / np.linalg.norm(momentum) / np.linalg.norm(spin)
-    return {
-        "predicted": 2 * math.degrees(math.acos(cosine)),
-        "measured": swing(H),
-        "coarse": swing(H),
-        "fine": swing(H / 4),
-        "cured": swing(H, gyroscopic=True),
-    }
+    law = 2 * math.degrees(math.acos(cosine))
+    return row(law, swing(H), swing(H), swing(H / 4), swing(H, gyroscopic=True))
 
 
 @silent
@@ -440,20 +408,11 @@ def tugs(axis):
     axis.set(xlabel="link, from the anchor", ylabel="step of the tug", ylim=(0, LINKS + 5))
     axis.legend(loc="upper right")
     one = {"maxIterations": LINKS, "tolerance": 0.0}
-    return {
-        "predicted": LINKS - 1,
-        "measured": int(tug(**one)[0]),
-        "coarse": int(tug(**one)[0]),
-        "fine": int(tug(H / 4, **one)[0]),
-        "cured": int(soft[0]),
-        "isLaw": isLaw,
-        "links": LINKS,
-        "seconds": HANG_SECONDS,
-        "free": 0.5 * G * HANG_SECONDS**2,
-        "sag1": sag(maxIterations=LINKS),
-        "sag16": sag(maxIterations=16 * LINKS),
-        "sagSoft": 1e3 * sag(**SOFT),
-    }
+    coarse, fine = (int(tug(h, **one)[0]) for h in (H, H / 4))
+    others = {"isLaw": isLaw, "links": LINKS, "seconds": HANG_SECONDS}
+    others |= {"free": 0.5 * G * HANG_SECONDS**2, "sagSoft": 1e3 * sag(**SOFT)}
+    others |= {f"sag{sweeps}": sag(maxIterations=sweeps * LINKS) for sweeps in (1, 16)}
+    return row(LINKS - 1, coarse, coarse, fine, int(soft[0]), **others)
 
 
 def lowest_vertices(simulation):
@@ -476,14 +435,9 @@ def clique():
         return -low
 
     depths = [depth(h) for h in STEPS]
-    return {
-        "predicted": 1,
-        "measured": exponent(STEPS, depths),
-        "coarse": depths[0],
-        "fine": depths[-1],
-        "cured": depth(**SOFT),
-        "without": depth(enforceConstraints=False),
-    }
+    without = depth(enforceConstraints=False)
+    power = exponent(STEPS, depths)
+    return row(1, power, depths[0], depths[-1], depth(**SOFT), without=without)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -523,17 +477,9 @@ def slope(axis):
     axis.set(xlabel="slope / °", ylabel="excess speed / gh", ylim=(-0.2, 3.6))
     axis.legend(loc="upper left")
     creeps = [slide(GENTLE, h) for h in STEPS]
-    return {
-        "predicted": 1,
-        "measured": exponent(STEPS, creeps),
-        "coarse": creeps[0],
-        "fine": creeps[-1],
-        "cured": slide(GENTLE, **SOFT, sleeping=False),
-        "mu": MU,
-        "critical": critical,
-        "angle": GENTLE,
-        "seconds": SLIDE_SECONDS,
-    }
+    cured = slide(GENTLE, **SOFT, sleeping=False)
+    others = {"mu": MU, "critical": critical, "angle": GENTLE, "seconds": SLIDE_SECONDS}
+    return row(1, exponent(STEPS, creeps), creeps[0], creeps[-1], cured, **others)
 
 
 ROLL_SPEED, ROLL_MU, RADIUS = 20.0, 0.5, 6.0

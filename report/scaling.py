@@ -4,12 +4,11 @@ Functions are as in `laws.py`. Times are read from times.json, which `timings.py
 """
 
 import json
-from contextlib import contextmanager
 
 import numpy as np
 import style
-from laws import BOX, SOFT, H, exponent, heap_scene, panel, scene, silent
-from timings import RESTING, SCHEDULED, SCHEDULES, TIMES
+from laws import BOX, SOFT, H, heap_scene, panel, scene, silent
+from timings import RESTING, SCHEDULED, SCHEDULES, TIMES, replaced
 
 import rbs.geometry.broadphase
 import rbs.stepping.batches
@@ -29,31 +28,20 @@ def heap(count, steps=0, **settings):
     return simulation
 
 
-@contextmanager
-def watched(module, name, watch):
-    """Replaces a function by one that calls `watch(result, *arguments)` after it."""
-    original = getattr(module, name)
-
-    def call(*arguments):
-        result = original(*arguments)
-        watch(result, *arguments)
-        return result
-
-    setattr(module, name, call)
-    try:
-        yield
-    finally:
-        setattr(module, name, original)
-
-
 def pairs_tested(meshes):
     """Pairs tested by the grid and along one sorted axis, and pairs whose boxes overlap."""
     low = np.array([mesh.currVertices.min(axis=0) for mesh in meshes])
     high = np.array([mesh.currVertices.max(axis=0) for mesh in meshes])
     box, count, tested = np.concatenate([low, -high], axis=1).T, len(meshes), []
-    with watched(
-        rbs.geometry.broadphase, "_overlapping", lambda _, box, i, *rest: tested.append(len(i))
-    ):
+
+    def wrapper(original):
+        def call(box, i, *rest):
+            tested.append(len(i))
+            return original(box, i, *rest)
+
+        return call
+
+    with replaced(rbs.geometry.broadphase, "_overlapping", wrapper):
         first, _ = grid_overlaps(box, np.zeros(count, dtype=bool))
     inRange = np.sort(box[0]).searchsorted(-box[3], side="right").sum()
     return sum(tested), int(inRange) - count * (count + 1) // 2, len(first)
@@ -87,8 +75,6 @@ def pairs(axis):
         "startRatio": start[1] / start[0],
         "ratio": along / tested,
         "floorRatio": tested / overlapping,
-        "exponent": exponent(n, rows[:, 0]),
-        "axisExponent": exponent(n, rows[:, 1]),
     }
 
 
@@ -122,17 +108,16 @@ def bits():
 def batches():
     """Pairs and batches of one step of a collapsing heap, and passes of all steps until then."""
     passes = []
-    original = rbs.stepping.batches.Pass.run
 
-    def run(self):
-        passes.append((self.bodyPair.shape[1], len(self.starts) - 1))
-        return original(self)
+    def wrapper(original):
+        def run(self):
+            passes.append((self.bodyPair.shape[1], len(self.starts) - 1))
+            return original(self)
 
-    rbs.stepping.batches.Pass.run = run
-    try:
+        return run
+
+    with replaced(rbs.stepping.batches.Pass, "run", wrapper):
         heap(HEAP, HEAP_STEP, broadPhase="grid")
-    finally:
-        rbs.stepping.batches.Pass.run = original
     pairs, count = passes[-1]
     again = len(passes) - HEAP_STEP
     return {"pairs": pairs, "batches": count, "mean": pairs / count, "again": again}
@@ -166,23 +151,20 @@ def schedules():
     return numbers
 
 
-@contextmanager
 def counted(module, name, counts, key):
-    """Counts in counts[key] the visits that a schedule makes."""
-    original = getattr(module, name)
+    """Context in which visits are counted in counts[key]."""
 
-    def schedule(visit, *arguments):
-        def counting(c):
-            counts[key] += 1
-            return visit(c)
+    def wrapper(original):
+        def schedule(visit, *arguments):
+            def counting(c):
+                counts[key] += 1
+                return visit(c)
 
-        return original(counting, *arguments)
+            return original(counting, *arguments)
 
-    setattr(module, name, schedule)
-    try:
-        yield
-    finally:
-        setattr(module, name, original)
+        return schedule
+
+    return replaced(module, name, wrapper)
 
 
 @silent
@@ -199,10 +181,6 @@ def standing():
             numbers[name + key] = 100 * (height - BOX[1] / 2 - top.position[0, 1])
     return numbers
 
-
-# --------------------------------------------------------------------------------------------------
-# Times
-# --------------------------------------------------------------------------------------------------
 
 ENGINES = {  # name in times.json → label, colour, marker
     "soft step": ("soft step (ours)", style.BLUE, "s-"),
@@ -257,7 +235,7 @@ def engines(axis):
     axis.legend(loc="upper left", ncols=2, columnspacing=0.8)
     axis.set_xticks(list(sizes.values()), list(map(str, sizes.values())))
     axis.minorticks_off()
-    return numbers | sizes | {"machine": times["machine"]}
+    return numbers | sizes | {"machine": times["machine"].split(", Python")[0]}
 
 
 @silent
@@ -266,16 +244,13 @@ def choice():
     steps = {int(n): row for n, row in read_times()["steps"].items()}
     looped = [n for n, row in steps.items() if "all pairs" in row]
     faster = [n for n in looped if steps[n]["all pairs"][1] <= steps[n]["grid"][1]]
-    most, last = max(steps), max(looped)
-    return {
-        "loop": max(faster, default=0),
-        "looped": last,
-        "gain": steps[last]["all pairs"][1] / steps[last]["grid"][1],
+    most, last, net = max(steps), max(looped), read_times()["schedules"]["net"]
+    gain = steps[last]["all pairs"][1] / steps[last]["grid"][1]
+    grid, soft = steps[most]["grid"][1], steps[most]["soft step"][1]
+    numbers = {"loop": max(faster, default=0), "looped": last, "gain": gain}
+    return numbers | {
         "most": most,
-        "grid": steps[most]["grid"][1],
-        "soft": steps[most]["soft step"][1],
-        "batchesNet": read_times()["schedules"]["net"]["sweep"][1]
-        / read_times()["schedules"]["net"]["batches"][1],
-        "queueNet": read_times()["schedules"]["net"]["queue"][1]
-        / read_times()["schedules"]["net"]["sweep"][1],
+        "grid": grid,
+        "soft": soft,
+        "batchesNet": net["sweep"][1] / net["batches"][1],
     }

@@ -1,4 +1,4 @@
-"""Pictures and videos of the default beside its cure: `python report/shots.py still|video NAME ...`.
+"""Pictures and videos of the default beside its cure: `python report/shots.py still|video NAME`.
 
 Both halves show one scene at one moment from one camera. An arrow and a word mark the effect where
 it is measured in the state; if it is not there, nothing is drawn. Stills go to figures/, videos to
@@ -7,13 +7,14 @@ videos/.
 
 import math
 import sys
-from functools import lru_cache
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from laws import BOX, SOFT, H, lowest_vertices, overlap_of, scene, silent, stacked
 from PIL import Image, ImageDraw, ImageFont
+from timings import RESTING
 
 from rbs.appearance.pictureoptions import PictureOptions
 from rbs.pictures.backends import find_backend
@@ -21,13 +22,11 @@ from rbs.pictures.capture import start_view, take_picture
 from rbs.recordings.encoder import Encoder
 from rbs.scenes.files import atomic_write
 from rbs.scenes.simulation import Settings, Simulation
-from timings import RESTING
 
 FOLDER = Path(__file__).resolve().parent
 STILL, VIDEO = (880, 990), (640, 720)  # size of a half
 RATE = 25
-MOST_BYTES = 600_000
-QUALITIES = (23, 26, 29, 32, 35)  # H.264 constant rate factors, tried until a file is small enough
+CODEC = "-f mp4 -vcodec libx264 -pix_fmt yuv420p -crf 28 -preset slow -movflags +faststart"
 VERMILION, GREEN, DARK = (213, 94, 0), (0, 130, 95), (40, 43, 48)
 
 
@@ -53,27 +52,29 @@ class Camera(NamedTuple):
         right /= np.linalg.norm(right)
         away = np.subtract(point, self.position)
         scale = size[1] / 2 / math.tan(math.radians(self.fieldOfView) / 2) / (away @ ahead)
-        return size[0] / 2 + scale * (away @ right), size[1] / 2 - scale * (
-            away @ np.cross(right, ahead)
-        )
+        x, y = scale * (away @ right), scale * (away @ np.cross(right, ahead))
+        return size[0] / 2 + x, size[1] / 2 - y
 
 
 class Pair(NamedTuple):
-    """A scene, twice.
+    """A scene with the basic step, by grid, and with the soft step.
 
-    make : function of the settings that returns a Simulation; left, right : settings, and a label
+    make : function of settings that returns a Simulation
     effect : function of a simulation, `(point (3,), word, whether it is to be marked)`
     steps : of the video; every : steps per frame; still : step of the still, or None
     """
 
     make: object
     camera: Camera
-    left: tuple
-    right: tuple
     effect: object
     steps: int
     every: int
     still: int | None = None
+
+    def halves(self):
+        """Yields the simulations of both halves, with 0 or 1."""
+        for k, settings in enumerate(({"broadPhase": "grid"}, SOFT)):
+            yield k, self.make(**settings)
 
 
 def stack_scene(**settings):
@@ -104,62 +105,24 @@ def deepest_vertex(simulation):
     return point, f"{-low.min():.2f} m below the ground", low.min() < -0.3
 
 
-@lru_cache
-def slope_start():
-    return scene("incline").meshes[3].position[0].copy()
-
-
 def creeping_box(simulation):
-    mesh = simulation.meshes[3]
-    way = float(np.linalg.norm(mesh.position[0] - slope_start()))
-    return mesh.position[0] - [0, 1, 0], f"has crept {way:.1f} m", way > 0.5
+    place = simulation.meshes[3].position[0]
+    start = simulation.source.make(False)[0][3].position[0]
+    way = float(np.linalg.norm(place - start))
+    return place - [0, 1, 0], f"has crept {way:.1f} m", way > 0.5
 
 
-DEFAULT = {}
+STACK_CAMERA = Camera((62, 34, 88), (0, 23, 0), 32)
+CUBE_CAMERA = Camera((11, 7, 44), (0, 6.5, 0), 34)
+SLOPE_CAMERA = Camera((10, 34, 92), (0, 10, 2), 38)
+PYRAMID_CAMERA = Camera((110, 80, 370), (0, 42, 0), 32)
 PAIRS = {
-    "stack": Pair(
-        stack_scene,
-        Camera((62, 34, 88), (0, 23, 0), 32),
-        ("basic step", DEFAULT),
-        ("soft step", SOFT),
-        deepest_overlap,
-        190,
-        1,
-        100,
-    ),
-    "pyramid": Pair(
-        lambda **settings: scene("pyramid", **RESTING, **settings),
-        Camera((110, 80, 370), (0, 42, 0), 32),
-        ("basic step", {"broadPhase": "grid"}),
-        ("soft step", SOFT),
-        top_of_pyramid,
-        500,
-        4,
-    ),
-    "cube": Pair(
-        lambda **settings: scene("cube", **settings),
-        Camera((11, 7, 44), (0, 6.5, 0), 34),
-        ("basic step", DEFAULT),
-        ("soft step", SOFT),
-        deepest_vertex,
-        150,
-        1,
-        121,
-    ),
-    "slope": Pair(
-        lambda **settings: scene("incline", friction=0.4, **settings),
-        Camera((10, 34, 92), (0, 10, 2), 38),
-        ("basic step", DEFAULT),
-        ("soft step", SOFT),
-        creeping_box,
-        350,
-        2,
-    ),
+    "stack": Pair(stack_scene, STACK_CAMERA, deepest_overlap, 190, 1, 100),
+    "cube": Pair(partial(scene, "cube"), CUBE_CAMERA, deepest_vertex, 121, 1, 121),
+    "slope": Pair(partial(scene, "incline", friction=0.4), SLOPE_CAMERA, creeping_box, 350, 2),
+    "pyramid": Pair(partial(scene, "pyramid", **RESTING), PYRAMID_CAMERA, top_of_pyramid, 500, 4),
 }
-
-
-def font(size):
-    return ImageFont.load_default(size)
+LABELS = (("basic step", VERMILION), ("soft step", GREEN))
 
 
 def annotate(picture, pair, k, mark, note=""):
@@ -167,9 +130,9 @@ def annotate(picture, pair, k, mark, note=""):
     image = Image.fromarray(picture)
     draw, size = ImageDraw.Draw(image), image.size
     unit = size[1] / (36 if note else 24)
-    label, colour = (pair.left, pair.right)[k][0], (VERMILION, GREEN)[k]
-    draw.text((unit, 0.7 * unit), label, fill=colour, font=font(1.7 * unit))
-    draw.text((size[0] - unit, 0.9 * unit), note, fill=DARK, font=font(1.2 * unit), anchor="ra")
+    small, large = ImageFont.load_default(1.3 * unit), ImageFont.load_default(1.7 * unit)
+    draw.text((unit, 0.7 * unit), *LABELS[k], large)
+    draw.text((size[0] - unit, 0.9 * unit), note, DARK, small, anchor="ra")
     if mark:
         tip, word = np.array(pair.camera.pixel(mark[0], size)), mark[1]
         side = -1 if tip[0] > size[0] / 2 else 1
@@ -179,12 +142,11 @@ def annotate(picture, pair, k, mark, note=""):
         across = np.array([-along[1], along[0]])
         head = [tip, tip - unit * (along - across / 2), tip - unit * (along + across / 2)]
         draw.polygon([tuple(point) for point in head], fill=VERMILION)
-        text = font(1.4 * unit)
-        box = draw.textbbox(tuple(tail), word, font=text, anchor="ms")
+        box = draw.textbbox(tuple(tail), word, font=small, anchor="ms")
         shift = max(0.5 * unit - box[0], 0) - max(box[2] + 0.5 * unit - size[0], 0)
         box = np.array(box) + [shift, -unit / 2, shift, -unit / 2]
         draw.rectangle([*(box[:2] - unit / 4), *(box[2:] + unit / 4)], fill=(255, 255, 255))
-        draw.text((tail[0] + shift, tail[1] - unit / 2), word, VERMILION, text, anchor="ms")
+        draw.text((tail[0] + shift, tail[1] - unit / 2), word, VERMILION, small, anchor="ms")
     return np.asarray(image)
 
 
@@ -202,8 +164,7 @@ def view_of(simulation, size, view=None, **options):
 def still(name):
     """Writes figures/<name>.jpg, both halves in the studio look."""
     pair, view, halves = PAIRS[name], None, []
-    for k, (_, settings) in enumerate((pair.left, pair.right)):
-        simulation = pair.make(**settings)
+    for k, simulation in pair.halves():
         for _ in range(pair.still):
             simulation.step()
         *mark, isMarked = pair.effect(simulation)
@@ -225,7 +186,7 @@ def videos():
     """Seconds of each video, rounded up, from which its effect is seen, and to its end."""
     numbers = {}
     for name, pair in PAIRS.items():
-        simulation, first = pair.make(**pair.left[1]), None
+        (_, simulation), first = next(pair.halves()), None
         for step in range(0, pair.steps, pair.every):
             if first is None and simulation.report and pair.effect(simulation)[2]:
                 first = step
@@ -242,10 +203,10 @@ def tempo(pair):
 
 
 def video(name):
-    """Writes videos/<name>.mp4, of at most MOST_BYTES; its last second stands still."""
+    """Writes videos/<name>.mp4, whose last second stands still."""
     pair, view, halves = PAIRS[name], None, []
-    for k, (_, settings) in enumerate((pair.left, pair.right)):
-        simulation, pictures, isSeen = pair.make(**settings), [], False
+    for k, simulation in pair.halves():
+        pictures = []
         view = view_of(simulation, VIDEO, view)
         pair.camera.apply(view)
         for step in range(pair.steps + 1):
@@ -253,27 +214,20 @@ def video(name):
                 mark = None
                 if simulation.report:
                     *mark, isMarked = pair.effect(simulation)
-                    isSeen |= isMarked
+                    mark = mark if isMarked else None
                 view.refresh()
                 picture = take_picture(view, isStill=False)
                 note = f"{step * H:.1f} s" if k else f"{tempo(pair)}  {step * H:.1f} s"
-                pictures.append(annotate(picture, pair, k, mark if isSeen else None, note))
+                pictures.append(annotate(picture, pair, k, mark, note))
             simulation.step()
         halves.append(pictures + RATE * pictures[-1:])
     target = FOLDER / "videos" / f"{name}.mp4"
     target.parent.mkdir(exist_ok=True)
     with atomic_write(target) as partial:
-        for quality in QUALITIES:
-            codec = f"-vcodec libx264 -pix_fmt yuv420p -crf {quality} -preset slow".split()
-            codec += ["-movflags", "+faststart"]
-            encoder = Encoder(partial, (2 * VIDEO[0], VIDEO[1]), RATE, codec)
-            for left, right in zip(*halves, strict=True):
-                encoder.write(np.ascontiguousarray(np.concatenate((left, right), axis=1)))
-            encoder.finish()
-            if partial.stat().st_size <= MOST_BYTES:
-                break
-        else:
-            sys.exit(f"{name}.mp4 is larger than {MOST_BYTES} bytes")
+        encoder = Encoder(partial, (2 * VIDEO[0], VIDEO[1]), RATE, CODEC.split())
+        for left, right in zip(*halves, strict=True):
+            encoder.write(np.ascontiguousarray(np.concatenate((left, right), axis=1)))
+        encoder.finish()
 
 
 if __name__ == "__main__":

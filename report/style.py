@@ -11,7 +11,7 @@ BLACK, BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = (
 )
 GREY = "0.55"
 CENTIMETRE = 1 / 2.54
-QUARTER, THIRD = ((width * CENTIMETRE, 4.4 * CENTIMETRE) for width in (4.4, 5.9))
+QUARTER, THIRD = ((4.4 * CENTIMETRE, 4.4 * CENTIMETRE), (5.9 * CENTIMETRE, 5.2 * CENTIMETRE))
 SIZES = dict.fromkeys(("rest", "stack", "bounce", "tunnel", "tugs", "slope"), QUARTER)
 # Typst sets the text of plots in the report's own type; this one has the nearest widths.
 MEASURED_TYPE, TYPE = "STIXGeneral", "New Computer Modern"
@@ -23,19 +23,14 @@ SETTINGS = {
     "ytick.labelsize": 7.5,
     "legend.fontsize": 7,
     "axes.linewidth": 0.6,
-    "lines.linewidth": 1.1,
     "lines.markersize": 3.0,
-    "xtick.major.size": 2.5,
-    "ytick.major.size": 2.5,
     "xtick.major.pad": 2,
     "ytick.major.pad": 2,
     "axes.labelpad": 2,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "axes.formatter.use_mathtext": False,
     "legend.frameon": False,
     "legend.handlelength": 1.4,
-    "legend.borderaxespad": 0.2,
     "legend.labelspacing": 0.25,
     "legend.handletextpad": 0.5,
     "axes.grid": True,

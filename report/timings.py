@@ -11,20 +11,20 @@ import importlib.util
 import json
 import sys
 import time
-from contextlib import ExitStack
+from contextlib import contextmanager
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "benchmarks"))
+
+import benchmark
+import benchmarkPiles
 import numpy as np
-from laws import H, ROOT, heap_scene, scene
+from laws import ROOT, heap_scene, scene
 
 import rbs.stepping.batches
 import rbs.stepping.gridstep
 from Quaternion import QConj, QRotate
 from rbs.scenes.simulation import Settings, Simulation
-
-sys.path.insert(0, str(ROOT / "tests" / "benchmarks"))
-import benchmark
-import benchmarkPiles
 
 TIMES = Path(__file__).resolve().parent / "times.json"
 STATES = ROOT / "out" / "report"
@@ -32,7 +32,7 @@ MATERIAL = benchmarkPiles.MATERIALS["friction 0.5"]
 RESTING = {"restitution": MATERIAL.restitution, "friction": MATERIAL.friction}
 AWAKE = {"contactSolver": "soft-step", "sleeping": False}
 AT_REST, WARM, STEPS = 600, 10, 50
-SIZES = [200, 1000, 5000]
+SIZES = [200, 1000, 5000]  # of heaps at rest
 STEP_SIZES = [5, 10, 20, 50, 100, 200, 1000, 5000]
 MOST_LOOPED = 100
 SCHEDULED = ("cube", "two_chain", "bridge", "net")
@@ -98,21 +98,30 @@ def measure_engines(count):
     return {name: [*spread(times[name]), contacts[name]] for name in times}
 
 
+@contextmanager
+def replaced(owner, name, wrapper):
+    """Replaces a function by `wrapper(function)` within the `with` block."""
+    original = getattr(owner, name)
+    setattr(owner, name, wrapper(original))
+    try:
+        yield
+    finally:
+        setattr(owner, name, original)
+
+
 def timed(module, name, seconds):
     """Context in which the processor time of a function is added to `seconds[name]`."""
-    original = getattr(module, name)
 
-    def call(*arguments):
-        begin = time.process_time()
-        try:
-            return original(*arguments)
-        finally:
+    def wrapper(original):
+        def call(*arguments):
+            begin = time.process_time()
+            result = original(*arguments)
             seconds[name] = seconds.get(name, 0.0) + time.process_time() - begin
+            return result
 
-    stack = ExitStack()
-    stack.callback(setattr, module, name, original)
-    setattr(module, name, call)
-    return stack
+        return call
+
+    return replaced(module, name, wrapper)
 
 
 def measure_steps(count):
@@ -155,13 +164,12 @@ def measure_schedules(name):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sizes", nargs="+", type=int, default=SIZES, help="of heaps at rest")
     parser.add_argument("--keep", nargs="*", default=[], help="engines, steps or schedules to keep")
     options = parser.parse_args()
     kept = json.loads(TIMES.read_text()) if TIMES.exists() else {}
     times = {"machine": benchmark.describe_machine(), "when": datetime.date.today().isoformat()}
     for part, function, cases in (
-        ("engines", measure_engines, options.sizes),
+        ("engines", measure_engines, SIZES),
         ("steps", measure_steps, STEP_SIZES),
         ("schedules", measure_schedules, SCHEDULED),
     ):
