@@ -72,6 +72,7 @@ CLAIMS = [
     Claim("Scale", "grid and loop: largest difference", "bits.difference", "=", 0),
     Claim("Scale", "batches hold many pairs", "batches.mean", ">", 10),
     Claim("Scale", "no pass was repeated", "batches.again", "<", 1),
+    Claim("Scale", "queue and sweep: largest difference", "schedules.net.difference", "=", 0),
     Claim("Scale", "the queue saves visits on the net / %", "schedules.net.saved", ">", 30),
     Claim("Scale", "and on the chains / %", "schedules.two_chain.saved", ">", 30),
     Claim("Scale", "none on the bridge / %", "schedules.bridge.saved", "<", 1),

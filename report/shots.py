@@ -120,7 +120,7 @@ PAIRS = {
     "stack": Pair(stack_scene, STACK_CAMERA, deepest_overlap, 190, 1, 100),
     "cube": Pair(partial(scene, "cube"), CUBE_CAMERA, deepest_vertex, 121, 1, 121),
     "slope": Pair(partial(scene, "incline", friction=0.4), SLOPE_CAMERA, creeping_box, 350, 2),
-    "pyramid": Pair(partial(scene, "pyramid", **RESTING), PYRAMID_CAMERA, top_of_pyramid, 500, 4),
+    "pyramid": Pair(partial(scene, "pyramid", **RESTING), PYRAMID_CAMERA, top_of_pyramid, 300, 4),
 }
 LABELS = (("basic step", VERMILION), ("soft step", GREEN))
 
