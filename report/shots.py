@@ -18,7 +18,7 @@ from timings import RESTING
 
 from rbs.appearance.pictureoptions import PictureOptions
 from rbs.pictures.backends import find_backend
-from rbs.pictures.capture import start_view, take_picture
+from rbs.pictures.capture import StudioLook, start_view, take_picture
 from rbs.recordings.encoder import Encoder
 from rbs.scenes.files import atomic_write
 from rbs.scenes.simulation import Settings, Simulation
@@ -150,13 +150,13 @@ def annotate(picture, pair, k, mark, note=""):
     return np.asarray(image)
 
 
-def view_of(simulation, size, view=None, **options):
+def view_of(simulation, size, view=None):
     """Returns a SceneView of the simulation; Polyscope starts only once."""
     if view is None:
         backend = find_backend(window=False)
         if backend.name is None:
             sys.exit(f"cannot draw: {backend.reason}. {backend.remedy}")
-        return start_view(simulation, backend, PictureOptions(size, **options))
+        return start_view(simulation, backend, PictureOptions(size))
     view.rebuild(simulation)
     return view
 
@@ -170,8 +170,8 @@ def still(name):
         *mark, isMarked = pair.effect(simulation)
         if isMarked == bool(k):
             sys.exit(f"{name}, half {k}: {mark[1]}")
-        view = view_of(simulation, STILL, view, look="studio")
-        view.studio._framesAnew = False
+        view = view_of(simulation, STILL, view)
+        view.studio = StudioLook(framesAnew=False)
         pair.camera.apply(view)
         view.refresh()
         halves.append(annotate(take_picture(view), pair, k, mark if isMarked else None))
