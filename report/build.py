@@ -47,7 +47,8 @@ def run_part(name, isDrawn=True):
     """Runs one experiment, still or video; returns `(numbers or None, seconds)`."""
     begin, numbers = time.perf_counter(), None
     if name in laws.PANELS:
-        path = FIGURES / f"{name}.svg" if isDrawn else FOLDER.parent / "out" / f"{name}.svg"
+        path = (FIGURES if isDrawn else FOLDER.parent / "out") / f"{name}.svg"
+        path.parent.mkdir(exist_ok=True)
         numbers = style.draw(laws.PANELS[name], path)
     elif name in laws.SILENT:
         numbers = laws.SILENT[name]()
@@ -136,7 +137,6 @@ def main():
         subprocess.run([sys.executable, FOLDER / "timings.py"], check=True)
     if not options.text:
         names = options.only or [*EXPERIMENTS, *STILLS, *(VIDEOS if options.all else ())]
-        FIGURES.mkdir(exist_ok=True)
         found, failed = run_parts(names)
         numbers = {name: one for name, one in (numbers | found).items() if name in EXPERIMENTS}
         numbers["summary"] = rounded(claims.summary(numbers))
