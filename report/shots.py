@@ -113,7 +113,7 @@ def creeping_box(simulation):
 
 
 STACK_CAMERA = Camera((62, 34, 88), (0, 23, 0), 32)
-CUBE_CAMERA = Camera((11, 7, 44), (0, 6.5, 0), 34)
+CUBE_CAMERA = Camera((12.5, 7.8, 51), (0, 6.5, 0), 34)
 SLOPE_CAMERA = Camera((10, 34, 92), (0, 10, 2), 38)
 PYRAMID_CAMERA = Camera((110, 80, 370), (0, 42, 0), 32)
 PAIRS = {
