@@ -183,15 +183,14 @@ def still(name):
 
 @silent
 def videos():
-    """Seconds of each video, rounded up, from which its effect is seen, and to its end."""
+    """Seconds of each video, rounded up, from which its effect stays in view."""
     numbers = {}
     for name, pair in PAIRS.items():
-        (_, simulation), first = next(pair.halves()), None
-        for step in range(0, pair.steps, pair.every):
-            if first is None and simulation.report and pair.effect(simulation)[2]:
-                first = step
-            for _ in range(pair.every):
-                simulation.step()
+        (_, simulation), first = next(pair.halves()), 0
+        for step in range(pair.steps):
+            simulation.step()
+            if not pair.effect(simulation)[2]:
+                first = step + 2
         numbers[name] = math.ceil(first / pair.every / RATE)
     return numbers
 
