@@ -1,7 +1,7 @@
 """Packs the coursework's ZIP: `python report/submission.py [FILE.zip]`.
 
     report.pdf, claims.md       results, and the measurements behind them
-    videos/                     the videos named in the captions
+    videos/                     the videos that the text names
     code/                       the four modules, the modules of rbs/, data/, graders/
 
 The default is out/submission.zip. Identical files give identical bytes. The coursework's own scenes
@@ -20,7 +20,7 @@ from rbs.scenes.messages import InputError
 
 ROOT = Path(__file__).resolve().parent.parent
 MODULES = ("RBSFunctions.py", "GJK.py", "Quaternion.py", "RigidBodySimulation.py")
-VIDEOS = ("movement", "constraints", "friction", "scale", "resting")
+VIDEOS = ("stack", "cube", "slope", "pyramid")
 # folder of the code → files to include
 CODE = {
     ".": (*MODULES, "LICENSE", "pyproject.toml"),
