@@ -17,8 +17,10 @@ FIXED_COLOUR = (0.72, 0.72, 0.72)
 PICKED_COLOUR = (0.90, 0.10, 0.55)
 # Colour of a body that touches no other free body, when colouring by contact island.
 LONE_COLOUR = (0.93, 0.93, 0.90)
-SHADOW_COLOUR = (0.41, 0.42, 0.45)
-CREASE_COLOUR = (0.10, 0.12, 0.15)
+SHADOW_COLOUR = np.array([0.455, 0.47, 0.495])
+MARK_COLOUR = (0.10, 0.12, 0.15)
+# Brightness of creases, relative to the body.
+CREASE_SHADE = 0.35
 # The colour map viridis at equal steps, for light to heavy. Its lightness falls evenly, also for
 # the colour-blind. The darkest tenth is omitted, because no edge would be visible on it.
 VIRIDIS = (
@@ -55,8 +57,7 @@ PALETTE = (
     )
     / 255.0
 )
-# Two greys of the ground's squares.
-GROUND_COLOURS = ((0.62, 0.63, 0.64), (0.68, 0.69, 0.70))
+GROUND_COLOUR, LINE_COLOUR = np.array([0.76, 0.77, 0.78]), np.array([0.55, 0.57, 0.60])
 # Colours of slack, taut and exceeded constraints: light blue, yellow and vermilion of Okabe and
 # Ito's palette.
 CONSTRAINT_COLOURS = np.array([[86, 180, 233], [240, 228, 66], [213, 94, 0]]) / 255.0

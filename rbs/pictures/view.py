@@ -17,8 +17,9 @@ import numpy as np
 from Quaternion import QConj, QRotate
 from rbs.appearance.colours import (
     BACKGROUND,
-    CREASE_COLOUR,
-    GROUND_COLOURS,
+    CREASE_SHADE,
+    GROUND_COLOUR,
+    MARK_COLOUR,
     PICKED_COLOUR,
     SHADOW_COLOUR,
     BodyColours,
@@ -26,13 +27,13 @@ from rbs.appearance.colours import (
 )
 from rbs.appearance.drawables import (
     ConstraintLines,
-    cast_shadows,
     find_creases,
     flatten_meshes,
-    ground_squares,
+    ground_lines,
 )
 from rbs.appearance.framing import VIEW_DIRECTION, frame_camera
 from rbs.appearance.pictureoptions import OVERLAYS, PICTURE_SIZE
+from rbs.appearance.shading import SHADOW_LAYERS, LitSurface, poses_of, soft_shadows
 from rbs.pictures.cameras import kept_camera, point_still_camera
 from rbs.pictures.overlays import CONTACT_OVERLAYS, POINT_RADIUS, Overlays, draw_lines
 from RBSFunctions import refresh_vertices
@@ -46,9 +47,11 @@ SEE_THROUGH = CONTACT_OVERLAYS | {"velocities"}
 VIVIDNESS = 2.0
 # Half the width of edges, relative to the scene's size.
 CREASE_RADIUS = 6e-4
-# Largest number of edges drawn. More slow down drawing without a graphics card, and darken the
-# small bodies of large scenes.
-MOST_CREASES = 4000
+# Largest number of edges drawn, those of the nearest bodies. More slow down drawing without a
+# graphics card.
+MOST_CREASES = 2000
+# Camera movement, in sizes of the scene, after which the nearest bodies are found again.
+CREASE_SHIFT = 0.02
 # Half the width of constraints, relative to the scene's size.
 CONSTRAINT_RADIUS = 1.2e-3
 # The ground, in sizes of the scene: its visible radius; the camera's usual distance from its
@@ -150,23 +153,34 @@ class SceneView:
         self.bodyColours = BodyColours(meshes)
         vertices, faces, self.bodyOfFace = flatten_meshes(meshes)
         self._bodyCount, self.faces = len(meshes), faces
-        self._firstVertex = np.cumsum([0] + [len(m.currVertices) for m in meshes[:-1]])
+        self._surface = LitSurface(meshes)
+        self._firstVertex = self._surface.firstVertex
         # Back faces are culled, because bodies are closed. Surfaces are drawn in alphabetical
         # order, and transparent ones must come last.
         self._bodies = ps.register_surface_mesh(
-            "solids", vertices, faces, material="clay", back_face_policy="cull"
-        )
-        self._bodies.set_selection_mode("faces_only")
-        self._shadows = ps.register_surface_mesh(
-            "shadows",
-            cast_shadows(vertices, SHADOW_HEIGHT * self._size),
-            faces,
+            "solids",
+            vertices[self._surface.source],
+            self._surface.faces,
             material="flat",
             back_face_policy="cull",
-            color=SHADOW_COLOUR,
+        )
+        self._bodies.set_selection_mode("faces_only")
+        count, layers = len(vertices), len(SHADOW_LAYERS)
+        self._shadows = ps.register_surface_mesh(
+            "shadows",
+            soft_shadows(vertices, self._firstVertex, SHADOW_HEIGHT * self._size),
+            np.concatenate([faces + count * k for k in range(layers)]),
+            material="flat",
+            back_face_policy="cull",
+        )
+        darkness = np.array([[dark] for _, dark in SHADOW_LAYERS])
+        colours = GROUND_COLOUR + darkness * (SHADOW_COLOUR - GROUND_COLOUR)
+        self._shadows.add_color_quantity(
+            "layers", colours.repeat(count, axis=0), defined_on="vertices", enabled=True
         )
         self._register_creases(vertices, faces)
-        self._colours = None
+        self._painted = []  # structures that have colours
+        self._poses = self._colours = None
         return vertices
 
     def _follow_body_count(self):
@@ -178,6 +192,13 @@ class SceneView:
         self._register_bodies()
         self._shadows.set_enabled("shadows" in self.shown)
         self.set_see_through(self.isSeeThrough)
+
+    def follow_camera(self):
+        """Moves the ground, and the creases of large scenes, after the camera."""
+        self.spread_ground()
+        if len(self._allCreases) > MOST_CREASES:
+            if np.linalg.norm(self._eye() - self._creaseEye) > CREASE_SHIFT * self._size:
+                self.refresh_creases()
 
     def spread_ground(self):
         """Moves the ground below the camera's target, if that has moved far enough."""
@@ -196,30 +217,47 @@ class SceneView:
         self.groundPlace = middle, size
         # Polyscope clips everything beyond
         reach = min(GROUND_REACH * size, max(FAR_CLIP * self._size - distance, 2.0 * self._size))
-        vertices, faces, colours, self.squareSide = ground_squares(size, middle, reach)
+        vertices, faces, colours, self.squareSide = ground_lines(size, middle, reach)
         self._ground = ps.register_surface_mesh(
             "ground", vertices, faces, material="flat", enabled="ground" in self.shown
         )
-        self._ground.add_color_quantity("squares", colours, defined_on="vertices", enabled=True)
+        self._ground.add_color_quantity("lines", colours, defined_on="vertices", enabled=True)
 
     def _register_creases(self, vertices, faces):
         import polyscope as ps
 
         ps.remove_curve_network("creases", error_if_absent=False)
-        creases = find_creases(vertices, faces)
+        self._allCreases = find_creases(vertices, faces)
+        self._bodyOfCrease = np.searchsorted(self._firstVertex, self._allCreases[:, 0], "right") - 1
         self._creases = None
-        if 0 < len(creases) <= MOST_CREASES:
-            # a curve network draws a dot at each node, so it gets only those in use
-            self._creaseNodes, ends = np.unique(creases, return_inverse=True)
-            self._creaseEnds = creases
+        if len(self._allCreases):
+            ends = self._choose_creases(vertices)
             self._creases = ps.register_curve_network(
                 "creases",
-                vertices[self._creaseNodes],
-                ends.reshape(-1, 2),
+                vertices[ends],
+                np.arange(len(ends)).reshape(-1, 2),
                 radius=CREASE_RADIUS,
-                color=CREASE_COLOUR,
                 material="flat",
             )
+
+    def _choose_creases(self, vertices):
+        """Chooses the creases of the bodies nearest to the camera; returns their ends (2 m,)."""
+        chosen = np.arange(len(self._allCreases))
+        if len(chosen) > MOST_CREASES:
+            distance = np.linalg.norm(vertices[self._firstVertex] - self._eye(), axis=1)
+            counts = np.bincount(self._bodyOfCrease, minlength=len(distance))
+            order = distance.argsort()
+            isNear = np.empty(len(distance), dtype=bool)
+            isNear[order] = counts[order].cumsum() <= MOST_CREASES
+            # the number of drawn ones is constant, so the last one is repeated
+            chosen = np.flatnonzero(isNear[self._bodyOfCrease])
+            chosen = np.pad(chosen, (0, MOST_CREASES - len(chosen)), "edge")
+        self._chosenCreases = chosen
+        return self._allCreases[chosen].ravel()
+
+    def creased_bodies(self):
+        """Returns the indices of the bodies whose creases are drawn."""
+        return np.unique(self._bodyOfCrease[self._chosenCreases])
 
     def _register_constraints(self, vertices):
         import polyscope as ps
@@ -238,9 +276,7 @@ class SceneView:
 
     def _refresh_constraints(self, vertices):
         self._lines.update_node_positions(self._constraintLines.nodes(vertices))
-        self._lines.add_color_quantity(
-            "use", self._constraintLines.colours(vertices), defined_on="edges", enabled=True
-        )
+        self._paint(self._lines, self._constraintLines.colours(vertices), "edges")
         self._lines.set_enabled(self.simulation.settings.enforceConstraints)
 
     def _point_camera(self, points, margins=None):
@@ -379,21 +415,34 @@ class SceneView:
             self.spread_ground()
 
     def refresh(self):
-        """Draws everything in its present state, at one instant, from the next frame on."""
+        """Draws everything in its present state, at one instant, from the next frame on.
+
+        What has not moved is not drawn again.
+        """
         self._follow_body_count()
         self._follow()
-        vertices = refresh_vertices(self.simulation.meshes)  # faster than one by one
-        self._bodies.update_vertex_positions(vertices)
-        if "shadows" in self.shown:
-            shadows = cast_shadows(vertices, SHADOW_HEIGHT * self._size)
+        poses = poses_of(self.simulation.meshes)
+        if not np.array_equal(poses, self._poses):
+            self._poses, self._colours = poses, None
+            self._vertices, self._light = self._surface.place(poses)
+            self._bodies.update_vertex_positions(self._vertices[self._surface.source])
+            height = SHADOW_HEIGHT * self._size
+            shadows = soft_shadows(self._vertices, self._firstVertex, height)
             self._shadows.update_vertex_positions(shadows)
-        if self._creases is not None:
-            self._creases.update_node_positions(vertices[self._creaseNodes])
         if len(self._constraintLines.ends):
-            self._refresh_constraints(vertices)
+            self._refresh_constraints(self._vertices)
         self._refresh_colours()
-        self._overlays.refresh(vertices)
+        self._overlays.refresh(self._vertices)
         self._refresh_mark()
+
+    def refresh_creases(self):
+        """Draws the creases of the bodies that are nearest to the camera."""
+        self._creaseEye = self._eye()
+        if self._creases is not None:
+            nodes = self._vertices[self._choose_creases(self._vertices)]
+            self._creases.update_node_positions(nodes)
+            colours = self._colours[self._bodyOfCrease[self._chosenCreases]]
+            self._paint(self._creases, CREASE_SHADE * colours, "edges")
 
     def body_colours(self):
         """RGB of every body, (n, 3), in the current colouring."""
@@ -403,15 +452,24 @@ class SceneView:
         return colours
 
     def _refresh_colours(self):
+        """Colours of the bodies in their light, and darker ones of their creases."""
         colours = self.body_colours()
         if self._isVivid:
-            grey = np.mean(GROUND_COLOURS, axis=0)
-            colours = np.clip(grey + VIVIDNESS * (colours - grey), 0.0, 1.0)
-        if self._colours is None or not np.array_equal(colours, self._colours):
-            self._bodies.add_color_quantity(
-                "colour", colours[self.bodyOfFace], defined_on="faces", enabled=True
-            )
+            colours = np.clip(GROUND_COLOUR + VIVIDNESS * (colours - GROUND_COLOUR), 0.0, 1.0)
+        if self._colours is not None and np.array_equal(colours, self._colours):
+            return
         self._colours = colours
+        self._paint(self._bodies, colours[self._surface.bodyOfVertex] * self._light, "vertices")
+        self.refresh_creases()
+
+    def _paint(self, structure, colours, places):
+        """Gives a structure its colours (m, 3), without registering them again."""
+        colours = np.minimum(colours, 1.0)
+        if structure in self._painted:
+            structure.get_quantity_buffer("colour", "colors").update_data(colours)
+        else:
+            structure.add_color_quantity("colour", colours, defined_on=places, enabled=True)
+            self._painted.append(structure)
 
     def legend(self):
         """Returns the legend of colours and arrows: rows (text, (r, g, b))."""
@@ -492,8 +550,9 @@ class SceneView:
         """Switches supersampling of the window on or off."""
         import polyscope as ps
 
-        self.isSmooth = isOn
-        ps.set_SSAA_factor(2 if isOn else 1)
+        if isOn != self.isSmooth:  # Polyscope draws everything again
+            self.isSmooth = isOn
+            ps.set_SSAA_factor(2 if isOn else 1)
 
     def set_callback(self, callback):
         """Sets the function that draws the panels in each frame; None removes it."""
@@ -532,11 +591,10 @@ class SceneView:
             return None, None
         if hit.structure_name == "solids":
             return int(self.bodyOfFace[hit.structure_data["index"]]), hit.position
-        vertices = self._creaseNodes
-        if hit.structure_data["element_type"] == "edge":
-            vertices = self._creaseEnds[:, 0]
-        vertex = vertices[hit.structure_data["index"]]
-        return int(np.searchsorted(self._firstVertex, vertex, side="right")) - 1, hit.position
+        place = hit.structure_data["index"]
+        if hit.structure_data["element_type"] != "edge":  # a node: each edge has two of its own
+            place //= 2
+        return int(self._bodyOfCrease[self._chosenCreases[place]]), hit.position
 
     def distance_of(self, point):
         """Depth of a point (3,) along the camera's line of sight, in metres."""
@@ -581,6 +639,6 @@ class SceneView:
             ps.register_point_cloud(
                 "picked point",
                 self.picked_point()[None],
-                color=CREASE_COLOUR,
+                color=MARK_COLOUR,
                 radius=2.0 * POINT_RADIUS,
             )
