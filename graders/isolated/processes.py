@@ -1,8 +1,8 @@
-"""Running a student's modules in a process of its own, on a copy of their folder, with limits.
+"""Runs a student's modules in a process of its own, on a copy of their folder, within limits.
 
-What is run may never end, end the interpreter, crash it, or write where it stands: none of this
-reaches the grader or another submission. It is not a prison, though: the process has the rights of
-whoever grades, and can read and write their files if it sets out to.
+The modules may hang, end or crash the interpreter, or write beside themselves without harm to the
+grader or to other submissions. This is not a sandbox: the process has the rights of the person who
+grades, and can read and write their files.
 """
 
 import json
@@ -17,7 +17,7 @@ import threading
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from trials import Results
+from verdict.parts import Results
 
 from rbs.program.options import at_least, option_type
 from rbs.program.submissions import SubmissionError
@@ -25,28 +25,30 @@ from rbs.program.submissions import SubmissionError
 WORKER = Path(__file__).resolve().with_name("worker.py")
 SECONDS = option_type(float, at_least(0.1, 86400), "number")
 MEGABYTES = option_type(int, at_least(1, 1 << 20), "whole number")
-# Seconds that a process may take beside the time limits of its parts, to start and to end.
+# Seconds that a process may take in addition to the time limits of its parts, to start and to end.
 GRACE = 20
+# The environment of a student's program: same numbers each time, no window, one thread because
+# each would take memory of its own.
+ENVIRONMENT = {
+    "PYTHONHASHSEED": "0",
+    "PYTHONDONTWRITEBYTECODE": "1",
+    "PYTHONUTF8": "1",
+    "MPLBACKEND": "Agg",
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+}
+DROPPED = ("PYTHON", "DISPLAY", "WAYLAND_DISPLAY")
 
 
-def add_limit_arguments(parser):
-    """Two options; what they give, `seconds` and `megabytes`, is what is called limits here."""
-    parser.add_argument(
-        "--time-limit",
-        dest="seconds",
-        metavar="SECONDS",
-        type=SECONDS,
-        default=30,
-        help="how long a submission may take for each part of a grader (default: %(default)g)",
-    )
-    parser.add_argument(
-        "--memory-limit",
-        dest="megabytes",
-        metavar="MB",
-        type=MEGABYTES,
-        default=2048,
-        help="how much memory a submission may ask for (default: %(default)d)",
-    )
+def add_limit_arguments(parser, seconds=30):
+    """Adds two options, whose values `seconds` and `megabytes` are called limits here."""
+    option = parser.add_argument
+    text = "time limit for each part of a grader (default: %(default)g)"
+    form = {"dest": "seconds", "metavar": "SECONDS", "type": SECONDS, "default": seconds}
+    option("--time-limit", **form, help=text)
+    text = "memory limit of a submission (default: %(default)d)"
+    form = {"dest": "megabytes", "metavar": "MB", "type": MEGABYTES, "default": 2048}
+    option("--memory-limit", **form, help=text)
 
 
 # ---- Processes ----------------------------------------------------------------------------------
@@ -54,41 +56,35 @@ def add_limit_arguments(parser):
 
 @contextmanager
 def copied(folder):
-    """Yields the path of a copy of a folder, which is removed in the end."""
+    """Yields the path of a copy of a folder, and removes it in the end."""
     with tempfile.TemporaryDirectory(prefix="running-", ignore_cleanup_errors=True) as place:
         yield Path(shutil.copytree(folder, Path(place).resolve() / "work"))
 
 
-def environment(folder):
-    """The environment of a student's program: nothing that would change its numbers or its ways,
-    and no display on which it could open a window."""
-    dropped = ("PYTHON", "DISPLAY", "WAYLAND_DISPLAY")
-    kept = {name: text for name, text in os.environ.items() if not name.startswith(dropped)}
-    return kept | {
-        "PYTHONHASHSEED": "0",
-        "PYTHONDONTWRITEBYTECODE": "1",
-        "PYTHONUTF8": "1",
-        "MPLBACKEND": "Agg",
-        "OPENBLAS_NUM_THREADS": "1",  # each thread would ask for memory of its own
-        "OMP_NUM_THREADS": "1",
-        "TMPDIR": str(folder),
-    }
-
-
 def run_limited(words, folder, seconds, megabytes, errors=subprocess.DEVNULL):
-    """Runs `worker.py` with these words, and whatever it starts, for so many seconds.
+    """Runs `worker.py` with these words, and ends all processes that it has started.
 
-    errors : a file that its standard error goes to; its output is dropped
-    Returns its exit code, negative where a signal ended it, and None where the time was up.
-    Raises SubmissionError once `stop_all` has been called.
+    Parameters
+    ----------
+    errors : a file for its standard error; its output is dropped
+
+    Returns
+    -------
+    its exit code, negative if a signal ended it, None if the time was up
+
+    Raises
+    ------
+    SubmissionError
+        after a call of `stop_all`
     """
     if _isStopped.is_set():
         raise SubmissionError("stopped")
+    kept = {name: text for name, text in os.environ.items() if not name.startswith(DROPPED)}
     words = map(str, (megabytes, int(seconds) + 1, os.getpid(), *words))
     process = subprocess.Popen(
         [sys.executable, "-B", WORKER, *words],
         cwd=folder,
-        env=environment(folder.parent),
+        env=kept | ENVIRONMENT | {"TMPDIR": str(folder.parent)},
         start_new_session=True,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
@@ -96,7 +92,7 @@ def run_limited(words, folder, seconds, megabytes, errors=subprocess.DEVNULL):
     )
     _running.add(process)
     try:
-        return process.wait(seconds)
+        return process.wait(0 if _isStopped.is_set() else seconds)  # stopped meanwhile
     except subprocess.TimeoutExpired:
         return None
     finally:
@@ -104,13 +100,13 @@ def run_limited(words, folder, seconds, megabytes, errors=subprocess.DEVNULL):
         _end(process)
 
 
-# The processes that are running, in whichever thread, and whether no more shall be started.
+# The processes of all threads, and whether no more may be started.
 _running = set()
 _isStopped = threading.Event()
 
 
 def stop_all():
-    """Ends all processes that are running, and lets none be started any more."""
+    """Ends all processes, and prevents new ones."""
     _isStopped.set()
     for process in list(_running):
         _end(process)
@@ -130,12 +126,20 @@ def _end(process):
 
 
 def run_isolated(graders, folder, dataFolder, data, limits):
-    """What a student's modules compute: a dict from a grader's module to a list of (Part, Results).
+    """Runs all parts of the graders on a student's modules.
 
+    One process runs all parts. A part during which it ends is given up, and another process
+    continues with the next one. If the modules cannot be imported, all parts are given up.
+
+    Parameters
+    ----------
+    folder : of the modules
     data : dict from a grader's module to its data, which the process reads from dataFolder
+    limits : with `seconds` for each part, and `megabytes`
 
-    One process runs all parts. A part at which it ends is given up, and another process goes on
-    with the next one; modules that cannot be imported end all parts at once.
+    Returns
+    -------
+    dict from a grader's module to a list of (Part, Results)
     """
     parts = {
         (grader.module, part.name): part
@@ -163,10 +167,10 @@ def run_isolated(graders, folder, dataFolder, data, limits):
 
 
 def _run(order, folder, limits):
-    """One process of `worker.py`, on a copy of a folder, and what it has left.
+    """Runs `worker.py` once, on a copy of a folder, and reads the files that it has written.
 
-    Returns a dict from (module, part) to results as `Results.as_json` has them; whether the modules
-    could be imported; and why it has ended.
+    Returns a dict from (module, part) to results as `Results.as_json` gives them, whether the
+    modules could be imported, and why the process ended.
     """
     contents, isLoaded, cause = {}, False, None
     with copied(folder) as work:
@@ -175,7 +179,7 @@ def _run(order, folder, limits):
         seconds = (len(order["parts"]) + 1) * limits.seconds + GRACE
         code = run_limited([json.dumps(order | places)], work, seconds, limits.megabytes)
         for line in answers.read_text(encoding="utf-8").splitlines() if answers.exists() else ():
-            with suppress(ValueError):  # of a line that is cut off
+            with suppress(ValueError):  # a line that is cut off
                 answer = json.loads(line)
                 isLoaded = isLoaded or "loaded" in answer
                 cause = answer.get("refused")
@@ -188,7 +192,7 @@ def _run(order, folder, limits):
 
 
 def _reason(code, said, seconds):
-    """Why a process has ended before its time; said : what it has left in its trace."""
+    """Why a process ended early, from its exit code and its trace."""
     if code is None or "Timeout (" in said:
         return f"stopped after {seconds:g} s"
     if code < 0:
@@ -198,7 +202,7 @@ def _reason(code, said, seconds):
 
 
 def _place(said, work):
-    """Where the student's program was, as ", at FILE:LINE"; or nothing."""
+    """The place of the student's code in a trace, as ", at FILE:LINE", or ""."""
     for file, line in re.findall(r'File "([^"\n]+)", line (\d+)', said):
         if Path(file).is_relative_to(work):
             return f", at {Path(file).relative_to(work)}:{line}"

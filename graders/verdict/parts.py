@@ -1,6 +1,6 @@
-"""Running what is graded, sample by sample, whatever it does; and the numbers that come of it.
+"""Calls what is graded, sample by sample, and collects the numbers, whatever the calls do.
 
-Nothing here is known of the quantities: a grader's parts say what to call and what to keep.
+Quantities are up to the graders: a Part says what to call and what to keep.
 """
 
 from collections.abc import Callable
@@ -8,32 +8,39 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
-from gradingTools import CONVENTIONS, ERROR_BOUND, WIDTHS, load_grader_data
-from rigidModel import solids_of
+from reference.graderData import CONVENTIONS, ERROR_BOUND, WIDTHS, load_grader_data
+from reference.rigidModel import solids_of
 
 from rbs.program.submissions import brief, describe
 
 ATTRIBUTES = ("position", "orientation", "linVelocity", "angVelocity")  # as in WIDTHS
-# Of what the data do not show, the number of samples that are tried.
+# The number of samples that are tried if the data do not hold the expected results.
 FEW = 20
 
 
 class NotWritten(Exception):
-    """Something that a student has not written yet; the message says what, in one line."""
+    """Something that the student has not written yet; the message names it, in one line."""
 
 
 class WrongResult(Exception):
-    """A result that is not what its function is to give; the message says so, in one line."""
+    """A result of the wrong kind or shape; the message says which, in one line."""
 
 
 # ---- What functions return ----------------------------------------------------------------------
 
 
 def returned(values, function, sizes):
-    """The values that a function has returned, as a tuple.
+    """Returns the values that a function has returned, as a tuple.
 
-    sizes : dict from what is to be returned, in order, to how many numbers it is
-    Raises NotWritten or WrongResult for values that are not as many, or in another order.
+    Parameters
+    ----------
+    function : its name, for messages
+    sizes : dict from the name of each value, in order, to how many numbers it holds
+
+    Raises
+    ------
+    NotWritten, WrongResult
+        if there are more or fewer values, or they come in another order
     """
     order = f"({', '.join(sizes)})"
     if values is None:
@@ -51,7 +58,10 @@ def returned(values, function, sizes):
 
 
 def numbers(value, count, what):
-    """An array (count,) out of one of any shape with so many entries; of count `bool`, a bool."""
+    """Returns a value of any shape as an array (count,); a count of `bool` means one bool.
+
+    Raises NotWritten or WrongResult, with the name `what`, if the value is something else.
+    """
     if value is None:
         raise NotWritten(f"{what} is None")
     size = 1 if count is bool else count
@@ -67,19 +77,19 @@ def numbers(value, count, what):
 
 
 def results_of(mesh, ending=""):
-    """Yields what `Part.compute` does, of a mesh's state: "resultPositions", or with an ending."""
+    """Yields a mesh's state as `Part.compute` does: "resultPositions" with an ending, and so on."""
     for name, attribute in zip(WIDTHS, ATTRIBUTES, strict=True):
         yield f"result{name}{ending}", getattr(mesh, attribute, None), f"the mesh's {attribute}"
 
 
 def state_of(mesh):
-    """The state of a mesh in one array (13,): position, orientation and velocities."""
+    """A mesh's state (13,): position, orientation, linear and angular velocity."""
     values = zip(results_of(mesh), WIDTHS.values(), strict=True)
     return np.concatenate([numbers(value, width, what) for (_, value, what), width in values])
 
 
 def by_mesh(key, pair):
-    """Yields what `Part.compute` does, of a pair of vectors, one for each mesh."""
+    """Yields a pair of vectors, one for each mesh, as `Part.compute` does."""
     for k, value in enumerate(returned(pair, key, {"mesh 1": 3, "mesh 2": 3}), start=1):
         yield f"{key}, mesh {k}", value
 
@@ -88,33 +98,34 @@ def by_mesh(key, pair):
 
 
 class Results:
-    """Numbers of all samples, NaN where there are none, and why not.
+    """Numbers of all samples, NaN where a number is missing, and the causes.
 
+    Parameters
+    ----------
+    shapes : dict from quantity to how many numbers it has in a sample, or `bool`
+    folder : of the student's modules; causes name files relative to it
+
+    Attributes
+    ----------
     values : dict from quantity to array (n, w)
-    problems : dict from quantity to (cause, number of samples, the first of them)
-    remarks : list of str, of the bodies
+    problems : dict from quantity to (cause, number of samples, first sample)
+    remarks : list of str, those of the bodies
     """
 
     def __init__(self, shapes, sampleCount, folder=None):
-        """shapes : dict from quantity to how many numbers it has in a sample, or `bool`
-
-        folder : of the student's modules, which causes name files relative to
-        """
-        self.values = {
-            key: np.full((sampleCount, int(width)), np.nan) for key, width in widths(shapes)
-        }
+        self.values = {key: np.full((sampleCount, w), np.nan) for key, w in widths(shapes)}
         self.problems = {}
         self.remarks = []
         self._folder = folder
 
     @contextmanager
     def attempt(self, sample, keys):
-        """Within it, whatever goes wrong is noted as the problem of these quantities."""
+        """Context in which any exception becomes the problem of these quantities."""
         try:
             yield
         except (KeyboardInterrupt, GeneratorExit):
             raise
-        except BaseException as error:  # SystemExit, too, must not end the grader
+        except BaseException as error:  # not even SystemExit ends the grader
             cause = str(error)
             if not isinstance(error, NotWritten | WrongResult):
                 cause = brief(error) if self._folder is None else describe(error, self._folder)
@@ -125,12 +136,12 @@ class Results:
                 self.problems[key] = known, count + 1, first
 
     def as_json(self):
-        """What `read_json` takes over, for JSON; NaN and infinities are in it as they are."""
+        """Returns the contents for JSON and `read_json`; NaN and infinities stay as they are."""
         values = {key: array.tolist() for key, array in self.values.items()}
         return {"values": values, "problems": self.problems, "remarks": self.remarks}
 
     def read_json(self, content):
-        """Takes over what `as_json` gave; raises ValueError or KeyError for anything else."""
+        """Takes over what `as_json` returned. Raises ValueError or KeyError for anything else."""
         for key, array in self.values.items():
             array[...] = np.array(content["values"][key], dtype=np.float64).reshape(array.shape)
         for key, (cause, count, first) in content["problems"].items():
@@ -139,7 +150,7 @@ class Results:
         self.remarks = [brief(text) for text in content["remarks"]]
 
     def give_up(self, cause, sampleCount):
-        """Notes one cause for all quantities and samples: nothing could be run."""
+        """Records one cause for all quantities and samples."""
         self.problems = dict.fromkeys(self.values, (brief(cause), sampleCount, 0))
 
 
@@ -152,30 +163,32 @@ def widths(shapes):
 
 
 def every_sample(data):
-    """The numbers of all samples."""
+    """The indices of all samples."""
     return np.arange(len(data["randomPositions"]))
 
 
 def few_samples(data):
-    """The first samples, for what the data do not show."""
+    """The indices of the first samples, for results that the data do not hold."""
     return every_sample(data)[:FEW]
 
 
 @dataclass(frozen=True)
 class Part:
-    """What can be graded by itself: if it fails, or never ends, the others are graded all the same.
+    """Something that is graded by itself: if it fails or hangs, the other parts are still graded.
 
-    name : what is called, and perhaps how
+    Attributes
+    ----------
+    name : the function that is called, and perhaps how
     shapes : dict from quantity to how many numbers it has in a sample, or `bool`
-    compute : generator of (bodies, data, sample) that calls what is graded, and yields quantities,
-        in order, with their values or what is wrong with them, and perhaps a name for messages
-    model : function of (data, names of mistakes) that gives the values after mistakes, and perhaps
-        more; those of "KEY, mesh 1" and "KEY, mesh 2" as KEY, (2, n, w)
-    samples : function of the data that gives the numbers of the samples to be tried
-    conditional : quantities that mean something only where the first quantity is true, both in what
-        is computed and in what is expected
-    isExtra : whether it looks at what the data do not show; only a student's modules are asked
-    conventions : those in which it is graded
+    compute : generator of (bodies, data, sample) that calls the function and yields the quantities,
+        in order: name, value or Exception, and perhaps a name for messages
+    model : function of (data, names of mistakes) that returns the values after these mistakes;
+        those of "KEY, mesh 1" and "KEY, mesh 2" as KEY, (2, n, w)
+    samples : function of the data that returns the indices of the samples to try
+    conditional : quantities that mean something only if the first quantity is true, both as
+        computed and as expected
+    isExtra : whether the data lack the expected results; only a student's modules are asked
+    conventions : those in which the part is graded
     """
 
     name: str
@@ -189,14 +202,14 @@ class Part:
 
     @property
     def function(self):
-        """The name of what is called."""
+        """The name of the function that is called."""
         return self.name.split()[0]
 
     def run(self, bodies, data, samples, results):
-        """Fills the results in, at these samples."""
+        """Fills in the results at these samples."""
         for sample in samples:
             missing = list(self.shapes)
-            # What is not a number in the end shows in the table.
+            # Numbers that overflow or are NaN show in the table.
             with results.attempt(sample, missing), np.errstate(all="ignore"):
                 for key, value, *what in self.compute(bodies, data, sample):
                     missing.remove(key)
@@ -208,11 +221,11 @@ class Part:
         results.remarks = bodies.remarks
 
     def expected(self, data):
-        """Values to compare with: the data's own, or the model's where they show nothing."""
+        """The right values: the data's own, or the model's if the data lack them."""
         return self._by_quantity(self.model(data) if self.isExtra else data)
 
     def after_mistakes(self, data, names):
-        """What a program with these mistakes computes: dict from quantity to array (n, w)."""
+        """The values after these mistakes: dict from quantity to array (n, w)."""
         return self._by_quantity(self.model(data, names))
 
     def _by_quantity(self, values):
@@ -234,9 +247,11 @@ class Part:
 class Grader:
     """One of the three graders.
 
+    Attributes
+    ----------
     module : the name of its file; fileName, layout : of its data; parts : tuple of Part
-    remarks : function of the data that gives lines for the head of the report
-    added : entries that the graders need and the file does not have
+    remarks : function of the data that returns lines for the head of the report
+    added : entries that the graders need and the file lacks
     """
 
     module: str
@@ -248,11 +263,15 @@ class Grader:
     added: dict = field(default_factory=dict)
 
     def load(self, folder, convention=None):
-        """The grader's data out of a folder, with what is added, and with their convention.
+        """Loads the grader's data, with `added`, "solids" and "convention".
 
-        convention : EXACT or RELEASED_2024; None for the one in which the formulas give the data's
-            results, or most of them
-        Raises GraderDataError.
+        Parameters
+        ----------
+        convention : EXACT or RELEASED_2024; None for the one whose formulas fit the data best
+
+        Raises
+        ------
+        GraderDataError
         """
         data = load_grader_data(folder / self.fileName, self.layout) | self.added
         data["solids"] = solids_of(data)
@@ -260,7 +279,7 @@ class Grader:
         return tried[convention] if convention else min(tried.values(), key=self._misfits)
 
     def _misfits(self, data):
-        """How many of the data's results the formulas do not give in the data's convention."""
+        """The number of results in the data that the formulas of their convention do not give."""
         count = 0
         for part in self.asked(data, withExtras=False):
             expected, computed = part.expected(data), part.after_mistakes(data, frozenset())
@@ -274,3 +293,12 @@ class Grader:
         """The parts that are graded in the data's convention, with or without the extra ones."""
         parts = [part for part in self.parts if data["convention"] in part.conventions]
         return tuple(part for part in parts if withExtras or not part.isExtra)
+
+    def judge(self, bodies, data, folder=None, withExtras=True):
+        """Runs all parts in this process; returns a list of (Part, Results)."""
+        outcomes = []
+        for part in self.asked(data, withExtras):
+            results = Results(part.shapes, len(data["randomPositions"]), folder)
+            part.run(bodies, data, part.samples(data), results)
+            outcomes.append((part, results))
+        return outcomes

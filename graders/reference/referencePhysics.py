@@ -1,13 +1,13 @@
 """Rigid-body physics in 50 decimal digits, written apart from the simulation that it judges.
 
-Nothing is imported from RBSFunctions, GJK or Quaternion, so that none of their errors is repeated
-here. The formulas are those of the interface's definitions, in the plainest way. More than thirty
-of the digits are beyond a double's: a result, rounded once at the end, is the double nearest to the
+Nothing is imported from RBSFunctions, GJK or Quaternion, so none of their errors is repeated here.
+The formulas are those of the interface's definitions, in their plainest form. More than thirty of
+the digits are beyond a double's: a result, rounded once at the end, is the double nearest to the
 formula's true value, however its terms cancel.
 
 Vectors and matrices are NumPy arrays of mpmath's numbers. Orientations are unit quaternions (4,),
-scalar part first; all is in world axes unless stated otherwise, in m, s, kg and radians. Bodies are
-immutable, and functions return new ones.
+scalar part first. Everything is in world axes unless stated otherwise, in m, s, kg and radians.
+Bodies are immutable, and functions return new ones.
 """
 
 import sys
@@ -20,28 +20,28 @@ try:
 except ModuleNotFoundError:
     sys.exit("make_reference.py needs mpmath: pip install mpmath")
 
-from gradingTools import RELEASED_2024
+from reference.graderData import RELEASED_2024
 
 mp.dps = 50
 
-# Of a number, or an array of numbers: the same in 50 digits, exactly so for doubles; square roots.
+# Convert numbers to 50 digits, doubles exactly; and take square roots, of arrays as well.
 exact = np.frompyfunc(mp.mpf, 1, 1)
 sqrt = np.frompyfunc(mp.sqrt, 1, 1)
 
 ZERO = exact([0, 0, 0])
 GRAVITY = exact(["0", "-9.8", "0"])
 
-# Lengths of about 10 m that differ by less, in m, are equal: their rounding errors are near 1e-48.
+# Difference, in m, below which lengths are equal; their rounding errors are near 1e-48.
 TIE = exact("1e-30")
 
-# How far a random sample must be, in m or m/s, from every decision (whether bodies collide, which
-# direction is the shallowest, which bound is violated), so that double precision decides alike.
-# Where an assertion fails, another seed is needed.
+# Least distance of a random sample, in m or m/s, from every decision (whether bodies collide, which
+# direction is the shallowest, which bound is violated), so that double precision decides alike. If
+# an assertion fails, another seed is needed.
 MARGIN = exact("1e-6")
 
 
 def unit(vectors):
-    """A vector, or each of several, divided by its length."""
+    """Vectors divided by their lengths."""
     return vectors / sqrt((vectors * vectors).sum(axis=-1, keepdims=True))
 
 
@@ -62,7 +62,7 @@ def rotation_matrix(q):
 
 @dataclass(frozen=True)
 class Body:
-    """A body of density 1: its shape and mass in rest axes, its pose, and its velocities."""
+    """A body of density 1: its shape and mass in rest axes, its pose and its velocities."""
 
     vertices: np.ndarray  # (V, 3), in rest axes, with the centre of mass at the origin
     faces: np.ndarray  # (F, 3), indices, anticlockwise seen from outside
@@ -82,12 +82,12 @@ class Body:
         """The inverse inertia tensor in world axes, R I⁻¹ Rᵀ: Rᵀ takes a vector to rest axes."""
         R = rotation_matrix(self.orientation)
         if self.convention == RELEASED_2024:
-            R = R.T  # Quirk 2 of the contract: rotated the wrong way round.
+            R = R.T  # Quirk 2 of the contract: turned the wrong way round.
         return R @ self.inverseInertia @ R.T
 
 
 def make_body(vertices, faces, tets, convention):
-    """The Body made of tetrahedra (T, 4) over vertices (V, 3), unturned, at rest at the origin.
+    """Makes a Body of tetrahedra (T, 4) over vertices (V, 3), unturned, at rest at the origin.
 
     With D = (b − a) · ((c − a) × (d − a)) > 0, the Jacobian determinant of the map from the unit
     tetrahedron, and S = a + b + c + d, a tetrahedron a, b, c, d has (F. Tonon, "Explicit exact
@@ -108,20 +108,11 @@ def make_body(vertices, faces, tets, convention):
         secondMoment = secondMoment + D / 120 * (abcd.T @ abcd + np.outer(S, S))
     inertia = np.trace(secondMoment) * np.eye(3) - secondMoment
     if convention == RELEASED_2024:
-        # Quirk 1 of the contract: D/6, the volume, stands where D belongs.
+        # Quirk 1 of the contract: D/6, the volume, instead of D.
         inertia = inertia / 6
     inverseInertia = np.array(mp.inverse(mp.matrix(inertia.tolist())).tolist())
-    return Body(
-        vertices - centre,
-        faces,
-        1 / volume,
-        inverseInertia,
-        convention,
-        position=ZERO,
-        orientation=exact([1, 0, 0, 0]),
-        linVelocity=ZERO,
-        angVelocity=ZERO,
-    )
+    shape = vertices - centre, faces, 1 / volume, inverseInertia, convention
+    return Body(*shape, ZERO, exact([1, 0, 0, 0]), ZERO, ZERO)
 
 
 def integrate(body, timeStep):
@@ -129,24 +120,21 @@ def integrate(body, timeStep):
 
     The angular velocity, constant over the step, turns the body by |ω| h about ω: with v = ω h / 2,
     by the quaternion exp([0, v]) = [cos |v|, v sin |v| / |v|], from the left as ω is in world axes.
-    Torque-free precession is left out, as in the simulation.
+    Torque-free precession is omitted, as in the simulation.
     """
     linVelocity = body.linVelocity + timeStep * GRAVITY
     v = timeStep / 2 * body.angVelocity
     turn = np.array([mp.cos(sqrt(v @ v)), *(mp.sinc(sqrt(v @ v)) * v)])
-    return replace(
-        body,
-        position=body.position + timeStep * linVelocity,
-        orientation=multiply_quaternions(turn, body.orientation),
-        linVelocity=linVelocity,
-    )
+    pose = {"position": body.position + timeStep * linVelocity}
+    pose["orientation"] = multiply_quaternions(turn, body.orientation)
+    return replace(body, **pose, linVelocity=linVelocity)
 
 
 def detect_collision(body1, body2):
-    """The contact (7,) of two convex bodies, [depth, *normal, *point]; None where they are apart.
+    """Returns the contact (7,) of two convex bodies, [depth, *normal, *point], or None.
 
-    depth > 0 is how far body 2 must move along the unit normal to separate; the point is the one of
-    body 2 deepest inside body 1, and point + depth normal is on body 1's surface.
+    depth > 0 is the distance that body 2 must move along the unit normal to separate; the point is
+    that of body 2 deepest inside body 1, and point + depth normal is on body 1's surface.
 
     Moved by t along a unit direction d, body 2 clears body 1 once t reaches their overlap along d,
     max over 1 of a·d − min over 2 of b·d. Bodies are apart when some overlap is negative, and the
@@ -174,8 +162,8 @@ def detect_collision(body1, body2):
 def _features(body):
     """World vertices, outward face normals and edge vectors of a body, the last two of any length.
 
-    Of the two triangles at an edge, one runs along it towards the larger index. The diagonals of
-    flat quadrilaterals count as edges, and do no harm: no direction's overlap is below the depth.
+    Of the two triangles at an edge, one runs along it towards the larger index. Diagonals of flat
+    quadrilaterals count as edges, which does no harm: no direction's overlap is below the depth.
     """
     hull = body.carry(body.vertices)
     a, b, c = hull[body.faces.T]
@@ -193,7 +181,7 @@ def _support_feature(hull, direction):
 
 
 def _deepest_point(hull1, hull2, depth, normal):
-    """The point of hull 2 that lies deepest in hull 1, by what touches once they are apart.
+    """The point of hull 2 that is deepest in hull 1, by the features that touch once apart.
 
     A vertex b of hull 2 against a face: b. A vertex a of hull 1 against a face: the point of that
     face which comes to lie on a, a − depth n. Two edges, a + s u and b + t w: the point of the
@@ -213,20 +201,18 @@ def _deepest_point(hull1, hull2, depth, normal):
 
 
 def move_apart(bodies, displacement):
-    """Body 1 moved against the displacement and body 2 along it, together by all of it.
+    """Moves body 1 against the displacement and body 2 along it.
 
-    Each moves by its share m_i⁻¹ / (m_1⁻¹ + m_2⁻¹): their common centre of mass stays in place.
+    Their shares m_i⁻¹ / (m_1⁻¹ + m_2⁻¹) keep the common centre of mass in place.
     """
     body1, body2 = bodies
     shift = displacement / (body1.inverseMass + body2.inverseMass)
-    return (
-        replace(body1, position=body1.position - body1.inverseMass * shift),
-        replace(body2, position=body2.position + body2.inverseMass * shift),
-    )
+    moved1 = replace(body1, position=body1.position - body1.inverseMass * shift)
+    return moved1, replace(body2, position=body2.position + body2.inverseMass * shift)
 
 
 def apply_impulse(bodies, points, normal, restitution):
-    """The impulse of a contact or a constraint: −λ n on body 1 at p_1, and λ n on body 2 at p_2.
+    """Applies an impulse of a contact or constraint: −λ n to body 1 at p_1, λ n to body 2 at p_2.
 
     Returns (J v before, bodies afterwards). With r_i = p_i − COM_i and both bodies' velocities,
 
@@ -246,18 +232,16 @@ def apply_impulse(bodies, points, normal, restitution):
     rate = sum(n @ body.linVelocity + arm @ body.angVelocity for body, n, arm, _ in ends)
     k = sum(body.inverseMass + arm @ turn for body, _, arm, turn in ends)
     impulse = (1 + restitution) * rate / k
-    return rate, [
-        replace(
-            body,
-            linVelocity=body.linVelocity - impulse * body.inverseMass * n,
-            angVelocity=body.angVelocity - impulse * turn,
-        )
-        for body, n, _, turn in ends
-    ]
+    changed = []
+    for body, n, _, turn in ends:
+        linVelocity = body.linVelocity - impulse * body.inverseMass * n
+        angVelocity = body.angVelocity - impulse * turn
+        changed.append(replace(body, linVelocity=linVelocity, angVelocity=angVelocity))
+    return rate, changed
 
 
 def resolve_collision(bodies, contact, restitution):
-    """Both bodies, moved apart, then with the impulse at the point, which moves with body 2."""
+    """Moves both bodies apart, then applies the impulse at the point, which moves with body 2."""
     depth, normal, point = contact[0], contact[1:4], contact[4:]
     parted = move_apart(bodies, depth * normal)
     point = point + parted[1].position - bodies[1].position
@@ -265,7 +249,7 @@ def resolve_collision(bodies, contact, restitution):
 
 
 def resolve_position_constraint(bodies, points, bound, isUpper, tolerance):
-    """Project two bodies onto C = |p_1 − p_2| − bound = 0 where they violate C ≤ 0 (or C ≥ 0).
+    """Projects two bodies onto C = |p_1 − p_2| − bound = 0 if they violate C ≤ 0 (or C ≥ 0).
 
     Returns (wasValid, bodies). The bodies move along p_1 − p_2, and do not turn.
     """
@@ -278,10 +262,9 @@ def resolve_position_constraint(bodies, points, bound, isUpper, tolerance):
 
 
 def resolve_velocity_constraint(bodies, points, tolerance):
-    """Project two bodies' velocities onto J v = 0, the rate at which |p_1 − p_2| changes.
+    """Projects two bodies' velocities onto J v = 0; J v is the rate of change of |p_1 − p_2|.
 
-    Returns (wasValid, bodies). Of all changes that bring J v to zero, the impulse's is the least in
-    kinetic energy.
+    Returns (wasValid, bodies). The impulse is the change to J v = 0 of least kinetic energy.
     """
     rate, bodies = apply_impulse(bodies, points, unit(points[0] - points[1]), restitution=0)
     assert rate == 0 or abs(rate) > tolerance + MARGIN, "a velocity is all but valid"

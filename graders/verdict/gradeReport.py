@@ -1,22 +1,24 @@
-"""What comes of a grader: quantities with their errors, causes and hints; the table and verdict."""
+"""Compares results with the data: quantities and their errors, causes and hints, table, verdict."""
 
 import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from gradingTools import ERROR_BOUND, EXACT, FAILED, PASSED
-from hints import explain
+from reference.graderData import ERROR_BOUND, EXACT
+
+from verdict.hints import explain
 
 
 @dataclass(frozen=True)
 class Quantity:
     """One row of the table.
 
-    part : name of the Part that it belongs to
-    error : the largest error, NaN if a number is missing or not a number; None if nothing was
-        compared. Of bools, the number that differ
-    isFlag : whether it is one of bools; worst : the sample with the largest error, or None
-    count : how many samples were compared; isRight : whether the quantity passes
+    Attributes
+    ----------
+    part : name of its Part
+    error : the largest error, NaN if a number is missing, None if nothing was compared; the number
+        of differences if the quantity is a bool (isFlag)
+    worst : the sample with the largest error, or None; count : number of samples compared
     """
 
     part: str
@@ -42,8 +44,10 @@ class Quantity:
 class Grade:
     """The outcome of one grader.
 
-    title, remarks : for the head of the report; quantities : list of Quantity
-    notes : list of (names of quantities or of what was called, text): causes and hints
+    Attributes
+    ----------
+    title, remarks : head of the report; quantities : list of Quantity
+    notes : list of (names of quantities or of the function, text): causes and hints
     """
 
     title: str
@@ -53,12 +57,12 @@ class Grade:
 
     @property
     def failures(self):
-        """Names of the quantities that do not pass."""
+        """Names of the quantities that fail."""
         return [quantity.name for quantity in self.quantities if not quantity.isRight]
 
     @property
     def largest_error(self):
-        """Of all quantities but bools; NaN if all that there is is not a number."""
+        """The largest error of all quantities but bools; NaN if none is a number."""
         errors = [q.error for q in self.quantities if q.error is not None and not q.isFlag]
         finite = [error for error in errors if not math.isnan(error)]
         return max(finite, default=math.nan if errors else 0.0)
@@ -71,7 +75,7 @@ class Grade:
         return f"PASS: all {count} quantities {below}, largest error {self.largest_error:.3e}"
 
     def table(self):
-        """The lines of the table, columns three blanks apart."""
+        """The lines of the table, with three blanks between columns."""
         rows = [("quantity", "largest error", "at sample", "samples")]
         rows += [quantity.cells() for quantity in self.quantities]
         first, *others = (max(map(len, column)) for column in zip(*rows, strict=True))
@@ -80,19 +84,15 @@ class Grade:
         ]
 
     def report(self):
-        """Prints table, notes and verdict; returns PASSED or FAILED."""
+        """Prints table, notes and verdict."""
         lines = [self.title, *self.remarks, "", *self.table(), ""]
         lines += [f"{what}: {text}" for what, text in self.notes]
         lines += [""] * bool(self.notes)
         print("\n".join([*lines, self.verdict()]))
-        return FAILED if self.failures else PASSED
 
 
 def make_grade(grader, outcomes, data):
-    """The Grade of what has been computed.
-
-    outcomes : list of (Part, Results)
-    """
+    """Returns the Grade of a grader's outcomes, a list of (Part, Results)."""
     remarks = dict.fromkeys(text for _part, results in outcomes for text in results.remarks)
     grade = Grade(grader.title, [*grader.remarks(data), *remarks])
     if data["convention"] != EXACT:
@@ -124,13 +124,13 @@ def _add_function(grade, function, outcomes, data):
         for text in texts:
             hints.setdefault(text, set()).add(key)
     for text, keys in hints.items():
-        known = text if text.startswith("not implemented") else f"hint: {text}"
-        of = function if keys >= wrong else _named(keys, parts, wrong.intersection)
-        grade.notes.append((of, known))
+        note = text if text.startswith("not implemented") else f"hint: {text}"
+        what = function if keys >= wrong else _named(keys, parts, wrong.intersection)
+        grade.notes.append((what, note))
 
 
 def _named(keys, parts, quantities):
-    """Names of quantities, or of a part where it is about all of its quantities."""
+    """The names of quantities, or of a part if they are all of its quantities."""
     names = []
     for part in parts:
         own = [key for key in part.shapes if key in keys]
@@ -148,7 +148,7 @@ def _compared(part, key, results, wanted, samples):
     with np.errstate(all="ignore"):
         errors = np.abs(values - wanted)[samples].max(axis=1)
     if isFlag:
-        errors[np.isnan(errors)] = 1.0  # no answer is a wrong one
+        errors[np.isnan(errors)] = 1.0  # a missing flag is wrong
     error = float(errors.sum() if isFlag else errors.max())
     worst = int(samples[np.argmax(errors)]) if np.any(errors != 0) else None
     isRight = bool(np.all(errors < ERROR_BOUND)) and not hasProblem

@@ -1,11 +1,11 @@
-"""Runs a script, or grades a student's modules, within limits that the operating system keeps.
+"""Runs a script, or grades a student's modules, within limits kept by the operating system.
 
-    python graders/worker.py MEGABYTES SECONDS PARENT SCRIPT ARGUMENT...
-    python graders/worker.py MEGABYTES SECONDS PARENT ORDER     as `isolation` gives it, in JSON
+    python graders/isolated/worker.py MEGABYTES SECONDS PARENT SCRIPT ARGUMENT...
+    python graders/isolated/worker.py MEGABYTES SECONDS PARENT ORDER    JSON from `processes`
 
-PARENT is the number of the process that starts it; SECONDS are of processor time, and a part's time
-by the clock is in the order. Grading writes a line of JSON for each thing that is done, so that
-what was done is known however the process ends.
+PARENT is the process ID of the starting process; SECONDS are of processor time, and the order holds
+a part's time by the clock. Grading writes a line of JSON after each part, so that results are kept
+however the process ends.
 """
 
 import faulthandler
@@ -17,15 +17,15 @@ import signal
 import sys
 from pathlib import Path
 
-# The most bytes of a file that a submission may write.
+# The largest file, in bytes, that a submission may write.
 LARGEST_FILE = 64 << 20
 PR_SET_PDEATHSIG = 1  # of Linux's prctl
 
 
 def limit(megabytes, seconds, parent):
-    """Bounds the memory, files and processor time of this process and of those that it starts.
+    """Limits memory, files and processor time of this process and its children.
 
-    On Linux it also ends when its parent does, however that ends.
+    On Linux the process also ends when its parent does.
     """
     try:
         import resource
@@ -47,15 +47,17 @@ def limit(megabytes, seconds, parent):
 
 
 def grade(order):
+    """Grades as the order says, and writes the answers."""
     trace = open(order["trace"], "w")  # stays open as long as the process lives
     faulthandler.enable(trace)
 
     def start_clock():
         faulthandler.dump_traceback_later(order["seconds"], file=trace, exit=True)
 
-    import gradingTools  # noqa: F401  puts the project on the path
-    from conventions import Bodies
-    from trials import Results
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+    from reference.graderData import give_up_names
+    from verdict.bodies import Bodies
+    from verdict.parts import Results
 
     from rbs.program.submissions import SubmissionError, load_submission
 
@@ -63,10 +65,11 @@ def grade(order):
     for module, convention in order["conventions"].items():
         graders[module] = importlib.import_module(module).GRADER
         data[module] = graders[module].load(Path(order["data"]), convention)
+    give_up_names()
     with open(order["answers"], "w", encoding="utf-8") as answers:
 
-        def tell(**answer):
-            print(json.dumps(answer), file=answers, flush=True)
+        def answer(**content):
+            print(json.dumps(content), file=answers, flush=True)
 
         folder = order["folder"]
         os.chdir(folder)
@@ -74,8 +77,8 @@ def grade(order):
         try:
             submission = load_submission(folder)
         except SubmissionError as error:
-            return tell(refused=str(error))
-        tell(loaded=True)
+            return answer(refused=str(error))
+        answer(loaded=True)
         for module, name in order["parts"]:
             start_clock()
             (part,) = (one for one in graders[module].parts if one.name == name)
@@ -86,9 +89,9 @@ def grade(order):
                     modules = submission.functions, submission.quaternion
                     bodies[module] = Bodies(*modules, given)
                 part.run(bodies[module], given, part.samples(given), results)
-                tell(part=[module, name], results=results.as_json())
-            except Exception as error:  # there may be no memory left even for the results
-                return tell(refused=f"gave no results: {type(error).__name__}: {error}")
+                answer(part=[module, name], results=results.as_json())
+            except Exception as error:  # such as a lack of memory for the results
+                return answer(refused=f"gave no results: {type(error).__name__}: {error}")
 
 
 if __name__ == "__main__":
@@ -101,4 +104,4 @@ if __name__ == "__main__":
     else:
         sys.argv[1:] = []
         grade(json.loads(script))
-        os._exit(0)  # whatever the submission has registered for the end, or left running
+        os._exit(0)  # skips exit handlers and threads of the submission

@@ -1,4 +1,4 @@
-"""Exports, read back by a reader of our own that knows nothing of the library that wrote them."""
+"""Exports, read back by a reader of our own that shares nothing with the library that writes."""
 
 import json
 import struct
@@ -6,10 +6,9 @@ import struct
 import numpy as np
 import pytest
 
-from rbs.appearance.drawables import corner_normals
 from rbs.appearance.gltf import GltfWriter
 from rbs.recordings.recording import Recording
-from rbs.scenes.scenefiles import DATA_FOLDER, load_mesh_file
+from rbs.scenes.scenefiles import DATA_FOLDER
 from rbs.scenes.simulation import Simulation
 from RigidBodySimulation import main
 
@@ -33,14 +32,9 @@ class Glb:
     def values(self, index):
         accessor = self.json["accessors"][index]
         view = self.json["bufferViews"][accessor["bufferView"]]
-        width = WIDTHS[accessor["type"]]
-        values = np.frombuffer(
-            self.binary,
-            TYPES[accessor["componentType"]],
-            accessor["count"] * width,
-            view.get("byteOffset", 0),
-        )
-        return values.reshape(-1, width)
+        width, kind = WIDTHS[accessor["type"]], TYPES[accessor["componentType"]]
+        count, begin = accessor["count"] * width, view.get("byteOffset", 0)
+        return np.frombuffer(self.binary, kind, count, begin).reshape(-1, width)
 
     def pose(self, node, path, time):
         """A node's translation, rotation or scale at a time that is in the file."""
@@ -66,13 +60,10 @@ def test_poses_are_those_of_the_recording(exported):
     glb, recording = exported
     for step in range(0, 61, 6):
         frame = recording.frame(step)
-        for b, (position, turn) in enumerate(
-            zip(frame["positions"], frame["orientations"], strict=True)
-        ):
-            np.testing.assert_array_equal(
-                glb.pose(b, "translation", 0.02 * step), position.astype(np.float32)
-            )
+        for b, position in enumerate(frame["positions"].astype(np.float32)):
+            np.testing.assert_array_equal(glb.pose(b, "translation", 0.02 * step), position)
             x, y, z, w = glb.pose(b, "rotation", 0.02 * step)
+            turn = frame["orientations"][b]
             assert abs(abs(np.array([w, x, y, z]) @ turn) - 1.0) < 1e-6
     moved = glb.pose(3, "translation", 1.2) - glb.pose(3, "translation", 0.0)
     assert np.abs(moved).max() > 0.1
@@ -98,24 +89,6 @@ def test_each_shape_is_stored_once_and_in_real_time(exported):
     (animation,) = glb.json["animations"]
     times = glb.values(animation["samplers"][0]["input"])[:, 0]
     np.testing.assert_allclose(times, 0.02 * np.arange(61), atol=1e-6)
-
-
-def test_corner_normals_are_round_on_a_cylinder_and_sharp_on_its_rim():
-    vertices, faces, _ = load_mesh_file(DATA_FOLDER / "cylinder.mesh")
-    normals = corner_normals(vertices, faces)
-    axis = np.ptp(vertices, axis=0).argmax()
-    isCap = np.abs(normals[..., axis]) > 0.99
-    assert (isCap.all(axis=1) | (~isCap).all(axis=1)).all() and isCap.any() and not isCap.all()
-    radial = np.delete(vertices[faces], axis, axis=2) - np.delete(vertices.mean(axis=0), axis)
-    radial /= np.linalg.norm(radial, axis=2, keepdims=True)
-    cosines = np.sum(np.delete(normals, axis, axis=2) * radial, axis=2)
-    assert cosines[~isCap].min() > 0.99
-
-
-def test_another_ending_is_refused(capsys):
-    with pytest.raises(SystemExit) as exit:
-        main(["bridge", "--export", "b.gltf"])
-    assert exit.value.code == 2 and "must end in .glb" in capsys.readouterr().err
 
 
 def test_constraints_that_are_let_go_midway_keep_their_lines(tmp_path):

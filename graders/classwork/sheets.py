@@ -1,7 +1,7 @@
-"""What `grade.py` prints and writes of hand-ins: tables, CSV files, Markdown sheets, a summary.
+"""Prints and writes what `grade.py` reports: tables, CSV files, Markdown sheets, a summary.
 
-Texts may come from a submission: an exception's message, the name of a file. They are made
-harmless for a terminal, a spreadsheet and Markdown.
+Texts from a submission, such as an exception's message or the name of a file, are made harmless for
+a terminal, a spreadsheet and Markdown.
 """
 
 import csv
@@ -13,34 +13,25 @@ import unicodedata
 from collections import Counter
 from urllib.parse import quote
 
-from gradingTools import ERROR_BOUND, printable
+from reference.graderData import ERROR_BOUND, printable
 
 from rbs.program.submissions import SubmissionError
 from rbs.scenes.files import atomic_write
 from rbs.scenes.messages import short
 
-GRADES = (
-    "submission",
-    "grader",
-    "passed",
-    "of",
-    "largest error",
-    "notes",
-    "remarks",
-    "failed",
-    "convention",
-    "path",
-)
+GRADES = ("submission", "grader", "passed", "of", "largest error", "notes", "remarks", "failed")
+GRADES += ("convention", "path")
 BETWEEN = " | "
-# Characters of a note in the printed table; the sheet has all of it.
+# Characters of a note in the printed table; the sheet has the whole note.
 NOTE_WIDTH = 72
-# What a spreadsheet takes for a formula, but for the apostrophe that keeps it from doing so.
+# A text that a spreadsheet takes for a formula, unless an apostrophe precedes it.
 FORMULA = re.compile(r"^('?)([=+@-].+)")
-MOST_NOTES = 8  # of the summary
+# Notes in the summary.
+MOST_NOTES = 8
 
 
 def rows_of(outcome):
-    """The rows of grades.csv, one for each grader: dicts of texts."""
+    """Returns the rows of grades.csv, dicts of texts: one for each grader."""
     row = dict.fromkeys(GRADES, "-")
     row |= {"submission": outcome.name, "path": outcome.path}
     row |= {"remarks": BETWEEN.join(outcome.remarks), "passed": "0"}
@@ -48,43 +39,34 @@ def rows_of(outcome):
         return [row | {"notes": outcome.refusal, "failed": "everything: refused"}]
     rows = []
     for module, grade in outcome.grades.items():
-        error = grade.largest_error
+        error, count = grade.largest_error, len(grade.quantities)
         shown = "not a number" if math.isnan(error) else f"{error:.1e}"
         if all(quantity.error is None for quantity in grade.quantities):
             shown = "-"
         failed = dict.fromkeys(one.part for one in grade.quantities if not one.isRight)
-        rows.append(
-            row
-            | {
-                "grader": module,
-                "passed": str(len(grade.quantities) - len(grade.failures)),
-                "of": str(len(grade.quantities)),
-                "largest error": shown,
-                "notes": BETWEEN.join(f"{what}: {text}" for what, text in grade.notes),
-                "failed": BETWEEN.join(failed),
-                "convention": outcome.conventions[module],
-            }
-        )
+        row = row | {"grader": module, "convention": outcome.conventions[module]}
+        row |= {"passed": str(count - len(grade.failures)), "of": str(count)}
+        row |= {"largest error": shown, "failed": BETWEEN.join(failed)}
+        row["notes"] = BETWEEN.join(f"{what}: {text}" for what, text in grade.notes)
+        rows.append(row)
     return rows
 
 
 def passes(rows):
+    """Whether a submission with these rows passes."""
     return all(row["passed"] == row["of"] for row in rows)
 
 
 def write_rows(path, columns, rows):
-    """A CSV file, whole or as it was before; with the mark that Excel knows UTF-8 by. OSError"""
-    with (
-        atomic_write(path) as partial,
-        open(partial, "w", encoding="utf-8-sig", newline="") as file,
-    ):
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows([_plain_cell(str(row[column])) for column in columns] for row in rows)
+    """Writes a whole CSV file, with the mark by which Excel knows UTF-8. Raises OSError."""
+    cells = [[_plain_cell(str(row[column])) for column in columns] for row in rows]
+    form = {"encoding": "utf-8-sig", "newline": ""}
+    with atomic_write(path) as partial, open(partial, "w", **form) as file:
+        csv.writer(file).writerows([columns, *cells])
 
 
 def read_rows(path, columns):
-    """The rows of `write_rows`, or none if there is no such file. SubmissionError, OSError"""
+    """Reads the rows of `write_rows`; none if there is no file. Raises SubmissionError, OSError."""
     if not path.exists():
         return []
     with open(path, encoding="utf-8-sig", newline="") as file:
@@ -99,7 +81,7 @@ def _plain_cell(text):
 
 
 def print_table(rows):
-    """One line for each submission and grader, with the first note, or else the first remark."""
+    """Prints a line for each submission and grader, with its first note or remark."""
     table, last = [("submission", "grader", "passed", "largest error", "hint")], None
     for row in rows:
         notes = _split(row["notes"]) + _split(row["remarks"]) * (row["submission"] != last)
@@ -122,12 +104,12 @@ def _split(cell):
 
 
 def _width(text):
-    """The places that a text takes on a terminal, two for a Chinese character."""
+    """The columns that a text takes on a terminal, two for a Chinese character."""
     return sum(1 + (unicodedata.east_asian_width(letter) in "WF") for letter in text)
 
 
 def summary_of(rows, marks):
-    """Lines on the class: marks, what fails how often, and the commonest notes.
+    """Returns lines on the class: its marks, the parts that fail, and the commonest notes.
 
     rows : of grades.csv; marks : dict from a submission's name to its row of marks.csv
     """
@@ -142,25 +124,20 @@ def summary_of(rows, marks):
 
 
 def write_sheet(path, outcome, marks):
-    """The Markdown sheet of a submission. marks : its row of marks.csv. raises OSError"""
+    """Writes a submission's Markdown sheet; marks : its row of marks.csv. Raises OSError."""
     verdict = "passes" if passes(rows_of(outcome)) else "does not pass"
     lines = [f"# {_plain(outcome.name)}", ""]
     if outcome.refusal:
         lines += [f"Not graded: {_plain(outcome.refusal)}", ""]
     else:
-        lines += [
-            f"It {verdict}; a quantity passes if its largest error is below {ERROR_BOUND:g}.",
-            "",
-            f"Marks: {marks['total']} of {marks['of']}.",
-            "",
-        ]
-    lines += [f"- {_plain(remark)}" for remark in outcome.remarks]
-    lines += [""] * bool(outcome.remarks)
+        text = f"a quantity passes if its largest error is below {ERROR_BOUND:g}."
+        lines += [f"The submission {verdict}; {text}", ""]
+        lines += [f"Marks: {marks['total']} of {marks['of']}.", ""]
+    lines += _listed(outcome.remarks)
     for module, grade in outcome.grades.items():
         passed = len(grade.quantities) - len(grade.failures)
         lines += [f"## {grade.title}: {passed} of {len(grade.quantities)}", ""]
-        lines += [f"- {_plain(what)}: {_plain(text)}" for what, text in grade.notes]
-        lines += [""] * bool(grade.notes)
+        lines += _listed(f"{what}: {text}" for what, text in grade.notes)
         lines += ["| | quantity | largest error | at sample | samples |", "|---|---|--:|--:|--:|"]
         for quantity in grade.quantities:
             mark = "✓" if quantity.isRight else "✗"
@@ -175,24 +152,25 @@ def write_sheet(path, outcome, marks):
         file.write("\n".join(lines).rstrip() + "\n")
 
 
+def _listed(texts):
+    lines = [f"- {_plain(text)}" for text in texts]
+    return lines + [""] * bool(lines)
+
+
 def _contact_sheet(scene, folder):
     """The pictures of a scene in a row, with their times below."""
     lines = [f"### {_plain(scene.name)}", ""]
     lines += [_plain(scene.problem or "The steps agree with ours."), ""]
-    lines += [f"- {_plain(remark)}" for remark in scene.remarks]
-    lines += [""] * bool(scene.remarks)
+    lines += _listed(scene.remarks)
     if scene.pictures:
         paths = [os.path.relpath(path, folder) for _time, path in scene.pictures]
         paths = [quote(path.replace(os.sep, "/")) for path in paths]
-        lines += [
-            "| " + " | ".join(f"![{scene.name}]({path})" for path in paths) + " |",
-            "|" + ":-:|" * len(paths),
-            "| " + " | ".join(f"{time:g} s" for time, _path in scene.pictures) + " |",
-            "",
-        ]
+        lines.append("| " + " | ".join(f"![{scene.name}]({path})" for path in paths) + " |")
+        lines.append("|" + ":-:|" * len(paths))
+        lines += ["| " + " | ".join(f"{time:g} s" for time, _path in scene.pictures) + " |", ""]
     return lines
 
 
 def _plain(text):
-    """The text in one line in which Markdown sees nothing but text."""
+    """Returns the text in one line, with all Markdown escaped."""
     return re.sub(r"([\\`*_{}\[\]<>#|~])", r"\\\1", printable(str(text)))

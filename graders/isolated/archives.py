@@ -1,6 +1,6 @@
-"""Hand-ins as they come: found in a folder, named, and read from folders, ZIPs and tars.
+"""Finds submissions in folders, names them, and reads them from folders, ZIPs and tars.
 
-Of a hand-in, only the folder with RBSFunctions.py and what lies below it is taken, as a copy. Links
+Only the folder with RBSFunctions.py and its subfolders are read, and a copy of them is used. Links
 are never followed, and no name can lead out of the copy.
 """
 
@@ -21,15 +21,15 @@ from rbs.program.submissions import SUBMITTED_MODULES, SubmissionError
 
 TARS = (".tar", ".tar.gz", ".tgz")
 ARCHIVES = (".zip", *TARS)
-# Loose files that are refused by name, since they may well be somebody's work.
+# Loose files that are refused by name, because they may be somebody's work.
 UNREAD = (".7z", ".rar", ".py")
-# Folders that are nobody's solution, in lower case, beside those that begin with a dot.
-PASSED_OVER = {"__pycache__", "__macosx", "env", "venv", "node_modules", "site-packages"}
-# What a solution needs at most; what is larger, or comes later, is left out.
+# Folders without a solution, in lower case; those that begin with a dot are skipped, too.
+SKIPPED = {"__pycache__", "__macosx", "env", "venv", "node_modules", "site-packages"}
+# The most that a solution needs, in bytes and files. Larger or further files are left out.
 LARGEST_FILE = 4 << 20
 MOST_BYTES = 64 << 20
 MOST_FILES = 2000
-# Characters of a name, so that "NAME-2.md" is a name for a file, too.
+# Characters of a name, so that "NAME-2.md" is a valid file name, too.
 LONGEST_NAME = 80
 # Downloads of Moodle, NAME_ID_assignsubmission_file_FILE, and of Canvas, NAME_LATE_ID_ID_FILE.
 DOWNLOAD = re.compile(
@@ -37,14 +37,15 @@ DOWNLOAD = re.compile(
 )
 MODULE_FILES = {f"{name}.py".lower(): f"{name}.py" for name in SUBMITTED_MODULES}
 FUNCTIONS = "rbsfunctions.py"
+LOOSE = "a loose {} file is not read: put RBSFunctions.py and what it needs into a folder or a ZIP"
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A hand-in: its name, which no other one has and any file can have, and its path.
+    """A submission: a unique name that any file can have, and a path.
 
-    files : pairs (name, path) where it is a student's loose files instead, as Canvas gives them
-    isAnonymous : whether no text may name a folder of it
+    files : pairs (name, path) if the submission consists of loose files, as from Canvas
+    isAnonymous : whether no text may name its folders
     """
 
     name: str
@@ -53,14 +54,14 @@ class Entry:
     isAnonymous: bool = False
 
 
-# ---- Finding hand-ins ---------------------------------------------------------------------------
+# ---- Finding submissions ------------------------------------------------------------------------
 
 
 def find_submissions(paths):
-    """The list of Entry that the paths stand for, each a hand-in or a folder of hand-ins.
+    """Returns the list of Entry in these paths, each a submission or a folder of submissions.
 
-    An archive is a hand-in, and so is a folder with RBSFunctions.py in it or in its `code`. Of any
-    other folder, each archive and each folder is one. Raises SubmissionError.
+    An archive is a submission, and so is a folder with RBSFunctions.py in it or in its `code`. In
+    any other folder, each archive and each folder is one. Raises SubmissionError.
     """
     found = []
     for path in map(Path, paths):
@@ -69,12 +70,11 @@ def find_submissions(paths):
         elif path.is_dir():
             inside = _inside(path)
             if not inside:
-                raise SubmissionError(f"{path}: there is no submission in this folder")
+                raise SubmissionError(f"{path}: no submission in this folder")
             found += inside
-        elif path.exists():
-            raise SubmissionError(f"{path}: a submission is a folder, a ZIP or a tar")
         else:
-            raise SubmissionError(f"{path}: there is no such file or folder")
+            exists = "not a folder, a ZIP or a tar" if path.exists() else "no such file or folder"
+            raise SubmissionError(f"{path}: {exists}")
     entries = {}
     for stem, path, files in found:
         name, number = stem, 1
@@ -86,22 +86,22 @@ def find_submissions(paths):
 
 
 def find_submission(path):
-    """The Entry of a path that is one hand-in, whatever it holds. Raises SubmissionError."""
+    """Returns the Entry of a path that is one submission. Raises SubmissionError."""
     first, *_others = find_submissions([path])
     return Entry(first.name, Path(path))
 
 
 def _inside(folder):
-    """The hand-ins in a folder, in order: (name, path, loose files)."""
+    """The submissions in a folder, in order: (name, path, loose files)."""
     found, loose = [], {}
     for path in sorted(folder.iterdir()):
-        if _is_passed_over(path.name):
+        if _is_skipped(path.name):
             continue
         download, ending = DOWNLOAD.fullmatch(path.name), path.suffix.lower()
         if path.is_dir() or _is_archive(path):
             found.append((_name_of(path), path, ()))
         elif download and ending == ".py":
-            file = re.sub(r"-\d+(\.\w+)$", r"\1", download[3] or "")  # handed in once more
+            file = re.sub(r"-\d+(\.\w+)$", r"\1", download[3] or "")  # submitted again
             loose.setdefault(download.group(1, 2), []).append((file, path))
         elif ending in UNREAD:
             found.append((plain(path.name), path, ()))
@@ -112,8 +112,8 @@ def _is_archive(path):
     return path.is_file() and path.name.lower().endswith(ARCHIVES)
 
 
-def _is_passed_over(name):
-    return name.startswith(".") or name.lower() in PASSED_OVER
+def _is_skipped(name):
+    return name.startswith(".") or name.lower() in SKIPPED
 
 
 def _is_submission(path):
@@ -122,7 +122,7 @@ def _is_submission(path):
 
 
 def _name_of(path):
-    """The student's name where a download has it, or else the file's without its ending."""
+    """The student's name in the name of a download; for other paths, the name without ending."""
     name = path.resolve().name
     if path.is_file():
         name = re.sub(r"(\.tar)?\.\w+$", "", name)
@@ -131,7 +131,7 @@ def _name_of(path):
 
 
 def plain(name):
-    """A name as it is, but for what a file system cannot hold."""
+    """Returns a name without characters that a file system refuses."""
     name = unicodedata.normalize("NFC", name)
     name = "".join(c if c.isprintable() and c not in '<>:"/\\|?*' else "_" for c in name)
     return name[:LONGEST_NAME].strip(" .") or "submission"
@@ -142,9 +142,9 @@ def plain(name):
 
 @contextmanager
 def modules_of(entry):
-    """Yields (folder with a copy of the student's modules, remarks) while they are needed.
+    """Yields (folder with a copy of the student's modules, remarks), and removes it in the end.
 
-    Raises SubmissionError where there is no RBSFunctions.py, or nothing can be read.
+    Raises SubmissionError if RBSFunctions.py is missing, or the submission cannot be read.
     """
     with tempfile.TemporaryDirectory(prefix="submission-", ignore_cleanup_errors=True) as place:
         folder = Path(place).resolve()
@@ -156,16 +156,16 @@ def modules_of(entry):
         except OSError as error:
             raise SubmissionError(f"cannot be read: {error.strerror or error}") from None
         except (zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, ValueError):
-            raise SubmissionError("is no ZIP or tar, or a damaged one") from None
+            raise SubmissionError("is not a ZIP or tar, or is damaged") from None
         except RuntimeError:
-            raise SubmissionError("is encrypted, or packed in a way that is not read") from None
+            raise SubmissionError("is encrypted, or compressed in an unknown way") from None
         yield folder, remarks
 
 
 def _members(entry, stack):
-    """The files of a hand-in: a list of (tuple of folders and name, function that opens it).
+    """The files of a submission: a list of (tuple of folders and name, function that opens it).
 
-    Where RBSFunctions.py is not among them, the archives that are have been opened, too.
+    Archives among them are opened, too, if RBSFunctions.py is not among the files.
     """
     if entry.files:
         return [((name,), partial(open, path, "rb")) for name, path in entry.files]
@@ -174,10 +174,7 @@ def _members(entry, stack):
     elif _is_archive(entry.path):
         members = list(_in_archive(entry.path.name, open(entry.path, "rb"), stack))
     else:
-        raise SubmissionError(
-            f"a loose {entry.path.suffix} file is not read: put RBSFunctions.py "
-            "and what it needs into a folder, a ZIP or a tar"
-        )
+        raise SubmissionError(LOOSE.format(entry.path.suffix))
     if not any(parts[-1].lower() == FUNCTIONS for parts, _ in members):
         for parts, opener in members[:]:
             if parts[-1].lower().endswith(ARCHIVES):
@@ -188,7 +185,7 @@ def _members(entry, stack):
 
 def _in_folder(folder):
     for root, folders, files in os.walk(folder):
-        folders[:] = [one for one in folders if not _is_passed_over(one)]
+        folders[:] = [one for one in folders if not _is_skipped(one)]
         for path in (Path(root) / name for name in files):
             if path.is_file() and not path.is_symlink():
                 yield _parts(str(path.relative_to(folder))), partial(open, path, "rb")
@@ -201,14 +198,12 @@ def _in_archive(name, file, stack):
         found = ((one.name, partial(archive.extractfile, one)) for one in archive if one.isfile())
     else:
         archive = stack.enter_context(zipfile.ZipFile(file))
-        found = (
-            (one.filename, partial(archive.open, one))
-            for one in archive.infolist()
-            if not one.is_dir() and not stat.S_ISLNK(one.external_attr >> 16)
-        )
+        files = (one for one in archive.infolist() if not one.is_dir())
+        plainFiles = (one for one in files if not stat.S_ISLNK(one.external_attr >> 16))
+        found = ((one.filename, partial(archive.open, one)) for one in plainFiles)
     for name, opener in found:
         parts = _parts(name)
-        if parts and not any(map(_is_passed_over, parts)):  # ".." is passed over, too
+        if parts and not any(map(_is_skipped, parts)):  # skips "..", too
             yield parts, opener
 
 
@@ -218,12 +213,12 @@ def _parts(name):
 
 
 def _take(members, target, isAnonymous):
-    """Copies the student's modules, and what lies beside and below them; returns remarks."""
+    """Copies the student's modules, and the files beside and below them; returns remarks."""
     folders = {parts[:-1] for parts, _ in members if parts[-1].lower() == FUNCTIONS}
     if not folders:
         unread = [one for one in UNREAD[:2] for parts, _ in members if parts[-1].endswith(one)]
         more = f"; its {unread[0]} file is not read" if unread else ""
-        raise SubmissionError(f"holds no RBSFunctions.py{more}")
+        raise SubmissionError(f"has no RBSFunctions.py{more}")
     top, *others = sorted(folders, key=lambda folder: (len(folder), folder))
     shown = ["a folder" if isAnonymous else "/".join(one) or "." for one in (top, *others)]
     remarks = [f"modules found in {shown[0]}"] if top else []

@@ -1,10 +1,9 @@
-"""Which mistakes explain wrong numbers: tried out, and told only if they give those very numbers.
+"""Finds mistakes that explain wrong numbers, by computing the numbers that they give.
 
-A mistake of the table `mistakes.md` is tried by computing what a program with it would give
-(`rigidModel`), for all samples, alone and together with another one. One that comes out within the
-graders' error bound of what the student has computed is a hint; there is no guessing from the size
-of an error. Mistakes that change no number, such as a contact point that is not moved along the
-normal, cannot be noticed.
+Each mistake of the table `mistakes.md` is tried, alone and together with one other: `rigidModel`
+computes the numbers of a program with it, for all samples. A hint is given if they are within the
+graders' error bound of the student's numbers; sizes of errors are not guessed from. A mistake that
+changes no number cannot be found.
 """
 
 import itertools
@@ -12,13 +11,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from gradingTools import ERROR_BOUND
+from reference.graderData import ERROR_BOUND
 
-# Mistakes that are tried together, at most.
+# The number of mistakes that are tried together, at most. More finds more, but takes longer.
 MOST_TOGETHER = 2
 
-# What is told where there is no mistake, and the data do not fit all the same.
-OTHER_DATA = "these are the numbers of --convention {}, but not those of the data"
+# The hint if no mistake was made, but the numbers differ from the data's.
+OTHER_DATA = "these numbers fit --convention {}, but not the data"
 
 # The families of mistakes that a function can have beside its own.
 SHARED = {
@@ -30,7 +29,7 @@ SHARED = {
 
 
 class Mistake(NamedTuple):
-    """A row of the table. names : frozenset of str"""
+    """A row of the table. names : frozenset of str, as `rigidModel` knows them"""
 
     function: str
     group: str
@@ -39,11 +38,11 @@ class Mistake(NamedTuple):
 
 
 def read_table():
-    """The rows of the table, a list of Mistake."""
+    """Returns the rows of the table, a list of Mistake."""
     text = (Path(__file__).parent / "mistakes.md").read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if line.startswith("| ")]
     cells = [line.strip("| ").split(" | ") for line in lines[1:]]
-    return [Mistake(f, group, frozenset(n.split("; ")), told) for f, group, n, told in cells]
+    return [Mistake(f, group, frozenset(n.split("; ")), hint) for f, group, n, hint in cells]
 
 
 TABLE = read_table()
@@ -56,12 +55,19 @@ def mistakes_of(function):
 
 
 def explain(function, outcomes, data):
-    """What explains the wrong numbers of a function: dict from quantity to list of hints.
+    """Explains the wrong numbers of a function.
 
-    outcomes : list of (Part, values) of the parts that call it; values : dict from quantity to what
-        was computed, (n, w), NaN where nothing
-    A mistake, or two, that explain all the quantities of all parts come first; then those that
-    explain a part; then those that explain a single quantity.
+    One or two mistakes that explain all quantities of all parts come first, then those that explain
+    a whole part, then those that explain a single quantity.
+
+    Parameters
+    ----------
+    outcomes : list of (Part, values) of the parts that call the function; values : dict from
+        quantity to array (n, w), NaN where nothing was computed
+
+    Returns
+    -------
+    dict from quantity to list of hints
     """
     judged = [_Judged(part, values, data) for part, values in outcomes]
     wrong = [key for one in judged for key in one.wrong]
@@ -72,9 +78,9 @@ def explain(function, outcomes, data):
         for texts, names in _trials(function, data):
             explainsAll = True
             for one in judged:
-                # Two mistakes are many trials: the further parts only confirm what the first shows.
+                # Saves time: pairs are tried on further parts only if they explain the first.
                 if explainsAll or len(texts) < MOST_TOGETHER:
-                    explained = one.explained(names)
+                    explained = one.agreeing(one.part.after_mistakes(data, names))
                     isWhole = len(explained) == len(one.finite)
                     explainsAll &= isWhole
                     for key in filter(explained.__contains__, one.wrong):
@@ -85,28 +91,22 @@ def explain(function, outcomes, data):
 
 
 class _Judged:
-    """The numbers of a part. finite : quantities with a number wherever there must be one; wrong :
-    those of them that differ from what is expected"""
+    """Lists a part's quantities: `finite` ones lack no number; `wrong` ones differ, too."""
 
     def __init__(self, part, values, data):
-        self._part, self._values, self._data = part, values, data
-        self._samples = part.samples(data)
+        self.part, self._values, self._samples = part, values, part.samples(data)
+        comparable = {key: part.comparable(key, self._samples, values) for key in part.shapes}
         self.finite = [
-            key
-            for key in part.shapes
-            if np.isfinite(values[key][part.comparable(key, self._samples, values)]).all()
+            key for key, some in comparable.items() if np.isfinite(values[key][some]).all()
         ]
-        right = self._agreeing(part.expected(data))
+        right = self.agreeing(part.expected(data))
         self.wrong = [key for key in self.finite if key not in right]
 
-    def explained(self, names):
-        """The quantities that come out as computed if these mistakes are made."""
-        return self._agreeing(self._part.after_mistakes(self._data, names))
-
-    def _agreeing(self, others):
+    def agreeing(self, others):
+        """The quantities whose numbers are those of another table."""
         agreeing = []
         for key in self.finite:
-            some = self._part.comparable(key, self._samples, self._values, others)
+            some = self.part.comparable(key, self._samples, self._values, others)
             if np.all(np.abs(self._values[key] - others[key])[some] < ERROR_BOUND):
                 agreeing.append(key)
         return agreeing
@@ -118,7 +118,5 @@ def _trials(function, data):
     for count in range(1, MOST_TOGETHER + 1):
         for chosen in itertools.combinations(mistakes_of(function), count):
             if len({one.group for one in chosen}) == count:
-                yield (
-                    [one.text for one in chosen],
-                    frozenset().union(*(one.names for one in chosen)),
-                )
+                names = frozenset().union(*(one.names for one in chosen))
+                yield [one.text for one in chosen], names

@@ -1,7 +1,7 @@
-"""How like each other hand-ins are, by the shape of their code: reported, not judged.
+"""Measures the likeness of submissions by the shape of their code. Pairs are listed, not judged.
 
-Names, numbers, texts, comments, docstrings and imports do not count, nor does the layout: what is
-left of a file is the sequence of its syntax tree's nodes, and of that, all runs of so many nodes.
+A file is reduced to the sequence of its syntax tree's nodes, without names, numbers, texts,
+comments, docstrings and imports. Runs of consecutive nodes are compared.
 """
 
 import ast
@@ -9,20 +9,22 @@ import itertools
 import re
 import zlib
 
-from gradingTools import PROJECT_DIRECTORY
-from sheets import write_rows
+from reference.graderData import PROJECT_DIRECTORY
 
-# Nodes in a run. Fewer are found in all programs, more are broken by each small change.
+from classwork.sheets import write_rows
+
+# Nodes in a run. Shorter runs occur in all programs; longer ones are broken by each small change.
 RUN = 12
-# Runs below which a file is too short to be told from any other.
+# Runs of the shortest file that can be told from others.
 FEWEST = 200
-# The part of the smaller hand-in's runs that are in the other one, too, above which it is reported.
+# The likeness from which a pair is listed.
 REPORTED = 0.6
 LEFT_OUT = (ast.expr_context, ast.Import, ast.ImportFrom, ast.arguments, ast.alias)
+COLUMNS = ("submission", "other submission", "likeness in percent")
 
 
 def fingerprint(folder):
-    """The runs of a folder's RBSFunctions.py: a frozenset of int, empty if it cannot be read."""
+    """Returns the runs of a folder's RBSFunctions.py as a frozenset of int, empty if unreadable."""
     try:
         tree = ast.parse((folder / "RBSFunctions.py").read_bytes())
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
@@ -33,7 +35,7 @@ def fingerprint(folder):
 
 
 def _walk(tree):
-    """The nodes in the order of the text, without what is left out."""
+    """Yields the nodes in the order of the text, without those that are left out."""
     waiting = [tree]
     while waiting:
         node = waiting.pop()
@@ -44,12 +46,12 @@ def _walk(tree):
 
 
 def likeness(one, other):
-    """The part, from 0 to 1, of the smaller fingerprint's runs that the other one has, too."""
+    """The fraction of the smaller fingerprint's runs that the other one has, too."""
     return len(one & other) / max(FEWEST, min(len(one), len(other)))
 
 
 def origin_remarks(folder):
-    """What is to be said of a student's modules that are this project's, or use them."""
+    """Returns remarks if a student's modules copy, import or name this project."""
     same = likeness(fingerprint(folder), fingerprint(PROJECT_DIRECTORY))
     remarks = [f"{same:.0%} of RBSFunctions.py is this project's own code"] * (same > REPORTED)
     for path in sorted(folder.rglob("*.py")):
@@ -62,13 +64,12 @@ def origin_remarks(folder):
 
 
 def write_likeness(path, prints):
-    """likeness.csv: the pairs that are reported, the likest first; returns how many. OSError
+    """Writes likeness.csv, the most alike pairs first; returns how many. Raises OSError.
 
     prints : dict from name to fingerprint
     """
     pairs = [(likeness(prints[a], prints[b]), a, b) for a, b in itertools.combinations(prints, 2)]
     pairs = sorted((pair for pair in pairs if pair[0] > REPORTED), key=lambda pair: -pair[0])
-    columns = ("submission", "other submission", "likeness in percent")
-    rows = [dict(zip(columns, (a, b, f"{100 * x:.0f}"), strict=True)) for x, a, b in pairs]
-    write_rows(path, columns, rows)
+    texts = [(a, b, f"{100 * x:.0f}") for x, a, b in pairs]
+    write_rows(path, COLUMNS, [dict(zip(COLUMNS, row, strict=True)) for row in texts])
     return len(pairs)

@@ -1,9 +1,9 @@
-"""A student's steps beside ours: the process that `compare` runs within limits, not by hand.
+"""Compares a student's steps with ours; `compare` runs this script within limits.
 
-Each step of the student's begins with our state. Every call in it of a function that the coursework
-asks for is made by ours too, on the same input. Where all calls agree and the step does not, it is
-made again by `basic_step`, our loop around the student's functions: the first call that the two
-make in another order, or in another state, is what differs.
+Each of the student's steps begins with our state. Each call of a function that the coursework asks
+for is repeated with ours, on the same input. If all calls agree but the step does not, the step is
+repeated with `basic_step`, our loop around the student's functions: the difference is the first
+call that the two make in another order, or in another state.
 """
 
 import copy
@@ -17,52 +17,56 @@ import time
 from functools import partial, wraps
 from pathlib import Path
 
-import gradingTools  # noqa: F401  puts the project on the path
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
-from released.physics2024 import INERTIA_FACTOR
+from reference.graderData import give_up_names
+from verdict.bodies import match_inertia
 
 import RBSFunctions
-from Quaternion import QConj, QRotate
+from Quaternion import QRotate
 from rbs.program.submissions import describe
 from rbs.program.submittedsteps import SubmittedSteps, basic_step
 from rbs.scenes.simulation import Simulation
 from rbs.stepping.bodies import StateError
 from rbs.stepping.settings import Settings
 
-# A number differs where it is further from ours than this part of its scale, the largest length,
-# speed or angular speed in the scene, or of its own size. The roundings of a call stay below 1e-13,
-# and mistakes are seldom below 1e-5. Of depths below it, rounding decides whether bodies touch.
+# Relative to its scale, the difference from which a number differs from ours. The scale is the
+# largest length, speed or angular speed in the scene, or the number's own size. Rounding in a call
+# stays below 1e-13, and mistakes are seldom below 1e-5. Below this depth, relative to the length,
+# rounding decides whether bodies touch.
 TOLERANCE = 1e-9
-# The quantities of a new mesh, of a state, and that functions return, each with its scale.
+# Quantities of a new mesh, of a state, and of results, each with its scale.
 BUILT = {"origVertices": "own", "invMass": "own", "invIT": "own"}
 STATE = {"position": "length", "orientation": "own", "linVelocity": "speed", "angVelocity": "spin"}
+CONTACT = {"depth": "length", "intNormal": "own", "intPosition": "length"}
+VELOCITIES = {"correctedLinVelocities": "speed", "correctedAngVelocities": "spin"}
 RETURNED = {
     "integrate_timestep": {},
-    "resolve_collision": {},  # they change meshes
+    "resolve_collision": {},  # these two change meshes
     "get_rotated_inv_IT": {"the tensor": "own"},
-    "detect_collision": {
-        "isCollision": bool,
-        "depth": "length",
-        "intNormal": "own",
-        "intPosition": "length",
-    },
+    "detect_collision": {"isCollision": bool} | CONTACT,
     "resolve_position_constraint": {"positionWasValid": bool, "correctedPositions": "length"},
-    "resolve_velocity_constraint": {
-        "velocityWasValid": bool,
-        "correctedLinVelocities": "speed",
-        "correctedAngVelocities": "spin",
-    },
+    "resolve_velocity_constraint": {"velocityWasValid": bool} | VELOCITIES,
 }
 TURN = np.array([[0.5, 0.1, -0.7, 0.5]])
-RELEASED = "as in the coursework's released run_timestep, and not counted as a difference"
+RELEASED = "as in the coursework's released run_timestep; not counted as a difference"
 END = "the end of the step"
 
 
 class Comparison:
-    """Steps of a scene by our functions and by those of a folder, from the same states.
+    """Steps of a scene by our functions and by a student's, from the same states.
 
-    problem : the first difference, or ""; largest : of numbers that agree, relative to their scales
-    remarks : what else there is to say, a dict to the first step that it is true of
+    Parameters
+    ----------
+    folder : of the student's modules
+    ours : Simulation
+
+    Attributes
+    ----------
+    problem : the first difference, or ""
+    largest : the largest relative difference of numbers that agree
+    remarks : dict from text to the first step that it is true of
     """
 
     def __init__(self, folder, ours):
@@ -78,7 +82,7 @@ class Comparison:
         self.index = {id(mesh): k for k, mesh in enumerate(self.theirs)}
         self.set_scales()
         for mesh, shadow in zip(meshes, self.shadows, strict=False):
-            self.replace_inertia(mesh, shadow)
+            self.match_inertia(mesh, shadow.IT)
             pair = [[getattr(one, name, None) for name in BUILT] for one in (shadow, mesh)]
             self.compare(f"Mesh: {{}} of {shadow.name}", BUILT, *pair, type(mesh).__init__)
         for owner, own in ((type(ground), RBSFunctions.Mesh), (self.steps.functions, RBSFunctions)):
@@ -86,30 +90,16 @@ class Comparison:
                 if name in vars(own) and hasattr(owner, name):
                     setattr(owner, name, self.watched(getattr(owner, name), vars(own)[name]))
 
-    def replace_inertia(self, mesh, shadow):
-        """Gives a mesh with the release's inertia tensor ours, and our way to turn it if it has the
-        release's, too."""
-        if shadow.isFixed or self.gap(shadow.invIT / INERTIA_FACTOR, mesh.invIT) > TOLERANCE:
-            return
-        mesh.IT, mesh.invIT = shadow.IT.copy(), shadow.invIT.copy()
-        self.remarks["the skeleton's inertia tensor, six times too small, is replaced"] = 1
+    def match_inertia(self, mesh, right):
+        """Replaces the release's inertia; in a turned pose, which tells R from its transpose."""
         before, mesh.orientation = mesh.orientation, TURN.copy()
-        try:
-            turned = mesh.get_rotated_inv_IT()
-        except Exception:  # it is called again where it is needed, and reported there
-            turned = None
-        gaps = []
-        for shadow.orientation in (TURN, QConj(TURN)):  # R and R transposed
-            gaps.append(self.gap(shadow.get_rotated_inv_IT(), turned))
-        if gaps[1] <= TOLERANCE < gaps[0]:
-            type(mesh).get_rotated_inv_IT = RBSFunctions.Mesh.get_rotated_inv_IT
-            self.remarks["get_rotated_inv_IT, the release's Rᵀ I⁻¹ R, is replaced"] = 1
+        self.remarks |= dict.fromkeys(match_inertia(mesh, right), 1)
         mesh.orientation = before
 
     # ---- Steps ----------------------------------------------------------------------------------
 
     def step(self):
-        """A step of both; sets `problem` at the first difference."""
+        """Makes a step of both; sets `problem` at the first difference."""
         self.set_scales()
         self.number, start = self.ours.stepCount + 1, self.ours.state()
         try:
@@ -128,11 +118,11 @@ class Comparison:
             self.problem = self.problem or str(error)
 
     def run(self, start, loop, isChecked=True):
-        """A step of the student's meshes from a state: `(events, visits)`.
+        """Makes a step of the student's meshes from a state; returns `(events, visits)`.
 
-        isChecked : whether each call is compared with one of ours
-        events : (label, bodies, states of all before it, depth) of calls that move bodies, and of
-            the end; visits : of constraints, whether each was valid
+        isChecked : whether each call is compared with ours
+        events : (label, bodies, all states before it, depth) of each call that moves bodies, and of
+            the end; visits : whether each visited constraint was valid
         """
         self.events, self.visits, self.isChecked = [], [], isChecked
         self.steps.run_timestep, self.driven.stepCount = loop, self.number - 1
@@ -141,7 +131,7 @@ class Comparison:
         return [*self.events, (END, [], self.states(), math.inf)], self.visits
 
     def explain(self, events, visits, loopEvents, loopVisits):
-        """Finds what the student's run_timestep does otherwise than ours, unless it is a tie."""
+        """Finds where the student's run_timestep differs from ours, unless rounding decided."""
         count = max(1, len(self.ours.constraints))
         most = math.ceil(self.ours.max_iterations() / count)
         stopsEarly = len(visits) == most < len(loopVisits) and not all(visits[-count:])  # quirk 5
@@ -159,13 +149,13 @@ class Comparison:
                         self.remarks.setdefault(text, self.number)
                     else:
                         text = f"run_timestep: after {last[0]}, {name} of {self.shadows[k].name} "
-                        text += f"differs{told(ours, theirs)}{self.stale(last[2])}"
+                        text += f"differs{shown(ours, theirs)}{self.stale(last[2])}"
                         self.differs(text, self.runTimestep)
                     return
             if event[0] != other[0]:
                 isTie = min(event[3], other[3]) <= TOLERANCE * self.scales["length"]
                 if not isTie and not (stopsEarly and event[0] == END):
-                    text = f"run_timestep: after {last[0]} comes {event[0]}, with ours {other[0]}"
+                    text = f"run_timestep: after {last[0]} comes {event[0]}, in ours {other[0]}"
                     self.differs(text + self.stale(event[2]), self.runTimestep)
                 return
             last = event
@@ -173,12 +163,12 @@ class Comparison:
     # ---- Calls ----------------------------------------------------------------------------------
 
     def states(self):
-        """What the student's meshes have now, a dict of arrays for each."""
+        """The states of the student's meshes, a dict of arrays for each."""
         names = *STATE, "currVertices"
         return [{name: np.array(getattr(mesh, name)) for name in names} for mesh in self.theirs]
 
     def watched(self, function, own):
-        """The function, each call of which our own makes too; calls that move bodies are noted."""
+        """Wraps a function: calls are repeated with our own, and recorded if they move bodies."""
         name, parameters = own.__name__, list(inspect.signature(own).parameters)
         isPosition = name == "resolve_position_constraint"
 
@@ -189,7 +179,7 @@ class Comparison:
                 return function(*given)
             states = self.states()
             bodies = [self.index[id(one)] for one in given if id(one) in self.index]
-            if not bodies:  # constraints get positions: those of the bodies that are there
+            if not bodies:  # constraints receive positions, which tell the bodies
                 COMs = np.array([state["position"].ravel() for state in states[:-1]])
                 bodies = [int(abs(COMs - one).sum(axis=1).argmin()) for one in given[0]]
             shadows = [self.shadows[k] for k in bodies]
@@ -207,11 +197,9 @@ class Comparison:
             for mesh, k in zip(shadows, bodies, strict=True):
                 for one in STATE:
                     setattr(mesh, one, states[k][one].reshape(1, -1))
+            known = [self.index.get(id(one)) for one in copies]
             ours = own(
-                *(
-                    self.shadows[self.index[id(one)]] if id(one) in self.index else one
-                    for one in copies
-                )
+                *(c if k is None else self.shadows[k] for k, c in zip(known, copies, strict=True))
             )
             for mesh, k in zip(shadows, () if RETURNED[name] else bodies, strict=False):
                 pair = ([getattr(one, what) for what in STATE] for one in (mesh, self.theirs[k]))
@@ -230,7 +218,7 @@ class Comparison:
     # ---- Numbers --------------------------------------------------------------------------------
 
     def set_scales(self):
-        """The scales of a step's numbers, from our state before it."""
+        """Sets the scales of a step's numbers, from our state before it."""
         speed, spin, length = (
             max(np.abs(getattr(mesh, name)).max() for mesh in self.ours.meshes)
             for name in ("linVelocity", "angVelocity", "currVertices")
@@ -240,19 +228,21 @@ class Comparison:
         self.scales = {"length": length, "speed": speed, "spin": speed / radius, "own": 0.0}
 
     def gap(self, ours, theirs, kind="own"):
-        """The largest distance of numbers, relative to their scale."""
+        """The largest difference of numbers, relative to their scale."""
         ours, theirs = as_arrays(ours, theirs)
         scale = max(self.scales[kind], np.abs(ours).max(), sys.float_info.min)
         return np.nan_to_num(np.abs(theirs - ours).max() / scale, nan=math.inf)
 
     def compare(self, what, kinds, ours, theirs, function):
-        """Notes the first quantity that differs. what : with {} for its name; ours, theirs : in the
-        order of `kinds`"""
+        """Records the first quantity that differs.
+
+        what : with {} for its name; ours, theirs : values in the order of `kinds`
+        """
         for (name, kind), own, other in zip(kinds.items(), ours, theirs, strict=False):
             if kind is not bool:
                 gap = self.gap(own, other, kind)
                 if gap > TOLERANCE:
-                    self.differs(what.format(name) + f" differs{told(own, other)}", function)
+                    self.differs(what.format(name) + f" differs{shown(own, other)}", function)
                 self.largest = max(self.largest, min(gap, TOLERANCE))
             elif bool(own) != bool(other):
                 depth = (ours if own else theirs)[1] if name == "isCollision" else math.inf
@@ -263,13 +253,13 @@ class Comparison:
                 return
 
     def differs(self, text, function):
-        """Notes a difference, and where the function begins, if it is the first one."""
+        """Records the first difference, and the place of the function."""
         code = inspect.unwrap(function).__code__
         place = f"{Path(code.co_filename).name}:{code.co_firstlineno}"
         self.problem = self.problem or f"step {self.number}: {text}; {place}"
 
     def stale(self, states):
-        """Whose currVertices are not those of its position and orientation, in words; or ""."""
+        """Names the meshes whose currVertices do not fit position and orientation; "" if none."""
         names = []
         for state, shadow in zip(states[:-1], self.shadows, strict=False):
             vertices = QRotate(state["orientation"].reshape(1, 4), shadow.origVertices)
@@ -280,7 +270,7 @@ class Comparison:
 
 
 def as_arrays(ours, theirs):
-    """Both as arrays of floats; theirs is NaN where it has not the shape of ours."""
+    """Both as arrays of floats; theirs is NaN if it has another shape than ours."""
     ours = np.atleast_1d(np.array(ours, dtype=np.float64))
     try:
         theirs = np.array(theirs, dtype=np.float64).reshape(ours.shape)
@@ -290,8 +280,8 @@ def as_arrays(ours, theirs):
     return ours, -theirs if isOpposite else theirs
 
 
-def told(ours, theirs):
-    """By how much numbers differ, and the row of them where they do most, or where one is NaN."""
+def shown(ours, theirs):
+    """The largest difference of numbers, and their rows there; a NaN is the largest."""
     ours, theirs = as_arrays(ours, theirs)
     distance = np.abs(theirs - ours)
     at = np.unravel_index(distance.argmax(), ours.shape)
@@ -300,13 +290,15 @@ def told(ours, theirs):
 
 
 def main():
+    """Compares as the order in JSON says, and writes the answer after each step."""
     order = json.loads(sys.argv[1])
     answer = {"steps": 0, "problem": "", "remarks": [], "largest": 0.0}
 
-    def tell(**changes):
+    def write(**changes):
         answer.update(changes)
         Path(order["answer"]).write_text(json.dumps(answer), encoding="utf-8")
 
+    give_up_names()
     settings = Settings(timeStep=order["timeStep"], restitution=order["restitution"])
     ours = Simulation(order["scene"], settings, order["constraints"])
     try:
@@ -315,12 +307,12 @@ def main():
             if ours.stepCount > 0 and time.time() > order["end"]:
                 break
             comparison.step()
-            tell(steps=ours.stepCount)
+            write(steps=ours.stepCount)
         remarks = [f"from step {step} on: {text}" for text, step in comparison.remarks.items()]
-        tell(problem=comparison.problem, remarks=remarks, largest=float(comparison.largest))
+        write(problem=comparison.problem, remarks=remarks, largest=float(comparison.largest))
     except Exception as error:
-        tell(problem=describe(error, Path.cwd()))
-    os._exit(0)  # whatever the submission has registered for the end, or left running
+        write(problem=describe(error, Path.cwd()))
+    os._exit(0)  # skips exit handlers and threads of the submission
 
 
 if __name__ == "__main__":
