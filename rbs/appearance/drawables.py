@@ -190,7 +190,7 @@ def ground_lines(size, middle, reach):
         contrasts.append((1.0 - _smooth(away, 0.2 * half * side, 0.95 * half * side)) / spread)
     lines, contrast = np.concatenate(lines).reshape(-1, 3), np.concatenate(contrasts).reshape(-1, 1)
     corners = 4 * np.arange(len(lines) // 4)[:, None, None] + [[0, 2, 1], [0, 3, 2]]
-
+    corners[len(corners) // 2 :] = corners[len(corners) // 2 :, :, ::-1]  # all upwards
     vertices = np.concatenate([disc, lines])
     plain = np.tile(GROUND_COLOUR, (len(disc), 1))
     colours = GROUND_COLOUR + contrast * np.subtract(LINE_COLOUR, GROUND_COLOUR)

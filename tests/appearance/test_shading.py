@@ -1,26 +1,12 @@
-"""The light of the window: smooth bodies, the sun, soft shadows and creases."""
+"""The light of the window: smooth bodies, the sun, and soft shadows."""
 
 import numpy as np
-import pytest
-from opengl import require_opengl
 from program import DATA
 
 from rbs.appearance.shading import SHADOW_LAYERS, LitSurface, poses_of, soft_shadows
-from rbs.pictures import view as pictures
-from rbs.pictures.view import SceneView, start_polyscope
 from rbs.scenes.simulation import Simulation
 
 HALF_TURN = np.array([[0.0, 0.0, 1.0, 0.0]])
-
-
-@pytest.fixture(scope="module")
-def polyscope():
-    backend = require_opengl()
-    import polyscope as ps
-
-    if not ps.is_initialized():
-        start_polyscope(backend)
-    return ps
 
 
 def scene_of(folder, names):
@@ -67,30 +53,3 @@ def test_shadows_are_sharp_where_bodies_stand_and_wider_below_high_points():
     np.testing.assert_allclose(layers[:, :2, [0, 2]] - layers[0, :2, [0, 2]].T, 0.0, atol=1e-9)
     widths = np.linalg.norm(layers[:, 3] - layers[:, 0], axis=1)
     assert (np.diff(widths) > 0.3).all()
-
-
-def test_creases_are_those_of_the_nearest_bodies(polyscope, tmp_path, monkeypatch):
-    monkeypatch.setattr(pictures, "MOST_CREASES", 30)
-    view = SceneView(scene_of(tmp_path, ["box.mesh"] * 5))
-    network = polyscope.get_curve_network("creases")
-    assert network.n_edges() == 30
-    for x, nearest in ((-40.0, {0, 1}), (120.0, {3, 4})):
-        polyscope.look_at((x, 12.0, 5.0), (40.0, 12.0, 0.0))
-        view.refresh_creases()
-        assert set(view.creased_bodies()) == nearest
-
-
-def test_what_does_not_move_is_not_drawn_again(polyscope, tmp_path, monkeypatch):
-    simulation = scene_of(tmp_path, ["box.mesh", "ellipsoid.mesh"])
-    view = SceneView(simulation)
-    drawn = []
-    monkeypatch.setattr(
-        polyscope.SurfaceMesh, "update_vertex_positions", lambda *given: drawn.append(given)
-    )
-    view.refresh()
-    assert drawn == []
-    simulation.step()
-    view.refresh()
-    assert len(drawn) == 2  # bodies and shadows
-    middle = simulation.meshes[1].position[0]
-    np.testing.assert_allclose(drawn[0][1][-20:].mean(axis=0), middle, atol=4.0)
