@@ -44,7 +44,7 @@ LAYERS = ("ground", "shadows", *OVERLAYS)
 # averages all surfaces along a ray, including the ground. VIVIDNESS is the factor by which colours
 # are moved away from the ground's to compensate; less leaves bodies pale.
 SEE_THROUGH = CONTACT_OVERLAYS | {"velocities"}
-VIVIDNESS = 2.0
+VIVIDNESS = 1.3
 # Half the width of edges, relative to the scene's size.
 CREASE_RADIUS = 6e-4
 # Largest number of edges drawn, those of the nearest bodies. More slow down drawing without a
@@ -61,6 +61,8 @@ GROUND_REACH = 9.0
 USUAL_DISTANCE = 1.6
 GROUND_SHIFT, GROUND_GROWTH = 0.5, 1.6
 FAR_CLIP = 19.0
+# Cosine of the least angle to the vertical at which a direction of the camera is kept.
+STEEPEST = 0.99
 # Start of a shot, as a fraction of the way from the camera to its target.
 SHOT_BEGIN = 0.4
 # Height of shadows above the ground, relative to the scene's size: the least that does not flicker
@@ -279,15 +281,15 @@ class SceneView:
         self._paint(self._lines, self._constraintLines.colours(vertices), "edges")
         self._lines.set_enabled(self.simulation.settings.enforceConstraints)
 
-    def _point_camera(self, points, margins=None):
+    def _point_camera(self, points, margins=None, direction=VIEW_DIRECTION):
         """Frames points (n, 3) between the panels; margins : instead of the present ones."""
         import polyscope as ps
 
         fieldOfView = ps.get_view_camera_parameters().get_fov_vertical_deg()
         margins = self._margins if margins is None else margins
         size = ps.get_window_size()
-        ps.look_at(*frame_camera(points, VIEW_DIRECTION, fieldOfView, size, margins))
-        self._framed = points, self._eye()
+        ps.look_at(*frame_camera(points, direction, fieldOfView, size, margins))
+        self._framed = points, self._eye(), direction
 
     def set_margins(self, margins, size):
         """Sets the pixels that panels cover at the left, top, right and bottom of the window.
@@ -298,11 +300,11 @@ class SceneView:
             isFramed = self._is_framed()
             self._margins, self._windowSize = margins, size
             if isFramed:
-                self._point_camera(self._framed[0])
+                self._point_camera(self._framed[0], direction=self._framed[2])
 
     def _is_framed(self):
         """Whether the camera has not moved since it framed the scene."""
-        points, eye = self._framed
+        _, eye, _ = self._framed
         return np.allclose(self._eye(), eye, rtol=1e-4)
 
     def _eye(self):
@@ -312,11 +314,28 @@ class SceneView:
         return np.array(ps.get_view_camera_parameters().get_position(), dtype=np.float64)
 
     def frame_all(self):
-        """Points the camera at all bodies in their present poses."""
+        """Points the camera at all bodies in their present poses, in its present direction.
+
+        If it has not moved since the last time, it takes the usual direction.
+        """
+        import polyscope as ps
+
+        direction = -np.array(ps.get_view_camera_parameters().get_look_dir())
+        if self._is_framed() or abs(direction[1]) > STEEPEST:
+            direction = VIEW_DIRECTION
         vertices = refresh_vertices(self.simulation.meshes)
-        self._point_camera(np.concatenate([vertices, vertices * [1.0, 0.0, 1.0]]))
+        points = np.concatenate([vertices, vertices * [1.0, 0.0, 1.0]])
+        self._point_camera(points, direction=direction)
         self._lastFocus = self._focus()
         self.spread_ground()
+
+    def centre_at(self, pixel):
+        """Turns the camera to the body at a pixel; it then orbits and zooms about its centre."""
+        import polyscope as ps
+
+        body, _ = self.body_at(pixel)
+        if body is not None:
+            ps.set_view_center_and_look_at(self.simulation.meshes[body].position[0])
 
     def frame_still(self):
         """Points the camera at the present bodies from a low position."""
@@ -374,14 +393,15 @@ class SceneView:
     @contextmanager
     def whole_width(self):
         """Lets a camera that frames the scene use the panels' area within the `with` block."""
-        points, isFramed = self._framed[0], any(self._margins) and self._is_framed()
+        points, _, direction = self._framed
+        isFramed = any(self._margins) and self._is_framed()
         if isFramed:
-            self._point_camera(points, (0, 0, 0, 0))
+            self._point_camera(points, (0, 0, 0, 0), direction)
         try:
             yield
         finally:
             if isFramed:
-                self._point_camera(points)
+                self._point_camera(points, direction=direction)
 
     @property
     def follows(self):
@@ -587,6 +607,8 @@ class SceneView:
         import polyscope as ps
 
         hit = ps.pick(screen_coords=pixel)
+        if hit.is_hit and hit.structure_name == "picked point":
+            return self.picked, hit.position
         if not hit.is_hit or hit.structure_name not in ("solids", "creases"):
             return None, None
         if hit.structure_name == "solids":

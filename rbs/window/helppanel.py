@@ -3,21 +3,27 @@
 Polyscope is imported inside the functions that use it.
 """
 
+from rbs.window.widgets import scaled
+
 KEYS = {
     "Space": "play, pause",
     "S, Right": "one step forward",
-    "Left": "one step back (recordings)",
-    "R": "start over, with the scene's own settings",
-    "Backspace": "start over, keeping the settings",
+    "Left": "one step back",
+    "R": "start over, keeping your settings",
+    "Shift + R": "start over, with the scene's own settings",
+    "[, ]": "the scene before, the next scene",
     "B": "shoot a ball at the mouse",
-    "F": "fit everything in view",
+    "F": "fit everything in view; again: from the usual direction",
+    "1 to 9": "ground, shadows and overlays, as listed under Display",
+    "Tab": "show or hide all panels",
     "N": "show or hide the readout",
     "H, F1, ?": "show or hide this help",
     "Escape": "close a list, or this help",
 }
 MOUSE = {
     "click": "select a body: readout, push, fix",
-    "Ctrl + drag": "drag a body; let go to throw it",
+    "double-click": "orbit and zoom about that body",
+    "Ctrl + drag": "drag a body, and throw it; while paused, move it",
     "drag": "orbit",
     "Shift + drag, right drag": "pan",
     "wheel": "zoom",
@@ -40,7 +46,7 @@ def draw_help(centre, most):
         psim.SeparatorText(title)
         for name, text in rows.items():
             psim.Text(name)
-            psim.SameLine(INDENT)
+            psim.SameLine(scaled(INDENT))
             psim.Text(text)
     psim.Separator()
     stays = not psim.Button("Close")

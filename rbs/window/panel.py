@@ -19,7 +19,7 @@ from rbs.stepping.reports import PHASES
 from rbs.stepping.settings import CHOSEN
 from rbs.window.helppanel import draw_help
 from rbs.window.layout import ROOMY_HEIGHT, ROOMY_WIDTH, arrange
-from rbs.window.playback import SPEEDS, speed_name
+from rbs.window.playback import MOST_STATES, SPEEDS, speed_name
 from rbs.window.plots import ALL_PLOTS, PLOTS, Plots
 from rbs.window.widgets import (
     NumberField,
@@ -29,6 +29,7 @@ from rbs.window.widgets import (
     draw_slider,
     draw_table,
     draw_vectors,
+    scaled,
 )
 
 # Pixels: width of the labels beside fields, and indent of the parts of a sum.
@@ -36,17 +37,21 @@ LABEL_WIDTH, INDENT = 112, 18
 # Pixels. A shorter movement between pressing and releasing the button counts as a click; a longer
 # one turns the camera.
 CLICK_PIXELS = 4.0
+# Seconds between the clicks of a double-click, each of which takes a frame or two.
+DOUBLE_CLICK_SECONDS = 0.6
 # Number fields: change by the buttons + and -, least and greatest value.
 FIELDS = {"timeStep": (0.005, 1e-4, 1.0)}
 # m/s, the end of the slider for pushes.
 MOST_PUSH = 40.0
+# Marks on the timeline: opacity, blue, green and red of PICKED_COLOUR.
+MARK = 0xFF8C1AE6
 # Seconds that a message is shown.
 MESSAGE_SECONDS = 20.0
 # Most frames per second; the same while idle; and seconds without input or playing until idle.
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
 # Tooltips of the switches in the section Display.
 TOOLTIPS = {
-    "ground": "Chequered plane y = 0",
+    "ground": "Plane y = 0, with lines",
     "shadows": "Shadows cast on the floor",
     "contacts": "Contact points, and normals towards the body listed first",
     "impulses": "Normal impulses on the body listed first, relative to the largest one",
@@ -61,8 +66,9 @@ TOOLTIPS = {
 class Panel:
     """The window's panels, keys and mouse, which show a Viewer and call its functions.
 
-    Attributes: viewer; path, text of the field that opens a file; isHelpShown; isSideShown, whether
-    the readout is shown, or None to let the window's width decide; layout, of the last frame.
+    Attributes: viewer; path, text of the field that opens a file; isHelpShown; areHidden, whether
+    all panels are hidden; isSideShown, whether the readout is shown, or None to let the window's
+    width decide; layout, of the last frame.
     """
 
     def __init__(self, viewer):
@@ -72,7 +78,7 @@ class Panel:
             name: NumberField(CHOSEN[name].label, name, *ends, CHOSEN[name].tooltip)
             for name, ends in FIELDS.items()
         }
-        self.isHelpShown = False
+        self.isHelpShown = self.areHidden = False
         self.isSideShown = None
         self.layout = None
         self.plots = Plots()
@@ -97,11 +103,12 @@ class Panel:
         self.viewer.watch_picture()
         text, isError = self._message()
         Tooltips.areHidden = isError
-        self._draw_main()
-        if self.layout.side is not None:
-            self._draw_side()
-        if self.layout.timeline is not None:
-            self._draw_timeline()
+        if not self.areHidden:
+            self._draw_main()
+            if self.layout.side is not None:
+                self._draw_side()
+            if self.layout.timeline is not None:
+                self._draw_timeline()
         if text:
             self._draw_message(text, isError)
         if self.isHelpShown:
@@ -119,10 +126,11 @@ class Panel:
         import polyscope as ps
 
         width, height = ps.get_window_size()
-        hasSide = width >= ROOMY_WIDTH if self.isSideShown is None else self.isSideShown
+        hasSide = width >= scaled(ROOMY_WIDTH) if self.isSideShown is None else self.isSideShown
         hasSide = hasSide or self.viewer.picked() is not None
-        self.layout = arrange(width, height, hasSide, self.viewer.isReplay)
-        self.viewer.view.set_margins(self.layout.margins(width, height), (width, height))
+        self.layout = arrange(width, height, hasSide, self.viewer.isReplay, scaled(1))
+        margins = (0, 0, 0, 0) if self.areHidden else self.layout.margins(width, height)
+        self.viewer.view.set_margins(margins, (width, height))
 
     def toggle_side(self):
         """Shows or hides the readout. Hiding it also deselects the body."""
@@ -168,12 +176,21 @@ class Panel:
         # A key that is held down repeats its step.
         if pressed("S", "RightArrow", repeats=True):
             viewer.step_once()
-        if pressed("LeftArrow", repeats=True) and viewer.isReplay:
-            viewer.seek(viewer.simulation.stepCount - 1)
+        if pressed("LeftArrow", repeats=True):
+            viewer.step_back()
         if pressed("R"):
-            viewer.reset()
-        if pressed("Backspace"):
-            viewer.restart()
+            if psim.GetIO().KeyShift:
+                viewer.reset()
+            else:
+                viewer.restart()
+        for name, way in (("LeftBracket", -1), ("RightBracket", 1)):
+            if pressed(name):
+                viewer.open_beside(way)
+        for digit, name in enumerate(LAYERS, 1):
+            if pressed(str(digit)):
+                viewer.view.show(name, name not in viewer.view.shown)
+        if pressed("Tab"):
+            self.areHidden = not self.areHidden
         if pressed("F"):
             viewer.view.frame_all()
         if pressed("B"):
@@ -191,11 +208,14 @@ class Panel:
 
         io, viewer = psim.GetIO(), self.viewer
         mouse = tuple(io.MousePos)
+        io.MouseDoubleClickTime = DOUBLE_CLICK_SECONDS
         if psim.IsMouseClicked(0) and not io.WantCaptureMouse:
             if io.KeyCtrl:
                 viewer.grab_at(mouse)
             else:
                 self._pressedAt = mouse
+        if psim.IsMouseDoubleClicked(0) and not io.WantCaptureMouse:
+            viewer.view.centre_at(mouse)
         if viewer.grab is not None:
             if psim.IsMouseDown(0):
                 viewer.drag_to(mouse)
@@ -222,10 +242,10 @@ class Panel:
         import polyscope.imgui as psim
 
         self._begin("Rigid bodies", self.layout.main)
-        psim.PushItemWidth(psim.GetContentRegionAvail()[0] - LABEL_WIDTH)
+        psim.PushItemWidth(psim.GetContentRegionAvail()[0] - scaled(LABEL_WIDTH))
         self._draw_controls()
         self._draw_files()
-        isRoomy = self.layout.main.height >= ROOMY_HEIGHT
+        isRoomy = self.layout.main.height >= scaled(ROOMY_HEIGHT)
         if not self.viewer.isReplay:
             if self._section("Simulation", isRoomy, "Physics settings"):
                 self._draw_settings()
@@ -274,12 +294,9 @@ class Panel:
                 viewer.toggle_play,
                 "Space: play or pause",
             ),
+            ("Back", viewer.step_back, f"Left: one step back, up to {MOST_STATES}"),
             ("Step", viewer.step_once, "S or Right: one step forward"),
-            (
-                "Reset",
-                viewer.reset,
-                "R: start over, with the scene's own settings. Backspace keeps your settings",
-            ),
+            ("Restart", viewer.restart, "R: start over, keeping your settings"),
         )
         speeds = {speed_name(speed): speed for speed in SPEEDS}
         chosen = draw_choice(
@@ -323,7 +340,7 @@ class Panel:
             viewer.open(self.path.strip())
         if viewer.simulation.recommended:
             psim.TextWrapped(f"Scene settings: {viewer.simulation.recommended}")
-            Tooltips.tell("Settings recommended by the scene file. Reset restores them.")
+            Tooltips.tell("Settings recommended by the scene file. Shift + R restores them.")
 
     def _draw_settings(self):
         """Draws the settings that the solver uses."""
@@ -337,7 +354,7 @@ class Panel:
                 continue
             value = getattr(settings, one.name)
             if one.name in self._fields:
-                self._fields[one.name].draw(settings)
+                self.viewer.message = self._fields[one.name].draw(settings) or self.viewer.message
                 continue
             if one.kind is bool:
                 isChanged, value = psim.Checkbox(one.label, value)
@@ -350,6 +367,8 @@ class Panel:
             if isChanged:
                 settings.change(one.name, value)
                 self.viewer.view.refresh()
+        tooltip = "Shift + R: start over, with the scene's own settings"
+        self._buttons(("Scene settings", self.viewer.reset, tooltip))
 
     def _draw_display(self):
         import polyscope.imgui as psim
@@ -361,14 +380,20 @@ class Panel:
         if chosen is not None:
             view.colouring = chosen
             view.refresh()
-        self._buttons(("Frame all", view.frame_all, "F: fit everything in view"))
+        self._buttons(
+            (
+                "Frame all",
+                view.frame_all,
+                "F: fit everything in view",
+            )
+        )
         isChanged, follows = psim.Checkbox("follow", view.follows)
         if isChanged:
             view.follows = follows
         Tooltips.tell("Camera follows the selected body, or the centre of all")
-        for name in LAYERS:
+        for digit, name in enumerate(LAYERS, 1):
             changed, isShown = psim.Checkbox(name, name in view.shown)
-            Tooltips.tell(TOOLTIPS.get(name, ""))
+            Tooltips.tell(f"{digit}: {TOOLTIPS[name]}")
             if changed:
                 view.show(name, isShown)
 
@@ -395,23 +420,21 @@ class Panel:
         isFilming, isRecording = viewer.video is not None, viewer.recorder is not None
         self._buttons(
             (
-                "Stop###video" if isFilming else "Video###video",
+                "Stop video###video" if isFilming else "Video###video",
                 viewer.toggle_video,
-                "Film from now until Stop (.mp4 in out/)",
+                "Film from now until Stop video (.mp4 in out/)",
             ),
             (
-                "Stop###record" if isRecording else "Record###record",
+                "Stop recording###record" if isRecording else "Record###record",
                 viewer.toggle_recording,
-                "Record every step from now until Stop, including your own drags, pushes and "
+                "Record every step until Stop recording, including your own drags, pushes and "
                 "shots, for --replay, --resume and --verify (.h5 in out/)",
             ),
         )
-        told = []
         if viewer.video is not None:
-            told.append(f"video: {counted(viewer.video.count, 'frame')}")
+            psim.TextWrapped(viewer.video.summary(viewer.simulation)[1])
         if viewer.recorder is not None:
-            told.append(f"recording: {counted(viewer.recorder.frameCount - 1, 'step')}")
-        psim.Text(", ".join(told))
+            psim.Text(f"recording: {counted(viewer.recorder.frameCount - 1, 'step')}")
 
     # The readout, on the right.
 
@@ -420,7 +443,7 @@ class Panel:
 
         viewer = self.viewer
         self._begin("Readout", self.layout.side)
-        psim.PushItemWidth(psim.GetContentRegionAvail()[0] - LABEL_WIDTH)
+        psim.PushItemWidth(psim.GetContentRegionAvail()[0] - scaled(LABEL_WIDTH))
         if viewer.picked() is not None:
             self._draw_body()
         self._draw_numbers()
@@ -537,6 +560,10 @@ class Panel:
         viewer, replay = self.viewer, self.viewer.simulation
         flags = psim.ImGuiWindowFlags_NoTitleBar | psim.ImGuiWindowFlags_NoScrollbar
         self._begin("Timeline", self.layout.timeline, self.layout.timeline.height, flags)
+        if psim.Button("Continue from here"):
+            viewer.continue_here()
+        Tooltips.tell("Simulate on from this step, with its settings")
+        psim.SameLine()
         psim.Text(f"{replay.time:.2f} of {replay.lastTime:.2f} s   {replay.recording.path.name}")
         psim.SetNextItemWidth(-1.0)
         moved, step = psim.SliderInt(
@@ -548,9 +575,20 @@ class Panel:
             psim.ImGuiSliderFlags_AlwaysClamp,
         )
         Tooltips.tell("Drag, or Ctrl-click to type a step")
+        self._mark_changes(replay)
         if moved:
             viewer.seek(step)
         psim.End()
+
+    def _mark_changes(self, replay):
+        """Marks the steps before which something was done by hand, above the slider."""
+        import polyscope.imgui as psim
+
+        (left, top), (right, _) = psim.GetItemRectMin(), psim.GetItemRectMax()
+        perStep = (right - left) / max(replay.lastStep - replay.firstStep, 1)
+        for step in sorted({step for step, _ in replay.recording.changes}):
+            x = left + perStep * (step - replay.firstStep)
+            psim.GetWindowDrawList().AddLine((x, top - scaled(4)), (x, top), MARK, scaled(2))
 
     def _message(self):
         """Returns (message, whether it is an error). Messages expire after a while."""
@@ -568,10 +606,16 @@ class Panel:
 
         left, top, width, _ = self.layout.picture
         psim.SetNextWindowPos((left, top), psim.ImGuiCond_Always)
-        psim.SetNextWindowSizeConstraints((width, 0), (width, 200))
+        psim.SetNextWindowSizeConstraints((width, 0), (width, scaled(200)))
         psim.SetNextWindowBgAlpha(0.9)
         flags = psim.ImGuiWindowFlags_NoTitleBar | psim.ImGuiWindowFlags_AlwaysAutoResize
-        psim.Begin("Message", flags=flags | psim.ImGuiWindowFlags_NoInputs)
+        offer = self.viewer.offer
+        isOffer = offer is not None and offer[0] == text
+        psim.Begin("Message", flags=flags | (0 if isOffer else psim.ImGuiWindowFlags_NoInputs))
+        if isOffer and psim.Button(offer[1]):
+            offer[2]()
+        if isOffer:
+            psim.SameLine()
         if isError:
             draw_error(text)
         else:

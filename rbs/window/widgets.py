@@ -11,6 +11,13 @@ LINE_INDENT, LIST_WIDTH, LIST_HEIGHT = 140, 560, 460
 NUMBER_WIDTH = 64
 
 
+def scaled(pixels):
+    """Returns so many pixels of an ordinary monitor on this one."""
+    import polyscope as ps
+
+    return pixels * ps.get_ui_scale()
+
+
 class Tooltips:
     """Tooltips. `areHidden` while a message is shown, which they could cover."""
 
@@ -38,7 +45,10 @@ class NumberField:
         self._typed = None
 
     def draw(self, settings):
-        """Draws the field. Text that is not a number changes nothing."""
+        """Draws the field; returns a message if a value was clamped, or "".
+
+        Text that is not a number changes nothing.
+        """
         import polyscope.imgui as psim
 
         value = getattr(settings, self._name)
@@ -47,9 +57,12 @@ class NumberField:
         if changed:
             self._typed = value
         if psim.IsItemDeactivatedAfterEdit() and self._typed is not None:
-            if self._typed == self._typed:  # not NaN
-                settings.change(self._name, min(max(self._typed, self._low), self._high))
-            self._typed = None
+            typed, self._typed = self._typed, None
+            if typed == typed:  # not NaN
+                settings.change(self._name, min(max(typed, self._low), self._high))
+                if not self._low <= typed <= self._high:
+                    return f"{self._label} is limited to {self._low:g} to {self._high:g}"
+        return ""
 
 
 def draw_choice(label, current, names, tooltip=""):
@@ -61,7 +74,8 @@ def draw_choice(label, current, names, tooltip=""):
     import polyscope.imgui as psim
 
     if callable(names):
-        psim.SetNextWindowSizeConstraints((LIST_WIDTH, 0), (LIST_WIDTH, LIST_HEIGHT))
+        width = scaled(LIST_WIDTH)
+        psim.SetNextWindowSizeConstraints((width, 0), (width, scaled(LIST_HEIGHT)))
     isOpen = psim.BeginCombo(label, current, psim.ImGuiComboFlags_HeightLargest)
     if not isOpen:
         Tooltips.tell(tooltip)
@@ -75,9 +89,11 @@ def draw_choice(label, current, names, tooltip=""):
             lastGroup = group
         if psim.Selectable(name, selected=name == current):
             chosen = name
+        if name == current and psim.IsWindowAppearing():
+            psim.SetScrollHereY()
         if line:
-            psim.SameLine(LINE_INDENT)
-            psim.TextDisabled(line)
+            psim.SameLine(scaled(LINE_INDENT))
+            psim.Text(line)
     if psim.IsKeyPressed(psim.ImGuiKey_Escape, False):
         psim.CloseCurrentPopup()
     psim.EndCombo()
@@ -110,7 +126,7 @@ def draw_table(rows, indent=0):
 
     left = psim.GetCursorPosX()
     for place, (number, text) in enumerate(rows):
-        end = left + NUMBER_WIDTH + (indent if place else 0)
+        end = left + scaled(NUMBER_WIDTH + (indent if place else 0))
         psim.SetCursorPosX(end - psim.CalcTextSize(number)[0])
         psim.Text(number)
         psim.SameLine(end + 8)

@@ -160,11 +160,11 @@ def test_a_session_in_the_window(session, tmp_path):
     window.click("Pause", lambda status: not status["isPlaying"])
     before = window.status()["step"]
     window.click("Step", lambda status: status["step"] > before)
-    # Backspace keeps the settings, Reset restores those of the scene.
-    window.key("BackSpace", lambda status: status["step"] == 0)
+    # R keeps the settings; the button restores those of the scene.
+    window.key("r", lambda status: status["step"] == 0)
     assert window.status()["friction"] > 0.1
     window.click("Step", lambda status: status["step"] > 0)
-    window.click("Reset", lambda status: status["step"] == 0 and status["friction"] == 0.0)
+    window.click("Scene settings", lambda status: status["step"] == 0 and status["friction"] == 0.0)
     # A body is picked where it is seen, pushed and fixed.
     window.click_at(*window.status()["bodies"][1])
     status = window.await_status(lambda status: status["picked"] == 1)
@@ -258,7 +258,7 @@ def test_bodies_are_dragged_thrown_and_shot_and_the_recording_is_verified(sessio
     window.key("b", lambda status: status["bodyCount"] == 16)
     last = window.status()["step"]
     window.await_status(lambda status: status["step"] > last + 10)
-    window.click("Stop", lambda status: "recording.h5" in status["saved"])
+    window.click("Stop recording", lambda status: "recording.h5" in status["saved"])
     window.key("r", lambda status: status["bodyCount"] == 15 and status["step"] == 0)
     recording = Recording(tmp_path / "out" / "mixed" / "recording.h5")
     kinds = {change.kind for _, change in recording.changes}
@@ -278,7 +278,7 @@ def test_panels_stay_at_the_edges_whatever_the_size(session):
             assert picture[0] < x < picture[0] + picture[2]
             assert picture[1] < y < picture[1] + picture[3]
         # The widgets of a panel are within it.
-        for name in ("Play", "Step", "Reset", "speed", "Help", "scene", "open"):
+        for name in ("Play", "Step", "Restart", "speed", "Help", "scene", "open"):
             x, y, width = status["places"][name]
             assert x - 15.0 + width <= main[2] and y < size[1], name
     window.key("n", lambda status: status["layout"][1] is None)
