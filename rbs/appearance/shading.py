@@ -130,3 +130,17 @@ def soft_shadows(vertices, firstVertex, height):
     for place, layer in enumerate(layers):
         layer[:, 1] = height * (1.0 - place / len(layers))
     return np.concatenate(layers)
+
+
+def nearest_creases(bodyOfCrease, distance, most):
+    """Returns the indices of the creases of the nearest bodies: `most` of them, or all if fewer.
+
+    bodyOfCrease : (E,), body of each crease; distance : (n,), of the bodies
+    """
+    if len(bodyOfCrease) <= most:
+        return np.arange(len(bodyOfCrease))
+    order = distance.argsort()
+    isNear = np.empty(len(distance), dtype=bool)
+    isNear[order] = np.bincount(bodyOfCrease, minlength=len(distance))[order].cumsum() <= most
+    chosen = np.flatnonzero(isNear[bodyOfCrease])
+    return np.pad(chosen, (0, most - len(chosen)), "edge")  # repeats one: the number is constant

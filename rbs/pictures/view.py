@@ -1,7 +1,6 @@
 """Bodies, shadows, constraints and overlays in Polyscope.
 
-Polyscope is imported inside the functions that use it, and only after
-`rbs.pictures.backends.find_backend` has found that it can draw here.
+Import it only after `rbs.pictures.backends.find_backend` has found that Polyscope can draw here.
 
 All bodies form one surface, their shadows another one, and their edges one set of lines, so that
 the cost of drawing hardly depends on the number of bodies. A replay may take the place of a
@@ -13,6 +12,7 @@ Reading order: starting Polyscope; `SceneView`.
 from contextlib import contextmanager
 
 import numpy as np
+import polyscope as ps
 
 from Quaternion import QConj, QRotate
 from rbs.appearance.colours import (
@@ -33,7 +33,13 @@ from rbs.appearance.drawables import (
 )
 from rbs.appearance.framing import VIEW_DIRECTION, frame_camera
 from rbs.appearance.pictureoptions import OVERLAYS, PICTURE_SIZE
-from rbs.appearance.shading import SHADOW_LAYERS, LitSurface, poses_of, soft_shadows
+from rbs.appearance.shading import (
+    SHADOW_LAYERS,
+    LitSurface,
+    nearest_creases,
+    poses_of,
+    soft_shadows,
+)
 from rbs.pictures.cameras import kept_camera, point_still_camera
 from rbs.pictures.overlays import CONTACT_OVERLAYS, POINT_RADIUS, Overlays, draw_lines
 from RBSFunctions import refresh_vertices
@@ -75,8 +81,6 @@ def start_polyscope(backend, size=None):
 
     size : (width, height) of picture or window in pixels; None for the default
     """
-    import polyscope as ps
-
     ps.set_verbosity(0)
     ps.set_program_name("Rigid bodies")
     ps.set_use_prefs_file(False)
@@ -119,8 +123,6 @@ class SceneView:
 
     def rebuild(self, simulation):
         """Registers the bodies of a new scene and points the camera at them."""
-        import polyscope as ps
-
         self.simulation = simulation
         self.pick(None)
         vertices, _, _ = flatten_meshes(simulation.meshes)
@@ -149,8 +151,6 @@ class SceneView:
 
     def _register_bodies(self):
         """Registers bodies, shadows and edges; returns the vertices."""
-        import polyscope as ps
-
         meshes = self.simulation.meshes
         self.bodyColours = BodyColours(meshes)
         vertices, faces, self.bodyOfFace = flatten_meshes(meshes)
@@ -204,8 +204,6 @@ class SceneView:
 
     def spread_ground(self):
         """Moves the ground below the camera's target, if that has moved far enough."""
-        import polyscope as ps
-
         middle = np.array(ps.get_view_center(), dtype=np.float64)
         distance = float(np.linalg.norm(self._eye() - middle))
         size = max(self._size, distance / USUAL_DISTANCE)
@@ -226,8 +224,6 @@ class SceneView:
         self._ground.add_color_quantity("lines", colours, defined_on="vertices", enabled=True)
 
     def _register_creases(self, vertices, faces):
-        import polyscope as ps
-
         ps.remove_curve_network("creases", error_if_absent=False)
         self._allCreases = find_creases(vertices, faces)
         self._bodyOfCrease = np.searchsorted(self._firstVertex, self._allCreases[:, 0], "right") - 1
@@ -244,26 +240,15 @@ class SceneView:
 
     def _choose_creases(self, vertices):
         """Chooses the creases of the bodies nearest to the camera; returns their ends (2 m,)."""
-        chosen = np.arange(len(self._allCreases))
-        if len(chosen) > MOST_CREASES:
-            distance = np.linalg.norm(vertices[self._firstVertex] - self._eye(), axis=1)
-            counts = np.bincount(self._bodyOfCrease, minlength=len(distance))
-            order = distance.argsort()
-            isNear = np.empty(len(distance), dtype=bool)
-            isNear[order] = counts[order].cumsum() <= MOST_CREASES
-            # the number of drawn ones is constant, so the last one is repeated
-            chosen = np.flatnonzero(isNear[self._bodyOfCrease])
-            chosen = np.pad(chosen, (0, MOST_CREASES - len(chosen)), "edge")
-        self._chosenCreases = chosen
-        return self._allCreases[chosen].ravel()
+        distance = np.linalg.norm(vertices[self._firstVertex] - self._eye(), axis=1)
+        self._chosenCreases = nearest_creases(self._bodyOfCrease, distance, MOST_CREASES)
+        return self._allCreases[self._chosenCreases].ravel()
 
     def creased_bodies(self):
         """Returns the indices of the bodies whose creases are drawn."""
         return np.unique(self._bodyOfCrease[self._chosenCreases])
 
     def _register_constraints(self, vertices):
-        import polyscope as ps
-
         ps.remove_curve_network("constraints", error_if_absent=False)
         self._constraintLines = ConstraintLines(self.simulation)
         if len(self._constraintLines.ends):
@@ -283,8 +268,6 @@ class SceneView:
 
     def _point_camera(self, points, margins=None, direction=VIEW_DIRECTION):
         """Frames points (n, 3) between the panels; margins : instead of the present ones."""
-        import polyscope as ps
-
         fieldOfView = ps.get_view_camera_parameters().get_fov_vertical_deg()
         margins = self._margins if margins is None else margins
         size = ps.get_window_size()
@@ -309,8 +292,6 @@ class SceneView:
 
     def _eye(self):
         """Position of the camera, (3,)."""
-        import polyscope as ps
-
         return np.array(ps.get_view_camera_parameters().get_position(), dtype=np.float64)
 
     def frame_all(self):
@@ -318,8 +299,6 @@ class SceneView:
 
         If it has not moved since the last time, it takes the usual direction.
         """
-        import polyscope as ps
-
         direction = -np.array(ps.get_view_camera_parameters().get_look_dir())
         if self._is_framed() or abs(direction[1]) > STEEPEST:
             direction = VIEW_DIRECTION
@@ -331,8 +310,6 @@ class SceneView:
 
     def centre_at(self, pixel):
         """Turns the camera to the body at a pixel; it then orbits and zooms about its centre."""
-        import polyscope as ps
-
         body, _ = self.body_at(pixel)
         if body is not None:
             ps.set_view_center_and_look_at(self.simulation.meshes[body].position[0])
@@ -357,8 +334,6 @@ class SceneView:
 
     def picture_camera(self):
         """Returns size in pixels and camera, as from `load_camera`, of a picture of the window."""
-        import polyscope as ps
-
         with self.whole_width():
             angle = ps.get_view_camera_parameters().get_fov_vertical_deg()
             return ps.get_window_size(), {"viewMat": ps.get_camera_view_matrix(), "fov": angle}
@@ -380,8 +355,6 @@ class SceneView:
 
     def recall(self, memory):
         """Adopts the `memory` of another SceneView, so that pictures look the same."""
-        import polyscope as ps
-
         self.shown = memory["shown"]
         for name in LAYERS:
             self._show_layer(name)
@@ -423,8 +396,6 @@ class SceneView:
 
     def _follow(self):
         """Moves the camera by the displacement of its focus since the last call."""
-        import polyscope as ps
-
         if not self._follows:
             return
         focus = self._focus()
@@ -523,8 +494,6 @@ class SceneView:
 
     def set_see_through(self, isOn):
         """Makes bodies transparent in the window; pictures are blended from two instead."""
-        import polyscope as ps
-
         ps.set_transparency_mode("simple" if isOn else "none")
         if isOn != self._isVivid:
             self._isVivid = isOn
@@ -550,8 +519,6 @@ class SceneView:
     @contextmanager
     def hidden(self):
         """Hides the scene within the `with` block; yields the structures drawn over bodies."""
-        import polyscope as ps
-
         names = ("constraints", "spring", "picked point", *OVERLAYS)
         overlays = [ps.get_curve_network(name) for name in names if ps.has_curve_network(name)]
         overlays += [ps.get_point_cloud(name) for name in names if ps.has_point_cloud(name)]
@@ -568,22 +535,16 @@ class SceneView:
 
     def set_supersampling(self, isOn):
         """Switches supersampling of the window on or off."""
-        import polyscope as ps
-
         if isOn != self.isSmooth:  # Polyscope draws everything again
             self.isSmooth = isOn
             ps.set_SSAA_factor(2 if isOn else 1)
 
     def set_callback(self, callback):
         """Sets the function that draws the panels in each frame; None removes it."""
-        import polyscope as ps
-
         self.callback = callback
         ps.set_user_callback(callback)
 
     def set_resizable(self, isResizable):
-        import polyscope as ps
-
         ps.set_window_resizable(isResizable)
 
     def pick(self, body, point=None):
@@ -604,8 +565,6 @@ class SceneView:
 
         The result is (None, None) if there is no body.
         """
-        import polyscope as ps
-
         hit = ps.pick(screen_coords=pixel)
         if hit.is_hit and hit.structure_name == "picked point":
             return self.picked, hit.position
@@ -620,22 +579,16 @@ class SceneView:
 
     def distance_of(self, point):
         """Depth of a point (3,) along the camera's line of sight, in metres."""
-        import polyscope as ps
-
         return float((point - self._eye()) @ ps.get_view_camera_parameters().get_look_dir())
 
     def point_at(self, pixel, distance):
         """Point (3,) at a pixel, at a depth of so many metres."""
-        import polyscope as ps
-
         ray = ps.screen_coords_to_world_ray(pixel)
         gaze = np.array(ps.get_view_camera_parameters().get_look_dir())
         return self._eye() + distance / float(ray @ gaze) * ray
 
     def aim(self, pixel):
         """Returns start (3,), above the ground, and direction (3,) of a shot towards a pixel."""
-        import polyscope as ps
-
         ray = np.array(ps.screen_coords_to_world_ray(pixel), dtype=np.float64)
         distance = np.linalg.norm(np.array(ps.get_view_center()) - self._eye())
         begin = self._eye() + SHOT_BEGIN * distance * ray
@@ -644,8 +597,6 @@ class SceneView:
 
     def show_spring(self, ends):
         """Shows the spring that drags a body, between two points (2, 3); None removes it."""
-        import polyscope as ps
-
         if ends is None:
             ps.remove_curve_network("spring", error_if_absent=False)
         elif ps.has_curve_network("spring"):
@@ -654,8 +605,6 @@ class SceneView:
             draw_lines("spring", np.array(ends), np.array([[0, 1]]), PICKED_COLOUR)
 
     def _refresh_mark(self):
-        import polyscope as ps
-
         ps.remove_point_cloud("picked point", error_if_absent=False)
         if self.picked is not None:
             ps.register_point_cloud(

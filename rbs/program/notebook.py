@@ -117,12 +117,12 @@ class Simulation(simulation.Simulation):
         InputError
             If Polyscope cannot draw here.
         """
-        from rbs.pictures.capture import save_picture, start_view
-
         options = PictureOptions(**options)
         backend = _backend()
         if backend.name is None:
             raise InputError(f"no pictures: {backend.reason}. {backend.remedy}")
+        from rbs.pictures.capture import save_picture, start_view
+
         view = start_view(self, backend, options)
         save_picture(path, view, options.isTransparent)
 

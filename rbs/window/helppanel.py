@@ -1,7 +1,6 @@
-"""The window's help panel: keys and mouse actions.
+"""The window's help panel: keys and mouse actions."""
 
-Polyscope is imported inside the functions that use it.
-"""
+import polyscope.imgui as psim
 
 from rbs.window.widgets import scaled
 
@@ -35,8 +34,6 @@ INDENT = 180
 
 def draw_help(centre, most):
     """Draws the panel. Returns whether it stays open. centre, most : pixels, place and limit."""
-    import polyscope.imgui as psim
-
     psim.SetNextWindowPos(centre, psim.ImGuiCond_Always, (0.5, 0.5))
     psim.SetNextWindowSizeConstraints((0, 0), most)
     psim.SetNextWindowBgAlpha(1.0)

@@ -1,13 +1,15 @@
 """The window's panels, keys and mouse, and the functions of the viewer that they call.
 
 From the top: `Panel`, with keys and mouse; the main column; the readout and the selected body; the
-timeline and messages. Polyscope is imported inside the functions that use it.
+timeline and messages.
 """
 
 import math
 import time
 
 import numpy as np
+import polyscope as ps
+import polyscope.imgui as psim
 
 from rbs.appearance.colours import COLOURINGS, PICKED_COLOUR
 from rbs.appearance.pictureoptions import LOOKS
@@ -123,8 +125,6 @@ class Panel:
 
     def lay_out(self):
         """Arranges the panels for the window's size, and sets the margins of the view."""
-        import polyscope as ps
-
         width, height = ps.get_window_size()
         hasSide = width >= scaled(ROOMY_WIDTH) if self.isSideShown is None else self.isSideShown
         hasSide = hasSide or self.viewer.picked() is not None
@@ -141,9 +141,6 @@ class Panel:
 
     def _choose_frame_rate(self, now):
         """Lowers the frame rate while idle, so that a waiting window does not occupy a core."""
-        import polyscope as ps
-        import polyscope.imgui as psim
-
         io = psim.GetIO()
         isMoved = any(io.MouseDelta) or any(psim.IsMouseDown(k) for k in range(3)) or io.MouseWheel
         if self.viewer.isPlaying or isMoved or io.WantTextInput or self._isKeyDown:
@@ -153,14 +150,10 @@ class Panel:
 
     def _choose_smoothness(self):
         """Smooths edges only while bodies and camera rest, because that takes longer."""
-        import polyscope.imgui as psim
-
         isHeld = any(psim.IsMouseDown(k) for k in range(3)) and not psim.GetIO().WantCaptureMouse
         self.viewer.view.set_supersampling(not (self.viewer.isPlaying or isHeld))
 
     def _handle_keys(self):
-        import polyscope.imgui as psim
-
         self._isKeyDown = False
         if psim.GetIO().WantTextInput:  # a field has the focus
             return
@@ -204,8 +197,6 @@ class Panel:
 
     def _handle_mouse(self):
         """Selects a body with a click, and drags one with Ctrl."""
-        import polyscope.imgui as psim
-
         io, viewer = psim.GetIO(), self.viewer
         mouse = tuple(io.MousePos)
         io.MouseDoubleClickTime = DOUBLE_CLICK_SECONDS
@@ -230,8 +221,6 @@ class Panel:
 
     def _begin(self, title, box, least=0, flags=0):
         """Begins a panel as wide as a Box, and as high as its content, within limits."""
-        import polyscope.imgui as psim
-
         psim.SetNextWindowPos((box.left, box.top), psim.ImGuiCond_Always)
         psim.SetNextWindowSizeConstraints((box.width, least), (box.width, box.height))
         flags |= psim.ImGuiWindowFlags_NoMove | psim.ImGuiWindowFlags_AlwaysAutoResize
@@ -239,8 +228,6 @@ class Panel:
         psim.Begin(title, flags=flags)
 
     def _draw_main(self):
-        import polyscope.imgui as psim
-
         self._begin("Rigid bodies", self.layout.main)
         psim.PushItemWidth(psim.GetContentRegionAvail()[0] - scaled(LABEL_WIDTH))
         self._draw_controls()
@@ -263,8 +250,6 @@ class Panel:
         psim.End()
 
     def _section(self, title, isOpen, tooltip):
-        import polyscope.imgui as psim
-
         flags = psim.ImGuiTreeNodeFlags_DefaultOpen if isOpen else 0
         isShown = psim.CollapsingHeader(title, flags)
         Tooltips.tell(tooltip)
@@ -272,8 +257,6 @@ class Panel:
 
     def _buttons(self, *rows):
         """Draws a row of equally wide buttons (label, function, tooltip)."""
-        import polyscope.imgui as psim
-
         gap = psim.GetStyle().ItemSpacing[0]
         width = (psim.GetContentRegionAvail()[0] - gap * (len(rows) - 1)) / len(rows)
         for place, (label, act, tooltip) in enumerate(rows):
@@ -284,8 +267,6 @@ class Panel:
             Tooltips.tell(tooltip)
 
     def _draw_controls(self):
-        import polyscope.imgui as psim
-
         viewer, playback = self.viewer, self.viewer.playback
         # ### keeps the button's identity when its label changes.
         self._buttons(
@@ -320,8 +301,6 @@ class Panel:
         self.isHelpShown = not self.isHelpShown
 
     def _draw_files(self):
-        import polyscope.imgui as psim
-
         viewer = self.viewer
         tooltip = (
             "Scenes of this project, and files beside this scene; or drop a file on the window"
@@ -344,8 +323,6 @@ class Panel:
 
     def _draw_settings(self):
         """Draws the settings that the solver uses."""
-        import polyscope.imgui as psim
-
         simulation = self.viewer.simulation
         settings = simulation.settings
         for one in CHOSEN.values():
@@ -371,8 +348,6 @@ class Panel:
         self._buttons(("Scene settings", self.viewer.reset, tooltip))
 
     def _draw_display(self):
-        import polyscope.imgui as psim
-
         view = self.viewer.view
         chosen = draw_choice(
             "colours", view.colouring, COLOURINGS, "Quantity that the bodies' colours show"
@@ -398,8 +373,6 @@ class Panel:
                 view.show(name, isShown)
 
     def _draw_save(self):
-        import polyscope.imgui as psim
-
         viewer = self.viewer
         self._buttons(
             ("Picture", viewer.save_picture, "Save this view as a PNG, without panels, to out/"),
@@ -439,8 +412,6 @@ class Panel:
     # The readout, on the right.
 
     def _draw_side(self):
-        import polyscope.imgui as psim
-
         viewer = self.viewer
         self._begin("Readout", self.layout.side)
         psim.PushItemWidth(psim.GetContentRegionAvail()[0] - scaled(LABEL_WIDTH))
@@ -463,8 +434,6 @@ class Panel:
         psim.End()
 
     def _draw_numbers(self):
-        import polyscope.imgui as psim
-
         simulation = self.viewer.simulation
         square = self.viewer.view.squareSide
         psim.Text(f"{counted(len(simulation.meshes), 'body')} · floor squares {square:g} m")
@@ -481,8 +450,6 @@ class Panel:
                 psim.Text(f"{visits}, {counted(len(simulation.constraints), 'constraint bound')}")
 
     def _draw_milliseconds(self):
-        import polyscope.imgui as psim
-
         frame, step = self.viewer.frame_milliseconds(), self.viewer.step_milliseconds()
         names = {"frame": "frame, of which", "step": "step, of which", **PHASES}
         if frame:
@@ -496,8 +463,6 @@ class Panel:
             psim.Text("No data yet: press Play.")
 
     def _draw_body(self):
-        import polyscope.imgui as psim
-
         viewer, mesh = self.viewer, self.viewer.picked()
         psim.SeparatorText("Body")
         psim.ColorButton("picked", (*PICKED_COLOUR, 1.0), psim.ImGuiColorEditFlags_NoTooltip)
@@ -519,9 +484,6 @@ class Panel:
         psim.Separator()
 
     def _draw_body_buttons(self):
-        import polyscope as ps
-        import polyscope.imgui as psim
-
         viewer, isFixed = self.viewer, self.viewer.picked().isFixed
         if psim.Button("Free###fix" if isFixed else "Fix###fix"):
             viewer.set_fixed(not isFixed)
@@ -555,8 +517,6 @@ class Panel:
     # The timeline and messages.
 
     def _draw_timeline(self):
-        import polyscope.imgui as psim
-
         viewer, replay = self.viewer, self.viewer.simulation
         flags = psim.ImGuiWindowFlags_NoTitleBar | psim.ImGuiWindowFlags_NoScrollbar
         self._begin("Timeline", self.layout.timeline, self.layout.timeline.height, flags)
@@ -582,8 +542,6 @@ class Panel:
 
     def _mark_changes(self, replay):
         """Marks the steps before which something was done by hand, above the slider."""
-        import polyscope.imgui as psim
-
         (left, top), (right, _) = psim.GetItemRectMin(), psim.GetItemRectMax()
         perStep = (right - left) / max(replay.lastStep - replay.firstStep, 1)
         for step in sorted({step for step, _ in replay.recording.changes}):
@@ -602,8 +560,6 @@ class Panel:
 
     def _draw_message(self, text, isError):
         """Draws a message over the upper edge of the picture."""
-        import polyscope.imgui as psim
-
         left, top, width, _ = self.layout.picture
         psim.SetNextWindowPos((left, top), psim.ImGuiCond_Always)
         psim.SetNextWindowSizeConstraints((width, 0), (width, scaled(200)))

@@ -1,7 +1,7 @@
-"""Widgets of the window's panels: tooltips, fields, lists, tables of numbers.
+"""Widgets of the window's panels: tooltips, fields, lists, tables of numbers."""
 
-Polyscope is imported inside the functions that use it.
-"""
+import polyscope as ps
+import polyscope.imgui as psim
 
 # Colour of error messages: RGB and opacity.
 ERROR_TEXT = (1.0, 0.45, 0.40, 1.0)
@@ -13,8 +13,6 @@ NUMBER_WIDTH = 64
 
 def scaled(pixels):
     """Returns so many pixels of an ordinary monitor on this one."""
-    import polyscope as ps
-
     return pixels * ps.get_ui_scale()
 
 
@@ -26,8 +24,6 @@ class Tooltips:
     @classmethod
     def tell(cls, text):
         """Sets the tooltip of the last widget."""
-        import polyscope.imgui as psim
-
         if text and not cls.areHidden:
             psim.SetItemTooltip(text)
 
@@ -49,8 +45,6 @@ class NumberField:
 
         Text that is not a number changes nothing.
         """
-        import polyscope.imgui as psim
-
         value = getattr(settings, self._name)
         changed, value = psim.InputDouble(self._label, value, self._step, 0.0, "%.4g")
         Tooltips.tell(self._tooltip)
@@ -71,8 +65,6 @@ def draw_choice(label, current, names, tooltip=""):
     names : list of names, or of (heading, name, description), or a function that returns such a
         list, called while the list is open
     """
-    import polyscope.imgui as psim
-
     if callable(names):
         width = scaled(LIST_WIDTH)
         psim.SetNextWindowSizeConstraints((width, 0), (width, scaled(LIST_HEIGHT)))
@@ -102,8 +94,6 @@ def draw_choice(label, current, names, tooltip=""):
 
 def draw_slider(label, value, low, high, shown="%.3f"):
     """Draws a slider for a float or an int. Returns (whether it was moved, its rounded value)."""
-    import polyscope.imgui as psim
-
     clamp = psim.ImGuiSliderFlags_AlwaysClamp  # also clamps a value typed after Ctrl-click
     if isinstance(value, int):
         return psim.SliderInt(label, value, low, high, "%d", clamp)
@@ -113,8 +103,6 @@ def draw_slider(label, value, low, high, shown="%.3f"):
 
 def draw_error(message):
     """Draws an error message in red."""
-    import polyscope.imgui as psim
-
     psim.PushStyleColor(psim.ImGuiCol_Text, ERROR_TEXT)
     psim.TextWrapped(message)
     psim.PopStyleColor()
@@ -122,8 +110,6 @@ def draw_error(message):
 
 def draw_table(rows, indent=0):
     """Draws rows (number, label), numbers flush right. indent : pixels, except for the first."""
-    import polyscope.imgui as psim
-
     left = psim.GetCursorPosX()
     for place, (number, text) in enumerate(rows):
         end = left + scaled(NUMBER_WIDTH + (indent if place else 0))
@@ -135,8 +121,6 @@ def draw_table(rows, indent=0):
 
 def draw_vectors(rows):
     """Draws rows (name, three texts of numbers, unit), numbers flush right."""
-    import polyscope.imgui as psim
-
     left, right = psim.GetCursorPosX(), psim.GetContentRegionAvail()[0]
     unitWidth = max(psim.CalcTextSize(unit)[0] for _, _, unit in rows)
     nameWidth = max(psim.CalcTextSize(name)[0] for name, _, _ in rows)
