@@ -182,7 +182,7 @@ def ground_lines(size, middle, reach):
     lines, contrasts = [], []
     for axis, other in ((0, 2), (2, 0)):
         away = np.hypot(across + shift[axis], along + shift[other])
-        spread = 1.0 + away / size
+        spread = 1.0 + 0.5 * away / size
         piece = np.full((*along.shape, 3), LINE_HEIGHT * size)
         piece[..., axis] = across + 0.5 * LINE_WIDTH * side * spread * [-1, 1, 1, -1]
         piece[..., other] = along

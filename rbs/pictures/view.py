@@ -469,6 +469,10 @@ class SceneView:
             rows += constraint_legend()
         return rows + self._overlays.meanings()
 
+    def toggle(self, name):
+        """Switches one of LAYERS on if it is off, and off if it is on."""
+        self.show(name, name not in self.shown)
+
     def show(self, name, isShown):
         """Switches one of LAYERS on or off."""
         if isShown:

@@ -6,6 +6,7 @@ timeline and messages.
 
 import math
 import time
+from functools import partial
 
 import numpy as np
 import polyscope as ps
@@ -154,46 +155,34 @@ class Panel:
         self.viewer.view.set_supersampling(not (self.viewer.isPlaying or isHeld))
 
     def _handle_keys(self):
+        io, viewer = psim.GetIO(), self.viewer
         self._isKeyDown = False
-        if psim.GetIO().WantTextInput:  # a field has the focus
+        if io.WantTextInput:  # a field has the focus
             return
-        viewer = self.viewer
-
-        def pressed(*names, repeats=False):
-            keys = [getattr(psim, f"ImGuiKey_{name}") for name in names]
-            self._isKeyDown |= any(psim.IsKeyDown(key) for key in keys)
-            return any(psim.IsKeyPressed(key, repeats) for key in keys)
-
-        if pressed("Space"):
-            viewer.toggle_play()
-        # A key that is held down repeats its step.
-        if pressed("S", "RightArrow", repeats=True):
-            viewer.step_once()
-        if pressed("LeftArrow", repeats=True):
-            viewer.step_back()
-        if pressed("R"):
-            if psim.GetIO().KeyShift:
-                viewer.reset()
-            else:
-                viewer.restart()
-        for name, way in (("LeftBracket", -1), ("RightBracket", 1)):
-            if pressed(name):
-                viewer.open_beside(way)
+        repeating = {"S RightArrow": viewer.step_once, "LeftArrow": viewer.step_back}
+        acts = repeating | {
+            "Space": viewer.toggle_play,
+            "R": viewer.reset if io.KeyShift else viewer.restart,
+            "LeftBracket": lambda: viewer.open_beside(-1),
+            "RightBracket": lambda: viewer.open_beside(1),
+            "B": lambda: viewer.shoot(tuple(io.MousePos)),
+            "F": viewer.view.frame_all,
+            "N": self.toggle_side,
+            "Tab": lambda: self._toggle("areHidden"),
+            "H F1 Slash" if io.KeyShift else "H F1": lambda: self._toggle("isHelpShown"),
+            "Escape": lambda: self._toggle("isHelpShown") if self.isHelpShown else None,
+        }
         for digit, name in enumerate(LAYERS, 1):
-            if pressed(str(digit)):
-                viewer.view.show(name, name not in viewer.view.shown)
-        if pressed("Tab"):
-            self.areHidden = not self.areHidden
-        if pressed("F"):
-            viewer.view.frame_all()
-        if pressed("B"):
-            viewer.shoot(tuple(psim.GetIO().MousePos))
-        if pressed("N"):
-            self.toggle_side()
-        if pressed("H", "F1") or (pressed("Slash") and psim.GetIO().KeyShift):
-            self.isHelpShown = not self.isHelpShown
-        if pressed("Escape"):
-            self.isHelpShown = False
+            acts[str(digit)] = partial(viewer.view.toggle, name)
+        for names, act in acts.items():
+            keys = [getattr(psim, f"ImGuiKey_{name}") for name in names.split()]
+            self._isKeyDown |= any(psim.IsKeyDown(key) for key in keys)
+            # a key that is held down repeats its step
+            if any(psim.IsKeyPressed(key, names in repeating) for key in keys):
+                act()
+
+    def _toggle(self, name):
+        setattr(self, name, not getattr(self, name))
 
     def _handle_mouse(self):
         """Selects a body with a click, and drags one with Ctrl."""
@@ -277,7 +266,7 @@ class Panel:
             ),
             ("Back", viewer.step_back, f"Left: one step back, up to {MOST_STATES}"),
             ("Step", viewer.step_once, "S or Right: one step forward"),
-            ("Restart", viewer.restart, "R: start over, keeping your settings"),
+            ("Reset", viewer.restart, "R: start over, keeping your settings"),
         )
         speeds = {speed_name(speed): speed for speed in SPEEDS}
         chosen = draw_choice(
@@ -293,12 +282,9 @@ class Panel:
         pace = playback.pace()
         psim.Text("paused" if pace is None else f"{pace:.2g} × real time")
         self._buttons(
-            ("Help", self._toggle_help, "H, F1 or ?: keys and mouse actions"),
+            ("Help", partial(self._toggle, "isHelpShown"), "H, F1 or ?: keys and mouse actions"),
             ("Readout", self.toggle_side, "N: counts, timings and plots, on the right"),
         )
-
-    def _toggle_help(self):
-        self.isHelpShown = not self.isHelpShown
 
     def _draw_files(self):
         viewer = self.viewer
@@ -367,10 +353,9 @@ class Panel:
             view.follows = follows
         Tooltips.tell("Camera follows the selected body, or the centre of all")
         for digit, name in enumerate(LAYERS, 1):
-            changed, isShown = psim.Checkbox(name, name in view.shown)
+            if psim.Checkbox(name, name in view.shown)[0]:
+                view.toggle(name)
             Tooltips.tell(f"{digit}: {TOOLTIPS[name]}")
-            if changed:
-                view.show(name, isShown)
 
     def _draw_save(self):
         viewer = self.viewer
@@ -446,8 +431,8 @@ class Panel:
                 psim.Text(counted(report.contactCount, "contact"))
             psim.Text(counted(report.candidatePairs, "candidate pair"))
             if simulation.constraints:
-                visits = counted(report.constraintVisits, "constraint visit")
-                psim.Text(f"{visits}, {counted(len(simulation.constraints), 'constraint bound')}")
+                bounds = counted(len(simulation.constraints), "constraint")
+                psim.Text(f"{bounds}, {counted(report.constraintVisits, 'visit')}")
 
     def _draw_milliseconds(self):
         frame, step = self.viewer.frame_milliseconds(), self.viewer.step_milliseconds()
@@ -468,7 +453,8 @@ class Panel:
         psim.ColorButton("picked", (*PICKED_COLOUR, 1.0), psim.ImGuiColorEditFlags_NoTooltip)
         psim.SameLine()
         psim.Text(f"{mesh.name}, {'fixed' if mesh.isFixed else 'free'}")
-        psim.TextWrapped(f"mass {mesh.mass:.4g} kg, density {mesh.density:g} kg/m³")
+        mass = f"{mesh.mass / 1e3:.4g} t" if mesh.mass >= 1e3 else f"{mesh.mass:.4g} kg"
+        psim.TextWrapped(f"mass {mass}, density {mesh.density:g} kg/m³")
         draw_vectors(
             [
                 (name, [f"{value:.2f}" for value in values[0]], unit)
@@ -502,16 +488,9 @@ class Panel:
             "Right": right,
             "Up": np.array([0.0, 1.0, 0.0]),
         }
-        self._buttons(
-            *(
-                (
-                    name,
-                    lambda direction=direction: viewer.push(direction),
-                    "Push at the point that was clicked",
-                )
-                for name, direction in directions.items()
-            )
-        )
+        tooltip = "Push at the point that was clicked"
+        rows = ((name, partial(viewer.push, way), tooltip) for name, way in directions.items())
+        self._buttons(*rows)
         psim.EndDisabled()
 
     # The timeline and messages.
@@ -546,7 +525,9 @@ class Panel:
         perStep = (right - left) / max(replay.lastStep - replay.firstStep, 1)
         for step in sorted({step for step, _ in replay.recording.changes}):
             x = left + perStep * (step - replay.firstStep)
-            psim.GetWindowDrawList().AddLine((x, top - scaled(4)), (x, top), MARK, scaled(2))
+            psim.GetWindowDrawList().AddLine(
+                (x, top - scaled(5)), (x, top + scaled(5)), MARK, scaled(2)
+            )
 
     def _message(self):
         """Returns (message, whether it is an error). Messages expire after a while."""

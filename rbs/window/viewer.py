@@ -294,11 +294,9 @@ class Viewer:
         except ValueError as error:
             self.message = str(error)
             return
-        except OSError as error:
-            self.message = f"{path}: cannot be read ({reason_of(error)})"
-            return
-        except MemoryError:
-            self.message = f"{path}: cannot be read (not enough memory)"
+        except (OSError, MemoryError) as error:
+            cause = reason_of(error) if isinstance(error, OSError) else "not enough memory"
+            self.message = f"{path}: cannot be read ({cause})"
             return
         self._show_other(simulation)
 

@@ -278,7 +278,7 @@ def test_panels_stay_at_the_edges_whatever_the_size(session):
             assert picture[0] < x < picture[0] + picture[2]
             assert picture[1] < y < picture[1] + picture[3]
         # The widgets of a panel are within it.
-        for name in ("Play", "Step", "Restart", "speed", "Help", "scene", "open"):
+        for name in ("Play", "Step", "Reset", "speed", "Help", "scene", "open"):
             x, y, width = status["places"][name]
             assert x - 15.0 + width <= main[2] and y < size[1], name
     window.key("n", lambda status: status["layout"][1] is None)
