@@ -42,8 +42,8 @@ LABEL_WIDTH, INDENT = 112, 18
 CLICK_PIXELS = 4.0
 # Seconds between the clicks of a double-click, each of which takes a frame or two.
 DOUBLE_CLICK_SECONDS = 0.6
-# Number fields: change by the buttons + and -, least and greatest value.
-FIELDS = {"timeStep": (0.005, 1e-4, 1.0)}
+# Time steps in seconds: change by the buttons + and -, least and greatest one.
+TIME_STEPS = 0.005, 1e-4, 1.0
 # m/s, the end of the slider for pushes.
 MOST_PUSH = 40.0
 # Marks on the timeline: opacity, blue, green and red of PICKED_COLOUR.
@@ -77,10 +77,7 @@ class Panel:
     def __init__(self, viewer):
         self.viewer = viewer
         self.path = ""
-        self._fields = {
-            name: NumberField(CHOSEN[name].label, name, *ends, CHOSEN[name].tooltip)
-            for name, ends in FIELDS.items()
-        }
+        self._timeStep = NumberField(CHOSEN["timeStep"], *TIME_STEPS)
         self.isHelpShown = self.areHidden = False
         self.isSideShown = None
         self.layout = None
@@ -121,8 +118,7 @@ class Panel:
         now = time.perf_counter()
         self.viewer.play(now - self._lastFrame)
         self._lastFrame = now
-        self._choose_frame_rate(now)
-        self._choose_smoothness()
+        self._choose_quality(now)
 
     def lay_out(self):
         """Arranges the panels for the window's size, and sets the margins of the view."""
@@ -140,19 +136,18 @@ class Panel:
             self.viewer.view.pick(None)
             self.viewer.view.refresh()
 
-    def _choose_frame_rate(self, now):
-        """Lowers the frame rate while idle, so that a waiting window does not occupy a core."""
-        io = psim.GetIO()
-        isMoved = any(io.MouseDelta) or any(psim.IsMouseDown(k) for k in range(3)) or io.MouseWheel
-        if self.viewer.isPlaying or isMoved or io.WantTextInput or self._isKeyDown:
+    def _choose_quality(self, now):
+        """Smooths edges while bodies and camera rest, which takes longer to draw, and lowers the
+        frame rate while idle, so that a waiting window does not occupy a core.
+        """
+        io, isPlaying = psim.GetIO(), self.viewer.isPlaying
+        isHeld = any(psim.IsMouseDown(k) for k in range(3))
+        isUsed = any(io.MouseDelta) or isHeld or io.MouseWheel or io.WantTextInput
+        if isPlaying or isUsed or self._isKeyDown:
             self._lastAction = now
-        isIdle = now - self._lastAction > IDLE_SECONDS
-        ps.set_max_fps(IDLE_RATE if isIdle else FRAME_RATE)
-
-    def _choose_smoothness(self):
-        """Smooths edges only while bodies and camera rest, because that takes longer."""
-        isHeld = any(psim.IsMouseDown(k) for k in range(3)) and not psim.GetIO().WantCaptureMouse
-        self.viewer.view.set_supersampling(not (self.viewer.isPlaying or isHeld))
+        ps.set_max_fps(IDLE_RATE if now - self._lastAction > IDLE_SECONDS else FRAME_RATE)
+        isTurned = isHeld and not io.WantCaptureMouse
+        self.viewer.view.set_supersampling(not (isPlaying or isTurned))
 
     def _handle_keys(self):
         io, viewer = psim.GetIO(), self.viewer
@@ -288,19 +283,17 @@ class Panel:
 
     def _draw_files(self):
         viewer = self.viewer
-        tooltip = (
-            "Scenes of this project, and files beside this scene; or drop a file on the window"
-        )
-        chosen = draw_choice(
-            "scene", viewer.name(), lambda: [one[:3] for one in viewer.files()], tooltip
-        )
+        tooltip = "Scenes of this project, and files beside this scene; [ and ]: scene before, next"
+
+        def rows():
+            return [one[:3] for one in viewer.files()]
+
+        chosen = draw_choice("scene", viewer.name(), rows, tooltip)
         if chosen is not None:
             viewer.open(next(one.path for one in viewer.files() if one.name == chosen))
         flags = psim.ImGuiInputTextFlags_EnterReturnsTrue | psim.ImGuiInputTextFlags_AutoSelectAll
         entered, self.path = psim.InputTextWithHint("open", "name or path", self.path, flags)
-        Tooltips.tell(
-            "Open a scene (a path or a name), a recording (.h5) or a viewpoint (.json) with Enter"
-        )
+        Tooltips.tell("Open a scene by path or name, a recording (.h5) or a viewpoint (.json)")
         if entered and self.path.strip():
             viewer.open(self.path.strip())
         if viewer.simulation.recommended:
@@ -316,8 +309,8 @@ class Panel:
             if not one.label or not isHeeded or one.isOfConstraints and not simulation.constraints:
                 continue
             value = getattr(settings, one.name)
-            if one.name in self._fields:
-                self.viewer.message = self._fields[one.name].draw(settings) or self.viewer.message
+            if one.name == "timeStep":
+                self.viewer.message = self._timeStep.draw(settings) or self.viewer.message
                 continue
             if one.kind is bool:
                 isChanged, value = psim.Checkbox(one.label, value)
@@ -341,13 +334,7 @@ class Panel:
         if chosen is not None:
             view.colouring = chosen
             view.refresh()
-        self._buttons(
-            (
-                "Frame all",
-                view.frame_all,
-                "F: fit everything in view",
-            )
-        )
+        self._buttons(("Frame all", view.frame_all, "F: fit everything in view"))
         isChanged, follows = psim.Checkbox("follow", view.follows)
         if isChanged:
             view.follows = follows

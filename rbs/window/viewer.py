@@ -29,12 +29,7 @@ from rbs.scenes.scenefiles import scene_name
 from rbs.stepping.bodies import StateError
 from rbs.window.panel import Panel
 from rbs.window.pictureprocess import PictureProcess
-from rbs.window.playback import (
-    MOST_KEPT_BODIES,
-    MOST_STATES,
-    REPLAY_CATCH_UP_SECONDS,
-    Playback,
-)
+from rbs.window.playback import MOST_KEPT_BODIES, MOST_STATES, REPLAY_CATCH_UP_SECONDS, Playback
 
 # Frames, and steps, over which timings are averaged: half a second of playing.
 TIMED_STEPS = 25
@@ -315,7 +310,8 @@ class Viewer:
     def _suggest_grid(self):
         """Offers the broad phase that is faster for many bodies."""
         settings, count = self.simulation.settings, len(self.simulation.meshes)
-        if self.isReplay or count <= MANY_BODIES or settings.arguments().get("broadPhase") != "all":
+        isAll = (settings.contactSolver, settings.broadPhase) == ("impulse", "all")
+        if self.isReplay or count <= MANY_BODIES or not isAll or self.simulation.submitted:
             return
         self.saved = f'{count} bodies: broad phase "grid" is faster, with identical motion'
 
@@ -370,24 +366,21 @@ class Viewer:
         except OSError as error:
             self.message = _cannot_write(error)
             return
-        self._tell_saved(path)
-
-    def _tell_saved(self, path, size=""):
-        self.saved = f"saved {Path(path).resolve()}{size}"
+        self.saved = _saved(path)
 
     def save_picture(self):
         """Saves the view, without panels, as a PNG in out/<scene>."""
         if self.picture is not None:
             return
-        stem = f"picture_{self.simulation.stepCount:06d}"
-        if self.look == "plain":
-            self._write(stem, ".png", lambda path: save_picture(path, self.view))
-        else:
-            self._write(stem, ".png", self._begin_picture)
-            self.watch_picture()
 
-    def _begin_picture(self, path):
-        self.picture = PictureProcess(path, self.view)
+        def write(path):
+            if self.look == "plain":
+                save_picture(path, self.view)
+            else:
+                self.picture = PictureProcess(path, self.view)
+
+        self._write(f"picture_{self.simulation.stepCount:06d}", ".png", write)
+        self.watch_picture()
 
     def watch_picture(self):
         """Shows the progress of a studio picture, if one is being drawn."""
@@ -398,9 +391,8 @@ class Viewer:
             self.saved = f"drawing {picture.path}: {100.0 * picture.fraction:.0f} %"
             return
         self.picture = None
-        self._tell_saved(picture.path)
-        if picture.error:
-            self.saved, self.message = "", f"no picture: {picture.error}"
+        self.saved = "" if picture.error else _saved(picture.path)
+        self.message = picture.error and f"no picture: {picture.error}"
 
     def save_camera(self):
         """Saves the viewpoint, for --camera or to be dropped onto the window."""
@@ -434,7 +426,7 @@ class Viewer:
                 video.close()
                 self.message = _cannot_write(error)
             else:
-                self._tell_saved(video.path, f", {counted(video.count, 'frame')}")
+                self.saved = _saved(video.path, counted(video.count, "frame"))
 
     def toggle_recording(self):
         """Starts or ends a recording."""
@@ -458,7 +450,7 @@ class Viewer:
             self._try_recording(recorder.save)
             if self.recorder is not None:
                 self.recorder = None
-                self._tell_saved(recorder.path, f", {counted(steps, 'step')}")
+                self.saved = _saved(recorder.path, counted(steps, "step"))
 
     def _try_recording(self, act):
         """Calls a function of the recorder. If it fails, ends the recording with a message."""
@@ -583,6 +575,11 @@ def _mean_milliseconds(rows, rest):
     if means:
         means[rest] = means[names[0]] - sum(means[name] for name in names[1:])
     return means
+
+
+def _saved(path, *size):
+    """Returns the message that a file was saved."""
+    return ", ".join([f"saved {Path(path).resolve()}", *size])
 
 
 def _cannot_write(error):

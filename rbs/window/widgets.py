@@ -34,10 +34,10 @@ class NumberField:
     Values are clamped to the bounds.
     """
 
-    def __init__(self, label, name, step, low, high, tooltip):
-        """name : of a setting; step : change by the buttons + and -"""
-        self._label, self._name, self._step = label, name, step
-        self._low, self._high, self._tooltip = low, high, tooltip
+    def __init__(self, setting, step, low, high):
+        """setting : from CHOSEN; step : change by the buttons + and -"""
+        self._name, self._label, self._tooltip = setting.name, setting.label, setting.tooltip
+        self._step, self._low, self._high = step, low, high
         self._typed = None
 
     def draw(self, settings):
