@@ -323,8 +323,9 @@ class Panel:
             if isChanged:
                 settings.change(one.name, value)
                 self.viewer.view.refresh()
-        tooltip = "Shift + R: start over, with the scene's own settings"
-        self._buttons(("Scene settings", self.viewer.reset, tooltip))
+        if settings != simulation.startSettings:
+            tooltip = "Shift + R: start over, with the scene's own settings"
+            self._buttons(("Scene settings", self.viewer.reset, tooltip))
 
     def _draw_display(self):
         view = self.viewer.view

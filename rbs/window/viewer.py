@@ -483,14 +483,15 @@ class Viewer:
         else:
             self.message = ""
             self.grab = Grab(self.simulation.meshes[body], body, point)
-            self._grabDistance = self.view.distance_of(point)
+            self._grabPixel, self._grabDistance = pixel, self.view.distance_of(point)
 
     def drag_to(self, pixel):
         """Moves the target of the spring to a pixel, at the distance where the drag began.
 
         While paused, the body itself moves.
         """
-        if self.grab is not None:
+        if self.grab is not None and (self.isPlaying or pixel != self._grabPixel):
+            self._grabPixel = pixel
             self.grab.target = self.view.point_at(pixel, self._grabDistance)
             mesh = self.simulation.meshes[self.grab.body]
             way = self.grab.target - self.grab.point(mesh)

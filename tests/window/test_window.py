@@ -266,6 +266,28 @@ def test_bodies_are_dragged_thrown_and_shot_and_the_recording_is_verified(sessio
     assert verify(recording) == ""
 
 
+def test_keys_step_back_and_change_scenes_overlays_and_the_view(session):
+    window = session(DATA / "mixed-scene.txt")
+    first = window.status()
+    window.key("s", lambda status: status["step"] == 1)
+    window.key("Left", lambda status: status["step"] == 0)
+    assert window.status()["positions"] == first["positions"]
+    window.key("8", lambda status: "grid cells" in status["shown"])
+    window.key("8", lambda status: "grid cells" not in status["shown"])
+    window.key("bracketright", lambda status: status["scene"] == "tower-scene.txt")
+    window.key("bracketleft", lambda status: status["scene"] == "mixed-scene.txt")
+    window.key("Tab", lambda status: not status["places"])
+    window.key("Tab", lambda status: "Play" in status["places"])
+    # A double-click makes a body the centre, and F shows all again.
+    x, y = window.status()["bodies"][2]
+    window.move_to(x, y)
+    window.xdotool("click", "--repeat", 2, "--delay", 30, 1)
+    middle = np.array(window.status()["windowSize"]) / 2
+    window.await_status(lambda status: np.abs(status["bodies"][2] - middle).max() < 2.0)
+    window.key("f", lambda status: np.abs(status["bodies"][2] - middle).max() > 20.0)
+    window.key("f", lambda status: np.allclose(status["bodies"], first["bodies"], atol=2.0))
+
+
 def test_panels_stay_at_the_edges_whatever_the_size(session):
     window = session(DATA / "tower-scene.txt", (800, 500))
     for size in ((800, 500), (1280, 720)):
