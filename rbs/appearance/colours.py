@@ -5,6 +5,7 @@ colour map. All colours are (r, g, b) from 0 to 1.
 """
 
 import math
+from operator import attrgetter
 
 import numpy as np
 
@@ -85,16 +86,16 @@ class BodyColours:
         densities = [mesh.density for mesh in meshes if not mesh.isFixed]
         densities = densities or [mesh.density for mesh in meshes] or [1.0]
         self._extremes = min(densities), max(densities)
+        self._index = np.array([getattr(mesh, "colourIndex", k) for k, mesh in enumerate(meshes)])
 
     def of(self, simulation, colouring):
         """RGB of every body, (n, 3): grey if fixed, otherwise by a name of COLOURINGS."""
-        isFixed = np.array([[mesh.isFixed] for mesh in simulation.meshes])
+        isFixed = np.array(list(map(attrgetter("isFixed"), simulation.meshes)))[:, None]
         return np.where(isFixed, FIXED_COLOUR, COLOURINGS[colouring](self, simulation))
 
     def by_body(self, simulation):
         """Repeats the palette; a copy of a body has the `colourIndex` of its original."""
-        index = [getattr(mesh, "colourIndex", k) for k, mesh in enumerate(simulation.meshes)]
-        return PALETTE[np.array(index, dtype=np.intp) % len(PALETTE)]
+        return PALETTE[self._index % len(PALETTE)]
 
     def by_density(self, simulation):
         """Viridis over the logarithm of the density."""

@@ -27,7 +27,7 @@ TO_SUN = (np.array([0.0, 1.0, 0.0]) - SHADOW_SLANT).tolist()
 TO_SUN = [component / math.hypot(*TO_SUN) for component in TO_SUN]
 # Layers of a shadow from the darkest, which is the narrowest, on top, and is drawn first: growth in
 # metres per metre of height, and darkness from 0 to 1.
-SHADOW_LAYERS = ((-0.06, 1.0), (-0.015, 0.72), (0.03, 0.46), (0.075, 0.22))
+SHADOW_LAYERS = ((-0.05, 1.0), (0.01, 0.62), (0.07, 0.28))
 
 
 class LitSurface:
@@ -77,7 +77,9 @@ class LitSurface:
         toSun = np.square(0.5 + 0.5 * (TO_SUN[0] * x + TO_SUN[1] * y + TO_SUN[2] * z))
         up = 0.5 + 0.5 * y
         light = [a * toSun + (b - c) * up + c for a, b, c in LIGHT]
-        return np.ascontiguousarray(vertices.T), np.sqrt(np.stack(light, axis=1))[self._normal]
+        return np.ascontiguousarray(vertices.T), np.sqrt(np.stack(light, axis=1)).take(
+            self._normal, axis=0
+        )
 
 
 def poses_of(meshes):
@@ -118,18 +120,18 @@ def soft_shadows(vertices, firstVertex, height):
     The higher a point is, the more its layers spread, as in the light of a sun with a disc.
     vertices : (V, 3), of all bodies; firstVertex : (n,), the first one of each body
     """
-    shadows = cast_shadows(vertices, height)
+    x, _, z = cast_shadows(vertices, height).T
     counts = np.diff(firstVertex, append=len(vertices))
-    middles = np.add.reduceat(shadows, firstVertex) / counts[:, None]
-    away = shadows - middles.repeat(counts, axis=0)
-    distance = np.sqrt(np.einsum("ij,ij->i", away, away)) + 1e-9
-    rise = np.maximum(vertices[:, 1], 0.0) / distance
-    layers = [
-        shadows + np.maximum(growth * rise, -0.9)[:, None] * away for growth, _ in SHADOW_LAYERS
-    ]
-    for place, layer in enumerate(layers):
-        layer[:, 1] = height * (1.0 - place / len(layers))
-    return np.concatenate(layers)
+    awayX, awayZ = (
+        part - (np.add.reduceat(part, firstVertex) / counts).repeat(counts) for part in (x, z)
+    )
+    rise = np.maximum(vertices[:, 1], 0.0) / (np.hypot(awayX, awayZ) + 1e-9)
+    layers = np.empty((len(SHADOW_LAYERS), len(vertices), 3), dtype=np.float32)
+    for place, (growth, _) in enumerate(SHADOW_LAYERS):
+        spread = np.maximum(growth * rise, -0.9)
+        layers[place, :, 0], layers[place, :, 2] = x + spread * awayX, z + spread * awayZ
+        layers[place, :, 1] = height * (1.0 - place / len(SHADOW_LAYERS))
+    return layers.reshape(-1, 3)
 
 
 def nearest_creases(bodyOfCrease, distance, most):

@@ -55,7 +55,7 @@ VIVIDNESS = 1.3
 CREASE_RADIUS = 6e-4
 # Largest number of edges drawn, those of the nearest bodies. More slow down drawing without a
 # graphics card.
-MOST_CREASES = 2000
+MOST_CREASES = 1200
 # Camera movement, in sizes of the scene, after which the nearest bodies are found again.
 CREASE_SHIFT = 0.02
 # Half the width of constraints, relative to the scene's size.
@@ -416,7 +416,7 @@ class SceneView:
         if not np.array_equal(poses, self._poses):
             self._poses, self._colours = poses, None
             self._vertices, self._light = self._surface.place(poses)
-            self._bodies.update_vertex_positions(self._vertices[self._surface.source])
+            self._bodies.update_vertex_positions(self._vertices.take(self._surface.source, axis=0))
             height = SHADOW_HEIGHT * self._size
             shadows = soft_shadows(self._vertices, self._firstVertex, height)
             self._shadows.update_vertex_positions(shadows)
@@ -450,7 +450,8 @@ class SceneView:
         if self._colours is not None and np.array_equal(colours, self._colours):
             return
         self._colours = colours
-        self._paint(self._bodies, colours[self._surface.bodyOfVertex] * self._light, "vertices")
+        lit = colours.astype(np.float32).take(self._surface.bodyOfVertex, axis=0) * self._light
+        self._paint(self._bodies, lit, "vertices")
         self.refresh_creases()
 
     def _paint(self, structure, colours, places):
