@@ -425,6 +425,7 @@ class Panel:
     def _draw_milliseconds(self):
         frame, step = self.viewer.frame_milliseconds(), self.viewer.step_milliseconds()
         names = {"frame": "frame, of which", "step": "step, of which", **PHASES}
+        names["gather"] = "read bodies"
         if frame:
             psim.Text(f"{1e3 / frame['frame']:.0f} fps ({frame['frame']:.0f} ms)")
             Tooltips.tell("Frames per second while playing, and the time of each")

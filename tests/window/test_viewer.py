@@ -433,3 +433,8 @@ def test_panels_are_at_the_edges_and_beside_the_picture(size, hasSide, hasTimeli
     assert layout.picture.width >= 0.35 * width and layout.picture.height >= 0.8 * height
     left, top, right, bottom = layout.margins(width, height)
     assert (left, top, width - right - left, height - bottom - top) == layout.picture
+
+
+def test_panels_grow_with_the_scale_of_the_monitor():
+    small, large = arrange(1280, 720, True, True), arrange(2560, 1440, True, True, 2.0)
+    assert [tuple(2 * length for length in box) for box in small] == [tuple(box) for box in large]
