@@ -69,9 +69,8 @@ TOOLTIPS = {
 class Panel:
     """The window's panels, keys and mouse, which show a Viewer and call its functions.
 
-    Attributes: viewer; path, text of the field that opens a file; isHelpShown; areHidden, whether
-    all panels are hidden; isSideShown, whether the readout is shown, or None to let the window's
-    width decide; layout, of the last frame.
+    Attributes: viewer; path, text of the field that opens a file; isHelpShown; areHidden, all
+    panels; isSideShown, the readout, None if the window's width decides; layout, of the last frame.
     """
 
     def __init__(self, viewer):
@@ -146,8 +145,7 @@ class Panel:
         if isPlaying or isUsed or self._isKeyDown:
             self._lastAction = now
         ps.set_max_fps(IDLE_RATE if now - self._lastAction > IDLE_SECONDS else FRAME_RATE)
-        isTurned = isHeld and not io.WantCaptureMouse
-        self.viewer.view.set_supersampling(not (isPlaying or isTurned))
+        self.viewer.view.set_supersampling(not isPlaying and (io.WantCaptureMouse or not isHeld))
 
     def _handle_keys(self):
         io, viewer = psim.GetIO(), self.viewer
@@ -284,11 +282,7 @@ class Panel:
     def _draw_files(self):
         viewer = self.viewer
         tooltip = "Scenes of this project, and files beside this scene; [ and ]: scene before, next"
-
-        def rows():
-            return [one[:3] for one in viewer.files()]
-
-        chosen = draw_choice("scene", viewer.name(), rows, tooltip)
+        chosen = draw_choice("scene", viewer.name(), viewer.files, tooltip)
         if chosen is not None:
             viewer.open(next(one.path for one in viewer.files() if one.name == chosen))
         flags = psim.ImGuiInputTextFlags_EnterReturnsTrue | psim.ImGuiInputTextFlags_AutoSelectAll
@@ -424,8 +418,8 @@ class Panel:
 
     def _draw_milliseconds(self):
         frame, step = self.viewer.frame_milliseconds(), self.viewer.step_milliseconds()
-        names = {"frame": "frame, of which", "step": "step, of which", **PHASES}
-        names["gather"] = "read bodies"
+        wholes = {name: f"{name}, of which" for name in ("frame", "step")}
+        names = {**PHASES, "gather": "read bodies", **wholes}
         if frame:
             psim.Text(f"{1e3 / frame['frame']:.0f} fps ({frame['frame']:.0f} ms)")
             Tooltips.tell("Frames per second while playing, and the time of each")

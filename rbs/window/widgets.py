@@ -62,7 +62,7 @@ class NumberField:
 def draw_choice(label, current, names, tooltip=""):
     """Draws a list. Returns the name that is chosen, or None.
 
-    names : list of names, or of (heading, name, description), or a function that returns such a
+    names : list of names, or of (heading, name, description, …), or a function that returns such a
         list, called while the list is open
     """
     if callable(names):
@@ -75,7 +75,7 @@ def draw_choice(label, current, names, tooltip=""):
     chosen, lastGroup = None, None
     names = names() if callable(names) else names
     rows = [name if isinstance(name, tuple) else (None, name, "") for name in names]
-    for group, name, line in rows:
+    for group, name, line, *_ in rows:
         if group != lastGroup:
             psim.SeparatorText(group)
             lastGroup = group
