@@ -188,14 +188,14 @@ def run_as_asked(simulation, options, pictureOptions):
             writers.append(writer)
 
         if options.screenshots is not None or options.video is not None:
-            from rbs.pictures.capture import PictureSeries, Video, start_view
-
             backend = find_backend(window=False)
             if backend.name is None:
                 print_error(f"cannot draw pictures: {backend.reason}. {backend.remedy}")
                 return 2
             if pictureOptions.look == "studio" and backend.opensWindow:
                 raise InputError("--look studio needs EGL, which is missing here")
+            from rbs.pictures.capture import PictureSeries, Video, start_view
+
             view = start_view(simulation, backend, pictureOptions)
         if options.screenshots is not None:
             first = simulation.stepCount

@@ -5,6 +5,7 @@ colour map. All colours are (r, g, b) from 0 to 1.
 """
 
 import math
+from operator import attrgetter
 
 import numpy as np
 
@@ -17,8 +18,10 @@ FIXED_COLOUR = (0.72, 0.72, 0.72)
 PICKED_COLOUR = (0.90, 0.10, 0.55)
 # Colour of a body that touches no other free body, when colouring by contact island.
 LONE_COLOUR = (0.93, 0.93, 0.90)
-SHADOW_COLOUR = (0.41, 0.42, 0.45)
-CREASE_COLOUR = (0.10, 0.12, 0.15)
+SHADOW_COLOUR = np.array([0.455, 0.47, 0.495])
+MARK_COLOUR = (0.10, 0.12, 0.15)
+# Brightness of creases, relative to the body.
+CREASE_SHADE = 0.35
 # The colour map viridis at equal steps, for light to heavy. Its lightness falls evenly, also for
 # the colour-blind. The darkest tenth is omitted, because no edge would be visible on it.
 VIRIDIS = (
@@ -55,8 +58,7 @@ PALETTE = (
     )
     / 255.0
 )
-# Two greys of the ground's squares.
-GROUND_COLOURS = ((0.62, 0.63, 0.64), (0.68, 0.69, 0.70))
+GROUND_COLOUR, LINE_COLOUR = np.array([0.76, 0.77, 0.78]), np.array([0.55, 0.57, 0.60])
 # Colours of slack, taut and exceeded constraints: light blue, yellow and vermilion of Okabe and
 # Ito's palette.
 CONSTRAINT_COLOURS = np.array([[86, 180, 233], [240, 228, 66], [213, 94, 0]]) / 255.0
@@ -84,16 +86,16 @@ class BodyColours:
         densities = [mesh.density for mesh in meshes if not mesh.isFixed]
         densities = densities or [mesh.density for mesh in meshes] or [1.0]
         self._extremes = min(densities), max(densities)
+        self._index = np.array([getattr(mesh, "colourIndex", k) for k, mesh in enumerate(meshes)])
 
     def of(self, simulation, colouring):
         """RGB of every body, (n, 3): grey if fixed, otherwise by a name of COLOURINGS."""
-        isFixed = np.array([[mesh.isFixed] for mesh in simulation.meshes])
+        isFixed = np.array(list(map(attrgetter("isFixed"), simulation.meshes)))[:, None]
         return np.where(isFixed, FIXED_COLOUR, COLOURINGS[colouring](self, simulation))
 
     def by_body(self, simulation):
         """Repeats the palette; a copy of a body has the `colourIndex` of its original."""
-        index = [getattr(mesh, "colourIndex", k) for k, mesh in enumerate(simulation.meshes)]
-        return PALETTE[np.array(index, dtype=np.intp) % len(PALETTE)]
+        return PALETTE[self._index % len(PALETTE)]
 
     def by_density(self, simulation):
         """Viridis over the logarithm of the density."""

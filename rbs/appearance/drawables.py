@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOURS, SEEN_BACKGROUND
+from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, LINE_COLOUR, SEEN_BACKGROUND
 from rbs.geometry.arrays import ranges
 from rbs.geometry.broadphase import grid_levels
 from RBSFunctions import refresh_vertices
@@ -18,14 +18,17 @@ from RBSFunctions import refresh_vertices
 CREASE_ANGLE = math.radians(30.0)
 # Excess over a bound at which a constraint has its last colour in full, as a fraction of the bound.
 FULL_EXCESS = 0.05
-# Number of the ground's squares across, and least side of a square relative to the view's size.
+# Number of squares between the ground's lines, from side to side, and least side of a square
+# relative to the view's size.
 GROUND_SQUARES = 80
 SQUARE_SIZE = 0.08
-# Plain ground around the squares: rings and sectors; the distance at which it begins to fade, as a
-# fraction of its reach; and its depth below the squares, relative to the view's size.
+# Lines between the squares: width in squares near the middle, and height above the ground relative
+# to the view's size, so that they do not flicker.
+LINE_WIDTH, LINE_HEIGHT = 0.014, 2.5e-4
+# The disc: rings and sectors, and the distance at which it begins to fade as a fraction of its
+# reach.
 GROUND_RINGS, GROUND_SECTORS = 12, 96
 FADE_BEGIN = 0.12
-DISC_DEPTH = 2e-3
 # Shadow of a point 1 m above the ground. The light comes from the upper left, over the shoulder of
 # the usual camera, as in the shading of the bodies.
 SHADOW_SLANT = np.array([0.50, 0.0, -0.22])
@@ -64,8 +67,7 @@ def find_creases(vertices, faces):
     (F, 3) of closed surfaces
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
+    normals = unit_rows(np.cross(b - a, c - a))
     tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     neighbour = face_neighbours(faces)
     cosines = np.sum(normals[:, None] * normals[neighbour], axis=2).ravel()
@@ -81,7 +83,7 @@ def corner_normals(vertices, faces):
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     across = np.cross(b - a, c - a)
-    normals = across / np.linalg.norm(across, axis=1, keepdims=True)
+    normals = unit_rows(across)
     # all pairs of corners at one vertex
     order = np.argsort(faces.ravel(), kind="stable")
     count = np.bincount(faces.ravel())
@@ -91,7 +93,13 @@ def corner_normals(vertices, faces):
     isAlike = np.sum(normals[own // 3] * normals[other // 3], axis=1) > math.cos(CREASE_ANGLE)
     sums = np.zeros((faces.size, 3))
     np.add.at(sums, own[isAlike], across[other[isAlike] // 3])
-    return (sums / np.linalg.norm(sums, axis=1, keepdims=True)).reshape(-1, 3, 3)
+    return unit_rows(sums).reshape(-1, 3, 3)
+
+
+def unit_rows(vectors):
+    """Unit vectors (m, 3); zero where a face has no area."""
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors / np.maximum(lengths, np.finfo(float).tiny)
 
 
 def face_neighbours(faces):
@@ -142,67 +150,54 @@ class ConstraintLines:
         return np.stack([np.interp(place, (0, 1, 2), c) for c in CONSTRAINT_COLOURS.T], axis=1)
 
 
-def ground_squares(size, middle, reach):
-    """Builds the ground: a chequered disc at `middle` (3,), in plain rings that fade away.
+def ground_lines(size, middle, reach):
+    """Builds the ground: a plain disc around `middle` (3,) that fades away, and lines on it.
 
     size : metres, of the view; reach : metres, visible radius of the ground
 
-    Returns `(vertices (V, 3), faces (F, 3), colours (V, 3), side)`, with the side of a square in
-    metres: 1, 2 or 5 times a power of ten.
+    Returns `(vertices (V, 3), faces (F, 3), colours (V, 3), side)`, with the distance of the lines
+    in metres: 1, 2 or 5 times a power of ten.
     """
     least = SQUARE_SIZE * size
     power = 10.0 ** math.floor(math.log10(least))
     side = next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= least)
-    ticks = np.arange(GROUND_SQUARES) - GROUND_SQUARES // 2
-    # shifts by whole pairs of squares, so that their colours do not depend on the place
-    shift = 2.0 * side * np.round(np.asarray(middle) / (2.0 * side))
-    row, column = (ticks.ravel() for ticks in np.meshgrid(ticks, ticks, indexing="ij"))
-    radius = side * GROUND_SQUARES / 2
-    isSeen = side * np.hypot(row + 0.5, column + 0.5) < radius
-    row, column = row[isSeen, None], column[isSeen, None]
-    # each square has its own corners, for sharp borders and smooth fading
-    x, z = column + [0, 0, 1, 1], row + [0, 1, 1, 0]
-    squares = side * np.stack([x, np.zeros_like(x), z], axis=-1).reshape(-1, 3) + shift * [1, 0, 1]
-    corners = 4 * np.arange(len(row))[:, None, None] + [[0, 1, 2], [0, 2, 3]]
-    # far squares would flicker, so they fade into the grey between them
-    plain = np.mean(GROUND_COLOURS, axis=0)
-    contrast = 1.0 - _smooth(
-        np.linalg.norm(squares - middle * np.array([1, 0, 1]), axis=1), 0.45 * radius, 0.95 * radius
-    )
-    colours = plain + contrast[:, None] * np.repeat(
-        (np.array(GROUND_COLOURS) - plain)[((row + column) % 2)[:, 0]], 4, axis=0
-    )
-
-    # The plain rings, of equal ratios, begin only below the last squares. Two layers would hide
-    # twice as much behind transparent bodies.
-    radii = np.geomspace(min(0.9 * radius, 0.5 * reach), reach, GROUND_RINGS)
+    middle = np.asarray(middle) * [1.0, 0.0, 1.0]
+    # disc: its centre, then rings of equal ratios
+    radii = np.geomspace(0.02 * reach, reach, GROUND_RINGS)
     angles = np.linspace(0.0, 2.0 * math.pi, GROUND_SECTORS, endpoint=False)
-    disc = np.stack(
-        [
-            np.outer(radii, np.cos(angles)),
-            np.full((len(radii), len(angles)), -DISC_DEPTH * size),
-            np.outer(radii, np.sin(angles)),
-        ],
-        axis=-1,
-    ).reshape(-1, 3) + np.asarray(middle) * [1, 0, 1]
+    rim = np.stack([np.cos(angles), np.zeros(GROUND_SECTORS), np.sin(angles)], axis=-1)
+    disc = np.concatenate([np.zeros((1, 3)), (radii[:, None, None] * rim).reshape(-1, 3)]) + middle
     k = np.arange(GROUND_SECTORS)
-    quads = np.stack(
-        [
-            k,
-            (k + 1) % GROUND_SECTORS,
-            GROUND_SECTORS + (k + 1) % GROUND_SECTORS,
-            GROUND_SECTORS + k,
-        ],
-        axis=-1,
-    )
+    after = (k + 1) % GROUND_SECTORS
+    quads = np.stack([k, after, GROUND_SECTORS + after, GROUND_SECTORS + k], axis=-1) + 1
     quads = (quads + GROUND_SECTORS * np.arange(len(radii) - 1)[:, None, None]).reshape(-1, 4)
-    rings = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
-
-    vertices = np.concatenate([squares, disc])
-    colours = np.concatenate([colours, np.tile(plain, (len(disc), 1))])
+    discFaces = [np.stack([0 * k, after + 1, k + 1], axis=-1), quads[:, [0, 1, 2]]]
+    # lines: short pieces that grow wider and paler with the distance, as thin ones would flicker
+    half = GROUND_SQUARES // 2
+    ticks = np.arange(-half, half + 1)
+    across, along = (part.ravel() for part in np.meshgrid(ticks, ticks[:-1], indexing="ij"))
+    isSeen = np.hypot(across, along + 0.5) < half
+    across, along = side * across[isSeen, None], side * (along[isSeen, None] + [0, 0, 1, 1])
+    shift = side * np.round(middle / side) - middle
+    lines, contrasts = [], []
+    for axis, other in ((0, 2), (2, 0)):
+        away = np.hypot(across + shift[axis], along + shift[other])
+        spread = 1.0 + 0.5 * away / size
+        piece = np.full((*along.shape, 3), LINE_HEIGHT * size)
+        piece[..., axis] = across + 0.5 * LINE_WIDTH * side * spread * [-1, 1, 1, -1]
+        piece[..., other] = along
+        lines.append(piece + (shift + middle) * [1.0, 0.0, 1.0])
+        contrasts.append((1.0 - _smooth(away, 0.2 * half * side, 0.95 * half * side)) / spread)
+    lines, contrast = np.concatenate(lines).reshape(-1, 3), np.concatenate(contrasts).reshape(-1, 1)
+    corners = 4 * np.arange(len(lines) // 4)[:, None, None] + [[0, 2, 1], [0, 3, 2]]
+    corners[len(corners) // 2 :] = corners[len(corners) // 2 :, :, ::-1]  # all upwards
+    vertices = np.concatenate([disc, lines])
+    plain = np.tile(GROUND_COLOUR, (len(disc), 1))
+    colours = GROUND_COLOUR + contrast * np.subtract(LINE_COLOUR, GROUND_COLOUR)
+    colours = np.concatenate([plain, colours])
     distance = np.linalg.norm((vertices - middle)[:, [0, 2]], axis=1)
     haze = _smooth(distance, FADE_BEGIN * reach, reach)[:, None]
-    faces = np.concatenate([corners.reshape(-1, 3), rings + len(squares)])
+    faces = np.concatenate([*discFaces, quads[:, [0, 2, 3]], corners.reshape(-1, 3) + len(disc)])
     return vertices, faces, (1.0 - haze) * colours + haze * SEEN_BACKGROUND, side
 
 

@@ -7,7 +7,7 @@ and is imported inside `GltfWriter`. Units: metres, seconds. The y axis points u
 
 import numpy as np
 
-from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOURS, BodyColours, linear
+from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, BodyColours, linear
 from rbs.appearance.drawables import ConstraintLines, corner_normals
 from rbs.scenes.files import atomic_write, named_errors
 from rbs.scenes.messages import InputError, shown_path
@@ -205,7 +205,7 @@ class _Document:
         corners = corners + middle * [1.0, 0.0, 1.0]
         index = self.accessor(np.array([0, 1, 2, 0, 2, 3]), isIndex=True)
         normals = self.accessor(np.tile([0.0, 1.0, 0.0], (4, 1)))
-        colour = np.array(GROUND_COLOURS[1])
+        colour = GROUND_COLOUR
         position = self.accessor(corners, isBounded=True)
         self.node("ground", self._mesh("ground", position, normals, index, self.material(colour)))
 

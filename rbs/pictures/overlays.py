@@ -1,6 +1,6 @@
 """Overlays in Polyscope: contacts, impulses, velocities, boxes and trails.
 
-Polyscope is imported inside the functions that use it. Reading order: `Overlays`; the painter and
+Reading order: `Overlays`; the painter and
 the legend of each overlay; arrows and lines.
 """
 
@@ -8,6 +8,7 @@ import math
 from types import SimpleNamespace
 
 import numpy as np
+import polyscope as ps
 
 from rbs.appearance.colours import (
     BOX_COLOUR,
@@ -234,16 +235,12 @@ _MEANINGS = {
 
 def remove_overlay(name):
     """Removes the arrows or lines drawn under this name, if any."""
-    import polyscope as ps
-
     ps.remove_point_cloud(name, error_if_absent=False)
     ps.remove_curve_network(name, error_if_absent=False)
 
 
 def draw_arrows(name, points, arrows, colour, radius=ARROW_RADIUS):
     """Draws points (m, 3) with arrows (m, 3) in metres, replacing those of this name."""
-    import polyscope as ps
-
     ps.remove_point_cloud(name, error_if_absent=False)
     if len(points):
         cloud = ps.register_point_cloud(
@@ -262,8 +259,6 @@ def draw_arrows(name, points, arrows, colour, radius=ARROW_RADIUS):
 
 def draw_lines(name, nodes, edges, colour, radius=LINE_RADIUS):
     """Draws lines between nodes (n, 3), edges (m, 2), replacing those of this name."""
-    import polyscope as ps
-
     ps.remove_curve_network(name, error_if_absent=False)
     if len(edges):
         ps.register_curve_network(name, nodes, edges, radius=radius, color=colour, material="flat")

@@ -1,7 +1,6 @@
 """Bodies, shadows, constraints and overlays in Polyscope.
 
-Polyscope is imported inside the functions that use it, and only after
-`rbs.pictures.backends.find_backend` has found that it can draw here.
+Import it only after `rbs.pictures.backends.find_backend` has found that Polyscope can draw here.
 
 All bodies form one surface, their shadows another one, and their edges one set of lines, so that
 the cost of drawing hardly depends on the number of bodies. A replay may take the place of a
@@ -13,12 +12,14 @@ Reading order: starting Polyscope; `SceneView`.
 from contextlib import contextmanager
 
 import numpy as np
+import polyscope as ps
 
 from Quaternion import QConj, QRotate
 from rbs.appearance.colours import (
     BACKGROUND,
-    CREASE_COLOUR,
-    GROUND_COLOURS,
+    CREASE_SHADE,
+    GROUND_COLOUR,
+    MARK_COLOUR,
     PICKED_COLOUR,
     SHADOW_COLOUR,
     BodyColours,
@@ -26,13 +27,19 @@ from rbs.appearance.colours import (
 )
 from rbs.appearance.drawables import (
     ConstraintLines,
-    cast_shadows,
     find_creases,
     flatten_meshes,
-    ground_squares,
+    ground_lines,
 )
 from rbs.appearance.framing import VIEW_DIRECTION, frame_camera
 from rbs.appearance.pictureoptions import OVERLAYS, PICTURE_SIZE
+from rbs.appearance.shading import (
+    SHADOW_LAYERS,
+    LitSurface,
+    nearest_creases,
+    poses_of,
+    soft_shadows,
+)
 from rbs.pictures.cameras import kept_camera, point_still_camera
 from rbs.pictures.overlays import CONTACT_OVERLAYS, POINT_RADIUS, Overlays, draw_lines
 from RBSFunctions import refresh_vertices
@@ -43,12 +50,14 @@ LAYERS = ("ground", "shadows", *OVERLAYS)
 # averages all surfaces along a ray, including the ground. VIVIDNESS is the factor by which colours
 # are moved away from the ground's to compensate; less leaves bodies pale.
 SEE_THROUGH = CONTACT_OVERLAYS | {"velocities"}
-VIVIDNESS = 2.0
+VIVIDNESS = 1.3
 # Half the width of edges, relative to the scene's size.
 CREASE_RADIUS = 6e-4
-# Largest number of edges drawn. More slow down drawing without a graphics card, and darken the
-# small bodies of large scenes.
-MOST_CREASES = 4000
+# Largest number of edges drawn, those of the nearest bodies. More slow down drawing without a
+# graphics card.
+MOST_CREASES = 1200
+# Camera movement, in sizes of the scene, after which the nearest bodies are found again.
+CREASE_SHIFT = 0.02
 # Half the width of constraints, relative to the scene's size.
 CONSTRAINT_RADIUS = 1.2e-3
 # The ground, in sizes of the scene: its visible radius; the camera's usual distance from its
@@ -58,6 +67,8 @@ GROUND_REACH = 9.0
 USUAL_DISTANCE = 1.6
 GROUND_SHIFT, GROUND_GROWTH = 0.5, 1.6
 FAR_CLIP = 19.0
+# Cosine of the least angle to the vertical at which a direction of the camera is kept.
+STEEPEST = 0.99
 # Start of a shot, as a fraction of the way from the camera to its target.
 SHOT_BEGIN = 0.4
 # Height of shadows above the ground, relative to the scene's size: the least that does not flicker
@@ -70,8 +81,6 @@ def start_polyscope(backend, size=None):
 
     size : (width, height) of picture or window in pixels; None for the default
     """
-    import polyscope as ps
-
     ps.set_verbosity(0)
     ps.set_program_name("Rigid bodies")
     ps.set_use_prefs_file(False)
@@ -114,8 +123,6 @@ class SceneView:
 
     def rebuild(self, simulation):
         """Registers the bodies of a new scene and points the camera at them."""
-        import polyscope as ps
-
         self.simulation = simulation
         self.pick(None)
         vertices, _, _ = flatten_meshes(simulation.meshes)
@@ -144,29 +151,38 @@ class SceneView:
 
     def _register_bodies(self):
         """Registers bodies, shadows and edges; returns the vertices."""
-        import polyscope as ps
-
         meshes = self.simulation.meshes
         self.bodyColours = BodyColours(meshes)
         vertices, faces, self.bodyOfFace = flatten_meshes(meshes)
         self._bodyCount, self.faces = len(meshes), faces
-        self._firstVertex = np.cumsum([0] + [len(m.currVertices) for m in meshes[:-1]])
+        self._surface = LitSurface(meshes)
+        self._firstVertex = self._surface.firstVertex
         # Back faces are culled, because bodies are closed. Surfaces are drawn in alphabetical
         # order, and transparent ones must come last.
         self._bodies = ps.register_surface_mesh(
-            "solids", vertices, faces, material="clay", back_face_policy="cull"
-        )
-        self._bodies.set_selection_mode("faces_only")
-        self._shadows = ps.register_surface_mesh(
-            "shadows",
-            cast_shadows(vertices, SHADOW_HEIGHT * self._size),
-            faces,
+            "solids",
+            vertices[self._surface.source],
+            self._surface.faces,
             material="flat",
             back_face_policy="cull",
-            color=SHADOW_COLOUR,
+        )
+        self._bodies.set_selection_mode("faces_only")
+        count, layers = len(vertices), len(SHADOW_LAYERS)
+        self._shadows = ps.register_surface_mesh(
+            "shadows",
+            soft_shadows(vertices, self._firstVertex, SHADOW_HEIGHT * self._size),
+            np.concatenate([faces + count * k for k in range(layers)]),
+            material="flat",
+            back_face_policy="cull",
+        )
+        darkness = np.array([[dark] for _, dark in SHADOW_LAYERS])
+        colours = GROUND_COLOUR + darkness * (SHADOW_COLOUR - GROUND_COLOUR)
+        self._shadows.add_color_quantity(
+            "layers", colours.repeat(count, axis=0), defined_on="vertices", enabled=True
         )
         self._register_creases(vertices, faces)
-        self._colours = None
+        self._painted = []  # structures that have colours
+        self._poses = self._colours = None
         return vertices
 
     def _follow_body_count(self):
@@ -179,10 +195,15 @@ class SceneView:
         self._shadows.set_enabled("shadows" in self.shown)
         self.set_see_through(self.isSeeThrough)
 
+    def follow_camera(self):
+        """Moves the ground, and the creases of large scenes, after the camera."""
+        self.spread_ground()
+        if len(self._allCreases) > MOST_CREASES:
+            if np.linalg.norm(self._eye() - self._creaseEye) > CREASE_SHIFT * self._size:
+                self.refresh_creases()
+
     def spread_ground(self):
         """Moves the ground below the camera's target, if that has moved far enough."""
-        import polyscope as ps
-
         middle = np.array(ps.get_view_center(), dtype=np.float64)
         distance = float(np.linalg.norm(self._eye() - middle))
         size = max(self._size, distance / USUAL_DISTANCE)
@@ -196,34 +217,38 @@ class SceneView:
         self.groundPlace = middle, size
         # Polyscope clips everything beyond
         reach = min(GROUND_REACH * size, max(FAR_CLIP * self._size - distance, 2.0 * self._size))
-        vertices, faces, colours, self.squareSide = ground_squares(size, middle, reach)
+        vertices, faces, colours, self.squareSide = ground_lines(size, middle, reach)
         self._ground = ps.register_surface_mesh(
             "ground", vertices, faces, material="flat", enabled="ground" in self.shown
         )
-        self._ground.add_color_quantity("squares", colours, defined_on="vertices", enabled=True)
+        self._ground.add_color_quantity("lines", colours, defined_on="vertices", enabled=True)
 
     def _register_creases(self, vertices, faces):
-        import polyscope as ps
-
         ps.remove_curve_network("creases", error_if_absent=False)
-        creases = find_creases(vertices, faces)
+        self._allCreases = find_creases(vertices, faces)
+        self._bodyOfCrease = np.searchsorted(self._firstVertex, self._allCreases[:, 0], "right") - 1
         self._creases = None
-        if 0 < len(creases) <= MOST_CREASES:
-            # a curve network draws a dot at each node, so it gets only those in use
-            self._creaseNodes, ends = np.unique(creases, return_inverse=True)
-            self._creaseEnds = creases
+        if len(self._allCreases):
+            ends = self._choose_creases(vertices)
             self._creases = ps.register_curve_network(
                 "creases",
-                vertices[self._creaseNodes],
-                ends.reshape(-1, 2),
+                vertices[ends],
+                np.arange(len(ends)).reshape(-1, 2),
                 radius=CREASE_RADIUS,
-                color=CREASE_COLOUR,
                 material="flat",
             )
 
-    def _register_constraints(self, vertices):
-        import polyscope as ps
+    def _choose_creases(self, vertices):
+        """Chooses the creases of the bodies nearest to the camera; returns their ends (2 m,)."""
+        distance = np.linalg.norm(vertices[self._firstVertex] - self._eye(), axis=1)
+        self._chosenCreases = nearest_creases(self._bodyOfCrease, distance, MOST_CREASES)
+        return self._allCreases[self._chosenCreases].ravel()
 
+    def creased_bodies(self):
+        """Returns the indices of the bodies whose creases are drawn."""
+        return np.unique(self._bodyOfCrease[self._chosenCreases])
+
+    def _register_constraints(self, vertices):
         ps.remove_curve_network("constraints", error_if_absent=False)
         self._constraintLines = ConstraintLines(self.simulation)
         if len(self._constraintLines.ends):
@@ -238,20 +263,16 @@ class SceneView:
 
     def _refresh_constraints(self, vertices):
         self._lines.update_node_positions(self._constraintLines.nodes(vertices))
-        self._lines.add_color_quantity(
-            "use", self._constraintLines.colours(vertices), defined_on="edges", enabled=True
-        )
+        self._paint(self._lines, self._constraintLines.colours(vertices), "edges")
         self._lines.set_enabled(self.simulation.settings.enforceConstraints)
 
-    def _point_camera(self, points, margins=None):
+    def _point_camera(self, points, margins=None, direction=VIEW_DIRECTION):
         """Frames points (n, 3) between the panels; margins : instead of the present ones."""
-        import polyscope as ps
-
         fieldOfView = ps.get_view_camera_parameters().get_fov_vertical_deg()
         margins = self._margins if margins is None else margins
         size = ps.get_window_size()
-        ps.look_at(*frame_camera(points, VIEW_DIRECTION, fieldOfView, size, margins))
-        self._framed = points, self._eye()
+        ps.look_at(*frame_camera(points, direction, fieldOfView, size, margins))
+        self._framed = points, self._eye(), direction
 
     def set_margins(self, margins, size):
         """Sets the pixels that panels cover at the left, top, right and bottom of the window.
@@ -262,25 +283,36 @@ class SceneView:
             isFramed = self._is_framed()
             self._margins, self._windowSize = margins, size
             if isFramed:
-                self._point_camera(self._framed[0])
+                self._point_camera(self._framed[0], direction=self._framed[2])
 
     def _is_framed(self):
         """Whether the camera has not moved since it framed the scene."""
-        points, eye = self._framed
+        _, eye, _ = self._framed
         return np.allclose(self._eye(), eye, rtol=1e-4)
 
     def _eye(self):
         """Position of the camera, (3,)."""
-        import polyscope as ps
-
         return np.array(ps.get_view_camera_parameters().get_position(), dtype=np.float64)
 
     def frame_all(self):
-        """Points the camera at all bodies in their present poses."""
+        """Points the camera at all bodies in their present poses, in its present direction.
+
+        If it has not moved since the last time, it takes the usual direction.
+        """
+        direction = -np.array(ps.get_view_camera_parameters().get_look_dir())
+        if self._is_framed() or abs(direction[1]) > STEEPEST:
+            direction = VIEW_DIRECTION
         vertices = refresh_vertices(self.simulation.meshes)
-        self._point_camera(np.concatenate([vertices, vertices * [1.0, 0.0, 1.0]]))
+        points = np.concatenate([vertices, vertices * [1.0, 0.0, 1.0]])
+        self._point_camera(points, direction=direction)
         self._lastFocus = self._focus()
         self.spread_ground()
+
+    def centre_at(self, pixel):
+        """Turns the camera to the body at a pixel; it then orbits and zooms about its centre."""
+        body, _ = self.body_at(pixel)
+        if body is not None:
+            ps.set_view_center_and_look_at(self.simulation.meshes[body].position[0])
 
     def frame_still(self):
         """Points the camera at the present bodies from a low position."""
@@ -302,8 +334,6 @@ class SceneView:
 
     def picture_camera(self):
         """Returns size in pixels and camera, as from `load_camera`, of a picture of the window."""
-        import polyscope as ps
-
         with self.whole_width():
             angle = ps.get_view_camera_parameters().get_fov_vertical_deg()
             return ps.get_window_size(), {"viewMat": ps.get_camera_view_matrix(), "fov": angle}
@@ -325,8 +355,6 @@ class SceneView:
 
     def recall(self, memory):
         """Adopts the `memory` of another SceneView, so that pictures look the same."""
-        import polyscope as ps
-
         self.shown = memory["shown"]
         for name in LAYERS:
             self._show_layer(name)
@@ -338,14 +366,15 @@ class SceneView:
     @contextmanager
     def whole_width(self):
         """Lets a camera that frames the scene use the panels' area within the `with` block."""
-        points, isFramed = self._framed[0], any(self._margins) and self._is_framed()
+        points, _, direction = self._framed
+        isFramed = any(self._margins) and self._is_framed()
         if isFramed:
-            self._point_camera(points, (0, 0, 0, 0))
+            self._point_camera(points, (0, 0, 0, 0), direction)
         try:
             yield
         finally:
             if isFramed:
-                self._point_camera(points)
+                self._point_camera(points, direction=direction)
 
     @property
     def follows(self):
@@ -367,8 +396,6 @@ class SceneView:
 
     def _follow(self):
         """Moves the camera by the displacement of its focus since the last call."""
-        import polyscope as ps
-
         if not self._follows:
             return
         focus = self._focus()
@@ -379,21 +406,34 @@ class SceneView:
             self.spread_ground()
 
     def refresh(self):
-        """Draws everything in its present state, at one instant, from the next frame on."""
+        """Draws everything in its present state, at one instant, from the next frame on.
+
+        What has not moved is not drawn again.
+        """
         self._follow_body_count()
         self._follow()
-        vertices = refresh_vertices(self.simulation.meshes)  # faster than one by one
-        self._bodies.update_vertex_positions(vertices)
-        if "shadows" in self.shown:
-            shadows = cast_shadows(vertices, SHADOW_HEIGHT * self._size)
+        poses = poses_of(self.simulation.meshes)
+        if not np.array_equal(poses, self._poses):
+            self._poses, self._colours = poses, None
+            self._vertices, self._light = self._surface.place(poses)
+            self._bodies.update_vertex_positions(self._vertices.take(self._surface.source, axis=0))
+            height = SHADOW_HEIGHT * self._size
+            shadows = soft_shadows(self._vertices, self._firstVertex, height)
             self._shadows.update_vertex_positions(shadows)
-        if self._creases is not None:
-            self._creases.update_node_positions(vertices[self._creaseNodes])
         if len(self._constraintLines.ends):
-            self._refresh_constraints(vertices)
+            self._refresh_constraints(self._vertices)
         self._refresh_colours()
-        self._overlays.refresh(vertices)
+        self._overlays.refresh(self._vertices)
         self._refresh_mark()
+
+    def refresh_creases(self):
+        """Draws the creases of the bodies that are nearest to the camera."""
+        self._creaseEye = self._eye()
+        if self._creases is not None:
+            nodes = self._vertices[self._choose_creases(self._vertices)]
+            self._creases.update_node_positions(nodes)
+            colours = self._colours[self._bodyOfCrease[self._chosenCreases]]
+            self._paint(self._creases, CREASE_SHADE * colours, "edges")
 
     def body_colours(self):
         """RGB of every body, (n, 3), in the current colouring."""
@@ -403,15 +443,25 @@ class SceneView:
         return colours
 
     def _refresh_colours(self):
+        """Colours of the bodies in their light, and darker ones of their creases."""
         colours = self.body_colours()
         if self._isVivid:
-            grey = np.mean(GROUND_COLOURS, axis=0)
-            colours = np.clip(grey + VIVIDNESS * (colours - grey), 0.0, 1.0)
-        if self._colours is None or not np.array_equal(colours, self._colours):
-            self._bodies.add_color_quantity(
-                "colour", colours[self.bodyOfFace], defined_on="faces", enabled=True
-            )
+            colours = np.clip(GROUND_COLOUR + VIVIDNESS * (colours - GROUND_COLOUR), 0.0, 1.0)
+        if self._colours is not None and np.array_equal(colours, self._colours):
+            return
         self._colours = colours
+        lit = colours.astype(np.float32).take(self._surface.bodyOfVertex, axis=0) * self._light
+        self._paint(self._bodies, lit, "vertices")
+        self.refresh_creases()
+
+    def _paint(self, structure, colours, places):
+        """Gives a structure its colours (m, 3), without registering them again."""
+        colours = np.minimum(colours, 1.0)
+        if structure in self._painted:
+            structure.get_quantity_buffer("colour", "colors").update_data(colours)
+        else:
+            structure.add_color_quantity("colour", colours, defined_on=places, enabled=True)
+            self._painted.append(structure)
 
     def legend(self):
         """Returns the legend of colours and arrows: rows (text, (r, g, b))."""
@@ -419,6 +469,10 @@ class SceneView:
         if len(self._constraintLines.ends) and self.simulation.settings.enforceConstraints:
             rows += constraint_legend()
         return rows + self._overlays.meanings()
+
+    def toggle(self, name):
+        """Switches one of LAYERS on if it is off, and off if it is on."""
+        self.show(name, name not in self.shown)
 
     def show(self, name, isShown):
         """Switches one of LAYERS on or off."""
@@ -445,8 +499,6 @@ class SceneView:
 
     def set_see_through(self, isOn):
         """Makes bodies transparent in the window; pictures are blended from two instead."""
-        import polyscope as ps
-
         ps.set_transparency_mode("simple" if isOn else "none")
         if isOn != self._isVivid:
             self._isVivid = isOn
@@ -472,8 +524,6 @@ class SceneView:
     @contextmanager
     def hidden(self):
         """Hides the scene within the `with` block; yields the structures drawn over bodies."""
-        import polyscope as ps
-
         names = ("constraints", "spring", "picked point", *OVERLAYS)
         overlays = [ps.get_curve_network(name) for name in names if ps.has_curve_network(name)]
         overlays += [ps.get_point_cloud(name) for name in names if ps.has_point_cloud(name)]
@@ -490,21 +540,16 @@ class SceneView:
 
     def set_supersampling(self, isOn):
         """Switches supersampling of the window on or off."""
-        import polyscope as ps
-
-        self.isSmooth = isOn
-        ps.set_SSAA_factor(2 if isOn else 1)
+        if isOn != self.isSmooth:  # Polyscope draws everything again
+            self.isSmooth = isOn
+            ps.set_SSAA_factor(2 if isOn else 1)
 
     def set_callback(self, callback):
         """Sets the function that draws the panels in each frame; None removes it."""
-        import polyscope as ps
-
         self.callback = callback
         ps.set_user_callback(callback)
 
     def set_resizable(self, isResizable):
-        import polyscope as ps
-
         ps.set_window_resizable(isResizable)
 
     def pick(self, body, point=None):
@@ -525,37 +570,30 @@ class SceneView:
 
         The result is (None, None) if there is no body.
         """
-        import polyscope as ps
-
         hit = ps.pick(screen_coords=pixel)
+        if hit.is_hit and hit.structure_name == "picked point":
+            return self.picked, hit.position
         if not hit.is_hit or hit.structure_name not in ("solids", "creases"):
             return None, None
         if hit.structure_name == "solids":
             return int(self.bodyOfFace[hit.structure_data["index"]]), hit.position
-        vertices = self._creaseNodes
-        if hit.structure_data["element_type"] == "edge":
-            vertices = self._creaseEnds[:, 0]
-        vertex = vertices[hit.structure_data["index"]]
-        return int(np.searchsorted(self._firstVertex, vertex, side="right")) - 1, hit.position
+        place = hit.structure_data["index"]
+        if hit.structure_data["element_type"] != "edge":  # a node: each edge has two of its own
+            place //= 2
+        return int(self._bodyOfCrease[self._chosenCreases[place]]), hit.position
 
     def distance_of(self, point):
         """Depth of a point (3,) along the camera's line of sight, in metres."""
-        import polyscope as ps
-
         return float((point - self._eye()) @ ps.get_view_camera_parameters().get_look_dir())
 
     def point_at(self, pixel, distance):
         """Point (3,) at a pixel, at a depth of so many metres."""
-        import polyscope as ps
-
         ray = ps.screen_coords_to_world_ray(pixel)
         gaze = np.array(ps.get_view_camera_parameters().get_look_dir())
         return self._eye() + distance / float(ray @ gaze) * ray
 
     def aim(self, pixel):
         """Returns start (3,), above the ground, and direction (3,) of a shot towards a pixel."""
-        import polyscope as ps
-
         ray = np.array(ps.screen_coords_to_world_ray(pixel), dtype=np.float64)
         distance = np.linalg.norm(np.array(ps.get_view_center()) - self._eye())
         begin = self._eye() + SHOT_BEGIN * distance * ray
@@ -564,8 +602,6 @@ class SceneView:
 
     def show_spring(self, ends):
         """Shows the spring that drags a body, between two points (2, 3); None removes it."""
-        import polyscope as ps
-
         if ends is None:
             ps.remove_curve_network("spring", error_if_absent=False)
         elif ps.has_curve_network("spring"):
@@ -574,13 +610,11 @@ class SceneView:
             draw_lines("spring", np.array(ends), np.array([[0, 1]]), PICKED_COLOUR)
 
     def _refresh_mark(self):
-        import polyscope as ps
-
         ps.remove_point_cloud("picked point", error_if_absent=False)
         if self.picked is not None:
             ps.register_point_cloud(
                 "picked point",
                 self.picked_point()[None],
-                color=CREASE_COLOUR,
+                color=MARK_COLOUR,
                 radius=2.0 * POINT_RADIUS,
             )

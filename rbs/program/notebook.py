@@ -13,15 +13,6 @@ from rbs.recordings.recording import Recorder
 from rbs.scenes import simulation
 from rbs.scenes.messages import InputError
 from rbs.scenes.scenefiles import SceneSource, find_scene
-from rbs.softstep.step import SolverState
-
-
-class State(dict):
-    """The state of a simulation, to be copied, pickled and restored.
-
-    A dict of positions (n, 3), orientations (n, 4), linVelocities and angVelocities (n, 3).
-    Attributes: stepCount, time in s, and solver, what the soft step leaves to the next one.
-    """
 
 
 class Simulation(simulation.Simulation):
@@ -87,20 +78,6 @@ class Simulation(simulation.Simulation):
             pass
         return self
 
-    def state(self):
-        """Returns a copy of the present state, a `State`."""
-        state = State(super().state())
-        state.stepCount, state.time = self.stepCount, self.time
-        state.solver = self.solverState.arrays()
-        return state
-
-    def restore(self, state):
-        """Returns to a `State` of this simulation; the next steps have the same bits again."""
-        self.set_state(state)
-        self.stepCount, self.time = state.stepCount, state.time
-        self.solverState = SolverState.from_arrays(state.solver)
-        self.report = self.stepSeconds = None
-
     @contextmanager
     def record(self, path):
         """Within it, the present state and each step go into a recording.
@@ -140,12 +117,12 @@ class Simulation(simulation.Simulation):
         InputError
             If Polyscope cannot draw here.
         """
-        from rbs.pictures.capture import save_picture, start_view
-
         options = PictureOptions(**options)
         backend = _backend()
         if backend.name is None:
             raise InputError(f"no pictures: {backend.reason}. {backend.remedy}")
+        from rbs.pictures.capture import save_picture, start_view
+
         view = start_view(self, backend, options)
         save_picture(path, view, options.isTransparent)
 

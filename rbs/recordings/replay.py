@@ -151,7 +151,7 @@ def step_again(recording, step, simulation):
 def redo_changes(recording, step, simulation, withPushes=True):
     """Repeats the changes by hand before a step. The next recorded state includes pushes."""
     for change in recording.changes_before(step):
-        if withPushes or change.kind != "push":
+        if withPushes or not change.isInState:
             redo(recording, change, simulation)
 
 

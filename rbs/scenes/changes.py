@@ -1,7 +1,7 @@
 """Changes that a user makes to the bodies between two steps, and how they are recorded.
 
-A body can be pushed (dragging pushes it in every step), fixed, freed, or added. All changes go
-through `Simulation.change`, so that they can be recorded and repeated bit for bit.
+A body can be pushed (dragging pushes it in every step), moved, fixed, freed, or added. All changes
+go through `Simulation.change`, so that they can be recorded and repeated bit for bit.
 
 Units: metres, kilograms, seconds.
 """
@@ -27,8 +27,9 @@ class Change(NamedTuple):
 
     Attributes
     ----------
-    kind, numbers : "push" with an impulse (3,) in N s and a point (3,) in world axes; "fix" with
-        1 to fix and 0 to free; "add" with density, position, orientation and velocities
+    kind, numbers : "push" with an impulse (3,) in N s and a point (3,) in world axes; "move" with
+        a position (3,); "fix" with 1 to fix and 0 to free; "add" with density, position,
+        orientation and velocities
     body : its index
     shape : of a body that is added, else None
     """
@@ -38,12 +39,19 @@ class Change(NamedTuple):
     numbers: tuple
     shape: Shape | None = None
 
+    @property
+    def isInState(self):
+        """Whether the positions and velocities after it are all that it changes."""
+        return self.kind in ("push", "move")
+
     def apply(self, meshes):
         """Applies it to a list of Mesh. Raises ValueError if that is impossible."""
         if self.kind == "add":
             meshes.append(self._added_mesh())
         elif self.kind == "fix":
             meshes[self.body].isFixed = bool(self.numbers[0])
+        elif self.kind == "move":
+            meshes[self.body].position = np.array([self.numbers])
         else:
             meshes[self.body].push(self.numbers[:3], self.numbers[3:])
 
@@ -61,6 +69,11 @@ class Change(NamedTuple):
 def push(body, impulse, point):
     """Returns the Change that applies an impulse (3,) at a point (3,) in world axes."""
     return Change("push", body, (*_floats(impulse), *_floats(point)))
+
+
+def move(body, position):
+    """Returns the Change that moves a body to a position (3,)."""
+    return Change("move", body, tuple(_floats(position)))
 
 
 def fix(body, isFixed):
@@ -106,4 +119,4 @@ def initial_changes(changes, isStart):
     changes : list of all Changes so far
     isStart : whether the state is that before the first step; only then are pushes included
     """
-    return [one for one in changes if isStart or one.kind != "push"]
+    return [one for one in changes if isStart or not one.isInState]

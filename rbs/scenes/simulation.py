@@ -23,12 +23,21 @@ SWEEPS = 20
 LEAST_VISITS = 1000
 
 
+class State(dict):
+    """The state of a simulation, to be copied, pickled and restored.
+
+    A dict of positions (n, 3), orientations (n, 4), linVelocities and angVelocities (n, 3).
+    Attributes: stepCount; time in s; solver, the `SolverState` for the next step; isFixed, list of
+    bool; changes, as of the simulation.
+    """
+
+
 class Simulation(Scene):
     """A scene that is simulated.
 
     Attributes, besides those of `Scene`: solverState, kept by the soft-step solver for the next
-    step; changes, list of all `Change`s so far, except pushes before the last step; startSettings,
-    a copy of the settings at the start.
+    step; changes, list of all `Change`s so far, except pushes and moves before the last step;
+    startSettings, a copy of the settings at the start.
     """
 
     submitted = None  # `SubmittedSteps` that replace run_timestep
@@ -103,6 +112,32 @@ class Simulation(Scene):
         self.set_state(self._startState)
         self._begin()
 
+    def state(self):
+        """Returns a copy of the present state, a `State`."""
+        state = State(super().state())
+        state.stepCount, state.time = self.stepCount, self.time
+        state.isFixed, state.changes = [mesh.isFixed for mesh in self.meshes], list(self.changes)
+        state.solver = SolverState()
+        state.solver.replace(self.solverState)  # its arrays are never modified
+        return state
+
+    def restore(self, state):
+        """Returns to a `State` of this simulation; the next steps have the same bits again.
+
+        Bodies that were added since are removed; `meshes` is then a new list.
+        """
+        if len(self.meshes) > len(state.isFixed):
+            self.meshes = self.meshes[: len(state.isFixed)]
+        for mesh, isFixed in zip(self.meshes, state.isFixed, strict=True):
+            if mesh.isFixed != isFixed:
+                mesh.isFixed = isFixed
+        self.set_state(state)
+        self.stepCount, self.time = state.stepCount, state.time
+        self.changes = list(state.changes)
+        self.solverState = SolverState()
+        self.solverState.replace(state.solver)
+        self.report = self.stepSeconds = None
+
     def change(self, change):
         """Applies a `Change` between two steps. Raises ValueError if that is impossible."""
         change.apply(self.meshes)
@@ -145,6 +180,6 @@ class Simulation(Scene):
         except StateError as error:
             raise StateError(f"step {self.stepCount + 1} cannot be made: {error}") from None
         self.stepSeconds = time.perf_counter() - begin
-        self.changes = [one for one in self.changes if one.kind != "push"]
+        self.changes = [one for one in self.changes if not one.isInState]
         self.stepCount += 1
         self.time += settings.timeStep

@@ -1,23 +1,28 @@
-"""The window's help panel: keys and mouse actions.
+"""The window's help panel: keys and mouse actions."""
 
-Polyscope is imported inside the functions that use it.
-"""
+import polyscope.imgui as psim
+
+from rbs.window.widgets import scaled
 
 KEYS = {
     "Space": "play, pause",
     "S, Right": "one step forward",
-    "Left": "one step back (recordings)",
-    "R": "start over, with the scene's own settings",
-    "Backspace": "start over, keeping the settings",
+    "Left": "one step back",
+    "R": "start over, keeping your settings",
+    "Shift + R": "start over, with the scene's own settings",
+    "[, ]": "the scene before, the next scene",
     "B": "shoot a ball at the mouse",
-    "F": "fit everything in view",
+    "F": "fit everything in view; twice: usual direction",
+    "1 to 9": "ground, shadows, overlays: see Display",
+    "Tab": "show or hide all panels",
     "N": "show or hide the readout",
     "H, F1, ?": "show or hide this help",
     "Escape": "close a list, or this help",
 }
 MOUSE = {
     "click": "select a body: readout, push, fix",
-    "Ctrl + drag": "drag a body; let go to throw it",
+    "double-click": "orbit and zoom about that body",
+    "Ctrl + drag": "drag a body, and throw it; while paused, move it",
     "drag": "orbit",
     "Shift + drag, right drag": "pan",
     "wheel": "zoom",
@@ -29,8 +34,6 @@ INDENT = 180
 
 def draw_help(centre, most):
     """Draws the panel. Returns whether it stays open. centre, most : pixels, place and limit."""
-    import polyscope.imgui as psim
-
     psim.SetNextWindowPos(centre, psim.ImGuiCond_Always, (0.5, 0.5))
     psim.SetNextWindowSizeConstraints((0, 0), most)
     psim.SetNextWindowBgAlpha(1.0)
@@ -40,7 +43,7 @@ def draw_help(centre, most):
         psim.SeparatorText(title)
         for name, text in rows.items():
             psim.Text(name)
-            psim.SameLine(INDENT)
+            psim.SameLine(scaled(INDENT))
             psim.Text(text)
     psim.Separator()
     stays = not psim.Button("Close")

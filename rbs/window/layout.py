@@ -2,7 +2,7 @@
 
 Two columns at the sides, a strip for the timeline between them, and the picture in the rest.
 
-Units: pixels, from the window's upper left corner.
+Units: pixels, at scale 1 where they are constants; from the window's upper left corner.
 """
 
 from typing import NamedTuple
@@ -13,7 +13,7 @@ COLUMN_SHARE, LEAST_COLUMN, MOST_COLUMN = 0.25, 260, 420
 ROOMY_WIDTH = 1000
 # Height from which the settings are shown by default.
 ROOMY_HEIGHT = 640
-TIMELINE_HEIGHT = 70
+TIMELINE_HEIGHT = 78
 
 
 class Box(NamedTuple):
@@ -39,14 +39,18 @@ class Layout(NamedTuple):
         return left, top, width - left - wide, height - top - high
 
 
-def arrange(width, height, hasSide, hasTimeline):
-    """Returns the Layout of a window, with or without the right column and the timeline."""
-    column = round(min(max(COLUMN_SHARE * width, LEAST_COLUMN), MOST_COLUMN))
+def arrange(width, height, hasSide, hasTimeline, scale=1.0):
+    """Returns the Layout of a window, with or without the right column and the timeline.
+
+    scale : of the monitor
+    """
+    column = round(min(max(COLUMN_SHARE * width, scale * LEAST_COLUMN), scale * MOST_COLUMN))
     right = width - column if hasSide else width
-    bottom = height - TIMELINE_HEIGHT if hasTimeline else height
+    strip = round(scale * TIMELINE_HEIGHT)
+    bottom = height - strip if hasTimeline else height
     return Layout(
         main=Box(0, 0, column, height),
         side=Box(right, 0, column, height) if hasSide else None,
-        timeline=Box(column, bottom, right - column, TIMELINE_HEIGHT) if hasTimeline else None,
+        timeline=Box(column, bottom, right - column, strip) if hasTimeline else None,
         picture=Box(column, 0, right - column, bottom),
     )

@@ -1,13 +1,16 @@
 """The window's panels, keys and mouse, and the functions of the viewer that they call.
 
 From the top: `Panel`, with keys and mouse; the main column; the readout and the selected body; the
-timeline and messages. Polyscope is imported inside the functions that use it.
+timeline and messages.
 """
 
 import math
 import time
+from functools import partial
 
 import numpy as np
+import polyscope as ps
+import polyscope.imgui as psim
 
 from rbs.appearance.colours import COLOURINGS, PICKED_COLOUR
 from rbs.appearance.pictureoptions import LOOKS
@@ -19,7 +22,7 @@ from rbs.stepping.reports import PHASES
 from rbs.stepping.settings import CHOSEN
 from rbs.window.helppanel import draw_help
 from rbs.window.layout import ROOMY_HEIGHT, ROOMY_WIDTH, arrange
-from rbs.window.playback import SPEEDS, speed_name
+from rbs.window.playback import MOST_STATES, SPEEDS, speed_name
 from rbs.window.plots import ALL_PLOTS, PLOTS, Plots
 from rbs.window.widgets import (
     NumberField,
@@ -29,6 +32,7 @@ from rbs.window.widgets import (
     draw_slider,
     draw_table,
     draw_vectors,
+    scaled,
 )
 
 # Pixels: width of the labels beside fields, and indent of the parts of a sum.
@@ -36,17 +40,21 @@ LABEL_WIDTH, INDENT = 112, 18
 # Pixels. A shorter movement between pressing and releasing the button counts as a click; a longer
 # one turns the camera.
 CLICK_PIXELS = 4.0
-# Number fields: change by the buttons + and -, least and greatest value.
-FIELDS = {"timeStep": (0.005, 1e-4, 1.0)}
+# Seconds between the clicks of a double-click, each of which takes a frame or two.
+DOUBLE_CLICK_SECONDS = 0.6
+# Time steps in seconds: change by the buttons + and -, least and greatest one.
+TIME_STEPS = 0.005, 1e-4, 1.0
 # m/s, the end of the slider for pushes.
 MOST_PUSH = 40.0
+# Marks on the timeline: opacity, blue, green and red of PICKED_COLOUR.
+MARK = 0xFF8C1AE6
 # Seconds that a message is shown.
 MESSAGE_SECONDS = 20.0
 # Most frames per second; the same while idle; and seconds without input or playing until idle.
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
 # Tooltips of the switches in the section Display.
 TOOLTIPS = {
-    "ground": "Chequered plane y = 0",
+    "ground": "Plane y = 0, with lines",
     "shadows": "Shadows cast on the floor",
     "contacts": "Contact points, and normals towards the body listed first",
     "impulses": "Normal impulses on the body listed first, relative to the largest one",
@@ -61,18 +69,15 @@ TOOLTIPS = {
 class Panel:
     """The window's panels, keys and mouse, which show a Viewer and call its functions.
 
-    Attributes: viewer; path, text of the field that opens a file; isHelpShown; isSideShown, whether
-    the readout is shown, or None to let the window's width decide; layout, of the last frame.
+    Attributes: viewer; path, text of the field that opens a file; isHelpShown; areHidden, all
+    panels; isSideShown, the readout, None if the window's width decides; layout, of the last frame.
     """
 
     def __init__(self, viewer):
         self.viewer = viewer
         self.path = ""
-        self._fields = {
-            name: NumberField(CHOSEN[name].label, name, *ends, CHOSEN[name].tooltip)
-            for name, ends in FIELDS.items()
-        }
-        self.isHelpShown = False
+        self._timeStep = NumberField(CHOSEN["timeStep"], *TIME_STEPS)
+        self.isHelpShown = self.areHidden = False
         self.isSideShown = None
         self.layout = None
         self.plots = Plots()
@@ -93,15 +98,16 @@ class Panel:
         self._handle_keys()
         self._handle_mouse()
         self.lay_out()
-        self.viewer.view.spread_ground()
+        self.viewer.view.follow_camera()
         self.viewer.watch_picture()
         text, isError = self._message()
         Tooltips.areHidden = isError
-        self._draw_main()
-        if self.layout.side is not None:
-            self._draw_side()
-        if self.layout.timeline is not None:
-            self._draw_timeline()
+        if not self.areHidden:
+            self._draw_main()
+            if self.layout.side is not None:
+                self._draw_side()
+            if self.layout.timeline is not None:
+                self._draw_timeline()
         if text:
             self._draw_message(text, isError)
         if self.isHelpShown:
@@ -111,18 +117,16 @@ class Panel:
         now = time.perf_counter()
         self.viewer.play(now - self._lastFrame)
         self._lastFrame = now
-        self._choose_frame_rate(now)
-        self._choose_smoothness()
+        self._choose_quality(now)
 
     def lay_out(self):
         """Arranges the panels for the window's size, and sets the margins of the view."""
-        import polyscope as ps
-
         width, height = ps.get_window_size()
-        hasSide = width >= ROOMY_WIDTH if self.isSideShown is None else self.isSideShown
+        hasSide = width >= scaled(ROOMY_WIDTH) if self.isSideShown is None else self.isSideShown
         hasSide = hasSide or self.viewer.picked() is not None
-        self.layout = arrange(width, height, hasSide, self.viewer.isReplay)
-        self.viewer.view.set_margins(self.layout.margins(width, height), (width, height))
+        self.layout = arrange(width, height, hasSide, self.viewer.isReplay, scaled(1))
+        margins = (0, 0, 0, 0) if self.areHidden else self.layout.margins(width, height)
+        self.viewer.view.set_margins(margins, (width, height))
 
     def toggle_side(self):
         """Shows or hides the readout. Hiding it also deselects the body."""
@@ -131,71 +135,60 @@ class Panel:
             self.viewer.view.pick(None)
             self.viewer.view.refresh()
 
-    def _choose_frame_rate(self, now):
-        """Lowers the frame rate while idle, so that a waiting window does not occupy a core."""
-        import polyscope as ps
-        import polyscope.imgui as psim
-
-        io = psim.GetIO()
-        isMoved = any(io.MouseDelta) or any(psim.IsMouseDown(k) for k in range(3)) or io.MouseWheel
-        if self.viewer.isPlaying or isMoved or io.WantTextInput or self._isKeyDown:
+    def _choose_quality(self, now):
+        """Smooths edges while bodies and camera rest, which takes longer to draw, and lowers the
+        frame rate while idle, so that a waiting window does not occupy a core.
+        """
+        io, isPlaying = psim.GetIO(), self.viewer.isPlaying
+        isHeld = any(psim.IsMouseDown(k) for k in range(3))
+        isUsed = any(io.MouseDelta) or isHeld or io.MouseWheel or io.WantTextInput
+        if isPlaying or isUsed or self._isKeyDown:
             self._lastAction = now
-        isIdle = now - self._lastAction > IDLE_SECONDS
-        ps.set_max_fps(IDLE_RATE if isIdle else FRAME_RATE)
-
-    def _choose_smoothness(self):
-        """Smooths edges only while bodies and camera rest, because that takes longer."""
-        import polyscope.imgui as psim
-
-        isHeld = any(psim.IsMouseDown(k) for k in range(3)) and not psim.GetIO().WantCaptureMouse
-        self.viewer.view.set_supersampling(not (self.viewer.isPlaying or isHeld))
+        ps.set_max_fps(IDLE_RATE if now - self._lastAction > IDLE_SECONDS else FRAME_RATE)
+        self.viewer.view.set_supersampling(not isPlaying and (io.WantCaptureMouse or not isHeld))
 
     def _handle_keys(self):
-        import polyscope.imgui as psim
-
+        io, viewer = psim.GetIO(), self.viewer
         self._isKeyDown = False
-        if psim.GetIO().WantTextInput:  # a field has the focus
+        if io.WantTextInput:  # a field has the focus
             return
-        viewer = self.viewer
-
-        def pressed(*names, repeats=False):
-            keys = [getattr(psim, f"ImGuiKey_{name}") for name in names]
+        repeating = {"S RightArrow": viewer.step_once, "LeftArrow": viewer.step_back}
+        acts = repeating | {
+            "Space": viewer.toggle_play,
+            "R": viewer.reset if io.KeyShift else viewer.restart,
+            "LeftBracket": lambda: viewer.open_beside(-1),
+            "RightBracket": lambda: viewer.open_beside(1),
+            "B": lambda: viewer.shoot(tuple(io.MousePos)),
+            "F": viewer.view.frame_all,
+            "N": self.toggle_side,
+            "Tab": lambda: self._toggle("areHidden"),
+            "H F1 Slash" if io.KeyShift else "H F1": lambda: self._toggle("isHelpShown"),
+            "Escape": lambda: self._toggle("isHelpShown") if self.isHelpShown else None,
+        }
+        for digit, name in enumerate(LAYERS, 1):
+            acts[str(digit)] = partial(viewer.view.toggle, name)
+        for names, act in acts.items():
+            keys = [getattr(psim, f"ImGuiKey_{name}") for name in names.split()]
             self._isKeyDown |= any(psim.IsKeyDown(key) for key in keys)
-            return any(psim.IsKeyPressed(key, repeats) for key in keys)
+            # a key that is held down repeats its step
+            if any(psim.IsKeyPressed(key, names in repeating) for key in keys):
+                act()
 
-        if pressed("Space"):
-            viewer.toggle_play()
-        # A key that is held down repeats its step.
-        if pressed("S", "RightArrow", repeats=True):
-            viewer.step_once()
-        if pressed("LeftArrow", repeats=True) and viewer.isReplay:
-            viewer.seek(viewer.simulation.stepCount - 1)
-        if pressed("R"):
-            viewer.reset()
-        if pressed("Backspace"):
-            viewer.restart()
-        if pressed("F"):
-            viewer.view.frame_all()
-        if pressed("B"):
-            viewer.shoot(tuple(psim.GetIO().MousePos))
-        if pressed("N"):
-            self.toggle_side()
-        if pressed("H", "F1") or (pressed("Slash") and psim.GetIO().KeyShift):
-            self.isHelpShown = not self.isHelpShown
-        if pressed("Escape"):
-            self.isHelpShown = False
+    def _toggle(self, name):
+        setattr(self, name, not getattr(self, name))
 
     def _handle_mouse(self):
         """Selects a body with a click, and drags one with Ctrl."""
-        import polyscope.imgui as psim
-
         io, viewer = psim.GetIO(), self.viewer
         mouse = tuple(io.MousePos)
+        io.MouseDoubleClickTime = DOUBLE_CLICK_SECONDS
         if psim.IsMouseClicked(0) and not io.WantCaptureMouse:
             if io.KeyCtrl:
                 viewer.grab_at(mouse)
             else:
                 self._pressedAt = mouse
+        if psim.IsMouseDoubleClicked(0) and not io.WantCaptureMouse:
+            viewer.view.centre_at(mouse)
         if viewer.grab is not None:
             if psim.IsMouseDown(0):
                 viewer.drag_to(mouse)
@@ -210,8 +203,6 @@ class Panel:
 
     def _begin(self, title, box, least=0, flags=0):
         """Begins a panel as wide as a Box, and as high as its content, within limits."""
-        import polyscope.imgui as psim
-
         psim.SetNextWindowPos((box.left, box.top), psim.ImGuiCond_Always)
         psim.SetNextWindowSizeConstraints((box.width, least), (box.width, box.height))
         flags |= psim.ImGuiWindowFlags_NoMove | psim.ImGuiWindowFlags_AlwaysAutoResize
@@ -219,13 +210,11 @@ class Panel:
         psim.Begin(title, flags=flags)
 
     def _draw_main(self):
-        import polyscope.imgui as psim
-
         self._begin("Rigid bodies", self.layout.main)
-        psim.PushItemWidth(psim.GetContentRegionAvail()[0] - LABEL_WIDTH)
+        psim.PushItemWidth(psim.GetContentRegionAvail()[0] - scaled(LABEL_WIDTH))
         self._draw_controls()
         self._draw_files()
-        isRoomy = self.layout.main.height >= ROOMY_HEIGHT
+        isRoomy = self.layout.main.height >= scaled(ROOMY_HEIGHT)
         if not self.viewer.isReplay:
             if self._section("Simulation", isRoomy, "Physics settings"):
                 self._draw_settings()
@@ -243,8 +232,6 @@ class Panel:
         psim.End()
 
     def _section(self, title, isOpen, tooltip):
-        import polyscope.imgui as psim
-
         flags = psim.ImGuiTreeNodeFlags_DefaultOpen if isOpen else 0
         isShown = psim.CollapsingHeader(title, flags)
         Tooltips.tell(tooltip)
@@ -252,8 +239,6 @@ class Panel:
 
     def _buttons(self, *rows):
         """Draws a row of equally wide buttons (label, function, tooltip)."""
-        import polyscope.imgui as psim
-
         gap = psim.GetStyle().ItemSpacing[0]
         width = (psim.GetContentRegionAvail()[0] - gap * (len(rows) - 1)) / len(rows)
         for place, (label, act, tooltip) in enumerate(rows):
@@ -264,8 +249,6 @@ class Panel:
             Tooltips.tell(tooltip)
 
     def _draw_controls(self):
-        import polyscope.imgui as psim
-
         viewer, playback = self.viewer, self.viewer.playback
         # ### keeps the button's identity when its label changes.
         self._buttons(
@@ -274,12 +257,9 @@ class Panel:
                 viewer.toggle_play,
                 "Space: play or pause",
             ),
+            ("Back", viewer.step_back, f"Left: one step back, up to {MOST_STATES}"),
             ("Step", viewer.step_once, "S or Right: one step forward"),
-            (
-                "Reset",
-                viewer.reset,
-                "R: start over, with the scene's own settings. Backspace keeps your settings",
-            ),
+            ("Reset", viewer.restart, "R: start over, keeping your settings"),
         )
         speeds = {speed_name(speed): speed for speed in SPEEDS}
         chosen = draw_choice(
@@ -295,40 +275,27 @@ class Panel:
         pace = playback.pace()
         psim.Text("paused" if pace is None else f"{pace:.2g} × real time")
         self._buttons(
-            ("Help", self._toggle_help, "H, F1 or ?: keys and mouse actions"),
+            ("Help", partial(self._toggle, "isHelpShown"), "H, F1 or ?: keys and mouse actions"),
             ("Readout", self.toggle_side, "N: counts, timings and plots, on the right"),
         )
 
-    def _toggle_help(self):
-        self.isHelpShown = not self.isHelpShown
-
     def _draw_files(self):
-        import polyscope.imgui as psim
-
         viewer = self.viewer
-        tooltip = (
-            "Scenes of this project, and files beside this scene; or drop a file on the window"
-        )
-        chosen = draw_choice(
-            "scene", viewer.name(), lambda: [one[:3] for one in viewer.files()], tooltip
-        )
+        tooltip = "Scenes of this project, and files beside this scene; [ and ]: scene before, next"
+        chosen = draw_choice("scene", viewer.name(), viewer.files, tooltip)
         if chosen is not None:
             viewer.open(next(one.path for one in viewer.files() if one.name == chosen))
         flags = psim.ImGuiInputTextFlags_EnterReturnsTrue | psim.ImGuiInputTextFlags_AutoSelectAll
         entered, self.path = psim.InputTextWithHint("open", "name or path", self.path, flags)
-        Tooltips.tell(
-            "Open a scene (a path or a name), a recording (.h5) or a viewpoint (.json) with Enter"
-        )
+        Tooltips.tell("Open a scene by path or name, a recording (.h5) or a viewpoint (.json)")
         if entered and self.path.strip():
             viewer.open(self.path.strip())
         if viewer.simulation.recommended:
             psim.TextWrapped(f"Scene settings: {viewer.simulation.recommended}")
-            Tooltips.tell("Settings recommended by the scene file. Reset restores them.")
+            Tooltips.tell("Settings recommended by the scene file. Shift + R restores them.")
 
     def _draw_settings(self):
         """Draws the settings that the solver uses."""
-        import polyscope.imgui as psim
-
         simulation = self.viewer.simulation
         settings = simulation.settings
         for one in CHOSEN.values():
@@ -336,8 +303,8 @@ class Panel:
             if not one.label or not isHeeded or one.isOfConstraints and not simulation.constraints:
                 continue
             value = getattr(settings, one.name)
-            if one.name in self._fields:
-                self._fields[one.name].draw(settings)
+            if one.name == "timeStep":
+                self.viewer.message = self._timeStep.draw(settings) or self.viewer.message
                 continue
             if one.kind is bool:
                 isChanged, value = psim.Checkbox(one.label, value)
@@ -350,10 +317,11 @@ class Panel:
             if isChanged:
                 settings.change(one.name, value)
                 self.viewer.view.refresh()
+        if settings != simulation.startSettings:
+            tooltip = "Shift + R: start over, with the scene's own settings"
+            self._buttons(("Scene settings", self.viewer.reset, tooltip))
 
     def _draw_display(self):
-        import polyscope.imgui as psim
-
         view = self.viewer.view
         chosen = draw_choice(
             "colours", view.colouring, COLOURINGS, "Quantity that the bodies' colours show"
@@ -366,15 +334,12 @@ class Panel:
         if isChanged:
             view.follows = follows
         Tooltips.tell("Camera follows the selected body, or the centre of all")
-        for name in LAYERS:
-            changed, isShown = psim.Checkbox(name, name in view.shown)
-            Tooltips.tell(TOOLTIPS.get(name, ""))
-            if changed:
-                view.show(name, isShown)
+        for digit, name in enumerate(LAYERS, 1):
+            if psim.Checkbox(name, name in view.shown)[0]:
+                view.toggle(name)
+            Tooltips.tell(f"{digit}: {TOOLTIPS[name]}")
 
     def _draw_save(self):
-        import polyscope.imgui as psim
-
         viewer = self.viewer
         self._buttons(
             ("Picture", viewer.save_picture, "Save this view as a PNG, without panels, to out/"),
@@ -395,32 +360,28 @@ class Panel:
         isFilming, isRecording = viewer.video is not None, viewer.recorder is not None
         self._buttons(
             (
-                "Stop###video" if isFilming else "Video###video",
+                "Stop video###video" if isFilming else "Video###video",
                 viewer.toggle_video,
-                "Film from now until Stop (.mp4 in out/)",
+                "Film from now until Stop video (.mp4 in out/)",
             ),
             (
-                "Stop###record" if isRecording else "Record###record",
+                "Stop recording###record" if isRecording else "Record###record",
                 viewer.toggle_recording,
-                "Record every step from now until Stop, including your own drags, pushes and "
+                "Record every step until Stop recording, including your own drags, pushes and "
                 "shots, for --replay, --resume and --verify (.h5 in out/)",
             ),
         )
-        told = []
         if viewer.video is not None:
-            told.append(f"video: {counted(viewer.video.count, 'frame')}")
+            psim.TextWrapped(viewer.video.summary(viewer.simulation)[1])
         if viewer.recorder is not None:
-            told.append(f"recording: {counted(viewer.recorder.frameCount - 1, 'step')}")
-        psim.Text(", ".join(told))
+            psim.Text(f"recording: {counted(viewer.recorder.frameCount - 1, 'step')}")
 
     # The readout, on the right.
 
     def _draw_side(self):
-        import polyscope.imgui as psim
-
         viewer = self.viewer
         self._begin("Readout", self.layout.side)
-        psim.PushItemWidth(psim.GetContentRegionAvail()[0] - LABEL_WIDTH)
+        psim.PushItemWidth(psim.GetContentRegionAvail()[0] - scaled(LABEL_WIDTH))
         if viewer.picked() is not None:
             self._draw_body()
         self._draw_numbers()
@@ -440,8 +401,6 @@ class Panel:
         psim.End()
 
     def _draw_numbers(self):
-        import polyscope.imgui as psim
-
         simulation = self.viewer.simulation
         square = self.viewer.view.squareSide
         psim.Text(f"{counted(len(simulation.meshes), 'body')} · floor squares {square:g} m")
@@ -454,14 +413,13 @@ class Panel:
                 psim.Text(counted(report.contactCount, "contact"))
             psim.Text(counted(report.candidatePairs, "candidate pair"))
             if simulation.constraints:
-                visits = counted(report.constraintVisits, "constraint visit")
-                psim.Text(f"{visits}, {counted(len(simulation.constraints), 'constraint bound')}")
+                bounds = counted(len(simulation.constraints), "constraint")
+                psim.Text(f"{bounds}, {counted(report.constraintVisits, 'visit')}")
 
     def _draw_milliseconds(self):
-        import polyscope.imgui as psim
-
         frame, step = self.viewer.frame_milliseconds(), self.viewer.step_milliseconds()
-        names = {"frame": "frame, of which", "step": "step, of which", **PHASES}
+        wholes = {name: f"{name}, of which" for name in ("frame", "step")}
+        names = {**PHASES, "gather": "read bodies", **wholes}
         if frame:
             psim.Text(f"{1e3 / frame['frame']:.0f} fps ({frame['frame']:.0f} ms)")
             Tooltips.tell("Frames per second while playing, and the time of each")
@@ -473,14 +431,13 @@ class Panel:
             psim.Text("No data yet: press Play.")
 
     def _draw_body(self):
-        import polyscope.imgui as psim
-
         viewer, mesh = self.viewer, self.viewer.picked()
         psim.SeparatorText("Body")
         psim.ColorButton("picked", (*PICKED_COLOUR, 1.0), psim.ImGuiColorEditFlags_NoTooltip)
         psim.SameLine()
         psim.Text(f"{mesh.name}, {'fixed' if mesh.isFixed else 'free'}")
-        psim.TextWrapped(f"mass {mesh.mass:.4g} kg, density {mesh.density:g} kg/m³")
+        mass = f"{mesh.mass / 1e3:.4g} t" if mesh.mass >= 1e3 else f"{mesh.mass:.4g} kg"
+        psim.TextWrapped(f"mass {mass}, density {mesh.density:g} kg/m³")
         draw_vectors(
             [
                 (name, [f"{value:.2f}" for value in values[0]], unit)
@@ -496,9 +453,6 @@ class Panel:
         psim.Separator()
 
     def _draw_body_buttons(self):
-        import polyscope as ps
-        import polyscope.imgui as psim
-
         viewer, isFixed = self.viewer, self.viewer.picked().isFixed
         if psim.Button("Free###fix" if isFixed else "Fix###fix"):
             viewer.set_fixed(not isFixed)
@@ -517,26 +471,21 @@ class Panel:
             "Right": right,
             "Up": np.array([0.0, 1.0, 0.0]),
         }
-        self._buttons(
-            *(
-                (
-                    name,
-                    lambda direction=direction: viewer.push(direction),
-                    "Push at the point that was clicked",
-                )
-                for name, direction in directions.items()
-            )
-        )
+        tooltip = "Push at the point that was clicked"
+        rows = ((name, partial(viewer.push, way), tooltip) for name, way in directions.items())
+        self._buttons(*rows)
         psim.EndDisabled()
 
     # The timeline and messages.
 
     def _draw_timeline(self):
-        import polyscope.imgui as psim
-
         viewer, replay = self.viewer, self.viewer.simulation
         flags = psim.ImGuiWindowFlags_NoTitleBar | psim.ImGuiWindowFlags_NoScrollbar
         self._begin("Timeline", self.layout.timeline, self.layout.timeline.height, flags)
+        if psim.Button("Continue from here"):
+            viewer.continue_here()
+        Tooltips.tell("Simulate on from this step, with its settings")
+        psim.SameLine()
         psim.Text(f"{replay.time:.2f} of {replay.lastTime:.2f} s   {replay.recording.path.name}")
         psim.SetNextItemWidth(-1.0)
         moved, step = psim.SliderInt(
@@ -548,9 +497,20 @@ class Panel:
             psim.ImGuiSliderFlags_AlwaysClamp,
         )
         Tooltips.tell("Drag, or Ctrl-click to type a step")
+        self._mark_changes(replay)
         if moved:
             viewer.seek(step)
         psim.End()
+
+    def _mark_changes(self, replay):
+        """Marks the steps before which something was done by hand, above the slider."""
+        (left, top), (right, _) = psim.GetItemRectMin(), psim.GetItemRectMax()
+        perStep = (right - left) / max(replay.lastStep - replay.firstStep, 1)
+        for step in sorted({step for step, _ in replay.recording.changes}):
+            x = left + perStep * (step - replay.firstStep)
+            psim.GetWindowDrawList().AddLine(
+                (x, top - scaled(5)), (x, top + scaled(5)), MARK, scaled(2)
+            )
 
     def _message(self):
         """Returns (message, whether it is an error). Messages expire after a while."""
@@ -564,14 +524,18 @@ class Panel:
 
     def _draw_message(self, text, isError):
         """Draws a message over the upper edge of the picture."""
-        import polyscope.imgui as psim
-
         left, top, width, _ = self.layout.picture
         psim.SetNextWindowPos((left, top), psim.ImGuiCond_Always)
-        psim.SetNextWindowSizeConstraints((width, 0), (width, 200))
+        psim.SetNextWindowSizeConstraints((width, 0), (width, scaled(200)))
         psim.SetNextWindowBgAlpha(0.9)
         flags = psim.ImGuiWindowFlags_NoTitleBar | psim.ImGuiWindowFlags_AlwaysAutoResize
-        psim.Begin("Message", flags=flags | psim.ImGuiWindowFlags_NoInputs)
+        offer = self.viewer.offer
+        isOffer = offer is not None and offer[0] == text
+        psim.Begin("Message", flags=flags | (0 if isOffer else psim.ImGuiWindowFlags_NoInputs))
+        if isOffer and psim.Button(offer[1]):
+            offer[2]()
+        if isOffer:
+            psim.SameLine()
         if isError:
             draw_error(text)
         else:

@@ -4,7 +4,6 @@ Polyscope has one window per process, so the other process draws the same view o
 """
 
 import multiprocessing
-from dataclasses import dataclass
 from types import SimpleNamespace
 
 from rbs.appearance.pictureoptions import PictureOptions
@@ -16,35 +15,17 @@ from rbs.scenes.messages import one_line
 SHOWN_ATTRIBUTES = ("meshes", "constraints", "settings", "report", "stepCount")
 
 
-@dataclass
-class Job:
-    """A picture to draw, in a form that can be sent to another process.
-
-    path : of the PNG
-    simulation : with SHOWN_ATTRIBUTES
-    memory : of the `SceneView`
-    size : (width, height) in pixels
-    camera : as returned by `load_camera`
-    """
-
-    path: str
-    simulation: SimpleNamespace
-    memory: dict
-    size: tuple
-    camera: dict
-
-
 class PictureProcess:
     """Draws the present picture of a SceneView to a PNG at `path`."""
 
     def __init__(self, path, view):
         self.path = path
         shown = {name: getattr(view.simulation, name) for name in SHOWN_ATTRIBUTES}
-        job = Job(str(path), SimpleNamespace(**shown), view.memory(), *view.picture_camera())
+        job = str(path), SimpleNamespace(**shown), view.memory(), *view.picture_camera()
         # not forked, because a copy of this process would share its connection to the display
         context = multiprocessing.get_context("spawn")
         self._receiver, sender = context.Pipe(duplex=False)
-        self._process = context.Process(target=_draw, args=(job, sender))
+        self._process = context.Process(target=_draw, args=(*job, sender))
         self._process.start()
         sender.close()
         self.fraction, self.error = 0.0, ""
@@ -69,13 +50,13 @@ class PictureProcess:
         return True
 
 
-def _draw(job, sender):
-    """Draws, in the other process."""
+def _draw(path, simulation, memory, size, camera, sender):
+    """Draws in the other process; arguments as in `SceneView.memory` and `picture_camera`."""
     try:
-        options = PictureOptions(job.size, job.camera)
-        view = start_view(job.simulation, Backend(OFFSCREEN_BACKEND), options)
-        view.recall(job.memory)
+        options = PictureOptions(size, camera)
+        view = start_view(simulation, Backend(OFFSCREEN_BACKEND), options)
+        view.recall(memory)
         view.studio = StudioLook(framesAnew=False, report=sender.send)
-        save_picture(job.path, view)
+        save_picture(path, view)
     except Exception as error:  # any error is shown in the window
         sender.send(one_line(error))

@@ -8,14 +8,17 @@ import time
 from collections import deque
 
 # Speeds relative to real time. The last makes as many steps as possible.
-SPEEDS = (0.1, 0.25, 1.0, 4.0, math.inf)
+SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, math.inf)
 # Seconds of stepping per frame. After them the frame is drawn, so that a scene too slow for real
 # time plays in slow motion and the window stays responsive. More make the window sluggish; fewer
 # slow the scene down.
 STEPPING_SECONDS = 0.02
 # Seconds of simulation that are caught up after a pause in drawing, such as while the window is
-# dragged. More make the scene leap.
-CATCH_UP_SECONDS = 0.1
+# dragged. More make the scene leap. A replay, whose steps take no time, catches up with more.
+CATCH_UP_SECONDS, REPLAY_CATCH_UP_SECONDS = 0.1, 1.0
+# States that are kept to step back to: their number, and the number of bodies in all of them, which
+# limits their memory to about 200 MB.
+MOST_STATES, MOST_KEPT_BODIES = 500, 100_000
 # Seconds over which the pace is averaged.
 PACE_SECONDS = 1.0
 
@@ -38,6 +41,16 @@ class Playback:
         self._due = 0.0  # simulated seconds still to be played
         self._paces = deque()  # per frame: its seconds, and the simulated ones
 
+    def due(self, elapsed, timeStep, catchUp=CATCH_UP_SECONDS):
+        """Returns the number of steps of timeStep that are due `elapsed` seconds after the last
+        frame, at a speed that is not infinite.
+        """
+        most = max(catchUp * max(self.speed, 1.0), timeStep)
+        self._due = min(self._due + elapsed * self.speed, most)
+        count = int(self._due / timeStep * (1.0 + 1e-12))
+        self._due -= count * timeStep
+        return count
+
     def advance(self, elapsed, timeStep, step):
         """Makes the steps that are due `elapsed` seconds after the last frame.
 
@@ -48,14 +61,9 @@ class Playback:
             while step() and time.perf_counter() - begin < STEPPING_SECONDS:
                 pass
             return
-        most = max(CATCH_UP_SECONDS * max(self.speed, 1.0), timeStep)
-        self._due = min(self._due + elapsed * self.speed, most)
-        while self._due >= timeStep:
-            self._due -= timeStep
-            if not step():
+        for _ in range(self.due(elapsed, timeStep)):
+            if not step() or time.perf_counter() - begin > STEPPING_SECONDS:
                 break
-            if time.perf_counter() - begin > STEPPING_SECONDS:
-                self._due = 0.0
 
     def note(self, elapsed, simulated):
         """Adds a frame of `elapsed` seconds, with its simulated seconds, to the pace."""

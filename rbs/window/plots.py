@@ -1,9 +1,8 @@
-"""The window's plots of quantities over time, with a cursor.
-
-Polyscope is imported inside the functions that use it.
-"""
+"""The window's plots of quantities over time, with a cursor."""
 
 import numpy as np
+import polyscope.imgui as psim
+import polyscope.implot as implot
 
 # Pixels: height of each plot if all are shown, least height of a single one, and height of the line
 # of values below it.
@@ -35,8 +34,6 @@ class Plots:
 
         room : pixels, the height available to a single plot
         """
-        import polyscope.imgui as psim
-
         if not history:
             psim.TextWrapped("No data yet: press Play.")
             return
@@ -50,9 +47,6 @@ class Plots:
                 self._draw_one(title, names, times, values, cursor, height)
 
     def _draw_one(self, title, names, times, values, cursor, height):
-        import polyscope.imgui as psim
-        import polyscope.implot as implot
-
         flags = implot.ImPlotFlags_NoMenus | implot.ImPlotFlags_NoMouseText
         if len(names) == 1:
             flags |= implot.ImPlotFlags_NoLegend

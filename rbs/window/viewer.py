@@ -5,6 +5,7 @@ and list files are passed in. Polyscope is imported inside the functions that us
 `show_window`; `Viewer`.
 """
 
+import math
 import os
 import time
 from collections import deque
@@ -16,10 +17,11 @@ from statistics import fmean
 import numpy as np
 
 from rbs.appearance.pictureoptions import PictureOptions, video_timing
-from rbs.pictures.cameras import apply_camera, load_camera, save_camera
+from rbs.pictures.cameras import apply_camera, kept_camera, load_camera, save_camera
 from rbs.pictures.capture import Video, save_picture, start_view
 from rbs.recordings.encoder import VideoError
-from rbs.recordings.recording import Recorder, RecordingError
+from rbs.recordings.recording import RECORDING_ENDINGS, Recorder, RecordingError
+from rbs.recordings.replay import resume
 from rbs.scenes import changes
 from rbs.scenes.grabbing import MOST_SHOTS, Grab, shot
 from rbs.scenes.messages import counted, reason_of
@@ -27,16 +29,18 @@ from rbs.scenes.scenefiles import scene_name
 from rbs.stepping.bodies import StateError
 from rbs.window.panel import Panel
 from rbs.window.pictureprocess import PictureProcess
-from rbs.window.playback import Playback
+from rbs.window.playback import MOST_KEPT_BODIES, MOST_STATES, REPLAY_CATCH_UP_SECONDS, Playback
 
 # Frames, and steps, over which timings are averaged: half a second of playing.
 TIMED_STEPS = 25
+# Number of bodies above which the grid is suggested.
+MANY_BODIES = 100
 # Steps that the plots show.
 PLOTTED_STEPS = 500
 # m/s that a push adds to the velocity of the centre of mass.
 DEFAULT_PUSH = 8.0
 # Message if the user drags, shoots or records in a replay.
-UNCHANGEABLE = "Recordings are read-only; --resume continues from one"
+UNCHANGEABLE = 'Recordings are read-only. "Continue from here" makes a simulation of it'
 
 
 def show_window(simulation, backend, openFile, listFiles, measure, pictureOptions=None):
@@ -80,6 +84,7 @@ class Viewer:
     pushSpeed : m/s
     grab : Grab of the dragged body, or None
     message, saved : an error, and a line about the last file written, or ""
+    offer : (text, label, function): the button beside the message `text`; or None
     video, recorder, picture : files that are being written, or None
     look : one of LOOKS, for pictures
     isMeasuring, history : whether `history`, rows (time, quantities), grows
@@ -96,15 +101,19 @@ class Viewer:
         self.pushSpeed = DEFAULT_PUSH
         self.grab = None
         self.message = self.saved = ""
+        self.offer = None
         self.video = self.recorder = self.picture = None
         self.look = look
         self.isMeasuring = False
         self.history = deque(maxlen=PLOTTED_STEPS)
         self._openFile, self._listFiles, self._measure = openFile, listFiles, measure
         self._settings = None if self.isReplay else simulation.settings
+        self._suggest_grid()
         # Per step and per frame: the seconds of the whole and of its parts.
         self._steps, self._frames = deque(maxlen=TIMED_STEPS), deque(maxlen=TIMED_STEPS)
         self._spent = {}  # seconds of the present frame, by activity
+        self._past = deque()  # (state, report) before each of the last steps
+        self._isMoved = False  # whether the dragged body was moved while paused
 
     @property
     def isReplay(self):
@@ -135,17 +144,23 @@ class Viewer:
         if self.playback.pace() is not None:  # the first one waited for Play
             self._frames.append({"frame": elapsed, **self._spent})
         self._spent = {}
-        before = self.simulation.time
-        step = self._step_replay if self.isReplay else self._step
-        self.playback.advance(elapsed, self.simulation.settings.timeStep, step)
+        before, timeStep = self.simulation.time, self.simulation.settings.timeStep
+        if not self.isReplay:
+            self.playback.advance(elapsed, timeStep, self._step)
+        elif self.video is not None or self.playback.speed == math.inf:
+            self.playback.advance(elapsed, timeStep, self._step_replay)
+        else:  # jumps to the step that is due
+            count = self.playback.due(elapsed, timeStep, REPLAY_CATCH_UP_SECONDS)
+            if count:
+                self._step_replay(count)
         self.playback.note(elapsed, abs(self.simulation.time - before))
         self._show()
 
-    def _step_replay(self):
-        """Goes one recorded step on, or back; pauses at the end. Returns whether to go on."""
+    def _step_replay(self, count=1):
+        """Goes `count` recorded steps on, or back; pauses at the end. Returns whether to go on."""
         replay = self.simulation
         with self._timed("reading the recording"):
-            replay.seek(replay.stepCount + (-1 if self.playback.isBackwards else 1))
+            replay.seek(replay.stepCount + (-count if self.playback.isBackwards else count))
         self._film()
         end = replay.firstStep if self.playback.isBackwards else replay.lastStep
         self.isPlaying = self.isPlaying and replay.stepCount != end
@@ -158,6 +173,8 @@ class Viewer:
             simulation.step()
             self._film()
             return True
+        self._end_move()
+        past = simulation.state(), simulation.report
         if self.grab is not None:
             mesh = simulation.meshes[self.grab.body]
             self._change(self.grab.change(mesh, simulation.settings.timeStep))
@@ -168,6 +185,9 @@ class Viewer:
             self.isPlaying = False
             self.message = str(error)
             return False
+        self._past.append(past)
+        while len(self._past) > min(MOST_STATES, 1 + MOST_KEPT_BODIES // len(simulation.meshes)):
+            self._past.popleft()
         if simulation.report is not None:
             self._steps.append({"step": simulation.stepSeconds, **simulation.report.seconds})
         if self.recorder is not None:
@@ -206,6 +226,26 @@ class Viewer:
         self._step()
         self._show()
 
+    def step_back(self):
+        """Goes back by a step, and pauses. A recording by hand ends."""
+        simulation = self.simulation
+        self.message = ""
+        if self.isReplay:
+            self.seek(simulation.stepCount - 1)
+            return
+        self.isPlaying = False
+        if not self._past:
+            self.message = "No earlier step is kept; R starts over"
+            return
+        self.stop_recording()
+        self.release()
+        state, report = self._past.pop()
+        simulation.restore(state)
+        simulation.report = report
+        while self.history and self.history[-1][0] > simulation.time:
+            self.history.pop()
+        self.view.refresh()
+
     def seek(self, step):
         """Moves a replay to a step, and pauses."""
         self.isPlaying = False
@@ -230,7 +270,7 @@ class Viewer:
         self.view.refresh()
 
     def _forget(self):
-        for memory in (self.history, self._steps, self._frames):
+        for memory in (self.history, self._steps, self._frames, self._past):
             memory.clear()
 
     # Files.
@@ -249,12 +289,13 @@ class Viewer:
         except ValueError as error:
             self.message = str(error)
             return
-        except OSError as error:
-            self.message = f"{path}: cannot be read ({reason_of(error)})"
+        except (OSError, MemoryError) as error:
+            cause = reason_of(error) if isinstance(error, OSError) else "not enough memory"
+            self.message = f"{path}: cannot be read ({cause})"
             return
-        except MemoryError:
-            self.message = f"{path}: cannot be read (not enough memory)"
-            return
+        self._show_other(simulation)
+
+    def _show_other(self, simulation):
         self.stop_video()
         self.stop_recording()
         self.release()
@@ -264,6 +305,39 @@ class Viewer:
             self._settings = simulation.settings
         self._forget()
         self.view.rebuild(simulation)
+        self._suggest_grid()
+
+    def _suggest_grid(self):
+        """Offers the broad phase that is faster for many bodies."""
+        settings, count = self.simulation.settings, len(self.simulation.meshes)
+        isAll = (settings.contactSolver, settings.broadPhase) == ("impulse", "all")
+        if self.isReplay or count <= MANY_BODIES or not isAll or self.simulation.submitted:
+            return
+        self.saved = f'{count} bodies: broad phase "grid" is faster, with identical motion'
+
+        def switch():
+            settings.change("broadPhase", "grid")
+            self.saved = ""
+
+        self.offer = self.saved, "Switch", switch
+
+    def continue_here(self):
+        """Replaces a replay by a simulation that goes on from the present step."""
+        try:
+            simulation = resume(self.simulation.recording, self.simulation.stepCount)
+        except RecordingError as error:
+            self.message = str(error)
+            return
+        simulation.startSettings = replace(simulation.settings)
+        with kept_camera():
+            self._show_other(simulation)
+
+    def open_beside(self, way):
+        """Opens the next scene in the list, or the one before if `way` is -1."""
+        files = [one for one in self.files() if one.path.suffix not in RECORDING_ENDINGS]
+        names = [one.name for one in files]
+        place = names.index(self.name()) + way if self.name() in names else 0
+        self.open(files[place % len(files)].path)
 
     def files(self):
         """Returns a list of ListedFile: files beside the current scene, and the scenes in data/."""
@@ -292,21 +366,21 @@ class Viewer:
         except OSError as error:
             self.message = _cannot_write(error)
             return
-        self.saved = f"saved {path}"
+        self.saved = _saved(path)
 
     def save_picture(self):
         """Saves the view, without panels, as a PNG in out/<scene>."""
         if self.picture is not None:
             return
-        stem = f"picture_{self.simulation.stepCount:06d}"
-        if self.look == "plain":
-            self._write(stem, ".png", lambda path: save_picture(path, self.view))
-        else:
-            self._write(stem, ".png", self._begin_picture)
-            self.watch_picture()
 
-    def _begin_picture(self, path):
-        self.picture = PictureProcess(path, self.view)
+        def write(path):
+            if self.look == "plain":
+                save_picture(path, self.view)
+            else:
+                self.picture = PictureProcess(path, self.view)
+
+        self._write(f"picture_{self.simulation.stepCount:06d}", ".png", write)
+        self.watch_picture()
 
     def watch_picture(self):
         """Shows the progress of a studio picture, if one is being drawn."""
@@ -317,7 +391,7 @@ class Viewer:
             self.saved = f"drawing {picture.path}: {100.0 * picture.fraction:.0f} %"
             return
         self.picture = None
-        self.saved = "" if picture.error else f"saved {picture.path}"
+        self.saved = "" if picture.error else _saved(picture.path)
         self.message = picture.error and f"no picture: {picture.error}"
 
     def save_camera(self):
@@ -352,7 +426,7 @@ class Viewer:
                 video.close()
                 self.message = _cannot_write(error)
             else:
-                self.saved = f"saved {video.path}, {counted(video.count, 'frame')}"
+                self.saved = _saved(video.path, counted(video.count, "frame"))
 
     def toggle_recording(self):
         """Starts or ends a recording."""
@@ -376,7 +450,7 @@ class Viewer:
             self._try_recording(recorder.save)
             if self.recorder is not None:
                 self.recorder = None
-                self.saved = f"saved {recorder.path}, {counted(steps, 'step')}"
+                self.saved = _saved(recorder.path, counted(steps, "step"))
 
     def _try_recording(self, act):
         """Calls a function of the recorder. If it fails, ends the recording with a message."""
@@ -409,16 +483,34 @@ class Viewer:
         else:
             self.message = ""
             self.grab = Grab(self.simulation.meshes[body], body, point)
-            self._grabDistance = self.view.distance_of(point)
+            self._grabPixel, self._grabDistance = pixel, self.view.distance_of(point)
 
     def drag_to(self, pixel):
-        """Moves the target of the spring to a pixel, at the distance where the drag began."""
-        if self.grab is not None:
+        """Moves the target of the spring to a pixel, at the distance where the drag began.
+
+        While paused, the body itself moves.
+        """
+        if self.grab is not None and (self.isPlaying or pixel != self._grabPixel):
+            self._grabPixel = pixel
             self.grab.target = self.view.point_at(pixel, self._grabDistance)
+            mesh = self.simulation.meshes[self.grab.body]
+            way = self.grab.target - self.grab.point(mesh)
+            if not self.isPlaying and way.any():
+                mesh.position = mesh.position + way
+                self._isMoved = True
+                self.view.refresh()
             self._show_grab()
+
+    def _end_move(self):
+        """Makes a change of what has moved the dragged body while paused."""
+        if self._isMoved:
+            self._isMoved = False
+            body = self.grab.body
+            self._change(changes.move(body, self.simulation.meshes[body].position[0]))
 
     def release(self):
         """Ends the drag. The body keeps its velocity."""
+        self._end_move()
         if self.grab is not None:
             self.grab = None
             self.view.show_spring(None)
@@ -484,6 +576,11 @@ def _mean_milliseconds(rows, rest):
     if means:
         means[rest] = means[names[0]] - sum(means[name] for name in names[1:])
     return means
+
+
+def _saved(path, *size):
+    """Returns the message that a file was saved."""
+    return ", ".join([f"saved {Path(path).resolve()}", *size])
 
 
 def _cannot_write(error):

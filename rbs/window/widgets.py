@@ -1,7 +1,7 @@
-"""Widgets of the window's panels: tooltips, fields, lists, tables of numbers.
+"""Widgets of the window's panels: tooltips, fields, lists, tables of numbers."""
 
-Polyscope is imported inside the functions that use it.
-"""
+import polyscope as ps
+import polyscope.imgui as psim
 
 # Colour of error messages: RGB and opacity.
 ERROR_TEXT = (1.0, 0.45, 0.40, 1.0)
@@ -9,6 +9,11 @@ ERROR_TEXT = (1.0, 0.45, 0.40, 1.0)
 LINE_INDENT, LIST_WIDTH, LIST_HEIGHT = 140, 560, 460
 # Pixels, the width of a number in a table.
 NUMBER_WIDTH = 64
+
+
+def scaled(pixels):
+    """Returns so many pixels of an ordinary monitor on this one."""
+    return pixels * ps.get_ui_scale()
 
 
 class Tooltips:
@@ -19,8 +24,6 @@ class Tooltips:
     @classmethod
     def tell(cls, text):
         """Sets the tooltip of the last widget."""
-        import polyscope.imgui as psim
-
         if text and not cls.areHidden:
             psim.SetItemTooltip(text)
 
@@ -31,37 +34,40 @@ class NumberField:
     Values are clamped to the bounds.
     """
 
-    def __init__(self, label, name, step, low, high, tooltip):
-        """name : of a setting; step : change by the buttons + and -"""
-        self._label, self._name, self._step = label, name, step
-        self._low, self._high, self._tooltip = low, high, tooltip
+    def __init__(self, setting, step, low, high):
+        """setting : from CHOSEN; step : change by the buttons + and -"""
+        self._name, self._label, self._tooltip = setting.name, setting.label, setting.tooltip
+        self._step, self._low, self._high = step, low, high
         self._typed = None
 
     def draw(self, settings):
-        """Draws the field. Text that is not a number changes nothing."""
-        import polyscope.imgui as psim
+        """Draws the field; returns a message if a value was clamped, or "".
 
+        Text that is not a number changes nothing.
+        """
         value = getattr(settings, self._name)
         changed, value = psim.InputDouble(self._label, value, self._step, 0.0, "%.4g")
         Tooltips.tell(self._tooltip)
         if changed:
             self._typed = value
         if psim.IsItemDeactivatedAfterEdit() and self._typed is not None:
-            if self._typed == self._typed:  # not NaN
-                settings.change(self._name, min(max(self._typed, self._low), self._high))
-            self._typed = None
+            typed, self._typed = self._typed, None
+            if typed == typed:  # not NaN
+                settings.change(self._name, min(max(typed, self._low), self._high))
+                if not self._low <= typed <= self._high:
+                    return f"{self._label} is limited to {self._low:g} to {self._high:g}"
+        return ""
 
 
 def draw_choice(label, current, names, tooltip=""):
     """Draws a list. Returns the name that is chosen, or None.
 
-    names : list of names, or of (heading, name, description), or a function that returns such a
+    names : list of names, or of (heading, name, description, …), or a function that returns such a
         list, called while the list is open
     """
-    import polyscope.imgui as psim
-
     if callable(names):
-        psim.SetNextWindowSizeConstraints((LIST_WIDTH, 0), (LIST_WIDTH, LIST_HEIGHT))
+        width = scaled(LIST_WIDTH)
+        psim.SetNextWindowSizeConstraints((width, 0), (width, scaled(LIST_HEIGHT)))
     isOpen = psim.BeginCombo(label, current, psim.ImGuiComboFlags_HeightLargest)
     if not isOpen:
         Tooltips.tell(tooltip)
@@ -69,15 +75,17 @@ def draw_choice(label, current, names, tooltip=""):
     chosen, lastGroup = None, None
     names = names() if callable(names) else names
     rows = [name if isinstance(name, tuple) else (None, name, "") for name in names]
-    for group, name, line in rows:
+    for group, name, line, *_ in rows:
         if group != lastGroup:
             psim.SeparatorText(group)
             lastGroup = group
         if psim.Selectable(name, selected=name == current):
             chosen = name
+        if name == current and psim.IsWindowAppearing():
+            psim.SetScrollHereY()
         if line:
-            psim.SameLine(LINE_INDENT)
-            psim.TextDisabled(line)
+            psim.SameLine(scaled(LINE_INDENT))
+            psim.Text(line)
     if psim.IsKeyPressed(psim.ImGuiKey_Escape, False):
         psim.CloseCurrentPopup()
     psim.EndCombo()
@@ -86,8 +94,6 @@ def draw_choice(label, current, names, tooltip=""):
 
 def draw_slider(label, value, low, high, shown="%.3f"):
     """Draws a slider for a float or an int. Returns (whether it was moved, its rounded value)."""
-    import polyscope.imgui as psim
-
     clamp = psim.ImGuiSliderFlags_AlwaysClamp  # also clamps a value typed after Ctrl-click
     if isinstance(value, int):
         return psim.SliderInt(label, value, low, high, "%d", clamp)
@@ -97,8 +103,6 @@ def draw_slider(label, value, low, high, shown="%.3f"):
 
 def draw_error(message):
     """Draws an error message in red."""
-    import polyscope.imgui as psim
-
     psim.PushStyleColor(psim.ImGuiCol_Text, ERROR_TEXT)
     psim.TextWrapped(message)
     psim.PopStyleColor()
@@ -106,11 +110,9 @@ def draw_error(message):
 
 def draw_table(rows, indent=0):
     """Draws rows (number, label), numbers flush right. indent : pixels, except for the first."""
-    import polyscope.imgui as psim
-
     left = psim.GetCursorPosX()
     for place, (number, text) in enumerate(rows):
-        end = left + NUMBER_WIDTH + (indent if place else 0)
+        end = left + scaled(NUMBER_WIDTH + (indent if place else 0))
         psim.SetCursorPosX(end - psim.CalcTextSize(number)[0])
         psim.Text(number)
         psim.SameLine(end + 8)
@@ -119,8 +121,6 @@ def draw_table(rows, indent=0):
 
 def draw_vectors(rows):
     """Draws rows (name, three texts of numbers, unit), numbers flush right."""
-    import polyscope.imgui as psim
-
     left, right = psim.GetCursorPosX(), psim.GetContentRegionAvail()[0]
     unitWidth = max(psim.CalcTextSize(unit)[0] for _, _, unit in rows)
     nameWidth = max(psim.CalcTextSize(name)[0] for name, _, _ in rows)

@@ -13,6 +13,7 @@ from Quaternion import QConj, QRotate
 from rbs.appearance.colours import (
     CONSTRAINT_COLOURS,
     FIXED_COLOUR,
+    GROUND_COLOUR,
     LONE_COLOUR,
     PALETTE,
     SEEN_BACKGROUND,
@@ -29,7 +30,7 @@ from rbs.appearance.drawables import (
     find_creases,
     flatten_meshes,
     grid_cells,
-    ground_squares,
+    ground_lines,
     surface_points,
 )
 from rbs.appearance.framing import FRAME_MARGIN, VIEW_DIRECTION, frame_camera
@@ -213,23 +214,26 @@ def test_grid_cells_hold_the_corners_that_the_broad_phase_sorts_by():
 
 
 @pytest.mark.parametrize("size", [0.3, 5000.0])
-def test_ground_is_chequered_in_round_numbers_and_fades(size):
+def test_ground_has_lines_at_round_numbers_and_fades(size):
     middle, reach = np.array([3.0 * size, 0.4 * size, -size]), 9.0 * size
-    vertices, faces, colours, side = ground_squares(size, middle, reach)
+    vertices, faces, colours, side = ground_lines(size, middle, reach)
     digit = side / 10.0 ** math.floor(math.log10(side) + 1e-9)
     assert round(digit, 9) in (1.0, 2.0, 5.0)
-    isSquare = vertices[:, 1] == 0.0
-    squares = vertices[isSquare] / side
-    assert 3 * GROUND_SQUARES**2 < len(squares) < 4 * GROUND_SQUARES**2
-    np.testing.assert_allclose(squares, np.round(squares), atol=1e-9)
-    # The rest lies a little lower, and reaches as far as the ground is seen.
-    assert -0.01 * size < vertices[:, 1].min() < 0.0
+    isLine = vertices[:, 1] > 0.0
+    pieces = vertices[isLine].reshape(-1, 4, 3) / side
+    assert len(pieces) > GROUND_SQUARES**2
+    for axis, some in ((0, pieces[: len(pieces) // 2]), (2, pieces[len(pieces) // 2 :])):
+        places = some.mean(axis=1)[:, axis]
+        np.testing.assert_allclose(places, np.round(places), atol=1e-9)
+        np.testing.assert_allclose(np.ptp(some[..., 2 - axis], axis=1), 1.0)
+    # The disc reaches as far as the ground is seen, and lies just below the lines.
+    assert (vertices[~isLine, 1] == 0.0).all() and vertices[:, 1].max() < 1e-3 * size
     distance = np.linalg.norm((vertices - middle)[:, [0, 2]], axis=1)
     assert distance.max() == pytest.approx(reach)
-    near = isSquare & (distance < 0.5 * size)
-    assert len(np.unique(np.round(colours[near], 9), axis=0)) == 2
-    # The ground ends in the colour of the sky, and faces upwards.
+    # Lines are dark near the middle; the ground ends in the colour of the sky.
+    contrast = np.abs(colours - GROUND_COLOUR).max(axis=1)
+    assert contrast[isLine & (distance < 0.5 * size)].min() > 0.1
     rim = distance > 0.999 * reach
     assert rim.any() and np.abs(colours[rim] - SEEN_BACKGROUND).max() < 1e-5
     a, b, c = (vertices[faces[:, k]] for k in range(3))
-    assert np.all(np.cross(b - a, c - a)[: len(squares) // 2, 1] > 0.0)
+    assert np.all(np.cross(b - a, c - a)[:, 1] > 0.0)

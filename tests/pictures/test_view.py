@@ -8,13 +8,13 @@ import pytest
 from opengl import pixel_of
 from program import DATA
 
-from rbs.appearance.colours import COLOURINGS, FIXED_COLOUR, PALETTE, PICKED_COLOUR, VIRIDIS
+from rbs.appearance.colours import COLOURINGS, FIXED_COLOUR, PICKED_COLOUR, VIRIDIS
 from rbs.appearance.drawables import SHADOW_SLANT
 from rbs.appearance.pictureoptions import OVERLAYS, SEEN_THROUGH, VIDEO_ENDINGS, video_timing
 from rbs.pictures.cameras import apply_camera, load_camera, save_camera
 from rbs.pictures.capture import SHADOW_OPACITY, Video, averaged, take_picture
 from rbs.pictures.overlays import HELD_CONTACT_STEPS
-from rbs.pictures.view import LAYERS, MOST_CREASES, SceneView
+from rbs.pictures.view import LAYERS, SceneView
 from rbs.scenes.simulation import Simulation
 from RBSFunctions import refresh_vertices
 
@@ -117,12 +117,24 @@ def test_constraints_are_drawn_only_while_they_are_enforced(ps):
     assert not ps.has_curve_network("constraints")
 
 
-def test_many_bodies_are_drawn_without_edges(ps, boxes):
-    count = MOST_CREASES // 12 + 1
-    view = boxes([(1, 0, 20 * (k % 20), 9 + 12 * (k // 20)) for k in range(count)])
-    assert not ps.has_curve_network("creases")
-    seen = picture(ps)[pixel_of(ps, front(view.simulation.meshes[30]))]
-    assert shows(seen, PALETTE[30 % len(PALETTE)])
+def test_edges_are_those_of_the_nearest_bodies(ps, boxes, monkeypatch):
+    monkeypatch.setattr("rbs.pictures.view.MOST_CREASES", 30)
+    view = boxes([(1, 0, 20 * k, 12) for k in range(5)])
+    assert ps.get_curve_network("creases").n_edges() == 30
+    for x, nearest in ((-40.0, [0, 1]), (120.0, [3, 4])):
+        ps.look_at((x, 12.0, 5.0), (40.0, 12.0, 0.0))
+        view.follow_camera()
+        assert view.creased_bodies().tolist() == nearest
+
+
+def test_what_rests_is_not_drawn_again(ps, boxes, monkeypatch):
+    view, drawn = boxes([(1, 0, 0, 12)]), []
+    monkeypatch.setattr(ps.SurfaceMesh, "update_vertex_positions", lambda *row: drawn.append(row))
+    view.refresh()
+    assert drawn == []
+    view.simulation.step()
+    view.refresh()
+    assert len(drawn) == 2  # the bodies and their shadows
 
 
 def test_camera_comes_back_from_its_file(tmp_path, ps, view):

@@ -1,6 +1,8 @@
 """The viewer behind the window: playing, opening, dragging, recording, layout. Nothing is drawn."""
 
 import math
+from contextlib import nullcontext
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -268,12 +270,14 @@ def test_dragged_body_follows_the_hand_and_flies_on_when_it_is_let_go(viewer):
     viewer.grab_at((2, 1.0))
     assert viewer.grab.body == 2
     np.testing.assert_allclose(viewer.grab.target, mesh.position[0] + [1.0, 0.0, 0.0])
+    viewer.isPlaying = True
     viewer.drag_to((0, 15.0))
     np.testing.assert_allclose(view.spring[1], [0.0, 30.0, 15.0])
     for _ in range(60):
         viewer.step_once()
     # It hangs there, and swings.
     assert np.linalg.norm(viewer.grab.point(mesh) - [0.0, 30.0, 15.0]) < 1.0
+    viewer.isPlaying = True
     viewer.drag_to((0, 35.0))
     for _ in range(6):
         viewer.step_once()
@@ -295,7 +299,7 @@ def test_fixed_bodies_and_recordings_are_not_changed(viewer, replay, tmp_path):
     ):
         replay.message = ""
         act()
-        assert replay.grab is replay.recorder is None and "--resume" in replay.message
+        assert replay.grab is replay.recorder is None and "Continue from here" in replay.message
     assert not (tmp_path / "out").exists()
 
 
@@ -311,6 +315,55 @@ def test_shots_are_counted_and_gone_with_a_reset(viewer, monkeypatch):
     viewer.simulation.submitted = object()
     viewer.shoot((0, 0))
     assert len(viewer.simulation.meshes) == 15 and "--functions" in viewer.message
+
+
+@pytest.mark.parametrize("name", ["mixed", "stack"])
+def test_steps_are_taken_back_bit_by_bit(tmp_path, monkeypatch, name):
+    simulation = Simulation(DATA / f"{name}-scene.txt")
+    apply_settings(simulation, {})
+    viewer, states = make_viewer(simulation, StillView(simulation)), []
+    viewer.step_back()
+    assert "No earlier step" in viewer.message and simulation.stepCount == 0
+    for step in range(12):
+        if step == 6:
+            viewer.shoot((0, 0))
+            viewer.view.picked = 1
+            viewer.set_fixed(True)
+        states.append(simulation.state())
+        viewer.step_once()
+    bits = [{key: rows.tobytes() for key, rows in state.items()} for state in states]
+    for way in (-1, 1):
+        for k in range(11, 2, -1) if way < 0 else range(4, 6):
+            viewer.step_back() if way < 0 else viewer.step_once()
+            now = {key: rows.tobytes() for key, rows in simulation.state().items()}
+            assert simulation.stepCount == k and now == bits[k]
+            assert simulation.meshes[1].isFixed == (k >= 6)
+    assert len(simulation.meshes) == simulation.sceneCount and viewer.message == ""
+
+
+def test_a_replay_is_continued_and_holds_its_pace(replay, monkeypatch):
+    monkeypatch.setattr("rbs.window.viewer.kept_camera", nullcontext)
+    replay.toggle_play()
+    seeks, seek = [], replay.simulation.seek
+    monkeypatch.setattr(replay.simulation, "seek", lambda step: seeks.append(step) or seek(step))
+    replay.play(0.31)  # a slow frame
+    assert seeks == [15]
+    before = replay.simulation.state()
+    replay.continue_here()
+    assert not replay.isReplay and not replay.isPlaying and replay.simulation.stepCount == 15
+    now = replay.simulation.state()
+    assert all(before[name].tobytes() == now[name].tobytes() for name in before)
+    replay.step_once()
+    assert replay.simulation.stepCount == 16
+
+
+def test_the_grid_is_offered_for_many_bodies(viewer):
+    assert viewer.offer is None
+    viewer.open("net")
+    text, _, switch = viewer.offer
+    assert viewer.saved == text and "403 bodies" in text
+    switch()
+    assert viewer.simulation.settings.broadPhase == "grid" and viewer.saved == ""
 
 
 @pytest.mark.parametrize("end", ["button", "reset", "open"])
@@ -335,8 +388,10 @@ def test_session_is_recorded_until_it_ends(viewer, end):
     ends = {"button": viewer.toggle_recording, "reset": viewer.reset}
     ends.get(end, lambda: viewer.open("tower"))()
     assert viewer.recorder is None
-    assert viewer.saved == "saved out/mixed/recording.h5, 30 steps"
-    recording = Recording("out/mixed/recording.h5")
+    path = Path("out/mixed/recording.h5").resolve()
+    assert viewer.saved == f"saved {path}, 30 steps"
+    recording = Recording(path)
+    assert {one.kind for _, one in recording.changes} == {"push", "move", "add", "fix"}
     assert (recording.firstStep, recording.lastStep) == (1, 31)
     np.testing.assert_array_equal(recording.frame(31)["positions"], last["positions"])
     assert verify(recording) == ""
@@ -378,3 +433,8 @@ def test_panels_are_at_the_edges_and_beside_the_picture(size, hasSide, hasTimeli
     assert layout.picture.width >= 0.35 * width and layout.picture.height >= 0.8 * height
     left, top, right, bottom = layout.margins(width, height)
     assert (left, top, width - right - left, height - bottom - top) == layout.picture
+
+
+def test_panels_grow_with_the_scale_of_the_monitor():
+    small, large = arrange(1280, 720, True, True), arrange(2560, 1440, True, True, 2.0)
+    assert [tuple(2 * length for length in box) for box in small] == [tuple(box) for box in large]

@@ -160,11 +160,11 @@ def test_a_session_in_the_window(session, tmp_path):
     window.click("Pause", lambda status: not status["isPlaying"])
     before = window.status()["step"]
     window.click("Step", lambda status: status["step"] > before)
-    # Backspace keeps the settings, Reset restores those of the scene.
-    window.key("BackSpace", lambda status: status["step"] == 0)
+    # R keeps the settings; the button restores those of the scene.
+    window.key("r", lambda status: status["step"] == 0)
     assert window.status()["friction"] > 0.1
     window.click("Step", lambda status: status["step"] > 0)
-    window.click("Reset", lambda status: status["step"] == 0 and status["friction"] == 0.0)
+    window.click("Scene settings", lambda status: status["step"] == 0 and status["friction"] == 0.0)
     # A body is picked where it is seen, pushed and fixed.
     window.click_at(*window.status()["bodies"][1])
     status = window.await_status(lambda status: status["picked"] == 1)
@@ -258,12 +258,34 @@ def test_bodies_are_dragged_thrown_and_shot_and_the_recording_is_verified(sessio
     window.key("b", lambda status: status["bodyCount"] == 16)
     last = window.status()["step"]
     window.await_status(lambda status: status["step"] > last + 10)
-    window.click("Stop", lambda status: "recording.h5" in status["saved"])
+    window.click("Stop recording", lambda status: "recording.h5" in status["saved"])
     window.key("r", lambda status: status["bodyCount"] == 15 and status["step"] == 0)
     recording = Recording(tmp_path / "out" / "mixed" / "recording.h5")
     kinds = {change.kind for _, change in recording.changes}
     assert kinds == {"push", "add"} and recording.body_count(recording.lastStep) == 16
     assert verify(recording) == ""
+
+
+def test_keys_step_back_and_change_scenes_overlays_and_the_view(session):
+    window = session(DATA / "mixed-scene.txt")
+    first = window.status()
+    window.key("s", lambda status: status["step"] == 1)
+    window.key("Left", lambda status: status["step"] == 0)
+    assert window.status()["positions"] == first["positions"]
+    window.key("8", lambda status: "grid cells" in status["shown"])
+    window.key("8", lambda status: "grid cells" not in status["shown"])
+    window.key("bracketright", lambda status: status["scene"] == "tower-scene.txt")
+    window.key("bracketleft", lambda status: status["scene"] == "mixed-scene.txt")
+    window.key("Tab", lambda status: not status["places"])
+    window.key("Tab", lambda status: "Play" in status["places"])
+    # A double-click makes a body the centre, and F shows all again.
+    x, y = window.status()["bodies"][2]
+    window.move_to(x, y)
+    window.xdotool("click", "--repeat", 2, "--delay", 30, 1)
+    middle = np.array(window.status()["windowSize"]) / 2
+    window.await_status(lambda status: np.abs(status["bodies"][2] - middle).max() < 2.0)
+    window.key("f", lambda status: np.abs(status["bodies"][2] - middle).max() > 20.0)
+    window.key("f", lambda status: np.allclose(status["bodies"], first["bodies"], atol=2.0))
 
 
 def test_panels_stay_at_the_edges_whatever_the_size(session):
