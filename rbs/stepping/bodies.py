@@ -26,6 +26,12 @@ from rbs.geometry.vectors import rotate_tensor
 # useful scene comes near it.
 LARGEST_NUMBER = 1e75
 
+# glibc returns large freed arrays to the system, so that each step faults in the same pages anew, a
+# quarter of the grid step's time. It keeps arrays smaller than the largest one freed so far, up to
+# 32 MB (see M_MMAP_THRESHOLD in mallopt(3)). These bytes are never touched, and take no memory.
+_freed = np.empty(31 << 20, dtype=np.uint8)
+del _freed
+
 # Attributes that form the state of a mesh, and how many numbers each has.
 STATE_WIDTHS = {"position": 3, "orientation": 4, "linVelocity": 3, "angVelocity": 3}
 
