@@ -102,29 +102,42 @@ def run_timestep(
     Parameters
     ----------
     meshes : list of Mesh
-    groundMesh : a fixed Mesh without vertices, the half space y ≤ 0; None for free space
-    timeStep : seconds ≥ 0. Collisions are detected after the motion, so that fast bodies may tunnel
-    CRCoeff, closingOnly, mu : see `resolve_collision`
-    enforceConstraints : bool; False ignores the constraints
-    constraints : rows `[m1, v1, m2, v2, refValue, upper]`. The distance between rest vertex v1 of
-        meshes[m1] and rest vertex v2 of meshes[m2] is at most refValue if upper, otherwise at least
-    maxIterations : maximum number of constraint visits; each constraint is visited at least once
-    tolerance : length by which a constraint may be violated before it is corrected, and speed at
-        which its distance may then still change
-    constraintScheduling : "sweep" visits the constraints in order until all in a row are satisfied;
-        "queue" skips visits that cannot change anything, with bitwise identical results; "batches"
-        suits hundreds of constraints, and reaches another state within the same bounds
-    broadPhase : "all" detects and resolves pair by pair; "grid" gives bitwise identical results
-        with uniform grids and batches of pairs, which suits hundreds of bodies. Methods of
-        Mesh that a subclass overrides are called by "all" only, and refused otherwise
-    contactSolver : "impulse" resolves one contact after the other; "soft-step" solves all contacts
-        and constraints together, with several points per contact, so that piles rest
-    substeps, sleeping : number of substeps ≥ 1, and whether bodies at rest are skipped until they
-        are disturbed; soft step only, see rbs/softstep/step.py
-    gyroscopic : bool; True lets spinning bodies tumble in free flight, by Euler's equations
-    solverState : `rbs.softstep.step.SolverState`, carried from one soft step to the next and
-        changed in place; None starts cold
-    gravity : three numbers, acceleration of free fall in m/s²
+    groundMesh : Mesh or None
+        A fixed mesh without vertices, which stands for y ≤ 0; None for free space.
+    timeStep : float
+        Seconds ≥ 0. Collisions are detected after the motion, so that fast bodies may tunnel.
+    CRCoeff, closingOnly, mu : float, bool, float
+        See `resolve_collision`.
+    enforceConstraints : bool
+        False ignores the constraints.
+    constraints : list of [m1, v1, m2, v2, refValue, upper]
+        The distance between rest vertex v1 of meshes[m1] and rest vertex v2 of meshes[m2] is at
+        most refValue if upper, otherwise at least.
+    maxIterations : int
+        Maximum number of constraint visits. Each constraint is visited at least once.
+    tolerance : float
+        Length by which a constraint may be violated before it is corrected, and speed at which its
+        distance may then still change.
+    constraintScheduling : {"sweep", "queue", "batches"}
+        "sweep" visits the constraints in order until all in a row are satisfied; "queue" skips
+        visits that cannot change anything, with bitwise identical results; "batches" suits hundreds
+        of constraints, and reaches another state within the same bounds.
+    broadPhase : {"all", "grid"}
+        "all" detects and resolves pair by pair; "grid" gives bitwise identical results with uniform
+        grids and batches of pairs, which suits hundreds of bodies. Only "all" calls methods that a
+        subclass of Mesh overrides.
+    contactSolver : {"impulse", "soft-step"}
+        "impulse" resolves one contact after the other; "soft-step" solves all contacts and
+        constraints together, with several points per contact, so that piles rest.
+    substeps, sleeping : int, bool
+        Of the soft step: number of substeps ≥ 1, and whether bodies at rest are skipped until they
+        are disturbed. See rbs/softstep/step.py.
+    gyroscopic : bool
+        True lets spinning bodies tumble in free flight, by Euler's equations.
+    solverState : rbs.softstep.step.SolverState or None
+        Carried from one soft step to the next and changed in place; None starts cold.
+    gravity : three floats
+        Acceleration of free fall in m/s².
 
     Returns
     -------
@@ -132,9 +145,11 @@ def run_timestep(
 
     Raises
     ------
-    ValueError : an option is invalid, a mesh is listed twice, or a constraint refers to a mesh or
-        vertex that does not exist
-    rbs.stepping.bodies.StateError : a number would become NaN, infinite or absurdly large
+    TypeError, ValueError
+        If an argument is invalid, a mesh is listed twice, a constraint refers to a mesh or vertex
+        that does not exist, or a subclass of Mesh overrides a method that would not be called.
+    rbs.stepping.bodies.StateError
+        If a number would become NaN, infinite or absurdly large.
     """
     from rbs.stepping.settings import check_arguments
 
@@ -242,27 +257,42 @@ class Mesh:
     Parameters
     ----------
     name : str
-    origVertices : (V, 3), rest vertices; translated so that the COM is the origin, then constant
-    faces : (F, 3) int, boundary triangles, counter-clockwise seen from outside
-    tets : (T, 4) int, tetrahedra that fill the body without overlap, in either orientation
-    density : float > 0, mass per volume
-    position, orientation : (1, 3), COM in the world; (1, 4), quaternion from rest to world, not
-        zero, normalised on entry
-    isFixed : bool; a fixed mesh has infinite mass and never moves
+    origVertices : array (V, 3)
+        Rest vertices. They are translated so that the COM is the origin, and then constant.
+    faces : array (F, 3) of int
+        Boundary triangles, counter-clockwise seen from outside.
+    tets : array (T, 4) of int
+        Tetrahedra that fill the body without overlap, in either orientation.
+    density : float
+        Mass per volume, > 0.
+    position : array (1, 3)
+        COM in the world.
+    orientation : array (1, 4)
+        Quaternion from rest to world, not zero; normalised on entry.
+    isFixed : bool
+        A fixed mesh has infinite mass and never moves.
 
     Attributes
     ----------
-    currVertices : (V, 3), vertices in the world, at the present pose
-    linVelocity, angVelocity : (1, 3), velocity of the COM; angular velocity, rad/s, world axes
-    mass, invMass : float; invMass is 0 if the mesh is fixed
-    IT, invIT : (3, 3), inertia tensor about the COM at rest, and its inverse, 0 if fixed
-    volume, hullVolume : float, of the tetrahedra, and of the convex hull, which is what collides
-    hull : `rbs.geometry.hulls.Hull`
-    cachedAxes : per other mesh, the axis of separation or of least penetration last found
+    currVertices : array (V, 3)
+        Vertices in the world, at the present pose.
+    linVelocity, angVelocity : array (1, 3)
+        Velocity of the COM, and angular velocity in rad/s, world axes.
+    mass, invMass : float
+        invMass is 0 if the mesh is fixed.
+    IT, invIT : array (3, 3)
+        Inertia tensor about the COM at rest, and its inverse, 0 if the mesh is fixed.
+    volume, hullVolume : float
+        Of the tetrahedra, and of the convex hull, which is what collides.
+    hull : rbs.geometry.hulls.Hull
+    cachedAxes : mapping
+        Per other mesh, the axis of separation or of least penetration last found.
 
     Raises
     ------
-    ValueError : an array has the wrong shape, an index is out of range, or vertices have no mass
+    ValueError
+        If an argument has the wrong shape or value, an index is out of range, or vertices have no
+        mass.
     """
 
     def __init__(self, name, origVertices, faces, tets, density, position, orientation, isFixed):
@@ -303,10 +333,14 @@ class Mesh:
 
         Parameters
         ----------
-        vertices : (V, 3), in metres; those of no face are left out
-        faces : (F, 3) int, triangles whose corners are in any order
-        position : three numbers, the COM in the world; None leaves the body where the vertices are
-        name, density, orientation, isFixed : see `Mesh`
+        name, density, orientation, isFixed
+            As for `Mesh`.
+        vertices : array (V, 3)
+            In metres. Vertices without a face are left out.
+        faces : array (F, 3) of int
+            Triangles, with their corners in any order.
+        position : array (1, 3) or None
+            COM in the world; None leaves the body where the vertices are.
 
         Returns
         -------
@@ -314,7 +348,8 @@ class Mesh:
 
         Raises
         ------
-        ValueError : the surface is not closed, or no point inside sees all of it
+        ValueError
+            If the surface is not closed, or no point inside sees all of it.
         """
         from rbs.geometry.surfaces import fill_surface, orient_surface
 
@@ -411,7 +446,7 @@ class Mesh:
             self.invMass, self.invIT = 1.0 / self.mass, np.linalg.inv(self.IT)
 
     def integrate_timestep(self, timeStep, gravity=EARTH):
-        """Integrates timeStep seconds of free flight. A fixed mesh does not change.
+        """Integrates timeStep seconds of free flight, with gravity g. A fixed mesh does not change.
 
         Semi-implicit Euler: v ← v + g h, COM ← COM + v h with the new velocity, orientation ← exp(ω
         h/2) ∘ orientation. The angular velocity stays, as the gyroscopic term is omitted.
@@ -664,23 +699,31 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     Parameters
     ----------
     m1, m2 : Mesh
-    depth : penetration depth. A negative one moves the meshes the opposite way, as for the ground,
-        whose normal points into the mesh
-    contactNormal : (1, 3), unit; m2 moves along it, m1 against it
-    penPoint : (1, 3), the point of m2 deepest inside m1
-    CRCoeff : coefficient of restitution e, 0 (no bounce) to 1 (no loss). The formula holds outside
-        this range, too: e > 1 adds energy, and e < 0 keeps the fraction -e of the closing speed
-    closingOnly : bool; True applies no impulse to bodies that already separate. False, as in the
-        coursework's reference, applies it whatever the sign of the closing speed
-    mu : coefficient of friction ≥ 0; limits the friction impulse to mu times the normal impulse
+    depth : float
+        Penetration depth. A negative one moves the meshes the opposite way, as for the ground,
+        whose normal points into the mesh.
+    contactNormal : array (1, 3)
+        Unit vector; m2 moves along it, m1 against it.
+    penPoint : array (1, 3)
+        The point of m2 deepest inside m1.
+    CRCoeff : float
+        Coefficient of restitution e, 0 (no bounce) to 1 (no loss). The formula holds outside this
+        range, too: e > 1 adds energy, and e < 0 keeps the fraction -e of the closing speed.
+    closingOnly : bool
+        True applies no impulse to bodies that already separate. False, as in the coursework's
+        reference, applies it whatever the sign of the closing speed.
+    mu : float
+        Coefficient of friction ≥ 0. It limits the friction impulse to mu times the normal impulse.
 
     Returns
     -------
-    ContactImpulses, or None if neither mesh can move; both then stay as they are
+    ContactImpulses or None
+        None if neither mesh can move; both then stay as they are.
 
     Raises
     ------
-    ValueError : CRCoeff is not finite, or mu is negative or not finite
+    ValueError
+        If CRCoeff is not finite, or mu is negative or not finite.
     """
     e, mu = number(CRCoeff), number(mu)
     if not math.isfinite(e):
@@ -790,15 +833,22 @@ def resolve_position_constraint(
 
     Parameters
     ----------
-    currPositions, currConstPoints : pairs of (1, 3), the COMs, and the points p1 and p2
-    refValue : length ≥ 0
-    invMasses : pair of inverse masses, 0 if immovable; two immovable bodies stay as they are
-    upper : bool; an upper bound is valid if C ≤ tolerance, a lower one if C ≥ -tolerance
-    tolerance : length
+    currPositions, currConstPoints : pairs of arrays (1, 3)
+        The COMs, and the points p1 and p2.
+    refValue : float
+        Length ≥ 0.
+    invMasses : pair of floats
+        Inverse masses, 0 if immovable. Two immovable bodies stay as they are.
+    upper : bool
+        An upper bound is valid if C ≤ tolerance, a lower one if C ≥ -tolerance.
+    tolerance : float
+        Length.
 
     Returns
     -------
-    (positionWasValid, correctedPositions) : bool and a pair of new (1, 3) arrays, the COMs
+    positionWasValid : bool
+    correctedPositions : pair of arrays (1, 3)
+        New COMs.
     """
     (x1, x2), (p1, p2) = floats_of(currPositions), floats_of(currConstPoints)
     invMass1, invMass2 = number(invMasses[0]), number(invMasses[1])
@@ -829,14 +879,18 @@ def resolve_velocity_constraint(
 
     Parameters
     ----------
-    currPositions, currConstPoints, invMasses : as for `resolve_position_constraint`
-    currLinVelocities, currAngVelocities : pairs of (1, 3)
-    invInertiaTensors : pair of (3, 3), inverse inertia tensors in world axes
-    tolerance : speed; the velocities are valid if |J v| ≤ tolerance
+    currPositions, currConstPoints, invMasses
+        As for `resolve_position_constraint`.
+    currLinVelocities, currAngVelocities : pairs of arrays (1, 3)
+    invInertiaTensors : pair of arrays (3, 3)
+        Inverse inertia tensors in world axes.
+    tolerance : float
+        Speed. The velocities are valid if |J v| ≤ tolerance.
 
     Returns
     -------
-    (velocityWasValid, correctedLinVelocities, correctedAngVelocities) : bool, pairs of new (1, 3)
+    velocityWasValid : bool
+    correctedLinVelocities, correctedAngVelocities : pairs of arrays (1, 3)
     """
     (x1, x2), (p1, p2) = floats_of(currPositions), floats_of(currConstPoints)
     (v1, v2), (omega1, omega2) = floats_of(currLinVelocities), floats_of(currAngVelocities)

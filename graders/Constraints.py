@@ -4,16 +4,16 @@
     python graders/Constraints.py --modules DIR    a student's RBSFunctions and Quaternion
 
 As in the release, the upper and then the lower bound are resolved on the same arrays, and the
-velocities with the positions uncorrected.
+velocities with uncorrected positions.
 """
 
 import itertools
 import sys
 
 import numpy as np
-from graderProgram import run_grader
-from gradingTools import CONSTRAINT_LAYOUT
-from rigidModel import (
+from classwork.graderProgram import run_grader
+from reference.graderData import CONSTRAINT_LAYOUT
+from reference.rigidModel import (
     BOUNDS,
     POSITION_TOLERANCE,
     TOLERANCES,
@@ -22,7 +22,7 @@ from rigidModel import (
     position_constraints,
     velocity_constraints,
 )
-from trials import FEW, Grader, Part, WrongResult, by_mesh, few_samples, returned
+from verdict.parts import FEW, Grader, Part, WrongResult, by_mesh, few_samples, returned
 
 POSITION, VELOCITY = "resolve_position_constraint", "resolve_velocity_constraint"
 RETURNED = {
@@ -36,18 +36,23 @@ IN_PLACE = (
 
 
 def constrained(bodies, sample):
-    """(pair of meshes, [their positions, the world positions of the points that are joined]).
+    """Returns the two meshes, [their positions, the world positions of the linked points].
 
     As in the released grader, both points are rest vertex 0 of mesh 1, carried along by either.
     """
     meshes = bodies.resting(), bodies.moving(sample)
     rotate = bodies.function("QRotate", "Quaternion")
     restPoint = np.array(meshes[0].origVertices[:1])
-    points = tuple(
-        np.reshape(rotate(mesh.orientation, restPoint.copy()), (1, 3)) + mesh.position
-        for mesh in meshes
-    )
+    turned = [rotate(mesh.orientation, restPoint.copy()) for mesh in meshes]
+    pairs = zip(turned, meshes, strict=True)
+    points = tuple(np.reshape(point, (1, 3)) + mesh.position for point, mesh in pairs)
     return meshes, [tuple(mesh.position for mesh in meshes), points]
+
+
+def resolved(bodies, arrays, refValue, invMasses, bound, tolerance):
+    """The values that `resolve_position_constraint` returns."""
+    others = refValue, invMasses, bound == "Upper", tolerance
+    return returned(bodies.function(POSITION)(*arrays, *others), POSITION, RETURNED[POSITION])
 
 
 def resolve_positions(bodies, data, sample):
@@ -55,17 +60,9 @@ def resolve_positions(bodies, data, sample):
     before = [array.copy() for pair in arrays for array in pair]
     invMasses = tuple(mesh.invMass for mesh in meshes)
     for bound, factor in BOUNDS.items():
-        wasValid, corrected = returned(
-            bodies.function(POSITION)(
-                *arrays,
-                factor * data["refValues"][sample],
-                invMasses,
-                bound == "Upper",
-                POSITION_TOLERANCE,
-            ),
-            POSITION,
-            RETURNED[POSITION],
-        )
+        refValue = factor * data["refValues"][sample]
+        others = refValue, invMasses, bound, POSITION_TOLERANCE
+        wasValid, corrected = resolved(bodies, arrays, *others)
         yield f"positionWasValid{bound}", wasValid
         if not all(map(np.array_equal, before, itertools.chain(*arrays))):
             corrected = [WrongResult(IN_PLACE)] * 2
@@ -74,21 +71,12 @@ def resolve_positions(bodies, data, sample):
 
 def check_tolerances(bodies, data, sample):
     def is_valid(bound, tolerance, invMasses=None):
-        """On meshes of its own. tolerance : in units of C"""
+        """On new meshes, with a tolerance relative to C."""
         meshes, arrays = constrained(bodies, sample)
         refValue = BOUNDS[bound] * data["refValues"][sample]
         C = float(np.linalg.norm(arrays[1][0] - arrays[1][1]) - refValue[0])
-        return returned(
-            bodies.function(POSITION)(
-                *arrays,
-                refValue,
-                invMasses or tuple(mesh.invMass for mesh in meshes),
-                bound == "Upper",
-                tolerance * abs(C),
-            ),
-            POSITION,
-            RETURNED[POSITION],
-        )[0]
+        invMasses = invMasses or tuple(mesh.invMass for mesh in meshes)
+        return resolved(bodies, arrays, refValue, invMasses, bound, tolerance * abs(C))[0]
 
     for bound in BOUNDS:
         for place, tolerance in TOLERANCES.items():
@@ -127,45 +115,32 @@ def remarks(data):
     return [f"{key}: True in {data[key].sum()} of {len(data[key])} samples" for key in keys]
 
 
-def shapes(flags, pairs):
+def shapes(flags, pairs=()):
     return {key: bool for key in flags} | {f"{key}, mesh {k}": 3 for key in pairs for k in (1, 2)}
 
 
+UPPER = shapes(["positionWasValidUpper"], ["correctedPositionsUpper"])
+LOWER = shapes(["positionWasValidLower"], ["correctedPositionsLower"])
+VELOCITIES = shapes(["velocityWasValid"], list(RETURNED[VELOCITY])[1:])
+PLACES = [f"C {place} the tolerance, {bound}" for bound in BOUNDS for place in TOLERANCES]
+POSITION_FLAGS = shapes([*PLACES, "two fixed meshes"])
+VELOCITY_FLAGS = shapes(f"|J v| {place} the tolerance" for place in TOLERANCES)
+FEW_POSITIONS = {"model": position_constraints, "samples": few_samples, "isExtra": True}
+FEW_VELOCITIES = {"model": velocity_constraints, "samples": moving_samples, "isExtra": True}
 GRADER = Grader(
     "Constraints",
     "Resolution of distance constraints",
     "constraint-resolution.data",
     CONSTRAINT_LAYOUT,
     (
-        Part(
-            POSITION,
-            shapes(["positionWasValidUpper"], ["correctedPositionsUpper"])
-            | shapes(["positionWasValidLower"], ["correctedPositionsLower"]),
-            resolve_positions,
-            position_constraints,
-        ),
-        Part(
-            f"{POSITION} and its tolerance",
-            shapes([f"C {place} the tolerance, {b}" for b in BOUNDS for place in TOLERANCES], [])
-            | shapes(["two fixed meshes"], []),
-            check_tolerances,
-            position_constraints,
-            few_samples,
-            isExtra=True,
-        ),
-        Part(
-            VELOCITY,
-            shapes(["velocityWasValid"], list(RETURNED[VELOCITY])[1:]),
-            resolve_velocities,
-            velocity_constraints,
-        ),
+        Part(POSITION, UPPER | LOWER, resolve_positions, position_constraints),
+        Part(f"{POSITION} and its tolerance", POSITION_FLAGS, check_tolerances, **FEW_POSITIONS),
+        Part(VELOCITY, VELOCITIES, resolve_velocities, velocity_constraints),
         Part(
             f"{VELOCITY} and its tolerance",
-            shapes([f"|J v| {place} the tolerance" for place in TOLERANCES], []),
+            VELOCITY_FLAGS,
             check_velocity_tolerance,
-            velocity_constraints,
-            moving_samples,
-            isExtra=True,
+            **FEW_VELOCITIES,
         ),
     ),
     remarks,

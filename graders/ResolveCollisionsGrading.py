@@ -3,17 +3,17 @@
     python graders/ResolveCollisionsGrading.py [--data DIR] [--convention exact|released-2024]
     python graders/ResolveCollisionsGrading.py --modules DIR    a student's modules
 
-Detection, `Mesh.detect_collision`, is graded on right data only: the released one is approximate
-(quirk 7 of the contract). Resolution, `resolve_collision`, is graded on the depth, normal and point
-that the data give, and so apart from detection.
+Detection, `Mesh.detect_collision`, is graded on right data only, because the release's is
+approximate (quirk 7 of the contract). Resolution, `resolve_collision`, is graded on the depth,
+normal and point in the data, so it does not depend on detection.
 """
 
 import sys
 
 import numpy as np
-from graderProgram import run_grader
-from gradingTools import COLLISION_LAYOUT, EXACT, WIDTHS
-from rigidModel import (
+from classwork.graderProgram import run_grader
+from reference.graderData import COLLISION_LAYOUT, EXACT, WIDTHS
+from reference.rigidModel import (
     GROUND_RESTITUTION,
     RESTITUTION,
     UP,
@@ -23,7 +23,7 @@ from rigidModel import (
     rotated_tensors,
     tensor_unit,
 )
-from trials import FEW, Grader, Part, WrongResult, numbers, results_of, returned, state_of
+from verdict.parts import FEW, Grader, Part, WrongResult, numbers, results_of, returned, state_of
 
 CONTACT = {"isCollision": 1, "depth": 1, "intNormal": 3, "intPosition": 3}
 TENSOR = "rotated inverse inertia"  # in units of the mean one
@@ -44,7 +44,7 @@ def rotate_tensor(bodies, data, sample):
 
 
 def resolve(bodies, data, sample):
-    """Samples that do not collide stay as they are."""
+    """Leaves the meshes as they are in samples without a collision."""
     meshes = bodies.resting(), bodies.moving(sample)
     if data["isCollision"][sample]:
         bodies.function("resolve_collision")(*meshes, *contact_of(data, sample), RESTITUTION)
@@ -58,8 +58,10 @@ def contact_of(data, sample):
 
 
 def resolve_further(bodies, data, sample):
-    """With a fixed mesh; and with the ground as `run_timestep` has it: the depth is negative, and
-    what touches the ground may be fixed, too."""
+    """Resolves with a fixed mesh, and with the ground as `run_timestep` does.
+
+    There the depth is negative, and the mesh that touches the ground may be fixed, too.
+    """
     meshes = bodies.resting(isFixed=True), bodies.moving(sample)
     bodies.function("resolve_collision")(*meshes, *contact_of(data, sample), RESTITUTION)
     yield "a fixed mesh's state", state_of(meshes[0])
@@ -70,7 +72,7 @@ def resolve_further(bodies, data, sample):
         bodies.function("resolve_collision")(mesh, bodies.ground(), *contact)
         state = state_of(mesh)
         if isFixed and np.isnan(state).any():
-            state = WrongResult("resolve_collision divides 0 by 0 where both meshes are fixed")
+            state = WrongResult("resolve_collision divides 0 by 0 if both meshes are fixed")
         yield name, state
 
 
@@ -82,38 +84,25 @@ def remarks(data):
     hits = f"{data['isCollision'].sum()} of {len(data['isCollision'])} poses collide"
     if data["convention"] == EXACT:
         return [hits]
-    return [hits, "detection is not graded: the released one is approximate"]
+    return [hits, "detection is not graded, because the release's is approximate"]
 
 
+FOUND = CONTACT | {"isCollision": bool}
+EXACT_ONLY = {"conditional": tuple(CONTACT)[1:], "conventions": (EXACT,)}
+STATES = {f"result{name}, mesh {k}": width for name, width in WIDTHS.items() for k in (1, 2)}
+FURTHER = "resolve_collision with fixed meshes and the ground"
+UNSEEN = {"a fixed mesh's state": 13, "on the ground": 13, "fixed on the ground": 13}
+EXTRA = {"samples": colliding_samples, "isExtra": True}
 GRADER = Grader(
     "ResolveCollisionsGrading",
     "Collision detection and resolution",
     "collision-resolution.data",
     COLLISION_LAYOUT,
     (
-        Part(
-            "detect_collision",
-            CONTACT | {"isCollision": bool},
-            detect,
-            detection,
-            conditional=("depth", "intNormal", "intPosition"),
-            conventions=(EXACT,),
-        ),
+        Part("detect_collision", FOUND, detect, detection, **EXACT_ONLY),
         Part("get_rotated_inv_IT", {TENSOR: 9}, rotate_tensor, rotated_tensors, isExtra=True),
-        Part(
-            "resolve_collision",
-            {f"result{name}, mesh {k}": width for name, width in WIDTHS.items() for k in (1, 2)},
-            resolve,
-            resolution,
-        ),
-        Part(
-            "resolve_collision with fixed meshes and the ground",
-            {"a fixed mesh's state": 13, "on the ground": 13, "fixed on the ground": 13},
-            resolve_further,
-            further_resolution,
-            colliding_samples,
-            isExtra=True,
-        ),
+        Part("resolve_collision", STATES, resolve, resolution),
+        Part(FURTHER, UNSEEN, resolve_further, further_resolution, **EXTRA),
     ),
     remarks,
 )

@@ -1,14 +1,13 @@
-"""Where a student's steps leave ours: the first step, and the first call and quantity in it.
+"""Find the first step, call and quantity in which a student's steps differ from ours.
 
     python graders/compare.py CODE SCENE [--steps N] [--time-step S] [--restitution E]
 
-CODE is a folder, or a ZIP, with RBSFunctions.py in it; SCENE is taken, with the constraints beside
-it, as RigidBodySimulation.py takes it. Each step of the student's begins with our state. All steps
-run in a process of their own, within the limits. The exit code is 0 if no step differs, 1 if one
-does, and 2 for what cannot be compared.
+CODE is a folder, or a ZIP, with RBSFunctions.py in it; SCENE is a scene file, or the name of a
+scene of data/, with the constraints beside it. Each of the student's steps begins with our state.
+All steps run in a process of their own, within the limits. The exit code is 0 if no step differs,
+1 if one does, and 2 if the comparison is impossible.
 """
 
-import argparse
 import json
 import re
 import shutil
@@ -19,10 +18,10 @@ import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from archives import find_submissions, modules_of
-from graderProgram import run_program
-from gradingTools import FAILED, PASSED, PROJECT_DIRECTORY, OneLineParser, printable
-from isolation import add_limit_arguments, copied, run_limited
+from classwork.graderProgram import FAILED, PASSED, OneLineParser, run_program
+from isolated.archives import find_submissions, modules_of
+from isolated.processes import add_limit_arguments, copied, run_limited
+from reference.graderData import PROJECT_DIRECTORY, printable
 
 from rbs.program.options import POSITIVE_NUMBER, setting_type
 from rbs.program.submissions import SubmissionError, brief
@@ -30,23 +29,27 @@ from rbs.scenes.messages import InputError
 from rbs.scenes.scenefiles import SceneSource, find_scene
 from rbs.stepping.settings import BY_OPTION
 
-COMPARISON = Path(__file__).resolve().with_name("stepComparison.py")
-# A fall, many collisions, and constraints; with pictures, so many steps apart.
+COMPARISON = Path(__file__).resolve().parent / "isolated" / "stepComparison.py"
+# A fall, many collisions, and constraints; with pictures every so many steps.
 SCENES = ("singlebox", "mixed", "tower_chain")
-STEPS, EVERY, TIME_STEP, SIZE = 150, 50, 0.02, "320x180"
-# The address space that drawing takes, beside what a submission may have: OpenGL in software.
+STEPS, EVERY, TIME_STEP, RESTITUTION, SIZE = 150, 50, 0.02, 0.5, "320x180"
+USUAL = {"constraints": None, "steps": STEPS, "timeStep": TIME_STEP, "restitution": RESTITUTION}
+# Address space for drawing, in addition to the submission's own: OpenGL in software.
 DRAWING_MEGABYTES = 2048
-# The part of the time limit after which no step is begun: a program that is slow is not wrong.
+# The fraction of the time limit after which no step begins, because a slow program is not wrong.
 TIME_SHARE = 0.8
 
 
 @dataclass
 class SceneResult:
-    """What a student's functions do in a scene.
+    """The result of a student's functions in a scene.
 
-    steps : how many there was time for; problem : the first difference from ours, or what went
-        wrong, or ""; largest : relative difference of what agrees
-    remarks : list of str; pictures : list of (time in s, path)
+    Attributes
+    ----------
+    steps : how many there was time for
+    problem : the first difference from ours, or another failure, or ""
+    largest : the largest relative difference of numbers that agree
+    pictures : list of (time in s, path)
     """
 
     name: str
@@ -58,21 +61,27 @@ class SceneResult:
 
 
 def compare_steps(scene, folder, limits, **order):
-    """The SceneResult of a scene, without pictures.
+    """Compares the steps of a scene, without pictures.
 
-    folder : of the modules; a copy is run, in a process of its own, as long as the limits allow
-    order : constraints, steps, timeStep and restitution, where they are not the usual ones
+    Parameters
+    ----------
+    folder : of the modules; a copy is run, in a process of its own
+    limits : with `seconds` and `megabytes`
+    order : constraints, steps, timeStep and restitution, if they differ from the usual ones
+
+    Returns
+    -------
+    SceneResult
     """
-    order = {"constraints": None, "steps": STEPS, "timeStep": TIME_STEP, "restitution": 0.5} | order
     end = time.time() + TIME_SHARE * limits.seconds
-    order |= {"scene": str(find_scene(scene).resolve()), "end": end}
+    order = USUAL | order | {"scene": str(find_scene(scene).resolve()), "end": end}
     with copied(folder) as work:
         answer = work.parent / "answer.json"
         words = [COMPARISON, json.dumps(order | {"answer": str(answer)})]
         code = run_limited(words, work, limits.seconds, limits.megabytes)
         try:
             result = SceneResult(scene, **json.loads(answer.read_text(encoding="utf-8")))
-        except (OSError, ValueError, TypeError):  # what is written is up to the submission as well
+        except (OSError, ValueError, TypeError):  # the submission may write to the file, too
             result = SceneResult(scene)
     if code != 0:
         how = f"stopped after {limits.seconds:g} s" if code is None else f"exit code {code}"
@@ -83,28 +92,21 @@ def compare_steps(scene, folder, limits, **order):
 
 
 def compare_scene(scene, folder, target, limits):
-    """The SceneResult of a scene, with pictures of what the student's functions do.
+    """Compares the steps of a scene, and draws the student's.
 
-    target : a folder that the pictures are put into; the rest as for `compare_steps`
+    Parameters
+    ----------
+    target : folder for the pictures; the others are those of `compare_steps`
+
+    Returns
+    -------
+    SceneResult
     """
     result = compare_steps(scene, folder, limits)
     with copied(folder) as work, tempfile.TemporaryFile("w+", encoding="utf-8") as said:
-        words = [
-            PROJECT_DIRECTORY / "RigidBodySimulation.py",
-            scene,
-            "--functions",
-            work,
-            "--time-step",
-            TIME_STEP,
-            "--steps",
-            STEPS,
-            "--screenshots",
-            work.parent / "frames",
-            "--every",
-            EVERY,
-            "--size",
-            SIZE,
-        ]
+        words = [PROJECT_DIRECTORY / "RigidBodySimulation.py", scene, "--functions", work]
+        words += ["--time-step", TIME_STEP, "--steps", STEPS, "--every", EVERY, "--size", SIZE]
+        words += ["--screenshots", work.parent / "frames"]
         megabytes = limits.megabytes + DRAWING_MEGABYTES
         if run_limited(words, work, limits.seconds, megabytes, said) != 0:
             said.seek(0)
@@ -120,7 +122,7 @@ def compare_scene(scene, folder, target, limits):
 
 
 def main(given):
-    """Compares as the command line asks; returns the exit code."""
+    """Compares as the command line says; returns the exit code."""
     try:
         source = SceneSource.of_files(find_scene(given.scene), given.constraints)
         with warnings.catch_warnings():
@@ -128,18 +130,11 @@ def main(given):
             source.make()
     except InputError as error:
         raise SubmissionError(error) from None
-    constraints = source.constraintPath and str(source.constraintPath.resolve())
+    order = {"constraints": source.constraintPath and str(source.constraintPath.resolve())}
+    order |= {"steps": given.steps, "timeStep": given.time_step, "restitution": given.restitution}
     entry, *_others = find_submissions([given.code])
     with modules_of(entry) as (folder, remarks):
-        result = compare_steps(
-            given.scene,
-            folder,
-            given,
-            constraints=constraints,
-            steps=given.steps,
-            timeStep=given.time_step,
-            restitution=given.restitution,
-        )
+        result = compare_steps(given.scene, folder, given, **order)
     agree = f"{result.steps} steps agree; the largest relative difference is {result.largest:.1e}"
     for line in (*remarks, *result.remarks, result.problem or agree):
         print(printable(line))
@@ -147,31 +142,19 @@ def main(given):
 
 
 def make_parser():
-    parser = OneLineParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    """Returns the command line's parser."""
+    parser = OneLineParser(__doc__)
     add = parser.add_argument
-    add("code", metavar="CODE", help="a student's folder or ZIP, a copy of which is run")
+    add("code", metavar="CODE", help="a student's folder or ZIP; a copy of it is run")
     add("scene", metavar="SCENE", help="a scene file, or the name of a scene of data/")
-    add("--constraints", metavar="FILE", help="the constraints (default: those beside the scene)")
-    add(
-        "--steps",
-        metavar="N",
-        type=POSITIVE_NUMBER,
-        default=STEPS,
-        help="how many steps are compared (default: %(default)s)",
-    )
-    for option, default in (("time-step", TIME_STEP), ("restitution", 0.5)):
+    add("--constraints", metavar="FILE", help="constraints (default: those beside the scene)")
+    text = "number of steps to compare (default: %(default)s)"
+    add("--steps", metavar="N", type=POSITIVE_NUMBER, default=STEPS, help=text)
+    for option, default in (("time-step", TIME_STEP), ("restitution", RESTITUTION)):
         one = BY_OPTION[option]
-        add(
-            f"--{option}",
-            metavar="X",
-            type=setting_type(one),
-            default=default,
-            help=f"{one.help} (default: {default})",
-        )
-    add_limit_arguments(parser)
-    parser.set_defaults(seconds=300.0)
+        form = {"metavar": "X", "type": setting_type(one), "default": default}
+        add(f"--{option}", **form, help=f"{one.help} (default: {default})")
+    add_limit_arguments(parser, seconds=300.0)
     return parser
 
 

@@ -1,12 +1,12 @@
-"""Grade submissions: all three graders on each, side by side, none harming another.
+"""Grade submissions with all three graders, each in a process of its own.
 
     python graders/grade.py SUBMISSION... [--resume] [--scenes] [--anonymous]
 
 A SUBMISSION is a folder with RBSFunctions.py in it, a ZIP or tar of one, or a folder of such, as
-Moodle and Canvas give them. After each one, these are written: grades.csv, marks.csv, its Markdown
-sheet, and its results.json for Gradescope. In the end come a table, a summary of the class, and
+downloaded from Moodle or Canvas. After each submission, grades.csv, marks.csv, its Markdown sheet
+and its results.json for Gradescope are written; at the end a table, a summary of the class, and
 likeness.csv, the pairs of submissions whose code is alike. The exit code is 0 if all pass, 1 if one
-does not, and 2 for what cannot be graded at all.
+fails, and 2 if nothing can be graded.
 """
 
 import os
@@ -20,24 +20,20 @@ from pathlib import Path
 import Constraints
 import integrationGrading
 import ResolveCollisionsGrading
-from archives import find_submissions, modules_of
-from compare import SCENES, compare_scene
-from graderProgram import grade_submission, load_data, make_parser, run_program
-from gradingTools import FAILED, PASSED, printable
-from isolation import stop_all
-from likeness import fingerprint, origin_remarks, write_likeness
-from marks import DEFAULT_SCHEME, SCENE_MARKS, load_scheme, marks_row, write_gradescope
-from sheets import (
-    BETWEEN,
-    GRADES,
-    passes,
-    print_table,
-    read_rows,
-    rows_of,
-    summary_of,
-    write_rows,
-    write_sheet,
+from classwork import graderProgram, sheets
+from classwork.graderProgram import FAILED, PASSED
+from classwork.likeness import fingerprint, origin_remarks, write_likeness
+from classwork.marks import (
+    DEFAULT_SCHEME,
+    SCENE_MARKS,
+    load_scheme,
+    marks_row,
+    write_gradescope,
 )
+from compare import SCENES, compare_scene
+from isolated.archives import find_submissions, modules_of
+from isolated.processes import stop_all
+from reference.graderData import printable
 from tqdm import tqdm
 
 from rbs.program.options import at_least, option_type
@@ -50,12 +46,16 @@ KEY = ("id", "name", "path")
 
 @dataclass
 class Outcome:
-    """What has become of a submission.
+    """The result of grading a submission.
 
-    name, path : as they are shown; refusal : why there are no grades, or ""; remarks : list of str
+    Attributes
+    ----------
+    name, path : as they are shown
     grades, conventions : dicts from a grader's module to its Grade, and to its data's convention
+    refusal : why the submission was not graded, or ""
     scenes : list of `compare.SceneResult`
-    seconds : it took; fingerprint : of its code, for `likeness`
+    seconds : time that grading took
+    fingerprint : of its code, for `likeness`
     """
 
     name: str
@@ -70,7 +70,7 @@ class Outcome:
 
 
 def grade_entry(entry, isKnown, data, arguments):
-    """The Outcome of a submission; of one that is known already, its fingerprint only.
+    """Returns the Outcome of a submission; if it is known already, only with the fingerprint.
 
     data : dict from a grader's module to its data
     """
@@ -82,7 +82,7 @@ def grade_entry(entry, isKnown, data, arguments):
             outcome.fingerprint = fingerprint(folder)
             if isKnown:
                 return outcome
-            grades = grade_submission(GRADERS, folder, data, arguments)
+            grades = graderProgram.grade_submission(GRADERS, folder, data, arguments)
             remarks += origin_remarks(folder)
             for grader in GRADERS:
                 common = grader.remarks(data[grader.module])
@@ -96,14 +96,14 @@ def grade_entry(entry, isKnown, data, arguments):
             outcome.grades = grades
     except SubmissionError as error:
         outcome.refusal = str(error)
-    except Exception as error:  # a mistake of ours in one must not cost the others their grades
+    except Exception as error:  # a bug of ours must not cost the others their grades
         outcome.refusal = printable(f"cannot be graded: {type(error).__name__}: {error}")
     outcome.seconds = time.perf_counter() - begin
     return outcome
 
 
 class Ledger:
-    """The rows of grades.csv and marks.csv, in the order of the submissions, and the other files.
+    """Writes grades.csv and marks.csv, in the order of the submissions, and each one's files.
 
     marks, grades : dicts from a submission's name to its row, and to its list of rows
     """
@@ -113,124 +113,84 @@ class Ledger:
         self._columns = ("submission", "path", *scheme, "total", "of", "seconds", "remarks")
         self.marks, self.grades = {}, {}
         if arguments.resume:
-            rows = read_rows(self._out / "marks.csv", self._columns)
+            rows = sheets.read_rows(self._out / "marks.csv", self._columns)
             self.marks = {row["submission"]: row for row in rows if row["submission"] in names}
-            for row in read_rows(self._out / "grades.csv", GRADES):
+            for row in sheets.read_rows(self._out / "grades.csv", sheets.GRADES):
                 if row["submission"] in self.marks:
                     self.grades.setdefault(row["submission"], []).append(row)
         self.save()
 
     def rows(self):
+        """The rows of grades.csv."""
         return [row for name in self._names for row in self.grades.get(name, ())]
 
     def save(self):
-        """Writes both files, whole. OSError"""
+        """Writes both files. Raises OSError."""
         marks = [self.marks[name] for name in self._names if name in self.marks]
-        write_rows(self._out / "grades.csv", GRADES, self.rows())
-        write_rows(self._out / "marks.csv", self._columns, marks)
+        sheets.write_rows(self._out / "grades.csv", sheets.GRADES, self.rows())
+        sheets.write_rows(self._out / "marks.csv", self._columns, marks)
 
     def add(self, outcome):
-        """Takes in an Outcome, and writes all that there is of it, its rows last. OSError"""
-        name = outcome.name
-        row = marks_row(outcome, self._scheme) | {
-            "submission": name,
-            "path": outcome.path,
-            "seconds": f"{outcome.seconds:.1f}",
-            "remarks": outcome.refusal or BETWEEN.join(outcome.remarks),
-        }
-        write_sheet(self._out / f"{name}.md", outcome, row)
+        """Writes an Outcome's files, its rows last. Raises OSError."""
+        name, remarks = outcome.name, outcome.refusal or sheets.BETWEEN.join(outcome.remarks)
+        row = {"submission": name, "path": outcome.path, "remarks": remarks}
+        row |= {"seconds": f"{outcome.seconds:.1f}"} | marks_row(outcome, self._scheme)
+        sheets.write_sheet(self._out / f"{name}.md", outcome, row)
         write_gradescope(self._out / "gradescope" / name / "results.json", outcome, self._scheme)
-        self.grades[name], self.marks[name] = rows_of(outcome), row
+        self.grades[name], self.marks[name] = sheets.rows_of(outcome), row
         self.save()
 
 
 def anonymous(entries, path):
-    """The entries in a random order under numbers; path : of the file that says whose they are.
+    """Returns the entries under numbers, in a random order.
 
-    Who has a number there already keeps it. Raises OSError, SubmissionError.
+    path : of the file that tells whose they are; numbers that are in it already are kept. Raises
+        OSError, SubmissionError.
     """
-    rows = {row["path"]: row for row in read_rows(path, KEY)}
+    rows = {row["path"]: row for row in sheets.read_rows(path, KEY)}
     for one in random.sample(entries, len(entries)):
         row = dict(zip(KEY, (f"{len(rows) + 1:03}", one.name, str(one.path)), strict=True))
         rows.setdefault(row["path"], row)
-    write_rows(path, KEY, sorted(rows.values(), key=lambda row: row["id"]))
+    sheets.write_rows(path, KEY, sorted(rows.values(), key=lambda row: row["id"]))
     entries = [replace(one, name=rows[str(one.path)]["id"], isAnonymous=True) for one in entries]
     return sorted(entries, key=lambda one: one.name)
 
 
 def make_options():
-    parser = make_parser(__doc__)
+    """Returns the command line's parser."""
+    parser = graderProgram.make_parser(__doc__)
     option = parser.add_argument
-    option(
-        "submissions",
-        metavar="SUBMISSION",
-        nargs="+",
-        help="a folder, a ZIP or tar, or a folder of them",
-    )
-    option(
-        "--out",
-        metavar="DIR",
-        type=Path,
-        default=Path("out") / "grades",
-        help="the folder for all that is written (default: %(default)s)",
-    )
-    option(
-        "--resume",
-        action="store_true",
-        help="keep what an earlier run has graded before it was stopped",
-    )
-    option(
-        "--marks",
-        metavar="FILE",
-        type=Path,
-        default=DEFAULT_SCHEME,
-        help="the marks that each part gives (default: graders/marks.ini)",
-    )
-    option(
-        "--scenes",
-        action="store_true",
-        help=f"compare the steps of {', '.join(SCENES)} with ours, too",
-    )
-    option("--anonymous", action="store_true", help="write numbers in place of names and paths")
-    option(
-        "--key",
-        metavar="FILE",
-        type=Path,
-        help="the file that says whose number is whose (default: DIR-key.csv)",
-    )
-    option(
-        "--jobs",
-        metavar="N",
-        type=JOBS,
-        default=os.cpu_count() or 1,
-        help="how many are graded at a time (default: one for each processor)",
-    )
+    text = "a folder, a ZIP or tar, or a folder of them"
+    option("submissions", metavar="SUBMISSION", nargs="+", help=text)
+    out, text = Path("out") / "grades", "folder for all output (default: %(default)s)"
+    option("--out", metavar="DIR", type=Path, default=out, help=text)
+    option("--resume", action="store_true", help="continue a run that was stopped")
+    text = "marks of each part (default: graders/marks.ini)"
+    option("--marks", metavar="FILE", type=Path, default=DEFAULT_SCHEME, help=text)
+    text = f"also compare the steps of {', '.join(SCENES)} with ours, and draw them"
+    option("--scenes", action="store_true", help=text)
+    option("--anonymous", action="store_true", help="write numbers instead of names and paths")
+    text = "list of numbers and names (default: DIR-key.csv)"
+    option("--key", metavar="FILE", type=Path, help=text)
+    jobs, text = os.cpu_count() or 1, "submissions graded at a time (default: one per processor)"
+    option("--jobs", metavar="N", type=JOBS, default=jobs, help=text)
     return parser
 
 
-def main(arguments):
-    begin, out = time.perf_counter(), arguments.out
-    entries = find_submissions(arguments.submissions)
-    data = load_data(GRADERS, arguments)
-    scheme = load_scheme(arguments.marks, GRADERS, data)
-    if not arguments.scenes:
-        scheme.pop(SCENE_MARKS, None)
-    out.mkdir(parents=True, exist_ok=True)
-    if arguments.anonymous:
-        beside = out.resolve().with_name(f"{out.resolve().name}-key.csv")
-        entries = anonymous(entries, arguments.key or beside)
-    ledger = Ledger(arguments, [entry.name for entry in entries], scheme)
+def grade_all(entries, ledger, data, arguments):
+    """Grades all entries that the ledger lacks.
 
+    Returns
+    -------
+    dict from name to fingerprint, and the last OSError of a file or None
+    """
     known, prints, trouble = set(ledger.grades), {}, None
     with ThreadPoolExecutor(arguments.jobs) as executor:
         try:
-            waiting = [
-                executor.submit(grade_entry, entry, entry.name in known, data, arguments)
-                for entry in entries
-            ]
-            for done in tqdm(
-                as_completed(waiting), total=len(waiting), disable=None, unit=" graded"
-            ):
+            jobs = [(entry, entry.name in known, data, arguments) for entry in entries]
+            waiting = [executor.submit(grade_entry, *job) for job in jobs]
+            bar = {"total": len(waiting), "disable": None, "unit": " graded"}
+            for done in tqdm(as_completed(waiting), **bar):
                 outcome = done.result()
                 prints[outcome.name] = outcome.fingerprint
                 try:
@@ -242,25 +202,38 @@ def main(arguments):
             executor.shutdown(wait=False, cancel_futures=True)
             stop_all()
             ledger.save()
-            raise KeyboardInterrupt(
-                f"with {len(ledger.marks)} of {len(entries)} graded; --resume goes on"
-            ) from None
+            text = f"with {len(ledger.marks)} of {len(entries)} graded; --resume continues"
+            raise KeyboardInterrupt(text) from None
     ledger.save()
+    return prints, trouble
+
+
+def main(arguments):
+    """Grades as the command line says; returns the exit code."""
+    begin, out = time.perf_counter(), arguments.out
+    entries = find_submissions(arguments.submissions)
+    data = graderProgram.load_data(GRADERS, arguments)
+    scheme = load_scheme(arguments.marks, GRADERS, data)
+    if not arguments.scenes:
+        scheme.pop(SCENE_MARKS, None)
+    out.mkdir(parents=True, exist_ok=True)
+    if arguments.anonymous:
+        beside = out.resolve().with_name(f"{out.resolve().name}-key.csv")
+        entries = anonymous(entries, arguments.key or beside)
+    ledger = Ledger(arguments, [entry.name for entry in entries], scheme)
+    prints, trouble = grade_all(entries, ledger, data, arguments)
     alike = write_likeness(out / "likeness.csv", {one.name: prints[one.name] for one in entries})
     if trouble:
         raise trouble
     rows = ledger.rows()
-    passed = sum(passes(ledger.grades[entry.name]) for entry in entries)
-    print_table(rows)
-    print(
-        "", *summary_of(rows, ledger.marks), f"{alike} pairs of submissions are alike", "", sep="\n"
-    )
-    print(
-        f"{passed} of {len(entries)} pass, {time.perf_counter() - begin:.1f} s; "
-        f"sheets, grades.csv and marks.csv in {out}"
-    )
+    passed = sum(sheets.passes(ledger.grades[entry.name]) for entry in entries)
+    sheets.print_table(rows)
+    print("", *sheets.summary_of(rows, ledger.marks), sep="\n")
+    print(f"pairs of submissions that are alike: {alike}\n")
+    took = f"{time.perf_counter() - begin:.1f} s"
+    print(f"{passed} of {len(entries)} pass, {took}; sheets, grades.csv and marks.csv in {out}")
     return PASSED if passed == len(entries) else FAILED
 
 
 if __name__ == "__main__":
-    sys.exit(run_program(make_options(), main))
+    sys.exit(graderProgram.run_program(make_options(), main))

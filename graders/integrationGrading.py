@@ -3,18 +3,25 @@
     python graders/integrationGrading.py [--data DIR] [--convention exact|released-2024]
     python graders/integrationGrading.py --modules DIR    a student's RBSFunctions and Quaternion
 
-Of the released data only the samples that have a result are graded (quirk 3 of the contract).
+The released data hold a result for one sample only (quirk 3 of the contract), which is graded.
 """
 
 import sys
 
 import numpy as np
-from graderProgram import run_grader
-from gradingTools import EXACT, INTEGRATION_LAYOUT, WIDTHS
-from rigidModel import TIME_STEP, carried, exponentials, further_integration, integration, turn_rows
-from trials import Grader, Part, WrongResult, few_samples, numbers, results_of, state_of
+from classwork.graderProgram import run_grader
+from reference.graderData import EXACT, INTEGRATION_LAYOUT, WIDTHS
+from reference.rigidModel import (
+    TIME_STEP,
+    carried,
+    exponentials,
+    further_integration,
+    integration,
+    turn_rows,
+)
+from verdict.parts import Grader, Part, WrongResult, few_samples, numbers, results_of, state_of
 
-# The step does not depend on the body's shape, and the data give none: any free body will do.
+# The step does not depend on the body's shape, and the data have none: any body will do.
 TETRAHEDRON = {
     "origVertices2": np.vstack([np.zeros((1, 3)), np.eye(3)]),
     "faces2": np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
@@ -44,12 +51,12 @@ def exponentiate(bodies, data, sample):
     for name, some in (("QExp of one row", rows[1:2]), ("QExp of several rows", rows)):
         value = bodies.function("QExp", "Quaternion")(some.copy())
         if np.shape(value) != some.shape:
-            value = WrongResult(f"QExp gives {np.shape(value)} for an array {some.shape}")
+            value = WrongResult(f"QExp returns {np.shape(value)} for an array {some.shape}")
         yield name, value
 
 
 def graded_samples(data):
-    """Those that have a result: all of them, but for quirk 3."""
+    """The samples that have a result: all of them, except for quirk 3."""
     results = np.hstack([data[f"result{name}"] for name in WIDTHS])
     return np.flatnonzero(np.any(results != 0, axis=1) | (data["convention"] == EXACT))
 
@@ -58,35 +65,20 @@ def remarks(data):
     return [f"{len(graded_samples(data))} of {len(data['randomPositions'])} samples graded"]
 
 
+FURTHER = "integrate_timestep of a fixed mesh, and currVertices"
+EXTRA = {"samples": few_samples, "isExtra": True}
+STATE = {f"result{name}": width for name, width in WIDTHS.items()}
+UNSEEN = {"a fixed mesh's pose": 7, "currVertices": 12}
+ROWS = {"QExp of one row": 4, "QExp of several rows": 12}
 GRADER = Grader(
     "integrationGrading",
     "Integration of one time step",
     "integration.data",
     INTEGRATION_LAYOUT,
     (
-        Part(
-            "integrate_timestep",
-            {f"result{name}": width for name, width in WIDTHS.items()},
-            integrate,
-            integration,
-            graded_samples,
-        ),
-        Part(
-            "integrate_timestep of a fixed mesh, and currVertices",
-            {"a fixed mesh's pose": 7, "currVertices": 12},
-            integrate_further,
-            further_integration,
-            few_samples,
-            isExtra=True,
-        ),
-        Part(
-            "QExp",
-            {"QExp of one row": 4, "QExp of several rows": 12},
-            exponentiate,
-            exponentials,
-            few_samples,
-            isExtra=True,
-        ),
+        Part("integrate_timestep", STATE, integrate, integration, graded_samples),
+        Part(FURTHER, UNSEEN, integrate_further, further_integration, **EXTRA),
+        Part("QExp", ROWS, exponentiate, exponentials, **EXTRA),
     ),
     remarks,
     TETRAHEDRON,

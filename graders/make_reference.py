@@ -1,11 +1,11 @@
-"""Write the project's grader data: random states, and what exact physics makes of them.
+"""Write the project's grader data: random states, and the results of exact physics.
 
     python graders/make_reference.py [--out DIR] [--convention exact|released-2024]
 
 Needs mpmath (pip install mpmath). The three files have the keys and shapes of the coursework's own
 (contract, section 3). The random states are doubles, taken as exact numbers; the results come from
-`referencePhysics`, in 50 digits, and are rounded to doubles at the end. With `--convention
-released-2024` they have the quirks of the released data. Running twice writes the same bytes.
+`reference.referencePhysics`, in 50 digits, and are rounded to doubles at the end. `--convention
+released-2024` reproduces the quirks of the released data. Two runs write the same bytes.
 """
 
 import argparse
@@ -14,13 +14,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import referencePhysics as physics
-from gradingTools import DATA_DIRECTORY, EXACT, RELEASED_2024
-from referencePhysics import exact, unit
+from reference import referencePhysics as physics
+from reference.graderData import CONVENTIONS, DATA_DIRECTORY, EXACT, RELEASED_2024, WIDTHS
+from reference.referencePhysics import exact, unit
 
 SAMPLE_COUNT = 100
 
-# The doubles that the graders pass.
+# The doubles that the graders pass to functions.
 TIME_STEP = exact(0.1)  # s
 RESTITUTION = exact(0.5)
 UPPER_FACTOR = 1.2
@@ -29,15 +29,15 @@ POSITION_TOLERANCE = exact(1e-6)  # m
 VELOCITY_TOLERANCE = exact(1e-5)  # m/s
 
 LARGEST_SPEED = 10.0  # per component, in m/s and in rad/s
-REST_INTERVAL = 10  # the last of every ten samples is at rest: no rotation, velocities valid
+REST_INTERVAL = 10  # the last of every ten samples is at rest, so its velocities are valid
 
-# The centres of mass of colliding bodies are drawn within this distance, in m, at which about half
-# of the poses collide: the box reaches 3 to 8 m from its centre, the octahedron 2 to 8 m.
+# Largest distance of the centres of mass, in m. Larger, fewer poses collide: here about half, as
+# the box extends 3 to 8 m from its centre, the octahedron 2 to 8 m.
 COLLISION_RADIUS = 11.5
-POSITION_RADIUS = 20.0  # m, where only the state matters
-REFERENCE_LENGTHS = (5.0, 30.0)  # m, between which a constraint's reference value is drawn
+POSITION_RADIUS = 20.0  # m, where collisions do not matter
+REFERENCE_LENGTHS = (5.0, 30.0)  # m, range of a constraint's reference value
 
-# (vertices in m, tetrahedra) of two meshes; neither has its centre of mass at the origin.
+# Vertices in m, and tetrahedra, of two meshes whose centres of mass are not at the origin.
 MESHES = (
     # A box of 12 × 6 × 8 m: six tetrahedra around its long diagonal, from corner 0 to corner 7.
     (
@@ -51,17 +51,13 @@ MESHES = (
     ),
 )
 
-# In the data's keys, and in a Body.
-STATE = {
-    "Positions": "position",
-    "Orientations": "orientation",
-    "LinVelocities": "linVelocity",
-    "AngVelocities": "angVelocity",
-}
+# From the data's keys to the attributes of a Body.
+ATTRIBUTES = ("position", "orientation", "linVelocity", "angVelocity")
+STATE = dict(zip(WIDTHS, ATTRIBUTES, strict=True))
 
 
 def boundary_triangles(tets):
-    """The outward triangles of tetrahedra that no other tetrahedron shares."""
+    """The outward triangles that only one of the tetrahedra has."""
     triangles = {}
     for a, b, c, d in tets:
         for triangle in ((a, c, b), (a, b, d), (a, d, c), (b, c, d)):
@@ -70,7 +66,7 @@ def boundary_triangles(tets):
 
 
 def make_meshes(convention):
-    """(entries of the data file, [body of mesh 1, body of mesh 2])."""
+    """Returns (entries of the data file, [body of mesh 1, body of mesh 2])."""
     entries, bodies = {}, []
     for k, (vertices, tets) in enumerate(MESHES, start=1):
         faces = np.array(boundary_triangles(tets), np.int64)
@@ -81,40 +77,35 @@ def make_meshes(convention):
 
 
 def draw_numbers(generator, low, high, count):
-    """Doubles (count,), uniform between low and high, as exact numbers."""
-    # In Python's arithmetic: NumPy may fuse multiplication and addition on some processors.
+    """Doubles (count,) as exact numbers, uniform between low and high."""
+    # Python's arithmetic, because NumPy may fuse multiplication and addition on some processors.
     return exact([low + (high - low) * u for u in generator.random(count).tolist()])
 
 
 def draw_state(generator, sample, radius, body):
-    """The body in a random state of doubles, its position uniform in a ball about the origin."""
+    """The body in a random state of doubles, with its position in a ball about the origin."""
     position = draw_numbers(generator, -radius, radius, 3)
     while position @ position > radius * radius:
         position = draw_numbers(generator, -radius, radius, 3)
     orientation = exact(unit(draw_numbers(generator, -1.0, 1.0, 4)).astype(float))
     speed = 0.0 if sample % REST_INTERVAL == REST_INTERVAL - 1 else LARGEST_SPEED
-    linVelocity, angVelocity = (draw_numbers(generator, -speed, speed, 3) for _ in range(2))
-    return replace(
-        body,
-        position=position,
-        orientation=orientation,
-        linVelocity=linVelocity,
-        angVelocity=angVelocity,
-    )
+    velocities = (draw_numbers(generator, -speed, speed, 3) for _ in range(2))
+    state = (position, orientation, *velocities)
+    return replace(body, **dict(zip(ATTRIBUTES, state, strict=True)))
 
 
 def normalised(body):
-    """The body with its rounded orientation made a unit quaternion again, as by Mesh."""
+    """The body with its rounded orientation normalised again, as Mesh does."""
     return replace(body, orientation=unit(body.orientation))
 
 
 def to_array(bodies, attribute):
-    """An attribute of n bodies, rounded to doubles: (n, width)."""
+    """An attribute of n bodies (n, width), rounded to doubles."""
     return np.array([getattr(body, attribute) for body in bodies]).astype(float)
 
 
 def to_pair(bodyPairs, attribute):
-    """[mesh 1, mesh 2] of arrays (n, width): an attribute of n pairs of bodies."""
+    """An attribute of n pairs of bodies: arrays (n, width) for mesh 1 and mesh 2."""
     return [to_array(bodies, attribute) for bodies in zip(*bodyPairs, strict=True)]
 
 
@@ -123,8 +114,9 @@ def state_entries(prefix, bodies):
 
 
 def make_integration_data(convention):
+    """Returns the contents of integration.data."""
     generator = np.random.Generator(np.random.PCG64(1))
-    body = make_meshes(convention)[1][0]  # its shape is of no account here
+    body = make_meshes(convention)[1][0]  # the results do not depend on its shape
     drawn = [draw_state(generator, k, POSITION_RADIUS, body) for k in range(SAMPLE_COUNT)]
     integrated = [physics.integrate(normalised(body), TIME_STEP) for body in drawn]
     results = state_entries("result", integrated)
@@ -136,10 +128,10 @@ def make_integration_data(convention):
 
 
 def make_collision_data(convention):
-    """The contents of collision-resolution.data.
+    """Returns the contents of collision-resolution.data.
 
-    The contact is rounded to doubles first, and resolved as rounded: those are the numbers that
-    the grader hands to resolve_collision. Where there is no collision, its entries are zero.
+    The contact is rounded to doubles first and resolved as rounded, because the grader passes these
+    numbers to resolve_collision. Its entries are zero if the bodies do not collide.
     """
     generator = np.random.Generator(np.random.PCG64(2))
     meshEntries, (body1, body2) = make_meshes(convention)
@@ -165,11 +157,11 @@ def make_collision_data(convention):
 
 
 def make_constraint_data(convention):
-    """The contents of constraint-resolution.data.
+    """Returns the contents of constraint-resolution.data.
 
     Both ends of the constraint are rest vertex 0 of mesh 1, carried along by either body. A bound
-    is the product, in double precision, of its factor and the reference value: that product is what
-    the grader hands to resolve_position_constraint.
+    is the product of its factor and the reference value in double precision, because the grader
+    passes that product to resolve_position_constraint.
     """
     generator = np.random.Generator(np.random.PCG64(3))
     meshEntries, (body1, body2) = make_meshes(convention)
@@ -180,67 +172,52 @@ def make_constraint_data(convention):
         bodies = body1, normalised(drawn[-1])
         points = [body.carry(body1.vertices[0]) for body in bodies]
         upper, lower = (exact(factor * refValues[-1][0]) for factor in (UPPER_FACTOR, LOWER_FACTOR))
+        given, tolerance = (bodies, points), POSITION_TOLERANCE
         results.append(
             (
-                physics.resolve_position_constraint(
-                    bodies, points, upper, True, POSITION_TOLERANCE
-                ),
-                physics.resolve_position_constraint(
-                    bodies, points, lower, False, POSITION_TOLERANCE
-                ),
-                physics.resolve_velocity_constraint(bodies, points, VELOCITY_TOLERANCE),
+                *physics.resolve_position_constraint(*given, upper, True, tolerance),
+                *physics.resolve_position_constraint(*given, lower, False, tolerance),
+                *physics.resolve_velocity_constraint(*given, VELOCITY_TOLERANCE),
             )
         )
-    (upperValid, upperPairs), (lowerValid, lowerPairs), (velocityValid, velocityPairs) = (
-        zip(*column, strict=True) for column in zip(*results, strict=True)
-    )
+    upperValid, uppers, lowerValid, lowers, velocityValid, pairs = zip(*results, strict=True)
     return {
         **meshEntries,
         **state_entries("random", drawn),
         "refValues": np.array(refValues),
         "positionWasValidUpper": np.array(upperValid),
-        "correctedPositionsUpper": to_pair(upperPairs, "position"),
+        "correctedPositionsUpper": to_pair(uppers, "position"),
         "positionWasValidLower": np.array(lowerValid),
-        "correctedPositionsLower": to_pair(lowerPairs, "position"),
+        "correctedPositionsLower": to_pair(lowers, "position"),
         "velocityWasValid": np.array(velocityValid),
-        "correctedLinVelocities": to_pair(velocityPairs, "linVelocity"),
-        "correctedAngVelocities": to_pair(velocityPairs, "angVelocity"),
+        "correctedLinVelocities": to_pair(pairs, "linVelocity"),
+        "correctedAngVelocities": to_pair(pairs, "angVelocity"),
     }
 
 
 def make_reference(directory, convention=EXACT):
-    """Write the three files into a folder, made if need be.
+    """Writes the three files into a folder, which is made if it is missing.
 
     They are pickles that NumPy 1 and 2 both read, the same bytes from either. For the function that
     rebuilds an array, NumPy 2 writes a module name that NumPy before 1.26 does not know; the old
     name serves all. Protocol 3 stores names as lines without lengths, so one can be replaced.
     """
     directory.mkdir(parents=True, exist_ok=True)
-    for name, make in (
-        ("integration", make_integration_data),
-        ("collision-resolution", make_collision_data),
-        ("constraint-resolution", make_constraint_data),
-    ):
+    makers = make_integration_data, make_collision_data, make_constraint_data
+    names = "integration", "collision-resolution", "constraint-resolution"
+    for name, make in zip(names, makers, strict=True):
         payload = pickle.dumps(make(convention), protocol=3)
         payload = payload.replace(b"cnumpy._core.multiarray\n", b"cnumpy.core.multiarray\n")
         (directory / f"{name}.data").write_bytes(payload)
 
 
 def main():
+    """Writes the files that the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--out",
-        metavar="DIR",
-        type=Path,
-        default=DATA_DIRECTORY,
-        help="the folder to write to (default: the project's data)",
-    )
-    parser.add_argument(
-        "--convention",
-        choices=(EXACT, RELEASED_2024),
-        default=EXACT,
-        help="the physics behind the data (default: %(default)s)",
-    )
+    text = "folder to write to (default: the project's data)"
+    parser.add_argument("--out", metavar="DIR", type=Path, default=DATA_DIRECTORY, help=text)
+    text = "physics behind the data (default: %(default)s)"
+    parser.add_argument("--convention", choices=CONVENTIONS, default=EXACT, help=text)
     arguments = parser.parse_args()
     try:
         make_reference(arguments.out, arguments.convention)

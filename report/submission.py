@@ -24,11 +24,9 @@ VIDEOS = ("movement", "constraints", "friction", "scale", "resting")
 # folder of the code → files to include
 CODE = {
     ".": (*MODULES, "LICENSE", "pyproject.toml"),
-    "rbs": ("*.py",),
+    "rbs": ("**/*.py",),
     "data": ("*.mesh", "*.off", "*.txt", "*.data", "*.py"),
-    "graders": ("*.py", "*.md", "*.ini"),
-    "graders/released": ("*.py",),
-    "graders/released/ours": ("*.py",),
+    "graders": ("**/*.py", "**/*.md", "*.ini"),
 }
 # Time of every file in the ZIP, the earliest possible one.
 TIME = (1980, 1, 1, 0, 0, 0)

@@ -1,18 +1,20 @@
-"""What the tests that draw need, and what happens where it is missing."""
+"""Off-screen drawing for tests: whether it works here, and where a point is in the picture."""
 
+import math
 import os
 from functools import lru_cache
 
+import numpy as np
 import pytest
 
 from rbs.pictures.backends import find_backend
 
-# Set where a missing OpenGL is a failure, as in CI, and not a reason to skip.
+# If set, as in CI, a missing OpenGL fails the tests that draw instead of skipping them.
 REQUIRED = os.environ.get("RBS_REQUIRE_OPENGL") == "1"
 
 
 def skip_or_fail(reason):
-    """Skips the test with this reason, or fails it where RBS_REQUIRE_OPENGL=1 is set."""
+    """Skips the test for this reason, or fails it if RBS_REQUIRE_OPENGL=1 is set."""
     if REQUIRED:
         pytest.fail(f"RBS_REQUIRE_OPENGL=1, but {reason}")
     pytest.skip(reason)
@@ -24,8 +26,27 @@ def _backend():
 
 
 def require_opengl():
-    """The Backend that draws off-screen here; where there is none, the test ends."""
+    """Returns the Backend that draws off-screen here; ends the test if there is none."""
     backend = _backend()
     if backend.name is None:
         skip_or_fail(f"nothing can be drawn here: {backend.reason}. {backend.remedy}")
     return backend
+
+
+def in_camera(points, position, target):
+    """(right, up, forward) of points (n, 3) seen from a camera whose up is y: three (n,)."""
+    forward = (target - position) / np.linalg.norm(target - position)
+    right = np.cross(forward, [0.0, 1.0, 0.0])
+    right /= np.linalg.norm(right)
+    arms = points - position
+    return arms @ right, arms @ np.cross(right, forward), arms @ forward
+
+
+def pixel_of(ps, point):
+    """(row, column) of a point (3,) in Polyscope's picture."""
+    camera = ps.get_view_camera_parameters()
+    eye, ahead = np.array(camera.get_position()), np.array(camera.get_look_dir())
+    x, y, z = in_camera(np.asarray(point), eye, eye + ahead)
+    width, height = ps.get_window_size()
+    scale = 0.5 * height / math.tan(math.radians(camera.get_fov_vertical_deg()) / 2.0) / z
+    return round(0.5 * height - scale * y), round(0.5 * width + scale * x)

@@ -1,8 +1,8 @@
 """Independent answers for the tests to compare with, and the shapes and bodies that they share.
 
 Nothing here uses the code that it judges: rotations are SciPy's, depths come from Qhull's hull of
-the Minkowski difference, and the arrays of a shape are read only, so that whoever changes an
-argument in place raises at once.
+the Minkowski difference, and the arrays of a shape are read only, so that changing an
+argument in place raises an exception.
 """
 
 import itertools
@@ -35,12 +35,6 @@ IDENTITY = (1.0, 0.0, 0.0, 0.0)
 # --------------------------------------------------------------------------------------------------
 # Shapes and bodies
 # --------------------------------------------------------------------------------------------------
-
-
-def body_count(path):
-    """How many bodies a scene file announces, in its first line that is no comment."""
-    lines = (line.split("#")[0].split() for line in path.read_text().splitlines())
-    return int(next(fields[0] for fields in lines if fields))
 
 
 def frozen(array):
@@ -103,9 +97,9 @@ def state_of(meshes):
 
 
 def outcome(meshes, report):
-    """What a step has led to: the bytes of the state, and the contacts that it tells of, in full.
+    """The outcome of a step: the bytes of the state, and the reported contacts as text.
 
-    Two outcomes are equal where every bit is, the signs of zeros included.
+    Two outcomes are equal if every bit is, the signs of zeros included.
     """
     return state_of(meshes).tobytes(), repr(report.contacts)
 
@@ -246,9 +240,9 @@ def _cross(a, b):
 
 
 def penetrations(meshes):
-    """How deep the bodies are in each other and in the ground, array (Q,) of what is above 0.
+    """Depths of the bodies in each other and in the ground: array (Q,) of those above 0.
 
-    By the Minkowski difference of every pair whose boxes overlap; of two fixed ones, nothing.
+    Uses the Minkowski difference of every pair whose boxes overlap, unless both are fixed.
     """
     vertices = [m.currVertices[m.hull.vertexIndex] for m in meshes]
     low = np.array([v.min(axis=0) for v in vertices])
@@ -264,19 +258,19 @@ def penetrations(meshes):
 
 
 def gap_along(points1, points2, normal):
-    """How far the lowest of points2 stands above the highest of points1 along the normal."""
+    """Distance of the lowest of points2 above the highest of points1 along the normal."""
     normal = np.ravel(normal)
     return (points2 @ normal).min() - (points1 @ normal).max()
 
 
 def height_over_surface(points, p):
-    """How far p (3,) lies outside the hull's farthest face plane: 0 on the surface, < 0 inside."""
+    """Height of p (3,) over the hull's farthest face plane: 0 on the surface, < 0 inside."""
     equations = ConvexHull(points).equations
     return (equations[:, :3] @ np.ravel(p) + equations[:, 3]).max()
 
 
 def size_of(points1, points2):
-    """What a tolerance is relative to: the sum of both point sets' radii, as in GJK.py."""
+    """The sum of both point sets' radii, to which tolerances are relative, as in GJK.py."""
     return sum(
         np.linalg.norm(p - 0.5 * (p.min(axis=0) + p.max(axis=0)), axis=1).max()
         for p in (points1, points2)

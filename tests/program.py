@@ -53,10 +53,12 @@ def call(capsys, *arguments):
     return code, *capsys.readouterr()
 
 
-def summary_of(process):
-    """The lines of the summary as a dict, after the process has ended well."""
-    assert process.returncode == 0, process.stderr
-    return {line[:17].strip(): line[18:] for line in process.stdout.splitlines()}
+def summary_of(output):
+    """The lines of a run's summary as a dict; output : what it printed, or a process that ended."""
+    if not isinstance(output, str):
+        assert output.returncode == 0, output.stderr
+        output = output.stdout
+    return {line[:17].strip(): line[18:] for line in output.splitlines()}
 
 
 def by_hand(scene, steps, restitution, timeStep, **options):

@@ -1,4 +1,4 @@
-"""Stand-in for the module that compiles the collision library: there is nothing to compile."""
+"""Stand-in for the module that compiles the collision library; nothing needs compiling."""
 
 
 def initialize_libccd():

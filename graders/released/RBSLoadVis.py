@@ -1,45 +1,47 @@
-"""Stand-in for the released loader: its names and signatures, this project's reading of files.
+"""Stand-in for the released loader, with its names and signatures; this project reads the files.
 
-Meshes are built with the class `Mesh` of the RBSFunctions that Python finds, the student's.
-Whatever is wrong with a file is raised as a SceneError that names file, line and cause.
+Meshes are built with the class `Mesh` of the RBSFunctions that Python finds, the student's. A wrong
+file raises a SceneError that names file, line and cause.
 """
 
 import warnings
 from pathlib import Path
 
 import numpy as np
-from projectModules import our_module, scene_rows
+from projectModules import our_module
 
 from RBSFunctions import Mesh as Mesh
 
 
 def load_mesh_file(file_path):
-    """`(vertices (V, 3), faces (F, 3), tets (T, 4))` of a .mesh or .off file, indices from 0."""
+    """Returns `(vertices (V, 3), faces (F, 3), tets (T, 4))` of a .mesh or .off file."""
     return our_module("RigidBodySimulation").load_mesh_file(file_path)
 
 
 def load_off_file(file_path):
-    """`(vertices (V, 3), faces (F, 3))` of a surface, its polygons cut into triangles."""
+    """Returns `(vertices (V, 3), faces (F, 3))` of a surface, cut into triangles."""
     vertices, faces, _tets = load_mesh_file(file_path)
     return vertices[:-1], faces  # the last vertex is the inner point that tetrahedra need
 
 
 def load_constraint_file(file_path, meshes):
-    """Rows `[m1, v1, m2, v2, refValue, upper]`, a lower and an upper one for each line.
+    """Returns rows `[m1, v1, m2, v2, refValue, upper]`, a lower and an upper one per line.
 
-    refValue : m, the bound times the distance that the two vertices have now
+    refValue : the bound times the present distance of the two vertices, in m
     """
     return our_module("RigidBodySimulation").load_constraint_file(file_path, meshes)
 
 
 def load_scene_file(file_path):
-    """The meshes of a scene, a list of `Mesh`; mesh files are looked up beside the scene file.
+    """Returns the meshes of a scene, a list of `Mesh`; mesh files lie beside the scene file.
 
     This project's loader reads the whole scene first, and raises a SceneError if it is wrong.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of meshes that are not convex
         count = len(our_module("RigidBodySimulation").load_scene_file(file_path))
+    from rbs.scenes.scenefiles import scene_rows  # imported by then, beside our own Quaternion
+
     folder, text = Path(file_path).parent, Path(file_path).read_text("utf-8-sig")
     loaded = {}
     meshes = []
@@ -52,10 +54,10 @@ def load_scene_file(file_path):
 
 
 def flatten_meshes(meshes, flattenFaces=True, constraints=()):
-    """All meshes as one: `(vertices, faces, densities, edges of constraints)`.
+    """Returns all meshes as one: `(vertices, faces, densities, edges of constraints)`.
 
     vertices (ΣV, 3), world; faces (ΣF, 3) int; densities (ΣV,), kg/m³, per vertex; edges (C, 2)
-    int, the two vertices of each constraint. Without flattenFaces, only the vertices are filled in:
+    int, the two vertices of each constraint. Without flattenFaces, only the vertices are computed:
     faces and densities are empty, and the edges zero.
     """
     vertices = np.concatenate([np.zeros((0, 3)), *(mesh.currVertices for mesh in meshes)])
@@ -76,9 +78,9 @@ def flatten_meshes(meshes, flattenFaces=True, constraints=()):
 
 
 def update_visual_constraints(ps_mesh, vertices, constEdges):
-    """`(nodes (2 C, 3), edges (C, 2))` of a curve network that draws the constraints.
+    """Returns `(nodes (2 C, 3), edges (C, 2))` of a curve network that draws the constraints.
 
-    ps_mesh : of no account; vertices (V, 3); constEdges (C, 2), as `flatten_meshes` gives them
+    ps_mesh : unused; vertices (V, 3); constEdges (C, 2), as `flatten_meshes` returns them
     """
     constEdges = np.asarray(constEdges, dtype=np.int64).reshape(-1, 2)
     nodes = np.asarray(vertices)[constEdges.ravel()]

@@ -2,9 +2,9 @@
 
     PYTHONPATH=graders/released python RigidBodySimulation.py
 
-The released files hand C++ source code to cppyy, load the collision library and call
-`cppyy.gbl.isCollide`. Here the source code is passed over, and `isCollide` is this project's exact
-test of convex bodies.
+The released files pass C++ source code to cppyy, load the collision library and call
+`cppyy.gbl.isCollide`. Here the source code is ignored, and `isCollide` is this project's exact
+collision test for convex bodies.
 """
 
 import sys
@@ -15,7 +15,7 @@ from projectModules import our_module
 
 
 def _pass_over(*arguments, **options):
-    """Takes what would be compiled, and does nothing. Returns True, as cppyy does."""
+    """Ignores source code. Returns True, as cppyy does."""
     return True
 
 
@@ -24,16 +24,25 @@ add_include_path = add_library_path = load_library = add_autoload_map = _pass_ov
 
 
 def isCollide(n1, vertices1, COM1, n2, vertices2, COM2, depth, intNormal, intPosition):
-    """Whether two convex bodies collide; where they do, how is written into the last three.
+    """Tests whether two convex bodies collide, and writes the contact into the last three.
 
-    n1, n2 : arrays (1,) or numbers, how many vertices there are
+    Parameters
+    ----------
+    n1, n2 : arrays (1,) or numbers, counts of vertices
     vertices1, vertices2 : (V, 3), in world axes
-    COM1, COM2 : (1, 3) or (3,); of no account here
-    depth : (1,), is set to how far they interpenetrate, ≥ 0
-    intNormal : (3,) or (1, 3), is set to the unit direction in which body 2 must move to separate
-    intPosition : (3,) or (1, 3), is set to the point of body 2 that lies deepest inside body 1
+    COM1, COM2 : unused
+    depth : (1,), set to the penetration, ≥ 0
+    intNormal : (3,) or (1, 3), set to the unit direction in which body 2 must move to separate
+    intPosition : (3,) or (1, 3), set to the point of body 2 that is deepest inside body 1
 
-    Returns a bool. Raises ValueError for arrays of another size.
+    Returns
+    -------
+    bool
+
+    Raises
+    ------
+    ValueError
+        for arrays of another size
     """
     bodies = [_first_rows(n, v) for n, v in ((n1, vertices1), (n2, vertices2))]
     isCollision, *contact = our_module("GJK").is_collide(*bodies)
@@ -55,9 +64,9 @@ def _first_rows(count, vertices):
 
 class _Global(ModuleType):
     def __getattr__(self, name):
-        raise AttributeError(f"the stand-in for cppyy knows isCollide only, not {name}")
+        raise AttributeError(f"the stand-in for cppyy has isCollide only, not {name}")
 
 
-gbl = _Global("cppyy.gbl", "The C++ global namespace, as far as the coursework uses it.")
+gbl = _Global("cppyy.gbl", "The part of the C++ global namespace that the coursework uses.")
 gbl.isCollide = isCollide
 sys.modules["cppyy.gbl"] = gbl  # for `import cppyy.gbl` and `from cppyy.gbl import isCollide`

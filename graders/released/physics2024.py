@@ -1,8 +1,8 @@
 """The inertia of the coursework's 2024 reference solution, which its grader data were made with.
 
-Two quirks, which live here and nowhere else (contract, section 4):
+It has two quirks, which are implemented in this module only (contract, section 4):
 
-1. The tensor is six times too small: the integral over a tetrahedron holds its volume in place of
+1. The tensor is six times too small: the integral over a tetrahedron uses its volume instead of
    the Jacobian determinant, which is 6 × volume.
 2. The inverse tensor is turned to world axes as Rᵀ I⁻¹ R, the wrong way round.
 """
@@ -34,7 +34,7 @@ def rotation_matrices(q):
 
 
 def inertia_tensor(vertices, tets, density):
-    """The inertia tensor (3, 3) of a body about its COM, as it should be: in kg m².
+    """Returns the right inertia tensor (3, 3) of a body about its COM, in kg m².
 
     vertices (V, 3), anywhere; tets (T, 4), in any orientation. Over a tetrahedron with the corners
     x_i the integral of x xᵀ is V/20 (Σ x_i x_iᵀ + (Σ x_i)(Σ x_i)ᵀ); with C the sum of these times
@@ -50,9 +50,9 @@ def inertia_tensor(vertices, tets, density):
 
 
 def released_class(Mesh):
-    """A subclass of a `Mesh` class whose bodies have the tensor of the release, set absolutely.
+    """Returns a subclass of a `Mesh` class whose bodies have the release's tensor.
 
-    Whatever tensor the class computes is replaced; a fixed body keeps its inverse of zero.
+    It replaces the tensor that the class computes; a fixed body keeps its inverse of zero.
     """
 
     class ReleasedMesh(Mesh):

@@ -4,7 +4,6 @@ The command line lists the choices without importing drawing code. Reading order
 options of a picture; the timing of a video.
 """
 
-import re
 from dataclasses import dataclass
 
 # Default width and height in pixels.
@@ -25,8 +24,6 @@ OVERLAYS = (
 LOOKS = ("plain", "studio")
 # Fraction of the background that shows through a transparent body, 0 to 1.
 SEEN_THROUGH = 0.55
-# File names of a series of pictures, with the number of the step.
-PICTURE_NAME = re.compile(r"frame_[0-9]{6,}\.png")
 VIDEO_ENDINGS = (".mp4", ".gif")
 # Default frame rate of videos, in frames per second: smooth, and a divisor of the usual step rate.
 VIDEO_RATE = 25.0

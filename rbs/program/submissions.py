@@ -152,11 +152,12 @@ def load_submission(folder, keepsNames=True):
         if isinstance(error, ImportError) and error.name in lacking:
             cause = cause.partition("ModuleNotFoundError")[0] + f"there is no {error.name}.py"
         raise SubmissionError(f"cannot be imported: {cause}") from None
-    if not keepsNames:
-        sys.path[:] = sys.path[2:] + theirs
-        for name in lacking:
-            sys.modules.pop(name, None)
-        sys.modules.update(dropped)
+    finally:
+        if not keepsNames:
+            sys.path[:] = sys.path[2:] + theirs
+            for name in lacking:
+                sys.modules.pop(name, None)
+            sys.modules.update(dropped)
     return Submission(folder, functions, quaternion, missing)
 
 

@@ -76,14 +76,9 @@ def main():
     parser.add_argument("--steps", type=int, default=300, metavar="N")
     parser.add_argument("--from", type=int, default=100, metavar="K", dest="begin")
     parser.add_argument("--restitution", type=float, default=0.5, metavar="E")
-    parser.add_argument(
-        "--scheduling",
-        nargs="+",
-        default=["sweep"],
-        metavar="NAME",
-        choices=CONSTRAINT_SCHEDULINGS,
-        help=", ".join(CONSTRAINT_SCHEDULINGS),
-    )
+    names = {"nargs": "+", "choices": CONSTRAINT_SCHEDULINGS, "default": ["sweep"]}
+    text = ", ".join(CONSTRAINT_SCHEDULINGS)
+    parser.add_argument("--scheduling", metavar="NAME", help=text, **names)
     options = parser.parse_args()
 
     runs = list(itertools.product(map(find_scene, options.scenes), options.scheduling))

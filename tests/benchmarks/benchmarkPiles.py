@@ -10,8 +10,7 @@ MuJoCo and PyBullet, where they are installed (`pip install mujoco pybullet`), o
 poses, densities and time step, with the same friction and, in PyBullet, the same restitution.
 
 Prints, for every window of steps, medians with quartiles, contacts a body and growth exponents, and
-writes piles.csv, and piles.png and phases.png where matplotlib is installed. A contact is a pair
-that touches, however many points a peer makes of it.
+writes piles.csv. A contact is a pair that touches, however many points a peer makes of it.
 """
 
 import argparse
@@ -48,7 +47,7 @@ WINDOWS = ["200-300", "500-600"]
 
 
 class Material(NamedTuple):
-    """What bodies are made of, and the ground too."""
+    """The material of all bodies and of the ground."""
 
     friction: float  # Coulomb's μ
     restitution: float
@@ -56,23 +55,9 @@ class Material(NamedTuple):
 
 MATERIALS = {"no friction": Material(0.0, 0.5), "friction 0.5": Material(0.5, 0.0)}
 OWN = {"all pairs": {}, "grid": {"broadPhase": "grid"}}
-COLUMNS = [
-    "kind",
-    "bodies",
-    "material",
-    "run",
-    "steps",
-    "milliseconds",
-    "low quartile",
-    "high quartile",
-    "candidate pairs",
-    "contacts",
-    "contacts a body",
-    *PHASES,
-    "peak memory MB",
-]
-# Okabe and Ito's colours, told apart by the colour-blind.
-COLOURS = ["#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"]
+QUARTILES = ["milliseconds", "low quartile", "high quartile"]
+COLUMNS = ["kind", "bodies", "material", "run", "steps", *QUARTILES, "candidate pairs", "contacts"]
+COLUMNS += ["contacts a body", *PHASES, "peak memory MB"]
 
 
 class OwnRun:
@@ -114,12 +99,8 @@ class MuJoCoRun:
         if material.friction == 0:
             surface = {"condim": 1}
         # the plane's normal is its z axis: turned to y
-        spec.worldbody.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_PLANE,
-            size=(1, 1, 1),
-            quat=(math.sqrt(0.5), -math.sqrt(0.5), 0, 0),
-            **surface,
-        )
+        level = {"size": (1, 1, 1), "quat": (math.sqrt(0.5), -math.sqrt(0.5), 0, 0)}
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, **level, **surface)
         known = {}
         for mesh in simulation.meshes:
             if id(mesh.hull) not in known:
@@ -127,12 +108,8 @@ class MuJoCoRun:
                 spec.add_mesh(name=known[id(mesh.hull)], uservert=mesh.hull.vertices.ravel())
             body = spec.worldbody.add_body(pos=mesh.position[0], quat=mesh.orientation[0])
             body.add_freejoint()
-            body.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_MESH,
-                meshname=known[id(mesh.hull)],
-                density=mesh.density,
-                **surface,
-            )
+            shape = {"meshname": known[id(mesh.hull)], "density": mesh.density}
+            body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, **shape, **surface)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
 
@@ -157,38 +134,23 @@ class PyBulletRun:
         self.client = pybullet.connect(pybullet.DIRECT)
         pybullet.setTimeStep(TIME_STEP, physicsClientId=self.client)
         pybullet.setGravity(0.0, -9.8, 0.0, physicsClientId=self.client)
-        plane = pybullet.createCollisionShape(
-            pybullet.GEOM_PLANE, planeNormal=(0, 1, 0), physicsClientId=self.client
-        )
-        bodies = [pybullet.createMultiBody(0, plane, physicsClientId=self.client)]
+        here = {"physicsClientId": self.client}
+        plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, planeNormal=(0, 1, 0), **here)
+        bodies = [pybullet.createMultiBody(0, plane, **here)]
         shapes = {}
         for mesh in simulation.meshes:
             if id(mesh.hull) not in shapes:
-                shapes[id(mesh.hull)] = pybullet.createCollisionShape(
-                    pybullet.GEOM_MESH,
-                    vertices=mesh.hull.vertices.tolist(),
-                    physicsClientId=self.client,
-                )
+                vertices = mesh.hull.vertices.tolist()
+                shape = pybullet.createCollisionShape(pybullet.GEOM_MESH, vertices=vertices, **here)
+                shapes[id(mesh.hull)] = shape
             w, *xyz = mesh.orientation[0].tolist()
-            bodies.append(
-                pybullet.createMultiBody(
-                    mesh.mass,
-                    shapes[id(mesh.hull)],
-                    -1,
-                    mesh.position[0].tolist(),
-                    (*xyz, w),
-                    useMaximalCoordinates=1,
-                    physicsClientId=self.client,
-                )
-            )
+            pose = mesh.position[0].tolist(), (*xyz, w)
+            body = mesh.mass, shapes[id(mesh.hull)], -1, *pose
+            bodies.append(pybullet.createMultiBody(*body, useMaximalCoordinates=1, **here))
+        friction, restitution = map(math.sqrt, (material.friction, material.restitution))
+        surface = {"lateralFriction": friction, "restitution": restitution}
         for body in bodies:
-            pybullet.changeDynamics(
-                body,
-                -1,
-                lateralFriction=math.sqrt(material.friction),
-                restitution=math.sqrt(material.restitution),
-                physicsClientId=self.client,
-            )
+            pybullet.changeDynamics(body, -1, **surface, **here)
 
     def step(self):
         self.pybullet.stepSimulation(physicsClientId=self.client)
@@ -287,7 +249,7 @@ def row_of(kind, count, material, name, window, kept):
 
 
 def group_of(row):
-    """What rows have in common that stand in one plot."""
+    """The columns by which rows are compared."""
     return row["kind"], row["material"], row["steps"]
 
 
@@ -325,98 +287,23 @@ def print_growth(rows):
             )
 
 
-def draw(rows, folder):
-    """piles.png and phases.png, a panel a group; says so where matplotlib is missing."""
-    if not importlib.util.find_spec("matplotlib"):
-        print("no plots: pip install matplotlib")
-        return
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    groups = list(dict.fromkeys(map(group_of, rows)))
-    names = list(dict.fromkeys(row["run"] for row in rows))
-    for draw_panel, file in ((draw_times, "piles.png"), (draw_phases, "phases.png")):
-        figure, axes = pyplot.subplots(
-            1, len(groups), figsize=(4 * len(groups) + 1, 4), sharey=True, squeeze=False
-        )
-        for axis, group in zip(axes[0], groups, strict=True):
-            draw_panel(axis, [row for row in rows if group_of(row) == group], names)
-            axis.set(title=", ".join(group), xlabel="bodies")
-            axis.label_outer()
-        axes[0][0].legend(frameon=False, fontsize="small")
-        figure.tight_layout()
-        figure.savefig(folder / file, dpi=150)
-        pyplot.close(figure)
-
-
-def draw_times(axis, rows, names):
-    """Milliseconds against bodies: a line a run, of those named."""
-    for name, colour in zip(names, COLOURS, strict=False):
-        own = [row for row in rows if row["run"] == name]
-        axis.loglog(
-            [row["bodies"] for row in own],
-            [float(row["milliseconds"]) for row in own],
-            "o-",
-            color=colour,
-            label=name,
-        )
-    axis.axhline(1e3 * TIME_STEP, color="0.6", linewidth=1, linestyle=":")
-    axis.set(ylabel="milliseconds per step (dotted: real time)")
-    axis.grid(which="major", color="0.9")
-
-
-def draw_phases(axis, rows, _names):
-    """What share of the grid's step each phase has, a bar a number of bodies."""
-    own = [row for row in rows if row["run"] == "grid"]
-    bottom = np.zeros(len(own))
-    phases = [phase for phase in PHASES if any(row.get(phase) for row in own)]
-    for phase, colour in zip(phases, COLOURS[1:], strict=False):
-        share = np.array([float(row[phase]) / float(row["milliseconds"]) for row in own])
-        axis.bar(
-            [str(row["bodies"]) for row in own], share, bottom=bottom, color=colour, label=phase
-        )
-        bottom += share
-    axis.set(ylabel="share of the grid's step", ylim=(0, 1))
-
-
 def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+
+    def option(name, choices, text):
+        choices = {"nargs": "+", "choices": choices, "default": list(choices)}
+        parser.add_argument(name, metavar="NAME", help=text, **choices)
+
     parser.add_argument("--sizes", nargs="+", type=int, default=SIZES, metavar="N")
-    parser.add_argument(
-        "--kinds",
-        nargs="+",
-        choices=KINDS,
-        default=list(KINDS),
-        metavar="KIND",
-        help=", ".join(KINDS),
-    )
-    parser.add_argument(
-        "--materials",
-        nargs="+",
-        choices=MATERIALS,
-        default=list(MATERIALS),
-        metavar="NAME",
-        help=f"of {', '.join(map(repr, MATERIALS))}",
-    )
-    parser.add_argument(
-        "--windows",
-        nargs="+",
-        type=read_window,
-        metavar="K-N",
-        default=[read_window(window) for window in WINDOWS],
-        help=f"steps that are measured (default: {' '.join(WINDOWS)})",
-    )
-    parser.add_argument(
-        "--all-up-to",
-        type=int,
-        default=1000,
-        metavar="N",
-        help="largest scene for the loop over all pairs (default: %(default)s)",
-    )
+    option("--kinds", KINDS, ", ".join(KINDS))
+    option("--materials", MATERIALS, ", ".join(map(repr, MATERIALS)))
+    windows = {"nargs": "+", "type": read_window, "default": list(map(read_window, WINDOWS))}
+    text = f"steps that are measured (default: {' '.join(WINDOWS)})"
+    parser.add_argument("--windows", metavar="K-N", help=text, **windows)
+    text = "largest scene for the loop over all pairs (default: %(default)s)"
+    parser.add_argument("--all-up-to", type=int, default=1000, metavar="N", help=text)
     parser.add_argument("--peers", action="store_true", help="MuJoCo and PyBullet as well")
     parser.add_argument("--out", type=Path, default=Path("out/benchmark"), metavar="DIR")
     options = parser.parse_args()
@@ -436,19 +323,18 @@ def main():
                 for (window, name), kept in measure(runs, options.windows).items()
             ]
             for row in new:
-                grid = next(
-                    other
+                (grid,) = [
+                    other["milliseconds"]
                     for other in new
-                    if other["run"] == "grid" and group_of(other) == group_of(row)
-                )
-                print_row(row, float(grid["milliseconds"]))
+                    if (other["run"], group_of(other)) == ("grid", group_of(row))
+                ]
+                print_row(row, float(grid))
             rows += new
     print_growth(rows)
     with (options.out / "piles.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS)
         writer.writeheader()
         writer.writerows(rows)
-    draw(rows, options.out)
     print(f"written to {options.out}")
 
 

@@ -57,7 +57,7 @@ def spin_left(**settings):
 
 
 def depth_below_ground(steps, isPassedAgain=False, **settings):
-    """How deep the lowest vertex of the cube scene lies, at most and in the last fifth, as text.
+    """Depth of the cube scene's lowest vertex, at most and in the last fifth, as text.
 
     isPassedAgain : whether every body that is in the ground after a step is lifted out of it
     """

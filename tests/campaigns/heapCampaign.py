@@ -10,6 +10,8 @@ facets and passes over the pairs there were; exit code 1 where a bit differs.
 
 import argparse
 import sys
+from collections import Counter
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -53,28 +55,23 @@ def make_heap(seed, count):
     return meshes
 
 
-class Counts:
-    """How many searches for facets and passes over the pairs there are within the `with` block."""
+@contextmanager
+def counting():
+    """Counts the searches for facets and the passes over pairs within the block: a Counter."""
+    findFacets, run = rbs.stepping.batches.find_facets, rbs.stepping.batches.Pass.run
+    counts = Counter()
 
-    def __enter__(self):
-        self.searches = self.passes = 0
-        self._kept = rbs.stepping.batches.find_facets, rbs.stepping.batches.Pass.run
-        findFacets, run = self._kept
+    def counted(name, function):
+        def call(*arguments):
+            counts[name] += 1
+            return function(*arguments)
 
-        def counted_search(hulls, *arguments):
-            self.searches += 1
-            return findFacets(hulls, *arguments)
+        return call
 
-        def counted_pass(batches):
-            self.passes += 1
-            return run(batches)
-
-        rbs.stepping.batches.find_facets = counted_search
-        rbs.stepping.batches.Pass.run = counted_pass
-        return self
-
-    def __exit__(self, *error):
-        rbs.stepping.batches.find_facets, rbs.stepping.batches.Pass.run = self._kept
+    rbs.stepping.batches.find_facets = counted("searches", findFacets)
+    rbs.stepping.batches.Pass.run = counted("passes", run)
+    yield counts
+    rbs.stepping.batches.find_facets, rbs.stepping.batches.Pass.run = findFacets, run
 
 
 def outcomes_of(seed, count, steps, broadPhase, mu):
@@ -88,7 +85,6 @@ def outcomes_of(seed, count, steps, broadPhase, mu):
 
 
 def set_margins(values):
-    """Sets NAMES in rbs/stepping/batches.py."""
     for name, value in zip(NAMES, values, strict=True):
         setattr(rbs.stepping.batches, name, value)
 
@@ -102,22 +98,22 @@ def compare(seed, count, steps):
     for margins, values in MARGINS.items():
         set_margins(values)
         try:
-            with Counts() as counted:
+            with counting() as counted:
                 found, _ = outcomes_of(seed, count, steps, "grid", mu)
         finally:
             set_margins(USUAL)
-        counts.append((counted.searches, counted.passes))
+        counts.append((counted["searches"], counted["passes"]))
         if found != expected:
             differing.append(margins)
     return differing, contacts, np.array(counts)
 
 
-def main(arguments=None):
+def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--heaps", type=int, default=200)
     parser.add_argument("--bodies", type=int, default=24)
     parser.add_argument("--steps", type=int, default=25)
-    options = parser.parse_args(arguments)
+    options = parser.parse_args()
     failed, contacts, counts = 0, 0, np.zeros((len(MARGINS), 2), dtype=int)
     for seed in range(options.heaps):
         differing, some, counted = compare(seed, options.bodies, options.steps)

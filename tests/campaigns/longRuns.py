@@ -33,7 +33,7 @@ UNIT_TOLERANCE, MOST_MEMORY = 1e-12, 8.0
 
 
 def memory_in_use():
-    """MB that the process occupies, 0 where the system does not tell."""
+    """MB that the process occupies, 0 if the system does not report it."""
     try:
         words = Path("/proc/self/status").read_text().split()
     except OSError:
@@ -66,7 +66,7 @@ class Watch:
             self.memoryGrowth = max(self.memoryGrowth, memory_in_use() - self.memory)
 
     def rows(self, depth):
-        """What was measured, each (text, whether its bound holds). depth : of RUNS"""
+        """Measurements, each (text, whether its bound holds). depth : of RUNS"""
         times = self.energy / self.startEnergy
         return [
             ("all numbers are finite", self.isFinite),

@@ -1,13 +1,12 @@
 """The uniform grid: the same pairs as comparing all boxes, and the same motion to the last bit."""
 
-import shutil
 import subprocess
 import sys
 
 import heapCampaign
 import numpy as np
 import pytest
-from oracles import box_body, outcome, quaternion, state_of
+from oracles import box_body, outcome, quaternion
 
 import rbs.stepping.batches
 from rbs.geometry.broadphase import grid_overlaps
@@ -54,7 +53,7 @@ def test_grid_finds_the_pairs_that_comparing_all_finds(kind):
     rng = np.random.default_rng(1)
     pairs = [
         assert_same_pairs(random_boxes(rng, kind, n), rng.random(n) < 0.2)
-        for n in rng.integers(1, 300, 60)
+        for n in rng.integers(1, 300, 30)
     ]
     assert sum(pairs) > (10 if kind == "sparse" else 1000)
 
@@ -68,30 +67,12 @@ def test_boxes_that_only_touch_on_the_borders_of_cells_are_pairs():
     assert assert_same_pairs(box, np.zeros(64, bool)) == (10**3 - 4**3) // 2
 
 
-def test_one_huge_floor_and_bodies_far_away_do_not_fill_the_grid():
-    rng = np.random.default_rng(2)
-    count = 2000
-    box = random_boxes(rng, "alike", count)
-    box[:3, 0], box[3:, 0] = (-1e6, -1.0, -1e6), (-1e6, -1.0, -1e6)  # a slab of 2e6 × 2 × 2e6
-    box[:3, 1::50] += 1e7
-    box[3:, 1::50] -= 1e7
-    assert assert_same_pairs(box, np.zeros(count, bool)) > 100
-
-
 def test_what_has_no_box_is_in_no_pair():
-    rng = np.random.default_rng(3)
-    box = random_boxes(rng, "crowded", 50)
-    box[:, 7] = np.inf  # a mesh without vertices
-    box[:, 9] = np.nan
+    box = random_boxes(np.random.default_rng(3), "crowded", 50)
+    box[:, 7], box[:, 9] = np.inf, np.nan  # as of a mesh without vertices
     assert assert_same_pairs(box, np.zeros(50, bool)) > 0
-    pairs = grid_overlaps(box, np.zeros(50, bool))
-    assert not np.isin((7, 9), pairs).any()
+    assert not np.isin((7, 9), grid_overlaps(box, np.zeros(50, bool))).any()
     assert grid_overlaps(np.zeros((6, 0)), np.zeros(0, bool)).shape == (2, 0)
-
-
-# --------------------------------------------------------------------------------------------------
-# Batches of contacts
-# --------------------------------------------------------------------------------------------------
 
 
 def test_batches_keep_the_order_of_pairs_that_share_a_moving_body():
@@ -115,14 +96,11 @@ def test_batches_keep_the_order_of_pairs_that_share_a_moving_body():
 
 
 def test_margins_change_no_bit_of_heaps_of_mixed_sizes():
-    """With small ones, passes are made, and facets searched, again and again."""
-    contacts, counts = 0, 0
-    for seed in (1, 2, 3):
-        differing, some, counted = heapCampaign.compare(seed, 20, 20)
-        assert differing == [], seed
-        contacts, counts = contacts + some, counts + counted
-    small, usual, large = counts
-    assert contacts > 500 and small[0] > 2 * usual[0] and usual[0] > 1.2 * large[0]
+    """Small margins cost repeated passes and searches for facets, and nothing else."""
+    differing, contacts, (small, usual, large) = heapCampaign.compare(1, 20, 20)
+    assert (
+        differing == [] and contacts > 150 and small[0] > 2 * usual[0] and usual[0] > 1.2 * large[0]
+    )
     assert small[1] > 1.5 * usual[1] > 0
 
 
@@ -140,45 +118,24 @@ def assert_same_motion(scene, steps, restitution, **options):
     return contacts
 
 
-@pytest.mark.parametrize("name", ["mixed", "tower", "stress", "tet", "wrecking_ball"])
-@pytest.mark.parametrize("options", [{}, {"mu": 0.4, "closingOnly": True}], ids=["", "friction"])
+@pytest.mark.parametrize(
+    "name, options", [("tet", {}), ("stress", {"mu": 0.4, "closingOnly": True})]
+)
 def test_grid_gives_the_same_bits(name, options):
     contacts = assert_same_motion(DATA_FOLDER / f"{name}-scene.txt", 170, 0.5, **options)
     assert contacts > 10
 
 
-def test_grid_gives_the_same_bits_in_a_pile_of_all_shapes(tmp_path):
-    scene = pile(
-        60,
-        "--shapes",
-        "box",
-        "tetrahedron",
-        "octahedron",
-        "long-octahedron",
-        "cylinder",
-        "ellipsoid",
-        "--seed",
-        "3",
-    )
-    path = tmp_path / "pile-scene.txt"
-    path.write_text(scene)
-    for mesh in DATA_FOLDER.glob("*.mesh"):
-        shutil.copy(mesh, tmp_path)
-    meshes = load_scene_file(path)
-    assert len({m.name.split()[0] for m in meshes}) == 6
-    assert assert_same_motion(path, 260, 0.0) > 300
-
-
 def test_a_body_beyond_its_margin_is_not_missed(monkeypatch):
-    """With next to no margin, pairs are missed, and the pass is made again."""
+    """A margin near zero misses pairs, and the pass is repeated."""
     monkeypatch.setattr(rbs.stepping.batches, "LEAST_MARGIN", 1e-9)
     monkeypatch.setattr(rbs.stepping.batches, "memory_of", rbs.stepping.batches.Memory)
-    with heapCampaign.Counts() as counted:
+    with heapCampaign.counting() as counted:
         assert assert_same_motion(DATA_FOLDER / "tower-scene.txt", 150, 0.5) > 10
-    assert counted.passes > 150 + 20
+    assert counted["passes"] > 150 + 20
 
 
-@pytest.mark.parametrize("side", [1e2, 1e6, 1e10])
+@pytest.mark.parametrize("side", [1e2, 1e10])
 def test_bodies_thrown_far_out_of_a_huge_one_leave_those_that_they_touched(side, monkeypatch):
     """Facets found where they touched are not valid where they have gone, and are found anew."""
     anew = []
@@ -209,24 +166,8 @@ def test_bodies_thrown_far_out_of_a_huge_one_leave_those_that_they_touched(side,
     assert max(anew) > 10  # many at once, in the grid's batches
 
 
-@pytest.mark.parametrize("broadPhase", ["all", "grid"])
-def test_a_body_pushed_into_one_that_was_far_hits_it_in_the_same_step(broadPhase):
-    """Cubes of 2: the first, fixed, pushes the second by 0.5, over a gap of 0.3, into the third.
-
-    Those two part by 0.1 each.
-    """
-    x = [0.0, 1.5, 3.8]
-    cubes = [box_body(2.0, 2.0, 2.0, (x[k], 0.0, 0.0), isFixed=k == 0) for k in range(3)]
-    contacts = run_timestep(cubes, None, 1e-6, 0.0, broadPhase=broadPhase).contacts
-    assert [(contact.body1, contact.body2) for contact in contacts] == [(0, 1), (1, 2)]
-    assert [contact.depth for contact in contacts] == pytest.approx([0.5, 0.2])
-    moved = [m.position[0, 0] for m in cubes]
-    assert moved == pytest.approx([0.0, 1.9, 3.9])
-
-
-@pytest.mark.parametrize("broadPhase", ["all", "grid"])
 @pytest.mark.parametrize("isPushedFirst", [True, False])
-def test_a_body_pushed_over_a_gap_within_its_box_hits_in_the_same_step(broadPhase, isPushedFirst):
+def test_a_body_pushed_over_a_gap_within_its_box_hits_in_the_same_step(isPushedFirst):
     """Seen from above, a square beside a diamond: their boxes overlap, they are 0.41 apart.
 
     A fixed diamond pushes the square by 0.8 along the diagonal: over the gap, into the other one.
@@ -238,48 +179,19 @@ def test_a_body_pushed_over_a_gap_within_its_box_hits_in_the_same_step(broadPhas
     place = np.array([2.0, 0.0, 2.0]) + (1.0 + np.sqrt(2) - 0.8) * diagonal
     pusher = box_body(2.0, 2.0, 2.0, place, orientation=turn, isFixed=True)
     meshes = [pusher, square, diamond] if isPushedFirst else [pusher, diamond, square]
-    contacts = run_timestep(meshes, None, 1e-6, 0.0, broadPhase=broadPhase).contacts
+    contacts = run_timestep(meshes, None, 1e-6, 0.0, broadPhase="grid").contacts
     k = meshes.index(square)
     assert [(contact.body1, contact.body2) for contact in contacts] == [(0, k), (1, 2)]
     gap = (2.0 - np.sqrt(2)) / np.sqrt(2)
     assert [contact.depth for contact in contacts] == pytest.approx([0.8, 0.8 - gap])
 
 
-def test_what_is_remembered_of_pairs_changes_no_bit(monkeypatch):
-    """A scene that forgets everything after each step moves as one that remembers."""
-    remembering = load_scene_file(DATA_FOLDER / "stress-scene.txt")
-    forgetting = load_scene_file(DATA_FOLDER / "stress-scene.txt")
-    known = []
-    original = rbs.stepping.batches.Memory.axes
-
-    def watched(self, keys):
-        axes = original(self, keys)
-        known.append(int(axes.any(axis=0).sum()))
-        return axes
-
-    monkeypatch.setattr(rbs.stepping.batches.Memory, "axes", watched)
-    for _ in range(200):
-        run_timestep(remembering, make_ground(), 0.02, 0.5, broadPhase="grid")
-        rbs.stepping.batches.memory_of(tuple(forgetting)).__init__(forgetting)
-        run_timestep(forgetting, make_ground(), 0.02, 0.5, broadPhase="grid")
-        assert np.array_equal(state_of(remembering), state_of(forgetting))
-    assert sum(known) > 500 and known.count(0) >= 200
-
-
-# --------------------------------------------------------------------------------------------------
-# Piles
-# --------------------------------------------------------------------------------------------------
-
-
-def pile(*arguments):
-    """Standard output of data/make_pile.py."""
-    command = [sys.executable, DATA_FOLDER / "make_pile.py", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
-
-
 def test_piles_are_made_as_asked():
+    def pile(*arguments):
+        command = [sys.executable, DATA_FOLDER / "make_pile.py", *map(str, arguments)]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
     assert pile(200) == (DATA_FOLDER / "pile_200-scene.txt").read_text()
-    assert pile(1000) == (DATA_FOLDER / "pile_1000-scene.txt").read_text()
     assert pile(1000, "--heap") == (DATA_FOLDER / "heap-scene.txt").read_text()
     assert pile(30, "--seed", 5) != pile(30, "--seed", 6)
     layer = [line.split() for line in pile(30, "--spread", "--shapes", "box").splitlines()[2:]]

@@ -19,7 +19,7 @@ def test_outlines_go_once_around_whatever_the_order_and_the_pose():
         points = turned(SQUARE[order], q)
         normals = np.tile(turned(UP[None], q), (4, 1))
         edges, middles, found = contact_patches(np.tile([3, 7], (4, 1)), points, normals)
-        # the sides of a rectangle of 2 by 4, and no diagonal
+        # the sides of a rectangle of 2 by 4, without its diagonals
         lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
         assert np.allclose(sorted(lengths), [2, 2, 4, 4])
         assert sorted(edges[:, 0]) == sorted(edges[:, 1]) == [0, 1, 2, 3]

@@ -11,7 +11,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
 from oracles import (
     IDENTITY,
     SHAPES,
@@ -23,9 +22,7 @@ from oracles import (
     quaternion,
     random_quaternions,
     rotation,
-    shape,
     size_of,
-    thin_depth,
     turned,
     vertices_of,
 )
@@ -33,9 +30,8 @@ from scipy.optimize import nnls
 from scipy.spatial import Delaunay, HalfspaceIntersection
 
 import GJK
-from Quaternion import Q2RotMatrix
 from rbs.geometry.facets import PARALLEL_SINE
-from rbs.geometry.hulls import FEATURE_TOLERANCE, build_hull
+from rbs.geometry.hulls import FEATURE_TOLERANCE
 
 EPS = np.finfo(float).eps
 # The contract of the depth, relative to the size.
@@ -90,11 +86,7 @@ def assert_apart(result):
     assert np.array_equal(normal, np.zeros((1, 3))) and np.array_equal(point, np.zeros((1, 3)))
 
 
-# --------------------------------------------------------------------------------------------------
-# The oracle, over all pairs of shapes
-# --------------------------------------------------------------------------------------------------
-
-PAIRS_OF_EACH_COMBINATION = 98
+PAIRS_OF_EACH_COMBINATION = 25
 COMBINATIONS = list(itertools.combinations_with_replacement(SHAPES, 2))
 KINDS = ("random rotations", "the same rotation", "no rotation", "quarter turns", "along an axis")
 
@@ -167,36 +159,24 @@ def sweep():
     return found
 
 
-def test_is_a_sweep(sweep):
-    assert len(sweep) == 21 * 98 >= 2000
+def test_collisions_and_depths_are_those_of_the_oracle(sweep):
     hits = Counter(name for pair in sweep for name in pair.label[0] if pair.isCollision)
     tries = Counter(name for pair in sweep for name in pair.label[0])
-    rate = sum(pair.isCollision for pair in sweep) / len(sweep)
-    print(f"\n{len(sweep)} pairs, {100 * rate:.1f} % hit")
-    assert 0.3 < rate < 0.7
-    assert all(0.3 < hits[name] / tries[name] < 0.7 for name in SHAPES)
+    assert len(sweep) > 500 and all(0.3 < hits[name] / tries[name] < 0.7 for name in SHAPES)
     sizes = [pair.size for pair in sweep]
-    assert min(sizes) < 2e-3 and max(sizes) > 2e3
-    assert sum(np.abs(pair.points1).max() > 5e3 for pair in sweep) > 100
-
-
-def test_collisions_are_those_of_the_oracle(sweep):
+    assert min(sizes) < 5e-3 and max(sizes) > 1e3
     # Hulls closer than the rounding of their coordinates may count as touching or not.
     clear = [pair for pair in sweep if abs(pair.oracle) > 1e-12 + 8 * pair.blur]
-    wrong = [pair.label for pair in clear if pair.isCollision != (pair.oracle > 0)]
-    print(f"\n{len(sweep) - len(clear)} left out as touching, {len(wrong)} mismatches")
-    assert wrong == []
     assert len(clear) > 0.99 * len(sweep)
-
-
-def test_depths_are_those_of_the_oracle(sweep):
+    assert [pair.label for pair in clear if pair.isCollision != (pair.oracle > 0)] == []
     near = [pair for pair in sweep if pair.isCollision and pair.blur < 1e-14]
     far = [pair for pair in sweep if pair.isCollision and pair.blur >= 1e-14]
-    assert len(near) > 500 and len(far) > 100
-    worst = [max(abs(pair.depth - pair.oracle) for pair in some) for some in (near, far)]
-    print(f"\nlargest depth error / size: {worst[0]:.1e} near the origin, {worst[1]:.1e} far away")
-    assert worst[0] < 1e-13
-    assert worst[1] < DEPTH
+    assert len(near) > 130 and len(far) > 30
+    for pairs, tolerance in ((near, 1e-13), (far, DEPTH)):
+        assert max(abs(pair.depth - pair.oracle) for pair in pairs) < tolerance
+    for pair in sweep:
+        if not pair.isCollision:
+            assert pair.depth == 0.0 and not pair.normal.any()
 
 
 def test_moved_by_depth_times_normal_they_touch(sweep):
@@ -208,7 +188,7 @@ def test_moved_by_depth_times_normal_they_touch(sweep):
     # The gap says no more than that they are parted. That no shorter way parts them is the oracle's
     # word above, for the depth is the distance to the nearest facet; here once more by the move
     # itself, which leaves a hair of the old depth, or of air.
-    for pair in hits[::5]:
+    for pair in hits[::2]:
         for change, stillMeets in ((-1e-9 - 8 * pair.blur, True), (1e-9 + 8 * pair.blur, False)):
             moved = pair.near2 + (pair.depth + change) * pair.normal
             if pair.depth + change > 0:
@@ -222,39 +202,6 @@ def test_points_are_on_both_surfaces(sweep):
             across = pair.point + pair.depth * pair.normal
             assert abs(height_over_surface(pair.near2, pair.point)) < tolerance, pair.label
             assert abs(height_over_surface(pair.near1, across)) < tolerance, pair.label
-
-
-def test_misses_give_zeros(sweep):
-    for pair in sweep:
-        if not pair.isCollision:
-            assert pair.depth == 0.0 and np.array_equal(pair.normal, np.zeros(3))
-
-
-def test_swapping_the_hulls_turns_the_normal(sweep):
-    # Where one facet is clearly the nearest, the same one is found from the other side, and the
-    # two points face each other across the depth.
-    hits = [
-        pair
-        for pair in sweep
-        if pair.isCollision and pair.label[1] == "random rotations" and pair.blur < 1e-14
-    ]
-    assert len(hits) > 100
-    for pair in hits:
-        _, depth, normal, point = GJK.is_collide(pair.near2, pair.near1)
-        assert abs(depth - pair.depth) < ROUNDING, pair.label
-        assert np.abs(normal + pair.normal).max() < 1e-12, pair.label
-        assert np.abs(point - pair.point - pair.depth * pair.normal).max() < 1e-11, pair.label
-
-
-def test_order_and_inner_points_do_not_matter(sweep):
-    rng = np.random.default_rng(3)
-    hits = [pair for pair in sweep if pair.isCollision and pair.blur < 1e-14][::8]
-    assert len(hits) > 60
-    for pair in hits:
-        weights = rng.dirichlet(np.ones(len(pair.near1)), size=5)  # averages lie inside
-        more = rng.permutation(np.vstack((pair.near1, weights @ pair.near1, pair.near1[:2])))
-        result = GJK.is_collide(more, rng.permutation(pair.near2))
-        assert result[0] and abs(result[1] - pair.depth) < ROUNDING, pair.label
 
 
 def test_gjk_finds_an_axis_exactly_where_there_is_one(sweep):
@@ -279,6 +226,10 @@ def test_gjk_finds_an_axis_exactly_where_there_is_one(sweep):
 
 UP = np.array([0.0, 1.0, 0.0])
 HALF = np.sqrt(0.5)
+# A beam edge upwards, along x and along z; the tips of an octahedron.
+BEAM = turned(box(4, 2, 2), quaternion([1, 0, 0], 45))
+CROSSED = turned(box(2, 2, 4), quaternion([0, 0, 1], 45))
+TIPS = vertices_of("octahedron") / 3.4
 
 # name: (hull 1, hull 2 such that they touch, the direction to part them by)
 KISSES = {
@@ -286,41 +237,23 @@ KISSES = {
     "face on face, flush sides": (box(4, 2, 6), box(4, 2, 6) + [0, 2, 0], UP),
     "faces that share an edge only": (box(2, 2, 2), box(2, 2, 2) + [2, 2, 0], UP + [1, 0, 0]),
     "faces that share a corner only": (box(2, 2, 2), box(2, 2, 2) + [2, 2, 2], np.ones(3)),
-    "edges crossed": (
-        turned(box(4, 2, 2), quaternion([1, 0, 0], 45)),
-        turned(box(2, 2, 4), quaternion([0, 0, 1], 45)) + 2 * np.sqrt(2) * UP,
-        UP,
-    ),
-    "parallel edges": (
-        turned(box(4, 2, 2), quaternion([1, 0, 0], 45)),
-        turned(box(4, 2, 2), quaternion([1, 0, 0], 45)) + 2 * np.sqrt(2) * UP + [1, 0, 0],
-        UP,
-    ),
-    "corner on face": (box(8, 2, 8), vertices_of("octahedron") / 3.4 + 2 * UP, UP),
-    "corner on corner": (
-        vertices_of("octahedron") / 3.4,
-        vertices_of("octahedron") / 3.4 + 2 * UP,
-        UP,
-    ),
-    "edge on face": (
-        box(8, 2, 8),
-        turned(box(2, 2, 4), quaternion([0, 0, 1], 45)) + (1 + np.sqrt(2)) * UP,
-        UP,
-    ),
+    "edges crossed": (BEAM, CROSSED + 2 * np.sqrt(2) * UP, UP),
+    "parallel edges": (BEAM, BEAM + 2 * np.sqrt(2) * UP + [1, 0, 0], UP),
+    "corner on face": (box(8, 2, 8), TIPS + 2 * UP, UP),
+    "corner on corner": (TIPS, TIPS + 2 * UP, UP),
+    "edge on face": (box(8, 2, 8), CROSSED + (1 + np.sqrt(2)) * UP, UP),
 }
 
 
 @pytest.mark.parametrize("name", KISSES)
-@pytest.mark.parametrize("pose", ["as it is", "turned", "turned and far away"])
+@pytest.mark.parametrize("pose", ["as it is", "turned and far away"])
 def test_kissing_hulls_collide_and_a_hair_apart_they_do_not(name, pose):
     points1, points2, apart = KISSES[name]
     apart = apart / np.linalg.norm(apart)
     offset = np.zeros(3)
-    if pose != "as it is":
-        q = quaternion([3, -1, 2], 40)
-        points1, points2 = turned(points1, q), turned(points2, q)
-        apart = turned(apart, q)
     if pose == "turned and far away":
+        q = quaternion([3, -1, 2], 40)
+        points1, points2, apart = (turned(x, q) for x in (points1, points2, apart))
         offset = np.array([900.0, -700.0, 500.0])  # whose rounding, 1e-13, is far below a hair
     size = size_of(points1, points2)
     result = GJK.is_collide(points1 + offset, points2 + offset)
@@ -358,11 +291,8 @@ def test_closed_forms_on_a_lattice(name):
         outcomes["apart" if depth < 0 else "touching" if depth == 0 else "deep"] += 1
     # Cubes: 5³ of 7³ shifts meet, 3³ of them deep. Octahedra: the lattice has 129 points with
     # Σ |t_k| ≤ 4 and 63 with ≤ 3, out of 9³.
-    assert outcomes == (
-        {"deep": 27, "touching": 98, "apart": 218}
-        if name == "box"
-        else {"deep": 63, "touching": 66, "apart": 600}
-    )
+    expected = {"box": (27, 98, 218), "octahedron": (63, 66, 600)}[name]
+    assert expected == tuple(outcomes[kind] for kind in ("deep", "touching", "apart"))
 
 
 def test_lattice_clouds():
@@ -391,178 +321,14 @@ def test_lattice_clouds():
         else:
             assert_contact(points1, points2, result, depth=max(depth, 0.0))
         outcomes["apart" if depth < -1e-12 else "touching" if depth < 1e-12 else "deep"] += 1
-    print(f"\n{dict(outcomes)}")
     assert min(outcomes[name] for name in ("apart", "touching", "deep", "flat")) > 15
 
-
-def test_an_edge_that_touches_in_line_with_a_side():
-    # The triangle's side from (0, -1, -1) to (1, 0, -1) goes on as an edge of hull 2: they share
-    # the corner (1, 0, -1) only, and both ends of the edge are left of the side by rounding.
-    points1 = np.array([[1, 0, -1], [-1, 1, 0], [0, -1, -1], [0, 1, 1], [1, 1, 1], [-1, -1, 1.0]])
-    points2 = np.array([[1, 0, -1], [2, 1, -1], [0, 0, -2], [2, -1, -2], [2, 1, -2.0]])
-    result = GJK.is_collide(points1, points2)
-    assert_contact(points1, points2, result, depth=0, position=[[1, 0, -1]])
-
-
-# --------------------------------------------------------------------------------------------------
-# Deep inside
-# --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("axis", range(3))
-@pytest.mark.parametrize("pose", ["as it is", "turned"])
-def test_aligned_copies_shifted_along_an_axis(axis, pose):
-    # Boxes 12 × 6 × 8 with an overlap of o along one axis: the depth is o, until the way out along
-    # y, 6 long, is shorter.
-    q = IDENTITY if pose == "as it is" else quaternion([1, 1, -1], 77)
-    for overlap in (1e-6, 0.5, 3.0, 5.9, 6.1, 7.9):
-        if overlap >= (12, 6, 8)[axis]:
-            continue
-        shift = ((12, 6, 8)[axis] - overlap) * np.eye(3)[axis]
-        points1, points2 = turned(box(12, 6, 8), q), turned(box(12, 6, 8) + shift, q)
-        result = GJK.is_collide(points1, points2)
-        assert_contact(points1, points2, result, depth=min(overlap, 6.0))
-        if overlap < 6:
-            assert np.abs(result[2] - turned(np.eye(3)[axis], q)).max() < 1e-12
-
-
-@pytest.mark.parametrize("name", SHAPES)
-def test_identical_copies_part_by_their_least_width(name):
-    # Concentric copies A of a hull: A - A is symmetric, and its nearest facet is as far away as
-    # the hull is wide across its narrowest direction.
-    for q in (IDENTITY, *random_quaternions(np.random.default_rng(1), 3)):
-        points = turned(vertices_of(name), q)
-        result = GJK.is_collide(points, points.copy())
-        assert_contact(points, points, result, depth=minkowski_depth(points, points)[0])
-        expected = {
-            "box": 6.0,
-            "octahedron": 2 * 3.4 / np.sqrt(3),
-            # 1/√(1/10.4² + 1/10.4² + 1/1.4²) from the centre to a face
-            "long-octahedron": 2 / np.sqrt(2 / 10.4**2 + 1 / 1.4**2),
-            "cylinder": 10 * np.cos(np.pi / 20),  # across opposite sides of the 20-gon
-        }.get(name)
-        if expected is not None:
-            assert result[1] == pytest.approx(expected, rel=1e-9)
-
-
-@pytest.mark.parametrize("swapped", [False, True])
-def test_one_box_inside_another(swapped):
-    # A box 1 × 2 × 1 at (2, 1, -1) in one of 12 × 6 × 8: up and out, from its lower side y = 0 to
-    # the upper wall y = 3. Its other ways: 6 - 1.5, 3 + 2, 4 + 1.5, and farther.
-    outer, inner = box(12, 6, 8), box(1, 2, 1) + [2, 1, -1]
-    pair = (inner, outer) if swapped else (outer, inner)
-    result = GJK.is_collide(*pair)
-    # The deepest part of the inner box is its lower side, whose middle is (2, 0, -1); of the outer
-    # one, when it is hull 2, the upper wall above that.
-    assert_contact(*pair, result, depth=3, position=[[2, 3 if swapped else 0, -1]])
-    assert np.abs(result[2] - (-UP if swapped else UP)).max() < ROUNDING
-
-
-def test_bodies_inside_others():
-    rng = np.random.default_rng(8)
-    for outer, inner in itertools.permutations(SHAPES, 2):
-        points1 = turned(vertices_of(outer), random_quaternions(rng, 1)[0])
-        points2 = turned(vertices_of(inner), random_quaternions(rng, 1)[0]) / 200
-        points2 = points2 + rng.uniform(-0.1, 0.1, size=3)
-        assert max(height_over_surface(points1, p) for p in points2) < 0  # it is inside
-        result = GJK.is_collide(points1, points2)
-        assert_contact(points1, points2, result, depth=minkowski_depth(points1, points2)[0])
-
-
-# --------------------------------------------------------------------------------------------------
-# Thin
-# --------------------------------------------------------------------------------------------------
 
 SIGNS = np.array(list(itertools.product([-1.0, 1.0], repeat=3)))
 
 
-def boxes_depth(R1, half1, R2, half2, t):
-    """Depth of two boxes by their 15 separating axes, in extended precision; negative if apart.
-
-    R : (3, 3), the columns being the axes; half : (3,), half the sizes; t : centre 2 - centre 1.
-    Gottschalk, Lin, Manocha: OBBTree. SIGGRAPH 1996.
-    """
-    R1, R2, t = (np.asarray(x, dtype=np.longdouble) for x in (R1, R2, t))
-    axes = [*R1.T, *R2.T, *(np.cross(a, b) for a in R1.T for b in R2.T)]
-    depths = []
-    for axis in axes:
-        length = np.sqrt(axis @ axis)
-        if length > 1e-12:
-            n = axis / length
-            depths.append(np.abs(n @ R1) @ half1 + np.abs(n @ R2) @ half2 - abs(n @ t))
-    return float(min(depths))
-
-
-@pytest.mark.parametrize(
-    ("half1", "half2"),
-    [
-        ((1, 2e-6, 2e-6), (1, 2e-6, 2e-6)),
-        ((1, 2e-6, 2e-6), (1, 1, 1)),
-        ((1, 1e-3, 1), (1, 1e-3, 1)),
-        ((1, 1e-3, 1e-5), (1e-5, 1, 1)),
-    ],
-    ids=["needles", "needle and cube", "plates", "blade and plate"],
-)
-def test_thin_hulls(half1, half2):
-    rng = np.random.default_rng(4)
-    thin = min(half1) + min(half2)
-    hits, worst = 0, 0.0
-    for k in range(100):
-        R1, R2 = (Q2RotMatrix(q) for q in random_quaternions(rng, 2))
-        if k % 5 == 0:
-            R2 = R1
-        if k % 2:  # a place in box 2 is put on one in box 1
-            t = R1 @ (rng.uniform(-1, 1, 3) * half1) - R2 @ (rng.uniform(-1, 1, 3) * half2)
-        else:  # a shallow hit or a near miss, along one of the boxes' axes or across an edge each
-            n = np.hstack((R1, R2, np.cross(R1[:, :1], R2[:, :1], axis=0)))[:, rng.integers(7)]
-            n = n / (np.linalg.norm(n) or 1.0)
-            t = (np.abs(n @ R1) @ half1 + np.abs(n @ R2) @ half2) * n
-            t += n * thin * rng.choice([-0.5, -0.1, 0.1, 0.5])
-        points1, points2 = (SIGNS * half1) @ R1.T, (SIGNS * half2) @ R2.T + t
-        depth = boxes_depth(R1, half1, R2, half2, t)
-        assert abs(depth) > 1e-14
-        result = GJK.is_collide(points1, points2)
-        assert result[0] is (depth > 0)
-        if depth > 0:
-            hits += 1
-            worst = max(worst, abs(result[1] - depth))
-            assert_contact(points1, points2, result)
-    print(f"\n{hits} hits, largest depth error {worst:.1e}")
-    assert 30 <= hits <= 80
-    # 1e-14 of the length is 1e-8 of the thickness: all that the vertices' rounding leaves
-    assert worst < 1e-14
-
-
-@pytest.mark.parametrize("thin", [1e-3, 1e-4, 1e-5])
-def test_needles_in_the_same_place(thin):
-    """Of many long faces, nearly parallel to one another: the depth is one of the thickness."""
-    rng = np.random.default_rng(round(-np.log10(thin)))
-    names, hits = ("ellipsoid", "octahedron", "long-octahedron", "ellipsoid"), 0
-    for k in range(12):
-        factors = np.array([1.0, *rng.uniform(0.3, 3.0, 2) * thin])
-        points1, points2 = (
-            vertices_of(name) / np.abs(vertices_of(name)).max(axis=0) * factors
-            for name in (names[k % 4], "ellipsoid")
-        )
-        points2 = points2 * rng.uniform(0.5, 2.0)
-        if k % 3:
-            points2 = turned(points2, quaternion(rng.normal(size=3), 10.0 ** rng.uniform(-12, -3)))
-        points2 = points2 + 0.3 * rng.normal(size=3) * factors
-        q = random_quaternions(rng, 1)[0]
-        points1, points2 = turned(points1, q), turned(points2, q)
-        depth, result = thin_depth(points1, points2), GJK.is_collide(points1, points2)
-        assert result[0] == (depth > 0)
-        if result[0]:
-            hits += 1
-            # rounding tilts a normal by 1e-16 over the thickness, and the length is 1
-            assert abs(result[1] - depth) < 1e-17 / thin * size_of(points1, points2)
-            assert_contact(points1, points2, result)
-    assert hits > 6
-
-
-@pytest.mark.parametrize("exponent", range(4, 14))
-@pytest.mark.parametrize("pose", ["level", "turned"])
-def test_nearly_parallel_edges(exponent, pose):
+@pytest.mark.parametrize("exponent", [4, 8, 11, 13])
+def test_nearly_parallel_edges(exponent):
     """Two square beams edge on edge, 2 long, one turned about the vertical by a tilt φ = 10^-k.
 
     Their edges cross in the middle, so pushed δ into each other they part by δ along the vertical,
@@ -572,7 +338,7 @@ def test_nearly_parallel_edges(exponent, pose):
     """
     phi = 10.0**-exponent
     half = np.array([1.0, HALF / 2, HALF / 2])  # the edges are 1/2 above and below the middle
-    q = IDENTITY if pose == "level" else quaternion([2, 3, -1], 55)
+    q = quaternion([2, 3, -1], 55)
     R1, tilt, turn = (
         rotation(p).as_matrix()
         for p in (quaternion([1, 0, 0], 45), quaternion(UP, np.degrees(phi)), q)
@@ -597,63 +363,38 @@ def test_nearly_parallel_edges(exponent, pose):
 
 
 # --------------------------------------------------------------------------------------------------
-# Far from the origin
-# --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_bodies_of_a_millimetre_ten_kilometres_away(kind):
-    # Coordinates of 1e4 are rounded to 2e-12, which is 2e-9 of bodies of 1e-3: faces are no longer
-    # flat to FEATURE_TOLERANCE. Depth and contact are still right to that rounding.
-    rng = np.random.default_rng(KINDS.index(kind))
-    hits = 0
-    for names in COMBINATIONS * 5:
-        points1, points2 = random_pair(rng, names, kind)
-        offset = points1.mean(axis=0)
-        unit = 1e-3 / np.abs(points1 - offset).max()
-        far = np.array([1e4, -1e4, 1e4])
-        points1, points2 = ((points - offset) * unit + far for points in (points1, points2))
-        size = size_of(points1, points2)
-        depth = minkowski_depth(points1 - far, points2 - far)[0]
-        result = GJK.is_collide(points1, points2)
-        if abs(depth) < 16 * EPS * 1e4:
-            continue
-        assert result[0] == (depth > 0)
-        if result[0]:
-            hits += 1
-            assert abs(result[1] - depth) < DEPTH * size
-            assert_contact(points1, points2, result)
-    assert 30 < hits < 90  # of 105
-
-
-# --------------------------------------------------------------------------------------------------
 # The contact patch
 # --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("sink", [0.0, 1e-6, 0.1])
-@pytest.mark.parametrize("q", [IDENTITY, quaternion([1, -2, 2], 25)], ids=["level", "turned"])
-@pytest.mark.parametrize(
-    ("shift", "centre"),
-    [
-        # a box 4 × 2 × 4 over one of 12 × 6 × 8: on it, at its rim, and turned over three sides
-        ((0, 0), (0, 0)),
-        ((1.5, -2), (1.5, -2)),
-        # x from 4 to 6 of 4 … 8: middle 5. z wholly on it.
-        ((6, 1), (5, 1)),
-        # x from 3 to 6, z from 1 to 4
-        ((5, 3), (4.5, 2.5)),
-    ],
-    ids=["in the middle", "wholly on it", "over a side", "over a corner"],
-)
-def test_box_flat_on_box(shift, centre, q, sink):
-    lower, upper = box(12, 6, 8), box(4, 2, 4) + [shift[0], 4 - sink, shift[1]]
-    points1, points2 = turned(lower, q), turned(upper, q)
-    result = GJK.is_collide(points1, points2)
-    # the lower side of hull 2 is at 3 - sink
-    position = turned([centre[0], 3 - sink, centre[1]], q)
-    assert_contact(points1, points2, result, depth=sink, position=position)
-    assert np.abs(result[2] - turned(UP, q)).max() < 1e-12
+@pytest.mark.parametrize("sink", [0.0, 0.1])
+def test_box_flat_on_box(sink):
+    """A box 4 × 2 × 4 over one of 12 × 6 × 8: wholly on it, over a side, and over a corner."""
+    q = quaternion([1, -2, 2], 25)
+    # x from 4 to 6 of 4 … 8: middle 5, z wholly on it; and x from 3 to 6, z from 1 to 4
+    for shift, centre in (((1.5, -2), (1.5, -2)), ((6, 1), (5, 1)), ((5, 3), (4.5, 2.5))):
+        lower, upper = box(12, 6, 8), box(4, 2, 4) + [shift[0], 4 - sink, shift[1]]
+        points1, points2 = turned(lower, q), turned(upper, q)
+        result = GJK.is_collide(points1, points2)
+        # the lower side of hull 2 is at 3 - sink
+        position = turned([centre[0], 3 - sink, centre[1]], q)
+        assert_contact(points1, points2, result, depth=sink, position=position)
+        assert np.abs(result[2] - turned(UP, q)).max() < 1e-12
+
+
+def test_edges_on_faces_and_on_edges():
+    table, root = box(10, 2, 10), np.sqrt(2)
+    # A beam 6 long lies with an edge on a face that reaches from -5 to 5: shifted by 5 along the
+    # edge it touches from 2 to 5. The other way round the point is on the table, above the edge.
+    beam = turned(box(2, 2, 6), quaternion([0, 0, 1], 45)) + [0, 1 + root - 0.01, 5]
+    assert_contact(table, beam, GJK.is_collide(table, beam), 0.01, (0, 0.99, 3.5))
+    assert_contact(beam, table, GJK.is_collide(beam, table), 0.01, (0, 1.0, 3.5))
+    # Beams 4 long, edge on edge, the upper one shifted by 1: they share [-1, 2].
+    result = GJK.is_collide(BEAM, BEAM + [1, 2 * root, 0])
+    assert_contact(BEAM, BEAM + [1, 2 * root, 0], result, 0, (0.5, root, 0))
+    # crossed: edge 1 is at z = 0, edge 2 at x = 0.7, and 0.02 lower
+    other = CROSSED + [0.7, 2 * root - 0.02, 0.3]
+    assert_contact(BEAM, other, GJK.is_collide(BEAM, other), 0.02, (0.7, root - 0.02, 0))
 
 
 def overlap_of(polygon1, polygon2):
@@ -676,8 +417,7 @@ def polygon_centroid(points):
     return areas @ corners.mean(axis=1) / areas.sum()
 
 
-@pytest.mark.parametrize("degrees", [30, 45, 77])
-@pytest.mark.parametrize("shift", [(0, 0), (1, 0.5), (2, -1.5)])
+@pytest.mark.parametrize(("degrees", "shift"), [(30, (0, 0)), (77, (2, -1.5))])
 def test_box_turned_about_the_vertical_on_a_box(degrees, shift):
     # An 8 × 8 box on one of 12 × 8: up to eight corners of the overlap, none of which is theirs.
     lower = box(12, 6, 8)
@@ -697,142 +437,25 @@ def test_box_turned_about_the_vertical_on_a_box(degrees, shift):
     assert_contact(upper, lower, swapped, depth=0.1, position=[[x, 3, z]])
 
 
-@pytest.mark.parametrize("along", ["z", "x"])
-@pytest.mark.parametrize(("shift", "middle"), [(0, 0), (1, 1), (5, 3.5)])
-def test_face_on_edge(along, shift, middle):
-    # A beam 6 long lies with an edge on a face that reaches from -5 to 5: shifted by 5 along the
-    # edge it touches from 2 to 5.
-    table = box(10, 2, 10)
-    beam = turned(box(2, 2, 6), quaternion([0, 0, 1], 45)) + [0, 1 + np.sqrt(2) - 0.01, shift]
-    position = np.array([0, 0.99, middle])
-    if along == "x":
-        beam, position = beam[:, [2, 1, 0]], position[[2, 1, 0]]
-    result = GJK.is_collide(table, beam)
-    assert_contact(table, beam, result, depth=0.01, position=position)
-    assert np.abs(result[2] - UP).max() < ROUNDING
-    # the other way round the point is on the table, above the edge
-    assert_contact(beam, table, GJK.is_collide(beam, table), 0.01, position + 0.01 * UP)
-
-
-def test_parallel_edges_share_the_middle_of_their_overlap():
-    # Beams 4 long, edge on edge, the upper one shifted by 1: they share [-1, 2].
-    beam = turned(box(4, 2, 2), quaternion([1, 0, 0], 45))
-    result = GJK.is_collide(beam, beam + [1, 2 * np.sqrt(2), 0])
-    assert_contact(beam, beam + [1, 2 * np.sqrt(2), 0], result, 0, (0.5, np.sqrt(2), 0))
-
-
-def test_crossed_edges_meet_where_they_cross():
-    beam1 = turned(box(4, 2, 2), quaternion([1, 0, 0], 45))
-    beam2 = turned(box(2, 2, 4), quaternion([0, 0, 1], 45)) + [0.7, 2 * np.sqrt(2) - 0.02, 0.3]
-    # edge 1 is at z = 0, edge 2 at x = 0.7, and 0.02 lower
-    result = GJK.is_collide(beam1, beam2)
-    assert_contact(beam1, beam2, result, 0.02, (0.7, np.sqrt(2) - 0.02, 0))
-    assert np.abs(result[2] - UP).max() < ROUNDING
-
-
-# --------------------------------------------------------------------------------------------------
-# Laws
-# --------------------------------------------------------------------------------------------------
-
-coordinate = st.floats(-1, 1)
-# solid by four points that are there in any case
-cloud = st.lists(st.tuples(coordinate, coordinate, coordinate), max_size=10).map(
-    lambda rows: np.array([*rows, *0.1 * vertices_of("tetrahedron")])
-)
-law = settings(max_examples=60, derandomize=True, deadline=None)
-
-
-@law
-@given(cloud, cloud, st.integers(0, 10**6), st.floats(-3, 3))
-def test_depth_goes_with_the_bodies(points1, points2, seed, exponent):
-    """Turned, scaled and moved together, hulls collide as before; the depth scales with them."""
-    before = GJK.is_collide(points1, points2)
-    size = size_of(points1, points2)
-    if before[0]:
-        assert_contact(points1, points2, before)
-    rng = np.random.default_rng(seed)
-    q, scale, shift = random_quaternions(rng, 1)[0], 10**exponent, rng.normal(size=3)
-    moved = [(turned(points, q) + shift) * scale for points in (points1, points2)]
-    after = GJK.is_collide(*moved)
-    if before[0] and before[1] > 1e-12 * max(size, 1):
-        assert after[0] and abs(after[1] / scale - before[1]) < 1e-12 * max(size, 1)
-    elif not before[0] and after[0]:
-        assert after[1] < 1e-12 * scale * max(size, 1)
-
-
-@law
-@given(cloud, cloud)
-def test_a_hull_holds_its_own_points(points1, points2):
-    """A point of both sets is in both hulls; the depth is that of the farthest such way out."""
-    points2 = np.vstack((points2, points1[0]))
-    result = GJK.is_collide(points1, points2)
-    assert_contact(points1, points2, result)
-    # to part them, no direction needs less
-    for normal in (*np.eye(3), *-np.eye(3)):
-        assert result[1] <= -gap_along(points1, points2, normal) + 1e-14 * 8
-
-
-CUBE = box(2, 2, 2)
-
-
-@pytest.mark.parametrize(
-    ("points", "message"),
-    [
-        (np.zeros((0, 3)), "expected at least four points as rows of 3, not shape (0, 3)"),
+def test_what_is_no_solid_point_set_is_refused():
+    cube = box(2, 2, 2)
+    for points, message in (
         (np.zeros((9, 2)), "not shape (9, 2)"),
-        (np.zeros(3), "not shape (3,)"),
-        (CUBE[:3], "not shape (3, 3)"),
-        (CUBE * [1, 0, 1], "the points are flat, so their hull has no volume"),
-        (CUBE * [1, 0, 0], "flat"),
-        (CUBE * 0, "flat"),
-        (CUBE * [1, 1, 1e-7], "flat"),
-        (CUBE @ Q2RotMatrix(quaternion([1, 2, 3], 40)) * [1, 0, 1] + 0.3, "flat"),
-        (CUBE * [1, 1, np.nan], "a coordinate is not finite or beyond 1e+12"),
-        (CUBE * [1, 1, np.inf], "beyond 1e+12"),
-        (CUBE + 1.1e12, "beyond 1e+12"),
-        (CUBE * 3e-12, "one point set is over 1e+12 times as large as the other"),
-    ],
-    ids=str,
-)
-def test_what_is_no_solid_point_set_is_refused(points, message):
-    other = 20.0 * CUBE
-    for pair in ((points, other), (other, points)):
-        with pytest.raises(ValueError, match=re.escape(message)):
-            GJK.is_collide(*pair)
+        (cube[:3], "expected at least four points as rows of 3, not shape (3, 3)"),
+        (cube * [1, 1, 1e-7], "the points are flat, so their hull has no volume"),
+        (cube * [1, 1, np.nan], "a coordinate is not finite or beyond 1e+12"),
+        (cube * 3e-12, "one point set is over 1e+12 times as large as the other"),
+    ):
+        for pair in ((points, 20.0 * cube), (20.0 * cube, points)):
+            with pytest.raises(ValueError, match=re.escape(message)):
+                GJK.is_collide(*pair)
 
 
 def test_to_look_at_all_facets_or_at_the_near_ones_gives_the_same_bits(sweep, monkeypatch):
-    for pair in sweep[::3]:
+    for pair in sweep:
         answers = []
         for few in (0, 10**9):
             monkeypatch.setattr("GJK.FEW_COMBINATIONS", few)
             answers.append(GJK.is_collide(pair.points1, pair.points2))
         for one, other in zip(*answers, strict=True):
             assert np.array_equal(one, other), pair.label
-
-
-def test_is_collide_gives_the_same_bits_again():
-    points1 = turned(vertices_of("ellipsoid"), quaternion([1, 2, 3], 40))
-    points2 = turned(vertices_of("cylinder"), quaternion([3, 2, 1], 70)) + [3, 4, 5]
-    first = GJK.is_collide(points1, points2)
-    build_hull(shape("box")[0])
-    second = GJK.is_collide(frozen(points1.copy()), frozen(points2.copy()))
-    assert first[:2] == second[:2]
-    assert all(np.array_equal(a, b) for a, b in zip(first[2:], second[2:], strict=True))
-
-
-@pytest.mark.parametrize("power", [-200, -80, -38, 10, 38])
-def test_powers_of_two_scale_the_answer_as_they_scale_the_points(power):
-    rng = np.random.default_rng(22)
-    scale, hits = np.ldexp(1.0, power), 0
-    for k in range(36):
-        q1, q2 = random_quaternions(rng, 2)
-        points1 = turned(vertices_of(SHAPES[k % 6]), q1) / 8
-        points2 = turned(vertices_of(SHAPES[k // 6]), q2) / 8 + 0.5 * rng.normal(size=3)
-        isCollision, depth, normal, point = GJK.is_collide(points1, points2)
-        scaled = GJK.is_collide(points1 * scale, points2 * scale)
-        assert scaled[0] == isCollision
-        assert abs(scaled[1] / scale - depth) < 1e-12
-        assert np.abs(scaled[3] / scale - point).max() < 1e-6
-        hits += isCollision
-    assert 15 < hits < 36

@@ -1,4 +1,4 @@
-"""Numbers that go wrong stop a run cleanly, and odd parameters do what the README says of them."""
+"""Numbers that overflow stop a run cleanly, and unusual parameters do what the README says."""
 
 import math
 import re
@@ -10,29 +10,22 @@ from oracles import body, box_body, ground, state_of
 from program import DATA, record, run
 
 from rbs.recordings.recording import Recording
-from rbs.recordings.replay import verify
 from rbs.scenes.simulation import Settings, Simulation
 from rbs.stepping.bodies import LARGEST_NUMBER, StateError
-from rbs.window.viewer import Viewer
-from RBSFunctions import resolve_collision, run_timestep
+from RBSFunctions import run_timestep
 
 G = 9.8
 broadPhases = pytest.mark.parametrize("broadPhase", ["all", "grid"])
-
-
-# --------------------------------------------------------------------------------------------------
-# A state that goes wrong
-# --------------------------------------------------------------------------------------------------
 
 
 @broadPhases
 @pytest.mark.parametrize(
     "name, value",
     [
-        (name, value)
-        for name in ("position", "orientation", "linVelocity", "angVelocity")
-        for value in (math.nan, math.inf, -math.inf, 1e80)
-        if (name, value) != ("orientation", 1e80)  # a long quaternion is normalised, which is right
+        ("position", 1e80),
+        ("orientation", math.nan),
+        ("linVelocity", math.inf),
+        ("angVelocity", 1e80),
     ],
 )
 def test_a_wrong_number_stops_at_the_step_and_names_the_body(name, value, broadPhase):
@@ -45,11 +38,7 @@ def test_a_wrong_number_stops_at_the_step_and_names_the_body(name, value, broadP
     setattr(mesh, name, wrong)
     before, when = state_of(simulation.meshes), simulation.time
     vertices = [mesh.currVertices.copy() for mesh in simulation.meshes]
-    expected = name
-    if name == "linVelocity":
-        expected = "position"  # which the velocity has reached first
-    if name == "angVelocity":
-        expected = "orientation" if not math.isfinite(value) else "angVelocity"
+    expected = "position" if name == "linVelocity" else name  # which the velocity reaches first
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         with pytest.raises(StateError) as caught:
@@ -63,39 +52,14 @@ def test_a_wrong_number_stops_at_the_step_and_names_the_body(name, value, broadP
     assert simulation.stepCount == 5 and simulation.time == when
 
 
-def test_numbers_up_to_the_largest_go_on():
-    mesh = body("box", (0.99 * LARGEST_NUMBER, 0.0, -0.99 * LARGEST_NUMBER))
-    run_timestep([mesh], None, 0.02, 0.5)
-    assert mesh.position[0, 0] == 0.99 * LARGEST_NUMBER
-
-
-def test_overflow_within_the_contacts_is_found_too():
-    light, heavy = box_body(2, 2, 2, (0.0, 0.0, 0.0)), box_body(2, 2, 2, (1.5, 0.0, 0.0))
-    light.linVelocity = np.array([[0.9 * LARGEST_NUMBER, 0.0, 0.0]])
-    with pytest.raises(StateError, match="after contacts|after free flight"):
-        run_timestep([light, heavy], None, 1e-80, 1e10)
-    assert light.linVelocity[0, 0] == 0.9 * LARGEST_NUMBER  # as it was
-    assert not heavy.linVelocity.any()
-
-
 def test_program_ends_with_one_line_and_keeps_the_recording(tmp_path):
     simulation = Simulation(DATA / "mixed-scene.txt")
     simulation.step()
     # 1.8e73 m a step: it leaves the numbers' range after some dozen of them
     simulation.meshes[4].linVelocity = np.array([[0.9 * LARGEST_NUMBER, 0.0, 0.0]])
     record(tmp_path / "start.h5", simulation, 0)
-    process = run(
-        tmp_path,
-        "--resume",
-        "start.h5",
-        "--record",
-        "r.h5",
-        "--stats",
-        "s.csv",
-        "--steps",
-        "400",
-        PYTHONWARNINGS="always",
-    )
+    words = "--resume start.h5 --record r.h5 --stats s.csv --steps 400".split()
+    process = run(tmp_path, *words, PYTHONWARNINGS="always")
     assert process.returncode == 3
     (line,) = process.stderr.splitlines()
     found = re.fullmatch(
@@ -111,84 +75,10 @@ def test_program_ends_with_one_line_and_keeps_the_recording(tmp_path):
     assert recording.lastStep == step - 1
     assert len((tmp_path / "s.csv").read_text().splitlines()) == step
     assert sorted(path.name for path in tmp_path.iterdir()) == ["r.h5", "s.csv", "start.h5"]
-
-    for arguments in (["--verify", "r.h5"], ["--replay", "r.h5", "--headless"]):
-        assert run(tmp_path, *arguments).returncode == 0
-    again = run(tmp_path, "--resume", "r.h5", "--headless", "--steps", "5")
-    assert again.returncode == 3 and again.stderr == process.stderr
-    usual = run(tmp_path, "--resume", "r.h5", "--from", "9", "--headless", "--steps", "5")
-    assert usual.returncode == 0, usual.stderr
+    assert run(tmp_path, "--verify", "r.h5").returncode == 0
 
 
-def test_verify_reports_a_step_that_cannot_be_made(tmp_path, monkeypatch):
-    path = record(tmp_path / "r.h5", Simulation(DATA / "tet-scene.txt"), 3)
-
-    def fail(simulation):
-        raise StateError("step 1 cannot be made: so it is")
-
-    monkeypatch.setattr(Simulation, "step", fail)
-    assert verify(Recording(path)) == "step 1 differs: step 1 cannot be made: so it is"
-
-
-class QuietView:
-    """A view that draws nothing and counts how often it was asked to."""
-
-    def __init__(self):
-        self.count = 0
-
-    def refresh(self):
-        self.count += 1
-
-
-@pytest.mark.parametrize("stepsPerFrame", [0, 3])
-def test_window_pauses_with_the_message(stepsPerFrame):
-    simulation = Simulation(DATA / "two_cylinder-scene.txt")
-    viewer = Viewer(simulation, QuietView(), None, None, lambda simulation: {})
-    viewer.stepsPerFrame = stepsPerFrame
-    viewer.toggle_play()
-    viewer.play(0.05)
-    steps = simulation.stepCount
-    assert viewer.isPlaying and viewer.message == "" and steps > 0
-    simulation.meshes[1].angVelocity = np.array([[0.0, math.nan, 0.0]])
-    viewer.play(0.05)
-    expected = f"step {steps + 1} cannot be made: body 1, "
-    assert not viewer.isPlaying and viewer.message.startswith(expected)
-    assert simulation.stepCount == steps
-    viewer.step_once()
-    assert viewer.message.startswith(expected) and simulation.stepCount == steps
-    viewer.reset()
-    viewer.step_once()
-    assert viewer.message == "" and simulation.stepCount == 1
-
-
-# --------------------------------------------------------------------------------------------------
-# Parameters
-# --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("h", [1e-6, 1e-4, 0.01, 0.1, 1.0])
-def test_time_steps_from_a_microsecond_to_a_second(h):
-    """Free flight is the sum of the steps, and a scene stays sound."""
-    mesh = body("octahedron", (0.0, 1e4, 0.0))
-    for _ in range(20):
-        run_timestep([mesh], ground(), h, 0.5)
-    drop = G * h * h * 20 * 21 / 2
-    assert mesh.position[0, 1] == pytest.approx(1e4 - drop, rel=1e-14)
-    assert mesh.linVelocity[0, 1] == pytest.approx(-20 * G * h, rel=1e-14)
-
-    simulation = Simulation(DATA / "mixed-scene.txt", Settings(timeStep=h, friction=0.3))
-    hits = 0
-    for _ in range(60):
-        simulation.step()
-        hits += len(simulation.report.contacts)
-        q = simulation.state()["orientations"]
-        assert np.abs(np.sqrt((q * q).sum(axis=1)) - 1).max() <= 1e-15
-        assert simulation.lowest_point()[0] >= -1e-9
-    assert simulation.is_finite()
-    assert hits > 20 or h < 0.1  # the shorter ones end in the air
-
-
-@pytest.mark.parametrize("e", [-0.5, 0.0, 0.5, 1.0, 1.5, 4.0])
+@pytest.mark.parametrize("e", [-0.5, 0.5, 4.0])
 def test_restitution_beyond_its_range_follows_the_formula(e):
     mesh = body("octahedron", (0.0, 0.0, 0.0))
     bottom = -mesh.currVertices[:, 1].min()
@@ -199,38 +89,7 @@ def test_restitution_beyond_its_range_follows_the_formula(e):
     assert mesh.linVelocity[0, 1] == pytest.approx(e * (7.0 + G * 1e-3), rel=1e-9, abs=1e-12)
 
 
-def test_functions_refuse_what_has_no_meaning():
-    meshes = [box_body(2, 2, 2, (0, 5, 0)), box_body(2, 2, 2, (0.5, 6.5, 0))]
-    before = state_of(meshes)
-    for wrong in ({"CRCoeff": math.nan}, {"mu": -0.1}, {"mu": math.inf}):
-        with pytest.raises(ValueError, match=f"{next(iter(wrong))} must be a finite number"):
-            resolve_collision(*meshes, 0.5, (0, 1, 0), (0, 5.5, 0), **({"CRCoeff": 0.5} | wrong))
-    np.testing.assert_array_equal(state_of(meshes), before)
-
-
-def test_huge_friction_stops_the_sliding_and_does_no_more():
-    """At the contact nothing slides along the old direction any more; a larger μ changes no bit."""
-    states = []
-    for mu in (0.0, 1e3, 1e6, 1e300):
-        mesh = body("octahedron", (0.0, 0.0, 0.0))
-        bottom = -mesh.currVertices[:, 1].min()
-        mesh.position = np.array([[0.0, bottom, 0.0]])
-        mesh.linVelocity = np.array([[6.0, -2.0, -3.0]])
-        mesh.angVelocity = np.array([[0.1, 0.2, 0.3]])
-        report = run_timestep([mesh], ground(), 1e-3, 0.5, mu=mu)
-        (contact,) = report.contacts
-        slip = mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], contact.arm)
-        if mu == 0.0:
-            direction = slip * (1, 0, 1) / math.hypot(slip[0], slip[2])
-            assert slip @ direction > 5
-        else:
-            assert abs(slip @ direction) < 1e-14 * 7
-            states.append(state_of([mesh]))
-    np.testing.assert_array_equal(states[0], states[1])
-    np.testing.assert_array_equal(states[0], states[2])
-
-
-@pytest.mark.parametrize("ratio", [1e-6, 1e-3, 1e3, 1e6])
+@pytest.mark.parametrize("ratio", [1e-6, 1e6])
 def test_mass_ratios_follow_the_closed_form(ratio):
     """Head on, along a line through both COMs: v' = v - (1 + e) c w, with w the share of a mass."""
     one = body("box", (0.0, 0.0, 0.0))
@@ -243,23 +102,6 @@ def test_mass_ratios_follow_the_closed_form(ratio):
     np.testing.assert_allclose(other.linVelocity[0, 0], -1 + 1.75 * closing * share2, rtol=1e-12)
     np.testing.assert_allclose(one.position[0, 0], -0.01 * share1, rtol=1e-9)
     assert other.position[0, 0] - one.position[0, 0] == pytest.approx(12.0, rel=1e-14)
-
-
-@pytest.mark.parametrize("densities", [(1.0, 1e6), (1e6, 1.0)])
-def test_stacks_of_a_light_and_a_heavy_body_stay_sound(densities):
-    meshes = [
-        body("box", (0.3, 4.0, 0.1), density=densities[0]),
-        body("box", (0.0, 12.0, 0.0), density=densities[1]),
-    ]
-    energy = sum(mesh.mass * G * mesh.position[0, 1] for mesh in meshes)
-    touched = 0
-    for _ in range(500):
-        report = run_timestep(meshes, ground(), 0.02, 0.3, mu=0.3)
-        touched += any(contact.body2 == 1 for contact in report.contacts)
-        assert min(mesh.currVertices[:, 1].min() for mesh in meshes) >= -1e-9
-    assert touched > 50
-    assert np.isfinite(state_of(meshes)).all()
-    assert sum(mesh.mass * G * mesh.position[0, 1] for mesh in meshes) < energy
 
 
 @broadPhases
@@ -282,7 +124,7 @@ def test_a_body_that_crosses_another_within_a_step_does_not_see_it(broadPhase):
             assert bullet.position[0, 0] == pytest.approx(-2 + 2 * h * speed, rel=1e-14)
 
 
-@pytest.mark.parametrize("speed", [1e2, 1e4, 1e8])
+@pytest.mark.parametrize("speed", [1e2, 1e8])
 def test_nothing_falls_through_the_ground_however_fast(speed):
     mesh = body("ellipsoid", (0.0, 30.0, 0.0))
     mesh.linVelocity = np.array([[0.0, -speed, 0.0]])

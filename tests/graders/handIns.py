@@ -1,4 +1,4 @@
-"""A class's hand-ins as they really come, and what `grade.py` is to make of each.
+"""A class's hand-ins as they really come, and the outcome that `grade.py` must report of each.
 
 python tests/graders/handIns.py FOLDER    writes and grades them, and prints figures
 """
@@ -76,7 +76,7 @@ def zipped(files):
 
 
 def encrypted(files):
-    """Says that it is encrypted: bit 0 of the flags, in both headers of each file."""
+    """A ZIP that claims to be encrypted: bit 0 of the flags, in both headers of each file."""
     content = bytearray(zipped(files))
     for mark, offset in ((b"PK\3\4", 6), (b"PK\1\2", 8)):
         for found in re.finditer(re.escape(mark), bytes(content)):
@@ -85,7 +85,7 @@ def encrypted(files):
 
 
 def renamed(text):
-    """The same code under other names, in another layout."""
+    """The same code with other names, in another layout."""
     text = text.replace("velocities", "speeds").replace("total", "weight").replace("# ", "#~ ")
     return re.sub(r"\bn\b", "axis", text).replace("\n\n", "\n")
 
@@ -96,175 +96,108 @@ VIDEO = os.urandom(6 << 20)
 LATIN = "AUTHOR = 'Jörg'\n" + TEXT
 
 # From the name of a file or folder to (its content: files of a folder, or bytes; its name in the
-# tables; what is to come of it: RIGHT, WRONG or the refusal; a text among the remarks and notes).
-HAND_INS = {
-    # names and places
-    "Müller Anna_10001_assignsubmission_file": (SOLUTION, "Müller Anna", RIGHT, ""),
-    "Möller": (edited(*MISTAKES["normal-sign"]), "Möller", WRONG, "the normal has the wrong sign"),
-    "王伟.zip": (zipped(SOLUTION), "王伟", RIGHT, ""),
-    "O'Brien, Seán.zip": (zipped(IN_CODE), "O'Brien, Seán", RIGHT, "modules found in code"),
-    "doejane_LATE_4711_99_cw.zip": (zipped(SOLUTION), "doejane", RIGHT, ""),
-    "doejane_4712_98_cw.zip": (zipped(SOLUTION), "doejane-2", RIGHT, ""),
-    "roe_5001_77_RBSFunctions-1.py": (SOLUTION["RBSFunctions.py"], "roe", RIGHT, ""),
-    "roe_5001_78_Quaternion.py": (SOLUTION["Quaternion.py"], None, "", ""),
-    "nested": ({f"a/b/c d/{k}": v for k, v in SOLUTION.items()}, "nested", RIGHT, "in a/b/c d"),
-    "moodle zip_7_assignsubmission_file": (
-        {"my code.zip": zipped(SOLUTION)},
-        "moodle zip",
-        RIGHT,
-        "modules found in my code.zip",
-    ),
-    "zip in zip.zip": (zipped({"x/inner.zip": zipped(IN_CODE)}), "zip in zip", RIGHT, "inner.zip"),
-    "tar.tar.gz": (tarred(IN_CODE, "w:gz"), "tar", RIGHT, "found in code"),
-    "old.tgz": (tarred(SOLUTION, "w:gz"), "old", RIGHT, ""),
-    "plain.tar": (tarred(SOLUTION, "w"), "plain", RIGHT, ""),
-    "seven.7z": (b"7z\xbc\xaf\x27\x1c", "seven.7z", "a loose .7z file is not read", ""),
-    "inner seven_8_assignsubmission_file": (
-        {"x.7z": b"7z"},
-        "inner seven",
-        "holds no RBSFunctions.py; its .7z file",
-        "",
-    ),
-    "loose.py": (b"print(1)\n", "loose.py", "a loose .py file is not read", ""),
-    # what is not there, or twice
-    "only quaternion": (
-        {"Quaternion.py": QUATERNION},
-        "only quaternion",
-        "holds no RBSFunctions.py",
-        "",
-    ),
-    "no quaternion": (
-        {"RBSFunctions.py": TEXT},
-        "no quaternion",
-        WRONG,
-        "there is no Quaternion.py",
-    ),
-    "own quaternion": (
-        {"RBSFunctions.py": QUATERNION + TEXT.replace("from Quat", "#Quat")},
-        "own quaternion",
-        RIGHT,
-        "",
-    ),
-    "empty": (
-        {"Quaternion.py": QUATERNION, "code/RBSFunctions.py": ""},
-        "empty",
-        WRONG,
-        "RBSFunctions.py has no Mesh",
-    ),
-    "lower": (
-        {"rbsfunctions.py": TEXT, "quaternion.PY": QUATERNION},
-        "lower",
-        RIGHT,
-        "rbsfunctions.py is read as RBSFunctions.py",
-    ),
-    "twice": (
-        IN_CODE | {f"old/v1/{k}": b"syntax error" for k in SOLUTION},
-        "twice",
-        RIGHT,
-        "another RBSFunctions.py, in old/v1, is not graded",
-    ),
-    "skeleton": (edited(*SKELETON), "skeleton", WRONG, "not implemented"),
-    "half": (edited(*HALF_DONE), "half", WRONG, "not implemented"),
-    # how text is written
-    "bom": (SOLUTION | {"RBSFunctions.py": b"\xef\xbb\xbf" + TEXT.encode()}, "bom", RIGHT, ""),
-    "crlf": ({k: v.replace(b"\n", b"\r\n") for k, v in SOLUTION.items()}, "crlf", RIGHT, ""),
-    "latin": (
-        SOLUTION | {"RBSFunctions.py": LATIN.encode("latin-1")},
-        "latin",
-        WRONG,
-        "cannot be imported: RBSFunctions.py",
-    ),
-    "latin told": (
-        SOLUTION | {"RBSFunctions.py": b"# coding: latin-1\n" + LATIN.encode("latin-1")},
-        "latin told",
-        RIGHT,
-        "",
-    ),
-    "tabs": (SOLUTION | {"RBSFunctions.py": TEXT.replace("    ", "\t")}, "tabs", RIGHT, ""),
-    # what lies beside the code
-    "video.zip": (
-        zipped(IN_CODE | {"code/run.mp4": VIDEO, "report.pdf": b"%PDF"}),
-        "video",
-        RIGHT,
-        "",
-    ),
-    "with env": (SOLUTION | {f"env/m{k}.py": "1/0" for k in range(2100)}, "with env", RIGHT, ""),
-    "mac.zip": (
-        zipped(
-            IN_CODE
-            | {
-                "__MACOSX/code/._RBSFunctions.py": b"\0",
-                "code/Icon\r": b"",
-                "shots/10:30.png": b"",
-                ".DS_Store": b"",
-            }
-        ),
-        "mac",
-        RIGHT,
-        "",
-    ),
-    "colon.zip": (zipped({f"CW: a/{k}": v for k, v in SOLUTION.items()}), "colon", RIGHT, "CW_ a"),
-    "locked.zip": (encrypted(SOLUTION), "locked", "is encrypted", ""),
-    "cut.zip": (zipped(SOLUTION)[:3000], "cut", "is no ZIP or tar, or a damaged one", ""),
-    "escaping.zip": (
-        zipped(
-            SOLUTION
-            | {"../escaped.py": b"", "/tmp/escaped.py": b""}
-            | link("pointer", "/etc/passwd")
-        ),
-        "escaping",
-        RIGHT,
-        "",
-    ),
-    # whose it is
-    "copy": (SOLUTION | {"RBSFunctions.py": renamed(TEXT)}, "copy", RIGHT, ""),
-    "ours": (OURS, "ours", RIGHT, "100% of RBSFunctions.py is this project's own code"),
-    "borrowing": (top("import rbs.geometry.hulls"), "borrowing", RIGHT, "imports this project's"),
-    # what runs
-    "prints": (edited((START, "    print('x' * 10_000)\n" * 20 + START)), "prints", RIGHT, ""),
-    "asks": (edited((START, "    input('depth? ')\n")), "asks", WRONG, "EOFError"),
-    "plots": (
-        top("import matplotlib.pyplot as plt", "plt.plot([1, 2])", "plt.show()"),
-        "plots",
-        RIGHT,
-        "",
-    ),
-    "=SUM(1).zip": (
-        zipped(edited((START, "    raise ValueError('<b>|`x`\\x1b[2J')\n"))),
-        "=SUM(1)",
-        WRONG,
-        "ValueError: <b>|`x` [2J",
-    ),
-    # what is hostile
-    "exits": (edited((START, "    os._exit(7)\n")), "exits", WRONG, "with exit code 7"),
-    "crashes": (
-        edited((START, "    import ctypes; ctypes.string_at(0)\n")),
-        "crashes",
-        WRONG,
-        "crashed the interpreter (SIGSEGV), at RBSFunctions.py:",
-    ),
-    "endless": (
-        edited((START, "    while True: pass\n")),
-        "endless",
-        WRONG,
-        "stopped after 4 s, at RBSFunctions.py:",
-    ),
-    "endless import": (
-        top("while True: pass"),
-        "endless import",
-        WRONG,
-        "stopped after 4 s while the modules were imported, at RBSFunctions.py:1",
-    ),
-}
+# tables, or None; the expected outcome: RIGHT, WRONG or the refusal; a text in remarks or notes).
+HAND_INS = {}
+
+
+def add(file, content, fate=RIGHT, text="", name=""):
+    name = re.sub(r"(\.tar)?\.\w+$", "", file) if name == "" else name
+    HAND_INS[file] = content, name, fate, text
+
+
+def add_edited(name, new, fate=WRONG, text=""):
+    """With new lines at the start of resolve_collision."""
+    add(name, edited((START, new)), fate, text)
+
+
+def with_text(text):
+    return SOLUTION | {"RBSFunctions.py": text}
+
+
+# names and places
+add("Müller Anna_10001_assignsubmission_file", SOLUTION, name="Müller Anna")
+add("Möller", edited(*MISTAKES["normal-sign"]), WRONG, "the normal has the wrong sign")
+add("王伟.zip", zipped(SOLUTION))
+add("O'Brien, Seán.zip", zipped(IN_CODE), RIGHT, "modules found in code")
+add("doejane_LATE_4711_99_cw.zip", zipped(SOLUTION), name="doejane")
+add("doejane_4712_98_cw.zip", zipped(SOLUTION), name="doejane-2")
+add("roe_5001_77_RBSFunctions-1.py", SOLUTION["RBSFunctions.py"], name="roe")
+add("roe_5001_78_Quaternion.py", SOLUTION["Quaternion.py"], name=None)
+add("nested", {f"a/b/c d/{k}": v for k, v in SOLUTION.items()}, RIGHT, "in a/b/c d")
+inner = {"my code.zip": zipped(SOLUTION)}
+add("moodle zip_7_assignsubmission_file", inner, RIGHT, "found in my code.zip", "moodle zip")
+add("zip in zip.zip", zipped({"x/inner.zip": zipped(IN_CODE)}), RIGHT, "inner.zip")
+add("tar.tar.gz", tarred(IN_CODE, "w:gz"), RIGHT, "found in code")
+add("old.tgz", tarred(SOLUTION, "w:gz"))
+add("plain.tar", tarred(SOLUTION, "w"))
+add("seven.7z", b"7z\xbc\xaf\x27\x1c", "a loose .7z file is not read", name="seven.7z")
+refusal = "has no RBSFunctions.py; its .7z file"
+add("inner seven_8_assignsubmission_file", {"x.7z": b"7z"}, refusal, name="inner seven")
+add("loose.py", b"print(1)\n", "a loose .py file is not read", name="loose.py")
+# missing modules, or several
+add("only quaternion", {"Quaternion.py": QUATERNION}, "has no RBSFunctions.py")
+add("no quaternion", {"RBSFunctions.py": TEXT}, WRONG, "there is no Quaternion.py")
+add("own quaternion", {"RBSFunctions.py": QUATERNION + TEXT.replace("from Quat", "#Quat")})
+empty = {"Quaternion.py": QUATERNION, "code/RBSFunctions.py": ""}
+add("empty", empty, WRONG, "RBSFunctions.py has no Mesh")
+lower = {"rbsfunctions.py": TEXT, "quaternion.PY": QUATERNION}
+add("lower", lower, RIGHT, "rbsfunctions.py is read as RBSFunctions.py")
+twice = IN_CODE | {f"old/v1/{k}": b"syntax error" for k in SOLUTION}
+add("twice", twice, RIGHT, "another RBSFunctions.py, in old/v1, is not graded")
+add("skeleton", edited(*SKELETON), WRONG, "not implemented")
+add("half", edited(*HALF_DONE), WRONG, "not implemented")
+# text encodings
+add("bom", with_text(b"\xef\xbb\xbf" + TEXT.encode()))
+add("crlf", {k: v.replace(b"\n", b"\r\n") for k, v in SOLUTION.items()})
+latin = LATIN.encode("latin-1")
+add("latin", with_text(latin), WRONG, "cannot be imported: RBSFunctions.py")
+add("latin declared", with_text(b"# coding: latin-1\n" + latin))
+add("tabs", with_text(TEXT.replace("    ", "\t")))
+# other files beside the code
+add("video.zip", zipped(IN_CODE | {"code/run.mp4": VIDEO, "report.pdf": b"%PDF"}))
+add("with env", SOLUTION | {f"env/m{k}.py": "1/0" for k in range(2100)})
+mac = {"__MACOSX/code/._RBSFunctions.py": b"\0", "code/Icon\r": b"", ".DS_Store": b""}
+add("mac.zip", zipped(IN_CODE | mac | {"shots/10:30.png": b""}))
+add("colon.zip", zipped({f"CW: a/{k}": v for k, v in SOLUTION.items()}), RIGHT, "CW_ a")
+add("locked.zip", encrypted(SOLUTION), "is encrypted")
+add("cut.zip", zipped(SOLUTION)[:3000], "is not a ZIP or tar, or is damaged")
+out = {"../escaped.py": b"", "/tmp/escaped.py": b""} | link("pointer", "/etc/passwd")
+add("escaping.zip", zipped(SOLUTION | out))
+# copied code
+add("copy", with_text(renamed(TEXT)))
+add("ours", OURS, RIGHT, "100% of RBSFunctions.py is this project's own code")
+add("borrowing", top("import rbs.geometry.hulls"), RIGHT, "imports this project's")
+# behaviour when run
+add_edited("prints", "    print('x' * 10_000)\n" * 20 + START, RIGHT)
+add_edited("asks", "    input('depth? ')\n", WRONG, "EOFError")
+add("plots", top("import matplotlib.pyplot as plt", "plt.plot([1, 2])", "plt.show()"))
+formula = edited((START, "    raise ValueError('<b>|`x`\\x1b[2J')\n"))
+add("=SUM(1).zip", zipped(formula), WRONG, "ValueError: <b>|`x` [2J")
+# hostile
+add_edited("exits", "    os._exit(7)\n", WRONG, "with exit code 7")
+crash = "crashed the interpreter (SIGSEGV), at RBSFunctions.py:"
+add_edited("crashes", "    import ctypes; ctypes.string_at(0)\n", WRONG, crash)
+stop = "stopped after 4 s, at RBSFunctions.py:"
+add_edited("endless", "    while True: pass\n", WRONG, stop)
+stop = "stopped after 4 s while the modules were imported, at RBSFunctions.py:1"
+add("endless import", top("while True: pass"), WRONG, stop)
+
 EXPECTED = {name: (fate, text) for _, name, fate, text in HAND_INS.values() if name}
+assert len(EXPECTED) == 47
+# The files that a test grades; `main` grades all.
+PART = """Möller, 王伟.zip, roe_5001_77_RBSFunctions-1.py, roe_5001_78_Quaternion.py, seven.7z,
+no quaternion, empty, lower, skeleton, half, bom, latin, locked.zip, copy, ours, borrowing, asks,
+=SUM(1).zip, exits, crashes, endless, endless import""".replace("\n", " ").split(", ")
+EXPECTED_OF_PART = {HAND_INS[file][1]: HAND_INS[file][2:] for file in PART if HAND_INS[file][1]}
 
 
-def write_hand_ins(folder):
-    """Writes all of them into a new folder."""
+def write_hand_ins(folder, files=HAND_INS):
+    """Writes these files and folders into a new folder."""
     folder.mkdir(parents=True)
-    for name, (content, *_) in HAND_INS.items():
-        files = {"": content} if isinstance(content, bytes) else content
-        for inner, data in files.items():
+    for name in files:
+        content = HAND_INS[name][0]
+        inside = {"": content} if isinstance(content, bytes) else content
+        for inner, data in inside.items():
             path = folder / name / inner if inner else folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(data if isinstance(data, bytes) else data.encode())
@@ -277,14 +210,8 @@ def write_hand_ins(folder):
 
 def start(*arguments, **options):
     command = [sys.executable, ROOT / "graders" / "grade.py", *map(str, arguments)]
-    return subprocess.Popen(
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        encoding="utf-8",
-        errors="replace",
-        **options,
-    )
+    options |= {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen(command, encoding="utf-8", errors="replace", **options)
 
 
 def rows_in(path):
@@ -298,7 +225,7 @@ def rows_in(path):
 
 
 def mismatches(out, expected):
-    """Names of those who were not told what they are to be told, and what they were."""
+    """Names of those whose report lacks what is expected, and the report."""
     rows = rows_in(out / "grades.csv")
     assert set(rows) == set(expected)
     found = {}
@@ -327,7 +254,7 @@ def workers():
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         with suppress(OSError):
             words = path.read_bytes().split(b"\0")
-            if str(ROOT / "graders" / "worker.py").encode() in words:
+            if str(ROOT / "graders" / "isolated" / "worker.py").encode() in words:
                 found.append(int(path.parent.name))
     return found
 

@@ -1,10 +1,10 @@
-"""Submissions for the graders: one student's solution, and what others would have handed in.
+"""Submissions for the graders: one student's solution, and variants of it.
 
     python tests/graders/studentVariants.py    writes submissions/variants.md anew
 
-`submissions/student` holds the solution, with the right physics. The others are made of it by small
-edits that have names; an edit that does not fit the solution any more raises. `variants.md` holds
-what each is told, and what graders of the released shape print for it.
+`submissions/student` holds the solution, with the right physics. Variants are made of it by small
+edits with names; an edit that no longer fits the solution raises. `variants.md` holds the hints for
+each, and the verdict of graders of the released shape.
 """
 
 import contextlib
@@ -378,7 +378,7 @@ def files_of(folder, top=""):
     return {f"{top}{path.name}": path.read_bytes() for path in sorted(Path(folder).glob("*.py"))}
 
 
-# ---- What each is told, in one process ----------------------------------------------------------
+# ---- Grading them, in one process ---------------------------------------------------------------
 
 
 @contextlib.contextmanager
@@ -419,24 +419,18 @@ def first_samples(array, axes):
 
 def grades_of(edits, folder=DATA):
     """The Grades of a variant by each of the three graders, on the data in a folder."""
+    given = [first_data(name, folder) for name in GRADERS]
+    bodies = importlib.import_module("verdict.bodies")
+    gradeReport = importlib.import_module("verdict.gradeReport")
+    grades = []
     with loaded(edits) as modules:
-        conventions = importlib.import_module("conventions")
-        gradeReport = importlib.import_module("gradeReport")
-        trials = importlib.import_module("trials")
-        grades = []
-        for name in GRADERS:
-            grader, data = first_data(name, folder)
-            bodies = conventions.Bodies(*modules, data)
-            outcomes = []
-            for part in grader.asked(data, withExtras=True):
-                results = trials.Results(part.shapes, len(data["randomPositions"]), STUDENT)
-                part.run(bodies, data, part.samples(data), results)
-                outcomes.append((part, results))
+        for grader, data in given:
+            outcomes = grader.judge(bodies.Bodies(*modules, data), data, STUDENT)
             grades.append(gradeReport.make_grade(grader, outcomes, data))
     return grades
 
 
-def told(grades):
+def hints_of(grades):
     """The notes of grades, and what was replaced, as lines."""
     lines = []
     for grade in grades:
@@ -485,28 +479,31 @@ def write_place(place, change=lambda module, data: data):
     return place
 
 
-def table():
-    """The text of variants.md."""
-    lines = [
-        "# What each variant is told",
-        "",
-        "Written by `python tests/graders/studentVariants.py`; each is one change of `student`.",
-        "The last column is the verdict of graders of the released shape on our data, up to errors",
-        "of 1e-6.",
-        "",
-        "| variant | fails | told | released graders |",
-        "|---|--:|---|--:|",
-    ]
-    with tempfile.TemporaryDirectory() as folder:
-        place = write_place(Path(folder))
-        for name, edits in VARIANTS.items():
-            grades = grades_of(edits)
-            count = sum(len(grade.failures) for grade in grades)
-            error = released_error(edits, place)
-            verdict = "stop" if np.isinf(error) else "fails" if error > 1e-6 else "passes"
-            lines.append(f"| {name} | {count} | {'<br>'.join(told(grades))} | {verdict} |")
-    return "\n".join(lines) + "\n"
+HEAD = """# The variants and their hints
+
+Written by `python tests/graders/studentVariants.py`; each is one change of `student`. The last
+column is the verdict of graders of the released shape on our data, up to errors of 1e-6.
+
+| variant | fails | hints | released graders |
+|---|--:|---|--:|
+"""
+
+
+def row(name, place=None):
+    """A variant's cells in the table: name, number of failures, hints, verdict.
+
+    place : of `write_place`, or None for no verdict
+    """
+    grades = grades_of(VARIANTS[name])
+    cells = [name, str(sum(len(grade.failures) for grade in grades)), "<br>".join(hints_of(grades))]
+    if place:
+        error = released_error(VARIANTS[name], place)
+        cells.append("stop" if np.isinf(error) else "fails" if error > 1e-6 else "passes")
+    return cells
 
 
 if __name__ == "__main__":
-    (FIXTURES / "variants.md").write_text(table(), encoding="utf-8")
+    with tempfile.TemporaryDirectory() as folder:
+        place = write_place(Path(folder))
+        rows = [f"| {' | '.join(row(name, place))} |\n" for name in VARIANTS]
+    (FIXTURES / "variants.md").write_text(HEAD + "".join(rows), encoding="utf-8")

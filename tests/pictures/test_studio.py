@@ -11,7 +11,7 @@ from PIL import Image
 from program import DATA, run
 
 from rbs.appearance import light as light_of_day
-from rbs.appearance.colours import PALETTE, BodyColours
+from rbs.appearance.colours import PALETTE
 from rbs.appearance.drawables import SUN, face_neighbours
 from rbs.appearance.pictureoptions import SEEN_THROUGH, PictureOptions
 from rbs.appearance.skins import Skin
@@ -28,9 +28,8 @@ SIZE = (160, 90)
 
 def view_of(*meshes, size=SIZE, **options):
     """A SceneView of bodies in the studio look."""
-    simulation = SimpleNamespace(
-        meshes=list(meshes), constraints=[], settings=Settings(), report=None, stepCount=0
-    )
+    simulation = SimpleNamespace(meshes=list(meshes), constraints=[], report=None, stepCount=0)
+    simulation.settings = Settings()
     options = PictureOptions(size, look="studio", **options)
     return start_view(simulation, require_opengl(), options)
 
@@ -84,9 +83,8 @@ def test_the_skys_share_beside_a_wall_and_in_a_corner():
     assert expected[0] < 0.55 and expected[-1] > 0.99
     np.testing.assert_allclose(on_ground(light, away, 0.0)[1], expected, atol=0.02)
     # two walls, x = 0 and z = 0, that meet: near the corner, a quarter of the sky is left
-    light = light_of(
-        view_of(box_body(1, 10, 11, (-0.5, 5, 5.5)), box_body(11, 10, 1, (5.5, 5, -0.5)))
-    )
+    walls = box_body(1, 10, 11, (-0.5, 5, 5.5)), box_body(11, 10, 1, (5.5, 5, -0.5))
+    light = light_of(view_of(*walls))
     away = np.array([0.3, 1.0, 3.0])
     expected = 1.0 - 2.0 * (seen_wall(10.0, away, away) + seen_wall(10.0, 11.0 - away, away))
     assert 0.25 < expected[0] < 0.28
@@ -136,14 +134,14 @@ def test_the_same_scene_twice_has_the_same_bytes_and_keeps_its_maps(monkeypatch)
     import polyscope as ps
 
     meshes = Simulation(DATA / "stress-scene.txt").meshes
-    view, one = view_of(*meshes), studio.Studio(studio.VIDEO_DIRECTIONS)
+    view, one = view_of(*meshes, size=(80, 45)), studio.Studio(studio.VIDEO_DIRECTIONS)
     first, light = one.take(view), one.light
     with kept_camera():
         ps.look_at((60.0, 30.0, 50.0), (0.0, 5.0, 0.0))
         assert (one.take(view) != first).any() and one.light is light
     np.testing.assert_array_equal(one.take(view), first)
     np.testing.assert_array_equal(studio.Studio(studio.VIDEO_DIRECTIONS).take(view), first)
-    monkeypatch.setattr(studio, "BAND_SAMPLES", 3000)
+    monkeypatch.setattr(studio, "BAND_SAMPLES", 1000)
     np.testing.assert_array_equal(one.take(view), first)  # bands have no seams
     meshes[-1].position = meshes[-1].position + 1.0
     assert (one.take(view) != first).any() and one.light is not light
@@ -157,7 +155,7 @@ def test_a_body_that_was_flung_away_leaves_picture_and_maps_as_they_were():
     assert np.linalg.norm(Camera(1).eye) < 60.0
 
 
-@pytest.mark.parametrize("scene", ["stress", "wrecking_ball", "two_chain", "net"])
+@pytest.mark.parametrize("scene", ["stress", "wrecking_ball", "net"])
 def test_stills_show_all_bodies_from_low_down(scene):
     view = view_of(*Simulation(DATA / f"{scene}-scene.txt").meshes)
     camera = Camera(1)
@@ -174,22 +172,18 @@ def test_overlays_replace_what_is_behind_and_shine_through_what_is_before_them()
 
     from rbs.pictures.overlays import draw_lines
 
-    view = view_of(
-        box_body(4, 4, 4, (0, 2, 0)),
-        camera={
-            "viewMat": np.array([[1, 0, 0, 0], [0, 1, 0, -2], [0, 0, 1, -20], [0, 0, 0, 1.0]]),
-            "fov": 20.0,
-        },
-    )
-    bare = take_picture(view).astype(float)
+    camera = np.eye(4)
+    camera[1:3, 3] = -2.0, -20.0
+    view = view_of(box_body(4, 4, 4, (0, 2, 0)), camera={"viewMat": camera, "fov": 20.0})
+    bare = take_picture(view, isStill=False).astype(float)
     pure = np.array([0, 0, 255.0])
-    for z, share in ((-5.0, 0.0), (5.0, 1.0)):
+    for z in (-5.0, 5.0):
         nodes = np.array([[-9.0, 2.2, z], [9.0, 2.2, z]])
         draw_lines("trails", nodes, np.array([[0, 1]]), tuple(pure / 255.0), radius=0.05)
         for isSeeThrough in (False, True):
             view.shown = {"ground", "contacts"} if isSeeThrough else {"ground"}
             ps.set_transparency_mode("none")
-            picture = take_picture(view)
+            picture = take_picture(view, isStill=False)
             share = 1.0 if z > 0 else SEEN_THROUGH * isSeeThrough
             expected = share * pure + (1.0 - share) * bare[43, 80]
             np.testing.assert_allclose(picture[43, 80], expected, atol=4)
@@ -235,45 +229,11 @@ def test_another_process_draws_the_same_picture(tmp_path):
     np.testing.assert_array_equal(np.array(Image.open(tmp_path / "p.png")), take_picture(view))
 
 
-def test_copies_of_a_body_have_its_colour():
-    meshes = [box_body(1, 1, 1, (k, 1, 0)) for k in range(3)]
-    meshes[2].colourIndex = 0
-    colours = BodyColours(meshes).of(SimpleNamespace(meshes=meshes), "body")
-    np.testing.assert_array_equal(colours, PALETTE[[0, 1, 0]])
-
-
-def test_looks_are_refused_where_nothing_is_drawn(tmp_path):
-    for arguments, said in (
-        (("tet", "--look", "studio", "--headless"), "--look needs --screenshots or --video"),
-        (("tet", "--look", "studio", "--record", "a.h5"), "--look needs --screenshots or --video"),
-        (("--verify", "a.h5", "--look", "plain"), "--look cannot be used with --verify"),
-        (("tet", "--look", "nice", "--screenshots", "p"), "argument --look: invalid choice"),
-    ):
-        process = run(tmp_path, *arguments)
-        assert process.returncode == 2 and process.stderr.count("\n") == 1, process.stderr
-        assert said in process.stderr
-    assert not list(tmp_path.iterdir())
-
-
 def test_stills_are_framed_anew_and_a_video_tells_what_it_costs(tmp_path):
     require_opengl()
     pytest.importorskip("imageio_ffmpeg")
-    process = run(
-        tmp_path,
-        "singlebox",
-        "--look",
-        "studio",
-        "--steps",
-        40,
-        "--every",
-        20,
-        "--screenshots",
-        "p",
-        "--video",
-        "v.mp4",
-        "--size",
-        "64x36",
-    )
+    options = "--steps 1 --every 20 --screenshots p --video v.mp4 --size 64x36".split()
+    process = run(tmp_path, "singlebox", "--look", "studio", *options)
     assert process.returncode == 0, process.stderr
-    assert "s per frame, 3 frames, about 1 min" in process.stderr
-    assert len(list((tmp_path / "p").iterdir())) == 3 and (tmp_path / "v.mp4").stat().st_size > 500
+    assert "s per frame, 1 frame, about 1 min" in process.stderr
+    assert len(list((tmp_path / "p").iterdir())) == 1 and (tmp_path / "v.mp4").stat().st_size > 500

@@ -1,25 +1,27 @@
 """The program as it is installed from a source distribution, without a checkout."""
 
-import os
 import shutil
 import subprocess
-import sysconfig
-import venv
-from pathlib import Path
+import sys
+import tarfile
+import zipfile
 
 import pytest
 from oracles import ROOT
 from program import environment
 from studentVariants import STUDENT
 
-BUILD = "import setuptools.build_meta as b, sys; print(b.build_sdist(sys.argv[1]))"
+BUILD = "import setuptools.build_meta as b, sys; print(b.build_{}(sys.argv[1]))"
 
 
-def call(folder, *command):
-    """Runs a command in a folder, without this project on any path; its output."""
-    clean = {name: value for name, value in environment().items() if name != "PYTHONPATH"}
+def call(folder, *command, path=""):
+    """Runs Python in a folder, with only `path` before the installed packages; its output."""
     process = subprocess.run(
-        [str(word) for word in command], cwd=folder, env=clean, capture_output=True, text=True
+        [sys.executable, *map(str, command)],
+        cwd=folder,
+        env=environment(PYTHONPATH=str(path)),
+        capture_output=True,
+        text=True,
     )
     assert process.returncode == 0, process.stderr
     return process.stdout
@@ -27,32 +29,36 @@ def call(folder, *command):
 
 @pytest.mark.slow
 def test_an_installed_program_needs_no_checkout(tmp_path):
-    """A wheel is made of what is in the source distribution, and installed."""
-    source, place, here = (tmp_path / name for name in ("source", "environment", "elsewhere"))
+    """A wheel is built from what is in the source distribution, and unpacked."""
+    source, tools, site, here = (tmp_path / name for name in ("source", "tools", "site", "here"))
     here.mkdir()
     left = shutil.ignore_patterns(".*", "tests", "report", "build", "*.egg-info", "__pycache__")
     shutil.copytree(ROOT, source, ignore=left)
-    venv.create(place, with_pip=True)
-    scripts = place / ("Scripts" if os.name == "nt" else "bin")
-    pip = (scripts / "python", "-m", "pip", "install", "-q")
-    try:
-        call(here, *pip, "setuptools>=77")  # a newer one than this environment may have
+    try:  # a newer one than this environment may have
+        call(here, "-m", "pip", "install", "-q", "--target", tools, "setuptools>=77")
     except AssertionError as error:
         pytest.skip(f"no setuptools to build with: {str(error).splitlines()[-1]}")
-    sdist = tmp_path / call(source, scripts / "python", "-c", BUILD, tmp_path).splitlines()[-1]
+    sdist = call(source, "-c", BUILD.format("sdist"), tmp_path, path=tools).splitlines()[-1]
     shutil.rmtree(source)
-    call(here, *pip, "--no-deps", "--no-index", "--no-build-isolation", sdist)
-    names = {"base": str(place), "platbase": str(place)}
-    site = Path(sysconfig.get_path("purelib", sysconfig.get_preferred_scheme("prefix"), names))
-    # The libraries of this environment; of this project, only what is installed.
-    (site / "libraries.pth").write_text(sysconfig.get_path("purelib") + "\n")
-    shipped = {path.name for path in (site / "rbs" / "data").iterdir()} - {"__pycache__"}
+    with tarfile.open(tmp_path / sdist) as archive:
+        archive.extractall(source)
+    (folder,) = source.iterdir()
+    wheel = call(folder, "-c", BUILD.format("wheel"), tmp_path, path=tools).splitlines()[-1]
+    with zipfile.ZipFile(tmp_path / wheel) as archive:
+        archive.extractall(site)
+    shipped = {path.name for path in (site / "rbs" / "data").iterdir()} - {
+        "__pycache__",
+        "README.md",
+    }
     assert shipped == {path.name for path in (ROOT / "data").iterdir()} - {
         "__pycache__",
         "README.md",
     }
-    program = scripts / "rigid-body-simulation"
-    output = call(here, program, "cube", "--steps", 3, "--record", "r.h5", "--stats", "s.csv")
+    (entries,) = site.glob("*.dist-info/entry_points.txt")
+    assert "rigid-body-simulation = RigidBodySimulation:command" in entries.read_text()
+    program = "-c", "import RigidBodySimulation as r; raise SystemExit(r.command())"
+    options = "--steps", 3, "--record", "r.h5", "--stats", "s.csv"
+    output = call(here, *program, "cube", *options, path=site)
     assert "constraints       " in output and str(site) in output
-    assert "steps 0–3 are identical" in call(here, program, "--verify", "r.h5")
-    call(here, program, "tet", "--steps", 3, "--functions", STUDENT)
+    assert "steps 0–3 are identical" in call(here, *program, "--verify", "r.h5", path=site)
+    call(here, *program, "tet", "--steps", 3, "--functions", STUDENT, path=site)

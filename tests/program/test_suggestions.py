@@ -37,10 +37,8 @@ LINES = {
     f"# suggests {OPTIONS}": {**VALUES, "constraintScheduling": "queue"},
     "# suggests friction 0.5\n  ## suggests mu 0.2": None,
     "# suggests friction x": None,
-    "# suggests friction -1": None,
     "# suggests scheduling quick": None,
     "# suggests closing-only 1": None,
-    "# suggests constraints a.txt": None,
     "# suggests solver soft-step closing-only": None,
 }
 
@@ -71,7 +69,6 @@ def test_wrong_recommendation_ends_the_program_unless_it_is_not_asked_for(make_s
 # Words, the settings that they give, and those that are reported to be the scene's.
 RUNS = {
     "stack": (STANDING, "restitution 0, friction 0.5, solver soft-step"),
-    "stack --friction 0": (STANDING | {"friction": 0.0}, "(restitution 0, solver soft-step)"),
     "stack --solver impulse --broad-phase grid": (
         STANDING | {"contactSolver": "impulse", "broadPhase": "grid"},
         "(restitution 0, friction 0.5)",

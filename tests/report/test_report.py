@@ -22,7 +22,7 @@ NUMBERS = json.loads((REPORT / "numbers.json").read_text())
 
 # Experiments, and pictures whose captions are looked at, that take a second or two.
 QUICK = ("constants", "rolling")
-QUICK_PICTURES = ("picture_stack", "picture_tunnel", "picture_cube")
+QUICK_PICTURES = ("picture_tunnel", "picture_cube")
 
 drawn = pytest.mark.skipif(
     not importlib.util.find_spec("matplotlib"), reason="Matplotlib is not installed"
@@ -145,23 +145,15 @@ def test_a_caption_that_is_not_true_is_not_drawn(report, monkeypatch):
 
 
 @drawn
-def test_scenes_made_for_pictures_load(report):
-    """They lie in a folder of their own, away from the meshes."""
-    (mesh,) = (
-        report("pictures").made_scene([("box.mesh", 10, False, (0, 9, 0), (1, 0, 0, 0))]).meshes
-    )
-    assert mesh.name == "box 0" and mesh.position[0, 1] == 9.0
-
-
-@drawn
 @pytest.mark.parametrize(("name", "where"), [("queue", "two_chain"), ("Pass", "stack")])
 def test_what_is_watched_goes_the_same_way(report, name, where):
     mechanisms, scene = report("mechanisms"), report("experiments").scene
     watch = mechanisms.Visits() if name == "queue" else mechanisms.Passes()
-    room, wrapper = {
-        "queue": (rbs.stepping.constraints, getattr(watch, "schedule", None)),
-        "Pass": (rbs.stepping.batches, getattr(watch, "wrapper", None)),
-    }[name]
+    module, wrapper = (
+        (rbs.stepping.constraints, watch.schedule)
+        if name == "queue"
+        else (rbs.stepping.batches, watch.wrapper)
+    )
 
     def positions():
         simulation = scene(where, constraintScheduling="queue", broadPhase="grid")
@@ -170,6 +162,6 @@ def test_what_is_watched_goes_the_same_way(report, name, where):
         return np.concatenate([mesh.position for mesh in simulation.meshes])
 
     alone = positions()
-    with mechanisms.watched(room, name, wrapper):
+    with mechanisms.watched(module, name, wrapper):
         assert (positions() == alone).all()
     assert sum(map(len, watch.steps)) > 20

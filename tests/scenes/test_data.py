@@ -153,13 +153,6 @@ def are_apart(points1, points2):
     return ConvexHull(differences).equations[:, 3].max() > 0  # n · x + d ≤ 0 inside each facet
 
 
-def test_are_apart_can_tell():
-    box = np.array(list(itertools.product([-1.0, 1.0], repeat=3)))
-    assert are_apart(box, box + [2.001, 0, 0])
-    assert not are_apart(box, box + [1.999, 1.9, 0])
-    assert not are_apart(box, box)
-
-
 @pytest.mark.parametrize("name", [name for name in SCENES if name not in PILES])
 def test_scene_starts_above_the_ground_with_its_bodies_apart(name):
     bodies = read_scene(DATA / f"{name}-scene.txt")

@@ -1,8 +1,8 @@
-"""Every reader meets hundreds of damaged files: real ones, mutated.
+"""Readers of hundreds of damaged files, which are real ones with mutations.
 
-Bytes are flipped, lines and pieces deleted, doubled and swapped, words replaced by what readers
-stumble over, ends cut off. Either something whole is loaded, or the reader's own error comes out,
-in one line; and both must come out often, or the damage was too great or too small.
+Bytes are flipped, lines and pieces deleted, doubled and swapped, words replaced by ones that
+readers stumble over, ends cut off. The reader either loads something whole or raises its own
+error in one line. Both must happen often, or the damage was too great or too small.
 
 The cases are the same in every run.
 """

@@ -8,11 +8,10 @@ import pytest
 from oracles import COURSE, ROOT
 
 from rbs.geometry.surfaces import tetrahedron_volumes
-from rbs.program.opening import find_file
+from rbs.program.opening import find_file, list_files
 from rbs.scenes.scenefiles import NonConvexWarning, find_constraints, find_scene, scene_name
 from rbs.scenes.textfiles import SceneError
 from RigidBodySimulation import (
-    flatten_meshes,
     load_constraint_file,
     load_mesh_file,
     load_scene_file,
@@ -136,15 +135,6 @@ def as_tables(mesh):
     return [array.tolist() for array in mesh]
 
 
-def test_mesh_gives_the_numbers_of_the_file_counted_from_zero(tmp_path):
-    vertices, faces, tets = mesh = load_mesh_file(write(tmp_path, "t.mesh", TETRAHEDRON))
-    assert vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3], [0, 0, 1.5]]
-    assert faces.tolist() == [[0, 2, 1], [0, 1, 4], [4, 1, 3], [0, 4, 2], [4, 3, 2], [1, 2, 3]]
-    assert tets.tolist() == [[0, 1, 2, 4], [4, 1, 2, 3]]
-    assert_is_body(*mesh)
-    assert as_tables(load_mesh_file(str(tmp_path / "t.mesh"))) == as_tables(mesh)
-
-
 def test_off_polygons_are_cut_into_fans_and_filled_from_the_mean(tmp_path):
     vertices, faces, tets = mesh = load_mesh_file(write(tmp_path, "cube.off", CUBE))
     assert_is_body(*mesh)
@@ -158,13 +148,9 @@ def test_off_polygons_are_cut_into_fans_and_filled_from_the_mean(tmp_path):
 LEGAL_MESHES = [
     ("t.mesh", "End", "End\nof the numbers"),
     ("t.mesh", "Vertices\n5", "Vertices 5"),
-    ("t.mesh", "Dimension 3", "Dimension\n3"),
     ("t.mesh", "0 2 0 1", "+0 +2.0e+0 -0 -1.5"),
     ("t.mesh", "1 3 2 1", "2 3 1 1"),  # a triangle, and a tetrahedron, turned over
-    ("t.mesh", "1 2 3 5 1", "1 2 5 3 1"),
     ("t.mesh", "End", "Edges\n1\n1 2 7\nCorners 2\n1\n2\nEnd"),
-    ("t.mesh", "Triangles", "Corners\n2\n1\n2\nTriangles"),
-    ("cube.off", "8 6 12", "8 6"),
     ("cube.off", "4 3 2 1 0", "4 3 2 1 0 255 0 0"),
 ]
 
@@ -184,10 +170,9 @@ def off(vertices, faces):
     return "\n".join(["OFF", f"{len(vertices)} {len(faces)}", *rows])
 
 
-@pytest.mark.parametrize("share", [0.5, 1.0])
-def test_off_turned_at_random_loads_outward(tmp_path, share):
+def test_off_turned_at_random_loads_outward(tmp_path):
     vertices, faces, _ = load_mesh_file(DATA / "ellipsoid.mesh")
-    turn = np.random.default_rng(20).random(len(faces)) < share
+    turn = np.random.default_rng(20).random(len(faces)) < 0.5
     turned = np.where(turn[:, None], faces[:, ::-1], faces)
     text = off(vertices.tolist(), turned.tolist())
     loaded = load_mesh_file(write(tmp_path, "turned.off", text))
@@ -249,12 +234,9 @@ def test_scene_bodies_have_names_poses_and_masses_and_share_nothing(sceneFolder)
 
 LEGAL_TEXT = {
     "CR-LF": lambda text: text.replace("\n", "\r\n"),
-    "CR": lambda text: text.replace("\n", "\r"),
     "byte-order mark": lambda text: "\ufeff" + text,
-    "tabs": lambda text: text.replace(" ", "\t \t"),
     "blank lines": lambda text: "\n\n" + text.replace("\n", "\n \n"),
     "comments": lambda text: "# Würfel, 立方体\n" + text.replace("\n", "  # and so\n"),
-    "no line end at the end": lambda text: text.rstrip("\n"),
 }
 
 
@@ -300,20 +282,7 @@ def test_constraint_line_becomes_a_lower_and_an_upper_bound_as_the_bodies_stand(
     assert load_constraint_file(write(sceneFolder, "none.txt", "0"), meshes) == []
 
 
-def test_flattened_bodies_are_one_surface(sceneFolder):
-    meshes = load_scene_file("a-scene.txt")
-    meshes[2].currVertices = meshes[2].currVertices + [0.0, 100.0, 0.0]
-    vertices, faces, bodyOfFace = flatten_meshes(meshes)
-    assert vertices.shape == (9 + 9 + 5, 3) and faces.shape == (12 + 12 + 6, 3)
-    for body, mesh in enumerate(meshes):
-        corners = vertices[faces[bodyOfFace == body]]
-        np.testing.assert_array_equal(corners, mesh.currVertices[mesh.faces])
-    vertices[:] = 0.0
-    assert np.any(meshes[0].currVertices != 0.0)
-    assert [part.shape for part in flatten_meshes([])] == [(0, 3), (0, 3), (0,)]
-
-
-def test_scenes_are_found_by_path_and_by_bare_name(sceneFolder):
+def test_scenes_are_found_by_path_and_by_name(sceneFolder, monkeypatch):
     assert find_scene("tower") == DATA / "tower-scene.txt"
     assert load_scene_file(find_scene("a-scene.txt"))[0].name == "cube 0"
     assert scene_name(find_scene("tower")) == "tower" and scene_name("some/thing.txt") == "thing"
@@ -324,6 +293,12 @@ def test_scenes_are_found_by_path_and_by_bare_name(sceneFolder):
         find_scene("mxied")
     (sceneFolder / "tower").mkdir()  # does not hide the scene
     assert find_scene("tower") == find_file("tower", ".") == DATA / "tower-scene.txt"
+    (sceneFolder / "own").mkdir()
+    beside = write(sceneFolder, "own/b-scene.txt", "1\nbox.mesh 1 0 0 9 0 1 0 0 0\n")
+    monkeypatch.setenv("HOME", str(sceneFolder))
+    assert find_file("b", "own").resolve() == find_file("b-scene.txt", "own").resolve() == beside
+    assert find_file("~/own/b-scene.txt", "/") == beside
+    assert [one.name for one in list_files(beside.parent)][0] == "b"
 
 
 # The least triangulation of the projective plane: every edge belongs to two triangles, and yet
@@ -332,47 +307,28 @@ PLANE = "OFF\n6 10 15\n1 0 0\n0 1 0\n0 0 1\n-1 0 0\n0 -1 0\n0 0 -1\n" + "".join(
     f"3 {' '.join(face)}\n"
     for face in ("012", "023", "034", "045", "051", "124", "235", "341", "452", "513")
 )
-NO_TETS = TETRAHEDRON[: TETRAHEDRON.index("Tetrahedra")]
 # Which file is broken; what replaces which text, or all of it for None; the line that the error
 # names, None for the file as a whole; and a word of its cause. Each has another cause.
 BROKEN = [
-    ("t.mesh", None, "", None, "empty"),
     ("a-scene.txt", None, b"3\n\xff\xfe", None, "not a text file"),
-    ("t.mesh", "Vertices\n5", "Vertices\n" + "5" * 5000, 4, "whole number"),
-    ("t.mesh", "0 0 3 1", "0 0 ٣ 1", 8, "'٣'"),
     ("t.mesh", "0 2 0 1", "0 nan 0 1", 7, "finite"),
-    ("t.mesh", "0 2 0 1", "0 2e10 0 1", 7, "exceed"),
-    ("t.mesh", "MeshVersion", "Mesh", 1, "MeshVersionFormatted"),
     ("t.mesh", "Dimension 3", "Dimension 2", 2, "dimension"),
-    ("t.mesh", "Vertices\n5", "Vertices\n4", 9, "section"),
-    ("t.mesh", "Vertices", "Triangles", 3, "before"),
     ("t.mesh", None, TETRAHEDRON[:54], 5, "Vertices 2 of 5"),
-    ("t.mesh", None, NO_TETS, None, "Tetrahedra"),
     ("t.mesh", "1 3 2 1", "0 3 2 1", 12, "between 1 and 5"),
-    ("t.mesh", "1 3 2 1", "1 3 3 1", 12, "twice"),
     ("t.mesh", "1 3 2 1", "1 3 4 1", 12, "not a face"),
     ("t.mesh", "6\n1 3 2 1\n", "5\n", 12, "closed"),
-    ("t.mesh", "6\n1 3 2 1\n", "7\n1 3 2 1\n2 1 3 1\n", 13, "repeats triangle 1"),
     ("t.mesh", "a\n2\n", "a\n3\n1 2 3 5 1\n", None, "1.5"),
     ("t.mesh", "0 0 1.5 1", "0.2 0.2 0 1", 20, "flat"),
-    ("t.mesh", "0 0 3 1\n0 0 1.5 1", "3 3 0 1\n2 0 0 1", None, "no volume"),
-    ("cube.off", "8 6 12", "8", 2, "numbers of vertices"),
     ("cube.off", "4 4 5 6 7", "4 4 5 6", 12, "only 3"),
-    ("cube.off", "4 3 0 4 7\n", "4 3 0 4 7\n3 0 1 2\n", 17, "6 faces"),
-    ("cube.off", "4 3 0 4 7", "3 0 4 7", None, "closed"),
     ("cube.off", None, PLANE, None, "no inside"),
     ("cube.off", None, CUBE.replace(" 1\n", " 0\n"), None, "filled"),
     ("a-scene.txt", "3\n", "", 1, "not a scene"),
     ("a-scene.txt", "50.0", "50.0 1", 2, "10 columns, not 11"),
     ("a-scene.txt", "50.0", "0", 2, "positive"),
-    ("a-scene.txt", "50.0", "1e-320", 2, "mass"),
-    ("a-scene.txt", "  1   4", "  2   4", 3, "isFixed"),
     ("a-scene.txt", "2 0 0 0", "0 0 0 0", 2, "zero"),
     ("a-scene.txt", "t.mesh", "u.mesh", 4, "u.mesh"),
-    ("a-constraints.txt", "0 1 1 2", "0 1 3 2", 2, "mesh index"),
     ("a-constraints.txt", "0 1 1 2", "0 9 1 2", 2, "vertex index"),
     ("a-constraints.txt", "0.5 1.25", "1.25 0.5", 2, "lower ≤ upper"),
-    ("a-constraints.txt", "0.5 1.25", "0.5 1e308", 2, "1e308"),
 ]
 
 

@@ -39,18 +39,6 @@ def test_full_disk_keeps_what_was_recorded_or_the_old_file(tmp_path, monkeypatch
         assert Recording(path).lastStep > 3 and verify(Recording(path)) == ""
 
 
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no such pipes")
-def test_statistics_go_through_a_pipe(tmp_path, capsys):
-    """As to any device; those of the machine are left alone, whatever goes wrong."""
-    pipe = tmp_path / "pipe"
-    os.mkfifo(pipe)
-    reader = os.open(pipe, os.O_RDWR | os.O_NONBLOCK)
-    assert call(capsys, "tet", "--steps", 2, "--stats", pipe)[0] == 0
-    assert os.read(reader, 1 << 16).count(b"\n") == 4 and pipe.is_fifo()
-    os.close(reader)
-    assert [path.name for path in tmp_path.iterdir()] == ["pipe"]
-
-
 def test_file_is_written_whole_or_not_at_all(tmp_path):
     path = tmp_path / "a.txt"
     with atomic_write(path) as partial:

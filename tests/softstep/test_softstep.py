@@ -1,19 +1,16 @@
 """The soft-step solver: closed forms, conservation, rest, determinism, sleeping, recordings."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from oracles import (
     DATA,
-    ROOT,
     body,
     box_body,
     ground,
     penetrations,
     quaternion,
     random_quaternions,
+    restore,
     rotation,
     state_of,
 )
@@ -32,21 +29,13 @@ from RBSFunctions import run_timestep
 H = 0.02
 
 
-def simulate(meshes, steps, state=None, CRCoeff=0.0, mu=0.5, hasGround=True, timeStep=H, **more):
-    """Steps of the soft-step solver; returns its state and the last report."""
+def simulate(meshes, steps, state=None, CRCoeff=0.0, hasGround=True, timeStep=H, **more):
+    """Steps of the soft-step solver, with friction 0.5; returns its state and the last report."""
     state = SolverState() if state is None else state
     floor = ground() if hasGround else None
+    options = {"mu": 0.5, "contactSolver": "soft-step", "solverState": state} | more
     for _ in range(steps):
-        report = run_timestep(
-            meshes,
-            floor,
-            timeStep,
-            CRCoeff,
-            mu=mu,
-            contactSolver="soft-step",
-            solverState=state,
-            **more,
-        )
+        report = run_timestep(meshes, floor, timeStep, CRCoeff, **options)
     return state, report
 
 
@@ -73,37 +62,17 @@ def some_heap(seed=3, count=7):
     """Boxes, octahedra and cylinders that fall onto each other and do not touch at the start."""
     rng = np.random.default_rng(seed)
     turns = random_quaternions(rng, count)
-    return [
-        body(
-            ("box", "octahedron", "cylinder")[i % 3],
-            (rng.uniform(-4, 4), 9 + 17 * i, rng.uniform(-4, 4)),
-            q,
-            density=rng.uniform(1, 5),
-        )
-        for i, q in enumerate(turns)
-    ]
+    heap = []
+    for i, q in enumerate(turns):
+        place = rng.uniform(-4, 4), 9 + 17 * i, rng.uniform(-4, 4)
+        name = ("box", "octahedron", "cylinder")[i % 3]
+        heap.append(body(name, place, q, density=rng.uniform(1, 5)))
+    return heap
 
 
-# --------------------------------------------------------------------------------------------------
-# What is refused
-# --------------------------------------------------------------------------------------------------
-
-
-def test_a_wrong_number_leaves_bodies_and_solver_as_they_were():
-    meshes = [box_body(2, 2, 2, (0, 1 + 2 * i, 0)) for i in range(2)]
-    state, _ = simulate(meshes, 5)
-    meshes[1].linVelocity = np.array([[0.0, np.inf, 0.0]])
-    before, kept = state_of(meshes), state.arrays()
-    with pytest.raises(ArithmeticError, match="body 1"):
-        simulate(meshes, 1, state)
-    assert np.array_equal(state_of(meshes), before)
-    for name, values in state.arrays().items():
-        assert np.array_equal(values, kept[name]), name
-
-
-@pytest.mark.parametrize("where", ["detect", "_make_substeps", "_settled", "check_numbers"])
+@pytest.mark.parametrize("where", ["detect", "check_numbers"])
 def test_whatever_is_raised_leaves_the_solver_as_it_was(where, monkeypatch):
-    """Also after a body has been added, which the step has to make room for."""
+    """A body has been added before, which the step has to make room for."""
     meshes = some_heap(count=5)
     state, _ = simulate(meshes, 100)
     meshes.append(box_body(2, 2, 2, (0, 60, 0)))
@@ -122,38 +91,14 @@ def test_whatever_is_raised_leaves_the_solver_as_it_was(where, monkeypatch):
     assert all(np.array_equal(values, kept[name]) for name, values in state.arrays().items())
 
 
-def test_what_a_step_finds_out_about_pairs_is_kept_only_if_it_ends(monkeypatch):
-    """Also where no body leaves its box, and all else of the pairs stays as it was."""
-    meshes, state = some_heap(count=5), SolverState()
-    simulate(meshes, 60, state)
-    for _ in range(30):
-        kept = state.arrays()
-        with monkeypatch.context() as patch, pytest.raises(TypeError):
-            patch.setattr(softstep, "_make_substeps", None)
-            simulate(meshes, 1, state)
-        assert all(np.array_equal(values, kept[name]) for name, values in state.arrays().items())
-        simulate(meshes, 1, state)
-
-
-# --------------------------------------------------------------------------------------------------
-# Manifolds
-# --------------------------------------------------------------------------------------------------
-
-
 def manifold(mesh1, mesh2, normal, depth):
     """`(point1 (P, 3), point2 (P, 3))` of two bodies, in the world."""
     hulls = HullSet([mesh1.hull, mesh2.hull])
     turns = [rotation(m.orientation[0]).as_matrix().reshape(9) for m in (mesh1, mesh2)]
     t = (mesh2.position - mesh1.position).T
-    point1, point2, isPoint = pair_manifolds(
-        hulls.rotated(np.stack(turns, axis=1)),
-        np.array([0]),
-        np.array([1]),
-        t,
-        np.reshape(normal, (3, 1)),
-        np.array([depth]),
-        np.zeros(1),
-    )
+    rotated, zero, one = hulls.rotated(np.stack(turns, axis=1)), np.array([0]), np.array([1])
+    alone = zero, one, t, np.reshape(normal, (3, 1)), np.array([depth]), np.zeros(1)
+    point1, point2, isPoint = pair_manifolds(rotated, *alone)
     some = isPoint[:, 0]
     return (point1[:, some, 0].T + mesh1.position, point2[:, some, 0].T + mesh2.position)
 
@@ -199,11 +144,6 @@ def test_the_deepest_point_is_always_in_the_manifold():
     assert 40 < met < 120
 
 
-# --------------------------------------------------------------------------------------------------
-# Physics
-# --------------------------------------------------------------------------------------------------
-
-
 def test_free_flight_over_substeps_is_that_of_gravity():
     ball = body("octahedron", (0, 100, 0))
     ball.linVelocity, ball.angVelocity = np.array([[3.0, 0, 0]]), np.array([[0, 2.0, 0]])
@@ -215,8 +155,7 @@ def test_free_flight_over_substeps_is_that_of_gravity():
     assert turn == pytest.approx([0, 2.0 * 10 * H, 0])
 
 
-@pytest.mark.parametrize("scale", [0.05, 1.0, 50.0])
-@pytest.mark.parametrize("timeStep", [1 / 240, 1 / 30])
+@pytest.mark.parametrize("scale, timeStep", [(0.05, 1 / 240), (50.0, 1 / 30)])
 def test_a_stack_rests_whatever_its_size_and_the_time_step(scale, timeStep):
     side = 2 * scale
     meshes = [box_body(side, side, side, (0, (i + 0.5) * side, 0)) for i in range(4)]
@@ -230,12 +169,11 @@ def test_a_stack_rests_whatever_its_size_and_the_time_step(scale, timeStep):
     assert top_speed(meshes) < 0.01 * np.sqrt(-GRAVITY * scale)
 
 
-@pytest.mark.parametrize("factor", [1 / 64, 4.0, 64.0])
-def test_nothing_depends_on_the_unit_of_length(factor):
+def test_nothing_depends_on_the_unit_of_length():
     """Lengths times s, times times √s and masses times s³ leave gravity as it is: with powers of
-    four, to the last bit. The bodies are 0.1 to 770 units long, the steps 1/480 to 1/7 s."""
+    four, to the last bit."""
     runs = []
-    for s in (1.0, factor):
+    for s in (1.0, 1 / 64):
         meshes = [
             body(m.name, s * m.position, m.orientation, density=m.density, size=s)
             for m in some_heap(seed=4, count=5)
@@ -282,8 +220,7 @@ def test_what_starts_to_slide_does_not_fall_asleep():
     assert way == pytest.approx(pull * 4.0**2 / 2, rel=0.02)
 
 
-@pytest.mark.parametrize("below", ["ground", "slab"])
-@pytest.mark.parametrize("name", ["tetrahedron", "octahedron", "cylinder", "ellipsoid", "box"])
+@pytest.mark.parametrize("name, below", [("tetrahedron", "slab"), ("ellipsoid", "ground")])
 def test_what_is_thrown_down_does_not_go_through_the_surface(name, below):
     for seed in range(6):
         rng = np.random.default_rng(seed)
@@ -294,9 +231,8 @@ def test_what_is_thrown_down_does_not_go_through_the_surface(name, below):
         thrown.angVelocity = rng.normal(size=(1, 3)) * 2 * np.sqrt(5 / radius)
         meshes = [thrown]
         if below == "slab":
-            meshes.append(
-                box_body(40 * radius, radius, 40 * radius, (0, -radius / 2, 0), isFixed=True)
-            )
+            sides = 40 * radius, radius, 40 * radius
+            meshes.append(box_body(*sides, (0, -radius / 2, 0), isFixed=True))
         state, lowest, touches = SolverState(), [], 0
         for _ in range(150):
             report = simulate(meshes, 1, state, hasGround=below == "ground")[1]
@@ -307,7 +243,7 @@ def test_what_is_thrown_down_does_not_go_through_the_surface(name, below):
 
 
 def test_a_light_body_that_a_heavy_one_hits_is_not_pressed_far_into_the_ground():
-    for x in (0.0, 0.5, 1.0, 1.5):
+    for x in (0.0, 1.0):
         light = box_body(4, 2, 4, (0, 1, 0))
         heavy = box_body(4, 4, 4, (x, 6, 0.3), density=15, orientation=quaternion((0, 0, 1), 20))
         heavy.linVelocity = np.array([[0.0, -10.0, 0.0]])
@@ -338,34 +274,6 @@ def bounces(heights):
     """The tops that a body has come to after it has been at the ground."""
     h = np.array(heights)
     return h[1:-1][(h[1:-1] > h[:-2]) & (h[1:-1] >= h[2:])]
-
-
-def leaning_cards(degrees, mu):
-    """Two cards that lean on each other at their upper edges, after ten seconds: `(height, start)`.
-
-    The weight W of a card acts between its lower and its upper edge, which are 8 long and lie on
-    the card's lower side, 0.1 before its middle. Either holds the other with the horizontal force
-    N = W (4 cos α - 0.1 sin α) / (8 sin α), and the ground has to hold the same by friction.
-    """
-    cards = []
-    for side in (-1, 1):
-        card = box_body(8, 0.2, 5, (0, 0, 0), orientation=quaternion((0, 0, 1), degrees * side))
-        low, high = card.currVertices.min(axis=0), card.currVertices.max(axis=0)
-        card.position = np.array([[-low[0] if side < 0 else -high[0], -low[1], 0.0]])
-        cards.append(card)
-    start = positions(cards)[:, 1].max()
-    simulate(cards, 500, mu=mu, sleeping=False)
-    return positions(cards)[:, 1].max(), start
-
-
-def test_two_cards_lean_on_each_other_as_far_as_friction_holds_their_feet():
-    angle = np.radians(60)
-    least = (4 * np.cos(angle) - 0.1 * np.sin(angle)) / (8 * np.sin(angle))
-    for mu in (least * 1.02, 0.5):
-        height, start = leaning_cards(60, mu)
-        assert height == pytest.approx(start, abs=1e-3)
-    height, start = leaning_cards(60, least * 0.98)
-    assert height < 0.5 * start
 
 
 def test_collisions_in_free_space_keep_momentum():
@@ -415,9 +323,8 @@ def test_the_energy_of_bodies_that_fall_onto_each_other_stays_below_the_start():
     assert penetrations(meshes).max() < 0.2
 
 
-@pytest.mark.parametrize("seed", [3, 4, 5])
-def test_elastic_bodies_that_hit_each_other_gain_no_energy_in_any_step(seed):
-    meshes, state, hits = some_heap(seed), SolverState(), 0
+def test_elastic_bodies_that_hit_each_other_gain_no_energy_in_any_step():
+    meshes, state, hits = some_heap(), SolverState(), 0
     energies = [energy(meshes)]
     for _ in range(400):
         report = simulate(meshes, 1, state, CRCoeff=1.0, mu=0.0)[1]
@@ -462,33 +369,6 @@ def test_bounds_that_coincide_hold_a_distance_both_ways():
     assert worst < 0.02 and bob.position[0, 1] < 50
 
 
-def torque_free(steps, **options):
-    bar = box_body(8, 1, 2, (0, 1000, 0))
-    bar.angVelocity = np.array([[0.05, 0.02, 4.0]])  # nearly about the axis of middle inertia
-    bar.angVelocity = bar.angVelocity[:, [0, 2, 1]]
-    spins = []
-    for _ in range(steps):
-        run_timestep([bar], None, H, 0.0, gyroscopic=True, **options)
-        spins.append(bar.angVelocity[0].copy())
-    return bar, np.array(spins)
-
-
-def test_the_gyroscopic_term_has_the_same_bits_either_way_and_gains_no_energy():
-    bar, spins = torque_free(300)
-    _, other = torque_free(300, broadPhase="grid")
-    assert np.array_equal(spins, other)
-    turn = rotation(bar.orientation[0])
-    spin = turn.inv().apply(spins[-1])
-    start = np.array([0.05, 4.0, 0.02])
-    assert spin @ bar.IT @ spin <= start @ bar.IT @ start * (1 + 1e-9)
-    assert np.abs(spins - spins[0]).max() > 0.05  # it tumbles
-
-
-# --------------------------------------------------------------------------------------------------
-# Another time step
-# --------------------------------------------------------------------------------------------------
-
-
 def largest_motion(meshes, state, seconds, **options):
     """The largest speed that a body comes to, and how far the bodies come at most."""
     start, speed, way = positions(meshes), 0.0, 0.0
@@ -499,36 +379,15 @@ def largest_motion(meshes, state, seconds, **options):
     return speed, way
 
 
-SMALL = {"timeStep": 0.001}
-OTHER_STEPS = [
-    ({}, SMALL, 0.3),
-    (SMALL, {}, 1.0),
-    ({}, {"substeps": 32}, 0.5),
-    ({}, {"substeps": 4}, 1.5),
-    ({"substeps": 4}, {}, 1.0),
-]
-
-
-@pytest.mark.parametrize(("before", "after", "seconds"), OTHER_STEPS)
-@pytest.mark.parametrize("sleeping", [False, True])
-def test_a_stack_at_rest_stays_where_it_is_with_another_time_step(before, after, seconds, sleeping):
+@pytest.mark.parametrize(
+    ("before", "after", "seconds"), [({}, {"timeStep": 0.001}, 0.1), ({"substeps": 4}, {}, 0.6)]
+)
+def test_a_stack_at_rest_stays_where_it_is_with_another_time_step(before, after, seconds):
     meshes = [box_body(12, 6, 8, (0, 3 + 6 * i, 0)) for i in range(20)]
-    steps = 400 if before is SMALL else 200
-    state, _ = simulate(meshes, steps, sleeping=sleeping, **before)
+    state, _ = simulate(meshes, 200, sleeping=False, **before)
     assert top_speed(meshes) < 0.05
-    speed, way = largest_motion(meshes, state, seconds, sleeping=sleeping, **after)
+    speed, way = largest_motion(meshes, state, seconds, sleeping=False, **after)
     assert speed < 0.2 and way < 0.1
-
-
-def test_a_time_step_that_varies_disturbs_no_stack():
-    """By as much as the time between two pictures does."""
-    meshes = [box_body(12, 6, 8, (0, 3 + 6 * i, 0)) for i in range(20)]
-    state, _ = simulate(meshes, 100, sleeping=False)
-    start = positions(meshes)
-    for k in range(60):
-        simulate(meshes, 1, state, timeStep=(0.016, 0.017)[k % 2], sleeping=False)
-        assert top_speed(meshes) < 0.05
-    assert np.abs(positions(meshes) - start).max() < 0.02
 
 
 def test_what_a_tower_has_stood_on_does_not_float_when_it_is_gone():
@@ -551,39 +410,6 @@ def test_bodies_in_each_other_part_whatever_the_time_step_was():
     assert penetrations(meshes).max(initial=0.0) < 0.01
 
 
-@pytest.mark.parametrize(("before", "after", "seconds"), OTHER_STEPS[:2])
-def test_a_chain_at_rest_stays_where_it_is_with_another_time_step(before, after, seconds):
-    meshes = [
-        box_body(2, 2, 2, (0, 30 - 3.0 * i, 0), isFixed=i == 0, density=1 + 300 * (i == 3))
-        for i in range(4)
-    ]
-    ties = [[i, v, i + 1, v + 2, 1.0, True] for i in range(3) for v in (0, 5)]  # corners
-    state, _ = simulate(meshes, 300 if before is SMALL else 150, constraints=ties, **before)
-    assert top_speed(meshes) < 0.02
-    speed, way = largest_motion(meshes, state, 0.5 * seconds, constraints=ties, **after)
-    assert speed < 0.05 and way < 0.01
-
-
-# --------------------------------------------------------------------------------------------------
-# The same bits
-# --------------------------------------------------------------------------------------------------
-
-
-def test_twice_the_same_input_gives_the_same_bits_also_in_another_process():
-    code = (
-        "import sys; sys.path[:0] = ['tests', '.']\n"
-        "from test_softstep import *\n"
-        "meshes = some_heap(); simulate(meshes, 120)\n"
-        "sys.stdout.write(state_of(meshes).tobytes().hex())\n"
-    )
-    run = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
-    )
-    meshes = some_heap()
-    simulate(meshes, 120)
-    assert state_of(meshes).tobytes().hex() == run.stdout
-
-
 def test_what_is_saved_and_restored_goes_on_with_the_same_bits():
     meshes = some_heap()
     state, _ = simulate(meshes, 170)
@@ -591,9 +417,7 @@ def test_what_is_saved_and_restored_goes_on_with_the_same_bits():
     rows, arrays = state_of(meshes), state.arrays()
     simulate(meshes, 60, state)
     again = some_heap()
-    for m, row in zip(again, rows, strict=True):
-        m.position, m.orientation = row[None, :3].copy(), row[None, 3:7].copy()
-        m.linVelocity, m.angVelocity = row[None, 7:10].copy(), row[None, 10:].copy()
+    restore(again, rows)
     simulate(again, 60, SolverState.from_arrays(arrays))
     assert np.array_equal(state_of(again), state_of(meshes))
 
@@ -613,25 +437,6 @@ def test_a_recording_can_be_verified_and_resumed_anywhere(tmp_path):
     for step in range(151, 181):
         again.step()
         assert np.array_equal(again.state()["positions"], later.frame(step)["positions"])
-
-
-def test_a_recording_is_resumed_at_its_end_without_a_step(tmp_path, monkeypatch):
-    settings = Settings(0.0, friction=0.5, contactSolver="soft-step")
-    simulation = Simulation(DATA / "tower-scene.txt", settings)
-    record(tmp_path / "tower.h5", simulation, 130)
-    assert simulation.solverState.manifolds.impulse.max() > 0.0
-    with monkeypatch.context() as patch:
-        patch.setattr(Simulation, "step", None)
-        resumed = resume(Recording(tmp_path / "tower.h5"), 130)
-    for _ in range(40):
-        for each in (simulation, resumed):
-            each.step()
-    assert np.array_equal(resumed.state()["positions"], simulation.state()["positions"])
-
-
-# --------------------------------------------------------------------------------------------------
-# Sleeping
-# --------------------------------------------------------------------------------------------------
 
 
 def sleeping_stack(count=3):
@@ -689,23 +494,10 @@ def test_a_body_that_is_added_far_away_changes_no_bit_of_what_sleeps():
     assert np.array_equal(state_of(meshes), before) and state.sleep.isAsleep.all()
 
 
-def test_a_body_that_is_added_far_away_changes_no_bit_of_what_moves():
-    runs = []
-    for isAdded in (False, True):
-        meshes = some_heap()
-        state, _ = simulate(meshes, 90)
-        if isAdded:
-            meshes.append(box_body(2, 2, 2, (1e4, 500, 0)))
-        simulate(meshes, 60, state)
-        runs.append(state_of(meshes[:7]))
-    assert np.array_equal(*runs)
-
-
-@pytest.mark.parametrize("height", [7.0, 9.0])
-def test_a_body_that_is_added_wakes_what_it_touches_or_lands_on(height):
+def test_a_body_that_is_added_wakes_what_it_touches():
     meshes, state = sleeping_stack()
-    meshes.append(box_body(2, 2, 2, (0.3, height, 0)))
-    simulate(meshes, 2 if height == 7.0 else 40, state)
+    meshes.append(box_body(2, 2, 2, (0.3, 7.0, 0)))
+    simulate(meshes, 2, state)
     assert not state.sleep.isAsleep[2] and state.sleep.isAsleep[3]
     simulate(meshes, 150, state)
     assert meshes[4].position[0, 1] == pytest.approx(7.0, abs=0.02) and state.sleep.isAsleep.all()

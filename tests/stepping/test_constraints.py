@@ -6,25 +6,20 @@ follows from its linearised equations.
 """
 
 import itertools
-import warnings
 from collections import Counter
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from oracles import (
-    COURSE,
     DATA,
-    SHAPES,
     body,
     box_body,
     frozen,
     ground,
-    needs_course,
     quaternion,
     random_quaternions,
     restore,
-    rotation,
     state_of,
 )
 from scipy.linalg import block_diag, eigh
@@ -33,11 +28,7 @@ from scipy.spatial.transform import Rotation
 import rbs.stepping.constraints
 from rbs.scenes.simulation import Settings, Simulation
 from rbs.stepping.settings import CONSTRAINT_SCHEDULINGS, CONSTRAINT_TOLERANCE
-from RBSFunctions import (
-    resolve_position_constraint,
-    resolve_velocity_constraint,
-    run_timestep,
-)
+from RBSFunctions import resolve_position_constraint, resolve_velocity_constraint, run_timestep
 from RigidBodySimulation import load_constraint_file
 
 G = 9.8
@@ -47,9 +38,9 @@ UP = np.array([0.0, 1.0, 0.0])
 schedulings = pytest.mark.parametrize("scheduling", CONSTRAINT_SCHEDULINGS)
 
 
-# --------------------------------------------------------------------------------------------------
-# One constraint
-# --------------------------------------------------------------------------------------------------
+def step(meshes, groundMesh, constraints, scheduling="sweep", **options):
+    options |= {"constraints": constraints, "constraintScheduling": scheduling}
+    return run_timestep(meshes, groundMesh, H, 0.5, **options)
 
 
 def random_tie(rng, fixed=()):
@@ -74,9 +65,7 @@ def random_tie(rng, fixed=()):
         linVelocities=tuple(map(frozen, linVelocities)),
         angVelocities=tuple(map(frozen, angVelocities)),
         invMasses=tuple(np.divide(movable, masses)),
-        invInertias=tuple(
-            frozen(m * np.linalg.inv(t)) for m, t in zip(movable, inertias, strict=True)
-        ),
+        invInertias=[frozen(m * np.linalg.inv(t)) for m, t in zip(movable, inertias, strict=True)],
     )
 
 
@@ -93,7 +82,7 @@ def test_position_correction_through_random_ties():
     """
     rng = np.random.default_rng(300)
     outcomes = Counter()
-    for k in range(1500):
+    for k in range(720):
         fixed = ((), (0,), (1,))[k % 3]
         upper = bool(k // 3 % 2)
         tie = random_tie(rng, fixed)
@@ -127,7 +116,7 @@ def test_position_correction_through_random_ties():
             assert np.abs(moves[0] + share * C * n).max() < 1e-13
             shift = tie.masses[0] * moves[0] + tie.masses[1] * moves[1]
             assert np.abs(shift).max() < 1e-14 * tie.masses.sum()
-    assert len(outcomes) == 12 and min(outcomes.values()) > 50
+    assert len(outcomes) == 12 and min(outcomes.values()) > 25
 
 
 def test_velocity_correction_through_random_ties():
@@ -139,41 +128,24 @@ def test_velocity_correction_through_random_ties():
     rng = np.random.default_rng(301)
     tolerance = 1e-5
     outcomes = Counter()
-    for k in range(1500):
+    for k in range(600):
         fixed = ((), (0,), (1,))[k % 3]
         tie = random_tie(rng, fixed)
         n = np.ravel(tie.points[0] - tie.points[1]) / distance_of(tie.points)
         r1, r2 = (np.ravel(p - x) for p, x in zip(tie.points, tie.positions, strict=True))
         J = np.concatenate((n, np.cross(r1, n), -n, -np.cross(r2, n)))
-        v = np.concatenate(
-            [
-                tie.linVelocities[0],
-                tie.angVelocities[0],
-                tie.linVelocities[1],
-                tie.angVelocities[1],
-            ],
-            axis=1,
-        )[0]
+        pairs = zip(tie.linVelocities, tie.angVelocities, strict=True)
+        v = np.concatenate([row for pair in pairs for row in pair], axis=1)[0]
         if k % 2:  # nearly at rest along the tie: within the tolerance, or just not
             v = v + J * (rng.uniform(-2, 2) * tolerance - J @ v) / (J @ J)
-        inverse = block_diag(
-            *(
-                block
-                for k in range(2)
-                for block in (tie.invMasses[k] * np.eye(3), tie.invInertias[k])
-            )
-        )
+        masses = [w * np.eye(3) for w in tie.invMasses]
+        inverse = block_diag(masses[0], tie.invInertias[0], masses[1], tie.invInertias[1])
         expected = v - inverse @ J * (J @ v) / (J @ inverse @ J)
         before = frozen(v.reshape(4, 1, 3))
 
+        motion = tie.positions, tie.points, (before[0], before[2]), (before[1], before[3])
         wasValid, linVelocities, angVelocities = resolve_velocity_constraint(
-            tie.positions,
-            tie.points,
-            (before[0], before[2]),
-            (before[1], before[3]),
-            tie.invMasses,
-            tie.invInertias,
-            tolerance,
+            *motion, tie.invMasses, tie.invInertias, tolerance
         )
         parts = [linVelocities[0], angVelocities[0], linVelocities[1], angVelocities[1]]
         after = np.concatenate(parts, axis=1)[0]
@@ -189,128 +161,12 @@ def test_velocity_correction_through_random_ties():
             assert np.array_equal(after.reshape(2, 6)[body_], v.reshape(2, 6)[body_])
         if not fixed:
             # The kinetic energy that is lost is that of the motion which was stopped.
-            M = block_diag(
-                *(block for k in range(2) for block in (tie.masses[k] * np.eye(3), tie.inertias[k]))
-            )
+            m1, m2 = (m * np.eye(3) for m in tie.masses)
+            M = block_diag(m1, tie.inertias[0], m2, tie.inertias[1])
             lost = (v @ M @ v - after @ M @ after) / 2
             energy = v @ M @ v
             assert abs(lost - (J @ v) ** 2 / (J @ inverse @ J) / 2) < 1e-12 * energy
-    assert len(outcomes) == 6 and min(outcomes.values()) > 50
-
-
-@pytest.mark.parametrize("upper", [True, False])
-def test_the_tolerance_of_a_position_is_included(upper):
-    # 3 m apart, with nothing to round: C = 0.5 over an upper bound of 2.5, -0.5 under 3.5.
-    positions = (np.array([[0.0, 0.0, 0.0]]), np.array([[3.0, 0.0, 0.0]]))
-    refValue = 2.5 if upper else 3.5
-
-    def resolve(tolerance, refValue=refValue):
-        return resolve_position_constraint(
-            positions, positions, refValue, (1.0, 3.0), upper, tolerance
-        )
-
-    wasValid, corrected = resolve(0.5)
-    assert wasValid and np.array_equal(corrected, positions)
-    wasValid, corrected = resolve(np.nextafter(0.5, 0.0))
-    # Inverse masses 1 : 3, so of the half metre the first one goes a quarter, 0.125.
-    shift = 0.125 if upper else -0.125
-    assert not wasValid
-    assert np.array_equal(corrected, [[[shift, 0, 0]], [[3 - 3 * shift, 0, 0]]])
-    # The other side of a bound is free.
-    assert resolve(0.0, 1e6 if upper else 0.0)[0]
-
-
-def test_the_tolerance_of_a_velocity_is_included():
-    # Points on the COMs, 3 m apart along x: J v = v2 - v1 along x, here 0.5, and no rotation.
-    positions = (np.array([[0.0, 0.0, 0.0]]), np.array([[3.0, 0.0, 0.0]]))
-    linVelocities = (np.array([[0.25, 1.0, 0.0]]), np.array([[0.75, 0.0, 2.0]]))
-    still = (np.zeros((1, 3)), np.zeros((1, 3)))
-
-    def resolve(tolerance):
-        return resolve_velocity_constraint(
-            positions,
-            positions,
-            linVelocities,
-            still,
-            (1.0, 3.0),
-            (np.eye(3), np.eye(3)),
-            tolerance,
-        )
-
-    wasValid, *unchanged = resolve(0.5)
-    assert wasValid and np.array_equal(unchanged, [linVelocities, still])
-    wasValid, corrected, spins = resolve(np.nextafter(0.5, 0.0))
-    # Of the 0.5 m/s, a quarter is the first one's: both go on at 0.375 along x.
-    assert not wasValid and np.array_equal(spins, still)
-    assert np.array_equal(corrected, [[[0.375, 1, 0]], [[0.375, 0, 2]]])
-
-
-def test_plain_vectors_and_one_entry_arrays_are_accepted():
-    """And give the bits that rows and floats do."""
-    rng = np.random.default_rng(302)
-    for upper in (True, False):
-        tie = random_tie(rng)
-        refValue = distance_of(tie.points) * (0.7 if upper else 1.3)
-        flat = SimpleNamespace(
-            **{
-                name: [row[0] for row in getattr(tie, name)]
-                for name in ("positions", "points", "linVelocities", "angVelocities")
-            }
-        )
-        invMasses = [np.array([w]) for w in tie.invMasses]
-        expected = resolve_position_constraint(
-            tie.positions, tie.points, refValue, tie.invMasses, upper, 1e-6
-        )
-        result = resolve_position_constraint(
-            flat.positions,
-            flat.points,
-            np.array([refValue]),
-            invMasses,
-            np.array([upper]),
-            np.array([1e-6]),
-        )
-        assert result[0] is expected[0] is False
-        assert np.array_equal(result[1], expected[1])
-        expected = resolve_velocity_constraint(
-            tie.positions,
-            tie.points,
-            tie.linVelocities,
-            tie.angVelocities,
-            tie.invMasses,
-            tie.invInertias,
-            1e-5,
-        )
-        result = resolve_velocity_constraint(
-            flat.positions,
-            flat.points,
-            flat.linVelocities,
-            flat.angVelocities,
-            invMasses,
-            tie.invInertias,
-            np.array([1e-5]),
-        )
-        assert result[0] is expected[0] is False
-        assert np.array_equal(result[1:], expected[1:])
-        assert [row.shape for pair in result[1:] for row in pair] == 4 * [(1, 3)]
-
-
-# --------------------------------------------------------------------------------------------------
-# What a visit conserves
-# --------------------------------------------------------------------------------------------------
-
-
-def angular_momentum(meshes, about):
-    total = np.zeros(3)
-    for m in meshes:
-        R = rotation(m.orientation[0]).as_matrix()
-        total += R @ m.IT @ R.T @ m.angVelocity[0]
-        total += np.cross(m.position[0] - about, m.mass * m.linVelocity[0])
-    return total
-
-
-def centre_of(meshes):
-    masses = np.array([m.mass for m in meshes])
-    return masses @ np.concatenate([m.position for m in meshes]) / masses.sum()
+    assert len(outcomes) == 6 and min(outcomes.values()) > 40
 
 
 def vertex(meshes, mesh, index):
@@ -318,7 +174,7 @@ def vertex(meshes, mesh, index):
 
 
 def violations(meshes, constraints):
-    """By how much each bound is exceeded (C,), 0 where it is not."""
+    """Excess over each bound (C,), 0 if the bound holds."""
     rows = []
     for m1, v1, m2, v2, refValue, upper in constraints:
         C = np.linalg.norm(vertex(meshes, m1, v1) - vertex(meshes, m2, v2)) - refValue
@@ -326,118 +182,12 @@ def violations(meshes, constraints):
     return np.array(rows)
 
 
-def test_momentum_through_random_steps_of_a_tied_pair():
-    """What the constraint stage does to two free bodies: the step with it against without.
-
-    The impulses are opposite and on one line, that of the two points: linear momentum is conserved,
-    and angular momentum about any fixed point. The position correction moves the bodies along that
-    line at the velocities they have, m1 Δ1 = -μ C n and m2 Δ2 = μ C n with the reduced mass μ: the
-    common COM stays, and Σ Δ_i × m_i v_i = μ C n × (v2 - v1) is added to the angular momentum.
-    """
-    rng = np.random.default_rng(303)
-    kinds = Counter()
-    for k in range(300):
-        upper = bool(k % 2)
-        meshes = []
-        for name, x in zip(rng.choice(SHAPES, size=2), (-30, 30), strict=True):
-            position = [x, 0, 0] + rng.normal(size=3) * 5
-            density = 10 ** rng.uniform(-2, 2)
-            meshes.append(body(name, position, random_quaternions(rng, 1)[0], density=density))
-            meshes[-1].linVelocity = rng.normal(size=(1, 3)) * 5
-            meshes[-1].angVelocity = rng.normal(size=(1, 3)) * 2
-        start = state_of(meshes)
-        v1, v2 = (int(rng.integers(len(m.currVertices))) for m in meshes)
-        run_timestep(meshes, None, H, 0.5)
-        d = vertex(meshes, 0, v1) - vertex(meshes, 1, v2)
-        distance = np.linalg.norm(d)
-        about, centre, free = rng.normal(size=3) * 20, centre_of(meshes), state_of(meshes)
-        momentum = sum(m.mass * m.linVelocity[0] for m in meshes)
-        scale = sum(m.mass * 60 * np.linalg.norm(m.linVelocity) for m in meshes)
-        masses = [m.mass for m in meshes]
-        # of the common COM too: a point that moves, but both sides are looked at in one moment
-        spins = {
-            place: angular_momentum(meshes, p) for place, p in (("fixed", about), ("COM", centre))
-        }
-        refValue = distance * (0.9 if upper else 1.1)
-        C = distance - refValue
-        added = (
-            masses[0]
-            * masses[1]
-            / sum(masses)
-            * C
-            * np.cross(d / distance, free[1, 7:10] - free[0, 7:10])
-        )
-
-        restore(meshes, start)
-        constraints = [[0, v1, 1, v2, refValue, upper]]
-        report = run_timestep(meshes, None, H, 0.5, constraints=constraints)
-        assert not report.contacts
-        assert report.constraintVisits == 2  # corrected, then looked at
-        assert not np.array_equal(state_of(meshes)[:, 7:], free[:, 7:])
-        assert abs(violations(meshes, constraints).max()) < 1e-12
-        changed = sum(m.mass * m.linVelocity[0] for m in meshes) - momentum
-        assert np.abs(changed).max() < 1e-14 * scale
-        assert np.abs(centre_of(meshes) - centre).max() < 1e-13
-        for place, p in (("fixed", about), ("COM", centre)):
-            changed = angular_momentum(meshes, p) - spins[place]
-            assert np.abs(changed - added).max() < 1e-12 * scale
-        kinds[upper, np.abs(added).max() > 1e-3 * scale] += 1
-    assert kinds[True, True] > 50 and kinds[False, True] > 50
-
-
-def test_the_common_centre_of_a_tied_pair_falls_freely():
-    # Two bodies that pull at each other by a rod for 300 steps of 0.02 s.
-    meshes = [
-        body("box", (-12, 900, 0), quaternion([1, 2, 3], 40), density=2),
-        body("ellipsoid", (12, 900, 0), quaternion([3, 1, 0], 70), density=5),
-    ]
-    meshes[0].linVelocity, meshes[0].angVelocity = np.array([[0, 9.0, 4]]), np.array([[1, 0, 2.0]])
-    distance = np.linalg.norm(vertex(meshes, 0, 7) - vertex(meshes, 1, 3))
-    constraints = [[0, 7, 1, 3, distance, upper] for upper in (False, True)]
-    masses = np.array([m.mass for m in meshes])
-    y, v = centre_of(meshes), masses @ [m.linVelocity[0] for m in meshes] / masses.sum()
-    visits = 0
-    for _ in range(300):
-        v = v - G * H * UP
-        y = y + H * v
-        visits += run_timestep(meshes, None, H, 0.5, constraints=constraints).constraintVisits
-        assert violations(meshes, constraints).max() <= 1e-3
-    assert visits > 600  # more than one sweep a step: there was something to correct
-    assert np.abs(centre_of(meshes) - y).max() < 1e-10
-    momentum = masses @ [m.linVelocity[0] for m in meshes] / masses.sum()
-    assert np.abs(momentum - v).max() < 1e-11
-
-
-# --------------------------------------------------------------------------------------------------
-# Edge cases
-# --------------------------------------------------------------------------------------------------
-
-
-def test_two_bodies_that_cannot_move_stay():
-    tie = random_tie(np.random.default_rng(304), fixed=(0, 1))
-    wasValid, positions = resolve_position_constraint(
-        tie.positions, tie.points, distance_of(tie.points) / 2, tie.invMasses, True, 1e-3
-    )
-    assert not wasValid and np.array_equal(positions, tie.positions)
-    wasValid, *velocities = resolve_velocity_constraint(
-        tie.positions,
-        tie.points,
-        tie.linVelocities,
-        tie.angVelocities,
-        tie.invMasses,
-        tie.invInertias,
-        1e-5,
-    )
-    assert not wasValid
-    assert np.array_equal(velocities, [tie.linVelocities, tie.angVelocities])
-
-
 @pytest.mark.parametrize("fixed", [(), (0,), (1,)])
 def test_coincident_points_are_parted_along_y(fixed):
     point = np.array([[1.0, 2.0, 3.0]])
     positions = (point - [[0.0, 1.0, 0.0]], point + [[2.0, 0.0, 0.0]])
     invMasses = [0.0 if k in fixed else (1.0, 3.0)[k] for k in range(2)]
-    for refValue, tolerance in itertools.product((0.0, 2.0), (0.0, 1e-3)):
+    for refValue, tolerance in ((0.0, 0.0), (2.0, 1e-3)):
         # C = -refValue: no upper bound is exceeded, and no lower one of zero
         wasValid, corrected = resolve_position_constraint(
             positions, (point, point), refValue, invMasses, True, tolerance
@@ -469,36 +219,15 @@ def test_coincident_points_are_parted_along_y(fixed):
 
 
 @schedulings
-def test_coincident_vertices_in_a_step(scheduling):
-    # Unit cubes corner to corner, both falling: the corner 7 = (+, +, +) of the first one is the
-    # corner 0 of the second one. Masses 1 and 3: a lower bound of 1 moves them by 0.75 and 0.25.
-    meshes = [box_body(1, 1, 1, (0, 50, 0)), box_body(1, 1, 1, (1, 51, 1), density=3)]
-    assert np.abs(vertex(meshes, 0, 7) - vertex(meshes, 1, 0)).max() == 0
-    run_timestep(
-        meshes,
-        None,
-        H,
-        0.5,
-        constraints=[[0, 7, 1, 0, 1.0, False]],
-        constraintScheduling=scheduling,
-    )
-    y = 50 - G * H * H
-    assert meshes[0].position[0] == pytest.approx([0, y + 0.75, 0], abs=1e-12)
-    assert meshes[1].position[0] == pytest.approx([1, y + 1 - 0.25, 1], abs=1e-12)
-
-
-@schedulings
 def test_a_rope_of_no_length_holds(scheduling):
     # A cube hangs by a corner from the corner of a fixed one; after a first correction the two
-    # coincide but for rounding, and the direction between them is anyone's.
+    # coincide but for rounding, and the direction between them is arbitrary.
     meshes = [box_body(1, 1, 1, (0, 50, 0), isFixed=True), box_body(1, 1, 1, (1.3, 48.8, 1))]
     constraints = [[0, 5, 1, 2, 0.0, False], [0, 5, 1, 2, 0.0, True]]
     assert 0.1 < np.linalg.norm(vertex(meshes, 0, 5) - vertex(meshes, 1, 2)) < 0.5
     lowest = 50.0
     for _ in range(150):
-        report = run_timestep(
-            meshes, ground(), H, 0.0, constraints=constraints, constraintScheduling=scheduling
-        )
+        report = step(meshes, ground(), constraints, scheduling=scheduling)
         assert report.constraintVisits < 1000
         assert violations(meshes, constraints).max() <= 1e-3
         lowest = min(lowest, meshes[1].position[0, 1])
@@ -515,17 +244,8 @@ def tangle(rng, count=24, fixed=2):
     places = 12.0 * np.array(list(itertools.product((0, 1), repeat=3))) + 100 * UP
     meshes = []
     for k, place in enumerate(rng.permutation(places)):
-        meshes.append(
-            box_body(
-                1,
-                1,
-                1,
-                place,
-                orientation=random_quaternions(rng, 1)[0],
-                density=10 ** rng.uniform(-1, 1),
-                isFixed=k < fixed,
-            )
-        )
+        q, density = random_quaternions(rng, 1)[0], 10 ** rng.uniform(-1, 1)
+        meshes.append(box_body(1, 1, 1, place, orientation=q, density=density, isFixed=k < fixed))
         if k >= fixed:
             meshes[-1].linVelocity = rng.normal(size=(1, 3))
             meshes[-1].angVelocity = rng.normal(size=(1, 3))
@@ -540,7 +260,7 @@ def tangle(rng, count=24, fixed=2):
 
 
 def can_be_corrected(meshes, row, tolerance=CONSTRAINT_TOLERANCE):
-    """Whether any motion of the bodies could make a visit of this constraint do something."""
+    """Returns whether some motion of the bodies would let a visit of this constraint act."""
     m1, _, m2, _, refValue, upper = row
     return (
         m1 != m2
@@ -563,71 +283,11 @@ def test_what_cannot_be_corrected_is_as_if_it_were_not_there(scheduling):
         for rows in (constraints, useful):
             restore(meshes, start)
             for _ in range(2):
-                # whole sweeps: ten of each list
-                run_timestep(
-                    meshes,
-                    None,
-                    H,
-                    0.5,
-                    constraints=rows,
-                    maxIterations=10 * len(rows),
-                    constraintScheduling=scheduling,
-                )
+                sweeps = 10 * len(rows)  # whole ones: ten of each list
+                step(meshes, None, rows, scheduling, maxIterations=sweeps)
             results.append(state_of(meshes))
         assert np.array_equal(*results)
     assert dropped > 100
-
-
-@schedulings
-def test_only_what_cannot_be_corrected(scheduling):
-    meshes = [
-        body("box", (0, 50, 0), isFixed=True),
-        body("box", (30, 50, 0), isFixed=True),
-        body("box", (0, 90, 0)),
-    ]
-    constraints = [[0, 0, 1, 0, 1.0, True], [2, 0, 2, 7, 1.0, True], [2, 3, 2, 3, 5.0, False]]
-    before = state_of(meshes)
-    report = run_timestep(
-        meshes, ground(), H, 0.5, constraints=constraints, constraintScheduling=scheduling
-    )
-    after = state_of(meshes)
-    assert report.constraintVisits <= 3
-    assert np.array_equal(after[:2], before[:2])
-    assert after[2, :3] == pytest.approx([0, 90 - G * H * H, 0])
-
-
-@schedulings
-@pytest.mark.parametrize("nothing", [[], (), np.empty((0, 4)), np.empty((0, 6))])
-def test_no_constraints(scheduling, nothing):
-    results = []
-    for settings in (
-        {},
-        {"constraints": nothing, "constraintScheduling": scheduling},
-        {"enforceConstraints": False, "constraints": [[0, 0, 1, 0, 1.0, True]]},
-    ):
-        meshes = [body("box", (0, 50, 0)), body("octahedron", (30, 50, 0))]
-        report = run_timestep(meshes, ground(), H, 0.5, **settings)
-        assert report.constraintVisits == 0
-        results.append(state_of(meshes))
-    assert np.array_equal(results[0], results[1]) and np.array_equal(results[0], results[2])
-
-
-@schedulings
-def test_an_empty_constraint_file(tmp_path, scheduling):
-    (tmp_path / "none.txt").write_text("0\n")
-    free, tied = (
-        Simulation(
-            DATA / "two_cylinder-scene.txt",
-            Settings(enforceConstraints=enforced, constraintScheduling=scheduling),
-            tmp_path / "none.txt",
-        )
-        for enforced in (False, True)
-    )
-    assert tied.constraints == [] and tied.largest_violation() == 0.0
-    for simulation in (free, tied):
-        for _ in range(3):
-            simulation.step()
-    assert np.array_equal(state_of(free.meshes), state_of(tied.meshes))
 
 
 def short_chain():
@@ -640,79 +300,18 @@ def short_chain():
 
 
 @schedulings
-@pytest.mark.parametrize("maxIterations", [-5, 0, 1, 4])
+@pytest.mark.parametrize("maxIterations", [-5, 4])
 def test_a_whole_sweep_at_least(scheduling, maxIterations):
     meshes, ropes = short_chain()
-    report = run_timestep(
-        meshes,
-        None,
-        H,
-        0.5,
-        constraints=ropes,
-        maxIterations=maxIterations,
-        constraintScheduling=scheduling,
-    )
+    report = step(meshes, None, ropes, maxIterations=maxIterations, scheduling=scheduling)
     assert report.constraintVisits == 5
     shift = state_of(meshes)[:, 0] - 4 * np.arange(6)
     assert shift[0] == 0.0 and shift[5] < -0.2  # the last rope has pulled too
     if scheduling != "batches":
         # In order: rope 0 pulls cube 1 all of its 0.5 to the left, for the other one is fixed.
         # Rope 1 is now 1 too long, and pulls cube 1 back by half of that, and cube 2 to the left
-        # by the other half. So do the next ones, up to cube 5, which nobody pulls back.
+        # by the other half. So do the next ones, up to cube 5, which is not pulled back.
         assert shift == pytest.approx([0, 0, 0, 0, 0, -0.5], abs=1e-12)
-
-
-@schedulings
-def test_visits_end_within_a_sweep(scheduling):
-    """In the middle of the second sweep, with and without bounds that cannot be corrected."""
-    for allowed, slack in itertools.product(range(5, 21), (False, True)):
-        meshes, ropes = short_chain()
-        constraints = ropes
-        if slack:  # as a file gives them: a lower bound in front of each upper one
-            constraints = [row for rope in ropes for row in ([*rope[:4], 0.0, False], rope)]
-        report = run_timestep(
-            meshes,
-            None,
-            H,
-            0.5,
-            constraints=constraints,
-            maxIterations=allowed,
-            constraintScheduling=scheduling,
-        )
-        assert report.constraintVisits <= max(allowed, len(constraints))
-        if scheduling == "sweep" or not slack and scheduling == "batches":
-            assert report.constraintVisits == max(allowed, len(constraints))
-        last = (max(allowed, len(constraints)) - 1) % len(constraints)
-        if scheduling != "batches" and constraints[last][5]:
-            # Nothing has moved it since.
-            assert violations(meshes, constraints)[last] < 1e-12
-
-
-def test_unknown_scheduling_is_refused_and_changes_nothing():
-    meshes, ropes = short_chain()
-    before = state_of(meshes)
-    with pytest.raises(ValueError, match="sweep, queue, batches"):
-        run_timestep(meshes, None, H, 0.5, constraints=ropes, constraintScheduling="random")
-    assert np.array_equal(state_of(meshes), before)
-
-
-@schedulings
-def test_a_table_does_for_a_list_and_neither_is_changed(scheduling):
-    results = []
-    for convert in (lambda rows: rows, np.array, lambda rows: tuple(map(tuple, rows))):
-        meshes, ropes = short_chain()
-        ropes = convert(ropes)
-        if isinstance(ropes, np.ndarray):
-            frozen(ropes)
-        run_timestep(meshes, None, H, 0.5, constraints=ropes, constraintScheduling=scheduling)
-        assert np.array_equal(ropes, short_chain()[1])
-        results.append(state_of(meshes))
-    assert np.array_equal(results[0], results[1]) and np.array_equal(results[0], results[2])
-
-
-# --------------------------------------------------------------------------------------------------
-# Sweep and queue, by a literal loop
-# --------------------------------------------------------------------------------------------------
 
 
 def literal_sweep(meshes, constraints, maxIterations, tolerance):
@@ -746,14 +345,10 @@ def literal_sweep(meshes, constraints, maxIterations, tolerance):
             m.currVertices = m.currVertices + (position - m.position)
             m.position = position
         points = [pair[0].currVertices[v1], pair[1].currVertices[v2]]
+        velocities = [m.linVelocity for m in pair], [m.angVelocity for m in pair]
+        tensors = [m.get_rotated_inv_IT() for m in pair]
         _, linVelocities, angVelocities = resolve_velocity_constraint(
-            positions,
-            points,
-            [m.linVelocity for m in pair],
-            [m.angVelocity for m in pair],
-            invMasses,
-            [m.get_rotated_inv_IT() for m in pair],
-            tolerance,
+            positions, points, *velocities, invMasses, tensors, tolerance
         )
         for k, m in enumerate(pair):
             m.linVelocity, m.angVelocity = linVelocities[k], angVelocities[k]
@@ -764,131 +359,48 @@ def literal_sweep(meshes, constraints, maxIterations, tolerance):
     return visits, flagged
 
 
-def step_literally(meshes, constraints, maxIterations, tolerance=CONSTRAINT_TOLERANCE):
-    """A whole step with the literal constraint stage; returns what `literal_sweep` does."""
-    run_timestep(meshes, ground(), H, 0.5, enforceConstraints=False)
-    return literal_sweep(meshes, constraints, maxIterations, tolerance)
-
-
-@pytest.mark.parametrize("name", ["cube", "tower_chain"])
-def test_scenes_by_the_literal_loop(name):
-    """Both run on from their own state: what differs in one step is carried into all later ones."""
-    steps, worst = 130, 0.0
-    runs = [load(DATA, name) for _ in range(3)]
-    most = runs[0].max_iterations()
-    for _ in range(steps):
-        visits = []
-        for simulation, scheduling in zip(runs[:2], ("sweep", "queue"), strict=True):
-            simulation.settings.constraintScheduling = scheduling
-            simulation.step()
-            visits.append(simulation.report.constraintVisits)
-        assert tuple(visits) == step_literally(runs[2].meshes, runs[2].constraints, most)
-        worst = max(worst, np.abs(state_of(runs[0].meshes) - state_of(runs[2].meshes)).max())
-    print(f"\n{name}: {steps} steps by the literal loop, worst {worst:.1e}")
-    assert worst < 1e-12
-
-
 def test_tangles_by_the_literal_loop():
     """Random ties, random ends; sweep and queue the same to the bit, the literal loop to 1e-12."""
     rng = np.random.default_rng(306)
     seen = Counter()
     worst = 0.0
-    for _ in range(60):
+    for _ in range(30):
         meshes, constraints = tangle(rng, count=int(rng.integers(2, 30)))
         most = int(rng.choice([0, 10, 50, 300]))
         for _ in range(2):
             start, results, visits = state_of(meshes), [], []
             for scheduling in ("queue", "sweep"):
                 restore(meshes, start)
-                report = run_timestep(
-                    meshes,
-                    ground(),
-                    H,
-                    0.5,
-                    True,
-                    constraints,
-                    most,
-                    CONSTRAINT_TOLERANCE,
-                    constraintScheduling=scheduling,
-                )
+                report = step(meshes, ground(), constraints, scheduling, maxIterations=most)
                 results.append(state_of(meshes))
                 visits.append(report.constraintVisits)
             assert np.array_equal(results[0], results[1])
             restore(meshes, start)
-            swept, flagged = step_literally(meshes, constraints, most)
+            run_timestep(meshes, ground(), H, 0.5)
+            swept, flagged = literal_sweep(meshes, constraints, most, CONSTRAINT_TOLERANCE)
             assert visits == [flagged, swept]
             worst = max(worst, np.abs(state_of(meshes) - results[1]).max())
             seen["ended by the number"] += swept == max(most, len(constraints))
             seen["fewer visits"] += flagged < swept
-    print(f"\ntangles by the literal loop: worst {worst:.1e}, {dict(seen)}")
     assert worst < 1e-12
-    assert seen["fewer visits"] > 60 and 20 < seen["ended by the number"] < 110
+    assert seen["fewer visits"] > 30 and 10 < seen["ended by the number"] < 55
 
 
-def test_a_fixed_body_wakes_nobody():
-    # Two ropes on one fixed post, the first of them slack. The second is corrected and has to be
-    # looked at again; the first has nothing new to see. Sweep: slack, corrected, slack, fine.
-    meshes = [
-        body("octahedron", (0, 100, 0), isFixed=True),
-        body("octahedron", (-10, 80, 0)),
-        body("octahedron", (10, 80, 0)),
-    ]
-    ropes = [[0, 3, 1, 1, 50.0, True], [0, 3, 2, 1, 10.0, True]]
-    visits = {}
-    for scheduling in ("sweep", "queue"):
-        start = state_of(meshes)
-        report = run_timestep(
-            meshes, None, H, 0.5, constraints=ropes, constraintScheduling=scheduling
-        )
-        visits[scheduling] = report.constraintVisits
-        restore(meshes, start)
-    assert visits == {"sweep": 4, "queue": 3}
-
-
-# --------------------------------------------------------------------------------------------------
-# Same bits
-# --------------------------------------------------------------------------------------------------
-
-
-def load(folder, name, scheduling="sweep"):
+def load(name, scheduling="sweep"):
     """The `Simulation` of a scene with its constraints."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the course's cylinder is not convex, and says so
-        settings = Settings(constraintScheduling=scheduling, broadPhase="grid")
-        return Simulation(folder / f"{name}-scene.txt", settings)
+    settings = Settings(constraintScheduling=scheduling, broadPhase="grid")
+    return Simulation(DATA / f"{name}-scene.txt", settings)
 
 
-# Per scene: the number of steps; what part of the sweep's visits the queue makes in them, at most;
-# and what part of the steps must end before the visits are used up. The values are printed. A
-# rope's lower bound is one visit in two that the queue never makes; in the cube, where every
-# body is tied to every other one, hardly a visit is idle.
-SCENES = {
-    (DATA, "cube"): (150, 0.98, 1.0),
-    (DATA, "tower_chain"): (120, 0.85, 1.0),
-    (DATA, "two_chain"): (100, 0.6, 0.7),
-    (DATA, "two_cylinder"): (150, 1.0, 1.0),
-    (DATA, "bridge"): (100, 0.5, 0.4),
-    (DATA, "wrecking_ball"): (120, 0.5, 0.6),
-    (COURSE, "cube"): (120, 0.98, 1.0),
-    (COURSE, "tower_chain"): (120, 0.85, 1.0),
-    (COURSE, "two_chain"): (100, 0.6, 0.7),
-    (COURSE, "two_cylinder"): (150, 1.0, 1.0),
-}
-
-
+# The number of steps; the largest part of the sweep's visits that the queue makes in them; and the
+# part of the steps that end before the visits are used up. A rope's lower bound is one visit in two
+# that the queue never makes.
 @pytest.mark.parametrize(
-    ("folder", "name"),
-    [
-        pytest.param(
-            folder, name, id=f"{folder.name}/{name}", marks=[needs_course] * (folder == COURSE)
-        )
-        for folder, name in SCENES
-    ],
+    "name, steps, share, ending", [("bridge", 60, 0.5, 0.4), ("two_chain", 80, 0.6, 0.7)]
 )
-def test_queue_and_sweep_agree_to_the_bit(folder, name):
-    """In every step; and whenever a step ends before its visits are used up, every bound holds."""
-    steps, share, ending = SCENES[folder, name]
-    sweep, queue = load(folder, name), load(folder, name, "queue")
+def test_queue_and_sweep_agree_to_the_bit(name, steps, share, ending):
+    """Every bound holds after a step that ends before its visits are used up."""
+    sweep, queue = load(name), load(name, "queue")
     most = sweep.max_iterations()
     visits, ended, corrected = Counter(), 0, 0
     for _ in range(steps):
@@ -906,30 +418,9 @@ def test_queue_and_sweep_agree_to_the_bit(folder, name):
             assert excess.max() <= CONSTRAINT_TOLERANCE + 1e-12
             assert sweep.largest_violation() == pytest.approx(excess.max(), abs=1e-12)
     made = visits["queue"] / visits["sweep"]
-    print(
-        f"\n{folder.name}/{name}: queue {made:.3f} of the sweep's visits, {ended} steps of "
-        f"{steps} ended with every bound kept, {corrected} corrected something"
-    )
     assert made <= share
     assert ended >= ending * steps
     assert corrected >= 3
-
-
-def test_queue_and_sweep_agree_on_the_net():
-    sweep, queue = load(DATA, "net"), load(DATA, "net", "queue")
-    visits = Counter()
-    for _ in range(40):
-        for simulation in (sweep, queue):
-            simulation.step()
-            visits[simulation.settings.constraintScheduling] += simulation.report.constraintVisits
-        assert np.array_equal(state_of(sweep.meshes), state_of(queue.meshes))
-    assert visits["sweep"] > 2 * 40 * len(sweep.constraints)
-    assert visits["queue"] <= 0.5 * visits["sweep"]
-
-
-# --------------------------------------------------------------------------------------------------
-# Batches
-# --------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -946,99 +437,43 @@ def visitedBatches(monkeypatch):
     return seen
 
 
-def assert_no_common_body(batches, meshes):
-    for _, body1, body2 in batches:
-        moved = [b for b in (*body1.tolist(), *body2.tolist()) if not meshes[b].isFixed]
-        assert len(set(moved)) == len(moved)
-
-
 def test_batches_share_no_body_and_hold_every_constraint_once(visitedBatches):
     rng = np.random.default_rng(307)
-    scenes = [(s.meshes, s.constraints) for s in (load(DATA, "bridge"), load(DATA, "cube"))]
+    scenes = [(s.meshes, s.constraints) for s in (load("bridge"), load("cube"))]
     for meshes, constraints in [*scenes, *(tangle(rng, count=60) for _ in range(20))]:
         visitedBatches.clear()
-        run_timestep(
-            meshes,
-            None,
-            H,
-            0.5,
-            constraints=constraints,
-            maxIterations=0,
-            constraintScheduling="batches",
-        )
-        assert_no_common_body(visitedBatches, meshes)
+        step(meshes, None, constraints, maxIterations=0, scheduling="batches")
+        for _, body1, body2 in visitedBatches:
+            moved = [b for b in (*body1.tolist(), *body2.tolist()) if not meshes[b].isFixed]
+            assert len(set(moved)) == len(moved)
         visited = np.concatenate([index for index, *_ in visitedBatches]).tolist()
         possible = [c for c, row in enumerate(constraints) if can_be_corrected(meshes, row)]
         assert sorted(visited) == possible
         # No more batches than twice the ties of one body, and not one for each constraint.
-        ends = Counter(
-            m
-            for c in possible
-            for m in constraints[c][::2][:2]
-            if m != (constraints[c][0] == constraints[c][2])
-        )
+        ends = Counter(m for c in possible for m in constraints[c][0:3:2])
         assert 1 < len(visitedBatches) <= 2 * max(ends.values())
-
-
-def test_batches_of_the_net(visitedBatches):
-    simulation = load(DATA, "net", "batches")
-    for _ in range(22):
-        simulation.step()
-    del visitedBatches[:]
-    simulation.step()
-    assert_no_common_body(visitedBatches, simulation.meshes)
-    visits = sum(len(index) for index, *_ in visitedBatches)
-    # 760 ropes, and several sweeps of them; hundreds of ropes at a time
-    assert visits >= 2 * 760 and visits / len(visitedBatches) > 50
-
-
-def test_ties_apart_from_each_other_are_one_batch_and_like_the_sweep(visitedBatches):
-    """Thirty pairs: nobody waits for anybody, so the order makes no difference."""
-    rng = np.random.default_rng(308)
-    results = []
-    meshes = [
-        box_body(1, 1, 1, (5 * k, 60 + 3 * (k % 2), 0), orientation=random_quaternions(rng, 1)[0])
-        for k in range(60)
-    ]
-    constraints = [[k, 0, k + 1, 7, 5.0, True] for k in range(0, 60, 2)]
-    start = state_of(meshes)
-    for scheduling in ("sweep", "batches"):
-        restore(meshes, start)
-        run_timestep(meshes, None, H, 0.5, constraints=constraints, constraintScheduling=scheduling)
-        results.append(state_of(meshes))
-    assert len(visitedBatches[0][0]) == 30
-    assert np.abs(results[0] - start).max() > 0.1
-    assert np.abs(results[0] - results[1]).max() < 1e-12
 
 
 def test_ties_to_one_fixed_body_are_one_batch(visitedBatches):
     meshes = [body("octahedron", (0, 100, 0), isFixed=True)]
     meshes += [body("octahedron", (10 * k, 80, 0)) for k in range(-9, 10)]
     ropes = [[0, 3, k, 1, 5.0, True] for k in range(1, 20)]
-    run_timestep(
-        meshes, None, H, 0.5, constraints=ropes, maxIterations=0, constraintScheduling="batches"
-    )
+    step(meshes, None, ropes, maxIterations=0, scheduling="batches")
     assert [len(index) for index, *_ in visitedBatches] == [19]
     assert violations(meshes, ropes).max() < 1e-12
 
 
-# Per scene: steps by batches alone, until its ropes are taut; then steps by both, compared.
-CLOSENESS = {"bridge": (44, 30), "net": (46, 6)}
+def test_batches_end_as_close_as_the_sweep_in_the_same_visits():
+    """Compares the violations that remain after the same number of visits from the same state.
 
-
-@pytest.mark.parametrize("name", CLOSENESS)
-def test_batches_end_as_close_as_the_sweep_in_the_same_visits(name):
-    """From the same state, with the same number of visits; what remains, as sum and at the worst.
-
-    Batches leave about the same sum. It lies on the batches that were not the last, where the
-    sweep spreads it over all: the worst is up to twice as large.
+    Batches leave about the same sum. It lies on the batches before the last one, while the sweep
+    spreads it over all constraints, so the largest violation is up to twice as large.
     """
-    begin, count = CLOSENESS[name]
-    simulation = load(DATA, name, "batches")
-    for _ in range(begin):
+    simulation = load("bridge", "batches")
+    for _ in range(44):  # until its ropes are taut
         simulation.step()
     sums, worst, used = [], [], 0
-    for _ in range(count):
+    for _ in range(20):
         start, excess, visits = state_of(simulation.meshes), {}, {}
         for scheduling in ("sweep", "batches"):
             restore(simulation.meshes, start)
@@ -1053,34 +488,13 @@ def test_batches_end_as_close_as_the_sweep_in_the_same_visits(name):
         used += 1
         sums.append(excess["batches"].sum() / excess["sweep"].sum())
         worst.append(excess["batches"].max() / excess["sweep"].max())
-    print(
-        f"\n{name}: batches against sweep, {used} steps: sum × {np.mean(sums):.3f} (at most "
-        f"{max(sums):.3f}), worst × {np.mean(worst):.3f} (at most {max(worst):.3f})"
-    )
     assert used >= 4
     assert np.mean(sums) < 1.15 and max(sums) < 1.3
     assert max(worst) < 2.2
 
 
-@pytest.mark.parametrize(("name", "steps"), [("bridge", 60), ("net", 45)])
-def test_batches_twice_give_the_same_bits(name, steps):
-    results = []
-    for _ in range(2):
-        simulation = load(DATA, name, "batches")
-        for _ in range(steps):
-            simulation.step()
-        results.append(state_of(simulation.meshes))
-    assert np.array_equal(*results)
-    assert simulation.report.constraintVisits > 2 * len(simulation.constraints)
-
-
-# --------------------------------------------------------------------------------------------------
-# A pendulum
-# --------------------------------------------------------------------------------------------------
-
-
 def slow_swing(rod, drop, inertia):
-    """Of a body on a rod: `(period, α/β)` of the slower of its two small oscillations.
+    """`(period, α/β)` of the slower of the two small oscillations of a body on a rod.
 
     The rod, without mass, hangs from a fixed point and is turned by α; from its end the body hangs
     by a point `drop` away from its COM, along a line turned by β. The COM is at
@@ -1102,10 +516,8 @@ def slow_swing(rod, drop, inertia):
 # Rod, half-axes of the octahedron sideways and upright, in m; whether the tie is a rod or a rope;
 # whether the fixed body comes first.
 PENDULA = {
-    "about its vertex": (0.05, 8.0, 2.0, "rod", True),
     "regular, about its vertex": (0.05, 3.4, 3.4, "rope", False),
     "on a long rod": (5.0, 8.0, 2.0, "rod", True),
-    "on a long rope": (3.0, 6.0, 6.0, "rope", True),
 }
 
 
@@ -1122,7 +534,7 @@ def test_pendulum_has_the_period_of_its_linearised_equations(case):
     if rod < 0.1:  # all but the physical pendulum about its vertex
         about = 2 * np.pi * np.sqrt(((a * a + b * b) / 10 + b * b) / (G * b))
         assert period == pytest.approx(about, rel=0.01)
-    # A point of mass on a string of that length would be told apart.
+    # A point of mass on a string of that length would have another period.
     assert abs(2 * np.pi * np.sqrt((rod + b) / G) / period - 1) > 0.04
 
     beta = 0.05
@@ -1151,60 +563,27 @@ def test_pendulum_has_the_period_of_its_linearised_equations(case):
     # at ¼, ¾, … of a period: six or seven times in 3.3, and 5 or 6 half periods between them
     assert len(times) in (6, 7)
     measured = 2 * np.diff(times).mean()
-    print(
-        f"\n{case}: period {measured:.4f} s, expected {period:.4f} s "
-        f"({100 * (measured / period - 1):+.3f} %)"
-    )
-    # within 2 % is asked for; half steps in the crossings would make 0.02/15
+    # half steps in the crossings would make 0.02/15
     assert measured == pytest.approx(period, rel=0.002)
     # It swings on: the corrections cost amplitude, but less than a quarter of it in 3.3 periods.
     last = x[-round(period / H) :]
     assert 0.75 * x[0] < np.abs(last).max() < 1.01 * x[0]
 
 
-# --------------------------------------------------------------------------------------------------
-# Through the files
-# --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", ["cube", "two_chain", "bridge", "net"])
-def test_a_scene_starts_with_its_bounds_kept(name):
-    simulation = load(DATA, name)
-    lines = (DATA / f"{name}-constraints.txt").read_text().splitlines()
-    assert len(simulation.constraints) == 2 * int(lines[0])
-    assert simulation.largest_violation() == 0.0
-    # twenty sweeps, and a thousand visits at least
-    assert (
-        simulation.max_iterations()
-        == {"cube": 20 * 56, "two_chain": 1000, "bridge": 20 * 56, "net": 20 * 1520}[name]
-    )
-
-
-def test_largest_violation_is_the_worst_of_both_kinds():
-    simulation = load(DATA, "two_cylinder")
-    distance = np.linalg.norm(vertex(simulation.meshes, 0, 0) - vertex(simulation.meshes, 1, 0))
-    for bounds, expected in [((0.9, 1.1), 0.0), ((1.25, 1.5), 0.25), ((0.0, 0.9), 0.1)]:
-        simulation.constraints = [
-            [0, 0, 1, 0, factor * distance, upper]
-            for factor, upper in zip(bounds, (False, True), strict=True)
-        ]
-        assert simulation.largest_violation() == pytest.approx(expected * distance, abs=1e-12)
-
-
 def test_a_cube_of_tied_bodies_falls_as_one():
     """The distances of all bodies stay within the tolerance, so the whole is as good as rigid."""
-    simulation = load(DATA, "cube")
+    simulation = load("cube")
     tied = np.array([row[:4] for row in simulation.constraints if row[5]])
     assert len(tied) == 28
     constraints = load_constraint_file(DATA / "cube-constraints.txt", simulation.meshes)
     assert constraints == simulation.constraints
-    for _ in range(200):
+    for _ in range(130):
         simulation.step()
         assert simulation.report.constraintVisits < simulation.max_iterations()
         assert violations(simulation.meshes, constraints).max() <= CONSTRAINT_TOLERANCE + 1e-12
     # Left to themselves they would not have kept together: the ground tears them apart.
     simulation.reset()
     simulation.settings.enforceConstraints = False
-    for _ in range(200):
+    for _ in range(130):
         simulation.step()
     assert violations(simulation.meshes, constraints).max() > 1.0

@@ -1,10 +1,10 @@
-"""The default step is the coursework's text: whoever edits one of its functions sees it move."""
+"""The default step calls the coursework's functions, so a student who edits one sees its effect."""
 
 import inspect
 
 import numpy as np
 import pytest
-from oracles import DATA, IDENTITY, box_body, ground, quaternion, shape, state_of
+from oracles import DATA, box_body, ground, quaternion, state_of
 
 import RBSFunctions
 from RBSFunctions import Mesh, resolve_collision, run_timestep
@@ -18,22 +18,6 @@ def load(name):
     meshes = load_scene_file(DATA / f"{name}-scene.txt")
     path = DATA / f"{name}-constraints.txt"
     return meshes, load_constraint_file(path, meshes) if path.is_file() else ()
-
-
-def test_the_step_fits_on_a_screen():
-    """Its code, that is: without the signature and the docstring, and without blank lines."""
-    calls = {
-        run_timestep: ("all_pairs_step", "project_constraints"),
-        RBSFunctions.all_pairs_step: (
-            "integrate_timestep",
-            "detect_collision",
-            "resolve_collision",
-        ),
-    }
-    for function, names in calls.items():
-        source = inspect.getsource(function).split('"""')[2]
-        assert 20 < sum(bool(line.strip()) for line in source.splitlines()) < 60
-        assert all(f"{name}(" in source for name in names)
 
 
 def weightless(self, timeStep):
@@ -84,35 +68,9 @@ def test_each_function_of_the_coursework_is_called_and_seen_in_the_motion(name, 
     assert np.abs(states[0] - states[2]).max() > 0.01
 
 
-class Ball(Mesh):
-    """Collides as a ball about its COM, with other balls."""
-
-    radius = 2.0
-
-    def detect_collision(self, m):
-        t = m.position - self.position
-        distance = np.linalg.norm(t)
-        depth = self.radius + m.radius - distance
-        normal = t / distance
-        return depth >= 0.0, depth, normal, m.position - m.radius * normal
-
-
-def test_a_subclass_may_detect_its_own_collisions():
-    """Small tetrahedra, far apart by their boxes, that collide as the balls that they are."""
-    vertices, faces, tets = shape("tetrahedron")
-    positions = [(-5.0, 100.0, 0.0), (5.0, 100.0, 0.0)]
-    balls = [Ball("ball", 0.01 * vertices, faces, tets, 1.0, p, IDENTITY, False) for p in positions]
-    for ball, speed in zip(balls, (3.0, -3.0), strict=True):
-        ball.linVelocity = np.array([[speed, 0.0, 0.0]])
-    contacts = [len(run_timestep(balls, None, 0.02, 1.0).contacts) for _ in range(100)]
-    # equal masses and a central hit: they have exchanged their velocities
-    assert sum(contacts) > 0
-    assert [ball.linVelocity[0, 0] for ball in balls] == pytest.approx([-3.0, 3.0])
-
-
 @broadPhases
 def test_an_exception_leaves_the_meshes_as_they_were(broadPhase, monkeypatch):
-    """In the middle of the constraints, after collisions have been resolved."""
+    """The exception is raised within the constraints, after collisions have been resolved."""
     meshes = [
         box_body(2.0, 2.0, 2.0, (0.0, 0.9, 0.0), orientation=quaternion([0, 0, 1], 3)),
         box_body(2.0, 2.0, 2.0, (0.3, 2.8, 0.0)),

@@ -20,7 +20,7 @@ COUNT = 2000
 
 
 class Stub:
-    """What `resolve_collision` asks of a mesh."""
+    """A mesh as far as `resolve_collision` uses it."""
 
     origVertices = (0,)
 

@@ -7,19 +7,15 @@ number of the shape. Tests that allow for it say how.
 """
 
 import itertools
-import warnings
-from functools import partial
+from collections import Counter
 
 import numpy as np
 import pytest
 from oracles import (
-    COURSE,
-    DATA,
+    SHAPES,
     body,
-    body_count,
     box_body,
     ground,
-    needs_course,
     quaternion,
     random_quaternions,
     restore,
@@ -27,16 +23,10 @@ from oracles import (
     state_of,
 )
 
-from rbs.scenes.scenefiles import find_constraints
-from rbs.scenes.simulation import Settings, Simulation
 from RBSFunctions import Mesh, resolve_collision, run_timestep
-from RigidBodySimulation import load_constraint_file, load_scene_file
 
 G = 9.8
 H = 0.02  # seconds
-EPS = np.finfo(float).eps
-
-withAndWithoutBounce = pytest.mark.parametrize("e", [0.0, 0.5])
 
 
 def throw(mesh, linVelocity, angVelocity=(0, 0, 0)):
@@ -45,314 +35,73 @@ def throw(mesh, linVelocity, angVelocity=(0, 0, 0)):
     return mesh
 
 
-# --------------------------------------------------------------------------------------------------
-# Single contacts
-# --------------------------------------------------------------------------------------------------
+def random_pair(rng, k):
+    """Two meshes of any size and density that move at random; of every third pair one is fixed.
 
-CONTACTS = 10_000
-
-
-def random_meshes(rng, count):
-    """Meshes of random shapes, sizes and densities; every fifth is fixed."""
-    shapes = ("box", "tetrahedron", "octahedron", "cylinder")
-    return [
-        body(
-            shapes[k % 4],
-            density=10.0 ** rng.uniform(-2, 2),
-            isFixed=k % 5 == 4,
-            size=rng.uniform(0.2, 3.0, size=3),
-        )
-        for k in range(count)
-    ]
-
-
-def random_state(rng, mesh):
-    """A row (13,) for `restore`: anywhere, turned anyhow, with a speed from 0.01 to 100.
-
-    A fixed mesh has none. One with a speed would be a conveyor belt, whose friction does work.
+    A fixed one is still: with a speed it would be a conveyor belt, whose friction does work.
     """
-    velocities = rng.normal(size=6) * np.repeat(10.0 ** rng.uniform(-2, 2, size=2), 3)
-    velocities *= not mesh.isFixed
-    return np.concatenate((rng.uniform(-5, 5, 3), random_quaternions(rng, 1)[0], velocities))
+    meshes = []
+    for i, q in enumerate(random_quaternions(rng, 2)):
+        density, size = 10.0 ** rng.uniform(-2, 2), rng.uniform(0.2, 3.0, 3)
+        isFixed = k % 6 == 3 * i
+        place, name = rng.uniform(-5, 5, 3), rng.choice(SHAPES)
+        meshes.append(body(name, place, q, density=density, isFixed=isFixed, size=size))
+        if not isFixed:
+            v, w = rng.normal(size=(2, 3)) * 10.0 ** rng.uniform(-2, 2, (2, 1))
+            throw(meshes[-1], v, w)
+    return meshes
 
 
-def motion_at(state, point):
-    """Velocities (n, 3) of the bodies' points at `point` (n, 3); state : (n, 13)."""
-    return state[:, 7:10] + np.cross(state[:, 10:13], point - state[:, 0:3])
+def test_friction_is_coulombs_at_random_contacts():
+    """The impulse of friction stops the sliding, up to μ times the normal impulse.
+
+    What is expected are two opposite impulses at one point, across the normal. They conserve the
+    momentum and the angular momentum, and take energy as long as they only slow the sliding.
+    """
+    rng = np.random.default_rng(5)
+    seen = Counter()
+    for k in range(900):
+        meshes = random_pair(rng, k)
+        normal = rng.normal(size=3)
+        normal /= np.linalg.norm(normal)
+        mu, e = 10.0 ** rng.uniform(-1.5, 1), rng.choice([0.0, 0.5, 1.0])
+        depth, penPoint, before = rng.uniform(0, 0.3), rng.uniform(-6, 6, 3), state_of(meshes)
+        resolve_collision(*meshes, depth, normal, penPoint, e, k % 2 == 1)
+        expected = without = state_of(meshes)
+        restore(meshes, before)
+        answer = resolve_collision(*meshes, depth, normal, penPoint, e, k % 2 == 1, mu=mu)
+
+        # the point goes along with mesh 2, which moves by its share of the depth
+        arms = penPoint + without[1, :3] - before[1, :3] - without[:, :3]
+        velocities = without[:, 7:10] + np.cross(without[:, 10:], arms)
+        slip = across((velocities[0] - velocities[1])[None], normal)[0]
+        speed = np.linalg.norm(slip)
+        t, turns = slip / speed, rotation(without[:, 3:7]).as_matrix()
+        free = [not mesh.isFixed for mesh in meshes]
+        inverse = [f * r @ m.invIT @ r.T for f, r, m in zip(free, turns, meshes, strict=True)]
+        levers = np.cross(arms, t)
+        spins = np.array([i @ lever for i, lever in zip(inverse, levers, strict=True)])
+        masses = np.array([mesh.invMass for mesh in meshes])
+        stopping = speed / (masses.sum() + (levers * spins).sum())
+        impulse = min(stopping, mu * max(answer.impulse, 0.0))
+        for row, sign in ((0, -1.0), (1, 1.0)):
+            expected[row, 7:10] += sign * impulse * masses[row] * t
+            expected[row, 10:] += sign * impulse * spins[row]
+        scale = np.abs(before).max() + np.abs(expected).max()
+        assert np.abs(state_of(meshes) - expected).max() < 1e-13 * scale
+        if impulse == 0.0:
+            kind = "separates" if answer.impulse < 0 else "is left alone"
+            assert not any(answer.friction)
+        else:
+            kind = "sticks" if impulse == stopping else "slides"
+        seen[kind] += 1
+    assert len(seen) == 4 and min(seen.values()) > 100, seen
 
 
 def across(vectors, normal):
     """The vectors (n, 3) without their parts along the unit normals."""
     return vectors - (vectors * normal).sum(axis=1, keepdims=True) * normal
 
-
-def length(vectors):
-    return np.sqrt((vectors**2).sum(axis=-1))
-
-
-def turning(meshes, state, vectors):
-    """The meshes' inertia tensors, in world axes, times the vectors (n, 3); zeros if fixed."""
-    r = rotation(state[:, 3:7]).as_matrix()
-    tensors = np.array([m.IT * (not m.isFixed) for m in meshes])
-    return np.einsum("nij,njk,nlk,nl->ni", r, tensors, r, vectors)
-
-
-def kinetic_energy(meshes, state):
-    """(n,): ½ m v² + ½ ω · I ω; nothing for a fixed mesh."""
-    mass = np.array([0.0 if m.isFixed else m.mass for m in meshes])
-    v, w = state[:, 7:10], state[:, 10:13]
-    return 0.5 * mass * (v * v).sum(axis=1) + 0.5 * (w * turning(meshes, state, w)).sum(axis=1)
-
-
-@pytest.fixture(scope="module")
-def contacts():
-    """10,000 contacts resolved without friction and with it, by `resolve_collision`.
-
-    A dict of arrays with a row a contact: before, without, withIt : pairs of (n, 13) states;
-    meshes : pair of lists; normal, point (n, 3); mu (n,).
-    """
-    rng = np.random.default_rng(5)
-    pool = random_meshes(rng, 40)
-    rows = []
-    for k in range(CONTACTS):
-        while True:
-            pair = [pool[i] for i in rng.choice(len(pool), 2, replace=False)]
-            if not (pair[0].isFixed and pair[1].isFixed):
-                break
-        restore(pair, [random_state(rng, mesh) for mesh in pair])
-        normal = rng.normal(size=3)
-        normal /= np.linalg.norm(normal)
-        mu, e = 10.0 ** rng.uniform(-1.5, 1), rng.choice([0.0, 0.5, 1.0])
-        depth, penPoint = rng.uniform(0, 0.3), rng.uniform(-6, 6, 3)
-        before = state_of(pair)
-        resolve_collision(*pair, depth, normal, penPoint, e, k % 2 == 1)
-        without = state_of(pair)
-        restore(pair, before)
-        resolve_collision(*pair, depth, normal, penPoint, e, k % 2 == 1, mu=mu)
-        # the point goes along with mesh 2, which moves by its share of the depth
-        point = penPoint + without[1, :3] - before[1, :3]
-        rows.append((before, without, state_of(pair), pair, normal, point, mu))
-    before, without, withIt, pairs, normal, point, mu = zip(*rows, strict=True)
-    return {
-        "before": np.array(before).swapaxes(0, 1),
-        "without": np.array(without).swapaxes(0, 1),
-        "withIt": np.array(withIt).swapaxes(0, 1),
-        "meshes": list(zip(*pairs, strict=True)),
-        "normal": np.array(normal),
-        "point": np.array(point),
-        "mu": np.array(mu),
-    }
-
-
-def momentum(contacts, body, state):
-    """Linear and angular momentum of a body, the latter about its COM: two (n, 3)."""
-    meshes, rows = contacts["meshes"][body], contacts[state][body]
-    mass = np.array([0.0 if m.isFixed else m.mass for m in meshes])
-    return mass[:, None] * rows[:, 7:10], turning(meshes, rows, rows[:, 10:13])
-
-
-def momentum_scale(contacts):
-    """(n,): what the rounding of impulses is relative to, when they are told from the states."""
-    return sum(
-        length(part)
-        for k, state in itertools.product(range(2), ("before", "without", "withIt"))
-        for part in momentum(contacts, k, state)
-    )
-
-
-def momentum_gain(contacts, body, start, end):
-    """What a body gains of both between two states."""
-    old, new = momentum(contacts, body, start), momentum(contacts, body, end)
-    return new[0] - old[0], new[1] - old[1]
-
-
-def received(contacts, start, end):
-    """The impulse (n, 3) that body 2 receives between two states, from what is not fixed."""
-    gains = [momentum_gain(contacts, k, start, end)[0] for k in range(2)]
-    isFixed = np.array([m.isFixed for m in contacts["meshes"][1]])
-    return np.where(isFixed[:, None], -gains[0], gains[1])
-
-
-def sliding_of(contacts, state):
-    """Velocity (n, 3) across the normal of body 1 relative to body 2, at the contact."""
-    relative = np.subtract(*(motion_at(contacts[state][k], contacts["point"]) for k in range(2)))
-    return across(relative, contacts["normal"])
-
-
-def speed_scale(contacts):
-    """(n,): what the rounding of the contact's velocities is relative to."""
-    scale = 0.0
-    for k, state in itertools.product(range(2), ("before", "without", "withIt")):
-        arms = contacts["point"] - contacts[state][k][:, :3]
-        w = length(contacts[state][k][:, 10:13])
-        scale = scale + length(contacts[state][k][:, 7:10]) + w * length(arms)
-    return scale
-
-
-def test_kinetic_energy_never_grows_through_friction(contacts):
-    energies = [
-        sum(kinetic_energy(contacts["meshes"][k], contacts[state][k]) for k in range(2))
-        for state in ("without", "withIt")
-    ]
-    lost = energies[0] - energies[1]
-    assert (lost >= -1e-13 * energies[0]).all()
-    # and it does take some, in nearly all contacts that press
-    pressed = (received(contacts, "before", "without") * contacts["normal"]).sum(axis=1) > 0
-    assert (lost[pressed] > 1e-9 * energies[0][pressed]).mean() > 0.9
-
-
-def test_friction_slows_or_stops_the_sliding_and_never_turns_it_round(contacts):
-    old, new = sliding_of(contacts, "without"), sliding_of(contacts, "withIt")
-    t = old / length(old)[:, None]
-    speed, left = length(old), (new * t).sum(axis=1)
-    rounding = 1e-13 * speed_scale(contacts)
-    assert (left >= -rounding).all()
-    assert (left <= speed + rounding).all()
-
-    # Coulomb: what sticks needed no more than μ times the normal impulse, what slides got just that
-    pressing = (received(contacts, "before", "without") * contacts["normal"]).sum(axis=1)
-    friction = received(contacts, "without", "withIt")
-    most = contacts["mu"] * np.maximum(pressing, 0.0)
-    tolerance = 1e-13 * momentum_scale(contacts)
-    assert (length(friction) <= most + (1 + contacts["mu"]) * tolerance).all()
-    sticks = left <= np.maximum(1e-9 * speed, rounding)
-    slides = ~sticks & (pressing > 0)
-    missing = (most - length(friction)) / (1 + contacts["mu"])
-    assert (missing <= tolerance)[slides].all()
-    # 1886 stick, 3108 slide, and 5006 are not pressed together
-    assert sticks.sum() > 1500 and slides.sum() > 1500
-
-    # It lies in the plane of contact, and opposes the sliding: body 2 is dragged along by body 1.
-    assert (np.abs((friction * contacts["normal"]).sum(axis=1)) <= tolerance).all()
-    along = (friction * t).sum(axis=1)
-    # the direction t is as good as the sliding is larger than its rounding
-    t_error = np.minimum(2.0, rounding / speed)
-    assert (length(friction - along[:, None] * t) <= tolerance + t_error * length(friction)).all()
-    assert (along >= -tolerance).all()
-    assert (along > tolerance)[sticks | slides].mean() > 0.99
-
-
-def test_contacts_that_separate_get_no_friction(contacts):
-    """A negative impulse, which the coursework's convention gives them, presses nothing."""
-    pressing = (received(contacts, "before", "without") * contacts["normal"]).sum(axis=1)
-    closingOnly = np.arange(CONTACTS) % 2 == 1
-    for separating, some in (((pressing < 0), 1500), ((pressing == 0) & closingOnly, 1500)):
-        assert separating.sum() > some
-        for k in range(2):
-            without, withIt = contacts["without"][k], contacts["withIt"][k]
-            assert np.array_equal(without[separating], withIt[separating])
-
-
-def test_friction_conserves_momentum(contacts):
-    isFree = np.array([[not m.isFixed for m in contacts["meshes"][k]] for k in range(2)])
-    linear, angular = zip(
-        *(momentum_gain(contacts, k, "without", "withIt") for k in range(2)), strict=True
-    )
-    rounding = 1e-13 * momentum_scale(contacts)
-    both = isFree.all(axis=0)
-    assert both.sum() > 5000
-    assert (length(linear[0] + linear[1]) <= rounding)[both].all()
-    # About its COM each body gains r × what it receives; so about the origin nothing is gained.
-    friction = received(contacts, "without", "withIt")
-    for k, sign in ((0, -1.0), (1, 1.0)):
-        arm = contacts["point"] - contacts["without"][k][:, :3]
-        excess = length(angular[k] - sign * np.cross(arm, friction))
-        assert (excess <= (1 + length(arm)) * rounding)[isFree[k]].all()
-    # and that is not because there is none to speak of
-    assert (length(friction) > 1e6 * rounding).sum() > 3000
-    # what is fixed stays as it is
-    for k in range(2):
-        assert np.array_equal(contacts["before"][k][~isFree[k]], contacts["withIt"][k][~isFree[k]])
-
-
-# --------------------------------------------------------------------------------------------------
-# Same bits
-# --------------------------------------------------------------------------------------------------
-
-SHORT = 40
-MOST_BODIES = 50
-
-
-def scene_paths(folder):
-    return sorted(folder.glob("*-scene.txt"))
-
-
-def run_scene(path, steps, isThrown=True, **options):
-    """(states, frictions) of a scene.
-
-    isThrown : whether the bodies are thrown down first, so fast that half the steps bring the
-        lowest one to the ground; and sideways, some to the left and some to the right
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the course's cylinder is not convex, and says so
-        meshes = load_scene_file(path)
-    constraintPath = find_constraints(path)
-    constraints = [] if constraintPath is None else load_constraint_file(constraintPath, meshes)
-    free = [mesh for mesh in meshes if not mesh.isFixed]
-    speed = min(mesh.currVertices[:, 1].min() for mesh in free) / (0.5 * steps * H)
-    for k, mesh in enumerate(free):
-        if isThrown:
-            throw(mesh, (3.0 * (-1) ** k, -speed, 2.0))
-    friction = 0
-    for _ in range(steps):
-        report = run_timestep(meshes, ground(), H, 0.5, constraints=constraints, **options)
-        friction += sum(any(contact.friction) for contact in report.contacts)
-    return state_of(meshes), friction
-
-
-# One sweep: what the constraints do is not the question.
-CHEAP = {"maxIterations": 0, "constraintScheduling": "queue"}
-
-
-def frictions_of(path):
-    """How many frictions a scene has with μ = 0.5, after a check that μ = 0 changes nothing."""
-    steps, options = SHORT, CHEAP
-    if body_count(path) > MOST_BODIES:
-        steps, options = 4, CHEAP | {"broadPhase": "grid"}
-    without, frictions = run_scene(path, steps, **options)
-    assert frictions == 0
-    assert np.array_equal(run_scene(path, steps, mu=0, **options)[0], without)
-    rubbed, frictions = run_scene(path, steps, mu=0.5, **options)
-    assert np.array_equal(rubbed, without) == (frictions == 0)
-    return frictions
-
-
-@pytest.mark.parametrize("path", scene_paths(DATA), ids=lambda path: path.stem)
-def test_no_friction_is_the_same_bits_as_leaving_it_out(path):
-    assert frictions_of(path) > 0
-
-
-@needs_course
-@pytest.mark.parametrize("path", scene_paths(COURSE), ids=lambda path: path.stem)
-def test_no_friction_is_the_same_bits_on_the_course_s_scenes(path):
-    assert frictions_of(path) > 0
-
-
-def test_zeros_of_any_type_are_none():
-    states = [
-        run_scene(DATA / "tet-scene.txt", SHORT, mu=zero)[0]
-        for zero in (0, 0.0, -0.0, np.float32(0), np.zeros(1), np.zeros((1, 1)))
-    ]
-    assert all(np.array_equal(state, states[0]) for state in states)
-
-
-@pytest.mark.parametrize(
-    ("name", "steps", "isThrown"),
-    [("mixed", 120, True), ("stress", 80, True), ("slide", 100, False), ("roll", 100, False)],
-)
-def test_twice_the_same_bits_and_the_grid_gives_them_too(name, steps, isThrown):
-    path = DATA / f"{name}-scene.txt"
-    expected, frictions = run_scene(path, steps, isThrown, mu=0.5)
-    assert frictions > 100
-    for broadPhase in ("all", "grid"):
-        again, sameFrictions = run_scene(path, steps, isThrown, mu=0.5, broadPhase=broadPhase)
-        assert sameFrictions == frictions
-        assert np.array_equal(again, expected)
-
-
-# --------------------------------------------------------------------------------------------------
-# Sliding on level ground
-# --------------------------------------------------------------------------------------------------
 
 # What a box slides on: the ground, or a fixed body, before or after it in the list.
 FLOORS = ("ground", "body before", "body after")
@@ -382,9 +131,10 @@ def slide(mu, e, floor="ground", h=H):
     return np.array(x), np.array(v)
 
 
-@pytest.mark.parametrize("floor", FLOORS)
-@withAndWithoutBounce
-@pytest.mark.parametrize("mu", [0.1, 0.3, 0.6])
+@pytest.mark.parametrize(
+    ("mu", "e", "floor"),
+    [(0.1, 0.5, "ground"), (0.6, 0.0, "body before"), (0.6, 0.5, "body after")],
+)
 def test_sliding_box_stops_where_it_should(mu, e, floor):
     x, v = slide(mu, e, floor)
     distance, expected = x[-1], FAST**2 / (2 * mu * G)
@@ -408,10 +158,11 @@ def test_sliding_box_stops_where_it_should(mu, e, floor):
     assert distance == pytest.approx(explained, rel=0.01)
 
 
-@withAndWithoutBounce
-def test_stopping_distance_converges_with_the_time_step(e):
+def test_stopping_distance_converges_with_the_time_step():
     # both parts of the residue, and w with them, are proportional to g h
-    errors = np.array([slide(0.6, e, h=h)[0][-1] for h in (H, H / 2, H / 4)]) - FAST**2 / (1.2 * G)
+    errors = np.array([slide(0.6, 0.5, h=h)[0][-1] for h in (H, H / 2, H / 4)]) - FAST**2 / (
+        1.2 * G
+    )
     assert (errors > 0).all()
     assert errors[1:] / errors[:-1] == pytest.approx(0.5, abs=0.1)
 
@@ -424,7 +175,7 @@ def test_ground_and_bodies_rub_alike():
     """
     rng = np.random.default_rng(8)
     stuck = 0
-    for k in range(60):
+    for k in range(30):
         name = ("box", "ball", "tetrahedron")[k % 3]
         turn = random_quaternions(rng, 1)[0]
         v, w = rng.normal(size=(2, 3)) * [[5.0], [1.0]]
@@ -443,36 +194,8 @@ def test_ground_and_bodies_rub_alike():
         contact = report.contacts[0]
         stuck += np.linalg.norm(contact.friction) < 0.4 * contact.impulse * (1 - 1e-9)
         assert np.abs(np.array(results) - results[0]).max() < 1e-6
-    assert 5 < stuck < 55
+    assert 2 < stuck < 28
 
-
-def test_friction_stops_a_spin_about_the_vertical():
-    """Without it, a box on level ground keeps its spin, but for what its rocking trades for it.
-
-    For a box with the half sides a, b under even pressure the torque of friction is μ m g times the
-    mean distance of its lower side from the middle, 3.9 m with a = 6 m and b = 4 m. Carried by one
-    corner at a time, 7.2 m away, it is at most 7.2/3.9 = 1.8 times as much.
-    """
-    spin, mu = 2.0, 0.3
-    grid = np.stack(np.meshgrid(np.linspace(-6, 6, 241), np.linspace(-4, 4, 161)))
-    mean = np.sqrt((grid**2).sum(axis=0)).mean()
-    mesh = throw(box_body(12, 6, 8, (0, 3, 0)), (0, 0, 0), (0, spin, 0))
-    slowing = mu * mesh.mass * G * mean / mesh.IT[1, 1]  # rad/s²
-    free = throw(box_body(12, 6, 8, (0, 3, 0)), (0, 0, 0), (0, spin, 0))
-    spins = []
-    for _ in range(round(1.2 * spin / slowing / H)):
-        run_timestep([mesh], ground(), H, 0.5, mu=mu)
-        run_timestep([free], ground(), H, 0.5)
-        spins.append(mesh.angVelocity[0, 1])
-    assert free.angVelocity[0, 1] == pytest.approx(spin, rel=0.01)
-    taken = H * (1 + int(np.argmax(np.array(spins) < 0.1 * spin)))
-    assert 0.9 * spin / slowing / 1.85 < taken < 1.1 * 0.9 * spin / slowing
-    assert np.abs(spins[-10:]).max() < 0.1
-
-
-# --------------------------------------------------------------------------------------------------
-# Slopes
-# --------------------------------------------------------------------------------------------------
 
 INCLINE_MU = 0.4  # a friction angle of 21.8°
 SLOPE_SECONDS = 5.0
@@ -497,12 +220,9 @@ def descend(degrees, e, order, h=H):
     return np.array(way), rocking
 
 
-orders = pytest.mark.parametrize("order", ["slab first", "box first"])
-
-
-@orders
-@withAndWithoutBounce
-@pytest.mark.parametrize("degrees", [10, 20])
+@pytest.mark.parametrize(
+    ("degrees", "e", "order"), [(10, 0.5, "slab first"), (20, 0.0, "box first")]
+)
 def test_box_creeps_no_faster_than_it_rocks_below_the_friction_angle(degrees, e, order):
     way, rocking = descend(degrees, e, order)
     # A box that rocks is held back only while its contact slides downhill. Once the box is faster
@@ -517,14 +237,9 @@ def test_box_creeps_no_faster_than_it_rocks_below_the_friction_angle(degrees, e,
     assert way[-1] - half < half + 0.6
 
 
-def test_creeping_is_proportional_to_the_time_step():
-    ways = [descend(15, 0.0, "slab first", h)[0][-1] for h in (H, H / 2)]
-    assert ways[1] / ways[0] == pytest.approx(0.5, abs=0.02)
-
-
-@orders
-@withAndWithoutBounce
-@pytest.mark.parametrize("degrees", [25, 40])
+@pytest.mark.parametrize(
+    ("degrees", "e", "order"), [(25, 0.0, "slab first"), (40, 0.5, "box first")]
+)
 def test_box_slides_above_the_friction_angle(degrees, e, order):
     way, _ = descend(degrees, e, order)
     t = H * np.arange(1, len(way) + 1)
@@ -536,25 +251,6 @@ def test_box_slides_above_the_friction_angle(degrees, e, order):
     # 0.4 · 0.6 m/s, with which the box is further, and half a step's pull.
     excess = way[-1] - 0.5 * expected * SLOPE_SECONDS**2
     assert 0 < excess < (INCLINE_MU * 0.6 + 0.5 * G * H * np.sin(slope)) * SLOPE_SECONDS
-
-
-def test_scene_incline_parts_the_two_boxes():
-    simulation = Simulation(DATA / "incline-scene.txt", Settings(friction=0.4))
-    steep, gentle = (mesh for mesh in simulation.meshes if not mesh.isFixed)
-    starts = [mesh.position[0].copy() for mesh in (steep, gentle)]
-    for _ in range(250):
-        simulation.step()
-    slid, crept = (
-        np.linalg.norm(m.position[0] - p) for m, p in zip((steep, gentle), starts, strict=True)
-    )
-    # tan θ = 8/15: ½ g (8 - 0.4 · 15)/17 · 25 = 14.4 m, and the lag of at most 1.4 m
-    assert 14.4 < slid < 15.8
-    assert crept < 1.5
-
-
-# --------------------------------------------------------------------------------------------------
-# Rolling
-# --------------------------------------------------------------------------------------------------
 
 
 def icosphere(subdivisions):
@@ -577,29 +273,12 @@ def icosphere(subdivisions):
     # filled from an inner point
     tets = [(len(vertices), *face) for face in faces]
     vertices = 6.0 * np.concatenate([vertices, np.zeros((1, 3))])
-    mesh = Mesh(
-        "ball",
-        vertices,
-        np.array(faces),
-        np.array(tets),
-        1.0,
-        np.zeros((1, 3)),
-        [[1, 0, 0, 0]],
-        False,
-    )
-    return Mesh(
-        "ball",
-        vertices,
-        mesh.faces,
-        mesh.tets,
-        1.0,
-        [[0, -mesh.currVertices[:, 1].min(), 0]],
-        [[1, 0, 0, 0]],
-        False,
-    )
+    lowest = vertices[:, 1].min()
+    shape = vertices, np.array(faces), np.array(tets)
+    return Mesh("ball", *shape, 1.0, [[0, -lowest, 0]], [[1, 0, 0, 0]], False)
 
 
-def bowl(ball, floor, mu=0.5, e=0.5):
+def bowl(ball, mu=0.5, e=0.5):
     """(v along x, ω r) of a ball thrown with 20 m/s and no spin, as means over a second.
 
     A solid ball slides until v = ω r. Friction F turns it, F r = ⅖ m r² dω/dt, and slows it,
@@ -607,93 +286,22 @@ def bowl(ball, floor, mu=0.5, e=0.5):
     second begins half as much later.
     """
     throw(ball, (20.0, 0, 0))
-    meshes, groundMesh = on_floor(ball, floor)
     rows = []
     begin = round(1.5 * 2 / 7 * 20.0 / (mu * G) / H)
     for _ in range(begin + 50):
-        run_timestep(meshes, groundMesh, H, e, mu=mu)
+        run_timestep([ball], ground(), H, e, mu=mu)
         rows.append((ball.linVelocity[0, 0], -6.0 * ball.angVelocity[0, 2]))
     return np.mean(rows[begin:], axis=0)
 
 
-@pytest.mark.parametrize("floor", FLOORS)
-def test_thrown_ball_begins_to_roll(floor):
+def test_thrown_ball_begins_to_roll():
     # The balls are polyhedra of 42, 162 and 642 vertices. Rolling over a facet, they fall from
     # vertex to vertex and lose some speed at each, in proportion to the angle between them, which a
     # subdivision halves: 18 %, 8 % and 4 % are missing after a second and a half.
     missing = []
     for subdivisions, slip in ((1, 0.04), (2, 0.015), (3, 0.005)):
-        v, rim = bowl(icosphere(subdivisions), floor)
+        v, rim = bowl(icosphere(subdivisions))
         assert rim == pytest.approx(v, rel=slip)
         missing.append(1 - v / (5 / 7 * 20.0))
     assert 0.01 < missing[2] < 0.06
     assert np.divide(missing[1:], missing[:-1]) == pytest.approx(0.5, abs=0.12)
-
-
-def test_without_friction_it_never_does():
-    ball = throw(icosphere(1), (20.0, 0, 0))
-    for _ in range(100):
-        run_timestep([ball], ground(), H, 0.5)
-    assert np.array_equal(ball.linVelocity[0, ::2], [20.0, 0.0])
-    assert abs(6.0 * ball.angVelocity[0, 2]) < 5.0  # it rocks from vertex to vertex
-
-
-def test_scene_roll_rolls_with_friction_only():
-    ends = {}
-    for mu in (0.0, 0.4):
-        simulation = Simulation(DATA / "roll-scene.txt", Settings(friction=mu))
-        for _ in range(150):
-            simulation.step()
-        ends[mu] = [
-            (np.linalg.norm(m.linVelocity), -m.angVelocity[0, 2])
-            for m in simulation.meshes
-            if not m.isFixed
-        ]
-    # cylinder, ball, ellipsoid. Without friction: g sin θ · 3 s = 9.8 · 8/17 · 3 = 13.8 m/s
-    for speed, spin in ends[0.0]:
-        assert speed == pytest.approx(13.8, abs=0.3) and abs(spin) < 1e-6
-    # Rolling, a solid cylinder has 2/3 of it, 9.2 m/s, and a ball 5/7, 9.9 m/s, less what their
-    # facets take; the lowest point moves but little.
-    (cylinder, cylinderSpin), (ball, ballSpin), (_, ellipsoidSpin) = ends[0.4]
-    assert 0.75 * 9.2 < cylinder < 9.2 and 5.0 * cylinderSpin == pytest.approx(cylinder, rel=0.08)
-    assert 0.75 * 9.9 < ball < 9.9 and 6.0 * ballSpin == pytest.approx(ball, rel=0.08)
-    assert ellipsoidSpin > 2.0
-
-
-# --------------------------------------------------------------------------------------------------
-# Scenes come to rest
-# --------------------------------------------------------------------------------------------------
-
-
-def energy_per_kilogram(name, mu, seconds):
-    simulation = Simulation(DATA / f"{name}-scene.txt", Settings(friction=mu))
-    for _ in range(round(seconds / H)):
-        simulation.step()
-    mass = sum(mesh.mass for mesh in simulation.meshes if not mesh.isFixed)
-    return simulation.kinetic_energy() / mass, simulation
-
-
-def test_scene_slide_stops_the_boxes_one_behind_the_other():
-    energy, simulation = energy_per_kilogram("slide", 0.2, 12)
-    # They reach the ground with 12, 8 and 3 m/s, 37 J/kg in the mean. At rest a box keeps what its
-    # rocking has, of which its fall with w ≤ 0.6 m/s is w²/2 = 0.18 J/kg.
-    assert energy < 0.25
-    x = [mesh.position[0, 0] for mesh in simulation.meshes if not mesh.isFixed]
-    assert 5 < x[0] < x[1] - 8 < x[2] - 16 < 50 - 16
-
-
-def test_scene_settle_settles():
-    for mu in (0.0, 0.4):
-        energy, simulation = energy_per_kilogram("settle", mu, 8)
-        spins = [abs(m.angVelocity[0, 1]) for m in simulation.meshes if not m.isFixed]
-        if mu == 0.0:
-            assert energy > 1.0 and min(spins) > 0.3
-        else:
-            assert energy < 0.25 and max(spins) < 0.1
-
-
-@pytest.mark.parametrize("name", ["tet"])
-def test_friction_brings_a_scene_to_rest(name):
-    # after 10 s: 10.1 J/kg without friction and 0.19 J/kg with μ = 0.5
-    run = partial(energy_per_kilogram, name, seconds=10)
-    assert run(mu=0.5)[0] < 0.1 * run(mu=0.0)[0]

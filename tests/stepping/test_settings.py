@@ -1,6 +1,5 @@
 """The table of settings: what it declares is what every place that uses settings offers."""
 
-import inspect
 import math
 from dataclasses import asdict
 
@@ -11,16 +10,6 @@ from program import call
 from rbs.program.options import make_parser
 from rbs.stepping.settings import CHOSEN, TABLE, Settings
 from RBSFunctions import run_timestep
-
-
-def test_run_timestep_has_every_setting_with_its_default():
-    parameters = inspect.signature(run_timestep).parameters
-    others = {"meshes", "groundMesh", "constraints", "solverState"}
-    assert set(parameters) - others == {one.parameter for one in TABLE}
-    for one in TABLE:
-        default = parameters[one.parameter].default
-        expected = one.default if one.defaultInStep is None else one.defaultInStep
-        assert default is inspect.Parameter.empty or default == expected, one.name
 
 
 def test_every_setting_is_an_option_and_explains_itself():

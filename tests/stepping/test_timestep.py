@@ -5,23 +5,17 @@ for a body whose motion is simple enough to write down. A bounce then has to mat
 "about ½ g t²".
 """
 
-import copy
 import itertools
-import warnings
 from collections import Counter
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from oracles import (
-    COURSE,
     DATA,
     SHAPES,
     body,
-    body_count,
     box_body,
     ground,
-    needs_course,
     quaternion,
     random_quaternions,
     restore,
@@ -47,12 +41,7 @@ def set_motion(mesh, linVelocity=(0, 0, 0), angVelocity=(0, 0, 0)):
     return mesh
 
 
-# --------------------------------------------------------------------------------------------------
-# Flight
-# --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("way", ["integrate_timestep", "run_timestep", "run_timestep, high up"])
+@pytest.mark.parametrize("way", ["integrate_timestep", "run_timestep"])
 def test_free_flight_is_semi_implicit_euler(way):
     rng = np.random.default_rng(1)
     for name in SHAPES:
@@ -67,7 +56,7 @@ def test_free_flight_is_semi_implicit_euler(way):
             if way == "integrate_timestep":
                 mesh.integrate_timestep(H)
             else:
-                run_timestep([mesh], None if way == "run_timestep" else ground(), H, 0.5)
+                run_timestep([mesh], ground(), H, 0.5)
         # 100 roundings of 5000, of which eps/2 is 5.5e-13
         assert np.abs(mesh.position - y).max() < 1e-10
         assert np.abs(mesh.linVelocity - v).max() < 1e-13
@@ -76,20 +65,6 @@ def test_free_flight_is_semi_implicit_euler(way):
         assert abs(np.linalg.norm(mesh.orientation) - 1) <= 2 * EPS
         expected = turn.apply(mesh.origVertices) + y
         assert np.abs(mesh.currVertices - expected).max() < 1e-10
-
-
-def test_free_fall_in_closed_form():
-    # v_n = -g h n,  y_n = y_0 - g h² (1 + 2 + … + n) = y_0 - g h² n (n + 1)/2
-    mesh = body("box", (0, 100, 0))
-    for _ in range(50):
-        run_timestep([mesh], ground(), H, 0.5)
-    assert mesh.linVelocity[0, 1] == pytest.approx(-G * H * 50, rel=1e-13)
-    assert mesh.position[0, 1] == pytest.approx(100 - G * H * H * 50 * 51 / 2, rel=1e-13)
-
-
-# --------------------------------------------------------------------------------------------------
-# Bounces
-# --------------------------------------------------------------------------------------------------
 
 
 @restitutions
@@ -170,252 +145,67 @@ def test_tumbling_box_on_the_ground(e):
     assert hits >= 3 and np.abs(w).max() > 0.5
 
 
-def predicted_stack(bodies, e, steps):
-    """Bodies on a line that only meet along it: yields (positions, velocities, contacts).
-
-    bodies : rows (inverse mass, position, velocity, half size, gravity); body k meets body k + 1
-    """
-    inverse, x, v, half, gravity = np.array(bodies, dtype=float).T
-    x, v = x.copy(), v.copy()
-    for _ in range(steps):
-        v += gravity * H
-        x += v * H
-        contacts = 0
-        for a in range(len(x) - 1):
-            b = a + 1
-            depth = x[a] + half[a] - (x[b] - half[b])
-            if depth >= 0:
-                contacts += 1
-                both = inverse[a] + inverse[b]
-                x[a] -= inverse[a] / both * depth
-                x[b] += inverse[b] / both * depth
-                j = (1 + e) * (v[a] - v[b]) / both
-                v[a] -= j * inverse[a]
-                v[b] += j * inverse[b]
-        yield x.copy(), v.copy(), contacts
+def kinetic_energy(states, masses, tensors):
+    """states : (2, 13). tensors : of the bodies, in world axes; nothing for a mass of 0."""
+    v, w = states[:, 7:10], states[:, 10:]
+    return sum(0.5 * (masses[k] * v[k] @ v[k] + w[k] @ tensors[k] @ w[k]) for k in range(2))
 
 
-@restitutions
-@pytest.mark.parametrize("fixedFirst", [True, False])
-def test_bounce_on_a_fixed_body(e, fixedFirst):
-    # A box 2 × 1 × 3 falls flat on the top, y = 2.5, of a fixed one 4 × 1 × 5.
-    fixed = box_body(4, 1, 5, (0.5, 2, 0), isFixed=True)
-    falling = set_motion(box_body(2, 1, 3, (0, 4.1, 0), density=2.2), (0, -0.05, 0))
-    rest = state_of([fixed])
-    line = [(0, 2, 0, 0.5, 0), (1, 4.1, -0.05, 0.5, -G)]
-    touched = []
-    for x, v, contacts in predicted_stack(line, e, 200):
-        run_timestep([fixed, falling] if fixedFirst else [falling, fixed], ground(), H, e)
-        touched.append(contacts)
-        assert falling.position[0] == pytest.approx([0, x[1], 0], abs=1e-11)
-        assert falling.linVelocity[0] == pytest.approx([0, v[1], 0], abs=1e-11)
-    assert np.abs(falling.angVelocity).max() < 1e-12
-    assert np.array_equal(state_of([fixed]), rest)
-    # 1.1 m are fallen through in 23 steps: 0.023 + 0.00196 · 23 · 24 = 1.105. With e = 1 it goes on
-    # as above, with 23.255 g h: 46 steps, 45, 44, 43. Hits at 23, 69, 114, 158, and not yet at 201.
-    assert touched[22] == 1
-    assert sum(touched) == 4 if e == 1 else sum(touched) > 100
+def test_collisions_are_newtons_at_random_contacts():
+    """Bodies part by the depth, split by inverse mass; then the closing speed c becomes -e c.
 
-
-@restitutions
-@pytest.mark.parametrize(("mass1", "mass2"), [(1, 1), (2, 0.5), (1, 1e6), (1e6, 1)])
-def test_body_on_body(e, mass1, mass2):
-    # Along x, one after the other; both fall alike. Unit cubes 1 m apart close at 5 m/s: 10 steps.
-    first = set_motion(box_body(1, 1, 1, (0, 0, 0), density=mass1), (3, 0, 0))
-    second = set_motion(box_body(1, 1, 1, (2, 0, 0), density=mass2), (-2, 0, 0))
-    line = [(1 / mass1, 0, 3, 0.5, 0), (1 / mass2, 2, -2, 0.5, 0)]
-    y = vy = touched = 0
-    for x, v, contacts in predicted_stack(line, e, 60):
-        vy -= G * H
-        y += vy * H
-        touched += contacts
-        run_timestep([first, second], None, H, e)
-        for k, mesh in enumerate((first, second)):
-            assert mesh.position[0] == pytest.approx([x[k], y, 0], abs=1e-11)
-            assert mesh.linVelocity[0] == pytest.approx([v[k], vy, 0], abs=1e-11)
-            assert np.abs(mesh.angVelocity).max() < 1e-11
-    assert touched == 1 if e > 0 else touched >= 1
-    if mass1 == mass2:
-        # Equal masses: c = 5, j = (1 + e) c m/2. With e = 1 they exchange their velocities, with
-        # e = 0 they go on together at the mean of 0.5.
-        assert v == pytest.approx({1.0: [-2, 3], 0.5: [-0.75, 1.75], 0.0: [0.5, 0.5]}[e], abs=1e-12)
-
-
-@pytest.mark.parametrize("e", [0.0, 0.5])
-@pytest.mark.parametrize(("degrees", "shift"), [(0, 0), (30, 0), (30, 1.5)])
-def test_a_box_that_lands_flat_does_not_start_to_spin(e, degrees, shift):
-    # Seen from above the patch is the upper box, or, turned by 30°, an octagon around the middle:
-    # its centre is below the COM. Only a shift of a box that does not stick out keeps it so.
-    size = (6, 3, 4) if shift else (12, 6, 8)
-    fixed = body("box", (0, 3, 0), isFixed=True)
-    falling = box_body(*size, (shift, 12, 0), orientation=quaternion(UP, degrees))
-    for _ in range(300):
-        run_timestep([fixed, falling], ground(), H, e)
-    assert np.abs(falling.angVelocity).max() < 1e-9
-    assert np.abs(falling.position[0, [0, 2]] - [shift, 0]).max() < 1e-9
-    assert falling.position[0, 1] == pytest.approx(6 + size[1] / 2, abs=0.01)
-    assert np.abs(falling.linVelocity).max() < 0.2
-
-
-# --------------------------------------------------------------------------------------------------
-# One contact: resolve_collision
-# --------------------------------------------------------------------------------------------------
-
-
-def kinetic_energy(mesh):
-    R = rotation(mesh.orientation[0]).as_matrix()
-    spin = R.T @ mesh.angVelocity[0]  # in body axes, where the tensor is IT
-    return 0.5 * mesh.mass * (mesh.linVelocity**2).sum() + 0.5 * spin @ mesh.IT @ spin
-
-
-def angular_momentum(mesh, about):
-    R = rotation(mesh.orientation[0]).as_matrix()
-    own = R @ mesh.IT @ R.T @ mesh.angVelocity[0]
-    return own + np.cross(mesh.position[0] - about, mesh.mass * mesh.linVelocity[0])
-
-
-def speed_at(mesh, point, normal):
-    arm = point - mesh.position[0]
-    return (mesh.linVelocity[0] + np.cross(mesh.angVelocity[0], arm)) @ normal
-
-
-def inverse_mass_at(mesh, point, normal):
-    """What a unit impulse along the normal at the point changes the speed there by."""
-    if mesh.isFixed:
-        return 0.0
-    R = rotation(mesh.orientation[0]).as_matrix()
-    lever = np.cross(point - mesh.position[0], normal)
-    return 1 / mesh.mass + lever @ np.linalg.solve(R @ mesh.IT @ R.T, lever)
-
-
-def random_contact(rng, fixed=None):
-    """Two bodies about the origin that move at random, and a contact between them.
-
-    Nothing needs the contact to be where the shapes touch: the laws hold for any.
-    """
-    meshes = []
-    for k, name in enumerate(rng.choice(SHAPES, size=2)):
-        q = random_quaternions(rng, 1)[0]
-        density = 10 ** rng.uniform(-3, 3)
-        mesh = body(name, rng.normal(size=3) * 4, q, density=density, isFixed=k == fixed)
-        if not mesh.isFixed:
-            set_motion(mesh, rng.normal(size=3) * 5, rng.normal(size=3) * 2)
-        meshes.append(mesh)
-    normal = rng.normal(size=3)
-    return SimpleNamespace(
-        meshes=meshes,
-        depth=rng.choice([0.0, 0.01, 0.5]),
-        e=rng.choice([0.0, 0.3, 1.0]),
-        normal=normal / np.linalg.norm(normal),
-        point=rng.normal(size=3) * 3,
-    )
-
-
-def test_momentum_through_random_collisions():
-    """What one contact conserves, and what it does not.
-
-    The two impulses are opposite and act at one point p, so the linear momentum and the angular
-    momentum about any fixed point are conserved, arms being taken from the corrected COMs. The
-    correction itself is no motion: it shifts the COMs, m1 Δx1 + m2 Δx2 = 0, at the velocities they
-    had. With Δx2 = w2 d n, Δx1 = -w1 d n and m1 w1 = m2 w2 = μ, the reduced mass, that adds
-    Σ Δx_i × m_i v_i = μ d n × (v2 - v1) to the angular momentum.
+    What is expected are two opposite impulses j = (1 + e) c/K along the normal at one point, with K
+    the sum of the inverse masses there: they conserve momentum and angular momentum, and the energy
+    changes by -j c + j² K/2 = -(1 - e²) c²/(2 K). Nothing needs the contact to be where the shapes
+    touch. With closingOnly, contacts that separate keep their velocities.
     """
     rng = np.random.default_rng(500)
     outcomes = Counter()
-    for _ in range(500):
-        contact = random_contact(rng)
-        m1, m2 = contact.meshes
-        masses = m1.mass, m2.mass
-        scale = sum(
-            m.mass * (np.linalg.norm(m.linVelocity) + 10 * np.linalg.norm(m.angVelocity))
-            for m in (m1, m2)
-        )
-        about = rng.normal(size=3)
-        before = sum(m.mass * m.linVelocity[0] for m in (m1, m2))
-        spinBefore = sum(angular_momentum(m, about) for m in (m1, m2))
-        balance = sum(m.mass * m.position[0] for m in (m1, m2))
-        distance = m2.position[0] - m1.position[0]
-        reduced = masses[0] * masses[1] / sum(masses)
-        shift = (
-            reduced * contact.depth * np.cross(contact.normal, (m2.linVelocity - m1.linVelocity)[0])
-        )
+    for k in range(600):
+        kind = ("free", "fixed first", "fixed second", "ground")[k % 4]
+        meshes = []
+        for i, q in enumerate(random_quaternions(rng, 2)):
+            name, density = rng.choice(SHAPES), 10 ** rng.uniform(-3, 3)
+            isFixed = kind == ("fixed first", "fixed second")[i]
+            place = rng.normal(size=3) * 4
+            meshes.append(body(name, place, q, density=density, isFixed=isFixed))
+            if not isFixed:
+                set_motion(meshes[-1], rng.normal(size=3) * 5, rng.normal(size=3) * 2)
+        depth, e, closingOnly = rng.choice([0.0, 0.01, 0.5]), rng.choice([0.0, 0.3, 1.0]), k % 8 > 3
+        n = rng.normal(size=3)
+        n, point = n / np.linalg.norm(n), rng.normal(size=3) * 3
+        if kind == "ground":  # which has the mesh first, a negative depth, and its normal upwards
+            meshes[1], depth, n = ground(), -depth, UP
+        before = state_of(meshes)
+        resolve_collision(*meshes, depth, n, point, e, closingOnly)
 
-        resolve_collision(m1, m2, contact.depth, contact.normal, contact.point, contact.e)
-
-        assert np.abs(sum(m.mass * m.linVelocity[0] for m in (m1, m2)) - before).max() < (
-            1e-13 * scale
-        )
-        spin = sum(angular_momentum(m, about) for m in (m1, m2))
-        assert np.abs(spin - spinBefore - shift).max() < 1e-12 * scale
-        # the pair's common COM stays, and they part by the depth along the normal
-        moved = sum(m.mass * m.position[0] for m in (m1, m2)) - balance
-        assert np.abs(moved).max() < 1e-14 * sum(masses) * 10
-        parted = m2.position[0] - m1.position[0] - distance
-        assert np.abs(parted - contact.depth * contact.normal).max() < 1e-14
-        outcomes["1 : 1e3 or more"] += not 1e-3 < masses[0] / masses[1] < 1e3
-        outcomes["corrected"] += contact.depth > 0
-    assert outcomes["1 : 1e3 or more"] > 50 and outcomes["corrected"] > 250
-
-
-def test_restitution_and_energy_through_random_collisions():
-    """The speed along the normal becomes -e times itself, at the contact point.
-
-    With c the closing speed and K the sum of the inverse masses along n, the impulse j = (1 + e)
-    c/K changes the kinetic energy by -j c + j² K/2 = -(1 - e²) c²/(2 K): none for e = 1, and never
-    up, whether the contact closes or separates.
-    """
-    rng = np.random.default_rng(501)
-    outcomes = Counter()
-    for k in range(510):
-        contact = random_contact(rng, fixed=(None, 0, 1)[k % 3])
-        m1, m2 = contact.meshes
-        rest = state_of([m1, m2])
-        share = m1.mass / (m1.mass + m2.mass) if k % 3 == 0 else float(m1.isFixed)
-        p = contact.point + share * contact.depth * contact.normal
-
-        # first the correction alone: an impulse of nothing, as of a restitution of -1
-        resolve_collision(m1, m2, contact.depth, contact.normal, contact.point, -1.0)
-        assert np.array_equal(state_of([m1, m2])[:, 3:], rest[:, 3:])
-        closing = speed_at(m1, p, contact.normal) - speed_at(m2, p, contact.normal)
-        K = sum(inverse_mass_at(m, p, contact.normal) for m in (m1, m2))
-        energy = sum(kinetic_energy(m) for m in (m1, m2))
-        corrected = state_of([m1, m2])
-        restore([m1, m2], rest)
-
-        resolve_collision(m1, m2, contact.depth, contact.normal, contact.point, contact.e)
-        assert np.array_equal(state_of([m1, m2])[:, :7], corrected[:, :7])
-        after = speed_at(m1, p, contact.normal) - speed_at(m2, p, contact.normal)
-        assert abs(after + contact.e * closing) < 1e-11 * max(1, abs(closing))
-        gained = sum(kinetic_energy(m) for m in (m1, m2)) - energy
-        assert abs(gained + (1 - contact.e**2) * closing**2 / (2 * K)) < 1e-12 * energy
-        assert gained <= 1e-12 * energy
-        for row, mesh in zip(range(2), (m1, m2), strict=True):
-            if mesh.isFixed:
-                assert np.array_equal(state_of([mesh])[0], rest[row])
-            else:  # the impulse acts along the normal
-                push = mesh.linVelocity[0] - rest[row, 7:10]
-                assert np.abs(np.cross(push, contact.normal)).max() < 1e-12 * max(
-                    1, np.linalg.norm(push)
-                )
-        outcomes["closing" if closing > 0 else "separating"] += 1
-        outcomes["elastic"] += contact.e == 1
-    assert min(outcomes["closing"], outcomes["separating"]) > 150 and outcomes["elastic"] > 100
-
-
-@pytest.mark.parametrize("swapped", [False, True])
-def test_a_fly_against_a_million_times_its_mass(swapped):
-    # 1 : 1e6, head on at 10 m/s, e = 1: the light one comes back with 10 · (M - m)/(M + m), the
-    # heavy one starts with 10 · 2 m/(M + m). Of a depth of 0.1 the heavy one gives way 1e-7.
-    light = set_motion(box_body(1, 1, 1, (0, 0, 0), density=1.0), (10, 0, 0))
-    heavy = box_body(1, 1, 1, (0.9, 0, 0), density=1e6)
-    if swapped:
-        resolve_collision(heavy, light, 0.1, [-1, 0, 0], [0.5, 0, 0], 1.0)
-    else:
-        resolve_collision(light, heavy, 0.1, [1, 0, 0], [0.4, 0, 0], 1.0)
-    assert light.linVelocity[0] == pytest.approx([-10 * (1e6 - 1) / (1e6 + 1), 0, 0], rel=1e-14)
-    assert heavy.linVelocity[0] == pytest.approx([20 / (1e6 + 1), 0, 0], rel=1e-14)
-    assert heavy.position[0, 0] - 0.9 == pytest.approx(0.1 / (1e6 + 1), rel=1e-8)
-    assert light.position[0, 0] == pytest.approx(-0.1 * 1e6 / (1e6 + 1), rel=1e-14)
+        free = [not mesh.isFixed for mesh in meshes]
+        masses = np.array([mesh.invMass for mesh in meshes])
+        turns = rotation(before[:, 3:7]).as_matrix()
+        inverse = [f * r @ m.invIT @ r.T for f, r, m in zip(free, turns, meshes, strict=True)]
+        expected, signs = before.copy(), np.array([[-1.0], [1.0]])
+        share = masses[:, None] / masses.sum()
+        expected[:, :3] += signs * share * depth * n
+        arms = point + share[1] * depth * n - expected[:, :3]
+        levers = np.cross(arms, n)
+        spins = np.array([i @ lever for i, lever in zip(inverse, levers, strict=True)])
+        K = masses.sum() + (levers * spins).sum()
+        velocities = before[:, 7:10] + np.cross(before[:, 10:], arms)
+        c = (velocities[0] - velocities[1]) @ n
+        isClosing = (c > 0) != (kind == "ground")
+        j = (1 + e) * c / K if isClosing or not closingOnly else 0.0
+        expected[:, 7:10] += signs * j * masses[:, None] * n
+        expected[:, 10:] += signs * j * spins
+        after = state_of(meshes)
+        assert np.abs(after - expected).max() < 1e-12 * np.abs(expected).max()
+        if j:
+            own = [f * m.mass for f, m in zip(free, meshes, strict=True)]
+            tensors = [f * r @ m.IT @ r.T for f, r, m in zip(free, turns, meshes, strict=True)]
+            energies = [kinetic_energy(states, own, tensors) for states in (before, after)]
+            lost = (1 - e**2) * c**2 / (2 * K)
+            assert abs(energies[0] - energies[1] - lost) < 1e-12 * energies[0]
+        outcomes[kind, closingOnly, isClosing] += 1
+    assert len(outcomes) == 16 and min(outcomes.values()) > 15
 
 
 def test_a_corner_hit_in_numbers():
@@ -436,73 +226,6 @@ def test_a_corner_hit_in_numbers():
     assert twin.position[0] == pytest.approx([0, 0.5, 0], abs=1e-15)
     assert twin.linVelocity[0] == pytest.approx([0, -5, 0], abs=1e-14)
     assert twin.angVelocity[0] == pytest.approx([-9, 0, 9], abs=1e-13)
-
-
-def test_nothing_moves_two_fixed_bodies():
-    meshes = [body("box", (0, 0, 0), isFixed=True), body("box", (1, 0, 0), isFixed=True)]
-    before = state_of(meshes)
-    resolve_collision(*meshes, 0.5, [1, 0, 0], [0, 0, 0], 0.5)
-    run_timestep(meshes, ground(), H, 0.5)
-    assert not meshes[0].detect_collision(meshes[1])[0]
-    assert np.array_equal(state_of(meshes), before)
-
-
-def test_closing_only():
-    """Separating contacts keep their velocities, closing ones get what they get by default."""
-    rng = np.random.default_rng(502)
-    outcomes = Counter()
-    for k in range(300):
-        kind = ("pair", "fixed first", "fixed second", "ground")[k % 4]
-        contact = random_contact(rng, fixed={"fixed first": 0, "fixed second": 1}.get(kind))
-        meshes, depth, normal = contact.meshes, contact.depth + 0.001, contact.normal
-        if kind == "ground":
-            meshes, depth, normal = [meshes[0], ground()], -depth, UP
-        m1, m2 = meshes
-        free = [m for m in meshes if m.invMass > 0]
-        before = state_of(free)
-        resolve_collision(m1, m2, depth, normal, contact.point, contact.e)
-        byDefault = state_of(free)
-        # what hits the ground closes while it moves down, along -n
-        share = m2.invMass / (m1.invMass + m2.invMass)
-        p = contact.point + share * depth * normal
-        restore(free, np.column_stack((byDefault[:, :7], before[:, 7:])))
-        closing = speed_at(m1, p, normal) - speed_at(m2, p, normal)
-        isClosing = (closing < 0) if kind == "ground" else (closing > 0)
-        restore(free, before)
-        resolve_collision(m1, m2, depth, normal, contact.point, contact.e, closingOnly=True)
-        result = state_of(free)
-        assert np.array_equal(result[:, :7], byDefault[:, :7])  # the correction is the same
-        assert np.array_equal(result[:, 7:], (byDefault if isClosing else before)[:, 7:])
-        assert not np.array_equal(byDefault[:, 7:], before[:, 7:])
-        outcomes[kind, isClosing] += 1
-    assert len(outcomes) == 8 and min(outcomes.values()) > 20
-
-
-def test_closing_only_reaches_the_step():
-    # Bodies that overlap and already part, sideways from each other and upwards from the ground:
-    # by default they are pulled back, with the keyword they go on.
-    def run(closingOnly):
-        meshes = [
-            set_motion(box_body(1, 1, 1, (0, 5, 0)), (-3, 0, 0)),
-            set_motion(box_body(1, 1, 1, (0.8, 5, 0)), (3, 0, 0)),
-            set_motion(body("octahedron", (50, 3.0, 0)), (0, 5, 0)),
-        ]
-        run_timestep(meshes, ground(), H, 0.5, closingOnly=closingOnly)
-        return [m.linVelocity[0] + G * H * UP * (k < 2) for k, m in enumerate(meshes)]
-
-    left, right, up = run(True)
-    assert np.array_equal([left, right], [[-3, 0, 0], [3, 0, 0]])
-    assert np.array_equal(up, [0, 5 - G * H, 0])
-    left, right, up = run(False)
-    # equal masses, e = 0.5: 3 becomes -1.5
-    assert left == pytest.approx([1.5, 0, 0], abs=1e-12)
-    assert right == pytest.approx([-1.5, 0, 0], abs=1e-12)
-    assert up == pytest.approx([0, -0.5 * (5 - G * H), 0], abs=1e-12)
-
-
-# --------------------------------------------------------------------------------------------------
-# The order of a step, by a literal loop
-# --------------------------------------------------------------------------------------------------
 
 
 def literal_step(meshes, groundMesh, timeStep, e, closingOnly=False):
@@ -542,16 +265,17 @@ def small_scene():
     return meshes
 
 
-@pytest.mark.parametrize("broadPhase", ["all", "grid"])
-@pytest.mark.parametrize(("closingOnly", "steps"), [(False, 100), (True, 50)])
+@pytest.mark.parametrize(
+    ("closingOnly", "steps", "broadPhase"),
+    [(False, 100, "all"), (False, 100, "grid"), (True, 50, "grid")],
+)
 def test_a_step_is_the_literal_loop(closingOnly, steps, broadPhase):
-    """To the bit, the accelerated step as well as the default one."""
+    """Both the default and the accelerated step give the same bits as the loop."""
     fast, slow = small_scene(), small_scene()
     seen = Counter()
     for _ in range(steps):
-        report = run_timestep(
-            fast, ground(), H, 0.5, closingOnly=closingOnly, broadPhase=broadPhase
-        )
+        options = {"closingOnly": closingOnly, "broadPhase": broadPhase}
+        report = run_timestep(fast, ground(), H, 0.5, **options)
         contacts = literal_step(slow, ground(), H, 0.5, closingOnly)
         assert [(contact.body1, contact.body2) for contact in report.contacts] == contacts
         assert all(type(contact.impulse) is float for contact in report.contacts)
@@ -561,38 +285,6 @@ def test_a_step_is_the_literal_loop(closingOnly, steps, broadPhase):
             assert np.array_equal(a.currVertices, b.currVertices)
     pairs = [pair for pair in seen if pair[1] >= 0]
     assert len(pairs) >= 6 and len(seen) - len(pairs) >= 3 and seen.total() > 40
-
-
-@pytest.mark.parametrize("order", [(0, 1, 2), (1, 2, 0), (2, 1, 0), (1, 0, 2)])
-def test_later_pairs_see_earlier_corrections(order):
-    # Unit cubes in a row: a fixed wall, B 0.3 deep in it, and C 0.1 behind B. Pushed out of the
-    # wall, B goes 0.2 into C, if the wall's pair with B has its turn before B's with C. Of these
-    # 0.2 each gives way 0.1: B is in the wall again, and C is 0.1 farther away.
-    wall = box_body(1, 1, 1, (0, 0, 0), isFixed=True)
-    b, c = box_body(1, 1, 1, (0.7, 0, 0)), box_body(1, 1, 1, (1.8, 0, 0))
-    meshes = [(wall, b, c)[k] for k in order]
-    run_timestep(meshes, None, H, 0.5)
-    pairs = [frozenset(pair) for pair in itertools.combinations(order, 2)]
-    wallFirst = pairs.index({0, 1}) < pairs.index({1, 2})
-    assert wallFirst == (order in [(0, 1, 2), (1, 0, 2)])
-    expected = (0.9, 1.9) if wallFirst else (1.0, 1.8)
-    assert (b.position[0, 0], c.position[0, 0]) == pytest.approx(expected, abs=1e-14)
-
-
-# --------------------------------------------------------------------------------------------------
-# Same bits
-# --------------------------------------------------------------------------------------------------
-
-
-def test_running_twice_gives_the_same_bits():
-    runs = []
-    for _ in range(2):
-        meshes = load_scene_file(DATA / "mixed-scene.txt")
-        for _ in range(150):
-            run_timestep(meshes, ground(), H, 0.5)
-        runs.append((state_of(meshes), [m.currVertices for m in meshes]))
-    assert np.array_equal(runs[0][0], runs[1][0])
-    assert all(np.array_equal(a, b) for a, b in zip(runs[0][1], runs[1][1], strict=True))
 
 
 @pytest.mark.parametrize("broadPhase", ["all", "grid"])
@@ -620,84 +312,6 @@ def test_save_restore_and_step_on_gives_the_same_bits(broadPhase):
         assert np.array_equal(state_of(again), expected)
 
 
-def test_what_meshes_keep_changes_no_bit():
-    """Cached axes, turned hulls and boxes save time only: the bits are the same without them."""
-    keeping, forgetting = small_scene(), small_scene()
-    for _ in range(60):
-        run_timestep(keeping, ground(), H, 0.5)
-        run_timestep(forgetting, ground(), H, 0.5)
-        assert np.array_equal(state_of(keeping), state_of(forgetting))
-        forgetting = copy.deepcopy(forgetting)
-    assert sum(len(mesh.cachedAxes) for mesh in keeping) > 5
-    assert sum(len(mesh.cachedAxes) for mesh in forgetting) == 0
-
-
-# --------------------------------------------------------------------------------------------------
-# The caller and the meshes
-# --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "step",
-    [
-        lambda meshes: run_timestep(meshes, ground(), H, 0.5),
-        lambda meshes: literal_step(meshes, ground(), H, 0.5),
-    ],
-    ids=["run_timestep", "the meshes' own methods"],
-)
-def test_what_is_assigned_between_steps_counts(step):
-    meshes = [body("box", (0, 50, 0)), body("box", (0, 50, 90), isFixed=True)]
-    step(meshes)
-    mesh = meshes[0]
-    mesh.position = np.array([7.0, 80.0, 9.0])  # plain vectors, a list, an array of ints
-    mesh.linVelocity = [1.0, 2.0, 3.0]
-    mesh.angVelocity = np.array([0, 0, 2])
-    mesh.orientation = np.array([np.sqrt(0.5), 0, np.sqrt(0.5), 0])
-    meshes[1].position = np.array([7.0, 80.0, 30.0])
-    step(meshes)
-    expected = np.array([7, 80, 9]) + H * np.array([1, 2 - G * H, 3])
-    assert mesh.position == pytest.approx(expected[None], abs=1e-13)
-    assert mesh.linVelocity == pytest.approx(np.array([[1, 2 - G * H, 3]]), abs=1e-14)
-    turn = Rotation.from_rotvec([0, 0, 2 * H]) * Rotation.from_rotvec([0, np.pi / 2, 0])
-    assert np.abs(rotation(mesh.orientation[0]).as_matrix() - turn.as_matrix()).max() < 1e-14
-    assert np.abs(mesh.currVertices - turn.apply(mesh.origVertices) - expected).max() < 1e-12
-    assert np.array_equal(np.ravel(meshes[1].position), [7, 80, 30])
-
-
-def test_a_fixed_body_that_was_moved_collides_where_it_is():
-    floor, falling = body("box", (0, 3, 0), isFixed=True), body("octahedron", (0, 30, 0))
-    floor.position = np.array([0.0, 24.0, 0.0])  # its top at 27, the tip at 26.6
-    report = run_timestep([floor, falling], ground(), H, 0.0)
-    assert [(c.body1, c.body2) for c in report.contacts] == [(0, 1)]
-    assert falling.position[0] == pytest.approx([0, 27 + 3.4, 0], abs=1e-12)
-    assert floor.currVertices[:, 1].max() == pytest.approx(27)
-
-
-def test_references_that_a_caller_holds_do_not_change():
-    meshes = [body("octahedron", (0, 3.3, 0), density=2), body("octahedron", (0.5, 9, 0))]
-    held = [
-        getattr(m, name)
-        for m in meshes
-        for name in ("position", "orientation", "linVelocity", "angVelocity", "currVertices")
-    ]
-    copies = [array.copy() for array in held]
-    assert run_timestep(meshes, ground(), H, 0.5).contacts
-    resolve_collision(*meshes, 0.1, UP, (0, 6, 0), 0.5)
-    meshes[0].integrate_timestep(H)
-    assert not np.array_equal(meshes[0].position, copies[0])
-    assert all(np.array_equal(a, b) for a, b in zip(held, copies, strict=True))
-
-
-def test_no_arrays_are_shared_between_meshes():
-    meshes = [body("box", (20 * k, 40, 0)) for k in range(3)]
-    run_timestep(meshes, ground(), H, 0.5)
-    for a, b in itertools.combinations(meshes, 2):
-        for name in ("position", "orientation", "linVelocity", "angVelocity", "currVertices"):
-            assert not np.shares_memory(getattr(a, name), getattr(b, name))
-    meshes[0].position += 1  # a caller may write into its own
-    assert meshes[1].position[0, 0] == 20
-
-
 @pytest.mark.parametrize(("height", "touches"), [(0.0, True), (1e-12, False), (1e-6, False)])
 def test_the_ground_is_touched_at_0_and_not_above(height, touches):
     """A box that stands there, or a hair above: a millionth is no hair, and not looked at."""
@@ -707,38 +321,12 @@ def test_the_ground_is_touched_at_0_and_not_above(height, touches):
     assert mesh.position[0, 1] == 1.0 + height
 
 
-def test_without_ground_bodies_fall_through():
-    mesh = body("octahedron", (0, 3.4, 0))
-    for _ in range(10):
-        run_timestep([mesh], None, H, 0.5)
-    assert mesh.linVelocity[0, 1] == pytest.approx(-G * H * 10)
-    assert mesh.currVertices[:, 1].min() < -0.1
-
-
-def test_no_bodies_and_one_body():
-    run_timestep([], ground(), H, 0.5)
-    run_timestep([], None, H, 0.5)
-    mesh = body("octahedron", (0, 3, 0))  # its tip 0.4 below the ground
-    report = run_timestep([mesh], ground(), H, 0.0)
-    assert len(report.contacts) == 1
-    assert mesh.currVertices[:, 1].min() == pytest.approx(0, abs=1e-15)
-
-
-def test_bodies_that_stand_exactly_on_something_touch_it():
-    # y ≤ 0 and depth ≥ 0 count: at rest and without a step's fall, hence with h = 0, the impulse
-    # is nothing, but the contacts are reported.
-    meshes = [box_body(2, 2, 2, (0, 1, 0)), box_body(2, 2, 2, (0, 3, 0))]
-    report = run_timestep(meshes, ground(), 0.0, 0.5)
-    assert [(c.body1, c.body2) for c in report.contacts] == [(0, 1), (0, -1)]
-    assert [c.depth for c in report.contacts] == [0, 0]
-
-
 def test_bodies_that_stand_on_each_other_somewhere_touch_too():
     # Turned and carried off, the faces are off each other by the rounding of vertices and COMs,
     # some units of 1e-15. A billionth of the bodies' size is air.
     rng = np.random.default_rng(30)
     size = np.sqrt(3) + 1.5  # the radii of the two boxes
-    for q in random_quaternions(rng, 40):
+    for q in random_quaternions(rng, 15):
         place, up = rng.normal(size=3) * 10, rotation(q).apply(UP)
         for air, count in ((0.0, 1), (16 * EPS, 1), (1e-9, 0)):
             lower = box_body(2, 2, 2, place, orientation=q)
@@ -746,9 +334,9 @@ def test_bodies_that_stand_on_each_other_somewhere_touch_too():
             assert len(run_timestep([lower, upper], None, 0.0, 0.5).contacts) == count
 
 
-@pytest.mark.parametrize("place", range(4))
+@pytest.mark.parametrize("place", [0, 3])
 def test_a_mesh_without_vertices_in_the_list_is_nothing(place):
-    """Neither hit nor moved, and the others step as if it were not there, to the bit."""
+    """It is neither hit nor moved, and the others have the same bits as without it."""
 
     def three():
         return [
@@ -767,50 +355,3 @@ def test_a_mesh_without_vertices_in_the_list_is_nothing(place):
     del withNothing[place]
     assert np.array_equal(state_of(without), state_of(withNothing))
     assert np.array_equal(nothing.position, np.zeros((1, 3)))
-
-
-# --------------------------------------------------------------------------------------------------
-# Whole scenes
-# --------------------------------------------------------------------------------------------------
-
-STEPS = 200
-# The piles and the net with hundreds of bodies have tests of their own.
-MOST_BODIES = 50
-
-
-def scenes(folder):
-    paths = sorted(folder.glob("*-scene.txt"))
-    return [p for p in paths if body_count(p) <= MOST_BODIES]
-
-
-def run_scene(path):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the course's cylinder is not convex, and says so
-        meshes = load_scene_file(path)
-    fixed = [k for k, mesh in enumerate(meshes) if mesh.isFixed]
-    before = state_of(meshes)
-    contacts = 0
-    for _ in range(STEPS):
-        contacts += len(run_timestep(meshes, ground(), H, 0.5).contacts)
-    after = state_of(meshes)
-    assert np.isfinite(after).all()
-    assert np.abs(np.linalg.norm(after[:, 3:7], axis=1) - 1).max() < 1e-12
-    assert np.array_equal(after[fixed], before[fixed])
-    for mesh in meshes:
-        assert np.isfinite(mesh.currVertices).all()
-        # the ground has the last word in a step
-        assert mesh.isFixed or mesh.currVertices[:, 1].min() > -1e-12 * 100
-    return contacts
-
-
-@pytest.mark.parametrize("path", scenes(DATA), ids=lambda path: path.stem)
-def test_our_scene(path):
-    assert run_scene(path) > 0
-
-
-@needs_course
-@pytest.mark.parametrize("path", scenes(COURSE), ids=lambda path: path.stem)
-def test_course_scene(path):
-    # After 4 s at most 78 m are fallen, so whatever starts above that meets nobody yet.
-    contacts = run_scene(path)
-    assert contacts > 0 or "single_cylinder" in path.name

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from opengl import skip_or_fail
 from oracles import ROOT
-from program import DATA, record, run
+from program import DATA, record
 
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from rbs.scenes.simulation import Simulation
 
-# What a busy machine without a graphics card may take for one effect, in seconds.
+# Seconds that one effect may take on a busy machine without a graphics card.
 PATIENCE = 120.0
 
 
@@ -29,13 +29,10 @@ def display():
     if missing:
         skip_or_fail(f"{' and '.join(missing)} missing: apt-get install xvfb xdotool")
     reader, writer = os.pipe()
-    # It chooses a free number itself, and writes it when it is ready.
-    server = subprocess.Popen(
-        ["Xvfb", "-displayfd", str(writer), "-screen", "0", "1920x1080x24"],
-        pass_fds=[writer],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    # The server chooses a free number itself, and writes it when it is ready.
+    command = ["Xvfb", "-displayfd", str(writer), "-screen", "0", "1920x1080x24"]
+    streams = dict.fromkeys(("stdout", "stderr"), subprocess.DEVNULL)
+    server = subprocess.Popen(command, pass_fds=[writer], **streams)
     os.close(writer)
     with os.fdopen(reader) as answer:
         number = answer.readline().strip()
@@ -50,18 +47,9 @@ class Session:
     def __init__(self, display, folder, path, size):
         self.statusPath = folder / "status.json"
         self.environment = {**os.environ, "DISPLAY": display, "PYTHONPATH": str(ROOT)}
-        self.process = subprocess.Popen(
-            [
-                sys.executable,
-                ROOT / "tests" / "window" / "window_program.py",
-                path,
-                self.statusPath,
-            ],
-            cwd=folder,
-            env=self.environment,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        command = [sys.executable, ROOT / "tests/window/window_program.py", path, self.statusPath]
+        options = {"cwd": folder, "env": self.environment, "text": True}
+        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, **options)
         try:
             self.await_status(lambda status: "Play" in status["places"])
         except AssertionError as error:
@@ -78,13 +66,8 @@ class Session:
         self.move_to(size[0] / 2, size[1] / 2)
 
     def xdotool(self, *arguments):
-        done = subprocess.run(
-            ["xdotool", *map(str, arguments)],
-            env=self.environment,
-            capture_output=True,
-            text=True,
-            timeout=60,
-        )
+        command, options = ["xdotool", *map(str, arguments)], {"text": True, "timeout": 60}
+        done = subprocess.run(command, env=self.environment, capture_output=True, **options)
         assert done.returncode == 0, done.stderr
         return done.stdout
 
@@ -158,7 +141,7 @@ def session(display, tmp_path):
     """Opens a Session on a path; it is closed at the end."""
     opened = []
 
-    def open_session(path, size=(1280, 720)):
+    def open_session(path, size=(1000, 700)):
         opened.append(Session(display, tmp_path, path, size))
         return opened[-1]
 
@@ -173,7 +156,7 @@ def test_a_session_in_the_window(session, tmp_path):
     window.await_status(lambda status: status["step"] >= 5)
     # Friction, while it plays.
     status = window.click("friction", lambda status: status["friction"] > 0.1, along=0.2)
-    assert status["isPlaying"]
+    assert status["isPlaying"] and status["frameRate"] == 60
     window.click("Pause", lambda status: not status["isPlaying"])
     before = window.status()["step"]
     window.click("Step", lambda status: status["step"] > before)
@@ -182,15 +165,8 @@ def test_a_session_in_the_window(session, tmp_path):
     assert window.status()["friction"] > 0.1
     window.click("Step", lambda status: status["step"] > 0)
     window.click("Reset", lambda status: status["step"] == 0 and status["friction"] == 0.0)
-    # An overlay, and the plots.
-    window.click("Display", lambda status: "contacts" in status["places"])
-    window.click("contacts", lambda status: "contacts" in status["shown"])
-    window.click("Plots")
-    window.click("Step", lambda status: status["plotted"] > 0)
-    window.click("Plots")
     # A body is picked where it is seen, pushed and fixed.
-    x, y = window.status()["bodies"][1]
-    window.click_at(x, y)
+    window.click_at(*window.status()["bodies"][1])
     status = window.await_status(lambda status: status["picked"] == 1)
     speed = status["velocity"][1]
     window.click("Up", lambda status: status["velocity"][1] > speed + 1.0)
@@ -198,33 +174,34 @@ def test_a_session_in_the_window(session, tmp_path):
     window.click("Up")  # pushes no fixed body
     assert window.status()["changes"] == ["push", "fix"]
     window.click("Free", lambda status: not status["isFixed"])
+    # An overlay, the plots and a picture.
+    window.click("Display", lambda status: "contacts" in status["places"])
+    window.click("contacts", lambda status: "contacts" in status["shown"])
     window.click("Display", lambda status: "contacts" not in status["places"])
-    # A picture.
+    window.click("Plots")
+    window.click("Step", lambda status: status["plotted"] > 0)
     window.click("Save", lambda status: "Picture" in status["places"])
     window.click("Picture", lambda status: status["saved"])
     (saved,) = (tmp_path / "out" / "tower").iterdir()
     assert saved.read_bytes()[:4] == b"\x89PNG"
+    # Nobody does anything: few pictures a second, until the mouse moves.
+    window.await_status(lambda status: status["frameRate"] < 10)
+    window.xdotool("mousemove_relative", 5, 5)
+    window.await_status(lambda status: status["frameRate"] == 60)
     window.close()
     assert window.process.returncode == 0
 
 
-def test_scenes_are_opened_from_the_list_and_by_what_is_typed(session, tmp_path):
-    (tmp_path / "poem.txt").write_text("Bodies at rest\n")
-    window = session(DATA / "tower-scene.txt")
+def test_scenes_are_opened_from_the_list_and_by_what_is_typed(session):
+    window = session(DATA / "tower-scene.txt", (800, 500))
     before = window.status()["places"]
     window.click("scene", lambda status: "cube" in status["places"])
     window.key("Escape", lambda status: "cube" not in status["places"])
     window.click("scene", lambda status: "cube" in status["places"])
     window.click("cube", lambda status: status["scene"] == "cube-scene.txt")
-    for typed, words in (
-        (tmp_path / "none-scene.txt", "no such file"),
-        ("~/nothing-scene.txt", "no such file"),
-        ("nosuch", "no such scene"),
-        ("poem.txt", "not a scene"),
-    ):
-        window.click("open", lambda status: status["isTyping"])
-        window.type_line(typed)
-        status = window.await_status(lambda status, words=words: words in status["message"])
+    window.click("open", lambda status: status["isTyping"])
+    window.type_line("~/none.txt")
+    status = window.await_status(lambda status: "none.txt: " in status["message"])
     # The message has moved nothing.
     for name in ("Play", "speed", "scene", "open"):
         assert status["places"][name] == before[name]
@@ -232,19 +209,24 @@ def test_scenes_are_opened_from_the_list_and_by_what_is_typed(session, tmp_path)
     window.type_line("mixed")
     status = window.await_status(lambda status: status["scene"] == "mixed-scene.txt")
     assert (status["friction"], status["restitution"], status["message"]) == (0.0, 0.5, "")
+    for key in ("h", "F1", "question"):
+        window.key(key, lambda status: status["isHelpShown"])
+        window.key("Escape", lambda status: not status["isHelpShown"])
 
 
 def test_a_replay_in_the_window_is_scrubbed(session, tmp_path):
-    window = session(record(tmp_path / "tower.h5", Simulation(DATA / "tower-scene.txt"), 40))
+    recording = record(tmp_path / "tower.h5", Simulation(DATA / "tower-scene.txt"), 40)
+    window = session(recording, (800, 500))
     status = window.status()
     assert "friction" not in status["places"] and status["layout"][2] is not None
     status = window.click("step", lambda status: status["step"] > 10, along=0.6)
     assert status["isReplay"] and 15 < status["step"] < 35
+    window.click("speed", lambda status: "4 ×" in status["places"])
+    window.click("4 ×", lambda status: status["speed"] == "4 ×")
     window.click("Play", lambda status: status["step"] == 40)
     window.key("Left", lambda status: status["step"] == 39)
     window.click("backwards")
     window.click("Play", lambda status: status["step"] == 0)
-    window.key("b", lambda status: "Recordings are read-only" in status["message"])
 
 
 def test_bodies_are_dragged_thrown_and_shot_and_the_recording_is_verified(session, tmp_path):
@@ -253,7 +235,6 @@ def test_bodies_are_dragged_thrown_and_shot_and_the_recording_is_verified(sessio
     window.click("Record", lambda status: status["recorded"])
     window.click("Play", lambda status: status["step"] > 3)
     body, begin = 3, window.status()
-    x, y = begin["bodies"][body]
     window.key("space", lambda status: not status["isPlaying"])
     x, y = window.status()["bodies"][body]
     window.move_to(x, y)
@@ -264,58 +245,30 @@ def test_bodies_are_dragged_thrown_and_shot_and_the_recording_is_verified(sessio
     window.xdotool("key", "space")
     window.await_status(lambda status: status["isPlaying"])
     for k in range(1, 9):
-        window.move_to(x - 12 * k, y - 10 * k)
+        window.move_to(x - 9 * k, y - 9 * k)
     # It hangs from the mouse while the others fall.
     status = window.await_status(
-        lambda status: np.hypot(*np.subtract(status["bodies"][body], (x - 96, y - 80))) < 60
+        lambda status: np.hypot(*np.subtract(status["bodies"][body], (x - 72, y - 72))) < 50
     )
     assert status["positions"][body][1] > begin["positions"][body][1]
     window.xdotool("mouseup", 1)
     window.xdotool("keyup", "ctrl")
     window.await_status(lambda status: status["grabbed"] is None)
-    window.move_to(640, 400)
+    window.move_to(500, 360)
     window.key("b", lambda status: status["bodyCount"] == 16)
     last = window.status()["step"]
     window.await_status(lambda status: status["step"] > last + 10)
     window.click("Stop", lambda status: "recording.h5" in status["saved"])
     window.key("r", lambda status: status["bodyCount"] == 15 and status["step"] == 0)
-    path = tmp_path / "out" / "mixed" / "recording.h5"
-    recording = Recording(path)
+    recording = Recording(tmp_path / "out" / "mixed" / "recording.h5")
     kinds = {change.kind for _, change in recording.changes}
     assert kinds == {"push", "add"} and recording.body_count(recording.lastStep) == 16
     assert verify(recording) == ""
-    done = run(tmp_path, "--verify", path)
-    assert done.returncode == 0 and "are identical" in done.stdout
-
-
-def test_speed_is_chosen_and_its_pace_told(session):
-    window = session(DATA / "singlebox-scene.txt")
-    window.click("speed", lambda status: "0.1 ×" in status["places"])
-    window.click("0.1 ×", lambda status: status["speed"] == "0.1 ×")
-    window.click("Play", lambda status: status["pace"] is not None and status["step"] > 3)
-    assert window.status()["pace"] < 0.5
-    window.click("speed", lambda status: "unlimited" in status["places"])
-    window.click("unlimited", lambda status: status["pace"] and status["pace"] > 1.0)
-    assert window.status()["frameRate"] == 60
-    window.click("Pause", lambda status: not status["isPlaying"] and status["pace"] is None)
-    # Nobody does anything: few pictures a second; then the mouse moves.
-    window.await_status(lambda status: status["frameRate"] < 10)
-    window.xdotool("mousemove_relative", 5, 5)
-    window.await_status(lambda status: status["frameRate"] == 60)
-
-
-def test_help_is_shown_and_hidden_by_each_of_its_keys(session):
-    window = session(DATA / "tet-scene.txt", (800, 500))
-    for key in ("h", "F1", "question"):
-        window.key(key, lambda status: status["isHelpShown"])
-        window.key(key, lambda status: not status["isHelpShown"])
-    window.click("Help", lambda status: status["isHelpShown"])
-    window.key("Escape", lambda status: not status["isHelpShown"])
 
 
 def test_panels_stay_at_the_edges_whatever_the_size(session):
-    window = session(DATA / "tower-scene.txt")
-    for size in ((800, 500), (1280, 720), (1920, 1080)):
+    window = session(DATA / "tower-scene.txt", (800, 500))
+    for size in ((800, 500), (1280, 720)):
         window.resize(size)
         status = window.await_status(lambda status, size=size: status["layout"][0][3] == size[1])
         main, side, timeline, picture = status["layout"]
@@ -324,7 +277,7 @@ def test_panels_stay_at_the_edges_whatever_the_size(session):
         for x, y in status["bodies"]:
             assert picture[0] < x < picture[0] + picture[2]
             assert picture[1] < y < picture[1] + picture[3]
-        # What is in the panels is within them.
+        # The widgets of a panel are within it.
         for name in ("Play", "Step", "Reset", "speed", "Help", "scene", "open"):
             x, y, width = status["places"][name]
             assert x - 15.0 + width <= main[2] and y < size[1], name

@@ -1,9 +1,9 @@
-"""Opens the window on a scene, and tells the test that drives it what is where, frame by frame.
+"""Opens the window on a scene, and writes where everything is for the test that drives it.
 
     python window_program.py FILE STATUS.json
 
-STATUS.json holds the middles of the widgets, label by label, as they were drawn last, and what the
-test wants to see happen. Ctrl-C closes the window.
+STATUS.json is written after each frame. It holds the middles of the widgets, by label, as they were
+drawn last, and the state that the test waits for. Ctrl-C closes the window.
 """
 
 import itertools
@@ -24,22 +24,11 @@ from rbs.window.panel import Panel
 from rbs.window.playback import speed_name
 from rbs.window.viewer import show_window
 
-WIDGETS = (
-    "Button",
-    "Selectable",
-    "BeginCombo",
-    "InputDouble",
-    "InputTextWithHint",
-    "Checkbox",
-    "CollapsingHeader",
-    "SliderInt",
-    "SliderFloat",
-)
+WIDGETS = "Button Selectable BeginCombo InputDouble InputTextWithHint Checkbox CollapsingHeader "
+WIDGETS = (WIDGETS + "SliderInt SliderFloat").split()
 # A field's rectangle holds its label, and buttons: its number is at the left.
 INTO_FIELD = 15.0
-
-
-# Pictures a second that the panel has asked for.
+# Frames per second that the panel has asked for.
 FRAME_RATES = [0]
 
 
@@ -73,11 +62,8 @@ def status_of(panel):
         "message": viewer.message,
         "saved": viewer.saved,
         "plotted": len(viewer.history),
-        "frame": viewer.frame_milliseconds(),
         "bodyCount": len(simulation.meshes),
-        "time": simulation.time,
         "speed": speed_name(viewer.playback.speed),
-        "pace": viewer.playback.pace(),
         "restitution": simulation.settings.restitution,
         "isTyping": bool(psim.GetIO().WantTextInput),
         "isHelpShown": panel.isHelpShown,

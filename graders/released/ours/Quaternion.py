@@ -1,4 +1,4 @@
-"""This project's Quaternion, for whoever cannot have the project's folder on the path."""
+"""This project's Quaternion, for programs without the project's folder on the path."""
 
 import sys
 

@@ -1,12 +1,11 @@
-"""This project's RBSFunctions under the released graders, with the physics that they expect.
+"""This project's RBSFunctions for the released graders, with the physics that they expect.
 
     PYTHONPATH=graders/released:graders/released/ours RBS_PHYSICS=released-2024 python GRADER.py
 
-The environment variable RBS_PHYSICS is the one switch. "exact", the default, is this project's own
-physics. "released-2024" gives every `Mesh` the inertia of the coursework's 2024 reference solution
-(`physics2024`), which its grader data were made with. It acts on `resolve_collision`,
-`resolve_velocity_constraint` and what else asks a Mesh for its tensor. `run_timestep`, which no
-grader calls, has the smaller tensor but turns it to world axes the right way round.
+The environment variable RBS_PHYSICS is "exact", this project's own physics and the default, or
+"released-2024", which gives every `Mesh` the inertia of the coursework's 2024 reference solution
+(`physics2024`), behind its grader data. It affects every function that asks a Mesh for its tensor.
+`run_timestep`, which no grader calls, turns the smaller tensor to world axes the right way round.
 """
 
 import os

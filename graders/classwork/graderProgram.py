@@ -1,0 +1,127 @@
+"""The command line of the three graders, and its parts that `grade.py` and `compare.py` share."""
+
+import argparse
+import os
+import signal
+import sys
+from pathlib import Path
+
+from isolated.archives import find_submission, modules_of
+from isolated.processes import add_limit_arguments, run_isolated
+from reference.graderData import CONVENTIONS, DATA_DIRECTORY, GraderDataError, printable
+from verdict.bodies import Bodies
+from verdict.gradeReport import make_grade
+
+from classwork.likeness import origin_remarks
+from rbs.program.submissions import SubmissionError
+
+PASSED, FAILED, BAD_DATA = 0, 1, 2
+STOPPED = 130  # 128 + SIGINT, the shell's code for a program that Ctrl-C ended
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """Describes a script by its docstring, and reports a wrong command line in one line."""
+
+    def __init__(self, description):
+        form = argparse.RawDescriptionHelpFormatter
+        super().__init__(description=description, formatter_class=form)
+
+    def error(self, message):
+        self.exit(BAD_DATA, f"{self.prog}: {printable(message)} (--help lists the options)\n")
+
+
+def run_grader(description, grader):
+    """Runs a grader's command line; returns the exit code."""
+    parser = make_parser(description)
+    text = "grade RBSFunctions.py and Quaternion.py in this folder (default: the project's own)"
+    parser.add_argument("--modules", metavar="DIR", help=text)
+
+    def main(arguments):
+        data = load_data([grader], arguments)
+        remarks = [f"data {arguments.data / grader.fileName}"]
+        if arguments.modules is None:
+            grade = grade_own_modules(grader, data[grader.module])
+        else:
+            with modules_of(find_submission(arguments.modules)) as (folder, found):
+                (grade,) = grade_submission([grader], folder, data, arguments).values()
+                remarks += [f"modules {arguments.modules}", *found, *origin_remarks(folder)]
+        grade.remarks += map(printable, remarks)
+        grade.report()
+        return FAILED if grade.failures else PASSED
+
+    return run_program(parser, main)
+
+
+def make_parser(description):
+    """Returns a parser with the options that all graders share."""
+    parser = OneLineParser(description)
+    add = parser.add_argument
+    text = "folder of the graders' data (default: the project's data)"
+    add("--data", metavar="DIR", type=Path, default=DATA_DIRECTORY, help=text)
+    text = "physics behind the data: right, or as in the coursework's 2024 release (default: "
+    add("--convention", choices=CONVENTIONS, help=text + "recognised from the data)")
+    add_limit_arguments(parser)
+    return parser
+
+
+def run_program(parser, main):
+    """Calls `main` with the arguments; SIGTERM ends it as Ctrl-C does.
+
+    Returns
+    -------
+    the exit code: that of `main`, or BAD_DATA or STOPPED after one line on stderr
+    """
+    arguments = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for stream in (sys.stdout, sys.stderr):  # not every terminal has the letters of the hints
+        stream.reconfigure(errors="replace")
+    try:
+        code = main(arguments)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:  # of `| head`
+        sys.stdout = open(os.devnull, "w")
+        code, cause = STOPPED, "the output was closed"
+    except (SubmissionError, GraderDataError) as problem:
+        code, cause = BAD_DATA, problem
+    except OSError as problem:
+        code, cause = BAD_DATA, f"{problem.filename}: {problem.strerror}"
+    except KeyboardInterrupt as problem:
+        code, cause = STOPPED, " ".join(["stopped", *map(str, problem.args)])
+    print(f"{parser.prog}: {printable(str(cause))}", file=sys.stderr)
+    return code
+
+
+def load_data(graders, arguments):
+    """Returns a dict from each grader's module to its data. Raises GraderDataError."""
+    data = {}
+    for grader in graders:
+        try:
+            data[grader.module] = grader.load(arguments.data, arguments.convention)
+        except GraderDataError as problem:
+            raise GraderDataError(f"{arguments.data / grader.fileName}: {problem}") from None
+    return data
+
+
+def grade_own_modules(grader, data):
+    """Returns the Grade of this project's modules, which run in this process."""
+    import Quaternion
+    import RBSFunctions
+
+    bodies = Bodies(RBSFunctions, Quaternion, data)
+    return make_grade(grader, grader.judge(bodies, data, withExtras=False), data)
+
+
+def grade_submission(graders, folder, data, arguments):
+    """Grades a student's modules, a copy of which is run.
+
+    Parameters
+    ----------
+    data : dict from a grader's module to its data; arguments : with its folder, and the limits
+
+    Returns
+    -------
+    dict from a grader's module to its Grade
+    """
+    outcomes = run_isolated(graders, folder, arguments.data, data, arguments)
+    return {one.module: make_grade(one, outcomes[one.module], data[one.module]) for one in graders}

@@ -1,0 +1,209 @@
+"""Runs a student's modules in a process of its own, on a copy of their folder, within limits.
+
+The modules may hang, end or crash the interpreter, or write beside themselves without harm to the
+grader or to other submissions. This is not a sandbox: the process has the rights of the person who
+grades, and can read and write their files.
+"""
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from verdict.parts import Results
+
+from rbs.program.options import at_least, option_type
+from rbs.program.submissions import SubmissionError
+
+WORKER = Path(__file__).resolve().with_name("worker.py")
+SECONDS = option_type(float, at_least(0.1, 86400), "number")
+MEGABYTES = option_type(int, at_least(1, 1 << 20), "whole number")
+# Seconds that a process may take in addition to the time limits of its parts, to start and to end.
+GRACE = 20
+# The environment of a student's program: same numbers each time, no window, one thread because
+# each would take memory of its own.
+ENVIRONMENT = {
+    "PYTHONHASHSEED": "0",
+    "PYTHONDONTWRITEBYTECODE": "1",
+    "PYTHONUTF8": "1",
+    "MPLBACKEND": "Agg",
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+}
+DROPPED = ("PYTHON", "DISPLAY", "WAYLAND_DISPLAY")
+
+
+def add_limit_arguments(parser, seconds=30):
+    """Adds two options, whose values `seconds` and `megabytes` are called limits here."""
+    option = parser.add_argument
+    text = "time limit for each part of a grader (default: %(default)g)"
+    form = {"dest": "seconds", "metavar": "SECONDS", "type": SECONDS, "default": seconds}
+    option("--time-limit", **form, help=text)
+    text = "memory limit of a submission (default: %(default)d)"
+    form = {"dest": "megabytes", "metavar": "MB", "type": MEGABYTES, "default": 2048}
+    option("--memory-limit", **form, help=text)
+
+
+# ---- Processes ----------------------------------------------------------------------------------
+
+
+@contextmanager
+def copied(folder):
+    """Yields the path of a copy of a folder, and removes it in the end."""
+    with tempfile.TemporaryDirectory(prefix="running-", ignore_cleanup_errors=True) as place:
+        yield Path(shutil.copytree(folder, Path(place).resolve() / "work"))
+
+
+def run_limited(words, folder, seconds, megabytes, errors=subprocess.DEVNULL):
+    """Runs `worker.py` with these words, and ends all processes that it has started.
+
+    Parameters
+    ----------
+    errors : a file for its standard error; its output is dropped
+
+    Returns
+    -------
+    its exit code, negative if a signal ended it, None if the time was up
+
+    Raises
+    ------
+    SubmissionError
+        after a call of `stop_all`
+    """
+    if _isStopped.is_set():
+        raise SubmissionError("stopped")
+    kept = {name: text for name, text in os.environ.items() if not name.startswith(DROPPED)}
+    words = map(str, (megabytes, int(seconds) + 1, os.getpid(), *words))
+    process = subprocess.Popen(
+        [sys.executable, "-B", WORKER, *words],
+        cwd=folder,
+        env=kept | ENVIRONMENT | {"TMPDIR": str(folder.parent)},
+        start_new_session=True,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=errors,
+    )
+    _running.add(process)
+    try:
+        return process.wait(0 if _isStopped.is_set() else seconds)  # stopped meanwhile
+    except subprocess.TimeoutExpired:
+        return None
+    finally:
+        _running.discard(process)
+        _end(process)
+
+
+# The processes of all threads, and whether no more may be started.
+_running = set()
+_isStopped = threading.Event()
+
+
+def stop_all():
+    """Ends all processes, and prevents new ones."""
+    _isStopped.set()
+    for process in list(_running):
+        _end(process)
+
+
+def _end(process):
+    """Ends a process and all that it has started."""
+    with suppress(ProcessLookupError, PermissionError):
+        if hasattr(os, "killpg"):
+            os.killpg(process.pid, signal.SIGKILL)
+        else:
+            process.kill()
+    process.wait()
+
+
+# ---- Grading ------------------------------------------------------------------------------------
+
+
+def run_isolated(graders, folder, dataFolder, data, limits):
+    """Runs all parts of the graders on a student's modules.
+
+    One process runs all parts. A part during which it ends is given up, and another process
+    continues with the next one. If the modules cannot be imported, all parts are given up.
+
+    Parameters
+    ----------
+    folder : of the modules
+    data : dict from a grader's module to its data, which the process reads from dataFolder
+    limits : with `seconds` for each part, and `megabytes`
+
+    Returns
+    -------
+    dict from a grader's module to a list of (Part, Results)
+    """
+    parts = {
+        (grader.module, part.name): part
+        for grader in graders
+        for part in grader.asked(data[grader.module], withExtras=True)
+    }
+    outcomes = {}
+    order = {"conventions": {one.module: data[one.module]["convention"] for one in graders}}
+    order |= {"data": str(dataFolder.resolve()), "seconds": limits.seconds}
+    while missing := [key for key in parts if key not in outcomes]:
+        contents, isLoaded, cause = _run(order | {"parts": missing}, folder, limits)
+        for key in missing:
+            given = data[key[0]]
+            results = outcomes[key] = Results(parts[key].shapes, len(given["randomPositions"]))
+            if key in contents:
+                results.read_json(contents[key])
+                continue
+            results.give_up(cause, len(parts[key].samples(given)))
+            if isLoaded:
+                break
+    return {
+        grader.module: [(parts[key], outcomes[key]) for key in parts if key[0] == grader.module]
+        for grader in graders
+    }
+
+
+def _run(order, folder, limits):
+    """Runs `worker.py` once, on a copy of a folder, and reads the files that it has written.
+
+    Returns a dict from (module, part) to results as `Results.as_json` gives them, whether the
+    modules could be imported, and why the process ended.
+    """
+    contents, isLoaded, cause = {}, False, None
+    with copied(folder) as work:
+        answers, trace = work.parent / "answers.jsonl", work.parent / "trace.txt"
+        places = {"folder": str(work), "answers": str(answers), "trace": str(trace)}
+        seconds = (len(order["parts"]) + 1) * limits.seconds + GRACE
+        code = run_limited([json.dumps(order | places)], work, seconds, limits.megabytes)
+        for line in answers.read_text(encoding="utf-8").splitlines() if answers.exists() else ():
+            with suppress(ValueError):  # a line that is cut off
+                answer = json.loads(line)
+                isLoaded = isLoaded or "loaded" in answer
+                cause = answer.get("refused")
+                if "part" in answer:
+                    contents[tuple(answer["part"])] = answer["results"]
+        during = "" if isLoaded else " while the modules were imported"
+        said = trace.read_text(errors="replace") if trace.exists() else ""
+        cause = cause or _reason(code, said, limits.seconds) + during + _place(said, work)
+    return contents, isLoaded, cause
+
+
+def _reason(code, said, seconds):
+    """Why a process ended early, from its exit code and its trace."""
+    if code is None or "Timeout (" in said:
+        return f"stopped after {seconds:g} s"
+    if code < 0:
+        name = signal.Signals(-code).name if -code in set(signal.Signals) else str(-code)
+        return f"crashed the interpreter ({name})"
+    return f"ended the interpreter with exit code {code}"
+
+
+def _place(said, work):
+    """The place of the student's code in a trace, as ", at FILE:LINE", or ""."""
+    for file, line in re.findall(r'File "([^"\n]+)", line (\d+)', said):
+        if Path(file).is_relative_to(work):
+            return f", at {Path(file).relative_to(work)}:{line}"
+    return ""

@@ -1,0 +1,319 @@
+"""Compares a student's steps with ours; `compare` runs this script within limits.
+
+Each of the student's steps begins with our state. Each call of a function that the coursework asks
+for is repeated with ours, on the same input. If all calls agree but the step does not, the step is
+repeated with `basic_step`, our loop around the student's functions: the difference is the first
+call that the two make in another order, or in another state.
+"""
+
+import copy
+import inspect
+import itertools
+import json
+import math
+import os
+import sys
+import time
+from functools import partial, wraps
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+from reference.graderData import give_up_names
+from verdict.bodies import match_inertia
+
+import RBSFunctions
+from Quaternion import QRotate
+from rbs.program.submissions import describe
+from rbs.program.submittedsteps import SubmittedSteps, basic_step
+from rbs.scenes.simulation import Simulation
+from rbs.stepping.bodies import StateError
+from rbs.stepping.settings import Settings
+
+# Relative to its scale, the difference from which a number differs from ours. The scale is the
+# largest length, speed or angular speed in the scene, or the number's own size. Rounding in a call
+# stays below 1e-13, and mistakes are seldom below 1e-5. Below this depth, relative to the length,
+# rounding decides whether bodies touch.
+TOLERANCE = 1e-9
+# Quantities of a new mesh, of a state, and of results, each with its scale.
+BUILT = {"origVertices": "own", "invMass": "own", "invIT": "own"}
+STATE = {"position": "length", "orientation": "own", "linVelocity": "speed", "angVelocity": "spin"}
+CONTACT = {"depth": "length", "intNormal": "own", "intPosition": "length"}
+VELOCITIES = {"correctedLinVelocities": "speed", "correctedAngVelocities": "spin"}
+RETURNED = {
+    "integrate_timestep": {},
+    "resolve_collision": {},  # these two change meshes
+    "get_rotated_inv_IT": {"the tensor": "own"},
+    "detect_collision": {"isCollision": bool} | CONTACT,
+    "resolve_position_constraint": {"positionWasValid": bool, "correctedPositions": "length"},
+    "resolve_velocity_constraint": {"velocityWasValid": bool} | VELOCITIES,
+}
+TURN = np.array([[0.5, 0.1, -0.7, 0.5]])
+RELEASED = "as in the coursework's released run_timestep; not counted as a difference"
+END = "the end of the step"
+
+
+class Comparison:
+    """Steps of a scene by our functions and by a student's, from the same states.
+
+    Parameters
+    ----------
+    folder : of the student's modules
+    ours : Simulation
+
+    Attributes
+    ----------
+    problem : the first difference, or ""
+    largest : the largest relative difference of numbers that agree
+    remarks : dict from text to the first step that it is true of
+    """
+
+    def __init__(self, folder, ours):
+        self.problem, self.remarks, self.largest, self.number = "", {}, 0.0, 1
+        self.ours, self.driven = ours, Simulation(ours.source)  # the student's functions move these
+        self.driven.settings = ours.settings
+        self.steps = self.driven.submitted = SubmittedSteps(folder)
+        self.runTimestep = self.steps.run_timestep
+        self.ourLoop = partial(basic_step, self.steps.functions)
+        self.shadows = [*Simulation(ours.source).meshes, self.driven.groundMesh]
+        meshes, ground = self.steps.follow(ours.meshes, ours.source)
+        self.theirs = [*meshes, ground]
+        self.index = {id(mesh): k for k, mesh in enumerate(self.theirs)}
+        self.set_scales()
+        for mesh, shadow in zip(meshes, self.shadows, strict=False):
+            self.match_inertia(mesh, shadow.IT)
+            pair = [[getattr(one, name, None) for name in BUILT] for one in (shadow, mesh)]
+            self.compare(f"Mesh: {{}} of {shadow.name}", BUILT, *pair, type(mesh).__init__)
+        for owner, own in ((type(ground), RBSFunctions.Mesh), (self.steps.functions, RBSFunctions)):
+            for name in RETURNED:
+                if name in vars(own) and hasattr(owner, name):
+                    setattr(owner, name, self.watched(getattr(owner, name), vars(own)[name]))
+
+    def match_inertia(self, mesh, right):
+        """Replaces the release's inertia; in a turned pose, which tells R from its transpose."""
+        before, mesh.orientation = mesh.orientation, TURN.copy()
+        self.remarks |= dict.fromkeys(match_inertia(mesh, right), 1)
+        mesh.orientation = before
+
+    # ---- Steps ----------------------------------------------------------------------------------
+
+    def step(self):
+        """Makes a step of both; sets `problem` at the first difference."""
+        self.set_scales()
+        self.number, start = self.ours.stepCount + 1, self.ours.state()
+        try:
+            events, visits = self.run(start, self.runTimestep)
+            theirs = self.driven.state().values()
+            self.ours.step()
+            rows = zip(self.ours.state().values(), theirs, STATE.values(), strict=True)
+            gap = max(self.gap(*row) for row in rows)
+            if not self.problem and gap > TOLERANCE:
+                self.explain(events, visits, *self.run(start, self.ourLoop, False))
+            self.largest = max(self.largest, gap if gap <= TOLERANCE else 0.0)
+            if self.stale(events[-1][2]):
+                text = "currVertices, which are drawn, are out of date at the end of a step"
+                self.remarks.setdefault(text, self.number)
+        except StateError as error:
+            self.problem = self.problem or str(error)
+
+    def run(self, start, loop, isChecked=True):
+        """Makes a step of the student's meshes from a state; returns `(events, visits)`.
+
+        isChecked : whether each call is compared with ours
+        events : (label, bodies, all states before it, depth) of each call that moves bodies, and of
+            the end; visits : whether each visited constraint was valid
+        """
+        self.events, self.visits, self.isChecked = [], [], isChecked
+        self.steps.run_timestep, self.driven.stepCount = loop, self.number - 1
+        self.driven.set_state(start)
+        self.driven.step()
+        return [*self.events, (END, [], self.states(), math.inf)], self.visits
+
+    def explain(self, events, visits, loopEvents, loopVisits):
+        """Finds where the student's run_timestep differs from ours, unless rounding decided."""
+        count = max(1, len(self.ours.constraints))
+        most = math.ceil(self.ours.max_iterations() / count)
+        stopsEarly = len(visits) == most < len(loopVisits) and not all(visits[-count:])  # quirk 5
+        if stopsEarly:
+            text = f"run_timestep ends after {most} visits of constraints, {RELEASED}"
+            self.remarks.setdefault(text, self.number)
+        last = "the start of the step", [], events[0][2]
+        for event, other in zip(events, loopEvents, strict=False):
+            for k, name in itertools.product(range(len(self.ours.meshes)), STATE):
+                before, ours, theirs = (one[2][k][name] for one in (last, other, event))
+                if self.gap(ours, theirs, STATE[name]) > TOLERANCE:
+                    isUnchanged = np.array_equal(before, theirs)
+                    if name == "linVelocity" and last[1][1:] == [k] and isUnchanged:  # quirk 4
+                        text = f"run_timestep loses a corrected linVelocity, {RELEASED}"
+                        self.remarks.setdefault(text, self.number)
+                    else:
+                        text = f"run_timestep: after {last[0]}, {name} of {self.shadows[k].name} "
+                        text += f"differs{shown(ours, theirs)}{self.stale(last[2])}"
+                        self.differs(text, self.runTimestep)
+                    return
+            if event[0] != other[0]:
+                isTie = min(event[3], other[3]) <= TOLERANCE * self.scales["length"]
+                if not isTie and not (stopsEarly and event[0] == END):
+                    text = f"run_timestep: after {last[0]} comes {event[0]}, in ours {other[0]}"
+                    self.differs(text + self.stale(event[2]), self.runTimestep)
+                return
+            last = event
+
+    # ---- Calls ----------------------------------------------------------------------------------
+
+    def states(self):
+        """The states of the student's meshes, a dict of arrays for each."""
+        names = *STATE, "currVertices"
+        return [{name: np.array(getattr(mesh, name)) for name in names} for mesh in self.theirs]
+
+    def watched(self, function, own):
+        """Wraps a function: calls are repeated with our own, and recorded if they move bodies."""
+        name, parameters = own.__name__, list(inspect.signature(own).parameters)
+        isPosition = name == "resolve_position_constraint"
+
+        @wraps(function)
+        def call(*given, **options):
+            given += tuple(options.values())
+            if self.problem:
+                return function(*given)
+            states = self.states()
+            bodies = [self.index[id(one)] for one in given if id(one) in self.index]
+            if not bodies:  # constraints receive positions, which tell the bodies
+                COMs = np.array([state["position"].ravel() for state in states[:-1]])
+                bodies = [int(abs(COMs - one).sum(axis=1).argmin()) for one in given[0]]
+            shadows = [self.shadows[k] for k in bodies]
+            label = f"{name}({', '.join(mesh.name for mesh in shadows)})"
+            isFree = not all(mesh.isFixed for mesh in shadows)
+            copies = [one if id(one) in self.index else copy.deepcopy(one) for one in given]
+            result = function(*given)
+            if isPosition:
+                self.visits.append(bool(result[0]))
+            if isFree and (not RETURNED[name] or isPosition and not result[0]):
+                depth = abs(np.ravel(given[2])[0]) if name == "resolve_collision" else math.inf
+                self.events.append((label, bodies, states, depth))
+            if not self.isChecked or self.problem or not isFree and name == "detect_collision":
+                return result
+            for mesh, k in zip(shadows, bodies, strict=True):
+                for one in STATE:
+                    setattr(mesh, one, states[k][one].reshape(1, -1))
+            known = [self.index.get(id(one)) for one in copies]
+            ours = own(
+                *(c if k is None else self.shadows[k] for k, c in zip(known, copies, strict=True))
+            )
+            for mesh, k in zip(shadows, () if RETURNED[name] else bodies, strict=False):
+                pair = ([getattr(one, what) for what in STATE] for one in (mesh, self.theirs[k]))
+                self.compare(f"{label}: {{}} of {mesh.name}", STATE, *pair, function)
+            pair = (ours, result) if len(RETURNED[name]) > 1 else ((ours,), (result,))
+            self.compare(f"{label}: {{}}", RETURNED[name], *pair, function)
+            if name == "detect_collision":
+                self.problem += self.problem and self.stale(states)
+            for what, value, before in zip(parameters, given, copies, strict=False):
+                if what.startswith("curr") and not np.array_equal(value, before):
+                    self.differs(f"{label}: changes its argument {what} in place", function)
+            return result
+
+        return call
+
+    # ---- Numbers --------------------------------------------------------------------------------
+
+    def set_scales(self):
+        """Sets the scales of a step's numbers, from our state before it."""
+        speed, spin, length = (
+            max(np.abs(getattr(mesh, name)).max() for mesh in self.ours.meshes)
+            for name in ("linVelocity", "angVelocity", "currVertices")
+        )
+        radius = min(np.abs(mesh.origVertices).max() for mesh in self.ours.meshes)
+        speed = max(abs(RBSFunctions.GRAVITY) * self.ours.settings.timeStep, speed, spin * radius)
+        self.scales = {"length": length, "speed": speed, "spin": speed / radius, "own": 0.0}
+
+    def gap(self, ours, theirs, kind="own"):
+        """The largest difference of numbers, relative to their scale."""
+        ours, theirs = as_arrays(ours, theirs)
+        scale = max(self.scales[kind], np.abs(ours).max(), sys.float_info.min)
+        return np.nan_to_num(np.abs(theirs - ours).max() / scale, nan=math.inf)
+
+    def compare(self, what, kinds, ours, theirs, function):
+        """Records the first quantity that differs.
+
+        what : with {} for its name; ours, theirs : values in the order of `kinds`
+        """
+        for (name, kind), own, other in zip(kinds.items(), ours, theirs, strict=False):
+            if kind is not bool:
+                gap = self.gap(own, other, kind)
+                if gap > TOLERANCE:
+                    self.differs(what.format(name) + f" differs{shown(own, other)}", function)
+                self.largest = max(self.largest, min(gap, TOLERANCE))
+            elif bool(own) != bool(other):
+                depth = (ours if own else theirs)[1] if name == "isCollision" else math.inf
+                if np.ravel(depth)[0] > TOLERANCE * self.scales["length"]:
+                    self.differs(f"{what.format(name)} is {bool(other)}, not {own}", function)
+                return
+            elif name == "isCollision" and not own:
+                return
+
+    def differs(self, text, function):
+        """Records the first difference, and the place of the function."""
+        code = inspect.unwrap(function).__code__
+        place = f"{Path(code.co_filename).name}:{code.co_firstlineno}"
+        self.problem = self.problem or f"step {self.number}: {text}; {place}"
+
+    def stale(self, states):
+        """Names the meshes whose currVertices do not fit position and orientation; "" if none."""
+        names = []
+        for state, shadow in zip(states[:-1], self.shadows, strict=False):
+            vertices = QRotate(state["orientation"].reshape(1, 4), shadow.origVertices)
+            vertices = vertices + state["position"].reshape(1, 3)
+            if self.gap(vertices, state["currVertices"], "length") > TOLERANCE:
+                names.append(shadow.name)
+        return f"; currVertices of {', '.join(names)} are out of date" if names else ""
+
+
+def as_arrays(ours, theirs):
+    """Both as arrays of floats; theirs is NaN if it has another shape than ours."""
+    ours = np.atleast_1d(np.array(ours, dtype=np.float64))
+    try:
+        theirs = np.array(theirs, dtype=np.float64).reshape(ours.shape)
+    except (TypeError, ValueError):
+        theirs = np.full(ours.shape, np.nan)
+    isOpposite = ours.shape[-1] == 4 and np.sum(ours * theirs) < 0.0  # the same rotation
+    return ours, -theirs if isOpposite else theirs
+
+
+def shown(ours, theirs):
+    """The largest difference of numbers, and their rows there; a NaN is the largest."""
+    ours, theirs = as_arrays(ours, theirs)
+    distance = np.abs(theirs - ours)
+    at = np.unravel_index(distance.argmax(), ours.shape)
+    rows = (np.array2string(one[at[:-1]], precision=4) for one in (ours, theirs))
+    return " by {:.1e} (ours {}, theirs {})".format(distance[at], *rows)
+
+
+def main():
+    """Compares as the order in JSON says, and writes the answer after each step."""
+    order = json.loads(sys.argv[1])
+    answer = {"steps": 0, "problem": "", "remarks": [], "largest": 0.0}
+
+    def write(**changes):
+        answer.update(changes)
+        Path(order["answer"]).write_text(json.dumps(answer), encoding="utf-8")
+
+    give_up_names()
+    settings = Settings(timeStep=order["timeStep"], restitution=order["restitution"])
+    ours = Simulation(order["scene"], settings, order["constraints"])
+    try:
+        comparison = Comparison(Path.cwd(), ours)
+        while not comparison.problem and ours.stepCount < order["steps"]:
+            if ours.stepCount > 0 and time.time() > order["end"]:
+                break
+            comparison.step()
+            write(steps=ours.stepCount)
+        remarks = [f"from step {step} on: {text}" for text, step in comparison.remarks.items()]
+        write(problem=comparison.problem, remarks=remarks, largest=float(comparison.largest))
+    except Exception as error:
+        write(problem=describe(error, Path.cwd()))
+    os._exit(0)  # skips exit handlers and threads of the submission
+
+
+if __name__ == "__main__":
+    main()

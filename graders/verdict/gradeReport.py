@@ -1,0 +1,155 @@
+"""Compares results with the data: quantities and their errors, causes and hints, table, verdict."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from reference.graderData import ERROR_BOUND, EXACT
+
+from verdict.hints import explain
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One row of the table.
+
+    Attributes
+    ----------
+    part : name of its Part
+    error : the largest error, NaN if a number is missing, None if nothing was compared; the number
+        of differences if the quantity is a bool (isFlag)
+    worst : the sample with the largest error, or None; count : number of samples compared
+    """
+
+    part: str
+    name: str
+    error: float | None
+    isFlag: bool
+    worst: int | None
+    count: int
+    isRight: bool
+
+    def cells(self):
+        """The row as texts: name, error, sample, number of samples."""
+        if self.error is None:
+            error = "-"
+        elif math.isnan(self.error):
+            error = "not a number"
+        else:
+            error = f"{int(self.error)} differ" if self.isFlag else f"{self.error:.3e}"
+        return self.name, error, "-" if self.worst is None else str(self.worst), str(self.count)
+
+
+@dataclass
+class Grade:
+    """The outcome of one grader.
+
+    Attributes
+    ----------
+    title, remarks : head of the report; quantities : list of Quantity
+    notes : list of (names of quantities or of the function, text): causes and hints
+    """
+
+    title: str
+    remarks: list
+    quantities: list = field(default_factory=list)
+    notes: list = field(default_factory=list)
+
+    @property
+    def failures(self):
+        """Names of the quantities that fail."""
+        return [quantity.name for quantity in self.quantities if not quantity.isRight]
+
+    @property
+    def largest_error(self):
+        """The largest error of all quantities but bools; NaN if none is a number."""
+        errors = [q.error for q in self.quantities if q.error is not None and not q.isFlag]
+        finite = [error for error in errors if not math.isnan(error)]
+        return max(finite, default=math.nan if errors else 0.0)
+
+    def verdict(self):
+        """The last line of the report."""
+        below, count, wrong = f"below {ERROR_BOUND:g}", len(self.quantities), self.failures
+        if wrong:
+            return f"FAIL: {len(wrong)} of {count} quantities are not {below}: {'; '.join(wrong)}"
+        return f"PASS: all {count} quantities {below}, largest error {self.largest_error:.3e}"
+
+    def table(self):
+        """The lines of the table, with three blanks between columns."""
+        rows = [("quantity", "largest error", "at sample", "samples")]
+        rows += [quantity.cells() for quantity in self.quantities]
+        first, *others = (max(map(len, column)) for column in zip(*rows, strict=True))
+        return [
+            "   ".join([name.ljust(first), *map(str.rjust, cells, others)]) for name, *cells in rows
+        ]
+
+    def report(self):
+        """Prints table, notes and verdict."""
+        lines = [self.title, *self.remarks, "", *self.table(), ""]
+        lines += [f"{what}: {text}" for what, text in self.notes]
+        lines += [""] * bool(self.notes)
+        print("\n".join([*lines, self.verdict()]))
+
+
+def make_grade(grader, outcomes, data):
+    """Returns the Grade of a grader's outcomes, a list of (Part, Results)."""
+    remarks = dict.fromkeys(text for _part, results in outcomes for text in results.remarks)
+    grade = Grade(grader.title, [*grader.remarks(data), *remarks])
+    if data["convention"] != EXACT:
+        grade.remarks.append(f"data of the convention {data['convention']}")
+    for function in dict.fromkeys(part.function for part, _results in outcomes):
+        _add_function(grade, function, [o for o in outcomes if o[0].function == function], data)
+    return grade
+
+
+def _add_function(grade, function, outcomes, data):
+    """Adds the quantities and notes of the parts that call a function."""
+    causes, wrong = {}, set()
+    for part, results in outcomes:
+        expected, tried = part.expected(data), part.samples(data)
+        for key in part.shapes:
+            samples = part.comparable(key, tried, results.values, expected)
+            row = _compared(part, key, results, expected[key], samples)
+            grade.quantities.append(row)
+            wrong |= set() if row.isRight else {key}
+        for key, (cause, count, first) in results.problems.items():
+            where = f" (in {count} of {len(tried)} samples, first in {first})"
+            where = where if count < len(tried) else ""
+            causes.setdefault(cause, (where, []))[1].append(key)
+    parts = [part for part, _results in outcomes]
+    for cause, (where, keys) in causes.items():
+        grade.notes.append((_named(keys, parts, lambda shapes: shapes), cause + where))
+    hints = {}
+    for key, texts in explain(function, [(p, r.values) for p, r in outcomes], data).items():
+        for text in texts:
+            hints.setdefault(text, set()).add(key)
+    for text, keys in hints.items():
+        note = text if text.startswith("not implemented") else f"hint: {text}"
+        what = function if keys >= wrong else _named(keys, parts, wrong.intersection)
+        grade.notes.append((what, note))
+
+
+def _named(keys, parts, quantities):
+    """The names of quantities, or of a part if they are all of its quantities."""
+    names = []
+    for part in parts:
+        own = [key for key in part.shapes if key in keys]
+        names += [part.name] if own and set(own) >= set(quantities(part.shapes)) else own
+    return "; ".join(names)
+
+
+def _compared(part, key, results, wanted, samples):
+    """The Quantity of one key, compared at these samples."""
+    isFlag, hasProblem = part.shapes[key] is bool, key in results.problems
+    values = results.values[key]
+    if len(samples) == 0 or hasProblem and not np.isfinite(values).any():
+        return Quantity(part.name, key, None, isFlag, None, 0, not hasProblem)
+    # A NaN on either side makes its row's error NaN, which max and argmax put first.
+    with np.errstate(all="ignore"):
+        errors = np.abs(values - wanted)[samples].max(axis=1)
+    if isFlag:
+        errors[np.isnan(errors)] = 1.0  # a missing flag is wrong
+    error = float(errors.sum() if isFlag else errors.max())
+    worst = int(samples[np.argmax(errors)]) if np.any(errors != 0) else None
+    isRight = bool(np.all(errors < ERROR_BOUND)) and not hasProblem
+    return Quantity(part.name, key, error, isFlag, worst, len(samples), isRight)

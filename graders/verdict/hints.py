@@ -1,0 +1,122 @@
+"""Finds mistakes that explain wrong numbers, by computing the numbers that they give.
+
+Each mistake of the table `mistakes.md` is tried, alone and together with one other: `rigidModel`
+computes the numbers of a program with it, for all samples. A hint is given if they are within the
+graders' error bound of the student's numbers; sizes of errors are not guessed from. A mistake that
+changes no number cannot be found.
+"""
+
+import itertools
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from reference.graderData import ERROR_BOUND
+
+# The number of mistakes that are tried together, at most. More finds more, but takes longer.
+MOST_TOGETHER = 2
+
+# The hint if no mistake was made, but the numbers differ from the data's.
+OTHER_DATA = "these numbers fit --convention {}, but not the data"
+
+# The families of mistakes that a function can have beside its own.
+SHARED = {
+    "get_rotated_inv_IT": ("tensors",),
+    "resolve_collision": ("weights", "impulses", "tensors", "pairs of tensors"),
+    "resolve_position_constraint": ("weights",),
+    "resolve_velocity_constraint": ("impulses", "tensors", "pairs of tensors"),
+}
+
+
+class Mistake(NamedTuple):
+    """A row of the table. names : frozenset of str, as `rigidModel` knows them"""
+
+    function: str
+    group: str
+    names: frozenset
+    text: str
+
+
+def read_table():
+    """Returns the rows of the table, a list of Mistake."""
+    text = (Path(__file__).parent / "mistakes.md").read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if line.startswith("| ")]
+    cells = [line.strip("| ").split(" | ") for line in lines[1:]]
+    return [Mistake(f, group, frozenset(n.split("; ")), hint) for f, group, n, hint in cells]
+
+
+TABLE = read_table()
+
+
+def mistakes_of(function):
+    """The mistakes that can be made in a function, in the order in which they are tried."""
+    families = (function, *SHARED.get(function, ()))
+    return [one for family in families for one in TABLE if one.function == family]
+
+
+def explain(function, outcomes, data):
+    """Explains the wrong numbers of a function.
+
+    One or two mistakes that explain all quantities of all parts come first, then those that explain
+    a whole part, then those that explain a single quantity.
+
+    Parameters
+    ----------
+    outcomes : list of (Part, values) of the parts that call the function; values : dict from
+        quantity to array (n, w), NaN where nothing was computed
+
+    Returns
+    -------
+    dict from quantity to list of hints
+    """
+    judged = [_Judged(part, values, data) for part, values in outcomes]
+    wrong = [key for one in judged for key in one.wrong]
+    ofParts, ofQuantities = {}, {}
+    if not wrong:
+        return {}
+    with np.errstate(all="ignore"):
+        for texts, names in _trials(function, data):
+            explainsAll = True
+            for one in judged:
+                # Saves time: pairs are tried on further parts only if they explain the first.
+                if explainsAll or len(texts) < MOST_TOGETHER:
+                    explained = one.agreeing(one.part.after_mistakes(data, names))
+                    isWhole = len(explained) == len(one.finite)
+                    explainsAll &= isWhole
+                    for key in filter(explained.__contains__, one.wrong):
+                        (ofParts if isWhole else ofQuantities).setdefault(key, texts)
+            if explainsAll:
+                return dict.fromkeys(wrong, texts)
+    return ofQuantities | ofParts
+
+
+class _Judged:
+    """Lists a part's quantities: `finite` ones lack no number; `wrong` ones differ, too."""
+
+    def __init__(self, part, values, data):
+        self.part, self._values, self._samples = part, values, part.samples(data)
+        comparable = {key: part.comparable(key, self._samples, values) for key in part.shapes}
+        self.finite = [
+            key for key, some in comparable.items() if np.isfinite(values[key][some]).all()
+        ]
+        right = self.agreeing(part.expected(data))
+        self.wrong = [key for key in self.finite if key not in right]
+
+    def agreeing(self, others):
+        """The quantities whose numbers are those of another table."""
+        agreeing = []
+        for key in self.finite:
+            some = self.part.comparable(key, self._samples, self._values, others)
+            if np.all(np.abs(self._values[key] - others[key])[some] < ERROR_BOUND):
+                agreeing.append(key)
+        return agreeing
+
+
+def _trials(function, data):
+    """Yields (texts, names) of no mistake, of one, and of two, in the order of the table."""
+    yield [OTHER_DATA.format(data["convention"])], frozenset()
+    for count in range(1, MOST_TOGETHER + 1):
+        for chosen in itertools.combinations(mistakes_of(function), count):
+            if len({one.group for one in chosen}) == count:
+                names = frozenset().union(*(one.names for one in chosen))
+                yield [one.text for one in chosen], names

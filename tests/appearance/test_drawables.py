@@ -1,0 +1,235 @@
+"""Colours, lines, shadows, the ground and the camera's place, as numbers; nothing is drawn."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from opengl import in_camera
+from oracles import body, shape
+from program import DATA
+
+from Quaternion import QConj, QRotate
+from rbs.appearance.colours import (
+    CONSTRAINT_COLOURS,
+    FIXED_COLOUR,
+    LONE_COLOUR,
+    PALETTE,
+    SEEN_BACKGROUND,
+    VIRIDIS,
+    BodyColours,
+    contact_islands,
+)
+from rbs.appearance.drawables import (
+    GROUND_SQUARES,
+    SHADOW_SLANT,
+    ConstraintLines,
+    cast_shadows,
+    corner_normals,
+    find_creases,
+    flatten_meshes,
+    grid_cells,
+    ground_squares,
+    surface_points,
+)
+from rbs.appearance.framing import FRAME_MARGIN, VIEW_DIRECTION, frame_camera
+from rbs.geometry.broadphase import grid_overlaps
+from rbs.scenes.grabbing import shot
+from rbs.scenes.simulation import Simulation
+from rbs.stepping.settings import Settings
+
+
+def test_density_colours_are_logarithmic_and_keep_their_scale():
+    meshes = [body("box", density=d, isFixed=d == 5) for d in (10, 1000, 100, 5)]
+    colours, scene = BodyColours(meshes), SimpleNamespace(meshes=meshes, report=None)
+    before = colours.of(scene, "density")
+    middle = VIRIDIS[len(VIRIDIS) // 2]
+    np.testing.assert_allclose(before, [VIRIDIS[0], VIRIDIS[-1], middle, FIXED_COLOUR])
+    rows = [row for _, row in colours.legend(scene, "density")]
+    np.testing.assert_allclose(rows, before[[0, 2, 1, 3]])
+    alone = BodyColours(meshes[:1]).of(SimpleNamespace(meshes=meshes[:1]), "density")
+    np.testing.assert_allclose(alone, [middle])
+    # Fixing or freeing a body recolours no other.
+    meshes[0].isFixed, meshes[3].isFixed = True, False
+    after = colours.of(scene, "density")
+    np.testing.assert_array_equal(after[:3], [FIXED_COLOUR, *before[1:3]])
+
+
+def test_lightness_falls_from_light_to_heavy():
+    # Relative luminance is what remains of a colour for people who see none.
+    linear = np.where(VIRIDIS > 0.04045, ((VIRIDIS + 0.055) / 1.055) ** 2.4, VIRIDIS / 12.92)
+    assert np.all(np.diff(linear @ [0.2126, 0.7152, 0.0722]) < 0.0)
+
+
+def test_islands_are_free_bodies_joined_by_contacts():
+    meshes = [SimpleNamespace(isFixed=k == 3, density=1.0) for k in range(8)]
+    pairs = [(5, 6), (1, 5), (0, 3), (3, 4), (2, -1)]  # 3 is fixed, -1 is the ground
+    contacts = [SimpleNamespace(body1=a, body2=b) for a, b in pairs]
+    simulation = SimpleNamespace(meshes=meshes, report=SimpleNamespace(contacts=contacts))
+    assert contact_islands(meshes, pairs).tolist() == [-1, 1, -1, -1, -1, 1, 1, -1]
+    colours = BodyColours(meshes).of(simulation, "contact island")
+    np.testing.assert_array_equal(colours[[1, 5, 6]], PALETTE[[1, 1, 1]])
+    np.testing.assert_allclose(colours[[0, 3]], [LONE_COLOUR, FIXED_COLOUR])
+    simulation.report = None
+    colours = BodyColours(meshes).of(simulation, "contact island")
+    np.testing.assert_allclose(colours[[0, 1, 5]], [LONE_COLOUR] * 3)
+
+
+def test_balls_are_coloured_by_sleep_before_their_first_step():
+    simulation = Simulation(DATA / "tower-scene.txt", Settings(contactSolver="soft-step"))
+    simulation.step()
+    simulation.report.isAsleep[1] = True
+    meshes = simulation.meshes
+    simulation.change(shot(meshes, 10.0, [0.0, 90.0, 0.0], [0.0, 1.0, 0.0]))
+    colours = BodyColours(meshes).of(simulation, "sleep")
+    np.testing.assert_array_equal(colours[[1, 2, 9]], [LONE_COLOUR, *PALETTE[[2, 9]]])
+
+
+def test_copies_of_a_body_have_its_colour():
+    meshes = [body("box", (k, 1, 0)) for k in range(3)]
+    meshes[2].colourIndex = 0
+    colours = BodyColours(meshes).of(SimpleNamespace(meshes=meshes), "body")
+    np.testing.assert_array_equal(colours, PALETTE[[0, 1, 0]])
+
+
+# A box has 12 edges that are no diagonals. The cylinder shows its two rims.
+CREASES = {"box": 12, "tetrahedron": 6, "octahedron": 12, "cylinder": 40, "ellipsoid": 0}
+
+
+@pytest.mark.parametrize("name", CREASES)
+def test_bodies_show_their_edges_and_no_diagonals(name):
+    vertices, faces, _ = shape(name)
+    creases = find_creases(vertices, faces)
+    assert len(creases) == len({frozenset(edge) for edge in creases.tolist()}) == CREASES[name]
+    if name == "box":  # each edge lies along one axis
+        assert np.all(np.count_nonzero(np.diff(vertices[creases], axis=1), axis=2) == 1)
+
+
+def test_corner_normals_are_round_on_a_cylinder_and_sharp_on_its_rim():
+    vertices, faces, _ = shape("cylinder")
+    normals = corner_normals(vertices, faces)
+    axis = np.ptp(vertices, axis=0).argmax()
+    isCap = np.abs(normals[..., axis]) > 0.99
+    assert (isCap.all(axis=1) | (~isCap).all(axis=1)).all() and isCap.any() and not isCap.all()
+    radial = np.delete(vertices[faces], axis, axis=2) - np.delete(vertices.mean(axis=0), axis)
+    radial /= np.linalg.norm(radial, axis=2, keepdims=True)
+    cosines = np.sum(np.delete(normals, axis, axis=2) * radial, axis=2)
+    assert cosines[~isCap].min() > 0.99
+
+
+# Bounds of a constraint, and a map from distance to place on the colour scale: 0 slack, 1 taut,
+# 2 exceeded by a twentieth of the upper bound.
+TAUTNESS = {
+    "rope": ((0.0, 2.0), {0.0: 0, 0.5: 0.25, 2.0: 1, 2.05: 1.5, 2.1: 2, 9.0: 2}),
+    "band": ((0.9, 1.1), {1.0: 0, 0.95: 0.5, 0.9: 1, 1.1: 1, 1.155: 2, 0.845: 2, 0.2: 2}),
+    "rod": ((4.0, 4.0), {4.0: 1, 4.1: 1.5, 3.9: 1.5, 4.2: 2, 3.8: 2}),
+    "no length": ((0.0, 0.0), {0.0: 1, 0.5: 1.5, 1.0: 2}),
+}
+
+
+@pytest.mark.parametrize("name", TAUTNESS)
+def test_colours_of_constraint_lines_show_how_taut_they_are(name):
+    (low, high), places = TAUTNESS[name]
+    count = len(places)
+    constraints = [
+        [0, k, 1, k, *bound] for k in range(count) for bound in ((low, False), (high, True))
+    ]
+    meshes = [SimpleNamespace(currVertices=np.zeros((count, 3)))] * 2
+    lines = ConstraintLines(SimpleNamespace(meshes=meshes, constraints=constraints))
+    assert lines.ends.tolist() == [[k, count + k] for k in range(count)]
+    vertices = np.zeros((2 * count, 3))
+    vertices[count:, 0] = list(places)
+    place = np.array(list(places.values()))
+    expected = [np.interp(place, [0, 1, 2], channel) for channel in CONSTRAINT_COLOURS.T]
+    np.testing.assert_allclose(lines.colours(vertices).T, expected, atol=1e-12)
+
+
+def test_bounds_of_two_vertices_are_one_line_and_the_tighter_ones_count():
+    simulation = Simulation(DATA / "cube-scene.txt")
+    lines = ConstraintLines(simulation)
+    assert len(simulation.constraints) == 56 and lines.ends.shape == (28, 2)
+    vertices = np.concatenate([mesh.currVertices for mesh in simulation.meshes])
+    lengths = np.linalg.norm(np.diff(vertices[lines.ends], axis=1)[:, 0], axis=1)
+    np.testing.assert_allclose([lines.least, lines.most], [lengths, lengths], rtol=1e-14)
+    ends = simulation.constraints[0][:4]
+    simulation.constraints += [[*ends, x, upper] for x in (1.0, 99.0) for upper in (False, True)]
+    lines = ConstraintLines(simulation)
+    assert (lines.least[0], lines.most[0], len(lines.ends)) == (99.0, 1.0, 28)
+
+
+MARGINS = [(0, 0, 0, 0), (320, 0, 320, 0), (240, 0, 0, 66), (0, 30, 250, 90)]
+
+
+@pytest.mark.parametrize("margins", MARGINS)
+def test_camera_sees_all_of_a_scene_beside_the_panels_as_large_as_possible(margins):
+    points = np.random.default_rng(4).normal(size=(60, 3)) * [40.0, 6.0, 12.0] + [-3.0, 9.0, 5.0]
+    left, top, rightMargin, bottom = margins
+    for width, height in ((1280, 720), (720, 1280)):
+        position, target = frame_camera(points, VIEW_DIRECTION, 45.0, (width, height), margins)
+        right, up, depth = in_camera(points, position, target)
+        scale = height / 2 / math.tan(math.radians(22.5)) / depth
+        assert np.all(depth > 0.0)
+        x = (width / 2 + scale * right - left) / (width - left - rightMargin)
+        y = (height / 2 - scale * up - top) / (height - top - bottom)
+        rim = FRAME_MARGIN / 2 - 1e-9
+        assert min(x.min(), y.min()) >= rim and max(x.max(), y.max()) <= 1.0 - rim
+        # The points touch the free rims of both sides, or of top and bottom.
+        assert max(np.ptp(x), np.ptp(y)) == pytest.approx(1.0 - FRAME_MARGIN)
+
+
+def test_velocity_arrows_begin_where_they_leave_the_body():
+    simulation = Simulation(DATA / "cube-scene.txt")
+    centres = np.concatenate([mesh.position for mesh in simulation.meshes])
+    directions = np.random.default_rng(2).normal(size=centres.shape)
+    directions[0] = 0.0
+    points = surface_points(*flatten_meshes(simulation.meshes), centres, directions)
+    np.testing.assert_array_equal(points[0], centres[0])
+    # On an octahedron, the absolute values of the coordinates along its axes have one sum.
+    for mesh, point, direction in list(zip(simulation.meshes, points, directions, strict=True))[1:]:
+        arm = point - mesh.position[0]
+        assert np.abs(QRotate(QConj(mesh.orientation), arm[None])).sum() == pytest.approx(3.4)
+        assert arm @ direction > 0.0
+        np.testing.assert_allclose(np.cross(arm, direction), 0.0, atol=1e-9)
+
+
+def test_shadows_fall_aside_and_begin_under_what_stands():
+    foot, top, sunk = cast_shadows(np.array([[1.0, 0, 2], [1.0, 10, 2], [1.0, -0.5, 2]]), 0.01)
+    np.testing.assert_allclose([foot, sunk], [[1.0, 0.01, 2.0]] * 2)
+    np.testing.assert_allclose(top, [1.0 + 10 * SHADOW_SLANT[0], 0.01, 2.0 + 10 * SHADOW_SLANT[2]])
+
+
+def test_grid_cells_hold_the_corners_that_the_broad_phase_sorts_by():
+    generator = np.random.default_rng(5)
+    low = generator.uniform(-20.0, 20.0, (60, 3))
+    high = low + generator.uniform(0.5, 9.0, (60, 3))
+    cellLow, cellHigh = grid_cells(low, high)
+    assert 0 < len(cellLow) < 60
+    held = (cellLow <= low[:, None]).all(axis=2) & (low[:, None] <= cellHigh).all(axis=2)
+    assert held.any(axis=1).all()
+    # Two boxes that overlap are in the same cell or in neighbours, as no cell is narrower.
+    first, _ = grid_overlaps(np.concatenate([low, -high], axis=1).T, np.zeros(60, dtype=bool))
+    assert len(first) > 5
+    assert np.min((cellHigh - cellLow)[:, 1:]) >= 9.0 / 8.0
+
+
+@pytest.mark.parametrize("size", [0.3, 5000.0])
+def test_ground_is_chequered_in_round_numbers_and_fades(size):
+    middle, reach = np.array([3.0 * size, 0.4 * size, -size]), 9.0 * size
+    vertices, faces, colours, side = ground_squares(size, middle, reach)
+    digit = side / 10.0 ** math.floor(math.log10(side) + 1e-9)
+    assert round(digit, 9) in (1.0, 2.0, 5.0)
+    isSquare = vertices[:, 1] == 0.0
+    squares = vertices[isSquare] / side
+    assert 3 * GROUND_SQUARES**2 < len(squares) < 4 * GROUND_SQUARES**2
+    np.testing.assert_allclose(squares, np.round(squares), atol=1e-9)
+    # The rest lies a little lower, and reaches as far as the ground is seen.
+    assert -0.01 * size < vertices[:, 1].min() < 0.0
+    distance = np.linalg.norm((vertices - middle)[:, [0, 2]], axis=1)
+    assert distance.max() == pytest.approx(reach)
+    near = isSquare & (distance < 0.5 * size)
+    assert len(np.unique(np.round(colours[near], 9), axis=0)) == 2
+    # The ground ends in the colour of the sky, and faces upwards.
+    rim = distance > 0.999 * reach
+    assert rim.any() and np.abs(colours[rim] - SEEN_BACKGROUND).max() < 1e-5
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    assert np.all(np.cross(b - a, c - a)[: len(squares) // 2, 1] > 0.0)

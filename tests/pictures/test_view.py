@@ -1,0 +1,344 @@
+"""What is drawn where, judged by pixels and rays; pictures, cameras and videos. Off-screen."""
+
+import colorsys
+import json
+
+import numpy as np
+import pytest
+from opengl import pixel_of
+from program import DATA
+
+from rbs.appearance.colours import COLOURINGS, FIXED_COLOUR, PALETTE, PICKED_COLOUR, VIRIDIS
+from rbs.appearance.drawables import SHADOW_SLANT
+from rbs.appearance.pictureoptions import OVERLAYS, SEEN_THROUGH, VIDEO_ENDINGS, video_timing
+from rbs.pictures.cameras import apply_camera, load_camera, save_camera
+from rbs.pictures.capture import SHADOW_OPACITY, Video, averaged, take_picture
+from rbs.pictures.overlays import HELD_CONTACT_STEPS
+from rbs.pictures.view import LAYERS, MOST_CREASES, SceneView
+from rbs.scenes.simulation import Simulation
+from RBSFunctions import refresh_vertices
+
+# Shading changes brightness and saturation, and moves the hue by less than this on a circle of
+# length 1. The ends of the scale of densities are 0.4 apart.
+SAME_HUE = 0.03
+# The saturation, in HSV, below which a pixel counts as grey.
+GREY = 0.12
+
+
+@pytest.fixture(scope="module")
+def ps(polyscope):
+    """Polyscope with small pictures."""
+    polyscope.set_window_size(640, 360)
+    return polyscope
+
+
+@pytest.fixture
+def boxes(tmp_path, ps):
+    """Makes a scene of boxes from rows (density, isFixed, x, y); returns its SceneView."""
+    (tmp_path / "box.mesh").write_bytes((DATA / "box.mesh").read_bytes())
+
+    def make(rows):
+        lines = [f"box.mesh {density} {fixed} {x} {y} 0 1 0 0 0" for density, fixed, x, y in rows]
+        (tmp_path / "a-scene.txt").write_text("\n".join([str(len(rows)), *lines]))
+        return SceneView(Simulation(tmp_path / "a-scene.txt"))
+
+    return make
+
+
+@pytest.fixture
+def view(boxes):
+    """A SceneView of a light box on the left, a heavy one on the right, a fixed one between."""
+    view = boxes([(1, 0, -25, 12), (9, 0, 25, 12), (3, 1, 0, 12)])
+    view.colouring = "density"
+    view.refresh()
+    return view
+
+
+def picture(ps):
+    """What the camera sees, (height, width, 3) floats from 0 to 1."""
+    return ps.screenshot_to_buffer(transparent_bg=False)[:, :, :3] / 255.0
+
+
+def front(mesh):
+    """The middle of a box's face towards the camera, away from all edges."""
+    return mesh.position[0] + [0.0, 0.0, 4.0]
+
+
+def shows(seen, colour):
+    """Whether the pixel `seen` may be a body of this colour, both RGB, in some light."""
+    hue, saturation, _ = colorsys.rgb_to_hsv(*seen)
+    expectedHue, expectedSaturation, _ = colorsys.rgb_to_hsv(*colour)
+    if expectedSaturation < GREY:
+        return saturation < GREY
+    apart = abs(hue - expectedHue)
+    return saturation > GREY and min(apart, 1.0 - apart) < SAME_HUE
+
+
+@pytest.mark.parametrize("colouring", COLOURINGS)
+def test_bodies_are_drawn_where_they_stand_in_their_colours(ps, view, colouring):
+    view.colouring, simulation = colouring, view.simulation
+    for _ in range(3):
+        simulation.step()
+    view.refresh()
+    shot, colours = picture(ps), view.body_colours()
+    seen = [shot[pixel_of(ps, front(mesh))] for mesh in simulation.meshes]
+    assert all(map(shows, seen, colours)) and view.legend()[-1] == ("fixed", FIXED_COLOUR)
+    if colouring == "density":
+        isShown = [[shows(pixel, colour) for colour in colours] for pixel in seen]
+        assert isShown == np.eye(3, dtype=bool).tolist()
+
+
+def test_bodies_move_in_the_picture_as_they_do_in_the_scene(ps, view):
+    before = picture(ps)
+    for _ in range(40):
+        view.simulation.step()
+    fallen = view.simulation.meshes[0]
+    assert fallen.position[0, 1] < 9.0
+    np.testing.assert_array_equal(picture(ps), before)  # not refreshed yet
+    view.refresh()
+    after = picture(ps)
+    assert shows(after[pixel_of(ps, front(fallen))], VIRIDIS[0])
+    # The body has left the place where its upper edge was.
+    place = pixel_of(ps, [-25.0, 14.5, 4.0])
+    assert shows(before[place], VIRIDIS[0]) and not shows(after[place], VIRIDIS[0])
+    place = pixel_of(ps, [0.0, 12.0, 4.0])
+    np.testing.assert_allclose(after[place], before[place], atol=0.02)
+
+
+def test_constraints_are_drawn_only_while_they_are_enforced(ps):
+    simulation = Simulation(DATA / "cube-scene.txt")
+    view = SceneView(simulation)
+    lines = ps.get_curve_network("constraints")
+    assert (lines.n_edges(), lines.is_enabled()) == (28, True)
+    simulation.settings.enforceConstraints = False
+    view.refresh()
+    assert not lines.is_enabled()
+    view.rebuild(Simulation(DATA / "tet-scene.txt"))
+    assert not ps.has_curve_network("constraints")
+
+
+def test_many_bodies_are_drawn_without_edges(ps, boxes):
+    count = MOST_CREASES // 12 + 1
+    view = boxes([(1, 0, 20 * (k % 20), 9 + 12 * (k // 20)) for k in range(count)])
+    assert not ps.has_curve_network("creases")
+    seen = picture(ps)[pixel_of(ps, front(view.simulation.meshes[30]))]
+    assert shows(seen, PALETTE[30 % len(PALETTE)])
+
+
+def test_camera_comes_back_from_its_file(tmp_path, ps, view):
+    path = tmp_path / "camera.json"
+    ps.set_vertical_fov_degrees(30.0)
+    ps.look_at((60.0, 30.0, 50.0), (0.0, 9.0, 0.0))
+    seen, size = picture(ps), ps.get_window_size()
+    save_camera(path)
+    ps.set_vertical_fov_degrees(45.0)
+    view.rebuild(view.simulation)
+    assert np.abs(picture(ps) - seen).max() > 0.2
+    # The file is Polyscope's own, which would change the window's size too.
+    camera = json.loads(path.read_text())
+    assert (camera["windowWidth"], camera["windowHeight"]) == size
+    path.write_text(json.dumps(camera | {"windowWidth": 320, "windowHeight": 240, "farClip": 1.0}))
+    apply_camera(load_camera(path))
+    # In single precision, hair lines may fall into the next pixel.
+    assert ps.get_window_size() == size and np.mean(np.abs(picture(ps) - seen)) < 1e-3
+    ps.set_vertical_fov_degrees(45.0)
+
+
+def hit_by(ray, eye, meshes):
+    """(index of the first convex body that a ray hits, point), or (None, None)."""
+    best = np.inf, None
+    for index, mesh in enumerate(meshes):
+        a, b, c = (mesh.currVertices[mesh.faces[:, k]] for k in range(3))
+        normals = np.cross(b - a, c - a)
+        speed, height = normals @ ray, np.sum(normals * (a - eye), axis=1)
+        enter, leave = (height / speed)[speed < 0].max(), (height / speed)[speed > 0].min()
+        if enter < leave:
+            best = min(best, (enter, index))
+    return (None, None) if best[1] is None else (best[1], eye + best[0] * ray)
+
+
+def test_click_picks_the_body_that_a_ray_through_the_pixel_hits(ps):
+    view = SceneView(Simulation(DATA / "stack-scene.txt"))
+    meshes = view.simulation.meshes
+    camera = ps.get_view_camera_parameters()
+    axes = np.array([camera.get_right_dir(), camera.get_up_dir(), camera.get_look_dir()])
+    eye, (width, height) = np.array(camera.get_position()), ps.get_window_size()
+    focal = 0.5 * height / np.tan(np.radians(camera.get_fov_vertical_deg()) / 2.0)
+    generator, found = np.random.default_rng(6), []
+    middles = np.array([pixel_of(ps, mesh.position[0])[::-1] for mesh in meshes])
+    for pixel in generator.uniform(middles.min(axis=0) - 20, middles.max(axis=0) + 20, (60, 2)):
+        pixel = np.rint(pixel)
+
+        def cast(pixel, dx, dy):
+            x, y = pixel[0] + 0.5 + dx - 0.5 * width, 0.5 * height - pixel[1] - 0.5 - dy
+            return hit_by(np.array([x, y, focal]) @ axes, eye, meshes)
+
+        body, point = cast(pixel, 0, 0)
+        if any(cast(pixel, dx, dy)[0] != body for dx in (-3, 3) for dy in (-3, 3)):
+            continue  # too near an edge, which is drawn as a thick line
+        picked, place = view.body_at(tuple(int(x) for x in pixel))
+        assert picked == body
+        assert body is None or np.linalg.norm(place - point) < 0.5
+        found.append(body)
+    assert len(found) > 30 and None in found and len(set(found)) > 5
+
+
+def test_picked_body_is_marked(ps, view):
+    mesh = view.simulation.meshes[0]
+    view.pick(0, front(mesh))
+    np.testing.assert_allclose(view.picked_point(), front(mesh))
+    view.refresh()
+    # A metre beside the mark that lies over the point.
+    assert shows(picture(ps)[pixel_of(ps, front(mesh) + [2.0, 0.0, 0.0])], PICKED_COLOUR)
+
+
+def test_overlays_are_drawn_from_the_present_state_and_go_away(ps):
+    simulation = Simulation(DATA / "stress-scene.txt")
+    simulation.settings.friction = 0.5
+    view = SceneView(simulation)
+    for name in OVERLAYS:
+        view.show(name, True)
+    assert not ps.has_point_cloud("contacts")  # no step yet
+    while simulation.report is None or not any(any(c.friction) for c in simulation.report.contacts):
+        simulation.step()
+        assert simulation.stepCount < 200
+    recent = set()
+    # Contacts that have ended a moment ago are still shown.
+    for _ in range(HELD_CONTACT_STEPS):
+        simulation.step()
+        view.refresh()
+        recent |= {(c.body1, c.body2) for c in simulation.report.contacts}
+    assert recent and ps.get_point_cloud("contacts").n_points() >= len(recent)
+    assert all(map(ps.has_point_cloud, ("impulses", "velocities")))
+    assert all(map(ps.has_curve_network, ("bounding boxes", "grid cells", "trails")))
+    assert ps.get_curve_network("bounding boxes").n_edges() == 12 * len(simulation.meshes)
+    for name in LAYERS:
+        view.show(name, False)
+    assert not any(ps.has_point_cloud(name) or ps.has_curve_network(name) for name in OVERLAYS)
+
+
+def test_transparent_pictures_have_bodies_and_black_shadows(ps, view):
+    view.show("ground", False)
+    shot = take_picture(view, isTransparent=True)
+    shadow = pixel_of(ps, [25.0, 0.0, 0.0] + 12.0 * SHADOW_SLANT)
+    assert shot[shadow].tolist() == [0, 0, 0, round(255 * SHADOW_OPACITY)]
+    assert shot[5, 5, 3] == 0 and shot[pixel_of(ps, front(view.simulation.meshes[0]))][3] == 255
+    view.show("shadows", False)
+    assert take_picture(view, isTransparent=True)[shadow][3] == 0
+
+
+def test_edges_are_smooth_and_pictures_the_same_each_time(ps, view):
+    rough, smooth = picture(ps), take_picture(view)
+    np.testing.assert_array_equal(smooth, take_picture(view))
+    np.testing.assert_allclose(smooth.mean() / 255.0, rough.mean(), atol=0.005)
+    # They differ along edges; inside of faces there is nothing to average.
+    isOther = np.any(np.abs(smooth / 255.0 - rough) > 0.04, axis=2)
+    assert 0.002 < isOther.mean() < 0.08
+    place = pixel_of(ps, front(view.simulation.meshes[0]))
+    np.testing.assert_allclose(smooth[place] / 255.0, rough[place], atol=0.005)
+
+
+def test_averages_are_means_of_pixels_weighted_by_opacity():
+    large = np.random.default_rng(1).integers(0, 256, (6, 8, 3)).astype(np.uint8)
+    expected = large.reshape(3, 2, 4, 2, 3).mean(axis=(1, 3))
+    assert np.abs(averaged(large, 2) - expected).max() <= 0.5
+    red, nothing = [255, 0, 0, 255], [0, 255, 0, 0]
+    square = np.array([[red, nothing], [nothing, nothing]], np.uint8)
+    np.testing.assert_array_equal(averaged(square, 2), [[[255, 0, 0, 64]]])
+
+
+def test_bodies_are_see_through_while_contacts_are_shown(ps, view):
+    place = pixel_of(ps, front(view.simulation.meshes[0]))
+    body = take_picture(view)[place]
+    view.show_bodies(False)
+    behind = take_picture(view)[place]
+    view.show_bodies(True)
+    view.show("contacts", True)
+    mixed = (1.0 - SEEN_THROUGH) * body + SEEN_THROUGH * behind
+    np.testing.assert_allclose(take_picture(view)[place], mixed, atol=2.0)
+    view.show("contacts", False)
+    np.testing.assert_array_equal(take_picture(view)[place], body)
+
+
+def test_legend_is_in_the_picture(view):
+    bare = take_picture(view)
+    view.hasLegend = True
+    seen = take_picture(view)
+    changed = np.any(seen != bare, axis=2)
+    assert changed[14:60, 14:120].mean() > 0.95 and not changed[:10].any()
+    samples = {tuple(pixel) for pixel in seen[14:120, 14:40].reshape(-1, 3).tolist()}
+    colours = np.array([colour for _, colour in view.legend()])
+    assert {tuple(row) for row in np.rint(255 * colours).astype(int).tolist()} <= samples
+
+
+def test_frame_all_and_follow_keep_the_bodies_in_the_picture(ps):
+    view = SceneView(Simulation(DATA / "mixed-scene.txt"))
+    meshes, (width, height) = view.simulation.meshes, ps.get_window_size()
+
+    def pixels_after(shift):
+        for mesh in meshes:
+            mesh.position = mesh.position + shift
+        refresh_vertices(meshes)
+        view.refresh()
+        return np.array([pixel_of(ps, mesh.position[0]) for mesh in meshes])
+
+    def are_seen(pixels):
+        return ((pixels >= 0) & (pixels < [height, width])).all()
+
+    assert not are_seen(pixels_after([300.0, 0.0, -200.0]))
+    view.frame_all()
+    assert are_seen(before := pixels_after(0.0))
+    # The ground has come along: below all bodies it is grey, unlike the sky.
+    assert np.ptp(picture(ps)[pixel_of(ps, [300.0, 0.0, -200.0])]) < 0.05
+    view.follows = True
+    np.testing.assert_allclose(pixels_after([-900.0, 0.0, -700.0]), before, atol=1.0)
+
+
+# Time step, pictures a second and steps between pictures that are asked for; the last two as used.
+TIMINGS = [
+    ((0.02, None, None), (25.0, 2)),
+    ((0.1, None, None), (10.0, 1)),  # no more pictures than steps
+    ((0.02, 10.0, None), (10.0, 5)),
+    ((0.02, 30.0, 10), (30.0, 10)),  # a time lapse, six times as fast
+]
+
+
+@pytest.mark.parametrize(("asked", "expected"), TIMINGS)
+def test_videos_play_in_real_time_unless_other_rates_are_asked_for(asked, expected):
+    assert video_timing(*asked) == pytest.approx(expected)
+
+
+def frames_of(path):
+    """The pictures of a video, (n, height, width, 3)."""
+    import imageio_ffmpeg
+
+    reader = imageio_ffmpeg.read_frames(str(path))
+    width, height = next(reader)["size"]
+    return np.array([np.frombuffer(data, np.uint8).reshape(height, width, 3) for data in reader])
+
+
+@pytest.mark.parametrize("ending", VIDEO_ENDINGS)
+def test_videos_have_each_picture_once_and_are_written_whole_or_not_at_all(
+    tmp_path, view, ending, monkeypatch
+):
+    pytest.importorskip("imageio_ffmpeg", reason="pip install imageio-ffmpeg")
+    monkeypatch.setattr("rbs.pictures.capture.SUPERSAMPLING", 1)
+    simulation, path = view.simulation, tmp_path / f"fall{ending}"
+    path.write_bytes(b"old")
+    video = Video(path, view, 25.0, 4)
+    video.add(simulation)
+    for _ in range(41):
+        simulation.step()
+        video.add(simulation)
+        video.add(simulation)  # as after a frame in which no step was made
+    assert video.count == 11 and path.read_bytes() == b"old"
+    video.save(simulation)
+    video.close()
+    frames = frames_of(path)
+    assert len(frames) == 11
+    # The boxes fall from picture to picture.
+    assert np.all(np.mean(np.abs(np.diff(frames.astype(int), axis=0)), axis=(1, 2, 3)) > 0.01)
+    interrupted = Video(tmp_path / f"cut{ending}", view, 25.0, 1)
+    interrupted.add(simulation)
+    interrupted.close()
+    assert [one.name for one in tmp_path.iterdir() if one.suffix == ending] == [path.name]

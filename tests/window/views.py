@@ -1,0 +1,58 @@
+"""Views that draw nothing, for tests of the viewer, and viewers made as the program makes them."""
+
+import numpy as np
+
+from rbs.program.opening import list_files
+from rbs.program.suggestions import SceneOpener
+from rbs.recordings.statistics import step_quantities
+from rbs.window.viewer import Viewer
+
+
+def make_viewer(simulation, view, isBasic=True):
+    """A Viewer that opens scenes with or without the settings that they recommend."""
+    opener = SceneOpener(simulation, {}, isBasic=isBasic)
+    return Viewer(simulation, view, opener, list_files, step_quantities)
+
+
+class StillView:
+    """A SceneView that draws nothing and counts calls. A pixel is (body, x): it shows that body x
+    metres from its middle, or nothing if body is -1.
+    """
+
+    size = 80.0
+
+    def __init__(self, simulation):
+        self.simulation = simulation
+        self.refreshed = self.rebuilt = 0
+        self.picked = self.spring = None
+
+    def refresh(self):
+        self.refreshed += 1
+
+    def rebuild(self, simulation):
+        self.simulation = simulation
+        self.rebuilt += 1
+
+    def picked_point(self):
+        return np.array([1.0, 2.0, 3.0])
+
+    def set_resizable(self, isResizable):
+        pass
+
+    def show_spring(self, ends):
+        self.spring = ends
+
+    def body_at(self, pixel):
+        body, x = pixel
+        if body < 0:
+            return None, None
+        return body, self.simulation.meshes[body].position[0] + [x, 0.0, 0.0]
+
+    def distance_of(self, point):
+        return 100.0
+
+    def point_at(self, pixel, distance):
+        return np.array([0.0, 30.0, pixel[1]])
+
+    def aim(self, pixel):
+        return np.array([0.0, 20.0, 60.0]), np.array([0.0, 0.0, -1.0])
