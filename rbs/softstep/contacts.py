@@ -79,7 +79,7 @@ class SoftContacts:
         self.count = len(contacts.first)
         self._place_points()
         self.ends = np.concatenate((contacts.first, contacts.second))
-        self._make_rows(motion)
+        self._make_response(motion)
         self._make_factors(frames, motion)
         smaller = np.minimum(frames.radius[contacts.first], frames.radius[contacts.second])
         self.push = PUSH_SPEED * np.sqrt(max(self.fallRate, -GRAVITY) * smaller)
@@ -117,8 +117,8 @@ class SoftContacts:
         middle = middle + 0.5 * gap * contacts.normal
         self.arms = middle, middle - contacts.t
 
-    def _make_rows(self, motion):
-        """Computes the parts of A.
+    def _make_response(self, motion):
+        """Computes the response A of the manifolds, in parts.
 
         K : Bᵀ A B, (4, 4, M), response of the normal speeds to the impulses; mass : (4, M), of each
             point alone; coupling : (3, 3, M), response of the friction rows to the normal wrench;
@@ -147,9 +147,9 @@ class SoftContacts:
         self.frictionMass = np.stack((r0, r1, r2)) / np.where(determinant > 0.0, determinant, 1.0)
 
     def _make_factors(self, frames, motion):
-        """Computes the factors of J and of the response of the bodies to wrenches, M⁻¹ Jᵀ.
+        """Computes the factors of J and of M⁻¹ Jᵀ, the response of the bodies to wrenches.
 
-        X : (6, 6, n + 1); T : (6, 6, M); GT : n + 1 × M, transpose of G
+        X, T : (6, 6, n + 1), (6, 6, M); GT : (n + 1, M), sparse, transpose of G
         XM : (6, 6, n + 1), M⁻¹ Xᵀ
         """
         contacts, count = self.contacts, len(motion.invMass)
@@ -186,17 +186,17 @@ class SoftContacts:
     def measure(self, motion):
         """Computes the twists ξ, (6, M), and normal speeds u = Bᵀ ξ, (4, M), > 0 if separating."""
         self.apply(motion)
-        moving = products(self.X, motion.velocity)
+        moving = times(self.X, motion.velocity)
         first, second = self.contacts.first, self.contacts.second
         relative = take(moving, second, axis=1) - take(moving, first, axis=1)
-        self.twist = products(self.T, relative)
-        self.speed = transposed_products(self.B, self.twist[:3])
+        self.twist = times(self.T, relative)
+        self.speed = transposed_times(self.B, self.twist[:3])
 
     def apply(self, motion):
         """Applies the wrenches accumulated since the last call to the bodies."""
-        wrench = transposed_products(self.T, self.pending)
+        wrench = transposed_times(self.T, self.pending)
         wrench = np.ascontiguousarray((self.GT @ wrench.T).T)
-        motion.velocity += products(self.XM, wrench)
+        motion.velocity += times(self.XM, wrench)
         self.pending = np.zeros((6, self.count))
 
     def warm_start(self):
@@ -250,13 +250,13 @@ class SoftContacts:
             impulse[k] = np.maximum(impulse[k] - mass[k] * speed[k], 0.0)
             change[k] = impulse[k] - before[k]
             speed[k + 1 :] += self.K[k, k + 1 :] * change[k]
-        wrench = products(self.B, change)
+        wrench = times(self.B, change)
         friction = self.friction
         if self.mu > 0.0:
-            slip = self.twist[3:] + products(self.coupling, wrench)
-            friction = friction - products(self.frictionMass, slip)
+            slip = self.twist[3:] + times(self.coupling, wrench)
+            friction = friction - times(self.frictionMass, slip)
             # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
-            limit, twistLimit = products(self.limits, impulse)
+            limit, twistLimit = times(self.limits, impulse)
             size = np.sqrt(friction[0] * friction[0] + friction[1] * friction[1])
             friction[:2] *= limit / np.maximum(np.maximum(size, limit), TINY)
             friction[2] = np.clip(friction[2], -twistLimit, twistLimit)
@@ -370,12 +370,12 @@ def energy_share(bodies, motion, before, links):
     return np.clip(share, 0.0, 1.0)[island]
 
 
-def products(matrices, vectors):
+def times(matrices, vectors):
     """Matrices (r, c, m) times vectors (c, m): (r, m), without temporary arrays."""
     return np.einsum("rcm,cm->rm", matrices, vectors)
 
 
-def transposed_products(matrices, vectors):
+def transposed_times(matrices, vectors):
     """Transposed matrices (r, c, m) times vectors (r, m): (c, m)."""
     return np.einsum("rcm,rm->cm", matrices, vectors)
 
