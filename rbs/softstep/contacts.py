@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from Quaternion import rotation_matrices
 from rbs.geometry.arrays import indices, take
-from rbs.geometry.vectors import cross, dot, mat_vec, rotate_tensor
+from rbs.geometry.vectors import cross, dot, rotate_tensor
 from rbs.softstep.detection import StepContacts
 from rbs.softstep.manifolds import POINTS
 from rbs.softstep.springs import Spring, lasting
@@ -60,20 +60,27 @@ class SoftContacts:
     twist about n: w_3, w_4, w_5.
 
     With split masses, the twist of a manifold responds to its own wrench by A = J N M⁻¹ Jᵀ, 6 × 6,
-    where N is the number of manifolds of each body. J is sparse, and constant within the step.
+    where N is the number of manifolds of each body.
+
+    J = T G X is constant within the step, and is applied in its factors. X, 6 × 6 for each body,
+    moves its velocity from its COM x to a common origin: v - ω × x, ω. G takes the difference
+    between the two bodies, and T, 6 × 6 for each manifold, has the rows above for the arm c from
+    the origin to the centre, which both bodies share.
     """
 
     def __init__(self, manifolds, frames, motion, mu, timeStep, h):
         """Selects the manifolds that have a movable body; h : s, length of a substep."""
         self.mu, self.h, self.fallRate = mu, h, motion.fallRate
         self.fall = self.fallRate * timeStep  # speed that gravity adds in a step
-        first, second = manifolds.bodies(len(motion.shift))
+        first, second = manifolds.bodies(len(motion.isStill) - 1)
         self.rows = indices(~(motion.isStill[first] & motion.isStill[second]))
         manifolds = manifolds.rows(self.rows)
         self.contacts = contacts = StepContacts(manifolds, frames)
         self.count = len(contacts.first)
         self._place_points()
-        self._make_rows(motion)
+        self.ends = np.concatenate((contacts.first, contacts.second))
+        self._make_response(motion)
+        self._make_factors(frames, motion)
         smaller = np.minimum(frames.radius[contacts.first], frames.radius[contacts.second])
         self.push = PUSH_SPEED * np.sqrt(max(self.fallRate, -GRAVITY) * smaller)
         self.impulse = manifolds.impulse * contacts.isPoint
@@ -110,59 +117,60 @@ class SoftContacts:
         middle = middle + 0.5 * gap * contacts.normal
         self.arms = middle, middle - contacts.t
 
-    def _make_rows(self, motion):
-        """Computes the rows of J for either body, without the sign, and the parts of A.
+    def _make_response(self, motion):
+        """Computes the response A of the manifolds, in parts.
 
         K : Bᵀ A B, (4, 4, M), response of the normal speeds to the impulses; mass : (4, M), of each
-            point alone; coupling : (9, M), response of the friction rows to the normal wrench;
-            frictionMass : (9, M), inverse of their response to their own wrench
+            point alone; coupling : (3, 3, M), response of the friction rows to the normal wrench;
+            frictionMass : (3, 3, M), inverse of their response to their own wrench
         """
         contacts = self.contacts
         n, t1, t2 = contacts.normal, contacts.tangent1, contacts.tangent2
-        bodies = contacts.first, contacts.second
-        load = np.bincount(np.concatenate(bodies), minlength=len(motion.invMass))
-        A, parts = 0.0, []
-        for body, arm in zip(bodies, self.arms, strict=True):
-            angular = np.stack((cross(arm, n), t1, t2, cross(arm, t1), cross(arm, t2), n), axis=1)
-            products = take(motion.invInertia, body, axis=1).reshape(3, 3, 1, -1) * angular
-            turning = products[:, 0] + products[:, 1] + products[:, 2]
-            response = angular[0][:, None] * turning[0]
-            response += angular[1][:, None] * turning[1]
-            response += angular[2][:, None] * turning[2]
+        load = np.bincount(self.ends, minlength=len(motion.invMass))
+        A = 0.0
+        for body, arm in zip((contacts.first, contacts.second), self.arms, strict=True):
+            angular = np.stack((cross(arm, n), t1, t2, cross(arm, t1), cross(arm, t2), n))
+            invInertia = take(motion.invInertia, body, axis=1).reshape(3, 3, -1)
+            turning = np.einsum("ijm,rjm->rim", invInertia, angular)
+            response = np.einsum("rim,sim->rsm", angular, turning)
             response[LINEAR, LINEAR] += take(motion.invMass, body)
             A = A + take(load, body) * response
-            parts.append(angular)
-        self.J = self._sparse_rows(bodies, (n, t1, t2), parts, len(motion.invMass))
-        self.JT = self.J.T
         B = self.B
         AB = A[:3, 0, None] * B[0] + A[:3, 1, None] * B[1] + A[:3, 2, None] * B[2]
         self.K = B[0][:, None] * AB[0] + B[1][:, None] * AB[1] + B[2][:, None] * AB[2]
         diagonal = self.K[range(POINTS), range(POINTS)]
         self.mass = B[0] / np.where(diagonal > 0.0, diagonal, 1.0)
-        self.coupling = A[3:, :3].reshape(9, -1)
+        self.coupling = A[3:, :3]
         c0, c1, c2 = A[3:, 3], A[3:, 4], A[3:, 5]  # symmetric
         r0, r1, r2 = cross(c1, c2), cross(c2, c0), cross(c0, c1)
         determinant = dot(c0, r0)
-        self.frictionMass = np.concatenate((r0, r1, r2))
-        self.frictionMass /= np.where(determinant > 0.0, determinant, 1.0)
+        self.frictionMass = np.stack((r0, r1, r2)) / np.where(determinant > 0.0, determinant, 1.0)
 
-    def _sparse_rows(self, bodies, linear, angular, count):
-        """Returns J, 6 M × 6 (n + 1), with row r of manifold m at r M + m.
+    def _make_factors(self, frames, motion):
+        """Computes the factors of J and of M⁻¹ Jᵀ, the response of the bodies to wrenches.
 
-        linear : (3, M) each, of the rows LINEAR; angular : (3, 6, M), for either body
+        X, T : (6, 6, n + 1), (6, 6, M); GT : (n + 1, M), sparse, transpose of G
+        XM : (6, 6, n + 1), M⁻¹ Xᵀ
         """
-        columns = 6 * np.stack(bodies, axis=1)[:, :, None] + np.arange(6)  # (M, 2, 6)
-        values, index, length = [], [], []
-        for r in range(6):
-            row = [-angular[0][:, r], angular[1][:, r]]
-            if r in LINEAR:
-                row = [-linear[LINEAR.index(r)], row[0], linear[LINEAR.index(r)], row[1]]
-            values.append(np.concatenate(row).T.ravel())
-            index.append((columns if r in LINEAR else columns[:, :, 3:]).ravel())
-            length.append(np.full(self.count, 12 if r in LINEAR else 6))
-        start = np.concatenate(([0], *length)).cumsum()
-        place = np.concatenate(index).astype(np.int32), start.astype(np.int32)
-        return csr_array((np.concatenate(values), *place), shape=(6 * self.count, 6 * count))
+        contacts, count = self.contacts, len(motion.invMass)
+        origin = frames.position[:, :-1].mean(axis=1, keepdims=True)
+        position = frames.position - origin
+        self.X, self.XM = np.zeros((2, 6, 6, count))
+        self.X[range(6), range(6)] = 1.0
+        self.X[[2, 0, 1], [4, 5, 3]], self.X[[1, 2, 0], [5, 3, 4]] = position, -position
+        self.XM[range(3), range(3)] = motion.invMass
+        invInertia = motion.invInertia.reshape(3, 3, -1)
+        self.XM[3:] = np.einsum("ikn,jkn->ijn", invInertia, self.X[:, 3:])
+        centre = take(position, contacts.first, axis=1) + self.arms[0]
+        self.T = np.zeros((6, 6, self.count))
+        n, t1, t2 = axes = contacts.normal, contacts.tangent1, contacts.tangent2
+        for row, axis in zip(LINEAR, axes, strict=True):
+            self.T[row, :3], self.T[row, 3:] = axis, cross(centre, axis)
+        self.T[1, 3:], self.T[2, 3:], self.T[5, 3:] = t1, t2, n
+        order = self.ends.argsort(kind="stable")
+        start = self.ends[order].searchsorted(np.arange(count + 1))
+        sign = np.where(order < self.count, -1.0, 1.0)
+        self.GT = csr_array((sign, order % max(self.count, 1), start), shape=(count, self.count))
 
     def impact_speeds(self, motion):
         """Normal speeds (4, M) at which points meet after free flight has closed their gaps s.
@@ -171,19 +179,24 @@ class SoftContacts:
         """
         self.measure(motion)
         contacts, speed = self.contacts, self.speed
-        gravity = motion.gravity[contacts.second] - motion.gravity[contacts.first]
-        gain = -2.0 * dot(contacts.normal, gravity.T) * np.maximum(self.separation, 0.0)
+        gravity = motion.gravity[:, contacts.second] - motion.gravity[:, contacts.first]
+        gain = -2.0 * dot(contacts.normal, gravity) * np.maximum(self.separation, 0.0)
         return -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
 
     def measure(self, motion):
         """Computes the twists ξ, (6, M), and normal speeds u = Bᵀ ξ, (4, M), > 0 if separating."""
         self.apply(motion)
-        self.twist = (self.J @ motion.velocity.ravel()).reshape(6, -1)
-        self.speed = self.twist[0] + self.B[1] * self.twist[1] + self.B[2] * self.twist[2]
+        moving = times(self.X, motion.velocity)
+        first, second = self.contacts.first, self.contacts.second
+        relative = take(moving, second, axis=1) - take(moving, first, axis=1)
+        self.twist = times(self.T, relative)
+        self.speed = transposed_times(self.B, self.twist[:3])
 
     def apply(self, motion):
         """Applies the wrenches accumulated since the last call to the bodies."""
-        motion.push((self.JT @ self.pending.ravel()).reshape(-1, 6))
+        wrench = transposed_times(self.T, self.pending)
+        wrench = np.ascontiguousarray((self.GT @ wrench.T).T)
+        motion.velocity += times(self.XM, wrench)
         self.pending = np.zeros((6, self.count))
 
     def warm_start(self):
@@ -232,17 +245,18 @@ class SoftContacts:
         """
         before = self.impulse
         impulse, mass = before * softness, self.mass * softness
-        speed = self.speed + bias
+        speed, change = self.speed + bias, np.empty_like(before)
         for k in range(POINTS):
             impulse[k] = np.maximum(impulse[k] - mass[k] * speed[k], 0.0)
-            speed[k + 1 :] += self.K[k, k + 1 :] * (impulse[k] - before[k])
-        wrench = (self.B * (impulse - before)).sum(axis=1)
+            change[k] = impulse[k] - before[k]
+            speed[k + 1 :] += self.K[k, k + 1 :] * change[k]
+        wrench = times(self.B, change)
         friction = self.friction
         if self.mu > 0.0:
-            slip = self.twist[3:] + mat_vec(self.coupling, wrench)
-            friction = friction - mat_vec(self.frictionMass, slip)
+            slip = self.twist[3:] + times(self.coupling, wrench)
+            friction = friction - times(self.frictionMass, slip)
             # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
-            limit, twistLimit = (self.limits * impulse).sum(axis=1)
+            limit, twistLimit = times(self.limits, impulse)
             size = np.sqrt(friction[0] * friction[0] + friction[1] * friction[1])
             friction[:2] *= limit / np.maximum(np.maximum(size, limit), TINY)
             friction[2] = np.clip(friction[2], -twistLimit, twistLimit)
@@ -261,7 +275,7 @@ class SoftContacts:
             return
         bias = np.where(bounces, CRCoeff * closing, np.maximum(self.separation, 0.0) / self.h)
         self.apply(motion)
-        before, velocity = (self.impulse, self.friction), motion.velocity[:-1].copy()
+        before, velocity = (self.impulse, self.friction), motion.velocity[:, :-1].copy()
         for _ in range(RESTITUTION_SWEEPS):
             self.measure(motion)
             self._solve(bias)
@@ -269,7 +283,7 @@ class SoftContacts:
         first, second = self.contacts.first, self.contacts.second
         links = np.concatenate(((first, second), links), axis=1)
         share = energy_share(bodies, motion, velocity, links)
-        motion.velocity[:-1] += (share - 1.0)[:, None] * (motion.velocity[:-1] - velocity)
+        motion.velocity[:, :-1] += (share - 1.0) * (motion.velocity[:, :-1] - velocity)
         share = take(share, np.where(motion.isStill[first], second, first))
         self.totalImpulse += share * (self.impulse - before[0])
         self.totalFriction += share * (self.friction - before[1])
@@ -321,7 +335,7 @@ def energy_share(bodies, motion, before, links):
     """Returns the fraction (n,) of restitution's velocity changes that energy permits.
 
     bodies : `Bodies`, at the start of the step; motion : `Motion`, with restitution
-    before : (n, 6), velocities without it; links : (2, L), bodies that touch or are tied
+    before : (6, n), velocities without it; links : (2, L), bodies that touch or are tied
 
     Newton's law of restitution lets two points separate with e times their closing speed. If
     several pairs collide in one step, this may require more energy than there was (Stronge: Rigid
@@ -337,17 +351,16 @@ def energy_share(bodies, motion, before, links):
         return np.where(isStill[:, None, None], 0.0, np.linalg.inv(matrices))
 
     def products(inertia, v, w):
-        """Returns vᵀ M w (n,) for velocities (n, 6)."""
-        turning = (inertia @ w[:, 3:, None])[:, :, 0]
-        return mass * (v[:, :3] * w[:, :3]).sum(axis=1) + (v[:, 3:] * turning).sum(axis=1)
+        """Returns vᵀ M w (n,) for velocities (6, n)."""
+        return mass * dot(v[:3], w[:3]) + np.einsum("in,nij,jn->n", v[3:], inertia, w[3:])
 
-    start = bodies.velocity.T
+    start = bodies.velocity
     limit = 0.5 * products(tensors(bodies.invInertia), start, start)
-    limit += mass * dot(np.reshape(bodies.gravity, (3, 1)), motion.shift.T)
+    limit += mass * dot(np.reshape(bodies.gravity, (3, 1)), motion.shift)
     rotation = np.stack(rotation_matrices(motion.result(bodies)[1]))
     inertia = tensors(np.stack(rotate_tensor(rotation, bodies.restInvInertia)))
     # with the fraction s, the energy is that without restitution plus b s + a s²
-    change = motion.velocity[:-1] - before
+    change = motion.velocity[:, :-1] - before
     island = islands(links, ~isStill)
     a = np.bincount(island, 0.5 * products(inertia, change, change))
     b = np.bincount(island, products(inertia, before, change))
@@ -355,6 +368,16 @@ def energy_share(bodies, motion, before, links):
     root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
     share = np.where(a + b > left, (root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 1.0)
     return np.clip(share, 0.0, 1.0)[island]
+
+
+def times(matrices, vectors):
+    """Matrices (r, c, m) times vectors (c, m): (r, m), without temporary arrays."""
+    return np.einsum("rcm,cm->rm", matrices, vectors)
+
+
+def transposed_times(matrices, vectors):
+    """Transposed matrices (r, c, m) times vectors (r, m): (c, m)."""
+    return np.einsum("rcm,rm->cm", matrices, vectors)
 
 
 def islands(links, isFree):

@@ -106,10 +106,10 @@ class SoftConstraints:
     def _renew(self, motion):
         """Updates distances, Jacobians and effective masses to the present poses."""
         ends = self.ends.ravel()
-        angle = np.ascontiguousarray(take(motion.turn, ends, axis=0).T)
+        angle = take(motion.turn, ends, axis=1)
         turn = np.stack(rotation_matrices(exponentials((0.0, *(0.5 * angle)))))
         arm = mat_vec(turn, self._arms)
-        point = take(self.position, ends, axis=1) + take(motion.shift, ends, axis=0).T + arm
+        point = take(self.position, ends, axis=1) + take(motion.shift, ends, axis=1) + arm
         count = self.count
         self.length, d = distance_error(point[:, :count], point[:, count:], 0.0)
         d = np.concatenate((d, -d), axis=1)
@@ -118,13 +118,13 @@ class SoftConstraints:
         invMass = take(motion.invMass, ends)
         K = (invMass + dot(rCrossD, turning)).reshape(2, count).sum(axis=0)
         self.mass = np.where(K > 0.0, 1.0 / np.where(K > 0.0, K, 1.0), 0.0)
-        self.J = np.concatenate((d, rCrossD)).T.reshape(2, count, 6)
-        self.MJ = np.concatenate((invMass * d, turning)).T.reshape(2, count, 6)
+        self.J = np.concatenate((d, rCrossD)).reshape(6, 2, count)
+        self.MJ = np.concatenate((invMass * d, turning)).reshape(6, 2, count)
 
     def warm_start(self, motion):
         self._renew(motion)
         for batch, ends in self.batches:
-            motion.velocity[ends] += self.MJ[:, batch] * self.impulse[batch][:, None]
+            motion.velocity[:, ends] += self.MJ[..., batch] * self.impulse[batch]
 
     def sweep(self, motion, isSoft):
         """Passes over all constraints; the soft sweep corrects violations with springs."""
@@ -142,8 +142,8 @@ class SoftConstraints:
             (
                 batch,
                 ends,
-                self.J[:, batch],
-                self.MJ[:, batch],
+                self.J[..., batch],
+                self.MJ[..., batch],
                 *(column[batch] for column in (bias, self.mass, softness, least, most)),
             )
             for batch, ends in self.batches
@@ -155,8 +155,8 @@ class SoftConstraints:
     def _visit(self, velocity, batch, ends, J, MJ, bias, mass, softness, least, most):
         """Solves a batch for its impulses and applies their changes."""
         old = self.impulse[batch]
-        speed = (J * velocity[ends]).sum(axis=(0, 2))
+        speed = (J * velocity[:, ends]).sum(axis=(0, 1))
         impulse = np.clip(softness * (old - mass * (speed + bias)), least, most)
         self.impulse[batch] = impulse
-        velocity[ends] += MJ * (impulse - old)[:, None]
+        velocity[:, ends] += MJ * (impulse - old)
         self.visits += len(batch)

@@ -15,7 +15,6 @@ Reading order: the step; sleeping; `Motion`; `SolverState`.
 import numpy as np
 
 from rbs.geometry.arrays import find_sorted, indices
-from rbs.geometry.vectors import mat_vec
 from rbs.softstep.contacts import SoftContacts
 from rbs.softstep.detection import detect
 from rbs.softstep.manifolds import COLUMNS, Manifolds
@@ -135,41 +134,36 @@ def _settled(kept, bodies, isAsleep, distances, timeStep):
 class Motion:
     """Velocities of the n bodies and of the ground, and their displacements within the step.
 
-    velocity : (n + 1, 6), linear and angular; shift, turn : (n, 3), sums of v h and of ω h, so that
+    velocity : (6, n + 1), linear and angular; shift, turn : (3, n), sums of v h and of ω h, so that
         the orientation becomes exp(turn/2) ∘ q
     isStill : (n + 1,) bool, fixed or sleeping bodies and the ground. For these, invMass : (n + 1,),
-        invInertia : (9, n + 1) and gravity : (n + 1, 3) are 0
+        invInertia : (9, n + 1) and gravity : (3, n + 1) are 0
     fallRate : magnitude of gravity, m/s²
     """
 
     def __init__(self, bodies, isAsleep):
         count = len(isAsleep) + 1
         isStill = self.isStill = np.append(isAsleep | bodies.isFixed, True)
-        self.velocity = np.zeros((count, 6))
-        self.velocity[:-1] = bodies.velocity.T
+        self.velocity = np.zeros((6, count))
+        self.velocity[:, :-1] = bodies.velocity
         self.invMass = np.where(isStill, 0.0, np.append(bodies.invMass, 0.0))
         self.invInertia = np.zeros((9, count))
         self.invInertia[:, :-1] = np.where(isStill[:-1], 0.0, bodies.invInertia)
         self.fallRate = bodies.fallRate
-        self.gravity = np.where(isStill[:, None], 0.0, bodies.gravity)
-        self.shift, self.turn = np.zeros((count - 1, 3)), np.zeros((count - 1, 3))
+        self.gravity = np.where(isStill, 0.0, np.reshape(bodies.gravity, (3, 1)))
+        self.way = np.zeros((6, count - 1))
+        self.shift, self.turn = self.way[:3], self.way[3:]
 
     def fall(self, h):
-        self.velocity[:, :3] += self.gravity * h
-
-    def push(self, impulses):
-        """Applies impulses (n + 1, 6), linear and angular, to the bodies."""
-        self.velocity[:, :3] += self.invMass[:, None] * impulses[:, :3]
-        self.velocity[:, 3:] += mat_vec(self.invInertia, impulses[:, 3:].T).T
+        self.velocity[:3] += self.gravity * h
 
     def move(self, h):
-        self.shift += h * self.velocity[:-1, :3]
-        self.turn += h * self.velocity[:-1, 3:]
+        self.way += h * self.velocity[:, :-1]
 
     def result(self, bodies):
         """`(motion (9, n), orientation (4, n))` at the end of the step; see `Bodies`."""
-        orientation = turned(bodies.orientation, np.ascontiguousarray(self.turn.T))
-        moved = np.concatenate((bodies.position + self.shift.T, self.velocity[:-1].T))
+        orientation = turned(bodies.orientation, self.turn)
+        moved = np.concatenate((bodies.position + self.shift, self.velocity[:, :-1]))
         isStill = self.isStill[:-1]
         return (
             np.where(isStill, bodies.motion, moved),

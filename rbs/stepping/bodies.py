@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from functools import lru_cache
 from itertools import repeat
 from operator import attrgetter, is_
+from sys import getrefcount
 
 import numpy as np
 
@@ -25,6 +26,12 @@ from rbs.geometry.vectors import rotate_tensor
 # Largest number allowed in a state, in any unit. Products of four such numbers are still finite; no
 # useful scene comes near it.
 LARGEST_NUMBER = 1e75
+
+# glibc returns large freed arrays to the system, so that each step faults in the same pages anew, a
+# quarter of the grid step's time. It keeps arrays smaller than the largest one freed so far, up to
+# 32 MB (see M_MMAP_THRESHOLD in mallopt(3)). These bytes are never touched, and take no memory.
+_freed = np.empty(31 << 20, dtype=np.uint8)
+del _freed
 
 # Attributes that form the state of a mesh, and how many numbers each has.
 STATE_WIDTHS = {"position": 3, "orientation": 4, "linVelocity": 3, "angVelocity": 3}
@@ -313,10 +320,7 @@ class Bodies:
         return np.ascontiguousarray(table.reshape(-1, width).T)
 
     def _give(self, name, columns):
-        """Sets an attribute of the meshes to the rows of a new table (n, …); returns the table.
-
-        The table is new in each step, so that references to old rows keep their values.
-        """
+        """Sets an attribute of the meshes to the rows of a new table (n, …); returns the table."""
         shape = (3, 3) if name == "invIT" else (1, len(columns))
         table = np.ascontiguousarray(columns.T).reshape(-1, *shape)
         rows = list(table)
@@ -325,7 +329,18 @@ class Bodies:
         return table
 
     def write_back(self):
-        """Writes the state to the meshes, as rows of new tables; fixed ones keep theirs."""
+        """Writes the state to the meshes, as rows of tables; fixed ones keep theirs.
+
+        If anyone else refers to a row, or to a part of it, the table is a new one, so that all such
+        references keep their values. Otherwise the existing table is overwritten, which is faster.
+        """
         self.motion = np.where(self.isFixed, self._start, self.motion)
         for name, columns in self.columns().items():
-            self._give(name, columns)
+            table, rows = self._shapes.given[name]
+            # A row has three references: from `rows`, the mesh and the call. All rows, `table` and
+            # the call refer to the memory.
+            isOurs = getrefcount(table.base) == len(rows) + 2
+            if isOurs and set(map(getrefcount, rows)) == {3}:
+                table[:, 0] = columns.T
+            else:
+                self._give(name, columns)
