@@ -13,7 +13,6 @@ from contextlib import contextmanager
 from functools import lru_cache
 from itertools import repeat
 from operator import attrgetter, is_
-from sys import getrefcount
 
 import numpy as np
 
@@ -320,7 +319,10 @@ class Bodies:
         return np.ascontiguousarray(table.reshape(-1, width).T)
 
     def _give(self, name, columns):
-        """Sets an attribute of the meshes to the rows of a new table (n, …); returns the table."""
+        """Sets an attribute of the meshes to the rows of a new table (n, …); returns the table.
+
+        The table is new in each step, so that references to old rows keep their values.
+        """
         shape = (3, 3) if name == "invIT" else (1, len(columns))
         table = np.ascontiguousarray(columns.T).reshape(-1, *shape)
         rows = list(table)
@@ -329,18 +331,7 @@ class Bodies:
         return table
 
     def write_back(self):
-        """Writes the state to the meshes, as rows of tables; fixed ones keep theirs.
-
-        If anyone else refers to a row, or to a part of it, the table is a new one, so that all such
-        references keep their values. Otherwise the existing table is overwritten, which is faster.
-        """
+        """Writes the state to the meshes, as rows of new tables; fixed ones keep theirs."""
         self.motion = np.where(self.isFixed, self._start, self.motion)
         for name, columns in self.columns().items():
-            table, rows = self._shapes.given[name]
-            # A row has three references: from `rows`, the mesh and the call. All rows, `table` and
-            # the call refer to the memory.
-            isOurs = getrefcount(table.base) == len(rows) + 2
-            if isOurs and set(map(getrefcount, rows)) == {3}:
-                table[:, 0] = columns.T
-            else:
-                self._give(name, columns)
+            self._give(name, columns)
