@@ -1,7 +1,6 @@
 """Pictures and videos of a scene, drawn off-screen or from the window.
 
 Reading order: starting Polyscope; pictures in either look; the legend; series of pictures; videos.
-Polyscope is imported inside the functions that use it.
 """
 
 import math

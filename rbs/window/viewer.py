@@ -1,8 +1,7 @@
 """The window, and the actions of its buttons, keys and mouse.
 
 `rbs.window.panel` draws the panels, `rbs.pictures.view` the scene behind them. Functions to open
-and list files are passed in. Polyscope is imported inside the functions that use it. From the top:
-`show_window`; `Viewer`.
+and list files are passed in. From the top: `show_window`; `Viewer`.
 """
 
 import math
