@@ -4,10 +4,10 @@ Reading order: `run_timestep`, which follows the coursework's text; `Mesh`; cont
 distance constraints. All functions here treat one body or one pair; the steps for thousands of
 bodies are in rbs/stepping/gridstep.py and rbs/softstep/step.py.
 
-Lengths and masses have the units of the scene, time is in seconds, and gravity is 9.8 length units
-per second squared along -y. Vectors of one mesh are rows (1, 3), and quaternions are rows (1, 4)
-with the scalar part first; (3,) and (4,) are accepted as well. The formulas work on tuples of
-floats, because NumPy's overhead dominates for arrays of three numbers.
+Lengths and masses have the units of the scene, time is in seconds, and gravity is by default 9.8
+length units per second squared along -y. Vectors of one mesh are rows (1, 3), and quaternions are
+rows (1, 4) with the scalar part first; (3,) and (4,) are accepted as well. The formulas work on
+tuples of floats, because NumPy's overhead dominates for arrays of three numbers.
 
 Sources. Integration, impulses, inertia in world axes: Baraff, Rigid Body Simulation, SIGGRAPH 2001.
 Inertia of a tetrahedron: Tonon, Explicit exact formulas for the 3-D tetrahedron inertia tensor,
@@ -158,28 +158,29 @@ def run_timestep(
     flight = gyroscopic, checked["gravity"]
     constraints = constraints if enforceConstraints else ()
     check_objects(groundMesh, solverState)
-    with named_faults(meshes):
-        if contactSolver == "soft-step":
+    isSoft, isGrid = contactSolver == "soft-step", broadPhase == "grid"
+    # the soft step, and the grid step without constraints, change nothing if they fail
+    mayBeHalfDone = not isSoft and (not isGrid or len(constraints) > 0)
+    with named_faults(meshes), restored_on_error(meshes if mayBeHalfDone else ()):
+        if isSoft:
             from rbs.softstep.step import soft_step
 
             check_methods(meshes, contactSolver)
             solver = checked["substeps"], sleeping, solverState
             return soft_step(meshes, groundMesh, timeStep, *contact, *flight, constraints, *solver)
-        # the grid step changes nothing if it fails
-        with restored_on_error(meshes if broadPhase == "all" or len(constraints) else ()):
-            if broadPhase == "grid":
-                from rbs.stepping.gridstep import grid_step
+        if isGrid:
+            from rbs.stepping.gridstep import grid_step
 
-                check_methods(meshes, broadPhase)
-                report = grid_step(meshes, groundMesh, timeStep, *contact, *flight)
-            else:
-                report = all_pairs_step(meshes, groundMesh, timeStep, *contact, *flight)
-            with report.phase("constraints"):
-                report.constraintVisits = project_constraints(
-                    meshes, constraints, maxIterations, checked["tolerance"], constraintScheduling
-                )
-                if report.constraintVisits:
-                    check_numbers(state_columns(meshes), meshes, "contacts and constraints")
+            check_methods(meshes, broadPhase)
+            report = grid_step(meshes, groundMesh, timeStep, *contact, *flight)
+        else:
+            report = all_pairs_step(meshes, groundMesh, timeStep, *contact, *flight)
+        with report.phase("constraints"):
+            report.constraintVisits = project_constraints(
+                meshes, constraints, maxIterations, checked["tolerance"], constraintScheduling
+            )
+            if report.constraintVisits:
+                check_numbers(state_columns(meshes), meshes, "contacts and constraints")
     return report
 
 

@@ -41,7 +41,7 @@ def pairs_tested(meshes):
 
         return call
 
-    with replaced(rbs.geometry.broadphase, "_overlapping", wrapper):
+    with replaced(rbs.geometry.broadphase, "overlapping", wrapper):
         first, _ = grid_overlaps(box, np.zeros(count, dtype=bool))
     inRange = np.sort(box[0]).searchsorted(-box[3], side="right").sum()
     return sum(tested), int(inRange) - count * (count + 1) // 2, len(first)
@@ -189,7 +189,7 @@ PARTS = {  # phases of the grid step, timed separately → label, colour
     "grid_overlaps": ("which pairs", style.GREEN),
     "find_facets": ("how deep: facets", style.BLUE),
     "find_contacts": ("batches", style.SKY),
-    "_apply_impulses": ("impulses", style.ORANGE),
+    "apply_impulses": ("impulses", style.ORANGE),
 }
 
 
@@ -211,7 +211,7 @@ def parts(axis):
     axis.grid(False)
     axis.legend(loc="upper left", ncols=2, columnspacing=0.8)
     most = list(rows)[-1]
-    return {"bodies": int(most)} | {name.strip("_"): rows[most][name] for name in PARTS}
+    return {"bodies": int(most)} | {name: rows[most][name] for name in PARTS}
 
 
 @panel

@@ -60,7 +60,7 @@ def overlaps_of(some, box, isFixed):
         begin = lowX.searchsorted(box[0, some] - width, side="left")
         end = lowX.searchsorted(-box[3, some], side="right")
         row, index = ranges(begin, np.maximum(end - begin, 0))
-        found.append(_overlapping(box, some[row], along[index]))
+        found.append(overlapping(box, some[row], along[index]))
     keys = _pair_keys(found, isFixed)
     return keys[np.diff(keys, prepend=-1) > 0]  # pairs within `some` are found twice
 
@@ -139,10 +139,10 @@ def _level_overlaps(box, level, queries, width):
     row, entry = ranges(take(first, some), take(length, some))
     i, j = level[entries[entry]], queries[some[row] % len(queries)]
     # within a level, the range contains exactly the boxes that overlap along x
-    return _overlapping(box, i, j, (2, 1) if isOwn else (2, 1, 0))
+    return overlapping(box, i, j, (2, 1) if isOwn else (2, 1, 0))
 
 
-def _overlapping(box, i, j, axes=(2, 1, 0)):
+def overlapping(box, i, j, axes=(2, 1, 0)):
     """Those of the pairs i (m,), j (m,) whose boxes overlap along the given axes: (2, P)."""
     for k in axes:
         overlap = (take(box[k], i) <= -take(box[k + 3], j)) & (

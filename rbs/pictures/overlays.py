@@ -1,7 +1,6 @@
 """Overlays in Polyscope: contacts, impulses, velocities, boxes and trails.
 
-Reading order: `Overlays`; the painter and
-the legend of each overlay; arrows and lines.
+Reading order: `Overlays`; the painter and the legend of each overlay; arrows and lines.
 """
 
 import math

@@ -140,6 +140,7 @@ def make_parser():
     add_physics_options(parser)
     add_constraint_options(parser)
     add_output_options(parser)
+    add_picture_options(parser)
     add_recording_options(parser)
     return parser
 
@@ -200,7 +201,7 @@ def setting_type(one):
 
 
 def add_output_options(parser):
-    """Adds the options of runs without a window, pictures and videos."""
+    """Adds the options of runs without a window."""
     output = parser.add_argument_group("without a window", OUTPUT_EXAMPLES)
     output.add_argument(
         "--headless",
@@ -240,6 +241,10 @@ def add_output_options(parser):
         help=f"frames per second of a video (default: near {VIDEO_RATE:g}, so that it plays "
         "in real time)",
     )
+
+
+def add_picture_options(parser):
+    """Adds the options of the look of pictures and videos."""
     picture = parser.add_argument_group("picture")
     picture.add_argument(
         "--size",

@@ -59,8 +59,9 @@ class Simulation(Scene):
             scene = SceneSource.of_files(scene, constraintPath)
         self.source, self.scenePath = scene, scene.path
         self.meshes, self.constraints = scene.make(allowOutsideMeshes)
-        self._startFixed = [mesh.isFixed for mesh in self.meshes]
-        self._begin()
+        self.changes, self.solverState = [], SolverState()
+        self.stepCount, self.time = 0, 0.0
+        self.stepSeconds = self.report = None
         self._startState = self.state()
 
     @classmethod
@@ -96,21 +97,9 @@ class Simulation(Scene):
         links = counted(len(self.constraints), "constraint")
         return f"Simulation({name!r}, {bodies}, {links}, step {self.stepCount}, {self.time:g} s)"
 
-    def _begin(self):
-        self.changes = []
-        self.stepCount = 0
-        self.time = 0.0
-        self.solverState = SolverState()
-        self.stepSeconds = self.report = None
-
     def reset(self):
         """Restores the start. If added bodies are removed, `meshes` becomes a new list."""
-        if len(self.meshes) > self.sceneCount:
-            self.meshes = self.meshes[: self.sceneCount]
-        for mesh, isFixed in zip(self.meshes, self._startFixed, strict=True):
-            mesh.isFixed = isFixed
-        self.set_state(self._startState)
-        self._begin()
+        self.restore(self._startState)
 
     def state(self):
         """Returns a copy of the present state, a `State`."""
@@ -146,7 +135,7 @@ class Simulation(Scene):
     @property
     def sceneCount(self):
         """Number of bodies in the scene file, without added ones."""
-        return len(self._startFixed)
+        return len(self._startState.isFixed)
 
     def max_iterations(self):
         """Returns the limit of constraint visits in a step: the setting, or its default."""

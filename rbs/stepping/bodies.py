@@ -20,6 +20,7 @@ from Quaternion import exponentials, multiply, rotation_matrices
 from rbs.geometry import triples
 from rbs.geometry.arrays import indices, ranges, row_minima, take
 from rbs.geometry.hulls import FEATURE_TOLERANCE, NO_HULL, HullSet, rotate_columns
+from rbs.geometry.triples import add, cross, dot, scale, sub
 from rbs.geometry.vectors import rotate_tensor
 
 # Largest number allowed in a state, in any unit. Products of four such numbers are still finite; no
@@ -151,13 +152,6 @@ def gyroscopic_velocity(angVelocity, orientation, inertia, timeStep):
     f' = I + h ([ω₀]× I - [I ω₀]×). The columns of f' are
     c_k = I e_k + h (ω₀ × I e_k - (I ω₀) × e_k), and Cramer's rule solves f' x = b.
     """
-    add, cross, dot, scale, sub = (
-        triples.add,
-        triples.cross,
-        triples.dot,
-        triples.scale,
-        triples.sub,
-    )
     rotation = rotation_matrices(orientation)
     omega = triples.mat_vec(triples.transpose(rotation), angVelocity)
     spin = triples.mat_vec(inertia, omega)

@@ -29,7 +29,7 @@ def grid_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic
         check_numbers(bodies.columns(), meshes, "free flight")
     with report.phase("collisions"):
         contacts, report.candidatePairs = find_contacts(bodies)
-        _apply_impulses(bodies, contacts, (CRCoeff, closingOnly, mu), report)
+        apply_impulses(bodies, contacts, (CRCoeff, closingOnly, mu), report)
     with report.phase("ground"):
         if groundMesh is not None:
             _resolve_ground(bodies, groundMesh, (CRCoeff, closingOnly, mu), report)
@@ -39,7 +39,7 @@ def grid_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic
     return report
 
 
-def _apply_impulses(bodies, contacts, settings, report):
+def apply_impulses(bodies, contacts, settings, report):
     """Applies the impulses by batch; whatever ignores velocities is computed for all at once."""
     ends, n = contacts.bodies, contacts.normal
     if len(contacts.rank) == 0:
