@@ -20,8 +20,7 @@ PICKED_COLOUR = (0.90, 0.10, 0.55)
 LONE_COLOUR = (0.93, 0.93, 0.90)
 SHADOW_COLOUR = np.array([0.455, 0.47, 0.495])
 MARK_COLOUR = (0.10, 0.12, 0.15)
-# Brightness of creases, relative to the body.
-CREASE_SHADE = 0.35
+CREASE_COLOUR = (0.14, 0.15, 0.18)
 # The colour map viridis at equal steps, for light to heavy. Its lightness falls evenly, also for
 # the colour-blind. The darkest tenth is omitted, because no edge would be visible on it.
 VIRIDIS = (

@@ -23,8 +23,8 @@ FULL_EXCESS = 0.05
 GROUND_SQUARES = 80
 SQUARE_SIZE = 0.08
 # Lines between the squares: width in squares near the middle, and height above the ground relative
-# to the view's size, so that they do not flicker.
-LINE_WIDTH, LINE_HEIGHT = 0.014, 2.5e-4
+# to the view's size, at which the edge of a shadow is as dark as they are.
+LINE_WIDTH, LINE_HEIGHT = 0.014, 7e-4
 # The disc: rings and sectors, and the distance at which it begins to fade as a fraction of its
 # reach.
 GROUND_RINGS, GROUND_SECTORS = 12, 96
@@ -61,18 +61,15 @@ def flatten_meshes(meshes):
 
 
 def find_creases(vertices, faces):
-    """Returns the visible edges of bodies, (E, 2), where two faces meet at more than CREASE_ANGLE.
+    """Returns whether edges are visible, (F, 3): two faces meet there at more than CREASE_ANGLE.
 
-    A box has twelve such edges and no diagonals, an ellipsoid none. vertices : (V, 3); faces :
-    (F, 3) of closed surfaces
+    Edge k of a face runs from its corner k to the next one. A box has twelve visible edges and no
+    diagonals, an ellipsoid none. vertices : (V, 3); faces : (F, 3) of closed surfaces
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = unit_rows(np.cross(b - a, c - a))
-    tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    neighbour = face_neighbours(faces)
-    cosines = np.sum(normals[:, None] * normals[neighbour], axis=2).ravel()
-    isCrease = (tails < heads) & (cosines < math.cos(CREASE_ANGLE))
-    return np.column_stack([tails[isCrease], heads[isCrease]])
+    cosines = np.sum(normals[:, None] * normals[face_neighbours(faces)], axis=2)
+    return cosines <= math.cos(CREASE_ANGLE)
 
 
 def corner_normals(vertices, faces):
@@ -172,12 +169,14 @@ def ground_lines(size, middle, reach):
     quads = np.stack([k, after, GROUND_SECTORS + after, GROUND_SECTORS + k], axis=-1) + 1
     quads = (quads + GROUND_SECTORS * np.arange(len(radii) - 1)[:, None, None]).reshape(-1, 4)
     discFaces = [np.stack([0 * k, after + 1, k + 1], axis=-1), quads[:, [0, 1, 2]]]
-    # lines: short pieces that grow wider and paler with the distance, as thin ones would flicker
+    # lines: pieces that grow wider and paler with the distance, as thin ones would flicker
     half = GROUND_SQUARES // 2
-    ticks = np.arange(-half, half + 1)
-    across, along = (part.ravel() for part in np.meshgrid(ticks, ticks[:-1], indexing="ij"))
-    isSeen = np.hypot(across, along + 0.5) < half
-    across, along = side * across[isSeen, None], side * (along[isSeen, None] + [0, 0, 1, 1])
+    ends = np.array([*range(0, 8, 2), *range(8, half + 1, 8)])
+    ends = np.concatenate([-ends[:0:-1], ends])
+    across, k = np.indices((2 * half + 1, len(ends) - 1)).reshape(2, -1)
+    across, along = across - half, ends[np.stack([k, k, k + 1, k + 1], axis=1)]
+    isSeen = np.hypot(across, np.abs(along).min(axis=1)) < half
+    across, along = side * across[isSeen, None], side * along[isSeen]
     shift = side * np.round(middle / side) - middle
     lines, contrasts = [], []
     for axis, other in ((0, 2), (2, 0)):

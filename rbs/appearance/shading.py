@@ -1,5 +1,7 @@
 """Light of the window: bodies as one surface that sun and sky light, and soft shadows.
 
+Reading order: `LitSurface`; `FloorShadows`.
+
 The light stays in the world, as the shadows do; that of Polyscope's materials moves with the
 camera, and its tone mapping turns colours pale. Units: metres. The y axis points up.
 """
@@ -10,10 +12,9 @@ import numpy as np
 
 from Quaternion import rotation_matrices
 from rbs.appearance.drawables import (
-    CREASE_ANGLE,
     SHADOW_SLANT,
-    cast_shadows,
     face_neighbours,
+    find_creases,
     unit_rows,
 )
 from rbs.geometry.hulls import rotate_columns
@@ -25,9 +26,12 @@ LIGHT = ((0.86, 0.33, 0.20), (0.83, 0.36, 0.20), (0.77, 0.41, 0.19))
 # Direction towards the sun: that in which the shadows are cast.
 TO_SUN = (np.array([0.0, 1.0, 0.0]) - SHADOW_SLANT).tolist()
 TO_SUN = [component / math.hypot(*TO_SUN) for component in TO_SUN]
-# Layers of a shadow from the darkest, which is the narrowest, on top, and is drawn first: growth in
-# metres per metre of height, and darkness from 0 to 1.
-SHADOW_LAYERS = ((-0.05, 1.0), (0.01, 0.62), (0.07, 0.28))
+# Corners of a shadow's outline: from the least, with many bodies, to the most; and in all together.
+LEAST_CORNERS, MOST_CORNERS, ALL_CORNERS = 12, 32, 12_000
+# Width of the blurred edge of a shadow in metres per metre of height of what casts it.
+SHADOW_BLUR = 0.09
+# Height of the blurred edge's outer side, relative to that of the shadow.
+RIM_HEIGHT = 0.2
 
 
 class LitSurface:
@@ -40,6 +44,7 @@ class LitSurface:
     firstVertex : (n,), the first vertex of each body
     source, bodyOfVertex : (S,), the vertex that each split one comes from, and its body
     faces, bodyOfFace : (F, 3), of split vertices; (F,)
+    isCrease : (F, 3), whether a face's edge from its corner k to the next one is a crease
     """
 
     def __init__(self, meshes):
@@ -49,7 +54,8 @@ class LitSurface:
             if key not in kinds:
                 kinds[key] = split_at_creases(mesh.origVertices, mesh.faces)
             parts.append(kinds[key])
-        sources, normal, normals, faces = zip(*parts, strict=True)
+        sources, normal, normals, faces, creases = zip(*parts, strict=True)
+        self.isCrease = np.concatenate(creases)
         self._rest = np.concatenate([mesh.origVertices for mesh in meshes]).T
         self._vertexCounts = np.array([len(mesh.origVertices) for mesh in meshes])
         self.firstVertex = self._vertexCounts.cumsum() - self._vertexCounts
@@ -91,17 +97,16 @@ def poses_of(meshes):
 def split_at_creases(vertices, faces):
     """Splits the vertices (V, 3) of closed faces (F, 3) where the surface has creases.
 
-    Returns `(source (S,), normal (S,), normals (N, 3), faces (F, 3))`: the vertex that each split
-    one comes from, the index of its normal, all different normals, and faces with split vertices.
+    Returns `(source (S,), normal (S,), normals (N, 3), faces (F, 3), isCrease (F, 3))`: the vertex
+    that each split one comes from, the index of its normal, all different normals, faces with split
+    vertices, and which of their edges are creases.
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     across = np.cross(b - a, c - a)
-    normals = unit_rows(across)
+    isCrease = find_creases(vertices, faces)
     # corners at one vertex belong together if their faces meet at an edge that is no crease
-    neighbour = face_neighbours(faces)
-    cosines = np.sum(normals[:, None] * normals[neighbour], axis=2)
-    face, k = np.nonzero(cosines > math.cos(CREASE_ANGLE))
-    other = neighbour[face, k]
+    face, k = np.nonzero(~isCrease)
+    other = face_neighbours(faces)[face, k]
     links = []
     for corner in (k, (k + 1) % 3):
         isSame = faces[other] == faces[face, corner][:, None]
@@ -111,38 +116,60 @@ def split_at_creases(vertices, faces):
     sums = np.zeros((len(first), 3))
     np.add.at(sums, split.ravel(), across.repeat(3, axis=0))
     normals, normal = np.unique(np.round(unit_rows(sums), 6), axis=0, return_inverse=True)
-    return faces.ravel()[first], normal.ravel(), normals, split.reshape(-1, 3)
+    return faces.ravel()[first], normal.ravel(), normals, split.reshape(-1, 3), isCrease
 
 
-def soft_shadows(vertices, firstVertex, height):
-    """Returns the vertices (k V, 3) of the k SHADOW_LAYERS, one above the other up to a height.
+class FloorShadows:
+    """Shadows on the floor, with edges that are the more blurred the higher what casts them.
 
-    The higher a point is, the more its layers spread, as in the light of a sun with a disc.
-    vertices : (V, 3), of all bodies; firstVertex : (n,), the first one of each body
+    A shadow is the convex outline of its body, and a rim around it in which the darkness falls from
+    1 to 0. The darker a point, the higher it lies; so where shadows overlap, the darkest is seen.
+
+    Attributes: faces (F, 3) and darkness (V,), 0 to 1, of the V vertices that `place` returns.
     """
-    x, _, z = cast_shadows(vertices, height).T
-    counts = np.diff(firstVertex, append=len(vertices))
-    awayX, awayZ = (
-        part - (np.add.reduceat(part, firstVertex) / counts).repeat(counts) for part in (x, z)
-    )
-    rise = np.maximum(vertices[:, 1], 0.0) / (np.hypot(awayX, awayZ) + 1e-9)
-    layers = np.empty((len(SHADOW_LAYERS), len(vertices), 3), dtype=np.float32)
-    for place, (growth, _) in enumerate(SHADOW_LAYERS):
-        spread = np.maximum(growth * rise, -0.9)
-        layers[place, :, 0], layers[place, :, 2] = x + spread * awayX, z + spread * awayZ
-        layers[place, :, 1] = height * (1.0 - place / len(SHADOW_LAYERS))
-    return layers.reshape(-1, 3)
 
+    def __init__(self, vertexCounts):
+        """vertexCounts : (n,), of the bodies, all at least 1"""
+        bodyCount = len(vertexCounts)
+        corners = min(max(ALL_CORNERS // bodyCount, LEAST_CORNERS), MOST_CORNERS)
+        angles = np.linspace(0.0, 2.0 * math.pi, corners, endpoint=False)
+        self._away = np.stack([np.cos(angles), np.sin(angles)]).astype(np.float32)
+        # bodies of equally many vertices at a time
+        first = vertexCounts.cumsum() - vertexCounts
+        self._groups = [
+            first[vertexCounts == count, None] + np.arange(count)
+            for count in np.unique(vertexCounts)
+        ]
+        k = np.arange(corners)
+        after = (k + 1) % corners
+        inner = np.stack([0 * k, after, k], axis=1)[1:-1]
+        rim = [np.stack([k, after, k + corners], axis=1)]
+        rim.append(np.stack([after, after + corners, k + corners], axis=1))
+        begin = 2 * corners * np.arange(bodyCount)[:, None, None]
+        # what is on top comes first, which saves drawing what is below
+        parts = inner, np.concatenate(rim)
+        self.faces = np.concatenate([(part + begin).reshape(-1, 3) for part in parts])
+        self.darkness = np.tile(np.repeat([1.0, 0.0], corners), bodyCount)
 
-def nearest_creases(bodyOfCrease, distance, most):
-    """Returns the indices of the creases of the nearest bodies: `most` of them, or all if fewer.
+    def place(self, vertices, height):
+        """Returns the vertices (V, 3) of the shadows at a height in metres, and a little below.
 
-    bodyOfCrease : (E,), body of each crease; distance : (n,), of the bodies
-    """
-    if len(bodyOfCrease) <= most:
-        return np.arange(len(bodyOfCrease))
-    order = distance.argsort()
-    isNear = np.empty(len(distance), dtype=bool)
-    isNear[order] = np.bincount(bodyOfCrease, minlength=len(distance))[order].cumsum() <= most
-    chosen = np.flatnonzero(isNear[bodyOfCrease])
-    return np.pad(chosen, (0, most - len(chosen)), "edge")  # repeats one: the number is constant
+        vertices : (ΣV, 3), of all bodies
+        """
+        x, y, z = vertices.astype(np.float32).T
+        y = np.maximum(y, 0.0)
+        floor = np.stack([x + SHADOW_SLANT[0] * y, z + SHADOW_SLANT[2] * y]).astype(np.float32)
+        awayX, awayZ = self._away[:, :, None]
+        parts = []
+        for group in self._groups:
+            pointsX, pointsZ = floor[:, group]
+            # the vertices that reach furthest in each direction
+            reach = awayX * pointsX[:, None] + awayZ * pointsZ[:, None]
+            furthest = np.take_along_axis(group, reach.argmax(axis=2), axis=1)
+            outline, blur = floor[:, furthest], SHADOW_BLUR * y[furthest]
+            arms = outline - np.stack([pointsX, pointsZ]).mean(axis=2, keepdims=True)
+            inwards = np.minimum(0.5 * blur / (np.hypot(*arms) + 1e-9), 0.5)
+            sides = outline - inwards * arms, outline + 0.5 * blur * self._away[:, None]
+            parts.append(np.stack(sides, axis=2).reshape(2, -1))
+        x, z = np.concatenate(parts, axis=1)
+        return np.stack([x, height * (RIM_HEIGHT + (1.0 - RIM_HEIGHT) * self.darkness), z], axis=1)

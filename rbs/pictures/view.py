@@ -2,8 +2,8 @@
 
 Import it only after `rbs.pictures.backends.find_backend` has found that Polyscope can draw here.
 
-All bodies form one surface, their shadows another one, and their edges one set of lines, so that
-the cost of drawing hardly depends on the number of bodies. A replay may take the place of a
+All bodies form one surface and their shadows another one, so that the cost of drawing hardly
+depends on the number of bodies. A replay may take the place of a
 simulation, as may anything with its attributes.
 
 Reading order: starting Polyscope; `SceneView`.
@@ -17,7 +17,7 @@ import polyscope as ps
 from Quaternion import QConj, QRotate
 from rbs.appearance.colours import (
     BACKGROUND,
-    CREASE_SHADE,
+    CREASE_COLOUR,
     GROUND_COLOUR,
     MARK_COLOUR,
     PICKED_COLOUR,
@@ -25,21 +25,10 @@ from rbs.appearance.colours import (
     BodyColours,
     constraint_legend,
 )
-from rbs.appearance.drawables import (
-    ConstraintLines,
-    find_creases,
-    flatten_meshes,
-    ground_lines,
-)
+from rbs.appearance.drawables import ConstraintLines, flatten_meshes, ground_lines
 from rbs.appearance.framing import VIEW_DIRECTION, frame_camera
 from rbs.appearance.pictureoptions import OVERLAYS, PICTURE_SIZE
-from rbs.appearance.shading import (
-    SHADOW_LAYERS,
-    LitSurface,
-    nearest_creases,
-    poses_of,
-    soft_shadows,
-)
+from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
 from rbs.pictures.cameras import kept_camera, point_still_camera
 from rbs.pictures.overlays import CONTACT_OVERLAYS, POINT_RADIUS, Overlays, draw_lines
 from RBSFunctions import refresh_vertices
@@ -51,13 +40,8 @@ LAYERS = ("ground", "shadows", *OVERLAYS)
 # are moved away from the ground's to compensate; less leaves bodies pale.
 SEE_THROUGH = CONTACT_OVERLAYS | {"velocities"}
 VIVIDNESS = 1.3
-# Half the width of edges, relative to the scene's size.
-CREASE_RADIUS = 6e-4
-# Largest number of edges drawn, those of the nearest bodies. More slow down drawing without a
-# graphics card.
-MOST_CREASES = 1200
-# Camera movement, in sizes of the scene, after which the nearest bodies are found again.
-CREASE_SHIFT = 0.02
+# Pixels, the width of an edge on each of its faces.
+CREASE_WIDTH = 1.2
 # Half the width of constraints, relative to the scene's size.
 CONSTRAINT_RADIUS = 1.2e-3
 # The ground, in sizes of the scene: its visible radius; the camera's usual distance from its
@@ -150,11 +134,11 @@ class SceneView:
         return self._size
 
     def _register_bodies(self):
-        """Registers bodies, shadows and edges; returns the vertices."""
+        """Registers bodies and shadows; returns the vertices."""
         meshes = self.simulation.meshes
         self.bodyColours = BodyColours(meshes)
-        vertices, faces, self.bodyOfFace = flatten_meshes(meshes)
-        self._bodyCount, self.faces = len(meshes), faces
+        vertices, self.faces, self.bodyOfFace = flatten_meshes(meshes)
+        self._bodyCount = len(meshes)
         self._surface = LitSurface(meshes)
         self._firstVertex = self._surface.firstVertex
         # Back faces are culled, because bodies are closed. Surfaces are drawn in alphabetical
@@ -167,20 +151,22 @@ class SceneView:
             back_face_policy="cull",
         )
         self._bodies.set_selection_mode("faces_only")
-        count, layers = len(vertices), len(SHADOW_LAYERS)
+        self._bodies.set_edge_width(CREASE_WIDTH)
+        self._bodies.set_edge_color(CREASE_COLOUR)
+        # Polyscope would draw all edges of the triangles
+        creases = self._surface.isCrease.astype(np.float64).repeat(3, axis=0)
+        self._bodies.get_buffer("edgeIsReal").update_data(creases)
+        self._floorShadows = FloorShadows(np.diff(self._firstVertex, append=len(vertices)))
         self._shadows = ps.register_surface_mesh(
             "shadows",
-            soft_shadows(vertices, self._firstVertex, SHADOW_HEIGHT * self._size),
-            np.concatenate([faces + count * k for k in range(layers)]),
+            self._floorShadows.place(vertices, SHADOW_HEIGHT * self._size),
+            self._floorShadows.faces,
             material="flat",
             back_face_policy="cull",
         )
-        darkness = np.array([[dark] for _, dark in SHADOW_LAYERS])
+        darkness = self._floorShadows.darkness[:, None]
         colours = GROUND_COLOUR + darkness * (SHADOW_COLOUR - GROUND_COLOUR)
-        self._shadows.add_color_quantity(
-            "layers", colours.repeat(count, axis=0), defined_on="vertices", enabled=True
-        )
-        self._register_creases(vertices, faces)
+        self._shadows.add_color_quantity("darkness", colours, defined_on="vertices", enabled=True)
         self._painted = []  # structures that have colours
         self._poses = self._colours = None
         return vertices
@@ -194,13 +180,6 @@ class SceneView:
         self._register_bodies()
         self._shadows.set_enabled("shadows" in self.shown)
         self.set_see_through(self.isSeeThrough)
-
-    def follow_camera(self):
-        """Moves the ground, and the creases of large scenes, after the camera."""
-        self.spread_ground()
-        if len(self._allCreases) > MOST_CREASES:
-            if np.linalg.norm(self._eye() - self._creaseEye) > CREASE_SHIFT * self._size:
-                self.refresh_creases()
 
     def spread_ground(self):
         """Moves the ground below the camera's target, if that has moved far enough."""
@@ -222,31 +201,6 @@ class SceneView:
             "ground", vertices, faces, material="flat", enabled="ground" in self.shown
         )
         self._ground.add_color_quantity("lines", colours, defined_on="vertices", enabled=True)
-
-    def _register_creases(self, vertices, faces):
-        ps.remove_curve_network("creases", error_if_absent=False)
-        self._allCreases = find_creases(vertices, faces)
-        self._bodyOfCrease = np.searchsorted(self._firstVertex, self._allCreases[:, 0], "right") - 1
-        self._creases = None
-        if len(self._allCreases):
-            ends = self._choose_creases(vertices)
-            self._creases = ps.register_curve_network(
-                "creases",
-                vertices[ends],
-                np.arange(len(ends)).reshape(-1, 2),
-                radius=CREASE_RADIUS,
-                material="flat",
-            )
-
-    def _choose_creases(self, vertices):
-        """Chooses the creases of the bodies nearest to the camera; returns their ends (2 m,)."""
-        distance = np.linalg.norm(vertices[self._firstVertex] - self._eye(), axis=1)
-        self._chosenCreases = nearest_creases(self._bodyOfCrease, distance, MOST_CREASES)
-        return self._allCreases[self._chosenCreases].ravel()
-
-    def creased_bodies(self):
-        """Returns the indices of the bodies whose creases are drawn."""
-        return np.unique(self._bodyOfCrease[self._chosenCreases])
 
     def _register_constraints(self, vertices):
         ps.remove_curve_network("constraints", error_if_absent=False)
@@ -418,22 +372,13 @@ class SceneView:
             self._vertices, self._light = self._surface.place(poses)
             self._bodies.update_vertex_positions(self._vertices.take(self._surface.source, axis=0))
             height = SHADOW_HEIGHT * self._size
-            shadows = soft_shadows(self._vertices, self._firstVertex, height)
+            shadows = self._floorShadows.place(self._vertices, height)
             self._shadows.update_vertex_positions(shadows)
         if len(self._constraintLines.ends):
             self._refresh_constraints(self._vertices)
         self._refresh_colours()
         self._overlays.refresh(self._vertices)
         self._refresh_mark()
-
-    def refresh_creases(self):
-        """Draws the creases of the bodies that are nearest to the camera."""
-        self._creaseEye = self._eye()
-        if self._creases is not None:
-            nodes = self._vertices[self._choose_creases(self._vertices)]
-            self._creases.update_node_positions(nodes)
-            colours = self._colours[self._bodyOfCrease[self._chosenCreases]]
-            self._paint(self._creases, CREASE_SHADE * colours, "edges")
 
     def body_colours(self):
         """RGB of every body, (n, 3), in the current colouring."""
@@ -443,7 +388,7 @@ class SceneView:
         return colours
 
     def _refresh_colours(self):
-        """Colours of the bodies in their light, and darker ones of their creases."""
+        """Colours of the bodies in their light."""
         colours = self.body_colours()
         if self._isVivid:
             colours = np.clip(GROUND_COLOUR + VIVIDNESS * (colours - GROUND_COLOUR), 0.0, 1.0)
@@ -452,7 +397,6 @@ class SceneView:
         self._colours = colours
         lit = colours.astype(np.float32).take(self._surface.bodyOfVertex, axis=0) * self._light
         self._paint(self._bodies, lit, "vertices")
-        self.refresh_creases()
 
     def _paint(self, structure, colours, places):
         """Gives a structure its colours (m, 3), without registering them again."""
@@ -512,10 +456,8 @@ class SceneView:
         )
 
     def show_bodies(self, isShown):
-        """Shows or hides the bodies with their creases."""
+        """Shows or hides the bodies."""
         self._bodies.set_enabled(isShown)
-        if self._creases is not None:
-            self._creases.set_enabled(isShown)
 
     def show_shadows(self, isShown):
         """Shows or hides the shadows, regardless of `shown`."""
@@ -528,8 +470,8 @@ class SceneView:
         overlays = [ps.get_curve_network(name) for name in names if ps.has_curve_network(name)]
         overlays += [ps.get_point_cloud(name) for name in names if ps.has_point_cloud(name)]
         overlays = [one for one in overlays if one.is_enabled()]
-        scene = [self._bodies, self._shadows, self._ground, self._creases]
-        scene = [one for one in scene if one is not None and one.is_enabled()]
+        scene = [self._bodies, self._shadows, self._ground]
+        scene = [one for one in scene if one.is_enabled()]
         for structure in overlays + scene:
             structure.set_enabled(False)
         try:
@@ -573,14 +515,9 @@ class SceneView:
         hit = ps.pick(screen_coords=pixel)
         if hit.is_hit and hit.structure_name == "picked point":
             return self.picked, hit.position
-        if not hit.is_hit or hit.structure_name not in ("solids", "creases"):
+        if not hit.is_hit or hit.structure_name != "solids":
             return None, None
-        if hit.structure_name == "solids":
-            return int(self.bodyOfFace[hit.structure_data["index"]]), hit.position
-        place = hit.structure_data["index"]
-        if hit.structure_data["element_type"] != "edge":  # a node: each edge has two of its own
-            place //= 2
-        return int(self._bodyOfCrease[self._chosenCreases[place]]), hit.position
+        return int(self.bodyOfFace[hit.structure_data["index"]]), hit.position
 
     def distance_of(self, point):
         """Depth of a point (3,) along the camera's line of sight, in metres."""

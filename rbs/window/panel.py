@@ -98,7 +98,7 @@ class Panel:
         self._handle_keys()
         self._handle_mouse()
         self.lay_out()
-        self.viewer.view.follow_camera()
+        self.viewer.view.spread_ground()
         self.viewer.watch_picture()
         text, isError = self._message()
         Tooltips.areHidden = isError

@@ -1,9 +1,12 @@
 """The light of the window: smooth bodies, the sun, and soft shadows."""
 
+import math
+
 import numpy as np
 from program import DATA
 
-from rbs.appearance.shading import SHADOW_LAYERS, LitSurface, poses_of, soft_shadows
+from rbs.appearance.drawables import SHADOW_SLANT
+from rbs.appearance.shading import SHADOW_BLUR, FloorShadows, LitSurface, poses_of
 from rbs.scenes.simulation import Simulation
 
 HALF_TURN = np.array([[0.0, 0.0, 1.0, 0.0]])
@@ -46,10 +49,30 @@ def test_light_stays_in_the_world_while_a_body_turns(tmp_path):
     assert light[left].mean() > light[~left].mean() + 0.05  # the sun is on the left
 
 
-def test_shadows_are_sharp_where_bodies_stand_and_wider_below_high_points():
-    vertices = np.array([[0.0, 0, 0], [4, 0, 0], [0, 20, 0], [4, 20, 0]])
-    layers = soft_shadows(vertices, np.array([0]), 0.01).reshape(len(SHADOW_LAYERS), 4, 3)
-    assert (np.diff(layers[:, 0, 1]) < 0.0).all()  # the darkest is on top
-    np.testing.assert_allclose(layers[:, :2, [0, 2]] - layers[0, :2, [0, 2]].T, 0.0, atol=1e-9)
-    widths = np.linalg.norm(layers[:, 3] - layers[:, 0], axis=1)
-    assert (np.diff(widths) > 0.3).all()
+def test_shadows_are_sharp_where_bodies_stand_and_blurred_below_high_points():
+    # A triangle that stands on one side, and a square high above it.
+    standing = np.array([[-2.0, 0, 0], [2, 0, 0], [0, 20, 0]])
+    square = np.array([[-3.0, 10, -3], [3, 10, -3], [3, 10, 3], [-3, 10, 3]])
+    shadows = FloorShadows(np.array([3, 4]))
+    rims = shadows.place(np.concatenate([standing, square]), 0.01).reshape(2, 2, -1, 3)
+    assert (rims[:, 0, :, 1] > rims[:, 1, :, 1]).all()  # the darkest is on top
+    for rim, vertices in zip(rims, (standing, square), strict=True):
+        corners = vertices + vertices[:, 1:2] * SHADOW_SLANT
+        apart = np.linalg.norm((rim[:, :, None] - corners)[..., [0, 2]], axis=-1)
+        nearest = apart[1].argmin(axis=1)
+        assert set(nearest) == set(range(len(corners)))
+        half = 0.5 * SHADOW_BLUR * vertices[nearest, 1]
+        np.testing.assert_allclose(apart.min(axis=2), [half, half], atol=1e-5)
+    # The outline of the square has its area, less the inner half of its blurred edge.
+    a, b, c = rims.reshape(-1, 3)[shadows.faces].transpose(1, 0, 2)
+    area = 0.5 * np.cross(b - a, c - a)[:, 1]
+    assert area.min() > -1e-5  # all are seen from above
+    isInner = shadows.darkness[shadows.faces].min(axis=1) == 1.0
+    isSquare = shadows.faces[:, 0] >= len(shadows.darkness) // 2
+    side = 6.0 - math.sqrt(2.0) * 0.5 * SHADOW_BLUR * 10.0
+    np.testing.assert_allclose(area[isInner & isSquare].sum(), side**2, rtol=1e-5)
+
+
+def test_many_bodies_have_shadows_of_fewer_corners():
+    counts = [FloorShadows(np.full(n, 4)).darkness.sum() / n for n in (1, 600, 4000)]
+    assert counts == [32, 20, 12]

@@ -117,14 +117,19 @@ def test_constraints_are_drawn_only_while_they_are_enforced(ps):
     assert not ps.has_curve_network("constraints")
 
 
-def test_edges_are_those_of_the_nearest_bodies(ps, boxes, monkeypatch):
-    monkeypatch.setattr("rbs.pictures.view.MOST_CREASES", 30)
-    view = boxes([(1, 0, 20 * k, 12) for k in range(5)])
-    assert ps.get_curve_network("creases").n_edges() == 30
-    for x, nearest in ((-40.0, [0, 1]), (120.0, [3, 4])):
-        ps.look_at((x, 12.0, 5.0), (40.0, 12.0, 0.0))
-        view.follow_camera()
-        assert view.creased_bodies().tolist() == nearest
+def test_edges_are_drawn_but_diagonals_are_not(ps, boxes):
+    view = boxes([(1, 0, 0, 12)])
+    ps.look_at((0.0, 12.0, 30.0), (0.0, 12.0, 0.0))
+    shot, mesh = picture(ps), view.simulation.meshes[0]
+    plain = shot[pixel_of(ps, front(mesh))]
+    low, high = (side[0] for side in view.boxes(refresh_vertices([mesh])))
+    for way in np.linspace(0.1, 0.9, 9):
+        across = low + way * (high - low)
+        for y in (across[1], low[1] + high[1] - across[1]):  # the two diagonals of the front
+            pixel = pixel_of(ps, [across[0], y, high[2]])
+            np.testing.assert_allclose(shot[pixel], plain, atol=0.02)
+        row, column = pixel_of(ps, [across[0], high[1], high[2]])
+        assert shot[row - 1 : row + 3, column].sum(axis=1).min() < 0.7 * plain.sum()
 
 
 def test_what_rests_is_not_drawn_again(ps, boxes, monkeypatch):
