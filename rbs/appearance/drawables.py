@@ -11,6 +11,7 @@ import numpy as np
 from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, LINE_COLOUR, SEEN_BACKGROUND
 from rbs.geometry.arrays import ranges
 from rbs.geometry.broadphase import grid_levels
+from rbs.geometry.triples import cross, dot
 from RBSFunctions import refresh_vertices
 
 # Angle in radians below which two faces look like one round surface, as those of a cylinder of 20
@@ -222,16 +223,18 @@ def surface_points(vertices, faces, bodyOfFace, centres, directions):
     vertices, faces, bodyOfFace : from `flatten_meshes`
     centres, directions : (n, 3), one ray per body; with a zero direction, the point is the centre
     """
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(directions, axis=1, keepdims=True)
     directions = directions / np.where(lengths > 0.0, lengths, 1.0)
+    columns = np.ascontiguousarray(vertices.T)
+    a, b, c = (columns.take(faces[:, k], axis=1) for k in range(3))
+    normals = cross(b - a, c - a)
     # distance to a plane: height of the centre below it / speed towards it
-    speeds = np.sum(normals * directions[bodyOfFace], axis=1)
-    heights = np.sum(normals * (a - centres[bodyOfFace]), axis=1)
-    isAhead = speeds > 1e-9 * np.linalg.norm(normals, axis=1)
-    ways = np.full(len(centres), math.inf)
-    np.minimum.at(ways, bodyOfFace[isAhead], np.maximum(heights, 0.0)[isAhead] / speeds[isAhead])
+    speeds = dot(normals, directions.T.take(bodyOfFace, axis=1))
+    heights = dot(normals, a - centres.T.take(bodyOfFace, axis=1))
+    isAhead = speeds > 1e-6 * np.sqrt(dot(normals, normals))
+    ways = np.full(len(faces), math.inf)
+    np.divide(np.maximum(heights, 0.0), speeds, out=ways, where=isAhead)
+    ways = np.minimum.reduceat(ways, np.searchsorted(bodyOfFace, np.arange(len(centres))))
     return centres + np.where(np.isfinite(ways), ways, 0.0)[:, None] * directions
 
 

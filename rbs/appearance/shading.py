@@ -17,8 +17,10 @@ from rbs.appearance.drawables import (
     find_creases,
     unit_rows,
 )
+from rbs.geometry.arrays import ranges
 from rbs.geometry.hulls import rotate_columns
 from rbs.softstep.contacts import islands
+from rbs.stepping.bodies import state_columns
 
 # Light of the sun on a surface that faces it, of the sky on one that faces up, and from the ground
 # on one that faces down: rows for red, green and blue.
@@ -42,7 +44,7 @@ class LitSurface:
     Attributes
     ----------
     firstVertex : (n,), the first vertex of each body
-    source, bodyOfVertex : (S,), the vertex that each split one comes from, and its body
+    source : (S,), the vertex that each split one comes from
     faces, bodyOfFace : (F, 3), of split vertices; (F,)
     isCrease : (F, 3), whether a face's edge from its corner k to the next one is a crease
     """
@@ -56,42 +58,44 @@ class LitSurface:
             parts.append(kinds[key])
         sources, normal, normals, faces, creases = zip(*parts, strict=True)
         self.isCrease = np.concatenate(creases)
-        self._rest = np.concatenate([mesh.origVertices for mesh in meshes]).T
+        self._rest = np.concatenate([mesh.origVertices for mesh in meshes]).T.astype(np.float32)
         self._vertexCounts = np.array([len(mesh.origVertices) for mesh in meshes])
         self.firstVertex = self._vertexCounts.cumsum() - self._vertexCounts
         counts = np.array([len(source) for source in sources])
         self._normalCounts = np.array([len(part) for part in normals])
         bodies = np.arange(len(meshes))
-        self.bodyOfVertex = bodies.repeat(counts)
+        bodyOfVertex = bodies.repeat(counts)
         self.bodyOfFace = bodies.repeat([len(part) for part in faces])
         firstSplit = counts.cumsum() - counts
         firstNormal = self._normalCounts.cumsum() - self._normalCounts
-        self._normal = np.concatenate(normal) + firstNormal[self.bodyOfVertex]
-        self.source = np.concatenate(sources) + self.firstVertex[self.bodyOfVertex]
+        self._normal = np.concatenate(normal) + firstNormal[bodyOfVertex]
+        self.source = np.concatenate(sources) + self.firstVertex[bodyOfVertex]
         self.faces = np.concatenate(faces) + firstSplit[self.bodyOfFace, None]
         self._normals = np.ascontiguousarray(np.concatenate(normals).T, dtype=np.float32)
 
     def place(self, poses):
-        """Returns the vertices (ΣV, 3) of bodies in poses (n, 7), and the light (S, 3) on them.
-
-        Colours in sRGB are multiplied by the light, so it is the root of the linear light.
-        """
-        rotation = np.stack(rotation_matrices(poses.T[3:]))
+        """Puts the bodies into poses (7, n). Returns their vertices (ΣV, 3)."""
+        poses = poses.astype(np.float32)
+        rotation = np.stack(rotation_matrices(poses[3:]))
         vertices = rotate_columns(rotation, self._rest, self._vertexCounts)
-        vertices += poses.T[:3].repeat(self._vertexCounts, axis=1)
-        x, y, z = rotate_columns(rotation.astype(np.float32), self._normals, self._normalCounts)
+        vertices += poses[:3].repeat(self._vertexCounts, axis=1)
+        x, y, z = rotate_columns(rotation, self._normals, self._normalCounts)
         toSun = np.square(0.5 + 0.5 * (TO_SUN[0] * x + TO_SUN[1] * y + TO_SUN[2] * z))
         up = 0.5 + 0.5 * y
-        light = [a * toSun + (b - c) * up + c for a, b, c in LIGHT]
-        return np.ascontiguousarray(vertices.T), np.sqrt(np.stack(light, axis=1)).take(
-            self._normal, axis=0
-        )
+        # sRGB colours are multiplied by it, so it is the root of the linear light
+        self._light = np.sqrt([a * toSun + (b - c) * up + c for a, b, c in LIGHT])
+        return np.ascontiguousarray(vertices.T)
+
+    def lit(self, colours):
+        """Returns the colours (S, 3) of bodies of colours (n, 3) in the light where they are."""
+        seen = self._light * colours.T.astype(np.float32).repeat(self._normalCounts, axis=1)
+        return np.ascontiguousarray(np.minimum(seen, 1.0).T).take(self._normal, axis=0)
 
 
 def poses_of(meshes):
-    """Returns position and orientation of each body, (n, 7)."""
-    positions = np.concatenate([mesh.position for mesh in meshes])
-    return np.concatenate((positions, np.concatenate([m.orientation for m in meshes])), axis=1)
+    """Returns position and orientation of each body as columns, (7, n)."""
+    columns = state_columns(meshes, ("position", "orientation"))
+    return np.concatenate((columns["position"], columns["orientation"]))
 
 
 def split_at_creases(vertices, faces):
@@ -134,42 +138,48 @@ class FloorShadows:
         corners = min(max(ALL_CORNERS // bodyCount, LEAST_CORNERS), MOST_CORNERS)
         angles = np.linspace(0.0, 2.0 * math.pi, corners, endpoint=False)
         self._away = np.stack([np.cos(angles), np.sin(angles)]).astype(np.float32)
-        # bodies of equally many vertices at a time
+        # bodies with equally many vertices follow each other
         first = vertexCounts.cumsum() - vertexCounts
+        order = vertexCounts.argsort(kind="stable")
+        self._vertex = ranges(first[order], vertexCounts[order])[1]
         self._groups = [
-            first[vertexCounts == count, None] + np.arange(count)
-            for count in np.unique(vertexCounts)
+            (int(count), int(np.sum(vertexCounts == count))) for count in np.unique(vertexCounts)
         ]
         k = np.arange(corners)
         after = (k + 1) % corners
         inner = np.stack([0 * k, after, k], axis=1)[1:-1]
-        rim = [np.stack([k, after, k + corners], axis=1)]
-        rim.append(np.stack([after, after + corners, k + corners], axis=1))
-        begin = 2 * corners * np.arange(bodyCount)[:, None, None]
+        rim = [[k, after, k + corners], [after, after + corners, k + corners]]
+        rim = np.concatenate([np.stack(part, axis=1) for part in rim])
         # what is on top comes first, which saves drawing what is below
-        parts = inner, np.concatenate(rim)
-        self.faces = np.concatenate([(part + begin).reshape(-1, 3) for part in parts])
-        self.darkness = np.tile(np.repeat([1.0, 0.0], corners), bodyCount)
+        bodies = np.arange(bodyCount)[:, None, None]
+        self.faces = np.concatenate(
+            [(bodyCount * part + bodies).reshape(-1, 3) for part in (inner, rim)]
+        )
+        self.darkness = np.repeat([1.0, 0.0], corners * bodyCount)
 
     def place(self, vertices, height):
         """Returns the vertices (V, 3) of the shadows at a height in metres, and a little below.
 
         vertices : (ΣV, 3), of all bodies
         """
-        x, y, z = vertices.astype(np.float32).T
+        x, y, z = vertices.astype(np.float32).take(self._vertex, axis=0).T
         y = np.maximum(y, 0.0)
-        floor = np.stack([x + SHADOW_SLANT[0] * y, z + SHADOW_SLANT[2] * y]).astype(np.float32)
-        awayX, awayZ = self._away[:, :, None]
-        parts = []
-        for group in self._groups:
-            pointsX, pointsZ = floor[:, group]
-            # the vertices that reach furthest in each direction
-            reach = awayX * pointsX[:, None] + awayZ * pointsZ[:, None]
-            furthest = np.take_along_axis(group, reach.argmax(axis=2), axis=1)
-            outline, blur = floor[:, furthest], SHADOW_BLUR * y[furthest]
-            arms = outline - np.stack([pointsX, pointsZ]).mean(axis=2, keepdims=True)
-            inwards = np.minimum(0.5 * blur / (np.hypot(*arms) + 1e-9), 0.5)
-            sides = outline - inwards * arms, outline + 0.5 * blur * self._away[:, None]
-            parts.append(np.stack(sides, axis=2).reshape(2, -1))
-        x, z = np.concatenate(parts, axis=1)
-        return np.stack([x, height * (RIM_HEIGHT + (1.0 - RIM_HEIGHT) * self.darkness), z], axis=1)
+        slantX, _, slantZ = SHADOW_SLANT.tolist()
+        floor = np.stack([x + slantX * y, z + slantZ * y])
+        reach = self._away.T @ floor
+        begin, furthest, middles = 0, [], []
+        for count, bodyCount in self._groups:
+            vertex = np.arange(begin, begin + count * bodyCount, count)
+            begin += count * bodyCount
+            some = reach[:, vertex[0] : begin].reshape(-1, bodyCount, count)
+            furthest.append(vertex + some.argmax(axis=2))
+            middles.append(floor[:, vertex[0] : begin].reshape(2, bodyCount, count).mean(axis=2))
+        # of each body, the vertices that reach furthest in each direction
+        furthest = np.concatenate(furthest, axis=1)
+        outline, blur = floor[:, furthest], SHADOW_BLUR * y[furthest]
+        arms = outline - np.concatenate(middles, axis=1)[:, None]
+        inwards = np.minimum(0.5 * blur / (np.hypot(*arms) + 1e-9), 0.5)
+        sides = outline - inwards * arms, outline + 0.5 * blur * self._away[:, :, None]
+        x, z = np.stack(sides, axis=1).reshape(2, -1)
+        y = height * (RIM_HEIGHT + (1.0 - RIM_HEIGHT) * self.darkness)
+        return np.stack([x, y, z], axis=1, dtype=np.float32)

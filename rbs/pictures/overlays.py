@@ -19,6 +19,7 @@ from rbs.appearance.colours import (
     VELOCITY_COLOUR,
 )
 from rbs.appearance.drawables import box_lines, contact_patches, grid_cells, surface_points
+from rbs.stepping.bodies import state_columns
 
 # Overlays that show the contacts of the last steps.
 CONTACT_OVERLAYS = frozenset({"contacts", "impulses", "friction impulses"})
@@ -45,6 +46,8 @@ MOST_BOXES = 200
 ARROW_RADIUS = 3e-3
 POINT_RADIUS = 4e-3
 LINE_RADIUS = 8e-4
+# Metres; a coordinate beyond all that the camera sees.
+OUT_OF_SIGHT = -1e9
 
 
 class Overlays:
@@ -114,8 +117,9 @@ class Overlays:
     def _draw_contacts(self, name, vertices):
         """Draws each pair's points with their outline, and one normal from their middle."""
         contacts, points = self._contacts, self._contactPoints
-        remove_overlay(name)
-        if contacts:
+        if not contacts:
+            remove_overlay(name)
+        else:
             edges, middles, normals = contact_patches(
                 np.array([(c.body1, c.body2) for c in contacts]),
                 points,
@@ -161,11 +165,12 @@ class Overlays:
 
     def _draw_velocities(self, name, vertices):
         """Draws arrows from where the line from the centre of mass leaves the body."""
-        view, meshes = self._view, self._view.simulation.meshes
-        centres = np.concatenate([mesh.position for mesh in meshes])
-        velocities = np.concatenate([mesh.linVelocity for mesh in meshes])
-        points = surface_points(vertices, view.faces, view.bodyOfFace, centres, velocities)
-        moves = velocities.any(axis=1) & [not mesh.isFixed for mesh in meshes]
+        view, columns = self._view, state_columns(self._view.simulation.meshes)
+        velocities = columns["linVelocity"].T
+        points = surface_points(
+            vertices, view.faces, view.bodyOfFace, columns["position"].T, velocities
+        )
+        moves = velocities.any(axis=1)  # a fixed body has no velocity
         draw_arrows(name, points[moves], VELOCITY_SECONDS * velocities[moves], VELOCITY_COLOUR)
 
     def _draw_boxes(self, name, vertices):
@@ -240,24 +245,37 @@ def remove_overlay(name):
 
 def draw_arrows(name, points, arrows, colour, radius=ARROW_RADIUS):
     """Draws points (m, 3) with arrows (m, 3) in metres, replacing those of this name."""
+    points, arrows = _filled_up(points, OUT_OF_SIGHT), _filled_up(arrows, 0.0)
+    if ps.has_point_cloud(name) and ps.get_point_cloud(name).n_points() == len(points):
+        cloud = ps.get_point_cloud(name)
+        cloud.update_point_positions(points)
+        cloud.get_quantity_buffer("arrows", "values").update_data(arrows)
+        return
     ps.remove_point_cloud(name, error_if_absent=False)
     if len(points):
-        cloud = ps.register_point_cloud(
-            name, points, color=colour, radius=POINT_RADIUS, material="flat"
-        )
-        cloud.add_vector_quantity(
-            "arrows",
-            arrows,
-            vectortype="ambient",
-            radius=radius,
-            color=colour,
-            material="flat",
-            enabled=True,
-        )
+        options = {"color": colour, "material": "flat"}
+        cloud = ps.register_point_cloud(name, points, radius=POINT_RADIUS, **options)
+        options |= {"vectortype": "ambient", "radius": radius, "enabled": True}
+        cloud.add_vector_quantity("arrows", arrows, **options)
 
 
 def draw_lines(name, nodes, edges, colour, radius=LINE_RADIUS):
     """Draws lines between nodes (n, 3), edges (m, 2), replacing those of this name."""
+    ends = _filled_up(nodes[edges.ravel()], OUT_OF_SIGHT)
+    if ps.has_curve_network(name) and ps.get_curve_network(name).n_nodes() == len(ends):
+        ps.get_curve_network(name).update_node_positions(ends)
+        return
     ps.remove_curve_network(name, error_if_absent=False)
-    if len(edges):
-        ps.register_curve_network(name, nodes, edges, radius=radius, color=colour, material="flat")
+    if len(ends):
+        edges = np.arange(len(ends)).reshape(-1, 2)
+        ps.register_curve_network(name, ends, edges, radius=radius, color=colour, material="flat")
+
+
+def _filled_up(rows, value):
+    """Returns rows (m, 3) and more of one value, up to a power of two.
+
+    What is drawn keeps its number of rows as long as possible, as registering it takes much longer
+    than moving it.
+    """
+    count = 1 << (len(rows) - 1).bit_length() if len(rows) else 0
+    return np.concatenate([rows, np.full((count - len(rows), 3), value)])

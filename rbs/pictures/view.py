@@ -369,7 +369,7 @@ class SceneView:
         poses = poses_of(self.simulation.meshes)
         if not np.array_equal(poses, self._poses):
             self._poses, self._colours = poses, None
-            self._vertices, self._light = self._surface.place(poses)
+            self._vertices = self._surface.place(poses)
             self._bodies.update_vertex_positions(self._vertices.take(self._surface.source, axis=0))
             height = SHADOW_HEIGHT * self._size
             shadows = self._floorShadows.place(self._vertices, height)
@@ -395,12 +395,10 @@ class SceneView:
         if self._colours is not None and np.array_equal(colours, self._colours):
             return
         self._colours = colours
-        lit = colours.astype(np.float32).take(self._surface.bodyOfVertex, axis=0) * self._light
-        self._paint(self._bodies, lit, "vertices")
+        self._paint(self._bodies, self._surface.lit(colours), "vertices")
 
     def _paint(self, structure, colours, places):
         """Gives a structure its colours (m, 3), without registering them again."""
-        colours = np.minimum(colours, 1.0)
         if structure in self._painted:
             structure.get_quantity_buffer("colour", "colors").update_data(colours)
         else:

@@ -71,8 +71,9 @@ class Scene:
     def set_state(self, state):
         """Puts the bodies into a state of this scene, as returned by `state()`."""
         for plural, name in STATE_NAMES.items():
-            for mesh, row in zip(self.meshes, state[plural], strict=True):
-                setattr(mesh, name, np.array(row, dtype=np.float64).reshape(1, -1))
+            rows = np.array(state[plural], dtype=np.float64)[:, None]
+            for mesh, row in zip(self.meshes, rows, strict=True):
+                setattr(mesh, name, row)
 
     def _free(self, *names):
         """Returns attributes of all m free bodies, each an array with m rows."""

@@ -63,7 +63,7 @@ def test_lightness_falls_from_light_to_heavy():
 
 
 def test_islands_are_free_bodies_joined_by_contacts():
-    meshes = [SimpleNamespace(isFixed=k == 3, density=1.0) for k in range(8)]
+    meshes = [SimpleNamespace(isFixed=k == 3, invMass=k != 3, density=1.0) for k in range(8)]
     pairs = [(5, 6), (1, 5), (0, 3), (3, 4), (2, -1)]  # 3 is fixed, -1 is the ground
     contacts = [SimpleNamespace(body1=a, body2=b) for a, b in pairs]
     simulation = SimpleNamespace(meshes=meshes, report=SimpleNamespace(contacts=contacts))

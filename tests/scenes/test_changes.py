@@ -202,3 +202,20 @@ def test_bodies_that_are_none_are_refused_in_one_line(played, tmp_path, case):
         file["events"][:] = np.frombuffer(text, np.uint8)
     with pytest.raises(RecordingError, match="bad.h5: it is damaged .*$"):
         Replay(Recording(path))
+
+
+def test_state_is_that_of_the_meshes_whatever_was_stepped_or_changed_last():
+    one, other = (Simulation(DATA / "tower-scene.txt") for _ in range(2))
+    for simulation in (one, other, one):
+        simulation.step()
+    one.meshes[2].position = one.meshes[2].position + 1.0
+    one.meshes[3].linVelocity[0, 1] += 2.0
+    one.meshes[4].orientation = np.array([[0.0, 1.0, 0.0, 0.0]])
+    for simulation in (one, other):
+        state = simulation.state()
+        for plural, name in STATE_NAMES.items():
+            rows = np.concatenate([getattr(mesh, name) for mesh in simulation.meshes])
+            assert state[plural].tobytes() == rows.tobytes()
+    before = other.state()
+    before["positions"][0] = 7.0
+    assert not np.array_equal(other.meshes[0].position[0], [7.0, 7.0, 7.0])
