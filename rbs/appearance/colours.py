@@ -209,3 +209,5 @@ COLOURINGS = {
     "contact island": BodyColours.by_island,
     "sleep": BodyColours.by_sleep,
 }
+# Those that show something of the last step's report.
+REPORT_COLOURINGS = ("contact island", "sleep")

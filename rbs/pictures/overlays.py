@@ -88,8 +88,11 @@ class Overlays:
 
     def meanings(self):
         """Returns the legend of the visible overlays: rows (text, (r, g, b))."""
-        shown = self._view.shown
-        return [(text(self), colour) for name, (text, colour) in _MEANINGS.items() if name in shown]
+        shown, error = self._view.shown, self._view.simulation.reportError
+        rows = [(text(self), colour) for name, (text, colour) in _MEANINGS.items() if name in shown]
+        if error and CONTACT_OVERLAYS & shown:
+            rows.append((f"contacts unknown: {error}", NORMAL_COLOUR))
+        return rows
 
     def _find_contacts(self):
         """Collects the contacts of the last steps at their present places; they move with body 1.

@@ -21,6 +21,7 @@ from rbs.appearance.colours import (
     GROUND_COLOUR,
     MARK_COLOUR,
     PICKED_COLOUR,
+    REPORT_COLOURINGS,
     SHADOW_COLOUR,
     BodyColours,
     constraint_legend,
@@ -366,6 +367,8 @@ class SceneView:
         """
         self._follow_body_count()
         self._follow()
+        if self.showsReport:
+            self.simulation.find_report()
         poses = poses_of(self.simulation.meshes)
         if not np.array_equal(poses, self._poses):
             self._poses, self._colours = poses, None
@@ -379,6 +382,11 @@ class SceneView:
         self._refresh_colours()
         self._overlays.refresh(self._vertices)
         self._refresh_mark()
+
+    @property
+    def showsReport(self):
+        """Whether the picture shows something of the last step's report."""
+        return bool(CONTACT_OVERLAYS & self.shown) or self.colouring in REPORT_COLOURINGS
 
     def body_colours(self):
         """RGB of every body, (n, 3), in the current colouring."""

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rbs.recordings.recording import QUOTE_LENGTH
+from rbs.recordings.recording import QUOTE_LENGTH, RecordingError
 from rbs.scenes.messages import one_line
 from rbs.scenes.simulation import Simulation
 from rbs.scenes.state import Scene
@@ -45,11 +45,14 @@ class Replay(Scene):
             first: restored_settings(recording, first, simulation.settings)
             for first, _ in recording.settingsHistory
         }
+        self._again = None  # Simulation that makes steps again
         self.reset()
 
     def seek(self, step):
         """Puts the bodies into their state after a step, or after the nearest recorded one."""
         step = min(max(int(step), self.firstStep), self.lastStep)
+        if step != self.stepCount:
+            self.report = None
         frame = self.recording.frame(step)
         count = len(frame["positions"])
         if len(self.meshes) != count:
@@ -69,6 +72,27 @@ class Replay(Scene):
                     isFixed = bool(one.numbers[0])
             if self._allMeshes[body].isFixed != isFixed:
                 self._allMeshes[body].isFixed = isFixed
+
+    def find_report(self):
+        """Makes the present step again, since recordings hold no contacts, and sets `report`.
+
+        If the step before was made again last, that is one step. Otherwise, with the soft-step
+        solver, it is all steps since its state was recorded.
+        """
+        if self.report is not None or self.reportError or self.stepCount == self.firstStep:
+            return
+        try:
+            if self._again is None or self._again.stepCount != self.stepCount - 1:
+                self._again = self._again or recorded_scene(self.recording)
+                self._again.reset()
+                resume(self.recording, self.stepCount - 1, self._again)
+            step_again(self.recording, self.stepCount, self._again)
+            if differs := difference(self._again, self.recording.frame(self.stepCount)):
+                raise self.recording.error(f"step {self.stepCount} differs: {differs}")
+        except (RecordingError, StateError) as error:
+            self.reportError = str(error)
+        else:
+            self.report = self._again.report
 
     def step(self):
         """Goes on by one step, unless it is the last."""

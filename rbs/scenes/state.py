@@ -43,6 +43,7 @@ class Scene:
     settings : Settings
     stepCount, time : steps, and s, since the start
     report, stepSeconds : the last step's `StepReport` and duration, or None
+    reportError : why a replay's step has no report, or ""
     recommended : text of the recommended settings that are used, or ""
     isReplay : whether it is a Replay, with `seek`, firstStep, lastStep and lastTime
     """
@@ -50,7 +51,7 @@ class Scene:
     source = scenePath = groundMesh = settings = report = stepSeconds = None
     meshes = constraints = ()
     stepCount, time = 0, 0.0
-    recommended = ""
+    recommended = reportError = ""
     isReplay = False
 
     def step(self):
@@ -60,6 +61,9 @@ class Scene:
     def reset(self):
         """Goes back to the start."""
         raise NotImplementedError
+
+    def find_report(self):
+        """Finds the `report` of the last step. A simulation has it already."""
 
     def state(self):
         """Returns a dict of copies: positions (n, 3), orientations (n, 4), linVelocities (n, 3) and

@@ -4,15 +4,15 @@ Polyscope has one window per process, so the other process draws the same view o
 """
 
 import multiprocessing
-from types import SimpleNamespace
 
 from rbs.appearance.pictureoptions import PictureOptions
 from rbs.pictures.backends import OFFSCREEN_BACKEND, Backend
 from rbs.pictures.capture import StudioLook, save_picture, start_view
 from rbs.scenes.messages import one_line
+from rbs.scenes.state import Scene
 
 # Attributes of a simulation or a replay that a picture shows.
-SHOWN_ATTRIBUTES = ("meshes", "constraints", "settings", "report", "stepCount")
+SHOWN_ATTRIBUTES = ("meshes", "constraints", "settings", "report", "reportError", "stepCount")
 
 
 class PictureProcess:
@@ -20,8 +20,10 @@ class PictureProcess:
 
     def __init__(self, path, view):
         self.path = path
-        shown = {name: getattr(view.simulation, name) for name in SHOWN_ATTRIBUTES}
-        job = str(path), SimpleNamespace(**shown), view.memory(), *view.picture_camera()
+        shown = Scene()
+        for name in SHOWN_ATTRIBUTES:
+            setattr(shown, name, getattr(view.simulation, name))
+        job = str(path), shown, view.memory(), *view.picture_camera()
         # not forked, because a copy of this process would share its connection to the display
         context = multiprocessing.get_context("spawn")
         self._receiver, sender = context.Pipe(duplex=False)

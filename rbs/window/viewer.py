@@ -146,7 +146,7 @@ class Viewer:
         before, timeStep = self.simulation.time, self.simulation.settings.timeStep
         if not self.isReplay:
             self.playback.advance(elapsed, timeStep, self._step)
-        elif self.video is not None or self.playback.speed == math.inf:
+        elif self.video is not None or self.playback.speed == math.inf or self.view.showsReport:
             self.playback.advance(elapsed, timeStep, self._step_replay)
         else:  # jumps to the step that is due
             count = self.playback.due(elapsed, timeStep, REPLAY_CATCH_UP_SECONDS)
@@ -160,6 +160,9 @@ class Viewer:
         replay = self.simulation
         with self._timed("reading the recording"):
             replay.seek(replay.stepCount + (-count if self.playback.isBackwards else count))
+        if self.view.showsReport:
+            with self._timed("making the step again"):
+                replay.find_report()
         self._film()
         end = replay.firstStep if self.playback.isBackwards else replay.lastStep
         self.isPlaying = self.isPlaying and replay.stepCount != end

@@ -28,7 +28,9 @@ SIZE = (160, 90)
 
 def view_of(*meshes, size=SIZE, **options):
     """A SceneView of bodies in the studio look."""
-    simulation = SimpleNamespace(meshes=list(meshes), constraints=[], report=None, stepCount=0)
+    simulation = SimpleNamespace(
+        meshes=list(meshes), constraints=[], report=None, reportError="", stepCount=0
+    )
     simulation.settings = Settings()
     options = PictureOptions(size, look="studio", **options)
     return start_view(simulation, require_opengl(), options)

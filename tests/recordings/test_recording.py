@@ -14,6 +14,7 @@ from rbs import __version__
 from rbs.recordings.recording import SOLVER_STEPS, Recorder, Recording, RecordingError
 from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.statistics import QUANTITY_UNITS
+from rbs.scenes import changes
 from rbs.scenes.simulation import Settings, Simulation
 from rbs.scenes.state import STATE_NAMES
 
@@ -333,3 +334,35 @@ def test_the_solver_s_state_at_the_end_is_kept_whenever_the_last_flush_was(tmp_p
     recorder.save(simulation)
     start, _ = Recording(tmp_path / "r.h5").solver_state(3)
     assert start == 3
+
+
+@pytest.mark.parametrize("name", ["tower", "stack"])
+def test_contacts_of_a_replay_are_those_of_the_run(tmp_path, name):
+    simulation = Simulation(DATA / f"{name}-scene.txt")
+    if name == "stack":
+        simulation.settings.change("contactSolver", "soft-step")
+    recorder, contacts = Recorder(tmp_path / "r.h5"), {}
+    recorder.add(simulation)
+    for step in range(1, 61):
+        if step in (30, 40):
+            push = changes.push(2, [1e3, 0.0, 0.0], simulation.meshes[2].position[0])
+            simulation.change(push if step == 30 else changes.fix(2, True))
+            recorder.note(simulation, simulation.changes[-1])
+        simulation.step()
+        contacts[step] = list(simulation.report.contacts)
+        recorder.add(simulation)
+    recorder.save()
+    replay, counts = Replay(Recording(tmp_path / "r.h5")), []
+    replay.find_report()
+    assert replay.report is None  # the first step was not recorded
+    for step in (10, 29, 30, 31, 32, 60, 31):
+        replay.seek(step)
+        assert replay.report is None
+        replay.find_report()
+        assert replay.report.contacts == contacts[step] and replay.reportError == ""
+        counts.append(len(contacts[step]))
+    assert max(counts) > 0
+    replay.seek(29)
+    replay.recording.functions, replay.recording.functionsFolder = "abc", "/somewhere"
+    replay.find_report()
+    assert replay.report is None and "--functions" in replay.reportError

@@ -20,6 +20,7 @@ class StillView:
     """
 
     size = 80.0
+    showsReport = False
 
     def __init__(self, simulation):
         self.simulation = simulation
