@@ -1,7 +1,10 @@
-"""Files: reading with a size limit, atomic writing, and checks of output paths."""
+"""Files: reading with a size limit, atomic writing, checks of output paths, showing folders."""
 
 import errno
 import os
+import shutil
+import subprocess
+import sys
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -78,3 +81,12 @@ def check_outputs(outputs, inputs):
         if target in taken:
             raise InputError(f"{option} {path}: not written, because {taken[target]}")
         taken[target] = f"{option} writes it too"
+
+
+def folder_opener(folder):
+    """Returns a function that shows a folder in the system's file manager, or None without one."""
+    if sys.platform == "win32":
+        return lambda: os.startfile(folder)
+    program = shutil.which("open" if sys.platform == "darwin" else "xdg-open")
+    silent = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
+    return program and (lambda: subprocess.Popen([program, folder], **silent))

@@ -312,7 +312,8 @@ class Panel:
                 value = draw_choice(one.label, value, one.kind)
                 isChanged = value is not None
             else:
-                isChanged, value = draw_slider(one.label, value, *one.sliderEnds)
+                isChanged, value, said = draw_slider(one.label, value, *one.sliderEnds)
+                self.viewer.message = said or self.viewer.message
             Tooltips.tell(one.tooltip)
             if isChanged:
                 settings.change(one.name, value)
@@ -459,9 +460,10 @@ class Panel:
         Tooltips.tell("Fix or free this body. A fixed body has infinite mass")
         isFixed = viewer.picked().isFixed
         psim.BeginDisabled(isFixed)
-        isChanged, speed = draw_slider("push", viewer.pushSpeed, 0.0, MOST_PUSH, "%.1f m/s")
-        if isChanged:
-            viewer.pushSpeed = speed
+        _, viewer.pushSpeed, said = draw_slider(
+            "push", viewer.pushSpeed, 0.0, MOST_PUSH, "%.1f m/s"
+        )
+        viewer.message = said or viewer.message
         Tooltips.tell("Speed that a push adds")
         camera = ps.get_view_camera_parameters()
         right = np.array(camera.get_right_dir())

@@ -19,8 +19,21 @@ CATCH_UP_SECONDS, REPLAY_CATCH_UP_SECONDS = 0.1, 1.0
 # States that are kept to step back to: their number, and the number of bodies in all of them, which
 # limits their memory to about 200 MB.
 MOST_STATES, MOST_KEPT_BODIES = 500, 100_000
+# Falls from the top of a scene, in seconds, outside which gravity looks too fast or too slow, and
+# the fall that looks right.
+SHORTEST_FALL, LONGEST_FALL, USUAL_FALL = 0.25, 5.0, 2.0
 # Seconds over which the pace is averaged.
 PACE_SECONDS = 1.0
+
+
+def fitting_speed(fall):
+    """Returns the one of SPEEDS at which gravity looks right.
+
+    fall : seconds that a fall takes from the top of the scene to the ground
+    """
+    if SHORTEST_FALL <= fall <= LONGEST_FALL:
+        return 1.0
+    return min(SPEEDS[:-1], key=lambda speed: abs(math.log(max(fall, 1e-9) / (USUAL_FALL * speed))))
 
 
 def speed_name(speed):

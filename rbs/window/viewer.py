@@ -22,13 +22,22 @@ from rbs.recordings.encoder import VideoError
 from rbs.recordings.recording import RECORDING_ENDINGS, Recorder, RecordingError
 from rbs.recordings.replay import resume
 from rbs.scenes import changes
+from rbs.scenes.files import folder_opener
 from rbs.scenes.grabbing import MOST_SHOTS, Grab, shot
 from rbs.scenes.messages import counted, reason_of
 from rbs.scenes.scenefiles import scene_name
 from rbs.stepping.bodies import StateError
 from rbs.window.panel import Panel
 from rbs.window.pictureprocess import PictureProcess
-from rbs.window.playback import MOST_KEPT_BODIES, MOST_STATES, REPLAY_CATCH_UP_SECONDS, Playback
+from rbs.window.playback import (
+    MOST_KEPT_BODIES,
+    MOST_STATES,
+    REPLAY_CATCH_UP_SECONDS,
+    Playback,
+    fitting_speed,
+    speed_name,
+)
+from RBSFunctions import refresh_vertices
 
 # Frames, and steps, over which timings are averaged: half a second of playing.
 TIMED_STEPS = 25
@@ -107,7 +116,7 @@ class Viewer:
         self.history = deque(maxlen=PLOTTED_STEPS)
         self._openFile, self._listFiles, self._measure = openFile, listFiles, measure
         self._settings = None if self.isReplay else simulation.settings
-        self._suggest_grid()
+        self._suggest()
         # Per step and per frame: the seconds of the whole and of its parts.
         self._steps, self._frames = deque(maxlen=TIMED_STEPS), deque(maxlen=TIMED_STEPS)
         self._spent = {}  # seconds of the present frame, by activity
@@ -307,21 +316,33 @@ class Viewer:
             self._settings = simulation.settings
         self._forget()
         self.view.rebuild(simulation)
-        self._suggest_grid()
+        self._suggest()
 
-    def _suggest_grid(self):
-        """Offers the broad phase that is faster for many bodies."""
+    def _suggest(self):
+        """Offers the broad phase that is faster for many bodies, or else a speed."""
         settings, count = self.simulation.settings, len(self.simulation.meshes)
         isAll = (settings.contactSolver, settings.broadPhase) == ("impulse", "all")
-        if self.isReplay or count <= MANY_BODIES or not isAll or self.simulation.submitted:
+        if not self.isReplay and count > MANY_BODIES and isAll and not self.simulation.submitted:
+            text = f'{count} bodies: broad phase "grid" is faster, with identical motion'
+            self._offer(text, "Switch", lambda: settings.change("broadPhase", "grid"))
             return
-        self.saved = f'{count} bodies: broad phase "grid" is faster, with identical motion'
+        height = refresh_vertices(self.simulation.meshes)[:, 1].max()
+        fall = math.sqrt(max(2.0 * height / settings.gravity, 0.0)) if settings.gravity else 1.0
+        speed = fitting_speed(fall)
+        if speed != 1.0 == self.playback.speed:
+            text = f"A fall from the top of this scene takes {fall:.2g} s"
+            name = speed_name(speed)
+            self._offer(text, f"Play at {name}", lambda: setattr(self.playback, "speed", speed))
 
-        def switch():
-            settings.change("broadPhase", "grid")
+    def _offer(self, text, label, act):
+        """Shows a message with a button, which acts and removes the message."""
+
+        def act_once():
+            act()
             self.saved = ""
 
-        self.offer = self.saved, "Switch", switch
+        self.saved = text
+        self.offer = text, label, act_once
 
     def continue_here(self):
         """Replaces a replay by a simulation that goes on from the present step."""
@@ -359,6 +380,14 @@ class Viewer:
             path = folder / f"{stem}-{number}{ending}"
         return path
 
+    def _tell_saved(self, path, *size):
+        """Reports that a file was saved, and offers to open its folder."""
+        path = Path(path).resolve()
+        self.saved = ", ".join([f"saved {path}", *size])
+        openFolder = folder_opener(path.parent)
+        if openFolder is not None:
+            self._offer(self.saved, "Open folder", openFolder)
+
     def _write(self, stem, ending, write):
         """Writes a file with a new name, and sets `saved` or `message`."""
         self.message = ""
@@ -368,7 +397,7 @@ class Viewer:
         except OSError as error:
             self.message = _cannot_write(error)
             return
-        self.saved = _saved(path)
+        self._tell_saved(path)
 
     def save_picture(self):
         """Saves the view, without panels, as a PNG in out/<scene>."""
@@ -393,8 +422,10 @@ class Viewer:
             self.saved = f"drawing {picture.path}: {100.0 * picture.fraction:.0f} %"
             return
         self.picture = None
-        self.saved = "" if picture.error else _saved(picture.path)
+        self.saved = ""
         self.message = picture.error and f"no picture: {picture.error}"
+        if not picture.error:
+            self._tell_saved(picture.path)
 
     def save_camera(self):
         """Saves the viewpoint, for --camera or to be dropped onto the window."""
@@ -428,7 +459,7 @@ class Viewer:
                 video.close()
                 self.message = _cannot_write(error)
             else:
-                self.saved = _saved(video.path, counted(video.count, "frame"))
+                self._tell_saved(video.path, counted(video.count, "frame"))
 
     def toggle_recording(self):
         """Starts or ends a recording."""
@@ -452,7 +483,7 @@ class Viewer:
             self._try_recording(recorder.save)
             if self.recorder is not None:
                 self.recorder = None
-                self.saved = _saved(recorder.path, counted(steps, "step"))
+                self._tell_saved(recorder.path, counted(steps, "step"))
 
     def _try_recording(self, act):
         """Calls a function of the recorder. If it fails, ends the recording with a message."""
@@ -578,11 +609,6 @@ def _mean_milliseconds(rows, rest):
     if means:
         means[rest] = means[names[0]] - sum(means[name] for name in names[1:])
     return means
-
-
-def _saved(path, *size):
-    """Returns the message that a file was saved."""
-    return ", ".join([f"saved {Path(path).resolve()}", *size])
 
 
 def _cannot_write(error):

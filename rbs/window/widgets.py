@@ -53,10 +53,17 @@ class NumberField:
         if psim.IsItemDeactivatedAfterEdit() and self._typed is not None:
             typed, self._typed = self._typed, None
             if typed == typed:  # not NaN
-                settings.change(self._name, min(max(typed, self._low), self._high))
-                if not self._low <= typed <= self._high:
-                    return f"{self._label} is limited to {self._low:g} to {self._high:g}"
+                typed, message = clamped(self._label, typed, self._low, self._high)
+                settings.change(self._name, typed)
+                return message
         return ""
+
+
+def clamped(label, value, low, high):
+    """Returns the nearest value within bounds, and a message if it is another one, or ""."""
+    nearest = min(max(value, low), high)
+    message = "" if nearest == value else f"{label} is limited to {low:g} to {high:g}"
+    return nearest, message
 
 
 def draw_choice(label, current, names, tooltip=""):
@@ -93,12 +100,15 @@ def draw_choice(label, current, names, tooltip=""):
 
 
 def draw_slider(label, value, low, high, shown="%.3f"):
-    """Draws a slider for a float or an int. Returns (whether it was moved, its rounded value)."""
-    clamp = psim.ImGuiSliderFlags_AlwaysClamp  # also clamps a value typed after Ctrl-click
+    """Draws a slider for a float or an int, in which a value can be typed after Ctrl-click.
+
+    Returns (whether it was moved, its rounded value, a message if a typed value was clamped or "").
+    """
     if isinstance(value, int):
-        return psim.SliderInt(label, value, low, high, "%d", clamp)
-    isMoved, moved = psim.SliderFloat(label, value, low, high, shown, clamp)
-    return isMoved, round(moved, 3) if isMoved else value
+        isMoved, moved = psim.SliderInt(label, value, low, high, "%d")
+    else:
+        isMoved, moved = psim.SliderFloat(label, value, low, high, shown)
+    return isMoved, *(clamped(label, round(moved, 3), low, high) if isMoved else (value, ""))
 
 
 def draw_error(message):

@@ -1,6 +1,8 @@
 """The viewer behind the window: playing, opening, dragging, recording, layout. Nothing is drawn."""
 
 import math
+import sys
+import time
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,7 +19,7 @@ from rbs.recordings.replay import verify
 from rbs.scenes.simulation import Simulation
 from rbs.stepping.settings import Settings
 from rbs.window.layout import TIMELINE_HEIGHT, arrange
-from rbs.window.playback import STEPPING_SECONDS, Playback
+from rbs.window.playback import STEPPING_SECONDS, Playback, fitting_speed
 
 
 @pytest.fixture
@@ -364,6 +366,40 @@ def test_the_grid_is_offered_for_many_bodies(viewer):
     assert viewer.saved == text and "403 bodies" in text
     switch()
     assert viewer.simulation.settings.broadPhase == "grid" and viewer.saved == ""
+
+
+def test_a_speed_is_offered_where_gravity_looks_slow_or_fast(viewer):
+    assert viewer.offer is None  # a fall takes 3 s
+    viewer.open("tower_chain")
+    text, label, act = viewer.offer
+    assert viewer.saved == text and "takes 6.2 s" in text and label == "Play at 4 ×"
+    act()
+    assert viewer.playback.speed == 4.0 and viewer.saved == ""
+    viewer.open("two_chain")
+    assert viewer.saved == ""  # the user has chosen a speed
+    falls = {0.0: 0.1, 0.2: 0.1, 0.25: 1.0, 5.0: 1.0, 5.4: 2.0, 100.0: 4.0}
+    assert {fall: fitting_speed(fall) for fall in falls} == falls
+
+
+def test_the_folder_of_a_saved_file_is_shown(viewer, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    viewer.toggle_recording()
+    viewer.stop_recording()
+    assert "recording.h5" in viewer.saved and viewer.offer is None  # there is no file manager
+    manager = tmp_path / ("open" if sys.platform == "darwin" else "xdg-open")
+    manager.write_text(f'#!/bin/sh\necho "$1" > {tmp_path}/shown.part\n')
+    manager.write_text(manager.read_text() + f"/bin/mv {tmp_path}/shown.part {tmp_path}/shown\n")
+    manager.chmod(0o755)
+    viewer.toggle_recording()
+    viewer.stop_recording()
+    text, label, act = viewer.offer
+    assert (text, label) == (viewer.saved, "Open folder")
+    act()
+    end = time.monotonic() + 30.0
+    while not (tmp_path / "shown").exists():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    assert (tmp_path / "shown").read_text().strip() == str(tmp_path.resolve() / "out" / "mixed")
 
 
 @pytest.mark.parametrize("end", ["button", "reset", "open"])
