@@ -225,7 +225,7 @@ def open_window_or_fall_back(simulation, options, pictureOptions, opener):
     """
     backend = find_backend(window=True)
     if backend.opensWindow:
-        from rbs.window.viewer import show_window
+        from rbs.window.panel import show_window
 
         note_recommended(simulation)
         show_window(simulation, backend, opener, list_files, step_quantities, pictureOptions)

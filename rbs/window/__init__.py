@@ -3,11 +3,11 @@
 In reading order:
 
     playback        number of steps per frame, and the pace
+    pictureprocess  studio pictures drawn by another process
+    viewer          the actions of buttons, keys and mouse
     layout          positions of the panels
     widgets         buttons, fields and tables of a panel
     plots           plots of energy, momentum and errors
     helppanel       table of keys and mouse actions
-    panel           panels, and the handling of keys and mouse
-    pictureprocess  studio pictures drawn by another process
-    viewer          the window, and the actions of buttons, keys and mouse
+    panel           the window: panels, keys and mouse
 """

@@ -1,11 +1,12 @@
-"""The window's panels, keys and mouse, and the functions of the viewer that they call.
+"""The window: panels, keys and mouse, which call the actions of `Viewer`.
 
-From the top: `Panel`, with keys and mouse; the main column; the readout and the selected body; the
-timeline and messages.
+From the top: `show_window`; `Panel`, with keys and mouse; the main column; the readout and the
+selected body; the timeline and messages.
 """
 
 import math
 import time
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -13,8 +14,8 @@ import polyscope as ps
 import polyscope.imgui as psim
 
 from rbs.appearance.colours import COLOURINGS, PICKED_COLOUR
-from rbs.appearance.pictureoptions import LOOKS
-from rbs.pictures.capture import draw_legend
+from rbs.appearance.pictureoptions import LOOKS, PictureOptions
+from rbs.pictures.capture import draw_legend, start_view
 from rbs.pictures.overlays import MOST_BOXES, MOST_TRAILS, TRAIL_LENGTH, VELOCITY_SECONDS
 from rbs.pictures.view import LAYERS
 from rbs.scenes.messages import counted
@@ -24,6 +25,7 @@ from rbs.window.helppanel import draw_help
 from rbs.window.layout import ROOMY_HEIGHT, ROOMY_WIDTH, arrange
 from rbs.window.playback import MOST_STATES, SPEEDS, speed_name
 from rbs.window.plots import ALL_PLOTS, PLOTS, Plots
+from rbs.window.viewer import Viewer
 from rbs.window.widgets import (
     NumberField,
     Tooltips,
@@ -64,6 +66,34 @@ TOOLTIPS = {
     "grid cells": f"Cells of the broad phase that contain bodies, up to {MOST_BOXES} columns",
     "trails": f"Paths of up to {MOST_TRAILS} bodies over the last {TRAIL_LENGTH} frames",
 }
+
+
+def show_window(simulation, backend, openFile, listFiles, measure, pictureOptions=None):
+    """Opens the window on a simulation or a replay. Returns when it is closed.
+
+    Parameters
+    ----------
+    simulation : Simulation or Replay
+    backend : see `start_view`
+    openFile, listFiles, measure : see `Viewer`
+    pictureOptions : PictureOptions, or None
+    """
+    options = pictureOptions or PictureOptions()
+    view = start_view(simulation, backend, replace(options, look="plain"))
+    viewer = Viewer(simulation, view, openFile, listFiles, measure, options.look)
+    panel = Panel(viewer)
+    panel.lay_out()
+    if options.camera is None:
+        view.frame_all()
+    view.set_callback(panel.frame)
+    ps.set_files_dropped_callback(panel.dropped)
+    try:
+        ps.show()
+    finally:
+        viewer.stop_video()
+        viewer.stop_recording()
+        view.set_callback(None)
+        ps.clear_files_dropped_callback()
 
 
 class Panel:

@@ -1,7 +1,7 @@
-"""The window, and the actions of its buttons, keys and mouse.
+"""The actions of the window's buttons, keys and mouse.
 
-`rbs.window.panel` draws the panels, `rbs.pictures.view` the scene behind them. Functions to open
-and list files are passed in. From the top: `show_window`; `Viewer`.
+`rbs.window.panel` draws the panels and calls these actions, `rbs.pictures.view` draws the scene
+behind them. In this order: time; files; bodies; timings.
 """
 
 import math
@@ -15,9 +15,9 @@ from statistics import fmean
 
 import numpy as np
 
-from rbs.appearance.pictureoptions import PictureOptions, video_timing
+from rbs.appearance.pictureoptions import video_timing
 from rbs.pictures.cameras import apply_camera, kept_camera, load_camera, save_camera
-from rbs.pictures.capture import Video, save_picture, start_view
+from rbs.pictures.capture import Video, save_picture
 from rbs.recordings.encoder import VideoError
 from rbs.recordings.recording import RECORDING_ENDINGS, Recorder, RecordingError
 from rbs.recordings.replay import resume
@@ -27,7 +27,6 @@ from rbs.scenes.grabbing import MOST_SHOTS, Grab, shot
 from rbs.scenes.messages import counted, reason_of
 from rbs.scenes.scenefiles import scene_name
 from rbs.stepping.bodies import StateError
-from rbs.window.panel import Panel
 from rbs.window.pictureprocess import PictureProcess
 from rbs.window.playback import (
     MOST_KEPT_BODIES,
@@ -49,36 +48,6 @@ PLOTTED_STEPS = 500
 DEFAULT_PUSH = 8.0
 # Message if the user drags, shoots or records in a replay.
 UNCHANGEABLE = 'Recordings are read-only. "Continue from here" makes a simulation of it'
-
-
-def show_window(simulation, backend, openFile, listFiles, measure, pictureOptions=None):
-    """Opens the window on a simulation or a replay. Returns when it is closed.
-
-    Parameters
-    ----------
-    simulation : Simulation or Replay
-    backend : see `start_view`
-    openFile, listFiles, measure : see `Viewer`
-    pictureOptions : PictureOptions, or None
-    """
-    import polyscope as ps
-
-    options = pictureOptions or PictureOptions()
-    view = start_view(simulation, backend, replace(options, look="plain"))
-    viewer = Viewer(simulation, view, openFile, listFiles, measure, options.look)
-    panel = Panel(viewer)
-    panel.lay_out()
-    if options.camera is None:
-        view.frame_all()
-    view.set_callback(panel.frame)
-    ps.set_files_dropped_callback(panel.dropped)
-    try:
-        ps.show()
-    finally:
-        viewer.stop_video()
-        viewer.stop_recording()
-        view.set_callback(None)
-        ps.clear_files_dropped_callback()
 
 
 class Viewer:
@@ -147,7 +116,8 @@ class Viewer:
         if not self.isPlaying:
             self.playback.stop()
             if self.recorder is not None:
-                self._try_recording(self.recorder.flush)
+                with self._reporting("recorder"):
+                    self.recorder.flush()
             return
         if self.playback.pace() is not None:  # the first one waited for Play
             self._frames.append({"frame": elapsed, **self._spent})
@@ -202,19 +172,15 @@ class Viewer:
         if simulation.report is not None:
             self._steps.append({"step": simulation.stepSeconds, **simulation.report.seconds})
         if self.recorder is not None:
-            with self._timed("recording"):
-                self._try_recording(lambda: self.recorder.add(simulation))
+            with self._timed("recording"), self._reporting("recorder"):
+                self.recorder.add(simulation)
         self._film()
         return True
 
     def _film(self):
         if self.video is not None:
-            try:
-                with self._timed("filming"):
-                    self.video.add(self.simulation)
-            except OSError as error:
-                self.stop_video()
-                self.message = _cannot_write(error)
+            with self._timed("filming"), self._reporting("video"):
+                self.video.add(self.simulation)
 
     @contextmanager
     def _timed(self, name):
@@ -389,15 +355,26 @@ class Viewer:
             self._offer(self.saved, "Open folder", openFolder)
 
     def _write(self, stem, ending, write):
-        """Writes a file with a new name, and sets `saved` or `message`."""
+        """Writes a file with a new name, and reports it."""
         self.message = ""
-        try:
+        with self._reporting():
             path = self._out_path(stem, ending)
             write(path)
-        except OSError as error:
-            self.message = _cannot_write(error)
-            return
-        self._tell_saved(path)
+            self._tell_saved(path)
+
+    @contextmanager
+    def _reporting(self, name=None):
+        """Reports an error of the `with` block, which ends the writer `name`, video or recorder."""
+        try:
+            yield
+        except (OSError, RecordingError, VideoError) as error:
+            isVideoError = isinstance(error, VideoError)
+            self.message = str(error) if isVideoError else f"cannot write: {reason_of(error)}"
+            if name is not None and getattr(self, name) is not None:
+                with suppress(OSError):  # reported above
+                    getattr(self, name).close()
+                setattr(self, name, None)
+                self.view.set_resizable(self.video is None)
 
     def save_picture(self):
         """Saves the view, without panels, as a PNG in out/<scene>."""
@@ -437,29 +414,20 @@ class Viewer:
             self.stop_video()
             return
         self.message = ""
-        try:
-            rate, every = video_timing(self.simulation.settings.timeStep)
-            self.video = Video(self._out_path("video", ".mp4"), self.view, rate, every)
-        except VideoError as error:
-            self.message = str(error)
-        except OSError as error:
-            self.message = _cannot_write(error)
-        else:
+        with self._reporting("video"):
+            timing = video_timing(self.simulation.settings.timeStep)
+            self.video = Video(self._out_path("video", ".mp4"), self.view, *timing)
             self.view.set_resizable(False)  # all frames of a video have the same size
             self._film()
 
     def stop_video(self):
         """Ends the video, if one is being written."""
         if self.video is not None:
-            video, self.video = self.video, None
+            with self._reporting("video"):
+                self.video.save(self.simulation)
+                self._tell_saved(self.video.path, counted(self.video.count, "frame"))
+            self.video = None
             self.view.set_resizable(True)
-            try:
-                video.save(self.simulation)
-            except OSError as error:
-                video.close()
-                self.message = _cannot_write(error)
-            else:
-                self._tell_saved(video.path, counted(video.count, "frame"))
 
     def toggle_recording(self):
         """Starts or ends a recording."""
@@ -467,33 +435,19 @@ class Viewer:
             self.stop_recording()
             return
         self.message = UNCHANGEABLE if self.isReplay else ""
-        if self.isReplay:
-            return
-        try:
-            self.recorder = Recorder(self._out_path("recording", ".h5"))
-        except OSError as error:
-            self.message = _cannot_write(error)
-        else:
-            self._try_recording(lambda: self.recorder.add(self.simulation))
+        if not self.isReplay:
+            with self._reporting("recorder"):
+                self.recorder = Recorder(self._out_path("recording", ".h5"))
+                self.recorder.add(self.simulation)
 
     def stop_recording(self):
         """Ends the recording, if there is one, after the last step."""
         if self.recorder is not None:
-            recorder, steps = self.recorder, self.recorder.frameCount - 1
-            self._try_recording(recorder.save)
-            if self.recorder is not None:
-                self.recorder = None
-                self._tell_saved(recorder.path, counted(steps, "step"))
-
-    def _try_recording(self, act):
-        """Calls a function of the recorder. If it fails, ends the recording with a message."""
-        try:
-            act()
-        except (OSError, RecordingError) as error:
-            recorder, self.recorder = self.recorder, None
-            with suppress(OSError):  # reported below
-                recorder.close()
-            self.message = _cannot_write(error)
+            with self._reporting("recorder"):
+                steps = self.recorder.frameCount - 1
+                self.recorder.save()
+                self._tell_saved(self.recorder.path, counted(steps, "step"))
+            self.recorder = None
 
     # Bodies.
 
@@ -609,8 +563,3 @@ def _mean_milliseconds(rows, rest):
     if means:
         means[rest] = means[names[0]] - sum(means[name] for name in names[1:])
     return means
-
-
-def _cannot_write(error):
-    """Returns the message for an OSError or RecordingError."""
-    return f"cannot write: {reason_of(error)}"

@@ -20,9 +20,8 @@ from rbs.pictures.backends import find_backend
 from rbs.program.opening import list_files, open_file
 from rbs.program.suggestions import SceneOpener, apply_settings
 from rbs.recordings.statistics import step_quantities
-from rbs.window.panel import Panel
+from rbs.window.panel import Panel, show_window
 from rbs.window.playback import speed_name
-from rbs.window.viewer import show_window
 
 WIDGETS = "Button Selectable BeginCombo InputDouble InputTextWithHint Checkbox CollapsingHeader "
 WIDGETS = (WIDGETS + "SliderInt SliderFloat").split()
