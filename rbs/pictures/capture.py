@@ -185,11 +185,12 @@ def averaged(picture, factor):
 
 def draw_legend(rows):
     """Draws rows (text, (r, g, b)) into the current panel."""
+    import polyscope as ps
     import polyscope.imgui as psim
 
-    flags = psim.ImGuiColorEditFlags_NoTooltip
+    flags, side = psim.ImGuiColorEditFlags_NoTooltip, SAMPLE_SIZE * ps.get_ui_scale()
     for text, colour in rows:
-        psim.ColorButton(text, (*colour, 1.0), flags, (SAMPLE_SIZE, SAMPLE_SIZE))
+        psim.ColorButton(text, (*colour, 1.0), flags, (side, side))
         psim.SameLine()
         psim.Text(text)
 

@@ -42,7 +42,7 @@ LAYERS = ("ground", "shadows", *OVERLAYS)
 SEE_THROUGH = CONTACT_OVERLAYS | {"velocities"}
 VIVIDNESS = 1.3
 # Pixels, the width of an edge on each of its faces.
-CREASE_WIDTH = 1.2
+CREASE_WIDTH = 0.9
 # Half the width of constraints, relative to the scene's size.
 CONSTRAINT_RADIUS = 1.2e-3
 # The ground, in sizes of the scene: its visible radius; the camera's usual distance from its
@@ -394,6 +394,11 @@ class SceneView:
         if self.picked is not None:
             colours[self.picked] = PICKED_COLOUR
         return colours
+
+    def colour_by(self, colouring):
+        """Colours the bodies by a name of COLOURINGS."""
+        self.colouring = colouring
+        self.refresh()
 
     def _refresh_colours(self):
         """Colours of the bodies in their light."""

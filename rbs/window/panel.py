@@ -29,6 +29,7 @@ from rbs.window.viewer import Viewer
 from rbs.window.widgets import (
     NumberField,
     Tooltips,
+    draw_check,
     draw_choice,
     draw_error,
     draw_slider,
@@ -280,28 +281,24 @@ class Panel:
 
     def _draw_controls(self):
         viewer, playback = self.viewer, self.viewer.playback
-        # ### keeps the button's identity when its label changes.
+        # ### keeps the button's identity when its label changes
+        play = "Pause###play" if viewer.isPlaying else "Play###play"
         self._buttons(
-            (
-                "Pause###play" if viewer.isPlaying else "Play###play",
-                viewer.toggle_play,
-                "Space: play or pause",
-            ),
+            (play, viewer.toggle_play, "Space: play or pause"),
             ("Back", viewer.step_back, f"Left: one step back, up to {MOST_STATES}"),
             ("Step", viewer.step_once, "S or Right: one step forward"),
             ("Reset", viewer.restart, "R: start over, keeping your settings"),
         )
         speeds = {speed_name(speed): speed for speed in SPEEDS}
-        chosen = draw_choice(
-            "speed", speed_name(playback.speed), list(speeds), "Speed, relative to real time"
-        )
-        if chosen is not None:
-            playback.speed = speeds[chosen]
+
+        def set_speed(name):
+            playback.speed = speeds[name]
+
+        tooltip = "Speed, relative to real time"
+        draw_choice("speed", speed_name(playback.speed), list(speeds), set_speed, tooltip)
         if viewer.isReplay:
-            isChanged, isBackwards = psim.Checkbox("backwards", playback.isBackwards)
-            if isChanged:
-                playback.isBackwards = isBackwards
-            Tooltips.tell("Play backwards")
+            act = partial(setattr, playback, "isBackwards")
+            draw_check("backwards", playback.isBackwards, act, "Play backwards")
         pace = playback.pace()
         psim.Text("paused" if pace is None else f"{pace:.2g} × real time")
         self._buttons(
@@ -312,9 +309,7 @@ class Panel:
     def _draw_files(self):
         viewer = self.viewer
         tooltip = "Scenes of this project, and files beside this scene; [ and ]: scene before, next"
-        chosen = draw_choice("scene", viewer.name(), viewer.files, tooltip)
-        if chosen is not None:
-            viewer.open(next(one.path for one in viewer.files() if one.name == chosen))
+        draw_choice("scene", viewer.name(), viewer.files, viewer.open_listed, tooltip)
         flags = psim.ImGuiInputTextFlags_EnterReturnsTrue | psim.ImGuiInputTextFlags_AutoSelectAll
         entered, self.path = psim.InputTextWithHint("open", "name or path", self.path, flags)
         Tooltips.tell("Open a scene by path or name, a recording (.h5) or a viewpoint (.json)")
@@ -332,75 +327,61 @@ class Panel:
             isHeeded = one.isHeededBy(settings.contactSolver)
             if not one.label or not isHeeded or one.isOfConstraints and not simulation.constraints:
                 continue
-            value = getattr(settings, one.name)
+            row = one.label, getattr(settings, one.name)
+            last = partial(self._set, one.name), one.tooltip
             if one.name == "timeStep":
-                self.viewer.message = self._timeStep.draw(settings) or self.viewer.message
-                continue
-            if one.kind is bool:
-                isChanged, value = psim.Checkbox(one.label, value)
+                self._tell(self._timeStep.draw(settings))
+            elif one.kind is bool:
+                draw_check(*row, *last)
             elif one.sliderEnds is None:
-                value = draw_choice(one.label, value, one.kind)
-                isChanged = value is not None
+                draw_choice(*row, one.kind, *last)
             else:
-                isChanged, value, said = draw_slider(one.label, value, *one.sliderEnds)
-                self.viewer.message = said or self.viewer.message
-            Tooltips.tell(one.tooltip)
-            if isChanged:
-                settings.change(one.name, value)
-                self.viewer.view.refresh()
+                self._tell(draw_slider(*row, *one.sliderEnds, *last))
         if settings != simulation.startSettings:
             tooltip = "Shift + R: start over, with the scene's own settings"
             self._buttons(("Scene settings", self.viewer.reset, tooltip))
 
+    def _set(self, name, value):
+        """Changes a setting."""
+        self.viewer.simulation.settings.change(name, value)
+        self.viewer.view.refresh()
+
+    def _tell(self, message):
+        """Shows a message, unless it is empty."""
+        self.viewer.message = message or self.viewer.message
+
     def _draw_display(self):
         view = self.viewer.view
-        chosen = draw_choice(
-            "colours", view.colouring, COLOURINGS, "Quantity that the bodies' colours show"
-        )
-        if chosen is not None:
-            view.colouring = chosen
-            view.refresh()
+        tooltip = "Quantity that the bodies' colours show"
+        draw_choice("colours", view.colouring, COLOURINGS, view.colour_by, tooltip)
         self._buttons(("Frame all", view.frame_all, "F: fit everything in view"))
-        isChanged, follows = psim.Checkbox("follow", view.follows)
-        if isChanged:
-            view.follows = follows
-        Tooltips.tell("Camera follows the selected body, or the centre of all")
+        tooltip = "Camera follows the selected body, or the centre of all"
+        draw_check("follow", view.follows, partial(setattr, view, "follows"), tooltip)
         for digit, name in enumerate(LAYERS, 1):
-            if psim.Checkbox(name, name in view.shown)[0]:
-                view.toggle(name)
-            Tooltips.tell(f"{digit}: {TOOLTIPS[name]}")
+            tooltip = f"{digit}: {TOOLTIPS[name]}"
+            draw_check(name, name in view.shown, partial(view.show, name), tooltip)
 
     def _draw_save(self):
         viewer = self.viewer
+        tooltip = "Save the viewpoint to out/; drop the file here, or pass it to --camera"
         self._buttons(
             ("Picture", viewer.save_picture, "Save this view as a PNG, without panels, to out/"),
-            (
-                "Camera",
-                viewer.save_camera,
-                "Save the viewpoint to out/; drop the file here, or pass it to --camera",
-            ),
+            ("Camera", viewer.save_camera, tooltip),
         )
-        chosen = draw_choice(
-            "look",
-            viewer.look,
-            LOOKS,
+        tooltip = (
             "Look of saved pictures: plain, as in the window; or studio, with sky light and soft "
-            "shadows, which takes seconds",
+            "shadows, which takes seconds"
         )
-        viewer.look = chosen or viewer.look
-        isFilming, isRecording = viewer.video is not None, viewer.recorder is not None
+        draw_choice("look", viewer.look, LOOKS, partial(setattr, viewer, "look"), tooltip)
+        video = "Video###video" if viewer.video is None else "Stop video###video"
+        record = "Record###record" if viewer.recorder is None else "Stop recording###record"
+        tooltip = (
+            "Record every step until Stop recording, including your own drags, pushes and shots, "
+            "for --replay, --resume and --verify (.h5 in out/)"
+        )
         self._buttons(
-            (
-                "Stop video###video" if isFilming else "Video###video",
-                viewer.toggle_video,
-                "Film from now until Stop video (.mp4 in out/)",
-            ),
-            (
-                "Stop recording###record" if isRecording else "Record###record",
-                viewer.toggle_recording,
-                "Record every step until Stop recording, including your own drags, pushes and "
-                "shots, for --replay, --resume and --verify (.h5 in out/)",
-            ),
+            (video, viewer.toggle_video, "Film from now until Stop video (.mp4 in out/)"),
+            (record, viewer.toggle_recording, tooltip),
         )
         if viewer.video is not None:
             psim.TextWrapped(viewer.video.summary(viewer.simulation)[1])
@@ -420,13 +401,8 @@ class Panel:
             self._draw_milliseconds()
         viewer.isMeasuring = self._section("Plots", False, "Energy, momentum and errors over time")
         if viewer.isMeasuring:
-            chosen = draw_choice(
-                "plot",
-                self.plots.chosen,
-                [ALL_PLOTS, *PLOTS],
-                "All plots, or a single large one",
-            )
-            self.plots.chosen = chosen or self.plots.chosen
+            plots, act = [ALL_PLOTS, *PLOTS], partial(setattr, self.plots, "chosen")
+            draw_choice("plot", self.plots.chosen, plots, act, "All plots, or a single large one")
             self.plots.draw(viewer.history, self.layout.side.height - psim.GetCursorPosY())
         psim.PopItemWidth()
         psim.End()
@@ -490,11 +466,9 @@ class Panel:
         Tooltips.tell("Fix or free this body. A fixed body has infinite mass")
         isFixed = viewer.picked().isFixed
         psim.BeginDisabled(isFixed)
-        _, viewer.pushSpeed, said = draw_slider(
-            "push", viewer.pushSpeed, 0.0, MOST_PUSH, "%.1f m/s"
-        )
-        viewer.message = said or viewer.message
-        Tooltips.tell("Speed that a push adds")
+        act, tooltip = partial(setattr, viewer, "pushSpeed"), "Speed that a push adds"
+        slider = "push", viewer.pushSpeed, 0.0, MOST_PUSH, act, tooltip, "%.1f m/s"
+        self._tell(draw_slider(*slider))
         camera = ps.get_view_camera_parameters()
         right = np.array(camera.get_right_dir())
         directions = {

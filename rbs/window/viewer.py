@@ -10,6 +10,7 @@ import time
 from collections import deque
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from statistics import fmean
 
@@ -296,9 +297,10 @@ class Viewer:
         fall = math.sqrt(max(2.0 * height / settings.gravity, 0.0)) if settings.gravity else 1.0
         speed = fitting_speed(fall)
         if speed != 1.0 == self.playback.speed:
-            text = f"A fall from the top of this scene takes {fall:.2g} s"
-            name = speed_name(speed)
-            self._offer(text, f"Play at {name}", lambda: setattr(self.playback, "speed", speed))
+            how = "slow" if speed > 1.0 else "fast"
+            text = f"Gravity looks {how} at 1 ×: a fall from the top takes {fall:.2g} s"
+            act = partial(setattr, self.playback, "speed", speed)
+            self._offer(text, f"Play at {speed_name(speed)}", act)
 
     def _offer(self, text, label, act):
         """Shows a message with a button, which acts and removes the message."""
@@ -327,6 +329,10 @@ class Viewer:
         names = [one.name for one in files]
         place = names.index(self.name()) + way if self.name() in names else 0
         self.open(files[place % len(files)].path)
+
+    def open_listed(self, name):
+        """Opens the file of this name in `files`."""
+        self.open(next(one.path for one in self.files() if one.name == name))
 
     def files(self):
         """Returns a list of ListedFile: files beside the current scene, and the scenes in data/."""

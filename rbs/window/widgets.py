@@ -7,8 +7,8 @@ import polyscope.imgui as psim
 ERROR_TEXT = (1.0, 0.45, 0.40, 1.0)
 # Pixels, of a list with a description beside each name: indent of these, width, height.
 LINE_INDENT, LIST_WIDTH, LIST_HEIGHT = 140, 560, 460
-# Pixels, the width of a number in a table.
-NUMBER_WIDTH = 64
+# Pixels: width of a number in a table, and the gap beside it.
+NUMBER_WIDTH, GAP = 64, 8
 
 
 def scaled(pixels):
@@ -66,8 +66,16 @@ def clamped(label, value, low, high):
     return nearest, message
 
 
-def draw_choice(label, current, names, tooltip=""):
-    """Draws a list. Returns the name that is chosen, or None.
+def draw_check(label, value, act, tooltip):
+    """Draws a check box; act(value) is called when it is switched."""
+    isChanged, value = psim.Checkbox(label, value)
+    Tooltips.tell(tooltip)
+    if isChanged:
+        act(value)
+
+
+def draw_choice(label, current, names, act, tooltip):
+    """Draws a list; act(name) is called when a name is chosen.
 
     names : list of names, or of (heading, name, description, …), or a function that returns such a
         list, called while the list is open
@@ -78,8 +86,8 @@ def draw_choice(label, current, names, tooltip=""):
     isOpen = psim.BeginCombo(label, current, psim.ImGuiComboFlags_HeightLargest)
     if not isOpen:
         Tooltips.tell(tooltip)
-        return None
-    chosen, lastGroup = None, None
+        return
+    lastGroup = None
     names = names() if callable(names) else names
     rows = [name if isinstance(name, tuple) else (None, name, "") for name in names]
     for group, name, line, *_ in rows:
@@ -87,7 +95,7 @@ def draw_choice(label, current, names, tooltip=""):
             psim.SeparatorText(group)
             lastGroup = group
         if psim.Selectable(name, selected=name == current):
-            chosen = name
+            act(name)
         if name == current and psim.IsWindowAppearing():
             psim.SetScrollHereY()
         if line:
@@ -96,19 +104,22 @@ def draw_choice(label, current, names, tooltip=""):
     if psim.IsKeyPressed(psim.ImGuiKey_Escape, False):
         psim.CloseCurrentPopup()
     psim.EndCombo()
-    return chosen
 
 
-def draw_slider(label, value, low, high, shown="%.3f"):
-    """Draws a slider for a float or an int, in which a value can be typed after Ctrl-click.
+def draw_slider(label, value, low, high, act, tooltip, shown="%.3f"):
+    """Draws a slider for a float or an int; act(value) is called when it is moved.
 
-    Returns (whether it was moved, its rounded value, a message if a typed value was clamped or "").
+    A value can be typed after Ctrl-click. Returns a message if it was clamped, or "".
     """
     if isinstance(value, int):
         isMoved, moved = psim.SliderInt(label, value, low, high, "%d")
     else:
         isMoved, moved = psim.SliderFloat(label, value, low, high, shown)
-    return isMoved, *(clamped(label, round(moved, 3), low, high) if isMoved else (value, ""))
+    Tooltips.tell(tooltip)
+    moved, message = clamped(label, round(moved, 3), low, high)
+    if isMoved:
+        act(moved)
+    return message
 
 
 def draw_error(message):
@@ -125,7 +136,7 @@ def draw_table(rows, indent=0):
         end = left + scaled(NUMBER_WIDTH + (indent if place else 0))
         psim.SetCursorPosX(end - psim.CalcTextSize(number)[0])
         psim.Text(number)
-        psim.SameLine(end + 8)
+        psim.SameLine(end + scaled(GAP))
         psim.Text(text)
 
 
@@ -134,7 +145,7 @@ def draw_vectors(rows):
     left, right = psim.GetCursorPosX(), psim.GetContentRegionAvail()[0]
     unitWidth = max(psim.CalcTextSize(unit)[0] for _, _, unit in rows)
     nameWidth = max(psim.CalcTextSize(name)[0] for name, _, _ in rows)
-    column = (right - unitWidth - nameWidth - 8) / 3.0
+    column = (right - unitWidth - nameWidth - scaled(GAP)) / 3.0
     for name, numbers, unit in rows:
         psim.Text(name)
         for k, number in enumerate(numbers):
