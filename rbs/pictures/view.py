@@ -42,7 +42,7 @@ LAYERS = ("ground", "shadows", *OVERLAYS)
 SEE_THROUGH = CONTACT_OVERLAYS | {"velocities"}
 VIVIDNESS = 1.3
 # Pixels, the width of an edge on each of its faces.
-CREASE_WIDTH = 0.9
+CREASE_WIDTH = 1.0
 # Half the width of constraints, relative to the scene's size.
 CONSTRAINT_RADIUS = 1.2e-3
 # The ground, in sizes of the scene: its visible radius; the camera's usual distance from its

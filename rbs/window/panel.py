@@ -27,11 +27,11 @@ from rbs.window.playback import MOST_STATES, SPEEDS, speed_name
 from rbs.window.plots import ALL_PLOTS, PLOTS, Plots
 from rbs.window.viewer import Viewer
 from rbs.window.widgets import (
+    ERROR_TEXT,
     NumberField,
     Tooltips,
     draw_check,
     draw_choice,
-    draw_error,
     draw_slider,
     draw_table,
     draw_vectors,
@@ -109,12 +109,10 @@ class Panel:
         self.path = ""
         self._timeStep = NumberField(CHOSEN["timeStep"], *TIME_STEPS)
         self.isHelpShown = self.areHidden = False
-        self.isSideShown = None
-        self.layout = None
+        self.isSideShown = self.layout = None
         self.plots = Plots()
         self._lastFrame = self._lastAction = time.perf_counter()
-        self._dropped = None
-        self._pressedAt = None
+        self._dropped = self._pressedAt = None
         self._told = None, 0.0  # the message that is shown, and its time
 
     def dropped(self, paths):
@@ -246,9 +244,9 @@ class Panel:
         self._draw_controls()
         self._draw_files()
         isRoomy = self.layout.main.height >= scaled(ROOMY_HEIGHT)
-        if not self.viewer.isReplay:
-            if self._section("Simulation", isRoomy, "Physics settings"):
-                self._draw_settings()
+        isReplay = self.viewer.isReplay
+        if not isReplay and self._section("Simulation", isRoomy, "Physics settings"):
+            self._draw_settings()
         if self._section("Display", False, "Colours and overlays"):
             self._draw_display()
         if self._section("Save", False, "Pictures, videos, recordings and viewpoints"):
@@ -445,16 +443,9 @@ class Panel:
         psim.Text(f"{mesh.name}, {'fixed' if mesh.isFixed else 'free'}")
         mass = f"{mesh.mass / 1e3:.4g} t" if mesh.mass >= 1e3 else f"{mesh.mass:.4g} kg"
         psim.TextWrapped(f"mass {mass}, density {mesh.density:g} kg/m³")
-        draw_vectors(
-            [
-                (name, [f"{value:.2f}" for value in values[0]], unit)
-                for name, values, unit in (
-                    ("centre", mesh.position, "m"),
-                    ("v", mesh.linVelocity, "m/s"),
-                    ("angular", mesh.angVelocity, "rad/s"),
-                )
-            ]
-        )
+        centre = "centre", mesh.position[0], "m"
+        v = "v", mesh.linVelocity[0], "m/s"
+        draw_vectors([centre, v, ("angular", mesh.angVelocity[0], "rad/s")])
         if not viewer.isReplay:
             self._draw_body_buttons()
         psim.Separator()
@@ -494,14 +485,9 @@ class Panel:
         psim.SameLine()
         psim.Text(f"{replay.time:.2f} of {replay.lastTime:.2f} s   {replay.recording.path.name}")
         psim.SetNextItemWidth(-1.0)
-        moved, step = psim.SliderInt(
-            "###step",
-            replay.stepCount,
-            replay.firstStep,
-            replay.lastStep,
-            f"step %d of {replay.lastStep}",
-            psim.ImGuiSliderFlags_AlwaysClamp,
-        )
+        numbers = replay.stepCount, replay.firstStep, replay.lastStep
+        shown, flags = f"step %d of {replay.lastStep}", psim.ImGuiSliderFlags_AlwaysClamp
+        moved, step = psim.SliderInt("###step", *numbers, shown, flags)
         Tooltips.tell("Drag, or Ctrl-click to type a step")
         self._mark_changes(replay)
         if moved:
@@ -514,16 +500,15 @@ class Panel:
         perStep = (right - left) / max(replay.lastStep - replay.firstStep, 1)
         for step in sorted({step for step, _ in replay.recording.changes}):
             x = left + perStep * (step - replay.firstStep)
-            psim.GetWindowDrawList().AddLine(
-                (x, top - scaled(5)), (x, top + scaled(5)), MARK, scaled(2)
-            )
+            ends = (x, top - scaled(5)), (x, top + scaled(5))
+            psim.GetWindowDrawList().AddLine(*ends, MARK, scaled(2))
 
     def _message(self):
         """Returns (message, whether it is an error). Messages expire after a while."""
         viewer = self.viewer
         text, now = viewer.message or viewer.saved, time.perf_counter()
-        if (text, bool(viewer.message)) != self._told[0]:
-            self._told = (text, bool(viewer.message)), now
+        if text != self._told[0]:
+            self._told = text, now
         if now - self._told[1] > MESSAGE_SECONDS:
             viewer.message = viewer.saved = ""
         return text, bool(viewer.message)
@@ -538,12 +523,12 @@ class Panel:
         offer = self.viewer.offer
         isOffer = offer is not None and offer[0] == text
         psim.Begin("Message", flags=flags | (0 if isOffer else psim.ImGuiWindowFlags_NoInputs))
-        if isOffer and psim.Button(offer[1]):
-            offer[2]()
         if isOffer:
+            if psim.Button(offer[1]):
+                offer[2]()
             psim.SameLine()
-        if isError:
-            draw_error(text)
-        else:
-            psim.TextWrapped(text)
+        colour = ERROR_TEXT if isError else psim.GetStyleColorVec4(psim.ImGuiCol_Text)
+        psim.PushStyleColor(psim.ImGuiCol_Text, colour)
+        psim.TextWrapped(text)
+        psim.PopStyleColor()
         psim.End()

@@ -36,6 +36,11 @@ def fitting_speed(fall):
     return min(SPEEDS[:-1], key=lambda speed: abs(math.log(max(fall, 1e-9) / (USUAL_FALL * speed))))
 
 
+def kept_states(bodyCount):
+    """Returns the number of states that are kept of a scene with so many bodies."""
+    return min(MOST_STATES, 1 + MOST_KEPT_BODIES // bodyCount)
+
+
 def speed_name(speed):
     """Returns one of SPEEDS as text."""
     return "unlimited" if speed == math.inf else f"{speed:g} ×"
@@ -54,10 +59,11 @@ class Playback:
         self._due = 0.0  # simulated seconds still to be played
         self._paces = deque()  # per frame: its seconds, and the simulated ones
 
-    def due(self, elapsed, timeStep, catchUp=CATCH_UP_SECONDS):
+    def due(self, elapsed, timeStep, isReplay=False):
         """Returns the number of steps of timeStep that are due `elapsed` seconds after the last
         frame, at a speed that is not infinite.
         """
+        catchUp = REPLAY_CATCH_UP_SECONDS if isReplay else CATCH_UP_SECONDS
         most = max(catchUp * max(self.speed, 1.0), timeStep)
         self._due = min(self._due + elapsed * self.speed, most)
         count = int(self._due / timeStep * (1.0 + 1e-12))

@@ -29,14 +29,7 @@ from rbs.scenes.messages import counted, reason_of
 from rbs.scenes.scenefiles import scene_name
 from rbs.stepping.bodies import StateError
 from rbs.window.pictureprocess import PictureProcess
-from rbs.window.playback import (
-    MOST_KEPT_BODIES,
-    MOST_STATES,
-    REPLAY_CATCH_UP_SECONDS,
-    Playback,
-    fitting_speed,
-    speed_name,
-)
+from rbs.window.playback import Playback, fitting_speed, kept_states, speed_name
 from RBSFunctions import refresh_vertices
 
 # Frames, and steps, over which timings are averaged: half a second of playing.
@@ -105,9 +98,8 @@ class Viewer:
         self.isPlaying = not self.isPlaying
         self.message = ""
         if self.isPlaying and self.isReplay:
-            begin, end = self.simulation.firstStep, self.simulation.lastStep
-            if self.playback.isBackwards:
-                begin, end = end, begin
+            ends = self.simulation.firstStep, self.simulation.lastStep
+            begin, end = ends[::-1] if self.playback.isBackwards else ends
             if self.simulation.stepCount == end:
                 self.seek(begin)
                 self.isPlaying = True
@@ -128,10 +120,8 @@ class Viewer:
             self.playback.advance(elapsed, timeStep, self._step)
         elif self.video is not None or self.playback.speed == math.inf or self.view.showsReport:
             self.playback.advance(elapsed, timeStep, self._step_replay)
-        else:  # jumps to the step that is due
-            count = self.playback.due(elapsed, timeStep, REPLAY_CATCH_UP_SECONDS)
-            if count:
-                self._step_replay(count)
+        elif count := self.playback.due(elapsed, timeStep, isReplay=True):
+            self._step_replay(count)  # jumps to the step that is due
         self.playback.note(elapsed, abs(self.simulation.time - before))
         self._show()
 
@@ -168,7 +158,7 @@ class Viewer:
             self.message = str(error)
             return False
         self._past.append(past)
-        while len(self._past) > min(MOST_STATES, 1 + MOST_KEPT_BODIES // len(simulation.meshes)):
+        while len(self._past) > kept_states(len(simulation.meshes)):
             self._past.popleft()
         if simulation.report is not None:
             self._steps.append({"step": simulation.stepSeconds, **simulation.report.seconds})
@@ -293,8 +283,8 @@ class Viewer:
             text = f'{count} bodies: broad phase "grid" is faster, with identical motion'
             self._offer(text, "Switch", lambda: settings.change("broadPhase", "grid"))
             return
-        height = refresh_vertices(self.simulation.meshes)[:, 1].max()
-        fall = math.sqrt(max(2.0 * height / settings.gravity, 0.0)) if settings.gravity else 1.0
+        height = refresh_vertices(self.simulation.meshes)[:, 1].max(initial=0.0)
+        fall = math.sqrt(2.0 * height / settings.gravity) if settings.gravity > 0.0 else 1.0
         speed = fitting_speed(fall)
         if speed != 1.0 == self.playback.speed:
             how = "slow" if speed > 1.0 else "fast"
@@ -399,16 +389,13 @@ class Viewer:
     def watch_picture(self):
         """Shows the progress of a studio picture, if one is being drawn."""
         picture = self.picture
-        if picture is None:
-            return
-        if picture.poll():
+        if picture is not None and picture.poll():
             self.saved = f"drawing {picture.path}: {100.0 * picture.fraction:.0f} %"
-            return
-        self.picture = None
-        self.saved = ""
-        self.message = picture.error and f"no picture: {picture.error}"
-        if not picture.error:
-            self._tell_saved(picture.path)
+        elif picture is not None:
+            self.picture, self.saved = None, ""
+            self.message = picture.error and f"no picture: {picture.error}"
+            if not picture.error:
+                self._tell_saved(picture.path)
 
     def save_camera(self):
         """Saves the viewpoint, for --camera or to be dropped onto the window."""

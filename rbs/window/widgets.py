@@ -122,13 +122,6 @@ def draw_slider(label, value, low, high, act, tooltip, shown="%.3f"):
     return message
 
 
-def draw_error(message):
-    """Draws an error message in red."""
-    psim.PushStyleColor(psim.ImGuiCol_Text, ERROR_TEXT)
-    psim.TextWrapped(message)
-    psim.PopStyleColor()
-
-
 def draw_table(rows, indent=0):
     """Draws rows (number, label), numbers flush right. indent : pixels, except for the first."""
     left = psim.GetCursorPosX()
@@ -141,14 +134,14 @@ def draw_table(rows, indent=0):
 
 
 def draw_vectors(rows):
-    """Draws rows (name, three texts of numbers, unit), numbers flush right."""
+    """Draws rows (name, three numbers, unit), numbers flush right."""
     left, right = psim.GetCursorPosX(), psim.GetContentRegionAvail()[0]
     unitWidth = max(psim.CalcTextSize(unit)[0] for _, _, unit in rows)
     nameWidth = max(psim.CalcTextSize(name)[0] for name, _, _ in rows)
     column = (right - unitWidth - nameWidth - scaled(GAP)) / 3.0
     for name, numbers, unit in rows:
         psim.Text(name)
-        for k, number in enumerate(numbers):
+        for k, number in enumerate(f"{value:.2f}" for value in numbers):
             end = left + nameWidth + (k + 1) * column
             psim.SameLine(end - psim.CalcTextSize(number)[0])
             psim.Text(number)
