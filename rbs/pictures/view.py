@@ -216,10 +216,10 @@ class SceneView:
                 material="flat",
             )
 
-    def _refresh_constraints(self, vertices):
-        self._lines.update_node_positions(self._constraintLines.nodes(vertices))
-        self._paint(self._lines, self._constraintLines.colours(vertices), "edges")
-        self._lines.set_enabled(self.simulation.settings.enforceConstraints)
+    def _refresh_constraints(self):
+        if len(self._constraintLines.ends):
+            self._lines.update_node_positions(self._constraintLines.nodes(self._vertices))
+            self._paint(self._lines, self._constraintLines.colours(self._vertices), "edges")
 
     def _point_camera(self, points, margins=None, direction=VIEW_DIRECTION):
         """Frames points (n, 3) between the panels; margins : instead of the present ones."""
@@ -377,8 +377,9 @@ class SceneView:
             height = SHADOW_HEIGHT * self._size
             shadows = self._floorShadows.place(self._vertices, height)
             self._shadows.update_vertex_positions(shadows)
+            self._refresh_constraints()
         if len(self._constraintLines.ends):
-            self._refresh_constraints(self._vertices)
+            self._lines.set_enabled(self.simulation.settings.enforceConstraints)
         self._refresh_colours()
         self._overlays.refresh(self._vertices)
         self._refresh_mark()
@@ -558,11 +559,10 @@ class SceneView:
             draw_lines("spring", np.array(ends), np.array([[0, 1]]), PICKED_COLOUR)
 
     def _refresh_mark(self):
-        ps.remove_point_cloud("picked point", error_if_absent=False)
-        if self.picked is not None:
-            ps.register_point_cloud(
-                "picked point",
-                self.picked_point()[None],
-                color=MARK_COLOUR,
-                radius=2.0 * POINT_RADIUS,
-            )
+        if self.picked is None:
+            ps.remove_point_cloud("picked point", error_if_absent=False)
+        elif ps.has_point_cloud("picked point"):
+            ps.get_point_cloud("picked point").update_point_positions(self.picked_point()[None])
+        else:
+            options = {"color": MARK_COLOUR, "radius": 2.0 * POINT_RADIUS}
+            ps.register_point_cloud("picked point", self.picked_point()[None], **options)
