@@ -59,7 +59,8 @@ FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
 TOOLTIPS = {
     "ground": "Plane y = 0, with lines",
     "shadows": "Shadows cast on the floor",
-    "contacts": "Contact points, and normals towards the body listed first",
+    "contacts": "Contact points, and normals towards the body listed first. A recording makes its "
+    "steps again for them, with the soft step up to 100 after a jump",
     "impulses": "Normal impulses on the body listed first, relative to the largest one",
     "friction impulses": "Friction impulses on the body listed first",
     "velocities": f"Velocity of each centre: the distance covered in {VELOCITY_SECONDS:g} s",
