@@ -34,7 +34,7 @@ from RBSFunctions import refresh_vertices
 
 # Frames, and steps, over which timings are averaged: half a second of playing.
 TIMED_STEPS = 25
-# Number of bodies above which the grid is suggested.
+# Number of bodies above which the grid is suggested, and up to which a speed is.
 MANY_BODIES = 100
 # Steps that the plots show.
 PLOTTED_STEPS = 500
@@ -276,13 +276,14 @@ class Viewer:
         self._suggest()
 
     def _suggest(self):
-        """Offers the broad phase that is faster for many bodies, or else a speed."""
+        """Offers the broad phase that is faster for many bodies, or a speed for few."""
         settings, count = self.simulation.settings, len(self.simulation.meshes)
         isAll = (settings.contactSolver, settings.broadPhase) == ("impulse", "all")
-        if not self.isReplay and count > MANY_BODIES and isAll and not self.simulation.submitted:
-            text = f'{count} bodies: broad phase "grid" is faster, with identical motion'
-            self._offer(text, "Switch", lambda: settings.change("broadPhase", "grid"))
-            return
+        if count > MANY_BODIES:
+            if isAll and not self.isReplay and not self.simulation.submitted:
+                text = f'{count} bodies: broad phase "grid" is faster, with identical motion'
+                self._offer(text, "Switch", lambda: settings.change("broadPhase", "grid"))
+            return  # they may be too slow for real time as it is
         height = refresh_vertices(self.simulation.meshes)[:, 1].max(initial=0.0)
         fall = math.sqrt(2.0 * height / settings.gravity) if settings.gravity > 0.0 else 1.0
         speed = fitting_speed(fall)
