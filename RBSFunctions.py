@@ -22,7 +22,6 @@ import math
 import reprlib
 from dataclasses import dataclass
 from typing import NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -31,6 +30,7 @@ from Quaternion import exponential, multiply, rotation_matrices
 from rbs.geometry import vectors
 from rbs.geometry.hulls import build_hull, rotate_columns
 from rbs.geometry.triples import (
+    ZERO,
     add,
     cross,
     divide,
@@ -58,23 +58,12 @@ from rbs.stepping.bodies import (
 from rbs.stepping.reports import GROUND, StepReport
 
 # Methods of Mesh that the loop over all pairs calls, and the other steps do not.
-STEP_METHODS = (
-    "integrate_timestep",
-    "apply_gyroscopic_term",
-    "bounding_box_collision",
-    "detect_collision",
-    "lowest_vertex",
-    "get_rotated_inv_IT",
-)
+STEP_METHODS = "bounding_box_collision detect_collision lowest_vertex get_rotated_inv_IT".split()
+STEP_METHODS += "integrate_timestep apply_gyroscopic_term".split()
 # Normal of the ground, pointing into the body. The penetration depth there is negative to match.
 UPWARDS = (0.0, 1.0, 0.0)
 # Direction that separates coincident constraint points, for which no direction is preferred.
 COINCIDENT_DIRECTION = (0.0, 1.0, 0.0)
-
-
-# --------------------------------------------------------------------------------------------------
-# The step
-# --------------------------------------------------------------------------------------------------
 
 
 def run_timestep(
@@ -118,24 +107,14 @@ def run_timestep(
     tolerance : float
         Length by which a constraint may be violated before it is corrected, and speed at which its
         distance may then still change.
-    constraintScheduling : {"sweep", "queue", "batches"}
-        "sweep" visits the constraints in order until all in a row are satisfied; "queue" skips
-        visits that cannot change anything, with bitwise identical results; "batches" suits hundreds
-        of constraints, and reaches another state within the same bounds.
-    broadPhase : {"all", "grid"}
-        "all" detects and resolves pair by pair; "grid" gives bitwise identical results with uniform
-        grids and batches of pairs, which suits hundreds of bodies. Only "all" calls methods that a
-        subclass of Mesh overrides.
-    contactSolver : {"impulse", "soft-step"}
-        "impulse" resolves one contact after the other; "soft-step" solves all contacts and
-        constraints together, with several points per contact, so that piles rest.
-    substeps, sleeping : int, bool
-        Of the soft step: number of substeps ≥ 1, and whether bodies at rest are skipped until they
-        are disturbed. See rbs/softstep/step.py.
+    constraintScheduling, broadPhase, contactSolver : str
+        See the table in rbs/stepping/settings.py. Only the defaults call methods that a subclass of
+        Mesh overrides.
+    substeps, sleeping, solverState : int, bool, rbs.softstep.step.SolverState
+        Of the soft step. The state is carried from step to step, and changed in place; None starts
+        cold.
     gyroscopic : bool
         True lets spinning bodies tumble in free flight, by Euler's equations.
-    solverState : rbs.softstep.step.SolverState or None
-        Carried from one soft step to the next and changed in place; None starts cold.
     gravity : three floats
         Acceleration of free fall in m/s².
 
@@ -154,27 +133,25 @@ def run_timestep(
     from rbs.stepping.settings import check_arguments
 
     checked = check_arguments(locals())
-    timeStep, contact = checked["timeStep"], (checked["CRCoeff"], closingOnly, checked["mu"])
-    flight = gyroscopic, checked["gravity"]
-    constraints = constraints if enforceConstraints else ()
     check_objects(groundMesh, solverState)
+    contact = checked["CRCoeff"], closingOnly, checked["mu"]
+    flight = gyroscopic, checked["gravity"]
+    arguments = meshes, groundMesh, checked["timeStep"], *contact, *flight
+    constraints = constraints if enforceConstraints else ()
     isSoft, isGrid = contactSolver == "soft-step", broadPhase == "grid"
     # the soft step, and the grid step without constraints, change nothing if they fail
     mayBeHalfDone = not isSoft and (not isGrid or len(constraints) > 0)
     with named_faults(meshes), restored_on_error(meshes if mayBeHalfDone else ()):
+        step = all_pairs_step
+        if isSoft or isGrid:
+            check_methods(meshes, contactSolver if isSoft else broadPhase)
         if isSoft:
             from rbs.softstep.step import soft_step
 
-            check_methods(meshes, contactSolver)
-            solver = checked["substeps"], sleeping, solverState
-            return soft_step(meshes, groundMesh, timeStep, *contact, *flight, constraints, *solver)
+            return soft_step(*arguments, constraints, checked["substeps"], sleeping, solverState)
         if isGrid:
-            from rbs.stepping.gridstep import grid_step
-
-            check_methods(meshes, broadPhase)
-            report = grid_step(meshes, groundMesh, timeStep, *contact, *flight)
-        else:
-            report = all_pairs_step(meshes, groundMesh, timeStep, *contact, *flight)
+            from rbs.stepping.gridstep import grid_step as step
+        report = step(*arguments)
         with report.phase("constraints"):
             report.constraintVisits = project_constraints(
                 meshes, constraints, maxIterations, checked["tolerance"], constraintScheduling
@@ -286,8 +263,8 @@ class Mesh:
     volume, hullVolume : float
         Of the tetrahedra, and of the convex hull, which is what collides.
     hull : rbs.geometry.hulls.Hull
-    cachedAxes : mapping
-        Per other mesh, the axis of separation or of least penetration last found.
+    cachedAxes : dict
+        By the id of another mesh, the axis of separation or of least penetration last found.
 
     Raises
     ------
@@ -298,12 +275,12 @@ class Mesh:
 
     def __init__(self, name, origVertices, faces, tets, density, position, orientation, isFixed):
         self.name = name
-        self.origVertices = self._table("origVertices", origVertices, 3)
-        self.faces = self._table("faces", faces, 3, np.int64)
-        self.tets = self._table("tets", tets, 4, np.int64)
-        self.density = float(self._entry("density", density, 1)[0, 0])
-        self.position = self._entry("position", position, 3)
-        self.orientation = self._entry("orientation", orientation, 4)
+        self.origVertices = self._numbers("origVertices", origVertices, 3)
+        self.faces = self._numbers("faces", faces, 3, dtype=np.int64)
+        self.tets = self._numbers("tets", tets, 4, dtype=np.int64)
+        self.density = float(self._numbers("density", density, 1, 1)[0, 0])
+        self.position = self._numbers("position", position, 3, 1)
+        self.orientation = self._numbers("orientation", orientation, 4, 1)
         length = math.hypot(*self.orientation[0].tolist())
         if not 0 < length < math.inf:
             raise ValueError(f"mesh {name}: the orientation is zero or not finite")
@@ -316,8 +293,10 @@ class Mesh:
         if len(self.origVertices) > 0:
             self._init_mass_properties()
         self.isFixed = isFixed
-        self._forget_pose()
-        self.cachedAxes = WeakKeyDictionary()
+        self.cachedAxes = {}
+        # kept until the pose changes, each after the bytes of its pose, which a change in place
+        # changes as well
+        self._rotatedHull = self._boundingBox = self._currVertices = None, None
 
     @classmethod
     def from_surface(
@@ -343,14 +322,7 @@ class Mesh:
         position : array (1, 3) or None
             COM in the world; None leaves the body where the vertices are.
 
-        Returns
-        -------
-        Mesh
-
-        Raises
-        ------
-        ValueError
-            If the surface is not closed, or no point inside sees all of it.
+        Raises ValueError if the surface is not closed, or no point inside sees all of it.
         """
         from rbs.geometry.surfaces import fill_surface, orient_surface
 
@@ -363,7 +335,7 @@ class Mesh:
             raise ValueError(f"mesh {name}: {error}") from None
         mesh = cls(name, vertices, faces, tets, density, (0.0, 0.0, 0.0), orientation, isFixed)
         centre = vertices[-1] - mesh.origVertices[-1]
-        mesh.position = mesh._entry("position", centre if position is None else position, 3)
+        mesh.position = mesh._numbers("position", centre if position is None else position, 3, 1)
         return mesh
 
     def __repr__(self):
@@ -372,32 +344,22 @@ class Mesh:
         where = f"({x:.4g}, {y:.4g}, {z:.4g})"
         return f"Mesh({self.name!r}, {len(self.origVertices)} vertices, {mass}, at {where})"
 
-    def _table(self, what, rows, width, dtype=np.float64):
-        """Returns a copy of `rows` as (n, width); raises ValueError if it is anything else."""
+    def _numbers(self, what, value, width, count=None, dtype=np.float64):
+        """Returns a copy of finite numbers as (count, width), or (n, width); raises ValueError."""
         try:
-            table = np.array(rows, dtype=np.float64)
+            array = np.array(value, dtype=np.float64)
+            if count or array.size == 0:
+                array = array.reshape(count or 0, width)
         except (TypeError, ValueError):
-            table = np.array(np.nan)
-        if table.size == 0:
-            return np.empty((0, width), dtype)
-        if table.ndim != 2 or table.shape[1] != width:
-            found = f"of shape {table.shape}" if table.ndim else reprlib.repr(rows)
-            raise ValueError(f"mesh {self.name}: {what} must be (n, {width}), not {found}")
-        if not np.isfinite(table).all() or (table != table.astype(dtype)).any():
-            kind = "finite" if dtype is np.float64 else "whole"
-            raise ValueError(f"mesh {self.name}: {what} must be {kind} numbers")
-        return table.astype(dtype)
-
-    def _entry(self, what, value, width):
-        """`width` finite numbers as (1, width); raises ValueError if it is anything else."""
-        try:
-            row = np.array(value, dtype=np.float64).reshape(1, width)
-        except (TypeError, ValueError):
-            row = np.array(np.nan)
-        if not np.isfinite(row).all():
-            count = "a finite number" if width == 1 else f"{width} finite numbers"
-            raise ValueError(f"mesh {self.name}: {what} must be {count}, not {reprlib.repr(value)}")
-        return row
+            array = np.array(np.nan)
+        isFitting = array.ndim == 2 and array.shape[1] == width and np.isfinite(array).all()
+        if not isFitting or (array != array.astype(dtype)).any():
+            kind = (
+                f"{'finite' if dtype is np.float64 else 'whole'} numbers ({count or 'n'}, {width})"
+            )
+            found = " ".join(reprlib.repr(value).split())
+            raise ValueError(f"mesh {self.name}: {what} must be {kind}, not {found}")
+        return array.astype(dtype)
 
     def _init_mass_properties(self):
         """Sets volume, mass and IT, centres the rest vertices on the COM, and builds the hull.
@@ -480,14 +442,9 @@ class Mesh:
         a, b = self.bounding_box(), m.bounding_box()
         if a is None or b is None:
             return False
-        return (
-            a[0] <= b[3]
-            and b[0] <= a[3]
-            and a[1] <= b[4]
-            and b[1] <= a[4]
-            and a[2] <= b[5]
-            and b[2] <= a[5]
-        )
+        if a[0] > b[3] or b[0] > a[3] or a[1] > b[4] or b[1] > a[4]:
+            return False
+        return a[2] <= b[5] and b[2] <= a[5]
 
     def detect_collision(self, m):
         """Tests the convex hulls of this mesh and of m for collision at their present poses.
@@ -500,9 +457,12 @@ class Mesh:
             return GJK.NO_COLLISION
         position1, position2 = floats(self.position, 3), floats(m.position, 3)
         isCollision, depth, normal, point = GJK.collide_rotated(
-            self.rotated_hull(), m.rotated_hull(), sub(position2, position1), self.cachedAxes.get(m)
+            self.rotated_hull(),
+            m.rotated_hull(),
+            sub(position2, position1),
+            self.cachedAxes.get(id(m)),
         )
-        self.cachedAxes[m] = normal
+        self.cachedAxes[id(m)] = normal
         if not isCollision:
             return GJK.NO_COLLISION
         return True, depth, _row(normal), _row(add(point, position2))
@@ -514,8 +474,10 @@ class Mesh:
         """
         if self.isFixed:
             return None
-        vertices = self.currVertices
-        return vertices[vertices[:, 1].argmin()].copy()
+        vertices = self.rotated_hull().vertices
+        x, y, z = floats(self.position, 3)
+        column = (vertices[1] + y).argmin()
+        return vertices[:, column] + (x, y, z)
 
     def get_rotated_inv_IT(self):
         """Inverse inertia tensor in world axes, R I⁻¹ Rᵀ: (3, 3)."""
@@ -551,76 +513,38 @@ class Mesh:
         self.linVelocity = _row(body.linVelocity)
         self.angVelocity = _row(body.angVelocity)
 
-    # Quantities that depend on the pose are computed on demand and cached until position or
-    # orientation changes. Comparing their bytes also notices changes in place.
+    def pose(self):
+        """Returns the bytes of position and orientation."""
+        return self.position.tobytes() + self.orientation.tobytes()
 
     def rotated_hull(self):
         """Returns the `RotatedHull` at the present orientation; None without vertices."""
-        self._follow_pose()
-        if self._rotatedHull is None and self.hull is not None:
-            self._rotatedHull = RotatedHull(self)
-        return self._rotatedHull
+        orientation = self.orientation.tobytes()
+        if self._rotatedHull[0] != orientation and self.hull is not None:
+            self._rotatedHull = orientation, RotatedHull(self)
+        return self._rotatedHull[1]
 
     def bounding_box(self):
         """Returns the least and greatest x, y, z of the hull in the world: six floats, or None."""
-        if (
-            self._boundingBox is None
-            or self.position.tobytes() != self._positionKey
-            or self.orientation.tobytes() != self._orientationKey
-        ) and self.hull is not None:
+        pose = self.position.tobytes() + self.orientation.tobytes()
+        if self._boundingBox[0] != pose and self.hull is not None:
             rotated, position = self.rotated_hull(), floats(self.position, 3)
-            self._boundingBox = add(rotated.low, position) + add(rotated.high, position)
-        return self._boundingBox
+            self._boundingBox = pose, add(rotated.low, position) + add(rotated.high, position)
+        return self._boundingBox[1]
 
     @property
     def currVertices(self):
-        """Vertices in the world (V, 3), read-only unless assigned; they follow from the pose."""
-        self._follow_pose()
-        if self._currVertices is None:
-            rotated = self.rotated_hull()
-            rows = self.origVertices.T if rotated is None else rotated.vertices
-            rows = rows + np.reshape(self.position, (3, 1))
-            self._currVertices = np.ascontiguousarray(rows.T)
-            self._currVertices.flags.writeable = False
-        return self._currVertices
+        """Vertices in the world (V, 3), read-only unless assigned; they follow from the pose.
+
+        An assignment replaces them until the pose changes.
+        """
+        if self._currVertices[0] != self.pose():
+            refresh_vertices([self])
+        return self._currVertices[1]
 
     @currVertices.setter
     def currVertices(self, vertices):
-        """Replaces the vertices until position or orientation changes."""
-        self._follow_pose()
-        self._currVertices = vertices
-
-    def _follow_pose(self):
-        """Invalidates what was cached for another position or orientation."""
-        position, orientation = self.position.tobytes(), self.orientation.tobytes()
-        if orientation != self._orientationKey:
-            self._forget_pose()
-            self._positionKey, self._orientationKey = position, orientation
-        elif position != self._positionKey:
-            self._positionKey, self._boundingBox, self._currVertices = position, None, None
-
-    def _forget_pose(self):
-        self._positionKey = self._orientationKey = None
-        self._rotatedHull = self._boundingBox = self._currVertices = None
-
-    def __getstate__(self):
-        """Returns the attributes without the caches, for copies and pickles."""
-        return {name: value for name, value in vars(self).items() if name not in _KEPT_NAMES}
-
-    def __setstate__(self, state):
-        self.__dict__.update(state)
-        self._forget_pose()
-        self.cachedAxes = WeakKeyDictionary()
-
-
-_KEPT_NAMES = (
-    "_positionKey",
-    "_orientationKey",
-    "_rotatedHull",
-    "_boundingBox",
-    "_currVertices",
-    "cachedAxes",
-)
+        self._currVertices = self.pose(), vertices
 
 
 def ground():
@@ -633,22 +557,23 @@ def refresh_vertices(meshes):
 
     Returns the currVertices of all meshes, concatenated: (ΣV, 3), read-only.
     """
-    for m in meshes:
-        m._follow_pose()
-    stale = [m for m in meshes if m._currVertices is None]
+    poses = [m.pose() for m in meshes]
+    stale = [k for k, m in enumerate(meshes) if m._currVertices[0] != poses[k]]
     if stale:
-        counts = np.array([len(m.origVertices) for m in stale])
-        columns = state_columns(stale)
+        some = [meshes[k] for k in stale]
+        counts = np.array([len(m.origVertices) for m in some])
+        columns = state_columns(some)
         rotation = np.stack(rotation_matrices(columns["orientation"]))
-        rest = np.concatenate([m.origVertices for m in stale]).T
+        rest = np.concatenate([m.origVertices for m in some]).T
         vertices = rotate_columns(rotation, rest, counts)
         vertices = np.ascontiguousarray((vertices + columns["position"].repeat(counts, axis=1)).T)
         vertices.flags.writeable = False
-        for m, end in zip(stale, counts.cumsum().tolist(), strict=True):
-            m._currVertices = vertices[end - len(m.origVertices) : end]
+        for k, end in zip(stale, counts.cumsum().tolist(), strict=True):
+            m = meshes[k]
+            m._currVertices = poses[k], vertices[end - len(m.origVertices) : end]
         if len(stale) == len(meshes):
             return vertices
-    return np.concatenate([np.empty((0, 3)), *(m._currVertices for m in meshes)])
+    return np.concatenate([np.empty((0, 3)), *(m._currVertices[1] for m in meshes)])
 
 
 def _row(value):
@@ -659,8 +584,6 @@ def _row(value):
 # --------------------------------------------------------------------------------------------------
 # Contacts
 # --------------------------------------------------------------------------------------------------
-
-NO_FRICTION = (0.0, 0.0, 0.0)
 
 
 @dataclass(slots=True)
@@ -754,7 +677,7 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     receive_impulse(body1, -j, n, turning1)
     receive_impulse(body2, j, n, turning2)
 
-    friction = apply_friction(body1, body2, r1, r2, n, mu * j) if mu else NO_FRICTION
+    friction = apply_friction(body1, body2, r1, r2, n, mu * j) if mu else ZERO
     m1.set_body_state(body1)
     m2.set_body_state(body2)
     return ContactImpulses(j, friction, r1)
@@ -973,17 +896,10 @@ def project_constraints(meshes, constraints, maxIterations, tolerance, schedulin
     ends = np.unique(np.concatenate((rows.body1, rows.body2))).tolist()
     bodies = {b: meshes[b].body_state() for b in ends}
     vertices = {b: meshes[b].rotated_hull().vertices for b in ends}
-    ties = {
-        c: (
-            bodies[b1],
-            tuple(vertices[b1][:, v1].tolist()),
-            bodies[b2],
-            tuple(vertices[b2][:, v2].tolist()),
-            refValue,
-            upper,
-        )
-        for c, b1, v1, b2, v2, refValue, upper in table
-    }
+    ties = {}
+    for c, b1, v1, b2, v2, refValue, upper in table:
+        r1, r2 = (tuple(vertices[b][:, v].tolist()) for b, v in ((b1, v1), (b2, v2)))
+        ties[c] = bodies[b1], r1, bodies[b2], r2, refValue, upper
 
     def visit(c):
         """Checks constraint c, corrects it if it is violated, and returns whether it was."""

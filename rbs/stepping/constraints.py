@@ -45,16 +45,8 @@ class ConstraintRows:
 
     def tolist(self):
         """Returns tuples `(index, body1, vertex1, body2, vertex2, refValue, upper)`."""
-        columns = (
-            self.index,
-            self.body1,
-            self.vertex1,
-            self.body2,
-            self.vertex2,
-            self.refValue,
-            self.upper,
-        )
-        return list(zip(*(column.tolist() for column in columns), strict=True))
+        names = "index body1 vertex1 body2 vertex2 refValue upper".split()
+        return list(zip(*(getattr(self, name).tolist() for name in names), strict=True))
 
 
 def constraint_rows(constraints, vertexCount):
