@@ -122,8 +122,8 @@ class Pass:
 
     def run(self):
         """Detects the pairs batch by batch and separates those that touch: `Contacts`."""
-        found = [self._resolve_batch(*ends) for ends in itertools.pairwise(self.starts.tolist())]
-        return Contacts(self, found)
+        ends = itertools.pairwise(self.starts.tolist()) if len(self.rank) else [(0, 0)]
+        return Contacts(self, itertools.starmap(self._resolve_batch, ends))
 
     def _resolve_batch(self, begin, end):
         """Separates the pairs from `begin` to `end` that touch; returns columns of `Contacts`.
@@ -235,16 +235,7 @@ class Contacts:
 
     def __init__(self, attempt, found):
         """attempt : `Pass`; found : list of its results, batch by batch"""
-        nothing = (
-            np.zeros(0, dtype=np.intp),
-            np.zeros(0),
-            np.zeros((3, 0)),
-            np.zeros((3, 2, 0)),
-            np.zeros((3, 2, 0)),
-            np.zeros(0),
-        )
-        columns = zip(nothing, *found, strict=True)
-        rows, *columns = (np.concatenate(column, axis=-1) for column in columns)
+        rows, *columns = (np.concatenate(column, axis=-1) for column in zip(*found, strict=True))
         inOrder = take(attempt.rank, rows).argsort()
         first, second = take(attempt.bodyPair, rows[inOrder], axis=1)
         order, self.starts, _ = in_batches(first, second, attempt.bodies.isFixed)

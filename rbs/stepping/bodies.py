@@ -20,7 +20,7 @@ from Quaternion import exponentials, multiply, rotation_matrices
 from rbs.geometry import triples
 from rbs.geometry.arrays import indices, ranges, row_minima, take
 from rbs.geometry.hulls import FEATURE_TOLERANCE, NO_HULL, HullSet, rotate_columns
-from rbs.geometry.triples import add, cross, dot, scale, sub
+from rbs.geometry.triples import add, cross, divide, dot, mat_vec, scale, sub, transpose
 from rbs.geometry.vectors import rotate_tensor
 
 # Largest number allowed in a state, in any unit. Products of four such numbers are still finite; no
@@ -46,14 +46,11 @@ def check_numbers(columns, meshes, when):
 
     columns : from `state_columns`; when : what the step has just done, for the message
     """
-    # a maximum with NaN is NaN, and comparisons with NaN are false
-    if all(abs(table).max(initial=0.0) <= LARGEST_NUMBER for table in columns.values()):
-        return
     for name, table in columns.items():
-        isWrong = ~(abs(table) <= LARGEST_NUMBER)
-        if isWrong.any():
-            b = int(isWrong.any(axis=0).argmax())
-            value = float(table[isWrong[:, b], b][0])
+        isFine = abs(table) <= LARGEST_NUMBER  # false for NaN
+        if not isFine.all():
+            b = int(isFine.all(axis=0).argmin())
+            value = float(table[~isFine[:, b], b][0])
             raise StateError(f"body {b}, {meshes[b].name!r}: {name} holds {value:g} after {when}")
 
 
@@ -153,25 +150,17 @@ def gyroscopic_velocity(angVelocity, orientation, inertia, timeStep):
     c_k = I e_k + h (ω₀ × I e_k - (I ω₀) × e_k), and Cramer's rule solves f' x = b.
     """
     rotation = rotation_matrices(orientation)
-    omega = triples.mat_vec(triples.transpose(rotation), angVelocity)
-    spin = triples.mat_vec(inertia, omega)
+    omega = mat_vec(transpose(rotation), angVelocity)
+    spin = mat_vec(inertia, omega)
     b = scale(timeStep, cross(omega, spin))
+    units = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
     c0, c1, c2 = (
-        add(column, scale(timeStep, sub(cross(omega, column), cross(spin, unit))))
-        for column, unit in zip(
-            (inertia[0::3], inertia[1::3], inertia[2::3]),
-            ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
-            strict=True,
-        )
+        add(inertia[k::3], scale(timeStep, sub(cross(omega, inertia[k::3]), cross(spin, unit))))
+        for k, unit in enumerate(units)
     )
     c12 = cross(c1, c2)
-    determinant = dot(c0, c12)
-    change = (
-        dot(b, c12) / determinant,
-        dot(c0, cross(b, c2)) / determinant,
-        dot(c0, cross(c1, b)) / determinant,
-    )
-    return triples.mat_vec(rotation, sub(omega, change))
+    change = divide((dot(b, c12), dot(c0, cross(b, c2)), dot(c0, cross(c1, b))), dot(c0, c12))
+    return mat_vec(rotation, sub(omega, change))
 
 
 # --------------------------------------------------------------------------------------------------
@@ -232,14 +221,11 @@ class Bodies:
         """
         self.meshes, self.gravity, self.fallRate = meshes, gravity, math.hypot(*gravity)
         self._shapes = _shapes(tuple(meshes))
-        self.vertexStart = self._shapes.vertexStart
-        self.vertexCount = self._shapes.vertexCount
+        self.vertexStart, self.vertexCount = self._shapes.vertexStart, self._shapes.vertexCount
         columns = {name: self._gathered(name, width) for name, width in STATE_WIDTHS.items()}
-        self.motion = np.concatenate(
-            (columns["position"], columns["linVelocity"], columns["angVelocity"])
-        )
+        self.orientation = columns.pop("orientation")
+        self.motion = np.concatenate(tuple(columns.values()))
         self._start = self.motion.copy()
-        self.orientation = columns["orientation"]
         self.invMass = np.array([m.invMass for m in meshes], dtype=np.float64)
         self.isFixed = self.invMass == 0.0
         self.restInvInertia = np.where(self.isFixed, 0.0, self._gathered("invIT", 9))

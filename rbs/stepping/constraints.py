@@ -6,8 +6,6 @@ of visits. Some of the list's `total` constraints can never be corrected, such a
 fixed bodies; a visit to them counts as satisfied.
 """
 
-from functools import lru_cache
-
 import numpy as np
 
 from rbs.geometry.arrays import indices, take
@@ -186,22 +184,14 @@ def coloured_batches(bodies1, bodies2, isFixed):
     """Returns a list of arrays of constraint rows, in each of which no two move the same body.
 
     bodies1, bodies2, isFixed : as for `in_batches`
-    """
-    return _coloured(bodies1.tobytes(), bodies2.tobytes(), isFixed.tobytes())
-
-
-@lru_cache(maxsize=8)
-def _coloured(bodies1, bodies2, isFixed):
-    """`coloured_batches` by greedy colouring, from the bytes of its arrays.
 
     A constraint takes the first batch that contains none of its movable bodies. The batches of a
     body are the set bits of an integer.
     """
-    first, second = (np.frombuffer(bodies, np.intp).tolist() for bodies in (bodies1, bodies2))
-    isFixed = np.frombuffer(isFixed, bool).tolist()
+    isFixed = isFixed.tolist()
     taken = [0] * len(isFixed)
     colours = []
-    for i, j in zip(first, second, strict=True):
+    for i, j in zip(bodies1.tolist(), bodies2.tolist(), strict=True):
         free = ~(taken[i] | taken[j])
         bit = free & -free
         if not isFixed[i]:

@@ -99,18 +99,8 @@ class StepReport:
         if impulses is None:
             impulses = (0.0, ZERO, ZERO)
         impulse, friction, arm = impulses
-        self._contacts.append(
-            Contact(
-                i,
-                j,
-                depth,
-                _unsigned(normal),
-                _unsigned(point),
-                impulse + 0.0,
-                _unsigned(friction),
-                _unsigned(arm),
-            )
-        )
+        n, p, f, r = map(_unsigned, (normal, point, friction, arm))
+        self._contacts.append(Contact(i, j, depth, n, p, impulse + 0.0, f, r))
 
     def add_columns(self, *columns):
         """Adds contacts given as arrays, which are converted to `Contact`s on demand.
