@@ -172,16 +172,8 @@ def by_angle(row, u, v):
     return np.lexsort((turn, row))
 
 
-# Hull of a mesh without vertices in a `HullSet`: a point, which touches nothing.
-NO_HULL = Hull(
-    np.zeros((1, 3)),
-    np.zeros(1, np.intp),
-    np.array([[0.0, 1.0, 0.0]]),
-    np.zeros(0, np.intp),
-    np.zeros((0, 3)),
-    np.zeros((0, 2), np.intp),
-    0.0,
-)
+# In a `HullSet`, any hull stands for a mesh without vertices: its empty box touches nothing.
+NO_HULL = build_hull(np.eye(4, 3))
 
 
 # --------------------------------------------------------------------------------------------------
