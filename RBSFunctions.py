@@ -91,32 +91,22 @@ def run_timestep(
     Parameters
     ----------
     meshes : list of Mesh
-    groundMesh : Mesh or None
-        A fixed mesh without vertices, which stands for y ≤ 0; None for free space.
-    timeStep : float
-        Seconds ≥ 0. Collisions are detected after the motion, so that fast bodies may tunnel.
-    CRCoeff, closingOnly, mu : float, bool, float
-        See `resolve_collision`.
-    enforceConstraints : bool
-        False ignores the constraints.
-    constraints : list of [m1, v1, m2, v2, refValue, upper]
-        The distance between rest vertex v1 of meshes[m1] and rest vertex v2 of meshes[m2] is at
-        most refValue if upper, otherwise at least.
-    maxIterations : int
-        Maximum number of constraint visits. Each constraint is visited at least once.
-    tolerance : float
-        Length by which a constraint may be violated before it is corrected, and speed at which its
-        distance may then still change.
-    constraintScheduling, broadPhase, contactSolver : str
-        See the table in rbs/stepping/settings.py. Only the defaults call methods that a subclass of
-        Mesh overrides.
-    substeps, sleeping, solverState : int, bool, rbs.softstep.step.SolverState
-        Of the soft step. The state is carried from step to step, and changed in place; None starts
-        cold.
-    gyroscopic : bool
-        True lets spinning bodies tumble in free flight, by Euler's equations.
-    gravity : three floats
-        Acceleration of free fall in m/s².
+    groundMesh : fixed Mesh without vertices, which stands for y ≤ 0, or None for free space
+    timeStep : seconds ≥ 0. Collisions are detected after the motion, so that fast bodies may tunnel
+    CRCoeff, closingOnly, mu : see `resolve_collision`
+    enforceConstraints : False ignores the constraints
+    constraints : list of [m1, v1, m2, v2, refValue, upper]. The distance between rest vertex v1 of
+        meshes[m1] and rest vertex v2 of meshes[m2] is at most refValue if upper, otherwise at least
+    maxIterations : most constraint visits; each constraint is visited at least once
+    tolerance : length by which a constraint may be violated before it is corrected, and speed at
+        which its distance may then still change
+    constraintScheduling, broadPhase, contactSolver : names, see rbs/stepping/settings.py. Only the
+        default step calls methods that a subclass of Mesh overrides
+    substeps, sleeping : of the soft step, see rbs/stepping/settings.py
+    gyroscopic : True lets spinning bodies tumble in free flight, by Euler's equations
+    solverState : SolverState of rbs/softstep/step.py, carried from one soft step to the next and
+        changed in place; None starts cold
+    gravity : three floats, acceleration of free fall in m/s²
 
     Returns
     -------
@@ -124,11 +114,10 @@ def run_timestep(
 
     Raises
     ------
-    TypeError, ValueError
-        If an argument is invalid, a mesh is listed twice, a constraint refers to a mesh or vertex
-        that does not exist, or a subclass of Mesh overrides a method that would not be called.
-    rbs.stepping.bodies.StateError
-        If a number would become NaN, infinite or absurdly large.
+    TypeError, ValueError : an argument is invalid, a mesh is listed twice, a constraint refers to a
+        mesh or vertex that does not exist, or a subclass of Mesh overrides a method that would not
+        be called
+    rbs.stepping.bodies.StateError : a number would become NaN, infinite or absurdly large
     """
     from rbs.stepping.settings import check_arguments
 
@@ -235,42 +224,30 @@ class Mesh:
     Parameters
     ----------
     name : str
-    origVertices : array (V, 3)
-        Rest vertices. They are translated so that the COM is the origin, and then constant.
-    faces : array (F, 3) of int
-        Boundary triangles, counter-clockwise seen from outside.
-    tets : array (T, 4) of int
-        Tetrahedra that fill the body without overlap, in either orientation.
-    density : float
-        Mass per volume, > 0.
-    position : array (1, 3)
-        COM in the world.
-    orientation : array (1, 4)
-        Quaternion from rest to world, not zero; normalised on entry.
-    isFixed : bool
-        A fixed mesh has infinite mass and never moves.
+    origVertices : (V, 3), rest vertices. They are translated so that the COM is the origin, and
+        then constant
+    faces : (F, 3) int, boundary triangles, counter-clockwise seen from outside
+    tets : (T, 4) int, tetrahedra that fill the body without overlap, in either orientation
+    density : mass per volume, > 0
+    position : (1, 3), COM in the world
+    orientation : (1, 4), quaternion from rest to world, not zero; normalised on entry
+    isFixed : bool; a fixed mesh has infinite mass and never moves
 
     Attributes
     ----------
-    currVertices : array (V, 3)
-        Vertices in the world, at the present pose.
-    linVelocity, angVelocity : array (1, 3)
-        Velocity of the COM, and angular velocity in rad/s, world axes.
-    mass, invMass : float
-        invMass is 0 if the mesh is fixed.
-    IT, invIT : array (3, 3)
-        Inertia tensor about the COM at rest, and its inverse, 0 if the mesh is fixed.
-    volume, hullVolume : float
-        Of the tetrahedra, and of the convex hull, which is what collides.
+    currVertices : (V, 3), vertices in the world, at the present pose
+    linVelocity, angVelocity : (1, 3), velocity of the COM, and angular velocity in rad/s
+    mass, invMass : floats; invMass is 0 if the mesh is fixed
+    IT, invIT : (3, 3), inertia tensor about the COM at rest, and its inverse, 0 if fixed
+    volume, hullVolume : of the tetrahedra, and of the convex hull, which is what collides
     hull : rbs.geometry.hulls.Hull
-    cachedAxes : dict
-        By the id of another mesh, the axis of separation or of least penetration last found.
+    cachedAxes : dict, by the id of another mesh: the axis of separation or of least penetration
+        last found
 
     Raises
     ------
-    ValueError
-        If an argument has the wrong shape or value, an index is out of range, or vertices have no
-        mass.
+    ValueError : an argument has the wrong shape or value, an index is out of range, or vertices
+        have no mass
     """
 
     def __init__(self, name, origVertices, faces, tets, density, position, orientation, isFixed):
@@ -311,18 +288,12 @@ class Mesh:
     ):
         """Makes a body of a closed surface, as SciPy's ConvexHull or trimesh have one.
 
-        Parameters
-        ----------
-        name, density, orientation, isFixed
-            As for `Mesh`.
-        vertices : array (V, 3)
-            In metres. Vertices without a face are left out.
-        faces : array (F, 3) of int
-            Triangles, with their corners in any order.
-        position : array (1, 3) or None
-            COM in the world; None leaves the body where the vertices are.
+        vertices : (V, 3), in metres; those without a face are left out
+        faces : (F, 3) int, triangles, with their corners in any order
+        position : (1, 3), COM in the world; None leaves the body where the vertices are
 
-        Raises ValueError if the surface is not closed, or no point inside sees all of it.
+        The rest is as for `Mesh`. Raises ValueError if the surface is not closed, or no point
+        inside sees all of it.
         """
         from rbs.geometry.surfaces import fill_surface, orient_surface
 
@@ -354,9 +325,8 @@ class Mesh:
             array = np.array(np.nan)
         isFitting = array.ndim == 2 and array.shape[1] == width and np.isfinite(array).all()
         if not isFitting or (array != array.astype(dtype)).any():
-            kind = (
-                f"{'finite' if dtype is np.float64 else 'whole'} numbers ({count or 'n'}, {width})"
-            )
+            kind = "finite" if dtype is np.float64 else "whole"
+            kind += f" numbers ({count or 'n'}, {width})"
             found = " ".join(reprlib.repr(value).split())
             raise ValueError(f"mesh {self.name}: {what} must be {kind}, not {found}")
         return array.astype(dtype)
@@ -429,13 +399,8 @@ class Mesh:
     def apply_gyroscopic_term(self, timeStep):
         """Applies the gyroscopic torque to the angular velocity; see `gyroscopic_velocity`."""
         if self.invMass != 0.0:
-            angVelocity = gyroscopic_velocity(
-                floats(self.angVelocity, 3),
-                floats(self.orientation, 4),
-                floats(self.IT, 9),
-                number(timeStep),
-            )
-            self.angVelocity = _row(angVelocity)
+            state = floats(self.angVelocity, 3), floats(self.orientation, 4), floats(self.IT, 9)
+            self.angVelocity = _row(gyroscopic_velocity(*state, number(timeStep)))
 
     def bounding_box_collision(self, m):
         """Whether the axis-aligned boxes of this mesh and of m overlap or touch."""
@@ -456,11 +421,9 @@ class Mesh:
         if not self.bounding_box_collision(m) or (self.isFixed and m.isFixed):
             return GJK.NO_COLLISION
         position1, position2 = floats(self.position, 3), floats(m.position, 3)
+        t, axis = sub(position2, position1), self.cachedAxes.get(id(m))
         isCollision, depth, normal, point = GJK.collide_rotated(
-            self.rotated_hull(),
-            m.rotated_hull(),
-            sub(position2, position1),
-            self.cachedAxes.get(id(m)),
+            self.rotated_hull(), m.rotated_hull(), t, axis
         )
         self.cachedAxes[id(m)] = normal
         if not isCollision:
@@ -497,13 +460,8 @@ class Mesh:
     def body_state(self):
         """Returns the `Body` on which contacts and constraints operate."""
         invInertia = np.zeros((3, 3)) if self.isFixed else self.get_rotated_inv_IT()
-        return Body(
-            float(self.invMass),
-            floats(invInertia, 9),
-            floats(self.position, 3),
-            floats(self.linVelocity, 3),
-            floats(self.angVelocity, 3),
-        )
+        state = (floats(v, 3) for v in (self.position, self.linVelocity, self.angVelocity))
+        return Body(float(self.invMass), floats(invInertia, 9), *state)
 
     def set_body_state(self, body):
         """Stores the position and velocities of a `Body`. An immovable mesh does not change."""
@@ -623,37 +581,21 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     Parameters
     ----------
     m1, m2 : Mesh
-    depth : float
-        Penetration depth. A negative one moves the meshes the opposite way, as for the ground,
-        whose normal points into the mesh.
-    contactNormal : array (1, 3)
-        Unit vector; m2 moves along it, m1 against it.
-    penPoint : array (1, 3)
-        The point of m2 deepest inside m1.
-    CRCoeff : float
-        Coefficient of restitution e, 0 (no bounce) to 1 (no loss). The formula holds outside this
-        range, too: e > 1 adds energy, and e < 0 keeps the fraction -e of the closing speed.
-    closingOnly : bool
-        True applies no impulse to bodies that already separate. False, as in the coursework's
-        reference, applies it whatever the sign of the closing speed.
-    mu : float
-        Coefficient of friction ≥ 0. It limits the friction impulse to mu times the normal impulse.
+    depth : penetration depth. A negative one moves the meshes the opposite way, as for the ground,
+        whose normal points into the mesh
+    contactNormal : (1, 3), unit; m2 moves along it, m1 against it
+    penPoint : (1, 3), the point of m2 deepest inside m1
+    CRCoeff : coefficient of restitution e, 0 (no bounce) to 1 (no loss). The formula holds outside
+        this range, too: e > 1 adds energy, and e < 0 keeps the fraction -e of the closing speed
+    closingOnly : True applies no impulse to bodies that already separate. False, as in the
+        coursework's reference, applies it whatever the sign of the closing speed
+    mu : coefficient of friction ≥ 0. It limits the friction impulse to mu times the normal impulse
 
     Returns
     -------
-    ContactImpulses or None
-        None if neither mesh can move; both then stay as they are.
-
-    Raises
-    ------
-    ValueError
-        If CRCoeff is not finite, or mu is negative or not finite.
+    ContactImpulses, or None if neither mesh can move; both then stay as they are
     """
     e, mu = number(CRCoeff), number(mu)
-    if not math.isfinite(e):
-        raise ValueError(f"CRCoeff must be a finite number, not {e:g}")
-    if not 0.0 <= mu < math.inf:
-        raise ValueError(f"mu must be a finite number of 0 or more, not {mu:g}")
     body1, body2 = m1.body_state(), m2.body_state()
     if body1.invMass + body2.invMass == 0.0:
         return None
@@ -757,22 +699,16 @@ def resolve_position_constraint(
 
     Parameters
     ----------
-    currPositions, currConstPoints : pairs of arrays (1, 3)
-        The COMs, and the points p1 and p2.
-    refValue : float
-        Length ≥ 0.
-    invMasses : pair of floats
-        Inverse masses, 0 if immovable. Two immovable bodies stay as they are.
-    upper : bool
-        An upper bound is valid if C ≤ tolerance, a lower one if C ≥ -tolerance.
-    tolerance : float
-        Length.
+    currPositions, currConstPoints : pairs of arrays (1, 3), the COMs, and the points p1 and p2
+    refValue : length ≥ 0
+    invMasses : pair of inverse masses, 0 if immovable. Two immovable bodies stay as they are
+    upper : an upper bound is valid if C ≤ tolerance, a lower one if C ≥ -tolerance
+    tolerance : length
 
     Returns
     -------
     positionWasValid : bool
-    correctedPositions : pair of arrays (1, 3)
-        New COMs.
+    correctedPositions : pair of arrays (1, 3), new COMs
     """
     (x1, x2), (p1, p2) = floats_of(currPositions), floats_of(currConstPoints)
     invMass1, invMass2 = number(invMasses[0]), number(invMasses[1])
@@ -803,13 +739,10 @@ def resolve_velocity_constraint(
 
     Parameters
     ----------
-    currPositions, currConstPoints, invMasses
-        As for `resolve_position_constraint`.
+    currPositions, currConstPoints, invMasses : as for `resolve_position_constraint`
     currLinVelocities, currAngVelocities : pairs of arrays (1, 3)
-    invInertiaTensors : pair of arrays (3, 3)
-        Inverse inertia tensors in world axes.
-    tolerance : float
-        Speed. The velocities are valid if |J v| ≤ tolerance.
+    invInertiaTensors : pair of arrays (3, 3), inverse inertia tensors in world axes
+    tolerance : speed. The velocities are valid if |J v| ≤ tolerance
 
     Returns
     -------
@@ -831,11 +764,8 @@ def resolve_velocity_constraint(
         j = Jv / (k1 + k2)
         receive_impulse(body1, -j, n, turning1)
         receive_impulse(body2, j, n, turning2)
-    return (
-        wasValid,
-        Pair(body1.linVelocity, body2.linVelocity),
-        Pair(body1.angVelocity, body2.angVelocity),
-    )
+    linVelocities = Pair(body1.linVelocity, body2.linVelocity)
+    return wasValid, linVelocities, Pair(body1.angVelocity, body2.angVelocity)
 
 
 class Pair:
@@ -850,14 +780,11 @@ class Pair:
     def __init__(self, first, second, shape=(1, 3), arms=None):
         self.floats, self.shape, self.arms = (first, second), shape, arms
 
-    def __len__(self):
+    def __len__(self):  # for np.array
         return 2
 
     def __getitem__(self, k):
         return np.reshape(self.floats[k], self.shape)
-
-    def __iter__(self):
-        return iter((self[0], self[1]))
 
 
 def floats_of(pair, count=3):
