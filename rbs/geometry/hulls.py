@@ -56,13 +56,9 @@ class Hull:
     """
 
     def __init__(self, vertices, vertexIndex, directions, edgeTail, edgeVector, edgeFaces, volume):
-        self.vertices = vertices
-        self.vertexIndex = vertexIndex
-        self.directions = directions
-        self.edgeTail = edgeTail
-        self.edgeVector = edgeVector
-        self.edgeFaces = edgeFaces
-        self.volume = volume
+        self.vertices, self.vertexIndex, self.volume = vertices, vertexIndex, volume
+        self.directions, self.edgeTail = directions, edgeTail
+        self.edgeVector, self.edgeFaces = edgeVector, edgeFaces
         heights = dot(directions.T[:, :, None], vertices.T[:, None, :])
         self.offsets = heights.max(axis=1)
         self.radius = math.sqrt(dot(vertices.T, vertices.T).max())
@@ -78,10 +74,8 @@ class Hull:
 def build_hull(points):
     """Returns the `Hull` of points (n, 3); equal points give the same read-only object.
 
-    Raises
-    ------
-    ValueError : the points have no volume, or a coordinate is not finite or beyond
-        LARGEST_COORDINATE
+    Raises ValueError if the points have no volume, or a coordinate is not finite or beyond
+    LARGEST_COORDINATE.
     """
     return _hull_of_bytes(checked_points(points).tobytes())
 

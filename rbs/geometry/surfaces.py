@@ -87,12 +87,8 @@ def find_inner_point(vertices, normals, offsets, margin):
     # Imported here, because it takes long and few files need it.
     from scipy.optimize import linprog
 
-    best = linprog(
-        c=[0.0, 0.0, 0.0, -1.0],
-        A_ub=np.column_stack([normals, np.ones(len(normals))]),
-        b_ub=offsets,
-        bounds=[(None, None)] * 4,
-    )
+    planes = np.column_stack([normals, np.ones(len(normals))])
+    best = linprog([0.0, 0.0, 0.0, -1.0], planes, offsets, bounds=[(None, None)] * 4)
     if best.status != 0 or best.x[3] <= margin:
         raise ValueError(
             "the surface cannot be filled, because no point sees all of it from inside; give it as "

@@ -159,14 +159,9 @@ class Pass:
         isValid = facets.still_valid(some, penetration, t - self.t[:, some])
         stale = indices((penetration >= self.apart[some]) & ~isValid)
         if len(stale):
-            exact = find_facets(
-                self.bodies.hulls,
-                *self.bodyPair[:, begin + stale],
-                t[:, stale],
-                np.zeros(len(stale)),
-                normal[:, stale],
-            )
-            penetration[stale], normal[:, stale] = exact.minimal_penetrations(t[:, stale])
+            some, t = self.bodyPair[:, begin + stale], t[:, stale]
+            exact = find_facets(self.bodies.hulls, *some, t, np.zeros(len(stale)), normal[:, stale])
+            penetration[stale], normal[:, stale] = exact.minimal_penetrations(t)
         return penetration, normal
 
     def has_missed(self, history):
@@ -192,9 +187,8 @@ class Pass:
             return False
         first, second = first[meet], second[meet]
         t = take(position2 - position1, meet, axis=1)
-        facets = find_facets(
-            bodies.hulls, first, second, t, np.zeros(len(meet)), take(axis, meet, axis=1)
-        )
+        axes = take(axis, meet, axis=1)
+        facets = find_facets(bodies.hulls, first, second, t, np.zeros(len(meet)), axes)
         size = bodies.hulls.radius[first] + bodies.hulls.radius[second]
         return bool((facets.minimal_penetrations(t)[0] >= -TOUCH_TOLERANCE * size).any())
 

@@ -9,6 +9,7 @@ fixed bodies; a visit to them counts as satisfied.
 import numpy as np
 
 from rbs.geometry.arrays import indices, take
+from rbs.geometry.triples import number
 from rbs.stepping.bodies import Bodies
 from rbs.stepping.kernels import distance_error, is_violated, shifts, stop
 
@@ -64,9 +65,7 @@ def _table(constraints):
     try:
         rows = np.array([tuple(row) for row in constraints], dtype=np.float64)
     except (TypeError, ValueError):  # arrays of one number among the numbers
-        rows = np.array(
-            [[np.asarray(value, dtype=np.float64).item() for value in row] for row in constraints]
-        )
+        rows = np.array([[number(value) for value in row] for row in constraints])
     if rows.ndim != 2 or rows.shape[1] != 6:
         raise ValueError("a constraint is a row of six: m1, v1, m2, v2, refValue, upper")
     return rows.T
@@ -81,14 +80,12 @@ def _check_ends(table, vertexCount):
         if not fits.all():
             c = int(fits.argmin())
             if not known[c]:
+                most = len(vertexCount) - 1
                 raise ValueError(
-                    f"constraint {c}: mesh {mesh[c]:g} does not exist, only 0 to "
-                    f"{len(vertexCount) - 1}"
+                    f"constraint {c}: mesh {mesh[c]:g} does not exist, only 0 to {most}"
                 )
-            raise ValueError(
-                f"constraint {c}: mesh {mesh[c]:g} has no vertex {vertex[c]:g}, only 0 to "
-                f"{count[c] - 1}"
-            )
+            what = f"mesh {mesh[c]:g} has no vertex {vertex[c]:g}, only 0 to {count[c] - 1}"
+            raise ValueError(f"constraint {c}: {what}")
     if not np.isfinite(table[4]).all():
         c = int(np.isfinite(table[4]).argmin())
         raise ValueError(f"constraint {c}: the reference value must be finite")
