@@ -162,11 +162,6 @@ def _collide(hulls, t, tolerance, patchTolerance, axis=None):
     return True, max(penetration, 0.0), normal, tuple(points[:, 0].tolist())
 
 
-# --------------------------------------------------------------------------------------------------
-# GJK
-# --------------------------------------------------------------------------------------------------
-
-
 def separating_axis(vertices1, vertices2, t, gap):
     """Searches with GJK for an axis that separates two hulls by more than a gap, a length ≥ 0.
 

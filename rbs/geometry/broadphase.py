@@ -13,6 +13,8 @@ from rbs.geometry.arrays import indices, ranges, take
 # Least size of a box in a level, as a fraction of the largest one, which sets the width of the
 # columns. Less crowds the columns; more makes more levels and queries.
 GRID_SHRINK = 1 / 8
+# Number of cells along a side up to which all cells are numbered; beyond, only those in use.
+MOST_CELLS = 1e6
 
 
 def overlap_limits(box):
@@ -94,6 +96,9 @@ def _pair_keys(found, isFixed):
 
 def _cell_indices(values):
     """Compact cell indices ≥ 1 of whole floats, neighbours (±1) only if they were so before."""
+    least = values.min()
+    if values.max() - least < MOST_CELLS:
+        return (values - least).astype(np.int64) + 1
     distinct, rank = np.unique(values, return_inverse=True)
     steps = np.minimum(np.diff(distinct, prepend=distinct[:1]), 2.0)
     return steps.cumsum().astype(np.int64)[rank] + 1

@@ -36,11 +36,6 @@ LARGEST_COORDINATE = 1e12
 LEAST_ASPECT = 1e-6
 
 
-# --------------------------------------------------------------------------------------------------
-# One hull
-# --------------------------------------------------------------------------------------------------
-
-
 class Hull:
     """Convex hull of a point set: vertices, faces and edges, in the frame of the points.
 
@@ -170,11 +165,6 @@ def by_angle(row, u, v):
 NO_HULL = build_hull(np.eye(4, 3))
 
 
-# --------------------------------------------------------------------------------------------------
-# The hulls of many bodies
-# --------------------------------------------------------------------------------------------------
-
-
 class HullSet:
     """Hulls of n bodies in flat tables, rotated to the bodies' orientations.
 
@@ -232,22 +222,10 @@ class HullSet:
         result.vertices, result.rotation = vertices, rotation
         return result
 
-    def boxes(self):
-        """Least and greatest coordinates of each hull, relative to its centre: (3, n), (3, n)."""
-        return tuple(
-            extreme.reduceat(self.vertices, self.vertexStart, axis=1)
-            for extreme in (np.minimum, np.maximum)
-        )
-
 
 def rotate_columns(rotation, table, count):
     """Rotates a table (3, K) with count[b] columns for each body b by its matrix rotation[:, b]."""
     return mat_vec(rotation.repeat(count, axis=1), table)
-
-
-# --------------------------------------------------------------------------------------------------
-# Support points: the lowest ones along a direction
-# --------------------------------------------------------------------------------------------------
 
 
 def support_levels(hulls, bodies, directions):

@@ -121,10 +121,6 @@ def restored_on_error(meshes):
         raise
 
 
-# --------------------------------------------------------------------------------------------------
-# Free flight
-# --------------------------------------------------------------------------------------------------
-
 # Gravitational acceleration along y, in m/s², and as a vector, the default of a step.
 GRAVITY = -9.8
 EARTH = (0.0, GRAVITY, 0.0)
@@ -163,16 +159,11 @@ def gyroscopic_velocity(angVelocity, orientation, inertia, timeStep):
     return mat_vec(rotation, sub(omega, change))
 
 
-# --------------------------------------------------------------------------------------------------
-# Bodies
-# --------------------------------------------------------------------------------------------------
-
-
 class _Shapes:
     """Constant data of a list of meshes: rest vertices and hulls, in tables.
 
     vertices : (3, ΣV), rest vertices of all meshes; those of body b start at vertexStart[b]
-    hulls : HullSet at rest; a mesh without vertices has a point as its hull
+    hulls : HullSet at rest; NO_HULL stands for a mesh without vertices
     hullColumn : (ΣVh,), columns of the hulls' vertices in `vertices`
     hasShape : (n,) bool
     given : dict, per attribute whose rows the last step has set: `(table (n, …), rows)`
@@ -184,7 +175,7 @@ class _Shapes:
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.hasShape = self.vertexCount > 0
         self.given = {}
-        # one more column, the point of meshes without vertices
+        # one more column, in case no mesh has vertices
         vertices = [*(m.origVertices for m in meshes), np.zeros((1, 3))]
         self.vertices = np.ascontiguousarray(np.concatenate(vertices).T)
         hulls = [NO_HULL if m.hull is None else m.hull for m in meshes]
@@ -263,7 +254,9 @@ class Bodies:
         self.vertices = rotate_columns(rotation, shapes.vertices[:, :-1], shapes.vertexCount)
         corners = np.concatenate((self.vertices, shapes.vertices[:, -1:]), axis=1)
         self.hulls = shapes.hulls.rotated(rotation, take(corners, shapes.hullColumn, axis=1))
-        low, high = self.hulls.boxes()
+        corners, starts = self.hulls.vertices, self.hulls.vertexStart
+        low = np.minimum.reduceat(corners, starts, axis=1)
+        high = np.maximum.reduceat(corners, starts, axis=1)
         self._relativeBox = np.where(shapes.hasShape, np.concatenate((low, -high)), np.inf)
         self.box = self.box_at(np.arange(len(self.meshes)), self.position)
 

@@ -91,8 +91,8 @@ rbs/geometry/patches.py: centroid of the patch, a factor (gjk)
     moment / (3.0 * -> moment / (2.0 *
 rbs/geometry/hulls.py: order around a polygon, two of the quarters (gjk softstep)
     np.copysign(1.0 - du / -> np.copysign(du /
-rbs/geometry/hulls.py: boxes of hulls, the wrong extreme (broadPhase)
-    for extreme in (np.minimum, np.maximum) -> for extreme in (np.minimum, np.minimum)
+rbs/stepping/bodies.py: boxes of hulls, the wrong extreme (broadPhase)
+    high = np.maximum.reduceat -> high = np.minimum.reduceat
 RBSFunctions.py: box of one hull, the wrong extreme (timestep)
     hullVertices.max(axis=1) -> hullVertices.min(axis=1)
 rbs/geometry/facets.py: facets, faces of the second hull are not turned round (gjk)
