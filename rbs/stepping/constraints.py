@@ -31,8 +31,7 @@ class ConstraintRows:
         Raises ValueError, which names constraint, mesh and vertex, if one does not exist.
         """
         self.total = len(constraints)
-        table = _table(constraints)
-        _check_ends(table, vertexCount)
+        table = _table(constraints, vertexCount)
         body1, vertex1, body2, vertex2 = table[:4].astype(np.intp)
         movable = (body1 != body2) & ~(isFixed[body1] & isFixed[body2])
         movable &= (table[5] != 0) | (table[4] > tolerance)
@@ -53,13 +52,15 @@ def constraint_rows(constraints, vertexCount):
 
     vertexCount : (n,), of the meshes. Raises ValueError, which names constraint, mesh and vertex.
     """
-    table = _table(constraints)
-    _check_ends(table, vertexCount)
+    table = _table(constraints, vertexCount)
     return [[*map(int, row[:4]), row[4], bool(row[5])] for row in table.T.tolist()]
 
 
-def _table(constraints):
-    """Returns the rows as columns (6, C) of floats; arrays of one number count as numbers."""
+def _table(constraints, vertexCount):
+    """Returns the rows as columns (6, C) of floats; arrays of one number count as numbers.
+
+    Raises ValueError if a constraint refers to a mesh or vertex that does not exist.
+    """
     if len(constraints) == 0:
         return np.zeros((6, 0))
     try:
@@ -68,27 +69,22 @@ def _table(constraints):
         rows = np.array([[number(value) for value in row] for row in constraints])
     if rows.ndim != 2 or rows.shape[1] != 6:
         raise ValueError("a constraint is a row of six: m1, v1, m2, v2, refValue, upper")
-    return rows.T
+    table = rows.T
 
-
-def _check_ends(table, vertexCount):
-    """Raises ValueError if a constraint refers to a mesh or vertex that does not exist."""
     for mesh, vertex in (table[0:2], table[2:4]):
         known = (mesh >= 0) & (mesh < len(vertexCount)) & (mesh == np.floor(mesh))
         count = vertexCount[np.where(known, mesh, 0).astype(np.intp)]
         fits = known & (vertex >= 0) & (vertex < count) & (vertex == np.floor(vertex))
         if not fits.all():
             c = int(fits.argmin())
+            what, most = f"mesh {mesh[c]:g} has no vertex {vertex[c]:g}", count[c] - 1
             if not known[c]:
-                most = len(vertexCount) - 1
-                raise ValueError(
-                    f"constraint {c}: mesh {mesh[c]:g} does not exist, only 0 to {most}"
-                )
-            what = f"mesh {mesh[c]:g} has no vertex {vertex[c]:g}, only 0 to {count[c] - 1}"
-            raise ValueError(f"constraint {c}: {what}")
+                what, most = f"mesh {mesh[c]:g} does not exist", len(vertexCount) - 1
+            raise ValueError(f"constraint {c}: {what}, only 0 to {most}")
     if not np.isfinite(table[4]).all():
         c = int(np.isfinite(table[4]).argmin())
         raise ValueError(f"constraint {c}: the reference value must be finite")
+    return table
 
 
 def queue(visit, constraints, total, maximumVisits):

@@ -13,15 +13,9 @@ GROUND = -1
 
 # Phases of a step, in order, and their names in the window. The pair-by-pair step has no tables to
 # read and write back. The soft step solves contacts and constraints together.
-PHASES = {
-    "gather": "gather",
-    "integrate": "integrate",
-    "collisions": "collisions",
-    "ground": "ground",
-    "contactSolver": "contact solver",
-    "constraints": "constraints",
-    "writeBack": "write back",
-}
+PHASES = {name: name for name in ("gather", "integrate", "collisions", "ground")}
+PHASES |= {"contactSolver": "contact solver", "constraints": "constraints"}
+PHASES["writeBack"] = "write back"
 
 
 class Contact(NamedTuple):
@@ -50,12 +44,9 @@ class StepReport:
     """
 
     def __init__(self):
-        self._contacts = []
-        self._pending = []
-        self.candidatePairs = 0
-        self.constraintVisits = 0
-        self.seconds = {}
-        self.isAsleep = None
+        self._contacts, self._pending = [], []
+        self.candidatePairs = self.constraintVisits = 0
+        self.seconds, self.isAsleep = {}, None
 
     def __repr__(self):
         milliseconds = 1e3 * sum(self.seconds.values())
