@@ -49,11 +49,9 @@ from rbs.stepping.bodies import (
     GRAVITY as GRAVITY,
     check_distinct,
     check_numbers,
-    check_objects,
     gyroscopic_velocity,
-    named_faults,
-    restored_on_error,
     state_columns,
+    undone_on_error,
 )
 from rbs.stepping.reports import GROUND, StepReport
 
@@ -122,7 +120,6 @@ def run_timestep(
     from rbs.stepping.settings import check_arguments
 
     checked = check_arguments(locals())
-    check_objects(groundMesh, solverState)
     contact = checked["CRCoeff"], closingOnly, checked["mu"]
     flight = gyroscopic, checked["gravity"]
     arguments = meshes, groundMesh, checked["timeStep"], *contact, *flight
@@ -130,7 +127,7 @@ def run_timestep(
     isSoft, isGrid = contactSolver == "soft-step", broadPhase == "grid"
     # the soft step, and the grid step without constraints, change nothing if they fail
     mayBeHalfDone = not isSoft and (not isGrid or len(constraints) > 0)
-    with named_faults(meshes), restored_on_error(meshes if mayBeHalfDone else ()):
+    with undone_on_error(meshes, mayBeHalfDone):
         step = all_pairs_step
         if isSoft or isGrid:
             check_methods(meshes, contactSolver if isSoft else broadPhase)

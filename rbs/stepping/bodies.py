@@ -61,36 +61,41 @@ def check_distinct(meshes):
         raise ValueError(f"mesh {twice}, {meshes[twice].name!r}, is listed twice")
 
 
-def check_objects(groundMesh, solverState):
-    """Raises TypeError unless each is None, or a Mesh and a SolverState."""
-    for name, value, kind, attribute in (
-        ("groundMesh", groundMesh, "Mesh", "invMass"),
-        ("solverState", solverState, "SolverState", "begun"),
-    ):
-        if value is not None and not hasattr(value, attribute):
-            raise TypeError(f"{name} must be a {kind} or None, not {reprlib.repr(value)}")
-
-
 @contextmanager
-def named_faults(meshes):
-    """Within it, an error from an attribute of a mesh becomes a ValueError that names both."""
+def undone_on_error(meshes, mayBeHalfDone):
+    """Within it, an error restores the state of the meshes, where it may be half done.
+
+    An error from an attribute of a mesh becomes a ValueError that names both.
+    """
+    before = []
     try:
+        if mayBeHalfDone:
+            before += [
+                (m, {name: getattr(m, name).copy() for name in STATE_WIDTHS}) for m in meshes
+            ]
         yield
-    except (AttributeError, TypeError, ValueError):
-        if not isinstance(meshes, list | tuple):
-            raise TypeError(f"meshes must be a list of Mesh, not {reprlib.repr(meshes)}") from None
-        for b, mesh in enumerate(meshes):
-            for name, width in STATE_WIDTHS.items():
-                try:
-                    triples.floats(getattr(mesh, name), width)
-                except AttributeError:
-                    raise TypeError(f"meshes[{b}] must be a Mesh, not {mesh!r}") from None
-                except (TypeError, ValueError):
-                    value = reprlib.repr(getattr(mesh, name))
-                    raise ValueError(
-                        f"body {b}, {mesh.name!r}: {name} must be {width} numbers, not {value}"
-                    ) from None
+    except BaseException as error:
+        for mesh, state in before:
+            for name, value in state.items():
+                setattr(mesh, name, value)
+        if isinstance(error, AttributeError | TypeError | ValueError):
+            _name_fault(meshes)
         raise
+
+
+def _name_fault(meshes):
+    """Raises TypeError or ValueError if something is no Mesh, or has no numbers as its state."""
+    if not isinstance(meshes, list | tuple):
+        raise TypeError(f"meshes must be a list of Mesh, not {reprlib.repr(meshes)}") from None
+    for b, mesh in enumerate(meshes):
+        for name, width in STATE_WIDTHS.items():
+            try:
+                triples.floats(getattr(mesh, name), width)
+            except AttributeError:
+                raise TypeError(f"meshes[{b}] must be a Mesh, not {mesh!r}") from None
+            except (TypeError, ValueError):
+                what = f"{name} must be {width} numbers, not {reprlib.repr(getattr(mesh, name))}"
+                raise ValueError(f"body {b}, {mesh.name!r}: {what}") from None
 
 
 def state_columns(meshes):
@@ -106,19 +111,6 @@ def _columns(meshes, name, width):
     except ValueError:  # slow path: different shapes, or no mesh
         table = np.concatenate([np.empty(0), *values], axis=None)
     return np.ascontiguousarray(table.reshape(-1, width).T, dtype=np.float64)
-
-
-@contextmanager
-def restored_on_error(meshes):
-    """Restores the state of the meshes if an exception leaves the `with` block."""
-    before = [[getattr(m, name).copy() for name in STATE_WIDTHS] for m in meshes]
-    try:
-        yield
-    except BaseException:
-        for mesh, state in zip(meshes, before, strict=True):
-            for name, value in zip(STATE_WIDTHS, state, strict=True):
-                setattr(mesh, name, value)
-        raise
 
 
 # Gravitational acceleration along y, in m/s², and as a vector, the default of a step.

@@ -214,8 +214,14 @@ def check_arguments(arguments):
     """Returns the arguments of `run_timestep` that are settings, by parameter, as their kinds.
 
     arguments : dict of all its arguments
-    Raises ValueError for an invalid value, and for one that the contact solver would ignore.
+    Raises ValueError for an invalid value, and for one that the contact solver would ignore;
+    TypeError for a ground that is no Mesh or a state that is no SolverState.
     """
+    kinds = {"groundMesh": ("Mesh", "invMass"), "solverState": ("SolverState", "begun")}
+    for name, (kind, attribute) in kinds.items():
+        if arguments[name] is not None and not hasattr(arguments[name], attribute):
+            shown = reprlib.repr(arguments[name])
+            raise TypeError(f"{name} must be a {kind} or None, not {shown}")
     checked = {}
     for one in TABLE:
         value = arguments[one.parameter]
