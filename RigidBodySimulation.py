@@ -83,15 +83,10 @@ def run_asked_mode(options):
     """Runs the mode that the options select. Returns the exit code."""
     SceneSimulation.submitted = None
     if options.functions is not None:
-        settings = commandLine.SETTING_OPTIONS
         SceneSimulation.submitted = SubmittedSteps(options.functions, bool(options.our_loop))
-        SceneSimulation.submitted.check_options(
-            {
-                commandLine.option_name(d): one.parameter
-                for d, one in settings.items()
-                if d in options
-            }
-        )
+        used = [item for item in commandLine.SETTING_OPTIONS.items() if item[0] in options]
+        parameters = {commandLine.option_name(dest): one.parameter for dest, one in used}
+        SceneSimulation.submitted.check_options(parameters)
     if options.verify is not None:
         return verify_as_asked(options)
     simulation = simulation_of(options)

@@ -8,19 +8,16 @@ The implicit gyroscopic term follows Catto: Numerical Methods. Game Developers C
 
 import math
 import reprlib
-from collections import deque
 from contextlib import contextmanager
 from functools import lru_cache
-from itertools import repeat
 from operator import attrgetter, is_
 
 import numpy as np
 
 from Quaternion import exponentials, multiply, rotation_matrices
-from rbs.geometry import triples
 from rbs.geometry.arrays import indices, ranges, row_minima, take
 from rbs.geometry.hulls import FEATURE_TOLERANCE, NO_HULL, HullSet, rotate_columns
-from rbs.geometry.triples import add, cross, divide, dot, mat_vec, scale, sub, transpose
+from rbs.geometry.triples import add, cross, divide, dot, floats, mat_vec, scale, sub, transpose
 from rbs.geometry.vectors import rotate_tensor
 
 # Largest number allowed in a state, in any unit. Products of four such numbers are still finite; no
@@ -90,7 +87,7 @@ def _name_fault(meshes):
     for b, mesh in enumerate(meshes):
         for name, width in STATE_WIDTHS.items():
             try:
-                triples.floats(getattr(mesh, name), width)
+                floats(getattr(mesh, name), width)
             except AttributeError:
                 raise TypeError(f"meshes[{b}] must be a Mesh, not {mesh!r}") from None
             except (TypeError, ValueError):
@@ -291,7 +288,8 @@ class Bodies:
         shape = (3, 3) if name == "invIT" else (1, len(columns))
         table = np.ascontiguousarray(columns.T).reshape(-1, *shape)
         rows = list(table)
-        deque(map(setattr, self.meshes, repeat(name), rows), maxlen=0)  # faster than a loop
+        for mesh, row in zip(self.meshes, rows, strict=True):
+            setattr(mesh, name, row)
         self._shapes.given[name] = table, rows
         return table
 
