@@ -777,8 +777,11 @@ class Pair:
     def __init__(self, first, second, shape=(1, 3), arms=None):
         self.floats, self.shape, self.arms = (first, second), shape, arms
 
-    def __len__(self):  # for np.array
+    def __len__(self):
         return 2
+
+    def __iter__(self):
+        return iter((self[0], self[1]))
 
     def __getitem__(self, k):
         return np.reshape(self.floats[k], self.shape)
