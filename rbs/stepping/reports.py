@@ -4,8 +4,6 @@ import time
 from contextlib import contextmanager
 from typing import NamedTuple
 
-import numpy as np
-
 from rbs.geometry.triples import ZERO, add, floats, sub
 
 # Index of the ground as the second body of a contact.
