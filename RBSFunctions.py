@@ -323,7 +323,7 @@ class Mesh:
         isFitting = array.ndim == 2 and array.shape[1] == width and np.isfinite(array).all()
         if not isFitting or (array != array.astype(dtype)).any():
             kind = "finite" if dtype is np.float64 else "whole"
-            kind += f" numbers ({count or 'n'}, {width})"
+            kind = f"{'' if count else 'rows of '}{width} {kind} number{'s' * (width > 1)}"
             found = " ".join(reprlib.repr(value).split())
             raise ValueError(f"mesh {self.name}: {what} must be {kind}, not {found}")
         return array.astype(dtype)
