@@ -85,9 +85,11 @@ CONSTRAINT_LAYOUT = {
     **_MESHES,
     **_STATES,
     **_entries("refValues", float, "samples", 1),
-    **_entries("positionWasValidUpper positionWasValidLower", bool, "samples"),
+    **_entries("positionWasValidUpper", bool, "samples"),
+    **_entries("correctedPositionsUpper", RESULT, 2, "samples", 3),
+    **_entries("positionWasValidLower", bool, "samples"),
+    **_entries("correctedPositionsLower", RESULT, 2, "samples", 3),
     **_entries("velocityWasValid", bool, "samples"),
-    **_entries("correctedPositionsUpper correctedPositionsLower", RESULT, 2, "samples", 3),
     **_entries("correctedLinVelocities correctedAngVelocities", RESULT, 2, "samples", 3),
 }
 

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 from reference.graderData import RELEASED_2024
 from reference.rigidModel import DENSITY
-from released.physics2024 import INERTIA_FACTOR, in_world_axes, rotation_matrices
+from released.physics2024 import INERTIA_DIVISOR, in_world_axes, rotation_matrices
 
 from verdict.parts import NotWritten, few_samples
 
@@ -146,7 +146,7 @@ def match_inertia(mesh, right, isReleased=False):
     -------
     list of str, remarks on what was replaced
     """
-    remarks, tensors = [], (right, INERTIA_FACTOR * right)
+    remarks, tensors = [], (right, right / INERTIA_DIVISOR)
     known = [_is_tensor(getattr(mesh, "invIT", None), np.linalg.inv(one)) for one in tensors]
     if known[not isReleased]:
         mesh.IT = tensors[isReleased].copy()

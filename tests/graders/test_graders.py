@@ -17,6 +17,7 @@ from reference.graderData import (
     INTEGRATION_LAYOUT,
     load_grader_data,
 )
+from reference.rigidModel import solids_of
 from scipy.spatial import ConvexHull
 
 import RBSFunctions
@@ -322,8 +323,7 @@ def test_the_reference_is_made_again_with_the_same_bits(tmp_path, monkeypatch):
 
 def world_poses(data):
     """For every sample the world vertices (V1, 3), (V2, 3) of both meshes, in plain NumPy."""
-    solids = make_reference.make_meshes("exact")[1]
-    hull1, hull2 = (np.array(solid.vertices, dtype=float) for solid in solids)
+    hull1, hull2 = (solid.vertices for solid in solids_of(data).values())
     for position, q in zip(data["randomPositions"], data["randomOrientations"], strict=True):
         yield hull1, hull2 @ rotation_of(q).T + position
 
@@ -373,9 +373,7 @@ def test_either_bound_is_often_violated_and_a_tenth_of_the_velocities_are_valid(
 def test_collision_results_keep_momentum_and_restore_half_the_closing_speed():
     """Conservation laws, which the formula of the impulse does not mention, hold in the results."""
     data = load("collision-resolution.data")
-    solids = make_reference.make_meshes("exact")[1]
-    masses = [1 / float(solid.inverseMass) for solid in solids]
-    inertia = [np.linalg.inv(np.array(solid.inverseInertia, dtype=float)) for solid in solids]
+    masses, _centres, _vertices, inertia = zip(*solids_of(data).values(), strict=True)
     for sample in np.flatnonzero(data["isCollision"]):
         rotation = rotation_of(data["randomOrientations"][sample])
         tensors = inertia[0], rotation @ inertia[1] @ rotation.T
