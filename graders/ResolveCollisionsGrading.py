@@ -1,6 +1,6 @@
 """Grade collision detection and resolution against collision-resolution.data.
 
-    python graders/ResolveCollisionsGrading.py [--data DIR] [--convention exact|released-2024]
+    python graders/ResolveCollisionsGrading.py [--data DIR]
     python graders/ResolveCollisionsGrading.py --modules DIR    a student's modules
 
 Detection, `Mesh.detect_collision`, is graded on right data only, because the release's is

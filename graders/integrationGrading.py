@@ -1,6 +1,6 @@
 """Grade `Mesh.integrate_timestep` against integration.data: one step of 0.1 s per sample.
 
-    python graders/integrationGrading.py [--data DIR] [--convention exact|released-2024]
+    python graders/integrationGrading.py [--data DIR]
     python graders/integrationGrading.py --modules DIR    a student's RBSFunctions and Quaternion
 
 The released data hold a result for one sample only (quirk 3 of the contract), which is graded.

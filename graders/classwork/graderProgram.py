@@ -8,7 +8,7 @@ from pathlib import Path
 
 from isolated.archives import find_submission, modules_of
 from isolated.processes import add_limit_arguments, run_isolated
-from reference.graderData import CONVENTIONS, DATA_DIRECTORY, GraderDataError, printable
+from reference.graderData import DATA_DIRECTORY, GraderDataError, printable
 from verdict.bodies import Bodies
 from verdict.gradeReport import make_grade
 
@@ -58,8 +58,6 @@ def make_parser(description):
     add = parser.add_argument
     text = "folder of the graders' data (default: the project's data)"
     add("--data", metavar="DIR", type=Path, default=DATA_DIRECTORY, help=text)
-    text = "physics behind the data: right, or as in the coursework's 2024 release (default: "
-    add("--convention", choices=CONVENTIONS, help=text + "recognised from the data)")
     add_limit_arguments(parser)
     return parser
 
@@ -94,13 +92,7 @@ def run_program(parser, main):
 
 def load_data(graders, arguments):
     """Returns a dict from each grader's module to its data. Raises GraderDataError."""
-    data = {}
-    for grader in graders:
-        try:
-            data[grader.module] = grader.load(arguments.data, arguments.convention)
-        except GraderDataError as problem:
-            raise GraderDataError(f"{arguments.data / grader.fileName}: {problem}") from None
-    return data
+    return {grader.module: grader.load(arguments.data) for grader in graders}
 
 
 def grade_own_modules(grader, data):
@@ -109,7 +101,7 @@ def grade_own_modules(grader, data):
     import RBSFunctions
 
     bodies = Bodies(RBSFunctions, Quaternion, data)
-    return make_grade(grader, grader.judge(bodies, data, withExtras=False), data)
+    return make_grade(grader, grader.judge(bodies, data), data)
 
 
 def grade_submission(graders, folder, data, arguments):

@@ -144,11 +144,10 @@ def run_isolated(graders, folder, dataFolder, data, limits):
     parts = {
         (grader.module, part.name): part
         for grader in graders
-        for part in grader.asked(data[grader.module], withExtras=True)
+        for part in grader.asked(data[grader.module])
     }
     outcomes = {}
-    order = {"conventions": {one.module: data[one.module]["convention"] for one in graders}}
-    order |= {"data": str(dataFolder.resolve()), "seconds": limits.seconds}
+    order = {"data": str(dataFolder.resolve()), "seconds": limits.seconds}
     while missing := [key for key in parts if key not in outcomes]:
         contents, isLoaded, cause = _run(order | {"parts": missing}, folder, limits)
         for key in missing:

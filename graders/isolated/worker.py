@@ -62,9 +62,9 @@ def grade(order):
     from rbs.program.submissions import SubmissionError, load_submission
 
     graders, data, bodies = {}, {}, {}
-    for module, convention in order["conventions"].items():
+    for module in dict(order["parts"]):
         graders[module] = importlib.import_module(module).GRADER
-        data[module] = graders[module].load(Path(order["data"]), convention)
+        data[module] = graders[module].load(Path(order["data"]))
     give_up_names()
     with open(order["answers"], "w", encoding="utf-8") as answers:
 

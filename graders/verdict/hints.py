@@ -16,9 +16,6 @@ from reference.graderData import ERROR_BOUND
 # The number of mistakes that are tried together, at most. More finds more, but takes longer.
 MOST_TOGETHER = 2
 
-# The hint if no mistake was made, but the numbers differ from the data's.
-OTHER_DATA = "these numbers fit --convention {}, but not the data"
-
 # The families of mistakes that a function can have beside its own.
 SHARED = {
     "get_rotated_inv_IT": ("tensors",),
@@ -75,7 +72,7 @@ def explain(function, outcomes, data):
     if not wrong:
         return {}
     with np.errstate(all="ignore"):
-        for texts, names in _trials(function, data):
+        for texts, names in _trials(function):
             explainsAll = True
             for one in judged:
                 # Saves time: pairs are tried on further parts only if they explain the first.
@@ -112,9 +109,8 @@ class _Judged:
         return agreeing
 
 
-def _trials(function, data):
-    """Yields (texts, names) of no mistake, of one, and of two, in the order of the table."""
-    yield [OTHER_DATA.format(data["convention"])], frozenset()
+def _trials(function):
+    """Yields (texts, names) of one mistake, and of two, in the order of the table."""
     for count in range(1, MOST_TOGETHER + 1):
         for chosen in itertools.combinations(mistakes_of(function), count):
             if len({one.group for one in chosen}) == count:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
-from reference.graderData import CONVENTIONS, ERROR_BOUND, WIDTHS, load_grader_data
+from reference.graderData import CONVENTIONS, ERROR_BOUND, WIDTHS, GraderDataError, load_grader_data
 from reference.rigidModel import solids_of
 
 from rbs.program.submissions import brief, describe
@@ -187,7 +187,7 @@ class Part:
     samples : function of the data that returns the indices of the samples to try
     conditional : quantities that mean something only if the first quantity is true, both as
         computed and as expected
-    isExtra : whether the data lack the expected results; only a student's modules are asked
+    isExtra : whether the data lack the expected results
     conventions : those in which the part is graded
     """
 
@@ -262,26 +262,23 @@ class Grader:
     remarks: Callable
     added: dict = field(default_factory=dict)
 
-    def load(self, folder, convention=None):
+    def load(self, folder):
         """Loads the grader's data, with `added`, "solids" and "convention".
 
-        Parameters
-        ----------
-        convention : EXACT or RELEASED_2024; None for the one whose formulas fit the data best
-
-        Raises
-        ------
-        GraderDataError
+        The convention is the one whose formulas fit the data best. Raises GraderDataError.
         """
-        data = load_grader_data(folder / self.fileName, self.layout) | self.added
-        data["solids"] = solids_of(data)
-        tried = {one: data | {"convention": one} for one in CONVENTIONS}
-        return tried[convention] if convention else min(tried.values(), key=self._misfits)
+        path = folder / self.fileName
+        try:
+            data = load_grader_data(path, self.layout) | self.added
+            data["solids"] = solids_of(data)
+        except GraderDataError as problem:
+            raise GraderDataError(f"{path}: {problem}") from None
+        return min((data | {"convention": one} for one in CONVENTIONS), key=self._misfits)
 
     def _misfits(self, data):
         """The number of results in the data that the formulas of their convention do not give."""
         count = 0
-        for part in self.asked(data, withExtras=False):
+        for part in (part for part in self.asked(data) if not part.isExtra):
             expected, computed = part.expected(data), part.after_mistakes(data, frozenset())
             for key in part.shapes:
                 samples = part.comparable(key, part.samples(data), expected)
@@ -289,15 +286,14 @@ class Grader:
                 count += np.sum(~(difference < ERROR_BOUND))
         return count
 
-    def asked(self, data, withExtras):
-        """The parts that are graded in the data's convention, with or without the extra ones."""
-        parts = [part for part in self.parts if data["convention"] in part.conventions]
-        return tuple(part for part in parts if withExtras or not part.isExtra)
+    def asked(self, data):
+        """The parts that are graded in the data's convention."""
+        return [part for part in self.parts if data["convention"] in part.conventions]
 
-    def judge(self, bodies, data, folder=None, withExtras=True):
+    def judge(self, bodies, data, folder=None):
         """Runs all parts in this process; returns a list of (Part, Results)."""
         outcomes = []
-        for part in self.asked(data, withExtras):
+        for part in self.asked(data):
             results = Results(part.shapes, len(data["randomPositions"]), folder)
             part.run(bodies, data, part.samples(data), results)
             outcomes.append((part, results))
