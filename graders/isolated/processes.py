@@ -23,8 +23,6 @@ from rbs.program.options import at_least, option_type
 from rbs.program.submissions import SubmissionError
 
 WORKER = Path(__file__).resolve().with_name("worker.py")
-SECONDS = option_type(float, at_least(0.1, 86400), "number")
-MEGABYTES = option_type(int, at_least(1, 1 << 20), "whole number")
 # Seconds that a process may take in addition to the time limits of its parts, to start and to end.
 GRACE = 20
 # The environment of a student's program: same numbers each time, no window, one thread because
@@ -42,13 +40,12 @@ DROPPED = ("PYTHON", "DISPLAY", "WAYLAND_DISPLAY")
 
 def add_limit_arguments(parser, seconds=30):
     """Adds two options, whose values `seconds` and `megabytes` are called limits here."""
-    option = parser.add_argument
+    form = {"type": option_type(float, at_least(0.1, 86400), "number"), "default": seconds}
     text = "time limit for each part of a grader (default: %(default)g)"
-    form = {"dest": "seconds", "metavar": "SECONDS", "type": SECONDS, "default": seconds}
-    option("--time-limit", **form, help=text)
+    parser.add_argument("--time-limit", dest="seconds", metavar="SECONDS", **form, help=text)
+    form = {"type": option_type(int, at_least(1, 1 << 20), "whole number"), "default": 2048}
     text = "memory limit of a submission (default: %(default)d)"
-    form = {"dest": "megabytes", "metavar": "MB", "type": MEGABYTES, "default": 2048}
-    option("--memory-limit", **form, help=text)
+    parser.add_argument("--memory-limit", dest="megabytes", metavar="MB", **form, help=text)
 
 
 # ---- Processes ----------------------------------------------------------------------------------
@@ -64,32 +61,19 @@ def copied(folder):
 def run_limited(words, folder, seconds, megabytes, errors=subprocess.DEVNULL):
     """Runs `worker.py` with these words, and ends all processes that it has started.
 
-    Parameters
-    ----------
     errors : a file for its standard error; its output is dropped
 
-    Returns
-    -------
-    its exit code, negative if a signal ended it, None if the time was up
-
-    Raises
-    ------
-    SubmissionError
-        after a call of `stop_all`
+    Returns its exit code, negative if a signal ended it, None if the time was up. Raises
+    SubmissionError after a call of `stop_all`.
     """
     if _isStopped.is_set():
         raise SubmissionError("stopped")
     kept = {name: text for name, text in os.environ.items() if not name.startswith(DROPPED)}
-    words = map(str, (megabytes, int(seconds) + 1, os.getpid(), *words))
-    process = subprocess.Popen(
-        [sys.executable, "-B", WORKER, *words],
-        cwd=folder,
-        env=kept | ENVIRONMENT | {"TMPDIR": str(folder.parent)},
-        start_new_session=True,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=errors,
-    )
+    words = megabytes, int(seconds) + 1, os.getpid(), *words
+    command = [sys.executable, "-B", WORKER, *map(str, words)]
+    form = {"cwd": folder, "env": kept | ENVIRONMENT | {"TMPDIR": str(folder.parent)}}
+    form |= {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": errors}
+    process = subprocess.Popen(command, start_new_session=True, **form)
     _running.add(process)
     try:
         return process.wait(0 if _isStopped.is_set() else seconds)  # stopped meanwhile
@@ -131,15 +115,10 @@ def run_isolated(graders, folder, dataFolder, data, limits):
     One process runs all parts. A part during which it ends is given up, and another process
     continues with the next one. If the modules cannot be imported, all parts are given up.
 
-    Parameters
-    ----------
-    folder : of the modules
     data : dict from a grader's module to its data, which the process reads from dataFolder
     limits : with `seconds` for each part, and `megabytes`
 
-    Returns
-    -------
-    dict from a grader's module to a list of (Part, Results)
+    Returns a dict from a grader's module to a list of (Part, Results).
     """
     parts = {
         (grader.module, part.name): part

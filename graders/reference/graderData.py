@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-PROJECT_DIRECTORY = Path(__file__).resolve().parents[2]
+from rbs.scenes.messages import InputError
+from reference import PROJECT_DIRECTORY
+
 DATA_DIRECTORY = PROJECT_DIRECTORY / "data"
-# Lets graders that are started anywhere find the project's modules. Import this module first.
-sys.path.insert(0, str(PROJECT_DIRECTORY))
 
 # The right physics, and those of the coursework's 2024 release (quirks 1 to 3 of the contract).
 CONVENTIONS = EXACT, RELEASED_2024 = "exact", "released-2024"
@@ -35,10 +35,6 @@ def give_up_names():
 def printable(text):
     """Returns the text in one line, without characters that control a terminal."""
     return "".join(c if c.isprintable() else " " for c in text)
-
-
-class GraderDataError(Exception):
-    """Data that cannot be graded against. The message is the cause."""
 
 
 # ---- Layout of the data -------------------------------------------------------------------------
@@ -109,7 +105,7 @@ class PlainUnpickler(pickle.Unpickler):
 
 
 def load_grader_data(path, layout):
-    """Reads a pickle and checks it against a layout. Raises GraderDataError.
+    """Reads a pickle and checks it against a layout. Raises InputError.
 
     layout : dict from key to (kind, axes...); further keys in the file are ignored
 
@@ -119,14 +115,14 @@ def load_grader_data(path, layout):
         with open(path, "rb") as file:
             stored = PlainUnpickler(file).load()
     except OSError as problem:
-        raise GraderDataError(f"cannot be read: {problem.strerror}") from None
+        raise InputError(f"cannot be read: {problem.strerror}") from None
     except Exception as problem:  # a damaged pickle can raise almost anything
-        raise GraderDataError(f"not a readable data file: {problem}") from None
+        raise InputError(f"not a readable data file: {problem}") from None
     if not isinstance(stored, dict):
-        raise GraderDataError(f"holds a {type(stored).__name__} instead of a dictionary")
+        raise InputError(f"holds a {type(stored).__name__} instead of a dictionary")
     missing = [key for key in layout if key not in stored]
     if missing:
-        raise GraderDataError(f"has no entry {', '.join(missing)}")
+        raise InputError(f"has no entry {', '.join(missing)}")
     lengths, data = {}, {}
     for key, (kind, *axes) in layout.items():
         array = np.array(stored[key])
@@ -137,6 +133,6 @@ def load_grader_data(path, layout):
         expected = tuple(lengths.get(axis, axis) for axis in axes)
         if array.dtype.kind not in "fiub" or array.shape != expected:
             found = f"holds {array.dtype} of shape {array.shape}"
-            raise GraderDataError(f"{key} {found}, not numbers of shape {expected}")
+            raise InputError(f"{key} {found}, not numbers of shape {expected}")
         data[key] = array.astype(kind)
     return data

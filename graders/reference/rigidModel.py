@@ -19,7 +19,8 @@ from released.physics2024 import (
     rotation_matrices,
 )
 
-from reference.graderData import RELEASED_2024, WIDTHS, GraderDataError
+from rbs.scenes.messages import InputError
+from reference.graderData import RELEASED_2024, WIDTHS
 
 UP = np.array([[0.0, 1.0, 0.0]])
 GRAVITY = -9.8 * UP  # m/s²
@@ -153,13 +154,13 @@ Solid = namedtuple("Solid", "mass centre vertices tensor")
 
 
 def solids_of(data):
-    """Returns a dict from 1 and 2 to the mesh's Solid. Raises GraderDataError without a volume."""
+    """Returns a dict from 1 and 2 to the mesh's Solid. Raises InputError without a volume."""
     solids = {}
     for k in (k for k in (1, 2) if f"tets{k}" in data):
         vertices = data[f"origVertices{k}"]
         volume, centre, tensor = mass_properties(vertices, data[f"tets{k}"])
         if not 0.0 < volume < np.inf:
-            raise GraderDataError(f"mesh {k} is not a body: its volume is {volume:g}")
+            raise InputError(f"mesh {k} is not a body: its volume is {volume:g}")
         solids[k] = Solid(DENSITY * volume, centre, vertices - centre, DENSITY * tensor)
     return solids
 

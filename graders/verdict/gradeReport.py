@@ -13,8 +13,6 @@ from verdict.hints import explain
 class Quantity:
     """One row of the table.
 
-    Attributes
-    ----------
     part : name of its Part
     error : the largest error, NaN if a number is missing, None if nothing was compared; the number
         of differences if the quantity is a bool (isFlag)
@@ -44,8 +42,6 @@ class Quantity:
 class Grade:
     """The outcome of one grader.
 
-    Attributes
-    ----------
     title, remarks : head of the report; quantities : list of Quantity
     notes : list of (names of quantities or of the function, text): causes and hints
     """
@@ -62,10 +58,9 @@ class Grade:
 
     @property
     def largest_error(self):
-        """The largest error of all quantities but bools; NaN if none is a number."""
+        """The largest error of all quantities but bools; NaN if there is none."""
         errors = [q.error for q in self.quantities if q.error is not None and not q.isFlag]
-        finite = [error for error in errors if not math.isnan(error)]
-        return max(finite, default=math.nan if errors else 0.0)
+        return max((error for error in errors if not math.isnan(error)), default=math.nan)
 
     def verdict(self):
         """The last line of the report."""

@@ -57,14 +57,10 @@ def explain(function, outcomes, data):
     One or two mistakes that explain all quantities of all parts come first, then those that explain
     a whole part, then those that explain a single quantity.
 
-    Parameters
-    ----------
     outcomes : list of (Part, values) of the parts that call the function; values : dict from
         quantity to array (n, w), NaN where nothing was computed
 
-    Returns
-    -------
-    dict from quantity to list of hints
+    Returns a dict from quantity to list of hints.
     """
     judged = [_Judged(part, values, data) for part, values in outcomes]
     wrong = [key for one in judged for key in one.wrong]

@@ -8,10 +8,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
-from reference.graderData import CONVENTIONS, ERROR_BOUND, WIDTHS, GraderDataError, load_grader_data
+from reference.graderData import CONVENTIONS, ERROR_BOUND, WIDTHS, load_grader_data
 from reference.rigidModel import solids_of
 
 from rbs.program.submissions import brief, describe
+from rbs.scenes.messages import InputError
 
 ATTRIBUTES = ("position", "orientation", "linVelocity", "angVelocity")  # as in WIDTHS
 # The number of samples that are tried if the data do not hold the expected results.
@@ -32,15 +33,9 @@ class WrongResult(Exception):
 def returned(values, function, sizes):
     """Returns the values that a function has returned, as a tuple.
 
-    Parameters
-    ----------
-    function : its name, for messages
     sizes : dict from the name of each value, in order, to how many numbers it holds
 
-    Raises
-    ------
-    NotWritten, WrongResult
-        if there are more or fewer values, or they come in another order
+    Raises NotWritten, or WrongResult if there are more or fewer values, or in another order.
     """
     order = f"({', '.join(sizes)})"
     if values is None:
@@ -100,13 +95,9 @@ def by_mesh(key, pair):
 class Results:
     """Numbers of all samples, NaN where a number is missing, and the causes.
 
-    Parameters
-    ----------
     shapes : dict from quantity to how many numbers it has in a sample, or `bool`
     folder : of the student's modules; causes name files relative to it
 
-    Attributes
-    ----------
     values : dict from quantity to array (n, w)
     problems : dict from quantity to (cause, number of samples, first sample)
     remarks : list of str, those of the bodies
@@ -176,8 +167,6 @@ def few_samples(data):
 class Part:
     """Something that is graded by itself: if it fails or hangs, the other parts are still graded.
 
-    Attributes
-    ----------
     name : the function that is called, and perhaps how
     shapes : dict from quantity to how many numbers it has in a sample, or `bool`
     compute : generator of (bodies, data, sample) that calls the function and yields the quantities,
@@ -205,9 +194,10 @@ class Part:
         """The name of the function that is called."""
         return self.name.split()[0]
 
-    def run(self, bodies, data, samples, results):
-        """Fills in the results at these samples."""
-        for sample in samples:
+    def run(self, bodies, data, folder=None):
+        """Returns the Results of the graded class; folder : of the student's modules."""
+        results = Results(self.shapes, len(data["randomPositions"]), folder)
+        for sample in self.samples(data):
             missing = list(self.shapes)
             # Numbers that overflow or are NaN show in the table.
             with results.attempt(sample, missing), np.errstate(all="ignore"):
@@ -219,6 +209,7 @@ class Part:
                         row = numbers(value, self.shapes[key], *what or [key])
                         results.values[key][sample] = row
         results.remarks = bodies.remarks
+        return results
 
     def expected(self, data):
         """The right values: the data's own, or the model's if the data lack them."""
@@ -247,8 +238,6 @@ class Part:
 class Grader:
     """One of the three graders.
 
-    Attributes
-    ----------
     module : the name of its file; fileName, layout : of its data; parts : tuple of Part
     remarks : function of the data that returns lines for the head of the report
     added : entries that the graders need and the file lacks
@@ -265,14 +254,14 @@ class Grader:
     def load(self, folder):
         """Loads the grader's data, with `added`, "solids" and "convention".
 
-        The convention is the one whose formulas fit the data best. Raises GraderDataError.
+        The convention is the one whose formulas fit the data best. Raises InputError.
         """
         path = folder / self.fileName
         try:
             data = load_grader_data(path, self.layout) | self.added
             data["solids"] = solids_of(data)
-        except GraderDataError as problem:
-            raise GraderDataError(f"{path}: {problem}") from None
+        except InputError as problem:
+            raise InputError(f"{path}: {problem}") from None
         return min((data | {"convention": one} for one in CONVENTIONS), key=self._misfits)
 
     def _misfits(self, data):
@@ -292,9 +281,4 @@ class Grader:
 
     def judge(self, bodies, data, folder=None):
         """Runs all parts in this process; returns a list of (Part, Results)."""
-        outcomes = []
-        for part in self.asked(data):
-            results = Results(part.shapes, len(data["randomPositions"]), folder)
-            part.run(bodies, data, part.samples(data), results)
-            outcomes.append((part, results))
-        return outcomes
+        return [(part, part.run(bodies, data, folder)) for part in self.asked(data)]

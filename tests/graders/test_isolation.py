@@ -105,7 +105,10 @@ def children(pid):
         (["student", "--jobs", "0"], "must be 1 or more, not 0"),
         (["student", "--out", "file.txt"], "file.txt: File exists"),
         (["student", "--marks", "file.txt"], "file.txt: File contains no section headers."),
-        (["student", "--marks", "odd.ini"], "odd.ini: 'gravity' is not one of integrate_timestep"),
+        (
+            ["student", "--marks", "odd.ini"],
+            "'gravity' is not one of scenes, integrate_timestep",
+        ),
     ],
 )
 def test_wrong_arguments_get_one_line(arguments, cause, tmp_path, run):
