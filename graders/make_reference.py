@@ -13,6 +13,7 @@ import pickle
 from pathlib import Path
 
 import numpy as np
+from reference import rigidModel as model
 from reference.graderData import (
     COLLISION_LAYOUT,
     CONSTRAINT_LAYOUT,
@@ -24,15 +25,6 @@ from reference.graderData import (
     WIDTHS,
 )
 from reference.referencePhysics import detect_collision, exact, integrate
-from reference.rigidModel import (
-    TIME_STEP,
-    carried,
-    position_constraints,
-    resolution,
-    solids_of,
-    unit,
-    velocity_constraints,
-)
 
 SAMPLE_COUNT = 100
 
@@ -90,7 +82,7 @@ def draw_state(generator, sample, radius):
     position = draw_numbers(generator, -radius, radius, 3)
     while position @ position > radius * radius:
         position = draw_numbers(generator, -radius, radius, 3)
-    (orientation,) = unit(draw_numbers(generator, -1.0, 1.0, 4)[None]).astype(float)
+    (orientation,) = model.unit(draw_numbers(generator, -1.0, 1.0, 4)[None]).astype(float)
     speed = 0.0 if sample % REST_INTERVAL == REST_INTERVAL - 1 else LARGEST_SPEED
     velocities = (draw_numbers(generator, -speed, speed, 3) for _ in range(2))
     return position, exact(orientation), *velocities
@@ -101,7 +93,7 @@ def inputs_of(states, convention):
     columns = map(np.array, zip(*states, strict=True))
     data = {f"random{key}": column for key, column in zip(WIDTHS, columns, strict=True)}
     meshes = {key: exact(a) if a.dtype == float else a for key, a in make_meshes().items()}
-    return data | {"solids": solids_of(meshes), "convention": convention}
+    return data | {"solids": model.solids_of(meshes), "convention": convention}
 
 
 def doubles(data, layout):
@@ -119,7 +111,7 @@ def make_integration_data(convention):
     generator = np.random.Generator(np.random.PCG64(1))
     states = [draw_state(generator, k, POSITION_RADIUS) for k in range(SAMPLE_COUNT)]
     data = inputs_of(states, convention)
-    results = integrate(*(data[f"random{key}"] for key in WIDTHS), exact(TIME_STEP))
+    results = integrate(*(data[f"random{key}"] for key in WIDTHS), exact(model.TIME_STEP))
     # Quirk 3 of the contract: only sample 0 has a result.
     hasResult = np.arange(SAMPLE_COUNT)[:, None] < (1 if convention == RELEASED_2024 else np.inf)
     for key, array in zip(WIDTHS, results, strict=True):
@@ -136,13 +128,13 @@ def make_collision_data(convention):
     generator = np.random.Generator(np.random.PCG64(2))
     states = [draw_state(generator, k, COLLISION_RADIUS) for k in range(SAMPLE_COUNT)]
     meshes, data = make_meshes(), inputs_of(states, convention)
-    hulls = carried(data, data["randomPositions"], data["randomOrientations"])
+    hulls = model.carried(data, data["randomPositions"], data["randomOrientations"])
     resting = data["solids"][1].vertices, meshes["faces1"]
     found = [detect_collision(*resting, hull.reshape(-1, 3), meshes["faces2"]) for hull in hulls]
     contacts = exact(np.array(found).astype(float))
     data |= {"isCollision": contacts[:, 0] > 0, "depth": contacts[:, 0]}
     data |= {"intNormal": contacts[:, 1:4], "intPosition": contacts[:, 4:]}
-    return meshes | doubles(data | resolution(data), COLLISION_LAYOUT)
+    return meshes | doubles(data | model.resolution(data), COLLISION_LAYOUT)
 
 
 def make_constraint_data(convention):
@@ -158,7 +150,7 @@ def make_constraint_data(convention):
         states.append(draw_state(generator, sample, POSITION_RADIUS))
         refValues.append(draw_numbers(generator, *REFERENCE_LENGTHS, 1).astype(float))
     data = inputs_of(states, convention) | {"refValues": np.array(refValues)}
-    data |= position_constraints(data) | velocity_constraints(data)
+    data |= model.position_constraints(data) | model.velocity_constraints(data)
     return make_meshes() | doubles(data, CONSTRAINT_LAYOUT)
 
 

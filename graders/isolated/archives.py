@@ -4,6 +4,7 @@ Only the folder with RBSFunctions.py and its subfolders are read, and a copy of 
 are never followed, and no name can lead out of the copy.
 """
 
+import itertools
 import os
 import re
 import stat
@@ -77,18 +78,15 @@ def find_submissions(paths):
             raise SubmissionError(f"{path}: {exists}")
     entries = {}
     for stem, path, files in found:
-        name, number = stem, 1
-        while name.lower() in entries:
-            number += 1
-            name = f"{stem}-{number}"
+        names = itertools.chain([stem], (f"{stem}-{number}" for number in itertools.count(2)))
+        name = next(name for name in names if name.lower() not in entries)
         entries[name.lower()] = Entry(name, path, files)
     return list(entries.values())
 
 
 def find_submission(path):
     """Returns the Entry of a path that is one submission. Raises SubmissionError."""
-    first, *_others = find_submissions([path])
-    return Entry(first.name, Path(path))
+    return Entry(find_submissions([path])[0].name, Path(path))
 
 
 def _inside(folder):
