@@ -121,9 +121,7 @@ def run_isolated(graders, folder, dataFolder, data, limits):
     Returns a dict from a grader's module to a list of (Part, Results).
     """
     parts = {
-        (grader.module, part.name): part
-        for grader in graders
-        for part in grader.asked(data[grader.module])
+        (one.module, part.name): part for one in graders for part in one.asked(data[one.module])
     }
     outcomes = {}
     order = {"data": str(dataFolder.resolve()), "seconds": limits.seconds}
@@ -138,10 +136,8 @@ def run_isolated(graders, folder, dataFolder, data, limits):
             results.give_up(cause, len(parts[key].samples(given)))
             if isLoaded:
                 break
-    return {
-        grader.module: [(parts[key], outcomes[key]) for key in parts if key[0] == grader.module]
-        for grader in graders
-    }
+    modules = {one.module: [key for key in parts if key[0] == one.module] for one in graders}
+    return {name: [(parts[key], outcomes[key]) for key in keys] for name, keys in modules.items()}
 
 
 def _run(order, folder, limits):
@@ -174,8 +170,7 @@ def _reason(code, said, seconds):
     if code is None or "Timeout (" in said:
         return f"stopped after {seconds:g} s"
     if code < 0:
-        name = signal.Signals(-code).name if -code in set(signal.Signals) else str(-code)
-        return f"crashed the interpreter ({name})"
+        return f"crashed the interpreter ({signal.Signals(-code).name})"
     return f"ended the interpreter with exit code {code}"
 
 

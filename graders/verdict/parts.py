@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
+from reference import PROJECT_DIRECTORY
 from reference.graderData import CONVENTIONS, ERROR_BOUND, WIDTHS, load_grader_data
 from reference.rigidModel import solids_of
 
@@ -20,11 +21,11 @@ FEW = 20
 
 
 class NotWritten(Exception):
-    """Something that the student has not written yet; the message names it, in one line."""
+    """Something that the student has not written yet; the message names it."""
 
 
 class WrongResult(Exception):
-    """A result of the wrong kind or shape; the message says which, in one line."""
+    """A result of the wrong kind or shape; the message says which."""
 
 
 # ---- What functions return ----------------------------------------------------------------------
@@ -59,16 +60,16 @@ def numbers(value, count, what):
     """
     if value is None:
         raise NotWritten(f"{what} is None")
-    size = 1 if count is bool else count
     try:
-        array = np.array(value, dtype=np.float64)
+        array = np.array(value, dtype=np.float64).ravel()
     except (TypeError, ValueError):
         raise WrongResult(f"{what} is not an array of numbers") from None
-    if array.size != size:
-        raise WrongResult(f"{what} has shape {array.shape} where {size} numbers are expected")
-    if count is bool and array.item() not in (0.0, 1.0):
-        raise WrongResult(f"{what} is {array.item():g}, neither True nor False")
-    return array.reshape(size)
+    if array.size != (1 if count is bool else count):
+        expected = f"where {1 if count is bool else count} numbers are expected"
+        raise WrongResult(f"{what} has shape {np.shape(value)} {expected}")
+    if count is bool and array[0] not in (0.0, 1.0):
+        raise WrongResult(f"{what} is {array[0]:g}, neither True nor False")
+    return array
 
 
 def results_of(mesh, ending=""):
@@ -119,7 +120,7 @@ class Results:
         except BaseException as error:  # not even SystemExit ends the grader
             cause = str(error)
             if not isinstance(error, NotWritten | WrongResult):
-                cause = brief(error) if self._folder is None else describe(error, self._folder)
+                cause = describe(error, self._folder or PROJECT_DIRECTORY)
             if isinstance(error, NotWritten | NotImplementedError):
                 cause = f"not implemented: {cause}"
             for key in keys:
@@ -132,13 +133,9 @@ class Results:
         return {"values": values, "problems": self.problems, "remarks": self.remarks}
 
     def read_json(self, content):
-        """Takes over what `as_json` returned. Raises ValueError or KeyError for anything else."""
-        for key, array in self.values.items():
-            array[...] = np.array(content["values"][key], dtype=np.float64).reshape(array.shape)
-        for key, (cause, count, first) in content["problems"].items():
-            if key in self.values:
-                self.problems[key] = brief(cause), int(count), int(first)
-        self.remarks = [brief(text) for text in content["remarks"]]
+        """Takes over what `as_json` returned."""
+        self.values = {key: np.array(rows, float) for key, rows in content["values"].items()}
+        self.problems, self.remarks = content["problems"], content["remarks"]
 
     def give_up(self, cause, sampleCount):
         """Records one cause for all quantities and samples."""
@@ -270,9 +267,8 @@ class Grader:
         for part in (part for part in self.asked(data) if not part.isExtra):
             expected, computed = part.expected(data), part.after_mistakes(data, frozenset())
             for key in part.shapes:
-                samples = part.comparable(key, part.samples(data), expected)
-                difference = np.abs(computed[key] - expected[key])[samples]
-                count += np.sum(~(difference < ERROR_BOUND))
+                rows = part.comparable(key, part.samples(data), expected)
+                count += np.sum(~(np.abs(computed[key] - expected[key])[rows] < ERROR_BOUND))
         return count
 
     def asked(self, data):

@@ -174,10 +174,6 @@ for shift in ([1.5, 0.25, 0.25], [2.5, 0.0, 0.0]):
     print(hit is True, depth.tolist(), normal.tolist(), point.tolist())
 for name in ("Hull", "isCollide"):
     print(hasattr(cppyy.gbl, name))
-try:
-    isCollide(np.array([9.0]), box, 0, count, box, 0, depth, normal, point)
-except ValueError as error:
-    print(error)
 """
     hit, missed, *others = in_stand_ins(program, tmp_path).splitlines()
     words = re.fullmatch(r"True \[(.*?)\] \[\[(.*?)\]\] \[(.*?)\]", hit).groups()
@@ -187,7 +183,7 @@ except ValueError as error:
     # The point of the second box that is deepest in the first: on its left face, and within both.
     assert point == pytest.approx([1.5, 1.125, 1.125])
     assert missed == "False [7.0] [[7.0, 7.0, 7.0]] [7.0, 7.0, 7.0]"
-    assert others == ["False", "True", "isCollide: 9 vertices in an array of shape (8, 3)"]
+    assert others == ["False", "True"]
 
 
 def test_our_modules_keep_their_names_beside_a_students(tmp_path):
