@@ -34,7 +34,6 @@ from rbs.program.options import at_least, option_type
 from rbs.program.submissions import SubmissionError
 
 GRADERS = (integrationGrading.GRADER, ResolveCollisionsGrading.GRADER, Constraints.GRADER)
-JOBS = option_type(int, at_least(1, 64), "whole number")
 KEY = ("id", "name", "path")
 
 
@@ -162,8 +161,9 @@ def make_options():
     option("--anonymous", action="store_true", help="write numbers instead of names and paths")
     text = "list of numbers and names (default: DIR-key.csv)"
     option("--key", metavar="FILE", type=Path, help=text)
-    jobs, text = os.cpu_count() or 1, "submissions graded at a time (default: one per processor)"
-    option("--jobs", metavar="N", type=JOBS, default=jobs, help=text)
+    form = {"type": option_type(int, at_least(1, 64), "whole number"), "default": os.cpu_count()}
+    text = "submissions graded at a time (default: one per processor)"
+    option("--jobs", metavar="N", **form, help=text)
     return parser
 
 

@@ -120,14 +120,10 @@ def write_sheet(path, outcome, marks):
         lines += [f"Marks: {marks['total']} of {marks['of']}.", ""]
     lines += _listed(outcome.remarks)
     for grade in outcome.grades.values():
-        passed = len(grade.quantities) - len(grade.failures)
-        lines += [f"## {grade.title}: {passed} of {len(grade.quantities)}", ""]
+        lines += [f"## {grade.title}", ""]
         lines += _listed(f"{what}: {text}" for what, text in grade.notes)
-        lines += ["| | quantity | largest error | at sample | samples |", "|---|---|--:|--:|--:|"]
-        for quantity in grade.quantities:
-            mark = "✓" if quantity.isRight else "✗"
-            lines.append(f"| {mark} | {' | '.join(map(_plain, quantity.cells()))} |")
-        lines += ["", *(f"{_plain(remark)}  " for remark in grade.remarks), ""]
+        lines += [f"    {line}" for line in [*grade.table(), "", grade.verdict()]] + [""]
+        lines += _listed(grade.remarks)
     lines += ["## Scenes", ""] * bool(outcome.scenes)
     for scene in outcome.scenes:
         lines += _contact_sheet(scene, path.parent)
@@ -142,16 +138,12 @@ def _listed(texts):
 
 def _contact_sheet(scene, folder):
     """The pictures of a scene in a row, with their times below."""
-    lines = [f"### {_plain(scene.name)}", ""]
-    lines += [_plain(scene.problem or "The steps agree with ours."), ""]
+    lines = [f"### {scene.name}", "", _plain(scene.problem or "The steps agree with ours."), ""]
     lines += _listed(scene.remarks)
-    if scene.pictures:
-        paths = [os.path.relpath(path, folder) for _time, path in scene.pictures]
-        paths = [quote(path.replace(os.sep, "/")) for path in paths]
-        lines.append("| " + " | ".join(f"![{scene.name}]({path})" for path in paths) + " |")
-        lines.append("|" + ":-:|" * len(paths))
-        lines += ["| " + " | ".join(f"{time:g} s" for time, _path in scene.pictures) + " |", ""]
-    return lines
+    paths = [os.path.relpath(path, folder).replace(os.sep, "/") for _time, path in scene.pictures]
+    rows = [f"![{scene.name}]({quote(path)})" for path in paths], [":-:"] * len(paths)
+    rows += ([f"{time:g} s" for time, _path in scene.pictures],)
+    return lines + [f"| {' | '.join(row)} |" for row in rows if paths] + [""]
 
 
 def _plain(text):
