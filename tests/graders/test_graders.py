@@ -17,10 +17,6 @@ from reference.graderData import (
     INTEGRATION_LAYOUT,
     load_grader_data,
 )
-from reference.rigidModel import solids_of
-from scipy.spatial import ConvexHull
-
-import RBSFunctions
 
 GRADERS = ROOT / "graders"
 FILES = {
@@ -89,77 +85,6 @@ def test_released_data_pass_in_their_own_convention(grader, released_data, grade
         assert "1 of 30 samples graded" in graded.stdout
 
 
-# ---- The graders on a wrong simulation ----------------------------------------------------------
-
-# Each takes a function of the simulation and returns a wrong one.
-
-
-def flipped_impulse(resolve_collision):
-    def wrong(m1, m2, *contact):
-        before = [(m.linVelocity.copy(), m.angVelocity.copy()) for m in (m1, m2)]
-        resolve_collision(m1, m2, *contact)
-        for m, (linVelocity, angVelocity) in zip((m1, m2), before, strict=True):
-            m.linVelocity = 2 * linVelocity - m.linVelocity
-            m.angVelocity = 2 * angVelocity - m.angVelocity
-
-    return wrong
-
-
-def blind_to_shallow_contacts(detect_collision):
-    def wrong(self, m):
-        isCollision, depth, *contact = detect_collision(self, m)
-        return isCollision and depth > 1.0, depth, *contact
-
-    return wrong
-
-
-def not_a_number(integrate_timestep):
-    def wrong(self, timeStep):
-        integrate_timestep(self, timeStep)
-        self.linVelocity = self.linVelocity * np.nan
-
-    return wrong
-
-
-def opposite_bound(resolve):
-    return lambda *given: resolve(*given[:4], not given[4], given[5])
-
-
-def velocities_left_alone(resolve):
-    return lambda *given: (resolve(*given)[0], *given[2:4])
-
-
-MESH = RBSFunctions.Mesh
-WRONG = (
-    (COLLISIONS, RBSFunctions, "resolve_collision", flipped_impulse, "resultLinVelocities, mesh 2"),
-    (COLLISIONS, MESH, "detect_collision", blind_to_shallow_contacts, "isCollision"),
-    (INTEGRATION, MESH, "integrate_timestep", not_a_number, "resultLinVelocities"),
-    (
-        CONSTRAINTS,
-        RBSFunctions,
-        "resolve_position_constraint",
-        opposite_bound,
-        "positionWasValidUpper",
-    ),
-    (
-        CONSTRAINTS,
-        RBSFunctions,
-        "resolve_velocity_constraint",
-        velocities_left_alone,
-        "correctedAngVelocities, mesh 2",
-    ),
-)
-
-
-@pytest.mark.parametrize("case", WRONG, ids=lambda case: case[3].__name__)
-def test_a_wrong_simulation_fails(case, grade_here, monkeypatch):
-    grader, owner, function, mistake, failing = case
-    monkeypatch.setattr(owner, function, mistake(getattr(owner, function)))
-    graded = grade_here(grader)
-    assert graded.returncode == 1
-    assert failing in re.split(r": |; ", graded.stdout.splitlines()[-1])
-
-
 # ---- Data files that cannot be used -------------------------------------------------------------
 
 
@@ -225,8 +150,8 @@ def assert_refused(graded, path, cause):
 # ---- Reading sound data of every kind -----------------------------------------------------------
 
 
-@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
-def test_every_pickle_protocol_is_read(protocol, tmp_path):
+@pytest.mark.parametrize("protocol", (0, 2, pickle.HIGHEST_PROTOCOL))
+def test_several_pickle_protocols_are_read(protocol, tmp_path):
     expected = load("constraint-resolution.data")
     stored = dict(expected)
     # As the coursework's scripts collect them: lists of bools, bare or in arrays of one, and pairs.
@@ -276,88 +201,8 @@ def test_the_reference_is_made_again_with_the_same_bits(tmp_path, monkeypatch):
             assert b"numpy.core.multiarray" in content and b"numpy._core" not in content
 
 
-def world_poses(data):
-    """For every sample the world vertices (V1, 3), (V2, 3) of both meshes, in plain NumPy."""
-    hull1, hull2 = (solid.vertices for solid in solids_of(data).values())
-    for position, q in zip(data["randomPositions"], data["randomOrientations"], strict=True):
-        yield hull1, hull2 @ rotation_of(q).T + position
-
-
-def rotation_of(q):
-    """The rotation matrix of a unit quaternion (s, u): axis v goes to v + 2 u × (s v + u × v)."""
-    s, u = q[0], q[1:]
-    return np.array([v + 2 * np.cross(u, s * v + np.cross(u, v)) for v in np.eye(3)]).T
-
-
-def test_detection_agrees_with_the_hull_of_the_minkowski_difference():
-    data = load("collision-resolution.data")
-    kinds = []
-    for sample, (hull1, hull2) in enumerate(world_poses(data)):
-        facets = ConvexHull((hull1[:, None] - hull2).reshape(-1, 3)).equations
-        nearest = facets[facets[:, 3].argmax()]
-        assert data["isCollision"][sample] == (nearest[3] < 0)
-        if data["isCollision"][sample]:
-            normal = data["intNormal"][sample]
-            assert data["depth"][sample] == pytest.approx(-nearest[3], abs=ROUNDING)
-            assert normal == pytest.approx(nearest[:3], abs=ROUNDING)
-            point = data["intPosition"][sample]
-            opposite = point + data["depth"][sample] * normal
-            for place, hull in ((point, hull2), (opposite, hull1)):
-                planes = ConvexHull(hull).equations
-                assert max(planes @ [*place, 1.0]) == pytest.approx(0.0, abs=ROUNDING)
-            kinds.append((touching(hull1, normal), touching(hull2, -normal)))
-    assert 40 <= len(kinds) <= 70
-    # Every kind of contact occurs: vertex of mesh 2 on a box face, box vertex on a face, two edges.
-    counts = {kind: kinds.count(kind) for kind in set(kinds)}
-    assert counts.keys() == {(4, 1), (1, 3), (2, 2)}
-    assert min(counts.values()) >= 5
-
-
-def touching(hull, direction):
-    """The number of vertices that are farthest along a direction."""
-    heights = hull @ direction
-    return int((heights > heights.max() - 1e-9).sum())
-
-
-def test_either_bound_is_often_violated_and_a_tenth_of_the_velocities_are_valid():
-    data = load("constraint-resolution.data")
-    upper, lower = (data[f"positionWasValid{which}"].sum() for which in ("Upper", "Lower"))
-    assert 20 <= upper <= 80 and 20 <= lower <= 80 and data["velocityWasValid"].sum() == 10
-
-
-def test_collision_results_keep_momentum_and_restore_half_the_closing_speed():
-    """Conservation laws, which the formula of the impulse does not mention, hold in the results."""
-    data = load("collision-resolution.data")
-    masses, _centres, _vertices, inertia = zip(*solids_of(data).values(), strict=True)
-    for sample in np.flatnonzero(data["isCollision"]):
-        rotation = rotation_of(data["randomOrientations"][sample])
-        tensors = inertia[0], rotation @ inertia[1] @ rotation.T
-        positions = data["resultPositions"][:, sample]
-        kinds = "LinVelocities", "AngVelocities"
-        before = [(np.zeros(3), np.zeros(3)), [data[f"random{kind}"][sample] for kind in kinds]]
-        after = [[data[f"result{kind}"][k, sample] for kind in kinds] for k in (0, 1)]
-        for momentum in (linear_momentum, angular_momentum):
-            assert momentum(after, masses, tensors, positions) == pytest.approx(
-                momentum(before, masses, tensors, positions), rel=1e-13, abs=1e-10
-            )
-        normal = data["intNormal"][sample]
-        share = masses[0] / sum(masses)  # m_2⁻¹ / (m_1⁻¹ + m_2⁻¹)
-        point = data["intPosition"][sample] + share * data["depth"][sample] * normal
-        speeds = [closing_speed(state, positions, point, normal) for state in (before, after)]
-        assert speeds[1] == pytest.approx(-0.5 * speeds[0], abs=1e-11)
-
-
-def linear_momentum(states, masses, tensors, positions):
-    return sum(mass * v for mass, (v, _) in zip(masses, states, strict=True))
-
-
-def angular_momentum(states, masses, tensors, positions):
-    """About the origin of the world."""
-    bodies = zip(tensors, masses, positions, states, strict=True)
-    return sum(tensor @ w + mass * np.cross(x, v) for tensor, mass, x, (v, w) in bodies)
-
-
-def closing_speed(states, positions, point, normal):
-    (v1, w1), (v2, w2) = states
-    arms = [point - position for position in positions]
-    return (v1 + np.cross(w1, arms[0]) - v2 - np.cross(w2, arms[1])) @ normal
+def test_the_samples_meet_both_sides_of_every_decision():
+    collisions, constraints = load("collision-resolution.data"), load("constraint-resolution.data")
+    upper, lower = (constraints[f"positionWasValid{bound}"].sum() for bound in ("Upper", "Lower"))
+    assert 20 <= upper <= 80 and 20 <= lower <= 80 and constraints["velocityWasValid"].sum() == 10
+    assert 40 <= collisions["isCollision"].sum() <= 70

@@ -232,6 +232,17 @@ def test_an_error_is_reported_with_its_line_and_the_rest_is_graded(fault):
     assert ("isCollision" in right) == (old in (IMPULSE, LAST))
 
 
+@pytest.mark.parametrize(
+    ("edit", "failing"),
+    [
+        ((RETURN, RETURN.replace("on,", "on and depth > 1.0,")), "isCollision"),
+        ((LAST, "    m2.linVelocity = m2.linVelocity * np.nan\n"), "resultLinVelocities, mesh 2"),
+    ],
+)
+def test_missed_contacts_and_nan_fail(edit, failing):
+    assert failing in collision_notes([edit])[0].failures
+
+
 UNLOADABLE = (
     ("def f(:\n", "cannot be imported: RBSFunctions.py:1: SyntaxError: "),
     ("import sys\nsys.exit('bye')\n", "cannot be imported: RBSFunctions.py:2: SystemExit: bye"),
