@@ -52,8 +52,7 @@ def resolve_positions(bodies, data, sample):
     before = [array.copy() for pair in arrays for array in pair]
     invMasses = tuple(mesh.invMass for mesh in meshes)
     for bound, factor in model.BOUNDS.items():
-        refValue = factor * data["refValues"][sample]
-        others = refValue, invMasses, bound, model.POSITION_TOLERANCE
+        others = factor * data["refValues"][sample], invMasses, bound, model.POSITION_TOLERANCE
         wasValid, corrected = resolved(bodies, arrays, *others)
         yield f"positionWasValid{bound}", wasValid
         if not all(map(np.array_equal, before, itertools.chain(*arrays))):

@@ -74,7 +74,7 @@ def marks_of(outcome, scheme):
 def marks_row(outcome, scheme):
     """Returns columns of marks.csv: each part, empty if not graded, and "total" and "of"."""
     given = marks_of(outcome, scheme)
-    row = {name: f"{given[name][0]:g}" if name in given else "" for name in scheme}
+    row = dict.fromkeys(scheme, "") | {name: f"{one[0]:g}" for name, one in given.items()}
     total, most = (sum(one[k] for one in given.values()) for k in (0, 1))
     return row | {"total": f"{round(total, 2):g}", "of": f"{most:g}"}
 

@@ -66,7 +66,9 @@ def find_submissions(paths):
     """
     found = []
     for path in map(Path, paths):
-        if _is_archive(path) or _is_submission(path):
+        tops = [one for one in (path, path / "code") if one.is_dir()]
+        names = [file.name.lower() for one in tops for file in one.iterdir()]
+        if _is_archive(path) or FUNCTIONS in names:
             found.append((_name_of(path), path, ()))
         elif path.is_dir():
             inside = _inside(path)
@@ -112,11 +114,6 @@ def _is_archive(path):
 
 def _is_skipped(name):
     return name.startswith(".") or name.lower() in SKIPPED
-
-
-def _is_submission(path):
-    folders = [one for one in (path, path / "code") if one.is_dir()]
-    return any(file.name.lower() == FUNCTIONS for one in folders for file in one.iterdir())
 
 
 def _name_of(path):

@@ -159,24 +159,16 @@ def _run(order, folder, limits):
                 cause = answer.get("refused")
                 if "part" in answer:
                     contents[tuple(answer["part"])] = answer["results"]
-        during = "" if isLoaded else " while the modules were imported"
         said = trace.read_text(errors="replace") if trace.exists() else ""
-        cause = cause or _reason(code, said, limits.seconds) + during + _place(said, work)
-    return contents, isLoaded, cause
-
-
-def _reason(code, said, seconds):
-    """Why a process ended early, from its exit code and its trace."""
     if code is None or "Timeout (" in said:
-        return f"stopped after {seconds:g} s"
-    if code < 0:
-        return f"crashed the interpreter ({signal.Signals(-code).name})"
-    return f"ended the interpreter with exit code {code}"
-
-
-def _place(said, work):
-    """The place of the student's code in a trace, as ", at FILE:LINE", or ""."""
+        reason = f"stopped after {limits.seconds:g} s"
+    elif code < 0:
+        reason = f"crashed the interpreter ({signal.Signals(-code).name})"
+    else:
+        reason = f"ended the interpreter with exit code {code}"
+    reason += "" if isLoaded else " while the modules were imported"
     for file, line in re.findall(r'File "([^"\n]+)", line (\d+)', said):
         if Path(file).is_relative_to(work):
-            return f", at {Path(file).relative_to(work)}:{line}"
-    return ""
+            reason += f", at {Path(file).relative_to(work)}:{line}"
+            break
+    return contents, isLoaded, cause or reason

@@ -34,15 +34,10 @@ class Mistake(NamedTuple):
     text: str
 
 
-def read_table():
-    """Returns the rows of the table, a list of Mistake."""
-    text = (Path(__file__).parent / "mistakes.md").read_text(encoding="utf-8")
-    lines = [line for line in text.splitlines() if line.startswith("| ")]
-    cells = [line.strip("| ").split(" | ") for line in lines[1:]]
-    return [Mistake(f, group, frozenset(n.split("; ")), hint) for f, group, n, hint in cells]
-
-
-TABLE = read_table()
+_LINES = (Path(__file__).parent / "mistakes.md").read_text(encoding="utf-8").splitlines()
+_ROWS = [line.strip("| ").split(" | ") for line in _LINES if line.startswith("| ")][1:]
+# The rows of the table.
+TABLE = [Mistake(f, group, frozenset(n.split("; ")), hint) for f, group, n, hint in _ROWS]
 
 
 def mistakes_of(function):

@@ -270,18 +270,3 @@ def test_a_students_modules_may_have_the_names_of_ours(tmp_path, run):
         (tmp_path / "student" / f"{name}.py").write_text(f"{letter} = 1\n")
     graded = run("Constraints.py", "--modules", tmp_path / "student")
     assert notes_of(graded) == ([], 0)
-
-
-@pytest.mark.parametrize(
-    ("options", "cause"),
-    [
-        (["--modules", "nowhere"], "nowhere: no such file or folder"),
-        (["--modules", "."], ".: no submission in this folder"),
-        (["--modules", ".", "--time-limit", "0"], "must be 0.1 or more, not 0.0"),
-    ],
-)
-def test_wrong_options_get_one_line(options, cause, tmp_path, run):
-    graded = run("integrationGrading.py", *options, cwd=tmp_path)
-    assert (graded.returncode, graded.stdout) == (2, "")
-    (line,) = graded.stderr.splitlines()
-    assert cause in line

@@ -93,30 +93,31 @@ def children(pid):
     return [int(word) for path in paths for word in path.read_text().split()]
 
 
-# ---- Command line of grade.py -------------------------------------------------------------------
+# ---- Command lines ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("arguments", "cause"),
+    ("command", "cause"),
     [
-        (["file.txt"], "file.txt: not a folder, a ZIP or a tar"),
-        (["student", "--jobs", "0"], "must be 1 or more, not 0"),
-        (["student", "--out", "file.txt"], "file.txt: File exists"),
-        (["student", "--marks", "file.txt"], "file.txt: File contains no section headers."),
-        (
-            ["student", "--marks", "odd.ini"],
-            "'gravity' is not one of scenes, integrate_timestep",
-        ),
+        ("grade.py file.txt", "file.txt: not a folder, a ZIP or a tar"),
+        ("grade.py student --jobs 0", "must be 1 or more, not 0"),
+        ("grade.py student --out file.txt", "file.txt: File exists"),
+        ("grade.py student --marks file.txt", "file.txt: File contains no section headers."),
+        ("grade.py student --marks odd.ini", "'gravity' is not one of scenes, integrate_timestep"),
+        ("integrationGrading.py --modules nowhere", "nowhere: no such file or folder"),
+        ("integrationGrading.py --modules empty", "empty: no submission in this folder"),
+        ("Constraints.py --time-limit 0", "must be 0.1 or more, not 0.0"),
     ],
 )
-def test_wrong_arguments_get_one_line(arguments, cause, tmp_path, run):
+def test_wrong_arguments_get_one_line(command, cause, tmp_path, run):
     write_submission(tmp_path / "student")
+    (tmp_path / "empty").mkdir()
     (tmp_path / "file.txt").write_text("text")
     (tmp_path / "odd.ini").write_text("[all]\ngravity = 3\n")
-    graded = run("grade.py", *arguments, cwd=tmp_path)
+    graded = run(*command.split(), cwd=tmp_path)
     assert (graded.returncode, graded.stdout) == (2, "")
     (line,) = graded.stderr.splitlines()
-    assert line.startswith("grade.py: ") and cause in line
+    assert line.startswith(f"{command.split()[0]}: ") and cause in line
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
