@@ -8,6 +8,7 @@ All steps run in a process of their own, within the limits. The exit code is 0 i
 1 if one does, and 2 if the comparison is impossible.
 """
 
+import argparse
 import json
 import re
 import shutil
@@ -18,12 +19,12 @@ import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from classwork.graderProgram import FAILED, PASSED, OneLineParser, run_program
+from classwork.graderProgram import FAILED, PASSED, run_program
 from isolated.archives import find_submission, modules_of
 from isolated.processes import add_limit_arguments, copied, run_limited
 from reference.graderData import PROJECT_DIRECTORY, printable
 
-from rbs.program.options import POSITIVE_NUMBER, setting_type
+from rbs.program.options import POSITIVE_NUMBER, OneLineParser, setting_type
 from rbs.program.submissions import brief
 from rbs.scenes.scenefiles import SceneSource, find_scene
 from rbs.stepping.settings import BY_OPTION
@@ -124,7 +125,8 @@ def main(given):
 
 def make_parser():
     """Returns the command line's parser."""
-    parser = OneLineParser(__doc__)
+    form = argparse.RawDescriptionHelpFormatter
+    parser = OneLineParser(description=__doc__, formatter_class=form)
     add = parser.add_argument
     add("code", metavar="CODE", help="a student's folder or ZIP; a copy of it is run")
     add("scene", metavar="SCENE", help="a scene file, or the name of a scene of data/")

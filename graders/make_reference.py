@@ -178,7 +178,10 @@ def main():
     text = "physics behind the data (default: %(default)s)"
     parser.add_argument("--convention", choices=CONVENTIONS, default=EXACT, help=text)
     arguments = parser.parse_args()
-    make_reference(arguments.out, arguments.convention)
+    try:
+        make_reference(arguments.out, arguments.convention)
+    except OSError as problem:
+        parser.exit(2, f"{parser.prog}: {arguments.out}: {problem.strerror}\n")
     print(f"wrote three files to {arguments.out}")
 
 

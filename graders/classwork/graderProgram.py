@@ -13,21 +13,11 @@ from verdict.bodies import Bodies
 from verdict.gradeReport import make_grade
 
 from classwork.likeness import origin_remarks
+from rbs.program.options import OneLineParser
 from rbs.scenes.messages import InputError
 
 PASSED, FAILED, BAD_DATA = 0, 1, 2
 STOPPED = 130  # 128 + SIGINT, the shell's code for a program that Ctrl-C ended
-
-
-class OneLineParser(argparse.ArgumentParser):
-    """Describes a script by its docstring, and reports a wrong command line in one line."""
-
-    def __init__(self, description):
-        form = argparse.RawDescriptionHelpFormatter
-        super().__init__(description=description, formatter_class=form)
-
-    def error(self, message):
-        self.exit(BAD_DATA, f"{self.prog}: {printable(message)} (--help lists the options)\n")
 
 
 def run_grader(description, grader):
@@ -59,10 +49,10 @@ def run_grader(description, grader):
 
 def make_parser(description):
     """Returns a parser with the options that all graders share."""
-    parser = OneLineParser(description)
-    add = parser.add_argument
+    form = argparse.RawDescriptionHelpFormatter
+    parser = OneLineParser(description=description, formatter_class=form)
     text = "folder of the graders' data (default: the project's data)"
-    add("--data", metavar="DIR", type=Path, default=DATA_DIRECTORY, help=text)
+    parser.add_argument("--data", metavar="DIR", type=Path, default=DATA_DIRECTORY, help=text)
     add_limit_arguments(parser)
     return parser
 

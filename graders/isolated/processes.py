@@ -27,14 +27,8 @@ WORKER = Path(__file__).resolve().with_name("worker.py")
 GRACE = 20
 # The environment of a student's program: same numbers each time, no window, one thread because
 # each would take memory of its own.
-ENVIRONMENT = {
-    "PYTHONHASHSEED": "0",
-    "PYTHONDONTWRITEBYTECODE": "1",
-    "PYTHONUTF8": "1",
-    "MPLBACKEND": "Agg",
-    "OPENBLAS_NUM_THREADS": "1",
-    "OMP_NUM_THREADS": "1",
-}
+_ONES = "PYTHONDONTWRITEBYTECODE PYTHONUTF8 OPENBLAS_NUM_THREADS OMP_NUM_THREADS".split()
+ENVIRONMENT = {"PYTHONHASHSEED": "0", "MPLBACKEND": "Agg"} | dict.fromkeys(_ONES, "1")
 DROPPED = ("PYTHON", "DISPLAY", "WAYLAND_DISPLAY")
 
 

@@ -44,9 +44,7 @@ def printable(text):
 WIDTHS = {"Positions": 3, "Orientations": 4, "LinVelocities": 3, "AngVelocities": 3}
 
 
-def _entries(names, kind, *axes):
-    return {name: (kind, *axes) for name in names.split()}
-
+_FLAG, _VECTOR, _PAIR = (bool, "samples"), (float, "samples", 3), (float, 2, "samples", 3)
 
 _STATES = {f"random{name}": (float, "samples", width) for name, width in WIDTHS.items()}
 _MESHES = {
@@ -54,28 +52,17 @@ _MESHES = {
     for k in (1, 2)
     for part, kind, width in (("origVertices", float, 3), ("faces", int, 3), ("tets", int, 4))
 }
-INTEGRATION_LAYOUT = _STATES | {
-    f"result{name}": (float, "samples", width) for name, width in WIDTHS.items()
-}
-COLLISION_LAYOUT = {
-    **_MESHES,
-    **_STATES,
-    **_entries("isCollision", bool, "samples"),
-    **_entries("depth", float, "samples"),
-    **_entries("intNormal intPosition", float, "samples", 3),
-    **{f"result{name}": (float, 2, "samples", width) for name, width in WIDTHS.items()},
-}
-CONSTRAINT_LAYOUT = {
-    **_MESHES,
-    **_STATES,
-    **_entries("refValues", float, "samples", 1),
-    **_entries("positionWasValidUpper", bool, "samples"),
-    **_entries("correctedPositionsUpper", float, 2, "samples", 3),
-    **_entries("positionWasValidLower", bool, "samples"),
-    **_entries("correctedPositionsLower", float, 2, "samples", 3),
-    **_entries("velocityWasValid", bool, "samples"),
-    **_entries("correctedLinVelocities correctedAngVelocities", float, 2, "samples", 3),
-}
+_CONTACT = {"isCollision": _FLAG, "depth": (float, "samples")}
+_CONTACT |= {"intNormal": _VECTOR, "intPosition": _VECTOR}
+_RESULTS = {f"result{name}": (float, 2, "samples", width) for name, width in WIDTHS.items()}
+_BOUNDS = {"positionWasValidUpper": _FLAG, "correctedPositionsUpper": _PAIR}
+_BOUNDS |= {"positionWasValidLower": _FLAG, "correctedPositionsLower": _PAIR}
+_RATES = {"velocityWasValid": _FLAG}
+_RATES |= {"correctedLinVelocities": _PAIR, "correctedAngVelocities": _PAIR}
+
+INTEGRATION_LAYOUT = _STATES | {key: (float, *axes[1:]) for key, (_, *axes) in _RESULTS.items()}
+COLLISION_LAYOUT = _MESHES | _STATES | _CONTACT | _RESULTS
+CONSTRAINT_LAYOUT = _MESHES | _STATES | {"refValues": (float, "samples", 1)} | _BOUNDS | _RATES
 
 
 # ---- Reading pickles ----------------------------------------------------------------------------
