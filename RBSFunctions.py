@@ -239,7 +239,7 @@ class Mesh:
     volume, hullVolume : of the tetrahedra, and of the convex hull, which is what collides
     hull : rbs.geometry.hulls.Hull
     cachedAxes : dict, by the id of another mesh: the axis of separation or of least penetration
-        last found
+        last found, from which the next search starts. It has no effect on results
 
     Raises
     ------
