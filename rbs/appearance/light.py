@@ -165,12 +165,14 @@ class SceneLight:
 
         The rows are the visible fractions of sun and sky, and the irradiance r, g, b from bodies
         and ground. normal : (3, m), unit; body : (m,), that of the points, -1 for the ground;
-        first, stride : use every stride-th direction, from the first on
+        first, stride : use every stride-th direction from the first on, and of the sun's, which
+            are few, every √stride-th
         """
         result = np.zeros((5, x.shape[1]), dtype=np.float32)
         some = np.flatnonzero(dot(normal, SUN.astype(np.float32)) > 0.0)
         lit = np.ones(len(some), dtype=np.float32)
-        suns = range(first, len(self._directions["sun"]), stride)
+        suns = math.isqrt(stride)
+        suns = range(first % suns, len(self._directions["sun"]), suns)
         points, bodies = x.take(some, axis=1), body.take(some)
         for k in suns:
             lit[self._maps.blockers("sun", k, points, bodies)[1]] -= 1.0 / len(suns)

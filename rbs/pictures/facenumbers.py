@@ -20,6 +20,9 @@ RIM = 3
 # Step factor of the sides of maps. Maps move by whole pixels, so that the shadows of resting bodies
 # do not flicker in a video. More wastes resolution; less flickers more often.
 MAP_GROWTH = 1.15
+# Depth and half the side of the ground that hides what has sunk into it, in sizes of the scene.
+# Less depth flickers where bodies rest.
+GROUND_DEPTH, GROUND_REACH = 1e-4, 30.0
 
 
 @contextmanager
@@ -52,11 +55,31 @@ def bodies_only(view, vertices, faces):
             ps.set_window_size(*size)
 
 
+@contextmanager
+def hiding_ground(size):
+    """Makes a black ground hide what is below it, in the `with` block.
+
+    size : of the scene, in metres; None for no ground
+    """
+    import polyscope as ps
+
+    if size is None:
+        yield
+        return
+    x, _, z = ps.get_view_camera_parameters().get_position()
+    corners = np.array([[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [1, 0, -1]]) * GROUND_REACH * size
+    corners += [x, -GROUND_DEPTH * size, z]
+    ground = {"color": (0.0, 0.0, 0.0), "material": "flat", "back_face_policy": "cull"}
+    ps.register_surface_mesh("hiding", corners, np.array([[0, 1, 2], [0, 2, 3]]), **ground)
+    yield
+    ps.remove_surface_mesh("hiding")
+
+
 def samples(factor):
     """Moves the camera through factor² samples per pixel, to save memory; yields row, column."""
     import polyscope as ps
 
-    matrix, camera = ps.get_camera_view_matrix(), Camera(1)
+    matrix, camera = ps.get_camera_view_matrix(), Camera()
     for row in range(factor):
         for column in range(factor):
             shear = np.eye(4)
@@ -114,14 +137,14 @@ def draw_numbers(isUpright=True):
 
 
 class Camera:
-    """Polyscope's camera, for a picture with factor × factor samples per pixel.
+    """Polyscope's camera.
 
     eye, ahead (3,) : position and viewing direction; axes (3, 3) : rows to the right, up and ahead
-    halfHeight : tangent of half the vertical field of view; pixelAngle : tangent of a sample's
-        angle
+    width, height : of the picture; halfHeight : tangent of half the vertical field of view
+    pixelAngle : tangent of a pixel's angle
     """
 
-    def __init__(self, factor):
+    def __init__(self):
         import polyscope as ps
 
         view = ps.get_view_camera_parameters()
@@ -129,24 +152,23 @@ class Camera:
         axes = view.get_right_dir(), view.get_up_dir(), view.get_look_dir()
         self.axes = np.array(axes, dtype=np.float32)
         self.ahead = self.axes[2]
-        self.width, self.height = (factor * pixels for pixels in ps.get_window_size())
+        self.width, self.height = ps.get_window_size()
         self.halfHeight = math.tan(math.radians(view.get_fov_vertical_deg()) / 2.0)
         self.pixelAngle = 2.0 * self.halfHeight / self.height
 
-    def rays(self, first, last):
-        """Unit vectors (3, m) through the pixels of the rows from `first` to before `last`."""
-        right, up, ahead = self.axes[:, :, None, None]
-        x = ((np.arange(self.width) + 0.5 - self.width / 2.0) * self.pixelAngle).astype(np.float32)
-        y = (self.height / 2.0 - np.arange(first, last) - 0.5) * self.pixelAngle
-        rays = ahead + x * right + y.astype(np.float32)[:, None] * up
+    def rays(self, row, column):
+        """Unit vectors (3, m) through places (m,) of the picture; a pixel's middle is at 0.5."""
+        right, up, ahead = self.axes[:, :, None]
+        x = ((column - self.width / 2.0) * self.pixelAngle).astype(np.float32)
+        y = ((self.height / 2.0 - row) * self.pixelAngle).astype(np.float32)
+        rays = ahead + x * right + y * up
         rays /= np.sqrt(dot(rays, rays))
-        return rays.reshape(3, -1)
+        return rays
 
-    def corner_nearness(self, first, last):
-        """Squared distances (m,) of these rows' pixels from the middle; 1 at the corners."""
-        x = (np.arange(self.width) + 0.5) / self.width - 0.5
-        y = (np.arange(first, last) + 0.5) / self.height - 0.5
-        return (2.0 * (x**2 + y[:, None] ** 2)).astype(np.float32).ravel()
+    def corner_nearness(self, row, column):
+        """Squared distances (m,) of pixels from the middle; 1 at the corners."""
+        x, y = (column + 0.5) / self.width - 0.5, (row + 0.5) / self.height - 0.5
+        return (2.0 * (x**2 + y**2)).astype(np.float32)
 
 
 class LightMaps:
