@@ -1,7 +1,7 @@
 """Draws the README's gallery with the program itself: `python report/gallery.py [NAME ...]`.
 
 Each picture is the last one of a run of the command line, at a moment of action, in the studio
-look. It is drawn at twice the size and scaled down, unless it has a legend.
+look. It is drawn at twice the size and scaled down.
 """
 
 import shlex
@@ -39,7 +39,6 @@ PICTURES = {
 def draw(name):
     """Writes gallery/<name>.jpg; name : a name of PICTURES."""
     arguments, step = PICTURES[name]
-    factor = 1 if "--legend" in arguments else 2
     with tempfile.TemporaryDirectory() as folder:
         code = main(
             [
@@ -53,7 +52,7 @@ def draw(name):
                 "--steps",
                 str(step),
                 "--size",
-                "x".join(str(factor * pixels) for pixels in SIZE),
+                "x".join(str(2 * pixels) for pixels in SIZE),
             ]
         )
         if code != 0:

@@ -4,8 +4,7 @@ Polyscope only draws the numbers of faces (`rbs.pictures.facenumbers`). A sample
 where its ray meets the plane of its face, or the ground. Neighbouring samples share the directions
 of light (`rbs.appearance.light`), and are then averaged over the same surface. Finally, linear
 light becomes a colour, and samples become pixels. Arrays of points, vectors and colours are (3, m),
-in single precision. Reading order: tones; `Studio`; the lit region; `Shades`; gloss; pixels. Units:
-metres.
+in single precision. Reading order: `Studio`; the lit region; `Shades`. Units: metres.
 """
 
 import math
@@ -13,19 +12,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from rbs.appearance.colours import linear
-from rbs.appearance.drawables import SUN, flatten_meshes
-from rbs.appearance.light import (
-    GROUND,
-    LEAST_GAP,
-    OPEN_GROUND,
-    SUN_LIGHT,
-    ByHeight,
-    SceneLight,
-    irradiance,
-    sky_radiance,
-)
+from rbs.appearance.colours import linear, toned
+from rbs.appearance.drawables import flatten_meshes
+from rbs.appearance.light import GROUND, LEAST_GAP, OPEN_GROUND, SceneLight, gloss, irradiance
 from rbs.appearance.pictureoptions import SEEN_THROUGH
+from rbs.appearance.pixels import laid_over
 from rbs.appearance.skins import Surface
 from rbs.geometry.triples import dot
 from rbs.pictures.facenumbers import (
@@ -45,22 +36,16 @@ SUPERSAMPLING = 2
 SHARED = 4
 # Numbers of directions for a still and for a video frame, multiples of SHARED². Fewer leave
 # streaks.
-STILL_DIRECTIONS = {"sky": 256, "below": 128, "sun": 32}
-VIDEO_DIRECTIONS = {"sky": 192, "below": 96, "sun": 16}
+STILL_DIRECTIONS = {"sky": 192, "below": 96, "sun": 32}
+VIDEO_DIRECTIONS = {"sky": 128, "below": 64, "sun": 16}
 # Side of the sun's maps, as a fraction of the picture's width, and its bounds in pixels.
-SUN_MAP_FRACTION, SUN_MAP_SIDES = 0.7, (512, 1536)
+SUN_MAP_FRACTION, SUN_MAP_SIDES = 0.6, (512, 1536)
 # Distance from the visible bodies beyond which bodies cast no shadows, as a multiple of the
 # picture's larger half. More makes maps coarse if a body is flung away. Every SEEN_STEP-th pixel
 # is tested.
 REACH, SEEN_STEP = 3.0, 8
 # Lines on the ground: factor of the reflectance, and width as a fraction of their distance.
 LINE, LINE_WIDTH = 0.72, 0.024
-# Reflectance of a body's gloss, seen head-on, and sharpness of the sun's reflection.
-GLOSS, SHININESS = 0.04, 64
-# Least cosine between normal and camera. Less makes outlines white.
-LEAST_FACING = 0.15
-# Factor of light before the tone curve. More is brighter and paler.
-EXPOSURE = 0.60
 # Displayed colours of the backdrop at the horizon and from a ray's height of BACKDROP_HEIGHT; range
 # in which the ground fades into it, in sizes of the scene.
 BACKDROP, BACKDROP_HEIGHT = np.array([[0.885, 0.882, 0.872], [0.76, 0.765, 0.77]]), 0.6
@@ -71,26 +56,6 @@ VIGNETTE = 0.14
 NOWHERE = 1e12
 # Number of pixels shaded together, and number of threads. More take more memory.
 BAND_PIXELS, THREADS = 240_000, 2
-
-
-def seen(light):
-    """Converts linear light to sRGB by the ACES tone curve in Narkowicz's approximation."""
-    x = EXPOSURE * light
-    x = np.clip(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 0.0, 1.0)
-    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1.0 / 2.4) - 0.055)
-
-
-# `seen` as a table over light from 0 to MOST_LIGHT, beyond which all is white.
-MOST_LIGHT, TONES = 12.0, 1 << 16
-_TONE_TABLE = seen(np.arange(TONES) * MOST_LIGHT / TONES).astype(np.float32)
-# Surroundings mirrored by glossy surfaces.
-SURROUNDINGS = ByHeight(lambda y: np.where(y[:, None] < 0.0, OPEN_GROUND, sky_radiance(y)))
-
-
-def toned(light):
-    """`seen`, from the table."""
-    place = (light * (TONES / MOST_LIGHT)).astype(np.int32)
-    return _TONE_TABLE.take(place, mode="clip")
 
 
 class Studio:
@@ -373,31 +338,3 @@ class Shades:
         mean[:3] /= np.maximum(mean[3], 1e-6)
         picture = mean[: 4 if self._isTransparent else 3].reshape(-1, mean.shape[1] // width, width)
         return np.rint(255.0 * np.moveaxis(picture, 0, 2)).astype(np.uint8, order="C")
-
-
-def gloss(normal, ray, light):
-    """Light (3, m) that the surfaces of bodies mirror towards the camera, along -ray (3, m)."""
-    sun = SUN.astype(np.float32)
-    cosine = np.maximum(dot(normal, sun), 0.0)
-    half = sun[:, None] - ray
-    half /= np.sqrt(dot(half, half))
-    shine = np.maximum(dot(normal, half), 0.0)
-    for _ in range(SHININESS.bit_length() - 1):
-        shine *= shine
-    shine *= GLOSS * (SHININESS + 8.0) / (8.0 * math.pi) * cosine * light[0]
-    facing = np.clip(-dot(normal, ray), LEAST_FACING, 1.0)
-    grazing = 1.0 - facing
-    fresnel = GLOSS + (1.0 - GLOSS) * grazing * (grazing * grazing) ** 2  # Schlick's
-    mirrored = SURROUNDINGS(2.0 * facing * normal[1] + ray[1])
-    return SUN_LIGHT.astype(np.float32)[:, None] * shine + 0.5 * fresnel * light[1] * mirrored
-
-
-def laid_over(upper, lower):
-    """Composites a picture with opacity over another one, which keeps its number of channels."""
-    above = upper[..., 3:].astype(np.float32) / 255.0
-    if lower.shape[2] == 3:
-        return np.rint(above * upper[..., :3] + (1.0 - above) * lower).astype(np.uint8)
-    below = (1.0 - above) * (lower[..., 3:] / np.float32(255.0))
-    colour = above * upper[..., :3] + below * lower[..., :3]
-    colour /= np.maximum(above + below, 1e-6)
-    return np.rint(np.concatenate([colour, 255.0 * (above + below)], axis=2)).astype(np.uint8)
