@@ -278,8 +278,8 @@ def test_legend_is_in_the_picture(view):
     view.hasLegend = True
     seen = take_picture(view)
     changed = np.any(seen != bare, axis=2)
-    assert changed[14:60, 14:120].mean() > 0.95 and not changed[:7].any()
-    samples = {tuple(pixel) for pixel in seen[14:120, 14:40].reshape(-1, 3).tolist()}
+    assert changed[9:40, 9:90].mean() > 0.95 and not changed[:7].any()
+    samples = {tuple(pixel) for pixel in seen[9:120, 9:40].reshape(-1, 3).tolist()}
     colours = np.array([colour for _, colour in view.legend()])
     assert {tuple(row) for row in np.rint(255 * colours).astype(int).tolist()} <= samples
 
