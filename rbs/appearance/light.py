@@ -18,8 +18,9 @@ from rbs.geometry.triples import dot
 
 # Sides of the maps of the sky and of the light from below, in pixels.
 MAP_SIDES = {"sky": 192, "below": 128}
-# Number of directions in a ring of the hemisphere.
-RING = 16
+# Number of directions in a ring of the hemisphere; its root is that of the sun's disc. Angle, in
+# radians, by which the next ring is turned.
+RING, GOLDEN_ANGLE = 16, math.pi * (3.0 - math.sqrt(5.0))
 # Least distance of a face in front of a point that it shades, as a fraction of the lit size. More
 # lets light through at contacts.
 LEAST_GAP = 2e-4
@@ -29,7 +30,7 @@ SUN_ANGLE = math.radians(2.0)
 SUN_LIGHT = 5.6 * np.array([1.0, 0.945, 0.86])
 ZENITH, HORIZON = np.array([0.44, 0.54, 0.72]), np.array([0.58, 0.59, 0.60])
 # Reflectance of the ground.
-GROUND = np.array([0.50, 0.483, 0.458])
+GROUND = np.array([0.54, 0.524, 0.50])
 # Initial estimate of a surface's irradiance among others, as a fraction of that in the open.
 AROUND = 0.55
 # Reflectance of a body's gloss, seen head-on, and sharpness of the sun's reflection.
@@ -48,15 +49,16 @@ def hemisphere(count):
     """
     k = np.arange(count)
     y = (k + 0.5) / count
-    angle = k // RING * math.pi * (3.0 - math.sqrt(5.0)) + 5 * k % RING * math.tau / RING
+    angle = k // RING * GOLDEN_ANGLE + 5 * k % RING * math.tau / RING
     across = np.sqrt(1.0 - y * y)
     return np.stack([across * np.cos(angle), y, across * np.sin(angle)], axis=1)
 
 
 def sun_disc(count):
-    """Returns `count` directions (n, 3) of equal solid angle towards the sun's disc."""
-    k = np.arange(count) + 0.5
-    radius, angle = np.sqrt(k / count), k * math.pi * (3.0 - math.sqrt(5.0))
+    """`count` directions (n, 3) of equal solid angle towards the sun's disc, as `hemisphere`."""
+    k, ring = np.arange(count), math.isqrt(RING)
+    radius = np.sqrt((k + 0.5) / count)
+    angle = k // ring * GOLDEN_ANGLE + k % ring * math.tau / ring
     side = np.cross(SUN, [0.0, 1.0, 0.0])
     side /= np.linalg.norm(side)
     x, y = (math.tan(0.5 * SUN_ANGLE) * radius * f(angle) for f in (np.cos, np.sin))

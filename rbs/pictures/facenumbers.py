@@ -20,6 +20,8 @@ RIM = 3
 # Step factor of the sides of maps. Maps move by whole pixels, so that the shadows of resting bodies
 # do not flicker in a video. More wastes resolution; less flickers more often.
 MAP_GROWTH = 1.15
+# Shift from map to map in pixels; its multiples fill a pixel evenly.
+MAP_SHIFT = np.array([0.7548776662, 0.5698402910])
 # Depth and half the side of the ground that hides what has sunk into it, in sizes of the scene.
 # Less depth flickers where bodies rest.
 GROUND_DEPTH, GROUND_REACH = 1e-4, 30.0
@@ -199,7 +201,7 @@ class LightMaps:
         ps.set_window_size(size, size)
         corners = np.where(BOX_CORNERS, box[1], box[0])
         self._maps[kind] = []
-        for direction in directions:
+        for k, direction in enumerate(directions):
             up = np.eye(3)[np.abs(direction).argmin()]
             right = np.cross(up, direction)
             right /= np.linalg.norm(right)
@@ -209,7 +211,9 @@ class LightMaps:
             half = (high - low)[:2].max() / 2.0 * size / (size - 2.0 * RIM)
             half = MAP_GROWTH ** math.ceil(math.log(half, MAP_GROWTH))
             pixel = 2.0 * half / size
-            middle = pixel * np.round((low + high) / 2.0 / pixel)
+            # each map at another fraction of a pixel, so that their steps average out
+            shift = *np.modf(k * MAP_SHIFT)[0], 0.0
+            middle = pixel * (np.round((low + high) / 2.0 / pixel) + shift)
             top = min((vertices @ direction).max(), high[2] + 10.0 * scale)
             matrix = np.eye(4)
             matrix[:3, :3] = axes

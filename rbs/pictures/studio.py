@@ -48,10 +48,10 @@ REACH, SEEN_STEP = 3.0, 8
 LINE, LINE_WIDTH = 0.72, 0.024
 # Displayed colours of the backdrop at the horizon and from a ray's height of BACKDROP_HEIGHT; range
 # in which the ground fades into it, in sizes of the scene.
-BACKDROP, BACKDROP_HEIGHT = np.array([[0.885, 0.882, 0.872], [0.76, 0.765, 0.77]]), 0.6
+BACKDROP, BACKDROP_HEIGHT = np.array([[0.915, 0.913, 0.907], [0.78, 0.79, 0.805]]), 0.6
 FADE_BEGIN, FADE_END = 0.8, 4.5
 # Darkening of the picture's corners, 0 to 1.
-VIGNETTE = 0.14
+VIGNETTE = 0.10
 # Distance of rays that meet nothing, in metres.
 NOWHERE = 1e12
 # Number of pixels shaded together, and number of threads. More take more memory.

@@ -12,7 +12,7 @@ from program import DATA, run
 
 from rbs.appearance import light as light_of_day
 from rbs.appearance.colours import PALETTE
-from rbs.appearance.drawables import SUN, face_neighbours
+from rbs.appearance.drawables import SUN, cast_shadows, face_neighbours
 from rbs.appearance.pictureoptions import SEEN_THROUGH, PictureOptions
 from rbs.appearance.skins import Skin
 from rbs.pictures import studio
@@ -156,11 +156,12 @@ def test_a_body_that_was_flung_away_leaves_picture_and_maps_as_they_were():
 
 
 @pytest.mark.parametrize("scene", ["stress", "wrecking_ball", "net"])
-def test_stills_show_all_bodies_from_low_down(scene):
+def test_stills_show_all_bodies_and_shadows_from_low_down(scene):
     view = view_of(*Simulation(DATA / f"{scene}-scene.txt").meshes)
     camera = Camera()
     assert 10.0 < math.degrees(math.asin(-camera.ahead[1])) < 20.0
     vertices = np.concatenate([mesh.currVertices for mesh in view.simulation.meshes])
+    vertices = np.concatenate([vertices, cast_shadows(vertices, 0.0, -SUN / SUN[1])])
     away = (vertices - camera.eye) @ np.linalg.inv(camera.axes)
     place = away[:, :2] / away[:, 2:] / camera.halfHeight / [16 / 9, 1]
     assert np.abs(place).max() < 0.95
