@@ -42,7 +42,7 @@ PICTURES = {
     "wall": ("wall", 320),
 }
 # Name of a video → scene, number of the first and of the last step, and steps per frame.
-VIDEOS = {"wall.mp4": ("wall", 190, 490, 2), "dominoes.mp4": ("dominoes", 240, 840, 4)}
+VIDEOS = {"wall.mp4": ("wall", 190, 490, 2), "dominoes.mp4": ("dominoes", 260, 780, 4)}
 VIDEO_SIZE, RATE = (1280, 720), 25
 CODEC = "-f mp4 -vcodec libx264 -pix_fmt yuv420p -crf 20 -preset slow -movflags +faststart"
 
