@@ -1,10 +1,11 @@
 """Studio pictures: sky light, soft shadows and rounded edges, computed in NumPy.
 
-Polyscope only draws the numbers of faces (`rbs.pictures.facenumbers`). A sample shows the point
-where its ray meets the plane of its face, or the ground. Neighbouring samples share the directions
-of light (`rbs.appearance.light`), and are then averaged over the same surface. Finally, linear
-light becomes a colour, and samples become pixels. Arrays of points, vectors and colours are (3, m),
-in single precision. Reading order: `Studio`; the lit region; `Shades`. Units: metres.
+Polyscope only draws the numbers of faces (`rbs.pictures.facenumbers`). A pixel shows the point
+where its ray meets the plane of its face, or the ground; one that several surfaces share is split
+into samples. Neighbouring pixels share the directions of light (`rbs.appearance.light`), and are
+then averaged over the same surface. Finally, linear light becomes a colour. Arrays of points,
+vectors and colours are (3, m), in single precision. Reading order: `Studio`; the lit region;
+`Shades`. Units: metres.
 """
 
 import math
@@ -135,7 +136,8 @@ def lit_box(meshes, vertices, bodyOfFace, numbers, camera):
 class Shades:
     """Shades a picture, given the numbers of its faces.
 
-    A pixel whose samples show one surface is shaded at its middle; others are split into samples.
+    A pixel whose samples show one surface is shaded once, at its middle if they show one face;
+    others are split into their samples.
     """
 
     def __init__(self, light, camera, numbers, view, hasGround, isTransparent):
@@ -148,6 +150,7 @@ class Shades:
         self._isSplit = np.zeros(first.size, dtype=bool)
         for others in self._numbers[1:]:
             self._isSplit |= group.take(others) != first.ravel()
+        self._isWhole = (self._numbers == self._numbers[0]).all(axis=0)
         # light and group at the first sample of each pixel, with a rim for `_mixed`
         rim = (1, SHARED - 2), (1, SHARED - 2)
         self._group = np.pad(first, rim, constant_values=-2)
@@ -212,17 +215,17 @@ class Shades:
     def _met(self, pixels, sample):
         """Intersects rays: `(number (m,), ray (3, m), distance (m,), fade (m,))`.
 
-        pixels (m,) : flat indices; sample : of a split pixel, number or (m,)
+        pixels (m,) : flat indices; sample : of split pixels, one number or (m,)
 
         number is 0 if there is no face; fade is the part of the backdrop, 0 to 1.
         """
         camera, surface = self._camera, self._light.surface
-        number, isSplit = self._numbers[sample, pixels], self._isSplit.take(pixels)
-        shifts = np.divmod(sample, SUPERSAMPLING)
+        number, isWhole = self._numbers[sample, pixels], self._isWhole.take(pixels)
+        within = ((one + 0.5) / SUPERSAMPLING for one in np.divmod(sample, SUPERSAMPLING))
         ray = camera.rays(
             *(
-                place + np.where(isSplit, (shift + 0.5) / SUPERSAMPLING, 0.5)
-                for place, shift in zip(self._places(pixels), shifts, strict=True)
+                place + np.where(isWhole, 0.5, one)
+                for place, one in zip(self._places(pixels), within, strict=True)
             )
         )
         distance = np.full(len(number), NOWHERE, dtype=np.float32)
