@@ -121,5 +121,10 @@ def load_grader_data(path, layout):
         if array.dtype.kind not in "fiub" or array.shape != expected:
             found = f"holds {array.dtype} of shape {array.shape}"
             raise InputError(f"{key} {found}, not numbers of shape {expected}")
+        if not np.isfinite(array).all():
+            raise InputError(f"{key} holds a number that is not finite")
         data[key] = array.astype(kind)
+    for key in sorted(data.keys() & {"tets1", "tets2"}):
+        if not np.isin(data[key], np.arange(lengths[f"origVertices{key[-1]}"])).all():
+            raise InputError(f"{key} refers to a vertex that does not exist")
     return data
