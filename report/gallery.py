@@ -1,7 +1,8 @@
 """Draws the README's gallery with the program itself: `python report/gallery.py [NAME ...]`.
 
 Each picture is the last one of a run of the command line, at a moment of action, in the studio
-look. It is drawn at twice the size and scaled down, unless it has a legend.
+look. It is drawn at twice the size and scaled down. Videos have one camera, which sees their first
+and their last moment.
 """
 
 import shlex
@@ -10,11 +11,17 @@ import tempfile
 from pathlib import Path
 
 from PIL import Image
+from tqdm import tqdm
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from rbs.appearance.framing import frame_still
+from rbs.appearance.pictureoptions import PictureOptions
+from rbs.pictures.backends import find_backend
+from rbs.program.suggestions import apply_settings
+from rbs.recordings.encoder import Encoder
 from rbs.scenes.files import atomic_write
-from RigidBodySimulation import main
+from RigidBodySimulation import Simulation, main
 
 FOLDER = Path(__file__).resolve().parent / "gallery"
 SIZE = (960, 540)
@@ -23,23 +30,26 @@ MOST_BYTES = 250_000
 QUALITIES = (95, 92, 88, 84, 80)
 # Name → arguments, and number of the step.
 PICTURES = {
-    "wrecking_ball": ("wrecking_ball", 270),
+    "wrecking_ball": ("wrecking_ball", 300),
     "net": ("net", 140),
     "pile": ("pile_200", 110),
-    "stress": ("stress --friction 0.5 --show velocities contacts impulses --legend", 260),
-    "heap": ("heap", 150),
+    "stress": ("stress --friction 0.5 --show velocities contacts impulses --legend", 160),
+    "heap": ("heap", 210),
     "card_house": ('card_house --show contacts impulses "friction impulses" --legend', 15),
     "arch": ("arch --show contacts impulses --legend", 20),
     "arch_blow": ("arch_blow", 190),
-    "dominoes": ("dominoes", 330),
+    "dominoes": ("dominoes", 560),
     "wall": ("wall", 320),
 }
+# Name of a video → scene, number of the first and of the last step, and steps per frame.
+VIDEOS = {"wall.mp4": ("wall", 190, 490, 2), "dominoes.mp4": ("dominoes", 260, 780, 4)}
+VIDEO_SIZE, RATE = (1280, 720), 25
+CODEC = "-f mp4 -vcodec libx264 -pix_fmt yuv420p -crf 20 -preset slow -movflags +faststart"
 
 
 def draw(name):
     """Writes gallery/<name>.jpg; name : a name of PICTURES."""
     arguments, step = PICTURES[name]
-    factor = 1 if "--legend" in arguments else 2
     with tempfile.TemporaryDirectory() as folder:
         code = main(
             [
@@ -53,7 +63,7 @@ def draw(name):
                 "--steps",
                 str(step),
                 "--size",
-                "x".join(str(factor * pixels) for pixels in SIZE),
+                "x".join(str(2 * pixels) for pixels in SIZE),
             ]
         )
         if code != 0:
@@ -67,6 +77,32 @@ def draw(name):
     sys.exit(f"{name}.jpg is larger than {MOST_BYTES} bytes")
 
 
+def film(name):
+    """Writes gallery/<name>; name : a name of VIDEOS."""
+    import polyscope as ps
+
+    from rbs.pictures.capture import start_view, take_picture
+
+    scene, first, last, every = VIDEOS[name]
+    simulation, end = Simulation(scene), Simulation(scene)
+    for one, step in ((simulation, first), (end, last)):
+        apply_settings(one, {})
+        one.run(step)
+    options = PictureOptions(VIDEO_SIZE, look="studio")
+    view = start_view(simulation, find_backend(window=False), options)
+    ps.look_at(*frame_still(simulation.meshes + end.meshes, VIDEO_SIZE))
+    view.spread_ground()
+    steps = range(first, last + 1, every)
+    view.studio.tell_cost(view, len(steps))
+    with atomic_write(FOLDER / name) as partial:
+        encoder = Encoder(partial, VIDEO_SIZE, RATE, CODEC.split())
+        for _ in tqdm(steps, name, disable=None):
+            view.refresh()
+            encoder.write(take_picture(view, isStill=False))
+            simulation.run(every)
+        encoder.finish()
+
+
 if __name__ == "__main__":
-    for name in sys.argv[1:] or PICTURES:
-        draw(name)
+    for name in sys.argv[1:] or (*PICTURES, *VIDEOS):
+        film(name) if name in VIDEOS else draw(name)

@@ -156,6 +156,7 @@ def test_rooms_import_nothing_that_uses_them():
         allowed |= {"numpy", "scipy", "tqdm", "polyscope", "matplotlib", "imageio_ffmpeg"}
         own = {
             "rbs.recordings.recording": {"h5py"},
+            "rbs.appearance.pixels": {"PIL"},
             "rbs.pictures.capture": {"PIL"},
             "rbs.appearance.gltf": {"pygltflib"},
         }

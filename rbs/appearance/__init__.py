@@ -4,6 +4,7 @@ In reading order:
 
     pictureoptions  options of pictures and videos
     colours         colours of bodies, constraints and overlays
+    pixels          pictures averaged, and laid over each other
     drawables       surfaces and lines of bodies, constraints and the ground
     shading         light of the window: bodies lit by sun and sky, soft shadows
     framing         viewpoints from which a scene is fully visible

@@ -72,6 +72,8 @@ TRAIL_COLOUR = (0.35, 0.10, 0.45)
 TOP_SPEED = 30.0
 # Number of densities that the legend lists. If there are more, it shows the extremes.
 LEGEND_LINES = 6
+# Factor of light before the tone curve. More is brighter and paler.
+EXPOSURE = 0.60
 
 
 class BodyColours:
@@ -194,6 +196,24 @@ def colour_of_density(density, lightest, heaviest):
 def linear(colours):
     """Converts sRGB colours to linear light."""
     return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+
+
+def seen(light):
+    """Converts linear light to sRGB by the ACES tone curve in Narkowicz's approximation."""
+    x = EXPOSURE * light
+    x = np.clip(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 0.0, 1.0)
+    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1.0 / 2.4) - 0.055)
+
+
+# `seen` as a table over light from 0 to MOST_LIGHT, beyond which all is white.
+MOST_LIGHT, TONES = 12.0, 1 << 16
+_TONE_TABLE = seen(np.arange(TONES) * MOST_LIGHT / TONES).astype(np.float32)
+
+
+def toned(light):
+    """`seen`, from the table."""
+    place = (light * (TONES / MOST_LIGHT)).astype(np.int32)
+    return _TONE_TABLE.take(place, mode="clip")
 
 
 def viridis(place):

@@ -15,7 +15,7 @@ FRAME_MARGIN = 0.08
 # additional free margin above and below.
 STILL_DIRECTION, STILL_ANGLE, STILL_MARGIN = (0.45, 0.28, 1.0), 30.0, 0.11
 # Largest increase of the camera's distance to show shadows, as a fraction of that distance.
-SHADOW_ROOM = 0.3
+SHADOW_ROOM = 0.7
 # A body is an outlier if it is this many times farther from the middle than all nearer bodies
 # reach. The nearer ones are at least the fraction MAIN_SHARE of all.
 FLUNG, MAIN_SHARE = 2.5, 0.8

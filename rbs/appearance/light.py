@@ -17,7 +17,10 @@ from rbs.appearance.drawables import SUN
 from rbs.geometry.triples import dot
 
 # Sides of the maps of the sky and of the light from below, in pixels.
-MAP_SIDES = {"sky": 288, "below": 224}
+MAP_SIDES = {"sky": 192, "below": 128}
+# Number of directions in a ring of the hemisphere; its root is that of the sun's disc. Angle, in
+# radians, by which the next ring is turned.
+RING, GOLDEN_ANGLE = 16, math.pi * (3.0 - math.sqrt(5.0))
 # Least distance of a face in front of a point that it shades, as a fraction of the lit size. More
 # lets light through at contacts.
 LEAST_GAP = 2e-4
@@ -27,25 +30,35 @@ SUN_ANGLE = math.radians(2.0)
 SUN_LIGHT = 5.6 * np.array([1.0, 0.945, 0.86])
 ZENITH, HORIZON = np.array([0.44, 0.54, 0.72]), np.array([0.58, 0.59, 0.60])
 # Reflectance of the ground.
-GROUND = np.array([0.50, 0.483, 0.458])
+GROUND = np.array([0.54, 0.524, 0.50])
 # Initial estimate of a surface's irradiance among others, as a fraction of that in the open.
 AROUND = 0.55
+# Reflectance of a body's gloss, seen head-on, and sharpness of the sun's reflection.
+GLOSS, SHININESS = 0.04, 64
+# Least cosine between normal and camera. Less makes outlines white.
+LEAST_FACING = 0.15
 # Number of samples of the ground along each side, for the light that it reflects.
 GROUND_SAMPLES = 128
 
 
 def hemisphere(count):
-    """`count` directions (n, 3) of equal solid angle in the upper half space, on a spiral."""
-    k = np.arange(count) + 0.5
-    y, angle = k / count, k * math.pi * (3.0 - math.sqrt(5.0))
+    """`count` directions (n, 3) of equal solid angle in the upper half space.
+
+    They lie in rings of RING, turned against each other, such that every RING-th one, from any of
+    the first on, is spread evenly, too. count : a multiple of RING
+    """
+    k = np.arange(count)
+    y = (k + 0.5) / count
+    angle = k // RING * GOLDEN_ANGLE + 5 * k % RING * math.tau / RING
     across = np.sqrt(1.0 - y * y)
     return np.stack([across * np.cos(angle), y, across * np.sin(angle)], axis=1)
 
 
 def sun_disc(count):
-    """Returns `count` directions (n, 3) of equal solid angle towards the sun's disc."""
-    k = np.arange(count) + 0.5
-    radius, angle = np.sqrt(k / count), k * math.pi * (3.0 - math.sqrt(5.0))
+    """`count` directions (n, 3) of equal solid angle towards the sun's disc, as `hemisphere`."""
+    k, ring = np.arange(count), math.isqrt(RING)
+    radius = np.sqrt((k + 0.5) / count)
+    angle = k // ring * GOLDEN_ANGLE + k % ring * math.tau / ring
     side = np.cross(SUN, [0.0, 1.0, 0.0])
     side /= np.linalg.norm(side)
     x, y = (math.tan(0.5 * SUN_ANGLE) * radius * f(angle) for f in (np.cos, np.sin))
@@ -96,6 +109,27 @@ def irradiance(normal, light):
     cosine = np.maximum(dot(normal, SUN.astype(np.float32)), 0.0)
     sun = SUN_LIGHT.astype(np.float32)[:, None] * (cosine * light[0])
     return sun + OPEN(normal[1])[:3] * light[1] + light[2:]
+
+
+# Surroundings mirrored by glossy surfaces.
+SURROUNDINGS = ByHeight(lambda y: np.where(y[:, None] < 0.0, OPEN_GROUND, sky_radiance(y)))
+
+
+def gloss(normal, ray, light):
+    """Light (3, m) that the surfaces of bodies mirror towards the camera, along -ray (3, m)."""
+    sun = SUN.astype(np.float32)
+    cosine = np.maximum(dot(normal, sun), 0.0)
+    half = sun[:, None] - ray
+    half /= np.sqrt(dot(half, half))
+    shine = np.maximum(dot(normal, half), 0.0)
+    for _ in range(SHININESS.bit_length() - 1):
+        shine *= shine
+    shine *= GLOSS * (SHININESS + 8.0) / (8.0 * math.pi) * cosine * light[0]
+    facing = np.clip(-dot(normal, ray), LEAST_FACING, 1.0)
+    grazing = 1.0 - facing
+    fresnel = GLOSS + (1.0 - GLOSS) * grazing * (grazing * grazing) ** 2  # Schlick's
+    mirrored = SURROUNDINGS(2.0 * facing * normal[1] + ray[1])
+    return SUN_LIGHT.astype(np.float32)[:, None] * shine + 0.5 * fresnel * light[1] * mirrored
 
 
 class SceneLight:
@@ -165,12 +199,14 @@ class SceneLight:
 
         The rows are the visible fractions of sun and sky, and the irradiance r, g, b from bodies
         and ground. normal : (3, m), unit; body : (m,), that of the points, -1 for the ground;
-        first, stride : use every stride-th direction, from the first on
+        first, stride : use every stride-th direction from the first on, and of the sun's, which
+            are few, every √stride-th
         """
         result = np.zeros((5, x.shape[1]), dtype=np.float32)
         some = np.flatnonzero(dot(normal, SUN.astype(np.float32)) > 0.0)
         lit = np.ones(len(some), dtype=np.float32)
-        suns = range(first, len(self._directions["sun"]), stride)
+        suns = math.isqrt(stride)
+        suns = range(first % suns, len(self._directions["sun"]), suns)
         points, bodies = x.take(some, axis=1), body.take(some)
         for k in suns:
             lit[self._maps.blockers("sun", k, points, bodies)[1]] -= 1.0 / len(suns)

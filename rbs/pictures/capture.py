@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from rbs.appearance.colours import BACKGROUND
 from rbs.appearance.pictureoptions import SEEN_THROUGH
+from rbs.appearance.pixels import averaged, with_legend
 from rbs.pictures.backends import OFFSCREEN_BACKEND
 from rbs.pictures.cameras import apply_camera
 from rbs.pictures.studio import STILL_DIRECTIONS, VIDEO_DIRECTIONS, Studio
@@ -28,9 +29,6 @@ SUPERSAMPLING = 2
 MOST_DRAWN_PIXELS = 4 * 3840 * 2160
 # Opacity of shadows without a ground, 0 to 1.
 SHADOW_OPACITY = 0.4
-# Legend: distance from the picture's upper left corner, and size of its colour samples, in pixels.
-LEGEND_MARGIN, SAMPLE_SIZE = 12, 18
-LEGEND_COLOUR = (0.19, 0.21, 0.25, 1.0)
 
 
 def start_view(simulation, backend, options):
@@ -59,8 +57,12 @@ def take_picture(view, isTransparent=False, isStill=True):
     """
     if view.studio is not None:
         return view.studio.take(view, isTransparent, isStill)
-    picture = _take_plain(view, isTransparent, isStill)
-    return np.ascontiguousarray(_with_legend(picture, view))
+    return _with_legend(_take_plain(view, isTransparent, isStill), view)
+
+
+def _with_legend(picture, view):
+    rows = view.legend() if view.hasLegend else []
+    return with_legend(picture, rows) if rows else np.ascontiguousarray(picture)
 
 
 class StudioLook:
@@ -169,63 +171,15 @@ def _with_soft_shadows(shoot, view):
     return shot
 
 
-def averaged(picture, factor):
-    """Averages blocks of factor × factor pixels; (height, width, 3 or 4), uint8."""
-    height, width, channels = picture.shape
-    blocks = picture.reshape(height // factor, factor, width // factor, factor, channels)
-    if channels == 3:
-        total = blocks.sum(axis=(1, 3), dtype=np.uint16)
-        return ((total + factor**2 // 2) // factor**2).astype(np.uint8)
-    # weights colours by opacity, because transparent pixels have no colour
-    opacity = blocks[..., 3:].astype(np.float32)
-    weight = opacity.sum(axis=(1, 3))
-    colour = (blocks[..., :3] * opacity).sum(axis=(1, 3)) / np.maximum(weight, 1.0)
-    return np.rint(np.concatenate([colour, weight / factor**2], axis=2)).astype(np.uint8)
-
-
 def draw_legend(rows):
     """Draws rows (text, (r, g, b)) into the current panel."""
-    import polyscope as ps
     import polyscope.imgui as psim
 
-    flags, side = psim.ImGuiColorEditFlags_NoTooltip, SAMPLE_SIZE * ps.get_ui_scale()
+    flags = psim.ImGuiColorEditFlags_NoTooltip
     for text, colour in rows:
-        psim.ColorButton(text, (*colour, 1.0), flags, (side, side))
+        psim.ColorButton(text, (*colour, 1.0), flags, (psim.GetFontSize(), psim.GetFontSize()))
         psim.SameLine()
         psim.Text(text)
-
-
-def _with_legend(picture, view):
-    """Returns the picture with its legend in the upper left corner, if the view wants one."""
-    import polyscope as ps
-    import polyscope.imgui as psim
-
-    rows, place = view.legend() if view.hasLegend else [], {}
-    if not rows:
-        return picture
-
-    def draw():
-        psim.SetNextWindowPos((LEGEND_MARGIN, LEGEND_MARGIN), psim.ImGuiCond_Always)
-        psim.PushStyleColor(psim.ImGuiCol_WindowBg, LEGEND_COLOUR)
-        flags = psim.ImGuiWindowFlags_AlwaysAutoResize | psim.ImGuiWindowFlags_NoTitleBar
-        psim.Begin("Legend", flags=flags)
-        draw_legend(rows)
-        place["corner"], place["size"] = tuple(psim.GetWindowPos()), tuple(psim.GetWindowSize())
-        psim.End()
-        psim.PopStyleColor()
-
-    ps.set_user_callback(draw)
-    try:
-        for _ in range(2):  # a panel has its size from the second frame on
-            shot = ps.screenshot_to_buffer(transparent_bg=False, include_UI=True)
-    finally:
-        ps.set_user_callback(view.callback)
-    (left, top), (width, height) = (map(round, place[name]) for name in ("corner", "size"))
-    picture = picture.copy()
-    box = slice(top, top + height), slice(left, left + width)
-    picture[box] = 255
-    picture[(*box, slice(3))] = shot[box][:, :, :3]
-    return picture
 
 
 class PictureSeries:

@@ -20,6 +20,11 @@ RIM = 3
 # Step factor of the sides of maps. Maps move by whole pixels, so that the shadows of resting bodies
 # do not flicker in a video. More wastes resolution; less flickers more often.
 MAP_GROWTH = 1.15
+# Shift from map to map in pixels; its multiples fill a pixel evenly.
+MAP_SHIFT = np.array([0.7548776662, 0.5698402910])
+# Depth and half the side of the ground that hides what has sunk into it, in sizes of the scene.
+# Less depth flickers where bodies rest.
+GROUND_DEPTH, GROUND_REACH = 1e-4, 30.0
 
 
 @contextmanager
@@ -52,11 +57,31 @@ def bodies_only(view, vertices, faces):
             ps.set_window_size(*size)
 
 
+@contextmanager
+def hiding_ground(size):
+    """Makes a black ground hide what is below it, in the `with` block.
+
+    size : of the scene, in metres; None for no ground
+    """
+    import polyscope as ps
+
+    if size is None:
+        yield
+        return
+    x, _, z = ps.get_view_camera_parameters().get_position()
+    corners = np.array([[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [1, 0, -1]]) * GROUND_REACH * size
+    corners += [x, -GROUND_DEPTH * size, z]
+    ground = {"color": (0.0, 0.0, 0.0), "material": "flat", "back_face_policy": "cull"}
+    ps.register_surface_mesh("hiding", corners, np.array([[0, 1, 2], [0, 2, 3]]), **ground)
+    yield
+    ps.remove_surface_mesh("hiding")
+
+
 def samples(factor):
     """Moves the camera through factor² samples per pixel, to save memory; yields row, column."""
     import polyscope as ps
 
-    matrix, camera = ps.get_camera_view_matrix(), Camera(1)
+    matrix, camera = ps.get_camera_view_matrix(), Camera()
     for row in range(factor):
         for column in range(factor):
             shear = np.eye(4)
@@ -76,23 +101,27 @@ def draw_overlays(mesh, overlays, opacity, factor):
 
     if not overlays:
         return None
-    total = 0.0
+    width, height = ps.get_window_size()
+    total = np.zeros((4, width * height), dtype=np.float32)
     for structure in overlays:
         structure.set_enabled(True)
     for _ in samples(factor):
-        before = ps.screenshot_to_buffer(transparent_bg=True)
-        mesh.set_enabled(False)
-        shot = ps.screenshot_to_buffer(transparent_bg=True)
-        mesh.set_enabled(True)
-        isHidden = (shot != before).any(axis=2, keepdims=True)
-        weight = shot[..., 3:] * np.where(isHidden, np.float32(opacity), np.float32(1.0))
-        total = total + np.concatenate([shot[..., :3] * weight, weight], axis=2)
+        front = every = draw_numbers().ravel()  # of colours; bodies are black
+        if opacity > 0.0:
+            mesh.set_enabled(False)
+            every = draw_numbers().ravel()
+            mesh.set_enabled(True)
+        some = np.flatnonzero(every)
+        number = every.take(some)
+        weight = np.where(front.take(some) == number, 1.0, opacity)
+        total[3, some] += 255.0 * weight
+        for c in range(3):
+            total[c, some] += weight * (number >> 8 * c & 255)
     for structure in overlays:
         structure.set_enabled(False)
-    weight = total[..., 3:]
-    total[..., :3] /= np.maximum(weight, 1.0)
-    weight /= factor**2
-    return np.rint(total).astype(np.uint8)
+    total[:3] *= 255.0 / np.maximum(total[3], 1.0)
+    total[3] /= factor**2
+    return np.rint(total.T).astype(np.uint8).reshape(height, width, 4)
 
 
 def number_faces(mesh, count):
@@ -114,14 +143,14 @@ def draw_numbers(isUpright=True):
 
 
 class Camera:
-    """Polyscope's camera, for a picture with factor × factor samples per pixel.
+    """Polyscope's camera.
 
     eye, ahead (3,) : position and viewing direction; axes (3, 3) : rows to the right, up and ahead
-    halfHeight : tangent of half the vertical field of view; pixelAngle : tangent of a sample's
-        angle
+    width, height : of the picture; halfHeight : tangent of half the vertical field of view
+    pixelAngle : tangent of a pixel's angle
     """
 
-    def __init__(self, factor):
+    def __init__(self):
         import polyscope as ps
 
         view = ps.get_view_camera_parameters()
@@ -129,24 +158,23 @@ class Camera:
         axes = view.get_right_dir(), view.get_up_dir(), view.get_look_dir()
         self.axes = np.array(axes, dtype=np.float32)
         self.ahead = self.axes[2]
-        self.width, self.height = (factor * pixels for pixels in ps.get_window_size())
+        self.width, self.height = ps.get_window_size()
         self.halfHeight = math.tan(math.radians(view.get_fov_vertical_deg()) / 2.0)
         self.pixelAngle = 2.0 * self.halfHeight / self.height
 
-    def rays(self, first, last):
-        """Unit vectors (3, m) through the pixels of the rows from `first` to before `last`."""
-        right, up, ahead = self.axes[:, :, None, None]
-        x = ((np.arange(self.width) + 0.5 - self.width / 2.0) * self.pixelAngle).astype(np.float32)
-        y = (self.height / 2.0 - np.arange(first, last) - 0.5) * self.pixelAngle
-        rays = ahead + x * right + y.astype(np.float32)[:, None] * up
+    def rays(self, row, column):
+        """Unit vectors (3, m) through places (m,) of the picture; a pixel's middle is at 0.5."""
+        right, up, ahead = self.axes[:, :, None]
+        x = ((column - self.width / 2.0) * self.pixelAngle).astype(np.float32)
+        y = ((self.height / 2.0 - row) * self.pixelAngle).astype(np.float32)
+        rays = ahead + x * right + y * up
         rays /= np.sqrt(dot(rays, rays))
-        return rays.reshape(3, -1)
+        return rays
 
-    def corner_nearness(self, first, last):
-        """Squared distances (m,) of these rows' pixels from the middle; 1 at the corners."""
-        x = (np.arange(self.width) + 0.5) / self.width - 0.5
-        y = (np.arange(first, last) + 0.5) / self.height - 0.5
-        return (2.0 * (x**2 + y[:, None] ** 2)).astype(np.float32).ravel()
+    def corner_nearness(self, row, column):
+        """Squared distances (m,) of pixels from the middle; 1 at the corners."""
+        x, y = (column + 0.5) / self.width - 0.5, (row + 0.5) / self.height - 0.5
+        return (2.0 * (x**2 + y**2)).astype(np.float32)
 
 
 class LightMaps:
@@ -173,7 +201,7 @@ class LightMaps:
         ps.set_window_size(size, size)
         corners = np.where(BOX_CORNERS, box[1], box[0])
         self._maps[kind] = []
-        for direction in directions:
+        for k, direction in enumerate(directions):
             up = np.eye(3)[np.abs(direction).argmin()]
             right = np.cross(up, direction)
             right /= np.linalg.norm(right)
@@ -183,7 +211,9 @@ class LightMaps:
             half = (high - low)[:2].max() / 2.0 * size / (size - 2.0 * RIM)
             half = MAP_GROWTH ** math.ceil(math.log(half, MAP_GROWTH))
             pixel = 2.0 * half / size
-            middle = pixel * np.round((low + high) / 2.0 / pixel)
+            # each map at another fraction of a pixel, so that their steps average out
+            shift = *np.modf(k * MAP_SHIFT)[0], 0.0
+            middle = pixel * (np.round((low + high) / 2.0 / pixel) + shift)
             top = min((vertices @ direction).max(), high[2] + 10.0 * scale)
             matrix = np.eye(4)
             matrix[:3, :3] = axes

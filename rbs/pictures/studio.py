@@ -1,11 +1,11 @@
 """Studio pictures: sky light, soft shadows and rounded edges, computed in NumPy.
 
-Polyscope only draws the numbers of faces (`rbs.pictures.facenumbers`). A sample shows the point
-where its ray meets the plane of its face, or the ground. Neighbouring samples share the directions
-of light (`rbs.appearance.light`), and are then averaged over the same surface. Finally, linear
-light becomes a colour, and samples become pixels. Arrays of points, vectors and colours are (3, m),
-in single precision. Reading order: tones; `Studio`; the lit region; `Shades`; gloss; pixels. Units:
-metres.
+Polyscope only draws the numbers of faces (`rbs.pictures.facenumbers`). A pixel shows the point
+where its ray meets the plane of its face, or the ground; one that several surfaces share is split
+into samples. Neighbouring pixels share the directions of light (`rbs.appearance.light`), and are
+then averaged over the same surface. Finally, linear light becomes a colour. Arrays of points,
+vectors and colours are (3, m), in single precision. Reading order: `Studio`; the lit region;
+`Shades`. Units: metres.
 """
 
 import math
@@ -13,19 +13,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from rbs.appearance.colours import linear
-from rbs.appearance.drawables import SUN, flatten_meshes
-from rbs.appearance.light import (
-    GROUND,
-    LEAST_GAP,
-    OPEN_GROUND,
-    SUN_LIGHT,
-    ByHeight,
-    SceneLight,
-    irradiance,
-    sky_radiance,
-)
+from rbs.appearance.colours import linear, toned
+from rbs.appearance.drawables import flatten_meshes
+from rbs.appearance.light import GROUND, LEAST_GAP, OPEN_GROUND, SceneLight, gloss, irradiance
 from rbs.appearance.pictureoptions import SEEN_THROUGH
+from rbs.appearance.pixels import laid_over
 from rbs.appearance.skins import Surface
 from rbs.geometry.triples import dot
 from rbs.pictures.facenumbers import (
@@ -34,62 +26,37 @@ from rbs.pictures.facenumbers import (
     bodies_only,
     draw_numbers,
     draw_overlays,
+    hiding_ground,
     number_faces,
     samples,
 )
 
 # Factor by which pictures are computed larger along each side and then averaged.
 SUPERSAMPLING = 2
-# Side of a block of samples that share the directions of light. More is faster and coarser.
+# Side of a block of pixels that share the directions of light. More is faster and coarser.
 SHARED = 4
 # Numbers of directions for a still and for a video frame, multiples of SHARED². Fewer leave
 # streaks.
-STILL_DIRECTIONS = {"sky": 256, "below": 128, "sun": 32}
-VIDEO_DIRECTIONS = {"sky": 192, "below": 96, "sun": 16}
+STILL_DIRECTIONS = {"sky": 192, "below": 96, "sun": 32}
+VIDEO_DIRECTIONS = {"sky": 128, "below": 64, "sun": 16}
 # Side of the sun's maps, as a fraction of the picture's width, and its bounds in pixels.
-SUN_MAP_FRACTION, SUN_MAP_SIDES = 0.7, (512, 1536)
+SUN_MAP_FRACTION, SUN_MAP_SIDES = 0.6, (512, 1536)
 # Distance from the visible bodies beyond which bodies cast no shadows, as a multiple of the
-# picture's larger half. More makes maps coarse if a body is flung away. Every SEEN_STEP-th sample
+# picture's larger half. More makes maps coarse if a body is flung away. Every SEEN_STEP-th pixel
 # is tested.
-REACH, SEEN_STEP = 3.0, 16
+REACH, SEEN_STEP = 3.0, 8
 # Lines on the ground: factor of the reflectance, and width as a fraction of their distance.
 LINE, LINE_WIDTH = 0.72, 0.024
-# Reflectance of a body's gloss, seen head-on, and sharpness of the sun's reflection.
-GLOSS, SHININESS = 0.04, 64
-# Least cosine between normal and camera. Less makes outlines white.
-LEAST_FACING = 0.15
-# Factor of light before the tone curve. More is brighter and paler.
-EXPOSURE = 0.60
 # Displayed colours of the backdrop at the horizon and from a ray's height of BACKDROP_HEIGHT; range
 # in which the ground fades into it, in sizes of the scene.
-BACKDROP, BACKDROP_HEIGHT = np.array([[0.885, 0.882, 0.872], [0.76, 0.765, 0.77]]), 0.6
+BACKDROP, BACKDROP_HEIGHT = np.array([[0.915, 0.913, 0.907], [0.78, 0.79, 0.805]]), 0.6
 FADE_BEGIN, FADE_END = 0.8, 4.5
 # Darkening of the picture's corners, 0 to 1.
-VIGNETTE = 0.14
+VIGNETTE = 0.10
 # Distance of rays that meet nothing, in metres.
 NOWHERE = 1e12
-# Number of samples shaded together, and number of threads. More take more memory.
-BAND_SAMPLES, THREADS = 300_000, 2
-
-
-def seen(light):
-    """Converts linear light to sRGB by the ACES tone curve in Narkowicz's approximation."""
-    x = EXPOSURE * light
-    x = np.clip(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 0.0, 1.0)
-    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1.0 / 2.4) - 0.055)
-
-
-# `seen` as a table over light from 0 to MOST_LIGHT, beyond which all is white.
-MOST_LIGHT, TONES = 12.0, 1 << 16
-_TONE_TABLE = seen(np.arange(TONES) * MOST_LIGHT / TONES).astype(np.float32)
-# Surroundings mirrored by glossy surfaces.
-SURROUNDINGS = ByHeight(lambda y: np.where(y[:, None] < 0.0, OPEN_GROUND, sky_radiance(y)))
-
-
-def toned(light):
-    """`seen`, from the table."""
-    place = (light * (TONES / MOST_LIGHT)).astype(np.int32)
-    return _TONE_TABLE.take(place, mode="clip")
+# Number of pixels shaded together, and number of threads. More take more memory.
+BAND_PIXELS, THREADS = 240_000, 2
 
 
 class Studio:
@@ -112,16 +79,16 @@ class Studio:
         import polyscope as ps
 
         meshes = view.simulation.meshes
+        hasGround = "ground" in view.shown and not isTransparent
         vertices, faces, bodyOfFace = flatten_meshes(meshes)
         view.set_see_through(False)
         with bodies_only(view, vertices, faces) as (mesh, overlays):
-            camera = Camera(SUPERSAMPLING)
+            camera = Camera()
             hidden = SEEN_THROUGH if view.isSeeThrough else 0.0
             overlay = draw_overlays(mesh, overlays, hidden, SUPERSAMPLING)
             number_faces(mesh, len(faces))
-            numbers = np.empty((camera.height, camera.width), dtype=np.int32)
-            for row, column in samples(SUPERSAMPLING):
-                numbers[row::SUPERSAMPLING, column::SUPERSAMPLING] = draw_numbers()
+            with hiding_ground(view.size if hasGround else None):
+                numbers = np.stack([draw_numbers() for _ in samples(SUPERSAMPLING)])
             box = lit_box(meshes, vertices, bodyOfFace, numbers, camera)
             albedo = linear(view.body_colours())
             sunMapSide = int(np.clip(SUN_MAP_FRACTION * ps.get_window_size()[0], *SUN_MAP_SIDES))
@@ -141,7 +108,6 @@ class Studio:
                 )
                 self._lit = lit
         view.set_see_through(view.isSeeThrough)
-        hasGround = "ground" in view.shown and not isTransparent
         shades = Shades(self.light, camera, numbers, view, hasGround, isTransparent)
         picture = shades.picture(lambda fraction: progress(0.4 + 0.6 * fraction))
         return picture if overlay is None else laid_over(overlay, picture)
@@ -151,7 +117,7 @@ def lit_box(meshes, vertices, bodyOfFace, numbers, camera):
     """Corners (2, 3) of the lit region, the bodies near those whose face numbers are visible."""
     first = np.cumsum([0] + [len(mesh.origVertices) for mesh in meshes[:-1]])
     low, high = np.minimum.reduceat(vertices, first), np.maximum.reduceat(vertices, first)
-    number = numbers[::SEEN_STEP, ::SEEN_STEP]
+    number = numbers[0, ::SEEN_STEP, ::SEEN_STEP]
     depth = (0.5 * (low + high) - camera.eye) @ camera.ahead
     depth = depth[bodyOfFace[number[number > 0] - 1]]
     depth = depth[depth > 0.0]
@@ -168,76 +134,100 @@ def lit_box(meshes, vertices, bodyOfFace, numbers, camera):
 
 
 class Shades:
-    """Shades a picture, given the numbers of its faces."""
+    """Shades a picture, given the numbers of its faces.
+
+    A pixel whose samples show one surface is shaded once, at its middle if they show one face;
+    others are split into their samples.
+    """
 
     def __init__(self, light, camera, numbers, view, hasGround, isTransparent):
-        """light : `SceneLight`; view : `SceneView`; numbers : (height, width), of the samples"""
-        self._light, self._camera, self._numbers = light, camera, numbers
+        """light : `SceneLight`; numbers : (SUPERSAMPLING², height, width); view : `SceneView`"""
+        self._light, self._camera, self._numbers = light, camera, numbers.reshape(len(numbers), -1)
         self._lineDistance, self._groundPlace = view.squareSide, view.groundPlace
         self._hasGround, self._isTransparent = hasGround, isTransparent
+        group = light.surface.group
+        first = group.take(numbers[0])
+        self._isSplit = np.zeros(first.size, dtype=bool)
+        for others in self._numbers[1:]:
+            self._isSplit |= group.take(others) != first.ravel()
+        self._isWhole = (self._numbers == self._numbers[0]).all(axis=0)
+        # light and group at the first sample of each pixel, with a rim for `_mixed`
+        rim = (1, SHARED - 2), (1, SHARED - 2)
+        self._group = np.pad(first, rim, constant_values=-2)
+        self._received = np.zeros((5, *self._group.shape), dtype=np.float32)
 
     def picture(self, progress):
         """Returns the picture (height, width, 3), or 4, uint8."""
-        height, width = self._numbers.shape
-        step = max(1, BAND_SAMPLES // width // SHARED) * SHARED
-        tops = range(0, height, step)
+        height, width = self._camera.height, self._camera.width
+        step = max(1, BAND_PIXELS // width)
+        bands = [(top, min(top + step, height)) for top in range(0, height, step)]
         rows = []
         with ThreadPoolExecutor(THREADS) as executor:
-            for part in executor.map(self._rows, tops, (min(t + step, height) for t in tops)):
+            for k, _ in enumerate(executor.map(self._receive, bands)):
+                progress(0.5 * (k + 1) / len(bands))
+            for part in executor.map(self._rows, bands):
                 rows.append(part)
-                progress(len(rows) / len(tops))
+                progress(0.5 + 0.5 * len(rows) / len(bands))
         return np.concatenate(rows)
 
-    def _rows(self, top, bottom):
-        """Shades the picture's rows for the rows of samples from `top` to before `bottom`."""
-        # includes the rows that the mean over neighbours needs
-        first, last = max(0, top - 1), min(len(self._numbers), bottom + SHARED - 2)
-        width = self._numbers.shape[1]
-        surface = self._light.surface
-        number, ray, distance, fade = self._met(first, last)
-        some = np.flatnonzero(fade < 1.0)
-        rows, columns = np.divmod(some, width)
-        own, towards = number.take(some), ray.take(some, axis=1)
-        x = self._camera.eye[:, None] + distance.take(some) * towards
-        normal = np.zeros_like(x)
-        normal[1] = 1.0
-        rounded = normal.copy()
-        on = np.flatnonzero(own)
-        detail = 2.0 * SUPERSAMPLING * self._camera.pixelAngle * distance.take(some.take(on))
-        normal[:, on], rounded[:, on] = surface.normals(own.take(on), x.take(on, axis=1), detail)
-
-        light = np.zeros((5, len(number)), dtype=np.float32)
-        share = (rows + first) % SHARED * SHARED + columns % SHARED
-        body = surface.body.take(own)
+    def _receive(self, band):
+        """Finds the light at the pixels of a band of rows `(first, end)`."""
+        pixels = np.arange(band[0] * self._camera.width, band[1] * self._camera.width)
+        number, ray, distance, fade = self._met(pixels, 0)
+        row, column = self._places(pixels)
+        share = 8 * (row // 2 % 2) + 4 * (column // 2 % 2) + 2 * (row % 2) + column % 2
+        share[fade == 1.0] = -1
         for c in range(SHARED**2):
             those = np.flatnonzero(share == c)
-            light[:, some[those]] = self._light.received(
-                x.take(those, axis=1), normal.take(those, axis=1), body.take(those), c, SHARED**2
-            )
-        group = np.where(fade < 1.0, surface.group.take(number), -2)
-        light = mixed(light.reshape(5, -1, width), group.reshape(-1, width)).reshape(5, -1)
+            parts = number.take(those), ray.take(those, axis=1), distance.take(those)
+            x, normal, _ = self._surface_at(*parts)
+            body = self._light.surface.body.take(parts[0])
+            received = self._light.received(x, normal, body, c, SHARED**2)
+            self._received[:, row.take(those) + 1, column.take(those) + 1] = received
 
-        inner = slice((top - first) * width, (bottom - first) * width)
-        wanted = np.flatnonzero((rows >= top - first) & (rows < bottom - first))
-        some, own = some.take(wanted), own.take(wanted)
-        parts = [a.take(wanted, axis=1) for a in (x, towards, rounded)]
-        colour, opacity = self._backdrop(ray[1, inner])
-        place = some - inner.start
-        shown, opaque = self._shown(own, *parts, light.take(some, axis=1), distance.take(some))
+    def _rows(self, band):
+        """Returns the picture's rows of a band `(first, end)`."""
+        first, end = (row * self._camera.width for row in band)
+        split = first + np.flatnonzero(self._isSplit[first:end])
+        count = len(self._numbers)
+        pixels = np.concatenate([np.arange(first, end), np.tile(split, count - 1)])
+        sample = np.concatenate(
+            [np.zeros(end - first, int), np.arange(1, count).repeat(len(split))]
+        )
+        number, ray, distance, fade = self._met(pixels, sample)
+        some = np.flatnonzero(fade < 1.0)
+        parts = number.take(some), ray.take(some, axis=1), distance.take(some)
+        x, normal, rounded = self._surface_at(*parts)
+        light = self._mixed(pixels.take(some), parts[0], x, normal)
+        colour, opacity = self._backdrop(ray[1])
+        shown, opaque = self._shown(x, rounded, light, *parts)
         part = fade.take(some)
-        colour[:, place] = (1.0 - part) * shown + part * colour[:, place]
-        opacity[place] = opaque
+        colour[:, some] = (1.0 - part) * shown + part * colour[:, some]
+        opacity[some] = opaque
         if not self._isTransparent:
-            colour *= 1.0 - VIGNETTE * self._camera.corner_nearness(top, bottom)
-        return self._averaged(colour, opacity, width)
+            colour *= 1.0 - VIGNETTE * self._camera.corner_nearness(*self._places(pixels))
+        return self._averaged(colour, opacity, split - first)
 
-    def _met(self, first, last):
-        """Intersects rows of rays: `(number (m,), ray (3, m), distance (m,), fade (m,))`.
+    def _places(self, pixels):
+        """Row and column of pixels, flat indices."""
+        return np.divmod(pixels, self._camera.width)
+
+    def _met(self, pixels, sample):
+        """Intersects rays: `(number (m,), ray (3, m), distance (m,), fade (m,))`.
+
+        pixels (m,) : flat indices; sample : of split pixels, one number or (m,)
 
         number is 0 if there is no face; fade is the part of the backdrop, 0 to 1.
         """
         camera, surface = self._camera, self._light.surface
-        number, ray = self._numbers[first:last].ravel(), camera.rays(first, last)
+        number, isWhole = self._numbers[sample, pixels], self._isWhole.take(pixels)
+        within = ((one + 0.5) / SUPERSAMPLING for one in np.divmod(sample, SUPERSAMPLING))
+        ray = camera.rays(
+            *(
+                place + np.where(isWhole, 0.5, one)
+                for place, one in zip(self._places(pixels), within, strict=True)
+            )
+        )
         distance = np.full(len(number), NOWHERE, dtype=np.float32)
         if camera.eye[1] > 0.0 and (self._hasGround or self._isTransparent):
             down = np.flatnonzero(ray[1] < -1e-6)
@@ -245,18 +235,56 @@ class Shades:
         on = np.flatnonzero(number)
         plane = surface.plane.take(number.take(on), axis=1)
         slope = np.minimum(dot(plane, ray.take(on, axis=1)), -1e-9)
-        toFace = (plane[3] - dot(plane, camera.eye)) / slope
-        if self._hasGround:  # the ground hides faces below it
-            isAbove = toFace < distance.take(on) + LEAST_GAP * self._light.size
-            number[on[~isAbove]] = 0
-            on, toFace = on[isAbove], toFace[isAbove]
-        distance[on] = toFace
+        distance[on] = (plane[3] - dot(plane, camera.eye)) / slope
         middle, size = self._groundPlace
         away = np.hypot(*(distance * ray[k] + (camera.eye[k] - middle[k]) for k in (0, 2))) / size
         fade = np.clip((away - FADE_BEGIN) / (FADE_END - FADE_BEGIN), 0.0, 1.0)
         fade = 1.0 - (1.0 - fade) ** 2
         fade[on] = 0.0
         return number, ray, distance, fade
+
+    def _surface_at(self, number, ray, distance):
+        """Points, and their normals with sharp and with rounded edges, each (3, m)."""
+        x = self._camera.eye[:, None] + distance * ray
+        normal = np.zeros_like(x)
+        normal[1] = 1.0
+        rounded = normal.copy()
+        on = np.flatnonzero(number)
+        detail = 2.0 * self._camera.pixelAngle * distance.take(on)
+        own = number.take(on), x.take(on, axis=1), detail
+        normal[:, on], rounded[:, on] = self._light.surface.normals(*own)
+        return x, normal, rounded
+
+    def _mixed(self, pixels, number, x, normal):
+        """Light (5, m): the mean over neighbouring pixels that show the same surface.
+
+        It is that of SHARED × SHARED pixels, and of the sun of 2 × 2, for sharp shadows.
+        """
+        surface, width = self._light.surface, self._group.shape[1]
+        own, group = surface.group.take(number), self._group.ravel()
+        row, column = self._places(pixels)
+        place = (row + 1) * width + column + 1
+        light = self._received.reshape(5, -1)
+        total, count = (
+            np.zeros((5, len(own)), dtype=np.float32),
+            np.zeros((2, len(own)), np.float32),
+        )
+        for dy in range(-1, SHARED - 1):
+            for dx in range(-1, SHARED - 1):
+                near = place + (dy * width + dx)
+                same = (group.take(near) == own).astype(np.float32)
+                isSunny = 0 <= dx < 2 and 0 <= dy < 2
+                count[not isSunny :] += same
+                for c in range(not isSunny, 5):
+                    total[c] += same * light[c].take(near)
+        total[0] /= np.maximum(count[0], 1.0)
+        total[1:] /= np.maximum(count[1], 1.0)
+        few = np.flatnonzero((count[0] < 1.0) | (count[1] < SHARED))
+        points = (a.take(few, axis=1) for a in (x, normal))
+        total[:, few] = self._light.received(
+            *points, surface.body.take(number.take(few)), 0, SHARED
+        )
+        return total
 
     def _backdrop(self, rise):
         """Colours (3, m) and opacity (m,) of the backdrop, for rays with this y (m,)."""
@@ -266,7 +294,7 @@ class Shades:
         low, high = BACKDROP.astype(np.float32)[:, :, None]
         return (1.0 - height) * low + height * high, np.ones(len(rise), np.float32)
 
-    def _shown(self, number, x, ray, normal, light, distance):
+    def _shown(self, x, normal, light, number, ray, distance):
         """Colours (3, m) and opacity (m,) of surfaces in this light, see `SceneLight.received`."""
         onGround, onBody = (np.flatnonzero(isThat) for isThat in (number == 0, number > 0))
         received = irradiance(normal, light)
@@ -287,63 +315,29 @@ class Shades:
 
     def _lines(self, x, ray, distance):
         """Factor (m,) by which lines darken the ground."""
-        pixel = self._camera.pixelAngle * distance / np.maximum(-ray[1], 0.05) / self._lineDistance
+        size = self._camera.pixelAngle * distance / self._lineDistance / np.hypot(ray[0], ray[2])
+        steep = np.maximum(-ray[1], 0.05)
         left = np.ones(len(distance), dtype=np.float32)
-        for axis in (0, 2):
+        for axis, other in ((0, 2), (2, 0)):
+            # a pixel covers more along the view than across
+            pixel = size * (np.abs(ray[axis]) / steep + np.abs(ray[other]))
             place = x[axis] / self._lineDistance
             away = np.abs(place - np.rint(place))
             cover = np.clip((0.5 * (LINE_WIDTH + pixel) - away) / pixel, 0.0, 1.0)
             left *= 1.0 - (1.0 - LINE) * cover * np.minimum(1.0, LINE_WIDTH / pixel)
         return left
 
-    def _averaged(self, colour, opacity, width):
-        """Averages samples (3, m) and (m,), in rows of `width`, to rows of the picture."""
-        s = SUPERSAMPLING
-        shape = -1, s, width // s, s
-        weight = opacity.reshape(shape).sum(axis=(1, 3))
-        total = (colour * opacity).reshape(3, *shape).sum(axis=(2, 4)) / np.maximum(weight, 1e-6)
-        if self._isTransparent:
-            total = np.concatenate([total, weight[None] / s**2])
-        return np.rint(255.0 * np.moveaxis(total, 0, 2)).astype(np.uint8, order="C")
+    def _averaged(self, colour, opacity, split):
+        """Averages the samples of split pixels: rows of the picture, uint8.
 
-
-def gloss(normal, ray, light):
-    """Light (3, m) that the surfaces of bodies mirror towards the camera, along -ray (3, m)."""
-    sun = SUN.astype(np.float32)
-    cosine = np.maximum(dot(normal, sun), 0.0)
-    half = sun[:, None] - ray
-    half /= np.sqrt(dot(half, half))
-    shine = np.maximum(dot(normal, half), 0.0)
-    for _ in range(SHININESS.bit_length() - 1):
-        shine *= shine
-    shine *= GLOSS * (SHININESS + 8.0) / (8.0 * math.pi) * cosine * light[0]
-    facing = np.clip(-dot(normal, ray), LEAST_FACING, 1.0)
-    grazing = 1.0 - facing
-    fresnel = GLOSS + (1.0 - GLOSS) * grazing * (grazing * grazing) ** 2  # Schlick's
-    mirrored = SURROUNDINGS(2.0 * facing * normal[1] + ray[1])
-    return SUN_LIGHT.astype(np.float32)[:, None] * shine + 0.5 * fresnel * light[1] * mirrored
-
-
-def mixed(light, group):
-    """Mean (k, h, w) over SHARED × SHARED neighbours of the same group; group : (h, w)."""
-    _, height, width = light.shape
-    total, count = np.zeros_like(light), np.zeros((height, width), dtype=np.float32)
-    for dy in range(-1, SHARED - 1):
-        for dx in range(-1, SHARED - 1):
-            to = slice(max(0, -dy), height - max(0, dy)), slice(max(0, -dx), width - max(0, dx))
-            of = slice(max(0, dy), height + min(0, dy)), slice(max(0, dx), width + min(0, dx))
-            isSame = group[to] == group[of]
-            count[to] += isSame
-            total[(slice(None), *to)] += isSame * light[(slice(None), *of)]
-    return total / count
-
-
-def laid_over(upper, lower):
-    """Composites a picture with opacity over another one, which keeps its number of channels."""
-    above = upper[..., 3:].astype(np.float32) / 255.0
-    if lower.shape[2] == 3:
-        return np.rint(above * upper[..., :3] + (1.0 - above) * lower).astype(np.uint8)
-    below = (1.0 - above) * (lower[..., 3:] / np.float32(255.0))
-    colour = above * upper[..., :3] + below * lower[..., :3]
-    colour /= np.maximum(above + below, 1e-6)
-    return np.rint(np.concatenate([colour, 255.0 * (above + below)], axis=2)).astype(np.uint8)
+        colour (3, m), opacity (m,) : of all pixels, and then of the other samples of split ones
+        """
+        colour *= opacity
+        width = self._camera.width
+        every = np.concatenate([colour, opacity[None]])
+        mean = every[:, : len(opacity) - (len(self._numbers) - 1) * len(split)]
+        others = every[:, mean.shape[1] :].reshape(4, len(self._numbers) - 1, -1).sum(axis=1)
+        mean[:, split] = (mean[:, split] + others) / len(self._numbers)
+        mean[:3] /= np.maximum(mean[3], 1e-6)
+        picture = mean[: 4 if self._isTransparent else 3].reshape(-1, mean.shape[1] // width, width)
+        return np.rint(255.0 * np.moveaxis(picture, 0, 2)).astype(np.uint8, order="C")

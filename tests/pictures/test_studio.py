@@ -12,7 +12,7 @@ from program import DATA, run
 
 from rbs.appearance import light as light_of_day
 from rbs.appearance.colours import PALETTE
-from rbs.appearance.drawables import SUN, face_neighbours
+from rbs.appearance.drawables import SUN, cast_shadows, face_neighbours
 from rbs.appearance.pictureoptions import SEEN_THROUGH, PictureOptions
 from rbs.appearance.skins import Skin
 from rbs.pictures import studio
@@ -143,7 +143,7 @@ def test_the_same_scene_twice_has_the_same_bytes_and_keeps_its_maps(monkeypatch)
         assert (one.take(view) != first).any() and one.light is light
     np.testing.assert_array_equal(one.take(view), first)
     np.testing.assert_array_equal(studio.Studio(studio.VIDEO_DIRECTIONS).take(view), first)
-    monkeypatch.setattr(studio, "BAND_SAMPLES", 1000)
+    monkeypatch.setattr(studio, "BAND_PIXELS", 1000)
     np.testing.assert_array_equal(one.take(view), first)  # bands have no seams
     meshes[-1].position = meshes[-1].position + 1.0
     assert (one.take(view) != first).any() and one.light is not light
@@ -154,15 +154,16 @@ def test_a_body_that_was_flung_away_leaves_picture_and_maps_as_they_were():
     flung = box_body(2, 2, 2, (0, 1, -3000))
     size = light_of(view_of(*boxes), studio.VIDEO_DIRECTIONS).size
     assert light_of(view_of(*boxes, flung), studio.VIDEO_DIRECTIONS).size == size
-    assert np.linalg.norm(Camera(1).eye) < 60.0
+    assert np.linalg.norm(Camera().eye) < 60.0
 
 
 @pytest.mark.parametrize("scene", ["stress", "wrecking_ball", "net"])
-def test_stills_show_all_bodies_from_low_down(scene):
+def test_stills_show_all_bodies_and_shadows_from_low_down(scene):
     view = view_of(*Simulation(DATA / f"{scene}-scene.txt").meshes)
-    camera = Camera(1)
+    camera = Camera()
     assert 10.0 < math.degrees(math.asin(-camera.ahead[1])) < 20.0
     vertices = np.concatenate([mesh.currVertices for mesh in view.simulation.meshes])
+    vertices = np.concatenate([vertices, cast_shadows(vertices, 0.0, -SUN / SUN[1])])
     away = (vertices - camera.eye) @ np.linalg.inv(camera.axes)
     place = away[:, :2] / away[:, 2:] / camera.halfHeight / [16 / 9, 1]
     assert np.abs(place).max() < 0.95

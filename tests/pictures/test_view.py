@@ -12,8 +12,9 @@ from program import DATA
 from rbs.appearance.colours import COLOURINGS, FIXED_COLOUR, PICKED_COLOUR, VIRIDIS
 from rbs.appearance.drawables import SHADOW_SLANT
 from rbs.appearance.pictureoptions import OVERLAYS, SEEN_THROUGH, VIDEO_ENDINGS, video_timing
+from rbs.appearance.pixels import averaged, with_legend
 from rbs.pictures.cameras import apply_camera, load_camera, save_camera
-from rbs.pictures.capture import SHADOW_OPACITY, Video, averaged, take_picture
+from rbs.pictures.capture import SHADOW_OPACITY, Video, take_picture
 from rbs.pictures.overlays import HELD_CONTACT_STEPS
 from rbs.pictures.view import LAYERS, SceneView
 from rbs.scenes.simulation import Simulation
@@ -315,10 +316,20 @@ def test_legend_is_in_the_picture(view):
     view.hasLegend = True
     seen = take_picture(view)
     changed = np.any(seen != bare, axis=2)
-    assert changed[14:60, 14:120].mean() > 0.95 and not changed[:10].any()
-    samples = {tuple(pixel) for pixel in seen[14:120, 14:40].reshape(-1, 3).tolist()}
+    assert changed[9:40, 9:90].mean() > 0.95 and not changed[:7].any()
+    samples = {tuple(pixel) for pixel in seen[9:120, 9:40].reshape(-1, 3).tolist()}
     colours = np.array([colour for _, colour in view.legend()])
     assert {tuple(row) for row in np.rint(255 * colours).astype(int).tolist()} <= samples
+
+
+def test_legends_are_in_proportion_to_the_picture():
+    rows = [("density 2 kg/m³", (1.0, 0.0, 0.0)), ("fixed", (0.7, 0.7, 0.7))]
+    corners = []
+    for height in (540, 1080):
+        picture = with_legend(np.full((height, 16 * height // 9, 3), 255, np.uint8), rows)
+        lines, columns = (np.flatnonzero((picture != 255).any(axis=(2, k))) for k in (1, 0))
+        corners.append([lines[0], lines[-1], columns[0], columns[-1]])
+    np.testing.assert_allclose(corners[1], 2 * np.array(corners[0]), atol=3)
 
 
 def test_frame_all_and_follow_keep_the_bodies_in_the_picture(ps):
