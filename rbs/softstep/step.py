@@ -47,11 +47,16 @@ def soft_step(
         return report
     with report.phase("gather"):
         bodies = Bodies(meshes, gravity)
-        bodies.follow_orientations()
         state = SolverState() if state is None else state
         kept = state.begun(bodies)
         isDisturbed = kept.sleep.disturbed(bodies) | (kept.gravity != gravity).any()
         kept.gravity = np.array(gravity)
+        # if every body is either fixed or asleep, and undisturbed, there is nothing to do
+        if sleeping and ((kept.sleep.isAsleep != bodies.isFixed) & ~isDisturbed).all():
+            state.replace(kept)
+            report.isAsleep, report.candidatePairs = kept.sleep.isAsleep, len(kept.pairKey)
+            return report
+        bodies.follow_orientations()
         if isGyroscopic:
             bodies.turn_gyroscopically(timeStep)
         check_numbers(bodies.columns(), meshes, "the last step")

@@ -227,7 +227,7 @@ def row_of(kind, count, material, name, window, kept):
     low, median, high = np.percentile(1e3 * np.array(seconds), (25, 50, 75))
     pairs, contacts, phases = zip(*counts, strict=True)
     times = {
-        phase: f"{1e3 * np.median([seconds[phase] for seconds in phases]):.3f}"
+        phase: f"{1e3 * np.median([seconds.get(phase, 0.0) for seconds in phases]):.3f}"
         for phase in phases[0]
     }
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
