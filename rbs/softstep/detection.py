@@ -27,6 +27,7 @@ from rbs.softstep.sleeping import speeds
 
 # Normal of the ground, from the body towards the ground, and the first tangent of its friction.
 DOWN, ALONG = (0.0, -1.0, 0.0), (1.0, 0.0, 0.0)
+GROUND_AXES = np.transpose((DOWN, ALONG))[:, :, None]
 
 
 class BodyFrames:
@@ -73,13 +74,12 @@ class StepContacts:
         rotation2 = take(frames.rotation, self.second, axis=1)
         self.t = frames.translations(self.first, self.second)
         isGround = self.second == count - 1
-        normal = mat_vec(rotation1, manifolds.normal)
-        tangent = mat_vec(rotation1, manifolds.tangent)
-        self.normal = np.where(isGround, np.reshape(DOWN, (3, 1)), normal)
-        self.tangent1 = np.where(isGround, np.reshape(ALONG, (3, 1)), tangent)
+        axes = np.stack((manifolds.normal, manifolds.tangent), axis=1)
+        turned = turn_points(rotation1, np.concatenate((axes, manifolds.anchor1), axis=1))
+        axes = np.where(isGround, GROUND_AXES, turned[:, :2])
+        self.normal, self.tangent1, self.arm = axes[:, 0], axes[:, 1], turned[:, 2:]
         self.tangent2 = cross(self.normal, self.tangent1)
         self.isPoint = manifolds.isPoint
-        self.arm = turn_points(rotation1, manifolds.anchor1)
         across = turn_points(rotation2, manifolds.anchor2) + self.t[:, None] - self.arm
         self.separation = dot(across, self.normal[:, None])
 

@@ -36,6 +36,9 @@ MATCH = 0.5
 # Least cosine between the normals of a face and of the manifold. Steeper faces are not clipped,
 # because rounding would move points in their planes far off the surface along the normal.
 LEAST_COSINE = 0.05
+# The product a* ∘ b of quaternions as a matrix times b: the components of a in it, and their signs.
+FACTORS = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
+SIGNS = np.array([[1, 1, 1, 1], [-1, 1, 1, -1], [-1, -1, 1, 1], [-1, 1, -1, 1.0]])[:, :, None]
 # Upper bound of a rotation angle ≤ π divided by the distance between the two unit quaternions.
 ANGLE_OF_CHORD = 2.23
 
@@ -89,7 +92,7 @@ class Manifolds:
 
     def bodies(self, count):
         """Returns the two bodies (2, M) of each manifold; the ground is body `count`."""
-        return np.stack(np.divmod(self.key, count + 1))
+        return np.array(np.divmod(self.key, count + 1))
 
     def rows(self, some):
         """Returns the manifolds `some` (m,), ascending; returns self if these are all."""
@@ -159,16 +162,8 @@ def relative_poses(first, second, t, rotation, orientation):
     t : (3, M), from the first COM to the second; rotation : (9, n + 1); orientation : (4, n + 1)
     """
     translation = mat_vec(transpose(take(rotation, first, axis=1)), t)
-    aw, ax, ay, az = take(orientation, first, axis=1)
-    bw, bx, by, bz = take(orientation, second, axis=1)
-    return translation, np.stack(
-        (
-            aw * bw + ax * bx + ay * by + az * bz,
-            aw * bx - ax * bw - ay * bz + az * by,
-            aw * by + ax * bz - ay * bw - az * bx,
-            aw * bz - ax * by + ay * bx - az * bw,
-        )
-    )
+    a, b = take(orientation, first, axis=1), take(orientation, second, axis=1)
+    return translation, np.einsum("ijm,jm->im", a[FACTORS] * SIGNS, b)
 
 
 def pose_changes(translation, rotation, newTranslation, newRotation, radius):

@@ -104,14 +104,8 @@ def _make_substeps(motion, contacts, distances, substeps, h):
             contacts.apply(motion)
             distances.warm_start(motion)
             distances.sweep(motion, isSoft=True)
-        contacts.measure(motion)
-        contacts.soft_sweep()
-        contacts.measure(motion)
-        if contacts.are_hit():
-            contacts.soft_sweep()
-            contacts.measure(motion)
+        contacts.soft_sweep(motion)
         motion.move(h)
-        contacts.move()
         if distances.batches:
             distances.sweep(motion, isSoft=False)
             contacts.measure(motion)
