@@ -27,13 +27,12 @@ def overlap_limits(box):
 def grid_overlaps(box, isFixed):
     """Finds the pairs i < j whose boxes overlap.
 
-    With FEW boxes, by comparing all of them.
-    Boxes are sorted into levels by their largest side. Each level is a grid over y and z whose
-    columns are as wide as its largest box, and within a column the boxes are sorted along x. A box
-    is in the one column that contains its least corner. The columns of two overlapping boxes are
-    equal or neighbours, and along x the least corner of one box lies in the other. As a box queries
-    only its own level and those of larger boxes, a huge floor among small boxes costs each of them
-    one candidate.
+    Up to FEW boxes are all compared. More are sorted into levels by their largest side. Each level
+    is a grid over y and z whose columns are as wide as its largest box, and within a column the
+    boxes are sorted along x. A box is in the one column that contains its least corner. The columns
+    of two overlapping boxes are equal or neighbours, and along x the least corner of one box lies
+    in the other. As a box queries only its own level and those of larger boxes, a huge floor among
+    small boxes costs each of them one candidate.
 
     Parameters
     ----------

@@ -7,7 +7,6 @@ import numpy as np
 
 from rbs.geometry.arrays import find_sorted, indices, take
 from rbs.geometry.broadphase import grid_overlaps
-from rbs.geometry.facets import find_facets
 from rbs.geometry.hulls import tangents
 from rbs.geometry.vectors import cross, dot, mat_vec, transpose
 from rbs.softstep.manifolds import (
@@ -140,8 +139,7 @@ def _new_pair_manifolds(bodies, frames, first, second, reach, axis):
     size = frames.sizes(first, second)
     near = reach[first] + reach[second]
     separation, width = near + KEEP * size, RIDGE * size
-    facets = find_facets(bodies.hulls, first, second, t, 0.5 * width, axis, separation)
-    penetration, normal = contact_normals(bodies.hulls, facets, first, second, t, width)
+    penetration, normal = contact_normals(bodies.hulls, first, second, t, axis, separation, width)
     met = indices(penetration >= -separation)
     if len(met) == 0:
         return Manifolds.none(), normal
