@@ -33,8 +33,8 @@ PARALLEL_SINE = 1e-12
 # due to rounding, for coordinates up to a million times the size of the bodies.
 SURE_SINE = 1e-5
 
-# Sine of the angle up to which `sure_facets` lets other facets be as near, its LEAST_ANGLE, and least
-# sine of the angle between edges that it tries.
+# Sine of LEAST_ANGLE, up to which `sure_facets` lets other facets be as near, and least sine of the
+# angle between two edges that it tries.
 LEAST_SINE = 0.3
 
 # Least gap along a cached axis that proves separation, as a fraction of the size. Below it, the
