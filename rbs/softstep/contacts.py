@@ -72,7 +72,7 @@ class SoftContacts:
         manifolds = manifolds.rows(self.rows)
         self.contacts = contacts = StepContacts(manifolds, frames)
         self.count = len(contacts.first)
-        self._make_matrices(frames, motion)
+        self._make_responses(motion, self._make_factors(frames, motion))
         smaller = np.minimum(frames.radius[contacts.first], frames.radius[contacts.second])
         self.push = -PUSH_SPEED * np.sqrt(max(self.fallRate, -GRAVITY) * smaller)
         self.impulse = np.concatenate((manifolds.impulse * contacts.isPoint, manifolds.friction))
@@ -92,41 +92,35 @@ class SoftContacts:
         self.pending, self.total = np.zeros((2, 7, self.count))
         self.start1 = take(frames.position, contacts.first, axis=1)
 
-    def _make_matrices(self, frames, motion):
-        """Computes the factors of J and M⁻¹ Jᵀ, and what follows from the responses A.
+    def _make_factors(self, frames, motion):
+        """Computes the factors of J and M⁻¹ Jᵀ, and the limits of friction.
 
         X, XM : (6, 6, n + 1), X and M⁻¹ Xᵀ; R : (6, 7, M), transposed; GT : (n + 1, M), of G
-        mass : (4, M), of each point alone; K : (4, 4, M), response of the normal speeds to normal
-            impulses, times the mass of the row
-        slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
-            impulses and the present speeds make them slip
-        limits : (2, 4, M), of friction and of the twist, per normal impulse
+        limits : (2, 4, M), of friction and of the twist about n, per normal impulse
+
+        Returns r × e of the rows, with the arms r from the two COMs: (3, 7, 2, M).
         """
         contacts, isPoint, count = self.contacts, self.contacts.isPoint, len(motion.invMass)
-        first, second = contacts.first, contacts.second
-        n = contacts.normal
+        first, second, n = contacts.first, contacts.second, contacts.normal
         weight = isPoint / np.maximum(np.add.reduce(isPoint), 1)
         middle = np.add.reduce(weight * contacts.arm, axis=1)
         lever = norm(cross(contacts.arm - middle[:, None], n[:, None]))
         self.limits = np.empty((2, POINTS, self.count))
         self.limits[0], self.limits[1] = self.mu * isPoint, self.mu * isPoint * lever
 
-        # axes and arms (3, 7, M) of the rows, and r × e about the COMs and the common origin.
-        # The centre lies midway between the points of the two bodies, which are `separation` apart
         axes, arms = np.zeros((2, 3, 7, self.count))
-        axes[:, :POINTS], axes[:, 4], axes[:, 5] = (
-            n[:, None] * isPoint,
-            contacts.tangent1,
-            contacts.tangent2,
-        )
+        axes[:, :POINTS], axes[:, 4], axes[:, 5] = n[:, None], contacts.tangent1, contacts.tangent2
+        axes[:, :POINTS] *= isPoint
+        # the centre lies midway between the points of the two bodies, which are `separation` apart
         centre = middle + 0.5 * np.add.reduce(weight * contacts.separation) * n
         arms[:, :POINTS], arms[:, POINTS:] = contacts.arm, centre[:, None]
         position = frames.position - frames.position.sum(axis=1, keepdims=True) / count
-        origins = np.zeros((3, 3, self.count))
+        origins = np.zeros((3, 3, self.count))  # the two COMs and the common origin, from the first
         origins[:, 1], origins[:, 2] = contacts.t, -take(position, first, axis=1)
-        moments = cross(arms[:, :, None] - origins[:, None], axes[:, :, None])  # (3, 7, 3, M)
+        moments = cross(arms[:, :, None] - origins[:, None], axes[:, :, None])
         moments[:, 6] = n[:, None]
         self.R = np.concatenate((axes, moments[:, :, 2]))
+
         self.X = np.eye(6)[:, :, None].repeat(count, axis=2)
         self.X[:3, 3:] = LEVI_CIVITA @ position
         self.XM = np.zeros((6, 6, count))
@@ -138,32 +132,39 @@ class SoftContacts:
             self.GT = np.zeros((count, self.count))
             self.GT[first, row], self.GT[second, row] = -1.0, 1.0
         else:
-            sign = np.repeat((-1.0, 1.0), self.count)
-            entries = sign, (np.concatenate((first, second)), np.concatenate((row, row)))
+            entries = (
+                np.repeat((-1.0, 1.0), self.count),
+                (np.append(first, second), np.tile(row, 2)),
+            )
             self.GT = csr_array(entries, shape=(count, self.count))
+        return moments[:, :, :2]
 
-        ends = np.concatenate((first, second))
-        load = np.bincount(ends, minlength=count)
+    def _make_responses(self, motion, moments):
+        """Computes what follows from the responses A; moments : (3, 7, 2, M), r × e of the rows.
+
+        mass : (4, M), of each point alone; K : (4, 4, M), response of the normal speeds to normal
+            impulses, times the mass of the row
+        slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
+            impulses and the present speeds make them slip
+        """
+        ends = np.concatenate((self.contacts.first, self.contacts.second))
+        load = np.bincount(ends, minlength=len(motion.invMass))
         invInertia = take(load * motion.invInertia, ends, axis=1).reshape(3, 3, 2, -1)
-        turning = np.einsum("ijem,jrem->riem", invInertia, moments[:, :, :2])
-        turning = turning.reshape(7, 6, -1)
-        moments = moments[:, :, :2].transpose(1, 0, 2, 3).reshape(7, 6, -1)
+        turning = np.einsum("ijem,jrem->riem", invInertia, moments).reshape(7, 6, -1)
+        moments = moments.transpose(1, 0, 2, 3).reshape(7, 6, -1)
         A = np.einsum("rim,sim->rsm", moments, turning)
         invMass = take(load * motion.invMass, ends).reshape(2, -1).sum(axis=0)
-        A[:POINTS, :POINTS] += invMass
-        A[4, 4] += invMass
-        A[5, 5] += invMass
+        for row in (slice(0, POINTS), 4, 5):
+            A[row, row] += invMass
         diagonal = A.diagonal().T[:POINTS]
-        self.mass = isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
+        self.mass = self.contacts.isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
         self.K = self.mass * A[:POINTS, :POINTS]
-        ofFriction = A[POINTS:, POINTS:]  # symmetric
-        inverse = cross(ofFriction[:, [1, 2, 0]], ofFriction[:, [2, 0, 1]])
-        determinant = dot(ofFriction[:, 0], inverse[:, 0])
-        self.slip = np.empty((3, 7, self.count))
-        self.slip[:, POINTS:] = inverse / np.where(determinant > 0.0, determinant, 1.0)
-        np.einsum(
-            "ikm,kjm->ijm", self.slip[:, POINTS:], A[POINTS:, :POINTS], out=self.slip[:, :POINTS]
-        )
+        friction = A[POINTS:, POINTS:]  # symmetric
+        inverse = cross(friction[:, [1, 2, 0]], friction[:, [2, 0, 1]])
+        determinant = dot(friction[:, 0], inverse[:, 0])
+        inverse /= np.where(determinant > 0.0, determinant, 1.0)
+        ofNormals = np.einsum("ikm,kjm->ijm", inverse, A[POINTS:, :POINTS])
+        self.slip = np.concatenate((ofNormals, inverse), axis=1)
 
     def impact_speeds(self, motion):
         """Normal speeds (4, M) at which points meet after free flight has closed their gaps s.
@@ -299,17 +300,9 @@ class SoftContacts:
         first, second, normal = contacts.first[m], contacts.second[m], contacts.normal[:, m]
         arm, impulse = contacts.arm[:, k, m], impulse[k, m]
         ground = len(report.isAsleep)
-        report.add_columns(
-            first * (ground + 1) + second,
-            first,
-            np.where(second == ground, GROUND, second),
-            np.maximum(-contacts.separation[k, m], 0.0),
-            normal,
-            self.start1[:, m] + arm,
-            impulse,
-            friction[:, m] * impulse,
-            arm,
-        )
+        other, depth = np.where(second == ground, GROUND, second), -contacts.separation[k, m]
+        columns = first, other, np.maximum(depth, 0.0), normal, self.start1[:, m] + arm, impulse
+        report.add_columns(first * (ground + 1) + second, *columns, friction[:, m] * impulse, arm)
 
 
 # --------------------------------------------------------------------------------------------------

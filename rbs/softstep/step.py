@@ -187,14 +187,9 @@ class SolverState:
     """
 
     COLUMNS = (
-        "pairKey",
-        "pairAxis",
-        "constraint",
-        "constraintImpulse",
-        "constraintOffset",
-        "constraintSubstep",
-        "gravity",
+        "pairKey pairAxis constraint constraintImpulse constraintOffset constraintSubstep gravity"
     )
+    COLUMNS = tuple(COLUMNS.split())
 
     def __init__(self):
         self.clear()
