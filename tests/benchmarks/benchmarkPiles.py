@@ -5,7 +5,7 @@
 
 Scenes are those of data/make_pile.py. Each is run without friction and with it; see MATERIALS. For
 each kind, size and material, the runs take turns step by step, so that a busy machine is busy for
-all of them: the basic loop over all pairs up to --all-up-to bodies, the grid and the soft step. With
+all of them: the loop over all pairs up to --all-up-to bodies, the grid and the soft step. With
 --peers also MuJoCo and PyBullet, where they are installed (`pip install mujoco pybullet`): on the
 same hulls, poses, densities and time step, with the same friction and, in PyBullet, restitution.
 
