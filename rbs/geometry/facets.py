@@ -18,6 +18,7 @@ from rbs.geometry.hulls import (
     ROUNDING,
     TOUCH_TOLERANCE,
     approximate_supports,
+    face_corners,
     lowest_rows,
     rotate_columns,
     support_levels,
@@ -235,10 +236,7 @@ def _turned_faces(hulls, first, second, t, axis):
     vertex = take(hulls.vertices, vertex, axis=1)
     depth = take(hulls.offsets, face) - dot(normal, vertex) - dot(normal, t)
 
-    count = take(hulls.cornerCount, face)
-    row, corner = ranges(take(hulls.cornerStart, face), count)
-    corner = take(hulls.corners, corner) + take(take(hulls.vertexStart, own), row)
-    corner = take(hulls.vertices, corner, axis=1)
+    row, corner, count = face_corners(hulls, own, face)
     end = count.cumsum()
     following = np.arange(1, len(row) + 1)
     following[end - 1] = end - count

@@ -259,6 +259,17 @@ def rotate_columns(rotation, table, count):
     return mat_vec(rotation.repeat(count, axis=1), table)
 
 
+def face_corners(hulls, bodies, face):
+    """Corners of a face of each body (K,): `(row, corner (3, C), count)`, relative to its centre.
+
+    face : (K,), positions in `HullSet.directions`; row : (C,), ascending; count : (K,), of corners
+    """
+    count = take(hulls.cornerCount, face)
+    row, corner = ranges(take(hulls.cornerStart, face), count)
+    corner = take(hulls.corners, corner) + take(take(hulls.vertexStart, bodies), row)
+    return row, take(hulls.vertices, corner, axis=1), count
+
+
 # --------------------------------------------------------------------------------------------------
 # Support points: the lowest ones along a direction
 # --------------------------------------------------------------------------------------------------

@@ -14,8 +14,8 @@ from scipy.sparse.csgraph import connected_components
 from Quaternion import rotation_matrices
 from rbs.geometry.arrays import indices, take
 from rbs.geometry.vectors import cross, dot, norm, rotate_tensor
-from rbs.softstep.detection import StepContacts
-from rbs.softstep.manifolds import POINTS
+from rbs.softstep.detection import ALONG, DOWN
+from rbs.softstep.manifolds import POINTS, turn_points
 from rbs.softstep.springs import Spring, lasting
 from rbs.stepping.bodies import GRAVITY
 from rbs.stepping.reports import GROUND
@@ -38,6 +38,8 @@ RESTITUTION_SWEEPS = 16
 MOST_DENSE = 10_000
 # ε_ijk, as a matrix of rows i k that turns x into the matrix of x ×.
 LEVI_CIVITA = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)
+# Normal and first tangent of the ground, (3, 2, 1).
+GROUND_AXES = np.transpose((DOWN, ALONG))[:, :, None]
 # Least divisor, in place of zero.
 TINY = np.finfo(float).tiny
 
@@ -70,27 +72,46 @@ class SoftContacts:
         first, second = manifolds.bodies(len(motion.isStill) - 1)
         self.rows = indices(~(motion.isStill[first] & motion.isStill[second]))
         manifolds = manifolds.rows(self.rows)
-        self.contacts = contacts = StepContacts(manifolds, frames)
-        self.count = len(contacts.first)
+        self.count = len(manifolds.key)
+        self._place(manifolds, frames)
         self._make_responses(motion, self._make_factors(frames, motion))
-        smaller = np.minimum(frames.radius[contacts.first], frames.radius[contacts.second])
+        smaller = np.minimum(frames.radius[self.first], frames.radius[self.second])
         self.push = -PUSH_SPEED * np.sqrt(max(self.fallRate, -GRAVITY) * smaller)
-        self.impulse = np.concatenate((manifolds.impulse * contacts.isPoint, manifolds.friction))
-        if mu == 0.0:
-            self.impulse[POINTS:] = 0.0
+        self.impulse = np.concatenate((manifolds.impulse * self.isPoint, manifolds.friction))
         self.offset = manifolds.offset
         self.spring = Spring(FREQUENCY, DAMPING, h)
         ratio = self.spring.ratios(manifolds.substep)
         if (ratio != 1.0).any():
             self.offset = self.spring.converted(
-                self.offset, self.impulse[:POINTS], self.mass, -contacts.separation, ratio
+                self.offset, self.impulse[:POINTS], self.mass, -self.gap, ratio
             )
             self.impulse = self.impulse * ratio
-        self.separation = contacts.separation + self.offset
+        self.separation = self.gap + self.offset
         self.started = self.impulse[:POINTS]
         self.least = self.mass * (self.fallRate * h)
         self.pending, self.total = np.zeros((2, 7, self.count))
-        self.start1 = take(frames.position, contacts.first, axis=1)
+        self.start1 = take(frames.position, self.first, axis=1)
+
+    def _place(self, manifolds, frames):
+        """Computes the manifolds' geometry in world axes.
+
+        first, second : (M,); the ground is body n; t : (3, M), from the first COM to the second
+        normal, tangent1, tangent2 : (3, M), unit; isPoint : (4, M) bool
+        arm : (3, 4, M), from the first COM to the points on the first body
+        gap : (4, M), separation at the start of the step, along the normal
+        """
+        count = frames.position.shape[1]
+        self.first, self.second = manifolds.bodies(count - 1)
+        self.t = frames.translations(self.first, self.second)
+        self.isPoint = manifolds.isPoint
+        axes = np.stack((manifolds.normal, manifolds.tangent), axis=1)
+        vectors = np.concatenate((axes, manifolds.anchor1), axis=1)
+        turned = turn_points(take(frames.rotation, self.first, axis=1), vectors)
+        axes = np.where(self.second == count - 1, GROUND_AXES, turned[:, :2])
+        self.normal, self.tangent1, self.arm = axes[:, 0], axes[:, 1], turned[:, 2:]
+        self.tangent2 = cross(self.normal, self.tangent1)
+        across = turn_points(take(frames.rotation, self.second, axis=1), manifolds.anchor2)
+        self.gap = dot(across + self.t[:, None] - self.arm, self.normal[:, None])
 
     def _make_factors(self, frames, motion):
         """Computes the factors of J and M⁻¹ Jᵀ, and the limits of friction.
@@ -100,23 +121,23 @@ class SoftContacts:
 
         Returns r × e of the rows, with the arms r from the two COMs: (3, 7, 2, M).
         """
-        contacts, isPoint, count = self.contacts, self.contacts.isPoint, len(motion.invMass)
-        first, second, n = contacts.first, contacts.second, contacts.normal
+        isPoint, count = self.isPoint, len(motion.invMass)
+        first, second, n = self.first, self.second, self.normal
         weight = isPoint / np.maximum(np.add.reduce(isPoint), 1)
-        middle = np.add.reduce(weight * contacts.arm, axis=1)
-        lever = norm(cross(contacts.arm - middle[:, None], n[:, None]))
+        middle = np.add.reduce(weight * self.arm, axis=1)
+        lever = norm(cross(self.arm - middle[:, None], n[:, None]))
         self.limits = np.empty((2, POINTS, self.count))
         self.limits[0], self.limits[1] = self.mu * isPoint, self.mu * isPoint * lever
 
         axes, arms = np.zeros((2, 3, 7, self.count))
-        axes[:, :POINTS], axes[:, 4], axes[:, 5] = n[:, None], contacts.tangent1, contacts.tangent2
+        axes[:, :POINTS], axes[:, 4], axes[:, 5] = n[:, None], self.tangent1, self.tangent2
         axes[:, :POINTS] *= isPoint
-        # the centre lies midway between the points of the two bodies, which are `separation` apart
-        centre = middle + 0.5 * np.add.reduce(weight * contacts.separation) * n
-        arms[:, :POINTS], arms[:, POINTS:] = contacts.arm, centre[:, None]
+        # the centre lies midway between the points of the two bodies, which are `gap` apart
+        centre = middle + 0.5 * np.add.reduce(weight * self.gap) * n
+        arms[:, :POINTS], arms[:, POINTS:] = self.arm, centre[:, None]
         position = frames.position - frames.position.sum(axis=1, keepdims=True) / count
         origins = np.zeros((3, 3, self.count))  # the two COMs and the common origin, from the first
-        origins[:, 1], origins[:, 2] = contacts.t, -take(position, first, axis=1)
+        origins[:, 1], origins[:, 2] = self.t, -take(position, first, axis=1)
         moments = cross(arms[:, :, None] - origins[:, None], axes[:, :, None])
         moments[:, 6] = n[:, None]
         self.R = np.concatenate((axes, moments[:, :, 2]))
@@ -147,7 +168,7 @@ class SoftContacts:
         slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
             impulses and the present speeds make them slip
         """
-        ends = np.concatenate((self.contacts.first, self.contacts.second))
+        ends = np.concatenate((self.first, self.second))
         load = np.bincount(ends, minlength=len(motion.invMass))
         invInertia = take(load * motion.invInertia, ends, axis=1).reshape(3, 3, 2, -1)
         turning = np.einsum("ijem,jrem->riem", invInertia, moments).reshape(7, 6, -1)
@@ -157,7 +178,7 @@ class SoftContacts:
         for row in (slice(0, POINTS), 4, 5):
             A[row, row] += invMass
         diagonal = A.diagonal().T[:POINTS]
-        self.mass = self.contacts.isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
+        self.mass = self.isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
         self.K = self.mass * A[:POINTS, :POINTS]
         friction = A[POINTS:, POINTS:]  # symmetric
         inverse = cross(friction[:, [1, 2, 0]], friction[:, [2, 0, 1]])
@@ -172,17 +193,16 @@ class SoftContacts:
         u² = u₀² - 2 a s, with the relative acceleration a along the normal.
         """
         self.measure(motion)
-        contacts, speed = self.contacts, self.speed[:POINTS]
-        gravity = motion.gravity[:, contacts.second] - motion.gravity[:, contacts.first]
-        gain = -2.0 * dot(contacts.normal, gravity) * np.maximum(self.separation, 0.0)
+        speed = self.speed[:POINTS]
+        gravity = motion.gravity[:, self.second] - motion.gravity[:, self.first]
+        gain = -2.0 * dot(self.normal, gravity) * np.maximum(self.separation, 0.0)
         return -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
 
     def measure(self, motion):
         """Computes the speeds (7, M) of the rows; those of the points are > 0 if separating."""
         self.apply(motion)
         moving = np.einsum("ijn,jn->in", self.X, motion.velocity)
-        first, second = self.contacts.first, self.contacts.second
-        relative = take(moving, second, axis=1) - take(moving, first, axis=1)
+        relative = take(moving, self.second, axis=1) - take(moving, self.first, axis=1)
         self.speed = np.einsum("irm,im->rm", self.R, relative)
 
     def apply(self, motion):
@@ -267,11 +287,10 @@ class SoftContacts:
             self.measure(motion)
             self._solve(bias)
         self.apply(motion)
-        first, second = self.contacts.first, self.contacts.second
-        links = np.concatenate(((first, second), links), axis=1)
+        links = np.concatenate(((self.first, self.second), links), axis=1)
         share = energy_share(bodies, motion, velocity, links)
         motion.velocity[:, :-1] += (share - 1.0) * (motion.velocity[:, :-1] - velocity)
-        share = take(share, np.where(motion.isStill[first], second, first))
+        share = take(share, np.where(motion.isStill[self.first], self.second, self.first))
         self.total += share * (self.impulse - before)
 
     def store(self, manifolds):
@@ -292,15 +311,15 @@ class SoftContacts:
 
         A manifold's friction is divided in proportion to the normal impulses of its points.
         """
-        contacts, impulse, friction = self.contacts, self.total[:POINTS], self.total[POINTS:]
-        k, m = np.nonzero((impulse > 0.0) | (contacts.isPoint & (contacts.separation <= 0.0)))
+        impulse, friction = self.total[:POINTS], self.total[POINTS:]
+        k, m = np.nonzero((impulse > 0.0) | (self.isPoint & (self.gap <= 0.0)))
         total = np.add.reduce(impulse)
         share = friction[:2] / np.where(total > 0.0, total, 1.0)
-        friction = contacts.tangent1 * share[0] + contacts.tangent2 * share[1]
-        first, second, normal = contacts.first[m], contacts.second[m], contacts.normal[:, m]
-        arm, impulse = contacts.arm[:, k, m], impulse[k, m]
+        friction = self.tangent1 * share[0] + self.tangent2 * share[1]
+        first, second, normal = self.first[m], self.second[m], self.normal[:, m]
+        arm, impulse = self.arm[:, k, m], impulse[k, m]
         ground = len(report.isAsleep)
-        other, depth = np.where(second == ground, GROUND, second), -contacts.separation[k, m]
+        other, depth = np.where(second == ground, GROUND, second), -self.gap[k, m]
         columns = first, other, np.maximum(depth, 0.0), normal, self.start1[:, m] + arm, impulse
         report.add_columns(first * (ground + 1) + second, *columns, friction[:, m] * impulse, arm)
 

@@ -1,4 +1,4 @@
-"""Contacts of a step: near pairs, their old and new manifolds, and the present contact points.
+"""Contacts of a step: near pairs, and their old and new manifolds.
 
 Nothing here modifies the stored state. New objects are returned, which the step stores at its end.
 """
@@ -8,7 +8,7 @@ import numpy as np
 from rbs.geometry.arrays import find_sorted, indices, take
 from rbs.geometry.broadphase import grid_overlaps
 from rbs.geometry.hulls import tangents
-from rbs.geometry.vectors import cross, dot, mat_vec, transpose
+from rbs.geometry.vectors import mat_vec, transpose
 from rbs.softstep.manifolds import (
     KEEP,
     POINTS,
@@ -26,7 +26,6 @@ from rbs.softstep.sleeping import speeds
 
 # Normal of the ground, from the body towards the ground, and the first tangent of its friction.
 DOWN, ALONG = (0.0, -1.0, 0.0), (1.0, 0.0, 0.0)
-GROUND_AXES = np.transpose((DOWN, ALONG))[:, :, None]
 
 
 class BodyFrames:
@@ -55,32 +54,6 @@ class BodyFrames:
         t = take(self.position, second, axis=1) - take(self.position, first, axis=1)
         t[0::2] = np.where(second == self.position.shape[1] - 1, 0.0, t[0::2])
         return t
-
-
-class StepContacts:
-    """World-space geometry of the M manifolds that can touch in this step.
-
-    first, second : (M,); the ground is body n
-    normal, tangent1, tangent2 : (3, M), unit; t : (3, M), from the first COM to the second
-    arm : (3, 4, M), from the first COM to the points on the first body
-    separation : (4, M), along the normal; isPoint : (4, M) bool
-    """
-
-    def __init__(self, manifolds, frames):
-        count = frames.position.shape[1]
-        self.first, self.second = manifolds.bodies(count - 1)
-        rotation1 = take(frames.rotation, self.first, axis=1)
-        rotation2 = take(frames.rotation, self.second, axis=1)
-        self.t = frames.translations(self.first, self.second)
-        isGround = self.second == count - 1
-        axes = np.stack((manifolds.normal, manifolds.tangent), axis=1)
-        turned = turn_points(rotation1, np.concatenate((axes, manifolds.anchor1), axis=1))
-        axes = np.where(isGround, GROUND_AXES, turned[:, :2])
-        self.normal, self.tangent1, self.arm = axes[:, 0], axes[:, 1], turned[:, 2:]
-        self.tangent2 = cross(self.normal, self.tangent1)
-        self.isPoint = manifolds.isPoint
-        across = turn_points(rotation2, manifolds.anchor2) + self.t[:, None] - self.arm
-        self.separation = dot(across, self.normal[:, None])
 
 
 def detect(bodies, hasGround, isStill, kept, timeStep):

@@ -10,7 +10,7 @@ import numpy as np
 
 from rbs.geometry.arrays import find_sorted, indices, ranges, row_minima, take
 from rbs.geometry.facets import CachedAxes, find_facets, sure_facets
-from rbs.geometry.hulls import FEATURE_TOLERANCE, support_offsets, tangents
+from rbs.geometry.hulls import FEATURE_TOLERANCE, face_corners, support_offsets, tangents
 from rbs.geometry.patches import Features, Polygons, overlap_corners
 from rbs.geometry.vectors import cross, dot, mat_vec, mul_add, norm, transpose
 
@@ -329,14 +329,10 @@ class _Faces(Polygons):
         least, best = row_minima(-cosine, row, count.cumsum() - count)
         self.cosine = -least
 
-        face = take(face, best)
-        count = take(hulls.cornerCount, face)
-        corner = take(hulls.corners, ranges(take(hulls.cornerStart, face), count)[1])
-        corner += take(hulls.vertexStart, bodies).repeat(count)
-        position = take(hulls.vertices, corner, axis=1) + origin.repeat(count, axis=1)
-        super().__init__(
-            count, np.stack([dot(position, axis.repeat(count, axis=1)) for axis in frame[:2]])
-        )
+        row, corner, count = face_corners(hulls, bodies, take(face, best))
+        corner += take(origin, row, axis=1)
+        uv = [dot(corner, take(axis, row, axis=1)) for axis in frame[:2]]
+        super().__init__(count, np.stack(uv))
         normal = mat_vec(rotation, take(normal, best, axis=1))
         self._slopes = [dot(normal, axis) for axis in frame]
         self._offset = take(offset, best) + dot(normal, origin)
