@@ -31,6 +31,10 @@ PUSH_SPEED = 1.0
 # Largest growth of an impulse from one warm start to the next, as a factor. With more, the impulse
 # of an impact is repeated in the next substep and throws bodies apart; less delays a new load.
 LOAD_GROWTH = 2.0
+# Closing speed that calls for a second sweep, in multiples of the speed that gravity adds per step.
+# With more, a light body between a heavy one and the ground is pressed into both, and a collapsing
+# heap into itself; less costs time.
+HIT_STEPS = 10.0
 # Number of sweeps for restitution. With fewer, the impulses at one point disturb the others, so
 # that a box that lands flat starts to spin; more cost time.
 RESTITUTION_SWEEPS = 16
@@ -222,8 +226,7 @@ class SoftContacts:
     def soft_sweep(self, motion):
         """Makes a pass over all contacts in which springs push penetration out.
 
-        If any points then still approach faster than springs push them apart, another one follows:
-        otherwise, a light body between a heavy one and the ground would be pressed into both.
+        If any points then still approach so fast that one pass is not enough, another follows.
         """
         approach = self.separation / self.h  # a gap may close within the substep, but not more
         bias = np.maximum(np.maximum(self.spring.rate * self.separation, self.push), approach)
@@ -231,7 +234,8 @@ class SoftContacts:
         self.measure(motion)
         self._solve(bias, softness)
         self.measure(motion)
-        if (self.speed[:POINTS] + np.maximum(approach, 0.0) < self.push).any():
+        closing = self.speed[:POINTS] + np.maximum(approach, 0.0)
+        if closing.min(initial=0.0) < -HIT_STEPS * self.fall:
             self._solve(bias, softness)
             self.measure(motion)
         self.separation += self.h * self.speed[:POINTS]

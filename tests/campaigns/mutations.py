@@ -128,7 +128,7 @@ rbs/softstep/manifolds.py: motion of a point against the ground, a sign (softste
 rbs/softstep/contacts.py: impulses of the substep before, a part of them (softstep)
     self.pending += self.impulse -> self.pending += 0.5 * self.impulse
 rbs/softstep/contacts.py: second sweep of a hit, left out (softstep)
-    if (self.speed[:POINTS] + np.maximum(approach, 0.0) < self.push).any(): -> if False:
+    if closing.min(initial=0.0) < -HIT_STEPS * self.fall: -> if False:
 rbs/softstep/contacts.py: growth of impulses, no limit (scenesRest)
     np.minimum(normal, np.maximum(LOAD_GROWTH * self.started, self.least)) -> normal
 rbs/softstep/contacts.py: penetration, pushed out as fast as springs do it (softstep)
