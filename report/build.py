@@ -35,8 +35,8 @@ import style
 
 FOLDER = Path(__file__).resolve().parent
 FIGURES, NUMBERS = FOLDER / "figures", FOLDER / "numbers.json"
-STILLS = {f"still_{name}": name for name, pair in shots.PAIRS.items() if pair.still}
-VIDEOS = {f"video_{name}": name for name in shots.PAIRS}
+STILLS = ["still_heap", *(f"still_{name}" for name, pair in shots.PAIRS.items() if pair.still)]
+VIDEOS = [f"video_{name}" for name in shots.PAIRS]
 TIMED = ("parts", "engines", "choice")
 EXPERIMENTS = (*laws.PANELS, *laws.SILENT)
 MOST_PAGES, MOST_WORDS = 3, 1700

@@ -25,6 +25,10 @@ def law(where, sentence, name, within):
     return Claim(where, sentence, f"{name}.measured", "=", f"{name}.predicted", within)
 
 
+def slower(sentence, engine, relation, size):
+    return Claim("Scale", sentence, f"engines.{engine}", relation, f"engines.soft.{size}")
+
+
 CLAIMS = [
     law("Movement", "sway grows as g h: exponent of h", "rest.sway", 0.03),
     Claim("Movement", "the same exponent of g", "rest.sway.gravity", "=", 1, 0.03),
@@ -37,14 +41,7 @@ CLAIMS = [
     law("Movement", "cubes that cross: 1 - (d + a) / (2 v h) / %", "tunnel", 0.03),
     Claim("Movement", "drawn shares differ from the law / %", "tunnel.worst", "<", 1.25),
     Claim("Movement", "the least v h that crosses / (d + a)", "tunnel.least", "=", 0.5, 0.0021),
-    Claim(
-        "Movement",
-        "pulled: 1 - (d + a) / (v h)",
-        "tunnel.pulledMeasured",
-        "=",
-        "tunnel.pulled",
-        0.1,
-    ),
+    Claim("Movement", "pulled: 1 - (d + a) / v h", "tunnel.pulledShare", "=", "tunnel.pulled", 0.1),
     law("Movement", "L swings by twice its angle to ω / °", "tumble", 1e-3),
     Claim("Movement", "whatever the step / °", "tumble.fine", "=", "tumble.predicted", 1e-3),
     Claim("Movement", "some impulses pull / %", "pulling.share", ">", 10),
@@ -78,19 +75,10 @@ CLAIMS = [
     Claim("Scale", "none on the bridge / %", "schedules.bridge.saved", "<", 1),
     Claim("Scale", "batches are faster on the net", "choice.batchesNet", ">", 3),
     Claim("Scale", "the grid is faster than the loop", "choice.gain", ">", 5),
-    Claim(
-        "Scale",
-        "at 1000 at rest, PyBullet is slower",
-        "engines.PyBullet.middle",
-        ">",
-        "engines.soft.middle",
-    ),
-    Claim(
-        "Scale", "at 5000, so is MuJoCo with CG", "engines.MuJoCoCG.most", ">", "engines.soft.most"
-    ),
-    Claim(
-        "Scale", "at 200, PyBullet is faster", "engines.PyBullet.least", "<", "engines.soft.least"
-    ),
+    slower("at 1000 at rest, PyBullet is slower", "PyBullet.middle", ">", "middle"),
+    slower("and MuJoCo with CG", "MuJoCoCG.middle", ">", "middle"),
+    slower("at 5000, so is MuJoCo with CG", "MuJoCoCG.most", ">", "most"),
+    slower("at 200, PyBullet is faster", "PyBullet.least", "<", "least"),
     Claim("Scale", "facets take most time / %", "parts.find_facets", ">", "parts.find_contacts"),
 ]
 

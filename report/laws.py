@@ -311,7 +311,7 @@ def tunnel(axis):
     crossing = [r for r in (0.499, 0.501) if crossing_share(r * limit, phases=500) > 0]
     pulled, others = 1.05 * limit, {"least": crossing[0], "worst": 100 * max(errors)}
     others |= {"pulledAt": pulled, "pulled": 100 * float(crossing_law(pulled))}
-    others["pulledMeasured"] = 100 * crossing_share(pulled, phases=120)
+    others["pulledShare"] = 100 * crossing_share(pulled, phases=120)
     cases = (H, 120, {}), (H / 4, 40, {}), (H, 40, SOFT)
     shares = [100 * crossing_share(TUNNEL_SPEED, h, count, **one) for h, count, one in cases]
     law = 100 * float(crossing_law(TUNNEL_SPEED))

@@ -180,10 +180,10 @@ def standing():
 
 
 ENGINES = {  # name in times.json → label, colour, marker
-    "soft step": ("soft step (ours)", style.BLUE, "s-"),
+    "soft step": ("soft step", style.BLUE, "s-"),
     "PyBullet": ("PyBullet", style.GREEN, "D--"),
-    "MuJoCo, CG": ("MuJoCo, CG", style.VERMILION, "^--"),
-    "MuJoCo": ("MuJoCo, Newton", style.PURPLE, "v--"),
+    "MuJoCo, CG": ("MuJoCo CG", style.VERMILION, "^--"),
+    "MuJoCo": ("MuJoCo Newton", style.PURPLE, "v--"),
 }
 PARTS = {  # phases of the grid step, timed separately → label, colour
     "grid_overlaps": ("which pairs", style.GREEN),

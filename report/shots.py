@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from laws import BOX, SOFT, H, lowest_vertices, overlap_of, scene, silent, stacked
 from PIL import Image, ImageDraw, ImageFont
-from timings import RESTING
+from timings import RESTING, SIZES, heap_at_rest
 
 from rbs.appearance.pictureoptions import PictureOptions
 from rbs.pictures.backends import find_backend
@@ -24,23 +24,28 @@ from rbs.scenes.files import atomic_write
 from rbs.scenes.simulation import Settings, Simulation
 
 FOLDER = Path(__file__).resolve().parent
-STILL, VIDEO = (880, 990), (640, 720)  # size of a half
+TALL, WIDE, VIDEO = (880, 990), (880, 700), (640, 720)  # sizes of a half
+HEAP = (1760, 880)
 RATE = 25
 CODEC = "-f mp4 -vcodec libx264 -pix_fmt yuv420p -crf 28 -preset slow -movflags +faststart"
 VERMILION, GREEN, DARK = (213, 94, 0), (0, 130, 95), (40, 43, 48)
 
 
 class Camera(NamedTuple):
-    """A camera: position and target (3,) in metres, and vertical field of view in degrees."""
+    """A camera: position and target (3,) in metres, and horizontal field of view in degrees."""
 
     position: tuple
     target: tuple
     fieldOfView: float
 
-    def apply(self, view):
+    def half_height(self, size):
+        """Returns what is seen above the target, a metre away, in a picture of this size."""
+        return math.tan(math.radians(self.fieldOfView) / 2) * size[1] / size[0]
+
+    def apply(self, view, size):
         import polyscope as ps
 
-        ps.set_vertical_fov_degrees(self.fieldOfView)
+        ps.set_vertical_fov_degrees(2 * math.degrees(math.atan(self.half_height(size))))
         ps.look_at(self.position, self.target)
         view.spread_ground()
 
@@ -51,7 +56,7 @@ class Camera(NamedTuple):
         right = np.cross(ahead, (0.0, 1.0, 0.0))
         right /= np.linalg.norm(right)
         away = np.subtract(point, self.position)
-        scale = size[1] / 2 / math.tan(math.radians(self.fieldOfView) / 2) / (away @ ahead)
+        scale = size[1] / 2 / self.half_height(size) / (away @ ahead)
         x, y = scale * (away @ right), scale * (away @ np.cross(right, ahead))
         return size[0] / 2 + x, size[1] / 2 - y
 
@@ -61,7 +66,7 @@ class Pair(NamedTuple):
 
     make : function of settings that returns a Simulation
     effect : function of a simulation, `(point (3,), word, whether it is to be marked)`
-    steps : of the video; every : steps per frame; still : step of the still, or None
+    steps : of the video; every : steps per frame; still : step of the still, or None, and its size
     """
 
     make: object
@@ -70,6 +75,7 @@ class Pair(NamedTuple):
     steps: int
     every: int
     still: int | None = None
+    size: tuple = TALL
 
     def halves(self):
         """Yields the simulations of both halves, with 0 or 1."""
@@ -112,15 +118,18 @@ def creeping_box(simulation):
     return place - [0, 1, 0], f"has crept {way:.1f} m", way > 0.5
 
 
-STACK_CAMERA = Camera((62, 34, 88), (0, 23, 0), 32)
-CUBE_CAMERA = Camera((12.5, 7.8, 51), (0, 6.5, 0), 34)
-SLOPE_CAMERA = Camera((10, 34, 92), (0, 10, 2), 38)
-PYRAMID_CAMERA = Camera((110, 80, 370), (0, 42, 0), 32)
+STACK_CAMERA = Camera((62, 34, 88), (0, 23, 0), 28.6)
+CUBE_CAMERA = Camera((12.5, 7.8, 51), (0, 6.5, 0), 30.4)
+SLOPE_CAMERA = Camera((10, 34, 92), (0, 10, 2), 34.0)
+PYRAMID_CAMERA = Camera((116, 80, 370), (4, 46, 0), 29.6)
+HEAP_CAMERA = Camera((150, 120, 430), (0, 8, 0), 37)
 PAIRS = {
     "stack": Pair(stack_scene, STACK_CAMERA, deepest_overlap, 190, 1, 100),
     "cube": Pair(partial(scene, "cube"), CUBE_CAMERA, deepest_vertex, 121, 1, 121),
     "slope": Pair(partial(scene, "incline", friction=0.4), SLOPE_CAMERA, creeping_box, 350, 2),
-    "pyramid": Pair(partial(scene, "pyramid", **RESTING), PYRAMID_CAMERA, top_of_pyramid, 300, 4),
+    "pyramid": Pair(
+        partial(scene, "pyramid", **RESTING), PYRAMID_CAMERA, top_of_pyramid, 300, 4, 140, WIDE
+    ),
 }
 LABELS = (("basic step", VERMILION), ("soft step", GREEN))
 
@@ -129,14 +138,14 @@ def annotate(picture, pair, k, mark, note=""):
     """Draws the label of half k, the note, and the arrow of a mark `(point, word)`."""
     image = Image.fromarray(picture)
     draw, size = ImageDraw.Draw(image), image.size
-    unit = size[1] / (36 if note else 24)
+    unit = size[0] / (32 if note else 21)
     small, large = ImageFont.load_default(1.3 * unit), ImageFont.load_default(1.7 * unit)
     draw.text((unit, 0.7 * unit), *LABELS[k], large)
     draw.text((size[0] - unit, 0.9 * unit), note, DARK, small, anchor="ra")
     if mark:
         tip, word = np.array(pair.camera.pixel(mark[0], size)), mark[1]
-        side = -1 if tip[0] > size[0] / 2 else 1
-        tail = tip + unit * np.array([3.0 * side, -5.0])
+        side = -1 if tip[0] > size[0] * 2 / 3 else 1  # the label is on the left
+        tail = tip + unit * np.array([4.8 * side, -2.6])
         draw.line([*tail, *tip], fill=VERMILION, width=round(unit / 5))
         along = (tip - tail) / np.linalg.norm(tip - tail)
         across = np.array([-along[1], along[0]])
@@ -150,19 +159,29 @@ def annotate(picture, pair, k, mark, note=""):
     return np.asarray(image)
 
 
-def view_of(simulation, size, view=None):
+def view_of(simulation, camera, size, view=None):
     """Returns a SceneView of the simulation; Polyscope starts only once."""
     if view is None:
         backend = find_backend(window=False)
         if backend.name is None:
             sys.exit(f"cannot draw: {backend.reason}. {backend.remedy}")
-        return start_view(simulation, backend, PictureOptions(size))
-    view.rebuild(simulation)
+        view = start_view(simulation, backend, PictureOptions(size))
+    else:
+        view.rebuild(simulation)
+    camera.apply(view, size)
     return view
 
 
-def still(name):
-    """Writes figures/<name>.jpg, both halves in the studio look."""
+def studio_picture(simulation, camera, size, view=None):
+    """Returns a picture in the studio look, and the view."""
+    view = view_of(simulation, camera, size, view)
+    view.studio = StudioLook(framesAnew=False)
+    view.refresh()
+    return take_picture(view), view
+
+
+def halves_of(name):
+    """Returns a picture of both halves of a pair."""
     pair, view, halves = PAIRS[name], None, []
     for k, simulation in pair.halves():
         for _ in range(pair.still):
@@ -170,21 +189,25 @@ def still(name):
         *mark, isMarked = pair.effect(simulation)
         if isMarked == bool(k):
             sys.exit(f"{name}, half {k}: {mark[1]}")
-        view = view_of(simulation, STILL, view)
-        view.studio = StudioLook(framesAnew=False)
-        pair.camera.apply(view)
-        view.refresh()
-        halves.append(annotate(take_picture(view), pair, k, mark if isMarked else None))
+        picture, view = studio_picture(simulation, pair.camera, pair.size, view)
+        halves.append(annotate(picture, pair, k, mark if isMarked else None))
+    return np.concatenate((halves[0], np.full((pair.size[1], 12, 3), 255, np.uint8), halves[1]), 1)
+
+
+def still(name):
+    """Writes figures/<name>.jpg: both halves of a pair, or the heap from which engines start."""
+    if name == "heap":
+        picture, _ = studio_picture(heap_at_rest(SIZES[1]), HEAP_CAMERA, HEAP)
+    else:
+        picture = halves_of(name)
     with atomic_write(FOLDER / "figures" / f"{name}.jpg") as partial:
-        gap = np.full((STILL[1], 12, 3), 255, np.uint8)
-        picture = Image.fromarray(np.concatenate((halves[0], gap, halves[1]), axis=1))
-        picture.save(partial, "JPEG", quality=90, subsampling=0)
+        Image.fromarray(picture).save(partial, "JPEG", quality=90, subsampling=0)
 
 
 @silent
 def videos():
-    """Seconds of each video, rounded up, from which its effect stays in view."""
-    numbers = {}
+    """Seconds of each video, rounded up, from which its effect stays in view; of one still."""
+    numbers = {"pyramidStill": PAIRS["pyramid"].still * H}
     for name, pair in PAIRS.items():
         (_, simulation), first = next(pair.halves()), 0
         for step in range(pair.steps):
@@ -206,8 +229,7 @@ def video(name):
     pair, view, halves = PAIRS[name], None, []
     for k, simulation in pair.halves():
         pictures = []
-        view = view_of(simulation, VIDEO, view)
-        pair.camera.apply(view)
+        view = view_of(simulation, pair.camera, VIDEO, view)
         for step in range(pair.steps + 1):
             if step % pair.every == 0:
                 mark = None
