@@ -2,9 +2,9 @@
 
 `find_facets` takes arrays of pairs and returns `Facets`, from which the penetration and normal of
 each pair follow. `CachedAxes` saves most of the search if a separating axis, or nearly one, is
-known. The theory is at the top of GJK.py. Facets spanned by two edges are found on the Gauss map,
-with edge pruning (Gregorius: The separating axis test between convex polyhedra. Game Developers
-Conference 2013).
+known; `sure_facets` saves all of it where a guess can be proved. The theory is at the top of
+GJK.py. Facets spanned by two edges are found on the Gauss map, with edge pruning (Gregorius: The
+separating axis test between convex polyhedra. Game Developers Conference 2013).
 
 The penetration of a pair along a facet is offset - normal · t, where t is the translation from the
 centre of the first hull to that of the second. A negative penetration is a separation.
@@ -253,10 +253,9 @@ def _reaching_edges(hulls, first, second, t, axis):
     """
     bodies = np.concatenate((first, second))
     directions = np.concatenate((-axis, axis), axis=1)
-    ends = lowest_rows(hulls, bodies, directions, "vertices", 2)[1] + take(
-        hulls.vertexStart, bodies
-    )
-    ends = take(hulls.vertices, ends.ravel(), axis=1).reshape(3, 2, 2, -1)
+    ends = lowest_rows(hulls, bodies, directions, "vertices", 2)[1]
+    ends = (ends + take(hulls.vertexStart, bodies)).ravel()
+    ends = take(hulls.vertices, ends, axis=1).reshape(3, 2, 2, -1)  # xyz, which end, which hull
     a, b = ends[:, 0, 0], ends[:, 0, 1]
     u, v = ends[:, 1, 0] - a, ends[:, 1, 1] - b
     normal = cross(u, v)

@@ -25,7 +25,7 @@ from rbs.softstep.manifolds import (
 from rbs.softstep.sleeping import speeds
 
 # Normal of the ground, from the body towards the ground, and the first tangent of its friction.
-DOWN, ALONG = (0.0, -1.0, 0.0), (1.0, 0.0, 0.0)
+GROUND_AXES = np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])[:, :, None]
 
 
 class BodyFrames:
@@ -135,7 +135,7 @@ def _new_ground_manifolds(bodies, frames, reach, known, timeStep):
     shift, turn = timeStep * bodies.linVelocity[:, body], timeStep * bodies.angVelocity[:, body]
     height = bodies.position[1, body]
     arm, isPoint = ground_manifolds(bodies.hulls, body, height, reach[body], shift, turn)
-    normal, tangent = (np.tile(np.reshape(v, (3, 1)), len(body)) for v in (DOWN, ALONG))
+    normal, tangent = GROUND_AXES.repeat(len(body), axis=2).transpose(1, 0, 2)
     below = arm - t[:, None]
     below[1] = 0.0
     return _table(frames, body, ground, t, normal, tangent, arm, below, isPoint)

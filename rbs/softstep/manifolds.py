@@ -381,12 +381,7 @@ def _four_points(row, u, v, separation, later, size, reach):
         [take(sense, row) * outside for outside in (areas, area(second, third), area(third, first))]
     )
     fourth, size4 = farthest(beyond)
-    isPoint = np.stack(
-        (
-            np.ones(len(size), dtype=bool),
-            length > merge,
-            size3 > merge * length,
-            (size3 > merge * length) & (size4 > merge * length),
-        )
-    )
+    isPoint = np.ones((POINTS, len(size)), dtype=bool)
+    isPoint[1], isPoint[2] = length > merge, size3 > merge * length
+    isPoint[3] = isPoint[2] & (size4 > merge * length)
     return np.stack((first, second, third, fourth)), isPoint

@@ -13,7 +13,8 @@ import numpy as np
 
 from rbs.geometry.vectors import norm
 
-# Seconds for which bodies must be slow before they fall asleep. Less stops slow motions.
+# Seconds for which bodies must be slow before they fall asleep. Less stops slow motions: with a
+# single step, bodies fall asleep as they begin to slide, and where they are added.
 SLEEP_SECONDS = 0.5
 # Largest speed of a slow body, in √(g r) with its radius r. More stops visible motion; less keeps
 # piles awake.

@@ -124,14 +124,9 @@ class SoftConstraints:
         softness = np.where(isSlack | (not isSoft), 1.0, self.spring.softness)
         least = np.where(isUpper | self.isRigid, -np.inf, 0.0)
         most = np.where(isUpper & ~self.isRigid, 0.0, np.inf)
+        columns = bias, self.mass, softness, least, most
         rows = [
-            (
-                batch,
-                ends,
-                self.J[..., batch],
-                self.MJ[..., batch],
-                *(column[batch] for column in (bias, self.mass, softness, least, most)),
-            )
+            (batch, ends, self.J[..., batch], self.MJ[..., batch], *(c[batch] for c in columns))
             for batch, ends in self.batches
         ]
         for _ in range(PASSES):
