@@ -1,12 +1,12 @@
 """Milliseconds per step against the number of bodies: `python tests/benchmarks/benchmarkPiles.py`.
 
     python tests/benchmarks/benchmarkPiles.py --sizes 50 200 1000 --kinds pile --windows 200-300
-    python tests/benchmarks/benchmarkPiles.py --sizes 200 1000 --kinds heap --peers
+    python tests/benchmarks/benchmarkPiles.py --sizes 200 1000 --kinds heap --peers cg bullet
 
 Scenes are those of data/make_pile.py. Each is run without friction and with it; see MATERIALS. For
 each kind, size and material, the runs take turns step by step, so that a busy machine is busy for
 all of them: the loop over all pairs up to --all-up-to bodies, the grid and the soft step. With
---peers also MuJoCo and PyBullet, where they are installed (`pip install mujoco pybullet`): on the
+--peers also MuJoCo (Newton's method or CG) and PyBullet (`pip install mujoco pybullet`): on the
 same hulls, poses, densities and time step, with the same friction and, in PyBullet, restitution.
 
 Prints, for every window of steps, medians with quartiles, contacts a body and growth exponents, and
@@ -16,7 +16,6 @@ writes piles.csv. A contact is a pair that touches, however many points a peer m
 import argparse
 import csv
 import functools
-import importlib.util
 import itertools
 import math
 import resource
@@ -161,11 +160,11 @@ class PyBulletRun:
         return None, len(touching), {}
 
 
-# name in the table → package, what makes the run
+# option → name in the table, what makes the run
 PEERS = {
-    "MuJoCo": ("mujoco", MuJoCoRun),
-    "MuJoCo, CG": ("mujoco", functools.partial(MuJoCoRun, solver="cg")),
-    "PyBullet": ("pybullet", PyBulletRun),
+    "newton": ("MuJoCo", MuJoCoRun),
+    "cg": ("MuJoCo, CG", functools.partial(MuJoCoRun, solver="cg")),
+    "bullet": ("PyBullet", PyBulletRun),
 }
 
 
@@ -186,15 +185,11 @@ def make_runs(scene, count, material, options):
         for name, settings in OWN.items()
         if name != "all pairs" or count <= options.all_up_to
     }
-    if options.peers:
-        simulation = Simulation(scene)
-        for name, (package, peer) in PEERS.items():
-            if not importlib.util.find_spec(package):
-                continue
-            try:
-                runs[name] = peer(simulation, material)
-            except (ValueError, MemoryError) as error:  # some do not take so many
-                print(f"{name} left out at {count} bodies: {error}")
+    for name, peer in map(PEERS.get, options.peers):
+        try:
+            runs[name] = peer(Simulation(scene), material)
+        except (ValueError, MemoryError) as error:  # some do not take so many
+            print(f"{name} left out at {count} bodies: {error}")
     return runs
 
 
@@ -304,7 +299,8 @@ def main():
     parser.add_argument("--windows", metavar="K-N", help=text, **windows)
     text = "largest scene for the loop over all pairs (default: %(default)s)"
     parser.add_argument("--all-up-to", type=int, default=1000, metavar="N", help=text)
-    parser.add_argument("--peers", action="store_true", help="MuJoCo and PyBullet as well")
+    peers = {"nargs": "+", "choices": PEERS, "default": [], "metavar": "NAME"}
+    parser.add_argument("--peers", help=f"beside them, of {', '.join(PEERS)}", **peers)
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="of the scenes")
     parser.add_argument("--out", type=Path, default=Path("out/benchmark"), metavar="DIR")
     options = parser.parse_args()
