@@ -1,7 +1,7 @@
 """Milliseconds per step against the number of bodies: `python tests/benchmarks/benchmarkPiles.py`.
 
     python tests/benchmarks/benchmarkPiles.py --sizes 50 200 1000 --kinds pile --windows 200-300
-    python tests/benchmarks/benchmarkPiles.py --sizes 200 1000 --kinds heap --peers cg bullet
+    python tests/benchmarks/benchmarkPiles.py --sizes 200 1000 --kinds heap --peers PyBullet
 
 Scenes are those of data/make_pile.py. Each is run without friction and with it; see MATERIALS. For
 each kind, size and material, the runs take turns step by step, so that a busy machine is busy for
@@ -160,11 +160,11 @@ class PyBulletRun:
         return None, len(touching), {}
 
 
-# option → name in the table, what makes the run
+# name in the table → package, what makes the run
 PEERS = {
-    "newton": ("MuJoCo", MuJoCoRun),
-    "cg": ("MuJoCo, CG", functools.partial(MuJoCoRun, solver="cg")),
-    "bullet": ("PyBullet", PyBulletRun),
+    "MuJoCo": ("mujoco", MuJoCoRun),
+    "MuJoCo, CG": ("mujoco", functools.partial(MuJoCoRun, solver="cg")),
+    "PyBullet": ("pybullet", PyBulletRun),
 }
 
 
@@ -185,9 +185,9 @@ def make_runs(scene, count, material, options):
         for name, settings in OWN.items()
         if name != "all pairs" or count <= options.all_up_to
     }
-    for name, peer in map(PEERS.get, options.peers):
+    for name in options.peers:
         try:
-            runs[name] = peer(Simulation(scene), material)
+            runs[name] = PEERS[name][1](Simulation(scene), material)
         except (ValueError, MemoryError) as error:  # some do not take so many
             print(f"{name} left out at {count} bodies: {error}")
     return runs
@@ -300,7 +300,7 @@ def main():
     text = "largest scene for the loop over all pairs (default: %(default)s)"
     parser.add_argument("--all-up-to", type=int, default=1000, metavar="N", help=text)
     peers = {"nargs": "+", "choices": PEERS, "default": [], "metavar": "NAME"}
-    parser.add_argument("--peers", help=f"beside them, of {', '.join(PEERS)}", **peers)
+    parser.add_argument("--peers", help=f"of {', '.join(map(repr, PEERS))}", **peers)
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="of the scenes")
     parser.add_argument("--out", type=Path, default=Path("out/benchmark"), metavar="DIR")
     options = parser.parse_args()
