@@ -75,8 +75,6 @@ def is_collide(vertices1, vertices2):
     Hulls that touch within rounding collide, with a depth of 0. Without a collision, the last three
     results are zero and read-only.
 
-    Parameters
-    ----------
     vertices1, vertices2 : (n1, 3), (n2, 3), in any order; interior points are allowed
 
     Returns
@@ -87,10 +85,8 @@ def is_collide(vertices1, vertices2):
         that of hull 2; if an edge or a face lies flat on the other hull, it is the centroid of
         their overlap. intPosition + depth · intNormal lies on the surface of hull 1
 
-    Raises
-    ------
-    ValueError : points are flat (thinner than a millionth of their length), not finite or beyond
-        ±1e12, or one set is over 1e12 times as large as the other
+    Raises ValueError if points are flat (thinner than a millionth of their length), not finite or
+    beyond ±1e12, or one set is over 1e12 times as large as the other.
     """
     points = [checked_points(vertices) for vertices in (vertices1, vertices2)]
     centres = [0.5 * (p.min(axis=0) + p.max(axis=0)) for p in points]
@@ -117,18 +113,13 @@ def is_collide(vertices1, vertices2):
 def collide_rotated(rotated1, rotated2, t, axis=None):
     """Tests two rotated hulls for collision, for a simulation that caches hulls and rotations.
 
-    Parameters
-    ----------
     rotated1, rotated2 : `RBSFunctions.RotatedHull`
     t : tuple of 3, centre of the second minus centre of the first
     axis : tuple of 3, unit, a possible separating axis; it saves time without changing results
 
-    Returns
-    -------
-    isCollision, depth, normal : bool; float ≥ 0; tuple of 3, unit, axis of penetration or
-        separation
-    point : tuple of 3, the point of hull 2 deepest inside hull 1, relative to the centre of hull 2;
-        None without a collision
+    Returns `(isCollision, depth, normal, point)`: normal is a tuple of 3, the unit axis of
+    penetration or separation; point, the point of hull 2 deepest inside hull 1, is a tuple of 3,
+    relative to the centre of hull 2, or None without a collision.
     """
     hull1, hull2 = rotated1.hull, rotated2.hull
     size = hull1.radius + hull2.radius
@@ -171,11 +162,6 @@ def _collide(hulls, t, tolerance, patchTolerance, axis=None):
     return True, max(penetration, 0.0), normal, tuple(points[:, 0].tolist())
 
 
-# --------------------------------------------------------------------------------------------------
-# GJK
-# --------------------------------------------------------------------------------------------------
-
-
 def separating_axis(vertices1, vertices2, t, gap):
     """Searches with GJK for an axis that separates two hulls by more than a gap, a length ≥ 0.
 
@@ -209,28 +195,21 @@ def nearest_face(simplex):
     simplex : up to four points, tuples of 3. A face is a corner, an edge or a triangle, or the
         whole tetrahedron if it contains the origin
     """
-    if len(simplex) == 4 and _holds_origin(simplex):
-        return simplex, (0.0, 0.0, 0.0)
     found = [((p,), p) for p in simplex]
     for p, q in itertools.combinations(simplex, 2):
         d = sub(q, p)
         along = -dot(p, d)
         if 0.0 < along < dot(d, d):
             found.append(((p, q), mul_add(p, along / dot(d, d), d)))
-    for a, b, c in itertools.combinations(simplex, 3):
+    isWithin = len(simplex) == 4
+    for k, (a, b, c) in enumerate(itertools.combinations(simplex, 3)):
         n = cross(sub(b, a), sub(c, a))
         # a corner's barycentric weight is the area that the projected origin spans with the other
         # two
         if min(dot(cross(b, c), n), dot(cross(c, a), n), dot(cross(a, b), n)) > 0.0:
             found.append(((a, b, c), scale(dot(a, n) / dot(n, n), n)))
+        # the other corner of a tetrahedron and the origin lie on the same side of the triangle
+        isWithin = isWithin and dot(a, n) * dot(sub(simplex[3 - k], a), n) < 0.0
+    if isWithin:
+        return simplex, (0.0, 0.0, 0.0)
     return min(found, key=lambda face: dot(face[1], face[1]))
-
-
-def _holds_origin(tetrahedron):
-    """Whether each corner of a tetrahedron is on the origin's side of the opposite face."""
-    for p in tetrahedron:
-        a, b, c = (corner for corner in tetrahedron if corner is not p)
-        n = cross(sub(b, a), sub(c, a))
-        if dot(a, n) * dot(sub(p, a), n) >= 0.0:
-            return False
-    return True

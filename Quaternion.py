@@ -84,17 +84,10 @@ def rotation_matrices(q):
     wx, wy, wz = w * xs, w * ys, w * zs
     xx, xy, xz = x * xs, x * ys, x * zs
     yy, yz, zz = y * ys, y * zs, z * zs
-    return (
-        1.0 - (yy + zz),
-        xy - wz,
-        xz + wy,
-        xy + wz,
-        1.0 - (xx + zz),
-        yz - wx,
-        xz - wy,
-        yz + wx,
-        1.0 - (xx + yy),
-    )
+    row0 = 1.0 - (yy + zz), xy - wz, xz + wy
+    row1 = xy + wz, 1.0 - (xx + zz), yz - wx
+    row2 = xz - wy, yz + wx, 1.0 - (xx + yy)
+    return row0 + row1 + row2
 
 
 def QMult(q1, q2):
@@ -118,24 +111,14 @@ def QInv(q):
 def QRotate(q, v):
     """Rotates vectors by quaternions: q v q⁻¹.
 
-    Parameters
-    ----------
     q : (1, 4), one rotation for all vectors, or (n, 4), one per vector
     v : (n, 3), or (1, 3), which each of n quaternions rotates
 
-    Returns
-    -------
-    (n, 3)
+    Returns (n, 3).
     """
-    r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation_matrices(_components(q, 4))
+    r = rotation_matrices(_components(q, 4))
     x, y, z = _components(v, 3)
-    return _rows(
-        (
-            r00 * x + r01 * y + r02 * z,
-            r10 * x + r11 * y + r12 * z,
-            r20 * x + r21 * y + r22 * z,
-        )
-    )
+    return _rows([r[k] * x + r[k + 1] * y + r[k + 2] * z for k in (0, 3, 6)])
 
 
 def QExp(q):

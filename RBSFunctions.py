@@ -22,7 +22,6 @@ import math
 import reprlib
 from dataclasses import dataclass
 from typing import NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -31,6 +30,7 @@ from Quaternion import exponential, multiply, rotation_matrices
 from rbs.geometry import vectors
 from rbs.geometry.hulls import build_hull, rotate_columns
 from rbs.geometry.triples import (
+    ZERO,
     add,
     cross,
     divide,
@@ -49,32 +49,19 @@ from rbs.stepping.bodies import (
     GRAVITY as GRAVITY,
     check_distinct,
     check_numbers,
-    check_objects,
     gyroscopic_velocity,
-    named_faults,
-    restored_on_error,
     state_columns,
+    undone_on_error,
 )
 from rbs.stepping.reports import GROUND, StepReport
 
 # Methods of Mesh that the loop over all pairs calls, and the other steps do not.
-STEP_METHODS = (
-    "integrate_timestep",
-    "apply_gyroscopic_term",
-    "bounding_box_collision",
-    "detect_collision",
-    "lowest_vertex",
-    "get_rotated_inv_IT",
-)
+STEP_METHODS = "bounding_box_collision detect_collision lowest_vertex get_rotated_inv_IT".split()
+STEP_METHODS += "integrate_timestep apply_gyroscopic_term".split()
 # Normal of the ground, pointing into the body. The penetration depth there is negative to match.
 UPWARDS = (0.0, 1.0, 0.0)
 # Direction that separates coincident constraint points, for which no direction is preferred.
 COINCIDENT_DIRECTION = (0.0, 1.0, 0.0)
-
-
-# --------------------------------------------------------------------------------------------------
-# The step
-# --------------------------------------------------------------------------------------------------
 
 
 def run_timestep(
@@ -102,42 +89,22 @@ def run_timestep(
     Parameters
     ----------
     meshes : list of Mesh
-    groundMesh : Mesh or None
-        A fixed mesh without vertices, which stands for y ≤ 0; None for free space.
-    timeStep : float
-        Seconds ≥ 0. Collisions are detected after the motion, so that fast bodies may tunnel.
-    CRCoeff, closingOnly, mu : float, bool, float
-        See `resolve_collision`.
-    enforceConstraints : bool
-        False ignores the constraints.
-    constraints : list of [m1, v1, m2, v2, refValue, upper]
-        The distance between rest vertex v1 of meshes[m1] and rest vertex v2 of meshes[m2] is at
-        most refValue if upper, otherwise at least.
-    maxIterations : int
-        Maximum number of constraint visits. Each constraint is visited at least once.
-    tolerance : float
-        Length by which a constraint may be violated before it is corrected, and speed at which its
-        distance may then still change.
-    constraintScheduling : {"sweep", "queue", "batches"}
-        "sweep" visits the constraints in order until all in a row are satisfied; "queue" skips
-        visits that cannot change anything, with bitwise identical results; "batches" suits hundreds
-        of constraints, and reaches another state within the same bounds.
-    broadPhase : {"all", "grid"}
-        "all" detects and resolves pair by pair; "grid" gives bitwise identical results with uniform
-        grids and batches of pairs, which suits hundreds of bodies. Only "all" calls methods that a
-        subclass of Mesh overrides.
-    contactSolver : {"impulse", "soft-step"}
-        "impulse" resolves one contact after the other; "soft-step" solves all contacts and
-        constraints together, with several points per contact, so that piles rest.
-    substeps, sleeping : int, bool
-        Of the soft step: number of substeps ≥ 1, and whether bodies at rest are skipped until they
-        are disturbed. See rbs/softstep/step.py.
-    gyroscopic : bool
-        True lets spinning bodies tumble in free flight, by Euler's equations.
-    solverState : rbs.softstep.step.SolverState or None
-        Carried from one soft step to the next and changed in place; None starts cold.
-    gravity : three floats
-        Acceleration of free fall in m/s².
+    groundMesh : fixed Mesh without vertices, which stands for y ≤ 0, or None for free space
+    timeStep : seconds ≥ 0. Collisions are detected after the motion, so that fast bodies may tunnel
+    CRCoeff, closingOnly, mu : see `resolve_collision`
+    enforceConstraints : False ignores the constraints
+    constraints : list of [m1, v1, m2, v2, refValue, upper]. The distance between rest vertex v1 of
+        meshes[m1] and rest vertex v2 of meshes[m2] is at most refValue if upper, otherwise at least
+    maxIterations : most constraint visits; each constraint is visited at least once
+    tolerance : length by which a constraint may be violated before it is corrected, and speed at
+        which its distance may then still change
+    constraintScheduling, broadPhase, contactSolver : names, see rbs/stepping/settings.py. Only the
+        default step calls methods that a subclass of Mesh overrides
+    substeps, sleeping : of the soft step, see rbs/stepping/settings.py
+    gyroscopic : True lets spinning bodies tumble in free flight, by Euler's equations
+    solverState : SolverState of rbs/softstep/step.py, carried from one soft step to the next and
+        changed in place; None starts cold
+    gravity : three floats, acceleration of free fall in m/s²
 
     Returns
     -------
@@ -145,36 +112,32 @@ def run_timestep(
 
     Raises
     ------
-    TypeError, ValueError
-        If an argument is invalid, a mesh is listed twice, a constraint refers to a mesh or vertex
-        that does not exist, or a subclass of Mesh overrides a method that would not be called.
-    rbs.stepping.bodies.StateError
-        If a number would become NaN, infinite or absurdly large.
+    TypeError, ValueError : an argument is invalid, a mesh is listed twice, a constraint refers to a
+        mesh or vertex that does not exist, or a subclass of Mesh overrides a method that would not
+        be called
+    rbs.stepping.bodies.StateError : a number would become NaN, infinite or absurdly large
     """
     from rbs.stepping.settings import check_arguments
 
     checked = check_arguments(locals())
-    timeStep, contact = checked["timeStep"], (checked["CRCoeff"], closingOnly, checked["mu"])
+    contact = checked["CRCoeff"], closingOnly, checked["mu"]
     flight = gyroscopic, checked["gravity"]
+    arguments = meshes, groundMesh, checked["timeStep"], *contact, *flight
     constraints = constraints if enforceConstraints else ()
-    check_objects(groundMesh, solverState)
     isSoft, isGrid = contactSolver == "soft-step", broadPhase == "grid"
     # the soft step, and the grid step without constraints, change nothing if they fail
     mayBeHalfDone = not isSoft and (not isGrid or len(constraints) > 0)
-    with named_faults(meshes), restored_on_error(meshes if mayBeHalfDone else ()):
+    with undone_on_error(meshes, mayBeHalfDone):
+        step = all_pairs_step
+        if isSoft or isGrid:
+            check_methods(meshes, contactSolver if isSoft else broadPhase)
         if isSoft:
             from rbs.softstep.step import soft_step
 
-            check_methods(meshes, contactSolver)
-            solver = checked["substeps"], sleeping, solverState
-            return soft_step(meshes, groundMesh, timeStep, *contact, *flight, constraints, *solver)
+            return soft_step(*arguments, constraints, checked["substeps"], sleeping, solverState)
         if isGrid:
-            from rbs.stepping.gridstep import grid_step
-
-            check_methods(meshes, broadPhase)
-            report = grid_step(meshes, groundMesh, timeStep, *contact, *flight)
-        else:
-            report = all_pairs_step(meshes, groundMesh, timeStep, *contact, *flight)
+            from rbs.stepping.gridstep import grid_step as step
+        report = step(*arguments)
         with report.phase("constraints"):
             report.constraintVisits = project_constraints(
                 meshes, constraints, maxIterations, checked["tolerance"], constraintScheduling
@@ -258,52 +221,40 @@ class Mesh:
     Parameters
     ----------
     name : str
-    origVertices : array (V, 3)
-        Rest vertices. They are translated so that the COM is the origin, and then constant.
-    faces : array (F, 3) of int
-        Boundary triangles, counter-clockwise seen from outside.
-    tets : array (T, 4) of int
-        Tetrahedra that fill the body without overlap, in either orientation.
-    density : float
-        Mass per volume, > 0.
-    position : array (1, 3)
-        COM in the world.
-    orientation : array (1, 4)
-        Quaternion from rest to world, not zero; normalised on entry.
-    isFixed : bool
-        A fixed mesh has infinite mass and never moves.
+    origVertices : (V, 3), rest vertices. They are translated so that the COM is the origin, and
+        then constant
+    faces : (F, 3) int, boundary triangles, counter-clockwise seen from outside
+    tets : (T, 4) int, tetrahedra that fill the body without overlap, in either orientation
+    density : mass per volume, > 0
+    position : (1, 3), COM in the world
+    orientation : (1, 4), quaternion from rest to world, not zero; normalised on entry
+    isFixed : bool; a fixed mesh has infinite mass and never moves
 
     Attributes
     ----------
-    currVertices : array (V, 3)
-        Vertices in the world, at the present pose.
-    linVelocity, angVelocity : array (1, 3)
-        Velocity of the COM, and angular velocity in rad/s, world axes.
-    mass, invMass : float
-        invMass is 0 if the mesh is fixed.
-    IT, invIT : array (3, 3)
-        Inertia tensor about the COM at rest, and its inverse, 0 if the mesh is fixed.
-    volume, hullVolume : float
-        Of the tetrahedra, and of the convex hull, which is what collides.
+    currVertices : (V, 3), vertices in the world, at the present pose
+    linVelocity, angVelocity : (1, 3), velocity of the COM, and angular velocity in rad/s
+    mass, invMass : floats; invMass is 0 if the mesh is fixed
+    IT, invIT : (3, 3), inertia tensor about the COM at rest, and its inverse, 0 if fixed
+    volume, hullVolume : of the tetrahedra, and of the convex hull, which is what collides
     hull : rbs.geometry.hulls.Hull
-    cachedAxes : mapping
-        Per other mesh, the axis of separation or of least penetration last found.
+    cachedAxes : dict, by the id of another mesh: the axis of separation or of least penetration
+        last found, from which the next search starts. It has no effect on results
 
     Raises
     ------
-    ValueError
-        If an argument has the wrong shape or value, an index is out of range, or vertices have no
-        mass.
+    ValueError : an argument has the wrong shape or value, an index is out of range, or vertices
+        have no mass
     """
 
     def __init__(self, name, origVertices, faces, tets, density, position, orientation, isFixed):
         self.name = name
-        self.origVertices = self._table("origVertices", origVertices, 3)
-        self.faces = self._table("faces", faces, 3, np.int64)
-        self.tets = self._table("tets", tets, 4, np.int64)
-        self.density = float(self._entry("density", density, 1)[0, 0])
-        self.position = self._entry("position", position, 3)
-        self.orientation = self._entry("orientation", orientation, 4)
+        self.origVertices = self._numbers("origVertices", origVertices, 3)
+        self.faces = self._numbers("faces", faces, 3, dtype=np.int64)
+        self.tets = self._numbers("tets", tets, 4, dtype=np.int64)
+        self.density = float(self._numbers("density", density, 1, 1)[0, 0])
+        self.position = self._numbers("position", position, 3, 1)
+        self.orientation = self._numbers("orientation", orientation, 4, 1)
         length = math.hypot(*self.orientation[0].tolist())
         if not 0 < length < math.inf:
             raise ValueError(f"mesh {name}: the orientation is zero or not finite")
@@ -316,8 +267,10 @@ class Mesh:
         if len(self.origVertices) > 0:
             self._init_mass_properties()
         self.isFixed = isFixed
-        self._forget_pose()
-        self.cachedAxes = WeakKeyDictionary()
+        self.cachedAxes = {}
+        # kept until the pose changes, each after the bytes of its pose, which a change in place
+        # changes as well
+        self._rotatedHull = self._boundingBox = self._currVertices = None, None
 
     @classmethod
     def from_surface(
@@ -332,25 +285,12 @@ class Mesh:
     ):
         """Makes a body of a closed surface, as SciPy's ConvexHull or trimesh have one.
 
-        Parameters
-        ----------
-        name, density, orientation, isFixed
-            As for `Mesh`.
-        vertices : array (V, 3)
-            In metres. Vertices without a face are left out.
-        faces : array (F, 3) of int
-            Triangles, with their corners in any order.
-        position : array (1, 3) or None
-            COM in the world; None leaves the body where the vertices are.
+        vertices : (V, 3), in metres; those without a face are left out
+        faces : (F, 3) int, triangles, with their corners in any order
+        position : (1, 3), COM in the world; None leaves the body where the vertices are
 
-        Returns
-        -------
-        Mesh
-
-        Raises
-        ------
-        ValueError
-            If the surface is not closed, or no point inside sees all of it.
+        The rest is as for `Mesh`. Raises ValueError if the surface is not closed, or no point
+        inside sees all of it.
         """
         from rbs.geometry.surfaces import fill_surface, orient_surface
 
@@ -363,7 +303,7 @@ class Mesh:
             raise ValueError(f"mesh {name}: {error}") from None
         mesh = cls(name, vertices, faces, tets, density, (0.0, 0.0, 0.0), orientation, isFixed)
         centre = vertices[-1] - mesh.origVertices[-1]
-        mesh.position = mesh._entry("position", centre if position is None else position, 3)
+        mesh.position = mesh._numbers("position", centre if position is None else position, 3, 1)
         return mesh
 
     def __repr__(self):
@@ -372,32 +312,21 @@ class Mesh:
         where = f"({x:.4g}, {y:.4g}, {z:.4g})"
         return f"Mesh({self.name!r}, {len(self.origVertices)} vertices, {mass}, at {where})"
 
-    def _table(self, what, rows, width, dtype=np.float64):
-        """Returns a copy of `rows` as (n, width); raises ValueError if it is anything else."""
+    def _numbers(self, what, value, width, count=None, dtype=np.float64):
+        """Returns a copy of finite numbers as (count, width), or (n, width); raises ValueError."""
         try:
-            table = np.array(rows, dtype=np.float64)
+            array = np.array(value, dtype=np.float64)
+            if count or array.size == 0:
+                array = array.reshape(count or 0, width)
         except (TypeError, ValueError):
-            table = np.array(np.nan)
-        if table.size == 0:
-            return np.empty((0, width), dtype)
-        if table.ndim != 2 or table.shape[1] != width:
-            found = f"of shape {table.shape}" if table.ndim else reprlib.repr(rows)
-            raise ValueError(f"mesh {self.name}: {what} must be (n, {width}), not {found}")
-        if not np.isfinite(table).all() or (table != table.astype(dtype)).any():
+            array = np.array(np.nan)
+        isFitting = array.ndim == 2 and array.shape[1] == width and np.isfinite(array).all()
+        if not isFitting or (array != array.astype(dtype)).any():
             kind = "finite" if dtype is np.float64 else "whole"
-            raise ValueError(f"mesh {self.name}: {what} must be {kind} numbers")
-        return table.astype(dtype)
-
-    def _entry(self, what, value, width):
-        """`width` finite numbers as (1, width); raises ValueError if it is anything else."""
-        try:
-            row = np.array(value, dtype=np.float64).reshape(1, width)
-        except (TypeError, ValueError):
-            row = np.array(np.nan)
-        if not np.isfinite(row).all():
-            count = "a finite number" if width == 1 else f"{width} finite numbers"
-            raise ValueError(f"mesh {self.name}: {what} must be {count}, not {reprlib.repr(value)}")
-        return row
+            kind = f"{'' if count else 'rows of '}{width} {kind} number{'s' * (width > 1)}"
+            found = " ".join(reprlib.repr(value).split())
+            raise ValueError(f"mesh {self.name}: {what} must be {kind}, not {found}")
+        return array.astype(dtype)
 
     def _init_mass_properties(self):
         """Sets volume, mass and IT, centres the rest vertices on the COM, and builds the hull.
@@ -467,27 +396,17 @@ class Mesh:
     def apply_gyroscopic_term(self, timeStep):
         """Applies the gyroscopic torque to the angular velocity; see `gyroscopic_velocity`."""
         if self.invMass != 0.0:
-            angVelocity = gyroscopic_velocity(
-                floats(self.angVelocity, 3),
-                floats(self.orientation, 4),
-                floats(self.IT, 9),
-                number(timeStep),
-            )
-            self.angVelocity = _row(angVelocity)
+            state = floats(self.angVelocity, 3), floats(self.orientation, 4), floats(self.IT, 9)
+            self.angVelocity = _row(gyroscopic_velocity(*state, number(timeStep)))
 
     def bounding_box_collision(self, m):
         """Whether the axis-aligned boxes of this mesh and of m overlap or touch."""
         a, b = self.bounding_box(), m.bounding_box()
         if a is None or b is None:
             return False
-        return (
-            a[0] <= b[3]
-            and b[0] <= a[3]
-            and a[1] <= b[4]
-            and b[1] <= a[4]
-            and a[2] <= b[5]
-            and b[2] <= a[5]
-        )
+        if a[0] > b[3] or b[0] > a[3] or a[1] > b[4] or b[1] > a[4]:
+            return False
+        return a[2] <= b[5] and b[2] <= a[5]
 
     def detect_collision(self, m):
         """Tests the convex hulls of this mesh and of m for collision at their present poses.
@@ -499,10 +418,11 @@ class Mesh:
         if not self.bounding_box_collision(m) or (self.isFixed and m.isFixed):
             return GJK.NO_COLLISION
         position1, position2 = floats(self.position, 3), floats(m.position, 3)
+        t, axis = sub(position2, position1), self.cachedAxes.get(id(m))
         isCollision, depth, normal, point = GJK.collide_rotated(
-            self.rotated_hull(), m.rotated_hull(), sub(position2, position1), self.cachedAxes.get(m)
+            self.rotated_hull(), m.rotated_hull(), t, axis
         )
-        self.cachedAxes[m] = normal
+        self.cachedAxes[id(m)] = normal
         if not isCollision:
             return GJK.NO_COLLISION
         return True, depth, _row(normal), _row(add(point, position2))
@@ -514,8 +434,10 @@ class Mesh:
         """
         if self.isFixed:
             return None
-        vertices = self.currVertices
-        return vertices[vertices[:, 1].argmin()].copy()
+        vertices = self.rotated_hull().vertices
+        x, y, z = floats(self.position, 3)
+        column = (vertices[1] + y).argmin()
+        return vertices[:, column] + (x, y, z)
 
     def get_rotated_inv_IT(self):
         """Inverse inertia tensor in world axes, R I⁻¹ Rᵀ: (3, 3)."""
@@ -535,13 +457,8 @@ class Mesh:
     def body_state(self):
         """Returns the `Body` on which contacts and constraints operate."""
         invInertia = np.zeros((3, 3)) if self.isFixed else self.get_rotated_inv_IT()
-        return Body(
-            float(self.invMass),
-            floats(invInertia, 9),
-            floats(self.position, 3),
-            floats(self.linVelocity, 3),
-            floats(self.angVelocity, 3),
-        )
+        state = (floats(v, 3) for v in (self.position, self.linVelocity, self.angVelocity))
+        return Body(float(self.invMass), floats(invInertia, 9), *state)
 
     def set_body_state(self, body):
         """Stores the position and velocities of a `Body`. An immovable mesh does not change."""
@@ -551,76 +468,38 @@ class Mesh:
         self.linVelocity = _row(body.linVelocity)
         self.angVelocity = _row(body.angVelocity)
 
-    # Quantities that depend on the pose are computed on demand and cached until position or
-    # orientation changes. Comparing their bytes also notices changes in place.
+    def pose(self):
+        """Returns the bytes of position and orientation."""
+        return self.position.tobytes() + self.orientation.tobytes()
 
     def rotated_hull(self):
         """Returns the `RotatedHull` at the present orientation; None without vertices."""
-        self._follow_pose()
-        if self._rotatedHull is None and self.hull is not None:
-            self._rotatedHull = RotatedHull(self)
-        return self._rotatedHull
+        orientation = self.orientation.tobytes()
+        if self._rotatedHull[0] != orientation and self.hull is not None:
+            self._rotatedHull = orientation, RotatedHull(self)
+        return self._rotatedHull[1]
 
     def bounding_box(self):
         """Returns the least and greatest x, y, z of the hull in the world: six floats, or None."""
-        if (
-            self._boundingBox is None
-            or self.position.tobytes() != self._positionKey
-            or self.orientation.tobytes() != self._orientationKey
-        ) and self.hull is not None:
+        pose = self.position.tobytes() + self.orientation.tobytes()
+        if self._boundingBox[0] != pose and self.hull is not None:
             rotated, position = self.rotated_hull(), floats(self.position, 3)
-            self._boundingBox = add(rotated.low, position) + add(rotated.high, position)
-        return self._boundingBox
+            self._boundingBox = pose, add(rotated.low, position) + add(rotated.high, position)
+        return self._boundingBox[1]
 
     @property
     def currVertices(self):
-        """Vertices in the world (V, 3), read-only unless assigned; they follow from the pose."""
-        self._follow_pose()
-        if self._currVertices is None:
-            rotated = self.rotated_hull()
-            rows = self.origVertices.T if rotated is None else rotated.vertices
-            rows = rows + np.reshape(self.position, (3, 1))
-            self._currVertices = np.ascontiguousarray(rows.T)
-            self._currVertices.flags.writeable = False
-        return self._currVertices
+        """Vertices in the world (V, 3), read-only unless assigned; they follow from the pose.
+
+        An assignment replaces them until the pose changes.
+        """
+        if self._currVertices[0] != self.pose():
+            refresh_vertices([self])
+        return self._currVertices[1]
 
     @currVertices.setter
     def currVertices(self, vertices):
-        """Replaces the vertices until position or orientation changes."""
-        self._follow_pose()
-        self._currVertices = vertices
-
-    def _follow_pose(self):
-        """Invalidates what was cached for another position or orientation."""
-        position, orientation = self.position.tobytes(), self.orientation.tobytes()
-        if orientation != self._orientationKey:
-            self._forget_pose()
-            self._positionKey, self._orientationKey = position, orientation
-        elif position != self._positionKey:
-            self._positionKey, self._boundingBox, self._currVertices = position, None, None
-
-    def _forget_pose(self):
-        self._positionKey = self._orientationKey = None
-        self._rotatedHull = self._boundingBox = self._currVertices = None
-
-    def __getstate__(self):
-        """Returns the attributes without the caches, for copies and pickles."""
-        return {name: value for name, value in vars(self).items() if name not in _KEPT_NAMES}
-
-    def __setstate__(self, state):
-        self.__dict__.update(state)
-        self._forget_pose()
-        self.cachedAxes = WeakKeyDictionary()
-
-
-_KEPT_NAMES = (
-    "_positionKey",
-    "_orientationKey",
-    "_rotatedHull",
-    "_boundingBox",
-    "_currVertices",
-    "cachedAxes",
-)
+        self._currVertices = self.pose(), vertices
 
 
 def ground():
@@ -633,22 +512,23 @@ def refresh_vertices(meshes):
 
     Returns the currVertices of all meshes, concatenated: (ΣV, 3), read-only.
     """
-    for m in meshes:
-        m._follow_pose()
-    stale = [m for m in meshes if m._currVertices is None]
+    poses = [m.pose() for m in meshes]
+    stale = [k for k, m in enumerate(meshes) if m._currVertices[0] != poses[k]]
     if stale:
-        counts = np.array([len(m.origVertices) for m in stale])
-        columns = state_columns(stale)
+        some = [meshes[k] for k in stale]
+        counts = np.array([len(m.origVertices) for m in some])
+        columns = state_columns(some)
         rotation = np.stack(rotation_matrices(columns["orientation"]))
-        rest = np.concatenate([m.origVertices for m in stale]).T
+        rest = np.concatenate([m.origVertices for m in some]).T
         vertices = rotate_columns(rotation, rest, counts)
         vertices = np.ascontiguousarray((vertices + columns["position"].repeat(counts, axis=1)).T)
         vertices.flags.writeable = False
-        for m, end in zip(stale, counts.cumsum().tolist(), strict=True):
-            m._currVertices = vertices[end - len(m.origVertices) : end]
+        for k, end in zip(stale, counts.cumsum().tolist(), strict=True):
+            m = meshes[k]
+            m._currVertices = poses[k], vertices[end - len(m.origVertices) : end]
         if len(stale) == len(meshes):
             return vertices
-    return np.concatenate([np.empty((0, 3)), *(m._currVertices for m in meshes)])
+    return np.concatenate([np.empty((0, 3)), *(m._currVertices[1] for m in meshes)])
 
 
 def _row(value):
@@ -659,8 +539,6 @@ def _row(value):
 # --------------------------------------------------------------------------------------------------
 # Contacts
 # --------------------------------------------------------------------------------------------------
-
-NO_FRICTION = (0.0, 0.0, 0.0)
 
 
 @dataclass(slots=True)
@@ -700,37 +578,21 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     Parameters
     ----------
     m1, m2 : Mesh
-    depth : float
-        Penetration depth. A negative one moves the meshes the opposite way, as for the ground,
-        whose normal points into the mesh.
-    contactNormal : array (1, 3)
-        Unit vector; m2 moves along it, m1 against it.
-    penPoint : array (1, 3)
-        The point of m2 deepest inside m1.
-    CRCoeff : float
-        Coefficient of restitution e, 0 (no bounce) to 1 (no loss). The formula holds outside this
-        range, too: e > 1 adds energy, and e < 0 keeps the fraction -e of the closing speed.
-    closingOnly : bool
-        True applies no impulse to bodies that already separate. False, as in the coursework's
-        reference, applies it whatever the sign of the closing speed.
-    mu : float
-        Coefficient of friction ≥ 0. It limits the friction impulse to mu times the normal impulse.
+    depth : penetration depth. A negative one moves the meshes the opposite way, as for the ground,
+        whose normal points into the mesh
+    contactNormal : (1, 3), unit; m2 moves along it, m1 against it
+    penPoint : (1, 3), the point of m2 deepest inside m1
+    CRCoeff : coefficient of restitution e, 0 (no bounce) to 1 (no loss). The formula holds outside
+        this range, too: e > 1 adds energy, and e < 0 keeps the fraction -e of the closing speed
+    closingOnly : True applies no impulse to bodies that already separate. False, as in the
+        coursework's reference, applies it whatever the sign of the closing speed
+    mu : coefficient of friction ≥ 0. It limits the friction impulse to mu times the normal impulse
 
     Returns
     -------
-    ContactImpulses or None
-        None if neither mesh can move; both then stay as they are.
-
-    Raises
-    ------
-    ValueError
-        If CRCoeff is not finite, or mu is negative or not finite.
+    ContactImpulses, or None if neither mesh can move; both then stay as they are
     """
     e, mu = number(CRCoeff), number(mu)
-    if not math.isfinite(e):
-        raise ValueError(f"CRCoeff must be a finite number, not {e:g}")
-    if not 0.0 <= mu < math.inf:
-        raise ValueError(f"mu must be a finite number of 0 or more, not {mu:g}")
     body1, body2 = m1.body_state(), m2.body_state()
     if body1.invMass + body2.invMass == 0.0:
         return None
@@ -754,7 +616,7 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     receive_impulse(body1, -j, n, turning1)
     receive_impulse(body2, j, n, turning2)
 
-    friction = apply_friction(body1, body2, r1, r2, n, mu * j) if mu else NO_FRICTION
+    friction = apply_friction(body1, body2, r1, r2, n, mu * j) if mu else ZERO
     m1.set_body_state(body1)
     m2.set_body_state(body2)
     return ContactImpulses(j, friction, r1)
@@ -834,22 +696,16 @@ def resolve_position_constraint(
 
     Parameters
     ----------
-    currPositions, currConstPoints : pairs of arrays (1, 3)
-        The COMs, and the points p1 and p2.
-    refValue : float
-        Length ≥ 0.
-    invMasses : pair of floats
-        Inverse masses, 0 if immovable. Two immovable bodies stay as they are.
-    upper : bool
-        An upper bound is valid if C ≤ tolerance, a lower one if C ≥ -tolerance.
-    tolerance : float
-        Length.
+    currPositions, currConstPoints : pairs of arrays (1, 3), the COMs, and the points p1 and p2
+    refValue : length ≥ 0
+    invMasses : pair of inverse masses, 0 if immovable. Two immovable bodies stay as they are
+    upper : an upper bound is valid if C ≤ tolerance, a lower one if C ≥ -tolerance
+    tolerance : length
 
     Returns
     -------
     positionWasValid : bool
-    correctedPositions : pair of arrays (1, 3)
-        New COMs.
+    correctedPositions : pair of arrays (1, 3), new COMs
     """
     (x1, x2), (p1, p2) = floats_of(currPositions), floats_of(currConstPoints)
     invMass1, invMass2 = number(invMasses[0]), number(invMasses[1])
@@ -880,13 +736,10 @@ def resolve_velocity_constraint(
 
     Parameters
     ----------
-    currPositions, currConstPoints, invMasses
-        As for `resolve_position_constraint`.
+    currPositions, currConstPoints, invMasses : as for `resolve_position_constraint`
     currLinVelocities, currAngVelocities : pairs of arrays (1, 3)
-    invInertiaTensors : pair of arrays (3, 3)
-        Inverse inertia tensors in world axes.
-    tolerance : float
-        Speed. The velocities are valid if |J v| ≤ tolerance.
+    invInertiaTensors : pair of arrays (3, 3), inverse inertia tensors in world axes
+    tolerance : speed. The velocities are valid if |J v| ≤ tolerance
 
     Returns
     -------
@@ -908,11 +761,8 @@ def resolve_velocity_constraint(
         j = Jv / (k1 + k2)
         receive_impulse(body1, -j, n, turning1)
         receive_impulse(body2, j, n, turning2)
-    return (
-        wasValid,
-        Pair(body1.linVelocity, body2.linVelocity),
-        Pair(body1.angVelocity, body2.angVelocity),
-    )
+    linVelocities = Pair(body1.linVelocity, body2.linVelocity)
+    return wasValid, linVelocities, Pair(body1.angVelocity, body2.angVelocity)
 
 
 class Pair:
@@ -930,11 +780,11 @@ class Pair:
     def __len__(self):
         return 2
 
-    def __getitem__(self, k):
-        return np.reshape(self.floats[k], self.shape)
-
     def __iter__(self):
         return iter((self[0], self[1]))
+
+    def __getitem__(self, k):
+        return np.reshape(self.floats[k], self.shape)
 
 
 def floats_of(pair, count=3):
@@ -973,17 +823,10 @@ def project_constraints(meshes, constraints, maxIterations, tolerance, schedulin
     ends = np.unique(np.concatenate((rows.body1, rows.body2))).tolist()
     bodies = {b: meshes[b].body_state() for b in ends}
     vertices = {b: meshes[b].rotated_hull().vertices for b in ends}
-    ties = {
-        c: (
-            bodies[b1],
-            tuple(vertices[b1][:, v1].tolist()),
-            bodies[b2],
-            tuple(vertices[b2][:, v2].tolist()),
-            refValue,
-            upper,
-        )
-        for c, b1, v1, b2, v2, refValue, upper in table
-    }
+    ties = {}
+    for c, b1, v1, b2, v2, refValue, upper in table:
+        r1, r2 = (tuple(vertices[b][:, v].tolist()) for b, v in ((b1, v1), (b2, v2)))
+        ties[c] = bodies[b1], r1, bodies[b2], r2, refValue, upper
 
     def visit(c):
         """Checks constraint c, corrects it if it is violated, and returns whether it was."""

@@ -21,64 +21,32 @@ from rbs.appearance.drawables import flatten_meshes
 from rbs.appearance.gltf import GltfWriter
 from rbs.appearance.pictureoptions import (
     FASTEST_ENCODER,
-    LOOKS,
-    PICTURE_SIZE,
     SLOWEST_VIDEO,
     PictureOptions,
     video_timing,
 )
 from rbs.pictures.backends import find_backend
-from rbs.program.headless import (
-    SIGNAL_NAMES,
-    interrupt,
-    run_without_window,
-    signals_handled,
-    step_progress,
-)
+from rbs.program import headless, options as commandLine
 from rbs.program.notebook import Simulation
 from rbs.program.opening import list_files, open_replay
-from rbs.program.options import (
-    DEFAULT_EVERY,
-    DEFAULT_SCENE,
-    DEFAULT_STEPS,
-    SETTING_OPTIONS,
-    WITHOUT_WINDOW,
-    given_settings,
-    option_name,
-    parse_options,
-)
+from rbs.program.options import given_settings
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.program.suggestions import SceneOpener, apply_settings, note_recommended
 from rbs.recordings.recording import Recorder, Recording, RecordingError
 from rbs.recordings.replay import check_functions, resume, verify
 from rbs.recordings.statistics import PlotWriter, StatsWriter, step_quantities
+from rbs.scenes import scenefiles
 from rbs.scenes.files import check_outputs
 from rbs.scenes.meshfiles import load_mesh_file
 from rbs.scenes.messages import InputError, print_error, reason_of, shown_path
-from rbs.scenes.scenefiles import (
-    NonConvexWarning,
-    find_scene,
-    load_constraint_file,
-    load_scene_file,
-    scene_name,
-)
+from rbs.scenes.scenefiles import load_constraint_file, load_scene_file
 from rbs.scenes.simulation import Simulation as SceneSimulation
 from rbs.stepping.settings import IgnoredSetting, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
 # Names for Python programs. The loaders have the coursework's names.
-__all__ = [
-    "Mesh",
-    "Settings",
-    "Simulation",
-    "flatten_meshes",
-    "ground",
-    "load_constraint_file",
-    "load_mesh_file",
-    "load_scene_file",
-    "main",
-    "run_timestep",
-]
+__all__ = ["Mesh", "Settings", "Simulation", "ground", "main", "run_timestep"]
+__all__ += ["flatten_meshes", "load_constraint_file", "load_mesh_file", "load_scene_file"]
 
 # Number of pictures that are drawn instead of a window if there is no display.
 FALLBACK_PICTURES = 5
@@ -90,9 +58,9 @@ def main(arguments=None):
     Returns the exit code: 0; 1 if --verify finds a difference; 2 for bad input; 3 if a number of a
     run becomes invalid; 130 after Ctrl-C; 143 after kill.
     """
-    options = parse_options(arguments)
-    with warnings.catch_warnings(), signals_handled(interrupt):
-        warnings.simplefilter("always", NonConvexWarning)
+    options = commandLine.parse_options(arguments)
+    with warnings.catch_warnings(), headless.signals_handled(headless.interrupt):
+        warnings.simplefilter("always", scenefiles.NonConvexWarning)
         warnings.showwarning = lambda message, *where: print_error(f"warning: {message}")
         if hasattr(sys.stdout, "reconfigure"):  # the terminal may lack characters of a name
             sys.stdout.reconfigure(errors="backslashreplace")
@@ -106,7 +74,7 @@ def main(arguments=None):
             print_error("not enough memory")
         except KeyboardInterrupt as error:
             number = error.args[0] if error.args else signal.SIGINT
-            print_error(f"stopped by {SIGNAL_NAMES[number]}")
+            print_error(f"stopped by {headless.SIGNAL_NAMES[number]}")
             return 128 + number
     return 2
 
@@ -116,36 +84,23 @@ def run_asked_mode(options):
     SceneSimulation.submitted = None
     if options.functions is not None:
         SceneSimulation.submitted = SubmittedSteps(options.functions, bool(options.our_loop))
-        SceneSimulation.submitted.check_options(
-            {
-                option_name(dest): one.parameter
-                for dest, one in SETTING_OPTIONS.items()
-                if dest in options
-            }
-        )
+        used = [item for item in commandLine.SETTING_OPTIONS.items() if item[0] in options]
+        parameters = {commandLine.option_name(dest): one.parameter for dest, one in used}
+        SceneSimulation.submitted.check_options(parameters)
     if options.verify is not None:
         return verify_as_asked(options)
     simulation = simulation_of(options)
+    outputs = [one for one in "record stats plot video export".split() if one in options]
+    inputs = [one for one in (options.replay, options.resume, options.camera) if one]
     check_outputs(
-        {
-            option_name(one): getattr(options, one)
-            for one in ("record", "stats", "plot", "video", "export")
-            if one in options
-        },
-        [
-            *filter(None, (options.replay, options.resume, options.camera)),
-            *simulation.source.files(),
-        ],
+        {commandLine.option_name(one): getattr(options, one) for one in outputs},
+        inputs + simulation.source.files(),
     )
     pictureOptions = picture_options_of(options)
-    if WITHOUT_WINDOW & set(options):
+    if commandLine.WITHOUT_WINDOW & set(options):
         return run_as_asked(simulation, options, pictureOptions)
-    opener = SceneOpener(
-        simulation,
-        given_settings(options),
-        ignores_recommendations(options),
-        options.allow_outside_meshes,
-    )
+    choices = given_settings(options), ignores_recommendations(options)
+    opener = SceneOpener(simulation, *choices, options.allow_outside_meshes)
     return open_window_or_fall_back(simulation, options, pictureOptions, opener)
 
 
@@ -163,7 +118,7 @@ def simulation_of(options):
             raise InputError(error.inOptions) from None
         return simulation
     simulation = SceneSimulation(
-        find_scene(options.scene or DEFAULT_SCENE),
+        scenefiles.find_scene(options.scene or commandLine.DEFAULT_SCENE),
         constraintPath=options.constraints,
         allowOutsideMeshes=options.allow_outside_meshes,
     )
@@ -199,22 +154,22 @@ def run_as_asked(simulation, options, pictureOptions):
             view = start_view(simulation, backend, pictureOptions)
         if options.screenshots is not None:
             first = simulation.stepCount
-            drawn = range(first, first + steps + 1, options.every or DEFAULT_EVERY)
+            drawn = range(first, first + steps + 1, options.every or commandLine.DEFAULT_EVERY)
             start(PictureSeries(options.screenshots, drawn, view, bool(options.transparent)))
         if options.video is not None:
             if view.studio is not None:
                 view.studio.tell_cost(view, steps // timing[1] + 1)
             start(Video(options.video, view, *timing))
-        if options.record is not None:
-            start(Recorder(options.record))
-        if options.stats is not None:
-            start(StatsWriter(options.stats))
-        if options.plot is not None:
-            start(PlotWriter(options.plot))
-        if options.export is not None:
-            start(GltfWriter(options.export))
+        for path, writer in (
+            (options.record, Recorder),
+            (options.stats, StatsWriter),
+            (options.plot, PlotWriter),
+            (options.export, GltfWriter),
+        ):
+            if path is not None:
+                start(writer(path))
         note_recommended(simulation)
-        return run_without_window(simulation, steps, writers)
+        return headless.run_without_window(simulation, steps, writers)
 
 
 def open_window_or_fall_back(simulation, options, pictureOptions, opener):
@@ -236,14 +191,14 @@ def open_window_or_fall_back(simulation, options, pictureOptions, opener):
     else:
         from rbs.pictures.capture import PictureSeries, start_view
 
-        folder = Path("out") / scene_name(simulation.scenePath)
+        folder = Path("out") / scenefiles.scene_name(simulation.scenePath)
         print_error(f"no window: {backend.reason}. Drawing off-screen into {folder}")
         first, last = simulation.stepCount, simulation.stepCount + steps_of(simulation, options)
         steps = np.linspace(first, last, FALLBACK_PICTURES).round().astype(int).tolist()
         view = start_view(simulation, backend, pictureOptions)
         writers = [PictureSeries(folder, steps, view)]
     note_recommended(simulation)
-    return run_without_window(simulation, steps_of(simulation, options), writers)
+    return headless.run_without_window(simulation, steps_of(simulation, options), writers)
 
 
 def verify_as_asked(options):
@@ -251,7 +206,7 @@ def verify_as_asked(options):
     recording = Recording(options.verify)
     steps = f"steps {recording.firstStep}–{recording.lastStep}"
     check_functions(recording, SceneSimulation.submitted)
-    with step_progress(recording.lastStep - recording.firstStep) as advance:
+    with headless.step_progress(recording.lastStep - recording.firstStep) as advance:
         try:
             wrong = verify(recording, advance)
         except RecordingError as error:
@@ -269,20 +224,15 @@ def verify_as_asked(options):
 
 def picture_options_of(options):
     """Returns the PictureOptions that the options select. Raises CameraError."""
-    camera = None
+    dests = {"size": "size", "transparent": "isTransparent", "colours": "colouring"}
+    dests |= {"legend": "hasLegend", "look": "look"}
+    given = {name: getattr(options, dest) for dest, name in dests.items() if dest in options}
+    given["overlays"] = tuple(options.show or ())
     if options.camera is not None:
         from rbs.pictures.cameras import load_camera
 
-        camera = load_camera(options.camera)
-    return PictureOptions(
-        options.size or PICTURE_SIZE,
-        camera,
-        bool(options.transparent),
-        options.colours or "body",
-        tuple(options.show or ()),
-        bool(options.legend),
-        options.look or LOOKS[0],
-    )
+        given["camera"] = load_camera(options.camera)
+    return PictureOptions(**given)
 
 
 def video_timing_of(simulation, options):
@@ -301,7 +251,7 @@ def steps_of(simulation, options):
     if simulation.isReplay:
         left = simulation.lastStep - simulation.stepCount
         return left if options.steps is None else min(left, options.steps)
-    return DEFAULT_STEPS if options.steps is None else options.steps
+    return commandLine.DEFAULT_STEPS if options.steps is None else options.steps
 
 
 def command():

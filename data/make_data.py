@@ -23,11 +23,11 @@ COORDINATE_DECIMALS = 9
 REFERENCE = 1
 
 
-# ---------------------------------------------------------------------------------------------
-# Meshes. A mesh is a tuple (vertices, faces, tets): (V, 3) float coordinates in metres, and lists
+# ---- Meshes -------------------------------------------------------------------------------------
+
+# A mesh is a tuple (vertices, faces, tets): (V, 3) float coordinates in metres, and lists
 # of (a, b, c) and (a, b, c, d) zero-based vertex indices. Faces are counter-clockwise seen from
 # outside; tetrahedra have det(b - a, c - a, d - a) > 0.
-# ---------------------------------------------------------------------------------------------
 
 
 def fill_convex(vertices, polygons):
@@ -62,19 +62,13 @@ def make_tetrahedron(width, height, depth):
     return fill_convex(vertices, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 
 
+# The sides of a hexahedron: -x, +x, -y, +y, -z and +z.
+SIDES = [[*map(int, side)] for side in "0132 4675 0451 2376 0264 1573".split()]
+
+
 def make_hexahedron(corners):
     """Eight corners with six flat faces, in the order of a box: 4 (x > 0) + 2 (y > 0) + (z > 0)."""
-    return fill_convex(
-        corners,
-        [
-            [0, 1, 3, 2],
-            [4, 6, 7, 5],  # -x, +x
-            [0, 4, 5, 1],
-            [2, 3, 7, 6],  # -y, +y
-            [0, 2, 6, 4],
-            [1, 5, 7, 3],
-        ],
-    )  # -z, +z
+    return fill_convex(corners, SIDES)
 
 
 def make_box(width, height, depth):
@@ -89,64 +83,43 @@ def make_voussoir(count, inner, outer, width):
     The arch is half a ring about the z axis, with radii inner and outer; sizes in metres.
     """
     half = math.pi / (2 * count)
+    corners = itertools.product((-1, 1), (inner, outer), (-width / 2, width / 2))
     return make_hexahedron(
-        [
-            (side * radius * math.sin(half), radius * math.cos(half), z)
-            for side in (-1, 1)
-            for radius in (inner, outer)
-            for z in (-width / 2, width / 2)
-        ]
+        [(side * r * math.sin(half), r * math.cos(half), z) for side, r, z in corners]
     )
+
+
+def make_wedge(profile, slope):
+    """A block of a ring about the y axis, positioned on the x axis.
+
+    profile : four corners (x, y), inner ones first, metres; its sides are at z = ± slope x
+    """
+    return make_hexahedron([(x, y, side * slope * x) for x, y in profile for side in (-1, 1)])
 
 
 # One of eleven equal sectors about the y axis reaches to z = ± x tan(π/11) = ± 0.29363 x. A little
 # less, 27/92 = 0.29348, leaves joints of at most 1 cm. Corners are multiples of 1/2⁹ (x of 92, z of
 # 27 times that), which nine decimals represent exactly, so the sides are exactly flat.
-DOME_SECTORS, DOME_GRID = 11, 1 / 2**9
+DOME_SECTORS, DOME_SLOPE, DOME_GRID = 11, 27 / 92, 1 / 2**9
 DOME_INNER, DOME_OUTER = 30.0, 37.0  # radii, in metres
 DOME_JOINTS = (0.0, 20.0, 40.0, 58.0, 74.0)  # degrees, between the rings
 
 
 def make_dome_block(ring):
     """A block of a dome about the y axis, positioned on the x axis, between two joints."""
-    corners = []
+    profile = []
     for radius, joint in itertools.product((DOME_INNER, DOME_OUTER), DOME_JOINTS[ring : ring + 2]):
-        angle = math.radians(joint)
-        column = round(radius * math.cos(angle) / (92 * DOME_GRID))
-        y = round(radius * math.sin(angle) / DOME_GRID)
-        corners += [(92 * column, y, side * 27 * column) for side in (-1, 1)]
-    return make_hexahedron(DOME_GRID * np.array(corners))
-
-
-def make_ring_block(count, inner, outer, height):
-    """One of `count` equal blocks of a low ring about the y axis, positioned on the x axis.
-
-    inner, outer : distances of the middles of its sides from the axis, in metres
-    """
-    slope = math.tan(math.pi / count)
-    return make_hexahedron(
-        [
-            (x, y, side * slope * x)
-            for x in (inner, outer)
-            for y in (-height / 2, height / 2)
-            for side in (-1, 1)
-        ]
-    )
+        angle, step = math.radians(joint), 92 * DOME_GRID
+        x = step * round(radius * math.cos(angle) / step)
+        profile.append((x, DOME_GRID * round(radius * math.sin(angle) / DOME_GRID)))
+    return make_wedge(profile, DOME_SLOPE)
 
 
 # The blocks of a tray are eighths of a ring. Half of one reaches to z = ± x tan(π/8) = ± 0.41421 x.
 # 53/128 = 0.41406 leaves joints of at most 1 cm, and corners that nine decimals represent exactly.
-TRAY_BLOCKS, TRAY_SLOPE, TRAY_HEIGHT = 8, 53 / 128, 6.0
-
-
-def make_tray_block(foot, brim, outer, height):
-    """A block of a low wall about the y axis, positioned on the x axis.
-
-    foot, brim, outer : distances from the axis of its inner side at the bottom and at the top, and
-        of its outer side, in metres
-    """
-    profile = [(foot, -height / 2), (brim, height / 2), (outer, -height / 2), (outer, height / 2)]
-    return make_hexahedron([(x, y, side * TRAY_SLOPE * x) for x, y in profile for side in (-1, 1)])
+TRAY_BLOCKS, TRAY_SLOPE = 8, 53 / 128
+# The lower and the upper corner of its inner side, and of its outer side.
+TRAY_PROFILE = ((22.0, -3.0), (23.0, 3.0), (26.0, -3.0), (26.0, 3.0))
 
 
 def make_octahedron(a, b, c):
@@ -163,11 +136,8 @@ def make_cylinder(radius, length, sides):
     one side faces straight down, and an unrotated cylinder lies flat on the ground.
     """
     angles = [2 * math.pi * (i + 0.5) / sides for i in range(sides)]
-    vertices = [
-        [radius * math.cos(angle), radius * math.sin(angle), z]
-        for z in (-length / 2, length / 2)
-        for angle in angles
-    ]
+    corners = [(radius * math.cos(angle), radius * math.sin(angle)) for angle in angles]
+    vertices = [[x, y, z] for z in (-length / 2, length / 2) for x, y in corners]
     bottom, top = list(range(sides)), list(range(sides, 2 * sides))
     walls = [[i, j, j + sides, i + sides] for i, j in itertools.pairwise(bottom + [0])]
     return fill_convex(vertices, [bottom[::-1], top] + walls)
@@ -177,14 +147,8 @@ def make_icosahedron():
     """The regular icosahedron on the unit sphere: points (12, 3) and 20 outward triangles."""
     golden = (1 + math.sqrt(5)) / 2
     # The cyclic permutations of (0, ±1, ±golden) have edges of length 2.
-    points = np.array(
-        [
-            np.roll([0.0, y, z], shift)
-            for shift in range(3)
-            for y in (-1, 1)
-            for z in (-golden, golden)
-        ]
-    )
+    signs = list(itertools.product((-1, 1), (-golden, golden)))
+    points = np.array([np.roll([0.0, y, z], shift) for shift in range(3) for y, z in signs])
     triangles = []
     for i, j, k in itertools.combinations(range(12), 3):
         edges = points[[i, j, k]] - points[[j, k, i]]
@@ -199,9 +163,8 @@ def subdivide(points, triangles):
 
     points : (P, 3); triangles : list of (i, j, k). Returns both for the finer surface.
     """
-    edges = sorted(
-        {tuple(sorted(edge)) for i, j, k in triangles for edge in ((i, j), (j, k), (k, i))}
-    )
+    sides = [side for i, j, k in triangles for side in ((i, j), (j, k), (k, i))]
+    edges = sorted({tuple(sorted(side)) for side in sides})
     middle = {}  # (i, j) and (j, i) -> index of the edge's midpoint
     for index, (i, j) in enumerate(edges, start=len(points)):
         middle[i, j] = middle[j, i] = index
@@ -235,15 +198,15 @@ MESHES = {
     "slab": make_box(48.0, 2.0, 14.0),
     "card": make_box(14.0, 0.4, 10.0),
     "voussoir": make_voussoir(15, 34.0, 42.0, 14.0),
-    "ring_block": make_ring_block(6, 5.0, 11.0, 6.0),
-    "tray_block": make_tray_block(foot=22.0, brim=23.0, outer=26.0, height=TRAY_HEIGHT),
+    "ring_block": make_wedge(itertools.product((5.0, 11.0), (-3.0, 3.0)), math.tan(math.pi / 6)),
+    "tray_block": make_wedge(TRAY_PROFILE, TRAY_SLOPE),
     **{f"dome_block_{ring + 1}": make_dome_block(ring) for ring in range(4)},
 }
 
 
-# ---------------------------------------------------------------------------------------------
-# Scenes. A scene is a list of bodies.
-# ---------------------------------------------------------------------------------------------
+# ---- Scenes -------------------------------------------------------------------------------------
+
+# A scene is a function that returns a list of bodies, or such a list and a list of ties.
 
 # Orientations (w, x, y, z), normalised when a scene is loaded.
 AS_MODELLED = (1.0, 0.0, 0.0, 0.0)
@@ -253,6 +216,21 @@ QUARTER_YAW = (1.0, 0.0, 1.0, 0.0)  # 90° about y
 # m, the height of a fixed post above the ground, too small to see. At 0, the post would touch the
 # ground in every step.
 POST_CLEARANCE = 0.1
+
+# Settings with which structures and piles rest; see rbs/softstep/step.py.
+RESTING = "solver soft-step friction 0.5 restitution 0"
+
+SCENES = {}  # from a scene's name to its function and the settings that its file recommends
+
+
+def scene(suggestion=""):
+    """Decorates the function of a scene, which has the scene's name."""
+
+    def add(make):
+        SCENES[make.__name__] = make, suggestion
+        return make
+
+    return add
 
 
 class Body(NamedTuple):
@@ -265,18 +243,14 @@ class Body(NamedTuple):
     isFixed: bool = False
 
 
-class Tie(NamedTuple):
-    """One line of a constraint file: bounds of the distance between vertices of two bodies.
+# A tie is one line of a constraint file: (body1, vertex1, body2, vertex2, lower, upper). The bounds
+# of the distance are multiples of that at the start. A rope has the lower bound 0.
 
-    The bounds are multiples of the distance at the start. A rope has the lower bound 0.
-    """
 
-    body1: int
-    vertex1: int
-    body2: int
-    vertex2: int
-    lower: float
-    upper: float
+def body(shape, density, position, orientation=AS_MODELLED, isFixed=False, decimals=6):
+    """A Body of a mesh in MESHES; its position is rounded to these decimals."""
+    place, turned = np.round(position, decimals), np.round(orientation, COORDINATE_DECIMALS)
+    return Body(f"{shape}.mesh", density, tuple(place), tuple(turned), isFixed)
 
 
 def random_orientation(generator):
@@ -293,40 +267,40 @@ def turn(orientation, vector):
 def make_posts(places):
     """Return fixed upright cylinders at `places`, a list of (x, z) in metres."""
     y = 10.0 + POST_CLEARANCE  # half the cylinder's length
-    return [
-        Body("cylinder.mesh", 4000.0, (x, y, z), Z_TO_VERTICAL, isFixed=True) for x, z in places
-    ]
+    return [body("cylinder", 4000.0, (x, y, z), Z_TO_VERTICAL, True) for x, z in places]
 
 
-def single_tet():
+@scene()
+def singletet():
     """A tilted tetrahedron falls, and starts to spin when it lands."""
-    return [Body("tetrahedron.mesh", 60.0, (3.0, 28.0, -4.0), (1.0, 0.3, 0.0, 0.5))]
+    return [body("tetrahedron", 60.0, (3.0, 28.0, -4.0), (1.0, 0.3, 0.0, 0.5))]
 
 
-def single_box():
+@scene()
+def singlebox():
     """A box, read from a surface without tetrahedra, falls on a corner."""
     return [Body("box.off", 120.0, (0.0, 36.0, 0.0), (1.0, 0.2, 0.0, 0.3))]
 
 
+@scene()
 def single_cylinder():
     """A cylinder falls far, onto the rim of a cap."""
-    return [Body("cylinder.mesh", 120.0, (0.0, 80.0, 0.0), (1.0, 0.6, 0.3, 0.0))]
+    return [body("cylinder", 120.0, (0.0, 80.0, 0.0), (1.0, 0.6, 0.3, 0.0))]
 
 
-def two_cylinders():
-    """A lying cylinder bounces off the ground into a skew one above it."""
-    return [
-        Body("cylinder.mesh", 120.0, (0.0, 22.0, 0.0)),
-        Body("cylinder.mesh", 120.0, (4.0, 38.0, -3.0), (1.0, 0.0, 0.2, 0.0)),
-    ]
+@scene()
+def two_cylinder():
+    """A lying cylinder bounces off the ground into a skew one above it.
+
+    A corner of each cap is tied to the same corner of the other cylinder, elastic by a fifth.
+    """
+    upper = body("cylinder", 120.0, (4.0, 38.0, -3.0), (1.0, 0.0, 0.2, 0.0))
+    ties = [(0, vertex, 1, vertex, 0.8, 1.2) for vertex in (0, 39)]
+    return [body("cylinder", 120.0, (0.0, 22.0, 0.0)), upper], ties
 
 
-def two_cylinders_ties():
-    """Tie a corner of each cap to the same corner of the other cylinder, elastic by a fifth."""
-    return [Tie(0, vertex, 1, vertex, 0.8, 1.2) for vertex in (0, 39)]
-
-
-def tet_rain():
+@scene()
+def tet():
     """A square of 5 × 5 tetrahedra, which land in turn and bounce into each other."""
     generator = random.Random(25)
     # Less than a tetrahedron's largest diameter, 12.2, so that they push each other sideways.
@@ -335,207 +309,162 @@ def tet_rain():
     spacing = 9.0
     bodies = []
     for i, (row, column) in enumerate(itertools.product(range(-2, 3), repeat=2)):
-        height = 12.0 + 2.0 * (7 * i % 25)
-        bodies.append(
-            Body(
-                "tetrahedron.mesh",
-                80.0,
-                (spacing * column, height, spacing * row),
-                random_orientation(generator),
-            )
-        )
+        place = spacing * column, 12.0 + 2.0 * (7 * i % 25), spacing * row
+        bodies.append(body("tetrahedron", 80.0, place, random_orientation(generator)))
     return bodies
 
 
-def mixed_shapes():
+@scene()
+def mixed():
     """One of each shape, and another box, fall onto each other in a tray and stay in it.
 
     The wall is low, but high enough for the default restitution. With restitution 1, they bounce
     over it.
     """
     bodies = [
-        Body("long-octahedron.mesh", 60.0, (5.0, 33.0, 2.0), (1.0, 0.9, 0.0, 0.1)),
-        Body("cylinder.mesh", 60.0, (-6.0, 12.0, -7.0), (1.0, 0.2, 0.0, 0.0)),
-        Body("ellipsoid.mesh", 60.0, (-6.0, 35.0, -10.0), (1.0, 0.0, 1.0, 1.0)),
-        Body("box.mesh", 60.0, (3.0, 17.0, 10.0), (1.0, 0.3, 0.0, 0.2)),
-        Body("tetrahedron.mesh", 60.0, (-11.0, 38.0, 3.0), (1.0, 0.0, 0.5, 1.0)),
-        Body("octahedron.mesh", 60.0, (9.0, 16.0, -1.0), (1.0, 0.0, 0.4, 0.2)),
-        Body("box.mesh", 60.0, (-10.0, 25.0, 6.0), (1.0, 1.0, 0.0, 0.4)),
+        body("long-octahedron", 60.0, (5.0, 33.0, 2.0), (1.0, 0.9, 0.0, 0.1)),
+        body("cylinder", 60.0, (-6.0, 12.0, -7.0), (1.0, 0.2, 0.0, 0.0)),
+        body("ellipsoid", 60.0, (-6.0, 35.0, -10.0), (1.0, 0.0, 1.0, 1.0)),
+        body("box", 60.0, (3.0, 17.0, 10.0), (1.0, 0.3, 0.0, 0.2)),
+        body("tetrahedron", 60.0, (-11.0, 38.0, 3.0), (1.0, 0.0, 0.5, 1.0)),
+        body("octahedron", 60.0, (9.0, 16.0, -1.0), (1.0, 0.0, 0.4, 0.2)),
+        body("box", 60.0, (-10.0, 25.0, 6.0), (1.0, 1.0, 0.0, 0.4)),
     ]
-    rise = TRAY_HEIGHT / 2 + POST_CLEARANCE
-    tray = [
-        make_block("tray_block", 4000.0, 1, 360.0 * (i + 0.5) / TRAY_BLOCKS, rise)
-        for i in range(TRAY_BLOCKS)
-    ]
+    rise = POST_CLEARANCE - TRAY_PROFILE[0][1]
+    angles = [360.0 * (i + 0.5) / TRAY_BLOCKS for i in range(TRAY_BLOCKS)]
+    tray = [make_block("tray_block", 4000.0, 1, angle, rise) for angle in angles]
     return bodies + [block._replace(isFixed=True) for block in tray]
 
 
+@scene()
 def tower():
     """A column of crosswise boxes, tetrahedra and octahedra collapses."""
     return [
-        Body("box.mesh", 2400.0, (0.0, 8.0, 0.0)),
-        Body("box.mesh", 1600.0, (0.0, 20.0, 0.0), QUARTER_YAW),
-        Body("box.mesh", 800.0, (0.0, 32.0, 0.0)),
-        Body("tetrahedron.mesh", 300.0, (0.0, 46.0, 0.0)),
-        Body("tetrahedron.mesh", 200.0, (0.0, 60.0, 0.0), QUARTER_YAW),
-        Body("tetrahedron.mesh", 100.0, (0.0, 74.0, 0.0)),
-        Body("octahedron.mesh", 400.0, (0.0, 88.0, 0.0)),
-        Body("octahedron.mesh", 800.0, (0.0, 102.0, 0.0)),
-        Body("octahedron.mesh", 1200.0, (0.0, 116.0, 0.0)),
+        body("box", 2400.0, (0.0, 8.0, 0.0)),
+        body("box", 1600.0, (0.0, 20.0, 0.0), QUARTER_YAW),
+        body("box", 800.0, (0.0, 32.0, 0.0)),
+        body("tetrahedron", 300.0, (0.0, 46.0, 0.0)),
+        body("tetrahedron", 200.0, (0.0, 60.0, 0.0), QUARTER_YAW),
+        body("tetrahedron", 100.0, (0.0, 74.0, 0.0)),
+        body("octahedron", 400.0, (0.0, 88.0, 0.0)),
+        body("octahedron", 800.0, (0.0, 102.0, 0.0)),
+        body("octahedron", 1200.0, (0.0, 116.0, 0.0)),
     ]
 
 
+@scene()
 def stress():
     """25 assorted bodies fall onto 4 × 4 fixed posts."""
     generator = random.Random(41)
-    shapes = [
-        "box.mesh",
-        "tetrahedron.mesh",
-        "ellipsoid.mesh",
-        "octahedron.mesh",
-        "long-octahedron.mesh",
-        "cylinder.mesh",
-    ]
+    shapes = "box tetrahedron ellipsoid octahedron long-octahedron cylinder".split()
     bodies = make_posts(itertools.product((-63.0, -21.0, 21.0, 63.0), repeat=2))
     # A spacing of 28 puts 16 of the bodies about 7 m beside a post along x and z, so that most
     # graze it. It also keeps the bodies apart, as two radii add up to at most 22 m.
     for i, (column, row) in enumerate(itertools.product(range(-2, 3), repeat=2)):
         x, z = (round(28.0 * step + generator.uniform(-3.0, 3.0), 2) for step in (column, row))
-        y = round(generator.uniform(42.0, 66.0), 2)
-        bodies.append(
-            Body(shapes[i % len(shapes)], 300.0, (x, y, z), random_orientation(generator))
-        )
+        place = x, round(generator.uniform(42.0, 66.0), 2), z
+        bodies.append(body(shapes[i % 6], 300.0, place, random_orientation(generator)))
     return bodies
 
 
+@scene()
 def cube():
-    """Octahedra at the corners of a tilted cube, tied to each other."""
+    """Octahedra at the corners of a tilted cube, tied to each other, so that it is rigid."""
     edge, centre = 11.0, (0.0, 30.0, 0.0)
     tilt = (4.0, 1.0, 0.0, 1.0)
-    bodies = []
-    for corner in itertools.product((-edge / 2, edge / 2), repeat=3):
-        position = np.round(centre + turn(tilt, np.array(corner)), 3)
-        bodies.append(Body("octahedron.mesh", 900.0, tuple(position), tilt))
-    return bodies
+    corners = np.array(list(itertools.product((-edge / 2, edge / 2), repeat=3)))
+    places = [centre + turn(tilt, corner) for corner in corners]
+    bodies = [body("octahedron", 900.0, place, tilt, decimals=3) for place in places]
+    return bodies, [(i, 0, k, 0, 1.0, 1.0) for i, k in itertools.combinations(range(8), 2)]
 
 
-def cube_ties():
-    """Tie every body to every other at its initial distance, so that the cube is rigid."""
-    return [Tie(i, 0, k, 0, 1.0, 1.0) for i, k in itertools.combinations(range(8), 2)]
-
-
+@scene()
 def tower_chain():
-    """A leaning column on a fixed foot, each body tied to the one below.
+    """A leaning column on a fixed foot, each body tied to the one below, elastic by a tenth.
 
     It buckles, falls past its foot and hangs from it, with its end on the ground.
     """
-    shapes = 3 * ["box.mesh"] + 3 * ["tetrahedron.mesh"] + 3 * ["octahedron.mesh"]
+    shapes = 3 * ["box"] + 3 * ["tetrahedron"] + 3 * ["octahedron"]
     densities = [2400.0, 1800.0, 1200.0, 1500.0, 1000.0, 700.0, 600.0, 900.0, 1400.0]
     lean, rise = 1.5, 14.0  # metres from one body to the next, along x and y
-    return [
-        Body(shape, density, (lean * i, 70.0 + rise * i, 0.0), isFixed=i == 0)
+    bodies = [
+        body(shape, density, (lean * i, 70.0 + rise * i, 0.0), isFixed=i == 0)
         for i, (shape, density) in enumerate(zip(shapes, densities, strict=True))
     ]
+    return bodies, [(i, 0, i + 1, 0, 0.9, 1.1) for i in range(8)]
 
 
-def tower_chain_ties():
-    """Tie each body to the next, elastic by a tenth."""
-    return [Tie(i, 0, i + 1, 0, 0.9, 1.1) for i in range(8)]
-
-
-def two_chains():
+@scene()
+def two_chain():
     """Two chains above an alley of fixed posts; small bodies fall onto one of them.
 
     Nine boxes hang straight down from the first; nine tetrahedra reach out sideways from the
-    first, and swing down into the boxes. Neighbours are tied to each other.
+    first, and swing down into the boxes. Neighbours are tied to each other, elastic by a tenth.
     """
-    height = 136.0
-    hanging = [
-        Body("box.mesh", 2000.0, (0.0, height - 13.5 * i, 0.0), isFixed=i == 0) for i in range(9)
-    ]
-    swinging = [
-        Body("tetrahedron.mesh", 2500.0, (20.0 + 14.0 * i, height, 0.0), isFixed=i == 0)
-        for i in range(9)
-    ]
+    height, links = 136.0, range(9)
+    hanging = [body("box", 2000.0, (0.0, height - 13.5 * i, 0.0), isFixed=i == 0) for i in links]
+    places = [(20.0 + 14.0 * i, height, 0.0) for i in links]
+    swinging = [body("tetrahedron", 2500.0, place, isFixed=place[0] == 20.0) for place in places]
     posts = make_posts(itertools.product((-60.0, -20.0, 20.0, 60.0), (-18.0, 18.0)))
-    shapes = 3 * ["octahedron.mesh", "ellipsoid.mesh"] + ["octahedron.mesh"]
-    falling = [
-        Body(shape, 1000.0, (24.0 + 15.0 * i, height + 16.0 + 4.0 * i, 0.0), (1.0, 0.3, 0.1, 0.2))
-        for i, shape in enumerate(shapes)
-    ]
-    return hanging + swinging + posts + falling
+    falling = []
+    for i, shape in enumerate(3 * ["octahedron", "ellipsoid"] + ["octahedron"]):
+        place = 24.0 + 15.0 * i, height + 16.0 + 4.0 * i, 0.0
+        falling.append(body(shape, 1000.0, place, (1.0, 0.3, 0.1, 0.2)))
+    ties = [(i, 0, i + 1, 0, 0.9, 1.1) for i in (*range(8), *range(9, 17))]
+    return hanging + swinging + posts + falling, ties
 
 
-def two_chains_ties():
-    """Tie each body of a chain to the next, elastic by a tenth."""
-    return [Tie(i, 0, i + 1, 0, 0.9, 1.1) for first in (0, 9) for i in range(first, first + 8)]
+PLANKS = 13  # between the abutments
 
 
-def rope_bridge():
-    """Planks between two fixed abutments sag, and catch bodies that fall onto them."""
-    height, pitch, planks = 40.0, 9.0, 13
+@scene()
+def bridge():
+    """Planks between two fixed abutments sag, and catch bodies that fall onto them.
+
+    The lower corners of each plank are tied to the facing corners of the next.
+    """
+    height, pitch = 40.0, 9.0
     # after a quarter turn, a plank is 8 m along the bridge and 12 m across it
-    deck = [
-        Body(
-            "box.mesh",
-            500.0,
-            (pitch * (i - (planks + 1) / 2), height, 0.0),
-            QUARTER_YAW,
-            isFixed=i in (0, planks + 1),
-        )
-        for i in range(planks + 2)
-    ]
+    deck = []
+    for i in range(PLANKS + 2):
+        place = pitch * (i - (PLANKS + 1) / 2), height, 0.0
+        deck.append(body("box", 500.0, place, QUARTER_YAW, i in (0, PLANKS + 1)))
     falling = [
-        Body("octahedron.mesh", 700.0, (-18.0, height + 18.0, 1.0), (1.0, 0.4, 0.0, 0.2)),
-        Body("ellipsoid.mesh", 700.0, (5.0, height + 30.0, -1.0), (1.0, 0.0, 0.3, 0.8)),
-        Body("box.mesh", 300.0, (24.0, height + 24.0, 0.0), (1.0, 0.2, 0.5, 0.1)),
+        body("octahedron", 700.0, (-18.0, height + 18.0, 1.0), (1.0, 0.4, 0.0, 0.2)),
+        body("ellipsoid", 700.0, (5.0, height + 30.0, -1.0), (1.0, 0.0, 0.3, 0.8)),
+        body("box", 300.0, (24.0, height + 24.0, 0.0), (1.0, 0.2, 0.5, 0.1)),
     ]
-    return deck + falling
-
-
-def rope_bridge_ties():
-    """Tie the lower corners of each plank to the facing corners of the next."""
     # The quarter turn takes z to x and x to -z. So corners with z > 0 face the next plank, and the
     # sign of x is the side of the bridge. A corner's index is 4 (x > 0) + 2 (y > 0) + (z > 0).
-    return [Tie(i, side + 1, i + 1, side, 0.0, 1.2) for i in range(14) for side in (0, 4)]
+    ties = [(i, side + 1, i + 1, side, 0.0, 1.2) for i in range(PLANKS + 1) for side in (0, 4)]
+    return deck + falling, ties
 
 
 NET_SIDE = 20  # bodies along each side of the net
 
 
-def hanging_net():
-    """A net of octahedra hangs at its corners, and three light bodies fall into it."""
-    height, pitch = 90.0, 8.0
-    places = list(itertools.product(range(NET_SIDE), repeat=2))
-    corners = set(itertools.product((0, NET_SIDE - 1), repeat=2))
-    middle = (NET_SIDE - 1) / 2
-    net = [
-        Body(
-            "octahedron.mesh",
-            200.0,
-            (pitch * (i - middle), height, pitch * (k - middle)),
-            isFixed=(i, k) in corners,
-        )
-        for i, k in places
-    ]
-    falling = [
-        Body("ball.mesh", 6.0, (-20.0, height + 20.0, 8.0), (1.0, 0.3, 0.2, 0.0)),
-        Body("cylinder.mesh", 5.0, (22.0, height + 26.0, -18.0), (1.0, 0.4, 0.3, 0.0)),
-        Body("box.mesh", 10.0, (10.0, height + 34.0, 26.0), (1.0, 0.2, 0.5, 0.1)),
-    ]
-    return net + falling
+@scene()
+def net():
+    """A net of octahedra hangs at its corners, and three light bodies fall into it.
 
-
-def hanging_net_ties():
-    """Tie each body's tips along x and z to the facing tips of its neighbours."""
-    ties = []
+    Each body's tips along x and z are tied to the facing tips of its neighbours.
+    """
+    height, pitch, last = 90.0, 8.0, NET_SIDE - 1
+    bodies, ties = [], []
     for i, k in itertools.product(range(NET_SIDE), repeat=2):
+        place = pitch * (i - last / 2), height, pitch * (k - last / 2)
+        bodies.append(body("octahedron", 200.0, place, isFixed={i, k} <= {0, last}))
         here = NET_SIDE * i + k
-        if i + 1 < NET_SIDE:
-            ties.append(Tie(here, 0, here + NET_SIDE, 2, 0.0, 1.1))
-        if k + 1 < NET_SIDE:
-            ties.append(Tie(here, 4, here + 1, 5, 0.0, 1.1))
-    return ties
+        if i < last:
+            ties.append((here, 0, here + NET_SIDE, 2, 0.0, 1.1))
+        if k < last:
+            ties.append((here, 4, here + 1, 5, 0.0, 1.1))
+    falling = [
+        body("ball", 6.0, (-20.0, height + 20.0, 8.0), (1.0, 0.3, 0.2, 0.0)),
+        body("cylinder", 5.0, (22.0, height + 26.0, -18.0), (1.0, 0.4, 0.3, 0.0)),
+        body("box", 10.0, (10.0, height + 34.0, 26.0), (1.0, 0.2, 0.5, 0.1)),
+    ]
+    return bodies + falling, ties
 
 
 CHAIN_LINKS = 5  # octahedra between the anchor and the ball
@@ -544,43 +473,32 @@ CHAIN_LINKS = 5  # octahedra between the anchor and the ball
 def make_chain_and_ball(anchor, orientation):
     """A chain on a fixed octahedron at `anchor`, with a ball at its end that is released.
 
-    It swings towards +x, turned by the orientation.
+    It swings towards +x, turned by the orientation. Returns (bodies, ties): each link's tip at -x
+    is tied to the next one's at +x, and the last to the ball.
     """
     pitch = 9.0
     slope = math.radians(25.0)  # of the chain, below the horizontal
     along = turn(orientation, np.array([-math.cos(slope), -math.sin(slope), 0.0]))
-    chain = [
-        Body(
-            "octahedron.mesh",
-            600.0,
-            tuple(np.round(anchor + pitch * i * along, 3)),
-            orientation,
-            isFixed=i == 0,
-        )
-        for i in range(CHAIN_LINKS + 1)
-    ]
+    chain = []
+    for i in range(CHAIN_LINKS + 1):
+        place = anchor + pitch * i * along
+        chain.append(body("octahedron", 600.0, place, orientation, i == 0, decimals=3))
     reach = pitch * CHAIN_LINKS + 11.0
-    return [
-        *chain,
-        Body("ball.mesh", 2000.0, tuple(np.round(anchor + reach * along, 3)), orientation),
-    ]
-
-
-def wrecking_ball():
-    """A ball on a chain is released beside a stack of boxes and swings into it."""
-    plinth = Body("box.mesh", 1000.0, (14.0, 3.0, 0.0), QUARTER_YAW, isFixed=True)
-    # Just above one another, because boxes in contact would be resolved in the first step.
-    stack = [
-        Body("box.mesh", 150.0, (14.0, 9.0 + 6.01 * i + 0.01, 0.0), QUARTER_YAW) for i in range(4)
-    ]
-    return [*make_chain_and_ball(np.array([0.0, 70.0, 0.0]), AS_MODELLED), plinth, *stack]
-
-
-def wrecking_ball_ties():
-    """Tie each link's tip at -x to the next one's at +x, and the last to the ball."""
+    ball = body("ball", 2000.0, anchor + reach * along, orientation, decimals=3)
     ballTip = int(np.argmax(MESHES["ball"][0][:, 0]))
     tips = [0] * CHAIN_LINKS + [ballTip]  # vertex 0 of an octahedron is its tip at +x
-    return [Tie(i, 2, i + 1, tip, 0.0, 1.05) for i, tip in enumerate(tips)]
+    return [*chain, ball], [(i, 2, i + 1, tip, 0.0, 1.05) for i, tip in enumerate(tips)]
+
+
+@scene()
+def wrecking_ball():
+    """A ball on a chain is released beside a stack of boxes and swings into it."""
+    chain, ties = make_chain_and_ball(np.array([0.0, 70.0, 0.0]), AS_MODELLED)
+    plinth = body("box", 1000.0, (14.0, 3.0, 0.0), QUARTER_YAW, True)
+    # Just above one another, because boxes in contact would be resolved in the first step.
+    places = [(14.0, 9.0 + 6.01 * i + 0.01, 0.0) for i in range(4)]
+    boxes = [Body("box.mesh", 150.0, place, QUARTER_YAW) for place in places]
+    return [*chain, plinth, *boxes], ties
 
 
 # Slopes descend towards +x: (n, 0, 0, -1) turns by -2 atan(1/n) about z.
@@ -599,7 +517,7 @@ def slope_axes(tilt):
     return (turn(tilt, axis) for axis in np.eye(3)[:2])
 
 
-def make_slope(tilt, lane, meshFile, halfHeight, uphill):
+def make_slope(tilt, lane, shape, halfHeight, uphill):
     """A fixed slab with its lower end near the ground and its middle at z = lane, and a body on it.
 
     uphill : from the slab's middle to the body, metres. The body is turned like the slab.
@@ -608,25 +526,22 @@ def make_slope(tilt, lane, meshFile, halfHeight, uphill):
     rise = POST_CLEARANCE - SLAB[0] / 2 * downhill[1] + SLAB[1] / 2 * normal[1]
     middle = np.array([0.0, rise, lane])
     place = middle - uphill * downhill + (SLAB[1] / 2 + halfHeight + HAIR) * normal
-    return [
-        Body("slab.mesh", 1000.0, tuple(np.round(middle, 6)), tilt, isFixed=True),
-        Body(meshFile, 60.0, tuple(np.round(place, 6)), tilt),
-    ]
+    return [body("slab", 1000.0, middle, tilt, True), body(shape, 60.0, place, tilt)]
 
 
 def make_wall(x, z):
     """A fixed slab across the way, so that bodies stay in the picture."""
-    return Body("slab.mesh", 1000.0, (x, SLAB[2] / 2 + POST_CLEARANCE, z), WALL, isFixed=True)
+    return body("slab", 1000.0, (x, SLAB[2] / 2 + POST_CLEARANCE, z), WALL, True)
 
 
+@scene("friction 0.4")
 def incline():
     """Boxes on slopes of 14° and 28°. One stays, because μ = 0.4 has a friction angle of 22°."""
-    return [
-        *make_slope(STEEP, -10.0, "box.mesh", 3.0, 17.0),
-        *make_slope(GENTLE, 10.0, "box.mesh", 3.0, 17.0),
-    ]
+    steep = make_slope(STEEP, -10.0, "box", 3.0, 17.0)
+    return [*steep, *make_slope(GENTLE, 10.0, "box", 3.0, 17.0)]
 
 
+@scene("friction 0.2")
 def slide():
     """Boxes slide down chutes from three heights, and reach the ground at three speeds.
 
@@ -644,38 +559,33 @@ def slide():
         middle = edge - (HAIR + SLAB[2] / 2) * downhill
         edge = middle - SLAB[2] / 2 * downhill
         # A quarter turn about y lays the slab across, and then the tilt follows: (n, 1, n, -1).
-        slabs.append(
-            Body(
-                "slab.mesh",
-                1000.0,
-                tuple(np.round(middle - SLAB[1] / 2 * normal, 6)),
-                (float(n), 1.0, float(n), -1.0),
-                isFixed=True,
-            )
-        )
+        across = (float(n), 1.0, float(n), -1.0)
+        slabs.append(body("slab", 1000.0, middle - SLAB[1] / 2 * normal, across, True))
         if n in lanes:
             place = middle + (3.0 + HAIR) * normal + [0.0, 0.0, lanes[n]]
-            boxes.append(Body("box.mesh", 60.0, tuple(np.round(place, 6)), tilt))
+            boxes.append(body("box", 60.0, place, tilt))
     return [*slabs, make_wall(60.0, 0.0), *boxes]
 
 
+@scene("friction 0.4")
 def roll():
     """A cylinder, a ball and an ellipsoid slide down slopes, unless friction makes them roll."""
     return [
-        *make_slope(STEEP, -20.0, "cylinder.mesh", 5.0, 17.0),
-        *make_slope(STEEP, 0.0, "ball.mesh", 6.0, 17.0),
-        *make_slope(STEEP, 16.0, "ellipsoid.mesh", 3.0, 17.0),
+        *make_slope(STEEP, -20.0, "cylinder", 5.0, 17.0),
+        *make_slope(STEEP, 0.0, "ball", 6.0, 17.0),
+        *make_slope(STEEP, 16.0, "ellipsoid", 3.0, 17.0),
         make_wall(60.0, -2.0),
     ]
 
 
+@scene("friction 0.4")
 def settle():
     """Boxes that land on a corner or on a post's rim start to spin, and come to rest."""
     return [
         *make_posts([(0.0, 0.0)]),
-        Body("box.mesh", 60.0, (3.0, 32.0, -4.0)),
-        Body("box.mesh", 120.0, (-26.0, 18.0, 4.0), (1.0, 0.3, 0.1, 0.4)),
-        Body("box.mesh", 240.0, (24.0, 18.0, 4.0), (1.0, -0.2, 0.5, 0.3)),
+        body("box", 60.0, (3.0, 32.0, -4.0)),
+        body("box", 120.0, (-26.0, 18.0, 4.0), (1.0, 0.3, 0.1, 0.4)),
+        body("box", 240.0, (24.0, 18.0, 4.0), (1.0, -0.2, 0.5, 0.3)),
     ]
 
 
@@ -683,38 +593,33 @@ def settle():
 JOINT = 0.001
 
 
+def height_of(row):
+    """The height of boxes in a row of a structure, counted from 0."""
+    return 3.0 + JOINT + row * (6.0 + JOINT)
+
+
+@scene(RESTING)
 def stack():
     """Twenty boxes on top of each other. They only stand with the soft-step solver."""
-    return [
-        Body("box.mesh", 60.0, (0.0, round(3.0 + JOINT + i * (6.0 + JOINT), 6), 0.0))
-        for i in range(20)
-    ]
+    return [body("box", 60.0, (0.0, height_of(row), 0.0)) for row in range(20)]
 
 
+@scene(RESTING)
 def pyramid():
     """Boxes in fifteen rows, each standing on two of the row below."""
-    return [
-        Body(
-            "box.mesh",
-            60.0,
-            (12.5 * (column - (14 - row) / 2), round(3.0 + JOINT + row * (6.0 + JOINT), 6), 0.0),
-        )
-        for row in range(15)
-        for column in range(15 - row)
-    ]
+    rows = [(row, column) for row in range(15) for column in range(15 - row)]
+    places = [(12.5 * (i - (14 - row) / 2), height_of(row), 0.0) for row, i in rows]
+    return [body("box", 60.0, place) for place in places]
 
 
+@scene(RESTING)
 def dominoes():
     """Slabs on end in a row, the first one leaning. With friction, they fall in turn."""
     upright = (1.0, 0.0, 0.0, 1.0)  # 90° about z
     leaning = (1.0, 0.0, 0.0, 0.8)  # 77°
-    return [
-        Body("slab.mesh", 60.0, (-90.0, 26.0, 0.0), leaning),
-        *(
-            Body("slab.mesh", 60.0, (-60.0 + 22.0 * i, round(24.0 + JOINT, 6), 0.0), upright)
-            for i in range(9)
-        ),
-    ]
+    places = [(-60.0 + 22.0 * i, 24.0 + JOINT, 0.0) for i in range(9)]
+    standing = [body("slab", 60.0, place, upright) for place in places]
+    return [body("slab", 60.0, (-90.0, 26.0, 0.0), leaning), *standing]
 
 
 def centre_of_mass(mesh):
@@ -735,58 +640,51 @@ def make_block(name, density, axis, degrees, rise=0.0, away=(0.0, 0.0, 0.0)):
     axis : 1 (y) or 2 (z); rise : metres; away : (3,), shift before the rotation
     """
     half = math.radians(degrees) / 2
-    orientation = [round(math.cos(half), COORDINATE_DECIMALS), 0.0, 0.0, 0.0]
-    orientation[1 + axis] = round(math.sin(half), COORDINATE_DECIMALS)
+    orientation = np.zeros(4)
+    orientation[[0, 1 + axis]] = np.round([math.cos(half), math.sin(half)], COORDINATE_DECIMALS)
     place = turn(orientation, centre_of_mass(MESHES[name]) + away) + [0.0, rise, 0.0]
-    return Body(f"{name}.mesh", density, tuple(np.round(place, 6)), tuple(orientation))
+    return body(name, density, place, orientation)
 
 
-def make_arch(name, count):
-    """Half a ring of `count` wedges about the z axis, its ends on the ground."""
-    degrees = [180.0 * ((count - 1) / 2 - i) / count for i in range(count)]
-    return [make_block(name, 60.0, 2, angle, JOINT, (0.0, 5 * JOINT, 0.0)) for angle in degrees]
-
-
+@scene(RESTING)
 def arch():
-    """Fifteen wedges stand as an arch, held up only by their weight."""
-    return make_arch("voussoir", 15)
+    """Fifteen wedges, half a ring about the z axis, stand as an arch by their weight alone."""
+    degrees = [180.0 * (7 - i) / 15 for i in range(15)]
+    away = (0.0, 5 * JOINT, 0.0)
+    return [make_block("voussoir", 60.0, 2, angle, JOINT, away) for angle in degrees]
 
 
+@scene(RESTING)
 def arch_blow():
     """A heavy ball falls onto the shoulder of an arch."""
-    return [*make_arch("voussoir", 15), Body("ball.mesh", 2000.0, (20.0, 75.0, 0.0))]
+    return [*arch(), body("ball", 2000.0, (20.0, 75.0, 0.0))]
 
 
+@scene(RESTING)
 def dome():
     """Four rings of eleven wedges hold each other around an open eye."""
     return [
-        make_block(f"dome_block_{ring + 1}", 60.0, 1, 360.0 * i / DOME_SECTORS, (ring + 1) * JOINT)
-        for ring in range(4)
+        make_block(f"dome_block_{ring}", 60.0, 1, 360.0 * i / DOME_SECTORS, ring * JOINT)
+        for ring in range(1, 5)
         for i in range(DOME_SECTORS)
     ]
 
 
+@scene(RESTING)
 def round_tower():
     """Eleven rings of six blocks, each across the joints of the ring below, and a ball on top."""
-    blocks = [
-        make_block(
-            "ring_block",
-            60.0,
-            1,
-            60.0 * i + 30.0 * (row % 2),
-            3.0 + JOINT + row * (6.0 + JOINT),
-            (JOINT, 0.0, 0.0),
-        )
-        for row in range(11)
-        for i in range(6)
-    ]
-    return [*blocks, Body("ball.mesh", 20.0, (0.0, 70.5, 0.0))]
+    blocks = []
+    for row, i in itertools.product(range(11), range(6)):
+        angle, away = 60.0 * i + 30.0 * (row % 2), (JOINT, 0.0, 0.0)
+        blocks.append(make_block("ring_block", 60.0, 1, angle, height_of(row), away))
+    return [*blocks, body("ball", 20.0, (0.0, 70.5, 0.0))]
 
 
 CARD = np.ptp(MESHES["card"][0], axis=0)  # its length, thickness and width
 CARD_TILT = 68.0  # degrees from the ground
 
 
+@scene(RESTING)
 def card_house():
     """Pairs of leaning cards in three storeys: three pairs, two, and one."""
     length, thickness, _ = CARD
@@ -802,58 +700,37 @@ def card_house():
         for middle, side in itertools.product(middles, (-1, 1)):
             place = middle + side * (reach + JOINT / 2), floor + drop + JOINT, 0.0
             turned = (math.cos(half), 0.0, 0.0, -side * math.sin(half))
-            bodies.append(
-                Body(
-                    "card.mesh",
-                    60.0,
-                    tuple(np.round(place, 6)),
-                    tuple(np.round(turned, COORDINATE_DECIMALS)),
-                )
-            )
+            bodies.append(body("card", 60.0, place, turned))
         floor += 2 * drop + JOINT
         for left, right in itertools.pairwise(middles):
             # outwards from the middle of the house, over the pairs at the ends
             outwards = np.sign(left + right) or 0.0
-            place = (left + right) / 2 + outwards * (length - pitch) / 2
-            place += outwards * JOINT
-            bodies.append(
-                Body(
-                    "card.mesh",
-                    60.0,
-                    tuple(np.round((place, floor + JOINT + thickness / 2, 0.0), 6)),
-                )
-            )
+            x = (left + right) / 2 + outwards * (length - pitch) / 2 + outwards * JOINT
+            bodies.append(body("card", 60.0, (x, floor + JOINT + thickness / 2, 0.0)))
         floor += thickness + JOINT
     return bodies
 
 
+@scene(RESTING)
 def wall():
     """A ball on a chain swings into a wall of bricks."""
-    bricks = [
-        Body(
-            "box.mesh",
-            60.0,
-            (
-                round((12.0 + JOINT) * (i - (6 - row % 2) / 2), 6),
-                round(3.0 + JOINT + row * (6.0 + JOINT), 6),
-                0.0,
-            ),
-        )
+    chain, ties = make_chain_and_ball(np.array([0.0, 80.0, 10.0]), QUARTER_YAW)
+    places = [
+        ((12.0 + JOINT) * (i - (6 - row % 2) / 2), height_of(row), 0.0)
         for row in range(8)
         for i in range(7 - row % 2)
     ]
-    return [*make_chain_and_ball(np.array([0.0, 80.0, 10.0]), QUARTER_YAW), *bricks]
+    return [*chain, *(body("box", 60.0, place) for place in places)], ties
 
 
+@scene(RESTING)
 def ramp():
     """Boxes on slopes of 26° and 28°. One stays, as μ = 0.5 has a friction angle of 26.6°."""
-    tilts = [
-        (round(1 / math.tan(math.radians(angle / 2)), 6), 0.0, 0.0, -1.0) for angle in (26.0, 28.0)
-    ]
-    return [
-        *make_slope(tilts[0], -10.0, "box.mesh", 3.0, 12.0),
-        *make_slope(tilts[1], 10.0, "box.mesh", 3.0, 12.0),
-    ]
+    bodies = []
+    for angle, lane in ((26.0, -10.0), (28.0, 10.0)):
+        tilt = (round(1 / math.tan(math.radians(angle / 2)), 6), 0.0, 0.0, -1.0)
+        bodies += make_slope(tilt, lane, "box", 3.0, 12.0)
+    return bodies
 
 
 CRADLE_BALLS = 5
@@ -870,150 +747,57 @@ def middle_of_a_face(mesh):
     return max(middles[isFlat], key=lambda middle: middle[0])
 
 
+@scene("solver soft-step restitution 1")
 def cradle():
     """Newton's cradle: five balls side by side on two strings each. One of them is released.
 
-    The strings hold the ends of a ball's axis along z, and no force turns it about this axis.
+    The strings tie the ends of a ball's axis along z to the inner tips of its hooks, and no force
+    turns it about this axis.
     """
     height, length, angle = 70.0, 50.0, math.radians(40.0)
     # a turn about z points two faces of each ball along ± x, squarely at its neighbours
     x, y, _ = middle_of_a_face(MESHES["ball"])
     half = -math.atan2(y, x) / 2
-    forward = tuple(np.round((math.cos(half), 0.0, 0.0, math.sin(half)), COORDINATE_DECIMALS))
+    forward = (math.cos(half), 0.0, 0.0, math.sin(half))
     pitch = 2 * math.hypot(x, y) + CRADLE_GAP
-    balls, hooks = [], []
+    z = MESHES["ball"][0][:, 2]
+    ballEnds = int(z.argmin()), int(z.argmax())
+    balls, hooks, ties = [], [], []
     for i in range(CRADLE_BALLS):
         x = pitch * (i - (CRADLE_BALLS - 1) / 2)
         swing = angle if i == 0 else 0.0
         place = x - length * math.sin(swing), height - length * math.cos(swing), 0.0
-        balls.append(Body("ball.mesh", 60.0, tuple(np.round(place, 6)), forward))
-        hooks += [
-            Body("octahedron.mesh", 60.0, (round(x, 6), height, z), isFixed=True)
-            for z in (-20.0, 20.0)
-        ]
-    return balls + hooks
+        balls.append(body("ball", 60.0, place, forward))
+        hooks += [body("octahedron", 60.0, (x, height, z), isFixed=True) for z in (-20.0, 20.0)]
+        for side, tip in enumerate((4, 5)):
+            ties.append((i, ballEnds[side], CRADLE_BALLS + 2 * i + side, tip, 0.0, 1.0))
+    return balls + hooks, ties
 
 
-def cradle_ties():
-    """Tie the ends of each ball's axis along z to the inner tips of its hooks."""
-    z = MESHES["ball"][0][:, 2]
-    return [
-        Tie(i, int(ballEnd), CRADLE_BALLS + 2 * i + side, tip, 0.0, 1.0)
-        for i in range(CRADLE_BALLS)
-        for side, (ballEnd, tip) in enumerate([(z.argmin(), 4), (z.argmax(), 5)])
-    ]
-
-
+@scene(RESTING)
 def loaded_bridge():
     """Boxes and cylinders come to rest on the rope bridge."""
-    deck = rope_bridge()[:15]
-    loads = [Body("box.mesh", 300.0, (-27.0 + 18.0 * i, 56.0, 0.0), QUARTER_YAW) for i in range(4)]
-    loads += [
-        Body("cylinder.mesh", 60.0, (-18.0 + 18.0 * i, 80.0, 0.0), Z_TO_VERTICAL) for i in range(3)
-    ]
-    return deck + loads
+    bodies, ties = bridge()
+    boxes = [body("box", 300.0, (-27.0 + 18.0 * i, 56.0, 0.0), QUARTER_YAW) for i in range(4)]
+    places = [(-18.0 + 18.0 * i, 80.0, 0.0) for i in range(3)]
+    cylinders = [body("cylinder", 60.0, place, Z_TO_VERTICAL) for place in places]
+    return bodies[: PLANKS + 2] + boxes + cylinders, ties
 
 
+@scene(RESTING)
 def loaded_net():
     """Eighteen bodies, too large for its mesh, fall into the net."""
     generator = random.Random(17)
-    net = hanging_net()[: NET_SIDE**2]
-    shapes = ["box.mesh", "ball.mesh", "cylinder.mesh"]
-    heap = [
-        Body(
-            shapes[(row + column + layer) % 3],
-            10.0,
-            (24.0 * column, 108.0 + 24.0 * layer, 24.0 * row),
-            random_orientation(generator),
-        )
-        for layer in range(2)
-        for row in (-1, 0, 1)
-        for column in (-1, 0, 1)
-    ]
-    return net + heap
+    bodies, ties = net()
+    heap = []
+    for layer, row, column in itertools.product(range(2), (-1, 0, 1), (-1, 0, 1)):
+        shape = ("box", "ball", "cylinder")[(row + column + layer) % 3]
+        place = 24.0 * column, 108.0 + 24.0 * layer, 24.0 * row
+        heap.append(body(shape, 10.0, place, random_orientation(generator)))
+    return bodies[: NET_SIDE**2] + heap, ties
 
 
-SCENES = {
-    "singletet": single_tet,
-    "singlebox": single_box,
-    "single_cylinder": single_cylinder,
-    "two_cylinder": two_cylinders,
-    "tet": tet_rain,
-    "mixed": mixed_shapes,
-    "tower": tower,
-    "stress": stress,
-    "cube": cube,
-    "tower_chain": tower_chain,
-    "two_chain": two_chains,
-    "bridge": rope_bridge,
-    "net": hanging_net,
-    "wrecking_ball": wrecking_ball,
-    "incline": incline,
-    "slide": slide,
-    "roll": roll,
-    "settle": settle,
-    "stack": stack,
-    "pyramid": pyramid,
-    "dominoes": dominoes,
-    "arch": arch,
-    "arch_blow": arch_blow,
-    "dome": dome,
-    "round_tower": round_tower,
-    "card_house": card_house,
-    "wall": wall,
-    "ramp": ramp,
-    "cradle": cradle,
-    "loaded_bridge": loaded_bridge,
-    "loaded_net": loaded_net,
-}
-
-# Settings with which structures and piles rest; see rbs/softstep/step.py.
-RESTING = "solver soft-step friction 0.5 restitution 0"
-# Recommended settings, by scene, written as a comment in its file.
-SUGGESTIONS = {
-    "incline": "friction 0.4",
-    "slide": "friction 0.2",
-    "roll": "friction 0.4",
-    "settle": "friction 0.4",
-    **dict.fromkeys(
-        [
-            "stack",
-            "pyramid",
-            "dominoes",
-            "arch",
-            "arch_blow",
-            "dome",
-            "round_tower",
-            "card_house",
-            "wall",
-            "ramp",
-            "loaded_bridge",
-            "loaded_net",
-        ],
-        RESTING,
-    ),
-    "cradle": "solver soft-step restitution 1",
-}
-
-# Functions that return the constraints, by scene.
-TIES = {
-    "two_cylinder": two_cylinders_ties,
-    "cube": cube_ties,
-    "tower_chain": tower_chain_ties,
-    "two_chain": two_chains_ties,
-    "bridge": rope_bridge_ties,
-    "net": hanging_net_ties,
-    "wrecking_ball": wrecking_ball_ties,
-    "wall": wrecking_ball_ties,
-    "cradle": cradle_ties,
-    "loaded_bridge": rope_bridge_ties,
-    "loaded_net": hanging_net_ties,
-}
-
-
-# ---------------------------------------------------------------------------------------------
-# Files
-# ---------------------------------------------------------------------------------------------
+# ---- Files --------------------------------------------------------------------------------------
 
 
 def format_numbers(values):
@@ -1052,28 +836,16 @@ def suggestion_line(words):
 def scene_lines(bodies):
     """Return the lines of a scene: a count, then `mesh density isFixed x y z qw qx qy qz`."""
     lines = [str(len(bodies))]
-    for body in bodies:
-        lines.append(
-            f"{body.meshFile:<22}{body.density:<8}{int(body.isFixed)}   "
-            f"{format_numbers(body.position):<23} {format_numbers(body.orientation)}"
-        )
+    for name, density, position, orientation, isFixed in bodies:
+        numbers = f"{format_numbers(position):<23} {format_numbers(orientation)}"
+        lines.append(f"{name:<22}{density:<8}{int(isFixed)}   {numbers}")
     return lines
-
-
-def write_ties(path, ties):
-    """Write a constraint file: a count, then `m1 v1 m2 v2 lower upper` per line."""
-    write_lines(path, [str(len(ties))] + [" ".join(map(str, tie)) for tie in ties])
 
 
 def main():
     parser = argparse.ArgumentParser(description="Write the project's own meshes and scenes.")
-    parser.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        default=Path(__file__).parent,
-        help="output folder (default: beside this script)",
-    )
+    text = "output folder (default: beside this script)"
+    parser.add_argument("--out", type=Path, metavar="DIR", default=Path(__file__).parent, help=text)
     folder = parser.parse_args().out
     folder.mkdir(parents=True, exist_ok=True)
 
@@ -1081,11 +853,14 @@ def main():
         write_mesh(folder / f"{name}.mesh", *mesh)
     boxVertices, boxFaces, _ = MESHES["box"]
     write_off(folder / "box.off", boxVertices, boxFaces)
-    for name, makeBodies in SCENES.items():
-        suggestion = [suggestion_line(SUGGESTIONS[name])] if name in SUGGESTIONS else []
-        write_lines(folder / f"{name}-scene.txt", suggestion + scene_lines(makeBodies()))
-    for name, makeTies in TIES.items():
-        write_ties(folder / f"{name}-constraints.txt", makeTies())
+    for name, (make, suggestion) in SCENES.items():
+        made = make()
+        bodies, ties = made if isinstance(made, tuple) else (made, [])
+        lines = [suggestion_line(suggestion)] if suggestion else []
+        write_lines(folder / f"{name}-scene.txt", lines + scene_lines(bodies))
+        if ties:
+            lines = [str(len(ties)), *(" ".join(map(str, tie)) for tie in ties)]
+            write_lines(folder / f"{name}-constraints.txt", lines)
 
 
 if __name__ == "__main__":

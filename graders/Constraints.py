@@ -1,6 +1,6 @@
 """Grade the resolution of distance constraints against constraint-resolution.data.
 
-    python graders/Constraints.py [--data DIR] [--convention exact|released-2024]
+    python graders/Constraints.py [--data DIR]
     python graders/Constraints.py --modules DIR    a student's RBSFunctions and Quaternion
 
 As in the release, the upper and then the lower bound are resolved on the same arrays, and the
@@ -12,16 +12,8 @@ import sys
 
 import numpy as np
 from classwork.graderProgram import run_grader
+from reference import rigidModel as model
 from reference.graderData import CONSTRAINT_LAYOUT
-from reference.rigidModel import (
-    BOUNDS,
-    POSITION_TOLERANCE,
-    TOLERANCES,
-    VELOCITY_TOLERANCE,
-    distance_rates,
-    position_constraints,
-    velocity_constraints,
-)
 from verdict.parts import FEW, Grader, Part, WrongResult, by_mesh, few_samples, returned
 
 POSITION, VELOCITY = "resolve_position_constraint", "resolve_velocity_constraint"
@@ -59,9 +51,8 @@ def resolve_positions(bodies, data, sample):
     meshes, arrays = constrained(bodies, sample)
     before = [array.copy() for pair in arrays for array in pair]
     invMasses = tuple(mesh.invMass for mesh in meshes)
-    for bound, factor in BOUNDS.items():
-        refValue = factor * data["refValues"][sample]
-        others = refValue, invMasses, bound, POSITION_TOLERANCE
+    for bound, factor in model.BOUNDS.items():
+        others = factor * data["refValues"][sample], invMasses, bound, model.POSITION_TOLERANCE
         wasValid, corrected = resolved(bodies, arrays, *others)
         yield f"positionWasValid{bound}", wasValid
         if not all(map(np.array_equal, before, itertools.chain(*arrays))):
@@ -73,15 +64,15 @@ def check_tolerances(bodies, data, sample):
     def is_valid(bound, tolerance, invMasses=None):
         """On new meshes, with a tolerance relative to C."""
         meshes, arrays = constrained(bodies, sample)
-        refValue = BOUNDS[bound] * data["refValues"][sample]
+        refValue = model.BOUNDS[bound] * data["refValues"][sample]
         C = float(np.linalg.norm(arrays[1][0] - arrays[1][1]) - refValue[0])
         invMasses = invMasses or tuple(mesh.invMass for mesh in meshes)
         return resolved(bodies, arrays, refValue, invMasses, bound, tolerance * abs(C))[0]
 
-    for bound in BOUNDS:
-        for place, tolerance in TOLERANCES.items():
+    for bound in model.BOUNDS:
+        for place, tolerance in model.TOLERANCES.items():
             yield f"C {place} the tolerance, {bound}", is_valid(bound, tolerance)
-    yield "two fixed meshes", is_valid("Upper", TOLERANCES["within"], (0.0, 0.0))
+    yield "two fixed meshes", is_valid("Upper", model.TOLERANCES["within"], (0.0, 0.0))
 
 
 def resolved_velocities(bodies, sample, tolerance):
@@ -93,7 +84,7 @@ def resolved_velocities(bodies, sample, tolerance):
 
 
 def resolve_velocities(bodies, data, sample):
-    values = resolved_velocities(bodies, sample, VELOCITY_TOLERANCE)
+    values = resolved_velocities(bodies, sample, model.VELOCITY_TOLERANCE)
     wasValid, linear, angular = zip(RETURNED[VELOCITY], values, strict=True)
     yield wasValid
     yield from by_mesh(*linear)
@@ -101,13 +92,13 @@ def resolve_velocities(bodies, data, sample):
 
 
 def check_velocity_tolerance(bodies, data, sample):
-    for place, factor in TOLERANCES.items():
-        tolerance = factor * distance_rates(data)[sample]
+    for place, factor in model.TOLERANCES.items():
+        tolerance = factor * model.distance_rates(data)[sample]
         yield f"|J v| {place} the tolerance", resolved_velocities(bodies, sample, tolerance)[0]
 
 
 def moving_samples(data):
-    return np.flatnonzero(distance_rates(data) > VELOCITY_TOLERANCE)[:FEW]
+    return np.flatnonzero(model.distance_rates(data) > model.VELOCITY_TOLERANCE)[:FEW]
 
 
 def remarks(data):
@@ -122,26 +113,24 @@ def shapes(flags, pairs=()):
 UPPER = shapes(["positionWasValidUpper"], ["correctedPositionsUpper"])
 LOWER = shapes(["positionWasValidLower"], ["correctedPositionsLower"])
 VELOCITIES = shapes(["velocityWasValid"], list(RETURNED[VELOCITY])[1:])
-PLACES = [f"C {place} the tolerance, {bound}" for bound in BOUNDS for place in TOLERANCES]
+PLACES = [f"C {place} the tolerance, {b}" for b in model.BOUNDS for place in model.TOLERANCES]
 POSITION_FLAGS = shapes([*PLACES, "two fixed meshes"])
-VELOCITY_FLAGS = shapes(f"|J v| {place} the tolerance" for place in TOLERANCES)
-FEW_POSITIONS = {"model": position_constraints, "samples": few_samples, "isExtra": True}
-FEW_VELOCITIES = {"model": velocity_constraints, "samples": moving_samples, "isExtra": True}
+VELOCITY_FLAGS = shapes(f"|J v| {place} the tolerance" for place in model.TOLERANCES)
+OF_POSITIONS = {"model": model.position_constraints}
+OF_VELOCITIES = {"model": model.velocity_constraints}
+FEW_POSITIONS = OF_POSITIONS | {"samples": few_samples, "isExtra": True}
+FEW_VELOCITIES = OF_VELOCITIES | {"samples": moving_samples, "isExtra": True}
+TOLERANCE = "and its tolerance"
 GRADER = Grader(
     "Constraints",
     "Resolution of distance constraints",
     "constraint-resolution.data",
     CONSTRAINT_LAYOUT,
     (
-        Part(POSITION, UPPER | LOWER, resolve_positions, position_constraints),
-        Part(f"{POSITION} and its tolerance", POSITION_FLAGS, check_tolerances, **FEW_POSITIONS),
-        Part(VELOCITY, VELOCITIES, resolve_velocities, velocity_constraints),
-        Part(
-            f"{VELOCITY} and its tolerance",
-            VELOCITY_FLAGS,
-            check_velocity_tolerance,
-            **FEW_VELOCITIES,
-        ),
+        Part(POSITION, UPPER | LOWER, resolve_positions, **OF_POSITIONS),
+        Part(f"{POSITION} {TOLERANCE}", POSITION_FLAGS, check_tolerances, **FEW_POSITIONS),
+        Part(VELOCITY, VELOCITIES, resolve_velocities, **OF_VELOCITIES),
+        Part(f"{VELOCITY} {TOLERANCE}", VELOCITY_FLAGS, check_velocity_tolerance, **FEW_VELOCITIES),
     ),
     remarks,
 )

@@ -1,6 +1,6 @@
 """Grade collision detection and resolution against collision-resolution.data.
 
-    python graders/ResolveCollisionsGrading.py [--data DIR] [--convention exact|released-2024]
+    python graders/ResolveCollisionsGrading.py [--data DIR]
     python graders/ResolveCollisionsGrading.py --modules DIR    a student's modules
 
 Detection, `Mesh.detect_collision`, is graded on right data only, because the release's is
@@ -12,17 +12,8 @@ import sys
 
 import numpy as np
 from classwork.graderProgram import run_grader
+from reference import rigidModel as model
 from reference.graderData import COLLISION_LAYOUT, EXACT, WIDTHS
-from reference.rigidModel import (
-    GROUND_RESTITUTION,
-    RESTITUTION,
-    UP,
-    detection,
-    further_resolution,
-    resolution,
-    rotated_tensors,
-    tensor_unit,
-)
 from verdict.parts import FEW, Grader, Part, WrongResult, numbers, results_of, returned, state_of
 
 CONTACT = {"isCollision": 1, "depth": 1, "intNormal": 3, "intPosition": 3}
@@ -40,14 +31,14 @@ def detect(bodies, data, sample):
 
 def rotate_tensor(bodies, data, sample):
     tensor = bodies.moving(sample).get_rotated_inv_IT()
-    yield TENSOR, numbers(tensor, 9, TENSOR) / tensor_unit(data)
+    yield TENSOR, numbers(tensor, 9, TENSOR) / model.tensor_unit(data)
 
 
 def resolve(bodies, data, sample):
     """Leaves the meshes as they are in samples without a collision."""
     meshes = bodies.resting(), bodies.moving(sample)
     if data["isCollision"][sample]:
-        bodies.function("resolve_collision")(*meshes, *contact_of(data, sample), RESTITUTION)
+        bodies.function("resolve_collision")(*meshes, *contact_of(data, sample), model.RESTITUTION)
     for k, mesh in enumerate(meshes, start=1):
         yield from results_of(mesh, f", mesh {k}")
 
@@ -63,12 +54,12 @@ def resolve_further(bodies, data, sample):
     There the depth is negative, and the mesh that touches the ground may be fixed, too.
     """
     meshes = bodies.resting(isFixed=True), bodies.moving(sample)
-    bodies.function("resolve_collision")(*meshes, *contact_of(data, sample), RESTITUTION)
+    bodies.function("resolve_collision")(*meshes, *contact_of(data, sample), model.RESTITUTION)
     yield "a fixed mesh's state", state_of(meshes[0])
     for name, isFixed in (("on the ground", False), ("fixed on the ground", True)):
         mesh = bodies.moving(sample, isFixed)
         depth, _normal, point = contact_of(data, sample)
-        contact = -depth, UP.copy(), point, GROUND_RESTITUTION
+        contact = -depth, model.UP.copy(), point, model.GROUND_RESTITUTION
         bodies.function("resolve_collision")(mesh, bodies.ground(), *contact)
         state = state_of(mesh)
         if isFixed and np.isnan(state).any():
@@ -99,10 +90,16 @@ GRADER = Grader(
     "collision-resolution.data",
     COLLISION_LAYOUT,
     (
-        Part("detect_collision", FOUND, detect, detection, **EXACT_ONLY),
-        Part("get_rotated_inv_IT", {TENSOR: 9}, rotate_tensor, rotated_tensors, isExtra=True),
-        Part("resolve_collision", STATES, resolve, resolution),
-        Part(FURTHER, UNSEEN, resolve_further, further_resolution, **EXTRA),
+        Part("detect_collision", FOUND, detect, model.detection, **EXACT_ONLY),
+        Part(
+            "get_rotated_inv_IT",
+            {TENSOR: 9},
+            rotate_tensor,
+            model.rotated_tensors,
+            isExtra=True,
+        ),
+        Part("resolve_collision", STATES, resolve, model.resolution),
+        Part(FURTHER, UNSEEN, resolve_further, model.further_resolution, **EXTRA),
     ),
     remarks,
 )

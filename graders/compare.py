@@ -8,6 +8,7 @@ All steps run in a process of their own, within the limits. The exit code is 0 i
 1 if one does, and 2 if the comparison is impossible.
 """
 
+import argparse
 import json
 import re
 import shutil
@@ -18,14 +19,13 @@ import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from classwork.graderProgram import FAILED, PASSED, OneLineParser, run_program
-from isolated.archives import find_submissions, modules_of
+from classwork.graderProgram import FAILED, PASSED, run_program
+from isolated.archives import find_submission, modules_of
 from isolated.processes import add_limit_arguments, copied, run_limited
 from reference.graderData import PROJECT_DIRECTORY, printable
 
-from rbs.program.options import POSITIVE_NUMBER, setting_type
-from rbs.program.submissions import SubmissionError, brief
-from rbs.scenes.messages import InputError
+from rbs.program.options import POSITIVE_NUMBER, OneLineParser, setting_type
+from rbs.program.submissions import brief
 from rbs.scenes.scenefiles import SceneSource, find_scene
 from rbs.stepping.settings import BY_OPTION
 
@@ -44,8 +44,6 @@ TIME_SHARE = 0.8
 class SceneResult:
     """The result of a student's functions in a scene.
 
-    Attributes
-    ----------
     steps : how many there was time for
     problem : the first difference from ours, or another failure, or ""
     largest : the largest relative difference of numbers that agree
@@ -61,17 +59,11 @@ class SceneResult:
 
 
 def compare_steps(scene, folder, limits, **order):
-    """Compares the steps of a scene, without pictures.
+    """Compares the steps of a scene, without pictures; returns a SceneResult.
 
-    Parameters
-    ----------
     folder : of the modules; a copy is run, in a process of its own
     limits : with `seconds` and `megabytes`
     order : constraints, steps, timeStep and restitution, if they differ from the usual ones
-
-    Returns
-    -------
-    SceneResult
     """
     end = time.time() + TIME_SHARE * limits.seconds
     order = USUAL | order | {"scene": str(find_scene(scene).resolve()), "end": end}
@@ -92,15 +84,9 @@ def compare_steps(scene, folder, limits, **order):
 
 
 def compare_scene(scene, folder, target, limits):
-    """Compares the steps of a scene, and draws the student's.
+    """Compares the steps of a scene, and draws the student's; returns a SceneResult.
 
-    Parameters
-    ----------
     target : folder for the pictures; the others are those of `compare_steps`
-
-    Returns
-    -------
-    SceneResult
     """
     result = compare_steps(scene, folder, limits)
     with copied(folder) as work, tempfile.TemporaryFile("w+", encoding="utf-8") as said:
@@ -123,17 +109,13 @@ def compare_scene(scene, folder, target, limits):
 
 def main(given):
     """Compares as the command line says; returns the exit code."""
-    try:
-        source = SceneSource.of_files(find_scene(given.scene), given.constraints)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of meshes that are not convex
-            source.make()
-    except InputError as error:
-        raise SubmissionError(error) from None
+    source = SceneSource.of_files(find_scene(given.scene), given.constraints)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of meshes that are not convex
+        source.make()
     order = {"constraints": source.constraintPath and str(source.constraintPath.resolve())}
     order |= {"steps": given.steps, "timeStep": given.time_step, "restitution": given.restitution}
-    entry, *_others = find_submissions([given.code])
-    with modules_of(entry) as (folder, remarks):
+    with modules_of(find_submission(given.code)) as (folder, remarks):
         result = compare_steps(given.scene, folder, given, **order)
     agree = f"{result.steps} steps agree; the largest relative difference is {result.largest:.1e}"
     for line in (*remarks, *result.remarks, result.problem or agree):
@@ -143,7 +125,8 @@ def main(given):
 
 def make_parser():
     """Returns the command line's parser."""
-    parser = OneLineParser(__doc__)
+    form = argparse.RawDescriptionHelpFormatter
+    parser = OneLineParser(description=__doc__, formatter_class=form)
     add = parser.add_argument
     add("code", metavar="CODE", help="a student's folder or ZIP; a copy of it is run")
     add("scene", metavar="SCENE", help="a scene file, or the name of a scene of data/")
@@ -151,9 +134,9 @@ def make_parser():
     text = "number of steps to compare (default: %(default)s)"
     add("--steps", metavar="N", type=POSITIVE_NUMBER, default=STEPS, help=text)
     for option, default in (("time-step", TIME_STEP), ("restitution", RESTITUTION)):
-        one = BY_OPTION[option]
-        form = {"metavar": "X", "type": setting_type(one), "default": default}
-        add(f"--{option}", **form, help=f"{one.help} (default: {default})")
+        form = {"type": setting_type(BY_OPTION[option]), "default": default}
+        text = f"{BY_OPTION[option].help} (default: {default})"
+        add(f"--{option}", metavar="X", **form, help=text)
     add_limit_arguments(parser, seconds=300.0)
     return parser
 

@@ -23,13 +23,7 @@ import ResolveCollisionsGrading
 from classwork import graderProgram, sheets
 from classwork.graderProgram import FAILED, PASSED
 from classwork.likeness import fingerprint, origin_remarks, write_likeness
-from classwork.marks import (
-    DEFAULT_SCHEME,
-    SCENE_MARKS,
-    load_scheme,
-    marks_row,
-    write_gradescope,
-)
+from classwork.marks import DEFAULT_SCHEME, SCENE_MARKS, load_scheme, marks_row, write_gradescope
 from compare import SCENES, compare_scene
 from isolated.archives import find_submissions, modules_of
 from isolated.processes import stop_all
@@ -40,7 +34,6 @@ from rbs.program.options import at_least, option_type
 from rbs.program.submissions import SubmissionError
 
 GRADERS = (integrationGrading.GRADER, ResolveCollisionsGrading.GRADER, Constraints.GRADER)
-JOBS = option_type(int, at_least(1, 64), "whole number")
 KEY = ("id", "name", "path")
 
 
@@ -48,10 +41,8 @@ KEY = ("id", "name", "path")
 class Outcome:
     """The result of grading a submission.
 
-    Attributes
-    ----------
     name, path : as they are shown
-    grades, conventions : dicts from a grader's module to its Grade, and to its data's convention
+    grades : dict from a grader's module to its Grade
     refusal : why the submission was not graded, or ""
     scenes : list of `compare.SceneResult`
     seconds : time that grading took
@@ -60,7 +51,6 @@ class Outcome:
 
     name: str
     path: str
-    conventions: dict
     grades: dict = field(default_factory=dict)
     refusal: str = ""
     remarks: list = field(default_factory=list)
@@ -75,8 +65,7 @@ def grade_entry(entry, isKnown, data, arguments):
     data : dict from a grader's module to its data
     """
     begin = time.perf_counter()
-    conventions = {module: one["convention"] for module, one in data.items()}
-    outcome = Outcome(entry.name, "" if entry.isAnonymous else str(entry.path), conventions)
+    outcome = Outcome(entry.name, "" if entry.isAnonymous else str(entry.path))
     try:
         with modules_of(entry) as (folder, remarks):
             outcome.fingerprint = fingerprint(folder)
@@ -87,12 +76,12 @@ def grade_entry(entry, isKnown, data, arguments):
             for grader in GRADERS:
                 common = grader.remarks(data[grader.module])
                 remarks += [one for one in grades[grader.module].remarks if one not in common]
-            outcome.remarks = [printable(one) for one in dict.fromkeys(remarks)]
+            outcome.remarks = list(dict.fromkeys(remarks))
             if arguments.scenes:
                 pictures = arguments.out / "pictures" / entry.name
                 outcome.scenes = [compare_scene(one, folder, pictures, arguments) for one in SCENES]
                 found = [f"{one.name}: {one.problem}" for one in outcome.scenes if one.problem]
-                outcome.remarks += map(printable, found)
+                outcome.remarks += found
             outcome.grades = grades
     except SubmissionError as error:
         outcome.refusal = str(error)
@@ -172,17 +161,16 @@ def make_options():
     option("--anonymous", action="store_true", help="write numbers instead of names and paths")
     text = "list of numbers and names (default: DIR-key.csv)"
     option("--key", metavar="FILE", type=Path, help=text)
-    jobs, text = os.cpu_count() or 1, "submissions graded at a time (default: one per processor)"
-    option("--jobs", metavar="N", type=JOBS, default=jobs, help=text)
+    form = {"type": option_type(int, at_least(1, 64), "whole number"), "default": os.cpu_count()}
+    text = "submissions graded at a time (default: one per processor)"
+    option("--jobs", metavar="N", **form, help=text)
     return parser
 
 
 def grade_all(entries, ledger, data, arguments):
     """Grades all entries that the ledger lacks.
 
-    Returns
-    -------
-    dict from name to fingerprint, and the last OSError of a file or None
+    Returns a dict from name to fingerprint, and the last OSError of a file or None.
     """
     known, prints, trouble = set(ledger.grades), {}, None
     with ThreadPoolExecutor(arguments.jobs) as executor:
@@ -212,7 +200,7 @@ def main(arguments):
     """Grades as the command line says; returns the exit code."""
     begin, out = time.perf_counter(), arguments.out
     entries = find_submissions(arguments.submissions)
-    data = graderProgram.load_data(GRADERS, arguments)
+    data = {one.module: one.load(arguments.data) for one in GRADERS}
     scheme = load_scheme(arguments.marks, GRADERS, data)
     if not arguments.scenes:
         scheme.pop(SCENE_MARKS, None)

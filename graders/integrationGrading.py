@@ -1,6 +1,6 @@
 """Grade `Mesh.integrate_timestep` against integration.data: one step of 0.1 s per sample.
 
-    python graders/integrationGrading.py [--data DIR] [--convention exact|released-2024]
+    python graders/integrationGrading.py [--data DIR]
     python graders/integrationGrading.py --modules DIR    a student's RBSFunctions and Quaternion
 
 The released data hold a result for one sample only (quirk 3 of the contract), which is graded.
@@ -10,15 +10,8 @@ import sys
 
 import numpy as np
 from classwork.graderProgram import run_grader
+from reference import rigidModel as model
 from reference.graderData import EXACT, INTEGRATION_LAYOUT, WIDTHS
-from reference.rigidModel import (
-    TIME_STEP,
-    carried,
-    exponentials,
-    further_integration,
-    integration,
-    turn_rows,
-)
 from verdict.parts import Grader, Part, WrongResult, few_samples, numbers, results_of, state_of
 
 # The step does not depend on the body's shape, and the data have none: any body will do.
@@ -31,23 +24,23 @@ TETRAHEDRON = {
 
 def integrate(bodies, data, sample):
     mesh = bodies.moving(sample)
-    mesh.integrate_timestep(TIME_STEP)
+    mesh.integrate_timestep(model.TIME_STEP)
     yield from results_of(mesh)
 
 
 def integrate_further(bodies, data, sample):
     fixed = bodies.moving(sample, isFixed=True)
-    fixed.integrate_timestep(TIME_STEP)
+    fixed.integrate_timestep(model.TIME_STEP)
     yield "a fixed mesh's pose", state_of(fixed)[:7]
     mesh = bodies.moving(sample)
-    mesh.integrate_timestep(TIME_STEP)
+    mesh.integrate_timestep(model.TIME_STEP)
     position, orientation = state_of(mesh)[None, :3], state_of(mesh)[None, 3:7]
     vertices = numbers(mesh.currVertices, 12, "the mesh's currVertices")
-    yield "currVertices", vertices - carried(data, position, orientation)
+    yield "currVertices", vertices - model.carried(data, position, orientation)
 
 
 def exponentiate(bodies, data, sample):
-    rows = np.vstack([part[sample] for part in turn_rows(data)])
+    rows = np.vstack([part[sample] for part in model.turn_rows(data)])
     for name, some in (("QExp of one row", rows[1:2]), ("QExp of several rows", rows)):
         value = bodies.function("QExp", "Quaternion")(some.copy())
         if np.shape(value) != some.shape:
@@ -76,9 +69,9 @@ GRADER = Grader(
     "integration.data",
     INTEGRATION_LAYOUT,
     (
-        Part("integrate_timestep", STATE, integrate, integration, graded_samples),
-        Part(FURTHER, UNSEEN, integrate_further, further_integration, **EXTRA),
-        Part("QExp", ROWS, exponentiate, exponentials, **EXTRA),
+        Part("integrate_timestep", STATE, integrate, model.integration, graded_samples),
+        Part(FURTHER, UNSEEN, integrate_further, model.further_integration, **EXTRA),
+        Part("QExp", ROWS, exponentiate, model.exponentials, **EXTRA),
     ),
     remarks,
     TETRAHEDRON,

@@ -4,29 +4,29 @@
 
 Needs mpmath (pip install mpmath). The three files have the keys and shapes of the coursework's own
 (contract, section 3). The random states are doubles, taken as exact numbers; the results come from
-`reference.referencePhysics`, in 50 digits, and are rounded to doubles at the end. `--convention
-released-2024` reproduces the quirks of the released data. Two runs write the same bytes.
+`reference`, in 50 digits, and are rounded to doubles at the end. `--convention released-2024`
+reproduces the quirks of the released data. Two runs write the same bytes.
 """
 
 import argparse
 import pickle
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from reference import referencePhysics as physics
-from reference.graderData import CONVENTIONS, DATA_DIRECTORY, EXACT, RELEASED_2024, WIDTHS
-from reference.referencePhysics import exact, unit
+from reference import rigidModel as model
+from reference.graderData import (
+    COLLISION_LAYOUT,
+    CONSTRAINT_LAYOUT,
+    CONVENTIONS,
+    DATA_DIRECTORY,
+    EXACT,
+    INTEGRATION_LAYOUT,
+    RELEASED_2024,
+    WIDTHS,
+)
+from reference.referencePhysics import detect_collision, exact, integrate
 
 SAMPLE_COUNT = 100
-
-# The doubles that the graders pass to functions.
-TIME_STEP = exact(0.1)  # s
-RESTITUTION = exact(0.5)
-UPPER_FACTOR = 1.2
-LOWER_FACTOR = 0.8
-POSITION_TOLERANCE = exact(1e-6)  # m
-VELOCITY_TOLERANCE = exact(1e-5)  # m/s
 
 LARGEST_SPEED = 10.0  # per component, in m/s and in rad/s
 REST_INTERVAL = 10  # the last of every ten samples is at rest, so its velocities are valid
@@ -51,10 +51,6 @@ MESHES = (
     ),
 )
 
-# From the data's keys to the attributes of a Body.
-ATTRIBUTES = ("position", "orientation", "linVelocity", "angVelocity")
-STATE = dict(zip(WIDTHS, ATTRIBUTES, strict=True))
-
 
 def boundary_triangles(tets):
     """The outward triangles that only one of the tetrahedra has."""
@@ -65,15 +61,14 @@ def boundary_triangles(tets):
     return [found[0] for found in triangles.values() if len(found) == 1]
 
 
-def make_meshes(convention):
-    """Returns (entries of the data file, [body of mesh 1, body of mesh 2])."""
-    entries, bodies = {}, []
+def make_meshes():
+    """Returns the entries of the data file for both meshes."""
+    entries = {}
     for k, (vertices, tets) in enumerate(MESHES, start=1):
-        faces = np.array(boundary_triangles(tets), np.int64)
-        vertices, tets = np.array(vertices, np.float64), np.array(tets, np.int64)
-        entries |= {f"origVertices{k}": vertices, f"faces{k}": faces, f"tets{k}": tets}
-        bodies.append(physics.make_body(exact(vertices), faces, tets, convention))
-    return entries, bodies
+        entries[f"origVertices{k}"] = np.array(vertices, np.float64)
+        entries[f"faces{k}"] = np.array(boundary_triangles(tets), np.int64)
+        entries[f"tets{k}"] = np.array(tets, np.int64)
+    return entries
 
 
 def draw_numbers(generator, low, high, count):
@@ -82,49 +77,46 @@ def draw_numbers(generator, low, high, count):
     return exact([low + (high - low) * u for u in generator.random(count).tolist()])
 
 
-def draw_state(generator, sample, radius, body):
-    """The body in a random state of doubles, with its position in a ball about the origin."""
+def draw_state(generator, sample, radius):
+    """A random state of doubles, with the position in a ball about the origin."""
     position = draw_numbers(generator, -radius, radius, 3)
     while position @ position > radius * radius:
         position = draw_numbers(generator, -radius, radius, 3)
-    orientation = exact(unit(draw_numbers(generator, -1.0, 1.0, 4)).astype(float))
+    (orientation,) = model.unit(draw_numbers(generator, -1.0, 1.0, 4)[None]).astype(float)
     speed = 0.0 if sample % REST_INTERVAL == REST_INTERVAL - 1 else LARGEST_SPEED
     velocities = (draw_numbers(generator, -speed, speed, 3) for _ in range(2))
-    state = (position, orientation, *velocities)
-    return replace(body, **dict(zip(ATTRIBUTES, state, strict=True)))
+    return position, exact(orientation), *velocities
 
 
-def normalised(body):
-    """The body with its rounded orientation normalised again, as Mesh does."""
-    return replace(body, orientation=unit(body.orientation))
+def inputs_of(states, convention):
+    """The data that `rigidModel` needs: random states, in exact numbers, and the solids."""
+    columns = map(np.array, zip(*states, strict=True))
+    data = {f"random{key}": column for key, column in zip(WIDTHS, columns, strict=True)}
+    meshes = {key: exact(a) if a.dtype == float else a for key, a in make_meshes().items()}
+    return data | {"solids": model.solids_of(meshes), "convention": convention}
 
 
-def to_array(bodies, attribute):
-    """An attribute of n bodies (n, width), rounded to doubles."""
-    return np.array([getattr(body, attribute) for body in bodies]).astype(float)
-
-
-def to_pair(bodyPairs, attribute):
-    """An attribute of n pairs of bodies: arrays (n, width) for mesh 1 and mesh 2."""
-    return [to_array(bodies, attribute) for bodies in zip(*bodyPairs, strict=True)]
-
-
-def state_entries(prefix, bodies):
-    return {prefix + key: to_array(bodies, attribute) for key, attribute in STATE.items()}
+def doubles(data, layout):
+    """The entries of a file in doubles, except the meshes; results for two meshes are pairs."""
+    entries = {}
+    for key, (kind, *axes) in layout.items():
+        if key in data:
+            array = np.ascontiguousarray(data[key], dtype=bool if kind is bool else float)
+            entries[key] = list(array) if axes[0] == 2 else array
+    return entries
 
 
 def make_integration_data(convention):
     """Returns the contents of integration.data."""
     generator = np.random.Generator(np.random.PCG64(1))
-    body = make_meshes(convention)[1][0]  # the results do not depend on its shape
-    drawn = [draw_state(generator, k, POSITION_RADIUS, body) for k in range(SAMPLE_COUNT)]
-    integrated = [physics.integrate(normalised(body), TIME_STEP) for body in drawn]
-    results = state_entries("result", integrated)
-    if convention == RELEASED_2024:
-        # Quirk 3 of the contract: only sample 0 has a result.
-        for array in results.values():
-            array[1:] = 0.0
-    return state_entries("random", drawn) | results
+    states = [draw_state(generator, k, POSITION_RADIUS) for k in range(SAMPLE_COUNT)]
+    data = inputs_of(states, convention)
+    results = integrate(*(data[f"random{key}"] for key in WIDTHS), exact(model.TIME_STEP))
+    for key, array in zip(WIDTHS, results, strict=True):
+        data[f"result{key}"] = array.copy()
+        if convention == RELEASED_2024:  # quirk 3 of the contract: only sample 0 has a result
+            data[f"result{key}"][1:] = 0.0
+    return doubles(data, INTEGRATION_LAYOUT)
 
 
 def make_collision_data(convention):
@@ -134,26 +126,15 @@ def make_collision_data(convention):
     numbers to resolve_collision. Its entries are zero if the bodies do not collide.
     """
     generator = np.random.Generator(np.random.PCG64(2))
-    meshEntries, (body1, body2) = make_meshes(convention)
-    contacts = np.zeros((SAMPLE_COUNT, 7))
-    drawn, resolved = [], []
-    for sample in range(SAMPLE_COUNT):
-        drawn.append(draw_state(generator, sample, COLLISION_RADIUS, body2))
-        bodies = body1, normalised(drawn[-1])
-        contact = physics.detect_collision(*bodies)
-        if contact is not None:
-            contacts[sample] = contact
-            bodies = physics.resolve_collision(bodies, exact(contacts[sample]), RESTITUTION)
-        resolved.append(bodies)
-    return {
-        **meshEntries,
-        **state_entries("random", drawn),
-        "isCollision": contacts[:, 0] > 0.0,
-        "depth": contacts[:, 0].copy(),
-        "intNormal": contacts[:, 1:4].copy(),
-        "intPosition": contacts[:, 4:].copy(),
-        **{f"result{key}": to_pair(resolved, attribute) for key, attribute in STATE.items()},
-    }
+    states = [draw_state(generator, k, COLLISION_RADIUS) for k in range(SAMPLE_COUNT)]
+    meshes, data = make_meshes(), inputs_of(states, convention)
+    hulls = model.carried(data, data["randomPositions"], data["randomOrientations"])
+    resting = data["solids"][1].vertices, meshes["faces1"]
+    found = [detect_collision(*resting, hull.reshape(-1, 3), meshes["faces2"]) for hull in hulls]
+    contacts = exact(np.array(found).astype(float))
+    data |= {"isCollision": contacts[:, 0] > 0, "depth": contacts[:, 0]}
+    data |= {"intNormal": contacts[:, 1:4], "intPosition": contacts[:, 4:]}
+    return meshes | doubles(data | model.resolution(data), COLLISION_LAYOUT)
 
 
 def make_constraint_data(convention):
@@ -164,35 +145,13 @@ def make_constraint_data(convention):
     passes that product to resolve_position_constraint.
     """
     generator = np.random.Generator(np.random.PCG64(3))
-    meshEntries, (body1, body2) = make_meshes(convention)
-    drawn, refValues, results = [], [], []
+    states, refValues = [], []
     for sample in range(SAMPLE_COUNT):
-        drawn.append(draw_state(generator, sample, POSITION_RADIUS, body2))
+        states.append(draw_state(generator, sample, POSITION_RADIUS))
         refValues.append(draw_numbers(generator, *REFERENCE_LENGTHS, 1).astype(float))
-        bodies = body1, normalised(drawn[-1])
-        points = [body.carry(body1.vertices[0]) for body in bodies]
-        upper, lower = (exact(factor * refValues[-1][0]) for factor in (UPPER_FACTOR, LOWER_FACTOR))
-        given, tolerance = (bodies, points), POSITION_TOLERANCE
-        results.append(
-            (
-                *physics.resolve_position_constraint(*given, upper, True, tolerance),
-                *physics.resolve_position_constraint(*given, lower, False, tolerance),
-                *physics.resolve_velocity_constraint(*given, VELOCITY_TOLERANCE),
-            )
-        )
-    upperValid, uppers, lowerValid, lowers, velocityValid, pairs = zip(*results, strict=True)
-    return {
-        **meshEntries,
-        **state_entries("random", drawn),
-        "refValues": np.array(refValues),
-        "positionWasValidUpper": np.array(upperValid),
-        "correctedPositionsUpper": to_pair(uppers, "position"),
-        "positionWasValidLower": np.array(lowerValid),
-        "correctedPositionsLower": to_pair(lowers, "position"),
-        "velocityWasValid": np.array(velocityValid),
-        "correctedLinVelocities": to_pair(pairs, "linVelocity"),
-        "correctedAngVelocities": to_pair(pairs, "angVelocity"),
-    }
+    data = inputs_of(states, convention) | {"refValues": np.array(refValues)}
+    data |= model.position_constraints(data) | model.velocity_constraints(data)
+    return make_meshes() | doubles(data, CONSTRAINT_LAYOUT)
 
 
 def make_reference(directory, convention=EXACT):

@@ -8,26 +8,16 @@ from pathlib import Path
 
 from isolated.archives import find_submission, modules_of
 from isolated.processes import add_limit_arguments, run_isolated
-from reference.graderData import CONVENTIONS, DATA_DIRECTORY, GraderDataError, printable
+from reference.graderData import DATA_DIRECTORY, printable
 from verdict.bodies import Bodies
 from verdict.gradeReport import make_grade
 
 from classwork.likeness import origin_remarks
-from rbs.program.submissions import SubmissionError
+from rbs.program.options import OneLineParser
+from rbs.scenes.messages import InputError
 
 PASSED, FAILED, BAD_DATA = 0, 1, 2
 STOPPED = 130  # 128 + SIGINT, the shell's code for a program that Ctrl-C ended
-
-
-class OneLineParser(argparse.ArgumentParser):
-    """Describes a script by its docstring, and reports a wrong command line in one line."""
-
-    def __init__(self, description):
-        form = argparse.RawDescriptionHelpFormatter
-        super().__init__(description=description, formatter_class=form)
-
-    def error(self, message):
-        self.exit(BAD_DATA, f"{self.prog}: {printable(message)} (--help lists the options)\n")
 
 
 def run_grader(description, grader):
@@ -37,13 +27,18 @@ def run_grader(description, grader):
     parser.add_argument("--modules", metavar="DIR", help=text)
 
     def main(arguments):
-        data = load_data([grader], arguments)
+        data = grader.load(arguments.data)
         remarks = [f"data {arguments.data / grader.fileName}"]
         if arguments.modules is None:
-            grade = grade_own_modules(grader, data[grader.module])
+            import Quaternion
+            import RBSFunctions
+
+            bodies = Bodies(RBSFunctions, Quaternion, data)
+            grade = make_grade(grader, grader.judge(bodies, data), data)
         else:
             with modules_of(find_submission(arguments.modules)) as (folder, found):
-                (grade,) = grade_submission([grader], folder, data, arguments).values()
+                given = {grader.module: data}
+                (grade,) = grade_submission([grader], folder, given, arguments).values()
                 remarks += [f"modules {arguments.modules}", *found, *origin_remarks(folder)]
         grade.remarks += map(printable, remarks)
         grade.report()
@@ -54,12 +49,10 @@ def run_grader(description, grader):
 
 def make_parser(description):
     """Returns a parser with the options that all graders share."""
-    parser = OneLineParser(description)
-    add = parser.add_argument
+    form = argparse.RawDescriptionHelpFormatter
+    parser = OneLineParser(description=description, formatter_class=form)
     text = "folder of the graders' data (default: the project's data)"
-    add("--data", metavar="DIR", type=Path, default=DATA_DIRECTORY, help=text)
-    text = "physics behind the data: right, or as in the coursework's 2024 release (default: "
-    add("--convention", choices=CONVENTIONS, help=text + "recognised from the data)")
+    parser.add_argument("--data", metavar="DIR", type=Path, default=DATA_DIRECTORY, help=text)
     add_limit_arguments(parser)
     return parser
 
@@ -67,9 +60,7 @@ def make_parser(description):
 def run_program(parser, main):
     """Calls `main` with the arguments; SIGTERM ends it as Ctrl-C does.
 
-    Returns
-    -------
-    the exit code: that of `main`, or BAD_DATA or STOPPED after one line on stderr
+    Returns the exit code: that of `main`, or BAD_DATA or STOPPED after one line on stderr.
     """
     arguments = parser.parse_args()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -82,7 +73,7 @@ def run_program(parser, main):
     except BrokenPipeError:  # of `| head`
         sys.stdout = open(os.devnull, "w")
         code, cause = STOPPED, "the output was closed"
-    except (SubmissionError, GraderDataError) as problem:
+    except InputError as problem:
         code, cause = BAD_DATA, problem
     except OSError as problem:
         code, cause = BAD_DATA, f"{problem.filename}: {problem.strerror}"
@@ -92,36 +83,12 @@ def run_program(parser, main):
     return code
 
 
-def load_data(graders, arguments):
-    """Returns a dict from each grader's module to its data. Raises GraderDataError."""
-    data = {}
-    for grader in graders:
-        try:
-            data[grader.module] = grader.load(arguments.data, arguments.convention)
-        except GraderDataError as problem:
-            raise GraderDataError(f"{arguments.data / grader.fileName}: {problem}") from None
-    return data
-
-
-def grade_own_modules(grader, data):
-    """Returns the Grade of this project's modules, which run in this process."""
-    import Quaternion
-    import RBSFunctions
-
-    bodies = Bodies(RBSFunctions, Quaternion, data)
-    return make_grade(grader, grader.judge(bodies, data, withExtras=False), data)
-
-
 def grade_submission(graders, folder, data, arguments):
     """Grades a student's modules, a copy of which is run.
 
-    Parameters
-    ----------
     data : dict from a grader's module to its data; arguments : with its folder, and the limits
 
-    Returns
-    -------
-    dict from a grader's module to its Grade
+    Returns a dict from a grader's module to its Grade.
     """
     outcomes = run_isolated(graders, folder, arguments.data, data, arguments)
     return {one.module: make_grade(one, outcomes[one.module], data[one.module]) for one in graders}

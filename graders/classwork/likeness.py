@@ -70,6 +70,6 @@ def write_likeness(path, prints):
     """
     pairs = [(likeness(prints[a], prints[b]), a, b) for a, b in itertools.combinations(prints, 2)]
     pairs = sorted((pair for pair in pairs if pair[0] > REPORTED), key=lambda pair: -pair[0])
-    texts = [(a, b, f"{100 * x:.0f}") for x, a, b in pairs]
-    write_rows(path, COLUMNS, [dict(zip(COLUMNS, row, strict=True)) for row in texts])
+    rows = [(a, b, f"{100 * x:.0f}") for x, a, b in pairs]
+    write_rows(path, COLUMNS, [dict(zip(COLUMNS, row, strict=True)) for row in rows])
     return len(pairs)

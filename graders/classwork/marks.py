@@ -5,52 +5,40 @@ import json
 from pathlib import Path
 
 import numpy as np
-from reference.graderData import ERROR_BOUND, GraderDataError
+from reference.graderData import ERROR_BOUND
 from verdict.hints import mistakes_of
 
 from rbs.scenes.files import atomic_write
+from rbs.scenes.messages import InputError
 
 DEFAULT_SCHEME = Path(__file__).resolve().parents[1] / "marks.ini"
 SCENE_MARKS = "scenes"
 
 
 def load_scheme(path, graders, data):
-    """Reads the marks of each function or part.
+    """Reads the marks of each function. Raises InputError, OSError.
 
-    Parameters
-    ----------
     data : dict from a grader's module to its data
 
-    Returns
-    -------
-    dict from each name to (its marks, quantities that do not count)
-
-    Raises
-    ------
-    GraderDataError, OSError
+    Returns a dict from each name to (its marks, quantities that do not count).
     """
-    parts = [(part, data[one.module]) for one in graders for part in one.parts]
-    names = [*dict.fromkeys(name for one, _ in parts for name in (one.function, one.name))]
-    names.append(SCENE_MARKS)
+    free = {SCENE_MARKS: []}
+    for grader in graders:
+        for part in grader.parts:
+            free.setdefault(part.function, []).extend(_free(part, data[grader.module]))
     parser = configparser.ConfigParser(delimiters=("=",), interpolation=None)
     parser.optionxform = str  # keeps capitals
     scheme = {}
     try:
-        with open(path, encoding="utf-8-sig") as file:
-            parser.read_file(file)
-        for heading in parser.sections():
-            for name, text in parser[heading].items():
-                if name not in names:
-                    raise ValueError(f"'{name}' is not one of {', '.join(names)}")
-                free = [_free(*one) for one in parts if _is_of(one[0].name, name)]
-                scheme[name] = float(text), [key for keys in free for key in keys]
+        parser.read_string(path.read_text("utf-8-sig"), str(path))
+        items = [item for heading in parser.sections() for item in parser[heading].items()]
+        for name, text in items:
+            if name not in free:
+                raise ValueError(f"'{name}' is not one of {', '.join(free)}")
+            scheme[name] = float(text), free[name]
     except (configparser.Error, ValueError) as problem:
-        raise GraderDataError(f"{path}: {' '.join(str(problem).split())}") from None
+        raise InputError(f"{path}: {problem}") from None
     return scheme
-
-
-def _is_of(part, name):
-    return part == name or part.startswith(f"{name} ")
 
 
 def _free(part, data):
@@ -69,18 +57,15 @@ def marks_of(outcome, scheme):
     """Returns a dict from each graded part of the scheme to (marks, maximum, what is wrong)."""
     if outcome.refusal:
         return {name: (0.0, most, [outcome.refusal]) for name, (most, _free) in scheme.items()}
-    quantities = [one for grade in outcome.grades.values() for one in grade.quantities]
+    scenes = [(f"{one.name}: {one.problem}", not one.problem) for one in outcome.scenes]
+    tried = {SCENE_MARKS: scenes}
+    for quantity in (one for grade in outcome.grades.values() for one in grade.quantities):
+        tried.setdefault(quantity.part.split()[0], []).append((quantity.name, quantity.isRight))
     marks = {}
     for name, (most, free) in scheme.items():
-        nearer = [one for one in scheme if _is_of(one, name) and one != name]
-        own = [q for q in quantities if _is_of(q.part, name)]
-        own = [q for q in own if not any(_is_of(q.part, other) for other in nearer)]
-        tried = [(q.name, q.isRight) for q in own]
-        if name == SCENE_MARKS:
-            tried = [(f"{one.name}: {one.problem}", not one.problem) for one in outcome.scenes]
-        counted = [one for one in tried if not one[1] or one[0] not in free]
+        counted = [one for one in tried.get(name, ()) if not one[1] or one[0] not in free]
         wrong = [text for text, isRight in counted if not isRight]
-        if tried:
+        if tried.get(name):
             given = most * (1 - len(wrong) / max(1, len(counted)))
             marks[name] = round(given, 2), most, wrong
     return marks
@@ -89,7 +74,7 @@ def marks_of(outcome, scheme):
 def marks_row(outcome, scheme):
     """Returns columns of marks.csv: each part, empty if not graded, and "total" and "of"."""
     given = marks_of(outcome, scheme)
-    row = {name: f"{given[name][0]:g}" if name in given else "" for name in scheme}
+    row = dict.fromkeys(scheme, "") | {name: f"{one[0]:g}" for name, one in given.items()}
     total, most = (sum(one[k] for one in given.values()) for k in (0, 1))
     return row | {"total": f"{round(total, 2):g}", "of": f"{most:g}"}
 

@@ -9,18 +9,15 @@ import math
 import os
 import re
 import statistics
-import unicodedata
 from collections import Counter
 from urllib.parse import quote
 
 from reference.graderData import ERROR_BOUND, printable
 
-from rbs.program.submissions import SubmissionError
 from rbs.scenes.files import atomic_write
-from rbs.scenes.messages import short
+from rbs.scenes.messages import InputError, short
 
-GRADES = ("submission", "grader", "passed", "of", "largest error", "notes", "remarks", "failed")
-GRADES += ("convention", "path")
+GRADES = "submission,grader,passed,of,largest error,notes,remarks,failed,path".split(",")
 BETWEEN = " | "
 # Characters of a note in the printed table; the sheet has the whole note.
 NOTE_WIDTH = 72
@@ -39,13 +36,10 @@ def rows_of(outcome):
         return [row | {"notes": outcome.refusal, "failed": "everything: refused"}]
     rows = []
     for module, grade in outcome.grades.items():
-        error, count = grade.largest_error, len(grade.quantities)
-        shown = "not a number" if math.isnan(error) else f"{error:.1e}"
-        if all(quantity.error is None for quantity in grade.quantities):
-            shown = "-"
         failed = dict.fromkeys(one.part for one in grade.quantities if not one.isRight)
-        row = row | {"grader": module, "convention": outcome.conventions[module]}
-        row |= {"passed": str(count - len(grade.failures)), "of": str(count)}
+        row = row | {"grader": module, "of": str(len(grade.quantities))}
+        row["passed"] = str(len(grade.quantities) - len(grade.failures))
+        shown = "-" if math.isnan(grade.largest_error) else f"{grade.largest_error:.1e}"
         row |= {"largest error": shown, "failed": BETWEEN.join(failed)}
         row["notes"] = BETWEEN.join(f"{what}: {text}" for what, text in grade.notes)
         rows.append(row)
@@ -59,25 +53,23 @@ def passes(rows):
 
 def write_rows(path, columns, rows):
     """Writes a whole CSV file, with the mark by which Excel knows UTF-8. Raises OSError."""
-    cells = [[_plain_cell(str(row[column])) for column in columns] for row in rows]
     form = {"encoding": "utf-8-sig", "newline": ""}
     with atomic_write(path) as partial, open(partial, "w", **form) as file:
-        csv.writer(file).writerows([columns, *cells])
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        for row in rows:
+            writer.writerow(re.sub(FORMULA, r"'\2", printable(row[column])) for column in columns)
 
 
 def read_rows(path, columns):
-    """Reads the rows of `write_rows`; none if there is no file. Raises SubmissionError, OSError."""
+    """Reads the rows of `write_rows`; none if there is no file. Raises InputError, OSError."""
     if not path.exists():
         return []
     with open(path, encoding="utf-8-sig", newline="") as file:
         reader = csv.DictReader(file)
-        if tuple(reader.fieldnames or ()) != tuple(columns):
-            raise SubmissionError(f"{path}: has other columns; cannot resume")
+        if list(reader.fieldnames or ()) != list(columns):
+            raise InputError(f"{path}: has other columns; cannot resume")
         return [{key: re.sub(FORMULA, r"\2", text) for key, text in row.items()} for row in reader]
-
-
-def _plain_cell(text):
-    return re.sub(FORMULA, r"'\2", printable(text))
 
 
 def print_table(rows):
@@ -85,27 +77,20 @@ def print_table(rows):
     table, last = [("submission", "grader", "passed", "largest error", "hint")], None
     for row in rows:
         notes = _split(row["notes"]) + _split(row["remarks"]) * (row["submission"] != last)
-        note = printable("".join(notes[:1]))
-        passed = "refused"
+        note, passed = printable("".join(notes[:1])), "refused"
         if row["grader"] != "-":
             passed = f"{row['passed']}/{row['of']}"
             note = re.sub(r"^[^:]*: (hint: )?(?=.)", "", note) if row["notes"] else note
         note = short(note, limit=NOTE_WIDTH) + f" (+{len(notes) - 1})" * (len(notes) > 1)
         last = row["submission"]
         table.append((last, row["grader"], passed, row["largest error"], note))
-    widths = [max(map(_width, column)) for column in zip(*table, strict=True)]
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     for row in table:
-        cells = [one + " " * (w - _width(one)) for one, w in zip(row, widths, strict=True)]
-        print("  ".join(cells).rstrip())
+        print("  ".join(map(str.ljust, row, widths)).rstrip())
 
 
 def _split(cell):
     return cell.split(BETWEEN) if cell else []
-
-
-def _width(text):
-    """The columns that a text takes on a terminal, two for a Chinese character."""
-    return sum(1 + (unicodedata.east_asian_width(letter) in "WF") for letter in text)
 
 
 def summary_of(rows, marks):
@@ -125,29 +110,23 @@ def summary_of(rows, marks):
 
 def write_sheet(path, outcome, marks):
     """Writes a submission's Markdown sheet; marks : its row of marks.csv. Raises OSError."""
-    verdict = "passes" if passes(rows_of(outcome)) else "does not pass"
     lines = [f"# {_plain(outcome.name)}", ""]
     if outcome.refusal:
         lines += [f"Not graded: {_plain(outcome.refusal)}", ""]
     else:
+        verdict = "passes" if passes(rows_of(outcome)) else "does not pass"
         text = f"a quantity passes if its largest error is below {ERROR_BOUND:g}."
         lines += [f"The submission {verdict}; {text}", ""]
         lines += [f"Marks: {marks['total']} of {marks['of']}.", ""]
     lines += _listed(outcome.remarks)
-    for module, grade in outcome.grades.items():
-        passed = len(grade.quantities) - len(grade.failures)
-        lines += [f"## {grade.title}: {passed} of {len(grade.quantities)}", ""]
+    for grade in outcome.grades.values():
+        lines += [f"## {grade.title}", ""]
         lines += _listed(f"{what}: {text}" for what, text in grade.notes)
-        lines += ["| | quantity | largest error | at sample | samples |", "|---|---|--:|--:|--:|"]
-        for quantity in grade.quantities:
-            mark = "✓" if quantity.isRight else "✗"
-            lines.append(f"| {mark} | {' | '.join(map(_plain, quantity.cells()))} |")
-        remarks = [*grade.remarks, f"convention {outcome.conventions[module]}"]
-        lines += ["", *(f"{_plain(remark)}  " for remark in remarks), ""]
-    if outcome.scenes:
-        lines += ["## Scenes", ""]
-        for scene in outcome.scenes:
-            lines += _contact_sheet(scene, path.parent)
+        lines += [f"    {line}" for line in [*grade.table(), "", grade.verdict()]] + [""]
+        lines += _listed(grade.remarks)
+    lines += ["## Scenes", ""] * bool(outcome.scenes)
+    for scene in outcome.scenes:
+        lines += _contact_sheet(scene, path.parent)
     with atomic_write(path) as partial, open(partial, "w", encoding="utf-8", newline="\n") as file:
         file.write("\n".join(lines).rstrip() + "\n")
 
@@ -159,16 +138,12 @@ def _listed(texts):
 
 def _contact_sheet(scene, folder):
     """The pictures of a scene in a row, with their times below."""
-    lines = [f"### {_plain(scene.name)}", ""]
-    lines += [_plain(scene.problem or "The steps agree with ours."), ""]
+    lines = [f"### {scene.name}", "", _plain(scene.problem or "The steps agree with ours."), ""]
     lines += _listed(scene.remarks)
-    if scene.pictures:
-        paths = [os.path.relpath(path, folder) for _time, path in scene.pictures]
-        paths = [quote(path.replace(os.sep, "/")) for path in paths]
-        lines.append("| " + " | ".join(f"![{scene.name}]({path})" for path in paths) + " |")
-        lines.append("|" + ":-:|" * len(paths))
-        lines += ["| " + " | ".join(f"{time:g} s" for time, _path in scene.pictures) + " |", ""]
-    return lines
+    paths = [os.path.relpath(path, folder).replace(os.sep, "/") for _time, path in scene.pictures]
+    rows = [f"![{scene.name}]({quote(path)})" for path in paths], [":-:"] * len(paths)
+    rows += ([f"{time:g} s" for time, _path in scene.pictures],)
+    return lines + [f"| {' | '.join(row)} |" for row in rows if paths] + [""]
 
 
 def _plain(text):

@@ -4,6 +4,7 @@ Only the folder with RBSFunctions.py and its subfolders are read, and a copy of 
 are never followed, and no name can lead out of the copy.
 """
 
+import itertools
 import os
 import re
 import stat
@@ -65,7 +66,9 @@ def find_submissions(paths):
     """
     found = []
     for path in map(Path, paths):
-        if _is_archive(path) or _is_submission(path):
+        tops = [one for one in (path, path / "code") if one.is_dir()]
+        names = [file.name.lower() for one in tops for file in one.iterdir()]
+        if _is_archive(path) or FUNCTIONS in names:
             found.append((_name_of(path), path, ()))
         elif path.is_dir():
             inside = _inside(path)
@@ -77,18 +80,15 @@ def find_submissions(paths):
             raise SubmissionError(f"{path}: {exists}")
     entries = {}
     for stem, path, files in found:
-        name, number = stem, 1
-        while name.lower() in entries:
-            number += 1
-            name = f"{stem}-{number}"
+        names = itertools.chain([stem], (f"{stem}-{number}" for number in itertools.count(2)))
+        name = next(name for name in names if name.lower() not in entries)
         entries[name.lower()] = Entry(name, path, files)
     return list(entries.values())
 
 
 def find_submission(path):
     """Returns the Entry of a path that is one submission. Raises SubmissionError."""
-    first, *_others = find_submissions([path])
-    return Entry(first.name, Path(path))
+    return Entry(find_submissions([path])[0].name, Path(path))
 
 
 def _inside(folder):
@@ -114,11 +114,6 @@ def _is_archive(path):
 
 def _is_skipped(name):
     return name.startswith(".") or name.lower() in SKIPPED
-
-
-def _is_submission(path):
-    folders = [one for one in (path, path / "code") if one.is_dir()]
-    return any(file.name.lower() == FUNCTIONS for one in folders for file in one.iterdir())
 
 
 def _name_of(path):
@@ -169,58 +164,56 @@ def _members(entry, stack):
     """
     if entry.files:
         return [((name,), partial(open, path, "rb")) for name, path in entry.files]
-    if entry.path.is_dir():
-        members = list(_in_folder(entry.path))
-    elif _is_archive(entry.path):
-        members = list(_in_archive(entry.path.name, open(entry.path, "rb"), stack))
-    else:
+    if not entry.path.is_dir() and not _is_archive(entry.path):
         raise SubmissionError(LOOSE.format(entry.path.suffix))
-    if not any(parts[-1].lower() == FUNCTIONS for parts, _ in members):
+    members = list(_opened(entry.path, stack))
+    if not _folders_in(members):
         for parts, opener in members[:]:
             if parts[-1].lower().endswith(ARCHIVES):
-                inner = _in_archive(parts[-1], opener(), stack)
+                inner = _opened(parts[-1], stack, stack.enter_context(opener()))
                 members += [(parts + more, one) for more, one in inner]
     return members
 
 
-def _in_folder(folder):
-    for root, folders, files in os.walk(folder):
-        folders[:] = [one for one in folders if not _is_skipped(one)]
-        for path in (Path(root) / name for name in files):
-            if path.is_file() and not path.is_symlink():
-                yield _parts(str(path.relative_to(folder))), partial(open, path, "rb")
-
-
-def _in_archive(name, file, stack):
-    stack.enter_context(file)
-    if name.lower().endswith(TARS):
-        archive = stack.enter_context(tarfile.open(fileobj=file))
+def _opened(path, stack, file=None):
+    """Yields the files of a folder, or of a ZIP or tar, which may be opened already."""
+    if file is None and path.is_dir():
+        found = [(one.relative_to(path), partial(open, one, "rb")) for one in _walked(path)]
+    elif str(path).lower().endswith(TARS):
+        archive = stack.enter_context(tarfile.open(path, fileobj=file))
         found = ((one.name, partial(archive.extractfile, one)) for one in archive if one.isfile())
     else:
-        archive = stack.enter_context(zipfile.ZipFile(file))
+        archive = stack.enter_context(zipfile.ZipFile(file or path))
         files = (one for one in archive.infolist() if not one.is_dir())
         plainFiles = (one for one in files if not stat.S_ISLNK(one.external_attr >> 16))
         found = ((one.filename, partial(archive.open, one)) for one in plainFiles)
     for name, opener in found:
-        parts = _parts(name)
+        parts = [one for one in str(name).replace("\\", "/").split("/") if one not in ("", ".")]
         if parts and not any(map(_is_skipped, parts)):  # skips "..", too
-            yield parts, opener
+            yield tuple(map(plain, parts)), opener
 
 
-def _parts(name):
-    parts = name.replace("\\", "/").split("/")
-    return tuple(part if part == ".." else plain(part) for part in parts if part not in ("", "."))
+def _walked(folder):
+    for root, folders, files in os.walk(folder):
+        folders[:] = [one for one in folders if not _is_skipped(one)]
+        paths = (Path(root) / name for name in files)
+        yield from (path for path in paths if path.is_file() and not path.is_symlink())
+
+
+def _folders_in(members):
+    """The folders with an RBSFunctions.py, the uppermost first."""
+    folders = {parts[:-1] for parts, _ in members if parts[-1].lower() == FUNCTIONS}
+    return sorted(folders, key=lambda folder: (len(folder), folder))
 
 
 def _take(members, target, isAnonymous):
     """Copies the student's modules, and the files beside and below them; returns remarks."""
-    folders = {parts[:-1] for parts, _ in members if parts[-1].lower() == FUNCTIONS}
-    if not folders:
+    if not (folders := _folders_in(members)):
         unread = [one for one in UNREAD[:2] for parts, _ in members if parts[-1].endswith(one)]
         more = f"; its {unread[0]} file is not read" if unread else ""
         raise SubmissionError(f"has no RBSFunctions.py{more}")
-    top, *others = sorted(folders, key=lambda folder: (len(folder), folder))
-    shown = ["a folder" if isAnonymous else "/".join(one) or "." for one in (top, *others)]
+    top, shown = folders[0], ["/".join(one) or "." for one in folders]
+    shown = ["a folder"] * len(folders) if isAnonymous else shown
     remarks = [f"modules found in {shown[0]}"] if top else []
     remarks += [f"another RBSFunctions.py, in {one}, is not graded" for one in shown[1:]]
 

@@ -23,32 +23,23 @@ from rbs.program.options import at_least, option_type
 from rbs.program.submissions import SubmissionError
 
 WORKER = Path(__file__).resolve().with_name("worker.py")
-SECONDS = option_type(float, at_least(0.1, 86400), "number")
-MEGABYTES = option_type(int, at_least(1, 1 << 20), "whole number")
 # Seconds that a process may take in addition to the time limits of its parts, to start and to end.
 GRACE = 20
 # The environment of a student's program: same numbers each time, no window, one thread because
 # each would take memory of its own.
-ENVIRONMENT = {
-    "PYTHONHASHSEED": "0",
-    "PYTHONDONTWRITEBYTECODE": "1",
-    "PYTHONUTF8": "1",
-    "MPLBACKEND": "Agg",
-    "OPENBLAS_NUM_THREADS": "1",
-    "OMP_NUM_THREADS": "1",
-}
+_ONES = "PYTHONDONTWRITEBYTECODE PYTHONUTF8 OPENBLAS_NUM_THREADS OMP_NUM_THREADS".split()
+ENVIRONMENT = {"PYTHONHASHSEED": "0", "MPLBACKEND": "Agg"} | dict.fromkeys(_ONES, "1")
 DROPPED = ("PYTHON", "DISPLAY", "WAYLAND_DISPLAY")
 
 
 def add_limit_arguments(parser, seconds=30):
     """Adds two options, whose values `seconds` and `megabytes` are called limits here."""
-    option = parser.add_argument
+    form = {"type": option_type(float, at_least(0.1, 86400), "number"), "default": seconds}
     text = "time limit for each part of a grader (default: %(default)g)"
-    form = {"dest": "seconds", "metavar": "SECONDS", "type": SECONDS, "default": seconds}
-    option("--time-limit", **form, help=text)
+    parser.add_argument("--time-limit", dest="seconds", metavar="SECONDS", **form, help=text)
+    form = {"type": option_type(int, at_least(1, 1 << 20), "whole number"), "default": 2048}
     text = "memory limit of a submission (default: %(default)d)"
-    form = {"dest": "megabytes", "metavar": "MB", "type": MEGABYTES, "default": 2048}
-    option("--memory-limit", **form, help=text)
+    parser.add_argument("--memory-limit", dest="megabytes", metavar="MB", **form, help=text)
 
 
 # ---- Processes ----------------------------------------------------------------------------------
@@ -64,32 +55,19 @@ def copied(folder):
 def run_limited(words, folder, seconds, megabytes, errors=subprocess.DEVNULL):
     """Runs `worker.py` with these words, and ends all processes that it has started.
 
-    Parameters
-    ----------
     errors : a file for its standard error; its output is dropped
 
-    Returns
-    -------
-    its exit code, negative if a signal ended it, None if the time was up
-
-    Raises
-    ------
-    SubmissionError
-        after a call of `stop_all`
+    Returns its exit code, negative if a signal ended it, None if the time was up. Raises
+    SubmissionError after a call of `stop_all`.
     """
     if _isStopped.is_set():
         raise SubmissionError("stopped")
     kept = {name: text for name, text in os.environ.items() if not name.startswith(DROPPED)}
-    words = map(str, (megabytes, int(seconds) + 1, os.getpid(), *words))
-    process = subprocess.Popen(
-        [sys.executable, "-B", WORKER, *words],
-        cwd=folder,
-        env=kept | ENVIRONMENT | {"TMPDIR": str(folder.parent)},
-        start_new_session=True,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=errors,
-    )
+    words = megabytes, int(seconds) + 1, os.getpid(), *words
+    command = [sys.executable, "-B", WORKER, *map(str, words)]
+    form = {"cwd": folder, "env": kept | ENVIRONMENT | {"TMPDIR": str(folder.parent)}}
+    form |= {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": errors}
+    process = subprocess.Popen(command, start_new_session=True, **form)
     _running.add(process)
     try:
         return process.wait(0 if _isStopped.is_set() else seconds)  # stopped meanwhile
@@ -131,24 +109,16 @@ def run_isolated(graders, folder, dataFolder, data, limits):
     One process runs all parts. A part during which it ends is given up, and another process
     continues with the next one. If the modules cannot be imported, all parts are given up.
 
-    Parameters
-    ----------
-    folder : of the modules
     data : dict from a grader's module to its data, which the process reads from dataFolder
     limits : with `seconds` for each part, and `megabytes`
 
-    Returns
-    -------
-    dict from a grader's module to a list of (Part, Results)
+    Returns a dict from a grader's module to a list of (Part, Results).
     """
     parts = {
-        (grader.module, part.name): part
-        for grader in graders
-        for part in grader.asked(data[grader.module], withExtras=True)
+        (one.module, part.name): part for one in graders for part in one.asked(data[one.module])
     }
     outcomes = {}
-    order = {"conventions": {one.module: data[one.module]["convention"] for one in graders}}
-    order |= {"data": str(dataFolder.resolve()), "seconds": limits.seconds}
+    order = {"data": str(dataFolder.resolve()), "seconds": limits.seconds}
     while missing := [key for key in parts if key not in outcomes]:
         contents, isLoaded, cause = _run(order | {"parts": missing}, folder, limits)
         for key in missing:
@@ -160,10 +130,8 @@ def run_isolated(graders, folder, dataFolder, data, limits):
             results.give_up(cause, len(parts[key].samples(given)))
             if isLoaded:
                 break
-    return {
-        grader.module: [(parts[key], outcomes[key]) for key in parts if key[0] == grader.module]
-        for grader in graders
-    }
+    modules = {one.module: [key for key in parts if key[0] == one.module] for one in graders}
+    return {name: [(parts[key], outcomes[key]) for key in keys] for name, keys in modules.items()}
 
 
 def _run(order, folder, limits):
@@ -185,25 +153,16 @@ def _run(order, folder, limits):
                 cause = answer.get("refused")
                 if "part" in answer:
                     contents[tuple(answer["part"])] = answer["results"]
-        during = "" if isLoaded else " while the modules were imported"
         said = trace.read_text(errors="replace") if trace.exists() else ""
-        cause = cause or _reason(code, said, limits.seconds) + during + _place(said, work)
-    return contents, isLoaded, cause
-
-
-def _reason(code, said, seconds):
-    """Why a process ended early, from its exit code and its trace."""
     if code is None or "Timeout (" in said:
-        return f"stopped after {seconds:g} s"
-    if code < 0:
-        name = signal.Signals(-code).name if -code in set(signal.Signals) else str(-code)
-        return f"crashed the interpreter ({name})"
-    return f"ended the interpreter with exit code {code}"
-
-
-def _place(said, work):
-    """The place of the student's code in a trace, as ", at FILE:LINE", or ""."""
+        reason = f"stopped after {limits.seconds:g} s"
+    elif code < 0:
+        reason = f"crashed the interpreter ({signal.Signals(-code).name})"
+    else:
+        reason = f"ended the interpreter with exit code {code}"
+    reason += "" if isLoaded else " while the modules were imported"
     for file, line in re.findall(r'File "([^"\n]+)", line (\d+)', said):
         if Path(file).is_relative_to(work):
-            return f", at {Path(file).relative_to(work)}:{line}"
-    return ""
+            reason += f", at {Path(file).relative_to(work)}:{line}"
+            break
+    return contents, isLoaded, cause or reason

@@ -57,13 +57,8 @@ END = "the end of the step"
 class Comparison:
     """Steps of a scene by our functions and by a student's, from the same states.
 
-    Parameters
-    ----------
-    folder : of the student's modules
-    ours : Simulation
+    folder : of the student's modules; ours : Simulation
 
-    Attributes
-    ----------
     problem : the first difference, or ""
     largest : the largest relative difference of numbers that agree
     remarks : dict from text to the first step that it is true of
@@ -82,19 +77,16 @@ class Comparison:
         self.index = {id(mesh): k for k, mesh in enumerate(self.theirs)}
         self.set_scales()
         for mesh, shadow in zip(meshes, self.shadows, strict=False):
-            self.match_inertia(mesh, shadow.IT)
+            # in a turned pose, which tells R from its transpose
+            before, mesh.orientation = mesh.orientation, TURN.copy()
+            self.remarks |= dict.fromkeys(match_inertia(mesh, shadow.IT), 1)
+            mesh.orientation = before
             pair = [[getattr(one, name, None) for name in BUILT] for one in (shadow, mesh)]
             self.compare(f"Mesh: {{}} of {shadow.name}", BUILT, *pair, type(mesh).__init__)
         for owner, own in ((type(ground), RBSFunctions.Mesh), (self.steps.functions, RBSFunctions)):
             for name in RETURNED:
                 if name in vars(own) and hasattr(owner, name):
                     setattr(owner, name, self.watched(getattr(owner, name), vars(own)[name]))
-
-    def match_inertia(self, mesh, right):
-        """Replaces the release's inertia; in a turned pose, which tells R from its transpose."""
-        before, mesh.orientation = mesh.orientation, TURN.copy()
-        self.remarks |= dict.fromkeys(match_inertia(mesh, right), 1)
-        mesh.orientation = before
 
     # ---- Steps ----------------------------------------------------------------------------------
 
@@ -108,14 +100,17 @@ class Comparison:
             self.ours.step()
             rows = zip(self.ours.state().values(), theirs, STATE.values(), strict=True)
             gap = max(self.gap(*row) for row in rows)
-            if not self.problem and gap > TOLERANCE:
+            if gap <= TOLERANCE:
+                self.largest = max(self.largest, gap)
+            elif not self.problem:
                 self.explain(events, visits, *self.run(start, self.ourLoop, False))
-            self.largest = max(self.largest, gap if gap <= TOLERANCE else 0.0)
             if self.stale(events[-1][2]):
-                text = "currVertices, which are drawn, are out of date at the end of a step"
-                self.remarks.setdefault(text, self.number)
+                self.remark("currVertices, which are drawn, are out of date at the end of a step")
         except StateError as error:
             self.problem = self.problem or str(error)
+
+    def remark(self, text):
+        self.remarks.setdefault(text, self.number)
 
     def run(self, start, loop, isChecked=True):
         """Makes a step of the student's meshes from a state; returns `(events, visits)`.
@@ -136,8 +131,7 @@ class Comparison:
         most = math.ceil(self.ours.max_iterations() / count)
         stopsEarly = len(visits) == most < len(loopVisits) and not all(visits[-count:])  # quirk 5
         if stopsEarly:
-            text = f"run_timestep ends after {most} visits of constraints, {RELEASED}"
-            self.remarks.setdefault(text, self.number)
+            self.remark(f"run_timestep ends after {most} visits of constraints, {RELEASED}")
         last = "the start of the step", [], events[0][2]
         for event, other in zip(events, loopEvents, strict=False):
             for k, name in itertools.product(range(len(self.ours.meshes)), STATE):
@@ -145,8 +139,7 @@ class Comparison:
                 if self.gap(ours, theirs, STATE[name]) > TOLERANCE:
                     isUnchanged = np.array_equal(before, theirs)
                     if name == "linVelocity" and last[1][1:] == [k] and isUnchanged:  # quirk 4
-                        text = f"run_timestep loses a corrected linVelocity, {RELEASED}"
-                        self.remarks.setdefault(text, self.number)
+                        self.remark(f"run_timestep loses a corrected linVelocity, {RELEASED}")
                     else:
                         text = f"run_timestep: after {last[0]}, {name} of {self.shadows[k].name} "
                         text += f"differs{shown(ours, theirs)}{self.stale(last[2])}"
@@ -198,9 +191,8 @@ class Comparison:
                 for one in STATE:
                     setattr(mesh, one, states[k][one].reshape(1, -1))
             known = [self.index.get(id(one)) for one in copies]
-            ours = own(
-                *(c if k is None else self.shadows[k] for k, c in zip(known, copies, strict=True))
-            )
+            pairs = zip(known, copies, strict=True)
+            ours = own(*(one if k is None else self.shadows[k] for k, one in pairs))
             for mesh, k in zip(shadows, () if RETURNED[name] else bodies, strict=False):
                 pair = ([getattr(one, what) for what in STATE] for one in (mesh, self.theirs[k]))
                 self.compare(f"{label}: {{}} of {mesh.name}", STATE, *pair, function)
@@ -293,11 +285,6 @@ def main():
     """Compares as the order in JSON says, and writes the answer after each step."""
     order = json.loads(sys.argv[1])
     answer = {"steps": 0, "problem": "", "remarks": [], "largest": 0.0}
-
-    def write(**changes):
-        answer.update(changes)
-        Path(order["answer"]).write_text(json.dumps(answer), encoding="utf-8")
-
     give_up_names()
     settings = Settings(timeStep=order["timeStep"], restitution=order["restitution"])
     ours = Simulation(order["scene"], settings, order["constraints"])
@@ -307,11 +294,15 @@ def main():
             if ours.stepCount > 0 and time.time() > order["end"]:
                 break
             comparison.step()
-            write(steps=ours.stepCount)
-        remarks = [f"from step {step} on: {text}" for text, step in comparison.remarks.items()]
-        write(problem=comparison.problem, remarks=remarks, largest=float(comparison.largest))
+            answer |= {"steps": ours.stepCount, "problem": comparison.problem}
+            answer["remarks"] = [
+                f"from step {k} on: {one}" for one, k in comparison.remarks.items()
+            ]
+            answer["largest"] = float(comparison.largest)
+            Path(order["answer"]).write_text(json.dumps(answer), encoding="utf-8")
     except Exception as error:
-        write(problem=describe(error, Path.cwd()))
+        answer["problem"] = describe(error, Path.cwd())
+    Path(order["answer"]).write_text(json.dumps(answer), encoding="utf-8")
     os._exit(0)  # skips exit handlers and threads of the submission
 
 

@@ -57,41 +57,31 @@ def grade(order):
     sys.path[0] = str(Path(__file__).resolve().parents[1])
     from reference.graderData import give_up_names
     from verdict.bodies import Bodies
-    from verdict.parts import Results
 
     from rbs.program.submissions import SubmissionError, load_submission
 
-    graders, data, bodies = {}, {}, {}
-    for module, convention in order["conventions"].items():
-        graders[module] = importlib.import_module(module).GRADER
-        data[module] = graders[module].load(Path(order["data"]), convention)
+    graders = {module: importlib.import_module(module).GRADER for module, _ in order["parts"]}
+    data = {module: one.load(Path(order["data"])) for module, one in graders.items()}
     give_up_names()
     with open(order["answers"], "w", encoding="utf-8") as answers:
 
         def answer(**content):
             print(json.dumps(content), file=answers, flush=True)
 
-        folder = order["folder"]
-        os.chdir(folder)
+        os.chdir(folder := order["folder"])
         start_clock()
         try:
             submission = load_submission(folder)
         except SubmissionError as error:
             return answer(refused=str(error))
         answer(loaded=True)
+        modules = submission.functions, submission.quaternion
+        bodies = {module: Bodies(*modules, one) for module, one in data.items()}
         for module, name in order["parts"]:
             start_clock()
             (part,) = (one for one in graders[module].parts if one.name == name)
-            given = data[module]
-            results = Results(part.shapes, len(given["randomPositions"]), folder)
-            try:
-                if module not in bodies:
-                    modules = submission.functions, submission.quaternion
-                    bodies[module] = Bodies(*modules, given)
-                part.run(bodies[module], given, part.samples(given), results)
-                answer(part=[module, name], results=results.as_json())
-            except Exception as error:  # such as a lack of memory for the results
-                return answer(refused=f"gave no results: {type(error).__name__}: {error}")
+            results = part.run(bodies[module], data[module], folder)
+            answer(part=[module, name], results=results.as_json())
 
 
 if __name__ == "__main__":

@@ -5,15 +5,22 @@ Each function computes the results of one part of a grader from the inputs in th
 mistakes; `hints` compares them with a submission's. Nothing is imported from the simulation.
 
 Arrays have the sample first: vectors (n, 3), quaternions (n, 4), tensors (n, 3, 3). Units are m,
-kg, s and rad.
+kg, s and rad. Numbers are doubles, or mpmath's in arrays of objects: `make_reference.py` computes
+the results of collisions and constraints with 50 digits.
 """
 
 from collections import namedtuple
 
 import numpy as np
-from released.physics2024 import INERTIA_FACTOR, in_world_axes, inertia_tensor, rotation_matrices
+from released.physics2024 import (
+    INERTIA_DIVISOR,
+    in_world_axes,
+    mass_properties,
+    rotation_matrices,
+)
 
-from reference.graderData import RELEASED_2024, WIDTHS, GraderDataError
+from rbs.scenes.messages import InputError
+from reference.graderData import RELEASED_2024, WIDTHS
 
 UP = np.array([[0.0, 1.0, 0.0]])
 GRAVITY = -9.8 * UP  # m/s²
@@ -44,12 +51,19 @@ def unless(mistakes, right, names, *wrong):
 
 def dot(a, b):
     """Dot products of the rows, (n,)."""
-    return np.einsum("ni,ni->n", a, b)
+    return np.sum(a * b, axis=1)
 
 
 def unit(a):
     """The rows, each divided by its length."""
-    return a / np.linalg.norm(a, axis=1, keepdims=True)
+    return a / np.sqrt(dot(a, a))[:, None]
+
+
+def inverse_of(tensor):
+    """The inverse of a tensor (3, 3)."""
+    a, b, c = tensor
+    adjugate = np.array([np.cross(b, c), np.cross(c, a), np.cross(a, b)]).T
+    return adjugate / (a @ adjugate[:, 0])
 
 
 def scaled(factor, a):
@@ -115,7 +129,7 @@ def further_integration(data, mistakes=NONE):
 def carried(data, positions, orientations):
     """The vertices of mesh 2 in these poses, (n, 3 V)."""
     R, body = rotation_matrices(orientations), data["solids"][2]
-    vertices = np.einsum("nij,vj->nvi", R, body.vertices) + positions[:, None]
+    vertices = body.vertices @ np.swapaxes(R, 1, 2) + positions[:, None]
     return vertices.reshape(len(R), -1)
 
 
@@ -140,18 +154,14 @@ Solid = namedtuple("Solid", "mass centre vertices tensor")
 
 
 def solids_of(data):
-    """Returns a dict from 1 and 2 to the mesh's Solid. Raises GraderDataError without a volume."""
+    """Returns a dict from 1 and 2 to the mesh's Solid. Raises InputError without a volume."""
     solids = {}
     for k in (k for k in (1, 2) if f"tets{k}" in data):
-        vertices, tets = data[f"origVertices{k}"], data[f"tets{k}"]
-        corners = vertices[tets]
-        volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0
-        mass = DENSITY * float(volumes.sum())
-        if not 0.0 < mass < np.inf:
-            raise GraderDataError(f"mesh {k} is not a body: its volume is {volumes.sum():g}")
-        centre = np.average(corners.mean(axis=1), axis=0, weights=volumes)
-        tensor = inertia_tensor(vertices, tets, DENSITY)
-        solids[k] = Solid(mass, centre, vertices - centre, tensor)
+        vertices = data[f"origVertices{k}"]
+        volume, centre, tensor = mass_properties(vertices, data[f"tets{k}"])
+        if not 0.0 < volume < np.inf:
+            raise InputError(f"mesh {k} is not a body: its volume is {volume:g}")
+        solids[k] = Solid(DENSITY * volume, centre, vertices - centre, DENSITY * tensor)
     return solids
 
 
@@ -160,8 +170,8 @@ def world_inverse_tensors(data, k, R, mistakes):
     body, isReleased = data["solids"][k], data["convention"] == RELEASED_2024
     offset = body.centre @ body.centre * np.eye(3) - np.outer(body.centre, body.centre)
     tensor = body.tensor + ("tensor about the origin" in mistakes) * body.mass * offset  # Steiner
-    tensor = (INERTIA_FACTOR if isReleased else 1.0) * tensor
-    inverse = tensor if "tensor not inverted" in mistakes else np.linalg.inv(tensor)
+    tensor = tensor / (INERTIA_DIVISOR if isReleased else 1)
+    inverse = tensor if "tensor not inverted" in mistakes else inverse_of(tensor)
     unturned = [np.broadcast_to(one, R.shape) for one in (np.eye(3), inverse)]
     names = "tensor is the identity; tensor not turned; tensor turned the other way"
     other = in_world_axes(R, inverse, not isReleased)
@@ -236,7 +246,7 @@ class Pair:
         """
         crosses = [np.cross(arm, n) for arm in arms]
         both = list(zip(self.invTensor, crosses, strict=True))
-        changes = [np.einsum("nij,nj->ni", T, c) for T, c in both]
+        changes = [np.sum(T * c[:, None], axis=2) for T, c in both]
         turning = sum(dot(c, change) for c, change in zip(crosses, changes, strict=True))
         closing = self.closing_speed(arms, n, mistakes)
         closing = unless(mistakes, closing, "closing only", np.maximum(closing, 0.0))
@@ -345,7 +355,7 @@ def position_constraints(data, mistakes=NONE):
         pair, isUpper = Pair(data, NONE), bound == "Upper"
         point1, point2 = constrained_points(data, pair, mistakes)
         gap = point1 - point2
-        length = np.linalg.norm(gap, axis=1)
+        length = np.sqrt(dot(gap, gap))
         C = length - factor * data["refValues"][:, 0]
         wasValid = is_valid(C, isUpper, POSITION_TOLERANCE, mistakes)
         shift = scaled(np.where(wasValid, 0.0, C), unit(gap))

@@ -57,24 +57,17 @@ def flatten_meshes(meshes, flattenFaces=True, constraints=()):
     """Returns all meshes as one: `(vertices, faces, densities, edges of constraints)`.
 
     vertices (ΣV, 3), world; faces (ΣF, 3) int; densities (ΣV,), kg/m³, per vertex; edges (C, 2)
-    int, the two vertices of each constraint. Without flattenFaces, only the vertices are computed:
-    faces and densities are empty, and the edges zero.
+    int, the two vertices of each constraint. Only the vertices are new in each step, so all are
+    returned, with flattenFaces or without.
     """
-    vertices = np.concatenate([np.zeros((0, 3)), *(mesh.currVertices for mesh in meshes)])
-    edges = np.zeros((len(constraints), 2), dtype=np.int64)
-    if not flattenFaces:
-        return vertices, np.zeros((0, 3), dtype=np.int64), np.zeros(0), edges
     counts = [len(mesh.currVertices) for mesh in meshes]
-    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    faces = [
-        np.asarray(mesh.faces, np.int64) + start
-        for mesh, start in zip(meshes, starts[:-1], strict=True)
-    ]
+    starts = np.cumsum([0, *counts])
+    vertices = np.vstack([np.zeros((0, 3)), *(mesh.currVertices for mesh in meshes)])
+    faces = [np.add(mesh.faces, start) for mesh, start in zip(meshes, starts, strict=False)]
     densities = np.repeat([float(mesh.density) for mesh in meshes], counts)
-    for edge, (m1, v1, m2, v2, *_bound) in zip(edges, constraints, strict=True):
-        edge[:] = starts[m1] + v1, starts[m2] + v2
-    faces = np.concatenate([np.zeros((0, 3), dtype=np.int64), *faces])
-    return vertices, faces, densities, edges
+    edges = [(starts[m1] + v1, starts[m2] + v2) for m1, v1, m2, v2, *_ in constraints]
+    edges = np.array(edges, int).reshape(-1, 2)
+    return vertices, np.vstack([np.zeros((0, 3), int), *faces]), densities, edges
 
 
 def update_visual_constraints(ps_mesh, vertices, constEdges):

@@ -26,40 +26,21 @@ add_include_path = add_library_path = load_library = add_autoload_map = _pass_ov
 def isCollide(n1, vertices1, COM1, n2, vertices2, COM2, depth, intNormal, intPosition):
     """Tests whether two convex bodies collide, and writes the contact into the last three.
 
-    Parameters
-    ----------
-    n1, n2 : arrays (1,) or numbers, counts of vertices
-    vertices1, vertices2 : (V, 3), in world axes
-    COM1, COM2 : unused
+    n1, n2 : arrays (1,) or numbers, counts of vertices; vertices1, vertices2 : (V, 3), in world
+        axes; COM1, COM2 : unused
     depth : (1,), set to the penetration, ≥ 0
     intNormal : (3,) or (1, 3), set to the unit direction in which body 2 must move to separate
     intPosition : (3,) or (1, 3), set to the point of body 2 that is deepest inside body 1
 
-    Returns
-    -------
-    bool
-
-    Raises
-    ------
-    ValueError
-        for arrays of another size
+    Returns a bool. Raises ValueError for arrays of another size.
     """
-    bodies = [_first_rows(n, v) for n, v in ((n1, vertices1), (n2, vertices2))]
-    isCollision, *contact = our_module("GJK").is_collide(*bodies)
+    counts = (int(np.ravel(n)[0]) for n in (n1, n2))
+    hulls = [vertices[:n] for n, vertices in zip(counts, (vertices1, vertices2), strict=True)]
+    isCollision, *contact = our_module("GJK").is_collide(*hulls)
     if isCollision:
         for target, value in zip((depth, intNormal, intPosition), contact, strict=True):
             target[...] = np.reshape(value, np.shape(target))
     return bool(isCollision)
-
-
-def _first_rows(count, vertices):
-    vertices = np.asarray(vertices, dtype=np.float64)
-    count = int(np.ravel(count)[0])
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or not 0 < count <= len(vertices):
-        raise ValueError(f"isCollide: {count} vertices in an array of shape {vertices.shape}")
-    if not np.isfinite(vertices).all():
-        raise ValueError("isCollide: a vertex is not finite")
-    return vertices[:count]
 
 
 class _Global(ModuleType):

@@ -9,7 +9,7 @@ It has two quirks, which are implemented in this module only (contract, section 
 
 import numpy as np
 
-INERTIA_FACTOR = 1.0 / 6.0  # quirk 1
+INERTIA_DIVISOR = 6  # quirk 1
 
 
 def in_world_axes(R, inverse, isReleased):
@@ -21,8 +21,8 @@ def in_world_axes(R, inverse, isReleased):
 
 def rotation_matrices(q):
     """R (n, 3, 3) with R v = q v q⁻¹, for quaternions (n, 4) of any length but zero."""
-    q = np.asarray(q, dtype=np.float64).reshape(-1, 4)
-    w, x, y, z = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
+    q = np.reshape(q, (-1, 4))
+    w, x, y, z = (q / np.sqrt(np.sum(q * q, axis=1, keepdims=True))).T
     rows = np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -33,20 +33,23 @@ def rotation_matrices(q):
     return np.moveaxis(rows, -1, 0)
 
 
-def inertia_tensor(vertices, tets, density):
-    """Returns the right inertia tensor (3, 3) of a body about its COM, in kg m².
+def mass_properties(vertices, tets):
+    """Returns volume, centroid (3,), and inertia tensor (3, 3) about it for density 1.
 
     vertices (V, 3), anywhere; tets (T, 4), in any orientation. Over a tetrahedron with the corners
-    x_i the integral of x xᵀ is V/20 (Σ x_i x_iᵀ + (Σ x_i)(Σ x_i)ᵀ); with C the sum of these times
-    the density, the tensor is tr(C) 1 − C.
+    x_i the integral of x xᵀ is V/20 (Σ x_i x_iᵀ + (Σ x_i)(Σ x_i)ᵀ) (F. Tonon, "Explicit exact
+    formulas for the 3-D tetrahedron inertia tensor", J. Math. Stat. 1, 2005). With C the sum of
+    these, the tensor is tr(C) 1 − C.
     """
-    corners = np.asarray(vertices, dtype=np.float64)[np.asarray(tets, dtype=np.int64)]
-    volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0
-    corners = corners - np.average(corners.mean(axis=1), axis=0, weights=volumes)
+    corners = np.asarray(vertices)[np.asarray(tets, dtype=np.int64)]
+    a, b, c, d = np.moveaxis(corners, 1, 0)
+    volumes = np.abs(np.sum((b - a) * np.cross(c - a, d - a), axis=1)) / 6
+    centre = volumes @ corners.sum(axis=1) / (4 * volumes.sum())
+    corners = corners - centre
     sums = corners.sum(axis=1)
-    moments = np.einsum("tki,tkj->tij", corners, corners) + np.einsum("ti,tj->tij", sums, sums)
-    covariance = density * np.einsum("t,tij->ij", volumes / 20.0, moments)
-    return np.trace(covariance) * np.eye(3) - covariance
+    moments = np.swapaxes(corners, 1, 2) @ corners + sums[:, :, None] * sums[:, None]
+    C = np.sum(volumes[:, None, None] * moments, axis=0) / 20
+    return volumes.sum(), centre, np.trace(C) * np.eye(3) - C
 
 
 def released_class(Mesh):
@@ -59,9 +62,8 @@ def released_class(Mesh):
         def __init__(self, *arguments):
             super().__init__(*arguments)
             if len(self.origVertices) > 0:
-                self.IT = INERTIA_FACTOR * inertia_tensor(
-                    self.origVertices, self.tets, float(self.density)
-                )
+                _volume, _centre, tensor = mass_properties(self.origVertices, self.tets)
+                self.IT = float(self.density) * tensor / INERTIA_DIVISOR
                 if not self.isFixed:
                     self.invIT = np.linalg.inv(self.IT)
 

@@ -6,12 +6,13 @@ because the skeleton's tensor is not the student's work.
 
 import copy
 import pickle
+from contextlib import suppress
 from functools import partial
 
 import numpy as np
 from reference.graderData import RELEASED_2024
 from reference.rigidModel import DENSITY
-from released.physics2024 import INERTIA_FACTOR, in_world_axes, rotation_matrices
+from released.physics2024 import INERTIA_DIVISOR, in_world_axes, rotation_matrices
 
 from verdict.parts import NotWritten, few_samples
 
@@ -39,13 +40,8 @@ TURN_REMARKS = (
 class Bodies:
     """Makes meshes of a grader's data, of the class that is graded.
 
-    Parameters
-    ----------
     functions, quaternion : the graded modules RBSFunctions and Quaternion
     data : as `Grader.load` returns them
-
-    Attributes
-    ----------
     remarks : list of str, what was replaced
     """
 
@@ -64,65 +60,63 @@ class Bodies:
 
     def ground(self):
         """The ground, as the released driver makes it."""
-        return self._made(0, REST, True)
+        return self._made(0, None, True)
 
     def resting(self, isFixed=False):
         """Mesh 1, at rest and unturned with its centre of mass at the origin."""
-        return self._made(1, REST, isFixed)
+        return self._made(1, None, isFixed)
 
     def moving(self, sample, isFixed=False):
         """Mesh 2 in the random state of a sample; a fixed one has no velocity."""
-        mesh = self._made(2, self._pose(sample), isFixed)
+        mesh = self._made(2, sample, isFixed)
         if not isFixed:
             mesh.linVelocity = self._data["randomLinVelocities"][[sample]]
             mesh.angVelocity = self._data["randomAngVelocities"][[sample]]
         return mesh
 
-    def _pose(self, sample):
-        return tuple(self._data[f"random{one}"][[sample]] for one in ("Positions", "Orientations"))
+    def _made(self, k, sample, isFixed):
+        """Mesh k in the pose of a sample, or at rest, with the data's inertia.
 
-    def _made(self, k, pose, isFixed):
-        """Mesh k in a pose: a copy of an earlier one, or a new one if copies differ.
-
-        Copying is much faster than the released constructor.
+        It is a copy, which is much faster than the released constructor, unless copies differ in
+        any bit from new meshes of the class.
         """
         if (k, isFixed) not in self._originals:
-            self._originals[k, isFixed] = self._original(k, pose, isFixed)
+            samples = few_samples(self._data)[:PROBES] if k == 2 else [None]
+            built = [self._built(k, one, isFixed) for one in samples]
+            self._originals[k, isFixed] = None
+            with suppress(Exception):  # a student's attributes can be anything
+                copies = [self._copied(built[0], one) for one in samples]
+                pairs = zip(copies, built, strict=True)
+                if all(pickle.dumps(vars(a)) == pickle.dumps(vars(b)) for a, b in pairs):
+                    self._originals[k, isFixed] = self._matched(built[0], k)
         original = self._originals[k, isFixed]
         if original is None:
-            return self._with_inertia(self._built(k, pose, isFixed), k)
-        return self._copy(original, k, pose)
+            return self._matched(self._built(k, sample, isFixed), k)
+        return self._copied(original, sample)
 
-    def _built(self, k, pose, isFixed):
-        # New arrays each time, because the released class changes its arguments.
-        shape = [np.empty((0, width)) for width in (3, 3, 4)]
+    def _built(self, k, sample, isFixed):
+        # New arrays, because the released class changes its arguments.
+        shape, pose = [np.empty((0, width)) for width in (3, 3, 4)], map(np.copy, REST)
         if k:
             shape = [self._data[f"{part}{k}"].copy() for part in ("origVertices", "faces", "tets")]
-        pose = [array.copy() for array in pose]
+        if sample is not None:
+            pose = self._pose(sample)
         return self.function("Mesh")(f"mesh {k}", *shape, DENSITY * (k > 0), *pose, isFixed)
 
-    def _copy(self, original, k, pose):
+    def _copied(self, original, sample):
         """A copy, with the attributes that the released constructor derives from the pose."""
         mesh = copy.deepcopy(original)
-        if k == 2:
-            mesh.position, mesh.orientation = pose[0].copy(), pose[1] / np.linalg.norm(pose[1])
+        if sample is not None:
+            mesh.position, orientation = self._pose(sample)
+            mesh.orientation = orientation / np.linalg.norm(orientation)
             rotate = self.function("QRotate", "Quaternion")
             mesh.currVertices = rotate(mesh.orientation, mesh.origVertices) + mesh.position
         return mesh
 
-    def _original(self, k, pose, isFixed):
-        """A mesh to copy, or None if copies differ in any bit from new meshes of the class."""
-        poses = [self._pose(s) for s in few_samples(self._data)[:PROBES]] if k == 2 else [pose]
-        built = [self._built(k, one, isFixed) for one in poses]
-        try:
-            copies = [self._copy(built[0], k, one) for one in poses]
-            if list(map(_content, copies)) == list(map(_content, built)):
-                return self._with_inertia(built[0], k)
-        except Exception:  # a student's attributes can be anything
-            pass
-        return None
+    def _pose(self, sample):
+        return [self._data[f"random{name}"][[sample]] for name in ("Positions", "Orientations")]
 
-    def _with_inertia(self, mesh, k):
+    def _matched(self, mesh, k):
         if k > 0 and 1 in self._data["solids"]:  # other results do not depend on the inertia
             isReleased = self._data["convention"] == RELEASED_2024
             remarks = match_inertia(mesh, self._data["solids"][k].tensor, isReleased)
@@ -137,16 +131,11 @@ def match_inertia(mesh, right, isReleased=False):
     the release's, or if the mesh has the release's tensor, too. A tensor that is neither right nor
     the release's is a mistake: it stays, and shows in the results.
 
-    Parameters
-    ----------
-    right : (3, 3), the right inertia tensor
-    isReleased : whether the data have the release's
+    right : (3, 3), the right inertia tensor; isReleased : whether the data have the release's
 
-    Returns
-    -------
-    list of str, remarks on what was replaced
+    Returns a list of remarks on what was replaced.
     """
-    remarks, tensors = [], (right, INERTIA_FACTOR * right)
+    remarks, tensors = [], (right, right / INERTIA_DIVISOR)
     known = [_is_tensor(getattr(mesh, "invIT", None), np.linalg.inv(one)) for one in tensors]
     if known[not isReleased]:
         mesh.IT = tensors[isReleased].copy()
@@ -162,10 +151,6 @@ def match_inertia(mesh, right, isReleased=False):
             mesh.get_rotated_inv_IT = partial(_world_tensor, mesh, isReleased)
             remarks.append(TURN_REMARKS[isReleased])
     return remarks
-
-
-def _content(mesh):
-    return pickle.dumps(vars(mesh))
 
 
 def _world_tensor(mesh, isReleased):

@@ -13,8 +13,6 @@ from verdict.hints import explain
 class Quantity:
     """One row of the table.
 
-    Attributes
-    ----------
     part : name of its Part
     error : the largest error, NaN if a number is missing, None if nothing was compared; the number
         of differences if the quantity is a bool (isFlag)
@@ -44,8 +42,6 @@ class Quantity:
 class Grade:
     """The outcome of one grader.
 
-    Attributes
-    ----------
     title, remarks : head of the report; quantities : list of Quantity
     notes : list of (names of quantities or of the function, text): causes and hints
     """
@@ -62,10 +58,9 @@ class Grade:
 
     @property
     def largest_error(self):
-        """The largest error of all quantities but bools; NaN if none is a number."""
+        """The largest error of all quantities but bools; NaN if there is none."""
         errors = [q.error for q in self.quantities if q.error is not None and not q.isFlag]
-        finite = [error for error in errors if not math.isnan(error)]
-        return max(finite, default=math.nan if errors else 0.0)
+        return max((error for error in errors if not math.isnan(error)), default=math.nan)
 
     def verdict(self):
         """The last line of the report."""
@@ -79,24 +74,23 @@ class Grade:
         rows = [("quantity", "largest error", "at sample", "samples")]
         rows += [quantity.cells() for quantity in self.quantities]
         first, *others = (max(map(len, column)) for column in zip(*rows, strict=True))
-        return [
-            "   ".join([name.ljust(first), *map(str.rjust, cells, others)]) for name, *cells in rows
-        ]
+        rows = [(name.ljust(first), *map(str.rjust, cells, others)) for name, *cells in rows]
+        return ["   ".join(row) for row in rows]
 
     def report(self):
-        """Prints table, notes and verdict."""
-        lines = [self.title, *self.remarks, "", *self.table(), ""]
-        lines += [f"{what}: {text}" for what, text in self.notes]
-        lines += [""] * bool(self.notes)
-        print("\n".join([*lines, self.verdict()]))
+        """Prints head, table, notes and verdict."""
+        print(self.title, *self.remarks, "", *self.table(), "", sep="\n")
+        for what, text in self.notes:
+            print(f"{what}: {text}")
+        print("\n" * bool(self.notes) + self.verdict())
 
 
 def make_grade(grader, outcomes, data):
     """Returns the Grade of a grader's outcomes, a list of (Part, Results)."""
-    remarks = dict.fromkeys(text for _part, results in outcomes for text in results.remarks)
-    grade = Grade(grader.title, [*grader.remarks(data), *remarks])
+    remarks = [*grader.remarks(data), *(text for _, one in outcomes for text in one.remarks)]
     if data["convention"] != EXACT:
-        grade.remarks.append(f"data of the convention {data['convention']}")
+        remarks.append(f"data of the convention {data['convention']}")
+    grade = Grade(grader.title, list(dict.fromkeys(remarks)))
     for function in dict.fromkeys(part.function for part, _results in outcomes):
         _add_function(grade, function, [o for o in outcomes if o[0].function == function], data)
     return grade
@@ -109,9 +103,9 @@ def _add_function(grade, function, outcomes, data):
         expected, tried = part.expected(data), part.samples(data)
         for key in part.shapes:
             samples = part.comparable(key, tried, results.values, expected)
-            row = _compared(part, key, results, expected[key], samples)
-            grade.quantities.append(row)
-            wrong |= set() if row.isRight else {key}
+            grade.quantities.append(_compared(part, key, results, expected[key], samples))
+            if not grade.quantities[-1].isRight:
+                wrong.add(key)
         for key, (cause, count, first) in results.problems.items():
             where = f" (in {count} of {len(tried)} samples, first in {first})"
             where = where if count < len(tried) else ""

@@ -16,9 +16,6 @@ from reference.graderData import ERROR_BOUND
 # The number of mistakes that are tried together, at most. More finds more, but takes longer.
 MOST_TOGETHER = 2
 
-# The hint if no mistake was made, but the numbers differ from the data's.
-OTHER_DATA = "these numbers fit --convention {}, but not the data"
-
 # The families of mistakes that a function can have beside its own.
 SHARED = {
     "get_rotated_inv_IT": ("tensors",),
@@ -37,15 +34,10 @@ class Mistake(NamedTuple):
     text: str
 
 
-def read_table():
-    """Returns the rows of the table, a list of Mistake."""
-    text = (Path(__file__).parent / "mistakes.md").read_text(encoding="utf-8")
-    lines = [line for line in text.splitlines() if line.startswith("| ")]
-    cells = [line.strip("| ").split(" | ") for line in lines[1:]]
-    return [Mistake(f, group, frozenset(n.split("; ")), hint) for f, group, n, hint in cells]
-
-
-TABLE = read_table()
+_LINES = (Path(__file__).parent / "mistakes.md").read_text(encoding="utf-8").splitlines()
+_ROWS = [line.strip("| ").split(" | ") for line in _LINES if line.startswith("| ")][1:]
+# The rows of the table.
+TABLE = [Mistake(f, group, frozenset(n.split("; ")), hint) for f, group, n, hint in _ROWS]
 
 
 def mistakes_of(function):
@@ -60,14 +52,10 @@ def explain(function, outcomes, data):
     One or two mistakes that explain all quantities of all parts come first, then those that explain
     a whole part, then those that explain a single quantity.
 
-    Parameters
-    ----------
     outcomes : list of (Part, values) of the parts that call the function; values : dict from
         quantity to array (n, w), NaN where nothing was computed
 
-    Returns
-    -------
-    dict from quantity to list of hints
+    Returns a dict from quantity to list of hints.
     """
     judged = [_Judged(part, values, data) for part, values in outcomes]
     wrong = [key for one in judged for key in one.wrong]
@@ -75,7 +63,7 @@ def explain(function, outcomes, data):
     if not wrong:
         return {}
     with np.errstate(all="ignore"):
-        for texts, names in _trials(function, data):
+        for texts, names in _trials(function):
             explainsAll = True
             for one in judged:
                 # Saves time: pairs are tried on further parts only if they explain the first.
@@ -112,9 +100,8 @@ class _Judged:
         return agreeing
 
 
-def _trials(function, data):
-    """Yields (texts, names) of no mistake, of one, and of two, in the order of the table."""
-    yield [OTHER_DATA.format(data["convention"])], frozenset()
+def _trials(function):
+    """Yields (texts, names) of one mistake, and of two, in the order of the table."""
     for count in range(1, MOST_TOGETHER + 1):
         for chosen in itertools.combinations(mistakes_of(function), count):
             if len({one.group for one in chosen}) == count:

@@ -8,10 +8,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
+from reference import PROJECT_DIRECTORY
 from reference.graderData import CONVENTIONS, ERROR_BOUND, WIDTHS, load_grader_data
 from reference.rigidModel import solids_of
 
 from rbs.program.submissions import brief, describe
+from rbs.scenes.messages import InputError
 
 ATTRIBUTES = ("position", "orientation", "linVelocity", "angVelocity")  # as in WIDTHS
 # The number of samples that are tried if the data do not hold the expected results.
@@ -19,11 +21,11 @@ FEW = 20
 
 
 class NotWritten(Exception):
-    """Something that the student has not written yet; the message names it, in one line."""
+    """Something that the student has not written yet; the message names it."""
 
 
 class WrongResult(Exception):
-    """A result of the wrong kind or shape; the message says which, in one line."""
+    """A result of the wrong kind or shape; the message says which."""
 
 
 # ---- What functions return ----------------------------------------------------------------------
@@ -32,15 +34,9 @@ class WrongResult(Exception):
 def returned(values, function, sizes):
     """Returns the values that a function has returned, as a tuple.
 
-    Parameters
-    ----------
-    function : its name, for messages
     sizes : dict from the name of each value, in order, to how many numbers it holds
 
-    Raises
-    ------
-    NotWritten, WrongResult
-        if there are more or fewer values, or they come in another order
+    Raises NotWritten, or WrongResult if there are more or fewer values, or in another order.
     """
     order = f"({', '.join(sizes)})"
     if values is None:
@@ -64,16 +60,16 @@ def numbers(value, count, what):
     """
     if value is None:
         raise NotWritten(f"{what} is None")
-    size = 1 if count is bool else count
     try:
-        array = np.array(value, dtype=np.float64)
+        array = np.array(value, dtype=np.float64).ravel()
     except (TypeError, ValueError):
         raise WrongResult(f"{what} is not an array of numbers") from None
-    if array.size != size:
-        raise WrongResult(f"{what} has shape {array.shape} where {size} numbers are expected")
-    if count is bool and array.item() not in (0.0, 1.0):
-        raise WrongResult(f"{what} is {array.item():g}, neither True nor False")
-    return array.reshape(size)
+    if array.size != (1 if count is bool else count):
+        expected = f"where {1 if count is bool else count} numbers are expected"
+        raise WrongResult(f"{what} has shape {np.shape(value)} {expected}")
+    if count is bool and array[0] not in (0.0, 1.0):
+        raise WrongResult(f"{what} is {array[0]:g}, neither True nor False")
+    return array
 
 
 def results_of(mesh, ending=""):
@@ -100,13 +96,9 @@ def by_mesh(key, pair):
 class Results:
     """Numbers of all samples, NaN where a number is missing, and the causes.
 
-    Parameters
-    ----------
     shapes : dict from quantity to how many numbers it has in a sample, or `bool`
     folder : of the student's modules; causes name files relative to it
 
-    Attributes
-    ----------
     values : dict from quantity to array (n, w)
     problems : dict from quantity to (cause, number of samples, first sample)
     remarks : list of str, those of the bodies
@@ -128,7 +120,7 @@ class Results:
         except BaseException as error:  # not even SystemExit ends the grader
             cause = str(error)
             if not isinstance(error, NotWritten | WrongResult):
-                cause = brief(error) if self._folder is None else describe(error, self._folder)
+                cause = describe(error, self._folder or PROJECT_DIRECTORY)
             if isinstance(error, NotWritten | NotImplementedError):
                 cause = f"not implemented: {cause}"
             for key in keys:
@@ -141,13 +133,9 @@ class Results:
         return {"values": values, "problems": self.problems, "remarks": self.remarks}
 
     def read_json(self, content):
-        """Takes over what `as_json` returned. Raises ValueError or KeyError for anything else."""
-        for key, array in self.values.items():
-            array[...] = np.array(content["values"][key], dtype=np.float64).reshape(array.shape)
-        for key, (cause, count, first) in content["problems"].items():
-            if key in self.values:
-                self.problems[key] = brief(cause), int(count), int(first)
-        self.remarks = [brief(text) for text in content["remarks"]]
+        """Takes over what `as_json` returned."""
+        self.values = {key: np.array(rows, float) for key, rows in content["values"].items()}
+        self.problems, self.remarks = content["problems"], content["remarks"]
 
     def give_up(self, cause, sampleCount):
         """Records one cause for all quantities and samples."""
@@ -176,8 +164,6 @@ def few_samples(data):
 class Part:
     """Something that is graded by itself: if it fails or hangs, the other parts are still graded.
 
-    Attributes
-    ----------
     name : the function that is called, and perhaps how
     shapes : dict from quantity to how many numbers it has in a sample, or `bool`
     compute : generator of (bodies, data, sample) that calls the function and yields the quantities,
@@ -187,7 +173,7 @@ class Part:
     samples : function of the data that returns the indices of the samples to try
     conditional : quantities that mean something only if the first quantity is true, both as
         computed and as expected
-    isExtra : whether the data lack the expected results; only a student's modules are asked
+    isExtra : whether the data lack the expected results
     conventions : those in which the part is graded
     """
 
@@ -205,9 +191,10 @@ class Part:
         """The name of the function that is called."""
         return self.name.split()[0]
 
-    def run(self, bodies, data, samples, results):
-        """Fills in the results at these samples."""
-        for sample in samples:
+    def run(self, bodies, data, folder=None):
+        """Returns the Results of the graded class; folder : of the student's modules."""
+        results = Results(self.shapes, len(data["randomPositions"]), folder)
+        for sample in self.samples(data):
             missing = list(self.shapes)
             # Numbers that overflow or are NaN show in the table.
             with results.attempt(sample, missing), np.errstate(all="ignore"):
@@ -219,6 +206,7 @@ class Part:
                         row = numbers(value, self.shapes[key], *what or [key])
                         results.values[key][sample] = row
         results.remarks = bodies.remarks
+        return results
 
     def expected(self, data):
         """The right values: the data's own, or the model's if the data lack them."""
@@ -247,8 +235,6 @@ class Part:
 class Grader:
     """One of the three graders.
 
-    Attributes
-    ----------
     module : the name of its file; fileName, layout : of its data; parts : tuple of Part
     remarks : function of the data that returns lines for the head of the report
     added : entries that the graders need and the file lacks
@@ -262,43 +248,33 @@ class Grader:
     remarks: Callable
     added: dict = field(default_factory=dict)
 
-    def load(self, folder, convention=None):
+    def load(self, folder):
         """Loads the grader's data, with `added`, "solids" and "convention".
 
-        Parameters
-        ----------
-        convention : EXACT or RELEASED_2024; None for the one whose formulas fit the data best
-
-        Raises
-        ------
-        GraderDataError
+        The convention is the one whose formulas fit the data best. Raises InputError.
         """
-        data = load_grader_data(folder / self.fileName, self.layout) | self.added
-        data["solids"] = solids_of(data)
-        tried = {one: data | {"convention": one} for one in CONVENTIONS}
-        return tried[convention] if convention else min(tried.values(), key=self._misfits)
+        path = folder / self.fileName
+        try:
+            data = load_grader_data(path, self.layout) | self.added
+            data["solids"] = solids_of(data)
+        except InputError as problem:
+            raise InputError(f"{path}: {problem}") from None
+        return min((data | {"convention": one} for one in CONVENTIONS), key=self._misfits)
 
     def _misfits(self, data):
         """The number of results in the data that the formulas of their convention do not give."""
         count = 0
-        for part in self.asked(data, withExtras=False):
+        for part in (part for part in self.asked(data) if not part.isExtra):
             expected, computed = part.expected(data), part.after_mistakes(data, frozenset())
             for key in part.shapes:
-                samples = part.comparable(key, part.samples(data), expected)
-                difference = np.abs(computed[key] - expected[key])[samples]
-                count += np.sum(~(difference < ERROR_BOUND))
+                rows = part.comparable(key, part.samples(data), expected)
+                count += np.sum(~(np.abs(computed[key] - expected[key])[rows] < ERROR_BOUND))
         return count
 
-    def asked(self, data, withExtras):
-        """The parts that are graded in the data's convention, with or without the extra ones."""
-        parts = [part for part in self.parts if data["convention"] in part.conventions]
-        return tuple(part for part in parts if withExtras or not part.isExtra)
+    def asked(self, data):
+        """The parts that are graded in the data's convention."""
+        return [part for part in self.parts if data["convention"] in part.conventions]
 
-    def judge(self, bodies, data, folder=None, withExtras=True):
+    def judge(self, bodies, data, folder=None):
         """Runs all parts in this process; returns a list of (Part, Results)."""
-        outcomes = []
-        for part in self.asked(data, withExtras):
-            results = Results(part.shapes, len(data["randomPositions"]), folder)
-            part.run(bodies, data, part.samples(data), results)
-            outcomes.append((part, results))
-        return outcomes
+        return [(part, part.run(bodies, data, folder)) for part in self.asked(data)]

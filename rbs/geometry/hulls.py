@@ -36,11 +36,6 @@ LARGEST_COORDINATE = 1e12
 LEAST_ASPECT = 1e-6
 
 
-# --------------------------------------------------------------------------------------------------
-# One hull
-# --------------------------------------------------------------------------------------------------
-
-
 class Hull:
     """Convex hull of a point set: vertices, faces and edges, in the frame of the points.
 
@@ -55,22 +50,52 @@ class Hull:
     radius : largest |v|; width : least extent along one of the directions; volume
     """
 
-    def __init__(self, vertices, vertexIndex, directions, edgeTail, edgeVector, edgeFaces, volume):
-        self.vertices = vertices
-        self.vertexIndex = vertexIndex
-        self.directions = directions
-        self.edgeTail = edgeTail
-        self.edgeVector = edgeVector
-        self.edgeFaces = edgeFaces
-        self.volume = volume
-        heights = dot(directions.T[:, :, None], vertices.T[:, None, :])
+    def __init__(self, points):
+        """points : (n, 3). Raises QhullError if they have no volume."""
+        # Qhull's triangles make up the flat facets. The vector product at the corner opposite the
+        # longest side is used. With two nearly parallel long sides, rounding would be much larger.
+        qhull = ConvexHull(points)
+        corners = points[qhull.simplices]
+        sides = (corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]]).transpose(2, 0, 1)
+        order = (dot(sides, sides).argmax(axis=1)[:, None] + np.arange(3)) % 3
+        corners = np.take_along_axis(corners, order[:, :, None], axis=1)
+        areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        inward = (areas * qhull.equations[:, :3]).sum(axis=1, keepdims=True) < 0
+        areas = np.where(inward, -areas, areas)
+        triangles, neighbours = (
+            np.where(inward, table[:, [0, 2, 1]], table)
+            for table in (qhull.simplices, qhull.neighbors)
+        )
+        # Qhull gives the triangles of one flat facet one equation.
+        face = np.unique(qhull.equations, axis=0, return_inverse=True)[1].reshape(-1)
+        normals = np.zeros((face.max() + 1, 3))
+        np.add.at(normals, face, areas)
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        if not lengths.all():
+            raise QhullError("a face has no area")
+        heights = corners[:, 0].T - points[qhull.vertices[0]][:, None]
+        self.volume = float(dot(heights, areas.T).sum()) / 6.0
+
+        # Triangle i, counter-clockwise seen from outside, shares the side opposite corner j with
+        # neighbours[i, j]. In this sense of rotation, the side points along n_i × n_neighbour.
+        i, j = np.nonzero(
+            (np.arange(len(triangles))[:, None] < neighbours) & (face[:, None] != face[neighbours])
+        )
+        tail, head = triangles[i, (j + 1) % 3], triangles[i, (j + 2) % 3]
+        self.vertexIndex = np.sort(qhull.vertices)
+        self.vertices = vertices = points[self.vertexIndex]
+        self.directions = normals / lengths
+        self.edgeTail = self.vertexIndex.searchsorted(tail)
+        self.edgeVector = points[head] - points[tail]
+        self.edgeFaces = np.stack((face[i], face[neighbours[i, j]]), axis=1)
+        heights = dot(self.directions.T[:, :, None], vertices.T[:, None, :])
         self.offsets = heights.max(axis=1)
         self.radius = math.sqrt(dot(vertices.T, vertices.T).max())
         self.width = np.ptp(heights, axis=1).min()
         isCorner = heights >= self.offsets[:, None] - FEATURE_TOLERANCE * self.radius
         face, corners = np.nonzero(isCorner)
-        u = tangents(directions.T)
-        axes = (take(axis, face, axis=1) for axis in (u, cross(directions.T, u)))
+        u = tangents(self.directions.T)
+        axes = (take(axis, face, axis=1) for axis in (u, cross(self.directions.T, u)))
         order = by_angle(face, *(dot(axis, vertices[corners].T) for axis in axes))
         self.corners, self.cornerCount = corners[order], np.bincount(face)
 
@@ -78,10 +103,8 @@ class Hull:
 def build_hull(points):
     """Returns the `Hull` of points (n, 3); equal points give the same read-only object.
 
-    Raises
-    ------
-    ValueError : the points have no volume, or a coordinate is not finite or beyond
-        LARGEST_COORDINATE
+    Raises ValueError if the points have no volume, or a coordinate is not finite or beyond
+    LARGEST_COORDINATE.
     """
     return _hull_of_bytes(checked_points(points).tobytes())
 
@@ -100,53 +123,12 @@ def checked_points(points):
 def _hull_of_bytes(data):
     points = np.frombuffer(data, dtype=np.float64).reshape(-1, 3)
     try:
-        hull = _hull_of_triangles(points, ConvexHull(points))
+        hull = Hull(points)
     except QhullError:
         hull = None
     if hull is None or hull.width < LEAST_ASPECT * np.ptp(points, axis=0).max():
         raise ValueError("the points are flat, so their hull has no volume")
     return hull
-
-
-def _hull_of_triangles(points, qhull):
-    """Builds the `Hull` from Qhull's triangles, which make up the flat facets."""
-    # Uses the vector product at the corner opposite the longest side. With two nearly parallel long
-    # sides, rounding would be much larger.
-    corners = points[qhull.simplices]
-    sides = (corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]]).transpose(2, 0, 1)
-    order = (dot(sides, sides).argmax(axis=1)[:, None] + np.arange(3)) % 3
-    corners = np.take_along_axis(corners, order[:, :, None], axis=1)
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward = (areas * qhull.equations[:, :3]).sum(axis=1, keepdims=True) < 0
-    areas = np.where(inward, -areas, areas)
-    triangles, neighbours = (
-        np.where(inward, table[:, [0, 2, 1]], table) for table in (qhull.simplices, qhull.neighbors)
-    )
-    # Qhull gives the triangles of one flat facet one equation.
-    face = np.unique(qhull.equations, axis=0, return_inverse=True)[1].reshape(-1)
-    normals = np.zeros((face.max() + 1, 3))
-    np.add.at(normals, face, areas)
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    if not lengths.all():
-        raise QhullError("a face has no area")
-    volume = dot(corners[:, 0].T - points[qhull.vertices[0]][:, None], areas.T).sum() / 6.0
-
-    # Triangle i, counter-clockwise seen from outside, shares the side opposite corner j with
-    # neighbours[i, j]. In this sense of rotation, the side points along n_i × n_neighbour.
-    i, j = np.nonzero(
-        (np.arange(len(triangles))[:, None] < neighbours) & (face[:, None] != face[neighbours])
-    )
-    tail, head = triangles[i, (j + 1) % 3], triangles[i, (j + 2) % 3]
-    vertexIndex = np.sort(qhull.vertices)
-    return Hull(
-        points[vertexIndex],
-        vertexIndex,
-        normals / lengths,
-        vertexIndex.searchsorted(tail),
-        points[head] - points[tail],
-        np.stack((face[i], face[neighbours[i, j]]), axis=1),
-        float(volume),
-    )
 
 
 def tangents(normal):
@@ -172,21 +154,8 @@ def by_angle(row, u, v):
     return np.lexsort((turn, row))
 
 
-# Hull of a mesh without vertices in a `HullSet`: a point, which touches nothing.
-NO_HULL = Hull(
-    np.zeros((1, 3)),
-    np.zeros(1, np.intp),
-    np.array([[0.0, 1.0, 0.0]]),
-    np.zeros(0, np.intp),
-    np.zeros((0, 3)),
-    np.zeros((0, 2), np.intp),
-    0.0,
-)
-
-
-# --------------------------------------------------------------------------------------------------
-# The hulls of many bodies
-# --------------------------------------------------------------------------------------------------
+# In a `HullSet`, any hull stands for a mesh without vertices: its empty box touches nothing.
+NO_HULL = build_hull(np.eye(4, 3))
 
 
 class HullSet:
@@ -246,13 +215,6 @@ class HullSet:
         result.vertices, result.rotation = vertices, rotation
         return result
 
-    def boxes(self):
-        """Least and greatest coordinates of each hull, relative to its centre: (3, n), (3, n)."""
-        return tuple(
-            extreme.reduceat(self.vertices, self.vertexStart, axis=1)
-            for extreme in (np.minimum, np.maximum)
-        )
-
 
 def rotate_columns(rotation, table, count):
     """Rotates a table (3, K) with count[b] columns for each body b by its matrix rotation[:, b]."""
@@ -268,11 +230,6 @@ def face_corners(hulls, bodies, face):
     row, corner = ranges(take(hulls.cornerStart, face), count)
     corner = take(hulls.corners, corner) + take(take(hulls.vertexStart, bodies), row)
     return row, take(hulls.vertices, corner, axis=1), count
-
-
-# --------------------------------------------------------------------------------------------------
-# Support points: the lowest ones along a direction
-# --------------------------------------------------------------------------------------------------
 
 
 def support_levels(hulls, bodies, directions):

@@ -11,19 +11,11 @@ INSIDE_MARGIN = 1e-9
 
 
 def orient_surface(vertices, faces):
-    """Orients the triangles of a closed surface counter-clockwise seen from outside.
+    """Orients the triangles (F, 3) of a closed surface counter-clockwise seen from outside.
 
     Neighbours are made consistent, starting from one triangle of each connected piece, and a piece
-    of negative volume is flipped as a whole. The surface need not be convex.
-
-    Returns
-    -------
-    (F, 3)
-
-    Raises
-    ------
-    ValueError
-        If an edge does not belong to exactly two triangles, or the surface is not orientable.
+    of negative volume is flipped as a whole. The surface need not be convex. Raises ValueError if
+    an edge does not belong to exactly two triangles, or the surface is not orientable.
     """
     neighbours = [[] for _ in faces]
     for (low, high), owners in faces_at_edges(faces).items():
@@ -41,8 +33,7 @@ def orient_surface(vertices, faces):
             piece = _agree_with(start, neighbours, turned)
             flips = [face for face in piece if turned[face]]
             result[flips] = result[flips][:, ::-1]
-            a, b, c = (vertices[result[piece, k]] for k in range(3))
-            if np.sum(a * np.cross(b, c)) < 0.0:  # six times the enclosed volume
+            if enclosed_volume(vertices, result[piece]) < 0.0:
                 result[piece] = result[piece][:, ::-1]
     return result
 
@@ -62,22 +53,11 @@ def _agree_with(start, neighbours, turned):
 
 
 def fill_surface(vertices, faces):
-    """Joins every triangle of a closed surface to one inner point.
+    """Joins every triangle (F, 3) of a closed surface, seen from outside, to one inner point.
 
-    Parameters
-    ----------
-    faces : (F, 3), counter-clockwise seen from outside
-
-    Returns
-    -------
-    vertices : (V + 1, 3), the inner point last
-    faces : the same
-    tets : (T, 4) of positive volume, one for each triangle with an area
-
-    Raises
-    ------
-    ValueError
-        If no point sees all faces from behind.
+    Returns `(vertices (V + 1, 3), faces, tets (T, 4))`: the inner point is the last vertex, and the
+    tetrahedra have positive volume, one for each triangle with an area. Raises ValueError if no
+    point sees all faces from behind.
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
@@ -107,12 +87,8 @@ def find_inner_point(vertices, normals, offsets, margin):
     # Imported here, because it takes long and few files need it.
     from scipy.optimize import linprog
 
-    best = linprog(
-        c=[0.0, 0.0, 0.0, -1.0],
-        A_ub=np.column_stack([normals, np.ones(len(normals))]),
-        b_ub=offsets,
-        bounds=[(None, None)] * 4,
-    )
+    planes = np.column_stack([normals, np.ones(len(normals))])
+    best = linprog([0.0, 0.0, 0.0, -1.0], planes, offsets, bounds=[(None, None)] * 4)
     if best.status != 0 or best.x[3] <= margin:
         raise ValueError(
             "the surface cannot be filled, because no point sees all of it from inside; give it as "

@@ -39,12 +39,8 @@ def divide(v, divisor):
     return (v[0] / divisor, v[1] / divisor, v[2] / divisor)
 
 
-def mul_add(v, factor, direction):
-    return (
-        v[0] + factor * direction[0],
-        v[1] + factor * direction[1],
-        v[2] + factor * direction[2],
-    )
+def mul_add(v, factor, n):
+    return (v[0] + factor * n[0], v[1] + factor * n[1], v[2] + factor * n[2])
 
 
 def dot(a, b):
@@ -53,11 +49,7 @@ def dot(a, b):
 
 def cross(a, b):
     """Vector product a × b."""
-    return (
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    )
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 def norm(v):

@@ -8,9 +8,7 @@ the same order, and so the same bits. Sums of products are therefore written out
 
 import numpy as np
 
-from rbs.geometry.triples import (
-    rotate_tensor as rotate_tensor,  # works on arrays, too
-)
+from rbs.geometry.triples import rotate_tensor as rotate_tensor  # works on arrays, too
 
 # Indices of the components x y z x y, in which the factors of a vector product are adjacent.
 _CYCLE = np.array([0, 1, 2, 0, 1])

@@ -63,12 +63,7 @@ class SubmittedSteps:
             self.run_timestep = partial(basic_step, self.functions)
         else:
             self.run_timestep = self._function("run_timestep")
-        try:
-            parameters = inspect.signature(self.run_timestep).parameters
-        except (TypeError, ValueError):
-            parameters = {}
-        self._takesAll = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
-        self._known = set(parameters)
+        self._known = set(inspect.signature(self.run_timestep).parameters)
         self._source = None
         self._attributes = set(STATE_WIDTHS) | {"currVertices"}
 
@@ -84,14 +79,11 @@ class SubmittedSteps:
         options : dict from the name of an option to that of its parameter
         """
         for option, parameter in options.items():
-            if parameter not in PARAMETERS[:5] and not self._knows(parameter):
+            if parameter not in PARAMETERS[:5] and parameter not in self._known:
                 raise SubmissionError(
                     f"{option} cannot be used with these --functions: the run_timestep in "
                     f"{self.folder} has no parameter {parameter}"
                 )
-
-    def _knows(self, parameter):
-        return self._takesAll or parameter in self._known
 
     def step(self, source, meshes, groundMesh, timeStep, CRCoeff, *arguments, **options):
         """Makes one step of the program's meshes in place.
@@ -106,9 +98,9 @@ class SubmittedSteps:
         for name in options.keys() - COURSEWORK_PARAMETERS:
             if options[name] == DEFAULTS[name]:
                 del options[name]
-            elif not self._knows(name):
+            elif name not in self._known:
                 raise StateError(f"the run_timestep in {self.folder} has no parameter {name}")
-        options = {name: value for name, value in options.items() if self._knows(name)}
+        options = {name: value for name, value in options.items() if name in self._known}
         try:
             theirs, ground = self.follow(meshes, source)
             self.run_timestep(theirs, ground, timeStep, CRCoeff, **options)
@@ -124,12 +116,8 @@ class SubmittedSteps:
 
     def _note_misspelt(self, theirs):
         """Prints a note, once, if a step adds an attribute named almost like one of the state."""
-        added = [
-            name
-            for mesh in theirs
-            for name in getattr(mesh, "__dict__", ())
-            if name not in self._attributes
-        ]
+        names = (name for mesh in theirs for name in getattr(mesh, "__dict__", ()))
+        added = [name for name in names if name not in self._attributes]
         self._attributes |= set(added)
         for name in dict.fromkeys(added):
             for meant in get_close_matches(name, STATE_WIDTHS, cutoff=0.85):
@@ -181,10 +169,8 @@ class SubmittedSteps:
         state = {}
         for name, width in STATE_WIDTHS.items():
             state[name] = _numbers(mesh.name, name, getattr(theirs, name, None), (1, width))
-        vertices = getattr(theirs, "currVertices", None)
-        state["currVertices"] = _numbers(
-            mesh.name, "currVertices", vertices, mesh.currVertices.shape
-        )
+        vertices, shape = getattr(theirs, "currVertices", None), mesh.currVertices.shape
+        state["currVertices"] = _numbers(mesh.name, "currVertices", vertices, shape)
         return state
 
 
@@ -240,26 +226,18 @@ def basic_step(
         if wasValid:
             return False
         # the points move along the line that joins them, so the arms and the direction still hold
-        _, linVelocities, angVelocities = functions.resolve_velocity_constraint(
-            position,
-            points,
-            linVelocity,
-            angVelocity,
-            invMasses,
-            [mesh.get_rotated_inv_IT() for mesh in pair],
-            tolerance,
-        )
-        for mesh, *state in zip(pair, positions, linVelocities, angVelocities, strict=True):
+        tensors = [mesh.get_rotated_inv_IT() for mesh in pair]
+        moving = linVelocity, angVelocity, invMasses, tensors, tolerance
+        _, *velocities = functions.resolve_velocity_constraint(position, points, *moving)
+        for mesh, *state in zip(pair, positions, *velocities, strict=True):
             mesh.position, mesh.linVelocity, mesh.angVelocity = state
             move(mesh)
         return True
 
     if enforceConstraints and len(constraints) > 0:
-        movable = {
-            c
-            for c, row in enumerate(constraints)
-            if row[0] != row[2] and not (meshes[row[0]].isFixed and meshes[row[2]].isFixed)
-        }
+        ends = [(meshes[row[0]], meshes[row[2]]) for row in constraints]
+        isMovable = [m1 is not m2 and not (m1.isFixed and m2.isFixed) for m1, m2 in ends]
+        movable = set(np.flatnonzero(isMovable).tolist())
         sweep(visit, movable, len(constraints), max(maxIterations, len(constraints)))
 
 

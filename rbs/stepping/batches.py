@@ -37,17 +37,16 @@ def find_contacts(bodies):
 
     contacts : `Contacts`; candidatePairs : number of pairs that the broad phase found
     """
-    start, memory = bodies.position.copy(), memory_of(tuple(bodies.meshes))
+    memory = memory_of(tuple(bodies.meshes))
     margin = np.maximum(LEAST_MARGIN * bodies.hulls.radius, MARGIN_GROWTH * memory.displacement)
     while True:
         attempt = Pass(bodies, margin, memory)
         contacts = attempt.run()
-        history = PositionHistory(start, contacts)
-        memory.displacement = history.displacement
-        if not attempt.has_missed(history):
+        memory.displacement = contacts.displacement
+        if not attempt.has_missed(contacts):
             return contacts, len(attempt.keys)
-        bodies.position[:] = start
-        margin = np.maximum(margin, MARGIN_GROWTH * history.displacement)
+        bodies.position[:] = attempt.start
+        margin = np.maximum(margin, MARGIN_GROWTH * contacts.displacement)
 
 
 class Memory:
@@ -79,6 +78,7 @@ class Pass:
 
     It includes all pairs that touch as long as no body moves by more than its margin (n,).
 
+    start : (3, n), positions before the pass
     keys, axis, gap : (Q,), i · n + j for the pairs with nearby boxes; (3, Q), axes of least
         penetration or of separation; (Q,), separations, -inf for pairs in the batches
 
@@ -94,7 +94,7 @@ class Pass:
     """
 
     def __init__(self, bodies, margin, memory):
-        self.bodies, self.margin = bodies, margin
+        self.bodies, self.margin, self.start = bodies, margin, bodies.position.copy()
         radius = bodies.hulls.radius
         first, second = grid_overlaps(bodies.box - margin, bodies.isFixed)
         self.keys = first * len(radius) + second
@@ -122,8 +122,8 @@ class Pass:
 
     def run(self):
         """Detects the pairs batch by batch and separates those that touch: `Contacts`."""
-        found = [self._resolve_batch(*ends) for ends in itertools.pairwise(self.starts.tolist())]
-        return Contacts(self, found)
+        ends = itertools.pairwise(self.starts.tolist()) if len(self.rank) else [(0, 0)]
+        return Contacts(self, itertools.starmap(self._resolve_batch, ends))
 
     def _resolve_batch(self, begin, end):
         """Separates the pairs from `begin` to `end` that touch; returns columns of `Contacts`.
@@ -159,19 +159,14 @@ class Pass:
         isValid = facets.still_valid(some, penetration, t - self.t[:, some])
         stale = indices((penetration >= self.apart[some]) & ~isValid)
         if len(stale):
-            exact = find_facets(
-                self.bodies.hulls,
-                *self.bodyPair[:, begin + stale],
-                t[:, stale],
-                np.zeros(len(stale)),
-                normal[:, stale],
-            )
-            penetration[stale], normal[:, stale] = exact.minimal_penetrations(t[:, stale])
+            some, t = self.bodyPair[:, begin + stale], t[:, stale]
+            exact = find_facets(self.bodies.hulls, *some, t, np.zeros(len(stale)), normal[:, stale])
+            penetration[stale], normal[:, stale] = exact.minimal_penetrations(t)
         return penetration, normal
 
-    def has_missed(self, history):
+    def has_missed(self, contacts):
         """Whether a pair outside the batches overlaps at the positions of sequential execution."""
-        bodies, displacement = self.bodies, history.displacement
+        bodies, displacement = self.bodies, contacts.displacement
         count = len(displacement)
         i, j = np.divmod(self.keys, count)
         # separated pairs whose bodies have moved far enough to close the gap
@@ -185,16 +180,15 @@ class Pass:
             keys = np.concatenate((keys, others))
             axis = np.concatenate((axis, np.zeros((3, len(others)))), axis=1)
         first, second = np.divmod(keys, count)
-        position1, position2 = history.positions_at_turn(first, second)
+        position1, position2 = contacts.positions_at_turn(first, second)
         limits = overlap_limits(bodies.box_at(second, position2))
         meet = indices((bodies.box_at(first, position1) <= limits).all(axis=0))
         if len(meet) == 0:
             return False
         first, second = first[meet], second[meet]
         t = take(position2 - position1, meet, axis=1)
-        facets = find_facets(
-            bodies.hulls, first, second, t, np.zeros(len(meet)), take(axis, meet, axis=1)
-        )
+        axes = take(axis, meet, axis=1)
+        facets = find_facets(bodies.hulls, first, second, t, np.zeros(len(meet)), axes)
         size = bodies.hulls.radius[first] + bodies.hulls.radius[second]
         return bool((facets.minimal_penetrations(t)[0] >= -TOUCH_TOLERANCE * size).any())
 
@@ -231,20 +225,12 @@ class Contacts:
     before, after : (3, 2, H), positions of the bodies before and after the correction
     shift : (H,), displacement of the second body along the normal; tolerance : (H,), see
         `contact_points`
+    displacement : (n,), largest distance of each body from its position before the pass
     """
 
     def __init__(self, attempt, found):
         """attempt : `Pass`; found : list of its results, batch by batch"""
-        nothing = (
-            np.zeros(0, dtype=np.intp),
-            np.zeros(0),
-            np.zeros((3, 0)),
-            np.zeros((3, 2, 0)),
-            np.zeros((3, 2, 0)),
-            np.zeros(0),
-        )
-        columns = zip(nothing, *found, strict=True)
-        rows, *columns = (np.concatenate(column, axis=-1) for column in columns)
+        rows, *columns = (np.concatenate(column, axis=-1) for column in zip(*found, strict=True))
         inOrder = take(attempt.rank, rows).argsort()
         first, second = take(attempt.bodyPair, rows[inOrder], axis=1)
         order, self.starts, _ = in_batches(first, second, attempt.bodies.isFixed)
@@ -252,9 +238,30 @@ class Contacts:
         rows = rows[order]
         self.bodies = take(attempt.bodyPair, rows, axis=1)
         self.rank, self.tolerance = attempt.rank[rows], attempt.tolerance[rows]
-        self.depth, self.normal, self.before, self.after, self.shift = (
-            take(column, order, axis=-1) for column in columns
-        )
+        columns = (take(column, order, axis=-1) for column in columns)
+        self.depth, self.normal, self.before, self.after, self.shift = columns
+
+        start, count = attempt.start, attempt.start.shape[1]
+        body, after = self.bodies.ravel(), self.after.reshape(3, -1)
+        self.displacement = np.zeros(count)
+        np.maximum.at(self.displacement, body, norm(after - take(start, body, axis=1)))
+        # each body's start, and its positions after its contacts, in the order of its pairs
+        keys = self._keys(self.bodies).ravel()
+        keys = np.concatenate((np.arange(count) * count * count, keys))
+        order = keys.argsort()
+        self._known = keys[order]
+        self._positions = take(np.concatenate((start, after), axis=1), order, axis=1)
+
+    def _keys(self, pairs):
+        """Keys (2, m) of both bodies' positions after the contacts of the pairs (2, m), ascending
+        by body and then by pair."""
+        count = len(self.displacement)
+        return pairs * count * count + (pairs[0] * count + pairs[1] + 1)
+
+    def positions_at_turn(self, first, second):
+        """Positions (3, m), (3, m) of the pairs' bodies at their turn in sequential execution."""
+        index = self._known.searchsorted(self._keys(np.stack((first, second)))) - 1
+        return take(self._positions, index, axis=1).swapaxes(0, 1)
 
     def points(self, hulls):
         """Points (3, H) of the second bodies deepest inside the first ones before correction."""
@@ -265,41 +272,3 @@ class Contacts:
     def batches(self):
         """Slices of the contacts, one per batch, in order."""
         return itertools.starmap(slice, itertools.pairwise(self.starts.tolist()))
-
-
-class PositionHistory:
-    """Positions of the bodies during a pass, after each of their contacts.
-
-    start : (3, n), positions before the pass
-    key : (K,), body · n² + i · n + j for each contact i, j of a body, ascending; a body visits its
-        pairs in this order
-    position : (3, K), of the body after the contact
-    displacement : (n,), largest distance of each body from its start
-    """
-
-    def __init__(self, start, contacts):
-        self.start = start
-        count = start.shape[1]
-        self.square = count * count
-        self.displacement = np.zeros(count)
-        body = contacts.bodies.ravel()
-        position = contacts.after.reshape(3, -1)
-        turn = contacts.bodies[0] * count + contacts.bodies[1]
-        away = position - take(start, body, axis=1)
-        np.maximum.at(self.displacement, body, norm(away))
-        key = body * self.square + np.concatenate((turn, turn))
-        order = key.argsort()
-        self.key, self.position = key[order], take(position, order, axis=1)
-
-    def positions_at_turn(self, first, second):
-        """Positions (3, m), (3, m) of the pairs' bodies at their turn in sequential execution."""
-        count = len(first)
-        bodies = np.concatenate((first, second))
-        turn = first * len(self.displacement) + second
-        turn = np.concatenate((turn, turn))
-        index = self.key.searchsorted(bodies * self.square + turn) - 1
-        known = indices(index >= 0)
-        known = known[self.key[index[known]] // self.square == bodies[known]]
-        position = take(self.start, bodies, axis=1)
-        position[:, known] = take(self.position, index[known], axis=1)
-        return position[:, :count], position[:, count:]

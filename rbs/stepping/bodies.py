@@ -8,19 +8,16 @@ The implicit gyroscopic term follows Catto: Numerical Methods. Game Developers C
 
 import math
 import reprlib
-from collections import deque
 from contextlib import contextmanager
 from functools import lru_cache
-from itertools import repeat
 from operator import attrgetter, is_
 
 import numpy as np
 
 from Quaternion import exponentials, multiply, rotation_matrices
-from rbs.geometry import triples
 from rbs.geometry.arrays import indices, ranges, row_minima, take
 from rbs.geometry.hulls import FEATURE_TOLERANCE, NO_HULL, HullSet, rotate_columns
-from rbs.geometry.triples import add, cross, dot, scale, sub
+from rbs.geometry.triples import add, cross, divide, dot, floats, mat_vec, scale, sub, transpose
 from rbs.geometry.vectors import rotate_tensor
 
 # Largest number allowed in a state, in any unit. Products of four such numbers are still finite; no
@@ -46,14 +43,11 @@ def check_numbers(columns, meshes, when):
 
     columns : from `state_columns`; when : what the step has just done, for the message
     """
-    # a maximum with NaN is NaN, and comparisons with NaN are false
-    if all(abs(table).max(initial=0.0) <= LARGEST_NUMBER for table in columns.values()):
-        return
     for name, table in columns.items():
-        isWrong = ~(abs(table) <= LARGEST_NUMBER)
-        if isWrong.any():
-            b = int(isWrong.any(axis=0).argmax())
-            value = float(table[isWrong[:, b], b][0])
+        isFine = abs(table) <= LARGEST_NUMBER  # false for NaN
+        if not isFine.all():
+            b = int(isFine.all(axis=0).argmin())
+            value = float(table[~isFine[:, b], b][0])
             raise StateError(f"body {b}, {meshes[b].name!r}: {name} holds {value:g} after {when}")
 
 
@@ -64,36 +58,41 @@ def check_distinct(meshes):
         raise ValueError(f"mesh {twice}, {meshes[twice].name!r}, is listed twice")
 
 
-def check_objects(groundMesh, solverState):
-    """Raises TypeError unless each is None, or a Mesh and a SolverState."""
-    for name, value, kind, attribute in (
-        ("groundMesh", groundMesh, "Mesh", "invMass"),
-        ("solverState", solverState, "SolverState", "begun"),
-    ):
-        if value is not None and not hasattr(value, attribute):
-            raise TypeError(f"{name} must be a {kind} or None, not {reprlib.repr(value)}")
-
-
 @contextmanager
-def named_faults(meshes):
-    """Within it, an error from an attribute of a mesh becomes a ValueError that names both."""
+def undone_on_error(meshes, mayBeHalfDone):
+    """Within it, an error restores the state of the meshes, where it may be half done.
+
+    An error from an attribute of a mesh becomes a ValueError that names both.
+    """
+    before = []
     try:
+        if mayBeHalfDone:
+            before += [
+                (m, {name: getattr(m, name).copy() for name in STATE_WIDTHS}) for m in meshes
+            ]
         yield
-    except (AttributeError, TypeError, ValueError):
-        if not isinstance(meshes, list | tuple):
-            raise TypeError(f"meshes must be a list of Mesh, not {reprlib.repr(meshes)}") from None
-        for b, mesh in enumerate(meshes):
-            for name, width in STATE_WIDTHS.items():
-                try:
-                    triples.floats(getattr(mesh, name), width)
-                except AttributeError:
-                    raise TypeError(f"meshes[{b}] must be a Mesh, not {mesh!r}") from None
-                except (TypeError, ValueError):
-                    value = reprlib.repr(getattr(mesh, name))
-                    raise ValueError(
-                        f"body {b}, {mesh.name!r}: {name} must be {width} numbers, not {value}"
-                    ) from None
+    except BaseException as error:
+        for mesh, state in before:
+            for name, value in state.items():
+                setattr(mesh, name, value)
+        if isinstance(error, AttributeError | TypeError | ValueError):
+            _name_fault(meshes)
         raise
+
+
+def _name_fault(meshes):
+    """Raises TypeError or ValueError if something is no Mesh, or has no numbers as its state."""
+    if not isinstance(meshes, list | tuple):
+        raise TypeError(f"meshes must be a list of Mesh, not {reprlib.repr(meshes)}") from None
+    for b, mesh in enumerate(meshes):
+        for name, width in STATE_WIDTHS.items():
+            try:
+                floats(getattr(mesh, name), width)
+            except AttributeError:
+                raise TypeError(f"meshes[{b}] must be a Mesh, not {mesh!r}") from None
+            except (TypeError, ValueError):
+                what = f"{name} must be {width} numbers, not {reprlib.repr(getattr(mesh, name))}"
+                raise ValueError(f"body {b}, {mesh.name!r}: {what}") from None
 
 
 def state_columns(meshes):
@@ -110,23 +109,6 @@ def _columns(meshes, name, width):
         table = np.concatenate([np.empty(0), *values], axis=None)
     return np.ascontiguousarray(table.reshape(-1, width).T, dtype=np.float64)
 
-
-@contextmanager
-def restored_on_error(meshes):
-    """Restores the state of the meshes if an exception leaves the `with` block."""
-    before = [[getattr(m, name).copy() for name in STATE_WIDTHS] for m in meshes]
-    try:
-        yield
-    except BaseException:
-        for mesh, state in zip(meshes, before, strict=True):
-            for name, value in zip(STATE_WIDTHS, state, strict=True):
-                setattr(mesh, name, value)
-        raise
-
-
-# --------------------------------------------------------------------------------------------------
-# Free flight
-# --------------------------------------------------------------------------------------------------
 
 # Gravitational acceleration along y, in m/s², and as a vector, the default of a step.
 GRAVITY = -9.8
@@ -153,37 +135,24 @@ def gyroscopic_velocity(angVelocity, orientation, inertia, timeStep):
     c_k = I e_k + h (ω₀ × I e_k - (I ω₀) × e_k), and Cramer's rule solves f' x = b.
     """
     rotation = rotation_matrices(orientation)
-    omega = triples.mat_vec(triples.transpose(rotation), angVelocity)
-    spin = triples.mat_vec(inertia, omega)
+    omega = mat_vec(transpose(rotation), angVelocity)
+    spin = mat_vec(inertia, omega)
     b = scale(timeStep, cross(omega, spin))
+    units = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
     c0, c1, c2 = (
-        add(column, scale(timeStep, sub(cross(omega, column), cross(spin, unit))))
-        for column, unit in zip(
-            (inertia[0::3], inertia[1::3], inertia[2::3]),
-            ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
-            strict=True,
-        )
+        add(inertia[k::3], scale(timeStep, sub(cross(omega, inertia[k::3]), cross(spin, unit))))
+        for k, unit in enumerate(units)
     )
     c12 = cross(c1, c2)
-    determinant = dot(c0, c12)
-    change = (
-        dot(b, c12) / determinant,
-        dot(c0, cross(b, c2)) / determinant,
-        dot(c0, cross(c1, b)) / determinant,
-    )
-    return triples.mat_vec(rotation, sub(omega, change))
-
-
-# --------------------------------------------------------------------------------------------------
-# Bodies
-# --------------------------------------------------------------------------------------------------
+    change = divide((dot(b, c12), dot(c0, cross(b, c2)), dot(c0, cross(c1, b))), dot(c0, c12))
+    return mat_vec(rotation, sub(omega, change))
 
 
 class _Shapes:
     """Constant data of a list of meshes: rest vertices and hulls, in tables.
 
     vertices : (3, ΣV), rest vertices of all meshes; those of body b start at vertexStart[b]
-    hulls : HullSet at rest; a mesh without vertices has a point as its hull
+    hulls : HullSet at rest; NO_HULL stands for a mesh without vertices
     hullColumn : (ΣVh,), columns of the hulls' vertices in `vertices`
     hasShape : (n,) bool
     given : dict, per attribute whose rows the last step has set: `(table (n, …), rows)`
@@ -195,7 +164,7 @@ class _Shapes:
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.hasShape = self.vertexCount > 0
         self.given = {}
-        # one more column, the point of meshes without vertices
+        # one more column, in case no mesh has vertices
         vertices = [*(m.origVertices for m in meshes), np.zeros((1, 3))]
         self.vertices = np.ascontiguousarray(np.concatenate(vertices).T)
         hulls = [NO_HULL if m.hull is None else m.hull for m in meshes]
@@ -232,14 +201,11 @@ class Bodies:
         """
         self.meshes, self.gravity, self.fallRate = meshes, gravity, math.hypot(*gravity)
         self._shapes = _shapes(tuple(meshes))
-        self.vertexStart = self._shapes.vertexStart
-        self.vertexCount = self._shapes.vertexCount
+        self.vertexStart, self.vertexCount = self._shapes.vertexStart, self._shapes.vertexCount
         columns = {name: self._gathered(name, width) for name, width in STATE_WIDTHS.items()}
-        self.motion = np.concatenate(
-            (columns["position"], columns["linVelocity"], columns["angVelocity"])
-        )
+        self.orientation = columns.pop("orientation")
+        self.motion = np.concatenate(tuple(columns.values()))
         self._start = self.motion.copy()
-        self.orientation = columns["orientation"]
         self.invMass = np.array([m.invMass for m in meshes], dtype=np.float64)
         self.isFixed = self.invMass == 0.0
         self.restInvInertia = np.where(self.isFixed, 0.0, self._gathered("invIT", 9))
@@ -277,7 +243,9 @@ class Bodies:
         self.vertices = rotate_columns(rotation, shapes.vertices[:, :-1], shapes.vertexCount)
         corners = np.concatenate((self.vertices, shapes.vertices[:, -1:]), axis=1)
         self.hulls = shapes.hulls.rotated(rotation, take(corners, shapes.hullColumn, axis=1))
-        low, high = self.hulls.boxes()
+        corners, starts = self.hulls.vertices, self.hulls.vertexStart
+        low = np.minimum.reduceat(corners, starts, axis=1)
+        high = np.maximum.reduceat(corners, starts, axis=1)
         self._relativeBox = np.where(shapes.hasShape, np.concatenate((low, -high)), np.inf)
         self.box = self.box_at(np.arange(len(self.meshes)), self.position)
 
@@ -320,7 +288,8 @@ class Bodies:
         shape = (3, 3) if name == "invIT" else (1, len(columns))
         table = np.ascontiguousarray(columns.T).reshape(-1, *shape)
         rows = list(table)
-        deque(map(setattr, self.meshes, repeat(name), rows), maxlen=0)  # faster than a loop
+        for mesh, row in zip(self.meshes, rows, strict=True):
+            setattr(mesh, name, row)
         self._shapes.given[name] = table, rows
         return table
 

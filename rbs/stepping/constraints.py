@@ -6,11 +6,10 @@ of visits. Some of the list's `total` constraints can never be corrected, such a
 fixed bodies; a visit to them counts as satisfied.
 """
 
-from functools import lru_cache
-
 import numpy as np
 
 from rbs.geometry.arrays import indices, take
+from rbs.geometry.triples import number
 from rbs.stepping.bodies import Bodies
 from rbs.stepping.kernels import distance_error, is_violated, shifts, stop
 
@@ -32,8 +31,7 @@ class ConstraintRows:
         Raises ValueError, which names constraint, mesh and vertex, if one does not exist.
         """
         self.total = len(constraints)
-        table = _table(constraints)
-        _check_ends(table, vertexCount)
+        table = _table(constraints, vertexCount)
         body1, vertex1, body2, vertex2 = table[:4].astype(np.intp)
         movable = (body1 != body2) & ~(isFixed[body1] & isFixed[body2])
         movable &= (table[5] != 0) | (table[4] > tolerance)
@@ -45,16 +43,8 @@ class ConstraintRows:
 
     def tolist(self):
         """Returns tuples `(index, body1, vertex1, body2, vertex2, refValue, upper)`."""
-        columns = (
-            self.index,
-            self.body1,
-            self.vertex1,
-            self.body2,
-            self.vertex2,
-            self.refValue,
-            self.upper,
-        )
-        return list(zip(*(column.tolist() for column in columns), strict=True))
+        names = "index body1 vertex1 body2 vertex2 refValue upper".split()
+        return list(zip(*(getattr(self, name).tolist() for name in names), strict=True))
 
 
 def constraint_rows(constraints, vertexCount):
@@ -62,46 +52,39 @@ def constraint_rows(constraints, vertexCount):
 
     vertexCount : (n,), of the meshes. Raises ValueError, which names constraint, mesh and vertex.
     """
-    table = _table(constraints)
-    _check_ends(table, vertexCount)
+    table = _table(constraints, vertexCount)
     return [[*map(int, row[:4]), row[4], bool(row[5])] for row in table.T.tolist()]
 
 
-def _table(constraints):
-    """Returns the rows as columns (6, C) of floats; arrays of one number count as numbers."""
+def _table(constraints, vertexCount):
+    """Returns the rows as columns (6, C) of floats; arrays of one number count as numbers.
+
+    Raises ValueError if a constraint refers to a mesh or vertex that does not exist.
+    """
     if len(constraints) == 0:
         return np.zeros((6, 0))
     try:
         rows = np.array([tuple(row) for row in constraints], dtype=np.float64)
     except (TypeError, ValueError):  # arrays of one number among the numbers
-        rows = np.array(
-            [[np.asarray(value, dtype=np.float64).item() for value in row] for row in constraints]
-        )
+        rows = np.array([[number(value) for value in row] for row in constraints])
     if rows.ndim != 2 or rows.shape[1] != 6:
         raise ValueError("a constraint is a row of six: m1, v1, m2, v2, refValue, upper")
-    return rows.T
+    table = rows.T
 
-
-def _check_ends(table, vertexCount):
-    """Raises ValueError if a constraint refers to a mesh or vertex that does not exist."""
     for mesh, vertex in (table[0:2], table[2:4]):
         known = (mesh >= 0) & (mesh < len(vertexCount)) & (mesh == np.floor(mesh))
         count = vertexCount[np.where(known, mesh, 0).astype(np.intp)]
         fits = known & (vertex >= 0) & (vertex < count) & (vertex == np.floor(vertex))
         if not fits.all():
             c = int(fits.argmin())
+            what, most = f"mesh {mesh[c]:g} has no vertex {vertex[c]:g}", count[c] - 1
             if not known[c]:
-                raise ValueError(
-                    f"constraint {c}: mesh {mesh[c]:g} does not exist, only 0 to "
-                    f"{len(vertexCount) - 1}"
-                )
-            raise ValueError(
-                f"constraint {c}: mesh {mesh[c]:g} has no vertex {vertex[c]:g}, only 0 to "
-                f"{count[c] - 1}"
-            )
+                what, most = f"mesh {mesh[c]:g} does not exist", len(vertexCount) - 1
+            raise ValueError(f"constraint {c}: {what}, only 0 to {most}")
     if not np.isfinite(table[4]).all():
         c = int(np.isfinite(table[4]).argmin())
         raise ValueError(f"constraint {c}: the reference value must be finite")
+    return table
 
 
 def queue(visit, constraints, total, maximumVisits):
@@ -194,22 +177,14 @@ def coloured_batches(bodies1, bodies2, isFixed):
     """Returns a list of arrays of constraint rows, in each of which no two move the same body.
 
     bodies1, bodies2, isFixed : as for `in_batches`
-    """
-    return _coloured(bodies1.tobytes(), bodies2.tobytes(), isFixed.tobytes())
-
-
-@lru_cache(maxsize=8)
-def _coloured(bodies1, bodies2, isFixed):
-    """`coloured_batches` by greedy colouring, from the bytes of its arrays.
 
     A constraint takes the first batch that contains none of its movable bodies. The batches of a
     body are the set bits of an integer.
     """
-    first, second = (np.frombuffer(bodies, np.intp).tolist() for bodies in (bodies1, bodies2))
-    isFixed = np.frombuffer(isFixed, bool).tolist()
+    isFixed = isFixed.tolist()
     taken = [0] * len(isFixed)
     colours = []
-    for i, j in zip(first, second, strict=True):
+    for i, j in zip(bodies1.tolist(), bodies2.tolist(), strict=True):
         free = ~(taken[i] | taken[j])
         bit = free & -free
         if not isFixed[i]:

@@ -51,16 +51,8 @@ def apply_impulses(bodies, contacts, settings, report):
     impulses, frictions = [], []
     for some in contacts.batches():
         velocity = take(bodies.velocity, ends[:, some], axis=1)
-        impulse, friction = collide(
-            velocity,
-            invMasses[:, some],
-            invInertias[..., some],
-            arms[..., some],
-            n[:, some],
-            K[some],
-            turning[..., some],
-            *settings,
-        )
+        contact = (table[..., some] for table in (invMasses, invInertias, arms, n, K, turning))
+        impulse, friction = collide(velocity, *contact, *settings)
         bodies.velocity[:, ends[:, some]] = velocity
         impulses.append(impulse)
         frictions.append(friction)

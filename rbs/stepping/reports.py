@@ -4,24 +4,16 @@ import time
 from contextlib import contextmanager
 from typing import NamedTuple
 
-import numpy as np
-
-from rbs.geometry.triples import ZERO, floats, sub
+from rbs.geometry.triples import ZERO, add, floats, sub
 
 # Index of the ground as the second body of a contact.
 GROUND = -1
 
 # Phases of a step, in order, and their names in the window. The pair-by-pair step has no tables to
 # read and write back. The soft step solves contacts and constraints together.
-PHASES = {
-    "gather": "gather",
-    "integrate": "integrate",
-    "collisions": "collisions",
-    "ground": "ground",
-    "contactSolver": "contact solver",
-    "constraints": "constraints",
-    "writeBack": "write back",
-}
+PHASES = {name: name for name in ("gather", "integrate", "collisions", "ground")}
+PHASES |= {"contactSolver": "contact solver", "constraints": "constraints"}
+PHASES["writeBack"] = "write back"
 
 
 class Contact(NamedTuple):
@@ -50,12 +42,9 @@ class StepReport:
     """
 
     def __init__(self):
-        self._contacts = []
-        self._pending = []
-        self.candidatePairs = 0
-        self.constraintVisits = 0
-        self.seconds = {}
-        self.isAsleep = None
+        self._contacts, self._pending = [], []
+        self.candidatePairs = self.constraintVisits = 0
+        self.seconds, self.isAsleep = {}, None
 
     def __repr__(self):
         milliseconds = 1e3 * sum(self.seconds.values())
@@ -69,9 +58,7 @@ class StepReport:
         """Contacts in the order i < j, the ground last: list of `Contact`."""
         pending, self._pending = self._pending, []
         rows = []
-        for *columns, impulse, friction, arm in pending:
-            friction = np.broadcast_to(np.reshape(friction, (3, -1)), arm.shape)
-            columns = (*columns, impulse, friction, arm)
+        for columns in pending:
             rows += zip(*((column.T + 0).tolist() for column in columns), strict=True)
         for _, i, j, depth, n, point, impulse, friction, arm in sorted(rows):
             vectors = tuple(n), tuple(point), impulse, tuple(friction), tuple(arm)
@@ -96,28 +83,17 @@ class StepReport:
         depth, normal = float(depth), floats(normal, 3)
         if depth < 0.0 or j == GROUND:
             depth, normal = abs(depth), sub(ZERO, normal)
-        if impulses is None:
-            impulses = (0.0, ZERO, ZERO)
-        impulse, friction, arm = impulses
-        self._contacts.append(
-            Contact(
-                i,
-                j,
-                depth,
-                _unsigned(normal),
-                _unsigned(point),
-                impulse + 0.0,
-                _unsigned(friction),
-                _unsigned(arm),
-            )
-        )
+        impulse, *vectors = impulses or (0.0, ZERO, ZERO)
+        # + 0.0 turns -0.0 into 0.0
+        n, p, f, r = (add(floats(v, 3), ZERO) for v in (normal, point, *vectors))
+        self._contacts.append(Contact(i, j, depth, n, p, impulse + 0.0, f, r))
 
     def add_columns(self, *columns):
         """Adds contacts given as arrays, which are converted to `Contact`s on demand.
 
         columns : rank (m,), position in the order i < j; then the fields of `Contact`: body1 (m,),
-            body2 (m,), depth (m,), normal (3, m), point (3, m), impulse (m,), friction (3, m) or
-            one vector for all, arm (3, m)
+            body2 (m,), depth (m,), normal (3, m), point (3, m), impulse (m,), friction (3, m),
+            arm (3, m)
         """
         self._pending.append(columns)
 
@@ -127,9 +103,3 @@ class StepReport:
         start = time.perf_counter()
         yield
         self.seconds[name] = time.perf_counter() - start
-
-
-def _unsigned(vector):
-    """Returns the vector as a tuple of 3 floats, with 0.0 for -0.0."""
-    x, y, z = floats(vector, 3)
-    return x + 0.0, y + 0.0, z + 0.0

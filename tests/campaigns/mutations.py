@@ -91,8 +91,8 @@ rbs/geometry/patches.py: centroid of the patch, a factor (gjk)
     moment / (3.0 * -> moment / (2.0 *
 rbs/geometry/hulls.py: order around a polygon, two of the quarters (gjk softstep)
     np.copysign(1.0 - du / -> np.copysign(du /
-rbs/geometry/hulls.py: boxes of hulls, the wrong extreme (broadPhase)
-    for extreme in (np.minimum, np.maximum) -> for extreme in (np.minimum, np.minimum)
+rbs/stepping/bodies.py: boxes of hulls, the wrong extreme (broadPhase)
+    high = np.maximum.reduceat -> high = np.minimum.reduceat
 RBSFunctions.py: box of one hull, the wrong extreme (timestep)
     hullVertices.max(axis=1) -> hullVertices.min(axis=1)
 rbs/geometry/facets.py: facets, faces of the second hull are not turned round (gjk)
@@ -104,7 +104,7 @@ rbs/stepping/batches.py: missed pairs, the margin of one body only (broadPhase)
 GJK.py: cached axis, its sign (timestep)
     lowest + dot(axis, t) - highest -> highest - lowest - dot(axis, t)
 RBSFunctions.py: kept box, the orientation is not looked at (mesh)
-    or self.orientation.tobytes() != self._orientationKey -> or False
+    pose = self.position.tobytes() + self.orientation.tobytes() -> pose = self.position.tobytes()
 rbs/stepping/constraints.py: queue, what depends on the second body stays clean (constraints)
     for b in constraints[c]: -> for b in constraints[c][:1]:
 rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)

@@ -24,6 +24,7 @@ from studentVariants import (
     HALF_DONE,
     MISTAKES,
     SKELETON,
+    START,
     STUDENT,
     files_of,
     write_submission,
@@ -34,7 +35,6 @@ RIGHT, WRONG = "all is right", "something is wrong"
 SOLUTION = files_of(STUDENT)
 TEXT = SOLUTION["RBSFunctions.py"].decode()
 QUATERNION = SOLUTION["Quaternion.py"].decode()
-START = "    # interpenetration\n"
 
 
 def edited(*edits):

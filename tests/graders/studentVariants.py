@@ -49,155 +49,114 @@ VELOCITY = "self.linVelocity = self.linVelocity + timeStep * gravity"
 GRAVITY = "gravity = np.array([[0.0, -9.8, 0.0]])"
 STEP = "QMult(QExp(half), self.orientation)"
 HALF = "0.5 * timeStep * self.angVelocity"
+START = "    # interpenetration\n"
 FACTOR = "j = (1.0 + CRCoeff) *"
 VALID = "isValid = bool(C <= tolerance) if upper else bool(C >= -tolerance)"
-TENSOR2 = "invI2 = m2.get_rotated_inv_IT()"
+TENSOR, TENSOR2 = "return R @ self.invIT @ R.T", "invI2 = m2.get_rotated_inv_IT()"
 LINEAR1 = "m1.linVelocity = m1.linVelocity - m1.invMass * j * n"
 LINEAR2 = "m2.linVelocity = m2.linVelocity + m2.invMass * j * n"
 ANGULAR1 = "m1.angVelocity = m1.angVelocity - j * c1 @ invI1.T"
 ANGULAR2 = "m2.angVelocity = m2.angVelocity + j * c2 @ invI2.T"
 MOVE1 = "m1.position - m1.invMass / total * depth * n"
 MOVE2 = "m2.position + m2.invMass / total * depth * n"
+ARM1, ARM2 = "r1 = contact - m1.position", "r2 = contact - m2.position\n"
+DETECTED = "return isCollision, depth, normal, point"
+FLAG, PUSHED = "    return False, ", "(currPositions[0] - invMasses[0] / total * push,"
+PUSHED += "\n                   currPositions[1] + invMasses[1] / total * push)"
+UPDATE = "self.orientation = QMult(QExp(half), self.orientation)"
+RETURNED = "    return False, (v1, v2), (w1, w2)"
+
+
+def within(text, old, new):
+    """The edit of a part of a text that occurs once."""
+    return text, text.replace(old, new)
+
 
 # The classic mistakes.
 MISTAKES = {
-    "explicit-euler": [
-        (
-            POSITION,
-            "self.position = self.position + timeStep * (self.linVelocity\n"
-            "                - timeStep * gravity)",
-        )
-    ],
+    "explicit-euler": [(POSITION, f"{POSITION} - timeStep * timeStep * gravity")],
     "quaternion-order": [(STEP, "QMult(self.orientation, QExp(half))")],
-    "normal-sign": [
-        ("n = np.reshape(contactNormal, (1, 3))", "n = -np.reshape(contactNormal, (1, 3))"),
-    ],
-    "no-rotational-term": [
-        (" + np.sum(c1 * (c1 @ invI1.T)) + np.sum(c2 * (c2 @ invI2.T))", ""),
-    ],
-    "velocity-lost": [
-        ("m2.linVelocity = m2.linVelocity +", "m2.comVelocity = m2.linVelocity +"),
-    ],
-    "tensor-not-rotated": [("return R @ self.invIT @ R.T", "return self.invIT")],
+    "normal-sign": [within("n = np.reshape(contactNormal, (1, 3))", "= np", "= -np")],
+    "no-rotational-term": [(" + np.sum(c1 * (c1 @ invI1.T)) + np.sum(c2 * (c2 @ invI2.T))", "")],
+    "velocity-lost": [("m2.linVelocity = m2", "m2.comVelocity = m2")],
+    "tensor-not-rotated": [(TENSOR, "return self.invIT")],
     "restitution-twice": [(FACTOR, "j = (1.0 + CRCoeff + CRCoeff) *")],
     "fixed-moved": [
-        ("if not self.isFixed:\n            gravity", "if True:\n            gravity"),
-        ("if self.isFixed:\n            self.invMass", "if False:\n            self.invMass"),
+        within("if not self.isFixed:\n            gravity", "not self.isFixed", "True"),
+        within("if self.isFixed:\n            self.invMass", "self.isFixed", "False"),
     ],
     "com-not-subtracted": [
         ("self.origVertices -= COM\n        corners = corners - COM\n", "pass\n"),
     ],
-    "bounds-swapped": [
-        (VALID, "isValid = bool(C >= -tolerance) if upper else bool(C <= tolerance)"),
-    ],
+    "bounds-swapped": [within(VALID, "if upper", "if not upper")],
     "turned-back": [TURNED_BACK],
-    "gravity-upwards": [(GRAVITY, GRAVITY.replace("-", ""))],
-    "whole-angle": [(HALF, "timeStep * self.angVelocity")],
+    "gravity-upwards": [within(GRAVITY, "-", "")],
+    "whole-angle": [within(HALF, "0.5 * ", "")],
     "turned-backwards": [(HALF, f"-{HALF}")],
     "first-order": [(STEP, "self.orientation + QMult(half, self.orientation)")],
     "weights-exchanged": [
-        (MOVE1, MOVE1.replace("m1.invMass", "m2.invMass")),
-        (MOVE2, MOVE2.replace("m2.invMass", "m1.invMass")),
-        ("(1, 3)) + m2.invMass / total", "(1, 3)) + m1.invMass / total"),
+        within(MOVE1, "m1.invMass", "m2.invMass"),
+        within(MOVE2, "m2.invMass", "m1.invMass"),
+        within("(1, 3)) + m2.invMass / total", "m2", "m1"),
     ],
-    "equal-weights": [
-        ("invMasses[0] / total * push", "0.5 * push"),
-        ("invMasses[1] / total * push", "0.5 * push"),
-    ],
-    "impulse-sign": [(FACTOR, "j = -(1.0 + CRCoeff) *")],
-    "closing-only": [(FACTOR, "j = (1.0 + CRCoeff) * (np.sum((v1 - v2) * n) > 0) *")],
+    "equal-weights": [(f"invMasses[{k}] / total * push", "0.5 * push") for k in (0, 1)],
+    "impulse-sign": [within(FACTOR, "= (", "= -(")],
+    "closing-only": [(FACTOR, f"{FACTOR} (np.sum((v1 - v2) * n) > 0) *")],
     "flag-inverted": [
         ("return True, currPositions", "return False, currPositions"),
         ("return False, (currP", "return True, (currP"),
     ],
-    "depth-sign": [("return isCollision, depth, normal", "return isCollision, -depth, normal")],
+    "depth-sign": [within(DETECTED, "depth", "-depth")],
 }
 
 # The commonest first ones.
 FIRST_MISTAKES = {
-    "no-h-in-velocity": [(VELOCITY, VELOCITY.replace("timeStep * ", ""))],
-    "no-h-in-position": [(POSITION, POSITION.replace("timeStep * ", ""))],
-    "no-h-in-orientation": [(HALF, "0.5 * self.angVelocity")],
-    "gravity-9.81": [(GRAVITY, GRAVITY.replace("9.8", "9.81"))],
-    "gravity-along-z": [(GRAVITY, "gravity = np.array([[0.0, 0.0, -9.8]])")],
+    "no-h-in-velocity": [within(VELOCITY, "timeStep * ", "")],
+    "no-h-in-position": [within(POSITION, "timeStep * ", "")],
+    "no-h-in-orientation": [within(HALF, "timeStep * ", "")],
+    "gravity-9.81": [within(GRAVITY, "9.8", "9.81")],
+    "gravity-along-z": [within(GRAVITY, "-9.8, 0.0", "0.0, -9.8")],
     "gravity-times-mass": [(GRAVITY, f"{GRAVITY} * self.mass")],
-    "half-acceleration": [
-        (
-            POSITION,
-            "self.position = self.position + timeStep * (self.linVelocity\n"
-            "                - timeStep * gravity) + 0.5 * timeStep ** 2 * gravity",
-        ),
-    ],
-    "tensor-not-inverted": [("return R @ self.invIT", "return R @ self.IT")],
+    "half-acceleration": [(POSITION, f"{POSITION} - 0.5 * timeStep ** 2 * gravity")],
+    "tensor-not-inverted": [within(TENSOR, "invIT", "IT")],
     "tensor-1-for-2": [(TENSOR2, "invI2 = invI1")],
     "tensor-2-for-1": [("invI1 = m1.", "invI1 = m2.")],
     "tensors-exchanged": [(TENSOR2, "invI1, invI2 = m2.get_rotated_inv_IT(), invI1")],
-    "arms-exchanged": [
-        (
-            "    r2 = contact - m2.position\n",
-            "    r2 = contact - m2.position\n    r1, r2 = r2, r1\n",
-        )
-    ],
-    "arms-reversed": [
-        (
-            "    r1 = contact - m1.position\n    r2 = contact - m2.position\n",
-            "    r1 = m1.position - contact\n    r2 = m2.position - contact\n",
-        )
-    ],
+    "arms-exchanged": [(ARM2, f"{ARM2}    r1, r2 = r2, r1\n")],
+    "arms-reversed": [(ARM1, "r1 = m1.position - contact"), (ARM2, "r2 = m2.position - contact\n")],
     "spin-without-inertia": [
-        (ANGULAR1, ANGULAR1.replace(" @ invI1.T", "")),
-        (ANGULAR2, ANGULAR2.replace(" @ invI2.T", "")),
+        within(text, f" @ invI{k}.T", "") for k, text in enumerate((ANGULAR1, ANGULAR2), start=1)
     ],
     "impulse-without-mass": [
-        (LINEAR1, LINEAR1.replace("m1.invMass * ", "")),
-        (LINEAR2, LINEAR2.replace("m2.invMass * ", "")),
+        within(text, f"m{k}.invMass * ", "") for k, text in enumerate((LINEAR1, LINEAR2), start=1)
     ],
-    "one-minus-restitution": [(FACTOR, "j = (1.0 - CRCoeff) *")],
+    "one-minus-restitution": [within(FACTOR, "+", "-")],
     "restitution-alone": [(FACTOR, "j = CRCoeff *")],
-    "detection-order": [
-        ("return isCollision, depth, normal, point", "return isCollision, depth, point, normal")
-    ],
-    "position-order": [
-        (
-            "return False, (currPositions[0] - invMasses[0] / total * push,\n"
-            "                   currPositions[1] + invMasses[1] / total * push)",
-            "return (currPositions[0] - invMasses[0] / total * push,\n"
-            "            currPositions[1] + invMasses[1] / total * push), False",
-        ),
-    ],
-    "velocity-order": [("return False, (v1, v2), (w1, w2)", "return False, (w1, w2), (v1, v2)")],
+    "detection-order": [within(DETECTED, "normal, point", "point, normal")],
+    "position-order": [(FLAG + PUSHED, f"    return {PUSHED}, False")],
+    "velocity-order": [within(RETURNED, "(v1, v2), (w1, w2)", "(w1, w2), (v1, v2)")],
 }
 
 # What the data do not show.
 HIDDEN_MISTAKES = {
     "changes-its-arguments": [
         (
-            "    return False, (currPositions[0] - invMasses[0] / total * push,\n"
-            "                   currPositions[1] + invMasses[1] / total * push)",
+            FLAG + PUSHED,
             "    currPositions[0][:] -= invMasses[0] / total * push\n"
             "    currPositions[1][:] += invMasses[1] / total * push\n"
             "    return False, currPositions",
         ),
     ],
-    "absolute-depth": [("    # interpenetration\n", "    depth = abs(depth)\n")],
+    "absolute-depth": [(START, "    depth = abs(depth)\n")],
     "two-fixed": [("    if total == 0.0:\n        return\n", "    total = np.float64(total)\n")],
     "qexp-shape": [
-        (
-            "return np.exp(q[:, [0]]) * np.concatenate(",
-            "return np.squeeze(np.exp(q[:, [0]]) * np.concatenate(",
-        ),
+        within("return np.exp(q[:, [0]]) * np.conc", "np.exp", "np.squeeze(np.exp"),
         ("q[:, 1:] / safe), axis=1\n    )", "q[:, 1:] / safe), axis=1))"),
-        (STEP, "QMult(QExp(half).reshape(1, 4), self.orientation)"),
+        within(STEP, "QExp(half)", "QExp(half).reshape(1, 4)"),
     ],
     "no-tolerance": [(VALID, "isValid = bool(C <= 0.0) if upper else bool(C >= 0.0)")],
-    "lower-tolerance-sign": [(VALID, VALID.replace("-tol", "tol"))],
-    "stale-vertices": [
-        (
-            "self.orientation = QMult(QExp(half), self.orientation)\n"
-            "        self.update_vertices()",
-            "self.orientation = QMult(QExp(half), self.orientation)",
-        ),
-    ],
+    "lower-tolerance-sign": [within(VALID, "-tol", "tol")],
+    "stale-vertices": [within(f"{UPDATE}\n        self.update_vertices()", "self.upd", "pass #")],
 }
 
 # Right solutions, written otherwise.
@@ -208,28 +167,22 @@ IN_PLACE = [
     ("m1.linVelocity = m1.linVelocity - m1", "m1.linVelocity -= m1"),
     ("m1.position = m1.position - m1", "m1.position -= m1"),
     ("self.position = self.position + timeStep *", "self.position += timeStep *"),
-    (
-        "    push = C * difference / length\n",
-        "    push = C * difference / length\n    difference *= 0.0\n",
-    ),
+    within("    push = C * difference / length\n", "length\n", "length\n    difference *= 0.0\n"),
 ]
 RIGHT = {
     "right": [],
     "in-place": IN_PLACE,
     "lists-and-plain-vectors": [
         (
-            "    return False, (v1, v2), (w1, w2)",
+            RETURNED,
             "    return [np.array([False]), [v1[0], v2[0].tolist()], np.array([w1[0], w2[0]])]",
         ),
         (
             "    return True, currPositions\n",
             "    return np.True_, np.concatenate(currPositions)\n",
         ),
-        (
-            "return isCollision, depth, normal, point",
-            "return isCollision, float(depth[0]), normal.tolist(), point.reshape(3, 1)",
-        ),
-        ("        return R @ self.invIT @ R.T", "        return (R @ self.invIT @ R.T).tolist()"),
+        (DETECTED, "return isCollision, float(depth[0]), normal.tolist(), point.reshape(3, 1)"),
+        (TENSOR, "return (R @ self.invIT @ R.T).tolist()"),
         ("invI1 = m1.get_rotated_inv_IT()", "invI1 = np.array(m1.get_rotated_inv_IT())"),
         ("invI2 = m2.get_rotated_inv_IT()", "invI2 = np.array(m2.get_rotated_inv_IT())"),
     ],
@@ -242,38 +195,28 @@ RIGHT = {
     ],
     "vertices-as-a-property": [
         (
-            "    def update_vertices(self):\n        self.currVertices = "
-            "QRotate(self.orientation, self.origVertices) + self.position\n",
+            "    def update_vertices(self):\n        self.currVertices = ",
             "    def update_vertices(self):\n        pass\n\n"
-            "    @property\n    def currVertices(self):\n"
-            "        return QRotate(self.orientation, self.origVertices) + self.position\n",
+            "    @property\n    def currVertices(self):\n        return ",
         ),
     ],
     "box-kept-by-the-constructor": [
         (
-            "        self.update_vertices()\n\n    def compute_mass",
-            "        self.update_vertices()\n        self.count = 0\n\n    def compute_mass",
-        ),
-        (
             "+ self.position\n\n    def get_rotated",
             "+ self.position\n        if len(self.currVertices):\n"
             "            self.low, self.high = self.currVertices.min(0), self.currVertices.max(0)\n"
-            "\n"
-            "    def get_rotated",
+            "\n    def get_rotated",
         ),
-        (
-            "        low, high = self.currVertices.min(axis=0), self.currVertices.max(axis=0)\n"
-            "        otherLow, otherHigh = m.currVertices.min(axis=0), m.currVertices.max(axis=0)\n"
-            "        return bool(np.all(high >= otherLow) and np.all(otherHigh >= low))",
-            "        return bool(np.all(self.high >= m.low) and np.all(m.high >= self.low))",
-        ),
+        ("low, high = self.currVertices.min(axis=0), self.currVertices.max(axis=0)", "pass"),
+        ("otherLow, otherHigh = m.currVertices.min(axis=0), m.currVertices.max(axis=0)", "pass"),
+        ("np.all(high >= otherLow) and", "np.all(self.high >= m.low) and"),
+        ("np.all(otherHigh >= low)", "np.all(m.high >= self.low)"),
     ],
     "slots-and-helpers": [
         (
             "class Mesh:\n",
             "class Body:\n    __slots__ = (\n"
             "        'name origVertices faces tets density position orientation isFixed IT '\n"
-            ""
             "        'invIT linVelocity angVelocity mass invMass currVertices').split()\n\n"
             "    def point_velocity(self, r):\n"
             "        return self.linVelocity + np.cross(self.angVelocity, r)\n"
@@ -290,16 +233,7 @@ RIGHT = {
             "    velocities = velocities + invM @ J.T @ np.linalg.solve(\n"
             "        J @ invM @ J.T, -J @ velocities)\n",
         ),
-        (
-            "    v1, w1, v2, w2 = velocities.reshape(4, 1, 3)",
-            "    v1, w1, v2, w2 = [\n"
-            "        velocities[3 * k : 3 * k + 3].reshape(1, 3) for k in range(4)]",
-        ),
-        (
-            "self.orientation = QMult(QExp(half), self.orientation)",
-            "q = QMult(QExp(half), self.orientation)\n"
-            "            self.orientation = q / np.linalg.norm(q)",
-        ),
+        (UPDATE, UPDATE + "\n            self.orientation /= np.linalg.norm(self.orientation)"),
     ],
     # The skeleton's tensor, alone and with the release's way of turning it.
     "small-tensor": [SMALL_TENSOR],
@@ -310,17 +244,16 @@ RIGHT = {
 # are the skeleton's stubs, and the velocity constraint is not there at all.
 HALF_DONE = [
     ("    # velocities\n", "    return\n"),
-    ("return R @ self.invIT @ R.T", "return np.identity(3)"),
+    (TENSOR, "return np.identity(3)"),
     ("    C = length - refValue\n", "    return True, currPositions\n    C = length - refValue\n"),
     ("def resolve_velocity_constraint(", "def resolve_velocities_some_day("),
 ]
 
 # The skeleton as it is handed out: stubs for all that is to be written.
 SKELETON = [
-    ("if not self.isFixed:\n            gravity", "if False:\n            gravity"),
+    within("if not self.isFixed:\n            gravity", "not self.isFixed", "False"),
     ("    n = np.reshape(contactNormal, (1, 3))\n", "    return\n"),
-    HALF_DONE[1],
-    HALF_DONE[2],
+    *HALF_DONE[1:3],
     (
         "    n = (currConstPoints[0] - currConstPoints[1]).reshape(3)\n",
         "    return True, currLinVelocities, currAngVelocities\n",
@@ -335,8 +268,8 @@ UNFINISHED = {
 VARIANTS = RIGHT | HIDDEN_MISTAKES | FIRST_MISTAKES | MISTAKES | UNFINISHED
 
 HOSTILE = {
-    "endless-loop": [("    # interpenetration\n", "    while True:\n        pass\n")],
-    "os-exit": [("    # interpenetration\n", "    os._exit(7)\n")],
+    "endless-loop": [(START, "    while True:\n        pass\n")],
+    "os-exit": [(START, "    os._exit(7)\n")],
 }
 
 
@@ -373,9 +306,9 @@ def write_zip(path, files):
     return path
 
 
-def files_of(folder, top=""):
-    """For `write_zip`: a submission's files, in a folder of the archive."""
-    return {f"{top}{path.name}": path.read_bytes() for path in sorted(Path(folder).glob("*.py"))}
+def files_of(folder):
+    """For `write_zip`: a submission's files."""
+    return {path.name: path.read_bytes() for path in sorted(Path(folder).glob("*.py"))}
 
 
 # ---- Grading them, in one process ---------------------------------------------------------------
@@ -463,14 +396,13 @@ def released_error(edits, place):
     return np.inf if np.isnan(errors).any() else max(errors)
 
 
-def write_place(place, change=lambda module, data: data):
-    """Fills a folder with `grading` and `data`: our first samples, or what becomes of them."""
+def write_place(place):
+    """Fills a folder with `grading` and `data`, our first samples."""
     shutil.copytree(FIXTURES / "released", place / "grading")
     (place / "data").mkdir()
     shutil.copy(DATA / "cylinder.mesh", place / "data")
     for module in GRADERS:
         grader, data = first_data(module)
-        data = change(module, data)
         stored = {key: data[key].copy() for key in grader.layout}
         if module == "integrationGrading":  # the released grader looks at one sample
             for key in (key for key in stored if key.startswith("result")):

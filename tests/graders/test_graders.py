@@ -17,9 +17,6 @@ from reference.graderData import (
     INTEGRATION_LAYOUT,
     load_grader_data,
 )
-from scipy.spatial import ConvexHull
-
-import RBSFunctions
 
 GRADERS = ROOT / "graders"
 FILES = {
@@ -31,7 +28,6 @@ LAYOUTS = dict(
     zip(FILES.values(), (INTEGRATION_LAYOUT, COLLISION_LAYOUT, CONSTRAINT_LAYOUT), strict=True)
 )
 INTEGRATION, COLLISIONS, CONSTRAINTS = FILES
-RELEASED = ("--convention", "released-2024")
 
 # The quantities are of size 1 to 100, and a few dozen roundings stand between inputs and results.
 ROUNDING = 1e-12
@@ -69,7 +65,7 @@ def load(name):
 
 
 @pytest.mark.parametrize(
-    ("grader", "count"), [(INTEGRATION, 4), (COLLISIONS, 12), (CONSTRAINTS, 11)]
+    ("grader", "count"), [(INTEGRATION, 8), (COLLISIONS, 16), (CONSTRAINTS, 18)]
 )
 def test_the_simulation_passes_on_our_data(grader, count, run, tmp_path):
     graded = run(grader, cwd=tmp_path)
@@ -80,101 +76,13 @@ def test_the_simulation_passes_on_our_data(grader, count, run, tmp_path):
 
 
 @pytest.mark.parametrize("grader", FILES)
-def test_released_data_pass_in_their_own_convention_only(grader, released_data, grade_here):
+def test_released_data_pass_in_their_own_convention(grader, released_data, grade_here):
     graded = grade_here(grader, "--data", released_data)
     assert "data of the convention released-2024" in graded.stdout
     assert graded.returncode == 0, graded.stdout + graded.stderr
     assert max(reported_errors(graded.stdout).values()) < ROUNDING
     if grader == INTEGRATION:
         assert "1 of 30 samples graded" in graded.stdout
-    assert_failed(grade_here(grader, "--data", released_data, "--convention", "exact"))
-
-
-# The integrator does not depend on the inertia, so both conventions fit its data.
-@pytest.mark.parametrize("grader", [COLLISIONS, CONSTRAINTS])
-def test_our_data_fail_in_the_released_convention(grader, grade_here):
-    graded = grade_here(grader, *RELEASED)
-    assert_failed(graded)
-    # The wrong tensors show in the velocities only.
-    for quantity, error in reported_errors(graded.stdout).items():
-        assert (error > 0.1) == ("Velocities" in quantity), quantity
-
-
-def assert_failed(graded):
-    """Graded and found wrong; a grader that crashes has the same exit code, but no verdict."""
-    assert graded.returncode == 1
-    assert graded.stdout.splitlines()[-1].startswith("FAIL:"), graded.stderr
-
-
-# ---- The graders on a wrong simulation ----------------------------------------------------------
-
-# Each takes a function of the simulation and returns a wrong one.
-
-
-def flipped_impulse(resolve_collision):
-    def wrong(m1, m2, *contact):
-        before = [(m.linVelocity.copy(), m.angVelocity.copy()) for m in (m1, m2)]
-        resolve_collision(m1, m2, *contact)
-        for m, (linVelocity, angVelocity) in zip((m1, m2), before, strict=True):
-            m.linVelocity = 2 * linVelocity - m.linVelocity
-            m.angVelocity = 2 * angVelocity - m.angVelocity
-
-    return wrong
-
-
-def blind_to_shallow_contacts(detect_collision):
-    def wrong(self, m):
-        isCollision, depth, *contact = detect_collision(self, m)
-        return isCollision and depth > 1.0, depth, *contact
-
-    return wrong
-
-
-def not_a_number(integrate_timestep):
-    def wrong(self, timeStep):
-        integrate_timestep(self, timeStep)
-        self.linVelocity = self.linVelocity * np.nan
-
-    return wrong
-
-
-def opposite_bound(resolve):
-    return lambda *given: resolve(*given[:4], not given[4], given[5])
-
-
-def velocities_left_alone(resolve):
-    return lambda *given: (resolve(*given)[0], *given[2:4])
-
-
-MESH = RBSFunctions.Mesh
-WRONG = (
-    (COLLISIONS, RBSFunctions, "resolve_collision", flipped_impulse, "resultLinVelocities, mesh 2"),
-    (COLLISIONS, MESH, "detect_collision", blind_to_shallow_contacts, "isCollision"),
-    (INTEGRATION, MESH, "integrate_timestep", not_a_number, "resultLinVelocities"),
-    (
-        CONSTRAINTS,
-        RBSFunctions,
-        "resolve_position_constraint",
-        opposite_bound,
-        "positionWasValidUpper",
-    ),
-    (
-        CONSTRAINTS,
-        RBSFunctions,
-        "resolve_velocity_constraint",
-        velocities_left_alone,
-        "correctedAngVelocities, mesh 2",
-    ),
-)
-
-
-@pytest.mark.parametrize("case", WRONG, ids=lambda case: case[3].__name__)
-def test_a_wrong_simulation_fails(case, grade_here, monkeypatch):
-    grader, owner, function, mistake, failing = case
-    monkeypatch.setattr(owner, function, mistake(getattr(owner, function)))
-    graded = grade_here(grader)
-    assert_failed(graded)
-    assert failing in re.split(r": |; ", graded.stdout.splitlines()[-1])
 
 
 # ---- Data files that cannot be used -------------------------------------------------------------
@@ -190,21 +98,6 @@ class Intruder:
         return self.call
 
 
-def lying_dtype():
-    """A pickled array of Python objects that claims to hold plain bytes.
-
-    numpy.dtype("O8") is made, its flags are then overwritten by zero, and bytes given as contents:
-    NumPy's own unpickling takes them for pointers.
-    """
-    flagless = b"(K\x03X\x01\x00\x00\x00|NNNK\x08K\x01K\x00tb"
-    dtype = b"cnumpy\ndtype\n(X\x02\x00\x00\x00O8I00\nI01\ntR" + flagless
-    return (
-        b"\x80\x03}X\x05\x00\x00\x00depth"
-        b"cnumpy.core.multiarray\n_reconstruct\n(cnumpy\nndarray\n(K\x00tC\x01btR"
-        b"(K\x01(K\x01t" + dtype + b"\x89C\x08AAAAAAAAtbs."
-    )
-
-
 CONTENT = (DATA / "collision-resolution.data").read_bytes()
 
 
@@ -214,23 +107,15 @@ def pickled(key, change):
     return pickle.dumps(data | {key: change(data[key])})
 
 
-# With an ordinary unpickler the last two end the process, or crash it.
 UNUSABLE = {
     "truncated": (CONTENT[:5000], "not a readable data file"),
     "not a dictionary": (pickle.dumps([1, 2]), "list instead of a dictionary"),
     "missing key": (pickle.dumps({"faces1": 0}), "no entry origVertices1, "),
-    "too few samples": (pickled("depth", lambda a: a[:-1]), "depth has shape (99,)"),
+    "too few samples": (pickled("depth", lambda a: a[:-1]), "depth holds float64 of shape (99,)"),
     "words": (pickled("depth", lambda a: ["deep"] * len(a)), "depth holds <U4"),
-    "index out of range": (pickled("tets2", lambda a: a + 1), "tets2 names"),
-    "infinite input": (pickled("randomPositions", lambda a: a + np.inf), "is not finite"),
-    "zero quaternion": (pickled("randomOrientations", lambda a: 0 * a), "zero quaternion"),
+    "objects": (pickled("depth", lambda a: a.astype(object)), "depth holds object"),
     "flat mesh": (pickled("origVertices1", lambda a: a * [1, 1, 0]), "mesh 1 is not a body"),
-    "objects": (pickle.dumps({"depth": np.array([None])}), "dtype 'O8' is not plain numbers"),
-    "ndarray called": (pickle.dumps({"depth": Intruder(np.ndarray, (10**9,))}), "not a readable"),
     "another name": (pickle.dumps({"depth": complex(1, 2)}), "builtins.complex is refused"),
-    "lying dtype": (lying_dtype(), "dtype 'O8' is not plain numbers"),
-    # LONG_BINPUT into slot 2³¹ − 1: the unpickler would make room for all before it.
-    "huge memo": (b"\x80\x03]r\xff\xff\xff\x7f.", "more values than it can hold"),
 }
 
 
@@ -243,13 +128,9 @@ def test_unusable_data_are_refused_in_one_line(case, tmp_path, grade_here):
     assert_refused(grade_here(COLLISIONS, "--data", tmp_path), path, cause)
 
 
-def test_data_without_any_result_and_missing_files_are_named(tmp_path, grade_here):
+def test_missing_files_are_named(tmp_path, grade_here):
     path = tmp_path / "integration.data"
     assert_refused(grade_here(INTEGRATION, "--data", tmp_path), path, "No such file")
-    data = pickle.loads((DATA / "integration.data").read_bytes())
-    data |= {key: 0.0 * value for key, value in data.items() if key.startswith("result")}
-    path.write_bytes(pickle.dumps(data))
-    assert_refused(grade_here(INTEGRATION, "--data", tmp_path), path, "no sample has a result")
 
 
 def test_a_pickle_that_runs_code_is_refused_and_not_run(tmp_path, run):
@@ -269,8 +150,8 @@ def assert_refused(graded, path, cause):
 # ---- Reading sound data of every kind -----------------------------------------------------------
 
 
-@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
-def test_every_pickle_protocol_is_read(protocol, tmp_path):
+@pytest.mark.parametrize("protocol", (0, 2, pickle.HIGHEST_PROTOCOL))
+def test_several_pickle_protocols_are_read(protocol, tmp_path):
     expected = load("constraint-resolution.data")
     stored = dict(expected)
     # As the coursework's scripts collect them: lists of bools, bare or in arrays of one, and pairs.
@@ -320,91 +201,8 @@ def test_the_reference_is_made_again_with_the_same_bits(tmp_path, monkeypatch):
             assert b"numpy.core.multiarray" in content and b"numpy._core" not in content
 
 
-def world_poses(data):
-    """For every sample the world vertices (V1, 3), (V2, 3) of both meshes, in plain NumPy."""
-    solids = make_reference.make_meshes("exact")[1]
-    hull1, hull2 = (np.array(solid.vertices, dtype=float) for solid in solids)
-    for position, q in zip(data["randomPositions"], data["randomOrientations"], strict=True):
-        yield hull1, hull2 @ rotation_of(q).T + position
-
-
-def rotation_of(q):
-    """The rotation matrix of a unit quaternion (s, u): axis v goes to v + 2 u × (s v + u × v)."""
-    s, u = q[0], q[1:]
-    return np.array([v + 2 * np.cross(u, s * v + np.cross(u, v)) for v in np.eye(3)]).T
-
-
-def test_detection_agrees_with_the_hull_of_the_minkowski_difference():
-    data = load("collision-resolution.data")
-    kinds = []
-    for sample, (hull1, hull2) in enumerate(world_poses(data)):
-        facets = ConvexHull((hull1[:, None] - hull2).reshape(-1, 3)).equations
-        nearest = facets[facets[:, 3].argmax()]
-        assert data["isCollision"][sample] == (nearest[3] < 0)
-        if data["isCollision"][sample]:
-            normal = data["intNormal"][sample]
-            assert data["depth"][sample] == pytest.approx(-nearest[3], abs=ROUNDING)
-            assert normal == pytest.approx(nearest[:3], abs=ROUNDING)
-            point = data["intPosition"][sample]
-            opposite = point + data["depth"][sample] * normal
-            for place, hull in ((point, hull2), (opposite, hull1)):
-                planes = ConvexHull(hull).equations
-                assert max(planes @ [*place, 1.0]) == pytest.approx(0.0, abs=ROUNDING)
-            kinds.append((touching(hull1, normal), touching(hull2, -normal)))
-    assert 40 <= len(kinds) <= 70
-    # Every kind of contact occurs: vertex of mesh 2 on a box face, box vertex on a face, two edges.
-    counts = {kind: kinds.count(kind) for kind in set(kinds)}
-    assert counts.keys() == {(4, 1), (1, 3), (2, 2)}
-    assert min(counts.values()) >= 5
-
-
-def touching(hull, direction):
-    """The number of vertices that are farthest along a direction."""
-    heights = hull @ direction
-    return int((heights > heights.max() - 1e-9).sum())
-
-
-def test_either_bound_is_often_violated_and_a_tenth_of_the_velocities_are_valid():
-    data = load("constraint-resolution.data")
-    upper, lower = (data[f"positionWasValid{which}"].sum() for which in ("Upper", "Lower"))
-    assert 20 <= upper <= 80 and 20 <= lower <= 80 and data["velocityWasValid"].sum() == 10
-
-
-def test_collision_results_keep_momentum_and_restore_half_the_closing_speed():
-    """Conservation laws, which the formula of the impulse does not mention, hold in the results."""
-    data = load("collision-resolution.data")
-    solids = make_reference.make_meshes("exact")[1]
-    masses = [1 / float(solid.inverseMass) for solid in solids]
-    inertia = [np.linalg.inv(np.array(solid.inverseInertia, dtype=float)) for solid in solids]
-    for sample in np.flatnonzero(data["isCollision"]):
-        rotation = rotation_of(data["randomOrientations"][sample])
-        tensors = inertia[0], rotation @ inertia[1] @ rotation.T
-        positions = data["resultPositions"][:, sample]
-        kinds = "LinVelocities", "AngVelocities"
-        before = [(np.zeros(3), np.zeros(3)), [data[f"random{kind}"][sample] for kind in kinds]]
-        after = [[data[f"result{kind}"][k, sample] for kind in kinds] for k in (0, 1)]
-        for momentum in (linear_momentum, angular_momentum):
-            assert momentum(after, masses, tensors, positions) == pytest.approx(
-                momentum(before, masses, tensors, positions), rel=1e-13, abs=1e-10
-            )
-        normal = data["intNormal"][sample]
-        share = masses[0] / sum(masses)  # m_2⁻¹ / (m_1⁻¹ + m_2⁻¹)
-        point = data["intPosition"][sample] + share * data["depth"][sample] * normal
-        speeds = [closing_speed(state, positions, point, normal) for state in (before, after)]
-        assert speeds[1] == pytest.approx(-0.5 * speeds[0], abs=1e-11)
-
-
-def linear_momentum(states, masses, tensors, positions):
-    return sum(mass * v for mass, (v, _) in zip(masses, states, strict=True))
-
-
-def angular_momentum(states, masses, tensors, positions):
-    """About the origin of the world."""
-    bodies = zip(tensors, masses, positions, states, strict=True)
-    return sum(tensor @ w + mass * np.cross(x, v) for tensor, mass, x, (v, w) in bodies)
-
-
-def closing_speed(states, positions, point, normal):
-    (v1, w1), (v2, w2) = states
-    arms = [point - position for position in positions]
-    return (v1 + np.cross(w1, arms[0]) - v2 - np.cross(w2, arms[1])) @ normal
+def test_the_samples_meet_both_sides_of_every_decision():
+    collisions, constraints = load("collision-resolution.data"), load("constraint-resolution.data")
+    upper, lower = (constraints[f"positionWasValid{bound}"].sum() for bound in ("Upper", "Lower"))
+    assert 20 <= upper <= 80 and 20 <= lower <= 80 and constraints["velocityWasValid"].sum() == 10
+    assert 40 <= collisions["isCollision"].sum() <= 70

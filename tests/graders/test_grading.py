@@ -232,6 +232,17 @@ def test_an_error_is_reported_with_its_line_and_the_rest_is_graded(fault):
     assert ("isCollision" in right) == (old in (IMPULSE, LAST))
 
 
+@pytest.mark.parametrize(
+    ("edit", "failing"),
+    [
+        ((RETURN, RETURN.replace("on,", "on and depth > 1.0,")), "isCollision"),
+        ((LAST, "    m2.linVelocity = m2.linVelocity * np.nan\n"), "resultLinVelocities, mesh 2"),
+    ],
+)
+def test_missed_contacts_and_nan_fail(edit, failing):
+    assert failing in collision_notes([edit])[0].failures
+
+
 UNLOADABLE = (
     ("def f(:\n", "cannot be imported: RBSFunctions.py:1: SyntaxError: "),
     ("import sys\nsys.exit('bye')\n", "cannot be imported: RBSFunctions.py:2: SystemExit: bye"),
@@ -259,18 +270,3 @@ def test_a_students_modules_may_have_the_names_of_ours(tmp_path, run):
         (tmp_path / "student" / f"{name}.py").write_text(f"{letter} = 1\n")
     graded = run("Constraints.py", "--modules", tmp_path / "student")
     assert notes_of(graded) == ([], 0)
-
-
-@pytest.mark.parametrize(
-    ("options", "cause"),
-    [
-        (["--modules", "nowhere"], "nowhere: no such file or folder"),
-        (["--modules", "."], ".: no submission in this folder"),
-        (["--modules", ".", "--time-limit", "0"], "must be 0.1 or more, not 0.0"),
-    ],
-)
-def test_wrong_options_get_one_line(options, cause, tmp_path, run):
-    graded = run("integrationGrading.py", *options, cwd=tmp_path)
-    assert (graded.returncode, graded.stdout) == (2, "")
-    (line,) = graded.stderr.splitlines()
-    assert cause in line

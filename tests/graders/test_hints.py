@@ -28,7 +28,7 @@ def case(request, released_data):
     grader, function, convention = FUNCTIONS[request.param]
     _grader, data = first_data(grader.module, DATA if convention == EXACT else released_data)
     assert data["convention"] == convention
-    parts = [part for part in grader.asked(data, withExtras=True) if part.function == function]
+    parts = [part for part in grader.asked(data) if part.function == function]
     return function, parts, data
 
 

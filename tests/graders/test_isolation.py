@@ -8,12 +8,10 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from handIns import SOLUTION, START, link, start, stopped, workers
+from handIns import SOLUTION, START, start, stopped, workers
 from isolated import archives
-from isolated.archives import Entry, find_submissions, modules_of
-from studentVariants import HOSTILE, write_submission, write_zip
-
-from rbs.program.submissions import SubmissionError
+from isolated.archives import Entry, modules_of
+from studentVariants import HOSTILE, write_submission
 
 COLLISIONS = "ResolveCollisionsGrading.py"
 
@@ -95,27 +93,31 @@ def children(pid):
     return [int(word) for path in paths for word in path.read_text().split()]
 
 
-# ---- Command line of grade.py -------------------------------------------------------------------
+# ---- Command lines ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("arguments", "cause"),
+    ("command", "cause"),
     [
-        (["file.txt"], "file.txt: not a folder, a ZIP or a tar"),
-        (["student", "--jobs", "0"], "must be 1 or more, not 0"),
-        (["student", "--out", "file.txt"], "file.txt: File exists"),
-        (["student", "--marks", "file.txt"], "file.txt: File contains no section headers."),
-        (["student", "--marks", "odd.ini"], "odd.ini: 'gravity' is not one of integrate_timestep"),
+        ("grade.py file.txt", "file.txt: not a folder, a ZIP or a tar"),
+        ("grade.py student --jobs 0", "must be 1 or more, not 0"),
+        ("grade.py student --out file.txt", "file.txt: File exists"),
+        ("grade.py student --marks file.txt", "file.txt: File contains no section headers."),
+        ("grade.py student --marks odd.ini", "'gravity' is not one of scenes, integrate_timestep"),
+        ("integrationGrading.py --modules nowhere", "nowhere: no such file or folder"),
+        ("integrationGrading.py --modules empty", "empty: no submission in this folder"),
+        ("Constraints.py --time-limit 0", "must be 0.1 or more, not 0.0"),
     ],
 )
-def test_wrong_arguments_get_one_line(arguments, cause, tmp_path, run):
+def test_wrong_arguments_get_one_line(command, cause, tmp_path, run):
     write_submission(tmp_path / "student")
+    (tmp_path / "empty").mkdir()
     (tmp_path / "file.txt").write_text("text")
     (tmp_path / "odd.ini").write_text("[all]\ngravity = 3\n")
-    graded = run("grade.py", *arguments, cwd=tmp_path)
+    graded = run(*command.split(), cwd=tmp_path)
     assert (graded.returncode, graded.stdout) == (2, "")
     (line,) = graded.stderr.splitlines()
-    assert line.startswith("grade.py: ") and cause in line
+    assert line.startswith(f"{command.split()[0]}: ") and cause in line
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
@@ -136,27 +138,6 @@ def test_ctrl_c_ends_all_in_one_line(tmp_path):
 # ---- Finding and unpacking ----------------------------------------------------------------------
 
 
-def test_submissions_are_found_and_named(tmp_path):
-    place = tmp_path / "all"
-    write_submission(place / "one")
-    write_submission(place / "two" / "code")
-    write_submission(place / "Three: 3" / "deep" / "down")
-    write_zip(place / "one.zip", SOLUTION)
-    for name in (".hidden", "__MACOSX"):
-        (place / name).mkdir()
-    (place / "notes.txt").write_text("text")
-    (place / "a_1_assignsubmission_file_b.tar.gz").write_text("")
-    found = find_submissions([place, place / "two"])
-    assert [entry.name for entry in found] == ["Three_ 3", "a", "one", "one-2", "two", "two-2"]
-    assert found[4].path == place / "two"
-    with modules_of(found[0]) as (folder, remarks):
-        assert sorted(path.name for path in folder.iterdir()) == sorted(SOLUTION)
-        assert remarks == ["modules found in deep/down"]
-    with pytest.raises(SubmissionError, match="has no RBSFunctions.py"):
-        with modules_of(Entry("hidden", place / ".hidden")):
-            pass
-
-
 def taken(path):
     """What is copied of a submission: (dict from path to text, remarks)."""
     with modules_of(Entry("it", path)) as (folder, remarks):
@@ -169,9 +150,7 @@ CASES = {
     "up": ({"a/../../x.py": "1", "../y.py": "2"}, {}, []),
     "absolute": ({"/tmp/x.py": "1", "C:\\y.py": "2"}, {"tmp/x.py": "1", "C_/y.py": "2"}, []),
     "backslashes": ({"a\\y.py": "2"}, {"a/y.py": "2"}, []),
-    "links": (link("x.py", "/etc/passwd"), {}, []),
     "twice": ({"x.py": "1", "./x.py": "2"}, {"x.py": "2"}, []),
-    "odd": ({"a\x1bb.py": "1", "Icon\r": ""}, {"a_b.py": "1", "Icon_": ""}, []),
     "many": ({f"a/{k}.py": "" for k in range(4)}, {f"a/{k}.py": "" for k in range(3)}, [LOST]),
     "large": ({"x.py": "0" * 600}, {}, [LOST]),
     "video": ({"x.mp4": "0" * 600}, {}, []),
@@ -201,13 +180,3 @@ def test_links_are_not_followed(tmp_path):
     (folder / "linked.py").symlink_to(tmp_path / "secret" / "secret.py")
     (folder / "linked").symlink_to(tmp_path / "secret")
     assert set(taken(folder)[0]) == set(SOLUTION)
-
-
-def test_a_damaged_zip_is_refused(tmp_path):
-    path = write_zip(tmp_path / "it.zip", {"RBSFunctions.py": os.urandom(2000)})
-    flipped = bytearray(path.read_bytes())
-    flipped[500] ^= 0xFF
-    for content in (b"this is not a ZIP", flipped):
-        path.write_bytes(content)
-        with pytest.raises(SubmissionError, match="is not a ZIP or tar, or is damaged"):
-            taken(path)

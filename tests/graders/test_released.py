@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 import studentVariants
 from oracles import COURSE, DATA, ROOT, needs_course
-from reference.rigidModel import resolution, velocity_constraints
 
 from RigidBodySimulation import load_constraint_file, load_mesh_file, load_scene_file
 
@@ -24,7 +23,6 @@ STAND_INS = ROOT / "graders" / "released"
 OURS = STAND_INS / "ours"
 SCRIPTS = Path(__file__).parent / "submissions" / "released"
 GRADERS = ("integrationGrading.py", "ResolveCollisionsGrading.py", "Constraints.py")
-MODELS = {"ResolveCollisionsGrading": resolution, "Constraints": velocity_constraints}
 BOUND = 1e-9
 LIBRARY = ("vec3.py", "support.py", "mpr.py", "ccd.py", "isCollide.py")
 
@@ -90,21 +88,6 @@ def test_each_variant_gets_the_hints_and_verdict_of_the_table(tmp_path):
     assert passing == set(studentVariants.RIGHT)
     # Those with the skeleton's tensor.
     assert {name for name in passing if rows[name][-1] != "passes"} == {"small-tensor", "released"}
-
-
-@pytest.mark.parametrize("name", ["small-tensor", "released"])
-def test_who_keeps_the_skeletons_tensor_passes_the_released_graders_on_data_made_with_it(
-    name, tmp_path
-):
-    mistakes = {"tensor turned the other way"} if name == "small-tensor" else set()
-
-    def with_small_tensor(module, data):
-        model = MODELS.get(module, lambda *_: {})
-        return data | model(data | {"convention": "released-2024"}, mistakes)
-
-    place = studentVariants.write_place(tmp_path, with_small_tensor)
-    assert studentVariants.released_error(studentVariants.RIGHT[name], place) < BOUND
-    assert studentVariants.released_error([], place) > 0.1
 
 
 def test_the_switch_has_two_positions(place):
@@ -174,10 +157,6 @@ for shift in ([1.5, 0.25, 0.25], [2.5, 0.0, 0.0]):
     print(hit is True, depth.tolist(), normal.tolist(), point.tolist())
 for name in ("Hull", "isCollide"):
     print(hasattr(cppyy.gbl, name))
-try:
-    isCollide(np.array([9.0]), box, 0, count, box, 0, depth, normal, point)
-except ValueError as error:
-    print(error)
 """
     hit, missed, *others = in_stand_ins(program, tmp_path).splitlines()
     words = re.fullmatch(r"True \[(.*?)\] \[\[(.*?)\]\] \[(.*?)\]", hit).groups()
@@ -187,7 +166,7 @@ except ValueError as error:
     # The point of the second box that is deepest in the first: on its left face, and within both.
     assert point == pytest.approx([1.5, 1.125, 1.125])
     assert missed == "False [7.0] [[7.0, 7.0, 7.0]] [7.0, 7.0, 7.0]"
-    assert others == ["False", "True", "isCollide: 9 vertices in an array of shape (8, 3)"]
+    assert others == ["False", "True"]
 
 
 def test_our_modules_keep_their_names_beside_a_students(tmp_path):
@@ -198,9 +177,8 @@ def test_our_modules_keep_their_names_beside_a_students(tmp_path):
 import numpy as np, cppyy
 from RBSFunctions import Mesh
 import GJK, Quaternion
-box = np.array([[x, y, z] for x in (0.0, 2.0) for y in (0.0, 2.0) for z in (0.0, 2.0)])
-n, depth, one, two = np.array([8.0]), np.zeros(1), np.zeros(3), np.zeros(3)
-print(cppyy.gbl.isCollide(n, box, 0, n, box + 1.0, 0, depth, one, two))
+n, box, one, two = np.array([4.0]), np.eye(4)[:, :3], np.zeros(3), np.zeros(3)
+print(cppyy.gbl.isCollide(n, box, 0, n, box + 0.1, 0, np.zeros(1), one, two))
 import GJK as again
 print(GJK.mine, again is GJK, Quaternion.__doc__[:9], Mesh.__module__)
 """
