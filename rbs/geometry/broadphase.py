@@ -13,6 +13,8 @@ from rbs.geometry.arrays import indices, ranges, take
 # Least size of a box in a level, as a fraction of the largest one, which sets the width of the
 # columns. Less crowds the columns; more makes more levels and queries.
 GRID_SHRINK = 1 / 8
+# Number of bodies up to which all pairs of boxes are compared; beyond, that takes more time.
+FEW = 64
 # Number of cells along a side up to which all cells are numbered; beyond, only those in use.
 MOST_CELLS = 1e6
 
@@ -25,12 +27,12 @@ def overlap_limits(box):
 def grid_overlaps(box, isFixed):
     """Finds the pairs i < j whose boxes overlap.
 
-    Boxes are sorted into levels by their largest side. Each level is a grid over y and z whose
-    columns are as wide as its largest box, and within a column the boxes are sorted along x. A box
-    is in the one column that contains its least corner. The columns of two overlapping boxes are
-    equal or neighbours, and along x the least corner of one box lies in the other. As a box queries
-    only its own level and those of larger boxes, a huge floor among small boxes costs each of them
-    one candidate.
+    Up to FEW boxes are all compared. More are sorted into levels by their largest side. Each level
+    is a grid over y and z whose columns are as wide as its largest box, and within a column the
+    boxes are sorted along x. A box is in the one column that contains its least corner. The columns
+    of two overlapping boxes are equal or neighbours, and along x the least corner of one box lies
+    in the other. As a box queries only its own level and those of larger boxes, a huge floor among
+    small boxes costs each of them one candidate.
 
     Parameters
     ----------
@@ -40,6 +42,9 @@ def grid_overlaps(box, isFixed):
     -------
     (first, second) : (P,), (P,) int, in the order i < j
     """
+    if len(isFixed) <= FEW:
+        meet = (box[:3, :, None] <= -box[3:, None]).all(axis=0)
+        return np.array(np.triu(meet & meet.T & ~(isFixed[:, None] & isFixed), 1).nonzero())
     found = []
     for level, smaller, width in grid_levels(box):
         found.append(_level_overlaps(box, level, level, width))

@@ -13,17 +13,17 @@ from scipy.sparse.csgraph import connected_components
 
 from Quaternion import rotation_matrices
 from rbs.geometry.arrays import indices, take
-from rbs.geometry.vectors import cross, dot, rotate_tensor
-from rbs.softstep.detection import StepContacts
-from rbs.softstep.manifolds import POINTS
+from rbs.geometry.vectors import cross, dot, norm, rotate_tensor
+from rbs.softstep.detection import GROUND_AXES
+from rbs.softstep.manifolds import POINTS, turn_points
 from rbs.softstep.springs import Spring, lasting
 from rbs.stepping.bodies import GRAVITY
 from rbs.stepping.reports import GROUND
 
 # Natural frequency of contact springs, as a fraction of the substep frequency, and damping ratio.
-# Lower frequencies are visibly soft. Higher ones make tall stacks bounce, because the impulses of
-# one sweep per substep lag behind, like an undamped spring. With less damping, down to critical,
-# heavy bodies sink through light ones below them.
+# Lower frequencies are visibly soft. Higher ones make stacks bounce, because the impulses of one
+# sweep per substep lag behind, like an undamped spring: with 0.4, as for constraints, 20 cubes
+# fall. With less damping, down to critical, heavy bodies sink through light ones below them.
 FREQUENCY, DAMPING = 0.15, 10.0
 # Largest speed at which penetration is pushed out, in √(g r) of the smaller body. With more, bodies
 # that start inside each other burst apart; with less, they separate slowly.
@@ -32,13 +32,16 @@ PUSH_SPEED = 1.0
 # of an impact is repeated in the next substep and throws bodies apart; less delays a new load.
 LOAD_GROWTH = 2.0
 # Closing speed that calls for a second sweep, in multiples of the speed that gravity adds per step.
-# With more, a light body between a heavy one and the ground is pressed into both; less costs time.
+# With more, a light body between a heavy one and the ground is pressed into both, and a collapsing
+# heap into itself; less costs time.
 HIT_STEPS = 10.0
 # Number of sweeps for restitution. With fewer, the impulses at one point disturb the others, so
 # that a box that lands flat starts to spin; more cost time.
 RESTITUTION_SWEEPS = 16
-# Rows of ξ with a linear part: those along n, t1 and t2.
-LINEAR = [0, 3, 4]
+# Product of the numbers of bodies and manifolds up to which a dense matrix is faster.
+MOST_DENSE = 10_000
+# ε_ijk, as a matrix of rows i k that turns x into the matrix of x ×.
+LEVI_CIVITA = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)
 # Least divisor, in place of zero.
 TINY = np.finfo(float).tiny
 
@@ -46,26 +49,22 @@ TINY = np.finfo(float).tiny
 class SoftContacts:
     """Contacts of a step as velocity constraints, for M manifolds at once.
 
-    The relative motion of the two bodies of a manifold is a twist ξ of six numbers, in the frame n,
-    t1, t2 at the centre of its points: Δv · n, Δω · t1 and Δω · t2, on which the normal impulses
-    act, and Δv · t1, Δv · t2 and Δω · n, on which friction acts. With the arms r_i from the COMs to
-    the centre, and e one of the three axes,
+    A manifold has seven rows, each with a speed and an impulse λ: the normal speeds u of its four
+    points, and the three on which friction acts, at the centre of the points: the speeds along t1
+    and t2, and the spin about n. With the arms r from the two COMs to the point or centre, and its
+    axis e,
 
-        Δv · e = e · v2 + (r2 × e) · ω2 - e · v1 - (r1 × e) · ω1,        Δω · e = e · ω2 - e · ω1
+        u = e · v2 + (r2 × e) · ω2 - e · v1 - (r1 × e) · ω1,        spin = n · ω2 - n · ω1
 
-    are the rows of the Jacobian: ξ = J v. A wrench w in the same frame changes the velocities by
-    M⁻¹ Jᵀ w. The point k, at x_k along t1 and y_k along t2 from the centre, has the normal speed
-    u_k = ξ_0 + y_k ξ_1 - x_k ξ_2, or u = Bᵀ ξ. Impulses λ_k along n form the wrench B λ, that is,
-    w_0 = Σ λ, w_1 = Σ y λ, w_2 = -Σ x λ. Friction acts at the centre, along t1 and t2 and as a
-    twist about n: w_3, w_4, w_5.
+    are the rows of u = J v. Impulses λ change the velocities by M⁻¹ Jᵀ λ.
 
-    With split masses, the twist of a manifold responds to its own wrench by A = J N M⁻¹ Jᵀ, 6 × 6,
+    With split masses, the rows of a manifold respond to its own impulses by A = J N M⁻¹ Jᵀ, 7 × 7,
     where N is the number of manifolds of each body.
 
-    J = T G X is constant within the step, and is applied in its factors. X, 6 × 6 for each body,
+    J = R G X is constant within the step, and is applied in its factors. X, 6 × 6 for each body,
     moves its velocity from its COM x to a common origin: v - ω × x, ω. G takes the difference
-    between the two bodies, and T, 6 × 6 for each manifold, has the rows above for the arm c from
-    the origin to the centre, which both bodies share.
+    between the two bodies, and R, 7 × 6 for each manifold, has the rows above for arms from the
+    origin, which both bodies share.
     """
 
     def __init__(self, manifolds, frames, motion, mu, timeStep, h):
@@ -75,102 +74,120 @@ class SoftContacts:
         first, second = manifolds.bodies(len(motion.isStill) - 1)
         self.rows = indices(~(motion.isStill[first] & motion.isStill[second]))
         manifolds = manifolds.rows(self.rows)
-        self.contacts = contacts = StepContacts(manifolds, frames)
-        self.count = len(contacts.first)
-        self._place_points()
-        self.ends = np.concatenate((contacts.first, contacts.second))
-        self._make_response(motion)
-        self._make_factors(frames, motion)
-        smaller = np.minimum(frames.radius[contacts.first], frames.radius[contacts.second])
-        self.push = PUSH_SPEED * np.sqrt(max(self.fallRate, -GRAVITY) * smaller)
-        self.impulse = manifolds.impulse * contacts.isPoint
-        self.friction = manifolds.friction if mu > 0.0 else np.zeros((3, self.count))
+        self.count = len(manifolds.key)
+        self._place(manifolds, frames)
+        self._make_responses(motion, self._make_factors(frames, motion))
+        smaller = np.minimum(frames.radius[self.first], frames.radius[self.second])
+        self.push = -PUSH_SPEED * np.sqrt(max(self.fallRate, -GRAVITY) * smaller)
+        self.impulse = np.concatenate((manifolds.impulse * self.isPoint, manifolds.friction))
         self.offset = manifolds.offset
         self.spring = Spring(FREQUENCY, DAMPING, h)
         ratio = self.spring.ratios(manifolds.substep)
         if (ratio != 1.0).any():
             self.offset = self.spring.converted(
-                self.offset, self.impulse, self.mass, -contacts.separation, ratio
+                self.offset, self.impulse[:POINTS], self.mass, -self.gap, ratio
             )
-            self.impulse, self.friction = self.impulse * ratio, self.friction * ratio
-        self.separation = contacts.separation + self.offset
-        self.started = self.impulse
-        self.pending = np.zeros((6, self.count))
-        self.totalImpulse = np.zeros((POINTS, self.count))
-        self.totalFriction = np.zeros((3, self.count))
-        self.start1 = take(frames.position, contacts.first, axis=1)
+            self.impulse = self.impulse * ratio
+        self.separation = self.gap + self.offset
+        self.started = self.impulse[:POINTS]
+        self.least = self.mass * (self.fallRate * h)
+        self.pending, self.total = np.zeros((2, 7, self.count))
+        self.start1 = take(frames.position, self.first, axis=1)
 
-    def _place_points(self):
-        """Computes the centres of the manifolds, and the positions of their points around them."""
-        contacts, isPoint = self.contacts, self.contacts.isPoint
-        weight = isPoint / np.maximum(isPoint.sum(axis=0), 1)
-        middle = sum(weight[k] * contacts.arm[:, k] for k in range(POINTS))
-        # the centre lies midway between the points of the two bodies, which are `separation` apart
-        gap = sum(weight[k] * contacts.separation[k] for k in range(POINTS))
-        away = contacts.arm - middle[:, None]
-        x, y = (
-            dot(away, axis[:, None]) * isPoint for axis in (contacts.tangent1, contacts.tangent2)
-        )
-        self.B = np.stack((isPoint.astype(float), y, -x))  # (3, 4, M)
-        # limits of friction and of the twist about n, per unit of normal impulse
-        self.limits = self.mu * np.stack((self.B[0], np.sqrt(x * x + y * y)))
-        middle = middle + 0.5 * gap * contacts.normal
-        self.arms = middle, middle - contacts.t
+    def _place(self, manifolds, frames):
+        """Computes the manifolds' geometry in world axes.
 
-    def _make_response(self, motion):
-        """Computes the response A of the manifolds, in parts.
-
-        K : Bᵀ A B, (4, 4, M), response of the normal speeds to the impulses; mass : (4, M), of each
-            point alone; coupling : (3, 3, M), response of the friction rows to the normal wrench;
-            frictionMass : (3, 3, M), inverse of their response to their own wrench
+        first, second : (M,); the ground is body n; t : (3, M), from the first COM to the second
+        normal, tangent1, tangent2 : (3, M), unit; isPoint : (4, M) bool
+        arm : (3, 4, M), from the first COM to the points on the first body
+        gap : (4, M), separation at the start of the step, along the normal
         """
-        contacts = self.contacts
-        n, t1, t2 = contacts.normal, contacts.tangent1, contacts.tangent2
-        load = np.bincount(self.ends, minlength=len(motion.invMass))
-        A = 0.0
-        for body, arm in zip((contacts.first, contacts.second), self.arms, strict=True):
-            angular = np.stack((cross(arm, n), t1, t2, cross(arm, t1), cross(arm, t2), n))
-            invInertia = take(motion.invInertia, body, axis=1).reshape(3, 3, -1)
-            turning = np.einsum("ijm,rjm->rim", invInertia, angular)
-            response = np.einsum("rim,sim->rsm", angular, turning)
-            response[LINEAR, LINEAR] += take(motion.invMass, body)
-            A = A + take(load, body) * response
-        B = self.B
-        AB = A[:3, 0, None] * B[0] + A[:3, 1, None] * B[1] + A[:3, 2, None] * B[2]
-        self.K = B[0][:, None] * AB[0] + B[1][:, None] * AB[1] + B[2][:, None] * AB[2]
-        diagonal = self.K[range(POINTS), range(POINTS)]
-        self.mass = B[0] / np.where(diagonal > 0.0, diagonal, 1.0)
-        self.coupling = A[3:, :3]
-        c0, c1, c2 = A[3:, 3], A[3:, 4], A[3:, 5]  # symmetric
-        r0, r1, r2 = cross(c1, c2), cross(c2, c0), cross(c0, c1)
-        determinant = dot(c0, r0)
-        self.frictionMass = np.stack((r0, r1, r2)) / np.where(determinant > 0.0, determinant, 1.0)
+        count = frames.position.shape[1]
+        self.first, self.second = manifolds.bodies(count - 1)
+        self.t = frames.translations(self.first, self.second)
+        self.isPoint = manifolds.isPoint
+        axes = np.stack((manifolds.normal, manifolds.tangent), axis=1)
+        vectors = np.concatenate((axes, manifolds.anchor1), axis=1)
+        turned = turn_points(take(frames.rotation, self.first, axis=1), vectors)
+        axes = np.where(self.second == count - 1, GROUND_AXES, turned[:, :2])
+        self.normal, self.tangent1, self.arm = axes[:, 0], axes[:, 1], turned[:, 2:]
+        self.tangent2 = cross(self.normal, self.tangent1)
+        across = turn_points(take(frames.rotation, self.second, axis=1), manifolds.anchor2)
+        self.gap = dot(across + self.t[:, None] - self.arm, self.normal[:, None])
 
     def _make_factors(self, frames, motion):
-        """Computes the factors of J and of M⁻¹ Jᵀ, the response of the bodies to wrenches.
+        """Computes the factors of J and M⁻¹ Jᵀ, and the limits of friction.
 
-        X, T : (6, 6, n + 1), (6, 6, M); GT : (n + 1, M), sparse, transpose of G
-        XM : (6, 6, n + 1), M⁻¹ Xᵀ
+        X, XM : (6, 6, n + 1), X and M⁻¹ Xᵀ; R : (6, 7, M), transposed; GT : (n + 1, M), of G
+        limits : (2, 4, M), of friction and of the twist about n, per normal impulse
+
+        Returns r × e of the rows, with the arms r from the two COMs: (3, 7, 2, M).
         """
-        contacts, count = self.contacts, len(motion.invMass)
-        origin = frames.position[:, :-1].mean(axis=1, keepdims=True)
-        position = frames.position - origin
-        self.X, self.XM = np.zeros((2, 6, 6, count))
-        self.X[range(6), range(6)] = 1.0
-        self.X[[2, 0, 1], [4, 5, 3]], self.X[[1, 2, 0], [5, 3, 4]] = position, -position
-        self.XM[range(3), range(3)] = motion.invMass
+        isPoint, count = self.isPoint, len(motion.invMass)
+        first, second, n = self.first, self.second, self.normal
+        weight = isPoint / np.maximum(np.add.reduce(isPoint), 1)
+        middle = np.add.reduce(weight * self.arm, axis=1)
+        lever = norm(cross(self.arm - middle[:, None], n[:, None]))
+        self.limits = np.empty((2, POINTS, self.count))
+        self.limits[0], self.limits[1] = self.mu * isPoint, self.mu * isPoint * lever
+
+        axes, arms = np.zeros((2, 3, 7, self.count))
+        axes[:, :POINTS], axes[:, 4], axes[:, 5] = n[:, None], self.tangent1, self.tangent2
+        axes[:, :POINTS] *= isPoint
+        # the centre lies midway between the points of the two bodies, which are `gap` apart
+        centre = middle + 0.5 * np.add.reduce(weight * self.gap) * n
+        arms[:, :POINTS], arms[:, POINTS:] = self.arm, centre[:, None]
+        position = frames.position - frames.position.sum(axis=1, keepdims=True) / count
+        origins = np.zeros((3, 3, self.count))  # the two COMs and the common origin, from the first
+        origins[:, 1], origins[:, 2] = self.t, -take(position, first, axis=1)
+        moments = cross(arms[:, :, None] - origins[:, None], axes[:, :, None])
+        moments[:, 6] = n[:, None]
+        self.R = np.concatenate((axes, moments[:, :, 2]))
+
+        self.X = np.eye(6)[:, :, None].repeat(count, axis=2)
+        self.X[:3, 3:] = LEVI_CIVITA @ position
+        self.XM = np.zeros((6, 6, count))
+        np.multiply(np.eye(3)[:, :, None], motion.invMass, out=self.XM[:3, :3])
         invInertia = motion.invInertia.reshape(3, 3, -1)
         self.XM[3:] = np.einsum("ikn,jkn->ijn", invInertia, self.X[:, 3:])
-        centre = take(position, contacts.first, axis=1) + self.arms[0]
-        self.T = np.zeros((6, 6, self.count))
-        n, t1, t2 = axes = contacts.normal, contacts.tangent1, contacts.tangent2
-        for row, axis in zip(LINEAR, axes, strict=True):
-            self.T[row, :3], self.T[row, 3:] = axis, cross(centre, axis)
-        self.T[1, 3:], self.T[2, 3:], self.T[5, 3:] = t1, t2, n
-        order = self.ends.argsort(kind="stable")
-        start = self.ends[order].searchsorted(np.arange(count + 1))
-        sign = np.where(order < self.count, -1.0, 1.0)
-        self.GT = csr_array((sign, order % max(self.count, 1), start), shape=(count, self.count))
+        row = np.arange(self.count)
+        if count * self.count <= MOST_DENSE:
+            self.GT = np.zeros((count, self.count))
+            self.GT[first, row], self.GT[second, row] = -1.0, 1.0
+        else:
+            entries = (
+                np.repeat((-1.0, 1.0), self.count),
+                (np.append(first, second), np.tile(row, 2)),
+            )
+            self.GT = csr_array(entries, shape=(count, self.count))
+        return moments[:, :, :2]
+
+    def _make_responses(self, motion, moments):
+        """Computes what follows from the responses A; moments : (3, 7, 2, M), r × e of the rows.
+
+        mass : (4, M), of each point alone; K : (4, 4, M), response of the normal speeds to normal
+            impulses, times the mass of the row
+        slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
+            impulses and the present speeds make them slip
+        """
+        ends = np.concatenate((self.first, self.second))
+        load = np.bincount(ends, minlength=len(motion.invMass))
+        invInertia = take(load * motion.invInertia, ends, axis=1).reshape(3, 3, 2, -1)
+        turning = np.einsum("ijem,jrem->riem", invInertia, moments).reshape(7, 6, -1)
+        moments = moments.transpose(1, 0, 2, 3).reshape(7, 6, -1)
+        A = np.einsum("rim,sim->rsm", moments, turning)
+        invMass = take(load * motion.invMass, ends).reshape(2, -1).sum(axis=0)
+        for row in (slice(0, POINTS), 4, 5):
+            A[row, row] += invMass
+        diagonal = A.diagonal().T[:POINTS]
+        self.mass = self.isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
+        self.K = self.mass * A[:POINTS, :POINTS]
+        friction = A[POINTS:, POINTS:]  # symmetric
+        inverse = cross(friction[:, [1, 2, 0]], friction[:, [2, 0, 1]])
+        determinant = dot(friction[:, 0], inverse[:, 0])
+        inverse /= np.where(determinant > 0.0, determinant, 1.0)
+        ofNormals = np.einsum("ikm,kjm->ijm", inverse, A[POINTS:, :POINTS])
+        self.slip = np.concatenate((ofNormals, inverse), axis=1)
 
     def impact_speeds(self, motion):
         """Normal speeds (4, M) at which points meet after free flight has closed their gaps s.
@@ -178,90 +195,82 @@ class SoftContacts:
         u² = u₀² - 2 a s, with the relative acceleration a along the normal.
         """
         self.measure(motion)
-        contacts, speed = self.contacts, self.speed
-        gravity = motion.gravity[:, contacts.second] - motion.gravity[:, contacts.first]
-        gain = -2.0 * dot(contacts.normal, gravity) * np.maximum(self.separation, 0.0)
+        speed = self.speed[:POINTS]
+        gravity = motion.gravity[:, self.second] - motion.gravity[:, self.first]
+        gain = -2.0 * dot(self.normal, gravity) * np.maximum(self.separation, 0.0)
         return -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
 
     def measure(self, motion):
-        """Computes the twists ξ, (6, M), and normal speeds u = Bᵀ ξ, (4, M), > 0 if separating."""
+        """Computes the speeds (7, M) of the rows; those of the points are > 0 if separating."""
         self.apply(motion)
-        moving = times(self.X, motion.velocity)
-        first, second = self.contacts.first, self.contacts.second
-        relative = take(moving, second, axis=1) - take(moving, first, axis=1)
-        self.twist = times(self.T, relative)
-        self.speed = transposed_times(self.B, self.twist[:3])
+        moving = np.einsum("ijn,jn->in", self.X, motion.velocity)
+        relative = take(moving, self.second, axis=1) - take(moving, self.first, axis=1)
+        self.speed = np.einsum("irm,im->rm", self.R, relative)
 
     def apply(self, motion):
-        """Applies the wrenches accumulated since the last call to the bodies."""
-        wrench = transposed_times(self.T, self.pending)
-        wrench = np.ascontiguousarray((self.GT @ wrench.T).T)
-        motion.velocity += times(self.XM, wrench)
-        self.pending = np.zeros((6, self.count))
+        """Applies the impulses accumulated since the last call to the bodies."""
+        wrench = self.GT @ np.einsum("irm,rm->im", self.R, self.pending).T
+        motion.velocity += np.einsum("ijn,jn->in", self.XM, np.ascontiguousarray(wrench.T))
+        self.pending = np.zeros((7, self.count))
 
     def warm_start(self):
         """Starts with the impulses of the last substep, limited by LOAD_GROWTH."""
-        limit = np.maximum(LOAD_GROWTH * self.started, self.mass * (self.fallRate * self.h))
-        started = np.minimum(self.impulse, limit)
-        if self.mu > 0.0:
-            total = np.maximum(self.impulse.sum(axis=0), TINY)
-            self.friction = self.friction * (started.sum(axis=0) / total)
-        self.impulse = self.started = started
-        self.pending += np.concatenate(((self.B * self.impulse).sum(axis=1), self.friction))
+        normal, friction = self.impulse[:POINTS], self.impulse[POINTS:]
+        self.started = np.minimum(normal, np.maximum(LOAD_GROWTH * self.started, self.least))
+        share = self.started.sum(axis=0) / np.maximum(normal.sum(axis=0), TINY)
+        self.impulse = np.concatenate((self.started, friction * share))
+        self.pending += self.impulse
 
-    def move(self):
-        """Advances the separations by one substep."""
-        self.separation += self.h * self.speed
+    def soft_sweep(self, motion):
+        """Makes a pass over all contacts in which springs push penetration out.
 
-    def soft_sweep(self):
-        """Makes one pass over all contacts in which springs push penetration out.
-
-        A gap may close within the substep, but not more.
+        If any points then still approach so fast that one pass is not enough, another follows.
         """
-        isApart = self.separation > 0.0
-        push = np.maximum(self.spring.rate * self.separation, -self.push)
-        self._solve(
-            np.where(isApart, self.separation / self.h, push),
-            np.where(isApart, 1.0, self.spring.softness),
-        )
-
-    def are_hit(self):
-        """Whether any points approach so fast that one sweep is not enough."""
-        gap = np.maximum(self.separation, 0.0)
-        isHit = self.speed + gap / self.h < -HIT_STEPS * self.fall
-        return (isHit & self.contacts.isPoint).any()
+        approach = self.separation / self.h  # a gap may close within the substep, but not more
+        bias = np.maximum(np.maximum(self.spring.rate * self.separation, self.push), approach)
+        softness = np.where(self.separation > 0.0, 1.0, self.spring.softness)
+        self.measure(motion)
+        self._solve(bias, softness)
+        self.measure(motion)
+        closing = self.speed[:POINTS] + np.maximum(approach, 0.0)
+        if closing.min(initial=0.0) < -HIT_STEPS * self.fall:
+            self._solve(bias, softness)
+            self.measure(motion)
+        self.separation += self.h * self.speed[:POINTS]
 
     def relaxing_sweep(self):
         """Makes one pass over all contacts that removes the velocity added by the springs."""
         self._solve(np.maximum(self.separation, 0.0) / self.h)
-        self.totalImpulse += self.impulse
-        self.totalFriction += self.friction
+        self.total += self.impulse
 
-    def _solve(self, bias, softness=1.0):
+    def _solve(self, bias, softness=None):
         """Solves all manifolds from the measured motion: λ ← s (λ - m (u + bias)), λ ≥ 0.
 
         The points of a manifold are visited in order, as in the Gauss-Seidel method, and then
         friction. Alternating the order would make tall stacks sway.
         """
-        before = self.impulse
-        impulse, mass = before * softness, self.mass * softness
-        speed, change = self.speed + bias, np.empty_like(before)
+        before, speed = self.impulse, self.speed
+        impulse, change = np.empty((2, 7, self.count))
+        left = before[:POINTS] - self.mass * (speed[:POINTS] + bias)
         for k in range(POINTS):
-            impulse[k] = np.maximum(impulse[k] - mass[k] * speed[k], 0.0)
-            change[k] = impulse[k] - before[k]
-            speed[k + 1 :] += self.K[k, k + 1 :] * change[k]
-        wrench = times(self.B, change)
-        friction = self.friction
+            wanted = left[k] if softness is None else softness[k] * left[k]
+            np.maximum(wanted, 0.0, out=impulse[k])
+            np.subtract(impulse[k], before[k], out=change[k])
+            if k < POINTS - 1:
+                later = left[k + 1 :]
+                later -= self.K[k, k + 1 :] * change[k]
         if self.mu > 0.0:
-            slip = self.twist[3:] + times(self.coupling, wrench)
-            friction = friction - times(self.frictionMass, slip)
+            change[POINTS:] = speed[POINTS:]
+            friction = before[POINTS:] - np.einsum("irm,rm->im", self.slip, change)
             # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
-            limit, twistLimit = times(self.limits, impulse)
+            limit, twistLimit = np.einsum("ikm,km->im", self.limits, impulse[:POINTS])
             size = np.sqrt(friction[0] * friction[0] + friction[1] * friction[1])
-            friction[:2] *= limit / np.maximum(np.maximum(size, limit), TINY)
-            friction[2] = np.clip(friction[2], -twistLimit, twistLimit)
-        self.pending += np.concatenate((wrench, friction - self.friction))
-        self.impulse, self.friction = impulse, friction
+            impulse[4:6] = friction[:2] * (limit / np.maximum(np.maximum(size, limit), TINY))
+            impulse[6] = np.minimum(np.maximum(friction[2], -twistLimit), twistLimit)
+        else:
+            impulse[POINTS:] = 0.0
+        self.pending += impulse - before
+        self.impulse = impulse
 
     def restitute(self, motion, CRCoeff, closing, bodies, links):
         """Applies restitution where bodies met faster than gravity accelerates them in a step.
@@ -270,60 +279,51 @@ class SoftContacts:
 
         closing : (4, M), from `impact_speeds`; links : (2, R), bodies connected by constraints
         """
-        bounces = (closing < -self.fall) & (self.totalImpulse > 0.0)
+        bounces = (closing < -self.fall) & (self.total[:POINTS] > 0.0)
         if not bounces.any():
             return
         bias = np.where(bounces, CRCoeff * closing, np.maximum(self.separation, 0.0) / self.h)
         self.apply(motion)
-        before, velocity = (self.impulse, self.friction), motion.velocity[:, :-1].copy()
+        before, velocity = self.impulse, motion.velocity[:, :-1].copy()
         for _ in range(RESTITUTION_SWEEPS):
             self.measure(motion)
             self._solve(bias)
         self.apply(motion)
-        first, second = self.contacts.first, self.contacts.second
-        links = np.concatenate(((first, second), links), axis=1)
+        links = np.concatenate(((self.first, self.second), links), axis=1)
         share = energy_share(bodies, motion, velocity, links)
         motion.velocity[:, :-1] += (share - 1.0) * (motion.velocity[:, :-1] - velocity)
-        share = take(share, np.where(motion.isStill[first], second, first))
-        self.totalImpulse += share * (self.impulse - before[0])
-        self.totalFriction += share * (self.friction - before[1])
+        share = take(share, np.where(motion.isStill[self.first], self.second, self.first))
+        self.total += share * (self.impulse - before)
 
     def store(self, manifolds):
         """Returns the manifolds with the values from which the next step starts."""
-        names = ("impulse", "friction", "offset", "substep")
-        columns = {name: getattr(manifolds, name).copy() for name in names}
-        if self.offset.any():
-            self.offset = lasting(self.offset, self.offset - self.separation)
-        for name in names[:3]:
-            columns[name][:, self.rows] = getattr(self, name)
-        columns["substep"][self.rows] = self.h
-        return manifolds.renewed(**columns)
+        offset = self.offset
+        if offset.any():
+            offset = lasting(offset, offset - self.separation)
+        values = {"impulse": self.impulse[:POINTS], "friction": self.impulse[POINTS:]}
+        values |= {"offset": offset, "substep": np.full(self.count, self.h)}
+        if self.count < len(manifolds.key):
+            for name, value in values.items():
+                values[name] = getattr(manifolds, name).copy()
+                values[name][..., self.rows] = value
+        return manifolds.renewed(**values)
 
     def tell(self, report):
         """Reports every point that touches or received an impulse, at the start of the step.
 
         A manifold's friction is divided in proportion to the normal impulses of its points.
         """
-        contacts, impulse = self.contacts, self.totalImpulse
-        k, m = np.nonzero((impulse > 0.0) | (contacts.isPoint & (contacts.separation <= 0.0)))
-        first, second, normal = contacts.first[m], contacts.second[m], contacts.normal[:, m]
-        total = impulse.sum(axis=0)[m]
-        share = impulse[k, m] / np.where(total > 0.0, total, 1.0)
-        along, across = self.totalFriction[0][m] * share, self.totalFriction[1][m] * share
-        friction = contacts.tangent1[:, m] * along + contacts.tangent2[:, m] * across
-        arm = contacts.arm[:, k, m]
+        impulse, friction = self.total[:POINTS], self.total[POINTS:]
+        k, m = np.nonzero((impulse > 0.0) | (self.isPoint & (self.gap <= 0.0)))
+        total = np.add.reduce(impulse)
+        share = friction[:2] / np.where(total > 0.0, total, 1.0)
+        friction = self.tangent1 * share[0] + self.tangent2 * share[1]
+        first, second, normal = self.first[m], self.second[m], self.normal[:, m]
+        arm, impulse = self.arm[:, k, m], impulse[k, m]
         ground = len(report.isAsleep)
-        report.add_columns(
-            first * (ground + 1) + second,
-            first,
-            np.where(second == ground, GROUND, second),
-            np.maximum(-contacts.separation[k, m], 0.0),
-            normal,
-            self.start1[:, m] + arm,
-            impulse[k, m],
-            friction,
-            arm,
-        )
+        other, depth = np.where(second == ground, GROUND, second), -self.gap[k, m]
+        columns = first, other, np.maximum(depth, 0.0), normal, self.start1[:, m] + arm, impulse
+        report.add_columns(first * (ground + 1) + second, *columns, friction[:, m] * impulse, arm)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -368,16 +368,6 @@ def energy_share(bodies, motion, before, links):
     root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
     share = np.where(a + b > left, (root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 1.0)
     return np.clip(share, 0.0, 1.0)[island]
-
-
-def times(matrices, vectors):
-    """Matrices (r, c, m) times vectors (c, m): (r, m), without temporary arrays."""
-    return np.einsum("rcm,cm->rm", matrices, vectors)
-
-
-def transposed_times(matrices, vectors):
-    """Transposed matrices (r, c, m) times vectors (r, m): (c, m)."""
-    return np.einsum("rcm,rm->cm", matrices, vectors)
 
 
 def islands(links, isFree):

@@ -1,4 +1,4 @@
-"""Contacts of a step: near pairs, their old and new manifolds, and the present contact points.
+"""Contacts of a step: near pairs, and their old and new manifolds.
 
 Nothing here modifies the stored state. New objects are returned, which the step stores at its end.
 """
@@ -7,9 +7,8 @@ import numpy as np
 
 from rbs.geometry.arrays import find_sorted, indices, take
 from rbs.geometry.broadphase import grid_overlaps
-from rbs.geometry.facets import find_facets
 from rbs.geometry.hulls import tangents
-from rbs.geometry.vectors import cross, dot, mat_vec, transpose
+from rbs.geometry.vectors import mat_vec, transpose
 from rbs.softstep.manifolds import (
     KEEP,
     POINTS,
@@ -26,7 +25,7 @@ from rbs.softstep.manifolds import (
 from rbs.softstep.sleeping import speeds
 
 # Normal of the ground, from the body towards the ground, and the first tangent of its friction.
-DOWN, ALONG = (0.0, -1.0, 0.0), (1.0, 0.0, 0.0)
+GROUND_AXES = np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])[:, :, None]
 
 
 class BodyFrames:
@@ -55,33 +54,6 @@ class BodyFrames:
         t = take(self.position, second, axis=1) - take(self.position, first, axis=1)
         t[0::2] = np.where(second == self.position.shape[1] - 1, 0.0, t[0::2])
         return t
-
-
-class StepContacts:
-    """World-space geometry of the M manifolds that can touch in this step.
-
-    first, second : (M,); the ground is body n
-    normal, tangent1, tangent2 : (3, M), unit; t : (3, M), from the first COM to the second
-    arm : (3, 4, M), from the first COM to the points on the first body
-    separation : (4, M), along the normal; isPoint : (4, M) bool
-    """
-
-    def __init__(self, manifolds, frames):
-        count = frames.position.shape[1]
-        self.first, self.second = manifolds.bodies(count - 1)
-        rotation1 = take(frames.rotation, self.first, axis=1)
-        rotation2 = take(frames.rotation, self.second, axis=1)
-        self.t = frames.translations(self.first, self.second)
-        isGround = self.second == count - 1
-        normal = mat_vec(rotation1, manifolds.normal)
-        tangent = mat_vec(rotation1, manifolds.tangent)
-        self.normal = np.where(isGround, np.reshape(DOWN, (3, 1)), normal)
-        self.tangent1 = np.where(isGround, np.reshape(ALONG, (3, 1)), tangent)
-        self.tangent2 = cross(self.normal, self.tangent1)
-        self.isPoint = manifolds.isPoint
-        self.arm = turn_points(rotation1, manifolds.anchor1)
-        across = turn_points(rotation2, manifolds.anchor2) + self.t[:, None] - self.arm
-        self.separation = dot(across, self.normal[:, None])
 
 
 def detect(bodies, hasGround, isStill, kept, timeStep):
@@ -140,8 +112,7 @@ def _new_pair_manifolds(bodies, frames, first, second, reach, axis):
     size = frames.sizes(first, second)
     near = reach[first] + reach[second]
     separation, width = near + KEEP * size, RIDGE * size
-    facets = find_facets(bodies.hulls, first, second, t, 0.5 * width, axis, separation)
-    penetration, normal = contact_normals(bodies.hulls, facets, first, second, t, width)
+    penetration, normal = contact_normals(bodies.hulls, first, second, t, axis, separation, width)
     met = indices(penetration >= -separation)
     if len(met) == 0:
         return Manifolds.none(), normal
@@ -164,7 +135,7 @@ def _new_ground_manifolds(bodies, frames, reach, known, timeStep):
     shift, turn = timeStep * bodies.linVelocity[:, body], timeStep * bodies.angVelocity[:, body]
     height = bodies.position[1, body]
     arm, isPoint = ground_manifolds(bodies.hulls, body, height, reach[body], shift, turn)
-    normal, tangent = (np.tile(np.reshape(v, (3, 1)), len(body)) for v in (DOWN, ALONG))
+    normal, tangent = GROUND_AXES.repeat(len(body), axis=2).transpose(1, 0, 2)
     below = arm - t[:, None]
     below[1] = 0.0
     return _table(frames, body, ground, t, normal, tangent, arm, below, isPoint)

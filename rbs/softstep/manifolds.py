@@ -9,7 +9,8 @@ Bergen: Collision Detection in Interactive 3D Environments, 2003, and in Bullet.
 import numpy as np
 
 from rbs.geometry.arrays import find_sorted, indices, ranges, row_minima, take
-from rbs.geometry.hulls import FEATURE_TOLERANCE, support_offsets, tangents
+from rbs.geometry.facets import CachedAxes, find_facets, sure_facets
+from rbs.geometry.hulls import FEATURE_TOLERANCE, face_corners, support_offsets, tangents
 from rbs.geometry.patches import Features, Polygons, overlap_corners
 from rbs.geometry.vectors import cross, dot, mat_vec, mul_add, norm, transpose
 
@@ -31,11 +32,16 @@ KEEP = 0.03
 # RIDGE and one minus the cosine between their normals is at least LEAST_TURN. With a larger RIDGE,
 # the edges of adjacent boxes push each other apart; with a smaller one, the normal jumps.
 RIDGE, LEAST_TURN = 0.02, 0.05
+# Number of pairs below which guessing their normals takes more time than it saves.
+FEW = 1000
 # Largest distance from which a point inherits the impulse of an old one, in the first body's frame.
 MATCH = 0.5
 # Least cosine between the normals of a face and of the manifold. Steeper faces are not clipped,
 # because rounding would move points in their planes far off the surface along the normal.
 LEAST_COSINE = 0.05
+# The product a* ∘ b of quaternions as a matrix times b: the components of a in it, and their signs.
+FACTORS = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
+SIGNS = np.array([[1, 1, 1, 1], [-1, 1, 1, -1], [-1, -1, 1, 1], [-1, 1, -1, 1.0]])[:, :, None]
 # Upper bound of a rotation angle ≤ π divided by the distance between the two unit quaternions.
 ANGLE_OF_CHORD = 2.23
 
@@ -89,7 +95,7 @@ class Manifolds:
 
     def bodies(self, count):
         """Returns the two bodies (2, M) of each manifold; the ground is body `count`."""
-        return np.stack(np.divmod(self.key, count + 1))
+        return np.array(np.divmod(self.key, count + 1))
 
     def rows(self, some):
         """Returns the manifolds `some` (m,), ascending; returns self if these are all."""
@@ -159,16 +165,8 @@ def relative_poses(first, second, t, rotation, orientation):
     t : (3, M), from the first COM to the second; rotation : (9, n + 1); orientation : (4, n + 1)
     """
     translation = mat_vec(transpose(take(rotation, first, axis=1)), t)
-    aw, ax, ay, az = take(orientation, first, axis=1)
-    bw, bx, by, bz = take(orientation, second, axis=1)
-    return translation, np.stack(
-        (
-            aw * bw + ax * bx + ay * by + az * bz,
-            aw * bx - ax * bw - ay * bz + az * by,
-            aw * by + ax * bz - ay * bw - az * bx,
-            aw * bz - ax * by + ay * bx - az * bw,
-        )
-    )
+    a, b = take(orientation, first, axis=1), take(orientation, second, axis=1)
+    return translation, np.einsum("ijm,jm->im", a[FACTORS] * SIGNS, b)
 
 
 def pose_changes(translation, rotation, newTranslation, newRotation, radius):
@@ -188,8 +186,32 @@ def pose_changes(translation, rotation, newTranslation, newRotation, radius):
 # --------------------------------------------------------------------------------------------------
 
 
-def contact_normals(hulls, facets, first, second, t, width):
-    """`(penetration (K,), normal (3, K))` of pairs, with normals that are continuous across ridges.
+def contact_normals(hulls, first, second, t, axis, separation, width):
+    """`(penetration (K,), normal (3, K))` of K ≥ 1 pairs.
+
+    t : (3, K); axis : (3, K), the last normals, or 0; separation : (K,), lengths: of pairs farther
+        apart, the penetration is only known to be less than -separation
+    width : (K,), lengths, see `_searched_normals`
+    """
+    if len(first) < FEW:
+        return _searched_normals(hulls, first, second, t, axis, separation, width)
+    axes = CachedAxes(hulls, first, second, t, axis)
+    penetration, normal = axes.penetration, axes.axis
+
+    def pairs(some):
+        return hulls, first[some], second[some], take(t, some, axis=1), take(normal, some, axis=1)
+
+    near = indices(penetration >= -separation)
+    isSure, penetration[near], normal[:, near] = sure_facets(*pairs(near), width[near])
+    left = near[~isSure]
+    if len(left):
+        found = _searched_normals(*pairs(left), separation[left], width[left])
+        penetration[left], normal[:, left] = found
+    return penetration, normal
+
+
+def _searched_normals(hulls, first, second, t, axis, separation, width):
+    """`contact_normals` from all facets, with normals that are continuous across ridges.
 
     The direction of least penetration jumps where two facets of the Minkowski difference are
     equally near. This happens if two edges meet side by side, as those of two cards that lean on
@@ -198,8 +220,8 @@ def contact_normals(hulls, facets, first, second, t, width):
     facet less than `width` farther than the nearest one is blended with it: of several, the one
     with the most different direction, except the opposite side of a nearly flat hull.
 
-    facets : `Facets` of the pairs, complete up to the width; t : (3, K); width : (K,), lengths
     """
+    facets = find_facets(hulls, first, second, t, 0.5 * width, axis, separation)
     penetration, normal = facets.minimal_penetrations(t)
     count = np.diff(facets.start)
     pair = np.arange(len(count)).repeat(count)
@@ -307,14 +329,10 @@ class _Faces(Polygons):
         least, best = row_minima(-cosine, row, count.cumsum() - count)
         self.cosine = -least
 
-        face = take(face, best)
-        count = take(hulls.cornerCount, face)
-        corner = take(hulls.corners, ranges(take(hulls.cornerStart, face), count)[1])
-        corner += take(hulls.vertexStart, bodies).repeat(count)
-        position = take(hulls.vertices, corner, axis=1) + origin.repeat(count, axis=1)
-        super().__init__(
-            count, np.stack([dot(position, axis.repeat(count, axis=1)) for axis in frame[:2]])
-        )
+        row, corner, count = face_corners(hulls, bodies, take(face, best))
+        corner += take(origin, row, axis=1)
+        uv = [dot(corner, take(axis, row, axis=1)) for axis in frame[:2]]
+        super().__init__(count, np.stack(uv))
         normal = mat_vec(rotation, take(normal, best, axis=1))
         self._slopes = [dot(normal, axis) for axis in frame]
         self._offset = take(offset, best) + dot(normal, origin)
@@ -363,12 +381,7 @@ def _four_points(row, u, v, separation, later, size, reach):
         [take(sense, row) * outside for outside in (areas, area(second, third), area(third, first))]
     )
     fourth, size4 = farthest(beyond)
-    isPoint = np.stack(
-        (
-            np.ones(len(size), dtype=bool),
-            length > merge,
-            size3 > merge * length,
-            (size3 > merge * length) & (size4 > merge * length),
-        )
-    )
+    isPoint = np.ones((POINTS, len(size)), dtype=bool)
+    isPoint[1], isPoint[2] = length > merge, size3 > merge * length
+    isPoint[3] = isPoint[2] & (size4 > merge * length)
     return np.stack((first, second, third, fourth)), isPoint

@@ -13,10 +13,11 @@ import numpy as np
 
 from rbs.geometry.vectors import norm
 
-# Seconds for which bodies must be slow before they fall asleep. Less stops slow motions.
+# Seconds for which bodies must be slow before they fall asleep. Less stops slow motions: with a
+# single step, bodies fall asleep as they begin to slide, and where they are added.
 SLEEP_SECONDS = 0.5
 # Largest speed of a slow body, in √(g r) with its radius r. More stops visible motion; less keeps
-# piles awake.
+# piles awake: with the speed of STARTING in its place, 40 % of a heap of 1000 sleep, not 95 %.
 SLOW = 0.01
 # Largest speed of a body that may fall asleep, as a fraction of the speed that gravity adds in
 # SLEEP_SECONDS. It keeps bodies that start to slide awake. With more, bodies fall asleep on slopes

@@ -32,10 +32,16 @@ class SoftConstraints:
     An impulse λ along d on the first body, and against it on the second, enforces the bounds. It
     pulls, λ ≤ 0, at the upper bound and pushes, λ ≥ 0, at the lower one. A sweep considers the
     bound that is nearer or more violated. If the bounds coincide, λ may have either sign.
+
+    key : (6, R), body, vertex, body, vertex, lower, upper; ends, vertices : (2, R)
     """
 
     def __init__(self, constraints, bodies, kept):
-        self._set_bounds(ConstraintRows(constraints, bodies.isFixed, bodies.vertexCount, 0.0))
+        self.key = _bounds(constraints, bodies) if len(constraints) else np.zeros((6, 0))
+        self.ends, self.vertices = (self.key[k:4:2].astype(np.intp) for k in (0, 1))
+        self.lower, self.upper = self.key[4:]
+        self.isRigid = self.lower >= self.upper
+        self.count = len(self.lower)
         isKnown = np.array_equal(self.key, kept.constraint)
         columns = kept.constraintImpulse, kept.constraintOffset, kept.constraintSubstep
         self.impulse, self.offset, self.substep = (
@@ -46,26 +52,6 @@ class SoftConstraints:
         self._arms = take(
             bodies.vertices, (take(bodies.vertexStart, self.ends) + self.vertices).ravel(), axis=1
         )
-
-    def _set_bounds(self, rows):
-        """Merges the constraints of the same two points into one row of bounds.
-
-        key : (6, R), body, vertex, body, vertex, lower, upper; ends, vertices : (2, R)
-        """
-        points = np.stack((rows.body1, rows.vertex1, rows.body2, rows.vertex2))
-        first = row = np.zeros(0, dtype=np.intp)
-        if points.size:  # skips a slow call
-            points, first, row = np.unique(points, axis=1, return_index=True, return_inverse=True)
-        lower, upper = np.full(len(first), -np.inf), np.full(len(first), np.inf)
-        row = row.ravel()
-        np.minimum.at(upper, row[rows.upper], rows.refValue[rows.upper])
-        np.maximum.at(lower, row[~rows.upper], rows.refValue[~rows.upper])
-        order = first.argsort()  # in the scene's order, so that chains are visited from end to end
-        self.key = np.concatenate((points, [lower], [upper])).astype(float)[:, order]
-        self.ends, self.vertices = (self.key[k:4:2].astype(np.intp) for k in (0, 1))
-        self.lower, self.upper = self.key[4:]
-        self.isRigid = self.lower >= self.upper
-        self.count = len(order)
 
     def store(self, kept):
         """Stores impulses and offsets for the next step."""
@@ -138,14 +124,9 @@ class SoftConstraints:
         softness = np.where(isSlack | (not isSoft), 1.0, self.spring.softness)
         least = np.where(isUpper | self.isRigid, -np.inf, 0.0)
         most = np.where(isUpper & ~self.isRigid, 0.0, np.inf)
+        columns = bias, self.mass, softness, least, most
         rows = [
-            (
-                batch,
-                ends,
-                self.J[..., batch],
-                self.MJ[..., batch],
-                *(column[batch] for column in (bias, self.mass, softness, least, most)),
-            )
+            (batch, ends, self.J[..., batch], self.MJ[..., batch], *(c[batch] for c in columns))
             for batch, ends in self.batches
         ]
         for _ in range(PASSES):
@@ -160,3 +141,16 @@ class SoftConstraints:
         self.impulse[batch] = impulse
         velocity[:, ends] += MJ * (impulse - old)
         self.visits += len(batch)
+
+
+def _bounds(constraints, bodies):
+    """Returns `SoftConstraints.key`; constraints of the same two points become one column."""
+    rows = ConstraintRows(constraints, bodies.isFixed, bodies.vertexCount, 0.0)
+    points = np.stack((rows.body1, rows.vertex1, rows.body2, rows.vertex2))
+    points, first, row = np.unique(points, axis=1, return_index=True, return_inverse=True)
+    lower, upper = np.full(len(first), -np.inf), np.full(len(first), np.inf)
+    row = row.ravel()
+    np.minimum.at(upper, row[rows.upper], rows.refValue[rows.upper])
+    np.maximum.at(lower, row[~rows.upper], rows.refValue[~rows.upper])
+    order = first.argsort()  # in the scene's order, so that chains are visited from end to end
+    return np.concatenate((points, [lower], [upper])).astype(float)[:, order]

@@ -47,11 +47,16 @@ def soft_step(
         return report
     with report.phase("gather"):
         bodies = Bodies(meshes, gravity)
-        bodies.follow_orientations()
         state = SolverState() if state is None else state
         kept = state.begun(bodies)
         isDisturbed = kept.sleep.disturbed(bodies) | (kept.gravity != gravity).any()
         kept.gravity = np.array(gravity)
+        # if every body is either fixed or asleep, and undisturbed, there is nothing to do
+        if sleeping and ((kept.sleep.isAsleep != bodies.isFixed) & ~isDisturbed).all():
+            state.replace(kept)
+            report.isAsleep, report.candidatePairs = kept.sleep.isAsleep, len(kept.pairKey)
+            return report
+        bodies.follow_orientations()
         if isGyroscopic:
             bodies.turn_gyroscopically(timeStep)
         check_numbers(bodies.columns(), meshes, "the last step")
@@ -99,14 +104,8 @@ def _make_substeps(motion, contacts, distances, substeps, h):
             contacts.apply(motion)
             distances.warm_start(motion)
             distances.sweep(motion, isSoft=True)
-        contacts.measure(motion)
-        contacts.soft_sweep()
-        contacts.measure(motion)
-        if contacts.are_hit():
-            contacts.soft_sweep()
-            contacts.measure(motion)
+        contacts.soft_sweep(motion)
         motion.move(h)
-        contacts.move()
         if distances.batches:
             distances.sweep(motion, isSoft=False)
             contacts.measure(motion)
@@ -188,14 +187,9 @@ class SolverState:
     """
 
     COLUMNS = (
-        "pairKey",
-        "pairAxis",
-        "constraint",
-        "constraintImpulse",
-        "constraintOffset",
-        "constraintSubstep",
-        "gravity",
+        "pairKey pairAxis constraint constraintImpulse constraintOffset constraintSubstep gravity"
     )
+    COLUMNS = tuple(COLUMNS.split())
 
     def __init__(self):
         self.clear()

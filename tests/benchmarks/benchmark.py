@@ -60,7 +60,8 @@ def print_result(title, kept):
     seconds, reports = zip(*kept, strict=True)
     print(f"\n{title}\n  {'whole step':<12} {quartiles(seconds)} ms")
     for phase in reports[0].seconds:
-        print(f"  {phase:<12} {quartiles([report.seconds[phase] for report in reports])} ms")
+        parts = [report.seconds.get(phase, 0.0) for report in reports]
+        print(f"  {phase:<12} {quartiles(parts)} ms")
     pairs = np.median([report.candidatePairs for report in reports])
     contacts = np.median([len(report.contacts) for report in reports])
     visits = np.mean([report.constraintVisits for report in reports])

@@ -1,13 +1,13 @@
 """Milliseconds per step against the number of bodies: `python tests/benchmarks/benchmarkPiles.py`.
 
     python tests/benchmarks/benchmarkPiles.py --sizes 50 200 1000 --kinds pile --windows 200-300
-    python tests/benchmarks/benchmarkPiles.py --sizes 200 1000 --kinds heap --peers
+    python tests/benchmarks/benchmarkPiles.py --sizes 200 1000 --kinds heap --peers PyBullet
 
 Scenes are those of data/make_pile.py. Each is run without friction and with it; see MATERIALS. For
 each kind, size and material, the runs take turns step by step, so that a busy machine is busy for
-all of them: the basic loop over all pairs up to --all-up-to bodies, and the grid; with --peers also
-MuJoCo and PyBullet, where they are installed (`pip install mujoco pybullet`), on the same hulls,
-poses, densities and time step, with the same friction and, in PyBullet, the same restitution.
+all of them: the loop over all pairs up to --all-up-to bodies, the grid and the soft step. With
+--peers also MuJoCo (Newton's method or CG) and PyBullet (`pip install mujoco pybullet`): on the
+same hulls, poses, densities and time step, with the same friction and, in PyBullet, restitution.
 
 Prints, for every window of steps, medians with quartiles, contacts a body and growth exponents, and
 writes piles.csv. A contact is a pair that touches, however many points a peer makes of it.
@@ -16,7 +16,6 @@ writes piles.csv. A contact is a pair that touches, however many points a peer m
 import argparse
 import csv
 import functools
-import importlib.util
 import itertools
 import math
 import resource
@@ -54,7 +53,7 @@ class Material(NamedTuple):
 
 
 MATERIALS = {"no friction": Material(0.0, 0.5), "friction 0.5": Material(0.5, 0.0)}
-OWN = {"all pairs": {}, "grid": {"broadPhase": "grid"}}
+OWN = {"all pairs": {}, "grid": {"broadPhase": "grid"}, "soft step": {"contactSolver": "soft-step"}}
 QUARTILES = ["milliseconds", "low quartile", "high quartile"]
 COLUMNS = ["kind", "bodies", "material", "run", "steps", *QUARTILES, "candidate pairs", "contacts"]
 COLUMNS += ["contacts a body", *PHASES, "peak memory MB"]
@@ -169,11 +168,11 @@ PEERS = {
 }
 
 
-def make_scene(kind, count, folder):
+def make_scene(kind, count, folder, seed=1):
     """A scene file of data/make_pile.py, in `folder`, with the meshes beside it."""
     command = [sys.executable, DATA_FOLDER / "make_pile.py", str(count), *KINDS[kind]]
     path = Path(folder) / f"{kind}_{count}-scene.txt"
-    subprocess.run([*command, "--out", path], check=True)
+    subprocess.run([*command, "--seed", str(seed), "--out", path], check=True)
     for mesh in DATA_FOLDER.glob("*.mesh"):
         shutil.copy(mesh, folder)
     return path
@@ -186,15 +185,11 @@ def make_runs(scene, count, material, options):
         for name, settings in OWN.items()
         if name != "all pairs" or count <= options.all_up_to
     }
-    if options.peers:
-        simulation = Simulation(scene)
-        for name, (package, peer) in PEERS.items():
-            if not importlib.util.find_spec(package):
-                continue
-            try:
-                runs[name] = peer(simulation, material)
-            except (ValueError, MemoryError) as error:  # some do not take so many
-                print(f"{name} left out at {count} bodies: {error}")
+    for name in options.peers:
+        try:
+            runs[name] = PEERS[name][1](Simulation(scene), material)
+        except (ValueError, MemoryError) as error:  # some do not take so many
+            print(f"{name} left out at {count} bodies: {error}")
     return runs
 
 
@@ -227,7 +222,7 @@ def row_of(kind, count, material, name, window, kept):
     low, median, high = np.percentile(1e3 * np.array(seconds), (25, 50, 75))
     pairs, contacts, phases = zip(*counts, strict=True)
     times = {
-        phase: f"{1e3 * np.median([seconds[phase] for seconds in phases]):.3f}"
+        phase: f"{1e3 * np.median([seconds.get(phase, 0.0) for seconds in phases]):.3f}"
         for phase in phases[0]
     }
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
@@ -304,7 +299,9 @@ def main():
     parser.add_argument("--windows", metavar="K-N", help=text, **windows)
     text = "largest scene for the loop over all pairs (default: %(default)s)"
     parser.add_argument("--all-up-to", type=int, default=1000, metavar="N", help=text)
-    parser.add_argument("--peers", action="store_true", help="MuJoCo and PyBullet as well")
+    peers = {"nargs": "+", "choices": PEERS, "default": [], "metavar": "NAME"}
+    parser.add_argument("--peers", help=f"of {', '.join(map(repr, PEERS))}", **peers)
+    parser.add_argument("--seed", type=int, default=1, metavar="S", help="of the scenes")
     parser.add_argument("--out", type=Path, default=Path("out/benchmark"), metavar="DIR")
     options = parser.parse_args()
 
@@ -317,7 +314,8 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         for case in itertools.product(options.kinds, options.sizes, options.materials):
             kind, count, material = case
-            runs = make_runs(make_scene(kind, count, folder), count, MATERIALS[material], options)
+            scene = make_scene(kind, count, folder, options.seed)
+            runs = make_runs(scene, count, MATERIALS[material], options)
             new = [
                 row_of(*case, name, window, kept)
                 for (window, name), kept in measure(runs, options.windows).items()

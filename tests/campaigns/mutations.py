@@ -116,7 +116,7 @@ rbs/softstep/sleeping.py: waking, a lost contact wakes no body (softstep)
 rbs/softstep/springs.py: soft contact, a coefficient (softstep)
     a2 = self._angle * a1 -> a2 = self._angle
 rbs/softstep/contacts.py: friction of a manifold, no coefficient (softstep)
-    self.limits = self.mu * np.stack( -> self.limits = np.stack(
+    self.mu * isPoint, self.mu * isPoint * lever -> isPoint, isPoint * lever
 rbs/softstep/contacts.py: restitution, the fall within the step (softstep)
     speed * speed + gain -> speed * speed
 rbs/softstep/softconstraints.py: soft distance constraint, the sign of the second body (softstep)
@@ -126,13 +126,13 @@ rbs/softstep/manifolds.py: points that can touch within the step, left out (soft
 rbs/softstep/manifolds.py: motion of a point against the ground, a sign (softstep)
     take(turn[2], row) * x - take -> take(turn[2], row) * x + take
 rbs/softstep/contacts.py: impulses of the substep before, a part of them (softstep)
-    (self.B * self.impulse).sum(axis=1) -> (0.5 * self.B * self.impulse).sum(axis=1)
-rbs/softstep/step.py: second sweep of a hit, left out (softstep)
-    if contacts.are_hit(): -> if False:
+    self.pending += self.impulse -> self.pending += 0.5 * self.impulse
+rbs/softstep/contacts.py: second sweep of a hit, left out (softstep)
+    if closing.min(initial=0.0) < -HIT_STEPS * self.fall: -> if False:
 rbs/softstep/contacts.py: growth of impulses, no limit (scenesRest)
-    np.minimum(self.impulse, limit) -> self.impulse
+    np.minimum(normal, np.maximum(LOAD_GROWTH * self.started, self.least)) -> normal
 rbs/softstep/contacts.py: penetration, pushed out as fast as springs do it (softstep)
-    self.spring.rate * self.separation, -self.push) -> self.spring.rate * self.separation, -np.inf)
+    self.spring.rate * self.separation, self.push) -> self.spring.rate * self.separation, -np.inf)
 rbs/softstep/sleeping.py: sleeping, what starts to slide (softstep)
     (isStarting | (timer < SLEEP_SECONDS)) -> (timer < SLEEP_SECONDS)
 rbs/softstep/contacts.py: restitution, whatever energy it asks for (softstep)

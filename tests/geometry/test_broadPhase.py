@@ -60,18 +60,19 @@ def test_grid_finds_the_pairs_that_comparing_all_finds(kind):
 
 def test_boxes_that_only_touch_on_the_borders_of_cells_are_pairs():
     # Unit boxes on whole numbers: each touches its 26 neighbours, on cell borders throughout.
-    corner = np.stack(np.meshgrid(*[np.arange(4.0)] * 3)).reshape(3, -1)
+    corner = np.stack(np.meshgrid(*[np.arange(5.0)] * 3)).reshape(3, -1)
     box = np.concatenate((corner, -(corner + 1.0)))
-    # Along an axis of 4 there are 4 + 2 · 3 = 10 ordered pairs at a distance of at most 1, of
-    # which 4 are of a place with itself: (10³ - 4³) / 2 unordered pairs of boxes.
-    assert assert_same_pairs(box, np.zeros(64, bool)) == (10**3 - 4**3) // 2
+    # Along an axis of 5 there are 5 + 2 · 4 = 13 ordered pairs at a distance of at most 1, of
+    # which 5 are of a place with itself: (13³ - 5³) / 2 unordered pairs of boxes.
+    assert assert_same_pairs(box, np.zeros(125, bool)) == (13**3 - 5**3) // 2
 
 
 def test_what_has_no_box_is_in_no_pair():
-    box = random_boxes(np.random.default_rng(3), "crowded", 50)
-    box[:, 7], box[:, 9] = np.inf, np.nan  # as of a mesh without vertices
-    assert assert_same_pairs(box, np.zeros(50, bool)) > 0
-    assert not np.isin((7, 9), grid_overlaps(box, np.zeros(50, bool))).any()
+    for count in (50, 100):  # without and with a grid
+        box = random_boxes(np.random.default_rng(3), "crowded", count)
+        box[:, 7], box[:, 9] = np.inf, np.nan  # as of a mesh without vertices
+        assert assert_same_pairs(box, np.zeros(count, bool)) > 0
+        assert not np.isin((7, 9), grid_overlaps(box, np.zeros(count, bool))).any()
     assert grid_overlaps(np.zeros((6, 0)), np.zeros(0, bool)).shape == (2, 0)
 
 
