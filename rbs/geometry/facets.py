@@ -2,9 +2,9 @@
 
 `find_facets` takes arrays of pairs and returns `Facets`, from which the penetration and normal of
 each pair follow. `CachedAxes` saves most of the search if a separating axis, or nearly one, is
-known; `sure_facets` saves all of it where a guess can be proved. The theory is at the top of
-GJK.py. Facets spanned by two edges are found on the Gauss map, with edge pruning (Gregorius: The
-separating axis test between convex polyhedra. Game Developers Conference 2013).
+known. The theory is at the top of GJK.py. Facets spanned by two edges are found on the Gauss map,
+with edge pruning (Gregorius: The separating axis test between convex polyhedra. Game Developers
+Conference 2013).
 
 The penetration of a pair along a facet is offset - normal · t, where t is the translation from the
 centre of the first hull to that of the second. A negative penetration is a separation.
@@ -18,8 +18,6 @@ from rbs.geometry.hulls import (
     ROUNDING,
     TOUCH_TOLERANCE,
     approximate_supports,
-    face_corners,
-    lowest_rows,
     rotate_columns,
     support_levels,
     support_offsets,
@@ -33,10 +31,6 @@ PARALLEL_SINE = 1e-12
 # Sine of the angle between an edge and both faces of another one beyond which their facet cannot be
 # due to rounding, for coordinates up to a million times the size of the bodies.
 SURE_SINE = 1e-5
-
-# Sine of LEAST_ANGLE, up to which `sure_facets` lets other facets be as near, and least sine of the
-# angle between two edges that it tries.
-LEAST_SINE = 0.3
 
 # Least gap along a cached axis that proves separation, as a fraction of the size. Below it, the
 # sign of the least penetration decides, so that one rule applies to every touching pair.
@@ -175,104 +169,6 @@ class CachedAxes:
         level, self.vertex = level.reshape(2, -1), vertex.reshape(2, -1)
         self.offset = -level[1] - level[0]
         self.penetration = self.offset - dot(self.axis, translation)
-
-
-# --------------------------------------------------------------------------------------------------
-# Without a search
-# --------------------------------------------------------------------------------------------------
-
-
-def sure_facets(hulls, first, second, t, axis, width):
-    """Guesses the nearest facets of P pairs: `(isSure, penetration, normal)`.
-
-    t : (3, P), centre of the second minus centre of the first; axis : (3, P), unit, about the
-        normal; width : (P,), lengths
-    isSure : (P,) bool, whether it is proved that no other facet is nearer, and that those whose
-        penetration is less than `width` greater are at most LEAST_ANGLE away
-    penetration, normal : (P,), (3, P), along the facet
-
-    The guesses are the face that is turned most to the other hull, and the facet spanned by the two
-    vertices of each hull that reach farthest along the axis. Let n be the normal of a facet, d its
-    penetration, and let t, projected onto it, lie inside, at least m from its sides. Then the
-    penetration along any n' at an angle θ from n is at least that of a corner of the facet,
-    d cos θ + m sin θ. It is also at least ρ - n' · t, because each hull contains a ball about its
-    centre; ρ is the sum of their radii. With d⁺ = max(d, 0), this is
-
-    - up to LEAST_ANGLE, at least d, as m > d⁺ tan(θ/2);
-    - from there to 90°, more than d + width if m sin(LEAST_ANGLE) > d⁺ + width;
-    - beyond, too, if sin θ ≥ s = (2 d⁺ + width)/m, or if ρ + n · t - 2 s |t| > d⁺ + width.
-    """
-
-    def are_proved(normal, d, m):
-        excess = np.maximum(d, 0.0)
-        s = (2.0 * excess + width) / np.where(m > 0.0, m, 1.0)
-        beyond = radius + dot(normal, t) - 2.0 * s * distance
-        return np.minimum(LEAST_SINE * m, beyond) > excess + width
-
-    radius, distance = hulls.innerRadius[first] + hulls.innerRadius[second], norm(t)
-    normal, penetration, margin = _turned_faces(hulls, first, second, t, axis)
-    left = indices(~are_proved(normal, penetration, margin))
-    pairs = first[left], second[left], take(t, left, axis=1), take(axis, left, axis=1)
-    normal[:, left], penetration[left], margin[left] = _reaching_edges(hulls, *pairs)
-    return are_proved(normal, penetration, margin), penetration, normal
-
-
-def _turned_faces(hulls, first, second, t, axis):
-    """Of the faces turned most to the other hull, the nearer to the axis, and its lowest vertex.
-
-    Returns `(normal (3, P), depth (P,), margin (P,))`; margin : how far the vertex of the other
-    hull that is lowest below the face lies within its sides
-    """
-    bodies, directions = np.concatenate((first, second)), np.concatenate((-axis, axis), axis=1)
-    level, (face,) = lowest_rows(hulls, bodies, directions, "directions", 1)
-    isFirst = np.less_equal(*level.reshape(2, -1))
-    own, other = np.where(isFirst, (first, second), (second, first))
-    face = take(hulls.faceStart, own) + np.where(isFirst, *face.reshape(2, -1))
-    sense = np.where(isFirst, 1.0, -1.0)
-    t = sense * t
-    normal = take(hulls.directions, face, axis=1)
-    normal = mat_vec(take(hulls.rotation, own, axis=1), normal)
-    vertex = approximate_supports(hulls, other, normal)[1]
-    vertex = take(hulls.vertices, vertex, axis=1)
-    depth = take(hulls.offsets, face) - dot(normal, vertex) - dot(normal, t)
-
-    row, corner, count = face_corners(hulls, own, face)
-    end = count.cumsum()
-    following = np.arange(1, len(row) + 1)
-    following[end - 1] = end - count
-    side = take(corner, following, axis=1) - corner
-    inside = dot(cross(take(normal, row, axis=1), side), take(vertex + t, row, axis=1) - corner)
-    margin = np.minimum.reduceat(inside / norm(side), end - count)
-    return sense * normal, depth, margin
-
-
-def _reaching_edges(hulls, first, second, t, axis):
-    """Facets spanned by edges between the two vertices of each hull that reach farthest.
-
-    Returns `(normal (3, P), depth (P,), margin (P,))`; the margin is -1 if they span none.
-    """
-    bodies = np.concatenate((first, second))
-    directions = np.concatenate((-axis, axis), axis=1)
-    ends = lowest_rows(hulls, bodies, directions, "vertices", 2)[1]
-    ends = (ends + take(hulls.vertexStart, bodies)).ravel()
-    ends = take(hulls.vertices, ends, axis=1).reshape(3, 2, 2, -1)  # xyz, which end, which hull
-    a, b = ends[:, 0, 0], ends[:, 0, 1]
-    u, v = ends[:, 1, 0] - a, ends[:, 1, 1] - b
-    normal = cross(u, v)
-    area, lengthU, lengthV = norm(normal), norm(u), norm(v)
-    isFacet = area > LEAST_SINE * lengthU * lengthV
-    normal = normal / np.where(isFacet, np.copysign(area, dot(normal, axis)), 1.0)
-    # no vertex lies beyond the plane
-    level = approximate_supports(hulls, bodies, np.concatenate((-normal, normal), axis=1))[0]
-    offset = dot(normal, a - b)
-    size = hulls.radius[first] + hulls.radius[second]
-    isFacet &= -np.add(*level.reshape(2, -1)) <= offset + FEATURE_TOLERANCE * size
-    # seen along the normal, the edges cross at the parts x of u and y of v
-    away = a - b - t
-    across = np.where(isFacet, dot(cross(u, v), normal), 1.0)
-    x, y = dot(cross(v, away), normal) / across, dot(cross(u, away), normal) / across
-    margin = np.minimum(np.minimum(x, 1 - x) / lengthV, np.minimum(y, 1 - y) / lengthU) * area
-    return normal, offset - dot(normal, t), np.where(isFacet, margin, -1.0)
 
 
 # --------------------------------------------------------------------------------------------------

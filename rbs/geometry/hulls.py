@@ -263,35 +263,18 @@ def _vertex_heights(hulls, bodies, directions):
 def approximate_supports(hulls, bodies, directions):
     """`(level, vertex)`, (R,) each: `support_levels` and the lowest vertices, up to rounding.
 
-    This is faster, but its rounding differs, see `lowest_rows`: a hint only.
-    """
-    level, (vertex,) = lowest_rows(hulls, bodies, directions, "vertices", 1)
-    return level, vertex + hulls.vertexStart[bodies]
-
-
-def lowest_rows(hulls, bodies, directions, table, count):
-    """The lowest vertices, or face normals, of each body (R,) along its direction (3, R).
-
-    table : "vertices" or "directions", see `Hull`; count : number of rows. Returns
-    `(level, rows)`: (R,), height of the lowest one; (count, R), rows in the table, from the lowest.
-
-    BLAS multiplies the directions in the frames of the few distinct shapes. Its rounding differs
-    between machines and with the number of bodies.
+    This is faster, because BLAS multiplies the directions in the frames of the few distinct shapes.
+    Its rounding differs between machines and with the number of rows: a hint only.
     """
     if hulls.rotation is not None:
         inverse = transpose(take(hulls.rotation, bodies, axis=1))
         directions = mat_vec(inverse, directions)
     shape = hulls.shape[bodies]
-    level, found = np.empty(len(bodies)), np.empty((count, len(bodies)), dtype=np.intp)
+    level, vertex = np.empty(len(bodies)), hulls.vertexStart[bodies]
     for k, hull in enumerate(hulls.distinct):
         rows = indices(shape == k)
-        heights = take(directions, rows, axis=1).T @ getattr(hull, table).T
-        begin = np.arange(len(rows)) * heights.shape[1]
-        for i in range(count):
-            lowest = heights.argmin(axis=1)
-            found[i, rows] = lowest
-            if i == 0:
-                level[rows] = take(heights, begin + lowest)
-            if i + 1 < count:
-                heights.ravel()[begin + lowest] = np.inf
-    return level, found
+        heights = take(directions, rows, axis=1).T @ hull.vertices.T
+        lowest = heights.argmin(axis=1)
+        vertex[rows] += lowest
+        level[rows] = take(heights, np.arange(len(rows)) * heights.shape[1] + lowest)
+    return level, vertex

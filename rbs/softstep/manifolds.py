@@ -9,7 +9,7 @@ Bergen: Collision Detection in Interactive 3D Environments, 2003, and in Bullet.
 import numpy as np
 
 from rbs.geometry.arrays import find_sorted, indices, ranges, row_minima, take
-from rbs.geometry.facets import CachedAxes, find_facets, sure_facets
+from rbs.geometry.facets import find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, face_corners, support_offsets, tangents
 from rbs.geometry.patches import Features, Polygons, overlap_corners
 from rbs.geometry.vectors import cross, dot, mat_vec, mul_add, norm, transpose
@@ -32,8 +32,6 @@ KEEP = 0.03
 # RIDGE and one minus the cosine between their normals is at least LEAST_TURN. With a larger RIDGE,
 # the edges of adjacent boxes push each other apart; with a smaller one, the normal jumps.
 RIDGE, LEAST_TURN = 0.02, 0.05
-# Number of pairs below which guessing their normals takes more time than it saves.
-FEW = 1000
 # Largest distance from which a point inherits the impulse of an old one, in the first body's frame.
 MATCH = 0.5
 # Least cosine between the normals of a face and of the manifold. Steeper faces are not clipped,
@@ -187,31 +185,11 @@ def pose_changes(translation, rotation, newTranslation, newRotation, radius):
 
 
 def contact_normals(hulls, first, second, t, axis, separation, width):
-    """`(penetration (K,), normal (3, K))` of K ≥ 1 pairs.
+    """`(penetration (K,), normal (3, K))` of K ≥ 1 pairs; normals are continuous across ridges.
 
     t : (3, K); axis : (3, K), the last normals, or 0; separation : (K,), lengths: of pairs farther
         apart, the penetration is only known to be less than -separation
-    width : (K,), lengths, see `_searched_normals`
-    """
-    if len(first) < FEW:
-        return _searched_normals(hulls, first, second, t, axis, separation, width)
-    axes = CachedAxes(hulls, first, second, t, axis)
-    penetration, normal = axes.penetration, axes.axis
-
-    def pairs(some):
-        return hulls, first[some], second[some], take(t, some, axis=1), take(normal, some, axis=1)
-
-    near = indices(penetration >= -separation)
-    isSure, penetration[near], normal[:, near] = sure_facets(*pairs(near), width[near])
-    left = near[~isSure]
-    if len(left):
-        found = _searched_normals(*pairs(left), separation[left], width[left])
-        penetration[left], normal[:, left] = found
-    return penetration, normal
-
-
-def _searched_normals(hulls, first, second, t, axis, separation, width):
-    """`contact_normals` from all facets, with normals that are continuous across ridges.
+    width : (K,), lengths
 
     The direction of least penetration jumps where two facets of the Minkowski difference are
     equally near. This happens if two edges meet side by side, as those of two cards that lean on
@@ -219,7 +197,6 @@ def _searched_normals(hulls, first, second, t, axis, separation, width):
     the cards up. Rounding the edges by a small radius would give a normal in between. Therefore a
     facet less than `width` farther than the nearest one is blended with it: of several, the one
     with the most different direction, except the opposite side of a nearly flat hull.
-
     """
     facets = find_facets(hulls, first, second, t, 0.5 * width, axis, separation)
     penetration, normal = facets.minimal_penetrations(t)

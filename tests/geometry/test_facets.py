@@ -7,7 +7,7 @@ import pytest
 from oracles import IDENTITY, SHAPES, box_body, random_quaternions, vertices_of
 
 from Quaternion import Q2RotMatrix
-from rbs.geometry.facets import LEAST_GAP, LEAST_SINE, all_facets, find_facets, sure_facets
+from rbs.geometry.facets import LEAST_GAP, all_facets, find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE, HullSet, build_hull
 from rbs.geometry.patches import Polygons, contact_points, overlap_corners
 
@@ -134,28 +134,6 @@ def test_all_facets_of_a_pair_include_the_near_ones(batch):
         else:
             assert penetration < 0 and nearest(anew, 0, t)[0] < 0
     assert len(pairs) > 100 and more > 20 * len(pairs) and compared > 0.8 * len(pairs)
-
-
-def test_facets_that_are_sure_are_the_nearest_and_alone(batch):
-    rng = np.random.default_rng(13)
-    pairs = batch.first, batch.second
-    size = batch.hulls.radius[batch.first] + batch.hulls.radius[batch.second]
-    every = all_facets(batch.hulls, *pairs, batch.t)
-    penetration, normal = every.minimal_penetrations(batch.t)
-    # all of them nearly touch
-    t = batch.t + normal * (penetration + size * rng.uniform(-0.03, 0.03, PAIRS))
-    penetration, normal = every.minimal_penetrations(t)
-    axis = normal + 0.03 * rng.normal(size=(3, PAIRS))
-    axis /= np.linalg.norm(axis, axis=0)
-    width = 0.02 * size
-    isSure, d, n = sure_facets(batch.hulls, *pairs, t, axis, width)
-    assert 0.2 < isSure.mean() < 0.8 and 0.2 < (penetration[isSure] > 0).mean() < 0.8
-    assert np.abs(penetration - d)[isSure].max() < 1e-12
-    assert np.abs(normal - n)[:, isSure].max() < 1e-12
-    for p in np.flatnonzero(isSure):
-        own = slice(every.start[p], every.start[p + 1])
-        isNear = every.offset[own] - every.normal[:, own].T @ t[:, p] < d[p] + width[p]
-        assert (n[:, p] @ every.normal[:, own][:, isNear]).min() > np.sqrt(1 - LEAST_SINE**2)
 
 
 def test_a_cached_axis_changes_no_bit_of_a_collision(batch, cached):

@@ -16,7 +16,6 @@ from oracles import (
 )
 from program import record
 
-from rbs.geometry.facets import sure_facets
 from rbs.geometry.hulls import HullSet
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import resume, verify
@@ -143,23 +142,6 @@ def test_the_deepest_point_is_always_in_the_manifold():
         assert np.allclose(point2 - point1, along[:, None] * normal, atol=1e-9)
         assert 1 <= len(point1) <= 4
     assert 40 < met < 120
-
-
-def test_guessed_normals_are_those_of_the_search(monkeypatch):
-    runs, sure = [], []
-
-    def counted(*arguments):
-        found = sure_facets(*arguments)
-        sure.append(found[0].sum())
-        return found
-
-    monkeypatch.setattr("rbs.softstep.manifolds.sure_facets", counted)
-    for few in (0, 1000):
-        monkeypatch.setattr("rbs.softstep.manifolds.FEW", few)
-        meshes = some_heap(count=5)
-        simulate(meshes, 120, sleeping=False)
-        runs.append(state_of(meshes))
-    assert sum(sure) > 20 and np.allclose(*runs, atol=1e-6)
 
 
 def test_free_flight_over_substeps_is_that_of_gravity():
