@@ -50,22 +50,9 @@ CODEC = "-f mp4 -vcodec libx264 -pix_fmt yuv420p -crf 20 -preset slow -movflags 
 def draw(name):
     """Writes gallery/<name>.jpg; name : a name of PICTURES."""
     arguments, step = PICTURES[name]
+    words = f"{arguments} --look studio --steps {step} --every {step} --size 1920x1080"
     with tempfile.TemporaryDirectory() as folder:
-        code = main(
-            [
-                *shlex.split(arguments),
-                "--look",
-                "studio",
-                "--screenshots",
-                folder,
-                "--every",
-                str(step),
-                "--steps",
-                str(step),
-                "--size",
-                "x".join(str(2 * pixels) for pixels in SIZE),
-            ]
-        )
+        code = main([*shlex.split(words), "--screenshots", folder])
         if code != 0:
             sys.exit(f"{name}: not drawn, exit code {code}")
         picture = Image.open(Path(folder) / f"frame_{step:06d}.png").resize(SIZE, Image.LANCZOS)
