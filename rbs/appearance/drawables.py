@@ -11,6 +11,7 @@ import numpy as np
 from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, LINE_COLOUR, SEEN_BACKGROUND
 from rbs.geometry.arrays import ranges
 from rbs.geometry.broadphase import grid_levels
+from rbs.geometry.surfaces import area_vectors
 from rbs.geometry.triples import cross, dot
 from RBSFunctions import refresh_vertices
 
@@ -67,8 +68,7 @@ def find_creases(vertices, faces):
     Edge k of a face runs from its corner k to the next one. A box has twelve visible edges and no
     diagonals, an ellipsoid none. vertices : (V, 3); faces : (F, 3) of closed surfaces
     """
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    normals = unit_rows(np.cross(b - a, c - a))
+    normals = unit_rows(area_vectors(vertices, faces))
     cosines = np.sum(normals[:, None] * normals[face_neighbours(faces)], axis=2)
     return cosines <= math.cos(CREASE_ANGLE)
 
@@ -79,8 +79,7 @@ def corner_normals(vertices, faces):
     The normal at a corner is the area-weighted mean of the faces around its vertex that meet the
     corner's own face at less than CREASE_ANGLE. vertices : (V, 3)
     """
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    across = np.cross(b - a, c - a)
+    across = area_vectors(vertices, faces)
     normals = unit_rows(across)
     # all pairs of corners at one vertex
     order = np.argsort(faces.ravel(), kind="stable")

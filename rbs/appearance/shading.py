@@ -19,6 +19,7 @@ from rbs.appearance.drawables import (
 )
 from rbs.geometry.arrays import ranges
 from rbs.geometry.hulls import rotate_columns
+from rbs.geometry.surfaces import area_vectors
 from rbs.softstep.contacts import islands
 from rbs.stepping.bodies import state_columns
 
@@ -105,8 +106,7 @@ def split_at_creases(vertices, faces):
     that each split one comes from, the index of its normal, all different normals, faces with split
     vertices, and which of their edges are creases.
     """
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    across = np.cross(b - a, c - a)
+    across = area_vectors(vertices, faces)
     isCrease = find_creases(vertices, faces)
     # corners at one vertex belong together if their faces meet at an edge that is no crease
     face, k = np.nonzero(~isCrease)

@@ -59,15 +59,14 @@ def fill_surface(vertices, faces):
     tetrahedra have positive volume, one for each triangle with an area. Raises ValueError if no
     point sees all faces from behind.
     """
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
+    normals = area_vectors(vertices, faces)
     lengths = np.sqrt(np.sum(normals * normals, axis=1))
     extent = np.max(np.ptp(vertices, axis=0))
     solid = lengths > INSIDE_MARGIN * extent * extent
     if not solid.any():
         raise ValueError("the mesh has no volume")
     normals = normals[solid] / lengths[solid, None]
-    offsets = np.sum(normals * a[solid], axis=1)
+    offsets = np.sum(normals * vertices[faces[solid, 0]], axis=1)
 
     inner = find_inner_point(vertices, normals, offsets, INSIDE_MARGIN * extent)
     apex = np.full((np.count_nonzero(solid), 1), len(vertices))
@@ -95,6 +94,12 @@ def find_inner_point(vertices, normals, offsets, margin):
             "a .mesh with tetrahedra"
         )
     return best.x[:3]
+
+
+def area_vectors(vertices, faces):
+    """Returns the outward normals (F, 3) of faces (F, 3), twice as long as their areas."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
 
 
 def tetrahedron_volumes(vertices, tets):
