@@ -9,6 +9,8 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import numpy as np
+import polyscope as ps
+import polyscope.imgui as psim
 from PIL import Image
 from tqdm import tqdm
 
@@ -109,8 +111,6 @@ def _take_plain(view, isTransparent, isStill):
     is the mean of a picture with them and one without. Polyscope's own supersampling has no effect
     off-screen with EGL, and its depth peeling is much slower.
     """
-    import polyscope as ps
-
     width, height = ps.get_window_size()
     # a window changes its size at once only off-screen
     isOffscreen = ps.get_render_engine_backend_name() == OFFSCREEN_BACKEND
@@ -140,7 +140,6 @@ def _take_plain(view, isTransparent, isStill):
 
 def _draw(view, isTransparent):
     """Returns the picture (height, width, 3 or 4) in the window's size, uint8."""
-    import polyscope as ps
 
     def shoot():
         shot = ps.screenshot_to_buffer(transparent_bg=isTransparent)
@@ -173,8 +172,6 @@ def _with_soft_shadows(shoot, view):
 
 def draw_legend(rows):
     """Draws rows (text, (r, g, b)) into the current panel."""
-    import polyscope.imgui as psim
-
     flags = psim.ImGuiColorEditFlags_NoTooltip
     for text, colour in rows:
         psim.ColorButton(text, (*colour, 1.0), flags, (psim.GetFontSize(), psim.GetFontSize()))
@@ -235,8 +232,6 @@ class Video:
 
     def __init__(self, path, view, rate, every):
         """Starts the encoder; raises VideoError if there is none, OSError if it cannot write."""
-        import polyscope as ps
-
         self.path = Path(path)
         self.rate, self.every = rate, every
         self.count = 0

@@ -1,14 +1,14 @@
 """Numbers of visible faces, which Polyscope draws as flat colours, from camera and light.
 
-Polyscope is imported inside the functions that use it. Reading order: drawing numbers; the
-overlays; the camera; the maps of the faces that light meets first. Arrays of points are (3, m), in
-single precision. Units: metres.
+Reading order: drawing numbers; the overlays; the camera; the maps of the faces that light meets
+first. Arrays of points are (3, m), in single precision. Units: metres.
 """
 
 import math
 from contextlib import contextmanager
 
 import numpy as np
+import polyscope as ps
 
 from rbs.appearance.colours import BACKGROUND
 from rbs.appearance.drawables import BOX_CORNERS
@@ -34,8 +34,6 @@ def bodies_only(view, vertices, faces):
     Yields their SurfaceMesh, and the structures that were drawn over them. Restores window and
     camera.
     """
-    import polyscope as ps
-
     size = ps.get_window_size()
     with kept_camera(), view.hidden() as overlays:
         mesh = ps.register_surface_mesh(
@@ -63,8 +61,6 @@ def hiding_ground(size):
 
     size : of the scene, in metres; None for no ground
     """
-    import polyscope as ps
-
     if size is None:
         yield
         return
@@ -79,8 +75,6 @@ def hiding_ground(size):
 
 def samples(factor):
     """Moves the camera through factor² samples per pixel, to save memory; yields row, column."""
-    import polyscope as ps
-
     matrix, camera = ps.get_camera_view_matrix(), Camera()
     for row in range(factor):
         for column in range(factor):
@@ -97,8 +91,6 @@ def draw_overlays(mesh, overlays, opacity, factor):
 
     opacity : 0 to 1, of what lies behind a body; factor : as for `samples`
     """
-    import polyscope as ps
-
     if not overlays:
         return None
     width, height = ps.get_window_size()
@@ -136,8 +128,6 @@ def draw_numbers(isUpright=True):
 
     isUpright : whether the first row is the top one
     """
-    import polyscope as ps
-
     shot = ps.screenshot_to_buffer(transparent_bg=True, vertical_flip=isUpright)
     return shot.view("<i4")[..., 0] & 0xFFFFFF
 
@@ -151,8 +141,6 @@ class Camera:
     """
 
     def __init__(self):
-        import polyscope as ps
-
         view = ps.get_view_camera_parameters()
         self.eye = np.array(view.get_position(), dtype=np.float32)
         axes = view.get_right_dir(), view.get_up_dir(), view.get_look_dir()
@@ -192,8 +180,6 @@ class LightMaps:
         directions : (n, 3), towards the light; box : (2, 3), corners of the region; vertices : (V,
             3), of all bodies; progress : called after each map
         """
-        import polyscope as ps
-
         # Polyscope draws only a range of its length scale, at angles above a minimum
         scale = float(np.linalg.norm(box[1] - box[0]))
         ps.set_length_scale(scale)

@@ -12,6 +12,7 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+import polyscope as ps
 
 from rbs.appearance.colours import linear, toned
 from rbs.appearance.drawables import flatten_meshes
@@ -76,8 +77,6 @@ class Studio:
         isTransparent : whether the background behind bodies and shadows is omitted
         progress : called with the completed fraction
         """
-        import polyscope as ps
-
         meshes = view.simulation.meshes
         hasGround = "ground" in view.shown and not isTransparent
         vertices, faces, bodyOfFace = flatten_meshes(meshes)

@@ -3,8 +3,8 @@
 Import it only after `rbs.pictures.backends.find_backend` has found that Polyscope can draw here.
 
 All bodies form one surface and their shadows another one, so that the cost of drawing hardly
-depends on the number of bodies. A replay may take the place of a
-simulation, as may anything with its attributes.
+depends on the number of bodies. A replay may take the place of a simulation, as may anything with
+its attributes.
 
 Reading order: starting Polyscope; `SceneView`.
 """
