@@ -63,7 +63,9 @@ class SubmittedSteps:
             self.run_timestep = partial(basic_step, self.functions)
         else:
             self.run_timestep = self._function("run_timestep")
-        self._known = set(inspect.signature(self.run_timestep).parameters)
+        parameters = inspect.signature(self.run_timestep).parameters
+        takesAll = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
+        self._known = set(PARAMETERS if takesAll else parameters)
         self._source = None
         self._attributes = set(STATE_WIDTHS) | {"currVertices"}
 

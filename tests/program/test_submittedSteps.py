@@ -51,10 +51,25 @@ def refusal(program, *arguments, code=2):
     return line
 
 
-@pytest.mark.parametrize("scene", ["mixed", "tower_chain", "two_cylinder"])
-def test_a_right_solution_moves_the_bodies_as_ours_does(scene, tmp_path, positions):
+# What a student may add to see how often a step is made.
+WRAPPER = """
+
+_step = run_timestep
+
+def run_timestep(*arguments, **options):
+    return _step(*arguments, **options)
+"""
+
+
+@pytest.mark.parametrize(
+    ("scene", "more"),
+    [("mixed", ""), ("tower_chain", ""), ("tower_chain", WRAPPER), ("two_cylinder", "")],
+)
+def test_a_right_solution_moves_the_bodies_as_ours_does(scene, more, tmp_path, positions):
     """The two programs share nothing but the test for collisions."""
     student = write_submission(tmp_path / "student")
+    with (student / "RBSFunctions.py").open("a") as file:
+        file.write(more)
     ours = positions(scene, "--basic")
     assert np.ptp(ours, axis=0).max() > 1.0
     assert positions(scene, "--functions", student) == pytest.approx(ours, abs=1e-9)
