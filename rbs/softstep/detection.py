@@ -24,7 +24,7 @@ from rbs.softstep.manifolds import (
 )
 from rbs.softstep.sleeping import speeds
 
-# Normal of the ground, from the body towards the ground, and the first tangent of its friction.
+# Columns (3, 2, 1): the normal from a body towards the ground, and the first tangent of friction.
 GROUND_AXES = np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])[:, :, None]
 
 
@@ -135,7 +135,7 @@ def _new_ground_manifolds(bodies, frames, reach, known, timeStep):
     shift, turn = timeStep * bodies.linVelocity[:, body], timeStep * bodies.angVelocity[:, body]
     height = bodies.position[1, body]
     arm, isPoint = ground_manifolds(bodies.hulls, body, height, reach[body], shift, turn)
-    normal, tangent = GROUND_AXES.repeat(len(body), axis=2).transpose(1, 0, 2)
+    normal, tangent = (GROUND_AXES[:, k].repeat(len(body), axis=1) for k in range(2))
     below = arm - t[:, None]
     below[1] = 0.0
     return _table(frames, body, ground, t, normal, tangent, arm, below, isPoint)

@@ -100,15 +100,19 @@ def state_columns(meshes, names=tuple(STATE_WIDTHS)):
     return {name: _columns(meshes, name, STATE_WIDTHS[name]) for name in names}
 
 
-# By attribute: the table (n, …) that the last step of any scene has set, and its rows.
+# By attribute: the table (n, 1, w) that the last step of any scene has set, and its rows.
 _latest = {}
 
 
 def _columns(meshes, name, width):
-    """Returns an attribute with `width` numbers, of all meshes, as a table (width, n)."""
+    """Returns an attribute with `width` numbers, of all meshes, as a table (width, n).
+
+    If every mesh still has the row that the last step has set, that table is read, with changes
+    within the rows. Checking takes less time than reading all rows.
+    """
     values = list(map(attrgetter(name), meshes))
     table, rows = _latest.get(name, (None, ()))
-    if len(rows) == len(values) and all(map(is_, values, rows)):  # faster than reading all rows
+    if len(rows) == len(values) and all(map(is_, values, rows)):
         return np.ascontiguousarray(table.reshape(-1, width).T)
     try:
         table = np.concatenate(values)
@@ -162,7 +166,6 @@ class _Shapes:
     hulls : HullSet at rest; NO_HULL stands for a mesh without vertices
     hullColumn : (ΣVh,), columns of the hulls' vertices in `vertices`
     hasShape : (n,) bool
-    given : dict, per attribute whose rows the last step has set: `(table (n, …), rows)`
     """
 
     def __init__(self, meshes):
@@ -170,7 +173,6 @@ class _Shapes:
         self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.hasShape = self.vertexCount > 0
-        self.given = {}
         # one more column, in case no mesh has vertices
         vertices = [*(m.origVertices for m in meshes), np.zeros((1, 3))]
         self.vertices = np.ascontiguousarray(np.concatenate(vertices).T)
@@ -209,13 +211,13 @@ class Bodies:
         self.meshes, self.gravity, self.fallRate = meshes, gravity, math.hypot(*gravity)
         self._shapes = _shapes(tuple(meshes))
         self.vertexStart, self.vertexCount = self._shapes.vertexStart, self._shapes.vertexCount
-        columns = {name: self._gathered(name, width) for name, width in STATE_WIDTHS.items()}
+        columns = state_columns(meshes)
         self.orientation = columns.pop("orientation")
         self.motion = np.concatenate(tuple(columns.values()))
         self._start = self.motion.copy()
         self.invMass = np.array([m.invMass for m in meshes], dtype=np.float64)
         self.isFixed = self.invMass == 0.0
-        self.restInvInertia = np.where(self.isFixed, 0.0, self._gathered("invIT", 9))
+        self.restInvInertia = np.where(self.isFixed, 0.0, _columns(meshes, "invIT", 9))
 
     position = property(lambda self: self.motion[0:3])
     velocity = property(lambda self: self.motion[3:9])
@@ -275,33 +277,15 @@ class Bodies:
         b, vertex = near[below], column[index[below]]
         return b, take(self.vertices, vertex, axis=1) + take(self.position, b, axis=1)
 
-    def _gathered(self, name, width):
-        """Returns an attribute of all meshes as a table (width, n).
-
-        If every mesh still has the row that a step has set, the existing table is reused. It
-        includes changes within the rows, and checking takes less time than reading all rows.
-        """
-        table, rows = self._shapes.given.get(name, (None, ()))
-        values = map(attrgetter(name), self.meshes)
-        if table is None or not all(map(is_, values, rows)):
-            table = self._give(name, _columns(self.meshes, name, width))
-        return np.ascontiguousarray(table.reshape(-1, width).T)
-
-    def _give(self, name, columns):
-        """Sets an attribute of the meshes to the rows of a new table (n, …); returns the table.
-
-        The table is new in each step, so that references to old rows keep their values.
-        """
-        shape = (3, 3) if name == "invIT" else (1, len(columns))
-        table = np.ascontiguousarray(columns.T).reshape(-1, *shape)
-        rows = list(table)
-        for mesh, row in zip(self.meshes, rows, strict=True):
-            setattr(mesh, name, row)
-        self._shapes.given[name] = _latest[name] = table, rows
-        return table
-
     def write_back(self):
-        """Writes the state to the meshes, as rows of new tables; fixed ones keep theirs."""
+        """Writes the state to the meshes, as rows of new tables; fixed ones keep theirs.
+
+        The tables are new in each step, so that references to old rows keep their values.
+        """
         self.motion = np.where(self.isFixed, self._start, self.motion)
         for name, columns in self.columns().items():
-            self._give(name, columns)
+            table = np.ascontiguousarray(columns.T)[:, None]
+            rows = list(table)
+            for mesh, row in zip(self.meshes, rows, strict=True):
+                setattr(mesh, name, row)
+            _latest[name] = table, rows
