@@ -10,6 +10,8 @@ The penetration of a pair along a facet is offset - normal · t, where t is the 
 centre of the first hull to that of the second. A negative penetration is a separation.
 """
 
+import copy
+
 import numpy as np
 
 from rbs.geometry.arrays import blocks, indices, ranges, row_minima, take
@@ -18,7 +20,6 @@ from rbs.geometry.hulls import (
     ROUNDING,
     TOUCH_TOLERANCE,
     approximate_supports,
-    rotate_columns,
     support_levels,
     support_offsets,
 )
@@ -151,8 +152,8 @@ class CachedAxes:
     axis : (3, P), unit
     offset : (P,); penetration : (P,), offset - axis · translation, overlap of the hulls along the
         axis: up to rounding at least their depth, or, if negative, a separation
-    vertex : (2, P), columns in the set: lowest vertex of the second hull and highest vertex of the
-        first one along the axis
+    vertex, level : (2, P), lowest vertex of the second hull along the axis and of the first one
+        against it, as columns in the set, and their heights
     """
 
     def __init__(self, hulls, first, second, translation, axes=None):
@@ -166,9 +167,16 @@ class CachedAxes:
         level, vertex = approximate_supports(
             hulls, bodies, np.concatenate((self.axis, -self.axis), axis=1)
         )
-        level, self.vertex = level.reshape(2, -1), vertex.reshape(2, -1)
-        self.offset = -level[1] - level[0]
+        self.level, self.vertex = level.reshape(2, -1), vertex.reshape(2, -1)
+        self.offset = -self.level[1] - self.level[0]
         self.penetration = self.offset - dot(self.axis, translation)
+
+    def of_pairs(self, pairs):
+        """Returns the axes of these pairs (Q,)."""
+        result = copy.copy(self)
+        for name, table in vars(self).items():
+            setattr(result, name, take(table, pairs, axis=-1))
+        return result
 
 
 # --------------------------------------------------------------------------------------------------
@@ -200,11 +208,7 @@ class _FacetSearch:
         self.count = take(hulls.faceCount, self.own)
         self.start = self.count.cumsum() - self.count
         self.row, face = ranges(take(hulls.faceStart, self.own), self.count)
-        self.normal = take(hulls.directions, face, axis=1)
-        if hulls.rotation is not None:
-            rotation = take(hulls.rotation, self.own, axis=1)
-            self.normal = rotate_columns(rotation, self.normal, self.count)
-        self.offset = take(hulls.offsets, face)
+        self.normal, self.offset = take(hulls.normals, face, axis=1), take(hulls.offsets, face)
 
     def find_all(self):
         self.completeUpTo = np.full(len(self.own) // 2, np.inf)
@@ -296,9 +300,7 @@ class _FacetSearch:
         hulls, half = self.hulls, len(bound)
         own = take(self.own, row)
         normals = take(self.normal, faces, axis=1)
-        vector = take(hulls.edges, edge, axis=1)
-        if hulls.rotation is not None:
-            vector = mat_vec(take(hulls.rotation, own, axis=1), vector)
+        vector = mat_vec(take(hulls.rotation, own, axis=1), take(hulls.edges, edge, axis=1))
         length2 = dot(vector, vector)
         tail = take(hulls.vertices, take(hulls.edgeTail, edge) + hulls.vertexStart[own], axis=1)
 

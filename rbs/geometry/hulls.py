@@ -161,51 +161,51 @@ NO_HULL = build_hull(np.eye(4, 3))
 class HullSet:
     """Hulls of n bodies in flat tables, rotated to the bodies' orientations.
 
-    vertices : (3, ΣV), relative to the bodies' centres, at rest or rotated; those of body b are
-        vertexCount[b] from vertexStart[b] on
-    rotation : (9, n), matrices row by row; None at rest
+    vertices : (3, ΣV), relative to the bodies' centres; those of body b are vertexCount[b] from
+        vertexStart[b] on
+    normals : (3, ΣF), outward unit normals of the faces; offsets : (ΣF,), from the centres; those
+        of body b are faceCount[b] from faceStart[b] on
+    corners : (ΣC,), vertices of face k, relative to its body's first one, cornerCount[k] from
+        cornerStart[k] on
+    rotation : (9, n), matrices row by row
     radius, innerRadius : (n,), from each body's centre to its farthest vertex and its nearest face
 
-    The rest is stored once for each distinct hull, at rest.
+    Edges are stored once for each distinct hull, at rest.
 
     distinct : tuple of the hulls; shape : (n,), index of each body's hull in it
-    directions : (3, ΣD), outward unit normals of the faces; offsets : (ΣD,); those of body b are
-        faceCount[b] from faceStart[b] on
-    corners : (ΣC,), vertices relative to the body's first one; those of face k are cornerCount[k]
-        from cornerStart[k] on
     edges : (3, ΣE), vectors; edgeTail : (ΣE,), a vertex, and edgeFaces : (2, ΣE), two faces,
         relative to the body's first one; those of body b are edgeCount[b] from edgeStart[b] on
     """
 
     def __init__(self, hulls):
         number = {hull: k for k, hull in enumerate(dict.fromkeys(hulls))}
-        self.distinct = distinct = tuple(number)
+        self.distinct = tuple(number)
         self.shape = np.array([number[hull] for hull in hulls], dtype=np.intp)
 
-        def table(hulls, name):
+        def table(name, hulls=hulls):
             return np.ascontiguousarray(np.concatenate([getattr(h, name) for h in hulls]).T)
 
-        def parts(name):  # per body: count and start
-            count = np.array([len(getattr(hull, name)) for hull in distinct], dtype=np.intp)
-            return count[self.shape], (count.cumsum() - count)[self.shape]
+        def parts(name, hulls=hulls):  # count and start, of each hull
+            count = np.array([len(getattr(hull, name)) for hull in hulls], dtype=np.intp)
+            return count, count.cumsum() - count
 
-        self.vertices = table(hulls, "vertices")
-        self.vertexCount, _ = parts("vertices")
-        self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
-        self.radius = np.array([hull.radius for hull in hulls])
-        self.innerRadius = np.array([hull.offsets.min() for hull in distinct])[self.shape]
+        self.vertices, self.normals = table("vertices"), table("directions")
+        self.vertexCount, self.vertexStart = parts("vertices")
         self.faceCount, self.faceStart = parts("directions")
-        self.directions, self.offsets = table(distinct, "directions"), table(distinct, "offsets")
-        self.corners, self.cornerCount = table(distinct, "corners"), table(distinct, "cornerCount")
+        self.offsets, self.corners = table("offsets"), table("corners")
+        self.cornerCount = table("cornerCount")
         self.cornerStart = self.cornerCount.cumsum() - self.cornerCount
-        self.edgeCount, self.edgeStart = parts("edgeTail")
-        self.edges, self.edgeTail = table(distinct, "edgeVector"), table(distinct, "edgeTail")
-        self.edgeFaces = table(distinct, "edgeFaces")
-        self.rotation = None
+        self.edges, self.edgeTail = table("edgeVector", self.distinct), table("edgeTail", self.distinct)
+        self.edgeFaces = table("edgeFaces", self.distinct)
+        count, start = parts("edgeTail", self.distinct)
+        self.edgeCount, self.edgeStart = count[self.shape], start[self.shape]
+        self.rotation = np.eye(3).reshape(9, 1).repeat(len(hulls), axis=1)
+        self.radius = np.array([hull.radius for hull in hulls])
+        self.innerRadius = np.array([hull.offsets.min() for hull in hulls])
         self.entryCount = self.vertexCount + self.faceCount + self.edgeCount
 
     def rotated(self, rotation, vertices=None):
-        """Returns the hulls at other rotations.
+        """Returns hulls that are at rest at other rotations.
 
         rotation : (9, n), matrices row by row; vertices : (3, ΣV), rotated vertices, if known
         """
@@ -213,6 +213,7 @@ class HullSet:
         if vertices is None:
             vertices = rotate_columns(rotation, self.vertices, self.vertexCount)
         result.vertices, result.rotation = vertices, rotation
+        result.normals = rotate_columns(rotation, self.normals, self.faceCount)
         return result
 
 
@@ -224,7 +225,7 @@ def rotate_columns(rotation, table, count):
 def face_corners(hulls, bodies, face):
     """Corners of a face of each body (K,): `(row, corner (3, C), count)`, relative to its centre.
 
-    face : (K,), positions in `HullSet.directions`; row : (C,), ascending; count : (K,), of corners
+    face : (K,), positions in `HullSet.normals`; row : (C,), ascending; count : (K,), of corners
     """
     count = take(hulls.cornerCount, face)
     row, corner = ranges(take(hulls.cornerStart, face), count)
@@ -266,9 +267,7 @@ def approximate_supports(hulls, bodies, directions):
     This is faster, because BLAS multiplies the directions in the frames of the few distinct shapes.
     Its rounding differs between machines and with the number of rows: a hint only.
     """
-    if hulls.rotation is not None:
-        inverse = transpose(take(hulls.rotation, bodies, axis=1))
-        directions = mat_vec(inverse, directions)
+    directions = mat_vec(transpose(take(hulls.rotation, bodies, axis=1)), directions)
     shape = hulls.shape[bodies]
     level, vertex = np.empty(len(bodies)), hulls.vertexStart[bodies]
     for k, hull in enumerate(hulls.distinct):

@@ -228,7 +228,7 @@ class SoftContacts:
         """
         approach = self.separation / self.h  # a gap may close within the substep, but not more
         bias = np.maximum(np.maximum(self.spring.rate * self.separation, self.push), approach)
-        softness = np.where(self.separation > 0.0, 1.0, self.spring.softness)
+        softness = np.maximum(self.separation > 0.0, self.spring.softness)  # open gaps are hard
         self.measure(motion)
         self._solve(bias, softness)
         self.measure(motion)

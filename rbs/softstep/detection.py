@@ -7,8 +7,9 @@ import numpy as np
 
 from rbs.geometry.arrays import find_sorted, indices, take
 from rbs.geometry.broadphase import grid_overlaps
-from rbs.geometry.hulls import tangents
-from rbs.geometry.vectors import mat_vec, transpose
+from rbs.geometry.facets import CachedAxes
+from rbs.geometry.hulls import approximate_supports, tangents
+from rbs.geometry.vectors import cross, dot, mat_vec, norm, transpose
 from rbs.softstep.manifolds import (
     KEEP,
     POINTS,
@@ -22,7 +23,6 @@ from rbs.softstep.manifolds import (
     thickness,
     turn_points,
 )
-from rbs.softstep.sleeping import speeds
 
 # Columns (3, 2, 1): the normal from a body towards the ground, and the first tangent of friction.
 GROUND_AXES = np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])[:, :, None]
@@ -56,6 +56,37 @@ class BodyFrames:
         return t
 
 
+class Flight:
+    """Free flight of the bodies in a step, which predicts the pairs that can touch.
+
+    shift, turn : (3, n), displacements and rotation vectors; reach : (n,), largest distance that
+        points of each body move
+    box : (6, n), bounding boxes of the whole flight, as in `Bodies`
+    """
+
+    def __init__(self, bodies, timeStep):
+        fall = np.where(bodies.isFixed, 0.0, timeStep * np.reshape(bodies.gravity, (3, 1)))
+        self.shift = timeStep * (bodies.linVelocity + fall)
+        self.turn = timeStep * bodies.angVelocity
+        spin = norm(self.turn) * bodies.hulls.radius
+        self.reach = norm(self.shift) + spin
+        self.box = bodies.box - spin
+        self.box += np.minimum(np.concatenate((self.shift, -self.shift)), 0.0)
+
+    def advances(self, hulls, first, second, axes):
+        """Distances (P,) by which the bodies of each pair approach along their `CachedAxes`.
+
+        A body that withdraws counts as still, because the impulse of another one may stop it.
+        """
+        bodies = np.concatenate((second, first))
+        away = np.concatenate((axes.axis, -axes.axis), axis=1)
+        # n · (r + φ × r) = (n + n × φ) · r
+        later = away + cross(away, take(self.turn, bodies, axis=1))
+        change = approximate_supports(hulls, bodies, later)[0] - axes.level.ravel()
+        change += dot(take(self.shift, bodies, axis=1), away)
+        return -np.minimum(change, 0.0).reshape(2, -1).sum(axis=0)
+
+
 def detect(bodies, hasGround, isStill, kept, timeStep):
     """Detects the contacts of a step: `(manifolds, frames)`.
 
@@ -67,10 +98,9 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
     """
     count = len(isStill) + 1
     frames = BodyFrames(bodies)
-    # largest distance that points of each body can move in the step
-    reach = (speeds(bodies) + np.where(bodies.isFixed, 0.0, bodies.fallRate * timeStep)) * timeStep
+    flight = Flight(bodies, timeStep)
     # the margin keeps the manifolds of resting pairs, and lets sleeping bodies sleep
-    box = bodies.box - (reach + KEEP * frames.size[:-1])
+    box = flight.box - KEEP * frames.size[:-1]
     first, second = grid_overlaps(box, bodies.isFixed)
     key = first * count + second
     axis, known = np.zeros((3, len(key))), find_sorted(key, kept.pairKey)
@@ -78,11 +108,11 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
     valid = _valid_manifolds(kept.manifolds, frames, bodies, key)
     asked = indices(~(isStill[first] & isStill[second]) & (find_sorted(key, valid.key) < 0))
     new, axis[:, asked] = _new_pair_manifolds(
-        bodies, frames, first[asked], second[asked], reach, axis[:, asked]
+        bodies, frames, first[asked], second[asked], flight, axis[:, asked]
     )
     kept.pairKey, kept.pairAxis = key, axis
     if hasGround:
-        new = new.joined(_new_ground_manifolds(bodies, frames, reach, valid.key, timeStep))
+        new = new.joined(_new_ground_manifolds(bodies, frames, flight, valid.key, box[1] <= 0.0))
     new.inherit(kept.manifolds, frames.sizes(*new.bodies(count - 1)))
     return valid.joined(new), frames
 
@@ -104,37 +134,47 @@ def _valid_manifolds(manifolds, frames, bodies, nearKey):
     return manifolds.rows(indices(change <= KEEP * frames.sizes(first, second)))
 
 
-def _new_pair_manifolds(bodies, frames, first, second, reach, axis):
-    """`(Manifolds, normal (3, K))` of K pairs; axis : (3, K), their last normals, or 0."""
-    if len(first) == 0:
-        return Manifolds.none(), axis
-    t = frames.translations(first, second)
-    size = frames.sizes(first, second)
-    near = reach[first] + reach[second]
-    separation, width = near + KEEP * size, RIDGE * size
-    penetration, normal = contact_normals(bodies.hulls, first, second, t, axis, separation, width)
-    met = indices(penetration >= -separation)
-    if len(met) == 0:
+def _new_pair_manifolds(bodies, frames, first, second, flight, axis):
+    """`(Manifolds, normal (3, K))` of K pairs; axis : (3, K), their last normals, or 0.
+
+    A pair that an axis separates, now and after the flight, is left out.
+    """
+    hulls, size = bodies.hulls, frames.sizes(first, second)
+    axes = CachedAxes(hulls, first, second, frames.translations(first, second), axis)
+    normal = axes.axis
+    separation = flight.reach[first] + flight.reach[second] + KEEP * size
+    near = indices(axes.penetration >= -separation)
+    advance = flight.advances(hulls, first[near], second[near], axes.of_pairs(near))
+    near = near[axes.penetration[near] >= -(advance + KEEP * size[near])]
+    if len(near) == 0:
         return Manifolds.none(), normal
-    first, second = first[met], second[met]
-    t, along = take(t, met, axis=1), take(normal, met, axis=1)
-    points = pair_manifolds(bodies.hulls, first, second, t, along, penetration[met], near[met])
+    first, second, size, separation = (table[near] for table in (first, second, size, separation))
+    t, axes = frames.translations(first, second), axes.of_pairs(near)
+    penetration, along = contact_normals(hulls, first, second, t, axes, separation, RIDGE * size)
+    normal[:, near] = along
+    met = indices(penetration >= -separation)
+    first, second, t, along = first[met], second[met], take(t, met, axis=1), take(along, met, axis=1)
+    reach = flight.reach[first] + flight.reach[second]
+    points = pair_manifolds(hulls, first, second, t, along, penetration[met], reach)
     return _table(frames, first, second, t, along, tangents(along), *points), normal
 
 
-def _new_ground_manifolds(bodies, frames, reach, known, timeStep):
-    """Manifolds of bodies near the ground that have no valid one; known : keys of the others."""
-    count = len(reach) + 1
-    isNear = (bodies.box[1] <= reach + KEEP * frames.size[:-1]) & ~bodies.isFixed
+def _new_ground_manifolds(bodies, frames, flight, known, isNear):
+    """Manifolds of bodies near the ground that have no valid one.
+
+    known : keys of the valid ones; isNear : (n,)
+    """
+    count = len(isNear) + 1
+    isNear &= ~bodies.isFixed
     isNear[known[known % count == count - 1] // count] = False
     body = indices(isNear)
     if len(body) == 0:
         return Manifolds.none()
     ground = np.full(len(body), count - 1)
     t = frames.translations(body, ground)
-    shift, turn = timeStep * bodies.linVelocity[:, body], timeStep * bodies.angVelocity[:, body]
+    shift, turn = flight.shift[:, body], flight.turn[:, body]
     height = bodies.position[1, body]
-    arm, isPoint = ground_manifolds(bodies.hulls, body, height, reach[body], shift, turn)
+    arm, isPoint = ground_manifolds(bodies.hulls, body, height, flight.reach[body], shift, turn)
     normal, tangent = (GROUND_AXES[:, k].repeat(len(body), axis=1) for k in range(2))
     below = arm - t[:, None]
     below[1] = 0.0

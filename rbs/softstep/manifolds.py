@@ -292,17 +292,13 @@ class _Faces(Polygons):
 
     def __init__(self, hulls, bodies, direction, ends, tolerance, origin, frame):
         """ends, tolerance : as in `Features`; origin : (3, K), the bodies; frame : axes (3, K)"""
-        # the face normals are in the bodies' frames
-        rotation = take(hulls.rotation, bodies, axis=1)
-        inverse = transpose(rotation)
         count = take(hulls.faceCount, bodies)
         row, face = ranges(take(hulls.faceStart, bodies), count)
-        normal, offset = take(hulls.directions, face, axis=1), take(hulls.offsets, face)
-        cosine = dot(normal, take(mat_vec(inverse, direction), row, axis=1))
-        highest = offset - 4.0 * take(tolerance, row)
-        for end in ends:
-            end = mat_vec(inverse, take(hulls.vertices, end, axis=1))
-            cosine[dot(normal, take(end, row, axis=1)) < highest] = -1.0
+        normal, offset = take(hulls.normals, face, axis=1), take(hulls.offsets, face)
+        # a face has both ends if their mean is on its plane
+        middle = take(0.5 * (take(hulls.vertices, ends, axis=1).sum(axis=1)), row, axis=1)
+        hasEnds = dot(normal, middle) >= offset - 4.0 * take(tolerance, row)
+        cosine = np.where(hasEnds, dot(normal, take(direction, row, axis=1)), -1.0)
         least, best = row_minima(-cosine, row, count.cumsum() - count)
         self.cosine = -least
 
@@ -310,7 +306,7 @@ class _Faces(Polygons):
         corner += take(origin, row, axis=1)
         uv = [dot(corner, take(axis, row, axis=1)) for axis in frame[:2]]
         super().__init__(count, np.stack(uv))
-        normal = mat_vec(rotation, take(normal, best, axis=1))
+        normal = take(normal, best, axis=1)
         self._slopes = [dot(normal, axis) for axis in frame]
         self._offset = take(offset, best) + dot(normal, origin)
 
