@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from Quaternion import rotation_matrices
 from rbs.geometry.arrays import indices, take
-from rbs.geometry.vectors import cross, dot, norm, rotate_tensor
+from rbs.geometry.vectors import cross, dot, mat_vec, norm, rotate_tensor
 from rbs.softstep.detection import GROUND_AXES
 from rbs.softstep.manifolds import POINTS, turn_points
 from rbs.softstep.springs import Spring, lasting
@@ -91,7 +91,8 @@ class SoftContacts:
         self.separation = self.gap + self.offset
         self.started = self.impulse[:POINTS]
         self.least = self.mass * (self.fallRate * h)
-        self.pending, self.total = np.zeros((2, 7, self.count))
+        self.nothing, self.total, self.change = np.zeros((3, 7, self.count))
+        self.pending = self.nothing
         self.start1 = take(frames.position, self.first, axis=1)
 
     def _place(self, manifolds, frames):
@@ -165,8 +166,8 @@ class SoftContacts:
     def _make_responses(self, motion, moments):
         """Computes what follows from the responses A; moments : (3, 7, 2, M), r × e of the rows.
 
-        mass : (4, M), of each point alone; K : (4, 4, M), response of the normal speeds to normal
-            impulses, times the mass of the row
+        mass : (4, M), of each point alone; K[k] : (3 - k, M), response of the speeds of the points
+            after point k to its impulse, times their masses
         slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
             impulses and the present speeds make them slip
         """
@@ -181,7 +182,8 @@ class SoftContacts:
             A[row, row] += invMass
         diagonal = A.diagonal().T[:POINTS]
         self.mass = self.isPoint / np.where(diagonal > 0.0, diagonal, 1.0)
-        self.K = self.mass * A[:POINTS, :POINTS]
+        K = self.mass * A[:POINTS, :POINTS]
+        self.K = [K[k, k + 1 :] for k in range(POINTS)]
         friction = A[POINTS:, POINTS:]  # symmetric
         inverse = cross(friction[:, [1, 2, 0]], friction[:, [2, 0, 1]])
         determinant = dot(friction[:, 0], inverse[:, 0])
@@ -211,15 +213,15 @@ class SoftContacts:
         """Applies the impulses accumulated since the last call to the bodies."""
         wrench = self.GT @ np.einsum("irm,rm->im", self.R, self.pending).T
         motion.velocity += np.einsum("ijn,jn->in", self.XM, np.ascontiguousarray(wrench.T))
-        self.pending = np.zeros((7, self.count))
+        self.pending = self.nothing
 
     def warm_start(self):
         """Starts with the impulses of the last substep, limited by LOAD_GROWTH."""
         normal, friction = self.impulse[:POINTS], self.impulse[POINTS:]
         self.started = np.minimum(normal, np.maximum(LOAD_GROWTH * self.started, self.least))
-        share = self.started.sum(axis=0) / np.maximum(normal.sum(axis=0), TINY)
+        share = np.add.reduce(self.started) / np.maximum(np.add.reduce(normal), TINY)
         self.impulse = np.concatenate((self.started, friction * share))
-        self.pending += self.impulse
+        self.pending = self.pending + self.impulse
 
     def soft_sweep(self, motion):
         """Makes a pass over all contacts in which springs push penetration out.
@@ -228,7 +230,7 @@ class SoftContacts:
         """
         approach = self.separation / self.h  # a gap may close within the substep, but not more
         bias = np.maximum(np.maximum(self.spring.rate * self.separation, self.push), approach)
-        softness = np.maximum(self.separation > 0.0, self.spring.softness)  # open gaps are hard
+        softness = np.maximum(self.separation > 0.0, self.spring.softness)  # 1 for a gap
         self.measure(motion)
         self._solve(bias, softness)
         self.measure(motion)
@@ -249,28 +251,29 @@ class SoftContacts:
         The points of a manifold are visited in order, as in the Gauss-Seidel method, and then
         friction. Alternating the order would make tall stacks sway.
         """
-        before, speed = self.impulse, self.speed
-        impulse, change = np.empty((2, 7, self.count))
+        before, speed, change = self.impulse, self.speed, self.change
+        impulse = self.impulse = np.empty_like(before)
         left = before[:POINTS] - self.mass * (speed[:POINTS] + bias)
-        for k in range(POINTS):
+        for k, K in enumerate(self.K):
             wanted = left[k] if softness is None else softness[k] * left[k]
             np.maximum(wanted, 0.0, out=impulse[k])
             np.subtract(impulse[k], before[k], out=change[k])
             if k < POINTS - 1:
-                later = left[k + 1 :]
-                later -= self.K[k, k + 1 :] * change[k]
+                left[k + 1 :] -= K * change[k]
         if self.mu > 0.0:
             change[POINTS:] = speed[POINTS:]
             friction = before[POINTS:] - np.einsum("irm,rm->im", self.slip, change)
             # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
-            limit, twistLimit = np.einsum("ikm,km->im", self.limits, impulse[:POINTS])
-            size = np.sqrt(friction[0] * friction[0] + friction[1] * friction[1])
-            impulse[4:6] = friction[:2] * (limit / np.maximum(np.maximum(size, limit), TINY))
-            impulse[6] = np.minimum(np.maximum(friction[2], -twistLimit), twistLimit)
+            limit = np.einsum("ikm,km->im", self.limits, impulse[:POINTS])
+            size = friction * friction
+            size[0] += size[1]
+            size = np.sqrt(size[::2])
+            share, twistShare = limit / np.maximum(np.maximum(size, limit), TINY)
+            np.multiply(friction[:2], share, out=impulse[4:6])
+            np.multiply(friction[2], twistShare, out=impulse[6])
         else:
             impulse[POINTS:] = 0.0
-        self.pending += impulse - before
-        self.impulse = impulse
+        self.pending = impulse - before
 
     def restitute(self, motion, CRCoeff, closing, bodies, links):
         """Applies restitution where bodies met faster than gravity accelerates them in a step.
@@ -343,28 +346,24 @@ def energy_share(bodies, motion, before, links):
     connected bodies therefore keeps the largest fraction that does not raise its energy above that
     at the start of the step. One fraction for the whole island conserves momentum.
     """
-    isStill = motion.isStill[:-1]
-    mass = np.where(isStill, 0.0, 1.0 / np.where(isStill, 1.0, bodies.invMass))
+    mass = np.array([m.mass for m in bodies.meshes])
+    tensors = np.array([m.IT.ravel() for m in bodies.meshes]).T
 
-    def tensors(invInertia):
-        matrices = np.where(isStill, np.eye(3).reshape(9, 1), invInertia).T.reshape(-1, 3, 3)
-        return np.where(isStill[:, None, None], 0.0, np.linalg.inv(matrices))
+    def products(orientation, v, w):
+        """Returns vᵀ M w (n,) for velocities (6, n) at orientations (4, n)."""
+        inertia = np.stack(rotate_tensor(np.stack(rotation_matrices(orientation)), tensors))
+        return mass * dot(v[:3], w[:3]) + dot(v[3:], mat_vec(inertia, w[3:]))
 
-    def products(inertia, v, w):
-        """Returns vᵀ M w (n,) for velocities (6, n)."""
-        return mass * dot(v[:3], w[:3]) + np.einsum("in,nij,jn->n", v[3:], inertia, w[3:])
-
-    start = bodies.velocity
-    limit = 0.5 * products(tensors(bodies.invInertia), start, start)
+    start, orientation = bodies.velocity, motion.result(bodies)[1]
+    limit = 0.5 * products(bodies.orientation, start, start)
     limit += mass * dot(np.reshape(bodies.gravity, (3, 1)), motion.shift)
-    rotation = np.stack(rotation_matrices(motion.result(bodies)[1]))
-    inertia = tensors(np.stack(rotate_tensor(rotation, bodies.restInvInertia)))
+    limit -= 0.5 * products(orientation, before, before)
     # with the fraction s, the energy is that without restitution plus b s + a s²
     change = motion.velocity[:, :-1] - before
-    island = islands(links, ~isStill)
-    a = np.bincount(island, 0.5 * products(inertia, change, change))
-    b = np.bincount(island, products(inertia, before, change))
-    left = np.bincount(island, limit - 0.5 * products(inertia, before, before))
+    island = islands(links, ~motion.isStill[:-1])
+    a = np.bincount(island, 0.5 * products(orientation, change, change))
+    b = np.bincount(island, products(orientation, before, change))
+    left = np.bincount(island, limit)
     root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
     share = np.where(a + b > left, (root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 1.0)
     return np.clip(share, 0.0, 1.0)[island]

@@ -8,6 +8,7 @@ Bergen: Collision Detection in Interactive 3D Environments, 2003, and in Bullet.
 
 import numpy as np
 
+from Quaternion import multiply
 from rbs.geometry.arrays import find_sorted, indices, ranges, row_minima, take
 from rbs.geometry.facets import find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, face_corners, support_offsets, tangents
@@ -37,9 +38,6 @@ MATCH = 0.5
 # Least cosine between the normals of a face and of the manifold. Steeper faces are not clipped,
 # because rounding would move points in their planes far off the surface along the normal.
 LEAST_COSINE = 0.05
-# The product a* ∘ b of quaternions as a matrix times b: the components of a in it, and their signs.
-FACTORS = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
-SIGNS = np.array([[1, 1, 1, 1], [-1, 1, 1, -1], [-1, -1, 1, 1], [-1, 1, -1, 1.0]])[:, :, None]
 # Upper bound of a rotation angle ≤ π divided by the distance between the two unit quaternions.
 ANGLE_OF_CHORD = 2.23
 
@@ -164,7 +162,7 @@ def relative_poses(first, second, t, rotation, orientation):
     """
     translation = mat_vec(transpose(take(rotation, first, axis=1)), t)
     a, b = take(orientation, first, axis=1), take(orientation, second, axis=1)
-    return translation, np.einsum("ijm,jm->im", a[FACTORS] * SIGNS, b)
+    return translation, np.stack(multiply((a[0], *-a[1:]), b))
 
 
 def pose_changes(translation, rotation, newTranslation, newRotation, radius):
@@ -172,10 +170,8 @@ def pose_changes(translation, rotation, newTranslation, newRotation, radius):
 
     translation, newTranslation : (3, M); rotation, newRotation : (4, M)
     """
-    cosine = np.zeros(len(radius))
-    for k in range(4):
-        cosine += rotation[k] * newRotation[k]
-    chord = np.sqrt(np.maximum(2.0 - 2.0 * np.abs(cosine), 0.0))
+    cosine = np.abs((rotation * newRotation).sum(axis=0))
+    chord = np.sqrt(np.maximum(2.0 - 2.0 * cosine, 0.0))
     return norm(newTranslation - translation) + ANGLE_OF_CHORD * chord * radius
 
 
