@@ -36,7 +36,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from rbs.geometry.facets import LEAST_GAP, all_facets, find_facets
+from rbs.geometry.facets import LEAST_GAP, Pairs, all_facets, find_facets
 from rbs.geometry.hulls import (
     EPS,
     FEATURE_TOLERANCE,
@@ -147,11 +147,12 @@ def _collide(hulls, t, tolerance, patchTolerance, axis=None):
     tolerance : largest separation that counts as touching; patchTolerance : see `contact_points`
     """
     translation = np.array([t]).T  # (3, 1), an array of one pair
+    pairs = Pairs(hulls, *_PAIR, translation)
     if hulls.edgeCount[0] * hulls.edgeCount[1] <= FEW_COMBINATIONS:
-        facets = all_facets(hulls, *_PAIR, translation)
+        facets = all_facets(pairs)
     else:
-        axes = None if axis is None else np.array([axis]).T
-        facets = find_facets(hulls, *_PAIR, translation, np.array([tolerance]), axes)
+        pairs.along(None if axis is None else np.array([axis]).T)
+        facets = find_facets(pairs, np.array([tolerance]))
     penetrations = facets.offset - dot(facets.normal, translation)
     nearest = penetrations.argmin()
     penetration, normals = float(penetrations[nearest]), facets.normal[:, nearest, None]

@@ -1,8 +1,8 @@
 """Facets of the Minkowski difference of two hulls that can be nearest to the origin.
 
-`find_facets` takes arrays of pairs and returns `Facets`, from which the penetration and normal of
-each pair follow. `CachedAxes` saves most of the search if a separating axis, or nearly one, is
-known. The theory is at the top of GJK.py. Facets spanned by two edges are found on the Gauss map,
+`find_facets` takes `Pairs` and returns `Facets`, from which the penetration and normal of each pair
+follow. Most of the search is saved if a separating axis, or nearly one, is known. The theory is at
+the top of GJK.py. Facets spanned by two edges are found on the Gauss map,
 with edge pruning (Gregorius: The separating axis test between convex polyhedra. Game Developers
 Conference 2013).
 
@@ -38,19 +38,60 @@ SURE_SINE = 1e-5
 LEAST_GAP = 1e-6
 
 
-def find_facets(hulls, first, second, translation, margin, axes=None, separation=None):
-    """Finds the facets of P pairs that can be nearest within a margin of the given translations.
+class Pairs:
+    """P pairs of hulls.
+
+    hulls : HullSet; first, second : (P,), bodies; size : (P,), sum of their radii
+    t : (3, P), centre of the second minus centre of the first
+
+    `along` gives each pair an axis that may separate it or be close to its nearest facet's normal:
+
+    axis : (3, P), unit
+    offset : (P,); penetration : (P,), offset - axis · t, overlap of the hulls along the axis: up to
+        rounding at least their depth, or, if negative, a separation
+    vertex, level : (2, P), lowest vertex of the second hull along the axis and of the first one
+        against it, as columns in the set, and their heights
+    """
+
+    def __init__(self, hulls, first, second, t):
+        self.hulls, self.first, self.second, self.t = hulls, first, second, t
+        self.size = hulls.radius[first] + hulls.radius[second]
+
+    def along(self, axes=None):
+        """Sets the axes to (3, P), unit; by default and for zero columns, to the lines between the
+        centres. Returns the pairs.
+        """
+        length = norm(self.t)
+        # coincident centres define no line, and any axis will do
+        lines = self.t / np.where(length > 0, length, 1.0)
+        lines[0] += length == 0
+        self.axis = lines if axes is None else np.where(dot(axes, axes) > 0, axes, lines)
+        bodies = np.concatenate((self.second, self.first))
+        away = np.concatenate((self.axis, -self.axis), axis=1)
+        level, vertex = approximate_supports(self.hulls, bodies, away)
+        self.level, self.vertex = level.reshape(2, -1), vertex.reshape(2, -1)
+        self.offset = -self.level[1] - self.level[0]
+        self.penetration = self.offset - dot(self.axis, self.t)
+        return self
+
+    def of(self, rows):
+        """Returns these pairs (Q,) of them."""
+        result = copy.copy(self)
+        for name, column in vars(self).items():
+            if name != "hulls":
+                setattr(result, name, take(column, rows, axis=-1))
+        return result
+
+
+def find_facets(pairs, margin, separation=None):
+    """Finds the facets of `Pairs` that can be nearest within a margin of their translations.
 
     Parameters
     ----------
-    hulls : HullSet
-    first, second : (P,), the bodies of each pair
-    translation : (3, P), centre of the second minus centre of the first
+    pairs : Pairs, along axes. Good ones save time without changing the facets of colliding pairs
     margin : (P,), lengths ≥ 0 by which the translation may change before the facets must be found
         again. A facet that is nearest at t + Δ has a penetration ≤ depth(t) + 2 |Δ| at t; others
         are omitted
-    axes : `CachedAxes`, or the axes (3, P) that it takes. Good axes save time without changing the
-        facets of colliding pairs
     separation : (P,), lengths, by default the margin. For pairs further apart, one separating plane
         is enough
 
@@ -59,34 +100,25 @@ def find_facets(hulls, first, second, translation, margin, axes=None, separation
     Facets. Those of a pair are ordered: faces of the first hull, faces of the second, edge pairs.
     The order does not depend on the translation, so that ties always favour the same facet.
     """
-    if not isinstance(axes, CachedAxes):
-        axes = CachedAxes(hulls, first, second, translation, axes)
-    size = hulls.radius[first] + hulls.radius[second]
-    leastDepth = -(margin if separation is None else separation) - TOUCH_TOLERANCE * size
-    isApart = axes.penetration < np.minimum(leastDepth, -LEAST_GAP * size)
+    leastDepth = -(margin if separation is None else separation) - TOUCH_TOLERANCE * pairs.size
+    isApart = pairs.penetration < np.minimum(leastDepth, -LEAST_GAP * pairs.size)
     apart, near = indices(isApart), indices(~isApart)
-    offset = axes.offset[apart] + ROUNDING * size[apart]
-    found = [(apart, take(axes.axis, apart, axis=1), offset)]
-    completeUpTo = np.full(len(first), -np.inf)
-    i, j = first[near], second[near]
-    for some in blocks(hulls.entryCount[i] + hulls.entryCount[j]) if len(near) else ():
+    offset = pairs.offset[apart] + ROUNDING * pairs.size[apart]
+    found = [(apart, take(pairs.axis, apart, axis=1), offset)]
+    completeUpTo = np.full(len(margin), -np.inf)
+    entries = pairs.hulls.entryCount[pairs.first] + pairs.hulls.entryCount[pairs.second]
+    for some in blocks(entries[near]) if len(near) else ():
         rows = near[some]
-        search = _FacetSearch(hulls, i[some], j[some], take(translation, rows, axis=1))
-        search.find_near(
-            axes.penetration[rows],
-            take(axes.vertex, rows, axis=1),
-            margin[rows],
-            leastDepth[rows],
-            size[rows],
-        )
+        search = _FacetSearch(pairs.of(rows))
+        search.find_near(margin[rows], leastDepth[rows])
         found += [(take(rows, pair), *facets) for pair, *facets in search.found]
         completeUpTo[rows] = search.completeUpTo
     return Facets.gathered(found, completeUpTo)
 
 
-def all_facets(hulls, first, second, translation):
+def all_facets(pairs):
     """Finds all `Facets` of P ≥ 1 pairs; faster than `find_facets` for one pair with few edges."""
-    search = _FacetSearch(hulls, first, second, translation)
+    search = _FacetSearch(pairs)
     search.find_all()
     return Facets.gathered(search.found, search.completeUpTo)
 
@@ -146,39 +178,6 @@ class Facets:
         return least, take(self.normal, column, axis=1)
 
 
-class CachedAxes:
-    """For each of P pairs, an axis that may separate it or be close to the nearest facet's normal.
-
-    axis : (3, P), unit
-    offset : (P,); penetration : (P,), offset - axis · translation, overlap of the hulls along the
-        axis: up to rounding at least their depth, or, if negative, a separation
-    vertex, level : (2, P), lowest vertex of the second hull along the axis and of the first one
-        against it, as columns in the set, and their heights
-    """
-
-    def __init__(self, hulls, first, second, translation, axes=None):
-        """axes : (3, P), unit; by default and for zero columns, the lines between the centres"""
-        length = norm(translation)
-        # coincident centres define no line, and any axis will do
-        lines = translation / np.where(length > 0, length, 1.0)
-        lines[0] += length == 0
-        self.axis = lines if axes is None else np.where(dot(axes, axes) > 0, axes, lines)
-        bodies = np.concatenate((second, first))
-        level, vertex = approximate_supports(
-            hulls, bodies, np.concatenate((self.axis, -self.axis), axis=1)
-        )
-        self.level, self.vertex = level.reshape(2, -1), vertex.reshape(2, -1)
-        self.offset = -self.level[1] - self.level[0]
-        self.penetration = self.offset - dot(self.axis, translation)
-
-    def of_pairs(self, pairs):
-        """Returns the axes of these pairs (Q,)."""
-        result = copy.copy(self)
-        for name, table in vars(self).items():
-            setattr(result, name, take(table, pairs, axis=-1))
-        return result
-
-
 # --------------------------------------------------------------------------------------------------
 # The search
 # --------------------------------------------------------------------------------------------------
@@ -199,11 +198,12 @@ class _FacetSearch:
     those of the second.
     """
 
-    def __init__(self, hulls, first, second, t):
-        self.hulls = hulls
-        self.own, self.other = np.concatenate((first, second)), np.concatenate((second, first))
-        self.t = np.concatenate((t, -t), axis=1)
-        self.found = []
+    def __init__(self, pairs):
+        self.pairs, self.hulls, self.found = pairs, pairs.hulls, []
+        self.own = np.concatenate((pairs.first, pairs.second))
+        self.other = np.concatenate((pairs.second, pairs.first))
+        self.t = np.concatenate((pairs.t, -pairs.t), axis=1)
+        hulls = pairs.hulls
         # faces of all rows; count, start : (2 P,); row, offset : (F,); normal : (3, F)
         self.count = take(hulls.faceCount, self.own)
         self.start = self.count.cumsum() - self.count
@@ -215,18 +215,15 @@ class _FacetSearch:
         self.found.append(self._face_facets(np.arange(len(self.row))))
         self._add_edge_pairs(self.completeUpTo, *self._list_edges(np.arange(len(self.own))))
 
-    def find_near(self, penetration, vertex, margin, leastDepth, size):
-        """Finds the facets within the margin.
-
-        penetration, vertex : from `CachedAxes`; margin : as for `find_facets`
-        leastDepth : (P,), least depth of pairs that need all facets; size : (P,)
-        """
+    def find_near(self, margin, leastDepth):
+        """Finds the facets within the margin (P,), if the depth is at least leastDepth (P,)."""
+        pairs = self.pairs
         # keeps ties: FEATURE_TOLERANCE is far above rounding
-        extra = 2.0 * margin + FEATURE_TOLERANCE * size
+        extra = 2.0 * margin + FEATURE_TOLERANCE * pairs.size
         # A separated pair has a facet with a negative penetration, but it may exceed the one along
         # the cached axis.
-        depth = np.maximum(penetration, 0.0)
-        first = self._depths_below_faces(vertex.ravel())
+        depth = np.maximum(pairs.penetration, 0.0)
+        first = self._depths_below_faces(pairs.vertex.ravel())
         best = row_minima(first, self.row, self.start)[1]
         _, vertex = approximate_supports(self.hulls, self.other, take(self.normal, best, axis=1))
         second = self._depths_below_faces(vertex)

@@ -168,7 +168,7 @@ class HullSet:
     corners : (ΣC,), vertices of face k, relative to its body's first one, cornerCount[k] from
         cornerStart[k] on
     rotation : (9, n), matrices row by row
-    radius, innerRadius : (n,), from each body's centre to its farthest vertex and its nearest face
+    radius, thickness : (n,), from each body's centre to its farthest vertex and its nearest face
 
     Edges are stored once for each distinct hull, at rest.
 
@@ -195,13 +195,16 @@ class HullSet:
         self.offsets, self.corners = table("offsets"), table("corners")
         self.cornerCount = table("cornerCount")
         self.cornerStart = self.cornerCount.cumsum() - self.cornerCount
-        self.edges, self.edgeTail = table("edgeVector", self.distinct), table("edgeTail", self.distinct)
+        self.edges, self.edgeTail = (
+            table("edgeVector", self.distinct),
+            table("edgeTail", self.distinct),
+        )
         self.edgeFaces = table("edgeFaces", self.distinct)
         count, start = parts("edgeTail", self.distinct)
         self.edgeCount, self.edgeStart = count[self.shape], start[self.shape]
         self.rotation = np.eye(3).reshape(9, 1).repeat(len(hulls), axis=1)
         self.radius = np.array([hull.radius for hull in hulls])
-        self.innerRadius = np.array([hull.offsets.min() for hull in hulls])
+        self.thickness = np.array([hull.offsets.min() for hull in hulls])
         self.entryCount = self.vertexCount + self.faceCount + self.edgeCount
 
     def rotated(self, rotation, vertices=None):

@@ -103,14 +103,13 @@ class SoftContacts:
         arm : (3, 4, M), from the first COM to the points on the first body
         gap : (4, M), separation at the start of the step, along the normal
         """
-        count = frames.position.shape[1]
-        self.first, self.second = manifolds.bodies(count - 1)
+        self.first, self.second = manifolds.bodies(frames.count)
         self.t = frames.translations(self.first, self.second)
         self.isPoint = manifolds.isPoint
         axes = np.stack((manifolds.normal, manifolds.tangent), axis=1)
         vectors = np.concatenate((axes, manifolds.anchor1), axis=1)
         turned = turn_points(take(frames.rotation, self.first, axis=1), vectors)
-        axes = np.where(self.second == count - 1, GROUND_AXES, turned[:, :2])
+        axes = np.where(self.second == frames.count, GROUND_AXES, turned[:, :2])
         self.normal, self.tangent1, self.arm = axes[:, 0], axes[:, 1], turned[:, 2:]
         self.tangent2 = cross(self.normal, self.tangent1)
         across = turn_points(take(frames.rotation, self.second, axis=1), manifolds.anchor2)

@@ -7,7 +7,7 @@ import numpy as np
 
 from rbs.geometry.arrays import find_sorted, indices, take
 from rbs.geometry.broadphase import grid_overlaps
-from rbs.geometry.facets import CachedAxes
+from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import approximate_supports, tangents
 from rbs.geometry.vectors import cross, dot, mat_vec, norm, transpose
 from rbs.softstep.manifolds import (
@@ -20,7 +20,6 @@ from rbs.softstep.manifolds import (
     pair_manifolds,
     pose_changes,
     relative_poses,
-    thickness,
     turn_points,
 )
 
@@ -28,22 +27,34 @@ from rbs.softstep.manifolds import (
 GROUND_AXES = np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])[:, :, None]
 
 
-class BodyFrames:
-    """Poses of n bodies and of the ground, in n + 1 columns; the ground is at the origin.
+class Frames:
+    """Poses of n bodies and of the ground, at the origin, in n + 1 columns, and their free flight.
 
     position : (3, n + 1); orientation : (4, n + 1); rotation : (9, n + 1)
-    radius, size : (n + 1,), of the hulls, and their `thickness`; inf for the ground
+    radius, size : (n + 1,), of the hulls, and their thickness; inf for the ground
+    shift, turn : (3, n), displacements and rotation vectors of the step's free flight; reach :
+        (n,), largest distance that points of each body move in it
+    box : (6, n), bounding boxes of the whole flight, with a margin that keeps the manifolds of
+        resting pairs and lets sleeping bodies sleep
     """
 
-    def __init__(self, bodies):
-        self.position = np.concatenate((bodies.position, np.zeros((3, 1))), axis=1)
-        identity = np.array([[1.0], [0.0], [0.0], [0.0]])
-        self.orientation = np.concatenate((bodies.orientation, identity), axis=1)
-        identity = np.eye(3).reshape(9, 1)
-        self.rotation = np.concatenate((bodies.hulls.rotation, identity), axis=1)
-        count = len(bodies.invMass)
-        self.radius = np.append(bodies.hulls.radius, np.inf)
-        self.size = np.append(thickness(bodies.hulls, np.arange(count)), np.inf)
+    def __init__(self, bodies, timeStep):
+        def with_ground(table, ground):
+            return np.concatenate((table, np.reshape(ground, (-1, 1))), axis=1)
+
+        self.bodies, self.hulls, self.count = bodies, bodies.hulls, len(bodies.invMass)
+        self.position = with_ground(bodies.position, np.zeros(3))
+        self.orientation = with_ground(bodies.orientation, (1.0, 0.0, 0.0, 0.0))
+        self.rotation = with_ground(bodies.hulls.rotation, np.eye(3))
+        self.radius = np.append(self.hulls.radius, np.inf)
+        self.size = np.append(self.hulls.thickness, np.inf)
+        fall = np.where(bodies.isFixed, 0.0, timeStep * np.reshape(bodies.gravity, (3, 1)))
+        self.shift = timeStep * (bodies.linVelocity + fall)
+        self.turn = timeStep * bodies.angVelocity
+        spin = norm(self.turn) * self.hulls.radius
+        self.reach = norm(self.shift) + spin
+        self.box = bodies.box - (spin + KEEP * self.hulls.thickness)
+        self.box += np.minimum(np.concatenate((self.shift, -self.shift)), 0.0)
 
     def sizes(self, first, second):
         """Returns the size (P,) of the thinner body of each pair."""
@@ -52,37 +63,19 @@ class BodyFrames:
     def translations(self, first, second):
         """Vectors (3, P) from the first COM to the second, or to the ground right below."""
         t = take(self.position, second, axis=1) - take(self.position, first, axis=1)
-        t[0::2] = np.where(second == self.position.shape[1] - 1, 0.0, t[0::2])
+        t[0::2] = np.where(second == self.count, 0.0, t[0::2])
         return t
 
-
-class Flight:
-    """Free flight of the bodies in a step, which predicts the pairs that can touch.
-
-    shift, turn : (3, n), displacements and rotation vectors; reach : (n,), largest distance that
-        points of each body move
-    box : (6, n), bounding boxes of the whole flight, as in `Bodies`
-    """
-
-    def __init__(self, bodies, timeStep):
-        fall = np.where(bodies.isFixed, 0.0, timeStep * np.reshape(bodies.gravity, (3, 1)))
-        self.shift = timeStep * (bodies.linVelocity + fall)
-        self.turn = timeStep * bodies.angVelocity
-        spin = norm(self.turn) * bodies.hulls.radius
-        self.reach = norm(self.shift) + spin
-        self.box = bodies.box - spin
-        self.box += np.minimum(np.concatenate((self.shift, -self.shift)), 0.0)
-
-    def advances(self, hulls, first, second, axes):
-        """Distances (P,) by which the bodies of each pair approach along their `CachedAxes`.
+    def advances(self, pairs):
+        """Distances (P,) by which the flight brings the bodies of `Pairs` closer along their axes.
 
         A body that withdraws counts as still, because the impulse of another one may stop it.
         """
-        bodies = np.concatenate((second, first))
-        away = np.concatenate((axes.axis, -axes.axis), axis=1)
+        bodies = np.concatenate((pairs.second, pairs.first))
+        away = np.concatenate((pairs.axis, -pairs.axis), axis=1)
         # n · (r + φ × r) = (n + n × φ) · r
         later = away + cross(away, take(self.turn, bodies, axis=1))
-        change = approximate_supports(hulls, bodies, later)[0] - axes.level.ravel()
+        change = approximate_supports(self.hulls, bodies, later)[0] - pairs.level.ravel()
         change += dot(take(self.shift, bodies, axis=1), away)
         return -np.minimum(change, 0.0).reshape(2, -1).sum(axis=0)
 
@@ -94,39 +87,32 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
     kept : `SolverState`, whose pairs are replaced by those of this step; timeStep : s
 
     Returns the `Manifolds` of all pairs near enough to have one, with their warm-starting impulses,
-    and the `BodyFrames`.
+    and the `Frames`.
     """
-    count = len(isStill) + 1
-    frames = BodyFrames(bodies)
-    flight = Flight(bodies, timeStep)
-    # the margin keeps the manifolds of resting pairs, and lets sleeping bodies sleep
-    box = flight.box - KEEP * frames.size[:-1]
-    first, second = grid_overlaps(box, bodies.isFixed)
-    key = first * count + second
+    frames = Frames(bodies, timeStep)
+    first, second = grid_overlaps(frames.box, bodies.isFixed)
+    key = first * (frames.count + 1) + second
     axis, known = np.zeros((3, len(key))), find_sorted(key, kept.pairKey)
     axis[:, known >= 0] = kept.pairAxis[:, known[known >= 0]]
-    valid = _valid_manifolds(kept.manifolds, frames, bodies, key)
+    valid = _valid_manifolds(kept.manifolds, frames, key)
     asked = indices(~(isStill[first] & isStill[second]) & (find_sorted(key, valid.key) < 0))
-    new, axis[:, asked] = _new_pair_manifolds(
-        bodies, frames, first[asked], second[asked], flight, axis[:, asked]
-    )
+    new, axis[:, asked] = _new_manifolds(frames, first[asked], second[asked], axis[:, asked])
     kept.pairKey, kept.pairAxis = key, axis
     if hasGround:
-        new = new.joined(_new_ground_manifolds(bodies, frames, flight, valid.key, box[1] <= 0.0))
-    new.inherit(kept.manifolds, frames.sizes(*new.bodies(count - 1)))
+        new = new.joined(_new_ground_manifolds(frames, valid.key))
+    new.inherit(kept.manifolds, frames.sizes(*new.bodies(frames.count)))
     return valid.joined(new), frames
 
 
-def _valid_manifolds(manifolds, frames, bodies, nearKey):
+def _valid_manifolds(manifolds, frames, nearKey):
     """Returns the manifolds of pairs that are still near and in nearly the same relative pose.
 
     nearKey : (Q,), sorted keys of the near pairs
     """
-    count = len(frames.radius)
-    first, second = manifolds.bodies(count - 1)
-    isGround = (second == count - 1) & ~np.append(bodies.isFixed, True)[first]
+    first, second = manifolds.bodies(frames.count)
+    isGround = (second == frames.count) & ~np.append(frames.bodies.isFixed, True)[first]
     manifolds = manifolds.rows(indices(isGround | (find_sorted(manifolds.key, nearKey) >= 0)))
-    first, second = manifolds.bodies(count - 1)
+    first, second = manifolds.bodies(frames.count)
     t = frames.translations(first, second)
     poses = relative_poses(first, second, t, frames.rotation, frames.orientation)
     smaller = np.minimum(frames.radius[first], frames.radius[second])
@@ -134,47 +120,41 @@ def _valid_manifolds(manifolds, frames, bodies, nearKey):
     return manifolds.rows(indices(change <= KEEP * frames.sizes(first, second)))
 
 
-def _new_pair_manifolds(bodies, frames, first, second, flight, axis):
-    """`(Manifolds, normal (3, K))` of K pairs; axis : (3, K), their last normals, or 0.
+def _new_manifolds(frames, first, second, axis):
+    """`(Manifolds, axis (3, K))` of K pairs; axis : their axes of least penetration, or 0.
 
-    A pair that an axis separates, now and after the flight, is left out.
+    A pair that an axis separates, now and after the flight, has no manifold.
     """
-    hulls, size = bodies.hulls, frames.sizes(first, second)
-    axes = CachedAxes(hulls, first, second, frames.translations(first, second), axis)
-    normal = axes.axis
-    separation = flight.reach[first] + flight.reach[second] + KEEP * size
-    near = indices(axes.penetration >= -separation)
-    advance = flight.advances(hulls, first[near], second[near], axes.of_pairs(near))
-    near = near[axes.penetration[near] >= -(advance + KEEP * size[near])]
+    pairs = Pairs(frames.hulls, first, second, frames.translations(first, second)).along(axis)
+    axis, size = pairs.axis, frames.sizes(first, second)
+    reach = frames.reach[first] + frames.reach[second]
+    near = indices(pairs.penetration >= -(reach + KEEP * size))
+    some = pairs.of(near)
+    near = near[some.penetration >= -(frames.advances(some) + KEEP * size[near])]
     if len(near) == 0:
-        return Manifolds.none(), normal
-    first, second, size, separation = (table[near] for table in (first, second, size, separation))
-    t, axes = frames.translations(first, second), axes.of_pairs(near)
-    penetration, along = contact_normals(hulls, first, second, t, axes, separation, RIDGE * size)
-    normal[:, near] = along
+        return Manifolds.none(), axis
+    pairs, size, reach = pairs.of(near), size[near], reach[near]
+    separation = reach + KEEP * size
+    penetration, normal = contact_normals(pairs, separation, RIDGE * size)
+    axis[:, near] = normal
     met = indices(penetration >= -separation)
-    first, second, t, along = first[met], second[met], take(t, met, axis=1), take(along, met, axis=1)
-    reach = flight.reach[first] + flight.reach[second]
-    points = pair_manifolds(hulls, first, second, t, along, penetration[met], reach)
-    return _table(frames, first, second, t, along, tangents(along), *points), normal
+    pairs, normal = pairs.of(met), take(normal, met, axis=1)
+    points = pair_manifolds(pairs, normal, penetration[met], size[met], reach[met])
+    columns = pairs.first, pairs.second, pairs.t, normal, tangents(normal)
+    return _table(frames, *columns, *points), axis
 
 
-def _new_ground_manifolds(bodies, frames, flight, known, isNear):
-    """Manifolds of bodies near the ground that have no valid one.
-
-    known : keys of the valid ones; isNear : (n,)
-    """
-    count = len(isNear) + 1
-    isNear &= ~bodies.isFixed
-    isNear[known[known % count == count - 1] // count] = False
+def _new_ground_manifolds(frames, known):
+    """Manifolds of bodies near the ground without a valid one; known : keys of the valid ones."""
+    count = frames.count
+    isNear = (frames.box[1] <= 0.0) & ~frames.bodies.isFixed
+    isNear[known[known % (count + 1) == count] // (count + 1)] = False
     body = indices(isNear)
     if len(body) == 0:
         return Manifolds.none()
-    ground = np.full(len(body), count - 1)
+    ground = np.full(len(body), count)
     t = frames.translations(body, ground)
-    shift, turn = flight.shift[:, body], flight.turn[:, body]
-    height = bodies.position[1, body]
-    arm, isPoint = ground_manifolds(bodies.hulls, body, height, flight.reach[body], shift, turn)
+    arm, isPoint = ground_manifolds(frames, body)
     normal, tangent = (GROUND_AXES[:, k].repeat(len(body), axis=1) for k in range(2))
     below = arm - t[:, None]
     below[1] = 0.0
@@ -186,7 +166,7 @@ def _table(frames, first, second, t, normal, tangent, point1, point2, isPoint):
     into1 = transpose(take(frames.rotation, first, axis=1))
     into2 = transpose(take(frames.rotation, second, axis=1))
     translation, rotation = relative_poses(first, second, t, frames.rotation, frames.orientation)
-    key = first * frames.position.shape[1] + second
+    key = first * (frames.count + 1) + second
     return Manifolds(
         key,
         normal=mat_vec(into1, normal),

@@ -17,7 +17,7 @@ from rbs.geometry.vectors import cross, dot, mat_vec, mul_add, norm, transpose
 
 POINTS = 4
 
-# Lengths from here to RIDGE are fractions of the `thickness` of the bodies. Points closer together
+# Lengths from here to RIDGE are fractions of the thickness of the bodies. Points closer together
 # than this count as one; more merges distinct corners.
 MERGE = 1e-3
 # Points whose separation exceeds the least one by more than this are omitted, unless the bodies can
@@ -121,7 +121,7 @@ class Manifolds:
         return both._taken(both.key.argsort(kind="stable"))
 
     def inherit(self, old, size):
-        """Takes over impulses of the manifolds that these replace; size : (M,), see `thickness`.
+        """Takes over impulses of the manifolds that these replace; size : (M,), least thickness.
 
         Each point in turn inherits from the nearest old point that is left, in the first body's
         frame, if it is near enough. Friction is carried over as a vector.
@@ -180,11 +180,11 @@ def pose_changes(translation, rotation, newTranslation, newRotation, radius):
 # --------------------------------------------------------------------------------------------------
 
 
-def contact_normals(hulls, first, second, t, axis, separation, width):
-    """`(penetration (K,), normal (3, K))` of K ≥ 1 pairs; normals are continuous across ridges.
+def contact_normals(pairs, separation, width):
+    """`(penetration (K,), normal (3, K))` of K ≥ 1 `Pairs`; normals are continuous across ridges.
 
-    t : (3, K); axis : (3, K), the last normals, or 0; separation : (K,), lengths: of pairs farther
-        apart, the penetration is only known to be less than -separation
+    separation : (K,), lengths: of pairs farther apart, the penetration is only known to be less
+        than -separation
     width : (K,), lengths
 
     The direction of least penetration jumps where two facets of the Minkowski difference are
@@ -194,11 +194,12 @@ def contact_normals(hulls, first, second, t, axis, separation, width):
     facet less than `width` farther than the nearest one is blended with it: of several, the one
     with the most different direction, except the opposite side of a nearly flat hull.
     """
-    facets = find_facets(hulls, first, second, t, 0.5 * width, axis, separation)
-    penetration, normal = facets.minimal_penetrations(t)
+    facets = find_facets(pairs, 0.5 * width, separation)
+    penetration, normal = facets.minimal_penetrations(pairs.t)
     count = np.diff(facets.start)
     pair = np.arange(len(count)).repeat(count)
-    excess = facets.offset - dot(facets.normal, take(t, pair, axis=1)) - take(penetration, pair)
+    excess = facets.offset - dot(facets.normal, take(pairs.t, pair, axis=1))
+    excess -= take(penetration, pair)
     weight = np.maximum(1.0 - excess / take(width, pair), 0.0)
     turn = 1.0 - dot(facets.normal, take(normal, pair, axis=1))
     turn = weight * np.where(turn < 2.0 - LEAST_TURN, turn, 0.0)
@@ -209,21 +210,22 @@ def contact_normals(hulls, first, second, t, axis, separation, width):
         mean = normal[:, ridge] + weight[other] * facets.normal[:, other]
         mean /= norm(mean)
         normal[:, ridge] = mean
-        offset = support_offsets(hulls, first[ridge], second[ridge], mean)
-        penetration[ridge] = offset - dot(mean, t[:, ridge])
+        offset = support_offsets(pairs.hulls, pairs.first[ridge], pairs.second[ridge], mean)
+        penetration[ridge] = offset - dot(mean, pairs.t[:, ridge])
     return penetration, normal
 
 
-def pair_manifolds(hulls, first, second, t, normal, depth, reach):
-    """Builds the manifolds of K pairs that touch or nearly do: `(point1, point2, isPoint)`.
+def pair_manifolds(pairs, normal, depth, size, reach):
+    """Builds the manifolds of K `Pairs` that touch or nearly do: `(point1, point2, isPoint)`.
 
-    t, normal : (3, K); depth : (K,), penetration along the normal, negative if separated
+    normal : (3, K); depth : (K,), penetration along the normal, negative if separated
+    size : (K,), least thickness
     reach : (K,), largest distance by which points of the two bodies can approach in the step
     point1, point2 : (3, 4, K), on the first and second body, relative to its COM, world axes. A
         point and its partner lie on one line along the normal
     """
-    size = np.minimum(thickness(hulls, first), thickness(hulls, second))
-    tolerance = FEATURE_TOLERANCE * (hulls.radius[first] + hulls.radius[second])
+    hulls, first, second, t = pairs.hulls, pairs.first, pairs.second, pairs.t
+    tolerance = FEATURE_TOLERANCE * pairs.size
     features = Features(hulls, first, second, t, normal, tolerance)
     u = tangents(normal)
     frame = u, cross(normal, u), normal  # at the second COM
@@ -259,24 +261,20 @@ def pair_manifolds(hulls, first, second, t, normal, depth, reach):
     return point1, mul_add(flat, height2, normal[:, None]), isPoint
 
 
-def ground_manifolds(hulls, bodies, height, reach, shift, turn):
-    """Builds manifolds with the ground, as `pair_manifolds` does: `(point1, isPoint)`.
+def ground_manifolds(frames, bodies):
+    """Builds manifolds of bodies (K,) with the ground, as `pair_manifolds`: `(point1, isPoint)`.
 
-    bodies : (K,); height : (K,), of the COMs above the ground; reach : (K,)
-    shift, turn : (3, K), translations and rotation vectors of the step's free flight
+    frames : `Frames`, whose flight predicts which points meet the ground
     """
+    hulls, (shift, turn) = frames.hulls, (frames.shift[:, bodies], frames.turn[:, bodies])
     row, column = ranges(take(hulls.vertexStart, bodies), take(hulls.vertexCount, bodies))
     x, y, z = take(hulls.vertices, column, axis=1)
-    separation = y + take(height, row)
+    separation = y + take(frames.position[1, bodies], row)
     # (shift + turn × r)_y
     later = separation + take(shift[1], row) + take(turn[2], row) * x - take(turn[0], row) * z
-    chosen, isPoint = _four_points(row, x, z, separation, later, thickness(hulls, bodies), reach)
+    size, reach = frames.size[bodies], frames.reach[bodies]
+    chosen, isPoint = _four_points(row, x, z, separation, later, size, reach)
     return take(hulls.vertices, column[chosen].ravel(), axis=1).reshape(3, POINTS, -1), isPoint
-
-
-def thickness(hulls, bodies):
-    """Returns the distance from the COM to the nearest face, to which tolerances are relative."""
-    return hulls.innerRadius[bodies]
 
 
 class _Faces(Polygons):

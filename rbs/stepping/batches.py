@@ -18,7 +18,7 @@ import numpy as np
 
 from rbs.geometry.arrays import find_sorted, indices, row_minima, take
 from rbs.geometry.broadphase import grid_overlaps, overlap_limits, overlaps_of
-from rbs.geometry.facets import CachedAxes, find_facets
+from rbs.geometry.facets import Pairs, find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE
 from rbs.geometry.patches import contact_points
 from rbs.geometry.vectors import dot, norm
@@ -99,9 +99,9 @@ class Pass:
         first, second = grid_overlaps(bodies.box - margin, bodies.isFixed)
         self.keys = first * len(radius) + second
         t = take(bodies.position, second, axis=1) - take(bodies.position, first, axis=1)
-        axes = CachedAxes(bodies.hulls, first, second, t, memory.axes(self.keys))
+        pairs = Pairs(bodies.hulls, first, second, t).along(memory.axes(self.keys))
         pairMargin = margin[first] + margin[second]
-        facets = find_facets(bodies.hulls, first, second, t, pairMargin, axes)
+        facets = find_facets(pairs, pairMargin)
         penetration, self.axis = facets.minimal_penetrations(t)
         memory.keys, memory.axis = self.keys, self.axis
         isNear = penetration >= -pairMargin
@@ -160,7 +160,8 @@ class Pass:
         stale = indices((penetration >= self.apart[some]) & ~isValid)
         if len(stale):
             some, t = self.bodyPair[:, begin + stale], t[:, stale]
-            exact = find_facets(self.bodies.hulls, *some, t, np.zeros(len(stale)), normal[:, stale])
+            pairs = Pairs(self.bodies.hulls, *some, t).along(normal[:, stale])
+            exact = find_facets(pairs, np.zeros(len(stale)))
             penetration[stale], normal[:, stale] = exact.minimal_penetrations(t)
         return penetration, normal
 
@@ -188,7 +189,7 @@ class Pass:
         first, second = first[meet], second[meet]
         t = take(position2 - position1, meet, axis=1)
         axes = take(axis, meet, axis=1)
-        facets = find_facets(bodies.hulls, first, second, t, np.zeros(len(meet)), axes)
+        facets = find_facets(Pairs(bodies.hulls, first, second, t).along(axes), np.zeros(len(meet)))
         size = bodies.hulls.radius[first] + bodies.hulls.radius[second]
         return bool((facets.minimal_penetrations(t)[0] >= -TOUCH_TOLERANCE * size).any())
 

@@ -80,7 +80,7 @@ rbs/geometry/facets.py: edges, one of their faces is asked (facets)
 rbs/geometry/facets.py: crossing arcs, antipodes too (gjk)
     & (s[0] * r[1] > 0) -> & (s[0] * r[1] != 0)
 rbs/geometry/hulls.py: approximate supports, rotated the wrong way (facets)
-    mat_vec(inverse, directions) -> mat_vec(transpose(inverse), directions)
+    mat_vec(transpose(take(hulls.rotation, bodies, axis=1)), -> mat_vec(take(hulls.rotation, bodies, axis=1),
 rbs/geometry/patches.py: contact at a vertex, a sign (gjk)
     self.level - dot(n, a0) -> self.level + dot(n, a0)
 rbs/geometry/patches.py: clipping of the patch, a sign (gjk)
@@ -123,10 +123,12 @@ rbs/softstep/softconstraints.py: soft distance constraint, the sign of the secon
     np.concatenate((d, -d), axis=1) -> np.concatenate((d, d), axis=1)
 rbs/softstep/manifolds.py: points that can touch within the step, left out (softstep)
     np.maximum(CULL * size, reach) -> CULL * size
+rbs/softstep/detection.py: approach within the step, a sign of the rotation (softstep)
+    later = away + cross( -> later = away - cross(
 rbs/softstep/manifolds.py: motion of a point against the ground, a sign (softstep)
     take(turn[2], row) * x - take -> take(turn[2], row) * x + take
 rbs/softstep/contacts.py: impulses of the substep before, a part of them (softstep)
-    self.pending += self.impulse -> self.pending += 0.5 * self.impulse
+    self.pending + self.impulse -> self.pending + 0.5 * self.impulse
 rbs/softstep/contacts.py: second sweep of a hit, left out (softstep)
     if closing.min(initial=0.0) < -HIT_STEPS * self.fall: -> if False:
 rbs/softstep/contacts.py: growth of impulses, no limit (scenesRest)

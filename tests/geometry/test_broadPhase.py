@@ -141,10 +141,10 @@ def test_bodies_thrown_far_out_of_a_huge_one_leave_those_that_they_touched(side,
     """Facets found where they touched are not valid where they have gone, and are found anew."""
     anew = []
 
-    def watched(hulls, first, second, t, margin, axes=None):
-        if axes is not None and not margin.any():
-            anew.append(len(first))
-        return find_facets(hulls, first, second, t, margin, axes)
+    def watched(pairs, margin):
+        if not margin.any():
+            anew.append(len(margin))
+        return find_facets(pairs, margin)
 
     monkeypatch.setattr(rbs.stepping.batches, "find_facets", watched)
     outcomes = []

@@ -7,7 +7,8 @@ import pytest
 from oracles import IDENTITY, SHAPES, box_body, random_quaternions, vertices_of
 
 from Quaternion import Q2RotMatrix
-from rbs.geometry.facets import LEAST_GAP, all_facets, find_facets
+from rbs.geometry import facets as search
+from rbs.geometry.facets import LEAST_GAP, Pairs
 from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE, HullSet, build_hull
 from rbs.geometry.patches import Polygons, contact_points, overlap_corners
 
@@ -52,6 +53,14 @@ def batch():
 def body_vertices(hulls, b):
     """The vertices (3, V) of a body, relative to its centre."""
     return hulls.vertices[:, hulls.vertexStart[b] :][:, : hulls.vertexCount[b]]
+
+
+def find_facets(hulls, first, second, t, margin, axes=None):
+    return search.find_facets(Pairs(hulls, first, second, t).along(axes), margin)
+
+
+def all_facets(hulls, first, second, t):
+    return search.all_facets(Pairs(hulls, first, second, t))
 
 
 def nearest(facets, p, t):

@@ -16,6 +16,7 @@ from oracles import (
 )
 from program import record
 
+from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import HullSet
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import resume, verify
@@ -96,9 +97,10 @@ def manifold(mesh1, mesh2, normal, depth):
     hulls = HullSet([mesh1.hull, mesh2.hull])
     turns = [rotation(m.orientation[0]).as_matrix().reshape(9) for m in (mesh1, mesh2)]
     t = (mesh2.position - mesh1.position).T
-    rotated, zero, one = hulls.rotated(np.stack(turns, axis=1)), np.array([0]), np.array([1])
-    alone = zero, one, t, np.reshape(normal, (3, 1)), np.array([depth]), np.zeros(1)
-    point1, point2, isPoint = pair_manifolds(rotated, *alone)
+    pair = Pairs(hulls.rotated(np.stack(turns, axis=1)), np.array([0]), np.array([1]), t)
+    size = np.array([hulls.thickness.min()])
+    alone = np.reshape(normal, (3, 1)), np.array([depth]), size, np.zeros(1)
+    point1, point2, isPoint = pair_manifolds(pair, *alone)
     some = isPoint[:, 0]
     return (point1[:, some, 0].T + mesh1.position, point2[:, some, 0].T + mesh2.position)
 
