@@ -120,27 +120,28 @@ def run_timestep(
     from rbs.stepping.settings import check_arguments
 
     checked = check_arguments(locals())
-    contact = checked["CRCoeff"], closingOnly, checked["mu"]
-    flight = gyroscopic, checked["gravity"]
-    arguments = meshes, groundMesh, checked["timeStep"], *contact, *flight
+    arguments = meshes, groundMesh, checked["timeStep"], checked["CRCoeff"], closingOnly
+    arguments += checked["mu"], gyroscopic, checked["gravity"]
     constraints = constraints if enforceConstraints else ()
-    isSoft, isGrid = contactSolver == "soft-step", broadPhase == "grid"
     # the soft step, and the grid step without constraints, change nothing if they fail
-    mayBeHalfDone = not isSoft and (not isGrid or len(constraints) > 0)
+    mayBeHalfDone = contactSolver == "impulse" and (broadPhase == "all" or len(constraints) > 0)
     with undone_on_error(meshes, mayBeHalfDone):
-        step = all_pairs_step
-        if isSoft or isGrid:
-            check_methods(meshes, contactSolver if isSoft else broadPhase)
-        if isSoft:
+        if contactSolver == "soft-step":
             from rbs.softstep.step import soft_step
 
+            check_methods(meshes, contactSolver)
             return soft_step(*arguments, constraints, checked["substeps"], sleeping, solverState)
-        if isGrid:
-            from rbs.stepping.gridstep import grid_step as step
-        report = step(*arguments)
+        if broadPhase == "grid":
+            from rbs.stepping.gridstep import grid_step
+
+            check_methods(meshes, broadPhase)
+            report = grid_step(*arguments)
+        else:
+            report = all_pairs_step(*arguments)
         with report.phase("constraints"):
+            limits = checked["maxIterations"], checked["tolerance"]
             report.constraintVisits = project_constraints(
-                meshes, constraints, maxIterations, checked["tolerance"], constraintScheduling
+                meshes, constraints, *limits, constraintScheduling
             )
             if report.constraintVisits:
                 check_numbers(state_columns(meshes), meshes, "contacts and constraints")
@@ -154,19 +155,20 @@ def all_pairs_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyros
     """
     check_distinct(meshes)
     report = StepReport()
-    extensions = {"closingOnly": closingOnly, "mu": mu} if closingOnly or mu else {}
-    pull = () if gravity == EARTH else (gravity,)
+    # a student's functions take the coursework's arguments only, which are enough by default
+    flight = (timeStep,) if gravity == EARTH else (timeStep, gravity)
+    contactSettings = (CRCoeff, closingOnly, mu) if closingOnly or mu else (CRCoeff,)
     with report.phase("integrate"):
         for mesh in meshes:
             if gyroscopic:
                 mesh.apply_gyroscopic_term(timeStep)
-            mesh.integrate_timestep(timeStep, *pull)
+            mesh.integrate_timestep(*flight)
         check_numbers(state_columns(meshes), meshes, "free flight")
     with report.phase("collisions"):
         for (i, m1), (j, m2) in itertools.combinations(enumerate(meshes), 2):
             isCollision, *contact = m1.detect_collision(m2)
             if isCollision:
-                impulses = resolve_collision(m1, m2, *contact, CRCoeff, **extensions)
+                impulses = resolve_collision(m1, m2, *contact, *contactSettings)
                 report.add_contact(i, j, *contact, impulses)
         report.candidatePairs = math.comb(len(meshes), 2)
     with report.phase("ground"):
@@ -174,7 +176,7 @@ def all_pairs_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyros
             lowest = mesh.lowest_vertex()
             if lowest is not None and lowest[1] <= 0.0:
                 contact = lowest[1], UPWARDS, lowest
-                impulses = resolve_collision(mesh, groundMesh, *contact, CRCoeff, **extensions)
+                impulses = resolve_collision(mesh, groundMesh, *contact, *contactSettings)
                 report.add_contact(i, GROUND, *contact, impulses)
     check_numbers(state_columns(meshes), meshes, "contacts")
     return report
@@ -552,8 +554,13 @@ class Body:
     invMass: float
     invInertia: tuple
     position: tuple
-    linVelocity: tuple
-    angVelocity: tuple
+    linVelocity: tuple = ZERO
+    angVelocity: tuple = ZERO
+
+    @classmethod
+    def from_arrays(cls, invMass, invInertia, *vectors):
+        """Makes a body of a number and arrays of any shape."""
+        return cls(number(invMass), floats(invInertia, 9), *(floats(v, 3) for v in vectors))
 
 
 class ContactImpulses(NamedTuple):
@@ -569,11 +576,10 @@ class ContactImpulses(NamedTuple):
 def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOnly=False, mu=0.0):
     """Separates two penetrating meshes and applies the contact impulses, in place.
 
-    The position correction is split by inverse mass, see `shifts`. For the impulses, let n be the
-    normal, u the velocity of body 1 relative to body 2 at the contact point, which has moved along
-    with m2, and K the sum of both inverse effective masses. An impulse -j n on body 1 and +j n on
-    body 2 lowers the closing speed u · n by j K. Restitution requires it to become -e (u · n),
-    hence j = (1 + e) (u · n) / K.
+    The position correction is split by inverse mass, see `project_positions`. For the impulses, let
+    n be the normal, and u the velocity of body 1 relative to body 2 at the contact point, which has
+    moved along with m2. Restitution requires the closing speed u · n to become -e (u · n), and thus
+    to fall by (1 + e) (u · n); see `apply_impulse`.
 
     Parameters
     ----------
@@ -601,35 +607,31 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     if depth < 0.0 or (depth == 0.0 and len(m2.origVertices) == 0):
         depth, n = -depth, scale(-1.0, n)
 
-    shift1, shift2 = shifts(body1.invMass, body2.invMass, depth)
-    body1.position = mul_add(body1.position, shift1, n)
-    body2.position = mul_add(body2.position, shift2, n)
+    _, shift2 = project_positions(body1, body2, depth, n)
     point = mul_add(point, shift2, n)
     r1, r2 = sub(point, body1.position), sub(point, body2.position)
 
     change = (1.0 + e) * dot(relative_velocity(body1, body2, r1, r2), n)
     if closingOnly:
         change = change * (change > 0.0)
-    k1, turning1 = inverse_effective_mass(body1, r1, n)
-    k2, turning2 = inverse_effective_mass(body2, r2, n)
-    j = change / (k1 + k2)
-    receive_impulse(body1, -j, n, turning1)
-    receive_impulse(body2, j, n, turning2)
-
+    j = apply_impulse(body1, body2, r1, r2, n, change)
     friction = apply_friction(body1, body2, r1, r2, n, mu * j) if mu else ZERO
     m1.set_body_state(body1)
     m2.set_body_state(body2)
     return ContactImpulses(j, friction, r1)
 
 
-def shifts(invMass1, invMass2, distance):
-    """Displacements of bodies 1 and 2, along the direction from 1 to 2, that add `distance`.
+def project_positions(body1, body2, distance, n):
+    """Moves two bodies apart by a distance along n, from 1 to 2; returns both displacements.
 
     Each is proportional to w_i = m_i⁻¹ / (m_1⁻¹ + m_2⁻¹), so that the common COM does not move. At
     least one mass must be finite.
     """
-    total = invMass1 + invMass2
-    return -(invMass1 / total * distance), invMass2 / total * distance
+    total = body1.invMass + body2.invMass
+    shift1, shift2 = -(body1.invMass / total * distance), body2.invMass / total * distance
+    body1.position = mul_add(body1.position, shift1, n)
+    body2.position = mul_add(body2.position, shift2, n)
+    return shift1, shift2
 
 
 def relative_velocity(body1, body2, r1, r2):
@@ -638,6 +640,20 @@ def relative_velocity(body1, body2, r1, r2):
         add(body1.linVelocity, cross(body1.angVelocity, r1)),
         add(body2.linVelocity, cross(body2.angVelocity, r2)),
     )
+
+
+def apply_impulse(body1, body2, r1, r2, n, change, limit=math.inf):
+    """Applies the impulse j that lowers the closing speed u · n by `change`, and returns it.
+
+    An impulse -j n on body 1 and +j n on body 2 lowers u · n by j K, where K is the sum of both
+    inverse effective masses along n. Hence j = change / K, or the limit if that is less.
+    """
+    k1, turning1 = inverse_effective_mass(body1, r1, n)
+    k2, turning2 = inverse_effective_mass(body2, r2, n)
+    j = min(change / (k1 + k2), limit)
+    receive_impulse(body1, -j, n, turning1)
+    receive_impulse(body2, j, n, turning2)
+    return j
 
 
 def inverse_effective_mass(body, r, n):
@@ -663,22 +679,17 @@ def apply_friction(body1, body2, r1, r2, n, limit):
 
     limit : μ times the normal impulse; no friction acts if it is negative
 
-    Let u be the velocity of body 1 relative to body 2 at the contact, t the unit vector of its part
-    perpendicular to the normal, and K the sum of the inverse effective masses along t. An impulse
-    -j t on body 1 and +j t on body 2 lowers u · t by j K, so the sliding stops at j = u · t / K.
-    Friction applies the lesser of this and its limit, and thus never reverses the sliding. The
-    kinetic energy changes by -j u · t + j² K / 2, which is at most 0 for 0 ≤ j ≤ u · t / K.
+    Let t be the unit vector of the part of u perpendicular to the normal. The sliding stops at the
+    impulse j = u · t / K. Friction applies the lesser of this and its limit, and thus never
+    reverses the sliding. The kinetic energy changes by -j u · t + j² K / 2, which is at most 0 for
+    0 ≤ j ≤ u · t / K.
     """
     u = relative_velocity(body1, body2, r1, r2)
     across = mul_add(u, -dot(u, n), n)
     speed = norm(across)
     t = divide(across, speed or 1.0)
-    k1, turning1 = inverse_effective_mass(body1, r1, t)
-    k2, turning2 = inverse_effective_mass(body2, r2, t)
-    j = min(speed / (k1 + k2), max(limit, 0.0) + 0.0)  # turns -0.0 into 0.0
-    receive_impulse(body1, -j, t, turning1)
-    receive_impulse(body2, j, t, turning2)
-    return scale(j, t)
+    # + 0.0 turns -0.0 into 0.0
+    return scale(apply_impulse(body1, body2, r1, r2, t, speed, max(limit, 0.0) + 0.0), t)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -707,15 +718,14 @@ def resolve_position_constraint(
     positionWasValid : bool
     correctedPositions : pair of arrays (1, 3), new COMs
     """
-    (x1, x2), (p1, p2) = floats_of(currPositions), floats_of(currConstPoints)
-    invMass1, invMass2 = number(invMasses[0]), number(invMasses[1])
-    tolerance = number(tolerance)
+    pairs = zip(invMasses, currPositions, strict=True)
+    body1, body2 = (Body.from_arrays(invMass, ZERO * 3, x) for invMass, x in pairs)
+    p1, p2 = (floats(point, 3) for point in currConstPoints)
     C, n = distance_error(p1, p2, number(refValue))
-    isViolated = C > tolerance if upper else C < -tolerance
-    if isViolated and invMass1 + invMass2 > 0.0:
-        shift1, shift2 = shifts(invMass1, invMass2, C)
-        x1, x2 = mul_add(x1, shift1, n), mul_add(x2, shift2, n)
-    return not isViolated, Pair(x1, x2)
+    isViolated = is_violated(C, upper, number(tolerance))
+    if isViolated and body1.invMass + body2.invMass > 0.0:
+        project_positions(body1, body2, C, n)
+    return not isViolated, (_row(body1.position), _row(body2.position))
 
 
 def resolve_velocity_constraint(
@@ -727,12 +737,9 @@ def resolve_velocity_constraint(
     invInertiaTensors,
     tolerance,
 ):
-    """Applies an impulse that stops the change of the distance between two points of two bodies.
+    """Stops the change of the distance between two points of two bodies.
 
-    With J = [n, r1 × n, -n, -(r2 × n)], J v is the rate at which ‖p1 - p2‖ grows, and J M⁻¹ Jᵀ is
-    the inverse effective mass. The correction Δv = -M⁻¹Jᵀ (J M⁻¹ Jᵀ)⁻¹ J v is therefore the impulse
-    of a collision without restitution, and makes J v zero. Two immovable bodies keep their
-    velocities.
+    See `project_velocities`. Two immovable bodies keep their velocities.
 
     Parameters
     ----------
@@ -746,53 +753,14 @@ def resolve_velocity_constraint(
     velocityWasValid : bool
     correctedLinVelocities, correctedAngVelocities : pairs of arrays (1, 3)
     """
-    (x1, x2), (p1, p2) = floats_of(currPositions), floats_of(currConstPoints)
-    (v1, v2), (omega1, omega2) = floats_of(currLinVelocities), floats_of(currAngVelocities)
-    invInertia1, invInertia2 = floats_of(invInertiaTensors, 9)
-    body1 = Body(number(invMasses[0]), invInertia1, x1, v1, omega1)
-    body2 = Body(number(invMasses[1]), invInertia2, x2, v2, omega2)
-    r1, r2 = getattr(currConstPoints, "arms", None) or (sub(p1, x1), sub(p2, x2))
+    states = invMasses, invInertiaTensors, currPositions, currLinVelocities, currAngVelocities
+    body1, body2 = (Body.from_arrays(*state) for state in zip(*states, strict=True))
+    p1, p2 = (floats(point, 3) for point in currConstPoints)
     _, n = distance_error(p1, p2, 0.0)
-    Jv = dot(relative_velocity(body1, body2, r1, r2), n)
-    wasValid = abs(Jv) <= number(tolerance)
-    if not wasValid and body1.invMass + body2.invMass > 0.0:
-        k1, turning1 = inverse_effective_mass(body1, r1, n)
-        k2, turning2 = inverse_effective_mass(body2, r2, n)
-        j = Jv / (k1 + k2)
-        receive_impulse(body1, -j, n, turning1)
-        receive_impulse(body2, j, n, turning2)
-    linVelocities = Pair(body1.linVelocity, body2.linVelocity)
-    return wasValid, linVelocities, Pair(body1.angVelocity, body2.angVelocity)
-
-
-class Pair:
-    """Pair of vectors; indexing gives arrays (1, 3) or of another shape.
-
-    `floats` holds the two tuples, so that a sweep creates no arrays. `arms` may hold the exact arms
-    of points, because the difference of points and COMs loses precision far from the origin.
-    """
-
-    __slots__ = ("arms", "floats", "shape")
-
-    def __init__(self, first, second, shape=(1, 3), arms=None):
-        self.floats, self.shape, self.arms = (first, second), shape, arms
-
-    def __len__(self):
-        return 2
-
-    def __iter__(self):
-        return iter((self[0], self[1]))
-
-    def __getitem__(self, k):
-        return np.reshape(self.floats[k], self.shape)
-
-
-def floats_of(pair, count=3):
-    """Returns two tuples of `count` floats, from a `Pair` or any other pair of arrays."""
-    try:
-        return pair.floats
-    except AttributeError:
-        return floats(pair[0], count), floats(pair[1], count)
+    r1, r2 = sub(p1, body1.position), sub(p2, body2.position)
+    wasValid = project_velocities(body1, body2, r1, r2, n, number(tolerance))
+    linVelocities = _row(body1.linVelocity), _row(body2.linVelocity)
+    return wasValid, linVelocities, (_row(body1.angVelocity), _row(body2.angVelocity))
 
 
 def distance_error(p1, p2, refValue):
@@ -800,6 +768,27 @@ def distance_error(p1, p2, refValue):
     d = sub(p1, p2)
     length = norm(d)
     return length - refValue, divide(d, length) if length > 0.0 else COINCIDENT_DIRECTION
+
+
+def is_violated(C, upper, tolerance):
+    """Whether a bound is violated: an upper one if C > tolerance, a lower one if C < -tolerance."""
+    return C > tolerance if upper else C < -tolerance
+
+
+def project_velocities(body1, body2, r1, r2, n, tolerance):
+    """Applies the impulse that stops the change of a distance; returns whether it did not change.
+
+    n : unit vector of p1 - p2, the points at the arms r1 and r2; tolerance : of the speed
+
+    With J = [n, r1 × n, -n, -(r2 × n)], J v is the rate at which ‖p1 - p2‖ grows, and J M⁻¹ Jᵀ is
+    the inverse effective mass K. The correction Δv = -M⁻¹Jᵀ (J M⁻¹ Jᵀ)⁻¹ J v is therefore the
+    impulse of a collision without restitution, and makes J v zero.
+    """
+    Jv = dot(relative_velocity(body1, body2, r1, r2), n)
+    wasValid = abs(Jv) <= tolerance
+    if not wasValid and body1.invMass + body2.invMass > 0.0:
+        apply_impulse(body1, body2, r1, r2, n, Jv)
+    return wasValid
 
 
 def project_constraints(meshes, constraints, maxIterations, tolerance, scheduling):
@@ -815,42 +804,28 @@ def project_constraints(meshes, constraints, maxIterations, tolerance, schedulin
     isFixed = np.array([m.isFixed for m in meshes], dtype=bool)
     vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
     rows = ConstraintRows(constraints, isFixed, vertexCount, tolerance)
-    maximumVisits = max(int(maxIterations), rows.total)
+    maximumVisits = max(maxIterations, rows.total)
     if scheduling == "batches":
         return project_in_batches(meshes, rows, tolerance, maximumVisits)
 
     table = rows.tolist()
-    ends = np.unique(np.concatenate((rows.body1, rows.body2))).tolist()
+    ends = np.union1d(rows.body1, rows.body2).tolist()
     bodies = {b: meshes[b].body_state() for b in ends}
     vertices = {b: meshes[b].rotated_hull().vertices for b in ends}
     ties = {}
     for c, b1, v1, b2, v2, refValue, upper in table:
-        r1, r2 = (tuple(vertices[b][:, v].tolist()) for b, v in ((b1, v1), (b2, v2)))
-        ties[c] = bodies[b1], r1, bodies[b2], r2, refValue, upper
+        r1, r2 = floats(vertices[b1][:, v1], 3), floats(vertices[b2][:, v2], 3)
+        ties[c] = bodies[b1], bodies[b2], r1, r2, refValue, upper
 
     def visit(c):
         """Checks constraint c, corrects it if it is violated, and returns whether it was."""
-        body1, r1, body2, r2, refValue, upper = ties[c]
-        x1, x2, invMasses = body1.position, body2.position, (body1.invMass, body2.invMass)
-        points = Pair(add(x1, r1), add(x2, r2), arms=(r1, r2))
-        isValid, positions = resolve_position_constraint(
-            Pair(x1, x2), points, refValue, invMasses, upper, tolerance
-        )
-        if isValid:
+        body1, body2, r1, r2, refValue, upper = ties[c]
+        C, n = distance_error(add(body1.position, r1), add(body2.position, r2), refValue)
+        if not is_violated(C, upper, tolerance):
             return False
-        # the correction keeps the points on the line through them, so the direction is unchanged
-        _, linVelocities, angVelocities = resolve_velocity_constraint(
-            positions,
-            points,
-            Pair(body1.linVelocity, body2.linVelocity),
-            Pair(body1.angVelocity, body2.angVelocity),
-            invMasses,
-            Pair(body1.invInertia, body2.invInertia, (3, 3)),
-            tolerance,
-        )
-        body1.position, body2.position = floats_of(positions)
-        body1.linVelocity, body2.linVelocity = floats_of(linVelocities)
-        body1.angVelocity, body2.angVelocity = floats_of(angVelocities)
+        project_positions(body1, body2, C, n)
+        # the points stay on the line through them, so n is unchanged
+        project_velocities(body1, body2, r1, r2, n, tolerance)
         return True
 
     if scheduling == "queue":
