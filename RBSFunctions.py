@@ -1,13 +1,13 @@
 """The coursework: rigid bodies, their integration, collisions, constraints and the time step.
 
 Reading order: `run_timestep`, which follows the coursework's text; `Mesh`; contacts with friction;
-distance constraints. All functions here treat one body or one pair; the steps for thousands of
-bodies are in rbs/stepping/gridstep.py and rbs/softstep/step.py.
+distance constraints. The steps for thousands of bodies are in rbs/stepping/gridstep.py and
+rbs/softstep/step.py.
 
 Lengths and masses have the units of the scene, time is in seconds, and gravity is by default 9.8
 length units per second squared along -y. Vectors of one mesh are rows (1, 3), and quaternions are
-rows (1, 4) with the scalar part first; (3,) and (4,) are accepted as well. The formulas work on
-tuples of floats, because NumPy's overhead dominates for arrays of three numbers.
+rows (1, 4) with the scalar part first; (3,) and (4,) are accepted as well. The formulas work on one
+body or pair, in tuples of floats, because NumPy's overhead dominates for arrays of three numbers.
 
 Sources. Integration, impulses, inertia in world axes: Baraff, Rigid Body Simulation, SIGGRAPH 2001.
 Inertia of a tetrahedron: Tonon, Explicit exact formulas for the 3-D tetrahedron inertia tensor,
@@ -29,6 +29,7 @@ import GJK
 from Quaternion import exponential, multiply, rotation_matrices
 from rbs.geometry import vectors
 from rbs.geometry.hulls import build_hull, rotate_columns
+from rbs.geometry.surfaces import fill_surface, orient_surface, tetrahedron_volumes
 from rbs.geometry.triples import (
     ZERO,
     add,
@@ -46,7 +47,6 @@ from rbs.geometry.triples import (
 )
 from rbs.stepping.bodies import (
     EARTH,
-    GRAVITY as GRAVITY,
     check_distinct,
     check_numbers,
     gyroscopic_velocity,
@@ -58,8 +58,6 @@ from rbs.stepping.reports import GROUND, StepReport
 # Methods of Mesh that the loop over all pairs calls, and the other steps do not.
 STEP_METHODS = "bounding_box_collision detect_collision lowest_vertex get_rotated_inv_IT".split()
 STEP_METHODS += "integrate_timestep apply_gyroscopic_term".split()
-# Normal of the ground, pointing into the body. The penetration depth there is negative to match.
-UPWARDS = (0.0, 1.0, 0.0)
 # Direction that separates coincident constraint points, for which no direction is preferred.
 COINCIDENT_DIRECTION = (0.0, 1.0, 0.0)
 
@@ -92,30 +90,24 @@ def run_timestep(
     groundMesh : fixed Mesh without vertices, which stands for y ≤ 0, or None for free space
     timeStep : seconds ≥ 0. Collisions are detected after the motion, so that fast bodies may tunnel
     CRCoeff, closingOnly, mu : see `resolve_collision`
-    enforceConstraints : False ignores the constraints
     constraints : list of [m1, v1, m2, v2, refValue, upper]. The distance between rest vertex v1 of
         meshes[m1] and rest vertex v2 of meshes[m2] is at most refValue if upper, otherwise at least
     maxIterations : most constraint visits; each constraint is visited at least once
     tolerance : length by which a constraint may be violated before it is corrected, and speed at
         which its distance may then still change
-    constraintScheduling, broadPhase, contactSolver : names, see rbs/stepping/settings.py. Only the
-        default step calls methods that a subclass of Mesh overrides
-    substeps, sleeping : of the soft step, see rbs/stepping/settings.py
-    gyroscopic : True lets spinning bodies tumble in free flight, by Euler's equations
+    enforceConstraints, gyroscopic, substeps, sleeping, constraintScheduling, broadPhase,
+    contactSolver : see rbs/stepping/settings.py. Only the default step calls methods that a
+        subclass of Mesh overrides
     solverState : SolverState of rbs/softstep/step.py, carried from one soft step to the next and
         changed in place; None starts cold
     gravity : three floats, acceleration of free fall in m/s²
 
-    Returns
-    -------
-    StepReport
+    Returns the step's `StepReport`.
 
-    Raises
-    ------
-    TypeError, ValueError : an argument is invalid, a mesh is listed twice, a constraint refers to a
-        mesh or vertex that does not exist, or a subclass of Mesh overrides a method that would not
-        be called
-    rbs.stepping.bodies.StateError : a number would become NaN, infinite or absurdly large
+    Raises TypeError or ValueError if an argument is invalid, a mesh is listed twice, a constraint
+    refers to a mesh or vertex that does not exist, or a subclass of Mesh overrides a method that
+    would not be called; rbs.stepping.bodies.StateError if a number would become NaN, infinite or
+    absurdly large.
     """
     from rbs.stepping.settings import check_arguments
 
@@ -151,7 +143,7 @@ def run_timestep(
 def all_pairs_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic, gravity):
     """The part of `run_timestep` before the constraints, one body and one pair after the other.
 
-    Each detection sees the corrections of the earlier pairs. Returns the `StepReport`.
+    Each detection sees the corrections of the earlier pairs.
     """
     check_distinct(meshes)
     report = StepReport()
@@ -175,7 +167,8 @@ def all_pairs_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyros
         for i, mesh in enumerate(meshes if groundMesh is not None else ()):
             lowest = mesh.lowest_vertex()
             if lowest is not None and lowest[1] <= 0.0:
-                contact = lowest[1], UPWARDS, lowest
+                # the normal points into the body, and the depth is negative to match
+                contact = lowest[1], (0.0, 1.0, 0.0), lowest
                 impulses = resolve_collision(mesh, groundMesh, *contact, *contactSettings)
                 report.add_contact(i, GROUND, *contact, impulses)
     check_numbers(state_columns(meshes), meshes, "contacts")
@@ -183,10 +176,7 @@ def all_pairs_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyros
 
 
 def check_methods(meshes, step):
-    """Raises ValueError if a subclass of Mesh has a method of its own that a step would not call.
-
-    step : the name of the broad phase or of the contact solver, which apply the formulas to arrays
-    """
+    """Raises ValueError if a subclass of Mesh overrides a method that a step would not call."""
     for kind in dict.fromkeys(map(type, meshes)):
         for name in STEP_METHODS:
             if getattr(kind, name, None) is not getattr(Mesh, name):
@@ -222,7 +212,6 @@ class Mesh:
 
     Parameters
     ----------
-    name : str
     origVertices : (V, 3), rest vertices. They are translated so that the COM is the origin, and
         then constant
     faces : (F, 3) int, boundary triangles, counter-clockwise seen from outside
@@ -241,12 +230,10 @@ class Mesh:
     volume, hullVolume : of the tetrahedra, and of the convex hull, which is what collides
     hull : rbs.geometry.hulls.Hull
     cachedAxes : dict, by the id of another mesh: the axis of separation or of least penetration
-        last found, from which the next search starts. It has no effect on results
+        last found, which only saves time
 
-    Raises
-    ------
-    ValueError : an argument has the wrong shape or value, an index is out of range, or vertices
-        have no mass
+    Raises ValueError if an argument has the wrong shape or value, an index is out of range, or
+    vertices have no mass.
     """
 
     def __init__(self, name, origVertices, faces, tets, density, position, orientation, isFixed):
@@ -270,20 +257,12 @@ class Mesh:
             self._init_mass_properties()
         self.isFixed = isFixed
         self.cachedAxes = {}
-        # kept until the pose changes, each after the bytes of its pose, which a change in place
-        # changes as well
+        # each after the bytes of the pose that it is valid for
         self._rotatedHull = self._boundingBox = self._currVertices = None, None
 
     @classmethod
     def from_surface(
-        cls,
-        name,
-        vertices,
-        faces,
-        density,
-        position=None,
-        orientation=(1.0, 0.0, 0.0, 0.0),
-        isFixed=False,
+        cls, name, vertices, faces, density, position=None, orientation=(1, 0, 0, 0), isFixed=False
     ):
         """Makes a body of a closed surface, as SciPy's ConvexHull or trimesh have one.
 
@@ -294,8 +273,6 @@ class Mesh:
         The rest is as for `Mesh`. Raises ValueError if the surface is not closed, or no point
         inside sees all of it.
         """
-        from rbs.geometry.surfaces import fill_surface, orient_surface
-
         try:
             vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
             used, faces = np.unique(faces, return_inverse=True)
@@ -315,7 +292,7 @@ class Mesh:
         return f"Mesh({self.name!r}, {len(self.origVertices)} vertices, {mass}, at {where})"
 
     def _numbers(self, what, value, width, count=None, dtype=np.float64):
-        """Returns a copy of finite numbers as (count, width), or (n, width); raises ValueError."""
+        """Returns a copy as (count, width), or (n, width), of finite numbers; raises ValueError."""
         try:
             array = np.array(value, dtype=np.float64)
             if count or array.size == 0:
@@ -340,9 +317,7 @@ class Mesh:
         for corners, what in ((self.faces, "face"), (self.tets, "tetrahedron")):
             if corners.size and not 0 <= corners.min() <= corners.max() < len(self.origVertices):
                 raise ValueError(f"mesh {self.name}: a {what} refers to vertices out of range")
-        corners = self.origVertices[self.tets]  # (T, 4, 3)
-        edges = corners[:, 1:] - corners[:, :1]
-        volumes = np.abs((edges[:, 0] * np.cross(edges[:, 1], edges[:, 2])).sum(axis=1)) / 6.0
+        volumes = np.abs(tetrahedron_volumes(self.origVertices, self.tets))
         self.volume = float(volumes.sum())
         self.mass = self.density * self.volume
         if not 0 < self.mass < math.inf:
@@ -350,9 +325,10 @@ class Mesh:
                 f"mesh {self.name}: density {self.density:g} and volume {self.volume:g} "
                 "give no positive, finite mass"
             )
+        corners = self.origVertices[self.tets]  # (T, 4, 3)
         centreOfMass = (volumes[:, None] * corners.mean(axis=1)).sum(axis=0) / self.volume
         self.origVertices -= centreOfMass
-        corners = corners - centreOfMass
+        corners -= centreOfMass
         sums = corners.sum(axis=1)
         outer = (corners[:, :, :, None] * corners[:, :, None, :]).sum(axis=1)
         outer += sums[:, :, None] * sums[:, None, :]
@@ -380,8 +356,8 @@ class Mesh:
     def integrate_timestep(self, timeStep, gravity=EARTH):
         """Integrates timeStep seconds of free flight, with gravity g. A fixed mesh does not change.
 
-        Semi-implicit Euler: v ← v + g h, COM ← COM + v h with the new velocity, orientation ← exp(ω
-        h/2) ∘ orientation. The angular velocity stays, as the gyroscopic term is omitted.
+        Semi-implicit Euler: v ← v + g h, COM ← COM + v h with the new velocity, and
+        orientation ← exp(ω h/2) ∘ orientation. The angular velocity stays.
         """
         if self.isFixed:
             return
@@ -397,7 +373,7 @@ class Mesh:
 
     def apply_gyroscopic_term(self, timeStep):
         """Applies the gyroscopic torque to the angular velocity; see `gyroscopic_velocity`."""
-        if self.invMass != 0.0:
+        if not self.isFixed:
             state = floats(self.angVelocity, 3), floats(self.orientation, 4), floats(self.IT, 9)
             self.angVelocity = _row(gyroscopic_velocity(*state, number(timeStep)))
 
@@ -430,10 +406,7 @@ class Mesh:
         return True, depth, _row(normal), _row(add(point, position2))
 
     def lowest_vertex(self):
-        """Returns the lowest vertex in the world (3,), the first one if several are equally low.
-
-        Returns None if the mesh is fixed, because the ground cannot move it.
-        """
+        """Returns the first lowest vertex in the world (3,), or None if the mesh is fixed."""
         if self.isFixed:
             return None
         vertices = self.rotated_hull().vertices
@@ -459,19 +432,18 @@ class Mesh:
     def body_state(self):
         """Returns the `Body` on which contacts and constraints operate."""
         invInertia = np.zeros((3, 3)) if self.isFixed else self.get_rotated_inv_IT()
-        state = (floats(v, 3) for v in (self.position, self.linVelocity, self.angVelocity))
-        return Body(float(self.invMass), floats(invInertia, 9), *state)
+        vectors = self.position, self.linVelocity, self.angVelocity
+        return Body.from_arrays(self.invMass, invInertia, *vectors)
 
     def set_body_state(self, body):
         """Stores the position and velocities of a `Body`. An immovable mesh does not change."""
-        if body.invMass == 0.0:
-            return
-        self.position = _row(body.position)
-        self.linVelocity = _row(body.linVelocity)
-        self.angVelocity = _row(body.angVelocity)
+        if body.invMass != 0.0:
+            self.position = _row(body.position)
+            self.linVelocity = _row(body.linVelocity)
+            self.angVelocity = _row(body.angVelocity)
 
     def pose(self):
-        """Returns the bytes of position and orientation."""
+        """Returns the bytes of position and orientation, which differ after a change in place."""
         return self.position.tobytes() + self.orientation.tobytes()
 
     def rotated_hull(self):
@@ -483,7 +455,7 @@ class Mesh:
 
     def bounding_box(self):
         """Returns the least and greatest x, y, z of the hull in the world: six floats, or None."""
-        pose = self.position.tobytes() + self.orientation.tobytes()
+        pose = self.pose()
         if self._boundingBox[0] != pose and self.hull is not None:
             rotated, position = self.rotated_hull(), floats(self.position, 3)
             self._boundingBox = pose, add(rotated.low, position) + add(rotated.high, position)
@@ -491,10 +463,7 @@ class Mesh:
 
     @property
     def currVertices(self):
-        """Vertices in the world (V, 3), read-only unless assigned; they follow from the pose.
-
-        An assignment replaces them until the pose changes.
-        """
+        """Vertices in the world (V, 3), read-only. An assignment lasts until the pose changes."""
         if self._currVertices[0] != self.pose():
             refresh_vertices([self])
         return self._currVertices[1]
@@ -510,10 +479,7 @@ def ground():
 
 
 def refresh_vertices(meshes):
-    """Computes all missing currVertices in one pass, which is faster than mesh by mesh.
-
-    Returns the currVertices of all meshes, concatenated: (ΣV, 3), read-only.
-    """
+    """Returns the currVertices of all meshes (ΣV, 3), read-only; the missing ones in one pass."""
     poses = [m.pose() for m in meshes]
     stale = [k for k, m in enumerate(meshes) if m._currVertices[0] != poses[k]]
     if stale:
@@ -525,9 +491,8 @@ def refresh_vertices(meshes):
         vertices = rotate_columns(rotation, rest, counts)
         vertices = np.ascontiguousarray((vertices + columns["position"].repeat(counts, axis=1)).T)
         vertices.flags.writeable = False
-        for k, end in zip(stale, counts.cumsum().tolist(), strict=True):
-            m = meshes[k]
-            m._currVertices = poses[k], vertices[end - len(m.origVertices) : end]
+        for k, part in zip(stale, np.split(vertices, counts.cumsum()[:-1]), strict=True):
+            meshes[k]._currVertices = poses[k], part
         if len(stale) == len(meshes):
             return vertices
     return np.concatenate([np.empty((0, 3)), *(m._currVertices[1] for m in meshes)])
@@ -545,14 +510,10 @@ def _row(value):
 
 @dataclass(slots=True)
 class Body:
-    """State of a body on which contacts and constraints operate, in floats.
+    """State of a body on which contacts and constraints operate; vectors are tuples of three."""
 
-    invMass : 1 / mass, 0 if immovable; invInertia : nine entries row by row, world axes
-    position, linVelocity, angVelocity : tuples of three
-    """
-
-    invMass: float
-    invInertia: tuple
+    invMass: float  # 0 if immovable
+    invInertia: tuple  # nine entries row by row, world axes; 0 if immovable
     position: tuple
     linVelocity: tuple = ZERO
     angVelocity: tuple = ZERO
@@ -564,13 +525,11 @@ class Body:
 
 
 class ContactImpulses(NamedTuple):
-    """Impulses that a contact applied to body 2, mass · speed: along the normal, and friction as a
-    vector; and the arm from the COM of body 1 to the contact point.
-    """
+    """Impulses that a contact applied to body 2, in mass · speed."""
 
-    impulse: float
+    impulse: float  # along the normal
     friction: tuple
-    arm: tuple
+    arm: tuple  # from the COM of body 1 to the contact point
 
 
 def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOnly=False, mu=0.0):
@@ -578,8 +537,8 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
 
     The position correction is split by inverse mass, see `project_positions`. For the impulses, let
     n be the normal, and u the velocity of body 1 relative to body 2 at the contact point, which has
-    moved along with m2. Restitution requires the closing speed u · n to become -e (u · n), and thus
-    to fall by (1 + e) (u · n); see `apply_impulse`.
+    moved along with m2. Restitution requires the closing speed u · n to become -e (u · n), that is,
+    to fall by (1 + e) (u · n). See `apply_impulse`.
 
     Parameters
     ----------
@@ -594,9 +553,7 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
         coursework's reference, applies it whatever the sign of the closing speed
     mu : coefficient of friction ≥ 0. It limits the friction impulse to mu times the normal impulse
 
-    Returns
-    -------
-    ContactImpulses, or None if neither mesh can move; both then stay as they are
+    Returns `ContactImpulses`, or None if neither mesh can move; both then stay as they are.
     """
     e, mu = number(CRCoeff), number(mu)
     body1, body2 = m1.body_state(), m2.body_state()
@@ -622,7 +579,7 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
 
 
 def project_positions(body1, body2, distance, n):
-    """Moves two bodies apart by a distance along n, from 1 to 2; returns both displacements.
+    """Moves body 2 relative to body 1 by a distance along n; returns both displacements.
 
     Each is proportional to w_i = m_i⁻¹ / (m_1⁻¹ + m_2⁻¹), so that the common COM does not move. At
     least one mass must be finite.
@@ -643,10 +600,10 @@ def relative_velocity(body1, body2, r1, r2):
 
 
 def apply_impulse(body1, body2, r1, r2, n, change, limit=math.inf):
-    """Applies the impulse j that lowers the closing speed u · n by `change`, and returns it.
+    """Applies the impulse that lowers u · n by `change`, or less with a limit; returns it.
 
-    An impulse -j n on body 1 and +j n on body 2 lowers u · n by j K, where K is the sum of both
-    inverse effective masses along n. Hence j = change / K, or the limit if that is less.
+    Let u be the `relative_velocity` and K the sum of both inverse effective masses along n. An
+    impulse -j n on body 1 and +j n on body 2 lowers u · n by j K, hence j = change / K.
     """
     k1, turning1 = inverse_effective_mass(body1, r1, n)
     k2, turning2 = inverse_effective_mass(body2, r2, n)
@@ -713,10 +670,7 @@ def resolve_position_constraint(
     upper : an upper bound is valid if C ≤ tolerance, a lower one if C ≥ -tolerance
     tolerance : length
 
-    Returns
-    -------
-    positionWasValid : bool
-    correctedPositions : pair of arrays (1, 3), new COMs
+    Returns `(positionWasValid, correctedPositions)`, the latter a pair of arrays (1, 3), new COMs.
     """
     pairs = zip(invMasses, currPositions, strict=True)
     body1, body2 = (Body.from_arrays(invMass, ZERO * 3, x) for invMass, x in pairs)
@@ -748,10 +702,8 @@ def resolve_velocity_constraint(
     invInertiaTensors : pair of arrays (3, 3), inverse inertia tensors in world axes
     tolerance : speed. The velocities are valid if |J v| ≤ tolerance
 
-    Returns
-    -------
-    velocityWasValid : bool
-    correctedLinVelocities, correctedAngVelocities : pairs of arrays (1, 3)
+    Returns `(velocityWasValid, correctedLinVelocities, correctedAngVelocities)`, the last two pairs
+    of arrays (1, 3).
     """
     states = invMasses, invInertiaTensors, currPositions, currLinVelocities, currAngVelocities
     body1, body2 = (Body.from_arrays(*state) for state in zip(*states, strict=True))
@@ -776,9 +728,9 @@ def is_violated(C, upper, tolerance):
 
 
 def project_velocities(body1, body2, r1, r2, n, tolerance):
-    """Applies the impulse that stops the change of a distance; returns whether it did not change.
+    """Stops the change of ‖p1 - p2‖ if it is faster than the tolerance; returns whether it was not.
 
-    n : unit vector of p1 - p2, the points at the arms r1 and r2; tolerance : of the speed
+    n : unit vector of p1 - p2, the difference of the points at the arms r1 and r2
 
     With J = [n, r1 × n, -n, -(r2 × n)], J v is the rate at which ‖p1 - p2‖ grows, and J M⁻¹ Jᵀ is
     the inverse effective mass K. The correction Δv = -M⁻¹Jᵀ (J M⁻¹ Jᵀ)⁻¹ J v is therefore the
@@ -794,8 +746,7 @@ def project_velocities(body1, body2, r1, r2, n, tolerance):
 def project_constraints(meshes, constraints, maxIterations, tolerance, scheduling):
     """Visits constraints until all hold or the maximum is reached; returns the number of visits.
 
-    A visit checks one constraint, and corrects positions and velocities if it is violated. See
-    `run_timestep` for the arguments and rbs/stepping/constraints.py for the schedules.
+    See `run_timestep` for the arguments and rbs/stepping/constraints.py for the schedules.
     """
     if len(constraints) == 0:
         return 0
@@ -818,13 +769,13 @@ def project_constraints(meshes, constraints, maxIterations, tolerance, schedulin
         ties[c] = bodies[b1], bodies[b2], r1, r2, refValue, upper
 
     def visit(c):
-        """Checks constraint c, corrects it if it is violated, and returns whether it was."""
+        """Corrects constraint c if it is violated, and returns whether it was."""
         body1, body2, r1, r2, refValue, upper = ties[c]
         C, n = distance_error(add(body1.position, r1), add(body2.position, r2), refValue)
         if not is_violated(C, upper, tolerance):
             return False
         project_positions(body1, body2, C, n)
-        # the points stay on the line through them, so n is unchanged
+        # the points have stayed on one line, so n is unchanged
         project_velocities(body1, body2, r1, r2, n, tolerance)
         return True
 
