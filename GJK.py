@@ -74,7 +74,8 @@ def is_collide(vertices1, vertices2):
 
     Returns
     -------
-    isCollision : bool, also True for hulls that touch within rounding; if False, the rest is zero
+    isCollision : bool, True also if they touch within rounding; if False, the rest is zero and
+        read-only
     depth : float ≥ 0, length of the least translation that separates the hulls
     intNormal : (1, 3), unit; hull 2 moves along it, by depth, to separate
     intPosition : (1, 3), the point of hull 2 deepest inside hull 1. If two edges cross, it lies on
@@ -113,8 +114,8 @@ def collide_rotated(rotated1, rotated2, t, axis=None):
     t : tuple of 3, centre of the second minus centre of the first
     axis : tuple of 3, unit, a possible separating axis; it saves time without changing results
 
-    Returns `(isCollision, depth, normal, point)` as `is_collide` does, but in tuples of 3. Without
-    a collision, normal is the axis of separation, and point None; it is relative to centre 2.
+    Returns `(isCollision, depth, normal, point)` as `is_collide` does, but in tuples of 3, with the
+    point relative to centre 2. Without a collision, normal separates the hulls, and point is None.
     """
     hull1, hull2 = rotated1.hull, rotated2.hull
     size = hull1.radius + hull2.radius

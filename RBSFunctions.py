@@ -131,10 +131,8 @@ def run_timestep(
         else:
             report = all_pairs_step(*arguments)
         with report.phase("constraints"):
-            limits = checked["maxIterations"], checked["tolerance"]
-            report.constraintVisits = project_constraints(
-                meshes, constraints, *limits, constraintScheduling
-            )
+            schedule = checked["maxIterations"], checked["tolerance"], constraintScheduling
+            report.constraintVisits = project_constraints(meshes, constraints, *schedule)
             if report.constraintVisits:
                 check_numbers(state_columns(meshes), meshes, "contacts and constraints")
     return report
@@ -660,7 +658,8 @@ def resolve_position_constraint(
     """Moves two bodies so that a bound on the distance between two of their points holds.
 
     A violated bound moves the bodies along p1 - p2, in proportion to their inverse masses, until
-    C = ‖p1 - p2‖ - refValue is 0. Coincident points separate along y, the first one upwards.
+    C = ‖p1 - p2‖ - refValue is 0. Coincident points separate along y, the first one upwards. A step
+    calls the formula, `project_positions`, directly.
 
     Parameters
     ----------
@@ -693,7 +692,8 @@ def resolve_velocity_constraint(
 ):
     """Stops the change of the distance between two points of two bodies.
 
-    See `project_velocities`. Two immovable bodies keep their velocities.
+    Two immovable bodies keep their velocities. A step calls the formula, `project_velocities`,
+    directly.
 
     Parameters
     ----------
