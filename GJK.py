@@ -1,13 +1,11 @@
 """Collision of two convex hulls: whether they touch, how deep, along which normal, and where.
 
 `is_collide` tests two point sets, and `collide_rotated` two hulls that a simulation has rotated.
-They build on rbs/geometry: hulls.py has the hulls, facets.py the facets of the Minkowski
-difference, and patches.py the contact points. Those modules apply elementwise formulas to arrays of
-pairs, so that the result of a pair has the same bits whatever else is in the array.
+Hulls, facets and contact points are in hulls.py, facets.py and patches.py of rbs/geometry.
 
-All of it rests on the Minkowski difference M = A - B of two hulls, each relative to its own centre.
-With t = centreB - centreA, the hulls intersect exactly if t lies in M, and the least translation
-that separates them is the distance from t to the surface of M:
+Let M = A - B be the Minkowski difference of two hulls, each relative to its own centre. With
+t = centreB - centreA, the hulls intersect exactly if t lies in M, and the least translation that
+separates them is the distance from t to the surface of M:
 
     depth(t) = min over the facets k of M of  h_k - n_k · t,
 
@@ -22,8 +20,8 @@ penetration of a facet with the normal n is at least n · (a - b - t) for any po
 B. Finally, the two features that support the minimal facet give the contact point. As n_k and h_k
 do not depend on t, the facets of a pair remain valid while its bodies only translate.
 
-A simulation step does not need GJK. The axis cached from the last step separates most pairs that
-are apart, and the other pairs proceed to the facets, which colliding pairs need in any case.
+A simulation step does not need GJK: the axis cached from the last step separates most pairs that
+are apart.
 
 [1] Gilbert, Johnson, Keerthi: A fast procedure for computing the distance between complex objects
     in three-dimensional space. IEEE J. Robotics and Automation 4(2), 1988.
@@ -48,8 +46,7 @@ from rbs.geometry.hulls import (
 from rbs.geometry.patches import contact_points
 from rbs.geometry.triples import cross, divide, dot, mul_add, norm, scale, sub
 
-# Largest ratio of the sizes of two point sets. Beyond it, rounding leaves too little of the
-# smaller.
+# Largest ratio of the sizes of two point sets. Beyond it, rounding leaves little of the smaller.
 LARGEST_RATIO = 1e12
 
 # Least progress of a GJK iteration, as a fraction of the distance to the origin, and most
@@ -65,21 +62,21 @@ _ZERO.setflags(write=False)
 # Result of `is_collide` without a collision. The arrays are read-only.
 NO_COLLISION = (False, 0.0, _ZERO, _ZERO)
 
-# Row indices of the only pair in a `HullSet` of two.
+# Row indices of the only pair in a `HullSet` of two, and the sets of recent pairs at rest.
 _PAIR = np.array([0]), np.array([1])
+_hull_pair = lru_cache(maxsize=1024)(HullSet)
 
 
 def is_collide(vertices1, vertices2):
     """Tests the convex hulls of two point sets for collision.
 
-    Hulls that touch within rounding collide, with a depth of 0. Without a collision, the last three
-    results are zero and read-only.
-
     vertices1, vertices2 : (n1, 3), (n2, 3), in any order; interior points are allowed
 
     Returns
     -------
-    isCollision, depth : bool; float ≥ 0, length of the least translation that separates the hulls
+    isCollision : bool, True also if they touch within rounding; if False, the rest is zero and
+        read-only
+    depth : float ≥ 0, length of the least translation that separates the hulls
     intNormal : (1, 3), unit; hull 2 moves along it, by depth, to separate
     intPosition : (1, 3), the point of hull 2 deepest inside hull 1. If two edges cross, it lies on
         that of hull 2; if an edge or a face lies flat on the other hull, it is the centroid of
@@ -117,9 +114,8 @@ def collide_rotated(rotated1, rotated2, t, axis=None):
     t : tuple of 3, centre of the second minus centre of the first
     axis : tuple of 3, unit, a possible separating axis; it saves time without changing results
 
-    Returns `(isCollision, depth, normal, point)`: normal is a tuple of 3, the unit axis of
-    penetration or separation; point, the point of hull 2 deepest inside hull 1, is a tuple of 3,
-    relative to the centre of hull 2, or None without a collision.
+    Returns `(isCollision, depth, normal, point)` as `is_collide` does, but in tuples of 3, with the
+    point relative to centre 2. Without a collision, normal separates the hulls, and point is None.
     """
     hull1, hull2 = rotated1.hull, rotated2.hull
     size = hull1.radius + hull2.radius
@@ -128,17 +124,11 @@ def collide_rotated(rotated1, rotated2, t, axis=None):
         lowest = dot(axis, rotated2.hullVertices).min()
         if lowest + dot(axis, t) - highest > LEAST_GAP * size:
             return False, 0.0, axis, None
-    hulls = _hull_pair(hull1, hull2).rotated(
+    hulls = _hull_pair((hull1, hull2)).rotated(
         np.array((rotated1.rotation, rotated2.rotation)).T,
         np.concatenate((rotated1.hullVertices, rotated2.hullVertices), axis=1),
     )
     return _collide(hulls, t, TOUCH_TOLERANCE * size, FEATURE_TOLERANCE * size, axis)
-
-
-@lru_cache(maxsize=1024)
-def _hull_pair(hull1, hull2):
-    """Returns the `HullSet` of two hulls at rest."""
-    return HullSet([hull1, hull2])
 
 
 def _collide(hulls, t, tolerance, patchTolerance, axis=None):

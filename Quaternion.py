@@ -1,11 +1,11 @@
 """Quaternion algebra on rows.
 
-A quaternion is a row (w, x, y, z), scalar part first, and n of them have shape (n, 4). Every
-function takes (n, 4), (1, 4) or (4,) arrays, broadcasts a single one against several, and returns a
-new float64 array of rows.
+A quaternion is a row (w, x, y, z), scalar part first, and n of them have shape (n, 4). The
+coursework's functions, Q…, take (n, 4), (1, 4) or (4,) arrays, broadcast a single one against
+several, and return a new float64 array of rows.
 
-The products are written out by component, so that the result of a row does not depend on the number
-of rows. Neither `einsum` nor BLAS guarantees this.
+Products are written out by component: unlike with `einsum` or BLAS, the result of a row does not
+depend on the number of rows.
 """
 
 import math
@@ -31,11 +31,7 @@ def _rows(components):
 
 
 def multiply(a, b):
-    """Hamilton product of two quaternions given as tuples (w, x, y, z) of floats or of arrays.
-
-    It consists of products and sums of components, as does `rotation_matrices`, so that one
-    function serves both.
-    """
+    """Hamilton product of two quaternions given as tuples (w, x, y, z) of floats or of arrays."""
     aw, ax, ay, az = a
     bw, bx, by, bz = b
     return (
@@ -53,10 +49,7 @@ def exponential(q):
     """
     w, x, y, z = q
     angle = math.sqrt(x * x + y * y + z * z)
-    if angle < SMALL_ANGLE:
-        sinc = 1.0 - angle * angle / 6.0
-    else:
-        sinc = float(np.sin(angle)) / angle
+    sinc = 1.0 - angle * angle / 6.0 if angle < SMALL_ANGLE else float(np.sin(angle)) / angle
     cosine, scale = float(np.cos(angle)), float(np.exp(w))
     return scale * cosine, scale * sinc * x, scale * sinc * y, scale * sinc * z
 
@@ -91,7 +84,7 @@ def rotation_matrices(q):
 
 
 def QMult(q1, q2):
-    """Hamilton product of rows: (n, 4) and (n, 4), or (1, 4) for either, to (n, 4)."""
+    """Hamilton product of rows: (n, 4) and (n, 4) to (n, 4)."""
     return _rows(multiply(_components(q1, 4), _components(q2, 4)))
 
 
@@ -109,13 +102,7 @@ def QInv(q):
 
 
 def QRotate(q, v):
-    """Rotates vectors by quaternions: q v q⁻¹.
-
-    q : (1, 4), one rotation for all vectors, or (n, 4), one per vector
-    v : (n, 3), or (1, 3), which each of n quaternions rotates
-
-    Returns (n, 3).
-    """
+    """Rotates vectors by quaternions, q v q⁻¹: (n, 4) and (n, 3) to (n, 3)."""
     r = rotation_matrices(_components(q, 4))
     x, y, z = _components(v, 3)
     return _rows([r[k] * x + r[k + 1] * y + r[k + 2] * z for k in (0, 3, 6)])

@@ -1,13 +1,13 @@
 """The coursework: rigid bodies, their integration, collisions, constraints and the time step.
 
 Reading order: `run_timestep`, which follows the coursework's text; `Mesh`; contacts with friction;
-distance constraints. All functions here treat one body or one pair; the steps for thousands of
-bodies are in rbs/stepping/gridstep.py and rbs/softstep/step.py.
+distance constraints. The steps for thousands of bodies are in rbs/stepping/gridstep.py and
+rbs/softstep/step.py.
 
 Lengths and masses have the units of the scene, time is in seconds, and gravity is by default 9.8
 length units per second squared along -y. Vectors of one mesh are rows (1, 3), and quaternions are
-rows (1, 4) with the scalar part first; (3,) and (4,) are accepted as well. The formulas work on
-tuples of floats, because NumPy's overhead dominates for arrays of three numbers.
+rows (1, 4) with the scalar part first; (3,) and (4,) are accepted as well. The formulas work on one
+body or pair, in tuples of floats, because NumPy's overhead dominates for arrays of three numbers.
 
 Sources. Integration, impulses, inertia in world axes: Baraff, Rigid Body Simulation, SIGGRAPH 2001.
 Inertia of a tetrahedron: Tonon, Explicit exact formulas for the 3-D tetrahedron inertia tensor,
@@ -29,6 +29,7 @@ import GJK
 from Quaternion import exponential, multiply, rotation_matrices
 from rbs.geometry import vectors
 from rbs.geometry.hulls import build_hull, rotate_columns
+from rbs.geometry.surfaces import fill_surface, orient_surface, tetrahedron_volumes
 from rbs.geometry.triples import (
     ZERO,
     add,
@@ -46,7 +47,6 @@ from rbs.geometry.triples import (
 )
 from rbs.stepping.bodies import (
     EARTH,
-    GRAVITY as GRAVITY,
     check_distinct,
     check_numbers,
     gyroscopic_velocity,
@@ -58,8 +58,6 @@ from rbs.stepping.reports import GROUND, StepReport
 # Methods of Mesh that the loop over all pairs calls, and the other steps do not.
 STEP_METHODS = "bounding_box_collision detect_collision lowest_vertex get_rotated_inv_IT".split()
 STEP_METHODS += "integrate_timestep apply_gyroscopic_term".split()
-# Normal of the ground, pointing into the body. The penetration depth there is negative to match.
-UPWARDS = (0.0, 1.0, 0.0)
 # Direction that separates coincident constraint points, for which no direction is preferred.
 COINCIDENT_DIRECTION = (0.0, 1.0, 0.0)
 
@@ -92,56 +90,49 @@ def run_timestep(
     groundMesh : fixed Mesh without vertices, which stands for y ≤ 0, or None for free space
     timeStep : seconds ≥ 0. Collisions are detected after the motion, so that fast bodies may tunnel
     CRCoeff, closingOnly, mu : see `resolve_collision`
-    enforceConstraints : False ignores the constraints
     constraints : list of [m1, v1, m2, v2, refValue, upper]. The distance between rest vertex v1 of
         meshes[m1] and rest vertex v2 of meshes[m2] is at most refValue if upper, otherwise at least
     maxIterations : most constraint visits; each constraint is visited at least once
     tolerance : length by which a constraint may be violated before it is corrected, and speed at
         which its distance may then still change
-    constraintScheduling, broadPhase, contactSolver : names, see rbs/stepping/settings.py. Only the
-        default step calls methods that a subclass of Mesh overrides
-    substeps, sleeping : of the soft step, see rbs/stepping/settings.py
-    gyroscopic : True lets spinning bodies tumble in free flight, by Euler's equations
+    enforceConstraints, gyroscopic, substeps, sleeping, constraintScheduling, broadPhase,
+    contactSolver : see rbs/stepping/settings.py. Only the default step calls methods that a
+        subclass of Mesh overrides
     solverState : SolverState of rbs/softstep/step.py, carried from one soft step to the next and
         changed in place; None starts cold
     gravity : three floats, acceleration of free fall in m/s²
 
-    Returns
-    -------
-    StepReport
+    Returns the step's `StepReport`.
 
-    Raises
-    ------
-    TypeError, ValueError : an argument is invalid, a mesh is listed twice, a constraint refers to a
-        mesh or vertex that does not exist, or a subclass of Mesh overrides a method that would not
-        be called
-    rbs.stepping.bodies.StateError : a number would become NaN, infinite or absurdly large
+    Raises TypeError or ValueError if an argument is invalid, a mesh is listed twice, a constraint
+    refers to a mesh or vertex that does not exist, or a subclass of Mesh overrides a method that
+    would not be called; rbs.stepping.bodies.StateError if a number would become NaN, infinite or
+    absurdly large.
     """
     from rbs.stepping.settings import check_arguments
 
     checked = check_arguments(locals())
-    contact = checked["CRCoeff"], closingOnly, checked["mu"]
-    flight = gyroscopic, checked["gravity"]
-    arguments = meshes, groundMesh, checked["timeStep"], *contact, *flight
+    arguments = meshes, groundMesh, checked["timeStep"], checked["CRCoeff"], closingOnly
+    arguments += checked["mu"], gyroscopic, checked["gravity"]
     constraints = constraints if enforceConstraints else ()
-    isSoft, isGrid = contactSolver == "soft-step", broadPhase == "grid"
     # the soft step, and the grid step without constraints, change nothing if they fail
-    mayBeHalfDone = not isSoft and (not isGrid or len(constraints) > 0)
+    mayBeHalfDone = contactSolver == "impulse" and (broadPhase == "all" or len(constraints) > 0)
     with undone_on_error(meshes, mayBeHalfDone):
-        step = all_pairs_step
-        if isSoft or isGrid:
-            check_methods(meshes, contactSolver if isSoft else broadPhase)
-        if isSoft:
+        if contactSolver == "soft-step":
             from rbs.softstep.step import soft_step
 
+            check_methods(meshes, contactSolver)
             return soft_step(*arguments, constraints, checked["substeps"], sleeping, solverState)
-        if isGrid:
-            from rbs.stepping.gridstep import grid_step as step
-        report = step(*arguments)
+        if broadPhase == "grid":
+            from rbs.stepping.gridstep import grid_step
+
+            check_methods(meshes, broadPhase)
+            report = grid_step(*arguments)
+        else:
+            report = all_pairs_step(*arguments)
         with report.phase("constraints"):
-            report.constraintVisits = project_constraints(
-                meshes, constraints, maxIterations, checked["tolerance"], constraintScheduling
-            )
+            schedule = checked["maxIterations"], checked["tolerance"], constraintScheduling
+            report.constraintVisits = project_constraints(meshes, constraints, *schedule)
             if report.constraintVisits:
                 check_numbers(state_columns(meshes), meshes, "contacts and constraints")
     return report
@@ -150,41 +141,40 @@ def run_timestep(
 def all_pairs_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic, gravity):
     """The part of `run_timestep` before the constraints, one body and one pair after the other.
 
-    Each detection sees the corrections of the earlier pairs. Returns the `StepReport`.
+    Each detection sees the corrections of the earlier pairs.
     """
     check_distinct(meshes)
     report = StepReport()
-    extensions = {"closingOnly": closingOnly, "mu": mu} if closingOnly or mu else {}
-    pull = () if gravity == EARTH else (gravity,)
+    # a student's functions take the coursework's arguments only, which are enough by default
+    flight = (timeStep,) if gravity == EARTH else (timeStep, gravity)
+    contactSettings = (CRCoeff, closingOnly, mu) if closingOnly or mu else (CRCoeff,)
     with report.phase("integrate"):
         for mesh in meshes:
             if gyroscopic:
                 mesh.apply_gyroscopic_term(timeStep)
-            mesh.integrate_timestep(timeStep, *pull)
+            mesh.integrate_timestep(*flight)
         check_numbers(state_columns(meshes), meshes, "free flight")
     with report.phase("collisions"):
         for (i, m1), (j, m2) in itertools.combinations(enumerate(meshes), 2):
             isCollision, *contact = m1.detect_collision(m2)
             if isCollision:
-                impulses = resolve_collision(m1, m2, *contact, CRCoeff, **extensions)
+                impulses = resolve_collision(m1, m2, *contact, *contactSettings)
                 report.add_contact(i, j, *contact, impulses)
         report.candidatePairs = math.comb(len(meshes), 2)
     with report.phase("ground"):
         for i, mesh in enumerate(meshes if groundMesh is not None else ()):
             lowest = mesh.lowest_vertex()
             if lowest is not None and lowest[1] <= 0.0:
-                contact = lowest[1], UPWARDS, lowest
-                impulses = resolve_collision(mesh, groundMesh, *contact, CRCoeff, **extensions)
+                # the normal points into the body, and the depth is negative to match
+                contact = lowest[1], (0.0, 1.0, 0.0), lowest
+                impulses = resolve_collision(mesh, groundMesh, *contact, *contactSettings)
                 report.add_contact(i, GROUND, *contact, impulses)
     check_numbers(state_columns(meshes), meshes, "contacts")
     return report
 
 
 def check_methods(meshes, step):
-    """Raises ValueError if a subclass of Mesh has a method of its own that a step would not call.
-
-    step : the name of the broad phase or of the contact solver, which apply the formulas to arrays
-    """
+    """Raises ValueError if a subclass of Mesh overrides a method that a step would not call."""
     for kind in dict.fromkeys(map(type, meshes)):
         for name in STEP_METHODS:
             if getattr(kind, name, None) is not getattr(Mesh, name):
@@ -220,7 +210,6 @@ class Mesh:
 
     Parameters
     ----------
-    name : str
     origVertices : (V, 3), rest vertices. They are translated so that the COM is the origin, and
         then constant
     faces : (F, 3) int, boundary triangles, counter-clockwise seen from outside
@@ -239,12 +228,10 @@ class Mesh:
     volume, hullVolume : of the tetrahedra, and of the convex hull, which is what collides
     hull : rbs.geometry.hulls.Hull
     cachedAxes : dict, by the id of another mesh: the axis of separation or of least penetration
-        last found, from which the next search starts. It has no effect on results
+        last found, which only saves time
 
-    Raises
-    ------
-    ValueError : an argument has the wrong shape or value, an index is out of range, or vertices
-        have no mass
+    Raises ValueError if an argument has the wrong shape or value, an index is out of range, or
+    vertices have no mass.
     """
 
     def __init__(self, name, origVertices, faces, tets, density, position, orientation, isFixed):
@@ -268,20 +255,12 @@ class Mesh:
             self._init_mass_properties()
         self.isFixed = isFixed
         self.cachedAxes = {}
-        # kept until the pose changes, each after the bytes of its pose, which a change in place
-        # changes as well
+        # each after the bytes of the pose that it is valid for
         self._rotatedHull = self._boundingBox = self._currVertices = None, None
 
     @classmethod
     def from_surface(
-        cls,
-        name,
-        vertices,
-        faces,
-        density,
-        position=None,
-        orientation=(1.0, 0.0, 0.0, 0.0),
-        isFixed=False,
+        cls, name, vertices, faces, density, position=None, orientation=(1, 0, 0, 0), isFixed=False
     ):
         """Makes a body of a closed surface, as SciPy's ConvexHull or trimesh have one.
 
@@ -292,8 +271,6 @@ class Mesh:
         The rest is as for `Mesh`. Raises ValueError if the surface is not closed, or no point
         inside sees all of it.
         """
-        from rbs.geometry.surfaces import fill_surface, orient_surface
-
         try:
             vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
             used, faces = np.unique(faces, return_inverse=True)
@@ -313,7 +290,7 @@ class Mesh:
         return f"Mesh({self.name!r}, {len(self.origVertices)} vertices, {mass}, at {where})"
 
     def _numbers(self, what, value, width, count=None, dtype=np.float64):
-        """Returns a copy of finite numbers as (count, width), or (n, width); raises ValueError."""
+        """Returns a copy as (count, width), or (n, width), of finite numbers; raises ValueError."""
         try:
             array = np.array(value, dtype=np.float64)
             if count or array.size == 0:
@@ -338,9 +315,7 @@ class Mesh:
         for corners, what in ((self.faces, "face"), (self.tets, "tetrahedron")):
             if corners.size and not 0 <= corners.min() <= corners.max() < len(self.origVertices):
                 raise ValueError(f"mesh {self.name}: a {what} refers to vertices out of range")
-        corners = self.origVertices[self.tets]  # (T, 4, 3)
-        edges = corners[:, 1:] - corners[:, :1]
-        volumes = np.abs((edges[:, 0] * np.cross(edges[:, 1], edges[:, 2])).sum(axis=1)) / 6.0
+        volumes = np.abs(tetrahedron_volumes(self.origVertices, self.tets))
         self.volume = float(volumes.sum())
         self.mass = self.density * self.volume
         if not 0 < self.mass < math.inf:
@@ -348,9 +323,10 @@ class Mesh:
                 f"mesh {self.name}: density {self.density:g} and volume {self.volume:g} "
                 "give no positive, finite mass"
             )
+        corners = self.origVertices[self.tets]  # (T, 4, 3)
         centreOfMass = (volumes[:, None] * corners.mean(axis=1)).sum(axis=0) / self.volume
         self.origVertices -= centreOfMass
-        corners = corners - centreOfMass
+        corners -= centreOfMass
         sums = corners.sum(axis=1)
         outer = (corners[:, :, :, None] * corners[:, :, None, :]).sum(axis=1)
         outer += sums[:, :, None] * sums[:, None, :]
@@ -378,8 +354,8 @@ class Mesh:
     def integrate_timestep(self, timeStep, gravity=EARTH):
         """Integrates timeStep seconds of free flight, with gravity g. A fixed mesh does not change.
 
-        Semi-implicit Euler: v ← v + g h, COM ← COM + v h with the new velocity, orientation ← exp(ω
-        h/2) ∘ orientation. The angular velocity stays, as the gyroscopic term is omitted.
+        Semi-implicit Euler: v ← v + g h, COM ← COM + v h with the new velocity, and
+        orientation ← exp(ω h/2) ∘ orientation. The angular velocity stays.
         """
         if self.isFixed:
             return
@@ -395,7 +371,7 @@ class Mesh:
 
     def apply_gyroscopic_term(self, timeStep):
         """Applies the gyroscopic torque to the angular velocity; see `gyroscopic_velocity`."""
-        if self.invMass != 0.0:
+        if not self.isFixed:
             state = floats(self.angVelocity, 3), floats(self.orientation, 4), floats(self.IT, 9)
             self.angVelocity = _row(gyroscopic_velocity(*state, number(timeStep)))
 
@@ -428,10 +404,7 @@ class Mesh:
         return True, depth, _row(normal), _row(add(point, position2))
 
     def lowest_vertex(self):
-        """Returns the lowest vertex in the world (3,), the first one if several are equally low.
-
-        Returns None if the mesh is fixed, because the ground cannot move it.
-        """
+        """Returns the first lowest vertex in the world (3,), or None if the mesh is fixed."""
         if self.isFixed:
             return None
         vertices = self.rotated_hull().vertices
@@ -457,19 +430,18 @@ class Mesh:
     def body_state(self):
         """Returns the `Body` on which contacts and constraints operate."""
         invInertia = np.zeros((3, 3)) if self.isFixed else self.get_rotated_inv_IT()
-        state = (floats(v, 3) for v in (self.position, self.linVelocity, self.angVelocity))
-        return Body(float(self.invMass), floats(invInertia, 9), *state)
+        vectors = self.position, self.linVelocity, self.angVelocity
+        return Body.from_arrays(self.invMass, invInertia, *vectors)
 
     def set_body_state(self, body):
         """Stores the position and velocities of a `Body`. An immovable mesh does not change."""
-        if body.invMass == 0.0:
-            return
-        self.position = _row(body.position)
-        self.linVelocity = _row(body.linVelocity)
-        self.angVelocity = _row(body.angVelocity)
+        if body.invMass != 0.0:
+            self.position = _row(body.position)
+            self.linVelocity = _row(body.linVelocity)
+            self.angVelocity = _row(body.angVelocity)
 
     def pose(self):
-        """Returns the bytes of position and orientation."""
+        """Returns the bytes of position and orientation, which differ after a change in place."""
         return self.position.tobytes() + self.orientation.tobytes()
 
     def rotated_hull(self):
@@ -481,7 +453,7 @@ class Mesh:
 
     def bounding_box(self):
         """Returns the least and greatest x, y, z of the hull in the world: six floats, or None."""
-        pose = self.position.tobytes() + self.orientation.tobytes()
+        pose = self.pose()
         if self._boundingBox[0] != pose and self.hull is not None:
             rotated, position = self.rotated_hull(), floats(self.position, 3)
             self._boundingBox = pose, add(rotated.low, position) + add(rotated.high, position)
@@ -489,10 +461,7 @@ class Mesh:
 
     @property
     def currVertices(self):
-        """Vertices in the world (V, 3), read-only unless assigned; they follow from the pose.
-
-        An assignment replaces them until the pose changes.
-        """
+        """Vertices in the world (V, 3), read-only. An assignment lasts until the pose changes."""
         if self._currVertices[0] != self.pose():
             refresh_vertices([self])
         return self._currVertices[1]
@@ -508,10 +477,7 @@ def ground():
 
 
 def refresh_vertices(meshes):
-    """Computes all missing currVertices in one pass, which is faster than mesh by mesh.
-
-    Returns the currVertices of all meshes, concatenated: (ΣV, 3), read-only.
-    """
+    """Returns the currVertices of all meshes (ΣV, 3), read-only; the missing ones in one pass."""
     poses = [m.pose() for m in meshes]
     stale = [k for k, m in enumerate(meshes) if m._currVertices[0] != poses[k]]
     if stale:
@@ -523,9 +489,8 @@ def refresh_vertices(meshes):
         vertices = rotate_columns(rotation, rest, counts)
         vertices = np.ascontiguousarray((vertices + columns["position"].repeat(counts, axis=1)).T)
         vertices.flags.writeable = False
-        for k, end in zip(stale, counts.cumsum().tolist(), strict=True):
-            m = meshes[k]
-            m._currVertices = poses[k], vertices[end - len(m.origVertices) : end]
+        for k, part in zip(stale, np.split(vertices, counts.cumsum()[:-1]), strict=True):
+            meshes[k]._currVertices = poses[k], part
         if len(stale) == len(meshes):
             return vertices
     return np.concatenate([np.empty((0, 3)), *(m._currVertices[1] for m in meshes)])
@@ -543,37 +508,35 @@ def _row(value):
 
 @dataclass(slots=True)
 class Body:
-    """State of a body on which contacts and constraints operate, in floats.
+    """State of a body on which contacts and constraints operate; vectors are tuples of three."""
 
-    invMass : 1 / mass, 0 if immovable; invInertia : nine entries row by row, world axes
-    position, linVelocity, angVelocity : tuples of three
-    """
-
-    invMass: float
-    invInertia: tuple
+    invMass: float  # 0 if immovable
+    invInertia: tuple  # nine entries row by row, world axes; 0 if immovable
     position: tuple
-    linVelocity: tuple
-    angVelocity: tuple
+    linVelocity: tuple = ZERO
+    angVelocity: tuple = ZERO
+
+    @classmethod
+    def from_arrays(cls, invMass, invInertia, *vectors):
+        """Makes a body of a number and arrays of any shape."""
+        return cls(number(invMass), floats(invInertia, 9), *(floats(v, 3) for v in vectors))
 
 
 class ContactImpulses(NamedTuple):
-    """Impulses that a contact applied to body 2, mass · speed: along the normal, and friction as a
-    vector; and the arm from the COM of body 1 to the contact point.
-    """
+    """Impulses that a contact applied to body 2, in mass · speed."""
 
-    impulse: float
+    impulse: float  # along the normal
     friction: tuple
-    arm: tuple
+    arm: tuple  # from the COM of body 1 to the contact point
 
 
 def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOnly=False, mu=0.0):
     """Separates two penetrating meshes and applies the contact impulses, in place.
 
-    The position correction is split by inverse mass, see `shifts`. For the impulses, let n be the
-    normal, u the velocity of body 1 relative to body 2 at the contact point, which has moved along
-    with m2, and K the sum of both inverse effective masses. An impulse -j n on body 1 and +j n on
-    body 2 lowers the closing speed u · n by j K. Restitution requires it to become -e (u · n),
-    hence j = (1 + e) (u · n) / K.
+    The position correction is split by inverse mass, see `project_positions`. For the impulses, let
+    n be the normal, and u the velocity of body 1 relative to body 2 at the contact point, which has
+    moved along with m2. Restitution requires the closing speed u · n to become -e (u · n), that is,
+    to fall by (1 + e) (u · n). See `apply_impulse`.
 
     Parameters
     ----------
@@ -588,9 +551,7 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
         coursework's reference, applies it whatever the sign of the closing speed
     mu : coefficient of friction ≥ 0. It limits the friction impulse to mu times the normal impulse
 
-    Returns
-    -------
-    ContactImpulses, or None if neither mesh can move; both then stay as they are
+    Returns `ContactImpulses`, or None if neither mesh can move; both then stay as they are.
     """
     e, mu = number(CRCoeff), number(mu)
     body1, body2 = m1.body_state(), m2.body_state()
@@ -601,35 +562,31 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     if depth < 0.0 or (depth == 0.0 and len(m2.origVertices) == 0):
         depth, n = -depth, scale(-1.0, n)
 
-    shift1, shift2 = shifts(body1.invMass, body2.invMass, depth)
-    body1.position = mul_add(body1.position, shift1, n)
-    body2.position = mul_add(body2.position, shift2, n)
+    _, shift2 = project_positions(body1, body2, depth, n)
     point = mul_add(point, shift2, n)
     r1, r2 = sub(point, body1.position), sub(point, body2.position)
 
     change = (1.0 + e) * dot(relative_velocity(body1, body2, r1, r2), n)
     if closingOnly:
         change = change * (change > 0.0)
-    k1, turning1 = inverse_effective_mass(body1, r1, n)
-    k2, turning2 = inverse_effective_mass(body2, r2, n)
-    j = change / (k1 + k2)
-    receive_impulse(body1, -j, n, turning1)
-    receive_impulse(body2, j, n, turning2)
-
+    j = apply_impulse(body1, body2, r1, r2, n, change)
     friction = apply_friction(body1, body2, r1, r2, n, mu * j) if mu else ZERO
     m1.set_body_state(body1)
     m2.set_body_state(body2)
     return ContactImpulses(j, friction, r1)
 
 
-def shifts(invMass1, invMass2, distance):
-    """Displacements of bodies 1 and 2, along the direction from 1 to 2, that add `distance`.
+def project_positions(body1, body2, distance, n):
+    """Moves body 2 relative to body 1 by a distance along n; returns both displacements.
 
     Each is proportional to w_i = m_i⁻¹ / (m_1⁻¹ + m_2⁻¹), so that the common COM does not move. At
     least one mass must be finite.
     """
-    total = invMass1 + invMass2
-    return -(invMass1 / total * distance), invMass2 / total * distance
+    total = body1.invMass + body2.invMass
+    shift1, shift2 = -(body1.invMass / total * distance), body2.invMass / total * distance
+    body1.position = mul_add(body1.position, shift1, n)
+    body2.position = mul_add(body2.position, shift2, n)
+    return shift1, shift2
 
 
 def relative_velocity(body1, body2, r1, r2):
@@ -638,6 +595,20 @@ def relative_velocity(body1, body2, r1, r2):
         add(body1.linVelocity, cross(body1.angVelocity, r1)),
         add(body2.linVelocity, cross(body2.angVelocity, r2)),
     )
+
+
+def apply_impulse(body1, body2, r1, r2, n, change, limit=math.inf):
+    """Applies the impulse that lowers u · n by `change`, or less with a limit; returns it.
+
+    Let u be the `relative_velocity` and K the sum of both inverse effective masses along n. An
+    impulse -j n on body 1 and +j n on body 2 lowers u · n by j K, hence j = change / K.
+    """
+    k1, turning1 = inverse_effective_mass(body1, r1, n)
+    k2, turning2 = inverse_effective_mass(body2, r2, n)
+    j = min(change / (k1 + k2), limit)
+    receive_impulse(body1, -j, n, turning1)
+    receive_impulse(body2, j, n, turning2)
+    return j
 
 
 def inverse_effective_mass(body, r, n):
@@ -663,22 +634,17 @@ def apply_friction(body1, body2, r1, r2, n, limit):
 
     limit : μ times the normal impulse; no friction acts if it is negative
 
-    Let u be the velocity of body 1 relative to body 2 at the contact, t the unit vector of its part
-    perpendicular to the normal, and K the sum of the inverse effective masses along t. An impulse
-    -j t on body 1 and +j t on body 2 lowers u · t by j K, so the sliding stops at j = u · t / K.
-    Friction applies the lesser of this and its limit, and thus never reverses the sliding. The
-    kinetic energy changes by -j u · t + j² K / 2, which is at most 0 for 0 ≤ j ≤ u · t / K.
+    Let t be the unit vector of the part of u perpendicular to the normal. The sliding stops at the
+    impulse j = u · t / K. Friction applies the lesser of this and its limit, and thus never
+    reverses the sliding. The kinetic energy changes by -j u · t + j² K / 2, which is at most 0 for
+    0 ≤ j ≤ u · t / K.
     """
     u = relative_velocity(body1, body2, r1, r2)
     across = mul_add(u, -dot(u, n), n)
     speed = norm(across)
     t = divide(across, speed or 1.0)
-    k1, turning1 = inverse_effective_mass(body1, r1, t)
-    k2, turning2 = inverse_effective_mass(body2, r2, t)
-    j = min(speed / (k1 + k2), max(limit, 0.0) + 0.0)  # turns -0.0 into 0.0
-    receive_impulse(body1, -j, t, turning1)
-    receive_impulse(body2, j, t, turning2)
-    return scale(j, t)
+    # + 0.0 turns -0.0 into 0.0
+    return scale(apply_impulse(body1, body2, r1, r2, t, speed, max(limit, 0.0) + 0.0), t)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -692,7 +658,8 @@ def resolve_position_constraint(
     """Moves two bodies so that a bound on the distance between two of their points holds.
 
     A violated bound moves the bodies along p1 - p2, in proportion to their inverse masses, until
-    C = ‖p1 - p2‖ - refValue is 0. Coincident points separate along y, the first one upwards.
+    C = ‖p1 - p2‖ - refValue is 0. Coincident points separate along y, the first one upwards. A step
+    calls the formula, `project_positions`, directly.
 
     Parameters
     ----------
@@ -702,20 +669,16 @@ def resolve_position_constraint(
     upper : an upper bound is valid if C ≤ tolerance, a lower one if C ≥ -tolerance
     tolerance : length
 
-    Returns
-    -------
-    positionWasValid : bool
-    correctedPositions : pair of arrays (1, 3), new COMs
+    Returns `(positionWasValid, correctedPositions)`, the latter a pair of arrays (1, 3), new COMs.
     """
-    (x1, x2), (p1, p2) = floats_of(currPositions), floats_of(currConstPoints)
-    invMass1, invMass2 = number(invMasses[0]), number(invMasses[1])
-    tolerance = number(tolerance)
+    pairs = zip(invMasses, currPositions, strict=True)
+    body1, body2 = (Body.from_arrays(invMass, ZERO * 3, x) for invMass, x in pairs)
+    p1, p2 = (floats(point, 3) for point in currConstPoints)
     C, n = distance_error(p1, p2, number(refValue))
-    isViolated = C > tolerance if upper else C < -tolerance
-    if isViolated and invMass1 + invMass2 > 0.0:
-        shift1, shift2 = shifts(invMass1, invMass2, C)
-        x1, x2 = mul_add(x1, shift1, n), mul_add(x2, shift2, n)
-    return not isViolated, Pair(x1, x2)
+    isViolated = is_violated(C, upper, number(tolerance))
+    if isViolated and body1.invMass + body2.invMass > 0.0:
+        project_positions(body1, body2, C, n)
+    return not isViolated, (_row(body1.position), _row(body2.position))
 
 
 def resolve_velocity_constraint(
@@ -727,12 +690,10 @@ def resolve_velocity_constraint(
     invInertiaTensors,
     tolerance,
 ):
-    """Applies an impulse that stops the change of the distance between two points of two bodies.
+    """Stops the change of the distance between two points of two bodies.
 
-    With J = [n, r1 × n, -n, -(r2 × n)], J v is the rate at which ‖p1 - p2‖ grows, and J M⁻¹ Jᵀ is
-    the inverse effective mass. The correction Δv = -M⁻¹Jᵀ (J M⁻¹ Jᵀ)⁻¹ J v is therefore the impulse
-    of a collision without restitution, and makes J v zero. Two immovable bodies keep their
-    velocities.
+    Two immovable bodies keep their velocities. A step calls the formula, `project_velocities`,
+    directly.
 
     Parameters
     ----------
@@ -741,58 +702,17 @@ def resolve_velocity_constraint(
     invInertiaTensors : pair of arrays (3, 3), inverse inertia tensors in world axes
     tolerance : speed. The velocities are valid if |J v| ≤ tolerance
 
-    Returns
-    -------
-    velocityWasValid : bool
-    correctedLinVelocities, correctedAngVelocities : pairs of arrays (1, 3)
+    Returns `(velocityWasValid, correctedLinVelocities, correctedAngVelocities)`, the last two pairs
+    of arrays (1, 3).
     """
-    (x1, x2), (p1, p2) = floats_of(currPositions), floats_of(currConstPoints)
-    (v1, v2), (omega1, omega2) = floats_of(currLinVelocities), floats_of(currAngVelocities)
-    invInertia1, invInertia2 = floats_of(invInertiaTensors, 9)
-    body1 = Body(number(invMasses[0]), invInertia1, x1, v1, omega1)
-    body2 = Body(number(invMasses[1]), invInertia2, x2, v2, omega2)
-    r1, r2 = getattr(currConstPoints, "arms", None) or (sub(p1, x1), sub(p2, x2))
+    states = invMasses, invInertiaTensors, currPositions, currLinVelocities, currAngVelocities
+    body1, body2 = (Body.from_arrays(*state) for state in zip(*states, strict=True))
+    p1, p2 = (floats(point, 3) for point in currConstPoints)
     _, n = distance_error(p1, p2, 0.0)
-    Jv = dot(relative_velocity(body1, body2, r1, r2), n)
-    wasValid = abs(Jv) <= number(tolerance)
-    if not wasValid and body1.invMass + body2.invMass > 0.0:
-        k1, turning1 = inverse_effective_mass(body1, r1, n)
-        k2, turning2 = inverse_effective_mass(body2, r2, n)
-        j = Jv / (k1 + k2)
-        receive_impulse(body1, -j, n, turning1)
-        receive_impulse(body2, j, n, turning2)
-    linVelocities = Pair(body1.linVelocity, body2.linVelocity)
-    return wasValid, linVelocities, Pair(body1.angVelocity, body2.angVelocity)
-
-
-class Pair:
-    """Pair of vectors; indexing gives arrays (1, 3) or of another shape.
-
-    `floats` holds the two tuples, so that a sweep creates no arrays. `arms` may hold the exact arms
-    of points, because the difference of points and COMs loses precision far from the origin.
-    """
-
-    __slots__ = ("arms", "floats", "shape")
-
-    def __init__(self, first, second, shape=(1, 3), arms=None):
-        self.floats, self.shape, self.arms = (first, second), shape, arms
-
-    def __len__(self):
-        return 2
-
-    def __iter__(self):
-        return iter((self[0], self[1]))
-
-    def __getitem__(self, k):
-        return np.reshape(self.floats[k], self.shape)
-
-
-def floats_of(pair, count=3):
-    """Returns two tuples of `count` floats, from a `Pair` or any other pair of arrays."""
-    try:
-        return pair.floats
-    except AttributeError:
-        return floats(pair[0], count), floats(pair[1], count)
+    r1, r2 = sub(p1, body1.position), sub(p2, body2.position)
+    wasValid = project_velocities(body1, body2, r1, r2, n, number(tolerance))
+    linVelocities = _row(body1.linVelocity), _row(body2.linVelocity)
+    return wasValid, linVelocities, (_row(body1.angVelocity), _row(body2.angVelocity))
 
 
 def distance_error(p1, p2, refValue):
@@ -802,11 +722,31 @@ def distance_error(p1, p2, refValue):
     return length - refValue, divide(d, length) if length > 0.0 else COINCIDENT_DIRECTION
 
 
+def is_violated(C, upper, tolerance):
+    """Whether a bound is violated: an upper one if C > tolerance, a lower one if C < -tolerance."""
+    return C > tolerance if upper else C < -tolerance
+
+
+def project_velocities(body1, body2, r1, r2, n, tolerance):
+    """Stops the change of ‖p1 - p2‖ if it is faster than the tolerance; returns whether it was not.
+
+    n : unit vector of p1 - p2, the difference of the points at the arms r1 and r2
+
+    With J = [n, r1 × n, -n, -(r2 × n)], J v is the rate at which ‖p1 - p2‖ grows, and J M⁻¹ Jᵀ is
+    the inverse effective mass K. The correction Δv = -M⁻¹Jᵀ (J M⁻¹ Jᵀ)⁻¹ J v is therefore the
+    impulse of a collision without restitution, and makes J v zero.
+    """
+    Jv = dot(relative_velocity(body1, body2, r1, r2), n)
+    wasValid = abs(Jv) <= tolerance
+    if not wasValid and body1.invMass + body2.invMass > 0.0:
+        apply_impulse(body1, body2, r1, r2, n, Jv)
+    return wasValid
+
+
 def project_constraints(meshes, constraints, maxIterations, tolerance, scheduling):
     """Visits constraints until all hold or the maximum is reached; returns the number of visits.
 
-    A visit checks one constraint, and corrects positions and velocities if it is violated. See
-    `run_timestep` for the arguments and rbs/stepping/constraints.py for the schedules.
+    See `run_timestep` for the arguments and rbs/stepping/constraints.py for the schedules.
     """
     if len(constraints) == 0:
         return 0
@@ -815,42 +755,28 @@ def project_constraints(meshes, constraints, maxIterations, tolerance, schedulin
     isFixed = np.array([m.isFixed for m in meshes], dtype=bool)
     vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
     rows = ConstraintRows(constraints, isFixed, vertexCount, tolerance)
-    maximumVisits = max(int(maxIterations), rows.total)
+    maximumVisits = max(maxIterations, rows.total)
     if scheduling == "batches":
         return project_in_batches(meshes, rows, tolerance, maximumVisits)
 
     table = rows.tolist()
-    ends = np.unique(np.concatenate((rows.body1, rows.body2))).tolist()
+    ends = np.union1d(rows.body1, rows.body2).tolist()
     bodies = {b: meshes[b].body_state() for b in ends}
     vertices = {b: meshes[b].rotated_hull().vertices for b in ends}
     ties = {}
     for c, b1, v1, b2, v2, refValue, upper in table:
-        r1, r2 = (tuple(vertices[b][:, v].tolist()) for b, v in ((b1, v1), (b2, v2)))
-        ties[c] = bodies[b1], r1, bodies[b2], r2, refValue, upper
+        r1, r2 = floats(vertices[b1][:, v1], 3), floats(vertices[b2][:, v2], 3)
+        ties[c] = bodies[b1], bodies[b2], r1, r2, refValue, upper
 
     def visit(c):
-        """Checks constraint c, corrects it if it is violated, and returns whether it was."""
-        body1, r1, body2, r2, refValue, upper = ties[c]
-        x1, x2, invMasses = body1.position, body2.position, (body1.invMass, body2.invMass)
-        points = Pair(add(x1, r1), add(x2, r2), arms=(r1, r2))
-        isValid, positions = resolve_position_constraint(
-            Pair(x1, x2), points, refValue, invMasses, upper, tolerance
-        )
-        if isValid:
+        """Corrects constraint c if it is violated, and returns whether it was."""
+        body1, body2, r1, r2, refValue, upper = ties[c]
+        C, n = distance_error(add(body1.position, r1), add(body2.position, r2), refValue)
+        if not is_violated(C, upper, tolerance):
             return False
-        # the correction keeps the points on the line through them, so the direction is unchanged
-        _, linVelocities, angVelocities = resolve_velocity_constraint(
-            positions,
-            points,
-            Pair(body1.linVelocity, body2.linVelocity),
-            Pair(body1.angVelocity, body2.angVelocity),
-            invMasses,
-            Pair(body1.invInertia, body2.invInertia, (3, 3)),
-            tolerance,
-        )
-        body1.position, body2.position = floats_of(positions)
-        body1.linVelocity, body2.linVelocity = floats_of(linVelocities)
-        body1.angVelocity, body2.angVelocity = floats_of(angVelocities)
+        project_positions(body1, body2, C, n)
+        # the points have stayed on one line, so n is unchanged
+        project_velocities(body1, body2, r1, r2, n, tolerance)
         return True
 
     if scheduling == "queue":

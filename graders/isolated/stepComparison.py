@@ -28,7 +28,7 @@ from Quaternion import QRotate
 from rbs.program.submissions import describe
 from rbs.program.submittedsteps import SubmittedSteps, basic_step
 from rbs.scenes.simulation import Simulation
-from rbs.stepping.bodies import StateError
+from rbs.stepping.bodies import GRAVITY, StateError
 from rbs.stepping.settings import Settings
 
 # Relative to its scale, the difference from which a number differs from ours. The scale is the
@@ -216,7 +216,7 @@ class Comparison:
             for name in ("linVelocity", "angVelocity", "currVertices")
         )
         radius = min(np.abs(mesh.origVertices).max() for mesh in self.ours.meshes)
-        speed = max(abs(RBSFunctions.GRAVITY) * self.ours.settings.timeStep, speed, spin * radius)
+        speed = max(abs(GRAVITY) * self.ours.settings.timeStep, speed, spin * radius)
         self.scales = {"length": length, "speed": speed, "spin": speed / radius, "own": 0.0}
 
     def gap(self, ours, theirs, kind="own"):

@@ -1,7 +1,4 @@
-"""Closed surfaces of triangles: turned outwards, filled with tetrahedra, and their volumes.
-
-Units: metres. Faces are counter-clockwise seen from outside.
-"""
+"""Closed surfaces of triangles: turned outwards, filled with tetrahedra, and their volumes."""
 
 import numpy as np
 
@@ -13,9 +10,9 @@ INSIDE_MARGIN = 1e-9
 def orient_surface(vertices, faces):
     """Orients the triangles (F, 3) of a closed surface counter-clockwise seen from outside.
 
-    Neighbours are made consistent, starting from one triangle of each connected piece, and a piece
-    of negative volume is flipped as a whole. The surface need not be convex. Raises ValueError if
-    an edge does not belong to exactly two triangles, or the surface is not orientable.
+    The neighbours in each connected piece are made consistent, and a piece of negative volume is
+    flipped as a whole. Raises ValueError if an edge does not belong to exactly two triangles, or
+    the surface is not orientable.
     """
     neighbours = [[] for _ in faces]
     for (low, high), owners in faces_at_edges(faces).items():
@@ -69,21 +66,21 @@ def fill_surface(vertices, faces):
     offsets = np.sum(normals * vertices[faces[solid, 0]], axis=1)
 
     inner = find_inner_point(vertices, normals, offsets, INSIDE_MARGIN * extent)
-    apex = np.full((np.count_nonzero(solid), 1), len(vertices))
-    return np.vstack([vertices, inner]), faces, np.hstack([apex, faces[solid]])
+    apex = np.full(len(normals), len(vertices))
+    return np.vstack([vertices, inner]), faces, np.column_stack([apex, faces[solid]])
 
 
 def find_inner_point(vertices, normals, offsets, margin):
     """Returns a point (3,) more than `margin` behind all planes normals · x = offsets.
 
-    The mean of the vertices is used if it qualifies, as in every convex body. Otherwise a linear
+    It is the mean of the vertices if that qualifies, as in every convex body. Otherwise a linear
     programme maximises the least distance t from the planes, normals · x + t ≤ offsets. Raises
     ValueError if no point qualifies.
     """
     mean = np.mean(vertices, axis=0)
     if np.max(normals @ mean - offsets) < -margin:
         return mean
-    # Imported here, because it takes long and few files need it.
+    # takes long to import, and few files need it
     from scipy.optimize import linprog
 
     planes = np.column_stack([normals, np.ones(len(normals))])
@@ -105,11 +102,11 @@ def area_vectors(vertices, faces):
 def tetrahedron_volumes(vertices, tets):
     """Returns signed volumes (T,), positive if a, b, c run clockwise seen from d."""
     a, b, c, d = (vertices[tets[:, k]] for k in range(4))
-    return np.sum(np.cross(b - a, c - a) * (d - a), axis=1) / 6.0
+    return np.sum((b - a) * np.cross(c - a, d - a), axis=1) / 6.0
 
 
 def enclosed_volume(vertices, faces):
-    """Returns the volume inside closed surfaces, by the divergence theorem; signed."""
+    """Returns the signed volume inside closed surfaces, by the divergence theorem."""
     a, b, c = (vertices[faces[:, k]] - vertices[0] for k in range(3))
     return float(np.sum(a * np.cross(b, c)) / 6.0)
 

@@ -1,8 +1,7 @@
 """Vectors of three floats: the algebra of one pair of bodies.
 
 A vector is a tuple of three floats, a matrix one of nine, row by row. `rbs.geometry.vectors` has
-the same functions for arrays of vectors. Their operations are the same in the same order, so the
-results have the same bits.
+the same functions for arrays of vectors, with the same bits.
 """
 
 import math
@@ -48,7 +47,6 @@ def dot(a, b):
 
 
 def cross(a, b):
-    """Vector product a × b."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
@@ -57,7 +55,6 @@ def norm(v):
 
 
 def mat_vec(matrix, v):
-    """Matrix times vector."""
     return (
         matrix[0] * v[0] + matrix[1] * v[1] + matrix[2] * v[2],
         matrix[3] * v[0] + matrix[4] * v[1] + matrix[5] * v[2],

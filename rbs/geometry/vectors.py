@@ -1,9 +1,9 @@
 """Arrays of vectors: the algebra of thousands of bodies or pairs.
 
 The first axis has the components, the last one the vectors: (3, n), and matrices (9, n), row by
-row. `rbs.geometry.triples` has the same functions for single vectors, with the same operations in
-the same order, and so the same bits. Sums of products are therefore written out, without BLAS,
-`einsum` or pairwise summation.
+row. `rbs.geometry.triples` has the same functions for single vectors. The same operations in the
+same order give the same bits: sums of products are written out, without BLAS, `einsum` or pairwise
+summation.
 """
 
 import numpy as np
@@ -19,7 +19,6 @@ def mul_add(v, factor, direction):
 
 
 def dot(a, b):
-    """Scalar product of each pair of vectors."""
     products = a * b
     total = products[0]
     total += products[1]
@@ -28,13 +27,11 @@ def dot(a, b):
 
 
 def cross(a, b):
-    """Vector product a × b of each pair of vectors."""
     a, b = a.take(_CYCLE, axis=0), b.take(_CYCLE, axis=0)
     return a[1:4] * b[2:5] - a[2:5] * b[1:4]
 
 
 def norm(v):
-    """Length of each vector, (n,)."""
     return np.sqrt(dot(v, v))
 
 
@@ -48,5 +45,4 @@ def mat_vec(matrix, v):
 
 
 def transpose(matrix):
-    """Transposed matrices, (9, n)."""
     return matrix[[0, 3, 6, 1, 4, 7, 2, 5, 8]]

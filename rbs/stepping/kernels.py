@@ -15,7 +15,7 @@ SIGNS = np.array([[-1.0], [1.0]])
 
 
 def shifts(invMasses, distance):
-    """`shifts`: displacements (2, m) of both bodies along n; not both masses may be infinite."""
+    """Displacements (2, m) of `project_positions` along n; not both masses may be infinite."""
     return SIGNS * (invMasses / (invMasses[0] + invMasses[1])) * distance
 
 

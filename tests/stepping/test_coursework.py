@@ -29,10 +29,6 @@ def bouncing_off_nothing(m1, m2, depth, contactNormal, penPoint, CRCoeff):
     resolve_collision(m1, m2, depth, contactNormal, penPoint, 0.0)
 
 
-def unstoppable(positions, points, linVelocities, angVelocities, invMasses, tensors, tolerance):
-    return True, linVelocities, angVelocities
-
-
 # What a student may have written instead: each with the signature of the coursework, and wrong in a
 # way that can be seen in the motion. Arguments have other names, which are not part of it.
 REPLACED = {
@@ -41,8 +37,9 @@ REPLACED = {
     "bounding_box_collision": (Mesh, lambda self, m: False, "mixed"),
     "get_rotated_inv_IT": (Mesh, lambda self: 2.0 * self.invIT, "mixed"),
     "resolve_collision": (RBSFunctions, bouncing_off_nothing, "mixed"),
-    "resolve_position_constraint": (RBSFunctions, lambda x, p, r, m, u, t: (True, x), "cube"),
-    "resolve_velocity_constraint": (RBSFunctions, unstoppable, "cube"),
+    # the formulas of resolve_position_constraint and resolve_velocity_constraint
+    "project_positions": (RBSFunctions, lambda body1, body2, C, n: (0.0, 0.0), "cube"),
+    "project_velocities": (RBSFunctions, lambda body1, body2, r1, r2, n, t: True, "cube"),
 }
 
 
@@ -83,7 +80,7 @@ def test_an_exception_leaves_the_meshes_as_they_were(broadPhase, monkeypatch):
     constraints = [[0, 0, 1, 0, 1.0, True]]
     options = {"constraints": constraints, "broadPhase": broadPhase}
     with monkeypatch.context() as patch, pytest.raises(RuntimeError):
-        patch.setattr(RBSFunctions, "resolve_velocity_constraint", failing)
+        patch.setattr(RBSFunctions, "project_velocities", failing)
         run_timestep(meshes, ground(), 0.02, 0.5, **options)
     assert np.array_equal(state_of(meshes), before)
     report = run_timestep(meshes, ground(), 0.02, 0.5, **options)

@@ -17,7 +17,8 @@ from oracles import (
 )
 
 from Quaternion import Q2RotMatrix
-from RBSFunctions import GRAVITY, Mesh, refresh_vertices, resolve_collision, run_timestep
+from rbs.stepping.bodies import GRAVITY
+from RBSFunctions import Mesh, refresh_vertices, resolve_collision, run_timestep
 
 # Sums over some hundred tetrahedra in double precision.
 ROUNDING = 1e-12
