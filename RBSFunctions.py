@@ -534,9 +534,10 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     """Separates two penetrating meshes and applies the contact impulses, in place.
 
     The position correction is split by inverse mass, see `project_positions`. For the impulses, let
-    n be the normal, and u the velocity of body 1 relative to body 2 at the contact point, which has
-    moved along with m2. Restitution requires the closing speed u · n to become -e (u · n), that is,
-    to fall by (1 + e) (u · n). See `apply_impulse`.
+    n be the normal, u the velocity of body 1 relative to body 2 at the contact point, which has
+    moved along with m2, and K the sum of both inverse effective masses. An impulse -j n on body 1
+    and +j n on body 2 lowers the closing speed u · n by j K. Restitution requires it to become
+    -e (u · n), hence j = (1 + e) (u · n) / K.
 
     Parameters
     ----------
@@ -566,10 +567,11 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     point = mul_add(point, shift2, n)
     r1, r2 = sub(point, body1.position), sub(point, body2.position)
 
-    change = (1.0 + e) * dot(relative_velocity(body1, body2, r1, r2), n)
+    K, *turnings = inverse_effective_mass(body1, body2, r1, r2, n)
+    j = (1.0 + e) * dot(relative_velocity(body1, body2, r1, r2), n) / K
     if closingOnly:
-        change = change * (change > 0.0)
-    j = apply_impulse(body1, body2, r1, r2, n, change)
+        j = j * (j > 0.0)
+    apply_impulse(body1, body2, j, n, *turnings)
     friction = apply_friction(body1, body2, r1, r2, n, mu * j) if mu else ZERO
     m1.set_body_state(body1)
     m2.set_body_state(body2)
@@ -597,36 +599,25 @@ def relative_velocity(body1, body2, r1, r2):
     )
 
 
-def apply_impulse(body1, body2, r1, r2, n, change, limit=math.inf):
-    """Applies the impulse that lowers u · n by `change`, or less with a limit; returns it.
+def inverse_effective_mass(body1, body2, r1, r2, n):
+    """Response of two bodies to unit impulses ∓n at their arms: `(K, turning1, turning2)`.
 
-    Let u be the `relative_velocity` and K the sum of both inverse effective masses along n. An
-    impulse -j n on body 1 and +j n on body 2 lowers u · n by j K, hence j = change / K.
+    turning1, turning2 : I⁻¹ (r × n), the change of a body's angular velocity
+    K : the change of their relative velocity along n. The motion of a body's COM contributes m⁻¹,
+        and its rotation ((I⁻¹ (r × n)) × r) · n = (r × n) · I⁻¹ (r × n)
     """
-    k1, turning1 = inverse_effective_mass(body1, r1, n)
-    k2, turning2 = inverse_effective_mass(body2, r2, n)
-    j = min(change / (k1 + k2), limit)
-    receive_impulse(body1, -j, n, turning1)
-    receive_impulse(body2, j, n, turning2)
-    return j
+    r1CrossN, r2CrossN = cross(r1, n), cross(r2, n)
+    turning1, turning2 = mat_vec(body1.invInertia, r1CrossN), mat_vec(body2.invInertia, r2CrossN)
+    k1 = body1.invMass + dot(r1CrossN, turning1)
+    k2 = body2.invMass + dot(r2CrossN, turning2)
+    return k1 + k2, turning1, turning2
 
 
-def inverse_effective_mass(body, r, n):
-    """Response of a body to a unit impulse along n at the arm r: `(k, turning)`.
-
-    turning : I⁻¹ (r × n), the change of the angular velocity
-    k : the change of the point's velocity along n. The motion of the COM contributes m⁻¹, and the
-        rotation ((I⁻¹ (r × n)) × r) · n = (r × n) · I⁻¹ (r × n)
-    """
-    rCrossN = cross(r, n)
-    turning = mat_vec(body.invInertia, rCrossN)
-    return body.invMass + dot(rCrossN, turning), turning
-
-
-def receive_impulse(body, j, n, turning):
-    """Applies an impulse j along n to a body: v ← v + j m⁻¹ n and ω ← ω + j I⁻¹ (r × n)."""
-    body.linVelocity = mul_add(body.linVelocity, j * body.invMass, n)
-    body.angVelocity = mul_add(body.angVelocity, j, turning)
+def apply_impulse(body1, body2, j, n, turning1, turning2):
+    """Applies -j n to body 1 and +j n to body 2: v ← v ∓ j m⁻¹ n and ω ← ω ∓ j I⁻¹ (r × n)."""
+    for body, impulse, turning in ((body1, -j, turning1), (body2, j, turning2)):
+        body.linVelocity = mul_add(body.linVelocity, impulse * body.invMass, n)
+        body.angVelocity = mul_add(body.angVelocity, impulse, turning)
 
 
 def apply_friction(body1, body2, r1, r2, n, limit):
@@ -634,17 +625,19 @@ def apply_friction(body1, body2, r1, r2, n, limit):
 
     limit : μ times the normal impulse; no friction acts if it is negative
 
-    Let t be the unit vector of the part of u perpendicular to the normal. The sliding stops at the
-    impulse j = u · t / K. Friction applies the lesser of this and its limit, and thus never
-    reverses the sliding. The kinetic energy changes by -j u · t + j² K / 2, which is at most 0 for
-    0 ≤ j ≤ u · t / K.
+    Let t be the unit vector of the part of u perpendicular to the normal, and K the sum of the
+    inverse effective masses along t. The sliding stops at the impulse j = u · t / K. Friction
+    applies the lesser of this and its limit, and thus never reverses the sliding. The kinetic
+    energy changes by -j u · t + j² K / 2, which is at most 0 for 0 ≤ j ≤ u · t / K.
     """
     u = relative_velocity(body1, body2, r1, r2)
     across = mul_add(u, -dot(u, n), n)
     speed = norm(across)
     t = divide(across, speed or 1.0)
-    # + 0.0 turns -0.0 into 0.0
-    return scale(apply_impulse(body1, body2, r1, r2, t, speed, max(limit, 0.0) + 0.0), t)
+    K, *turnings = inverse_effective_mass(body1, body2, r1, r2, t)
+    j = min(speed / K, max(limit, 0.0) + 0.0)  # turns -0.0 into 0.0
+    apply_impulse(body1, body2, j, t, *turnings)
+    return scale(j, t)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -739,7 +732,8 @@ def project_velocities(body1, body2, r1, r2, n, tolerance):
     Jv = dot(relative_velocity(body1, body2, r1, r2), n)
     wasValid = abs(Jv) <= tolerance
     if not wasValid and body1.invMass + body2.invMass > 0.0:
-        apply_impulse(body1, body2, r1, r2, n, Jv)
+        K, *turnings = inverse_effective_mass(body1, body2, r1, r2, n)
+        apply_impulse(body1, body2, Jv / K, n, *turnings)
     return wasValid
 
 
