@@ -22,9 +22,10 @@ from rbs.recordings.recording import Recording
 from rbs.recordings.replay import resume, verify
 from rbs.scenes.simulation import Settings, Simulation
 from rbs.softstep import step as softstep
+from rbs.softstep.detection import Frames
 from rbs.softstep.manifolds import pair_manifolds
 from rbs.softstep.step import SolverState
-from rbs.stepping.bodies import GRAVITY
+from rbs.stepping.bodies import GRAVITY, Bodies
 from RBSFunctions import run_timestep
 
 H = 0.02
@@ -103,6 +104,40 @@ def manifold(mesh1, mesh2, normal, depth):
     point1, point2, isPoint = pair_manifolds(pair, *alone)
     some = isPoint[:, 0]
     return (point1[:, some, 0].T + mesh1.position, point2[:, some, 0].T + mesh2.position)
+
+
+def test_the_approach_of_a_pair_within_a_step_is_that_of_its_flight():
+    """Along an axis, each body comes closer by what its farthest vertex does, or not at all."""
+    rng = np.random.default_rng(8)
+    names = [("box", "octahedron", "cylinder", "tetrahedron")[k % 4] for k in range(80)]
+    meshes = [body(name, (30.0 * k, 0, 0)) for k, name in enumerate(names)]
+    for m, q in zip(meshes, random_quaternions(rng, 80), strict=True):
+        m.orientation = q.reshape(1, 4)
+        m.linVelocity, m.angVelocity = rng.normal(size=(2, 1, 3)) * [[[5.0]], [[0.5]]]
+    bodies = Bodies(meshes)
+    bodies.follow_orientations()
+    frames = Frames(bodies, H)
+    axis = rng.normal(size=(3, 40))
+    axis /= np.linalg.norm(axis, axis=0)
+    first, second = np.arange(0, 80, 2), np.arange(1, 80, 2)
+    pairs = Pairs(bodies.hulls, first, second, frames.translations(first, second)).along(axis)
+    found = frames.advances(pairs)
+
+    def highest():
+        """How far each body reaches towards the other one of its pair (40, 2)."""
+        along = np.stack((axis, -axis), axis=2).transpose(1, 2, 0).reshape(80, 3)
+        heights = [(m.currVertices @ n).max() for m, n in zip(meshes, along, strict=True)]
+        return np.reshape(heights, (40, 2))
+
+    before = highest()
+    for m in meshes:
+        m.integrate_timestep(H)
+    expected = np.maximum(highest() - before, 0.0)
+    # rotations by φ are linearised, which moves no point of the radius r by more than φ² r / 2
+    slack = np.array([0.5 * (m.angVelocity * H @ (m.angVelocity * H).T)[0, 0] for m in meshes])
+    slack = (slack * bodies.hulls.radius).reshape(40, 2).sum(axis=1)
+    assert (np.abs(found - expected.sum(axis=1)) <= slack + 1e-12).all()
+    assert 10 < np.count_nonzero(expected == 0.0) < 70 and found.max() > 0.1 > 10 * slack.max()
 
 
 def test_the_manifold_of_two_boxes_is_the_corners_of_their_overlap():
