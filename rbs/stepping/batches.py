@@ -29,7 +29,7 @@ from rbs.stepping.kernels import shifts
 LEAST_MARGIN = 0.01
 # Margin of a body in the next step or pass, as a multiple of its displacement in this one. More
 # makes more candidate pairs; less misses more pairs.
-MARGIN_GROWTH = 1.1
+MARGIN_GROWTH = 1.2
 # Separation beyond the margins up to which a pair is processed, as a fraction of its size. More
 # makes more batches; less misses more pairs.
 NEAR = 0.05
