@@ -1,9 +1,7 @@
 """The step of `--broad-phase grid` for many bodies, bitwise identical to the loop over all pairs.
 
-The meshes are read into tables, `Bodies`, and integrated. `find_contacts` detects the pairs batch
-by batch and corrects positions. The impulses follow batch by batch, which is possible because
-within a step no position depends on a velocity. The ground comes last, and the tables are written
-back. The formulas are in rbs/stepping/kernels.py.
+`find_contacts` detects contacts and corrects positions. The impulses follow, which is possible
+because within a step no position depends on a velocity.
 """
 
 import itertools
