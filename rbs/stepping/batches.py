@@ -36,10 +36,7 @@ NEAR = 0.05
 
 
 def find_contacts(bodies):
-    """Corrects the positions of bodies that touch; returns `(Contacts, candidatePairs)`.
-
-    candidatePairs : number of pairs that the broad phase found
-    """
+    """Corrects the positions of bodies that touch: `(Contacts, number of candidate pairs)`."""
     memory, start = memory_of(tuple(bodies.meshes)), bodies.position.copy()
     margin = np.maximum(LEAST_MARGIN * bodies.hulls.radius, MARGIN_GROWTH * memory.displacement)
     while True:
@@ -171,7 +168,7 @@ class Pass:
         """
         if (displacement <= self.margin).all():
             return False
-        # boxes of all positions of each body
+        # of each body, the box of all its positions
         box = self.bodies.box.copy()
         np.minimum.at(box, (slice(None), b), self.bodies.box_at(b, after))
         first, second = grid_overlaps(box, self.bodies.isFixed)
@@ -181,12 +178,10 @@ class Pass:
 
 
 def in_batches(first, second, isFixed):
-    """Assigns pairs to batches: `(order (P,), starts (B + 1,))`.
+    """Assigns pairs to batches: `(order (P,), starts (B + 1,))`, of processing and in this order.
 
-    The results are the order of processing and the start of each batch in this order; without
-    pairs, there is one empty batch. The batch of a pair follows the last batches of its two bodies,
-    so that pairs with a common movable body keep their order, and with it their results bit for
-    bit.
+    The batch of a pair follows the last batches of its two bodies, so that pairs with a common
+    movable body keep their order. Without pairs, there is one empty batch.
     """
     isFixed = isFixed.tolist()
     last = [-1] * len(isFixed)

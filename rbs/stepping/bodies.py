@@ -1,7 +1,6 @@
 """Tables of bodies: the state of thousands of meshes in a few arrays.
 
-Reading order: the state of meshes as arrays, and its checks; free flight; `Bodies`, which also has
-what depends on the orientations: rotated hulls, boxes and inverse inertia in world axes.
+Reading order: the state of meshes as arrays, and its checks; free flight; `Bodies`.
 
 The implicit gyroscopic term follows Catto: Numerical Methods. Game Developers Conference 2015.
 """
@@ -59,10 +58,7 @@ def check_distinct(meshes):
 
 @contextmanager
 def undone_on_error(meshes, mayBeHalfDone):
-    """Within it, an error restores the state of the meshes, where it may be half done.
-
-    An error from an attribute of a mesh becomes a ValueError that names both.
-    """
+    """Within it, an error restores the meshes' state if mayBeHalfDone; see also `_name_fault`."""
     before = []
     try:
         if mayBeHalfDone:
@@ -94,8 +90,7 @@ def _name_fault(meshes):
                 raise ValueError(f"body {b}, {mesh.name!r}: {what}") from None
 
 
-# The tables (n, 1, w) that the last step of any scene has set, in the order of STATE_WIDTHS, and
-# the rows of each.
+# The tables (n, 1, w) that the last step of any scene has set, as in STATE_WIDTHS, and their rows.
 _latest = [(), [(), (), (), ()]]
 
 
@@ -116,7 +111,7 @@ def state_columns(meshes):
 
 
 def _columns(meshes, name, width):
-    """Returns an attribute with `width` numbers, of all meshes, as a table (width, n)."""
+    """Returns an attribute of `width` numbers of all meshes as a table (width, n)."""
     values = [getattr(mesh, name) for mesh in meshes]
     try:
         table = np.concatenate(values)
@@ -263,8 +258,6 @@ class Bodies:
         # lowest vertex of the hull; rounding may put another vertex of the mesh below it
         corner = self._relativeBox[1] + self.position[1]
         near = indices((corner <= FEATURE_TOLERANCE * self.hulls.radius) & ~self.isFixed)
-        if len(near) == 0:
-            return near, np.zeros((3, 0))
         count = self.vertexCount[near]
         row, column = ranges(self.vertexStart[near], count)
         rotation = take(self.hulls.rotation, near, axis=1)

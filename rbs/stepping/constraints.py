@@ -2,8 +2,8 @@
 
 A visit checks one constraint, corrects it if it is violated, and returns whether it was. A schedule
 determines the order of visits. It ends when every constraint is satisfied, or at the maximum number
-of visits. Some of the list's `total` constraints can never be corrected, such as those between two
-fixed bodies; a visit to them counts as satisfied.
+of visits. Some of the list's `total` constraints can never be corrected; visits to them count as
+satisfied.
 """
 
 import numpy as np
