@@ -212,11 +212,14 @@ def check_arguments(arguments):
     """Returns the arguments of `run_timestep` that are settings, by parameter, as their kinds.
 
     arguments : dict of all its arguments. Raises ValueError for an invalid value, and for one that
-    the contact solver would ignore; TypeError for a ground that is no Mesh.
+    the contact solver would ignore; TypeError for another ground or solverState.
     """
-    ground, solver, checked = arguments["groundMesh"], arguments["contactSolver"], {}
-    if ground is not None and not hasattr(ground, "invMass"):
-        raise TypeError(f"groundMesh must be a Mesh or None, not {reprlib.repr(ground)}")
+    kinds = {"groundMesh": ("Mesh", "invMass"), "solverState": ("SolverState", "begun")}
+    for name, (kind, attribute) in kinds.items():
+        value = arguments[name]
+        if value is not None and not hasattr(value, attribute):
+            raise TypeError(f"{name} must be a {kind} or None, not {reprlib.repr(value)}")
+    checked, solver = {}, arguments["contactSolver"]
     for one in TABLE:
         value = arguments[one.parameter]
         try:
