@@ -47,7 +47,7 @@ def pairs_tested(meshes):
     return sum(tested), int(inRange) - count * (count + 1) // 2, len(first)
 
 
-PAIR_SIZES = (100, 200, 500, 1000, 2000)  # up to 64, the grid compares all pairs
+PAIR_SIZES = (100, 200, 500, 1000, 2000)
 
 
 @panel

@@ -95,7 +95,7 @@ class LitSurface:
 
 def poses_of(meshes):
     """Returns position and orientation of each body as columns, (7, n)."""
-    columns = state_columns(meshes, ("position", "orientation"))
+    columns = state_columns(meshes)
     return np.concatenate((columns["position"], columns["orientation"]))
 
 

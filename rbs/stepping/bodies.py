@@ -1,7 +1,6 @@
 """Tables of bodies: the state of thousands of meshes in a few arrays.
 
-Reading order: the state of meshes as arrays, and its checks; free flight; `Bodies`, which also has
-what depends on the orientations: rotated hulls, boxes and inverse inertia in world axes.
+Reading order: the state of meshes as arrays, and its checks; free flight; `Bodies`.
 
 The implicit gyroscopic term follows Catto: Numerical Methods. Game Developers Conference 2015.
 """
@@ -10,7 +9,6 @@ import math
 import reprlib
 from contextlib import contextmanager
 from functools import lru_cache
-from operator import attrgetter, is_
 
 import numpy as np
 
@@ -60,10 +58,7 @@ def check_distinct(meshes):
 
 @contextmanager
 def undone_on_error(meshes, mayBeHalfDone):
-    """Within it, an error restores the state of the meshes, where it may be half done.
-
-    An error from an attribute of a mesh becomes a ValueError that names both.
-    """
+    """Within it, an error restores the meshes' state if mayBeHalfDone; see also `_name_fault`."""
     before = []
     try:
         if mayBeHalfDone:
@@ -95,25 +90,29 @@ def _name_fault(meshes):
                 raise ValueError(f"body {b}, {mesh.name!r}: {what}") from None
 
 
-def state_columns(meshes, names=tuple(STATE_WIDTHS)):
-    """Returns the state of meshes as a dict: for each of these names, a table (w, n)."""
-    return {name: _columns(meshes, name, STATE_WIDTHS[name]) for name in names}
+# The tables (n, 1, w) that the last step of any scene has set, as in STATE_WIDTHS, and their rows.
+_latest = [(), [(), (), (), ()]]
 
 
-# By attribute: the table (n, 1, w) that the last step of any scene has set, and its rows.
-_latest = {}
+def state_columns(meshes):
+    """Returns the state of meshes as a dict: for each name in STATE_WIDTHS, a table (w, n).
+
+    If every mesh still has the rows that the last step has set, their tables are read, with changes
+    within the rows. Checking takes less time than reading all rows.
+    """
+    tables, rows = _latest
+    if len(rows[0]) == len(meshes) > 0 and all(
+        m.position is x and m.orientation is q and m.linVelocity is v and m.angVelocity is w
+        for m, x, q, v, w in zip(meshes, *rows, strict=True)
+    ):
+        tables = (np.ascontiguousarray(table[:, 0].T) for table in tables)
+        return dict(zip(STATE_WIDTHS, tables, strict=True))
+    return {name: _columns(meshes, name, width) for name, width in STATE_WIDTHS.items()}
 
 
 def _columns(meshes, name, width):
-    """Returns an attribute with `width` numbers, of all meshes, as a table (width, n).
-
-    If every mesh still has the row that the last step has set, that table is read, with changes
-    within the rows. Checking takes less time than reading all rows.
-    """
-    values = list(map(attrgetter(name), meshes))
-    table, rows = _latest.get(name, (None, ()))
-    if len(rows) == len(values) and all(map(is_, values, rows)):
-        return np.ascontiguousarray(table.reshape(-1, width).T)
+    """Returns an attribute of `width` numbers of all meshes as a table (width, n)."""
+    values = [getattr(mesh, name) for mesh in meshes]
     try:
         table = np.concatenate(values)
     except ValueError:  # slow path: different shapes, or no mesh
@@ -162,26 +161,17 @@ def gyroscopic_velocity(angVelocity, orientation, inertia, timeStep):
 class _Shapes:
     """Constant data of a list of meshes: rest vertices and hulls, in tables.
 
-    vertices : (3, ΣV), rest vertices of all meshes; those of body b start at vertexStart[b]
+    vertices : (3, ΣV), rest vertices of all meshes; those of body b are vertexCount[b] from
+        vertexStart[b] on
     hulls : HullSet at rest; NO_HULL stands for a mesh without vertices
-    hullColumn : (ΣVh,), columns of the hulls' vertices in `vertices`
-    hasShape : (n,) bool
     """
 
     def __init__(self, meshes):
         check_distinct(meshes)
         self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
-        self.hasShape = self.vertexCount > 0
-        # one more column, in case no mesh has vertices
-        vertices = [*(m.origVertices for m in meshes), np.zeros((1, 3))]
-        self.vertices = np.ascontiguousarray(np.concatenate(vertices).T)
-        hulls = [NO_HULL if m.hull is None else m.hull for m in meshes]
-        self.hulls = HullSet(hulls)
-        starts = self.vertexStart.tolist()
-        self.hullColumn = np.concatenate(
-            [hull.vertexIndex + start for hull, start in zip(hulls, starts, strict=True)]
-        )
+        self.vertices = np.ascontiguousarray(np.concatenate([m.origVertices for m in meshes]).T)
+        self.hulls = HullSet([NO_HULL if m.hull is None else m.hull for m in meshes])
 
 
 # Tables of the present scenes. Building them costs more than a step of a small scene.
@@ -199,8 +189,7 @@ class Bodies:
         then negated greatest ones; inf for a mesh without vertices
     hulls : HullSet, rotated to the orientations
     gravity : three floats, acceleration of free fall; fallRate, its magnitude
-    vertices : (3, ΣV), all vertices, rotated, relative to the COMs; those of a body start at
-        vertexStart (n,), and there are vertexCount (n,) of them
+    vertexCount, vertexStart : (n,), of each body in `vertices`
     """
 
     def __init__(self, meshes, gravity=EARTH):
@@ -224,6 +213,11 @@ class Bodies:
     linVelocity = property(lambda self: self.motion[3:6])
     angVelocity = property(lambda self: self.motion[6:9])
 
+    @property
+    def vertices(self):
+        """All vertices (3, ΣV), rotated, relative to the COMs."""
+        return rotate_columns(self.hulls.rotation, self._shapes.vertices, self.vertexCount)
+
     def columns(self):
         """Returns the state as a dict: for each name in STATE_WIDTHS, a table (w, n)."""
         return {name: getattr(self, name) for name in STATE_WIDTHS}
@@ -245,17 +239,14 @@ class Bodies:
         self.motion[6:9] = np.where(self.isFixed, self.angVelocity, after)
 
     def follow_orientations(self):
-        """Computes what depends on the orientations: vertices, hulls, boxes, inertia."""
-        shapes = self._shapes
+        """Computes what depends on the orientations: hulls, boxes, inertia."""
         rotation = np.stack(rotation_matrices(self.orientation))
         self.invInertia = np.stack(rotate_tensor(rotation, self.restInvInertia))
-        self.vertices = rotate_columns(rotation, shapes.vertices[:, :-1], shapes.vertexCount)
-        corners = np.concatenate((self.vertices, shapes.vertices[:, -1:]), axis=1)
-        self.hulls = shapes.hulls.rotated(rotation, take(corners, shapes.hullColumn, axis=1))
+        self.hulls = self._shapes.hulls.rotated(rotation)
         corners, starts = self.hulls.vertices, self.hulls.vertexStart
         low = np.minimum.reduceat(corners, starts, axis=1)
         high = np.maximum.reduceat(corners, starts, axis=1)
-        self._relativeBox = np.where(shapes.hasShape, np.concatenate((low, -high)), np.inf)
+        self._relativeBox = np.where(self.vertexCount > 0, np.concatenate((low, -high)), np.inf)
         self.box = self.box_at(np.arange(len(self.meshes)), self.position)
 
     def box_at(self, b, position):
@@ -267,15 +258,15 @@ class Bodies:
         # lowest vertex of the hull; rounding may put another vertex of the mesh below it
         corner = self._relativeBox[1] + self.position[1]
         near = indices((corner <= FEATURE_TOLERANCE * self.hulls.radius) & ~self.isFixed)
-        if len(near) == 0:
-            return near, np.zeros((3, 0))
         count = self.vertexCount[near]
         row, column = ranges(self.vertexStart[near], count)
-        heights = self.vertices[1][column] + self.position[1][near[row]]
+        rotation = take(self.hulls.rotation, near, axis=1)
+        vertices = rotate_columns(rotation, take(self._shapes.vertices, column, axis=1), count)
+        heights = vertices[1] + self.position[1][near[row]]
         lowest, index = row_minima(heights, row, count.cumsum() - count)
         below = indices(lowest <= 0.0)
-        b, vertex = near[below], column[index[below]]
-        return b, take(self.vertices, vertex, axis=1) + take(self.position, b, axis=1)
+        b = near[below]
+        return b, take(vertices, index[below], axis=1) + take(self.position, b, axis=1)
 
     def write_back(self):
         """Writes the state to the meshes, as rows of new tables; fixed ones keep theirs.
@@ -283,9 +274,8 @@ class Bodies:
         The tables are new in each step, so that references to old rows keep their values.
         """
         self.motion = np.where(self.isFixed, self._start, self.motion)
-        for name, columns in self.columns().items():
-            table = np.ascontiguousarray(columns.T)[:, None]
-            rows = list(table)
-            for mesh, row in zip(self.meshes, rows, strict=True):
-                setattr(mesh, name, row)
-            _latest[name] = table, rows
+        tables = [np.ascontiguousarray(columns.T)[:, None] for columns in self.columns().values()]
+        rows = [list(table) for table in tables]
+        for mesh, x, q, v, w in zip(self.meshes, *rows, strict=True):
+            mesh.position, mesh.orientation, mesh.linVelocity, mesh.angVelocity = x, q, v, w
+        _latest[:] = tables, rows

@@ -2,8 +2,8 @@
 
 A visit checks one constraint, corrects it if it is violated, and returns whether it was. A schedule
 determines the order of visits. It ends when every constraint is satisfied, or at the maximum number
-of visits. Some of the list's `total` constraints can never be corrected, such as those between two
-fixed bodies; a visit to them counts as satisfied.
+of visits. Some of the list's `total` constraints can never be corrected; visits to them count as
+satisfied.
 """
 
 import numpy as np
@@ -26,20 +26,15 @@ class ConstraintRows:
     """
 
     def __init__(self, constraints, isFixed, vertexCount, tolerance):
-        """constraints : rows `[m1, v1, m2, v2, refValue, upper]`; isFixed, vertexCount : (n,)
-
-        Raises ValueError, which names constraint, mesh and vertex, if one does not exist.
-        """
+        """constraints, vertexCount : as for `constraint_rows`; isFixed : (n,)"""
         self.total = len(constraints)
         table = _table(constraints, vertexCount)
-        body1, vertex1, body2, vertex2 = table[:4].astype(np.intp)
-        movable = (body1 != body2) & ~(isFixed[body1] & isFixed[body2])
-        movable &= (table[5] != 0) | (table[4] > tolerance)
+        ends, isUpper = table[:4].astype(np.intp), table[5] != 0
+        movable = (ends[0] != ends[2]) & ~(isFixed[ends[0]] & isFixed[ends[2]])
+        movable &= isUpper | (table[4] > tolerance)
         self.index = indices(movable)
-        self.body1, self.vertex1 = body1[movable], vertex1[movable]
-        self.body2, self.vertex2 = body2[movable], vertex2[movable]
-        self.refValue = table[4, movable]
-        self.upper = table[5, movable] != 0
+        self.body1, self.vertex1, self.body2, self.vertex2 = ends[:, movable]
+        self.refValue, self.upper = table[4, movable], isUpper[movable]
 
     def tolist(self):
         """Returns tuples `(index, body1, vertex1, body2, vertex2, refValue, upper)`."""
@@ -57,10 +52,7 @@ def constraint_rows(constraints, vertexCount):
 
 
 def _table(constraints, vertexCount):
-    """Returns the rows as columns (6, C) of floats; arrays of one number count as numbers.
-
-    Raises ValueError if a constraint refers to a mesh or vertex that does not exist.
-    """
+    """Returns the rows as columns (6, C) of floats; arrays of one number count as numbers."""
     if len(constraints) == 0:
         return np.zeros((6, 0))
     try:
@@ -70,7 +62,6 @@ def _table(constraints, vertexCount):
     if rows.ndim != 2 or rows.shape[1] != 6:
         raise ValueError("a constraint is a row of six: m1, v1, m2, v2, refValue, upper")
     table = rows.T
-
     for mesh, vertex in (table[0:2], table[2:4]):
         known = (mesh >= 0) & (mesh < len(vertexCount)) & (mesh == np.floor(mesh))
         count = vertexCount[np.where(known, mesh, 0).astype(np.intp)]
@@ -125,12 +116,10 @@ def queue(visit, constraints, total, maximumVisits):
 
 
 def project_in_batches(meshes, rows, tolerance, maximumVisits):
-    """Visits batches of constraints without a common movable body; see `project_constraints`.
+    """Visits batches of constraints without a common movable body; returns the number of visits.
 
-    meshes : list of Mesh; rows : `ConstraintRows`
-
-    The order of the visits differs from the sweep's, so the result differs within the same bounds.
-    Returns the number of visits.
+    rows : `ConstraintRows`. The order differs from the sweep's, and so does the result, within the
+    same bounds.
     """
     bodies = Bodies(meshes)
     bodies.follow_orientations()

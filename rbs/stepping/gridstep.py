@@ -1,14 +1,16 @@
 """The step of `--broad-phase grid` for many bodies, bitwise identical to the loop over all pairs.
 
-The meshes are read into tables, `Bodies`, and integrated. `find_contacts` detects the pairs batch
-by batch and corrects positions. The impulses follow batch by batch, which is possible because
-within a step no position depends on a velocity. The ground comes last, and the tables are written
-back. The formulas are in rbs/stepping/kernels.py.
+`find_contacts` detects contacts and corrects positions. The impulses follow, which is possible
+because within a step no position depends on a velocity.
 """
+
+import itertools
 
 import numpy as np
 
 from rbs.geometry.arrays import take
+from rbs.geometry.hulls import FEATURE_TOLERANCE
+from rbs.geometry.patches import contact_points
 from rbs.stepping.batches import find_contacts
 from rbs.stepping.bodies import Bodies, check_numbers
 from rbs.stepping.kernels import collide, inverse_effective_mass, shifts
@@ -41,15 +43,17 @@ def grid_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic
 
 def apply_impulses(bodies, contacts, settings, report):
     """Applies the impulses by batch; whatever ignores velocities is computed for all at once."""
-    ends, n = contacts.bodies, contacts.normal
-    if len(contacts.rank) == 0:
+    starts, rank, ends, depth, n, before, after = contacts
+    if len(rank) == 0:
         return
-    penPoint = contacts.points(bodies.hulls)
-    arms = (penPoint + contacts.shift * n)[:, None] - contacts.after
+    radius = take(bodies.hulls.radius, ends)
+    t, tolerance = before[:, 1] - before[:, 0], FEATURE_TOLERANCE * (radius[0] + radius[1])
+    penPoint = contact_points(bodies.hulls, *ends, t, n, tolerance) + before[:, 1]
     invMasses, invInertias = take(bodies.invMass, ends), take(bodies.invInertia, ends, axis=1)
+    arms = (penPoint + shifts(invMasses, depth)[1] * n)[:, None] - after
     K, turning = inverse_effective_mass(invMasses, invInertias, arms, n)
     impulses, frictions = [], []
-    for some in contacts.batches():
+    for some in itertools.starmap(slice, itertools.pairwise(starts.tolist())):
         velocity = take(bodies.velocity, ends[:, some], axis=1)
         contact = (table[..., some] for table in (invMasses, invInertias, arms, n, K, turning))
         impulse, friction = collide(velocity, *contact, *settings)
@@ -57,9 +61,7 @@ def apply_impulses(bodies, contacts, settings, report):
         impulses.append(impulse)
         frictions.append(friction)
     impulse, friction = np.concatenate(impulses), np.concatenate(frictions, axis=1)
-    report.add_columns(
-        contacts.rank, *ends, contacts.depth, n, penPoint, impulse, friction, arms[:, 0]
-    )
+    report.add_columns(rank, *ends, depth, n, penPoint, impulse, friction, arms[:, 0])
 
 
 def _resolve_ground(bodies, groundMesh, settings, report):

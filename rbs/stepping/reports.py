@@ -56,10 +56,10 @@ class StepReport:
     @property
     def contacts(self):
         """Contacts in the order i < j, the ground last: list of `Contact`."""
-        pending, self._pending = self._pending, []
         rows = []
-        for columns in pending:
+        for columns in self._pending:
             rows += zip(*((column.T + 0).tolist() for column in columns), strict=True)
+        self._pending = []
         for _, i, j, depth, n, point, impulse, friction, arm in sorted(rows):
             vectors = tuple(n), tuple(point), impulse, tuple(friction), tuple(arm)
             self._contacts.append(Contact(i, j, depth, *vectors))
@@ -91,9 +91,8 @@ class StepReport:
     def add_columns(self, *columns):
         """Adds contacts given as arrays, which are converted to `Contact`s on demand.
 
-        columns : rank (m,), position in the order i < j; then the fields of `Contact`: body1 (m,),
-            body2 (m,), depth (m,), normal (3, m), point (3, m), impulse (m,), friction (3, m),
-            arm (3, m)
+        columns : rank (m,), position in the order i < j; then the fields of `Contact`, (m,) or
+            (3, m)
         """
         self._pending.append(columns)
 

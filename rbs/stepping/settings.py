@@ -7,6 +7,7 @@ the table; `Settings`, the values that a scene is simulated with; the check of `
 import math
 import re
 import reprlib
+from contextlib import suppress
 from dataclasses import make_dataclass
 
 from rbs.geometry.triples import floats, number
@@ -54,12 +55,11 @@ class Setting:
     """A setting of a step.
 
     name : the field in `Settings` and in recordings
-    default : in the program, and in `run_timestep` unless defaultInStep is given; or a tuple of the
-        names to choose from, the default first
-    limits, limitsInStep : least and greatest value in the program, and in `run_timestep`, by
-        default the same. An infinite end stands for any finite value
+    default : or a tuple of the names to choose from, the default first
+    limits : least and greatest value; an infinite end stands for any finite value
     sliderEnds : ends of the slider in the window, or None for a field to type into
     parameter : the parameter of `run_timestep`, by default the name
+    limitsInStep, defaultInStep : of the parameter, by default as in the program
     option : on the command line, without dashes, by default from the name; "no-" switches a bool
         off; None if it has none
     label : in the window, by default the option; "" if it is not there
@@ -69,14 +69,15 @@ class Setting:
     help, tooltip : from HELP and TOOLTIPS
     """
 
+    solver, isOfConstraints = None, False
+
     def __init__(self, name, default, limits=ANY, sliderEnds=None, **others):
-        self.name, self.limits, self.limitsInStep = name, limits, limits
         self.kind = default if isinstance(default, tuple) else type(default)
         self.default = self.defaultInStep = default[0] if self.kind is default else default
-        self.sliderEnds, self.parameter = sliderEnds, name
+        self.limits = self.limitsInStep = limits
+        self.name, self.parameter, self.sliderEnds = name, name, sliderEnds
         self.option = re.sub("[A-Z]", lambda letter: "-" + letter[0].lower(), name)
         self.label = (others.get("option", self.option) or "").replace("-", " ")
-        self.solver, self.isOfConstraints = None, False
         self.help = HELP.get(name, "")
         tooltip = TOOLTIPS.get(name, self.help.partition(". ")[0])
         self.tooltip = tooltip[:1].upper() + tooltip[1:]
@@ -88,13 +89,13 @@ class Setting:
         limits : (least, greatest), by default those of the program
         """
         if isinstance(self.kind, tuple):
-            if not isinstance(value, str) or value not in self.kind:
-                raise ValueError(f"must be one of {', '.join(self.kind)}, not {value!r}")
-            return value
+            if value in self.kind:
+                return value
+            raise ValueError(f"must be one of {', '.join(self.kind)}, not {value!r}")
         if self.kind is bool:
-            if value not in (True, False):
-                raise ValueError(f"must be true or false, not {value!r}")
-            return bool(value)
+            if value in (True, False):
+                return bool(value)
+            raise ValueError(f"must be true or false, not {value!r}")
         if self.default is None and value is None:
             return None
         low, high = limits or self.limits
@@ -114,12 +115,9 @@ class Setting:
 
     def parsed(self, text):
         """Returns the value of a text. Raises ValueError as `checked` does."""
-        if not isinstance(self.kind, tuple):
-            try:
-                # Python also reads 1_000, and digits of other scripts, as numbers.
-                text = self.kind(text if text.isascii() and "_" not in text else "no number")
-            except ValueError:
-                pass
+        if self.kind in (float, int):
+            with suppress(ValueError):
+                text = self.kind(text)
         return self.checked(text)
 
     def isHeededBy(self, solver):
@@ -213,16 +211,15 @@ Settings.__doc__ = """The settings that a scene is simulated with. Fields: see T
 def check_arguments(arguments):
     """Returns the arguments of `run_timestep` that are settings, by parameter, as their kinds.
 
-    arguments : dict of all its arguments
-    Raises ValueError for an invalid value, and for one that the contact solver would ignore;
-    TypeError for a ground that is no Mesh or a state that is no SolverState.
+    arguments : dict of all its arguments. Raises ValueError for an invalid value, and for one that
+    the contact solver would ignore; TypeError for another ground or solverState.
     """
     kinds = {"groundMesh": ("Mesh", "invMass"), "solverState": ("SolverState", "begun")}
     for name, (kind, attribute) in kinds.items():
-        if arguments[name] is not None and not hasattr(arguments[name], attribute):
-            shown = reprlib.repr(arguments[name])
-            raise TypeError(f"{name} must be a {kind} or None, not {shown}")
-    checked = {}
+        value = arguments[name]
+        if value is not None and not hasattr(value, attribute):
+            raise TypeError(f"{name} must be a {kind} or None, not {reprlib.repr(value)}")
+    checked, solver = {}, arguments["contactSolver"]
     for one in TABLE:
         value = arguments[one.parameter]
         try:
@@ -232,7 +229,6 @@ def check_arguments(arguments):
             value = checked[one.parameter] = one.checked(value, one.limitsInStep)
         except ValueError as error:
             raise ValueError(f"{one.parameter} {error}") from None
-        solver = arguments["contactSolver"]
         if not one.isHeededBy(solver) and value != one.defaultInStep:
             raise ValueError(f"{one.parameter} has no effect with contactSolver {solver!r}")
     return checked

@@ -28,12 +28,12 @@ SHAPES = ("box", "tetrahedron", "octahedron", "cylinder")
 SIZES = (0.3, 3.0)  # the least and the largest body, in multiples of a shape's
 # What rbs/stepping/batches.py makes margins of: too little, with nothing remembered; as usual; too
 # much.
-NAMES = "LEAST_MARGIN", "MARGIN_GROWTH", "memory_of"
+NAMES = "LEAST_MARGIN", "MARGIN_GROWTH", "NEAR", "memory_of"
 USUAL = tuple(getattr(rbs.stepping.batches, name) for name in NAMES)
 MARGINS = {
-    "too small": (1e-9, 1.001, rbs.stepping.batches.Memory),
+    "too small": (1e-9, 1.001, 0.0, rbs.stepping.batches.Memory),
     "as usual": USUAL,
-    "too large": (0.1, 10.0, rbs.stepping.batches.memory_of),
+    "too large": (0.1, 10.0, 0.5, rbs.stepping.batches.memory_of),
 }
 
 

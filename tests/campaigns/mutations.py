@@ -98,9 +98,9 @@ RBSFunctions.py: box of one hull, the wrong extreme (timestep)
 rbs/geometry/facets.py: facets, faces of the second hull are not turned round (gjk)
     np.where(row < half, 1.0, -1.0) -> np.where(row < half, 1.0, 1.0)
 rbs/stepping/gridstep.py: impulses of a batch, the wrong body's position (broadPhase)
-    * n)[:, None] - contacts.after -> * n)[:, None] - contacts.before
-rbs/stepping/batches.py: missed pairs, the margin of one body only (broadPhase)
-    (displacement[i] + displacement[j] >= self.gap) -> (displacement[i] >= self.gap)
+    * n)[:, None] - after -> * n)[:, None] - before
+rbs/stepping/batches.py: missed pairs, the displacement of one body only (broadPhase)
+    way = displacement[first] + displacement[second] -> way = displacement[first]
 GJK.py: cached axis, its sign (timestep)
     lowest + dot(axis, t) - highest -> highest - lowest - dot(axis, t)
 RBSFunctions.py: kept box, the orientation is not looked at (mesh)
