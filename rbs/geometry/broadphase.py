@@ -17,6 +17,8 @@ from rbs.geometry.arrays import indices, ranges, take
 # Least size of a box in a level, as a fraction of the largest one, which sets the width of the
 # columns. Less crowds the columns; more makes more levels and queries.
 GRID_SHRINK = 1 / 8
+# Number of bodies up to which all pairs of boxes are compared; beyond, that takes more time.
+FEW = 64
 # Number of cells from the origin beyond which boxes count as in the outermost ones, so that numbers
 # of columns are exact. Less crowds those.
 FAR = 1_000_000
@@ -29,6 +31,9 @@ def grid_overlaps(box, isFixed):
 
     Returns an array (2, P) of int, in the order i < j.
     """
+    if len(isFixed) <= FEW:
+        meet = (box[:3, :, None] <= -box[3:, None]).all(axis=0)
+        return np.array(np.triu(meet & meet.T & ~(isFixed[:, None] & isFixed), 1).nonzero())
     found = [np.zeros((2, 0), dtype=np.intp)]
     for level, smaller, width in grid_levels(box):
         for queries in (level, smaller):
