@@ -23,7 +23,7 @@ from rbs.recordings.replay import resume, verify
 from rbs.scenes.simulation import Settings, Simulation
 from rbs.softstep import step as softstep
 from rbs.softstep.detection import Frames
-from rbs.softstep.manifolds import pair_manifolds
+from rbs.softstep.manifolds import contact_normals, pair_manifolds
 from rbs.softstep.step import SolverState
 from rbs.stepping.bodies import GRAVITY, Bodies
 from RBSFunctions import run_timestep
@@ -104,6 +104,24 @@ def manifold(mesh1, mesh2, normal, depth):
     point1, point2, isPoint = pair_manifolds(pair, *alone)
     some = isPoint[:, 0]
     return (point1[:, some, 0].T + mesh1.position, point2[:, some, 0].T + mesh2.position)
+
+
+@pytest.mark.parametrize("excess", [0.0, 0.25, 0.5, 0.9, 1.5])
+def test_the_normal_at_a_ridge_lies_between_those_of_its_facets(excess):
+    """Two cubes of 2 are edge beside edge: 0.01 deep along x, and a part of the width more along y.
+
+    The facet along y counts less the deeper it is, and not at all beyond the width.
+    """
+    cube, width = box_body(2, 2, 2, (0, 0, 0)).hull, 0.02
+    depths = np.array([0.01, 0.01 + excess * width, 2.0])
+    t = np.array([[2.0], [2.0], [2.0]]) - depths[:, None]
+    pair = Pairs(HullSet([cube, cube]), np.array([0]), np.array([1]), t).along()
+    penetration, normal = contact_normals(pair, np.zeros(1), np.array([width]))
+    expected = np.array([1.0, max(0.0, 1.0 - excess), 0.0])
+    expected /= np.linalg.norm(expected)
+    assert normal[:, 0] == pytest.approx(expected, abs=1e-12)
+    # the corner of either cube lies that deep in the other along the normal
+    assert penetration[0] == pytest.approx(depths @ expected, abs=1e-12)
 
 
 def test_the_approach_of_a_pair_within_a_step_is_that_of_its_flight():
