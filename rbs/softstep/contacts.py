@@ -67,8 +67,11 @@ class SoftContacts:
     origin, which both bodies share.
     """
 
-    def __init__(self, manifolds, frames, motion, mu, timeStep, h):
-        """Selects the manifolds that have a movable body; h : s, length of a substep."""
+    def __init__(self, manifolds, frames, motion, mu, timeStep, h, ratio):
+        """Selects the manifolds that have a movable body.
+
+        h : s, length of a substep, `ratio` times that of the last step
+        """
         self.mu, self.h, self.fallRate = mu, h, motion.fallRate
         self.fall = self.fallRate * timeStep  # speed that gravity adds in a step
         first, second = manifolds.bodies(len(motion.isStill) - 1)
@@ -82,8 +85,7 @@ class SoftContacts:
         self.impulse = np.concatenate((manifolds.impulse * self.isPoint, manifolds.friction))
         self.offset = manifolds.offset
         self.spring = Spring(FREQUENCY, DAMPING, h)
-        ratio = self.spring.ratios(manifolds.substep)
-        if (ratio != 1.0).any():
+        if ratio != 1.0:
             self.offset = self.spring.converted(
                 self.offset, self.impulse[:POINTS], self.mass, -self.gap, ratio
             )
@@ -303,7 +305,7 @@ class SoftContacts:
         if offset.any():
             offset = lasting(offset, offset - self.separation)
         values = {"impulse": self.impulse[:POINTS], "friction": self.impulse[POINTS:]}
-        values |= {"offset": offset, "substep": np.full(self.count, self.h)}
+        values["offset"] = offset
         if self.count < len(manifolds.key):
             for name, value in values.items():
                 values[name] = getattr(manifolds, name).copy()

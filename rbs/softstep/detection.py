@@ -179,5 +179,4 @@ def _table(frames, first, second, t, normal, tangent, point1, point2, isPoint):
         impulse=np.zeros((POINTS, len(key))),
         friction=np.zeros((3, len(key))),
         offset=np.zeros((POINTS, len(key))),
-        substep=np.zeros(len(key)),
     )

@@ -53,7 +53,6 @@ COLUMNS = {
     "impulse": (POINTS,),
     "friction": (3,),
     "offset": (POINTS,),
-    "substep": (),
 }
 
 
@@ -69,7 +68,6 @@ class Manifolds:
     impulse, friction : (4, M), along the normal at the points; (3, M), along t1, t2 and as a twist
         about n; mass · speed, from the last substep, for warm starting
     offset : (4, M), lengths, penetration from which the points' springs act
-    substep : (M,), s, length of the substeps behind these values; 0 if there were none
     """
 
     __slots__ = ("key", *COLUMNS)
@@ -147,7 +145,6 @@ class Manifolds:
         self.friction[:, mine] = np.stack(
             (dot(force, tangent), dot(force, cross(normal, tangent)), old.friction[2])
         )
-        self.substep[mine] = old.substep
 
 
 def turn_points(matrix, points):

@@ -49,8 +49,10 @@ def soft_step(
         bodies = Bodies(meshes, gravity)
         state = SolverState() if state is None else state
         kept = state.begun(bodies)
-        isDisturbed = kept.sleep.disturbed(bodies) | (kept.gravity != gravity).any()
-        kept.gravity = np.array(gravity)
+        h = timeStep / substeps
+        ratio = h / (kept.substep or h)
+        isDisturbed = kept.sleep.disturbed(bodies) | (kept.gravity != gravity).any() | (ratio != 1)
+        kept.gravity, kept.substep = np.array(gravity), h
         # if every body is either fixed or asleep, and undisturbed, there is nothing to do
         if sleeping and ((kept.sleep.isAsleep != bodies.isFixed) & ~isDisturbed).all():
             state.replace(kept)
@@ -69,10 +71,9 @@ def soft_step(
         else:
             isAsleep = np.zeros(kept.count, dtype=bool)
     with report.phase("contactSolver"):
-        h = timeStep / substeps
         motion = Motion(bodies, isAsleep)
-        contacts = SoftContacts(manifolds, frames, motion, mu, timeStep, h)
-        distances.begin(motion, frames, h)
+        contacts = SoftContacts(manifolds, frames, motion, mu, timeStep, h, ratio)
+        distances.begin(motion, frames, h, ratio)
         closing = contacts.impact_speeds(motion) if CRCoeff else None
         _make_substeps(motion, contacts, distances, substeps, h)
         manifolds = contacts.store(manifolds)
@@ -181,14 +182,12 @@ class SolverState:
     manifolds : `Manifolds`; sleep : `Sleep`
     pairKey, pairAxis : (P,), i · (count + 1) + j of the pairs i < j with nearby boxes, and (3, P),
         their axes of separation or penetration; 0 if unknown
-    gravity : (3,), of the last step; another one wakes all bodies
+    gravity, substep : (3,), and s, length of the substeps, of the last step; others wake all bodies
     constraint : (6, R), keys of the distance constraints, see `SoftConstraints`
-    constraintImpulse, constraintOffset, constraintSubstep : (R,), as in `Manifolds`
+    constraintImpulse, constraintOffset : (R,), as in `Manifolds`
     """
 
-    COLUMNS = (
-        "pairKey pairAxis constraint constraintImpulse constraintOffset constraintSubstep gravity"
-    )
+    COLUMNS = "pairKey pairAxis constraint constraintImpulse constraintOffset gravity substep"
     COLUMNS = tuple(COLUMNS.split())
 
     def __init__(self):
@@ -199,7 +198,8 @@ class SolverState:
         self.count = self.manifolds = self.sleep = None
         self.pairKey, self.pairAxis = np.zeros(0, dtype=np.int64), np.zeros((3, 0))
         self.constraint, self.gravity = np.zeros((6, 0)), np.array(EARTH)
-        self.constraintImpulse = self.constraintOffset = self.constraintSubstep = np.zeros(0)
+        self.constraintImpulse = self.constraintOffset = np.zeros(0)
+        self.substep = 0.0
 
     def begun(self, bodies):
         """Returns a new state in which a step of these bodies begins; this one does not change.
@@ -240,7 +240,7 @@ class SolverState:
         state = cls()
         if arrays:
             arrays = {name: np.array(value) for name, value in arrays.items()}
-            for name in cls.COLUMNS:  # older recordings have no gravity
+            for name in cls.COLUMNS:  # older recordings lack the last two
                 setattr(state, name, arrays.get(name, getattr(state, name)))
             state.sleep = Sleep(**{name: arrays[f"sleep.{name}"] for name in Sleep.COLUMNS})
             state.manifolds = Manifolds(**{n: arrays[f"manifolds.{n}"] for n in ("key", *COLUMNS)})
