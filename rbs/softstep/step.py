@@ -8,8 +8,6 @@ penetration out, moves the bodies, and makes one relaxing sweep without the push
 velocity that the push has added. Restitution follows after the last substep.
 
 Constants are relative: times are in substeps, speeds in √(g r).
-
-Reading order: the step; sleeping; `Motion`; `SolverState`.
 """
 
 import numpy as np
@@ -17,7 +15,7 @@ import numpy as np
 from rbs.geometry.arrays import find_sorted, indices
 from rbs.softstep.contacts import SoftContacts
 from rbs.softstep.detection import detect
-from rbs.softstep.manifolds import COLUMNS, Manifolds
+from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
 from rbs.softstep.sleeping import Sleep
 from rbs.softstep.softconstraints import SoftConstraints
 from rbs.stepping.bodies import EARTH, Bodies, check_numbers, turned
@@ -84,7 +82,9 @@ def soft_step(
         check_numbers(bodies.columns(), meshes, "contacts and constraints")
         kept.manifolds = manifolds
         if sleeping:
-            kept.sleep = _settled(kept, bodies, isAsleep, distances, timeStep)
+            touching = manifolds.bodies(kept.count)[:, (manifolds.impulse > 0.0).any(axis=0)]
+            links = np.concatenate((touching, distances.ends), axis=1)
+            kept.sleep = kept.sleep.settled(bodies, isAsleep, links, timeStep)
         else:
             kept.sleep = Sleep.none(bodies)
         distances.store(kept)
@@ -120,15 +120,6 @@ def _still_asleep(kept, bodies, isDisturbed, manifolds, distances):
     lost = kept.manifolds.key[find_sorted(kept.manifolds.key, manifolds.key) < 0]
     lost = np.concatenate(np.divmod(lost, kept.count + 1))
     return kept.sleep.woken(bodies, isDisturbed, links, lost)
-
-
-def _settled(kept, bodies, isAsleep, distances, timeStep):
-    """Returns the `Sleep` at the end of the step, and stops bodies that fall asleep."""
-    touching = kept.manifolds.bodies(kept.count)[:, (kept.manifolds.impulse > 0.0).any(axis=0)]
-    links = np.concatenate((touching, distances.ends), axis=1)
-    isAsleep, timer = kept.sleep.settled(bodies, isAsleep, links, timeStep)
-    bodies.motion[3:9] = np.where(isAsleep, 0.0, bodies.motion[3:9])
-    return Sleep.of(bodies, isAsleep, timer)
 
 
 class Motion:
@@ -187,15 +178,12 @@ class SolverState:
     constraintImpulse, constraintOffset : (R,), as in `Manifolds`
     """
 
-    COLUMNS = "pairKey pairAxis constraint constraintImpulse constraintOffset gravity substep"
-    COLUMNS = tuple(COLUMNS.split())
-
     def __init__(self):
         self.clear()
 
     def clear(self):
         """Forgets everything, so that the next step starts cold."""
-        self.count = self.manifolds = self.sleep = None
+        self.count, self.manifolds, self.sleep = None, NO_MANIFOLDS, None
         self.pairKey, self.pairAxis = np.zeros(0, dtype=np.int64), np.zeros((3, 0))
         self.constraint, self.gravity = np.zeros((6, 0)), np.array(EARTH)
         self.constraintImpulse = self.constraintOffset = np.zeros(0)
@@ -210,7 +198,7 @@ class SolverState:
         state = SolverState()
         state.replace(self)
         if self.count is None:
-            state.manifolds, state.sleep = Manifolds.none(), Sleep.none(bodies)
+            state.sleep = Sleep.none(bodies)
         elif self.count != count:
             first, second = np.divmod(self.pairKey, self.count + 1)
             left = indices(second < count)
@@ -229,20 +217,20 @@ class SolverState:
         """Returns the content as a dict of arrays for `from_arrays`; {} before the first step."""
         if self.count is None:
             return {}
-        found = {name: getattr(self, name) for name in self.COLUMNS}
-        found |= {f"sleep.{name}": getattr(self.sleep, name) for name in Sleep.COLUMNS}
-        found |= {f"manifolds.{n}": getattr(self.manifolds, n) for n in ("key", *COLUMNS)}
+        found = dict(vars(self))
+        del found["count"]
+        for table in ("sleep", "manifolds"):
+            found |= {f"{table}.{name}": column for name, column in vars(found.pop(table)).items()}
         return {name: np.array(value) for name, value in found.items()}
 
     @classmethod
     def from_arrays(cls, arrays):
-        """Returns the `SolverState` from which `arrays` were made."""
+        """Returns the `SolverState` from which `arrays` were made, also by older versions."""
         state = cls()
         if arrays:
-            arrays = {name: np.array(value) for name, value in arrays.items()}
-            for name in cls.COLUMNS:  # older recordings lack the last two
-                setattr(state, name, arrays.get(name, getattr(state, name)))
+            vars(state).update({name: arrays[name] for name in vars(state) if name in arrays})
             state.sleep = Sleep(**{name: arrays[f"sleep.{name}"] for name in Sleep.COLUMNS})
-            state.manifolds = Manifolds(**{n: arrays[f"manifolds.{n}"] for n in ("key", *COLUMNS)})
+            names = vars(NO_MANIFOLDS)
+            state.manifolds = Manifolds(**{name: arrays[f"manifolds.{name}"] for name in names})
             state.count = len(state.sleep.timer)
         return state
