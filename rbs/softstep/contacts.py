@@ -67,30 +67,32 @@ class SoftContacts:
     origin, which both bodies share.
     """
 
-    def __init__(self, manifolds, frames, motion, mu, timeStep, h):
-        """Selects the manifolds that have a movable body; h : s, length of a substep."""
-        self.mu, self.h, self.fallRate = mu, h, motion.fallRate
-        self.fall = self.fallRate * timeStep  # speed that gravity adds in a step
-        first, second = manifolds.bodies(len(motion.isStill) - 1)
-        self.rows = indices(~(motion.isStill[first] & motion.isStill[second]))
+    def __init__(self, manifolds, frames, motion, mu, timeStep, h, ratio):
+        """Selects the manifolds that have a movable body.
+
+        h : s, length of a substep, `ratio` times that of the last step
+        """
+        self.mu, self.h = mu, h
+        self.fall = motion.fallRate * timeStep  # speed that gravity adds in a step
+        ends = manifolds.bodies(frames.count)
+        self.rows = indices(~motion.isStill[ends].all(axis=0))
         manifolds = manifolds.rows(self.rows)
-        self.count = len(manifolds.key)
+        self.first, self.second = take(ends, self.rows, axis=1)
+        self.count = len(self.rows)
         self._place(manifolds, frames)
         self._make_responses(motion, self._make_factors(frames, motion))
         smaller = np.minimum(frames.radius[self.first], frames.radius[self.second])
-        self.push = -PUSH_SPEED * np.sqrt(max(self.fallRate, -GRAVITY) * smaller)
+        self.push = -PUSH_SPEED * np.sqrt(max(motion.fallRate, -GRAVITY) * smaller)
         self.impulse = np.concatenate((manifolds.impulse * self.isPoint, manifolds.friction))
         self.offset = manifolds.offset
         self.spring = Spring(FREQUENCY, DAMPING, h)
-        ratio = self.spring.ratios(manifolds.substep)
-        if (ratio != 1.0).any():
-            self.offset = self.spring.converted(
-                self.offset, self.impulse[:POINTS], self.mass, -self.gap, ratio
-            )
-            self.impulse = self.impulse * ratio
+        if ratio != 1.0:
+            loads = self.impulse[:POINTS], self.mass, -self.gap
+            self.offset = self.spring.converted(self.offset, *loads, ratio)
+            self.impulse *= ratio
         self.separation = self.gap + self.offset
         self.started = self.impulse[:POINTS]
-        self.least = self.mass * (self.fallRate * h)
+        self.least = self.mass * (motion.fallRate * h)
         self.nothing, self.total, self.change = np.zeros((3, 7, self.count))
         self.pending = self.nothing
         self.start1 = take(frames.position, self.first, axis=1)
@@ -98,12 +100,11 @@ class SoftContacts:
     def _place(self, manifolds, frames):
         """Computes the manifolds' geometry in world axes.
 
-        first, second : (M,); the ground is body n; t : (3, M), from the first COM to the second
+        t : (3, M), from the first COM to the second, or to the ground right below
         normal, tangent1, tangent2 : (3, M), unit; isPoint : (4, M) bool
         arm : (3, 4, M), from the first COM to the points on the first body
         gap : (4, M), separation at the start of the step, along the normal
         """
-        self.first, self.second = manifolds.bodies(frames.count)
         self.t = frames.translations(self.first, self.second)
         self.isPoint = manifolds.isPoint
         axes = np.stack((manifolds.normal, manifolds.tangent), axis=1)
@@ -123,13 +124,11 @@ class SoftContacts:
 
         Returns r × e of the rows, with the arms r from the two COMs: (3, 7, 2, M).
         """
-        isPoint, count = self.isPoint, len(motion.invMass)
-        first, second, n = self.first, self.second, self.normal
+        isPoint, n, count = self.isPoint, self.normal, frames.count + 1
         weight = isPoint / np.maximum(np.add.reduce(isPoint), 1)
         middle = np.add.reduce(weight * self.arm, axis=1)
         lever = norm(cross(self.arm - middle[:, None], n[:, None]))
-        self.limits = np.empty((2, POINTS, self.count))
-        self.limits[0], self.limits[1] = self.mu * isPoint, self.mu * isPoint * lever
+        self.limits = np.stack((self.mu * isPoint, self.mu * isPoint * lever))
 
         axes, arms = np.zeros((2, 3, 7, self.count))
         axes[:, :POINTS], axes[:, 4], axes[:, 5] = n[:, None], self.tangent1, self.tangent2
@@ -139,7 +138,7 @@ class SoftContacts:
         arms[:, :POINTS], arms[:, POINTS:] = self.arm, centre[:, None]
         position = frames.position - frames.position.sum(axis=1, keepdims=True) / count
         origins = np.zeros((3, 3, self.count))  # the two COMs and the common origin, from the first
-        origins[:, 1], origins[:, 2] = self.t, -take(position, first, axis=1)
+        origins[:, 1], origins[:, 2] = self.t, -take(position, self.first, axis=1)
         moments = cross(arms[:, :, None] - origins[:, None], axes[:, :, None])
         moments[:, 6] = n[:, None]
         self.R = np.concatenate((axes, moments[:, :, 2]))
@@ -153,13 +152,10 @@ class SoftContacts:
         row = np.arange(self.count)
         if count * self.count <= MOST_DENSE:
             self.GT = np.zeros((count, self.count))
-            self.GT[first, row], self.GT[second, row] = -1.0, 1.0
+            self.GT[self.first, row], self.GT[self.second, row] = -1.0, 1.0
         else:
-            entries = (
-                np.repeat((-1.0, 1.0), self.count),
-                (np.append(first, second), np.tile(row, 2)),
-            )
-            self.GT = csr_array(entries, shape=(count, self.count))
+            signs, places = np.repeat((-1.0, 1.0), self.count), np.append(self.first, self.second)
+            self.GT = csr_array((signs, (places, np.tile(row, 2))), shape=(count, self.count))
         return moments[:, :, :2]
 
     def _make_responses(self, motion, moments):
@@ -299,15 +295,11 @@ class SoftContacts:
 
     def store(self, manifolds):
         """Returns the manifolds with the values from which the next step starts."""
-        offset = self.offset
-        if offset.any():
-            offset = lasting(offset, offset - self.separation)
         values = {"impulse": self.impulse[:POINTS], "friction": self.impulse[POINTS:]}
-        values |= {"offset": offset, "substep": np.full(self.count, self.h)}
-        if self.count < len(manifolds.key):
-            for name, value in values.items():
-                values[name] = getattr(manifolds, name).copy()
-                values[name][..., self.rows] = value
+        values["offset"] = lasting(self.offset, self.offset - self.separation)
+        for name, value in values.items():
+            values[name] = getattr(manifolds, name).copy()
+            values[name][..., self.rows] = value
         return manifolds.renewed(**values)
 
     def tell(self, report):

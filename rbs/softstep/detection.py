@@ -5,6 +5,7 @@ Nothing here modifies the stored state. New objects are returned, which the step
 
 import numpy as np
 
+from Quaternion import multiply
 from rbs.geometry.arrays import find_sorted, indices, take
 from rbs.geometry.broadphase import grid_overlaps
 from rbs.geometry.facets import Pairs
@@ -12,6 +13,7 @@ from rbs.geometry.hulls import approximate_supports, tangents
 from rbs.geometry.vectors import cross, dot, mat_vec, norm, transpose
 from rbs.softstep.manifolds import (
     KEEP,
+    NO_MANIFOLDS,
     POINTS,
     RIDGE,
     Manifolds,
@@ -19,7 +21,6 @@ from rbs.softstep.manifolds import (
     ground_manifolds,
     pair_manifolds,
     pose_changes,
-    relative_poses,
     turn_points,
 )
 
@@ -66,6 +67,16 @@ class Frames:
         t[0::2] = np.where(second == self.count, 0.0, t[0::2])
         return t
 
+    def relative_poses(self, first, second):
+        """Poses of the second bodies in the frames of the first: `(translation (3, P), rotation)`.
+
+        rotation : (4, P), unit quaternions
+        """
+        t = self.translations(first, second)
+        translation = mat_vec(transpose(take(self.rotation, first, axis=1)), t)
+        a, b = (take(self.orientation, bodies, axis=1) for bodies in (first, second))
+        return translation, np.stack(multiply((a[0], *-a[1:]), b))
+
     def advances(self, pairs):
         """Distances (P,) by which the flight brings the bodies of `Pairs` closer along their axes.
 
@@ -110,14 +121,12 @@ def _valid_manifolds(manifolds, frames, nearKey):
     nearKey : (Q,), sorted keys of the near pairs
     """
     first, second = manifolds.bodies(frames.count)
-    isGround = (second == frames.count) & ~np.append(frames.bodies.isFixed, True)[first]
-    manifolds = manifolds.rows(indices(isGround | (find_sorted(manifolds.key, nearKey) >= 0)))
-    first, second = manifolds.bodies(frames.count)
-    t = frames.translations(first, second)
-    poses = relative_poses(first, second, t, frames.rotation, frames.orientation)
+    isNear = find_sorted(manifolds.key, nearKey) >= 0
+    isNear |= (second == frames.count) & ~frames.bodies.isFixed[first]
+    poses = frames.relative_poses(first, second)
     smaller = np.minimum(frames.radius[first], frames.radius[second])
     change = pose_changes(manifolds.translation, manifolds.rotation, *poses, smaller)
-    return manifolds.rows(indices(change <= KEEP * frames.sizes(first, second)))
+    return manifolds.rows(indices(isNear & (change <= KEEP * frames.sizes(first, second))))
 
 
 def _new_manifolds(frames, first, second, axis):
@@ -134,7 +143,7 @@ def _new_manifolds(frames, first, second, axis):
     some = pairs.of(near)
     near = near[some.penetration >= -(frames.advances(some) + KEEP * size[near])]
     if len(near) == 0:
-        return Manifolds.none(), axis
+        return NO_MANIFOLDS, axis
     pairs, size, reach = pairs.of(near), size[near], reach[near]
     separation = reach + KEEP * size
     penetration, normal = contact_normals(pairs, separation, RIDGE * size)
@@ -142,7 +151,7 @@ def _new_manifolds(frames, first, second, axis):
     met = indices(penetration >= -separation)
     pairs, normal = pairs.of(met), take(normal, met, axis=1)
     points = pair_manifolds(pairs, normal, penetration[met], size[met], reach[met])
-    columns = pairs.first, pairs.second, pairs.t, normal, tangents(normal)
+    columns = pairs.first, pairs.second, normal, tangents(normal)
     return _table(frames, *columns, *points), axis
 
 
@@ -153,24 +162,24 @@ def _new_ground_manifolds(frames, known):
     isNear[known[known % (count + 1) == count] // (count + 1)] = False
     body = indices(isNear)
     if len(body) == 0:
-        return Manifolds.none()
+        return NO_MANIFOLDS
     ground = np.full(len(body), count)
     t = frames.translations(body, ground)
     arm, isPoint = ground_manifolds(frames, body)
     normal, tangent = (GROUND_AXES[:, k].repeat(len(body), axis=1) for k in range(2))
     below = arm - t[:, None]
     below[1] = 0.0
-    return _table(frames, body, ground, t, normal, tangent, arm, below, isPoint)
+    return _table(frames, body, ground, normal, tangent, arm, below, isPoint)
 
 
-def _table(frames, first, second, t, normal, tangent, point1, point2, isPoint):
+def _table(frames, first, second, normal, tangent, point1, point2, isPoint):
     """Sorted `Manifolds` without impulses; points (3, 4, K) from the COMs, in world axes."""
     into1 = transpose(take(frames.rotation, first, axis=1))
     into2 = transpose(take(frames.rotation, second, axis=1))
-    translation, rotation = relative_poses(first, second, t, frames.rotation, frames.orientation)
+    translation, rotation = frames.relative_poses(first, second)
     key = first * (frames.count + 1) + second
     return Manifolds(
-        key,
+        key=key,
         normal=mat_vec(into1, normal),
         tangent=mat_vec(into1, tangent),
         anchor1=turn_points(into1, point1),
@@ -181,5 +190,4 @@ def _table(frames, first, second, t, normal, tangent, point1, point2, isPoint):
         impulse=np.zeros((POINTS, len(key))),
         friction=np.zeros((3, len(key))),
         offset=np.zeros((POINTS, len(key))),
-        substep=np.zeros(len(key)),
     )

@@ -6,14 +6,15 @@ along n. Four of them are kept that span the overlap and include the deepest one
 Bergen: Collision Detection in Interactive 3D Environments, 2003, and in Bullet.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 
-from Quaternion import multiply
 from rbs.geometry.arrays import find_sorted, indices, ranges, row_minima, take
 from rbs.geometry.facets import find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, face_corners, support_offsets, tangents
 from rbs.geometry.patches import Features, Polygons, overlap_corners
-from rbs.geometry.vectors import cross, dot, mat_vec, mul_add, norm, transpose
+from rbs.geometry.vectors import cross, dot, mat_vec, mul_add, norm
 
 POINTS = 4
 
@@ -41,23 +42,8 @@ LEAST_COSINE = 0.05
 # Upper bound of a rotation angle ≤ π divided by the distance between the two unit quaternions.
 ANGLE_OF_CHORD = 2.23
 
-# Columns of the table: per name, the shape of one manifold's entry.
-COLUMNS = {
-    "normal": (3,),
-    "tangent": (3,),
-    "anchor1": (3, POINTS),
-    "anchor2": (3, POINTS),
-    "isPoint": (POINTS,),
-    "translation": (3,),
-    "rotation": (4,),
-    "impulse": (POINTS,),
-    "friction": (3,),
-    "offset": (POINTS,),
-    "substep": (),
-}
 
-
-class Manifolds:
+class Manifolds(SimpleNamespace):
     """Table of M manifolds, sorted by key. The ground is body n.
 
     key : (M,), i · (n + 1) + j for the pair i < j
@@ -69,36 +55,21 @@ class Manifolds:
     impulse, friction : (4, M), along the normal at the points; (3, M), along t1, t2 and as a twist
         about n; mass · speed, from the last substep, for warm starting
     offset : (4, M), lengths, penetration from which the points' springs act
-    substep : (M,), s, length of the substeps behind these values; 0 if there were none
     """
-
-    __slots__ = ("key", *COLUMNS)
-
-    def __init__(self, key, **columns):
-        self.key = key
-        for name in COLUMNS:
-            setattr(self, name, columns[name])
-
-    @classmethod
-    def none(cls):
-        columns = {name: np.zeros((*shape, 0)) for name, shape in COLUMNS.items()}
-        columns["isPoint"] = columns["isPoint"].astype(bool)
-        return cls(np.zeros(0, dtype=np.int64), **columns)
 
     def renewed(self, **columns):
         """Returns a copy in which the given columns are replaced."""
-        return Manifolds(**{name: getattr(self, name) for name in self.__slots__} | columns)
+        return Manifolds(**vars(self) | columns)
 
     def bodies(self, count):
         """Returns the two bodies (2, M) of each manifold; the ground is body `count`."""
         return np.array(np.divmod(self.key, count + 1))
 
     def rows(self, some):
-        """Returns the manifolds `some` (m,), ascending; returns self if these are all."""
-        return self if len(some) == len(self.key) else self._taken(some)
-
-    def _taken(self, rows):
-        return Manifolds(**{n: take(getattr(self, n), rows, axis=-1) for n in self.__slots__})
+        """Returns the manifolds `some` (m,), ascending."""
+        if len(some) == len(self.key):
+            return self
+        return Manifolds(**{name: take(x, some, axis=-1) for name, x in vars(self).items()})
 
     def resized(self, old, count):
         """`(manifolds, left)` for `count` bodies instead of `old`, after changes at the list's end.
@@ -114,11 +85,11 @@ class Manifolds:
 
     def joined(self, other):
         """Returns these manifolds and others, sorted by key."""
-        if len(other.key) == 0 or len(self.key) == 0:
-            return self if len(self.key) else other
-        parts = {n: (getattr(self, n), getattr(other, n)) for n in self.__slots__}
-        both = Manifolds(**{n: np.concatenate(part, axis=-1) for n, part in parts.items()})
-        return both._taken(both.key.argsort(kind="stable"))
+        if len(other.key) == 0:
+            return self
+        order = np.append(self.key, other.key).argsort(kind="stable")
+        both = {n: np.concatenate((x, vars(other)[n]), axis=-1) for n, x in vars(self).items()}
+        return Manifolds(**{name: take(x, order, axis=-1) for name, x in both.items()})
 
     def inherit(self, old, size):
         """Takes over impulses of the manifolds that these replace; size : (M,), least thickness.
@@ -147,22 +118,21 @@ class Manifolds:
         self.friction[:, mine] = np.stack(
             (dot(force, tangent), dot(force, cross(normal, tangent)), old.friction[2])
         )
-        self.substep[mine] = old.substep
+
+
+NO_MANIFOLDS = Manifolds(
+    key=np.zeros(0, dtype=np.int64),
+    isPoint=np.zeros((POINTS, 0), dtype=bool),
+    rotation=np.zeros((4, 0)),
+    **{name: np.zeros((3, 0)) for name in ("normal", "tangent", "translation", "friction")},
+    **{name: np.zeros((3, POINTS, 0)) for name in ("anchor1", "anchor2")},
+    **{name: np.zeros((POINTS, 0)) for name in ("impulse", "offset")},
+)
 
 
 def turn_points(matrix, points):
     """Multiplies matrices (9, M) by points (3, 4, M)."""
     return mat_vec(matrix[:, None], points)
-
-
-def relative_poses(first, second, t, rotation, orientation):
-    """`(translation (3, M), rotation (4, M))` of the second body in the first one's frame.
-
-    t : (3, M), from the first COM to the second; rotation : (9, n + 1); orientation : (4, n + 1)
-    """
-    translation = mat_vec(transpose(take(rotation, first, axis=1)), t)
-    a, b = take(orientation, first, axis=1), take(orientation, second, axis=1)
-    return translation, np.stack(multiply((a[0], *-a[1:]), b))
 
 
 def pose_changes(translation, rotation, newTranslation, newRotation, radius):

@@ -9,12 +9,15 @@ it touches has been moved from outside, if one of its contacts is lost, or if a 
 is fast again. Waking therefore spreads by one body per step.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from rbs.geometry.vectors import norm
 
-# Seconds for which bodies must be slow before they fall asleep. Less stops slow motions: with a
-# single step, bodies fall asleep as they begin to slide, and where they are added.
+# Seconds for which bodies must be slow before they fall asleep. More keeps piles awake for longer.
+# Less stops slow motions: with a single step, bodies fall asleep as they begin to slide, and where
+# they are added.
 SLEEP_SECONDS = 0.5
 # Largest speed of a slow body, in √(g r) with its radius r. More stops visible motion; less keeps
 # piles awake: with the speed of STARTING in its place, 40 % of a heap of 1000 sleep, not 95 %.
@@ -25,29 +28,21 @@ SLOW = 0.01
 STARTING = 0.004
 
 
-class Sleep:
+class Sleep(SimpleNamespace):
     """Sleeping state of n bodies, and how long the others have been slow.
 
     isAsleep : (n,) bool; timer : (n,), seconds
     position, orientation, velocity : (3, n), (4, n), (6, n), at the end of the last step
     """
 
-    COLUMNS = ("isAsleep", "timer", "position", "orientation", "velocity")
-
-    def __init__(self, **columns):
-        for name in self.COLUMNS:
-            setattr(self, name, columns[name])
+    STATE = ("position", "orientation", "velocity")
+    COLUMNS = ("isAsleep", "timer", *STATE)
 
     @classmethod
     def of(cls, bodies, isAsleep, timer):
         """Returns the `Sleep` of bodies at their present state."""
-        return cls(
-            isAsleep=isAsleep,
-            timer=timer,
-            position=bodies.position.copy(),
-            orientation=bodies.orientation.copy(),
-            velocity=bodies.velocity.copy(),
-        )
+        state = {name: getattr(bodies, name).copy() for name in cls.STATE}
+        return cls(isAsleep=isAsleep, timer=timer, **state)
 
     @classmethod
     def none(cls, bodies):
@@ -59,21 +54,18 @@ class Sleep:
 
         stirred : (K,), bodies that wake. New bodies count as moved, so bodies that they touch wake.
         """
-        columns = vars(Sleep.none(bodies))
-        columns["velocity"] = np.full_like(columns["velocity"], np.nan)
-        count = min(len(self.timer), len(columns["timer"]))
-        for name in self.COLUMNS:
-            columns[name][..., :count] = getattr(self, name)[..., :count]
-        columns["isAsleep"][stirred], columns["timer"][stirred] = False, 0.0
-        return Sleep(**columns)
+        sleep = Sleep.none(bodies)
+        sleep.velocity[:] = np.nan
+        count = min(len(self.timer), len(sleep.timer))
+        for name, column in vars(sleep).items():
+            column[..., :count] = getattr(self, name)[..., :count]
+        sleep.isAsleep[stirred], sleep.timer[stirred] = False, 0.0
+        return sleep
 
     def disturbed(self, bodies):
         """Which bodies (n,) differ from their state at the end of the last step."""
-        return (
-            (bodies.position != self.position).any(axis=0)
-            | (bodies.orientation != self.orientation).any(axis=0)
-            | (bodies.velocity != self.velocity).any(axis=0)
-        )
+        columns = [getattr(bodies, name) != getattr(self, name) for name in self.STATE]
+        return np.concatenate(columns).any(axis=0)
 
     def woken(self, bodies, disturbed, links, lost):
         """Returns `isAsleep` (n,) at the start of a step.
@@ -89,13 +81,17 @@ class Sleep:
         return self.isAsleep & ~isStirred[:-1] & ~bodies.isFixed
 
     def settled(self, bodies, isAsleep, links, timeStep):
-        """Returns `(isAsleep, timer)` (n,) at the end of a step; arguments as for `woken`."""
+        """Returns the `Sleep` at the end of a step, and stops bodies that fall asleep.
+
+        isAsleep : (n,), in the step; links : as for `woken`
+        """
         isStill = isAsleep | bodies.isFixed
         timer = np.where(isStill | _are_slow(bodies), self.timer + timeStep, 0.0)
         isStarting = speeds(bodies) > STARTING * bodies.fallRate * SLEEP_SECONDS
         isAwake = np.append(~isStill & (isStarting | (timer < SLEEP_SECONDS)), False)
-        sleeps = ~(isAwake | _beside(isAwake, links))[:-1] & ~bodies.isFixed
-        return isAsleep | sleeps, timer
+        isAsleep = isAsleep | (~(isAwake | _beside(isAwake, links))[:-1] & ~bodies.isFixed)
+        bodies.motion[3:9] = np.where(isAsleep, 0.0, bodies.velocity)
+        return Sleep.of(bodies, isAsleep, timer)
 
 
 def _are_slow(bodies):

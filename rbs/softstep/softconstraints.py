@@ -43,8 +43,8 @@ class SoftConstraints:
         self.isRigid = self.lower >= self.upper
         self.count = len(self.lower)
         isKnown = np.array_equal(self.key, kept.constraint)
-        columns = kept.constraintImpulse, kept.constraintOffset, kept.constraintSubstep
-        self.impulse, self.offset, self.substep = (
+        columns = kept.constraintImpulse, kept.constraintOffset
+        self.impulse, self.offset = (
             column.copy() if isKnown else np.zeros(self.count) for column in columns
         )
         self.isFixed = bodies.isFixed
@@ -61,9 +61,8 @@ class SoftConstraints:
             self.offset = np.where(self.moves, offset, self.offset)
         kept.constraint, kept.constraintImpulse = self.key, self.impulse
         kept.constraintOffset = self.offset
-        kept.constraintSubstep = np.where(self.moves, self.spring.h, self.substep)
 
-    def begin(self, motion, frames, h):
+    def begin(self, motion, frames, h, ratio):
         """Builds the batches of the constraints that can move in this step."""
         self.spring = Spring(FREQUENCY, DAMPING, h)
         self.position = frames.position
@@ -73,13 +72,12 @@ class SoftConstraints:
             batch = batch[moves[batch]]
             if len(batch):
                 self.batches.append((batch, self.ends[:, batch]))
-        ratio = np.where(moves, self.spring.ratios(self.substep), 1.0)
-        if (ratio != 1.0).any():
+        if ratio != 1.0:
             self._renew(motion)
             sign, violation = self._violations()
             pull = np.maximum(-sign * self.impulse, 0.0)
             offset = self.spring.converted(sign * self.offset, pull, self.mass, violation, ratio)
-            self.offset = np.where(ratio == 1.0, self.offset, sign * offset)
+            self.offset = sign * offset
             self.impulse *= ratio
 
     def _violations(self):

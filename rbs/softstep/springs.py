@@ -32,13 +32,8 @@ class Spring:
         a2 = self._angle * a1
         self.rate, self.softness = self._angle / (h * a1), a2 / (1.0 + a2)
 
-    def ratios(self, substep):
-        """Ratios (M,) of h to the lengths of earlier substeps; 1 if there were none (length 0)."""
-        isKnown = substep > 0.0
-        return np.where(isKnown, self.h / np.where(isKnown, substep, self.h), 1.0)
-
     def converted(self, offset, impulse, mass, violation, ratio):
-        """Returns the offsets for substeps that are `ratio` times as long.
+        """Returns the offsets for substeps that have become `ratio` times as long.
 
         impulse : of the bounds in the last substep; violation : of the bounds. Each implies a
             displacement; in motion the two differ, and the smaller one is due to the load

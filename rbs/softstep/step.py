@@ -8,8 +8,6 @@ penetration out, moves the bodies, and makes one relaxing sweep without the push
 velocity that the push has added. Restitution follows after the last substep.
 
 Constants are relative: times are in substeps, speeds in √(g r).
-
-Reading order: the step; sleeping; `Motion`; `SolverState`.
 """
 
 import numpy as np
@@ -17,7 +15,7 @@ import numpy as np
 from rbs.geometry.arrays import find_sorted, indices
 from rbs.softstep.contacts import SoftContacts
 from rbs.softstep.detection import detect
-from rbs.softstep.manifolds import COLUMNS, Manifolds
+from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
 from rbs.softstep.sleeping import Sleep
 from rbs.softstep.softconstraints import SoftConstraints
 from rbs.stepping.bodies import EARTH, Bodies, check_numbers, turned
@@ -49,8 +47,10 @@ def soft_step(
         bodies = Bodies(meshes, gravity)
         state = SolverState() if state is None else state
         kept = state.begun(bodies)
-        isDisturbed = kept.sleep.disturbed(bodies) | (kept.gravity != gravity).any()
-        kept.gravity = np.array(gravity)
+        h = timeStep / substeps
+        ratio = h / (kept.substep or h)
+        isDisturbed = kept.sleep.disturbed(bodies) | (kept.gravity != gravity).any() | (ratio != 1)
+        kept.gravity, kept.substep = np.array(gravity), h
         # if every body is either fixed or asleep, and undisturbed, there is nothing to do
         if sleeping and ((kept.sleep.isAsleep != bodies.isFixed) & ~isDisturbed).all():
             state.replace(kept)
@@ -69,10 +69,9 @@ def soft_step(
         else:
             isAsleep = np.zeros(kept.count, dtype=bool)
     with report.phase("contactSolver"):
-        h = timeStep / substeps
         motion = Motion(bodies, isAsleep)
-        contacts = SoftContacts(manifolds, frames, motion, mu, timeStep, h)
-        distances.begin(motion, frames, h)
+        contacts = SoftContacts(manifolds, frames, motion, mu, timeStep, h, ratio)
+        distances.begin(motion, frames, h, ratio)
         closing = contacts.impact_speeds(motion) if CRCoeff else None
         _make_substeps(motion, contacts, distances, substeps, h)
         manifolds = contacts.store(manifolds)
@@ -83,7 +82,9 @@ def soft_step(
         check_numbers(bodies.columns(), meshes, "contacts and constraints")
         kept.manifolds = manifolds
         if sleeping:
-            kept.sleep = _settled(kept, bodies, isAsleep, distances, timeStep)
+            touching = manifolds.bodies(kept.count)[:, (manifolds.impulse > 0.0).any(axis=0)]
+            links = np.concatenate((touching, distances.ends), axis=1)
+            kept.sleep = kept.sleep.settled(bodies, isAsleep, links, timeStep)
         else:
             kept.sleep = Sleep.none(bodies)
         distances.store(kept)
@@ -119,15 +120,6 @@ def _still_asleep(kept, bodies, isDisturbed, manifolds, distances):
     lost = kept.manifolds.key[find_sorted(kept.manifolds.key, manifolds.key) < 0]
     lost = np.concatenate(np.divmod(lost, kept.count + 1))
     return kept.sleep.woken(bodies, isDisturbed, links, lost)
-
-
-def _settled(kept, bodies, isAsleep, distances, timeStep):
-    """Returns the `Sleep` at the end of the step, and stops bodies that fall asleep."""
-    touching = kept.manifolds.bodies(kept.count)[:, (kept.manifolds.impulse > 0.0).any(axis=0)]
-    links = np.concatenate((touching, distances.ends), axis=1)
-    isAsleep, timer = kept.sleep.settled(bodies, isAsleep, links, timeStep)
-    bodies.motion[3:9] = np.where(isAsleep, 0.0, bodies.motion[3:9])
-    return Sleep.of(bodies, isAsleep, timer)
 
 
 class Motion:
@@ -181,25 +173,21 @@ class SolverState:
     manifolds : `Manifolds`; sleep : `Sleep`
     pairKey, pairAxis : (P,), i · (count + 1) + j of the pairs i < j with nearby boxes, and (3, P),
         their axes of separation or penetration; 0 if unknown
-    gravity : (3,), of the last step; another one wakes all bodies
+    gravity, substep : (3,), and s, length of the substeps, of the last step; others wake all bodies
     constraint : (6, R), keys of the distance constraints, see `SoftConstraints`
-    constraintImpulse, constraintOffset, constraintSubstep : (R,), as in `Manifolds`
+    constraintImpulse, constraintOffset : (R,), as in `Manifolds`
     """
-
-    COLUMNS = (
-        "pairKey pairAxis constraint constraintImpulse constraintOffset constraintSubstep gravity"
-    )
-    COLUMNS = tuple(COLUMNS.split())
 
     def __init__(self):
         self.clear()
 
     def clear(self):
         """Forgets everything, so that the next step starts cold."""
-        self.count = self.manifolds = self.sleep = None
+        self.count, self.manifolds, self.sleep = None, NO_MANIFOLDS, None
         self.pairKey, self.pairAxis = np.zeros(0, dtype=np.int64), np.zeros((3, 0))
         self.constraint, self.gravity = np.zeros((6, 0)), np.array(EARTH)
-        self.constraintImpulse = self.constraintOffset = self.constraintSubstep = np.zeros(0)
+        self.constraintImpulse = self.constraintOffset = np.zeros(0)
+        self.substep = 0.0
 
     def begun(self, bodies):
         """Returns a new state in which a step of these bodies begins; this one does not change.
@@ -210,7 +198,7 @@ class SolverState:
         state = SolverState()
         state.replace(self)
         if self.count is None:
-            state.manifolds, state.sleep = Manifolds.none(), Sleep.none(bodies)
+            state.sleep = Sleep.none(bodies)
         elif self.count != count:
             first, second = np.divmod(self.pairKey, self.count + 1)
             left = indices(second < count)
@@ -229,20 +217,20 @@ class SolverState:
         """Returns the content as a dict of arrays for `from_arrays`; {} before the first step."""
         if self.count is None:
             return {}
-        found = {name: getattr(self, name) for name in self.COLUMNS}
-        found |= {f"sleep.{name}": getattr(self.sleep, name) for name in Sleep.COLUMNS}
-        found |= {f"manifolds.{n}": getattr(self.manifolds, n) for n in ("key", *COLUMNS)}
+        found = dict(vars(self))
+        del found["count"]
+        for table in ("sleep", "manifolds"):
+            found |= {f"{table}.{name}": column for name, column in vars(found.pop(table)).items()}
         return {name: np.array(value) for name, value in found.items()}
 
     @classmethod
     def from_arrays(cls, arrays):
-        """Returns the `SolverState` from which `arrays` were made."""
+        """Returns the `SolverState` from which `arrays` were made, also by older versions."""
         state = cls()
         if arrays:
-            arrays = {name: np.array(value) for name, value in arrays.items()}
-            for name in cls.COLUMNS:  # older recordings have no gravity
-                setattr(state, name, arrays.get(name, getattr(state, name)))
+            vars(state).update({name: arrays[name] for name in vars(state) if name in arrays})
             state.sleep = Sleep(**{name: arrays[f"sleep.{name}"] for name in Sleep.COLUMNS})
-            state.manifolds = Manifolds(**{n: arrays[f"manifolds.{n}"] for n in ("key", *COLUMNS)})
+            names = vars(NO_MANIFOLDS)
+            state.manifolds = Manifolds(**{name: arrays[f"manifolds.{name}"] for name in names})
             state.count = len(state.sleep.timer)
         return state
