@@ -135,7 +135,7 @@ def _new_manifolds(frames, first, second, axis):
     A pair that an axis separates, now and after the flight, has no manifold.
     """
     if len(first) == 0:
-        return Manifolds.none(), axis
+        return NO_MANIFOLDS, axis
     pairs = Pairs(frames.hulls, first, second, frames.translations(first, second)).along(axis)
     axis, size = pairs.axis, frames.sizes(first, second)
     reach = frames.reach[first] + frames.reach[second]
