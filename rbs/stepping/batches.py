@@ -167,13 +167,21 @@ class Pass:
         b, after : (M,), (3, M), positions of bodies after their contacts
         displacement : (n,), largest distance of each body from its position before the pass
         """
-        if (displacement <= self.margin).all():
+        # within the margins, only pairs in the batches can touch
+        beyond = indices(displacement > self.margin)
+        if len(beyond) == 0:
             return False
         # of each body, the box of all its positions
         box = self.bodies.box.copy()
         np.minimum.at(box, (slice(None), b), self.bodies.box_at(b, after))
-        first, second = grid_overlaps(box, self.bodies.isFixed)
-        known = find_sorted(first * len(displacement) + second, self.keys)
+        low, high = box[:3], -box[3:]
+        meet = low[:, beyond, None] <= high[:, None]
+        meet &= low[:, None] <= high[:, beyond, None]
+        i, second = meet.all(axis=0).nonzero()
+        some = indices(beyond[i] != second)
+        first, second = beyond[i[some]], second[some]
+        key = np.minimum(first, second) * len(displacement) + np.maximum(first, second)
+        known = find_sorted(key, self.keys)
         gap = np.where(known < 0, 0.0, take(self.gap, known))
         way = displacement[first] + displacement[second]
         meet = indices(way >= gap)
