@@ -20,7 +20,6 @@ from rbs.softstep.manifolds import (
     contact_normals,
     ground_manifolds,
     pair_manifolds,
-    pose_changes,
     turn_points,
 )
 
@@ -111,7 +110,7 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
     kept.pairKey, kept.pairAxis = key, axis
     if hasGround:
         new = new.joined(_new_ground_manifolds(frames, valid.key))
-    new.inherit(kept.manifolds, frames.sizes(*new.bodies(frames.count)))
+    new.inherit(kept.manifolds)
     return valid.joined(new), frames
 
 
@@ -123,9 +122,13 @@ def _valid_manifolds(manifolds, frames, nearKey):
     first, second = manifolds.bodies(frames.count)
     isNear = find_sorted(manifolds.key, nearKey) >= 0
     isNear |= (second == frames.count) & ~frames.bodies.isFixed[first]
-    poses = frames.relative_poses(first, second)
+    translation, rotation = frames.relative_poses(first, second)
+    # between unit quaternions q and q', the rotation by θ ≤ π has |q · q'| = cos θ/2 and
+    # θ ≤ π √(1 - cos θ/2)
+    cosine = np.abs((manifolds.rotation * rotation).sum(axis=0))
+    angle = np.pi * np.sqrt(np.maximum(1.0 - cosine, 0.0))
     smaller = np.minimum(frames.radius[first], frames.radius[second])
-    change = pose_changes(manifolds.translation, manifolds.rotation, *poses, smaller)
+    change = norm(translation - manifolds.translation) + angle * smaller
     return manifolds.rows(indices(isNear & (change <= KEEP * frames.sizes(first, second))))
 
 
