@@ -81,8 +81,8 @@ class SoftContacts:
         self._make_responses(motion, self._make_factors(frames, motion, mu))
         # Penetration is pushed out at up to √(g r) of the smaller body. If this were faster, bodies
         # that start inside each other would burst apart.
-        smaller = np.minimum(frames.radius[self.first], frames.radius[self.second])
-        self.push = -np.sqrt(max(motion.fallRate, -GRAVITY) * smaller)
+        radius = frames.sizes(self.first, self.second)[1]
+        self.push = -np.sqrt(max(motion.fallRate, -GRAVITY) * radius)
         self.impulse = np.concatenate((manifolds.impulse * self.isPoint, manifolds.friction))
         self.offset = manifolds.offset
         self.spring = Spring(FREQUENCY, DAMPING, h)

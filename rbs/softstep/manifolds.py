@@ -215,7 +215,7 @@ def ground_manifolds(frames, bodies):
     separation = y + take(frames.position[1, bodies], row)
     # (shift + turn × r)_y
     later = separation + take(shift[1], row) + take(turn[2], row) * x - take(turn[0], row) * z
-    size, reach = frames.size[bodies], frames.reach[bodies]
+    size, reach = hulls.thickness[bodies], frames.reach[bodies]
     chosen, isPoint = _four_points(row, x, z, separation, later, size, reach)
     return take(hulls.vertices, column[chosen].ravel(), axis=1).reshape(3, POINTS, -1), isPoint
 

@@ -125,17 +125,13 @@ class SoftConstraints:
             for batch, ends in self.batches
         ]
         for _ in range(PASSES):
-            for row in rows:
-                self._visit(motion.velocity, *row)
-
-    def _visit(self, velocity, batch, ends, J, MJ, bias, mass, softness, least, most):
-        """Solves a batch for its impulses and applies their changes."""
-        old = self.impulse[batch]
-        speed = (J * velocity[:, ends]).sum(axis=(0, 1))
-        impulse = np.clip(softness * (old - mass * (speed + bias)), least, most)
-        self.impulse[batch] = impulse
-        velocity[:, ends] += MJ * (impulse - old)
-        self.visits += len(batch)
+            for batch, ends, J, MJ, bias, mass, softness, least, most in rows:
+                old = self.impulse[batch]
+                speed = (J * motion.velocity[:, ends]).sum(axis=(0, 1))
+                impulse = np.clip(softness * (old - mass * (speed + bias)), least, most)
+                self.impulse[batch] = impulse
+                motion.velocity[:, ends] += MJ * (impulse - old)
+                self.visits += len(batch)
 
 
 def _bounds(constraints, bodies):
