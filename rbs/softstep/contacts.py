@@ -1,10 +1,9 @@
-"""Contacts of the soft step: simultaneous velocity constraints on all manifolds, and restitution.
+"""Contacts of the soft step: velocity constraints on all manifolds, and restitution.
 
-Springs push penetration out, see rbs/softstep/springs.py. All manifolds are solved simultaneously
-from the same velocities, so that the result does not depend on an order. For convergence, the mass
-of a body with N manifolds is split: it counts as m/N in each of them, while the impulses act on the
-whole body (Tonge, Benevolenski, Voroshilov: Mass Splitting for Jitter-Free Parallel Rigid Body
-Simulation. SIGGRAPH 2012).
+All manifolds are solved simultaneously from the same velocities, so that the result does not depend
+on an order. For convergence, the mass of a body with N manifolds is split: it counts as m/N in each
+of them, while the impulses act on the whole body (Tonge, Benevolenski, Voroshilov: Mass Splitting
+for Jitter-Free Parallel Rigid Body Simulation. SIGGRAPH 2012).
 """
 
 import numpy as np
@@ -20,14 +19,13 @@ from rbs.softstep.springs import Spring, lasting
 from rbs.stepping.bodies import GRAVITY
 from rbs.stepping.reports import GROUND
 
-# Natural frequency of contact springs, as a fraction of the substep frequency, and damping ratio.
-# Lower frequencies are visibly soft. Higher ones make stacks bounce, because the impulses of one
-# sweep per substep lag behind, like an undamped spring: with 0.4, as for constraints, 20 cubes
-# fall. With less damping, down to critical, heavy bodies sink through light ones below them.
-FREQUENCY, DAMPING = 0.15, 10.0
-# Largest speed at which penetration is pushed out, in √(g r) of the smaller body. With more, bodies
-# that start inside each other burst apart; with less, they separate slowly.
-PUSH_SPEED = 1.0
+# Natural frequency of contact springs, as a fraction of the substep frequency. A higher one makes
+# stacks bounce, because the impulses of one sweep per substep lag behind: with 0.4, as for
+# constraints, 20 cubes fall. A lower one is visibly soft.
+FREQUENCY = 0.15
+# Damping ratio of contact springs. With more, penetration is pushed out more slowly; with less,
+# down to critical, heavy bodies sink through light ones below them.
+DAMPING = 10.0
 # Largest growth of an impulse from one warm start to the next, as a factor. With more, the impulse
 # of an impact is repeated in the next substep and throws bodies apart; less delays a new load.
 LOAD_GROWTH = 2.0
@@ -35,10 +33,11 @@ LOAD_GROWTH = 2.0
 # With more, a light body between a heavy one and the ground is pressed into both, and a collapsing
 # heap into itself; less costs time.
 HIT_STEPS = 10.0
-# Number of sweeps for restitution. With fewer, the impulses at one point disturb the others, so
-# that a box that lands flat starts to spin; more cost time.
+# Sweeps for restitution. More cost time. With fewer, a box that lands flat starts to spin, because
+# points disturb each other; with 8, a cradle's last ball rises to 90 % of the first one's height.
 RESTITUTION_SWEEPS = 16
-# Product of the numbers of bodies and manifolds up to which a dense matrix is faster.
+# Largest product of the numbers of bodies and manifolds with which G is a dense matrix. More costs
+# time in large scenes, less in small ones, a tenth of a step.
 MOST_DENSE = 10_000
 # ε_ijk, as a matrix of rows i k that turns x into the matrix of x ×.
 LEVI_CIVITA = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)
@@ -61,10 +60,9 @@ class SoftContacts:
     With split masses, the rows of a manifold respond to its own impulses by A = J N M⁻¹ Jᵀ, 7 × 7,
     where N is the number of manifolds of each body.
 
-    J = R G X is constant within the step, and is applied in its factors. X, 6 × 6 for each body,
-    moves its velocity from its COM x to a common origin: v - ω × x, ω. G takes the difference
-    between the two bodies, and R, 7 × 6 for each manifold, has the rows above for arms from the
-    origin, which both bodies share.
+    J = R G X is constant within the step. X, 6 × 6 for each body, moves its velocity from its COM x
+    to a common origin: v - ω × x, ω. G takes the difference between the two bodies, and R, 7 × 6
+    for each manifold, has the rows above for arms from the origin, which both bodies share.
     """
 
     def __init__(self, manifolds, frames, motion, mu, timeStep, h, ratio):
@@ -72,7 +70,7 @@ class SoftContacts:
 
         h : s, length of a substep, `ratio` times that of the last step
         """
-        self.mu, self.h = mu, h
+        self.h = h
         self.fall = motion.fallRate * timeStep  # speed that gravity adds in a step
         ends = manifolds.bodies(frames.count)
         self.rows = indices(~motion.isStill[ends].all(axis=0))
@@ -80,9 +78,11 @@ class SoftContacts:
         self.first, self.second = take(ends, self.rows, axis=1)
         self.count = len(self.rows)
         self._place(manifolds, frames)
-        self._make_responses(motion, self._make_factors(frames, motion))
-        smaller = np.minimum(frames.radius[self.first], frames.radius[self.second])
-        self.push = -PUSH_SPEED * np.sqrt(max(motion.fallRate, -GRAVITY) * smaller)
+        self._make_responses(motion, self._make_factors(frames, motion, mu))
+        # Penetration is pushed out at up to √(g r) of the smaller body. If this were faster, bodies
+        # that start inside each other would burst apart.
+        radius = frames.sizes(self.first, self.second)[1]
+        self.push = -np.sqrt(max(motion.fallRate, -GRAVITY) * radius)
         self.impulse = np.concatenate((manifolds.impulse * self.isPoint, manifolds.friction))
         self.offset = manifolds.offset
         self.spring = Spring(FREQUENCY, DAMPING, h)
@@ -116,7 +116,7 @@ class SoftContacts:
         across = turn_points(take(frames.rotation, self.second, axis=1), manifolds.anchor2)
         self.gap = dot(across + self.t[:, None] - self.arm, self.normal[:, None])
 
-    def _make_factors(self, frames, motion):
+    def _make_factors(self, frames, motion, mu):
         """Computes the factors of J and M⁻¹ Jᵀ, and the limits of friction.
 
         X, XM : (6, 6, n + 1), X and M⁻¹ Xᵀ; R : (6, 7, M), transposed; GT : (n + 1, M), of G
@@ -128,7 +128,7 @@ class SoftContacts:
         weight = isPoint / np.maximum(np.add.reduce(isPoint), 1)
         middle = np.add.reduce(weight * self.arm, axis=1)
         lever = norm(cross(self.arm - middle[:, None], n[:, None]))
-        self.limits = np.stack((self.mu * isPoint, self.mu * isPoint * lever))
+        self.limits = np.stack((mu * isPoint, mu * isPoint * lever))
 
         axes, arms = np.zeros((2, 3, 7, self.count))
         axes[:, :POINTS], axes[:, 4], axes[:, 5] = n[:, None], self.tangent1, self.tangent2
@@ -219,10 +219,7 @@ class SoftContacts:
         self.pending = self.pending + self.impulse
 
     def soft_sweep(self, motion):
-        """Makes a pass over all contacts in which springs push penetration out.
-
-        If any points then still approach so fast that one pass is not enough, another follows.
-        """
+        """Pushes penetration out, in a second pass as well where points still approach fast."""
         approach = self.separation / self.h  # a gap may close within the substep, but not more
         bias = np.maximum(np.maximum(self.spring.rate * self.separation, self.push), approach)
         softness = np.maximum(self.separation > 0.0, self.spring.softness)  # 1 for a gap
@@ -236,7 +233,7 @@ class SoftContacts:
         self.separation += self.h * self.speed[:POINTS]
 
     def relaxing_sweep(self):
-        """Makes one pass over all contacts that removes the velocity added by the springs."""
+        """Removes the velocity added by the springs."""
         self._solve(np.maximum(self.separation, 0.0) / self.h)
         self.total += self.impulse
 
@@ -255,19 +252,16 @@ class SoftContacts:
             np.subtract(impulse[k], before[k], out=change[k])
             if k < POINTS - 1:
                 left[k + 1 :] -= K * change[k]
-        if self.mu > 0.0:
-            change[POINTS:] = speed[POINTS:]
-            friction = before[POINTS:] - np.einsum("irm,rm->im", self.slip, change)
-            # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
-            limit = np.einsum("ikm,km->im", self.limits, impulse[:POINTS])
-            size = friction * friction
-            size[0] += size[1]
-            size = np.sqrt(size[::2])
-            share, twistShare = limit / np.maximum(np.maximum(size, limit), TINY)
-            np.multiply(friction[:2], share, out=impulse[4:6])
-            np.multiply(friction[2], twistShare, out=impulse[6])
-        else:
-            impulse[POINTS:] = 0.0
+        change[POINTS:] = speed[POINTS:]
+        friction = before[POINTS:] - np.einsum("irm,rm->im", self.slip, change)
+        # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
+        limit = np.einsum("ikm,km->im", self.limits, impulse[:POINTS])
+        size = friction * friction
+        size[0] += size[1]
+        size = np.sqrt(size[::2])
+        share, twistShare = limit / np.maximum(np.maximum(size, limit), TINY)
+        np.multiply(friction[:2], share, out=impulse[4:6])
+        np.multiply(friction[2], twistShare, out=impulse[6])
         self.pending = impulse - before
 
     def restitute(self, motion, CRCoeff, closing, bodies, links):
@@ -318,11 +312,6 @@ class SoftContacts:
         other, depth = np.where(second == ground, GROUND, second), -self.gap[k, m]
         columns = first, other, np.maximum(depth, 0.0), normal, self.start1[:, m] + arm, impulse
         report.add_columns(first * (ground + 1) + second, *columns, friction[:, m] * impulse, arm)
-
-
-# --------------------------------------------------------------------------------------------------
-# The energy of restitution
-# --------------------------------------------------------------------------------------------------
 
 
 def energy_share(bodies, motion, before, links):

@@ -14,13 +14,11 @@ from rbs.geometry.vectors import cross, dot, mat_vec, norm, transpose
 from rbs.softstep.manifolds import (
     KEEP,
     NO_MANIFOLDS,
-    POINTS,
     RIDGE,
     Manifolds,
     contact_normals,
     ground_manifolds,
     pair_manifolds,
-    pose_changes,
     turn_points,
 )
 
@@ -32,7 +30,6 @@ class Frames:
     """Poses of n bodies and of the ground, at the origin, in n + 1 columns, and their free flight.
 
     position : (3, n + 1); orientation : (4, n + 1); rotation : (9, n + 1)
-    radius, size : (n + 1,), of the hulls, and their thickness; inf for the ground
     shift, turn : (3, n), displacements and rotation vectors of the step's free flight; reach :
         (n,), largest distance that points of each body move in it
     box : (6, n), bounding boxes of the whole flight, with a margin that keeps the manifolds of
@@ -47,8 +44,8 @@ class Frames:
         self.position = with_ground(bodies.position, np.zeros(3))
         self.orientation = with_ground(bodies.orientation, (1.0, 0.0, 0.0, 0.0))
         self.rotation = with_ground(bodies.hulls.rotation, np.eye(3))
-        self.radius = np.append(self.hulls.radius, np.inf)
-        self.size = np.append(self.hulls.thickness, np.inf)
+        sizes = np.stack((self.hulls.thickness, self.hulls.radius))
+        self._sizes = with_ground(sizes, (np.inf, np.inf))
         fall = np.where(bodies.isFixed, 0.0, timeStep * np.reshape(bodies.gravity, (3, 1)))
         self.shift = timeStep * (bodies.linVelocity + fall)
         self.turn = timeStep * bodies.angVelocity
@@ -58,8 +55,8 @@ class Frames:
         self.box += np.minimum(np.concatenate((self.shift, -self.shift)), 0.0)
 
     def sizes(self, first, second):
-        """Returns the size (P,) of the thinner body of each pair."""
-        return np.minimum(take(self.size, first), take(self.size, second))
+        """Returns the lesser thickness and the lesser radius of the two hulls, (2, P)."""
+        return np.minimum(take(self._sizes, first, axis=1), take(self._sizes, second, axis=1))
 
     def translations(self, first, second):
         """Vectors (3, P) from the first COM to the second, or to the ground right below."""
@@ -68,10 +65,7 @@ class Frames:
         return t
 
     def relative_poses(self, first, second):
-        """Poses of the second bodies in the frames of the first: `(translation (3, P), rotation)`.
-
-        rotation : (4, P), unit quaternions
-        """
+        """`(translation (3, P), rotation (4, P))` of the second bodies in the first's frames."""
         t = self.translations(first, second)
         translation = mat_vec(transpose(take(self.rotation, first, axis=1)), t)
         a, b = (take(self.orientation, bodies, axis=1) for bodies in (first, second))
@@ -92,13 +86,10 @@ class Frames:
 
 
 def detect(bodies, hasGround, isStill, kept, timeStep):
-    """Detects the contacts of a step: `(manifolds, frames)`.
+    """Detects the contacts of a step: the `Manifolds` of all pairs near enough, and the `Frames`.
 
     isStill : (n,) bool, bodies that did not move since the last step and will not start to
     kept : `SolverState`, whose pairs are replaced by those of this step; timeStep : s
-
-    Returns the `Manifolds` of all pairs near enough to have one, with their warm-starting impulses,
-    and the `Frames`.
     """
     frames = Frames(bodies, timeStep)
     first, second = grid_overlaps(frames.box, bodies.isFixed)
@@ -111,7 +102,7 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
     kept.pairKey, kept.pairAxis = key, axis
     if hasGround:
         new = new.joined(_new_ground_manifolds(frames, valid.key))
-    new.inherit(kept.manifolds, frames.sizes(*new.bodies(frames.count)))
+    new.inherit(kept.manifolds)
     return valid.joined(new), frames
 
 
@@ -123,10 +114,14 @@ def _valid_manifolds(manifolds, frames, nearKey):
     first, second = manifolds.bodies(frames.count)
     isNear = find_sorted(manifolds.key, nearKey) >= 0
     isNear |= (second == frames.count) & ~frames.bodies.isFixed[first]
-    poses = frames.relative_poses(first, second)
-    smaller = np.minimum(frames.radius[first], frames.radius[second])
-    change = pose_changes(manifolds.translation, manifolds.rotation, *poses, smaller)
-    return manifolds.rows(indices(isNear & (change <= KEEP * frames.sizes(first, second))))
+    translation, rotation = frames.relative_poses(first, second)
+    # between unit quaternions q and q', the rotation by θ ≤ π has |q · q'| = cos θ/2 and
+    # θ ≤ π √(1 - cos θ/2)
+    cosine = np.abs((manifolds.rotation * rotation).sum(axis=0))
+    angle = np.pi * np.sqrt(np.maximum(1.0 - cosine, 0.0))
+    size, radius = frames.sizes(first, second)
+    change = norm(translation - manifolds.translation) + angle * radius
+    return manifolds.rows(indices(isNear & (change <= KEEP * size)))
 
 
 def _new_manifolds(frames, first, second, axis):
@@ -137,7 +132,7 @@ def _new_manifolds(frames, first, second, axis):
     if len(first) == 0:
         return NO_MANIFOLDS, axis
     pairs = Pairs(frames.hulls, first, second, frames.translations(first, second)).along(axis)
-    axis, size = pairs.axis, frames.sizes(first, second)
+    axis, size = pairs.axis, frames.sizes(first, second)[0]
     reach = frames.reach[first] + frames.reach[second]
     near = indices(pairs.penetration >= -(reach + KEEP * size))
     some = pairs.of(near)
@@ -157,17 +152,16 @@ def _new_manifolds(frames, first, second, axis):
 
 def _new_ground_manifolds(frames, known):
     """Manifolds of bodies near the ground without a valid one; known : keys of the valid ones."""
-    count = frames.count
     isNear = (frames.box[1] <= 0.0) & ~frames.bodies.isFixed
-    isNear[known[known % (count + 1) == count] // (count + 1)] = False
+    first, second = np.divmod(known, frames.count + 1)
+    isNear[first[second == frames.count]] = False
     body = indices(isNear)
     if len(body) == 0:
         return NO_MANIFOLDS
-    ground = np.full(len(body), count)
-    t = frames.translations(body, ground)
+    ground = np.full(len(body), frames.count)
     arm, isPoint = ground_manifolds(frames, body)
     normal, tangent = (GROUND_AXES[:, k].repeat(len(body), axis=1) for k in range(2))
-    below = arm - t[:, None]
+    below = arm - frames.translations(body, ground)[:, None]
     below[1] = 0.0
     return _table(frames, body, ground, normal, tangent, arm, below, isPoint)
 
@@ -177,9 +171,9 @@ def _table(frames, first, second, normal, tangent, point1, point2, isPoint):
     into1 = transpose(take(frames.rotation, first, axis=1))
     into2 = transpose(take(frames.rotation, second, axis=1))
     translation, rotation = frames.relative_poses(first, second)
-    key = first * (frames.count + 1) + second
+    impulse, offset = np.zeros((2, *isPoint.shape))
     return Manifolds(
-        key=key,
+        key=first * (frames.count + 1) + second,
         normal=mat_vec(into1, normal),
         tangent=mat_vec(into1, tangent),
         anchor1=turn_points(into1, point1),
@@ -187,7 +181,7 @@ def _table(frames, first, second, normal, tangent, point1, point2, isPoint):
         isPoint=isPoint,
         translation=translation,
         rotation=rotation,
-        impulse=np.zeros((POINTS, len(key))),
-        friction=np.zeros((3, len(key))),
-        offset=np.zeros((POINTS, len(key))),
+        impulse=impulse,
+        friction=np.zeros_like(normal),
+        offset=offset,
     )

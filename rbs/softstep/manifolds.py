@@ -18,29 +18,22 @@ from rbs.geometry.vectors import cross, dot, mat_vec, mul_add, norm
 
 POINTS = 4
 
-# Lengths from here to RIDGE are fractions of the thickness of the bodies. Points closer together
-# than this count as one; more merges distinct corners.
-MERGE = 1e-3
-# Points whose separation exceeds the least one by more than this are omitted, unless the bodies can
-# close the gap within the step; the manifold is rebuilt before they touch. With more, the four
-# points of a rolling cylinder lie too far apart, and it sinks between them.
+# Lengths are fractions of the thickness of the thinner body.
+
+# Separation beyond the least one from which on points are omitted, unless the bodies can close the
+# gap within the step; the manifold is rebuilt before they touch. With more, the four points of a
+# rolling cylinder lie too far apart, and it sinks between them; with none, boxes fall that stand on
+# lighter ones.
 CULL = 0.05
-# Distance by which corners may lie outside the other face, so that coincident sides are found.
-OUTSIDE = 1e-6
 # Change of the relative pose after which a manifold is rebuilt. With more, its normal becomes
 # visibly outdated; with less, time is spent on finding the same manifold again.
 KEEP = 0.03
-# Two facets of the Minkowski difference share a normal if their penetrations differ by less than
-# RIDGE and one minus the cosine between their normals is at least LEAST_TURN. With a larger RIDGE,
-# the edges of adjacent boxes push each other apart; with a smaller one, the normal jumps.
-RIDGE, LEAST_TURN = 0.02, 0.05
-# Largest distance from which a point inherits the impulse of an old one, in the first body's frame.
-MATCH = 0.5
-# Least cosine between the normals of a face and of the manifold. Steeper faces are not clipped,
-# because rounding would move points in their planes far off the surface along the normal.
-LEAST_COSINE = 0.05
-# Upper bound of a rotation angle ≤ π divided by the distance between the two unit quaternions.
-ANGLE_OF_CHORD = 2.23
+# Difference of penetration up to which two facets of the Minkowski difference share a normal. With
+# more, the edges of adjacent boxes push each other apart; with less, the normal jumps.
+RIDGE = 0.02
+# Least turn between such facets, one minus the cosine of the angle. With more, the normal jumps at
+# blunt ridges; without, the balls of a cradle hit each other askew.
+LEAST_TURN = 0.05
 
 
 class Manifolds(SimpleNamespace):
@@ -91,28 +84,26 @@ class Manifolds(SimpleNamespace):
         both = {n: np.concatenate((x, vars(other)[n]), axis=-1) for n, x in vars(self).items()}
         return Manifolds(**{name: take(x, order, axis=-1) for name, x in both.items()})
 
-    def inherit(self, old, size):
-        """Takes over impulses of the manifolds that these replace; size : (M,), least thickness.
+    def inherit(self, old):
+        """Takes over impulses of the manifolds that these replace.
 
         Each point in turn inherits from the nearest old point that is left, in the first body's
-        frame, if it is near enough. Friction is carried over as a vector.
+        frame. Friction is carried over as a vector.
         """
-        if len(self.key) == 0 or len(old.key) == 0:
+        if len(self.key) == 0:
             return
         known = find_sorted(self.key, old.key)
         mine = indices(known >= 0)
-        old = old.rows(known[mine])
+        old, column = old.rows(known[mine]), np.arange(len(mine))
         free = old.isPoint.copy()
         for k in range(POINTS):
             away = self.anchor1[:, k, mine][:, None] - old.anchor1
-            distance = np.where(free, dot(away, away), np.inf)
-            nearest = distance.argmin(axis=0)
-            column = np.arange(len(mine))
-            isNear = distance[nearest, column] <= (MATCH * size[mine]) ** 2
-            isNear &= self.isPoint[k, mine]
-            self.impulse[k, mine] = np.where(isNear, old.impulse[nearest, column], 0.0)
-            self.offset[k, mine] = np.where(isNear, old.offset[nearest, column], 0.0)
-            free[nearest[isNear], column[isNear]] = False
+            nearest = np.where(free, dot(away, away), np.inf).argmin(axis=0)
+            source = nearest, column
+            inherits = free[source] & self.isPoint[k, mine]
+            self.impulse[k, mine] = np.where(inherits, old.impulse[source], 0.0)
+            self.offset[k, mine] = np.where(inherits, old.offset[source], 0.0)
+            free[source] &= ~inherits
         force = old.tangent * old.friction[0] + cross(old.normal, old.tangent) * old.friction[1]
         normal, tangent = self.normal[:, mine], self.tangent[:, mine]
         self.friction[:, mine] = np.stack(
@@ -135,21 +126,6 @@ def turn_points(matrix, points):
     return mat_vec(matrix[:, None], points)
 
 
-def pose_changes(translation, rotation, newTranslation, newRotation, radius):
-    """Upper bounds (M,) of the distance that points of bodies with these radii (M,) have moved.
-
-    translation, newTranslation : (3, M); rotation, newRotation : (4, M)
-    """
-    cosine = np.abs((rotation * newRotation).sum(axis=0))
-    chord = np.sqrt(np.maximum(2.0 - 2.0 * cosine, 0.0))
-    return norm(newTranslation - translation) + ANGLE_OF_CHORD * chord * radius
-
-
-# --------------------------------------------------------------------------------------------------
-# Building
-# --------------------------------------------------------------------------------------------------
-
-
 def contact_normals(pairs, separation, width):
     """`(penetration (K,), normal (3, K))` of K ≥ 1 `Pairs`; normals are continuous across ridges.
 
@@ -158,11 +134,11 @@ def contact_normals(pairs, separation, width):
     width : (K,), lengths
 
     The direction of least penetration jumps where two facets of the Minkowski difference are
-    equally near. This happens if two edges meet side by side, as those of two cards that lean on
-    each other: the normal is then that of either card, and with neither of them can friction hold
-    the cards up. Rounding the edges by a small radius would give a normal in between. Therefore a
-    facet less than `width` farther than the nearest one is blended with it: of several, the one
-    with the most different direction, except the opposite side of a nearly flat hull.
+    equally near, as where two cards lean on each other, edge to edge: the normal is then that of
+    either card, and with neither of them can friction hold the cards up. Rounding the edges by a
+    small radius would give a normal in between. Therefore a facet less than `width` farther than
+    the nearest one is blended with it: of several, the one with the most different direction,
+    except the opposite side of a nearly flat hull.
     """
     facets = find_facets(pairs, 0.5 * width, separation)
     penetration, normal = facets.minimal_penetrations(pairs.t)
@@ -194,18 +170,15 @@ def pair_manifolds(pairs, normal, depth, size, reach):
     point1, point2 : (3, 4, K), on the first and second body, relative to its COM, world axes. A
         point and its partner lie on one line along the normal
     """
-    hulls, first, second, t = pairs.hulls, pairs.first, pairs.second, pairs.t
-    tolerance = FEATURE_TOLERANCE * pairs.size
-    features = Features(hulls, first, second, t, normal, tolerance)
+    hulls, t, tolerance = pairs.hulls, pairs.t, FEATURE_TOLERANCE * pairs.size
+    features = Features(hulls, pairs.first, pairs.second, t, normal, tolerance)
     u = tangents(normal)
     frame = u, cross(normal, u), normal  # at the second COM
     faces = (
-        _Faces(hulls, first, normal, features.ends[0], tolerance, -t, frame),
-        _Faces(hulls, second, -normal, features.ends[1], tolerance, np.zeros_like(t), frame),
+        _Faces(hulls, pairs.first, normal, features.ends[0], tolerance, -t, frame),
+        _Faces(hulls, pairs.second, -normal, features.ends[1], tolerance, np.zeros_like(t), frame),
     )
-    row, uv = overlap_corners(*faces, OUTSIDE * size)
-    some = indices(((faces[0].cosine > LEAST_COSINE) & (faces[1].cosine > LEAST_COSINE))[row])
-    row, uv = row[some], take(uv, some, axis=1)
+    row, uv = overlap_corners(*faces, tolerance)
     heights = [face.heights(row, *uv) for face in faces]
 
     # If the deepest point is a vertex or a crossing of edges, it is added exactly. For faces and
@@ -242,7 +215,7 @@ def ground_manifolds(frames, bodies):
     separation = y + take(frames.position[1, bodies], row)
     # (shift + turn × r)_y
     later = separation + take(shift[1], row) + take(turn[2], row) * x - take(turn[0], row) * z
-    size, reach = frames.size[bodies], frames.reach[bodies]
+    size, reach = hulls.thickness[bodies], frames.reach[bodies]
     chosen, isPoint = _four_points(row, x, z, separation, later, size, reach)
     return take(hulls.vertices, column[chosen].ravel(), axis=1).reshape(3, POINTS, -1), isPoint
 
@@ -251,11 +224,10 @@ class _Faces(Polygons):
     """The face of each body (K,), of those at the support, that is turned most to a direction.
 
     Other faces may be turned more to it, but the deepest point does not lie on them.
-    cosine : (K,), of the angle between the face's normal and the direction
     """
 
     def __init__(self, hulls, bodies, direction, ends, tolerance, origin, frame):
-        """ends, tolerance : as in `Features`; origin : (3, K), the bodies; frame : axes (3, K)"""
+        """ends, tolerance : as in `Features`; origin : (3, K), the COMs; frame : axes (3, K)"""
         count = take(hulls.faceCount, bodies)
         row, face = ranges(take(hulls.faceStart, bodies), count)
         normal, offset = take(hulls.normals, face, axis=1), take(hulls.offsets, face)
@@ -263,8 +235,7 @@ class _Faces(Polygons):
         middle = take(0.5 * (take(hulls.vertices, ends, axis=1).sum(axis=1)), row, axis=1)
         hasEnds = dot(normal, middle) >= offset - 4.0 * take(tolerance, row)
         cosine = np.where(hasEnds, dot(normal, take(direction, row, axis=1)), -1.0)
-        least, best = row_minima(-cosine, row, count.cumsum() - count)
-        self.cosine = -least
+        best = row_minima(-cosine, row, count.cumsum() - count)[1]
 
         row, corner, count = face_corners(hulls, bodies, take(face, best))
         corner += take(origin, row, axis=1)
@@ -293,7 +264,7 @@ def _four_points(row, u, v, separation, later, size, reach):
     start = row.searchsorted(np.arange(len(size)))
     least, first = row_minima(separation, row, start)
     isFar = separation - take(least, row) > take(np.maximum(CULL * size, reach), row)
-    merge = MERGE * size
+    merge = FEATURE_TOLERANCE * size
 
     def farthest(measure):
         """Returns the point (K,) of each row with the largest measure, and that measure."""
@@ -302,10 +273,8 @@ def _four_points(row, u, v, separation, later, size, reach):
 
     def area(p, q):
         """Returns twice the signed area of each point's triangle with p and q (K,)."""
-        pu, pv = u[p], v[p]
-        return take(u[q] - pu, row) * (v - take(pv, row)) - take(v[q] - pv, row) * (
-            u - take(pu, row)
-        )
+        du, dv = u - take(u[p], row), v - take(v[p], row)
+        return take(u[q] - u[p], row) * dv - take(v[q] - v[p], row) * du
 
     away = np.hypot(u - take(u[first], row), v - take(v[first], row))
     deepest, following = row_minima(later, row, start)

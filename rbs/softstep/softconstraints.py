@@ -42,11 +42,9 @@ class SoftConstraints:
         self.lower, self.upper = self.key[4:]
         self.isRigid = self.lower >= self.upper
         self.count = len(self.lower)
-        isKnown = np.array_equal(self.key, kept.constraint)
-        columns = kept.constraintImpulse, kept.constraintOffset
-        self.impulse, self.offset = (
-            column.copy() if isKnown else np.zeros(self.count) for column in columns
-        )
+        self.impulse, self.offset = np.zeros((2, self.count))
+        if np.array_equal(self.key, kept.constraint):
+            self.impulse[:], self.offset = kept.constraintImpulse, kept.constraintOffset
         self.isFixed = bodies.isFixed
         self.visits = 0
         self._arms = take(
@@ -55,18 +53,17 @@ class SoftConstraints:
 
     def store(self, kept):
         """Stores impulses and offsets for the next step."""
-        if self.batches and self.offset.any():
+        if self.batches:
             sign, violation = self._violations()
-            offset = sign * lasting(sign * self.offset, violation)
-            self.offset = np.where(self.moves, offset, self.offset)
-        kept.constraint, kept.constraintImpulse = self.key, self.impulse
-        kept.constraintOffset = self.offset
+            self.offset = sign * lasting(sign * self.offset, violation)
+        kept.constraint = self.key
+        kept.constraintImpulse, kept.constraintOffset = self.impulse, self.offset
 
     def begin(self, motion, frames, h, ratio):
         """Builds the batches of the constraints that can move in this step."""
         self.spring = Spring(FREQUENCY, DAMPING, h)
         self.position = frames.position
-        moves = self.moves = (take(motion.invMass, self.ends) > 0.0).any(axis=0)
+        moves = (take(motion.invMass, self.ends) > 0.0).any(axis=0)
         self.batches = []
         for batch in coloured_batches(*np.ascontiguousarray(self.ends), self.isFixed):
             batch = batch[moves[batch]]
@@ -76,8 +73,8 @@ class SoftConstraints:
             self._renew(motion)
             sign, violation = self._violations()
             pull = np.maximum(-sign * self.impulse, 0.0)
-            offset = self.spring.converted(sign * self.offset, pull, self.mass, violation, ratio)
-            self.offset = sign * offset
+            loads = pull, self.mass, violation
+            self.offset = sign * self.spring.converted(sign * self.offset, *loads, ratio)
             self.impulse *= ratio
 
     def _violations(self):
@@ -128,17 +125,13 @@ class SoftConstraints:
             for batch, ends in self.batches
         ]
         for _ in range(PASSES):
-            for row in rows:
-                self._visit(motion.velocity, *row)
-
-    def _visit(self, velocity, batch, ends, J, MJ, bias, mass, softness, least, most):
-        """Solves a batch for its impulses and applies their changes."""
-        old = self.impulse[batch]
-        speed = (J * velocity[:, ends]).sum(axis=(0, 1))
-        impulse = np.clip(softness * (old - mass * (speed + bias)), least, most)
-        self.impulse[batch] = impulse
-        velocity[:, ends] += MJ * (impulse - old)
-        self.visits += len(batch)
+            for batch, ends, J, MJ, bias, mass, softness, least, most in rows:
+                old = self.impulse[batch]
+                speed = (J * motion.velocity[:, ends]).sum(axis=(0, 1))
+                impulse = np.clip(softness * (old - mass * (speed + bias)), least, most)
+                self.impulse[batch] = impulse
+                motion.velocity[:, ends] += MJ * (impulse - old)
+                self.visits += len(batch)
 
 
 def _bounds(constraints, bodies):

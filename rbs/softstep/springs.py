@@ -41,7 +41,7 @@ class Spring:
         stiffness = self._angle**2 * mass * ratio / self.h  # m ω² h of the earlier substeps
         give = impulse / np.where(stiffness > 0.0, stiffness, np.inf)
         give = np.minimum(give, np.maximum(violation - offset, 0.0))
-        return offset + (give - ratio * give * ratio)
+        return offset + give * (1.0 - ratio * ratio)
 
 
 def lasting(offset, violation):
@@ -49,5 +49,4 @@ def lasting(offset, violation):
 
     They end with the load: no satisfied bound has one, and none holds bodies apart.
     """
-    held = np.minimum(np.maximum(offset, offset - violation), 0.0)
-    return np.where(offset > 0.0, np.minimum(offset, np.maximum(violation, 0.0)), held)
+    return np.minimum(offset - np.minimum(violation, 0.0), np.maximum(violation, 0.0))

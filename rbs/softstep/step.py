@@ -64,10 +64,12 @@ def soft_step(
         isStill = (kept.sleep.isAsleep | bodies.isFixed) & ~isDisturbed
         manifolds, frames = detect(bodies, groundMesh is not None, isStill, kept, timeStep)
         distances = SoftConstraints(constraints, bodies, kept)
+        isAsleep = np.zeros(kept.count, dtype=bool)
         if sleeping:
-            isAsleep = _still_asleep(kept, bodies, isDisturbed, manifolds, distances)
-        else:
-            isAsleep = np.zeros(kept.count, dtype=bool)
+            links = np.concatenate((manifolds.bodies(kept.count), distances.ends), axis=1)
+            isLost = find_sorted(kept.manifolds.key, manifolds.key) < 0
+            lost = kept.manifolds.bodies(kept.count)[:, isLost].ravel()
+            isAsleep = kept.sleep.woken(bodies, isDisturbed, links, lost)
     with report.phase("contactSolver"):
         motion = Motion(bodies, isAsleep)
         contacts = SoftContacts(manifolds, frames, motion, mu, timeStep, h, ratio)
@@ -114,14 +116,6 @@ def _make_substeps(motion, contacts, distances, substeps, h):
     contacts.apply(motion)
 
 
-def _still_asleep(kept, bodies, isDisturbed, manifolds, distances):
-    """Returns the bodies (n,) that sleep through this step; see rbs/softstep/sleeping.py."""
-    links = np.concatenate((manifolds.bodies(kept.count), distances.ends), axis=1)
-    lost = kept.manifolds.key[find_sorted(kept.manifolds.key, manifolds.key) < 0]
-    lost = np.concatenate(np.divmod(lost, kept.count + 1))
-    return kept.sleep.woken(bodies, isDisturbed, links, lost)
-
-
 class Motion:
     """Velocities of the n bodies and of the ground, and their displacements within the step.
 
@@ -133,16 +127,14 @@ class Motion:
     """
 
     def __init__(self, bodies, isAsleep):
-        count = len(isAsleep) + 1
         isStill = self.isStill = np.append(isAsleep | bodies.isFixed, True)
-        self.velocity = np.zeros((6, count))
-        self.velocity[:, :-1] = bodies.velocity
+        self.velocity = np.append(bodies.velocity, np.zeros((6, 1)), axis=1)
         self.invMass = np.where(isStill, 0.0, np.append(bodies.invMass, 0.0))
-        self.invInertia = np.zeros((9, count))
-        self.invInertia[:, :-1] = np.where(isStill[:-1], 0.0, bodies.invInertia)
+        invInertia = np.append(bodies.invInertia, np.zeros((9, 1)), axis=1)
+        self.invInertia = np.where(isStill, 0.0, invInertia)
         self.fallRate = bodies.fallRate
         self.gravity = np.where(isStill, 0.0, np.reshape(bodies.gravity, (3, 1)))
-        self.way = np.zeros((6, count - 1))
+        self.way = np.zeros((6, len(isAsleep)))
         self.shift, self.turn = self.way[:3], self.way[3:]
 
     def fall(self, h):
@@ -153,13 +145,10 @@ class Motion:
 
     def result(self, bodies):
         """`(motion (9, n), orientation (4, n))` at the end of the step; see `Bodies`."""
-        orientation = turned(bodies.orientation, self.turn)
-        moved = np.concatenate((bodies.position + self.shift, self.velocity[:, :-1]))
-        isStill = self.isStill[:-1]
-        return (
-            np.where(isStill, bodies.motion, moved),
-            np.where(isStill, bodies.orientation, orientation),
-        )
+        isStill, orientation = self.isStill[:-1], turned(bodies.orientation, self.turn)
+        motion = np.concatenate((bodies.position + self.shift, self.velocity[:, :-1]))
+        motion = np.where(isStill, bodies.motion, motion)
+        return motion, np.where(isStill, bodies.orientation, orientation)
 
 
 class SolverState:
@@ -167,13 +156,13 @@ class SolverState:
 
     A step without it starts cold: it detects every contact anew and starts with no impulses. A
     simulation that is saved and restored with it continues bit for bit. It belongs to one list of
-    bodies, which may only grow or shrink at its end.
+    bodies, which may only grow or shrink at its end. Its arrays are never modified.
 
     count : number of bodies; None before the first step
     manifolds : `Manifolds`; sleep : `Sleep`
     pairKey, pairAxis : (P,), i · (count + 1) + j of the pairs i < j with nearby boxes, and (3, P),
         their axes of separation or penetration; 0 if unknown
-    gravity, substep : (3,), and s, length of the substeps, of the last step; others wake all bodies
+    gravity : (3,), m/s²; substep : s, of the last step, or 0. Another of either wakes all bodies
     constraint : (6, R), keys of the distance constraints, see `SoftConstraints`
     constraintImpulse, constraintOffset : (R,), as in `Manifolds`
     """
@@ -210,8 +199,8 @@ class SolverState:
         return state
 
     def replace(self, other):
-        """Takes over the content of another state. The arrays of a state are never modified."""
-        self.__dict__.update(other.__dict__)
+        """Takes over the content of another state."""
+        vars(self).update(vars(other))
 
     def arrays(self):
         """Returns the content as a dict of arrays for `from_arrays`; {} before the first step."""

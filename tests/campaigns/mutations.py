@@ -116,7 +116,7 @@ rbs/softstep/sleeping.py: waking, a lost contact wakes no body (softstep)
 rbs/softstep/springs.py: soft contact, a coefficient (softstep)
     a2 = self._angle * a1 -> a2 = self._angle
 rbs/softstep/contacts.py: friction of a manifold, no coefficient (softstep)
-    self.mu * isPoint, self.mu * isPoint * lever -> isPoint, isPoint * lever
+    mu * isPoint, mu * isPoint * lever -> isPoint, isPoint * lever
 rbs/softstep/contacts.py: restitution, the fall within the step (softstep)
     speed * speed + gain -> speed * speed
 rbs/softstep/softconstraints.py: soft distance constraint, the sign of the second body (softstep)
