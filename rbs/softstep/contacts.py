@@ -100,8 +100,7 @@ class SoftContacts:
     def _place(self, manifolds, frames):
         """Computes the manifolds' geometry in world axes.
 
-        t : (3, M), from the first COM to the second, or to the ground right below
-        normal, tangent1, tangent2 : (3, M), unit; isPoint : (4, M) bool
+        t : (3, M), see `Frames.translations`; normal, tangent1, tangent2 : (3, M), unit
         arm : (3, 4, M), from the first COM to the points on the first body
         gap : (4, M), separation at the start of the step, along the normal
         """
@@ -265,9 +264,8 @@ class SoftContacts:
         self.pending = impulse - before
 
     def restitute(self, motion, CRCoeff, closing, bodies, links):
-        """Applies restitution where bodies met faster than gravity accelerates them in a step.
-
-        Points that have touched separate with e times that speed, as far as energy allows.
+        """Lets points that met faster than gravity accelerates them in a step separate with e times
+        that speed, as far as energy allows.
 
         closing : (4, M), from `impact_speeds`; links : (2, R), bodies connected by constraints
         """
@@ -320,11 +318,10 @@ def energy_share(bodies, motion, before, links):
     bodies : `Bodies`, at the start of the step; motion : `Motion`, with restitution
     before : (6, n), velocities without it; links : (2, L), bodies that touch or are tied
 
-    Newton's law of restitution lets two points separate with e times their closing speed. If
-    several pairs collide in one step, this may require more energy than there was (Stronge: Rigid
-    body collisions with friction. Proceedings of the Royal Society A, 1990). Each island of
-    connected bodies therefore keeps the largest fraction that does not raise its energy above that
-    at the start of the step. One fraction for the whole island conserves momentum.
+    If several pairs collide in one step, Newton's law of restitution may require more energy than
+    there was (Stronge: Rigid body collisions with friction. Proceedings of the Royal Society A,
+    1990). Each island of connected bodies therefore keeps the largest fraction that does not raise
+    its energy above that at the start of the step. One fraction per island conserves momentum.
     """
     mass = np.array([m.mass for m in bodies.meshes])
     tensors = np.array([m.IT.ravel() for m in bodies.meshes]).T

@@ -1,7 +1,4 @@
-"""Contacts of a step: near pairs, and their old and new manifolds.
-
-Nothing here modifies the stored state. New objects are returned, which the step stores at its end.
-"""
+"""Contacts of a step: near pairs, and their old and new manifolds."""
 
 import numpy as np
 

@@ -13,12 +13,14 @@ from rbs.softstep.springs import Spring, lasting
 from rbs.stepping.constraints import ConstraintRows, coloured_batches
 from rbs.stepping.kernels import distance_error
 
-# Natural frequency of the springs, as a fraction of the substep frequency, and damping ratio. With
-# a lower frequency or more damping, a net gives way visibly; with less damping, down to critical, a
-# heavy weight on a chain never comes to rest.
-FREQUENCY, DAMPING = 0.4, 2.0
-# Passes over all constraints per sweep. A pull travels by one body per pass, so with fewer, a
-# heavily loaded chain swings ever higher; more cost time.
+# Natural frequency of the springs, as a fraction of the substep frequency. With a higher one, a
+# heavy weight on a chain shakes; with a lower one, a net gives way visibly.
+FREQUENCY = 0.4
+# Damping ratio. With more, a net gives way visibly; with less, down to critical, a heavy weight on
+# a chain never comes to rest.
+DAMPING = 2.0
+# Passes over all constraints per sweep. More cost time. A pull travels by one body per pass, so
+# with one, a chain with a load of 100 times its links gains energy as it swings.
 PASSES = 4
 
 
@@ -52,7 +54,6 @@ class SoftConstraints:
         )
 
     def store(self, kept):
-        """Stores impulses and offsets for the next step."""
         if self.batches:
             sign, violation = self._violations()
             self.offset = sign * lasting(sign * self.offset, violation)
@@ -60,7 +61,7 @@ class SoftConstraints:
         kept.constraintImpulse, kept.constraintOffset = self.impulse, self.offset
 
     def begin(self, motion, frames, h, ratio):
-        """Builds the batches of the constraints that can move in this step."""
+        """Builds the batches of the constraints that can move; h, ratio : see `SoftContacts`."""
         self.spring = Spring(FREQUENCY, DAMPING, h)
         self.position = frames.position
         moves = (take(motion.invMass, self.ends) > 0.0).any(axis=0)

@@ -123,7 +123,6 @@ class Motion:
         the orientation becomes exp(turn/2) ∘ q
     isStill : (n + 1,) bool, fixed or sleeping bodies and the ground. For these, invMass : (n + 1,),
         invInertia : (9, n + 1) and gravity : (3, n + 1) are 0
-    fallRate : magnitude of gravity, m/s²
     """
 
     def __init__(self, bodies, isAsleep):
