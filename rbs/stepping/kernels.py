@@ -36,8 +36,8 @@ def inverse_effective_mass(invMasses, invInertias, arms, n):
     return k[0] + k[1], turning
 
 
-def receive_impulses(velocity, impulse, invMasses, turning, n):
-    """`receive_impulse` of both bodies: applies impulses (m,) to the velocities, in place."""
+def apply_impulse(velocity, impulse, invMasses, turning, n):
+    """`apply_impulse`: applies impulses (m,) to the velocities, in place."""
     impulses = impulse * SIGNS
     velocity[:3] += impulses * invMasses * n[:, None]
     velocity[3:] += impulses * turning
@@ -52,7 +52,7 @@ def collide(velocity, invMasses, invInertias, arms, n, K, turning, CRCoeff, clos
     if closingOnly:
         change = change * (change > 0.0)
     impulse = change / K
-    receive_impulses(velocity, impulse, invMasses, turning, n)
+    apply_impulse(velocity, impulse, invMasses, turning, n)
     if mu == 0.0:
         return impulse, np.zeros(n.shape)
     return impulse, apply_friction(velocity, invMasses, invInertias, arms, n, mu * impulse)
@@ -66,7 +66,7 @@ def apply_friction(velocity, invMasses, invInertias, arms, n, limit):
     t = across / np.where(speed > 0.0, speed, 1.0)
     K, turning = inverse_effective_mass(invMasses, invInertias, arms, t)
     impulse = np.minimum(speed / K, np.maximum(limit, 0.0) + 0.0)
-    receive_impulses(velocity, impulse, invMasses, turning, t)
+    apply_impulse(velocity, impulse, invMasses, turning, t)
     return impulse * t
 
 
@@ -88,4 +88,4 @@ def stop(velocity, invMasses, invInertias, arms, n, tolerance):
     """Applies the impulses of `resolve_velocity_constraint` to the velocities, in place."""
     Jv = dot(relative_velocity(velocity, arms), n)
     K, turning = inverse_effective_mass(invMasses, invInertias, arms, n)
-    receive_impulses(velocity, Jv * (abs(Jv) > tolerance) / K, invMasses, turning, n)
+    apply_impulse(velocity, Jv * (abs(Jv) > tolerance) / K, invMasses, turning, n)
