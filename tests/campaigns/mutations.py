@@ -109,7 +109,7 @@ rbs/stepping/constraints.py: queue, what depends on the second body stays clean 
     for b in constraints[c]: -> for b in constraints[c][:1]:
 rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)
     np.where(areas[third] < 0, 1.0, -1.0) -> np.where(areas[third] < 0, -1.0, 1.0)
-rbs/softstep/manifolds.py: normal at a ridge, a sign (softstep)
+rbs/softstep/manifolds.py: normal at a ridge, a sign (scenesRest)
     normal[:, ridge] + weight[other] -> normal[:, ridge] - weight[other]
 rbs/softstep/sleeping.py: waking, a lost contact wakes no body (softstep)
     isStirred[lost] = True -> isStirred[lost] = False
