@@ -44,7 +44,7 @@ def grid_overlaps(box, isFixed):
     i, j = i[some], j[some]
     keys = np.minimum(i, j) * len(isFixed) + np.maximum(i, j)
     keys.sort()
-    return np.stack(np.divmod(keys, len(isFixed)))
+    return np.array(np.divmod(keys, len(isFixed)))
 
 
 def grid_levels(box):
@@ -105,4 +105,4 @@ def overlapping(box, i, j):
         low, high = box[k], -box[k + 3]
         some = indices((take(low, i) <= take(high, j)) & (take(low, j) <= take(high, i)))
         i, j = take(i, some), take(j, some)
-    return np.stack((i, j))
+    return np.array((i, j))

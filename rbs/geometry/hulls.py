@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from rbs.geometry.arrays import indices, ranges, take
-from rbs.geometry.vectors import cross, dot, mat_vec, norm, transpose
+from rbs.geometry.vectors import cross, dot, mat_vec, norm, vec_mat
 
 EPS = np.finfo(np.float64).eps
 
@@ -270,7 +270,7 @@ def approximate_supports(hulls, bodies, directions):
     This is faster, because BLAS multiplies the directions in the frames of the few distinct shapes.
     Its rounding differs between machines and with the number of rows: a hint only.
     """
-    directions = mat_vec(transpose(take(hulls.rotation, bodies, axis=1)), directions)
+    directions = vec_mat(directions, take(hulls.rotation, bodies, axis=1))
     shape = hulls.shape[bodies]
     level, vertex = np.empty(len(bodies)), hulls.vertexStart[bodies]
     for k, hull in enumerate(hulls.distinct):

@@ -53,7 +53,7 @@ class Features:
         )
         self.level = level[len(first) :]
         start = count.cumsum() - count
-        self.ends = take(column, np.stack((start, start + count - 1))).reshape(2, 2, -1)
+        self.ends = take(column, np.array((start, start + count - 1))).reshape(2, 2, -1)
         self.ends = self.ends.transpose(1, 0, 2)
         self.start, self.count = start.reshape(2, -1), count.reshape(2, -1)
         self.vertices = take(hulls.vertices, column, axis=1)
@@ -90,7 +90,7 @@ class Features:
         for count, start, sense in zip(self.count, self.start, (1.0, -1.0), strict=True):
             row, column = ranges(start[pairs], count[pairs])
             vertices = take(self.vertices, column, axis=1)
-            uv = np.stack([dot(take(axis, row, axis=1), vertices) for axis in (u, v)])
+            uv = np.array([dot(take(axis, row, axis=1), vertices) for axis in (u, v)])
             order = by_angle(row, uv[0], sense * uv[1])
             figures.append(Polygons(count[pairs], take(uv, order, axis=1)))
         slack, isLost = self.tolerance[pairs], True
@@ -167,13 +167,13 @@ def centres(row, uv):
     row, length = figure.row, np.bincount(figure.row, figure.length)
     origin = figure.uv[:, figure.start]
     isPoint = length == 0.0
-    outline = np.stack([np.bincount(row, figure.length * x) for x in figure.uv + 0.5 * figure.side])
+    outline = np.array([np.bincount(row, figure.length * x) for x in figure.uv + 0.5 * figure.side])
     outline = np.where(isPoint, origin, outline / np.where(isPoint, 1.0, length))
     # triangles from the first corner to each side: twice their areas, and their corner sums
     x, y = figure.uv - take(origin, row, axis=1)
     areas = x * figure.side[1] - y * figure.side[0]
     area = np.bincount(row, areas)
-    sums = 2.0 * np.stack((x, y)) + figure.side
-    moment = np.stack([np.bincount(row, areas * total) for total in sums])
+    sums = 2.0 * np.array((x, y)) + figure.side
+    moment = np.array([np.bincount(row, areas * total) for total in sums])
     isThin = area <= THIN * length * length
     return np.where(isThin, outline, origin + moment / (3.0 * np.where(isThin, 1.0, area)))

@@ -44,5 +44,14 @@ def mat_vec(matrix, v):
     return result
 
 
+def vec_mat(v, matrix):
+    """Transposed matrix times vector, (9, n) and (3, n)."""
+    products = v[:, None] * matrix.reshape(3, 3, *matrix.shape[1:])
+    result = products[0]
+    result += products[1]
+    result += products[2]
+    return result
+
+
 def transpose(matrix):
     return matrix[[0, 3, 6, 1, 4, 7, 2, 5, 8]]

@@ -7,7 +7,7 @@ from rbs.geometry.arrays import find_sorted, indices, take
 from rbs.geometry.broadphase import grid_overlaps
 from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import approximate_supports, tangents
-from rbs.geometry.vectors import cross, dot, mat_vec, norm, transpose
+from rbs.geometry.vectors import cross, dot, norm, vec_mat
 from rbs.softstep.manifolds import (
     KEEP,
     NO_MANIFOLDS,
@@ -16,7 +16,6 @@ from rbs.softstep.manifolds import (
     contact_normals,
     ground_manifolds,
     pair_manifolds,
-    turn_points,
 )
 
 # Columns (3, 2, 1): the normal from a body towards the ground, and the first tangent of friction.
@@ -41,7 +40,7 @@ class Frames:
         self.position = with_ground(bodies.position, np.zeros(3))
         self.orientation = with_ground(bodies.orientation, (1.0, 0.0, 0.0, 0.0))
         self.rotation = with_ground(bodies.hulls.rotation, np.eye(3))
-        sizes = np.stack((self.hulls.thickness, self.hulls.radius))
+        sizes = np.array((self.hulls.thickness, self.hulls.radius))
         self._sizes = with_ground(sizes, (np.inf, np.inf))
         fall = np.where(bodies.isFixed, 0.0, timeStep * np.reshape(bodies.gravity, (3, 1)))
         self.shift = timeStep * (bodies.linVelocity + fall)
@@ -64,9 +63,9 @@ class Frames:
     def relative_poses(self, first, second):
         """`(translation (3, P), rotation (4, P))` of the second bodies in the first's frames."""
         t = self.translations(first, second)
-        translation = mat_vec(transpose(take(self.rotation, first, axis=1)), t)
+        translation = vec_mat(t, take(self.rotation, first, axis=1))
         a, b = (take(self.orientation, bodies, axis=1) for bodies in (first, second))
-        return translation, np.stack(multiply((a[0], *-a[1:]), b))
+        return translation, np.array(multiply((a[0], *-a[1:]), b))
 
     def advances(self, pairs):
         """Distances (P,) by which the flight brings the bodies of `Pairs` closer along their axes.
@@ -91,11 +90,13 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
     frames = Frames(bodies, timeStep)
     first, second = grid_overlaps(frames.box, bodies.isFixed)
     key = first * (frames.count + 1) + second
-    axis, known = np.zeros((3, len(key))), find_sorted(key, kept.pairKey)
-    axis[:, known >= 0] = kept.pairAxis[:, known[known >= 0]]
+    # -1, for an unknown pair, is the column of zeros
+    known = np.append(kept.pairAxis, np.zeros((3, 1)), axis=1)
+    axis = known.take(find_sorted(key, kept.pairKey), axis=1)
     valid = _valid_manifolds(kept.manifolds, frames, key)
     asked = indices(~(isStill[first] & isStill[second]) & (find_sorted(key, valid.key) < 0))
-    new, axis[:, asked] = _new_manifolds(frames, first[asked], second[asked], axis[:, asked])
+    some = first[asked], second[asked], take(axis, asked, axis=1)
+    new, axis[:, asked] = _new_manifolds(frames, *some)
     kept.pairKey, kept.pairAxis = key, axis
     if hasGround:
         new = new.joined(_new_ground_manifolds(frames, valid.key))
@@ -165,16 +166,15 @@ def _new_ground_manifolds(frames, known):
 
 def _table(frames, first, second, normal, tangent, point1, point2, isPoint):
     """Sorted `Manifolds` without impulses; points (3, 4, K) from the COMs, in world axes."""
-    into1 = transpose(take(frames.rotation, first, axis=1))
-    into2 = transpose(take(frames.rotation, second, axis=1))
+    rotation1, rotation2 = (take(frames.rotation, bodies, axis=1) for bodies in (first, second))
     translation, rotation = frames.relative_poses(first, second)
     impulse, offset = np.zeros((2, *isPoint.shape))
     return Manifolds(
         key=first * (frames.count + 1) + second,
-        normal=mat_vec(into1, normal),
-        tangent=mat_vec(into1, tangent),
-        anchor1=turn_points(into1, point1),
-        anchor2=turn_points(into2, point2),
+        normal=vec_mat(normal, rotation1),
+        tangent=vec_mat(tangent, rotation1),
+        anchor1=vec_mat(point1, rotation1[:, None]),
+        anchor2=vec_mat(point2, rotation2[:, None]),
         isPoint=isPoint,
         translation=translation,
         rotation=rotation,

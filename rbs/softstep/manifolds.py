@@ -106,7 +106,7 @@ class Manifolds(SimpleNamespace):
             free[source] &= ~inherits
         force = old.tangent * old.friction[0] + cross(old.normal, old.tangent) * old.friction[1]
         normal, tangent = self.normal[:, mine], self.tangent[:, mine]
-        self.friction[:, mine] = np.stack(
+        self.friction[:, mine] = np.array(
             (dot(force, tangent), dot(force, cross(normal, tangent)), old.friction[2])
         )
 
@@ -190,7 +190,7 @@ def pair_manifolds(pairs, normal, depth, size, reach):
         deepest[:, isLost] = features.patch_centres(isLost)
     sharp = indices(~(isPatch & hasCorner))
     exact = [dot(take(deepest, sharp, axis=1), take(axis, sharp, axis=1)) for axis in frame]
-    points = np.stack((*exact[:2], exact[2] + depth[sharp], exact[2])), np.stack((*uv, *heights))
+    points = np.array((*exact[:2], exact[2] + depth[sharp], exact[2])), np.array((*uv, *heights))
     row, points = np.concatenate((sharp, row)), np.concatenate(points, axis=1)
     order = row.argsort(kind="stable")
     row, points = row[order], take(points, order, axis=1)
@@ -240,7 +240,7 @@ class _Faces(Polygons):
         row, corner, count = face_corners(hulls, bodies, take(face, best))
         corner += take(origin, row, axis=1)
         uv = [dot(corner, take(axis, row, axis=1)) for axis in frame[:2]]
-        super().__init__(count, np.stack(uv))
+        super().__init__(count, np.array(uv))
         normal = take(normal, best, axis=1)
         self._slopes = [dot(normal, axis) for axis in frame]
         self._offset = take(offset, best) + dot(normal, origin)
@@ -290,4 +290,4 @@ def _four_points(row, u, v, separation, later, size, reach):
     isPoint = np.ones((POINTS, len(size)), dtype=bool)
     isPoint[1], isPoint[2] = length > merge, size3 > merge * length
     isPoint[3] = isPoint[2] & (size4 > merge * length)
-    return np.stack((first, second, third, fourth)), isPoint
+    return np.array((first, second, third, fourth)), isPoint

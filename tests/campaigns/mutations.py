@@ -80,7 +80,7 @@ rbs/geometry/facets.py: edges, one of their faces is asked (facets)
 rbs/geometry/facets.py: crossing arcs, antipodes too (gjk)
     & (s[0] * r[1] > 0) -> & (s[0] * r[1] != 0)
 rbs/geometry/hulls.py: approximate supports, rotated the wrong way (facets)
-    transpose(take(hulls.rotation, bodies, axis=1)) -> take(hulls.rotation, bodies, axis=1)
+    = vec_mat(directions, -> = (lambda v, matrix: mat_vec(matrix, v))(directions,
 rbs/geometry/patches.py: contact at a vertex, a sign (gjk)
     self.level - dot(n, a0) -> self.level + dot(n, a0)
 rbs/geometry/patches.py: clipping of the patch, a sign (gjk)
