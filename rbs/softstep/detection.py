@@ -132,9 +132,11 @@ def _new_manifolds(frames, first, second, axis):
     pairs = Pairs(frames.hulls, first, second, frames.translations(first, second)).along(axis)
     axis, size = pairs.axis, frames.sizes(first, second)[0]
     reach = frames.reach[first] + frames.reach[second]
-    near = indices(pairs.penetration >= -(reach + KEEP * size))
-    some = pairs.of(near)
-    near = near[some.penetration >= -(frames.advances(some) + KEEP * size[near])]
+    isNear = pairs.penetration >= -KEEP * size
+    far = indices(~isNear & (pairs.penetration >= -(reach + KEEP * size)))
+    some = pairs.of(far)
+    isNear[far] = some.penetration >= -(frames.advances(some) + KEEP * size[far])
+    near = indices(isNear)
     if len(near) == 0:
         return NO_MANIFOLDS, axis
     pairs, size, reach = pairs.of(near), size[near], reach[near]
