@@ -271,21 +271,21 @@ def _four_points(row, u, v, separation, later, size, reach):
         negative, point = row_minima(np.where(isFar, np.inf, -measure), row, start)
         return point, -negative
 
-    def area(p, q):
-        """Returns twice the signed area of each point's triangle with p and q (K,)."""
-        du, dv = u - take(u[p], row), v - take(v[p], row)
-        return take(u[q] - u[p], row) * dv - take(v[q] - v[p], row) * du
+    def area(q):
+        """Returns twice the signed area of each point's triangle with the first and q (K,)."""
+        return take(u[q], row) * v - take(v[q], row) * u
 
-    away = np.hypot(u - take(u[first], row), v - take(v[first], row))
+    u, v = u - take(u[first], row), v - take(v[first], row)
+    away = u * u + v * v
     deepest, following = row_minima(later, row, start)
     second = np.where(later[first] - deepest > merge, following, farthest(away)[0])
-    length = away[second]
-    areas = area(first, second)
+    length = np.sqrt(away[second])
+    areas = area(second)
     third, size3 = farthest(np.abs(areas))
-    sense = np.where(areas[third] < 0, 1.0, -1.0)
-    beyond = np.maximum.reduce(
-        [take(sense, row) * outside for outside in (areas, area(second, third), area(third, first))]
-    )
+    # twice the areas that each point adds beyond the three sides
+    sense = take(np.where(areas[third] < 0, 1.0, -1.0), row)
+    areas, others = sense * areas, sense * area(third)
+    beyond = np.maximum(np.maximum(areas, -others), others - areas - take(size3, row))
     fourth, size4 = farthest(beyond)
     isPoint = np.ones((POINTS, len(size)), dtype=bool)
     isPoint[1], isPoint[2] = length > merge, size3 > merge * length
