@@ -44,6 +44,8 @@ class Hull:
     offsets : (D,), largest directions[k] · v over the vertices
     corners : (ΣC,), rows in `vertices`, face by face, counter-clockwise seen from outside;
         cornerCount : (D,), number of corners of each face
+    vertexFaces : (ΣA,), faces adjacent to each vertex, ascending, vertex by vertex;
+        vertexFaceCount : (V,), at least 1
     edgeTail : (E,), row in `vertices` of the start of the edge
     edgeVector : (E, 3), from there to its end, along directions[f1] × directions[f2]
     edgeFaces : (E, 2), adjacent faces f1, f2; the arc between their normals is the edge's Gauss map
@@ -85,6 +87,9 @@ class Hull:
         self.vertexIndex = np.sort(qhull.vertices)
         self.vertices = vertices = points[self.vertexIndex]
         self.directions = normals / lengths
+        adjacent = self.vertexIndex.searchsorted(triangles).ravel(), face.repeat(3)
+        vertex, self.vertexFaces = np.unique(adjacent, axis=1)
+        self.vertexFaceCount = np.bincount(vertex)
         self.edgeTail = self.vertexIndex.searchsorted(tail)
         self.edgeVector = points[head] - points[tail]
         self.edgeFaces = np.stack((face[i], face[neighbours[i, j]]), axis=1)
@@ -167,6 +172,8 @@ class HullSet:
         of body b are faceCount[b] from faceStart[b] on
     corners : (ΣC,), vertices of face k, relative to its body's first one, cornerCount[k] from
         cornerStart[k] on
+    vertexFaces : (ΣA,), positions in `normals` of the faces adjacent to vertex k, vertexFaceCount[k]
+        from vertexFaceStart[k] on
     rotation : (9, n), matrices row by row
     radius, thickness : (n,), from each body's centre to its farthest vertex and its nearest face
 
@@ -195,6 +202,9 @@ class HullSet:
         self.offsets, self.corners = table("offsets"), table("corners")
         self.cornerCount = table("cornerCount")
         self.cornerStart = self.cornerCount.cumsum() - self.cornerCount
+        self.vertexFaceCount = table("vertexFaceCount")
+        self.vertexFaceStart = self.vertexFaceCount.cumsum() - self.vertexFaceCount
+        self.vertexFaces = table("vertexFaces") + self.faceStart.repeat(parts("vertexFaces")[0])
         self.edges, self.edgeTail = (
             table("edgeVector", self.distinct),
             table("edgeTail", self.distinct),

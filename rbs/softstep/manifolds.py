@@ -228,8 +228,9 @@ class _Faces(Polygons):
 
     def __init__(self, hulls, bodies, direction, ends, tolerance, origin, frame):
         """ends, tolerance : as in `Features`; origin : (3, K), the COMs; frame : axes (3, K)"""
-        count = take(hulls.faceCount, bodies)
-        row, face = ranges(take(hulls.faceStart, bodies), count)
+        count = take(hulls.vertexFaceCount, ends[0])
+        row, face = ranges(take(hulls.vertexFaceStart, ends[0]), count)
+        face = take(hulls.vertexFaces, face)
         normal, offset = take(hulls.normals, face, axis=1), take(hulls.offsets, face)
         # a face has both ends if their mean is on its plane
         middle = take(0.5 * (take(hulls.vertices, ends, axis=1).sum(axis=1)), row, axis=1)
