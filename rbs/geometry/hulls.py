@@ -44,8 +44,8 @@ class Hull:
     offsets : (D,), largest directions[k] · v over the vertices
     corners : (ΣC,), rows in `vertices`, face by face, counter-clockwise seen from outside;
         cornerCount : (D,), number of corners of each face
-    vertexFaces : (ΣA,), faces adjacent to each vertex, ascending, vertex by vertex;
-        vertexFaceCount : (V,), at least 1
+    vertexFaces : (ΣA,), faces at each vertex, ascending, vertex by vertex; vertexFaceCount : (V,),
+        number of faces at each vertex, at least 1
     edgeTail : (E,), row in `vertices` of the start of the edge
     edgeVector : (E, 3), from there to its end, along directions[f1] × directions[f2]
     edgeFaces : (E, 2), adjacent faces f1, f2; the arc between their normals is the edge's Gauss map
@@ -172,8 +172,8 @@ class HullSet:
         of body b are faceCount[b] from faceStart[b] on
     corners : (ΣC,), vertices of face k, relative to its body's first one, cornerCount[k] from
         cornerStart[k] on
-    vertexFaces : (ΣA,), positions in `normals` of the faces adjacent to vertex k, vertexFaceCount[k]
-        from vertexFaceStart[k] on
+    vertexFaces : (ΣA,), positions in `normals` of the faces at vertex k, vertexFaceCount[k] from
+        vertexFaceStart[k] on
     rotation : (9, n), matrices row by row
     radius, thickness : (n,), from each body's centre to its farthest vertex and its nearest face
 
