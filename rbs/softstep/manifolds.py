@@ -60,8 +60,10 @@ class Manifolds(SimpleNamespace):
 
     def rows(self, some):
         """Returns the manifolds `some` (m,), ascending."""
-        if len(some) == len(self.key):
-            return self
+        return self if len(some) == len(self.key) else self.taken(some)
+
+    def taken(self, some):
+        """Returns the manifolds `some` (m,), in this order."""
         return Manifolds(**{name: take(x, some, axis=-1) for name, x in vars(self).items()})
 
     def resized(self, old, count):
@@ -82,7 +84,7 @@ class Manifolds(SimpleNamespace):
             return self
         order = np.append(self.key, other.key).argsort(kind="stable")
         both = {n: np.concatenate((x, vars(other)[n]), axis=-1) for n, x in vars(self).items()}
-        return Manifolds(**{name: take(x, order, axis=-1) for name, x in both.items()})
+        return Manifolds(**both).taken(order)
 
     def inherit(self, old):
         """Takes over impulses of the manifolds that these replace.
@@ -90,25 +92,23 @@ class Manifolds(SimpleNamespace):
         Each point in turn inherits from the nearest old point that is left, in the first body's
         frame. Friction is carried over as a vector.
         """
-        if len(self.key) == 0:
-            return
         known = find_sorted(self.key, old.key)
         mine = indices(known >= 0)
-        old, column = old.rows(known[mine]), np.arange(len(mine))
-        free = old.isPoint.copy()
+        old, column = old.taken(known[mine]), np.arange(len(mine))
+        away = take(self.anchor1, mine, axis=2)[:, :, None] - old.anchor1[:, None]
+        distance = np.where(old.isPoint, dot(away, away), np.inf)  # of new and old points
+        values = np.array((old.impulse, old.offset)).reshape(2, -1)
         for k in range(POINTS):
-            away = self.anchor1[:, k, mine][:, None] - old.anchor1
-            nearest = np.where(free, dot(away, away), np.inf).argmin(axis=0)
-            source = nearest, column
-            inherits = free[source] & self.isPoint[k, mine]
-            self.impulse[k, mine] = np.where(inherits, old.impulse[source], 0.0)
-            self.offset[k, mine] = np.where(inherits, old.offset[source], 0.0)
-            free[source] &= ~inherits
+            nearest = distance[k].argmin(axis=0)
+            source = nearest * len(mine) + column
+            isLeft = take(distance[k], source) < np.inf
+            found = np.where(isLeft, take(values, source, axis=1), 0.0)
+            self.impulse[k, mine], self.offset[k, mine] = found
+            distance[:, nearest, column] = np.inf
         force = old.tangent * old.friction[0] + cross(old.normal, old.tangent) * old.friction[1]
-        normal, tangent = self.normal[:, mine], self.tangent[:, mine]
-        self.friction[:, mine] = np.array(
-            (dot(force, tangent), dot(force, cross(normal, tangent)), old.friction[2])
-        )
+        normal, tangent = take(self.normal, mine, axis=1), take(self.tangent, mine, axis=1)
+        friction = dot(force, tangent), dot(force, cross(normal, tangent)), old.friction[2]
+        self.friction[:, mine] = friction
 
 
 NO_MANIFOLDS = Manifolds(
