@@ -10,12 +10,12 @@ from rbs.geometry.hulls import approximate_supports, tangents
 from rbs.geometry.vectors import cross, dot, norm, vec_mat
 from rbs.softstep.manifolds import (
     KEEP,
-    NO_MANIFOLDS,
     RIDGE,
     Manifolds,
     contact_normals,
-    ground_manifolds,
-    pair_manifolds,
+    ground_corners,
+    pair_corners,
+    place_points,
 )
 
 # Columns (3, 2, 1): the normal from a body towards the ground, and the first tangent of friction.
@@ -27,7 +27,7 @@ class Frames:
 
     position : (3, n + 1); orientation : (4, n + 1); rotation : (9, n + 1)
     shift, turn : (3, n), displacements and rotation vectors of the step's free flight; reach :
-        (n,), largest distance that points of each body move in it
+        (n + 1,), largest distance that points of each body move in it
     box : (6, n), bounding boxes of the whole flight, with a margin that keeps the manifolds of
         resting pairs and lets sleeping bodies sleep
     """
@@ -46,7 +46,7 @@ class Frames:
         self.shift = timeStep * (bodies.linVelocity + fall)
         self.turn = timeStep * bodies.angVelocity
         spin = norm(self.turn) * self.hulls.radius
-        self.reach = norm(self.shift) + spin
+        self.reach = np.append(norm(self.shift) + spin, 0.0)
         self.box = bodies.box - (spin + KEEP * self.hulls.thickness)
         self.box += np.minimum(np.concatenate((self.shift, -self.shift)), 0.0)
 
@@ -60,12 +60,10 @@ class Frames:
         t[0::2] = np.where(second == self.count, 0.0, t[0::2])
         return t
 
-    def relative_poses(self, first, second):
-        """`(translation (3, P), rotation (4, P))` of the second bodies in the first's frames."""
-        t = self.translations(first, second)
-        translation = vec_mat(t, take(self.rotation, first, axis=1))
+    def relative_orientations(self, first, second):
+        """Orientations (4, P) of the second bodies in the first's frames."""
         a, b = (take(self.orientation, bodies, axis=1) for bodies in (first, second))
-        return translation, np.array(multiply((a[0], *-a[1:]), b))
+        return np.array(multiply((a[0], *-a[1:]), b))
 
     def advances(self, pairs):
         """Distances (P,) by which the flight brings the bodies of `Pairs` closer along their axes.
@@ -96,10 +94,12 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
     valid = _valid_manifolds(kept.manifolds, frames, key)
     asked = indices(~(isStill[first] & isStill[second]) & (find_sorted(key, valid.key) < 0))
     some = first[asked], second[asked], take(axis, asked, axis=1)
-    new, axis[:, asked] = _new_manifolds(frames, *some)
+    found, axis[:, asked] = _pair_contacts(frames, *some)
     kept.pairKey, kept.pairAxis = key, axis
-    if hasGround:
-        new = new.joined(_new_ground_manifolds(frames, valid.key))
+    found += _ground_contacts(frames, valid.key) if hasGround else []
+    if len(found) == 0:
+        return valid, frames
+    new = _manifolds(frames, found)
     new.inherit(kept.manifolds)
     return valid.joined(new), frames
 
@@ -112,7 +112,9 @@ def _valid_manifolds(manifolds, frames, nearKey):
     first, second = manifolds.bodies(frames.count)
     isNear = find_sorted(manifolds.key, nearKey) >= 0
     isNear |= (second == frames.count) & ~frames.bodies.isFixed[first]
-    translation, rotation = frames.relative_poses(first, second)
+    rotation1 = take(frames.rotation, first, axis=1)
+    translation = vec_mat(frames.translations(first, second), rotation1)
+    rotation = frames.relative_orientations(first, second)
     # between unit quaternions q and q', the rotation by θ ≤ π has |q · q'| = cos θ/2 and
     # θ ≤ π √(1 - cos θ/2)
     cosine = np.abs((manifolds.rotation * rotation).sum(axis=0))
@@ -122,13 +124,13 @@ def _valid_manifolds(manifolds, frames, nearKey):
     return manifolds.rows(indices(isNear & (change <= KEEP * size)))
 
 
-def _new_manifolds(frames, first, second, axis):
-    """`(Manifolds, axis (3, K))` of K pairs; axis : their axes of least penetration, or 0.
+def _pair_contacts(frames, first, second, axis):
+    """`(found, axis (3, K))` of K pairs; axis : their axes of least penetration, or 0.
 
-    A pair that an axis separates, now and after the flight, has no manifold.
+    A pair that an axis separates, now and after the flight, has no contact.
     """
     if len(first) == 0:
-        return NO_MANIFOLDS, axis
+        return [], axis
     pairs = Pairs(frames.hulls, first, second, frames.translations(first, second)).along(axis)
     axis, size = pairs.axis, frames.sizes(first, second)[0]
     reach = frames.reach[first] + frames.reach[second]
@@ -138,38 +140,44 @@ def _new_manifolds(frames, first, second, axis):
     isNear[far] = some.penetration >= -(frames.advances(some) + KEEP * size[far])
     near = indices(isNear)
     if len(near) == 0:
-        return NO_MANIFOLDS, axis
-    pairs, size, reach = pairs.of(near), size[near], reach[near]
-    separation = reach + KEEP * size
+        return [], axis
+    pairs, size = pairs.of(near), size[near]
+    separation = reach[near] + KEEP * size
     penetration, normal = contact_normals(pairs, separation, RIDGE * size)
     axis[:, near] = normal
     met = indices(penetration >= -separation)
     pairs, normal = pairs.of(met), take(normal, met, axis=1)
-    points = pair_manifolds(pairs, normal, penetration[met], size[met], reach[met])
-    columns = pairs.first, pairs.second, normal, tangents(normal)
-    return _table(frames, *columns, *points), axis
+    tangent = tangents(normal)
+    corners = pair_corners(pairs, normal, tangent, penetration[met])
+    return [(pairs.first, pairs.second, normal, tangent, *corners)], axis
 
 
-def _new_ground_manifolds(frames, known):
-    """Manifolds of bodies near the ground without a valid one; known : keys of the valid ones."""
+def _ground_contacts(frames, known):
+    """Contacts with the ground; known : (M,), keys of the valid manifolds."""
     isNear = (frames.box[1] <= 0.0) & ~frames.bodies.isFixed
     first, second = np.divmod(known, frames.count + 1)
     isNear[first[second == frames.count]] = False
     body = indices(isNear)
     if len(body) == 0:
-        return NO_MANIFOLDS
+        return []
     ground = np.full(len(body), frames.count)
-    arm, isPoint = ground_manifolds(frames, body)
-    normal, tangent = (GROUND_AXES[:, k].repeat(len(body), axis=1) for k in range(2))
-    below = arm - frames.translations(body, ground)[:, None]
-    below[1] = 0.0
-    return _table(frames, body, ground, normal, tangent, arm, below, isPoint)
+    axes = (GROUND_AXES[:, k].repeat(len(body), axis=1) for k in range(2))
+    return [(body, ground, *axes, *ground_corners(frames, body))]
 
 
-def _table(frames, first, second, normal, tangent, point1, point2, isPoint):
-    """Sorted `Manifolds` without impulses; points (3, 4, K) from the COMs, in world axes."""
+def _manifolds(frames, found):
+    """Builds `Manifolds` without impulses, not sorted.
+
+    found : list of `(first (K,), second, normal (3, K), tangent, row (Q,), corners (5, Q))`
+    """
+    columns = (np.concatenate(column, axis=-1) for column in zip(*found, strict=True))
+    first, second, normal, tangent, row, corners = columns
+    count, length = zip(*((len(part[0]), len(part[4])) for part in found), strict=True)
+    row += np.repeat(np.cumsum(count) - count, length)
+    t, size = frames.translations(first, second), frames.sizes(first, second)[0]
+    reach = take(frames.reach, first) + take(frames.reach, second)
+    point1, point2, isPoint = place_points(normal, tangent, t, row, corners, size, reach)
     rotation1, rotation2 = (take(frames.rotation, bodies, axis=1) for bodies in (first, second))
-    translation, rotation = frames.relative_poses(first, second)
     impulse, offset = np.zeros((2, *isPoint.shape))
     return Manifolds(
         key=first * (frames.count + 1) + second,
@@ -178,8 +186,8 @@ def _table(frames, first, second, normal, tangent, point1, point2, isPoint):
         anchor1=vec_mat(point1, rotation1[:, None]),
         anchor2=vec_mat(point2, rotation2[:, None]),
         isPoint=isPoint,
-        translation=translation,
-        rotation=rotation,
+        translation=vec_mat(t, rotation1),
+        rotation=frames.relative_orientations(first, second),
         impulse=impulse,
         friction=np.zeros_like(normal),
         offset=offset,

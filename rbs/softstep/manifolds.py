@@ -12,7 +12,7 @@ import numpy as np
 
 from rbs.geometry.arrays import find_sorted, indices, ranges, row_minima, take
 from rbs.geometry.facets import find_facets
-from rbs.geometry.hulls import FEATURE_TOLERANCE, face_corners, support_offsets, tangents
+from rbs.geometry.hulls import FEATURE_TOLERANCE, face_corners, support_offsets
 from rbs.geometry.patches import Features, Polygons, overlap_corners
 from rbs.geometry.vectors import cross, dot, mat_vec, mul_add, norm
 
@@ -161,53 +161,42 @@ def contact_normals(pairs, separation, width):
     return penetration, normal
 
 
-def pair_manifolds(pairs, normal, depth, size, reach):
-    """Builds the manifolds of K `Pairs` that touch or nearly do: `(point1, point2, isPoint)`.
+def pair_corners(pairs, normal, tangent, depth):
+    """Corners of the overlaps of K `Pairs` that touch or nearly do: `(row (Q,), corners (5, Q))`.
 
-    normal : (3, K); depth : (K,), penetration along the normal, negative if separated
-    size : (K,), least thickness
-    reach : (K,), largest distance by which points of the two bodies can approach in the step
-    point1, point2 : (3, 4, K), on the first and second body, relative to its COM, world axes. A
-        point and its partner lie on one line along the normal
+    normal, tangent : (3, K); depth : (K,), penetration along the normal, negative if separated
+    row : each of 0 … K - 1 at least once, in no order
+    corners : coordinates u and v along the tangent t1 and n × t1; heights along n on the first and
+        the second body, all from the second COM; separation
     """
     hulls, t, tolerance = pairs.hulls, pairs.t, FEATURE_TOLERANCE * pairs.size
     features = Features(hulls, pairs.first, pairs.second, t, normal, tolerance)
-    u = tangents(normal)
-    frame = u, cross(normal, u), normal  # at the second COM
+    frame = tangent, cross(normal, tangent), normal
     faces = (
         _Faces(hulls, pairs.first, normal, features.ends[0], tolerance, -t, frame),
         _Faces(hulls, pairs.second, -normal, features.ends[1], tolerance, np.zeros_like(t), frame),
     )
     row, uv = overlap_corners(*faces, tolerance)
-    heights = [face.heights(row, *uv) for face in faces]
+    height1, height2 = (face.heights(row, *uv) for face in faces)
 
     # If the deepest point is a vertex or a crossing of edges, it is added exactly. For faces and
     # parallel edges it is a corner of the overlap, unless rounding has left none.
     deepest, isPatch = features.sharp_points()
-    hasCorner = np.bincount(row, minlength=len(size)) > 0
+    hasCorner = np.bincount(row, minlength=len(depth)) > 0
     isLost = indices(isPatch & ~hasCorner)
     if len(isLost):
         deepest[:, isLost] = features.patch_centres(isLost)
     sharp = indices(~(isPatch & hasCorner))
     exact = [dot(take(deepest, sharp, axis=1), take(axis, sharp, axis=1)) for axis in frame]
-    points = np.array((*exact[:2], exact[2] + depth[sharp], exact[2])), np.array((*uv, *heights))
-    row, points = np.concatenate((sharp, row)), np.concatenate(points, axis=1)
-    order = row.argsort(kind="stable")
-    row, points = row[order], take(points, order, axis=1)
-
-    u, v, height1, height2 = points
-    separation = height2 - height1
-    chosen, isPoint = _four_points(row, u, v, separation, separation, size, reach)
-    u, v, height1, height2 = points[:, chosen]  # (4, K) each
-    flat = frame[0][:, None] * u + frame[1][:, None] * v
-    point1 = mul_add(flat, height1, normal[:, None]) + t[:, None]
-    return point1, mul_add(flat, height2, normal[:, None]), isPoint
+    exact = np.array((*exact[:2], exact[2] + depth[sharp], exact[2], -depth[sharp]))
+    corners = np.array((*uv, height1, height2, height2 - height1))
+    return np.concatenate((sharp, row)), np.concatenate((exact, corners), axis=1)
 
 
-def ground_manifolds(frames, bodies):
-    """Builds manifolds of bodies (K,) with the ground, as `pair_manifolds`: `(point1, isPoint)`.
+def ground_corners(frames, bodies):
+    """Corners of bodies (K,) above the ground, as those of `pair_corners`.
 
-    frames : `Frames`, whose flight predicts which points meet the ground
+    frames : `Frames`, whose flight predicts the separation of each for the end of the step
     """
     hulls, (shift, turn) = frames.hulls, (frames.shift[:, bodies], frames.turn[:, bodies])
     row, column = ranges(take(hulls.vertexStart, bodies), take(hulls.vertexCount, bodies))
@@ -215,9 +204,27 @@ def ground_manifolds(frames, bodies):
     separation = y + take(frames.position[1, bodies], row)
     # (shift + turn × r)_y
     later = separation + take(shift[1], row) + take(turn[2], row) * x - take(turn[0], row) * z
-    size, reach = hulls.thickness[bodies], frames.reach[bodies]
-    chosen, isPoint = _four_points(row, x, z, separation, later, size, reach)
-    return take(hulls.vertices, column[chosen].ravel(), axis=1).reshape(3, POINTS, -1), isPoint
+    return row, np.array((x, z, -separation, np.zeros_like(x), later))
+
+
+def place_points(normal, tangent, t, row, corners, size, reach):
+    """Selects up to four contact points of K manifolds: `(point1, point2, isPoint)`.
+
+    t : (3, K), second COM, or its origin on the ground, minus first COM
+    row, corners : as those of `pair_corners`; instead of the separation, that at the end of the
+        step may be given
+    size, reach : (K,), least thickness, and largest distance by which points of the two bodies can
+        approach in the step
+    point1, point2 : (3, 4, K), on the first and second body, relative to its COM, world axes. A
+        point and its partner lie on one line along the normal; isPoint : (4, K)
+    """
+    order = row.argsort(kind="stable")
+    u, v, height1, height2, later = corners = take(corners, order, axis=1)
+    chosen, isPoint = _four_points(row[order], u, v, height2 - height1, later, size, reach)
+    u, v, height1, height2 = corners[:4, chosen]  # (4, K) each
+    flat = tangent[:, None] * u + cross(normal, tangent)[:, None] * v
+    point1 = mul_add(flat, height1, normal[:, None]) + t[:, None]
+    return point1, mul_add(flat, height2, normal[:, None]), isPoint
 
 
 class _Faces(Polygons):

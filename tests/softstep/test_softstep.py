@@ -17,13 +17,13 @@ from oracles import (
 from program import record
 
 from rbs.geometry.facets import Pairs
-from rbs.geometry.hulls import HullSet
+from rbs.geometry.hulls import HullSet, tangents
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import resume, verify
 from rbs.scenes.simulation import Settings, Simulation
 from rbs.softstep import step as softstep
 from rbs.softstep.detection import Frames
-from rbs.softstep.manifolds import contact_normals, pair_manifolds
+from rbs.softstep.manifolds import contact_normals, pair_corners, place_points
 from rbs.softstep.step import SolverState
 from rbs.stepping.bodies import GRAVITY, Bodies
 from RBSFunctions import run_timestep
@@ -99,9 +99,10 @@ def manifold(mesh1, mesh2, normal, depth):
     turns = [rotation(m.orientation[0]).as_matrix().reshape(9) for m in (mesh1, mesh2)]
     t = (mesh2.position - mesh1.position).T
     pair = Pairs(hulls.rotated(np.stack(turns, axis=1)), np.array([0]), np.array([1]), t)
-    size = np.array([hulls.thickness.min()])
-    alone = np.reshape(normal, (3, 1)), np.array([depth]), size, np.zeros(1)
-    point1, point2, isPoint = pair_manifolds(pair, *alone)
+    size, normal = np.array([hulls.thickness.min()]), np.reshape(normal, (3, 1))
+    frame = normal, tangents(normal)
+    corners = pair_corners(pair, *frame, np.array([depth]))
+    point1, point2, isPoint = place_points(*frame, t, *corners, size, np.zeros(1))
     some = isPoint[:, 0]
     return (point1[:, some, 0].T + mesh1.position, point2[:, some, 0].T + mesh2.position)
 
