@@ -37,7 +37,7 @@ class Features:
     normal : (3, P), unit, from the first to the second
     tolerance : (P,), distance from a supporting plane up to which vertices belong to its feature
 
-    ends : (2, 2, P), first and last vertex in the set of the features of first and second
+    ends : (2, 2 P), first and last vertex in the set of the features of first, then of second
     vertices : (3, C), relative to the second centre; those of a feature are count from start on,
         (2, P) each
     level : (P,), height along the normal of the lowest vertex of the second body
@@ -53,8 +53,7 @@ class Features:
         )
         self.level = level[len(first) :]
         start = count.cumsum() - count
-        self.ends = take(column, np.array((start, start + count - 1))).reshape(2, 2, -1)
-        self.ends = self.ends.transpose(1, 0, 2)
+        self.ends = take(column, np.array((start, start + count - 1)))
         self.start, self.count = start.reshape(2, -1), count.reshape(2, -1)
         self.vertices = take(hulls.vertices, column, axis=1)
         self.vertices[:, : self.count[0].sum()] -= t.repeat(self.count[0], axis=1)
@@ -83,20 +82,19 @@ class Features:
 
     def patch_centres(self, pairs):
         """Centres (3, R) of the patches of these pairs (R,), on the second hulls."""
-        normal = take(self.normal, pairs, axis=1)
+        normal, half = take(self.normal, pairs, axis=1), len(pairs)
         u = tangents(normal)
         v = cross(normal, u)
-        figures = []
-        for count, start, sense in zip(self.count, self.start, (1.0, -1.0), strict=True):
-            row, column = ranges(start[pairs], count[pairs])
-            vertices = take(self.vertices, column, axis=1)
-            uv = np.array([dot(take(axis, row, axis=1), vertices) for axis in (u, v)])
-            order = by_angle(row, uv[0], sense * uv[1])
-            figures.append(Polygons(count[pairs], take(uv, order, axis=1)))
+        start, count = (x[:, pairs].ravel() for x in (self.start, self.count))
+        row, column = ranges(start, count)
+        vertices = take(self.vertices, column, axis=1)
+        uv = np.array([dot(take(axis, row % half, axis=1), vertices) for axis in (u, v)])
+        order = by_angle(row, uv[0], np.where(row < half, uv[1], -uv[1]))
+        figures = Polygons(count, take(uv, order, axis=1))
         slack, isLost = self.tolerance[pairs], True
         while np.any(isLost):
-            row, uv = overlap_corners(*figures, slack)
-            isLost = np.bincount(row, minlength=len(pairs)) == 0
+            row, uv = overlap_corners(figures, slack)
+            isLost = np.bincount(row, minlength=half) == 0
             slack = np.where(isLost, SLACK_GROWTH * slack, slack)
         centre = centres(row, uv)
         return centre[0] * u + centre[1] * v + self.level[pairs] * normal
@@ -120,38 +118,39 @@ class Polygons:
         self.length = np.sqrt(self.side[0] * self.side[0] + self.side[1] * self.side[1])
 
 
-def overlap_corners(a, b, slack):
-    """Corners of the overlaps of the K `Polygons` a and b: `(row (Q,), uv (2, Q))`.
+def overlap_corners(polygons, slack):
+    """Corners of the overlaps of 2 K `Polygons` a, b: `(row (Q,), uv (2, Q))`.
 
-    The polygons of a are counter-clockwise and those of b clockwise, as touching faces are.
+    The first K, a, are counter-clockwise and the others, b, clockwise, as touching faces are.
     slack : (K,), length by which a corner may lie outside, for sides that coincide up to rounding
 
     The result has the corners of one that lie inside the other, and the crossings of their sides,
     in no particular order and with repetitions.
     """
+    p, half = polygons, len(slack)
+    (start, count), rowA = (x[half:] for x in (p.start, p.count)), p.row[: p.count[:half].sum()]
     # all pairs of a corner i of a, with the side after it, and a corner j of b
-    i, j = ranges(take(b.start, a.row), take(b.count, a.row))
-    place = take(b.count, a.row).cumsum() - take(b.start + b.count, a.row)
-    du, dv = take(b.uv, j, axis=1) - take(a.uv, i, axis=1)
-    (sideAu, sideAv), (sideBu, sideBv) = take(a.side, i, axis=1), take(b.side, j, axis=1)
+    i, j = ranges(take(start, rowA), take(count, rowA))
+    place = take(count, rowA).cumsum() - take(start + count, rowA)
+    du, dv = take(p.uv, j, axis=1) - take(p.uv, i, axis=1)
+    (sideAu, sideAv), (sideBu, sideBv) = take(p.side, i, axis=1), take(p.side, j, axis=1)
     # twice the signed areas: positive if a is inside the side of b, and b inside that of a
     insideB = sideBu * dv - sideBv * du
     insideA = sideAu * dv - sideAv * du
-    isOut = insideB < take(-take(slack, b.row) * b.length, j)
-    cornersA = indices(np.bincount(i, isOut, len(a.row)) == 0)
-    isOut = insideA < take(-take(slack, a.row) * a.length, i)
-    cornersB = indices(np.bincount(j, isOut, len(b.row)) == 0)
+    least = -take(np.concatenate((slack, slack)), p.row) * p.length
+    isOut = np.concatenate((insideB < take(least, j), insideA < take(least, i)))
+    corners = indices(np.bincount(np.concatenate((i, j)), isOut, len(p.row)) == 0)
     # two sides cross if the ends of each lie on different sides of the other
-    headA = take(insideB, take(place, take(a.next, i)) + j)
-    headB = take(insideA, take(place, i) + take(b.next, j))
+    headA = take(insideB, take(place, take(p.next, i)) + j)
+    headB = take(insideA, take(place, i) + take(p.next, j))
     crosses = indices((insideB * headA < 0) & (insideA * headB < 0))
     s, i = insideB[crosses] / (insideB[crosses] - headA[crosses]), i[crosses]
-    crossing = take(a.uv, i, axis=1) + s * take(a.side, i, axis=1)
-    row = np.concatenate((a.row[cornersA], b.row[cornersB], a.row[i]))
-    uv = np.concatenate((a.uv[:, cornersA], b.uv[:, cornersB], crossing), axis=1)
+    crossing = take(p.uv, i, axis=1) + s * take(p.side, i, axis=1)
+    row = np.concatenate((p.row[corners] % half, rowA[i]))
+    uv = np.concatenate((take(p.uv, corners, axis=1), crossing), axis=1)
     # excludes points beyond the ends of a segment or of coincident sides
-    low = np.maximum(*(np.minimum.reduceat(p.uv, p.start, axis=1) for p in (a, b))) - slack
-    high = np.minimum(*(np.maximum.reduceat(p.uv, p.start, axis=1) for p in (a, b))) + slack
+    low = np.minimum.reduceat(p.uv, p.start, axis=1).reshape(2, 2, -1).max(axis=1) - slack
+    high = np.maximum.reduceat(p.uv, p.start, axis=1).reshape(2, 2, -1).min(axis=1) + slack
     isWithin = (uv >= take(low, row, axis=1)) & (uv <= take(high, row, axis=1))
     kept = indices(isWithin.all(axis=0))
     return row[kept], take(uv, kept, axis=1)

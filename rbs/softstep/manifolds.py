@@ -171,13 +171,10 @@ def pair_corners(pairs, normal, tangent, depth):
     """
     hulls, t, tolerance = pairs.hulls, pairs.t, FEATURE_TOLERANCE * pairs.size
     features = Features(hulls, pairs.first, pairs.second, t, normal, tolerance)
-    frame = tangent, cross(normal, tangent), normal
-    faces = (
-        _Faces(hulls, pairs.first, normal, features.ends[0], tolerance, -t, frame),
-        _Faces(hulls, pairs.second, -normal, features.ends[1], tolerance, np.zeros_like(t), frame),
-    )
-    row, uv = overlap_corners(*faces, tolerance)
-    height1, height2 = (face.heights(row, *uv) for face in faces)
+    frame = np.stack((tangent, cross(normal, tangent), normal), axis=1)
+    faces = _Faces(pairs, frame, features.ends, tolerance)
+    row, uv = overlap_corners(faces, tolerance)
+    height1, height2 = faces.heights(row, *uv)
 
     # If the deepest point is a vertex or a crossing of edges, it is added exactly. For faces and
     # parallel edges it is a corner of the overlap, unless rounding has left none.
@@ -187,8 +184,8 @@ def pair_corners(pairs, normal, tangent, depth):
     if len(isLost):
         deepest[:, isLost] = features.patch_centres(isLost)
     sharp = indices(~(isPatch & hasCorner))
-    exact = [dot(take(deepest, sharp, axis=1), take(axis, sharp, axis=1)) for axis in frame]
-    exact = np.array((*exact[:2], exact[2] + depth[sharp], exact[2], -depth[sharp]))
+    u, v, height = dot(take(deepest, sharp, axis=1)[:, None], take(frame, sharp, axis=2))
+    exact = np.array((u, v, height + depth[sharp], height, -depth[sharp]))
     corners = np.array((*uv, height1, height2, height2 - height1))
     return np.concatenate((sharp, row)), np.concatenate((exact, corners), axis=1)
 
@@ -228,35 +225,41 @@ def place_points(normal, tangent, t, row, corners, size, reach):
 
 
 class _Faces(Polygons):
-    """The face of each body (K,), of those at the support, that is turned most to a direction.
+    """Faces of K `Pairs`, K of the first bodies and K of the second.
 
-    Other faces may be turned more to it, but the deepest point does not lie on them.
+    Each is the one turned most to the other body of those at the support. Other faces may be turned
+    more to it, but the deepest point does not lie on them.
     """
 
-    def __init__(self, hulls, bodies, direction, ends, tolerance, origin, frame):
-        """ends, tolerance : as in `Features`; origin : (3, K), the COMs; frame : axes (3, K)"""
+    def __init__(self, pairs, frame, ends, tolerance):
+        """frame : (3, 3, K), u, v and the normal, as columns; ends, tolerance : as in `Features`"""
+        hulls, frame = pairs.hulls, np.concatenate((frame, frame), axis=2)
+        direction, origin = frame[:, 2].copy(), np.zeros_like(frame[:, 2])
+        direction[:, len(tolerance) :] *= -1.0
+        origin[:, : len(tolerance)] = -pairs.t
         count = take(hulls.vertexFaceCount, ends[0])
         row, face = ranges(take(hulls.vertexFaceStart, ends[0]), count)
         face = take(hulls.vertexFaces, face)
         normal, offset = take(hulls.normals, face, axis=1), take(hulls.offsets, face)
         # a face has both ends if their mean is on its plane
         middle = take(0.5 * (take(hulls.vertices, ends, axis=1).sum(axis=1)), row, axis=1)
-        hasEnds = dot(normal, middle) >= offset - 4.0 * take(tolerance, row)
+        slack = take(np.concatenate((tolerance, tolerance)), row)
+        hasEnds = dot(normal, middle) >= offset - 4.0 * slack
         cosine = np.where(hasEnds, dot(normal, take(direction, row, axis=1)), -1.0)
         best = row_minima(-cosine, row, count.cumsum() - count)[1]
 
+        bodies = np.concatenate((pairs.first, pairs.second))
         row, corner, count = face_corners(hulls, bodies, take(face, best))
         corner += take(origin, row, axis=1)
-        uv = [dot(corner, take(axis, row, axis=1)) for axis in frame[:2]]
-        super().__init__(count, np.array(uv))
+        super().__init__(count, dot(corner[:, None], take(frame[:, :2], row, axis=2)))
         normal = take(normal, best, axis=1)
-        self._slopes = [dot(normal, axis) for axis in frame]
-        self._offset = take(offset, best) + dot(normal, origin)
+        self._slopes = dot(normal[:, None], frame).reshape(3, 2, -1)
+        self._offset = (take(offset, best) + dot(normal, origin)).reshape(2, -1)
 
     def heights(self, row, u, v):
-        """Heights (Q,) along n of the planes of the faces `row` at the points u, v (Q,)."""
-        slopeU, slopeV, slopeN = (take(slope, row) for slope in self._slopes)
-        return (take(self._offset, row) - slopeU * u - slopeV * v) / slopeN
+        """Heights (2, Q) along n of the planes of the faces of the pairs `row` at u, v (Q,)."""
+        slopeU, slopeV, slopeN = take(self._slopes, row, axis=2)
+        return (take(self._offset, row, axis=1) - slopeU * u - slopeV * v) / slopeN
 
 
 def _four_points(row, u, v, separation, later, size, reach):

@@ -262,8 +262,8 @@ def test_sides_in_line_that_do_not_meet_leave_nothing_beyond_their_ends():
         R = np.array([[c, -s], [s, c]])
         long = R @ np.array([[0, u0 + u1, u0 + u1, 0], [0, 0, 1, 1]])
         short = R @ np.array([[u0, u0 + u1 + u2], [0, 0]])
-        a, b = Polygons(np.array([4]), long), Polygons(np.array([2]), short)
-        row, uv = overlap_corners(a, b, np.array([1e-9]))
+        figures = Polygons(np.array([4, 2]), np.concatenate((long, short), axis=1))
+        row, uv = overlap_corners(figures, np.array([1e-9]))
         along = (R.T @ uv)[0]
         assert not row.any()
         assert along.min() == pytest.approx(u0, abs=1e-8)
