@@ -10,6 +10,7 @@ from rbs.geometry.hulls import approximate_supports, tangents
 from rbs.geometry.vectors import cross, dot, norm, vec_mat
 from rbs.softstep.manifolds import (
     KEEP,
+    MARGIN,
     RIDGE,
     Manifolds,
     contact_normals,
@@ -47,7 +48,7 @@ class Frames:
         self.turn = timeStep * bodies.angVelocity
         spin = norm(self.turn) * self.hulls.radius
         self.reach = np.append(norm(self.shift) + spin, 0.0)
-        self.box = bodies.box - (spin + KEEP * self.hulls.thickness)
+        self.box = bodies.box - (spin + MARGIN * self.hulls.thickness)
         self.box += np.minimum(np.concatenate((self.shift, -self.shift)), 0.0)
 
     def sizes(self, first, second):
@@ -134,15 +135,15 @@ def _pair_contacts(frames, first, second, axis):
     pairs = Pairs(frames.hulls, first, second, frames.translations(first, second)).along(axis)
     axis, size = pairs.axis, frames.sizes(first, second)[0]
     reach = frames.reach[first] + frames.reach[second]
-    isNear = pairs.penetration >= -KEEP * size
-    far = indices(~isNear & (pairs.penetration >= -(reach + KEEP * size)))
+    isNear = pairs.penetration >= -MARGIN * size
+    far = indices(~isNear & (pairs.penetration >= -(reach + MARGIN * size)))
     some = pairs.of(far)
-    isNear[far] = some.penetration >= -(frames.advances(some) + KEEP * size[far])
+    isNear[far] = some.penetration >= -(frames.advances(some) + MARGIN * size[far])
     near = indices(isNear)
     if len(near) == 0:
         return [], axis
     pairs, size = pairs.of(near), size[near]
-    separation = reach[near] + KEEP * size
+    separation = reach[near] + MARGIN * size
     penetration, normal = contact_normals(pairs, separation, RIDGE * size)
     axis[:, near] = normal
     met = indices(penetration >= -separation)

@@ -26,8 +26,12 @@ POINTS = 4
 # lighter ones.
 CULL = 0.05
 # Change of the relative pose after which a manifold is rebuilt. With more, its normal becomes
-# visibly outdated; with less, time is spent on finding the same manifold again.
-KEEP = 0.03
+# outdated, and points that were omitted may touch; with less, time is spent on finding the same
+# manifold again.
+KEEP = 0.05
+# Gap, beyond what free flight closes in the step, up to which a pair has a manifold. With more,
+# time is spent on pairs that do not touch; with less, bodies that are pushed overlap first.
+MARGIN = 0.01
 # Difference of penetration up to which two facets of the Minkowski difference share a normal. With
 # more, the edges of adjacent boxes push each other apart; with less, the normal jumps.
 RIDGE = 0.02
