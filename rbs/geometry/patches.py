@@ -149,9 +149,9 @@ def overlap_corners(polygons, slack):
     row = np.concatenate((p.row[corners] % half, rowA[i]))
     uv = np.concatenate((take(p.uv, corners, axis=1), crossing), axis=1)
     # excludes points beyond the ends of a segment or of coincident sides
-    low = np.minimum.reduceat(p.uv, p.start, axis=1).reshape(2, 2, -1).max(axis=1) - slack
-    high = np.maximum.reduceat(p.uv, p.start, axis=1).reshape(2, 2, -1).min(axis=1) + slack
-    isWithin = (uv >= take(low, row, axis=1)) & (uv <= take(high, row, axis=1))
+    box = np.minimum.reduceat(np.concatenate((p.uv, -p.uv)), p.start, axis=1)
+    box = box.reshape(4, 2, -1).max(axis=1) - slack
+    isWithin = np.concatenate((uv, -uv)) >= take(box, row, axis=1)
     kept = indices(isWithin.all(axis=0))
     return row[kept], take(uv, kept, axis=1)
 
