@@ -22,6 +22,15 @@ from rbs.softstep.manifolds import (
 # Columns (3, 2, 1): the normal from a body towards the ground, and the first tangent of friction.
 GROUND_AXES = np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])[:, :, None]
 
+# Contacts: first (K,), second (K,), normal (3, K), tangent (3, K), and row (Q,), corners (5, Q) as
+# returned by `pair_corners`.
+NO_CONTACTS = (
+    *np.zeros((2, 0), dtype=np.intp),
+    *np.zeros((2, 3, 0)),
+    np.zeros(0, dtype=np.intp),
+    np.zeros((5, 0)),
+)
+
 
 class Frames:
     """Poses of n bodies and of the ground, at the origin, in n + 1 columns, and their free flight.
@@ -95,12 +104,12 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
     valid = _valid_manifolds(kept.manifolds, frames, key)
     asked = indices(~(isStill[first] & isStill[second]) & (find_sorted(key, valid.key) < 0))
     some = first[asked], second[asked], take(axis, asked, axis=1)
-    found, axis[:, asked] = _pair_contacts(frames, *some)
+    pairs, axis[:, asked] = _pair_contacts(frames, *some)
     kept.pairKey, kept.pairAxis = key, axis
-    found += _ground_contacts(frames, valid.key) if hasGround else []
-    if len(found) == 0:
+    ground = _ground_contacts(frames, valid.key) if hasGround else NO_CONTACTS
+    if len(pairs[0]) + len(ground[0]) == 0:
         return valid, frames
-    new = _manifolds(frames, found)
+    new = _new_manifolds(frames, pairs, ground)
     new.inherit(kept.manifolds)
     return valid.joined(new), frames
 
@@ -126,12 +135,12 @@ def _valid_manifolds(manifolds, frames, nearKey):
 
 
 def _pair_contacts(frames, first, second, axis):
-    """`(found, axis (3, K))` of K pairs; axis : their axes of least penetration, or 0.
+    """`(contacts, axis (3, K))` of pairs, see NO_CONTACTS; axis : of least penetration, or 0.
 
     A pair that an axis separates, now and after the flight, has no contact.
     """
     if len(first) == 0:
-        return [], axis
+        return NO_CONTACTS, axis
     pairs = Pairs(frames.hulls, first, second, frames.translations(first, second)).along(axis)
     axis, size = pairs.axis, frames.sizes(first, second)[0]
     reach = frames.reach[first] + frames.reach[second]
@@ -141,7 +150,7 @@ def _pair_contacts(frames, first, second, axis):
     isNear[far] = some.penetration >= -(frames.advances(some) + MARGIN * size[far])
     near = indices(isNear)
     if len(near) == 0:
-        return [], axis
+        return NO_CONTACTS, axis
     pairs, size = pairs.of(near), size[near]
     separation = reach[near] + MARGIN * size
     penetration, normal = contact_normals(pairs, separation, RIDGE * size)
@@ -150,7 +159,7 @@ def _pair_contacts(frames, first, second, axis):
     pairs, normal = pairs.of(met), take(normal, met, axis=1)
     tangent = tangents(normal)
     corners = pair_corners(pairs, normal, tangent, penetration[met])
-    return [(pairs.first, pairs.second, normal, tangent, *corners)], axis
+    return (pairs.first, pairs.second, normal, tangent, *corners), axis
 
 
 def _ground_contacts(frames, known):
@@ -160,21 +169,17 @@ def _ground_contacts(frames, known):
     isNear[first[second == frames.count]] = False
     body = indices(isNear)
     if len(body) == 0:
-        return []
+        return NO_CONTACTS
     ground = np.full(len(body), frames.count)
     axes = (GROUND_AXES[:, k].repeat(len(body), axis=1) for k in range(2))
-    return [(body, ground, *axes, *ground_corners(frames, body))]
+    return body, ground, *axes, *ground_corners(frames, body)
 
 
-def _manifolds(frames, found):
-    """Builds `Manifolds` without impulses, not sorted.
-
-    found : list of `(first (K,), second, normal (3, K), tangent, row (Q,), corners (5, Q))`
-    """
-    columns = (np.concatenate(column, axis=-1) for column in zip(*found, strict=True))
+def _new_manifolds(frames, pairs, ground):
+    """Builds the `Manifolds` of contacts, see NO_CONTACTS; not sorted, and without impulses."""
+    columns = (np.concatenate(column, axis=-1) for column in zip(pairs, ground, strict=True))
     first, second, normal, tangent, row, corners = columns
-    count, length = zip(*((len(part[0]), len(part[4])) for part in found), strict=True)
-    row += np.repeat(np.cumsum(count) - count, length)
+    row[len(pairs[4]) :] += len(pairs[0])
     t, size = frames.translations(first, second), frames.sizes(first, second)[0]
     reach = take(frames.reach, first) + take(frames.reach, second)
     point1, point2, isPoint = place_points(normal, tangent, t, row, corners, size, reach)

@@ -84,8 +84,6 @@ class Manifolds(SimpleNamespace):
 
     def joined(self, other):
         """Returns these manifolds and others, sorted by key."""
-        if len(other.key) == 0:
-            return self
         order = np.append(self.key, other.key).argsort(kind="stable")
         both = {n: np.concatenate((x, vars(other)[n]), axis=-1) for n, x in vars(self).items()}
         return Manifolds(**both).taken(order)
