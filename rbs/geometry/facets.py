@@ -240,9 +240,9 @@ class _FacetSearch:
         near = indices(penetration <= take(np.where(isComplete, bound, depth), pair))
         self.found.append((take(pair, near), take(normal, near, axis=1), take(offset, near)))
         self.completeUpTo = np.where(isComplete, depth + 2.0 * margin, -np.inf)
-        row, edge, faces = self._list_edges(indices(np.concatenate((isComplete, isComplete))))
+        edge, faces = self._list_edges(indices(np.concatenate((isComplete, isComplete))))
         kept = self._edges_near(faces, bound, first, second)
-        self._add_edge_pairs(bound, take(row, kept), take(edge, kept), take(faces, kept, axis=1))
+        self._add_edge_pairs(bound, take(edge, kept), take(faces, kept, axis=1))
 
     def _depths_below_faces(self, vertex):
         """Depths (F,) of the vertex (2 P,) of each row's other hull below the row's faces."""
@@ -258,12 +258,11 @@ class _FacetSearch:
         return row % half, normal * sense, take(self.offset, faces) - level
 
     def _list_edges(self, rows):
-        """Edges of these rows and positions of their faces: `(row, edge (K,), faces (2, K))`."""
+        """Edges of these rows and positions of their faces: `(edge (K,), faces (2, K))`."""
         own = self.own[rows]
         count = self.hulls.edgeCount[own]
-        row, edge = ranges(self.hulls.edgeStart[own], count)
-        faces = take(self.hulls.edgeFaces, edge, axis=1) + self.start[rows].repeat(count)
-        return take(rows, row), edge, faces
+        edge = ranges(self.hulls.edgeStart[own], count)[1]
+        return edge, take(self.hulls.edgeFaces, edge, axis=1) + self.start[rows].repeat(count)
 
     def _edges_near(self, faces, bound, first, second):
         """Edges, of these faces (2, K), that can span facets with a penetration ≤ bound (P,).
@@ -285,7 +284,7 @@ class _FacetSearch:
         nearOne, nearOther = take(near, faces)
         return indices((nearOne | nearOther) == 0b111)
 
-    def _add_edge_pairs(self, bound, row, edge, faces):
+    def _add_edge_pairs(self, bound, edge, faces):
         """Adds the facets with a penetration ≤ bound (P,) that edges span, see `_list_edges`.
 
         An edge of A with the arc α1 α2 and an edge of B with the arc β1 β2 span a facet of A - B if
@@ -295,6 +294,7 @@ class _FacetSearch:
         eA × eB if r1 > 0, otherwise opposite.
         """
         hulls, half = self.hulls, len(bound)
+        row = take(self.row, faces[0])
         own = take(self.own, row)
         normals = take(self.normal, faces, axis=1)
         vector = mat_vec(take(hulls.rotation, own, axis=1), take(hulls.edges, edge, axis=1))
