@@ -90,24 +90,30 @@ def _name_fault(meshes):
                 raise ValueError(f"body {b}, {mesh.name!r}: {what}") from None
 
 
-# The tables (n, 1, w) that the last step of any scene has set, as in STATE_WIDTHS, and their rows.
-_latest = [(), [(), (), (), ()]]
+def read_row(mesh, name):
+    """Returns an attribute of a mesh that a step has left in its tables, and sets it.
+
+    Raises AttributeError if there is none.
+    """
+    tables, row = vars(mesh).get("_tables"), vars(mesh).get("_row")
+    if tables is None or name not in tables.state:
+        raise AttributeError(f"{type(mesh).__name__!r} object has no attribute {name!r}")
+    vars(mesh)[name] = value = tables.state[name][row]
+    return value
 
 
 def state_columns(meshes):
-    """Returns the state of meshes as a dict: for each name in STATE_WIDTHS, a table (w, n).
-
-    If every mesh still has the rows that the last step has set, their tables are read, with changes
-    within the rows. Checking takes less time than reading all rows.
-    """
-    tables, rows = _latest
-    if len(rows[0]) == len(meshes) > 0 and all(
-        m.position is x and m.orientation is q and m.linVelocity is v and m.angVelocity is w
-        for m, x, q, v, w in zip(meshes, *rows, strict=True)
-    ):
-        tables = (np.ascontiguousarray(table[:, 0].T) for table in tables)
-        return dict(zip(STATE_WIDTHS, tables, strict=True))
-    return {name: _columns(meshes, name, width) for name, width in STATE_WIDTHS.items()}
+    """Returns the state of meshes as a dict: for each name in STATE_WIDTHS, a new table (w, n)."""
+    tables = getattr(meshes[0], "_tables", None) if len(meshes) else None
+    if tables is None or not tables.hold(meshes):
+        return {name: _columns(meshes, name, width) for name, width in STATE_WIDTHS.items()}
+    columns = {name: table[:, 0].T.copy(order="C") for name, table in tables.state.items()}
+    if tables.have_been_used():
+        for name, width in STATE_WIDTHS.items():
+            own = [k for k, mesh in enumerate(meshes) if name in vars(mesh)]
+            if own:
+                columns[name][:, own] = _columns([meshes[k] for k in own], name, width)
+    return columns
 
 
 def _columns(meshes, name, width):
@@ -158,9 +164,11 @@ def gyroscopic_velocity(angVelocity, orientation, inertia, timeStep):
     return mat_vec(rotation, sub(omega, change))
 
 
-class _Shapes:
-    """Constant data of a list of meshes: rest vertices and hulls, in tables.
+class Tables:
+    """Tables of a list of meshes: constant rest vertices and hulls, and the state.
 
+    state : dict, for each name in STATE_WIDTHS a table (n, 1, w) that the last step has made. A
+        mesh has the attribute only once it is read or assigned; see `read_row`
     vertices : (3, ΣV), rest vertices of all meshes; those of body b are vertexCount[b] from
         vertexStart[b] on
     hulls : HullSet at rest; NO_HULL stands for a mesh without vertices
@@ -168,14 +176,39 @@ class _Shapes:
 
     def __init__(self, meshes):
         check_distinct(meshes)
+        self.meshes, self.state = meshes, {}
         self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.vertices = np.ascontiguousarray(np.concatenate([m.origVertices for m in meshes]).T)
         self.hulls = HullSet([NO_HULL if m.hull is None else m.hull for m in meshes])
 
+    def hold(self, meshes):
+        """Whether the state of these meshes, in this order, is in these tables."""
+        return self.meshes == tuple(meshes) and all(m._tables is self for m in meshes)
+
+    def keep(self, columns):
+        """Takes over the state of the meshes from tables (w, n), as from `state_columns`.
+
+        The tables are new in each step, so that references to old rows keep their values.
+        """
+        wasHeld = self.hold(self.meshes) and not self.have_been_used()
+        self.state = {
+            name: np.ascontiguousarray(column.T)[:, None] for name, column in columns.items()
+        }
+        if not wasHeld:
+            for row, mesh in enumerate(self.meshes):
+                for name in STATE_WIDTHS:
+                    vars(mesh).pop(name, None)
+                mesh._tables, mesh._row = self, row
+            self._lengths = list(map(len, map(vars, self.meshes)))
+
+    def have_been_used(self):
+        """Whether a mesh has got an attribute since, as it does if a state is read or assigned."""
+        return self._lengths != list(map(len, map(vars, self.meshes)))
+
 
 # Tables of the present scenes. Building them costs more than a step of a small scene.
-_shapes = lru_cache(maxsize=4)(_Shapes)
+tables_of = lru_cache(maxsize=4)(Tables)
 
 
 class Bodies:
@@ -198,8 +231,8 @@ class Bodies:
         Call `fly` or `follow_orientations` before using what depends on the orientations.
         """
         self.meshes, self.gravity, self.fallRate = meshes, gravity, math.hypot(*gravity)
-        self._shapes = _shapes(tuple(meshes))
-        self.vertexStart, self.vertexCount = self._shapes.vertexStart, self._shapes.vertexCount
+        self._tables = tables_of(tuple(meshes))
+        self.vertexStart, self.vertexCount = self._tables.vertexStart, self._tables.vertexCount
         columns = state_columns(meshes)
         self.orientation = columns.pop("orientation")
         self.motion = np.concatenate(tuple(columns.values()))
@@ -216,7 +249,7 @@ class Bodies:
     @property
     def vertices(self):
         """All vertices (3, ΣV), rotated, relative to the COMs."""
-        return rotate_columns(self.hulls.rotation, self._shapes.vertices, self.vertexCount)
+        return rotate_columns(self.hulls.rotation, self._tables.vertices, self.vertexCount)
 
     def columns(self):
         """Returns the state as a dict: for each name in STATE_WIDTHS, a table (w, n)."""
@@ -242,7 +275,7 @@ class Bodies:
         """Computes what depends on the orientations: hulls, boxes, inertia."""
         rotation = np.stack(rotation_matrices(self.orientation))
         self.invInertia = np.stack(rotate_tensor(rotation, self.restInvInertia))
-        self.hulls = self._shapes.hulls.rotated(rotation)
+        self.hulls = self._tables.hulls.rotated(rotation)
         corners, starts = self.hulls.vertices, self.hulls.vertexStart
         low = np.minimum.reduceat(corners, starts, axis=1)
         high = np.maximum.reduceat(corners, starts, axis=1)
@@ -261,7 +294,7 @@ class Bodies:
         count = self.vertexCount[near]
         row, column = ranges(self.vertexStart[near], count)
         rotation = take(self.hulls.rotation, near, axis=1)
-        vertices = rotate_columns(rotation, take(self._shapes.vertices, column, axis=1), count)
+        vertices = rotate_columns(rotation, take(self._tables.vertices, column, axis=1), count)
         heights = vertices[1] + self.position[1][near[row]]
         lowest, index = row_minima(heights, row, count.cumsum() - count)
         below = indices(lowest <= 0.0)
@@ -269,13 +302,6 @@ class Bodies:
         return b, take(vertices, index[below], axis=1) + take(self.position, b, axis=1)
 
     def write_back(self):
-        """Writes the state to the meshes, as rows of new tables; fixed ones keep theirs.
-
-        The tables are new in each step, so that references to old rows keep their values.
-        """
+        """Leaves the state in the meshes' tables; fixed meshes keep theirs."""
         self.motion = np.where(self.isFixed, self._start, self.motion)
-        tables = [np.ascontiguousarray(columns.T)[:, None] for columns in self.columns().values()]
-        rows = [list(table) for table in tables]
-        for mesh, x, q, v, w in zip(self.meshes, *rows, strict=True):
-            mesh.position, mesh.orientation, mesh.linVelocity, mesh.angVelocity = x, q, v, w
-        _latest[:] = tables, rows
+        self._tables.keep(self.columns())
