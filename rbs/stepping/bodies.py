@@ -105,15 +105,9 @@ def read_row(mesh, name):
 def state_columns(meshes):
     """Returns the state of meshes as a dict: for each name in STATE_WIDTHS, a new table (w, n)."""
     tables = getattr(meshes[0], "_tables", None) if len(meshes) else None
-    if tables is None or not tables.hold(meshes):
-        return {name: _columns(meshes, name, width) for name, width in STATE_WIDTHS.items()}
-    columns = {name: table[:, 0].T.copy(order="C") for name, table in tables.state.items()}
-    if tables.have_been_used():
-        for name, width in STATE_WIDTHS.items():
-            own = [k for k, mesh in enumerate(meshes) if name in vars(mesh)]
-            if own:
-                columns[name][:, own] = _columns([meshes[k] for k in own], name, width)
-    return columns
+    if tables is not None and tables.meshes == tuple(meshes) and tables.hold_all():
+        return tables.columns()
+    return {name: _columns(meshes, name, width) for name, width in STATE_WIDTHS.items()}
 
 
 def _columns(meshes, name, width):
@@ -177,34 +171,48 @@ class Tables:
     def __init__(self, meshes):
         check_distinct(meshes)
         self.meshes, self.state = meshes, {}
+        self._invITs = [None] * len(meshes)
         self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.vertices = np.ascontiguousarray(np.concatenate([m.origVertices for m in meshes]).T)
         self.hulls = HullSet([NO_HULL if m.hull is None else m.hull for m in meshes])
 
-    def hold(self, meshes):
-        """Whether the state of these meshes, in this order, is in these tables."""
-        return self.meshes == tuple(meshes) and all(m._tables is self for m in meshes)
+    def hold_all(self):
+        """Whether these tables hold the state of all meshes, and no mesh has attributes for it."""
+        # a state that has been read or assigned is one more attribute of a mesh
+        return all(mesh._tables is self for mesh in self.meshes) and (
+            self._counts == list(map(len, map(vars, self.meshes)))
+        )
 
-    def keep(self, columns):
+    def columns(self):
+        """Returns a copy of the state, as `state_columns`."""
+        return {name: table[:, 0].T.copy(order="C") for name, table in self.state.items()}
+
+    def inverse_tensors(self):
+        """Returns the invIT of all meshes (9, n), and makes them rows of one table."""
+        if not all(mesh.invIT is row for mesh, row in zip(self.meshes, self._invITs, strict=True)):
+            self._invIT = np.array([mesh.invIT for mesh in self.meshes], dtype=np.float64)
+            self._invITs = list(self._invIT)
+            for mesh, row in zip(self.meshes, self._invITs, strict=True):
+                mesh.invIT = row
+        return np.ascontiguousarray(self._invIT.reshape(-1, 9).T)
+
+    def keep(self, columns, holdsAll):
         """Takes over the state of the meshes from tables (w, n), as from `state_columns`.
+
+        holdsAll : as from `hold_all`, of the state before
 
         The tables are new in each step, so that references to old rows keep their values.
         """
-        wasHeld = self.hold(self.meshes) and not self.have_been_used()
         self.state = {
             name: np.ascontiguousarray(column.T)[:, None] for name, column in columns.items()
         }
-        if not wasHeld:
+        if not holdsAll:
             for row, mesh in enumerate(self.meshes):
                 for name in STATE_WIDTHS:
                     vars(mesh).pop(name, None)
                 mesh._tables, mesh._row = self, row
-            self._lengths = list(map(len, map(vars, self.meshes)))
-
-    def have_been_used(self):
-        """Whether a mesh has got an attribute since, as it does if a state is read or assigned."""
-        return self._lengths != list(map(len, map(vars, self.meshes)))
+            self._counts = list(map(len, map(vars, self.meshes)))
 
 
 # Tables of the present scenes. Building them costs more than a step of a small scene.
@@ -233,13 +241,14 @@ class Bodies:
         self.meshes, self.gravity, self.fallRate = meshes, gravity, math.hypot(*gravity)
         self._tables = tables_of(tuple(meshes))
         self.vertexStart, self.vertexCount = self._tables.vertexStart, self._tables.vertexCount
-        columns = state_columns(meshes)
+        self._isHeld = self._tables.hold_all()
+        columns = self._tables.columns() if self._isHeld else state_columns(meshes)
         self.orientation = columns.pop("orientation")
         self.motion = np.concatenate(tuple(columns.values()))
         self._start = self.motion.copy()
         self.invMass = np.array([m.invMass for m in meshes], dtype=np.float64)
         self.isFixed = self.invMass == 0.0
-        self.restInvInertia = np.where(self.isFixed, 0.0, _columns(meshes, "invIT", 9))
+        self.restInvInertia = np.where(self.isFixed, 0.0, self._tables.inverse_tensors())
 
     position = property(lambda self: self.motion[0:3])
     velocity = property(lambda self: self.motion[3:9])
@@ -304,4 +313,4 @@ class Bodies:
     def write_back(self):
         """Leaves the state in the meshes' tables; fixed meshes keep theirs."""
         self.motion = np.where(self.isFixed, self._start, self.motion)
-        self._tables.keep(self.columns())
+        self._tables.keep(self.columns(), self._isHeld)

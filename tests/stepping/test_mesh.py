@@ -285,9 +285,12 @@ def test_states_in_tables_are_those_of_a_loop_whatever_a_caller_does():
     def fix(mesh, name, value):
         mesh.isFixed = not mesh.isFixed
 
+    def halve(mesh, name, value):
+        mesh.invIT[:] *= 0.5
+
     done = set()
-    for _ in range(60):
-        change, name, k = rng.choice((assign, add, fix)), rng.choice(names), rng.integers(6)
+    for _ in range(120):
+        change, name, k = rng.choice((assign, add, fix, halve)), rng.choice(names), rng.integers(6)
         value = rng.normal(size=(1, 4 if name == "orientation" else 3))
         copies = [copy.copy(many[k]), copy.deepcopy(many[k]), pickle.loads(pickle.dumps(many[k]))]
         before = many[k].position.copy()
@@ -300,7 +303,7 @@ def test_states_in_tables_are_those_of_a_loop_whatever_a_caller_does():
             for attribute in rng.permutation(names)[: rng.integers(5)]:
                 assert np.array_equal(getattr(one, attribute), getattr(other, attribute))
         assert all(np.array_equal(mesh.position, before) for mesh in copies) or change is add
-    assert len(done) == 12
+    assert len(done) == 16
     with pytest.raises(AttributeError, match="'Mesh' object has no attribute 'velocity'"):
         _ = many[0].velocity
 
