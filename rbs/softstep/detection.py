@@ -10,8 +10,10 @@ from rbs.geometry.hulls import approximate_supports, tangents
 from rbs.geometry.vectors import cross, dot, mat_vec, norm, transpose
 from rbs.softstep.manifolds import (
     KEEP,
+    KEEP_MOVING,
     NO_MANIFOLDS,
     RIDGE,
+    STEPS_KEPT,
     Manifolds,
     contact_normals,
     ground_manifolds,
@@ -118,7 +120,10 @@ def _valid_manifolds(manifolds, frames, nearKey):
     angle = np.pi * np.sqrt(np.maximum(1.0 - cosine, 0.0))
     size, radius = frames.sizes(first, second)
     change = norm(translation - manifolds.translation) + angle * radius
-    return manifolds.rows(indices(isNear & (change <= KEEP * size)))
+    # on the ground, where it shows most and costs least, manifolds are kept no longer
+    way = STEPS_KEPT * np.append(frames.reach, -np.inf)
+    limit = np.clip(way[first] + way[second], KEEP * size, KEEP_MOVING * size)
+    return manifolds.rows(indices(isNear & (change <= limit)))
 
 
 def _new_manifolds(frames, first, second, axis):

@@ -28,6 +28,11 @@ CULL = 0.05
 # Change of the relative pose after which a manifold is rebuilt. With more, its normal becomes
 # visibly outdated; with less, time is spent on finding the same manifold again.
 KEEP = 0.03
+# The same for a pair of bodies that go farther in STEPS_KEPT steps. With more, bodies of a
+# collapsing heap, and then also of one at rest, are deeper in each other; with less, half of the
+# manifolds that are rebuilt are rebuilt in every step, an eighth of the time.
+KEEP_MOVING = 0.1
+STEPS_KEPT = 4
 # Difference of penetration up to which two facets of the Minkowski difference share a normal. With
 # more, the edges of adjacent boxes push each other apart; with less, the normal jumps.
 RIDGE = 0.02
