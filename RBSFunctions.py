@@ -47,9 +47,11 @@ from rbs.geometry.triples import (
 )
 from rbs.stepping.bodies import (
     EARTH,
+    STATE_WIDTHS,
     check_distinct,
     check_numbers,
     gyroscopic_velocity,
+    read_row,
     state_columns,
     undone_on_error,
 )
@@ -255,6 +257,7 @@ class Mesh:
             self._init_mass_properties()
         self.isFixed = isFixed
         self.cachedAxes = {}
+        self._tables, self._row = None, 0  # where a step of many bodies has left the state
         # each after the bytes of the pose that it is valid for
         self._rotatedHull = self._boundingBox = self._currVertices = None, None
 
@@ -282,6 +285,14 @@ class Mesh:
         centre = vertices[-1] - mesh.origVertices[-1]
         mesh.position = mesh._numbers("position", centre if position is None else position, 3, 1)
         return mesh
+
+    def __getattr__(self, name):
+        """Reads the state that a step of many bodies has left in a table."""
+        return read_row(self, name)
+
+    def __getstate__(self):
+        """Returns the attributes for a copy, which has no table."""
+        return {name: getattr(self, name) for name in STATE_WIDTHS} | vars(self) | {"_tables": None}
 
     def __repr__(self):
         x, y, z = floats(self.position, 3)

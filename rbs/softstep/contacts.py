@@ -153,8 +153,12 @@ class SoftContacts:
             self.GT = np.zeros((count, self.count))
             self.GT[self.first, row], self.GT[self.second, row] = -1.0, 1.0
         else:
-            signs, places = np.repeat((-1.0, 1.0), self.count), np.append(self.first, self.second)
-            self.GT = csr_array((signs, (places, np.tile(row, 2))), shape=(count, self.count))
+            ends, signs = (
+                np.stack((self.first, self.second), axis=1),
+                np.tile((-1.0, 1.0), len(row)),
+            )
+            starts = np.arange(0, 2 * len(row) + 1, 2)
+            self.GT = csr_array((signs, ends.ravel(), starts), shape=(len(row), count)).T
         return moments[:, :, :2]
 
     def _make_responses(self, motion, moments):

@@ -10,8 +10,10 @@ from rbs.geometry.hulls import approximate_supports, tangents
 from rbs.geometry.vectors import cross, dot, norm, vec_mat
 from rbs.softstep.manifolds import (
     KEEP,
+    KEEP_MOVING,
     MARGIN,
     RIDGE,
+    STEPS_KEPT,
     Manifolds,
     contact_normals,
     ground_corners,
@@ -131,7 +133,11 @@ def _valid_manifolds(manifolds, frames, nearKey):
     angle = np.pi * np.sqrt(np.maximum(1.0 - cosine, 0.0))
     size, radius = frames.sizes(first, second)
     change = norm(translation - manifolds.translation) + angle * radius
-    return manifolds.rows(indices(isNear & (change <= KEEP * size)))
+    # on the ground, where it shows most and costs least, manifolds are kept no longer
+    way = STEPS_KEPT * frames.reach
+    way[frames.count] = -np.inf
+    limit = np.clip(way[first] + way[second], KEEP * size, KEEP_MOVING * size)
+    return manifolds.rows(indices(isNear & (change <= limit)))
 
 
 def _pair_contacts(frames, first, second, axis):

@@ -26,9 +26,13 @@ POINTS = 4
 # lighter ones.
 CULL = 0.05
 # Change of the relative pose after which a manifold is rebuilt. With more, its normal becomes
-# outdated, and points that were omitted may touch; with less, time is spent on finding the same
-# manifold again.
-KEEP = 0.05
+# visibly outdated; with less, time is spent on finding the same manifold again.
+KEEP = 0.03
+# The same for a pair of bodies that go farther in STEPS_KEPT steps. With more, bodies of a
+# collapsing heap, and then also of one at rest, are deeper in each other; with less, half of the
+# manifolds that are rebuilt are rebuilt in every step, an eighth of the time.
+KEEP_MOVING = 0.1
+STEPS_KEPT = 4
 # Gap, beyond what free flight closes in the step, up to which a pair has a manifold. With more,
 # time is spent on pairs that do not touch; with less, bodies that are pushed overlap first.
 MARGIN = 0.01

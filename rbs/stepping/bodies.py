@@ -90,23 +90,23 @@ def _name_fault(meshes):
                 raise ValueError(f"body {b}, {mesh.name!r}: {what}") from None
 
 
-# The tables (n, 1, w) that the last step of any scene has set, as in STATE_WIDTHS, and their rows.
-_latest = [(), [(), (), (), ()]]
+def read_row(mesh, name):
+    """Returns an attribute of a mesh that a step has left in its tables, and sets it.
+
+    Raises AttributeError if there is none.
+    """
+    tables, row = vars(mesh).get("_tables"), vars(mesh).get("_row")
+    if tables is None or name not in tables.state:
+        raise AttributeError(f"{type(mesh).__name__!r} object has no attribute {name!r}")
+    vars(mesh)[name] = value = tables.state[name][row]
+    return value
 
 
 def state_columns(meshes):
-    """Returns the state of meshes as a dict: for each name in STATE_WIDTHS, a table (w, n).
-
-    If every mesh still has the rows that the last step has set, their tables are read, with changes
-    within the rows. Checking takes less time than reading all rows.
-    """
-    tables, rows = _latest
-    if len(rows[0]) == len(meshes) > 0 and all(
-        m.position is x and m.orientation is q and m.linVelocity is v and m.angVelocity is w
-        for m, x, q, v, w in zip(meshes, *rows, strict=True)
-    ):
-        tables = (np.ascontiguousarray(table[:, 0].T) for table in tables)
-        return dict(zip(STATE_WIDTHS, tables, strict=True))
+    """Returns the state of meshes as a dict: for each name in STATE_WIDTHS, a new table (w, n)."""
+    tables = getattr(meshes[0], "_tables", None) if len(meshes) else None
+    if tables is not None and tables.meshes == tuple(meshes) and tables.hold_all():
+        return tables.columns()
     return {name: _columns(meshes, name, width) for name, width in STATE_WIDTHS.items()}
 
 
@@ -158,9 +158,11 @@ def gyroscopic_velocity(angVelocity, orientation, inertia, timeStep):
     return mat_vec(rotation, sub(omega, change))
 
 
-class _Shapes:
-    """Constant data of a list of meshes: rest vertices and hulls, in tables.
+class Tables:
+    """Tables of a list of meshes: constant rest vertices and hulls, and the state.
 
+    state : dict, for each name in STATE_WIDTHS a table (n, 1, w) that the last step has made. A
+        mesh has the attribute only once it is read or assigned; see `read_row`
     vertices : (3, ΣV), rest vertices of all meshes; those of body b are vertexCount[b] from
         vertexStart[b] on
     hulls : HullSet at rest; NO_HULL stands for a mesh without vertices
@@ -168,14 +170,53 @@ class _Shapes:
 
     def __init__(self, meshes):
         check_distinct(meshes)
+        self.meshes, self.state = meshes, {}
+        self._invITs = [None] * len(meshes)
         self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.vertices = np.ascontiguousarray(np.concatenate([m.origVertices for m in meshes]).T)
         self.hulls = HullSet([NO_HULL if m.hull is None else m.hull for m in meshes])
 
+    def hold_all(self):
+        """Whether these tables hold the state of all meshes, and no mesh has attributes for it."""
+        # a state that has been read or assigned is one more attribute of a mesh
+        return all(mesh._tables is self for mesh in self.meshes) and (
+            self._counts == list(map(len, map(vars, self.meshes)))
+        )
+
+    def columns(self):
+        """Returns a copy of the state, as `state_columns`."""
+        return {name: table[:, 0].T.copy(order="C") for name, table in self.state.items()}
+
+    def inverse_tensors(self):
+        """Returns the invIT of all meshes (9, n), and makes them rows of one table."""
+        if not all(mesh.invIT is row for mesh, row in zip(self.meshes, self._invITs, strict=True)):
+            self._invIT = np.array([mesh.invIT for mesh in self.meshes], dtype=np.float64)
+            self._invITs = list(self._invIT)
+            for mesh, row in zip(self.meshes, self._invITs, strict=True):
+                mesh.invIT = row
+        return np.ascontiguousarray(self._invIT.reshape(-1, 9).T)
+
+    def keep(self, columns, holdsAll):
+        """Takes over the state of the meshes from tables (w, n), as from `state_columns`.
+
+        holdsAll : as from `hold_all`, of the state before
+
+        The tables are new in each step, so that references to old rows keep their values.
+        """
+        self.state = {
+            name: np.ascontiguousarray(column.T)[:, None] for name, column in columns.items()
+        }
+        if not holdsAll:
+            for row, mesh in enumerate(self.meshes):
+                for name in STATE_WIDTHS:
+                    vars(mesh).pop(name, None)
+                mesh._tables, mesh._row = self, row
+            self._counts = list(map(len, map(vars, self.meshes)))
+
 
 # Tables of the present scenes. Building them costs more than a step of a small scene.
-_shapes = lru_cache(maxsize=4)(_Shapes)
+tables_of = lru_cache(maxsize=4)(Tables)
 
 
 class Bodies:
@@ -198,15 +239,16 @@ class Bodies:
         Call `fly` or `follow_orientations` before using what depends on the orientations.
         """
         self.meshes, self.gravity, self.fallRate = meshes, gravity, math.hypot(*gravity)
-        self._shapes = _shapes(tuple(meshes))
-        self.vertexStart, self.vertexCount = self._shapes.vertexStart, self._shapes.vertexCount
-        columns = state_columns(meshes)
+        self._tables = tables_of(tuple(meshes))
+        self.vertexStart, self.vertexCount = self._tables.vertexStart, self._tables.vertexCount
+        self._isHeld = self._tables.hold_all()
+        columns = self._tables.columns() if self._isHeld else state_columns(meshes)
         self.orientation = columns.pop("orientation")
         self.motion = np.concatenate(tuple(columns.values()))
         self._start = self.motion.copy()
         self.invMass = np.array([m.invMass for m in meshes], dtype=np.float64)
         self.isFixed = self.invMass == 0.0
-        self.restInvInertia = np.where(self.isFixed, 0.0, _columns(meshes, "invIT", 9))
+        self.restInvInertia = np.where(self.isFixed, 0.0, self._tables.inverse_tensors())
 
     position = property(lambda self: self.motion[0:3])
     velocity = property(lambda self: self.motion[3:9])
@@ -216,7 +258,7 @@ class Bodies:
     @property
     def vertices(self):
         """All vertices (3, ΣV), rotated, relative to the COMs."""
-        return rotate_columns(self.hulls.rotation, self._shapes.vertices, self.vertexCount)
+        return rotate_columns(self.hulls.rotation, self._tables.vertices, self.vertexCount)
 
     def columns(self):
         """Returns the state as a dict: for each name in STATE_WIDTHS, a table (w, n)."""
@@ -242,7 +284,7 @@ class Bodies:
         """Computes what depends on the orientations: hulls, boxes, inertia."""
         rotation = np.stack(rotation_matrices(self.orientation))
         self.invInertia = np.stack(rotate_tensor(rotation, self.restInvInertia))
-        self.hulls = self._shapes.hulls.rotated(rotation)
+        self.hulls = self._tables.hulls.rotated(rotation)
         corners, starts = self.hulls.vertices, self.hulls.vertexStart
         low = np.minimum.reduceat(corners, starts, axis=1)
         high = np.maximum.reduceat(corners, starts, axis=1)
@@ -261,7 +303,7 @@ class Bodies:
         count = self.vertexCount[near]
         row, column = ranges(self.vertexStart[near], count)
         rotation = take(self.hulls.rotation, near, axis=1)
-        vertices = rotate_columns(rotation, take(self._shapes.vertices, column, axis=1), count)
+        vertices = rotate_columns(rotation, take(self._tables.vertices, column, axis=1), count)
         heights = vertices[1] + self.position[1][near[row]]
         lowest, index = row_minima(heights, row, count.cumsum() - count)
         below = indices(lowest <= 0.0)
@@ -269,13 +311,6 @@ class Bodies:
         return b, take(vertices, index[below], axis=1) + take(self.position, b, axis=1)
 
     def write_back(self):
-        """Writes the state to the meshes, as rows of new tables; fixed ones keep theirs.
-
-        The tables are new in each step, so that references to old rows keep their values.
-        """
+        """Leaves the state in the meshes' tables; fixed meshes keep theirs."""
         self.motion = np.where(self.isFixed, self._start, self.motion)
-        tables = [np.ascontiguousarray(columns.T)[:, None] for columns in self.columns().values()]
-        rows = [list(table) for table in tables]
-        for mesh, x, q, v, w in zip(self.meshes, *rows, strict=True):
-            mesh.position, mesh.orientation, mesh.linVelocity, mesh.angVelocity = x, q, v, w
-        _latest[:] = tables, rows
+        self._tables.keep(self.columns(), self._isHeld)

@@ -72,7 +72,8 @@ class OwnRun:
     def counts(self):
         """`(candidate pairs, contacts, seconds by phase)` of the last step."""
         report = self.simulation.report
-        return report.candidatePairs, len(report.contacts), report.seconds
+        pairs = {(contact.body1, contact.body2) for contact in report.contacts}
+        return report.candidatePairs, len(pairs), report.seconds
 
 
 class MuJoCoRun:

@@ -200,6 +200,31 @@ def test_the_deepest_point_is_always_in_the_manifold():
     assert 40 < met < 120
 
 
+@pytest.mark.parametrize("speed", [0.0, 0.1, 0.25, 0.5, 1.0, 50.0])
+def test_manifolds_last_until_the_pose_has_changed(speed):
+    """By 0.03 of the thickness 1, or by what both bodies move in four steps, but at most by 0.1."""
+    way = min(max(4 * 2 * speed * H, 0.03), 0.1)
+    weightless = {"gravity": (0.0, 0.0, 0.0), "hasGround": False}
+    for share, isKept in ((0.98, True), (1.02, False)):
+        pair = [box_body(2, 2, 2, (0, 2 * k, 0)) for k in range(2)]
+        state, _ = simulate(pair, 1, **weightless)
+        built = state.manifolds.translation.copy()
+        assert built.shape == (3, 1)
+        pair[1].position[0, 0] += share * way
+        for m in pair:
+            m.linVelocity[0, 2] = speed
+        simulate(pair, 1, state, **weightless)
+        assert np.array_equal(state.manifolds.translation, built) == isKept
+        # on the ground, the speed does not count
+        box = box_body(2, 2, 2, (0, 1, 0))
+        state, _ = simulate([box], 1, gravity=(0.0, 0.0, 0.0))
+        built = state.manifolds.translation.copy()
+        box.position[0, 1] += share * 0.03
+        box.linVelocity[0, 2] = speed
+        simulate([box], 1, state, gravity=(0.0, 0.0, 0.0))
+        assert np.array_equal(state.manifolds.translation, built) == isKept
+
+
 def test_free_flight_over_substeps_is_that_of_gravity():
     ball = body("octahedron", (0, 100, 0))
     ball.linVelocity, ball.angVelocity = np.array([[3.0, 0, 0]]), np.array([[0, 2.0, 0]])

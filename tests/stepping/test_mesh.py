@@ -1,6 +1,8 @@
 """Mesh: mass properties by three independent ways, and what a mesh does with what it is given."""
 
+import copy
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -266,6 +268,44 @@ def test_rows_of_the_grid_step_keep_their_values_for_who_keeps_them():
         stepped(meshes, broadPhase="grid")
         assert np.array_equal(kept, before)
         assert not np.array_equal(part(meshes[1].position), before)
+
+
+def test_states_in_tables_are_those_of_a_loop_whatever_a_caller_does():
+    rng = np.random.default_rng(11)
+    names = ("position", "orientation", "linVelocity", "angVelocity")
+    ones, many = boxes(6), boxes(6)
+
+    def assign(mesh, name, value):
+        setattr(mesh, name, value * (1.0 / np.linalg.norm(value)))
+
+    def add(mesh, name, value):
+        if name != "orientation":
+            getattr(mesh, name)[:] += value
+
+    def fix(mesh, name, value):
+        mesh.isFixed = not mesh.isFixed
+
+    def halve(mesh, name, value):
+        mesh.invIT[:] *= 0.5
+
+    done = set()
+    for _ in range(120):
+        change, name, k = rng.choice((assign, add, fix, halve)), rng.choice(names), rng.integers(6)
+        value = rng.normal(size=(1, 4 if name == "orientation" else 3))
+        copies = [copy.copy(many[k]), copy.deepcopy(many[k]), pickle.loads(pickle.dumps(many[k]))]
+        before = many[k].position.copy()
+        for meshes, options in ((ones, {}), (many, {"broadPhase": "grid"})):
+            change(meshes[k], name, value)
+            stepped(meshes[:4] if k % 2 else meshes, **options)
+            stepped(meshes, **options)
+        done.add((change, name))
+        for one, other in zip(ones, many, strict=True):
+            for attribute in rng.permutation(names)[: rng.integers(5)]:
+                assert np.array_equal(getattr(one, attribute), getattr(other, attribute))
+        assert all(np.array_equal(mesh.position, before) for mesh in copies) or change is add
+    assert len(done) == 16
+    with pytest.raises(AttributeError, match="'Mesh' object has no attribute 'velocity'"):
+        _ = many[0].velocity
 
 
 def stepped(meshes, **options):
