@@ -51,7 +51,3 @@ def vec_mat(v, matrix):
     result += products[1]
     result += products[2]
     return result
-
-
-def transpose(matrix):
-    return matrix[[0, 3, 6, 1, 4, 7, 2, 5, 8]]
