@@ -83,13 +83,16 @@ def test_the_algebra():
         ("cross", a, b),
         ("norm", a),
         ("mat_vec", matrix, a),
-        ("transpose", matrix),
         ("rotate_tensor", matrix, tensor),
     ):
         many = np.array(getattr(vectors, name)(*arguments))
         for c in range(COUNT):
             one = getattr(triples, name)(*(column(table, c) for table in arguments))
             assert one == column(many, c), name
+    many = vectors.vec_mat(a, matrix)
+    for c in range(COUNT):
+        transposed = triples.transpose(column(matrix, c))
+        assert triples.mat_vec(transposed, column(a, c)) == column(many, c)
 
 
 def test_free_flight():
