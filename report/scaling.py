@@ -111,7 +111,10 @@ def batches():
 
     def wrapper(original):
         def run(self):
-            passes.append((self.bodyPair.shape[1], len(self.starts) - 1))
+            pairs = self.bodies_of(self.isExpected.nonzero()[0])
+            isDue = np.ones(len(pairs[0]), bool)
+            order, starts = rbs.stepping.batches.in_batches(*pairs, self.bodies.isFixed, isDue)
+            passes.append((len(order), len(starts) - 1))
             return original(self)
 
         return run

@@ -5,10 +5,11 @@ of the earlier ones. Two pairs without a common movable body do not affect each 
 therefore put into batches that preserve the order of pairs with a common body, and the pairs of a
 batch are processed together.
 
-Corrections move bodies, so the pairs that can touch are not known beforehand. A pass is therefore
-speculative. It processes the pairs that are near each other if every body has a margin. If the
-corrections then turn out to bring other pairs together, the positions are rolled back, and the pass
-is repeated with larger margins.
+Corrections move bodies, so the pairs that touch, and the facets that are nearest when they do, are
+not known beforehand. A pass is therefore speculative. It processes the pairs that are near each
+other, with the facets that are near, at the start. Afterwards, it looks at the positions at which
+it was each pair's turn: whether a pair that was not processed touched, and whether another facet
+was nearer. If so, this is corrected, and the pairs that depend on it are processed again.
 """
 
 import itertools
@@ -19,36 +20,32 @@ import numpy as np
 
 from rbs.geometry.arrays import find_sorted, indices, row_minima, take
 from rbs.geometry.broadphase import grid_overlaps
-from rbs.geometry.facets import Pairs, find_facets
+from rbs.geometry.facets import Facets, Pairs, find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE
 from rbs.geometry.vectors import dot, norm
 from rbs.stepping.kernels import shifts
 
-# Least margin of a body, as a fraction of its radius. Corrections move most bodies less. More makes
-# more candidate pairs; less misses more pairs.
-LEAST_MARGIN = 0.01
-# Margin of a body in the next step or pass, as a multiple of its displacement in this one. More
-# makes more candidate pairs; less misses more pairs.
-MARGIN_GROWTH = 1.2
-# Separation beyond the margins up to which a pair is processed, as a fraction of its size. More
-# makes more batches; less misses more pairs.
-NEAR = 0.05
+# Least margin of a body, as a fraction of its radius, and what is added to it, as a multiple of its
+# displacement in the step before. More makes more pairs to process; less makes more corrections.
+LEAST_MARGIN = 0.005
+MARGIN_GROWTH = 1.0
+# Change of a pair's translation for which its facets are found, as a multiple of its margins. More
+# makes more facets; less makes more corrections.
+FACET_MARGIN = 0.5
 
 
 def find_contacts(bodies):
     """Corrects the positions of bodies that touch: `(Contacts, number of candidate pairs)`."""
     memory, start = memory_of(tuple(bodies.meshes)), bodies.position.copy()
-    margin = np.maximum(LEAST_MARGIN * bodies.hulls.radius, MARGIN_GROWTH * memory.displacement)
+    margin = LEAST_MARGIN * bodies.hulls.radius + MARGIN_GROWTH * memory.displacement
     while True:
         attempt = Pass(bodies, margin, memory)
         contacts = attempt.run()
-        b, after = contacts.bodies.ravel(), contacts.after.reshape(3, -1)
-        displacement = memory.displacement = np.zeros(len(margin))
-        np.maximum.at(displacement, b, norm(after - take(start, b, axis=1)))
-        if not attempt.has_missed(start, b, after, displacement):
+        memory.displacement = attempt.displacement
+        if not attempt.has_missed(contacts):
             return contacts, len(attempt.keys)
         bodies.position[:] = start
-        margin = np.maximum(margin, MARGIN_GROWTH * displacement)
+        margin = margin + attempt.displacement
 
 
 class Memory:
@@ -69,156 +66,252 @@ memory_of = lru_cache(maxsize=4)(Memory)
 
 
 class Pass:
-    """One pass over the candidate pairs, in batches.
+    """One pass over the candidate pairs: those whose boxes meet if each body has a margin (n,).
 
-    It includes all pairs that touch as long as no body moves by more than its margin (n,).
+    It is exact if has_missed is false afterwards.
 
-    keys, gap : (Q,), i · n + j for the pairs with nearby boxes, and the distance that their bodies
-        can move together without touching; inf for pairs in the batches
-
-    For the P pairs in the batches, sorted by batch and then in the order i < j:
-
-    bodyPair : (2, P); rank : (P,), position in the order i < j; size : (P,), sum of the radii
-    starts : (B + 1,), start of each batch
-    t : (3, P), translations at which the facets were found
-    facets : `Facets`; facetPair : (K,), pair of each facet, and facetStart : (P,), first facet of
-        each pair, both relative to the start of the batch
+    start : (3, n), positions before the pass
+    displacement : (n,), largest distance by which corrections have moved each body
+    keys : (Q,), i · n + j for the pairs, in the order i < j. The rank of a pair is its index
+    pairs : the `Pairs`, at the start
+    axes : (3, Q), of least penetration or of separation at the start; gap : (Q,), distance that the
+        bodies of each pair can move together without touching
+    isExpected : (Q,) bool, pairs that are processed, because they may touch
+    facets : `Facets` found so far; t : (3, R), translations at which they were found
+    latest : (Q,), index of each pair's latest facets in these
     """
 
     def __init__(self, bodies, margin, memory):
-        self.bodies, self.margin = bodies, margin
-        radius = bodies.hulls.radius
+        self.bodies, self.margin, self.start = bodies, margin, bodies.position.copy()
         first, second = grid_overlaps(bodies.box - margin, bodies.isFixed)
-        self.keys = first * len(radius) + second
-        t = take(bodies.position, second, axis=1) - take(bodies.position, first, axis=1)
-        axes, known = np.zeros((3, len(t[0]))), find_sorted(self.keys, memory.keys)
+        self.keys = first * len(margin) + second
+        self.t = t = take(self.start, second, axis=1) - take(self.start, first, axis=1)
+        axes, known = np.zeros(t.shape), find_sorted(self.keys, memory.keys)
         axes[:, known >= 0] = memory.axis[:, known[known >= 0]]
-        pairs, pairMargin = Pairs(bodies.hulls, first, second, t), margin[first] + margin[second]
-        facets = find_facets(pairs.along(axes), pairMargin)
-        penetration, axes = facets.minimal_penetrations(t)
-        memory.keys, memory.axis = self.keys, axes
-        gap = -penetration - FEATURE_TOLERANCE * pairs.size
-        isNear = gap <= pairMargin + NEAR * pairs.size
-        self.gap = np.where(isNear, np.inf, gap)
-
-        near = indices(isNear)  # pairs in the batches
-        self.rank, self.starts = in_batches(first[near], second[near], bodies.isFixed)
-        rows = near[self.rank]
-        self.bodyPair, self.size = np.stack((first[rows], second[rows])), pairs.size[rows]
-        self.t, self.facets = take(t, rows, axis=1), facets.of_pairs(rows)
-        begin = self.starts[:-1].repeat(np.diff(self.starts))  # start of each pair's batch
-        self.facetStart = self.facets.start[:-1] - self.facets.start[begin]
-        self.facetPair = (np.arange(len(rows)) - begin).repeat(np.diff(self.facets.start))
+        self.pairs = Pairs(bodies.hulls, first, second, t).along(axes)
+        reach = margin[first] + margin[second]
+        self.facets = find_facets(self.pairs, FACET_MARGIN * reach, reach)
+        penetration, self.axes = self.facets.minimal_penetrations(t)
+        memory.keys, memory.axis = self.keys, self.axes
+        self.gap = -penetration - FEATURE_TOLERANCE * self.pairs.size
+        self.isExpected, self.latest = self.gap <= reach, np.arange(len(first))
 
     def run(self):
-        """Detects the pairs batch by batch and separates those that touch: `Contacts`."""
-        found = itertools.starmap(self._resolve_batch, itertools.pairwise(self.starts.tolist()))
-        rows, *columns = (np.concatenate(column, axis=-1) for column in zip(*found, strict=True))
-        inOrder = self.rank[rows].argsort()
-        pairs = take(self.bodyPair, rows[inOrder], axis=1)
-        order, starts = in_batches(*pairs, self.bodies.isFixed)
-        rows = rows[inOrder[order]]
-        columns = (take(column, inOrder[order], axis=-1) for column in columns)
-        return Contacts(starts, self.rank[rows], take(pairs, order, axis=1), *columns)
+        """Separates the candidates that touch, as if in the order i < j: `Contacts`."""
+        contacts, wrong = Contacts.none(), indices(self.isExpected)
+        while True:
+            contacts = self.process(wrong, contacts)
+            b, after = contacts.bodies.ravel(), contacts.after.reshape(3, -1)
+            self.displacement = np.zeros(len(self.margin))
+            np.maximum.at(self.displacement, b, norm(after - take(self.start, b, axis=1)))
+            wrong = self._correct(contacts)
+            # what comes first in the order i < j is not wrong again, so this ends
+            if len(wrong) == 0:
+                return contacts
 
-    def _resolve_batch(self, begin, end):
-        """Separates the pairs from `begin` to `end` that touch; returns columns of `Contacts`.
+    def process(self, wrong, contacts):
+        """Processes pairs, and all that depend on them, batch by batch: the new `Contacts`.
 
-        In order: pairs (H,), depth, normal, before, after.
+        wrong : (W,), ranks of the pairs; contacts : `Contacts` so far
         """
-        bodies, some = self.bodies, slice(begin, end)
-        pairs = self.bodyPair[:, some]
-        position = take(bodies.position, pairs, axis=1)
-        penetration, normal = self._penetrations(begin, end, position[:, 1] - position[:, 0])
-        touches = penetration >= -TOUCH_TOLERANCE * self.size[some]
-        # hulls that overlap by more than rounding have overlapping boxes
-        doubtful = indices(touches & (penetration <= FEATURE_TOLERANCE * self.size[some]))
-        if len(doubtful):
-            box = bodies.box_at(pairs[:, doubtful], position[..., doubtful])
-            touches[doubtful] = (box[:3] <= -box[3:, ::-1]).all(axis=(0, 1))
-        hits = indices(touches)
-        depth, normal = np.maximum(take(penetration, hits), 0.0), take(normal, hits, axis=1)
-        pairs, before = take(pairs, hits, axis=1), take(position, hits, axis=2)
-        after = before + shifts(take(bodies.invMass, pairs), depth) * normal[:, None]
-        bodies.position[:, pairs] = after
-        return hits + begin, depth, normal, before, after
+        bodies, rank, isDue = self.bodies, indices(self.isExpected), np.zeros(len(self.keys), bool)
+        isDue[wrong] = True
+        pair = self.bodies_of(rank)
+        order, starts = in_batches(*pair, bodies.isFixed, isDue[rank])
+        rank, pair = rank[order], take(pair, order, axis=1)
+        isDue[rank] = True
+        kept = contacts.of(indices(~isDue[contacts.rank]))
+        if len(contacts.rank):
+            bodies.position[:] = self._positions(kept, np.arange(len(self.start[0])), len(isDue))
+        facets = self.facets.of_pairs(self.latest[rank])
+        batches = Batches(bodies, rank, pair, facets, starts)
+        found = [kept, *itertools.starmap(batches.process, itertools.pairwise(starts.tolist()))]
+        return Contacts(*(np.concatenate(column, axis=-1) for column in zip(*found, strict=True)))
 
-    def _penetrations(self, begin, end, t):
-        """`(penetration (m,), normal (3, m))` at the translations t, exact for pairs that touch."""
-        facets, some = self.facets, slice(begin, end)
-        columns = slice(facets.start[begin], facets.start[end])
-        normals, pair = facets.normal[:, columns], self.facetPair[columns]
-        penetrations = facets.offset[columns] - dot(normals, take(t, pair, axis=1))
-        penetration, nearest = row_minima(penetrations, pair, self.facetStart[some])
-        normal = take(normals, nearest, axis=1)
-        isValid = facets.still_valid(some, penetration, t - self.t[:, some])
-        stale = indices((penetration >= -TOUCH_TOLERANCE * self.size[some]) & ~isValid)
-        if len(stale):
-            bodies, t = self.bodyPair[:, begin + stale], t[:, stale]
-            pairs = Pairs(self.bodies.hulls, *bodies, t).along(normal[:, stale])
-            exact = find_facets(pairs, np.zeros(len(stale)))
-            penetration[stale], normal[:, stale] = exact.minimal_penetrations(t)
-        return penetration, normal
+    def bodies_of(self, rank):
+        """Bodies (2, m) of the pairs of these ranks (m,)."""
+        return np.stack((take(self.pairs.first, rank), take(self.pairs.second, rank)))
 
-    def has_missed(self, start, b, after, displacement):
-        """Whether a pair outside the batches may have touched in sequential execution.
+    def _positions(self, contacts, b, rank):
+        """Positions of bodies b after their last contacts before pairs of these ranks."""
+        count, width = len(self.start[0]), len(self.keys) + 1
+        event = np.append(np.arange(count) * width, contacts.bodies * width + contacts.rank + 1)
+        position = np.append(self.start, contacts.after.reshape(3, -1), axis=1)
+        order = event.argsort()
+        last = event[order].searchsorted(b * width + rank, side="right") - 1
+        return take(position, order[last], axis=1)
 
-        start : (3, n), positions before the pass
-        b, after : (M,), (3, M), positions of bodies after their contacts
-        displacement : (n,), largest distance of each body from its position before the pass
+    def _correct(self, contacts):
+        """Finds the facets of the pairs whose results are wrong; returns their ranks (W,)."""
+        rank, t, axes, depth = self._doubtful(contacts)
+        if len(rank) == 0:
+            return rank
+        pairs = Pairs(self.bodies.hulls, *self.bodies_of(rank), t).along(axes)
+        facets = find_facets(pairs, np.zeros(len(rank)))
+        penetration, normal = facets.minimal_penetrations(t)
+        touches = penetration >= -TOUCH_TOLERANCE * pairs.size
+        isWrong = np.where(touches, np.maximum(penetration, 0.0), -1.0) != depth
+        # compares the bits, because 0.0 equals -0.0
+        isWrong |= touches & (normal.view(np.int64) != axes.view(np.int64)).any(axis=0)
+        wrong = rank[isWrong]
+        if len(wrong):
+            self.isExpected[wrong] = True
+            self.latest[rank] = len(self.t[0]) + np.arange(len(rank))
+            self.t = np.append(self.t, t, axis=1)
+            self.facets = joined(self.facets, facets)
+        return wrong
+
+    def _doubtful(self, contacts):
+        """Pairs whose results are not proved: `(rank (m,), t (3, m), axes (3, m), depth (m,))`.
+
+        t : translations when it was their turn; axes : of least penetration, as far as known
+        depth : by which they were found to overlap, or -1 if they were not processed
         """
-        # within the margins, only pairs in the batches can touch
-        beyond = indices(displacement > self.margin)
-        if len(beyond) == 0:
+        # contacts for which a nearer facet may have been omitted
+        latest = self.latest[contacts.rank]
+        shift = contacts.translations() - take(self.t, latest, axis=1)
+        stale = contacts.of(indices(~self.facets.still_valid(latest, contacts.depth, shift)))
+        # other pairs that their axes may not separate any more
+        way = take(self.displacement, self.pairs.first) + take(self.displacement, self.pairs.second)
+        rank = indices((way >= self.gap) & ~self.isExpected)
+        position = self._positions(contacts, self.bodies_of(rank), rank)
+        t, axes = position[:, 1] - position[:, 0], take(self.axes, rank, axis=1)
+        gap = self.gap[rank] + dot(axes, t - take(self.pairs.t, rank, axis=1))
+        near = indices(gap <= 0.0)
+        return (
+            np.append(stale.rank, rank[near]),
+            np.append(stale.translations(), t[:, near], axis=1),
+            np.append(stale.normal, axes[:, near], axis=1),
+            np.append(stale.depth, np.full(len(near), -1.0)),
+        )
+
+    def has_missed(self, contacts):
+        """Whether a pair that is no candidate touched at its turn."""
+        if (self.displacement <= self.margin).all():
             return False
-        # of each body, the box of all its positions
-        box = self.bodies.box.copy()
-        np.minimum.at(box, (slice(None), b), self.bodies.box_at(b, after))
-        low, high = box[:3], -box[3:]
-        meet = low[:, beyond, None] <= high[:, None]
-        meet &= low[:, None] <= high[:, beyond, None]
-        i, second = meet.all(axis=0).nonzero()
-        some = indices(beyond[i] != second)
-        first, second = beyond[i[some]], second[some]
-        key = np.minimum(first, second) * len(displacement) + np.maximum(first, second)
-        known = find_sorted(key, self.keys)
-        gap = np.where(known < 0, 0.0, take(self.gap, known))
-        way = displacement[first] + displacement[second]
-        meet = indices(way >= gap)
-        first, second = first[meet], second[meet]
-        t = take(start, second, axis=1) - take(start, first, axis=1)
-        pairs = Pairs(self.bodies.hulls, first, second, t).along()
-        return bool((way[meet] >= -pairs.penetration - FEATURE_TOLERANCE * pairs.size).any())
+        bodies = self.bodies
+        # the tolerance is for rounding
+        reach = self.displacement + FEATURE_TOLERANCE * bodies.hulls.radius
+        pair = grid_overlaps(bodies.box - reach, bodies.isFixed)
+        keys = pair[0] * len(reach) + pair[1]
+        others = indices(find_sorted(keys, self.keys) < 0)
+        if len(others) == 0:
+            return False
+        pair, rank = pair[:, others], self.keys.searchsorted(keys[others])
+        position = self._positions(contacts, pair, rank)
+        near = indices(boxes_meet(bodies, pair, position))
+        t = position[:, 1, near] - position[:, 0, near]
+        pairs = Pairs(bodies.hulls, *pair[:, near], t).along()
+        penetration, _ = find_facets(pairs, np.zeros(len(near))).minimal_penetrations(t)
+        return bool((penetration >= -TOUCH_TOLERANCE * pairs.size).any())
 
 
-def in_batches(first, second, isFixed):
+class Batches:
+    """P pairs in batches, sorted by batch and then in the order i < j.
+
+    rank : (P,); pair : (2, P), bodies; facets : `Facets`; starts : (B + 1,), start of each batch
+    facetPair : (K,), pair of each facet, and facetStart : (P,), first facet of each pair, both
+        relative to the start of the batch
+    touchDepth, boxDepth : (P,), penetrations from which hulls touch, and beyond which their boxes
+        surely overlap
+    weights : (2, P), `shifts` by 1
+    """
+
+    def __init__(self, bodies, rank, pair, facets, starts):
+        self.bodies, self.rank, self.pair, self.facets = bodies, rank, pair, facets
+        begin = starts[:-1].repeat(np.diff(starts))  # start of each pair's batch
+        self.facetStart = facets.start[:-1] - facets.start[begin]
+        self.facetPair = (np.arange(len(rank)) - begin).repeat(np.diff(facets.start))
+        size = take(bodies.hulls.radius, pair).sum(axis=0)
+        self.touchDepth, self.boxDepth = -TOUCH_TOLERANCE * size, FEATURE_TOLERANCE * size
+        self.weights = shifts(take(bodies.invMass, pair), 1.0)
+
+    def process(self, begin, end):
+        """Separates the pairs from `begin` to `end` that touch; returns columns of `Contacts`."""
+        bodies, facets, some = self.bodies, self.facets, slice(begin, end)
+        pair = self.pair[:, some]
+        position = take(bodies.position, pair, axis=1)
+        columns = slice(facets.start[begin], facets.start[end])
+        normals, row = facets.normal[:, columns], self.facetPair[columns]
+        t = take(position[:, 1] - position[:, 0], row, axis=1)
+        penetrations = facets.offset[columns] - dot(normals, t)
+        penetration, nearest = row_minima(penetrations, row, self.facetStart[some])
+        touches = penetration >= self.touchDepth[some]
+        # hulls that overlap by more than rounding have overlapping boxes
+        doubtful = indices(touches & (penetration <= self.boxDepth[some]))
+        if len(doubtful):
+            touches[doubtful] = boxes_meet(bodies, pair[:, doubtful], position[..., doubtful])
+        hits = indices(touches)
+        depth = np.maximum(take(penetration, hits), 0.0)
+        normal = take(normals, take(nearest, hits), axis=1)
+        pair, before = take(pair, hits, axis=1), take(position, hits, axis=2)
+        after = before + take(self.weights[:, some], hits, axis=1) * depth * normal[:, None]
+        bodies.position[:, pair] = after
+        return take(self.rank[some], hits), pair, depth, normal, before, after
+
+
+def boxes_meet(bodies, pair, position):
+    """Whether the boxes of pairs (2, m) overlap or touch at their positions (3, 2, m)."""
+    box = bodies.box_at(pair, position)
+    return (box[:3] <= -box[3:, ::-1]).all(axis=(0, 1))
+
+
+def joined(facets, more):
+    """`Facets` of pairs, and then those of more pairs."""
+    return Facets(
+        np.append(facets.start, facets.start[-1] + more.start[1:]),
+        np.append(facets.normal, more.normal, axis=1),
+        np.append(facets.offset, more.offset),
+        np.append(facets.completeUpTo, more.completeUpTo),
+    )
+
+
+def in_batches(first, second, isFixed, isDue):
     """Assigns pairs to batches: `(order (P,), starts (B + 1,))`, of processing and in this order.
 
     The batch of a pair follows the last batches of its two bodies, so that pairs with a common
-    movable body keep their order. Without pairs, there is one empty batch.
+    movable body keep their order. Pairs that are neither due nor depend on one that is are left
+    out. Without pairs, there is one empty batch.
+
+    isDue : (P,) bool
     """
     isFixed = isFixed.tolist()
     last = [-1] * len(isFixed)
     batch = []
-    for i, j in zip(first.tolist(), second.tolist(), strict=True):
-        number = (last[i] if last[i] > last[j] else last[j]) + 1
-        if not isFixed[i]:
-            last[i] = number
-        if not isFixed[j]:
-            last[j] = number
+    for i, j, due in zip(first.tolist(), second.tolist(), isDue.tolist(), strict=True):
+        number = last[i] if last[i] > last[j] else last[j]
+        if due or number >= 0:
+            number += 1
+            if not isFixed[i]:
+                last[i] = number
+            if not isFixed[j]:
+                last[j] = number
         batch.append(number)
     batch = np.array(batch, dtype=np.intp)
-    order = batch.argsort(kind="stable")
+    order = batch.argsort(kind="stable")[np.count_nonzero(batch < 0) :]
     return order, batch[order].searchsorted(np.arange(batch.max(initial=0) + 2))
 
 
 class Contacts(NamedTuple):
-    """The H pairs that touched in a pass, in batches of their own, which are fewer and larger."""
+    """The H pairs that touched in a pass; those with a common movable body in the order i < j."""
 
-    starts: np.ndarray  # (B + 1,), start of each batch
-    rank: np.ndarray  # (H,), position in the order i < j
+    rank: np.ndarray  # (H,), ascending in the order i < j
     bodies: np.ndarray  # (2, H)
     depth: np.ndarray  # (H,), ≥ 0
     normal: np.ndarray  # (3, H), unit, from the first body to the second
     before: np.ndarray  # (3, 2, H), positions of the bodies before the correction
     after: np.ndarray  # (3, 2, H), and after it
+
+    @classmethod
+    def none(cls):
+        """No contacts."""
+        none = np.zeros(0, dtype=np.intp), np.zeros((2, 0), dtype=np.intp)
+        return cls(*none, np.zeros(0), np.zeros((3, 0)), *np.zeros((2, 3, 2, 0)))
+
+    def of(self, rows):
+        """Returns these contacts."""
+        return Contacts(*(take(column, rows, axis=-1) for column in self))
+
+    def translations(self):
+        """Translations (3, H) from the first body to the second, before the correction."""
+        return self.before[:, 1] - self.before[:, 0]

@@ -11,7 +11,7 @@ import numpy as np
 from rbs.geometry.arrays import take
 from rbs.geometry.hulls import FEATURE_TOLERANCE
 from rbs.geometry.patches import contact_points
-from rbs.stepping.batches import find_contacts
+from rbs.stepping.batches import find_contacts, in_batches
 from rbs.stepping.bodies import Bodies, check_numbers
 from rbs.stepping.kernels import collide, inverse_effective_mass, shifts
 from rbs.stepping.reports import GROUND, StepReport
@@ -43,9 +43,11 @@ def grid_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic
 
 def apply_impulses(bodies, contacts, settings, report):
     """Applies the impulses by batch; whatever ignores velocities is computed for all at once."""
-    starts, rank, ends, depth, n, before, after = contacts
-    if len(rank) == 0:
+    if len(contacts.rank) == 0:
         return
+    isDue = np.ones(len(contacts.rank), bool)
+    order, starts = in_batches(*contacts.bodies, bodies.isFixed, isDue)
+    rank, ends, depth, n, before, after = contacts.of(order)
     radius = take(bodies.hulls.radius, ends)
     t, tolerance = before[:, 1] - before[:, 0], FEATURE_TOLERANCE * (radius[0] + radius[1])
     penPoint = contact_points(bodies.hulls, *ends, t, n, tolerance) + before[:, 1]

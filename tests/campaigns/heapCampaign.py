@@ -5,7 +5,7 @@
 The accelerated step guesses how far contacts will move the bodies, and looks for pairs and facets
 within that margin. Here the margin is next to nothing, always too small; as usual; and much too
 large. That may change what a step costs, never what comes of it. Prints how many searches for
-facets and passes over the pairs there were; exit code 1 where a bit differs.
+facets and passes over pairs, with their corrections, there were; exit code 1 where a bit differs.
 """
 
 import argparse
@@ -28,12 +28,12 @@ SHAPES = ("box", "tetrahedron", "octahedron", "cylinder")
 SIZES = (0.3, 3.0)  # the least and the largest body, in multiples of a shape's
 # What rbs/stepping/batches.py makes margins of: too little, with nothing remembered; as usual; too
 # much.
-NAMES = "LEAST_MARGIN", "MARGIN_GROWTH", "NEAR", "memory_of"
+NAMES = "LEAST_MARGIN", "MARGIN_GROWTH", "FACET_MARGIN", "memory_of"
 USUAL = tuple(getattr(rbs.stepping.batches, name) for name in NAMES)
 MARGINS = {
-    "too small": (1e-9, 1.001, 0.0, rbs.stepping.batches.Memory),
+    "too small": (1e-9, 0.0, 0.0, rbs.stepping.batches.Memory),
     "as usual": USUAL,
-    "too large": (0.1, 10.0, 0.5, rbs.stepping.batches.memory_of),
+    "too large": (0.1, 10.0, 2.0, rbs.stepping.batches.memory_of),
 }
 
 
@@ -58,7 +58,7 @@ def make_heap(seed, count):
 @contextmanager
 def counting():
     """Counts the searches for facets and the passes over pairs within the block: a Counter."""
-    findFacets, run = rbs.stepping.batches.find_facets, rbs.stepping.batches.Pass.run
+    findFacets, process = rbs.stepping.batches.find_facets, rbs.stepping.batches.Pass.process
     counts = Counter()
 
     def counted(name, function):
@@ -69,9 +69,9 @@ def counting():
         return call
 
     rbs.stepping.batches.find_facets = counted("searches", findFacets)
-    rbs.stepping.batches.Pass.run = counted("passes", run)
+    rbs.stepping.batches.Pass.process = counted("passes", process)
     yield counts
-    rbs.stepping.batches.find_facets, rbs.stepping.batches.Pass.run = findFacets, run
+    rbs.stepping.batches.find_facets, rbs.stepping.batches.Pass.process = findFacets, process
 
 
 def outcomes_of(seed, count, steps, broadPhase, mu):

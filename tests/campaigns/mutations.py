@@ -100,7 +100,7 @@ rbs/geometry/facets.py: facets, faces of the second hull are not turned round (g
 rbs/stepping/gridstep.py: impulses of a batch, the wrong body's position (broadPhase)
     * n)[:, None] - after -> * n)[:, None] - before
 rbs/stepping/batches.py: missed pairs, the displacement of one body only (broadPhase)
-    way = displacement[first] + displacement[second] -> way = displacement[first]
+    take(self.displacement, self.pairs.second) -> 0.0
 GJK.py: cached axis, its sign (timestep)
     lowest + dot(axis, t) - highest -> highest - lowest - dot(axis, t)
 RBSFunctions.py: kept box, the orientation is not looked at (mesh)

@@ -80,7 +80,8 @@ def test_batches_keep_the_order_of_pairs_that_share_a_moving_body():
     isFixed = rng.random(40) < 0.2
     pairs = np.unique(np.sort(rng.integers(0, 40, (400, 2)), axis=1), axis=0)
     pairs = pairs[(pairs[:, 0] < pairs[:, 1]) & ~isFixed[pairs].all(axis=1)]
-    order, starts = rbs.stepping.batches.in_batches(*pairs.T, isFixed)
+    isDue = np.ones(len(pairs), bool)
+    order, starts = rbs.stepping.batches.in_batches(*pairs.T, isFixed, isDue)
     assert sorted(order) == list(range(len(pairs))) == list(range(starts[-1]))
     batch = np.empty(len(pairs), dtype=int)
     batch[order] = np.arange(len(starts) - 1).repeat(np.diff(starts))
@@ -97,9 +98,8 @@ def test_batches_keep_the_order_of_pairs_that_share_a_moving_body():
 def test_margins_change_no_bit_of_heaps_of_mixed_sizes():
     """Small margins cost repeated passes and searches for facets, and nothing else."""
     differing, contacts, (small, usual, large) = heapCampaign.compare(1, 20, 20)
-    assert (
-        differing == [] and contacts > 150 and small[0] > 2 * usual[0] and usual[0] > 1.2 * large[0]
-    )
+    assert differing == [] and contacts > 150
+    assert small[0] > 1.5 * usual[0] and usual[0] > 1.2 * large[0]
     assert small[1] > 1.5 * usual[1] > 0
 
 
@@ -128,7 +128,6 @@ def test_grid_gives_the_same_bits(name, options):
 def test_a_body_beyond_its_margin_is_not_missed(monkeypatch):
     """A margin near zero misses pairs, and the pass is repeated."""
     monkeypatch.setattr(rbs.stepping.batches, "LEAST_MARGIN", 1e-9)
-    monkeypatch.setattr(rbs.stepping.batches, "NEAR", 0.0)
     monkeypatch.setattr(rbs.stepping.batches, "memory_of", rbs.stepping.batches.Memory)
     with heapCampaign.counting() as counted:
         assert assert_same_motion(DATA_FOLDER / "tower-scene.txt", 150, 0.5) > 10
@@ -140,10 +139,10 @@ def test_bodies_thrown_far_out_of_a_huge_one_leave_those_that_they_touched(side,
     """Facets found where they touched are not valid where they have gone, and are found anew."""
     anew = []
 
-    def watched(pairs, margin):
+    def watched(pairs, margin, *separation):
         if not margin.any():
             anew.append(len(margin))
-        return find_facets(pairs, margin)
+        return find_facets(pairs, margin, *separation)
 
     monkeypatch.setattr(rbs.stepping.batches, "find_facets", watched)
     outcomes = []
