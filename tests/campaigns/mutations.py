@@ -141,6 +141,14 @@ rbs/softstep/contacts.py: restitution, whatever energy it asks for (softstep)
     np.where(a + b > left, -> np.where(a + b > np.inf,
 rbs/geometry/facets.py: validity of facets, the way moved is left out (broadPhase)
     penetration + norm(shift) <= self -> penetration <= self
+rbs/stepping/batches.py: corrections of a pass, pairs that depend on one are left (broadPhase)
+    if due or number >= 0: -> if due:
+rbs/stepping/batches.py: checks of a pass, positions at the end (broadPhase)
+    event[order].searchsorted(b * width + rank -> event[order].searchsorted(b * width + width - 1
+rbs/stepping/bodies.py: states in tables, what a caller assigns is not looked at (mesh)
+    self._counts == list(map(len, map(vars, self.meshes))) -> True
+rbs/softstep/detection.py: manifolds of fast bodies, on the ground, too (softstep)
+    way[frames.count] = -np.inf -> way[frames.count] = 0.0
 """
 FAULTS = tuple(
     Fault(*re.fullmatch(r"(\S+): (.+) \((.+)\)\n {4}(.+) -> (.+)", pair).groups())

@@ -6,7 +6,7 @@ import sys
 import heapCampaign
 import numpy as np
 import pytest
-from oracles import box_body, outcome, quaternion
+from oracles import box_body, outcome, quaternion, rotation
 
 import rbs.stepping.batches
 from rbs.geometry.broadphase import grid_overlaps
@@ -183,6 +183,32 @@ def test_a_body_pushed_over_a_gap_within_its_box_hits_in_the_same_step(isPushedF
     assert [(contact.body1, contact.body2) for contact in contacts] == [(0, k), (1, 2)]
     gap = (2.0 - np.sqrt(2)) / np.sqrt(2)
     assert [contact.depth for contact in contacts] == pytest.approx([0.8, 0.8 - gap])
+
+
+def test_a_body_that_is_pushed_to_and_fro_hits_what_it_meets_on_the_way():
+    """A fixed body pushes the first one over a gap into the third, and the fourth one back.
+
+    Neither at the start of the pass nor at its end does the first one touch the third.
+    """
+    turn = quaternion([0, 0, 1], 30)  # so that boxes overlap in spite of the gap
+
+    def slab(x, y, height, isFixed=True):
+        place = rotation(turn).apply((x, y, 0.0))
+        return box_body(1.0, height, 1.0, place, orientation=turn, isFixed=isFixed)
+
+    outcomes = []
+    for broadPhase in ("all", "grid"):
+        meshes = slab(0.0, 0.0, 2.4, isFixed=False), slab(-0.9, 0.0, 1.0)
+        meshes = [*meshes, slab(1.05, 0.6, 1.0), slab(0.98, -0.6, 1.0)]
+        report = run_timestep(meshes, None, 1e-6, 0.5, broadPhase=broadPhase)
+        outcomes.append(outcome(meshes, report))
+    assert outcomes[0] == outcomes[1]
+    assert [(contact.body1, contact.body2) for contact in report.contacts] == [
+        (0, 1),
+        (0, 2),
+        (0, 3),
+    ]
+    assert [contact.depth for contact in report.contacts] == pytest.approx([0.1, 0.05, 0.07])
 
 
 def test_piles_are_made_as_asked():
