@@ -48,10 +48,10 @@ from rbs.geometry.triples import (
 from rbs.stepping.bodies import (
     EARTH,
     STATE_WIDTHS,
+    TableRow,
     check_distinct,
     check_numbers,
     gyroscopic_velocity,
-    read_row,
     state_columns,
     undone_on_error,
 )
@@ -236,6 +236,8 @@ class Mesh:
     vertices have no mass.
     """
 
+    position, orientation, linVelocity, angVelocity = (TableRow() for _ in range(4))
+
     def __init__(self, name, origVertices, faces, tets, density, position, orientation, isFixed):
         self.name = name
         self.origVertices = self._numbers("origVertices", origVertices, 3)
@@ -285,10 +287,6 @@ class Mesh:
         centre = vertices[-1] - mesh.origVertices[-1]
         mesh.position = mesh._numbers("position", centre if position is None else position, 3, 1)
         return mesh
-
-    def __getattr__(self, name):
-        """Reads the state that a step of many bodies has left in a table."""
-        return read_row(self, name)
 
     def __getstate__(self):
         """Returns the attributes for a copy, which has no table."""
@@ -464,7 +462,7 @@ class Mesh:
 
     def bounding_box(self):
         """Returns the least and greatest x, y, z of the hull in the world: six floats, or None."""
-        pose = self.pose()
+        pose = self.position.tobytes() + self.orientation.tobytes()  # asked by each pair
         if self._boundingBox[0] != pose and self.hull is not None:
             rotated, position = self.rotated_hull(), floats(self.position, 3)
             self._boundingBox = pose, add(rotated.low, position) + add(rotated.high, position)

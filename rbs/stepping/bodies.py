@@ -90,16 +90,17 @@ def _name_fault(meshes):
                 raise ValueError(f"body {b}, {mesh.name!r}: {what}") from None
 
 
-def read_row(mesh, name):
-    """Returns an attribute of a mesh that a step has left in its tables, and sets it.
+class TableRow:
+    """State of a mesh: its own value, or else its row in the `Tables` of the last step."""
 
-    Raises AttributeError if there is none.
-    """
-    tables, row = vars(mesh).get("_tables"), vars(mesh).get("_row")
-    if tables is None or name not in tables.state:
-        raise AttributeError(f"{type(mesh).__name__!r} object has no attribute {name!r}")
-    vars(mesh)[name] = value = tables.state[name][row]
-    return value
+    def __set_name__(self, kind, name):
+        self._name = name
+
+    def __get__(self, mesh, kind=None):
+        if mesh is None:
+            return self
+        vars(mesh)[self._name] = row = mesh._tables.state[self._name][mesh._row]
+        return row
 
 
 def state_columns(meshes):
@@ -162,7 +163,7 @@ class Tables:
     """Tables of a list of meshes: constant rest vertices and hulls, and the state.
 
     state : dict, for each name in STATE_WIDTHS a table (n, 1, w) that the last step has made. A
-        mesh has the attribute only once it is read or assigned; see `read_row`
+        mesh has the attribute only once it is read or assigned; see `TableRow`
     vertices : (3, ΣV), rest vertices of all meshes; those of body b are vertexCount[b] from
         vertexStart[b] on
     hulls : HullSet at rest; NO_HULL stands for a mesh without vertices
