@@ -104,7 +104,7 @@ rbs/stepping/batches.py: missed pairs, the displacement of one body only (broadP
 GJK.py: cached axis, its sign (timestep)
     lowest + dot(axis, t) - highest -> highest - lowest - dot(axis, t)
 RBSFunctions.py: kept box, the orientation is not looked at (mesh)
-    pose = self.pose() -> pose = self.position.tobytes()
+    pose = self.position.tobytes() + self.orientation.tobytes() -> pose = self.position.tobytes()
 rbs/stepping/constraints.py: queue, what depends on the second body stays clean (constraints)
     for b in constraints[c]: -> for b in constraints[c][:1]:
 rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)
