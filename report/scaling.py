@@ -19,6 +19,7 @@ from rbs.scenes.scenefiles import find_scene
 from rbs.scenes.simulation import Settings, Simulation
 
 HEAP, HEAP_STEP = 1000, 150  # by then, a heap has begun to collapse
+LATER = 50  # steps after that one
 
 
 def heap(count, steps=0, **settings):
@@ -106,24 +107,27 @@ def bits():
 
 @silent
 def batches():
-    """Pairs and batches of one step of a collapsing heap, and passes of all steps until then."""
-    passes = []
+    """Pairs and batches of a step of a collapsing heap, and the per cent processed again later."""
+    calls = []
 
     def wrapper(original):
-        def run(self):
-            pairs = self.bodies_of(self.isExpected.nonzero()[0])
-            isDue = np.ones(len(pairs[0]), bool)
-            order, starts = rbs.stepping.batches.in_batches(*pairs, self.bodies.isFixed, isDue)
-            passes.append((len(order), len(starts) - 1))
-            return original(self)
+        def in_batches(first, second, isFixed, isDue):
+            order, starts = original(first, second, isFixed, isDue)
+            calls.append((len(order), len(starts) - 1, isDue.all()))
+            return order, starts
 
-        return run
+        return in_batches
 
-    with replaced(rbs.stepping.batches.Pass, "run", wrapper):
-        heap(HEAP, HEAP_STEP, broadPhase="grid")
-    pairs, count = passes[-1]
-    again = len(passes) - HEAP_STEP
-    return {"pairs": pairs, "batches": count, "mean": pairs / count, "again": again}
+    with replaced(rbs.stepping.batches, "in_batches", wrapper):
+        simulation = heap(HEAP, HEAP_STEP, broadPhase="grid")
+        pairs, count, _ = next(call for call in reversed(calls) if call[2])
+        calls.clear()
+        for _ in range(LATER):
+            simulation.step()
+    again = sum(number for number, _, isWhole in calls if not isWhole)
+    first = sum(number for number, *_ in calls) - again
+    numbers = {"pairs": pairs, "batches": count, "mean": pairs / count}
+    return numbers | {"again": 100.0 * again / first, "later": LATER}
 
 
 FROM, TO = 60, 80
