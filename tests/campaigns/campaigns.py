@@ -173,7 +173,7 @@ class RandomScene:
     """Bodies, ground, constraints and options; `meshes()` makes the bodies anew, at the start."""
 
     def __init__(self, rng):
-        self.scale = 10.0 ** rng.choice([0.0, 0.0, 0.0, rng.uniform(-12.0, 12.0)])
+        self.scale = 10.0 ** rng.choice([0.0, 0.0, 0.0, rng.uniform(-12.0, 11.0)])
         self.bodies = [self._random_body(rng) for _ in range(rng.integers(2, 9))]
         self.ground = oracles.ground() if rng.random() < 0.6 else None
         self.timeStep = float(rng.choice([0.02, 0.005, 0.1, 0.0]))
