@@ -28,9 +28,9 @@ CULL = 0.05
 # Change of the relative pose after which a manifold is rebuilt. With more, its normal becomes
 # visibly outdated; with less, time is spent on finding the same manifold again.
 KEEP = 0.03
-# The same for a pair of bodies that go farther in STEPS_KEPT steps. With more, bodies of a
-# collapsing heap, and then also of one at rest, are deeper in each other; with less, half of the
-# manifolds that are rebuilt are rebuilt in every step, an eighth of the time.
+# The same for fast bodies: what they move in STEPS_KEPT steps, but at most KEEP_MOVING. With more,
+# bodies in a heap overlap more deeply; with less, more manifolds are rebuilt: with KEEP alone, a
+# collapsing heap takes an eighth longer.
 KEEP_MOVING = 0.1
 STEPS_KEPT = 4
 # Gap, beyond what free flight closes in the step, up to which a pair has a manifold. With more,
