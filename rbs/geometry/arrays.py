@@ -46,6 +46,12 @@ def find_sorted(keys, known):
     return np.where(known[index] == keys, index, -1)
 
 
+def known_columns(keys, known, table):
+    """Columns (k, m) of a table (k, n) for the keys (m,) in the ascending `known`; 0 if absent."""
+    withZeros = np.append(table, np.zeros((len(table), 1)), axis=1)
+    return withZeros.take(find_sorted(keys, known), axis=1)  # -1 is the last column
+
+
 # Number of table entries per block, so that their vectors stay in the processor's cache. More leave
 # the cache; fewer cost more calls.
 BLOCK_ENTRIES = 200_000

@@ -157,6 +157,15 @@ class Facets:
             self.completeUpTo[pairs],
         )
 
+    def joined(self, other):
+        """Returns these facets, and then those of other pairs, as new `Facets`."""
+        return Facets(
+            np.append(self.start, self.start[-1] + other.start[1:]),
+            np.append(self.normal, other.normal, axis=1),
+            np.append(self.offset, other.offset),
+            np.append(self.completeUpTo, other.completeUpTo),
+        )
+
     def still_valid(self, p, penetration, shift):
         """Whether the least penetrations (m,) of the pairs p still belong to the nearest facets.
 

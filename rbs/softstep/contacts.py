@@ -153,12 +153,9 @@ class SoftContacts:
             self.GT = np.zeros((count, self.count))
             self.GT[self.first, row], self.GT[self.second, row] = -1.0, 1.0
         else:
-            ends, signs = (
-                np.stack((self.first, self.second), axis=1),
-                np.tile((-1.0, 1.0), len(row)),
-            )
-            starts = np.arange(0, 2 * len(row) + 1, 2)
-            self.GT = csr_array((signs, ends.ravel(), starts), shape=(len(row), count)).T
+            ends = np.stack((self.first, self.second), axis=1).ravel()
+            signs, starts = np.tile((-1.0, 1.0), self.count), np.arange(0, 2 * self.count + 1, 2)
+            self.GT = csr_array((signs, ends, starts), shape=(self.count, count)).T
         return moments[:, :, :2]
 
     def _make_responses(self, motion, moments):

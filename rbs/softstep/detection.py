@@ -3,7 +3,7 @@
 import numpy as np
 
 from Quaternion import multiply
-from rbs.geometry.arrays import find_sorted, indices, take
+from rbs.geometry.arrays import find_sorted, indices, known_columns, take
 from rbs.geometry.broadphase import grid_overlaps
 from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import approximate_supports, tangents
@@ -100,9 +100,7 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
     frames = Frames(bodies, timeStep)
     first, second = grid_overlaps(frames.box, bodies.isFixed)
     key = first * (frames.count + 1) + second
-    # -1, for an unknown pair, is the column of zeros
-    known = np.append(kept.pairAxis, np.zeros((3, 1)), axis=1)
-    axis = known.take(find_sorted(key, kept.pairKey), axis=1)
+    axis = known_columns(key, kept.pairKey, kept.pairAxis)
     valid = _valid_manifolds(kept.manifolds, frames, key)
     asked = indices(~(isStill[first] & isStill[second]) & (find_sorted(key, valid.key) < 0))
     some = first[asked], second[asked], take(axis, asked, axis=1)

@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rbs.geometry.arrays import find_sorted, indices, row_minima, take
+from rbs.geometry.arrays import find_sorted, indices, known_columns, row_minima, take
 from rbs.geometry.broadphase import grid_overlaps
-from rbs.geometry.facets import Facets, Pairs, find_facets
+from rbs.geometry.facets import Pairs, find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE
 from rbs.geometry.vectors import dot, norm
 from rbs.stepping.kernels import shifts
@@ -86,8 +86,7 @@ class Pass:
         first, second = grid_overlaps(bodies.box - margin, bodies.isFixed)
         self.keys = first * len(margin) + second
         self.t = t = take(self.start, second, axis=1) - take(self.start, first, axis=1)
-        axes, known = np.zeros(t.shape), find_sorted(self.keys, memory.keys)
-        axes[:, known >= 0] = memory.axis[:, known[known >= 0]]
+        axes = known_columns(self.keys, memory.keys, memory.axis)
         self.pairs = Pairs(bodies.hulls, first, second, t).along(axes)
         reach = margin[first] + margin[second]
         self.facets = find_facets(self.pairs, FACET_MARGIN * reach, reach)
@@ -158,7 +157,7 @@ class Pass:
             self.isExpected[wrong] = True
             self.latest[rank] = len(self.t[0]) + np.arange(len(rank))
             self.t = np.append(self.t, t, axis=1)
-            self.facets = joined(self.facets, facets)
+            self.facets = self.facets.joined(facets)
         return wrong
 
     def _doubtful(self, contacts):
@@ -254,16 +253,6 @@ def boxes_meet(bodies, pair, position):
     """Whether the boxes of pairs (2, m) overlap or touch at their positions (3, 2, m)."""
     box = bodies.box_at(pair, position)
     return (box[:3] <= -box[3:, ::-1]).all(axis=(0, 1))
-
-
-def joined(facets, more):
-    """`Facets` of pairs, and then those of more pairs."""
-    return Facets(
-        np.append(facets.start, facets.start[-1] + more.start[1:]),
-        np.append(facets.normal, more.normal, axis=1),
-        np.append(facets.offset, more.offset),
-        np.append(facets.completeUpTo, more.completeUpTo),
-    )
 
 
 def in_batches(first, second, isFixed, isDue):

@@ -172,7 +172,7 @@ class Tables:
     def __init__(self, meshes):
         check_distinct(meshes)
         self.meshes, self.state = meshes, {}
-        self._invITs = [None] * len(meshes)
+        self._counts, self._invITs = None, [None] * len(meshes)
         self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.vertices = np.ascontiguousarray(np.concatenate([m.origVertices for m in meshes]).T)
