@@ -1,5 +1,7 @@
 """Contacts of a step: near pairs, and their old and new manifolds."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from Quaternion import multiply
@@ -24,9 +26,19 @@ from rbs.softstep.manifolds import (
 # Columns (3, 2, 1): the normal from a body towards the ground, and the first tangent of friction.
 GROUND_AXES = np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0]])[:, :, None]
 
-# Contacts: first (K,), second (K,), normal (3, K), tangent (3, K), and row (Q,), corners (5, Q) as
-# returned by `pair_corners`.
-NO_CONTACTS = (
+
+class Contacts(NamedTuple):
+    """Contacts of K pairs, or of K bodies with the ground, before their points are selected."""
+
+    first: np.ndarray  # (K,), bodies
+    second: np.ndarray
+    normal: np.ndarray  # (3, K), unit
+    tangent: np.ndarray
+    row: np.ndarray  # (Q,), contact of each corner
+    corners: np.ndarray  # (5, Q), see `pair_corners`
+
+
+NO_CONTACTS = Contacts(
     *np.zeros((2, 0), dtype=np.intp),
     *np.zeros((2, 3, 0)),
     np.zeros(0, dtype=np.intp),
@@ -107,7 +119,7 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
     pairs, axis[:, asked] = _pair_contacts(frames, *some)
     kept.pairKey, kept.pairAxis = key, axis
     ground = _ground_contacts(frames, valid.key) if hasGround else NO_CONTACTS
-    if len(pairs[0]) + len(ground[0]) == 0:
+    if len(pairs.first) + len(ground.first) == 0:
         return valid, frames
     new = _new_manifolds(frames, pairs, ground)
     new.inherit(kept.manifolds)
@@ -139,7 +151,7 @@ def _valid_manifolds(manifolds, frames, nearKey):
 
 
 def _pair_contacts(frames, first, second, axis):
-    """`(contacts, axis (3, K))` of pairs, see NO_CONTACTS; axis : of least penetration, or 0.
+    """`(Contacts, axis (3, K))` of K pairs; axis : their axes of least penetration, or 0.
 
     A pair that an axis separates, now and after the flight, has no contact.
     """
@@ -163,11 +175,11 @@ def _pair_contacts(frames, first, second, axis):
     pairs, normal = pairs.of(met), take(normal, met, axis=1)
     tangent = tangents(normal)
     corners = pair_corners(pairs, normal, tangent, penetration[met])
-    return (pairs.first, pairs.second, normal, tangent, *corners), axis
+    return Contacts(pairs.first, pairs.second, normal, tangent, *corners), axis
 
 
 def _ground_contacts(frames, known):
-    """Contacts with the ground; known : (M,), keys of the valid manifolds."""
+    """`Contacts` with the ground; known : (M,), keys of the valid manifolds."""
     isNear = (frames.box[1] <= 0.0) & ~frames.bodies.isFixed
     first, second = np.divmod(known, frames.count + 1)
     isNear[first[second == frames.count]] = False
@@ -176,14 +188,14 @@ def _ground_contacts(frames, known):
         return NO_CONTACTS
     ground = np.full(len(body), frames.count)
     axes = (GROUND_AXES[:, k].repeat(len(body), axis=1) for k in range(2))
-    return body, ground, *axes, *ground_corners(frames, body)
+    return Contacts(body, ground, *axes, *ground_corners(frames, body))
 
 
 def _new_manifolds(frames, pairs, ground):
-    """Builds the `Manifolds` of contacts, see NO_CONTACTS; not sorted, and without impulses."""
+    """Builds the `Manifolds` of two `Contacts`; not sorted, and without impulses."""
     columns = (np.concatenate(column, axis=-1) for column in zip(pairs, ground, strict=True))
     first, second, normal, tangent, row, corners = columns
-    row[len(pairs[4]) :] += len(pairs[0])
+    row[len(pairs.row) :] += len(pairs.first)
     t, size = frames.translations(first, second), frames.sizes(first, second)[0]
     reach = take(frames.reach, first) + take(frames.reach, second)
     point1, point2, isPoint = place_points(normal, tangent, t, row, corners, size, reach)
