@@ -78,7 +78,7 @@ def run_timestep(
     mu=0.0,
     broadPhase="all",
     contactSolver="impulse",
-    substeps=8,
+    substeps=6,
     sleeping=True,
     gyroscopic=False,
     solverState=None,

@@ -49,9 +49,7 @@ class SoftConstraints:
             self.impulse[:], self.offset = kept.constraintImpulse, kept.constraintOffset
         self.isFixed = bodies.isFixed
         self.visits = 0
-        self._arms = take(
-            bodies.vertices, (take(bodies.vertexStart, self.ends) + self.vertices).ravel(), axis=1
-        )
+        self._arms = bodies.arms(self.ends, self.vertices).reshape(3, -1)
 
     def store(self, kept):
         if self.batches:

@@ -231,7 +231,7 @@ class Bodies:
         then negated greatest ones; inf for a mesh without vertices
     hulls : HullSet, rotated to the orientations
     gravity : three floats, acceleration of free fall; fallRate, its magnitude
-    vertexCount, vertexStart : (n,), of each body in `vertices`
+    vertexCount, vertexStart : (n,), of each body in the table of all vertices
     """
 
     def __init__(self, meshes, gravity=EARTH):
@@ -256,10 +256,10 @@ class Bodies:
     linVelocity = property(lambda self: self.motion[3:6])
     angVelocity = property(lambda self: self.motion[6:9])
 
-    @property
-    def vertices(self):
-        """All vertices (3, ΣV), rotated, relative to the COMs."""
-        return rotate_columns(self.hulls.rotation, self._tables.vertices, self.vertexCount)
+    def arms(self, b, vertex):
+        """Vertices (3, …) of the bodies b (…), rotated, relative to the COMs."""
+        atRest = take(self._tables.vertices, self.vertexStart[b] + vertex, axis=1)
+        return np.stack(mat_vec(take(self.hulls.rotation, b, axis=1), atRest))
 
     def columns(self):
         """Returns the state as a dict: for each name in STATE_WIDTHS, a table (w, n)."""

@@ -124,7 +124,7 @@ def project_in_batches(meshes, rows, tolerance, maximumVisits):
     bodies = Bodies(meshes)
     bodies.follow_orientations()
     ends, vertices = np.stack((rows.body1, rows.body2)), np.stack((rows.vertex1, rows.vertex2))
-    arms = take(bodies.vertices, bodies.vertexStart[ends] + vertices, axis=1)
+    arms = bodies.arms(ends, vertices)
     coloured = coloured_batches(rows.body1, rows.body2, bodies.isFixed)
     left = rows.total - len(rows.index)  # satisfied visits, counted once per sweep
     visits = satisfiedInARow = 0

@@ -133,7 +133,7 @@ TABLE = (
     Setting("gravity", 9.8, (0.0, 1000.0), (0.0, 20.0), label="gravity (m/s²)"),
     Setting("friction", 0.0, POSITIVE, UNIT, parameter="mu"),
     Setting("contactSolver", ("impulse", "soft-step"), option="solver"),
-    Setting("substeps", 8, (1, 1000), (1, 32), solver="soft-step"),
+    Setting("substeps", 6, (1, 1000), (1, 32), solver="soft-step"),
     Setting("sleeping", True, option="no-sleeping", label="sleeping", solver="soft-step"),
     Setting("broadPhase", ("all", "grid"), solver="impulse"),
     Setting("closingOnly", False, label="approaching contacts only", solver="impulse"),

@@ -115,6 +115,8 @@ rbs/softstep/sleeping.py: waking, a lost contact wakes no body (softstep)
     isStirred[lost] = True -> isStirred[lost] = False
 rbs/softstep/springs.py: soft contact, a coefficient (softstep)
     a2 = self._angle * a1 -> a2 = self._angle
+rbs/softstep/contacts.py: split masses, more than the whole (softstep)
+    np.maximum(count / RELAXATION, 1.0) -> count / RELAXATION
 rbs/softstep/contacts.py: friction of a manifold, no coefficient (softstep)
     mu * isPoint, mu * isPoint * lever -> isPoint, isPoint * lever
 rbs/softstep/contacts.py: restitution, the fall within the step (softstep)
