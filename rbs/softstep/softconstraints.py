@@ -15,7 +15,7 @@ from rbs.stepping.kernels import distance_error
 
 # Natural frequency of the springs, as a fraction of the substep frequency. With a higher one, a
 # heavy weight on a chain shakes; with a lower one, a net gives way visibly.
-FREQUENCY = 0.4
+FREQUENCY = 0.5
 # Damping ratio. With more, a net gives way visibly; with less, down to critical, a heavy weight on
 # a chain never comes to rest.
 DAMPING = 2.0
