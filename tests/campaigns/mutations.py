@@ -133,7 +133,7 @@ rbs/softstep/contacts.py: impulses of the substep before, a part of them (softst
     self.pending + self.impulse -> self.pending + 0.5 * self.impulse
 rbs/softstep/contacts.py: second sweep of a hit, left out (softstep)
     if closing.min(initial=0.0) < -HIT_STEPS * self.fall: -> if False:
-rbs/softstep/contacts.py: growth of impulses, no limit (scenesRest)
+rbs/softstep/contacts.py: growth of impulses, no limit (softstep)
     np.minimum(normal, np.maximum(LOAD_GROWTH * self.started, self.least)) -> normal
 rbs/softstep/contacts.py: penetration, pushed out as fast as springs do it (softstep)
     self.spring.rate * self.separation, self.push) -> self.spring.rate * self.separation, -np.inf)

@@ -493,6 +493,19 @@ def test_bodies_in_each_other_part_whatever_the_time_step_was():
     assert penetrations(meshes).max(initial=0.0) < 0.01
 
 
+def test_the_impact_of_a_pile_throws_no_body_faster_than_it_could_fall():
+    settings = Settings(0.0, friction=0.5, contactSolver="soft-step")
+    simulation = Simulation(DATA / "pile_200-scene.txt", settings)
+    top = max(mesh.currVertices[:, 1].max() for mesh in simulation.meshes)
+    speeds = []
+    for _ in range(200):
+        simulation.step()
+        speeds.append(top_speed(simulation.meshes))
+    # without the limit of LOAD_GROWTH, 1.5 of the speed of a fall from the top
+    assert 0.7 < max(speeds) / np.sqrt(-2 * GRAVITY * top) < 1.0
+    assert speeds[-1] < 0.8 * max(speeds)  # most have landed
+
+
 def test_what_is_saved_and_restored_goes_on_with_the_same_bits():
     meshes = some_heap()
     state, _ = simulate(meshes, 170)
