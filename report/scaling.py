@@ -107,7 +107,7 @@ def bits():
 
 @silent
 def batches():
-    """Pairs and batches of a step of a collapsing heap, and the per cent processed again later."""
+    """Pairs and batches of a step of a collapsing heap; percentage of pairs processed again."""
     calls = []
 
     def wrapper(original):

@@ -20,15 +20,16 @@ from rbs.stepping.bodies import GRAVITY
 from rbs.stepping.reports import GROUND
 
 # Natural frequency of contact springs, as a fraction of the substep frequency. A higher one makes
-# stacks bounce, because the impulses of one sweep per substep lag behind: with 0.2, ten boxes never
-# come to rest. A lower one is visibly soft.
+# stacks bounce, because the impulses of one sweep per substep lag behind: with 0.2, a stack of
+# ten boxes never comes to rest. A lower one is visibly soft.
 FREQUENCY = 0.165
 # Over-relaxation ω: a body with N manifolds counts as m ω/N in each, but at most as m. With less,
 # impulses travel more slowly, and the same stiffness takes a third more substeps; with 2, sweeps
 # diverge, and stacks burst.
 RELAXATION = 1.6
-# Damping ratio of contact springs. With more, penetration is pushed out more slowly; with less,
-# down to critical, heavy bodies sink through light ones below them.
+# Damping ratio of contact springs. With more, penetration is pushed out more slowly, and a tower
+# takes longer to come to rest; with less, down to critical, heavy bodies sink through light ones
+# below them.
 DAMPING = 6.0
 # Largest growth of an impulse from one warm start to the next, as a factor. With more, the impulse
 # of an impact is repeated in the next substep and throws bodies apart; less delays a new load.

@@ -11,6 +11,7 @@ Minkowski difference (tests/oracles.py), not by the solver's own test.
 """
 
 import argparse
+import copy
 import itertools
 import sys
 import tempfile
@@ -28,9 +29,10 @@ from oracles import BOX, body, box_body, ground, penetrations, restore, rotation
 
 from rbs.scenes.scenefiles import DATA_FOLDER, load_scene_file
 from rbs.softstep.step import SolverState
+from rbs.stepping.settings import CHOSEN
 from RBSFunctions import Mesh, run_timestep
 
-TIME_STEP, FRICTION = 0.02, 0.5
+TIME_STEP, FRICTION, SUBSTEPS = 0.02, 0.5, CHOSEN["substeps"].default
 
 
 class Pile:
@@ -78,7 +80,7 @@ def stack():
     kinds = {"boxes": (6, BOX), "cubes": (2, (2, 2, 2))}
     for count, asked in ((10, "drift 0.01"), (20, "drift 0.02"), (40, "drift 0.1")):
         for name, (height, sides) in kinds.items():
-            substeps = 20 if (count, name) == (40, "cubes") else 6
+            substeps = 20 if (count, name) == (40, "cubes") else SUBSTEPS
             boxes = [box_body(*sides, (0, (i + 0.5) * height, 0)) for i in range(count)]
             pile = Pile(boxes, substeps=substeps)
             pile.run(2000)
@@ -105,7 +107,7 @@ def masses():
     pile = Pile([*light, heavy])
     pile.run(1000)
     pile.tell("one of 100 times their mass on four cubes", "sinks 0.15, rests")
-    for name, height, sides, substeps in (("boxes", 6, BOX, 6), ("cubes", 2, (2, 2, 2), 20)):
+    for name, height, sides, substeps in (("boxes", 6, BOX, SUBSTEPS), ("cubes", 2, (2, 2, 2), 20)):
         places = [(0, (i + 0.5) * height, 0) for i in range(4)]
         boxes = [box_body(*sides, p, density=10.0**i) for i, p in enumerate(places)]
         pile = Pile(boxes, substeps=substeps)
@@ -165,16 +167,14 @@ def asleep(count=1000, seeds=(4, 3, 2, 1)):
     shares = []
     for seed in seeds:
         with tempfile.TemporaryDirectory() as folder:
-            scene = make_scene("heap", count, folder, seed)
-            meshes, awakeMeshes = load_scene_file(scene), load_scene_file(scene)
+            meshes = load_scene_file(make_scene("heap", count, folder, seed))
         pile = Pile(meshes)
         pile.run(600)
         pile.settings["sleeping"] = True
         pile.run(500)
         shares.append(100 * pile.state.sleep.isAsleep.mean())
-    # the same state without sleeping, in turns
-    restore(awakeMeshes, state_of(meshes))
-    awake = Pile(awakeMeshes)
+    # the last heap's state without sleeping, in turns
+    awake = Pile([copy.copy(mesh) for mesh in meshes])
     awake.state = SolverState.from_arrays(pile.state.arrays())
     seconds = np.array([(pile.run(1)[0], awake.run(1)[0]) for _ in range(100)])
     sleeping, awake = np.median(seconds[10:], axis=0)
