@@ -36,12 +36,19 @@ def grid_overlaps(box, isFixed):
         return np.array(np.triu(meet & meet.T & ~(isFixed[:, None] & isFixed), 1).nonzero())
     found = [np.zeros((2, 0), dtype=np.intp)]
     for level, smaller, width in grid_levels(box):
-        for queries in (level, smaller):
-            if len(queries):
-                found.append(_level_overlaps(box, level, queries, width))
+        fixed, movable = level[isFixed[level]], level[~isFixed[level]]
+        smallFixed, smallMovable = smaller[isFixed[smaller]], smaller[~isFixed[smaller]]
+        found += [
+            _level_overlaps(box, some, queries, width)
+            for some, queries in (
+                (movable, movable),
+                (fixed, movable),
+                (level, smallMovable),
+                (movable, smallFixed),
+            )
+            if len(some) and len(queries)
+        ]
     i, j = np.concatenate(found, axis=1)
-    some = indices(~(isFixed[i] & isFixed[j]))
-    i, j = i[some], j[some]
     keys = np.minimum(i, j) * len(isFixed) + np.maximum(i, j)
     keys.sort()
     return np.array(np.divmod(keys, len(isFixed)))

@@ -78,9 +78,11 @@ class SoftContacts:
         self.h = h
         self.fall = motion.fallRate * timeStep  # speed that gravity adds in a step
         ends = manifolds.bodies(frames.count)
-        self.rows = indices(~motion.isStill[ends].all(axis=0))
+        columns = take(motion.column, ends)
+        self.rows = indices((columns < len(motion.moving)).any(axis=0))
         manifolds = manifolds.rows(self.rows)
         self.first, self.second = take(ends, self.rows, axis=1)
+        self.ends = take(columns, self.rows, axis=1)
         self.count = len(self.rows)
         self._place(manifolds, frames)
         self._make_responses(motion, self._make_factors(frames, motion, mu))
@@ -100,7 +102,6 @@ class SoftContacts:
         self.least = self.mass * (motion.fallRate * h)
         self.nothing, self.total, self.change = np.zeros((3, 7, self.count))
         self.pending = self.nothing
-        self.start1 = take(frames.position, self.first, axis=1)
 
     def _place(self, manifolds, frames):
         """Computes the manifolds' geometry in world axes.
@@ -109,6 +110,7 @@ class SoftContacts:
         arm : (3, 4, M), from the first COM to the points on the first body
         gap : (4, M), separation at the start of the step, along the normal
         """
+        self.start1 = take(frames.position, self.first, axis=1)
         self.t = frames.translations(self.first, self.second)
         self.isPoint = manifolds.isPoint
         axes = np.stack((manifolds.normal, manifolds.tangent), axis=1)
@@ -123,12 +125,12 @@ class SoftContacts:
     def _make_factors(self, frames, motion, mu):
         """Computes the factors of J and M⁻¹ Jᵀ, and the limits of friction.
 
-        X, XM : (6, 6, n + 1), X and M⁻¹ Xᵀ; R : (6, 7, M), transposed; GT : (n + 1, M), of G
+        X, XM : (6, 6, m + 1), X and M⁻¹ Xᵀ; R : (6, 7, M), transposed; GT : (m + 1, M), of G
         limits : (2, 4, M), of friction and of the twist about n, per normal impulse
 
         Returns r × e of the rows, with the arms r from the two COMs: (3, 7, 2, M).
         """
-        isPoint, n, count = self.isPoint, self.normal, frames.count + 1
+        isPoint, n, count = self.isPoint, self.normal, len(motion.invMass)
         weight = isPoint / np.maximum(np.add.reduce(isPoint), 1)
         middle = np.add.reduce(weight * self.arm, axis=1)
         lever = norm(cross(self.arm - middle[:, None], n[:, None]))
@@ -140,9 +142,11 @@ class SoftContacts:
         # the centre lies midway between the points of the two bodies, which are `gap` apart
         centre = middle + 0.5 * np.add.reduce(weight * self.gap) * n
         arms[:, :POINTS], arms[:, POINTS:] = self.arm, centre[:, None]
-        position = frames.position - frames.position.sum(axis=1, keepdims=True) / count
+        position = np.append(take(frames.position, motion.moving, axis=1), np.zeros((3, 1)), axis=1)
+        origin = position.sum(axis=1, keepdims=True) / count
+        position -= origin
         origins = np.zeros((3, 3, self.count))  # the two COMs and the common origin, from the first
-        origins[:, 1], origins[:, 2] = self.t, -take(position, self.first, axis=1)
+        origins[:, 1], origins[:, 2] = self.t, origin - self.start1
         moments = cross(arms[:, :, None] - origins[:, None], axes[:, :, None])
         moments[:, 6] = n[:, None]
         self.R = np.concatenate((axes, moments[:, :, 2]))
@@ -156,9 +160,9 @@ class SoftContacts:
         row = np.arange(self.count)
         if count * self.count <= MOST_DENSE:
             self.GT = np.zeros((count, self.count))
-            self.GT[self.first, row], self.GT[self.second, row] = -1.0, 1.0
+            self.GT[self.ends[0], row], self.GT[self.ends[1], row] = -1.0, 1.0
         else:
-            ends = np.stack((self.first, self.second), axis=1).ravel()
+            ends = self.ends.T.ravel()
             signs, starts = np.tile((-1.0, 1.0), self.count), np.arange(0, 2 * self.count + 1, 2)
             self.GT = csr_array((signs, ends, starts), shape=(self.count, count)).T
         return moments[:, :, :2]
@@ -171,7 +175,7 @@ class SoftContacts:
         slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
             impulses and the present speeds make them slip
         """
-        ends = np.concatenate((self.first, self.second))
+        ends = self.ends.ravel()
         count = np.bincount(ends, minlength=len(motion.invMass))
         load = np.maximum(count / RELAXATION, 1.0)
         invInertia = take(load * motion.invInertia, ends, axis=1).reshape(3, 3, 2, -1)
@@ -199,7 +203,7 @@ class SoftContacts:
         """
         self.measure(motion)
         speed = self.speed[:POINTS]
-        gravity = motion.gravity[:, self.second] - motion.gravity[:, self.first]
+        gravity = motion.gravity[:, self.ends[1]] - motion.gravity[:, self.ends[0]]
         gain = -2.0 * dot(self.normal, gravity) * np.maximum(self.separation, 0.0)
         return -np.sqrt(np.maximum(speed * speed + gain, 0.0)) * (speed < 0.0)
 
@@ -207,7 +211,7 @@ class SoftContacts:
         """Computes the speeds (7, M) of the rows; those of the points are > 0 if separating."""
         self.apply(motion)
         moving = np.einsum("ijn,jn->in", self.X, motion.velocity)
-        relative = take(moving, self.second, axis=1) - take(moving, self.first, axis=1)
+        relative = take(moving, self.ends[1], axis=1) - take(moving, self.ends[0], axis=1)
         self.speed = np.einsum("irm,im->rm", self.R, relative)
 
     def apply(self, motion):
@@ -286,10 +290,10 @@ class SoftContacts:
             self.measure(motion)
             self._solve(bias)
         self.apply(motion)
-        links = np.concatenate(((self.first, self.second), links), axis=1)
+        links = np.concatenate((self.ends, take(motion.column, links)), axis=1)
         share = energy_share(bodies, motion, velocity, links)
         motion.velocity[:, :-1] += (share - 1.0) * (motion.velocity[:, :-1] - velocity)
-        share = take(share, np.where(motion.isStill[self.first], self.second, self.first))
+        share = take(share, self.ends.min(axis=0))  # of the first end that moves
         self.total += share * (self.impulse - before)
 
     def store(self, manifolds):
@@ -320,31 +324,31 @@ class SoftContacts:
 
 
 def energy_share(bodies, motion, before, links):
-    """Returns the fraction (n,) of restitution's velocity changes that energy permits.
+    """Returns the fraction (m,) of restitution's velocity changes that energy permits.
 
     bodies : `Bodies`, at the start of the step; motion : `Motion`, with restitution
-    before : (6, n), velocities without it; links : (2, L), bodies that touch or are tied
+    before : (6, m), velocities without it; links : (2, L), columns that touch or are tied
 
     If several pairs collide in one step, Newton's law of restitution may require more energy than
     there was (Stronge: Rigid body collisions with friction. Proceedings of the Royal Society A,
     1990). Each island of connected bodies therefore keeps the largest fraction that does not raise
     its energy above that at the start of the step. One fraction per island conserves momentum.
     """
-    mass = np.array([m.mass for m in bodies.meshes])
-    tensors = np.array([m.IT.ravel() for m in bodies.meshes]).T
+    meshes = [bodies.meshes[b] for b in motion.moving]
+    mass, tensors = np.array([m.mass for m in meshes]), np.array([m.IT.ravel() for m in meshes]).T
 
     def products(orientation, v, w):
-        """Returns vᵀ M w (n,) for velocities (6, n) at orientations (4, n)."""
+        """Returns vᵀ M w (m,) for velocities (6, m) at orientations (4, m)."""
         inertia = np.stack(rotate_tensor(np.stack(rotation_matrices(orientation)), tensors))
         return mass * dot(v[:3], w[:3]) + dot(v[3:], mat_vec(inertia, w[3:]))
 
-    start, orientation = bodies.velocity, motion.result(bodies)[1]
-    limit = 0.5 * products(bodies.orientation, start, start)
-    limit += mass * dot(np.reshape(bodies.gravity, (3, 1)), motion.shift)
+    start, orientation = take(bodies.velocity, motion.moving, axis=1), motion.orientations(bodies)
+    limit = 0.5 * products(take(bodies.orientation, motion.moving, axis=1), start, start)
+    limit += mass * dot(motion.gravity, motion.shift)[:-1]
     limit -= 0.5 * products(orientation, before, before)
     # with the fraction s, the energy is that without restitution plus b s + a s²
     change = motion.velocity[:, :-1] - before
-    island = islands(links, ~motion.isStill[:-1])
+    island = islands(links, np.ones(len(meshes), dtype=bool))
     a = np.bincount(island, 0.5 * products(orientation, change, change))
     b = np.bincount(island, products(orientation, before, change))
     left = np.bincount(island, limit)

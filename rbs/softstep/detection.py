@@ -106,15 +106,16 @@ class Frames:
 def detect(bodies, hasGround, isStill, kept, timeStep):
     """Detects the contacts of a step: the `Manifolds` of all pairs near enough, and the `Frames`.
 
-    isStill : (n,) bool, bodies that did not move since the last step and will not start to
+    isStill : (n,) bool, bodies that did not move since the last step and will not start to. Two of
+        these keep their manifold, or have none
     kept : `SolverState`, whose pairs are replaced by those of this step; timeStep : s
     """
     frames = Frames(bodies, timeStep)
-    first, second = grid_overlaps(frames.box, bodies.isFixed)
+    first, second = grid_overlaps(frames.box, isStill)
     key = first * (frames.count + 1) + second
     axis = known_columns(key, kept.pairKey, kept.pairAxis)
-    valid = _valid_manifolds(kept.manifolds, frames, key)
-    asked = indices(~(isStill[first] & isStill[second]) & (find_sorted(key, valid.key) < 0))
+    valid = _valid_manifolds(kept.manifolds, frames, key, isStill)
+    asked = indices(find_sorted(key, valid.key) < 0)
     some = first[asked], second[asked], take(axis, asked, axis=1)
     pairs, axis[:, asked] = _pair_contacts(frames, *some)
     kept.pairKey, kept.pairAxis = key, axis
@@ -126,28 +127,32 @@ def detect(bodies, hasGround, isStill, kept, timeStep):
     return valid.joined(new), frames
 
 
-def _valid_manifolds(manifolds, frames, nearKey):
+def _valid_manifolds(manifolds, frames, nearKey, isStill):
     """Returns the manifolds of pairs that are still near and in nearly the same relative pose.
 
-    nearKey : (Q,), sorted keys of the near pairs
+    nearKey : (Q,), sorted keys of the near pairs of which one body moves; isStill : as for `detect`
     """
-    first, second = manifolds.bodies(frames.count)
-    isNear = find_sorted(manifolds.key, nearKey) >= 0
+    ends = manifolds.bodies(frames.count)
+    isValid = np.append(isStill, True)[ends].all(axis=0)
+    moved = indices(~isValid)
+    first, second = take(ends, moved, axis=1)
+    isNear = find_sorted(manifolds.key[moved], nearKey) >= 0
     isNear |= (second == frames.count) & ~frames.bodies.isFixed[first]
     rotation1 = take(frames.rotation, first, axis=1)
     translation = vec_mat(frames.translations(first, second), rotation1)
     rotation = frames.relative_orientations(first, second)
     # between unit quaternions q and q', the rotation by θ ≤ π has |q · q'| = cos θ/2 and
     # θ ≤ π √(1 - cos θ/2)
-    cosine = np.abs((manifolds.rotation * rotation).sum(axis=0))
+    cosine = np.abs((take(manifolds.rotation, moved, axis=1) * rotation).sum(axis=0))
     angle = np.pi * np.sqrt(np.maximum(1.0 - cosine, 0.0))
     size, radius = frames.sizes(first, second)
-    change = norm(translation - manifolds.translation) + angle * radius
+    change = norm(translation - take(manifolds.translation, moved, axis=1)) + angle * radius
     # on the ground, where it shows most and costs least, manifolds are kept no longer
     way = STEPS_KEPT * frames.reach
     way[frames.count] = -np.inf
     limit = np.clip(way[first] + way[second], KEEP * size, KEEP_MOVING * size)
-    return manifolds.rows(indices(isNear & (change <= limit)))
+    isValid[moved] = isNear & (change <= limit)
+    return manifolds.rows(indices(isValid))
 
 
 def _pair_contacts(frames, first, second, axis):

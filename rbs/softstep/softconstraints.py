@@ -62,12 +62,13 @@ class SoftConstraints:
         """Builds the batches of the constraints that can move; h, ratio : see `SoftContacts`."""
         self.spring = Spring(FREQUENCY, DAMPING, h)
         self.position = frames.position
-        moves = (take(motion.invMass, self.ends) > 0.0).any(axis=0)
+        self.columns = take(motion.column, self.ends)
+        moves = (self.columns < len(motion.moving)).any(axis=0)
         self.batches = []
         for batch in coloured_batches(*np.ascontiguousarray(self.ends), self.isFixed):
             batch = batch[moves[batch]]
             if len(batch):
-                self.batches.append((batch, self.ends[:, batch]))
+                self.batches.append((batch, self.columns[:, batch]))
         if ratio != 1.0:
             self._renew(motion)
             sign, violation = self._violations()
@@ -85,17 +86,17 @@ class SoftConstraints:
 
     def _renew(self, motion):
         """Updates distances, Jacobians and effective masses to the present poses."""
-        ends = self.ends.ravel()
-        angle = take(motion.turn, ends, axis=1)
+        ends, columns = self.ends.ravel(), self.columns.ravel()
+        angle = take(motion.turn, columns, axis=1)
         turn = np.stack(rotation_matrices(exponentials((0.0, *(0.5 * angle)))))
         arm = mat_vec(turn, self._arms)
-        point = take(self.position, ends, axis=1) + take(motion.shift, ends, axis=1) + arm
+        point = take(self.position, ends, axis=1) + take(motion.shift, columns, axis=1) + arm
         count = self.count
         self.length, d = distance_error(point[:, :count], point[:, count:], 0.0)
         d = np.concatenate((d, -d), axis=1)
         rCrossD = cross(arm, d)
-        turning = mat_vec(take(motion.invInertia, ends, axis=1), rCrossD)
-        invMass = take(motion.invMass, ends)
+        turning = mat_vec(take(motion.invInertia, columns, axis=1), rCrossD)
+        invMass = take(motion.invMass, columns)
         K = (invMass + dot(rCrossD, turning)).reshape(2, count).sum(axis=0)
         self.mass = np.where(K > 0.0, 1.0 / np.where(K > 0.0, K, 1.0), 0.0)
         self.J = np.concatenate((d, rCrossD)).reshape(6, 2, count)

@@ -12,7 +12,7 @@ Constants are relative: times are in substeps, speeds in √(g r).
 
 import numpy as np
 
-from rbs.geometry.arrays import find_sorted, indices
+from rbs.geometry.arrays import find_sorted, indices, take
 from rbs.softstep.contacts import SoftContacts
 from rbs.softstep.detection import detect
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
@@ -54,7 +54,7 @@ def soft_step(
         # if every body is either fixed or asleep, and undisturbed, there is nothing to do
         if sleeping and ((kept.sleep.isAsleep != bodies.isFixed) & ~isDisturbed).all():
             state.replace(kept)
-            report.isAsleep, report.candidatePairs = kept.sleep.isAsleep, len(kept.pairKey)
+            report.isAsleep = kept.sleep.isAsleep
             return report
         bodies.follow_orientations()
         if isGyroscopic:
@@ -117,37 +117,49 @@ def _make_substeps(motion, contacts, distances, substeps, h):
 
 
 class Motion:
-    """Velocities of the n bodies and of the ground, and their displacements within the step.
+    """Velocities of the m bodies that are neither fixed nor asleep, and displacements in the step.
 
-    velocity : (6, n + 1), linear and angular; shift, turn : (3, n), sums of v h and of ω h, so that
-        the orientation becomes exp(turn/2) ∘ q
-    isStill : (n + 1,) bool, fixed or sleeping bodies and the ground. For these, invMass : (n + 1,),
-        invInertia : (9, n + 1) and gravity : (3, n + 1) are 0
+    The last of m + 1 columns stands for everything that is still: the other bodies and the ground.
+
+    moving : (m,), these bodies; column : (n + 1,), of each body and of the ground
+    velocity : (6, m + 1), linear and angular; shift, turn : (3, m + 1), sums of v h and of ω h, so
+        that the orientation becomes exp(turn/2) ∘ q
+    invMass : (m + 1,); invInertia : (9, m + 1); gravity : (3, m + 1)
     """
 
     def __init__(self, bodies, isAsleep):
-        isStill = self.isStill = np.append(isAsleep | bodies.isFixed, True)
-        self.velocity = np.append(bodies.velocity, np.zeros((6, 1)), axis=1)
-        self.invMass = np.where(isStill, 0.0, np.append(bodies.invMass, 0.0))
-        invInertia = np.append(bodies.invInertia, np.zeros((9, 1)), axis=1)
-        self.invInertia = np.where(isStill, 0.0, invInertia)
+        self.moving = indices(~(isAsleep | bodies.isFixed))
+        count = len(self.moving)
+        self.column = np.full(len(isAsleep) + 1, count)
+        self.column[self.moving] = np.arange(count)
+        table = np.zeros((19, count + 1))
+        self.velocity, self.invMass, self.invInertia = table[:6], table[6], table[7:16]
+        self.gravity = table[16:]
+        self.velocity[:, :-1] = take(bodies.velocity, self.moving, axis=1)
+        self.invMass[:-1] = bodies.invMass[self.moving]
+        self.invInertia[:, :-1] = take(bodies.invInertia, self.moving, axis=1)
+        self.gravity[:, :-1] = np.reshape(bodies.gravity, (3, 1))
         self.fallRate = bodies.fallRate
-        self.gravity = np.where(isStill, 0.0, np.reshape(bodies.gravity, (3, 1)))
-        self.way = np.zeros((6, len(isAsleep)))
+        self.way = np.zeros((6, count + 1))
         self.shift, self.turn = self.way[:3], self.way[3:]
 
     def fall(self, h):
         self.velocity[:3] += self.gravity * h
 
     def move(self, h):
-        self.way += h * self.velocity[:, :-1]
+        self.way += h * self.velocity
+
+    def orientations(self, bodies):
+        """Orientations (4, m) of the moving bodies at the end of the step."""
+        return turned(take(bodies.orientation, self.moving, axis=1), self.turn[:, :-1])
 
     def result(self, bodies):
         """`(motion (9, n), orientation (4, n))` at the end of the step; see `Bodies`."""
-        isStill, orientation = self.isStill[:-1], turned(bodies.orientation, self.turn)
-        motion = np.concatenate((bodies.position + self.shift, self.velocity[:, :-1]))
-        motion = np.where(isStill, bodies.motion, motion)
-        return motion, np.where(isStill, bodies.orientation, orientation)
+        motion, orientation = bodies.motion.copy(), bodies.orientation.copy()
+        motion[:3, self.moving] += self.shift[:, :-1]
+        motion[3:, self.moving] = self.velocity[:, :-1]
+        orientation[:, self.moving] = self.orientations(bodies)
+        return motion, orientation
 
 
 class SolverState:
@@ -159,8 +171,8 @@ class SolverState:
 
     count : number of bodies; None before the first step
     manifolds : `Manifolds`; sleep : `Sleep`
-    pairKey, pairAxis : (P,), i · (count + 1) + j of the pairs i < j with nearby boxes, and (3, P),
-        their axes of separation or penetration; 0 if unknown
+    pairKey, pairAxis : (P,), i · (count + 1) + j of the pairs i < j with nearby boxes that were not
+        both still, and (3, P), their axes of separation or penetration; 0 if unknown
     gravity : (3,), m/s²; substep : s, of the last step, or 0. Another of either wakes all bodies
     constraint : (6, R), keys of the distance constraints, see `SoftConstraints`
     constraintImpulse, constraintOffset : (R,), as in `Manifolds`

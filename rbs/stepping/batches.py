@@ -186,12 +186,13 @@ class Pass:
 
     def has_missed(self, contacts):
         """Whether a pair that is no candidate touched at its turn."""
-        if (self.displacement <= self.margin).all():
+        isKnown = self.displacement <= self.margin
+        if isKnown.all():
             return False
         bodies = self.bodies
         # the tolerance is for rounding
         reach = self.displacement + FEATURE_TOLERANCE * bodies.hulls.radius
-        pair = grid_overlaps(bodies.box - reach, bodies.isFixed)
+        pair = grid_overlaps(bodies.box - reach, bodies.isFixed | isKnown)
         keys = pair[0] * len(reach) + pair[1]
         others = indices(find_sorted(keys, self.keys) < 0)
         if len(others) == 0:

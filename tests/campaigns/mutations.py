@@ -149,6 +149,8 @@ rbs/stepping/batches.py: checks of a pass, positions at the end (broadPhase)
     event[order].searchsorted(b * width + rank -> event[order].searchsorted(b * width + width - 1
 rbs/stepping/bodies.py: states in tables, what a caller assigns is not looked at (mesh)
     self._counts == list(map(len, map(vars, self.meshes))) -> True
+rbs/softstep/detection.py: near pairs, a fixed body that is moved (softstep)
+    grid_overlaps(frames.box, isStill) -> grid_overlaps(frames.box, isStill | bodies.isFixed)
 rbs/softstep/detection.py: manifolds of fast bodies, on the ground, too (softstep)
     way[frames.count] = -np.inf -> way[frames.count] = 0.0
 """

@@ -52,7 +52,7 @@ def assert_same_pairs(box, isFixed):
 def test_grid_finds_the_pairs_that_comparing_all_finds(kind):
     rng = np.random.default_rng(1)
     pairs = [
-        assert_same_pairs(random_boxes(rng, kind, n), rng.random(n) < 0.2)
+        assert_same_pairs(random_boxes(rng, kind, n), rng.random(n) < rng.random())
         for n in rng.integers(1, 300, 30)
     ]
     assert sum(pairs) > (10 if kind == "sparse" else 1000)

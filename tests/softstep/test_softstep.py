@@ -573,6 +573,15 @@ def test_a_body_that_comes_down_wakes_what_it_lands_on():
     assert not state.sleep.isAsleep[2]
 
 
+def test_a_fixed_body_that_is_moved_wakes_what_it_gets_into():
+    meshes, state = sleeping_stack()
+    meshes.append(box_body(2, 2, 2, (-20, 1, 0), isFixed=True))
+    simulate(meshes, 1, state)
+    meshes[4].position = np.array([[18.5, 1.0, 0.0]])
+    simulate(meshes, 1, state)
+    assert meshes[3].position[0, 0] > 20.0 and state.sleep.isAsleep[:3].all()
+
+
 def test_a_body_that_is_added_far_away_changes_no_bit_of_what_sleeps():
     meshes, state = sleeping_stack()
     before, kept = state_of(meshes), state.manifolds
