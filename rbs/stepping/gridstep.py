@@ -79,7 +79,7 @@ def _resolve_ground(bodies, groundMesh, settings, report):
     motion = np.stack((take(bodies.motion, b, axis=1), still.repeat(len(b), axis=1)), axis=1)
     invMasses, invInertias = np.zeros((2, len(b))), np.zeros((9, 2, len(b)))
     invMasses[0], invInertias[:, 0] = bodies.invMass[b], bodies.invInertia[:, b]
-    depth, n = -penPoint[1], np.tile([[0.0], [-1.0], [0.0]], len(b))
+    depth, n = -penPoint[1], -np.tile([[0.0], [1.0], [0.0]], len(b))  # zeros are -0.0
     shift = shifts(invMasses, depth)
     motion[:3] += shift * n[:, None]
     arms = (penPoint + shift[1] * n)[:, None] - motion[:3]

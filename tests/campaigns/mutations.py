@@ -97,6 +97,8 @@ RBSFunctions.py: box of one hull, the wrong extreme (timestep)
     hullVertices.max(axis=1) -> hullVertices.min(axis=1)
 rbs/geometry/facets.py: facets, faces of the second hull are not turned round (gjk)
     np.where(row < half, 1.0, -1.0) -> np.where(row < half, 1.0, 1.0)
+rbs/stepping/gridstep.py: normal of the ground, signs of its zeros (broadPhase)
+    -np.tile([[0.0], [1.0], [0.0]] -> np.tile([[0.0], [-1.0], [0.0]]
 rbs/stepping/gridstep.py: impulses of a batch, the wrong body's position (broadPhase)
     * n)[:, None] - after -> * n)[:, None] - before
 rbs/stepping/batches.py: missed pairs, the displacement of one body only (broadPhase)

@@ -1,5 +1,6 @@
 """The uniform grid: the same pairs as comparing all boxes, and the same motion to the last bit."""
 
+import itertools
 import subprocess
 import sys
 
@@ -123,6 +124,22 @@ def assert_same_motion(scene, steps, restitution, **options):
 def test_grid_gives_the_same_bits(name, options):
     contacts = assert_same_motion(DATA_FOLDER / f"{name}-scene.txt", 170, 0.5, **options)
     assert contacts > 10
+
+
+def test_zeros_keep_their_sign_on_the_ground():
+    """Cubes beside each other, with positions and velocities of 0.0 and -0.0, on the ground."""
+    outcomes, signs = [], itertools.product((0.0, -0.0), repeat=3)
+    rows = [np.array(row) for row in signs]
+    for broadPhase in ("all", "grid"):
+        meshes = [box_body(1.0, 1.0, 1.0, (2.0 * k, 0.4, z)) for k, (_, _, z) in enumerate(rows)]
+        for mesh, row in zip(meshes, rows, strict=True):
+            mesh.linVelocity, mesh.angVelocity = row, row[::-1]
+        report = run_timestep(meshes, make_ground(), 0.0, 0.5, broadPhase=broadPhase)
+        assert len(report.contacts) == 8
+        outcomes.append(outcome(meshes, report))
+    assert outcomes[0] == outcomes[1]
+    state = np.array([(mesh.linVelocity, mesh.angVelocity) for mesh in meshes])
+    assert 0 < np.signbit(state[state == 0.0]).sum() < (state == 0.0).sum()
 
 
 def test_a_body_beyond_its_margin_is_not_missed(monkeypatch):
