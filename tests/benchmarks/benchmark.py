@@ -1,6 +1,6 @@
 """Measures milliseconds per step.
 
-    python tests/benchmarks/benchmark.py SCENE … [--steps N] [--from K]
+    python tests/benchmarks/benchmark.py SCENE … [--steps N] [--from K] [--recommended]
 
 Prints the median, with the quartiles, of the whole step and of each of its phases, over the steps
 from K to N, and on which scene and machine that was. Where several scenes or schedulings are given
@@ -20,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import scipy
 
+from rbs.program.suggestions import recommended_values
 from rbs.scenes.scenefiles import find_scene, scene_name
 from rbs.scenes.simulation import Settings, Simulation
 from rbs.stepping.settings import CONSTRAINT_SCHEDULINGS
@@ -36,6 +37,16 @@ def describe_machine():
         f"{processor}, {os.cpu_count()} cores, Python {platform.python_version()}, "
         f"NumPy {np.__version__}, SciPy {scipy.__version__}"
     )
+
+
+def recommended_simulation(scene):
+    """`Simulation` with the settings that the scene recommends, except that no body sleeps."""
+    simulation = Simulation(scene)
+    values = recommended_values(simulation.source)
+    if "contactSolver" in values:
+        values["sleeping"] = False
+    simulation.settings = Settings(**values)
+    return simulation
 
 
 def measure(simulations, steps, begin):
@@ -58,10 +69,10 @@ def quartiles(seconds):
 def print_result(title, kept):
     """One block of the output: the step, its phases, and what was counted."""
     seconds, reports = zip(*kept, strict=True)
-    print(f"\n{title}\n  {'whole step':<12} {quartiles(seconds)} ms")
+    print(f"\n{title}\n  {'whole step':<13} {quartiles(seconds)} ms")
     for phase in reports[0].seconds:
         parts = [report.seconds.get(phase, 0.0) for report in reports]
-        print(f"  {phase:<12} {quartiles(parts)} ms")
+        print(f"  {phase:<13} {quartiles(parts)} ms")
     pairs = np.median([report.candidatePairs for report in reports])
     contacts = np.median([len(report.contacts) for report in reports])
     visits = np.mean([report.constraintVisits for report in reports])
@@ -80,24 +91,28 @@ def main():
     names = {"nargs": "+", "choices": CONSTRAINT_SCHEDULINGS, "default": ["sweep"]}
     text = ", ".join(CONSTRAINT_SCHEDULINGS)
     parser.add_argument("--scheduling", metavar="NAME", help=text, **names)
+    text = "with the settings that each scene recommends, and no body asleep"
+    parser.add_argument("--recommended", action="store_true", help=text)
     options = parser.parse_args()
 
     runs = list(itertools.product(map(find_scene, options.scenes), options.scheduling))
-    simulations = [
-        Simulation(scene, Settings(options.restitution, constraintScheduling=scheduling))
-        for scene, scheduling in runs
-    ]
+    if options.recommended:
+        simulations = [recommended_simulation(scene) for scene, _ in runs]
+        material = "recommended settings"
+    else:
+        simulations = [
+            Simulation(scene, Settings(options.restitution, constraintScheduling=scheduling))
+            for scene, scheduling in runs
+        ]
+        material = f"restitution {options.restitution:g}"
     print(describe_machine())
-    print(
-        f"steps {options.begin} to {options.steps}, restitution {options.restitution:g}, "
-        "median (quartiles)"
-    )
+    print(f"steps {options.begin} to {options.steps}, {material}, median (quartiles)")
     series = measure(simulations, options.steps, options.begin)
-    for (scene, scheduling), simulation, kept in zip(runs, simulations, series, strict=True):
+    for (scene, _), simulation, kept in zip(runs, simulations, series, strict=True):
         constraints = len(simulation.constraints)
         title = f"{scene_name(scene)}: {len(simulation.meshes)} bodies"
         if constraints:
-            title += f", {constraints} constraints, {scheduling}"
+            title += f", {constraints} constraints, {simulation.settings.constraintScheduling}"
         print_result(title, kept)
 
 
