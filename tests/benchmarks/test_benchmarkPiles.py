@@ -42,10 +42,11 @@ def test_windows_get_their_steps_and_no_others():
             return None, self.steps, {}
 
     runs = {"one": Run(), "other": Run()}
-    windows = [benchmarkPiles.read_window(text) for text in ("2-5", "4-8")]
+    windows = [benchmarkPiles.read_window(text) for text in ("2-5", "4-28")]
     kept = benchmarkPiles.measure(runs, windows)
     assert list(kept) == [(window, name) for window in windows for name in runs]
-    for (window, _), steps in kept.items():
+    for (window, _), (seconds, counts) in kept.items():
+        assert len(seconds) == len(window)
         # a step is counted after it has been made
-        assert [counts[1] for _, counts in steps] == [step + 1 for step in window]
-    assert all(run.steps == 8 for run in runs.values())
+        assert [made for _, made, _ in counts] == [step + 1 for step in window[::10]]
+    assert all(run.steps == 28 for run in runs.values())
