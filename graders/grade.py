@@ -13,7 +13,7 @@ import os
 import random
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -167,6 +167,19 @@ def make_options():
     return parser
 
 
+def completed(jobs):
+    """Yields futures as they complete.
+
+    It wakes up every second, because Python may notice a signal that comes just before a wait only
+    after it.
+    """
+    while jobs:
+        wait(jobs, timeout=1.0, return_when=FIRST_COMPLETED)
+        done = [job for job in jobs if job.done()]
+        yield from done
+        jobs = [job for job in jobs if job not in done]
+
+
 def grade_all(entries, ledger, data, arguments):
     """Grades all entries that the ledger lacks.
 
@@ -178,7 +191,7 @@ def grade_all(entries, ledger, data, arguments):
             jobs = [(entry, entry.name in known, data, arguments) for entry in entries]
             waiting = [executor.submit(grade_entry, *job) for job in jobs]
             bar = {"total": len(waiting), "disable": None, "unit": " graded"}
-            for done in tqdm(as_completed(waiting), **bar):
+            for done in tqdm(completed(waiting), **bar):
                 outcome = done.result()
                 prints[outcome.name] = outcome.fingerprint
                 try:
