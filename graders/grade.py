@@ -170,8 +170,8 @@ def make_options():
 def completed(jobs):
     """Yields futures as they complete.
 
-    It wakes up every second, because Python may notice a signal that comes just before a wait only
-    after it.
+    No wait lasts longer than a second, because a signal that arrives just before a wait may take
+    effect only after it.
     """
     while jobs:
         wait(jobs, timeout=1.0, return_when=FIRST_COMPLETED)
