@@ -1,8 +1,9 @@
 """The coursework: rigid bodies, their integration, collisions, constraints and the time step.
 
 Reading order: `run_timestep`, which follows the coursework's text; `Mesh`; contacts with friction;
-distance constraints. The steps for thousands of bodies are in rbs/stepping/gridstep.py and
-rbs/softstep/step.py.
+distance constraints. What is not the coursework has rooms of its own, which a step enters by a
+setting only: a broad phase (rbs/stepping/pairs.py), contacts on arrays (rbs/stepping/batchstep.py),
+and the soft step (rbs/softstep/step.py).
 
 Lengths and masses have the units of the scene, time is in seconds, and gravity is by default 9.8
 length units per second squared along -y. Vectors of one mesh are rows (1, 3), and quaternions are
@@ -20,6 +21,8 @@ Developers Conference 2009.
 import itertools
 import math
 import reprlib
+import sys
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -29,7 +32,6 @@ import GJK
 from Quaternion import exponential, multiply, rotation_matrices
 from rbs.geometry import vectors
 from rbs.geometry.hulls import build_hull, rotate_columns
-from rbs.geometry.surfaces import fill_surface, orient_surface, tetrahedron_volumes
 from rbs.geometry.triples import (
     ZERO,
     add,
@@ -42,26 +44,28 @@ from rbs.geometry.triples import (
     norm,
     number,
     rotate_tensor,
+    row,
     scale,
     sub,
+    vector,
 )
 from rbs.stepping.bodies import (
-    EARTH,
     STATE_WIDTHS,
     TableRow,
     check_distinct,
-    check_numbers,
+    check_states,
     gyroscopic_velocity,
     state_columns,
     undone_on_error,
 )
 from rbs.stepping.reports import GROUND, StepReport
+from rbs.stepping.settings import CONSTRAINT_TOLERANCE, CONSTRAINT_VISITS, EARTH, step_arguments
 
-# Methods of Mesh that the loop over all pairs calls, and the other steps do not.
-STEP_METHODS = "bounding_box_collision detect_collision lowest_vertex get_rotated_inv_IT".split()
-STEP_METHODS += "integrate_timestep apply_gyroscopic_term".split()
-# Direction that separates coincident constraint points, for which no direction is preferred.
-COINCIDENT_DIRECTION = (0.0, 1.0, 0.0)
+# Normal of the ground, and the direction that separates coincident constraint points, for which no
+# direction is preferred.
+UPWARDS = (0.0, 1.0, 0.0)
+# Bounding box of a mesh without vertices, which overlaps no other.
+EMPTY_BOX = (math.inf,) * 3 + (-math.inf,) * 3
 
 
 def run_timestep(
@@ -71,18 +75,13 @@ def run_timestep(
     CRCoeff,
     enforceConstraints=True,
     constraints=(),
-    maxIterations=1000,
-    tolerance=1e-3,
-    closingOnly=False,
-    constraintScheduling="sweep",
-    mu=0.0,
-    broadPhase="all",
-    contactSolver="impulse",
-    substeps=6,
-    sleeping=True,
-    gyroscopic=False,
+    maxIterations=CONSTRAINT_VISITS,
+    tolerance=CONSTRAINT_TOLERANCE,
+    *,
+    settings=None,
+    functions=None,
     solverState=None,
-    gravity=EARTH,
+    **others,
 ):
     """Advances a scene by one time step, in place. An exception leaves the meshes unchanged.
 
@@ -91,96 +90,148 @@ def run_timestep(
     meshes : list of Mesh
     groundMesh : fixed Mesh without vertices, which stands for y ≤ 0, or None for free space
     timeStep : seconds ≥ 0. Collisions are detected after the motion, so that fast bodies may tunnel
-    CRCoeff, closingOnly, mu : see `resolve_collision`
+    CRCoeff : see `resolve_collision`
+    enforceConstraints : bool
     constraints : list of [m1, v1, m2, v2, refValue, upper]. The distance between rest vertex v1 of
         meshes[m1] and rest vertex v2 of meshes[m2] is at most refValue if upper, otherwise at least
     maxIterations : most constraint visits; each constraint is visited at least once
     tolerance : length by which a constraint may be violated before it is corrected, and speed at
         which its distance may then still change
-    enforceConstraints, gyroscopic, substeps, sleeping, constraintScheduling, broadPhase,
-    contactSolver : see rbs/stepping/settings.py. Only the default step calls methods that a
-        subclass of Mesh overrides
+    others : further settings by name, see rbs/stepping/settings.py: closingOnly and mu, as for
+        `resolve_collision`; gravity, three floats, acceleration of free fall in m/s²; …
+    settings : `Settings`, in place of single ones. The parameters above count, not its fields
+    functions : module whose `resolve_collision`, `resolve_position_constraint` and
+        `resolve_velocity_constraint` are called; by default, this one
     solverState : SolverState of rbs/softstep/step.py, carried from one soft step to the next and
         changed in place; None starts cold
-    gravity : three floats, acceleration of free fall in m/s²
 
     Returns the step's `StepReport`.
 
     Raises TypeError or ValueError if an argument is invalid, a mesh is listed twice, a constraint
-    refers to a mesh or vertex that does not exist, or a subclass of Mesh overrides a method that
-    would not be called; rbs.stepping.bodies.StateError if a number would become NaN, infinite or
-    absurdly large.
+    refers to a mesh or vertex that does not exist, or a step on arrays would not call a method that
+    a subclass of Mesh overrides; rbs.stepping.bodies.StateError if a number would become NaN,
+    infinite or absurdly large.
     """
-    from rbs.stepping.settings import check_arguments
-
-    checked = check_arguments(locals())
-    arguments = meshes, groundMesh, checked["timeStep"], checked["CRCoeff"], closingOnly
-    arguments += checked["mu"], gyroscopic, checked["gravity"]
-    constraints = constraints if enforceConstraints else ()
-    # the soft step, and the grid step without constraints, change nothing if they fail
-    mayBeHalfDone = contactSolver == "impulse" and (broadPhase == "all" or len(constraints) > 0)
-    with undone_on_error(meshes, mayBeHalfDone):
-        if contactSolver == "soft-step":
+    given = {"timeStep": timeStep, "CRCoeff": CRCoeff, "enforceConstraints": enforceConstraints}
+    given |= {"maxIterations": maxIterations, "tolerance": tolerance, **others}
+    step = step_arguments(settings, given)
+    check_kind("groundMesh", groundMesh, "Mesh", "invMass")
+    check_kind("solverState", solverState, "SolverState", "begun")
+    constraints = constraints if step.enforceConstraints else ()
+    taught = functions or sys.modules[__name__]
+    isOnArrays = step.contactSolver == "soft-step" or step.contactScheduling == "batches"
+    # on arrays, nothing is changed before all has succeeded, apart from the constraints
+    with undone_on_error(meshes, not isOnArrays or len(constraints) > 0):
+        if isOnArrays:
+            check_methods(meshes, taught)
+        if step.contactSolver == "soft-step":
             from rbs.softstep.step import soft_step
 
-            check_methods(meshes, contactSolver)
-            return soft_step(*arguments, constraints, checked["substeps"], sleeping, solverState)
-        if broadPhase == "grid":
-            from rbs.stepping.gridstep import grid_step
+            return soft_step(meshes, groundMesh, constraints, step, solverState)
+        report = StepReport()
+        if step.contactScheduling == "batches":
+            from rbs.stepping.batchstep import batch_step
 
-            check_methods(meshes, broadPhase)
-            report = grid_step(*arguments)
+            batch_step(meshes, groundMesh, step, report)
         else:
-            report = all_pairs_step(*arguments)
-        with report.phase("constraints"):
-            schedule = checked["maxIterations"], checked["tolerance"], constraintScheduling
-            report.constraintVisits = project_constraints(meshes, constraints, *schedule)
-            if report.constraintVisits:
-                check_numbers(state_columns(meshes), meshes, "contacts and constraints")
+            check_distinct(meshes)
+            integrate(meshes, step, report)
+            resolve_pairs(meshes, step, report, taught)
+            resolve_ground(meshes, groundMesh, step, report, taught)
+        resolve_constraints(meshes, constraints, step, report, taught)
     return report
 
 
-def all_pairs_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic, gravity):
-    """The part of `run_timestep` before the constraints, one body and one pair after the other.
-
-    Each detection sees the corrections of the earlier pairs.
-    """
-    check_distinct(meshes)
-    report = StepReport()
-    # a student's functions take the coursework's arguments only, which are enough by default
-    flight = (timeStep,) if gravity == EARTH else (timeStep, gravity)
-    contactSettings = (CRCoeff, closingOnly, mu) if closingOnly or mu else (CRCoeff,)
+def integrate(meshes, step, report):
+    """Moves all meshes in free flight."""
+    # a student's Mesh takes the coursework's arguments only, which are enough by default
+    flight = (step.timeStep,) if step.gravity == EARTH else (step.timeStep, step.gravity)
     with report.phase("integrate"):
         for mesh in meshes:
-            if gyroscopic:
-                mesh.apply_gyroscopic_term(timeStep)
+            if step.gyroscopic:
+                mesh.apply_gyroscopic_term(step.timeStep)
             mesh.integrate_timestep(*flight)
-        check_numbers(state_columns(meshes), meshes, "free flight")
-    with report.phase("collisions"):
-        for (i, m1), (j, m2) in itertools.combinations(enumerate(meshes), 2):
-            isCollision, *contact = m1.detect_collision(m2)
+        check_states(meshes, "free flight")
+
+
+def resolve_pairs(meshes, step, report, taught):
+    """Detects and resolves the collisions of all pairs i < j, in this order.
+
+    Each detection sees the corrections of the earlier pairs. A broad phase leaves out pairs whose
+    bounding boxes do not overlap when it is their turn, which changes nothing.
+    """
+    pairs, count = itertools.combinations(range(len(meshes)), 2), 0
+    with report.phase("collisions"), boxes_held(meshes):
+        if step.broadPhase == "grid":
+            from rbs.stepping.pairs import grid_pairs
+
+            pairs = grid_pairs(meshes)
+        for i, j in pairs:
+            count += 1
+            m1, m2 = meshes[i], meshes[j]
+            isCollision, depth, normal, point = m1.detect_collision(m2)
             if isCollision:
-                impulses = resolve_collision(m1, m2, *contact, *contactSettings)
+                contact = depth, normal, point
+                impulses = taught.resolve_collision(m1, m2, *contact, *contact_settings(step))
+                hold_boxes((m1, m2))
                 report.add_contact(i, j, *contact, impulses)
-        report.candidatePairs = math.comb(len(meshes), 2)
+        report.candidatePairs = count
+
+
+def resolve_ground(meshes, groundMesh, step, report, taught):
+    """Resolves the collision of each mesh whose lowest vertex has y ≤ 0 with the ground."""
     with report.phase("ground"):
         for i, mesh in enumerate(meshes if groundMesh is not None else ()):
             lowest = mesh.lowest_vertex()
             if lowest is not None and lowest[1] <= 0.0:
                 # the normal points into the body, and the depth is negative to match
-                contact = lowest[1], (0.0, 1.0, 0.0), lowest
-                impulses = resolve_collision(mesh, groundMesh, *contact, *contactSettings)
+                contact = lowest[1], UPWARDS, lowest
+                impulses = taught.resolve_collision(
+                    mesh, groundMesh, *contact, *contact_settings(step)
+                )
                 report.add_contact(i, GROUND, *contact, impulses)
-    check_numbers(state_columns(meshes), meshes, "contacts")
-    return report
+        check_states(meshes, "contacts")
 
 
-def check_methods(meshes, step):
-    """Raises ValueError if a subclass of Mesh overrides a method that a step would not call."""
+def contact_settings(step):
+    """Returns the last arguments of `resolve_collision`: the coursework's only, if they do."""
+    extended = step.closingOnly or step.mu
+    return (step.CRCoeff, step.closingOnly, step.mu) if extended else (step.CRCoeff,)
+
+
+@contextmanager
+def boxes_held(meshes):
+    """Within it, bounding boxes are computed once, and then by `hold_boxes` of bodies that move."""
+    try:
+        hold_boxes(meshes)
+        yield
+    finally:
+        for mesh in meshes:
+            mesh.heldBox = None
+
+
+def hold_boxes(meshes):
+    """Computes the bounding boxes of meshes, which keep them."""
+    for mesh in meshes:
+        mesh.heldBox = None
+        mesh.heldBox = mesh.bounding_box()
+
+
+def check_kind(name, value, kind, attribute):
+    """Raises TypeError if an argument is neither None nor has the attribute of its kind."""
+    if value is not None and not hasattr(value, attribute):
+        raise TypeError(f"{name} must be a {kind} or None, not {reprlib.repr(value)}")
+
+
+def check_methods(meshes, taught):
+    """Raises ValueError if a step on arrays would not call functions or an overridden method."""
+    if taught is not sys.modules[__name__]:
+        raise ValueError("functions would not be called on arrays")
     for kind in dict.fromkeys(map(type, meshes)):
-        for name in STEP_METHODS:
-            if getattr(kind, name, None) is not getattr(Mesh, name):
-                raise ValueError(f"{kind.__name__}.{name} would not be called with {step!r}")
+        for base in itertools.takewhile(lambda base: base is not Mesh, kind.__mro__):
+            for name in vars(base):
+                if name in vars(Mesh) and not name.startswith("_"):
+                    raise ValueError(f"{kind.__name__}.{name} would not be called on arrays")
 
 
 # --------------------------------------------------------------------------------------------------
@@ -230,7 +281,8 @@ class Mesh:
     volume, hullVolume : of the tetrahedra, and of the convex hull, which is what collides
     hull : rbs.geometry.hulls.Hull
     cachedAxes : dict, by the id of another mesh: the axis of separation or of least penetration
-        last found, which only saves time
+        last found, and whether the two touched, which only save time
+    heldBox : bounding box that counts until the mesh has been moved, see `boxes_held`, or None
 
     Raises ValueError if an argument has the wrong shape or value, an index is out of range, or
     vertices have no mass.
@@ -258,10 +310,10 @@ class Mesh:
         if len(self.origVertices) > 0:
             self._init_mass_properties()
         self.isFixed = isFixed
-        self.cachedAxes = {}
+        self.cachedAxes, self.heldBox = {}, None
         self._tables, self._row = None, 0  # where a step of many bodies has left the state
         # each after the bytes of the pose that it is valid for
-        self._rotatedHull = self._boundingBox = self._currVertices = None, None
+        self._rotatedHull = self._currVertices = None, None
 
     @classmethod
     def from_surface(
@@ -276,6 +328,8 @@ class Mesh:
         The rest is as for `Mesh`. Raises ValueError if the surface is not closed, or no point
         inside sees all of it.
         """
+        from rbs.geometry.surfaces import fill_surface, orient_surface
+
         try:
             vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
             used, faces = np.unique(faces, return_inverse=True)
@@ -293,7 +347,7 @@ class Mesh:
         return {name: getattr(self, name) for name in STATE_WIDTHS} | vars(self) | {"_tables": None}
 
     def __repr__(self):
-        x, y, z = floats(self.position, 3)
+        x, y, z = vector(self.position)
         mass = "fixed" if self.isFixed else f"{self.mass:.4g} kg"
         where = f"({x:.4g}, {y:.4g}, {z:.4g})"
         return f"Mesh({self.name!r}, {len(self.origVertices)} vertices, {mass}, at {where})"
@@ -324,7 +378,9 @@ class Mesh:
         for corners, what in ((self.faces, "face"), (self.tets, "tetrahedron")):
             if corners.size and not 0 <= corners.min() <= corners.max() < len(self.origVertices):
                 raise ValueError(f"mesh {self.name}: a {what} refers to vertices out of range")
-        volumes = np.abs(tetrahedron_volumes(self.origVertices, self.tets))
+        corners = self.origVertices[self.tets]  # (T, 4, 3)
+        e1, e2, e3 = (corners[:, k] - corners[:, 0] for k in (1, 2, 3))
+        volumes = np.abs(np.sum(e1 * np.cross(e2, e3), axis=1)) / 6.0
         self.volume = float(volumes.sum())
         self.mass = self.density * self.volume
         if not 0 < self.mass < math.inf:
@@ -332,7 +388,6 @@ class Mesh:
                 f"mesh {self.name}: density {self.density:g} and volume {self.volume:g} "
                 "give no positive, finite mass"
             )
-        corners = self.origVertices[self.tets]  # (T, 4, 3)
         centreOfMass = (volumes[:, None] * corners.mean(axis=1)).sum(axis=0) / self.volume
         self.origVertices -= centreOfMass
         corners -= centreOfMass
@@ -369,26 +424,24 @@ class Mesh:
         if self.isFixed:
             return
         h = number(timeStep)
-        linVelocity = mul_add(floats(self.linVelocity, 3), h, gravity)
-        position = mul_add(floats(self.position, 3), h, linVelocity)
-        turn = exponential((0.0, *scale(0.5, scale(h, floats(self.angVelocity, 3)))))
+        linVelocity = mul_add(vector(self.linVelocity), h, gravity)
+        position = mul_add(vector(self.position), h, linVelocity)
+        turn = exponential((0.0, *scale(0.5, scale(h, vector(self.angVelocity)))))
         w, x, y, z = multiply(turn, floats(self.orientation, 4))
         # rounding makes a product of unit quaternions drift from unit length
         length = math.sqrt(w * w + (x * x + y * y + z * z))
-        self.linVelocity, self.position = _row(linVelocity), _row(position)
-        self.orientation = _row((w, x, y, z)) / length
+        self.linVelocity, self.position = row(linVelocity), row(position)
+        self.orientation = np.array([[w / length, x / length, y / length, z / length]])
 
     def apply_gyroscopic_term(self, timeStep):
         """Applies the gyroscopic torque to the angular velocity; see `gyroscopic_velocity`."""
         if not self.isFixed:
-            state = floats(self.angVelocity, 3), floats(self.orientation, 4), floats(self.IT, 9)
-            self.angVelocity = _row(gyroscopic_velocity(*state, number(timeStep)))
+            state = vector(self.angVelocity), floats(self.orientation, 4), floats(self.IT, 9)
+            self.angVelocity = row(gyroscopic_velocity(*state, number(timeStep)))
 
     def bounding_box_collision(self, m):
         """Whether the axis-aligned boxes of this mesh and of m overlap or touch."""
-        a, b = self.bounding_box(), m.bounding_box()
-        if a is None or b is None:
-            return False
+        a, b = self.heldBox or self.bounding_box(), m.heldBox or m.bounding_box()
         if a[0] > b[3] or b[0] > a[3] or a[1] > b[4] or b[1] > a[4]:
             return False
         return a[2] <= b[5] and b[2] <= a[5]
@@ -402,22 +455,22 @@ class Mesh:
         """
         if not self.bounding_box_collision(m) or (self.isFixed and m.isFixed):
             return GJK.NO_COLLISION
-        position1, position2 = floats(self.position, 3), floats(m.position, 3)
-        t, axis = sub(position2, position1), self.cachedAxes.get(id(m))
+        position1, position2 = vector(self.position), vector(m.position)
+        t, cached = sub(position2, position1), self.cachedAxes.get(id(m), ())
         isCollision, depth, normal, point = GJK.collide_rotated(
-            self.rotated_hull(), m.rotated_hull(), t, axis
+            self.rotated_hull(), m.rotated_hull(), t, *cached
         )
-        self.cachedAxes[id(m)] = normal
+        self.cachedAxes[id(m)] = normal, isCollision
         if not isCollision:
             return GJK.NO_COLLISION
-        return True, depth, _row(normal), _row(add(point, position2))
+        return True, depth, row(normal), row(add(point, position2))
 
     def lowest_vertex(self):
         """Returns the first lowest vertex in the world (3,), or None if the mesh is fixed."""
         if self.isFixed:
             return None
         vertices = self.rotated_hull().vertices
-        x, y, z = floats(self.position, 3)
+        x, y, z = vector(self.position)
         column = (vertices[1] + y).argmin()
         return vertices[:, column] + (x, y, z)
 
@@ -445,9 +498,9 @@ class Mesh:
     def set_body_state(self, body):
         """Stores the position and velocities of a `Body`. An immovable mesh does not change."""
         if body.invMass != 0.0:
-            self.position = _row(body.position)
-            self.linVelocity = _row(body.linVelocity)
-            self.angVelocity = _row(body.angVelocity)
+            self.position = row(body.position)
+            self.linVelocity = row(body.linVelocity)
+            self.angVelocity = row(body.angVelocity)
 
     def pose(self):
         """Returns the bytes of position and orientation, which differ after a change in place."""
@@ -461,12 +514,17 @@ class Mesh:
         return self._rotatedHull[1]
 
     def bounding_box(self):
-        """Returns the least and greatest x, y, z of the hull in the world: six floats, or None."""
-        pose = self.position.tobytes() + self.orientation.tobytes()  # asked by each pair
-        if self._boundingBox[0] != pose and self.hull is not None:
-            rotated, position = self.rotated_hull(), floats(self.position, 3)
-            self._boundingBox = pose, add(rotated.low, position) + add(rotated.high, position)
-        return self._boundingBox[1]
+        """Returns the least and greatest x, y, z of the hull in the world: six floats."""
+        if self.heldBox is not None:
+            return self.heldBox
+        if self.hull is None:
+            return EMPTY_BOX
+        rotated, position = self.rotated_hull(), vector(self.position)
+        return add(rotated.low, position) + add(rotated.high, position)
+
+    def arm(self, vertex):
+        """Returns the vector (1, 3) from the COM to a rest vertex, rotated."""
+        return self.rotated_hull().vertices[:, vertex].reshape(1, 3)
 
     @property
     def currVertices(self):
@@ -505,11 +563,6 @@ def refresh_vertices(meshes):
     return np.concatenate([np.empty((0, 3)), *(m._currVertices[1] for m in meshes)])
 
 
-def _row(value):
-    """Returns a new array of one row, from a tuple of floats or an array."""
-    return np.array(value).reshape(1, -1)
-
-
 # --------------------------------------------------------------------------------------------------
 # Contacts
 # --------------------------------------------------------------------------------------------------
@@ -526,9 +579,10 @@ class Body:
     angVelocity: tuple = ZERO
 
     @classmethod
-    def from_arrays(cls, invMass, invInertia, *vectors):
+    def from_arrays(cls, invMass, invInertia, position, linVelocity, angVelocity):
         """Makes a body of a number and arrays of any shape."""
-        return cls(number(invMass), floats(invInertia, 9), *(floats(v, 3) for v in vectors))
+        velocities = vector(linVelocity), vector(angVelocity)
+        return cls(number(invMass), floats(invInertia, 9), vector(position), *velocities)
 
 
 class ContactImpulses(NamedTuple):
@@ -542,8 +596,8 @@ class ContactImpulses(NamedTuple):
 def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOnly=False, mu=0.0):
     """Separates two penetrating meshes and applies the contact impulses, in place.
 
-    The position correction is split by inverse mass, see `project_positions`. For the impulses, let
-    n be the normal, u the velocity of body 1 relative to body 2 at the contact point, which has
+    The position correction is split by inverse mass, see `position_corrections`. For the impulses,
+    let n be the normal, u the velocity of body 1 relative to body 2 at the contact point, which has
     moved along with m2, and K the sum of both inverse effective masses. An impulse -j n on body 1
     and +j n on body 2 lowers the closing speed u · n by j K. Restitution requires it to become
     -e (u · n), hence j = (1 + e) (u · n) / K.
@@ -567,37 +621,37 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     body1, body2 = m1.body_state(), m2.body_state()
     if body1.invMass + body2.invMass == 0.0:
         return None
-    depth, n, point = number(depth), floats(contactNormal, 3), floats(penPoint, 3)
+    depth, n, point = number(depth), vector(contactNormal), vector(penPoint)
     # A depth of 0 has no sign. On the ground, the normal then points into m1.
     if depth < 0.0 or (depth == 0.0 and len(m2.origVertices) == 0):
         depth, n = -depth, scale(-1.0, n)
 
-    _, shift2 = project_positions(body1, body2, depth, n)
+    shift1, shift2 = position_corrections(body1.invMass, body2.invMass, depth)
+    body1.position = mul_add(body1.position, shift1, n)
+    body2.position = mul_add(body2.position, shift2, n)
     point = mul_add(point, shift2, n)
     r1, r2 = sub(point, body1.position), sub(point, body2.position)
 
-    K, *turnings = inverse_effective_mass(body1, body2, r1, r2, n)
-    j = (1.0 + e) * dot(relative_velocity(body1, body2, r1, r2), n) / K
+    k1, turning1 = inverse_effective_mass(body1.invMass, body1.invInertia, cross(r1, n))
+    k2, turning2 = inverse_effective_mass(body2.invMass, body2.invInertia, cross(r2, n))
+    j = (1.0 + e) * dot(relative_velocity(body1, body2, r1, r2), n) / (k1 + k2)
     if closingOnly:
         j = j * (j > 0.0)
-    apply_impulse(body1, body2, j, n, *turnings)
+    apply_impulse(body1, body2, j, n, turning1, turning2)
     friction = apply_friction(body1, body2, r1, r2, n, mu * j) if mu else ZERO
     m1.set_body_state(body1)
     m2.set_body_state(body2)
     return ContactImpulses(j, friction, r1)
 
 
-def project_positions(body1, body2, distance, n):
-    """Moves body 2 relative to body 1 by a distance along n; returns both displacements.
+def position_corrections(invMass1, invMass2, distance):
+    """Displacements along n that move body 2 by a distance relative to body 1; returns both.
 
     Each is proportional to w_i = m_i⁻¹ / (m_1⁻¹ + m_2⁻¹), so that the common COM does not move. At
     least one mass must be finite.
     """
-    total = body1.invMass + body2.invMass
-    shift1, shift2 = -(body1.invMass / total * distance), body2.invMass / total * distance
-    body1.position = mul_add(body1.position, shift1, n)
-    body2.position = mul_add(body2.position, shift2, n)
-    return shift1, shift2
+    total = invMass1 + invMass2
+    return -(invMass1 / total * distance), invMass2 / total * distance
 
 
 def relative_velocity(body1, body2, r1, r2):
@@ -608,18 +662,15 @@ def relative_velocity(body1, body2, r1, r2):
     )
 
 
-def inverse_effective_mass(body1, body2, r1, r2, n):
-    """Response of two bodies to unit impulses ∓n at their arms: `(K, turning1, turning2)`.
+def inverse_effective_mass(invMass, invInertia, rCrossN):
+    """Response of a body to a unit impulse n at an arm r: `(k, turning)`. K is the sum of both k.
 
-    turning1, turning2 : I⁻¹ (r × n), the change of a body's angular velocity
-    K : the change of their relative velocity along n. The motion of a body's COM contributes m⁻¹,
-        and its rotation ((I⁻¹ (r × n)) × r) · n = (r × n) · I⁻¹ (r × n)
+    turning : I⁻¹ (r × n), the change of the angular velocity
+    k : the change along n of the velocity at the arm. The motion of the COM contributes m⁻¹, and
+        the rotation ((I⁻¹ (r × n)) × r) · n = (r × n) · I⁻¹ (r × n)
     """
-    r1CrossN, r2CrossN = cross(r1, n), cross(r2, n)
-    turning1, turning2 = mat_vec(body1.invInertia, r1CrossN), mat_vec(body2.invInertia, r2CrossN)
-    k1 = body1.invMass + dot(r1CrossN, turning1)
-    k2 = body2.invMass + dot(r2CrossN, turning2)
-    return k1 + k2, turning1, turning2
+    turning = mat_vec(invInertia, rCrossN)
+    return invMass + dot(rCrossN, turning), turning
 
 
 def apply_impulse(body1, body2, j, n, turning1, turning2):
@@ -643,9 +694,10 @@ def apply_friction(body1, body2, r1, r2, n, limit):
     across = mul_add(u, -dot(u, n), n)
     speed = norm(across)
     t = divide(across, speed or 1.0)
-    K, *turnings = inverse_effective_mass(body1, body2, r1, r2, t)
-    j = min(speed / K, max(limit, 0.0) + 0.0)  # turns -0.0 into 0.0
-    apply_impulse(body1, body2, j, t, *turnings)
+    k1, turning1 = inverse_effective_mass(body1.invMass, body1.invInertia, cross(r1, t))
+    k2, turning2 = inverse_effective_mass(body2.invMass, body2.invInertia, cross(r2, t))
+    j = min(speed / (k1 + k2), max(limit, 0.0) + 0.0)  # turns -0.0 into 0.0
+    apply_impulse(body1, body2, j, t, turning1, turning2)
     return scale(j, t)
 
 
@@ -660,8 +712,7 @@ def resolve_position_constraint(
     """Moves two bodies so that a bound on the distance between two of their points holds.
 
     A violated bound moves the bodies along p1 - p2, in proportion to their inverse masses, until
-    C = ‖p1 - p2‖ - refValue is 0. Coincident points separate along y, the first one upwards. A step
-    calls the formula, `project_positions`, directly.
+    C = ‖p1 - p2‖ - refValue is 0. Coincident points separate along y, the first one upwards.
 
     Parameters
     ----------
@@ -671,16 +722,19 @@ def resolve_position_constraint(
     upper : an upper bound is valid if C ≤ tolerance, a lower one if C ≥ -tolerance
     tolerance : length
 
-    Returns `(positionWasValid, correctedPositions)`, the latter a pair of arrays (1, 3), new COMs.
+    Returns `(positionWasValid, correctedPositions)`, the latter a pair of arrays (1, 3), new COMs;
+    the given pair if they stay.
     """
-    pairs = zip(invMasses, currPositions, strict=True)
-    body1, body2 = (Body.from_arrays(invMass, ZERO * 3, x) for invMass, x in pairs)
-    p1, p2 = (floats(point, 3) for point in currConstPoints)
+    p1, p2 = vector(currConstPoints[0]), vector(currConstPoints[1])
     C, n = distance_error(p1, p2, number(refValue))
-    isViolated = is_violated(C, upper, number(tolerance))
-    if isViolated and body1.invMass + body2.invMass > 0.0:
-        project_positions(body1, body2, C, n)
-    return not isViolated, (_row(body1.position), _row(body2.position))
+    if not is_violated(C, upper, number(tolerance)):
+        return True, currPositions
+    invMass1, invMass2 = number(invMasses[0]), number(invMasses[1])
+    if invMass1 + invMass2 == 0.0:
+        return False, currPositions
+    x1, x2 = vector(currPositions[0]), vector(currPositions[1])
+    shift1, shift2 = position_corrections(invMass1, invMass2, C)
+    return False, (row(mul_add(x1, shift1, n)), row(mul_add(x2, shift2, n)))
 
 
 def resolve_velocity_constraint(
@@ -694,8 +748,10 @@ def resolve_velocity_constraint(
 ):
     """Stops the change of the distance between two points of two bodies.
 
-    Two immovable bodies keep their velocities. A step calls the formula, `project_velocities`,
-    directly.
+    With n the unit vector of p1 - p2 and J = [n, r1 × n, -n, -(r2 × n)], J v is the rate at which
+    ‖p1 - p2‖ grows, and J M⁻¹ Jᵀ is the inverse effective mass K. The correction
+    Δv = -M⁻¹Jᵀ (J M⁻¹ Jᵀ)⁻¹ J v makes J v zero: it is the impulse of a collision without
+    restitution. Two immovable bodies keep their velocities.
 
     Parameters
     ----------
@@ -705,23 +761,33 @@ def resolve_velocity_constraint(
     tolerance : speed. The velocities are valid if |J v| ≤ tolerance
 
     Returns `(velocityWasValid, correctedLinVelocities, correctedAngVelocities)`, the last two pairs
-    of arrays (1, 3).
+    of arrays (1, 3); the given pairs if they stay.
     """
-    states = invMasses, invInertiaTensors, currPositions, currLinVelocities, currAngVelocities
-    body1, body2 = (Body.from_arrays(*state) for state in zip(*states, strict=True))
-    p1, p2 = (floats(point, 3) for point in currConstPoints)
+    p1, p2 = vector(currConstPoints[0]), vector(currConstPoints[1])
+    v1, v2 = vector(currLinVelocities[0]), vector(currLinVelocities[1])
+    omega1, omega2 = vector(currAngVelocities[0]), vector(currAngVelocities[1])
     _, n = distance_error(p1, p2, 0.0)
-    r1, r2 = sub(p1, body1.position), sub(p2, body2.position)
-    wasValid = project_velocities(body1, body2, r1, r2, n, number(tolerance))
-    linVelocities = _row(body1.linVelocity), _row(body2.linVelocity)
-    return wasValid, linVelocities, (_row(body1.angVelocity), _row(body2.angVelocity))
+    r1CrossN = cross(sub(p1, vector(currPositions[0])), n)
+    r2CrossN = cross(sub(p2, vector(currPositions[1])), n)
+    Jv = dot(n, v1) + dot(r1CrossN, omega1) - dot(n, v2) - dot(r2CrossN, omega2)
+    invMass1, invMass2 = number(invMasses[0]), number(invMasses[1])
+    if abs(Jv) <= number(tolerance) or invMass1 + invMass2 == 0.0:
+        return abs(Jv) <= tolerance, currLinVelocities, currAngVelocities
+    k1, turning1 = inverse_effective_mass(invMass1, floats(invInertiaTensors[0], 9), r1CrossN)
+    k2, turning2 = inverse_effective_mass(invMass2, floats(invInertiaTensors[1], 9), r2CrossN)
+    impulse = -Jv / (k1 + k2)
+    return (
+        False,
+        (row(mul_add(v1, impulse * invMass1, n)), row(mul_add(v2, -impulse * invMass2, n))),
+        (row(mul_add(omega1, impulse, turning1)), row(mul_add(omega2, -impulse, turning2))),
+    )
 
 
 def distance_error(p1, p2, refValue):
     """Distance error C = ‖p1 - p2‖ - refValue and the unit vector n of p1 - p2: `(C, n)`."""
     d = sub(p1, p2)
     length = norm(d)
-    return length - refValue, divide(d, length) if length > 0.0 else COINCIDENT_DIRECTION
+    return length - refValue, divide(d, length) if length > 0.0 else UPWARDS
 
 
 def is_violated(C, upper, tolerance):
@@ -729,78 +795,47 @@ def is_violated(C, upper, tolerance):
     return C > tolerance if upper else C < -tolerance
 
 
-def project_velocities(body1, body2, r1, r2, n, tolerance):
-    """Stops the change of ‖p1 - p2‖ if it is faster than the tolerance; returns whether it was not.
+def resolve_constraints(meshes, constraints, step, report, taught):
+    """Visits constraints until all hold or the maximum is reached.
 
-    n : unit vector of p1 - p2, the difference of the points at the arms r1 and r2
-
-    With J = [n, r1 × n, -n, -(r2 × n)], J v is the rate at which ‖p1 - p2‖ grows, and J M⁻¹ Jᵀ is
-    the inverse effective mass K. The correction Δv = -M⁻¹Jᵀ (J M⁻¹ Jᵀ)⁻¹ J v is therefore the
-    impulse of a collision without restitution, and makes J v zero.
-    """
-    Jv = dot(relative_velocity(body1, body2, r1, r2), n)
-    wasValid = abs(Jv) <= tolerance
-    if not wasValid and body1.invMass + body2.invMass > 0.0:
-        K, *turnings = inverse_effective_mass(body1, body2, r1, r2, n)
-        apply_impulse(body1, body2, Jv / K, n, *turnings)
-    return wasValid
-
-
-def project_constraints(meshes, constraints, maxIterations, tolerance, scheduling):
-    """Visits constraints until all hold or the maximum is reached; returns the number of visits.
-
-    See `run_timestep` for the arguments and rbs/stepping/constraints.py for the schedules.
+    A visit corrects the positions of two bodies if their constraint is violated, then their
+    velocities. See rbs/stepping/constraints.py for the schedules of visits.
     """
     if len(constraints) == 0:
-        return 0
-    from rbs.stepping.constraints import ConstraintRows, project_in_batches, queue
+        return
+    from rbs.stepping.constraints import ConstraintRows, project_in_batches, queue, sweep
 
-    isFixed = np.array([m.isFixed for m in meshes], dtype=bool)
-    vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
-    rows = ConstraintRows(constraints, isFixed, vertexCount, tolerance)
-    maximumVisits = max(maxIterations, rows.total)
-    if scheduling == "batches":
-        return project_in_batches(meshes, rows, tolerance, maximumVisits)
+    with report.phase("constraints"):
+        rows = ConstraintRows(constraints, meshes, step.tolerance)
+        maximumVisits = max(step.maxIterations, rows.total)
+        if step.constraintScheduling == "batches":
+            check_methods(meshes, taught)
+            visits = project_in_batches(meshes, rows, step.tolerance, maximumVisits)
+        else:
+            ties = rows.ties(meshes)
 
-    table = rows.tolist()
-    ends = np.union1d(rows.body1, rows.body2).tolist()
-    bodies = {b: meshes[b].body_state() for b in ends}
-    vertices = {b: meshes[b].rotated_hull().vertices for b in ends}
-    ties = {}
-    for c, b1, v1, b2, v2, refValue, upper in table:
-        r1, r2 = floats(vertices[b1][:, v1], 3), floats(vertices[b2][:, v2], 3)
-        ties[c] = bodies[b1], bodies[b2], r1, r2, refValue, upper
+            def visit(c):
+                """Corrects constraint c if it is violated, and returns whether it was."""
+                m1, m2, arm1, arm2, refValue, upper, invMasses, tensors = ties[c]
+                positions = m1.position, m2.position
+                points = m1.position + arm1, m2.position + arm2
+                positionWasValid, corrected = taught.resolve_position_constraint(
+                    positions, points, refValue, invMasses, upper, step.tolerance
+                )
+                if positionWasValid:
+                    return False
+                # the points stay on one line, so that arms and direction still hold
+                velocities = (m1.linVelocity, m2.linVelocity), (m1.angVelocity, m2.angVelocity)
+                _, linVelocities, angVelocities = taught.resolve_velocity_constraint(
+                    positions, points, *velocities, invMasses, tensors, step.tolerance
+                )
+                for k, mesh in ((0, m1), (1, m2)):
+                    if invMasses[k]:
+                        mesh.position = corrected[k]
+                        mesh.linVelocity, mesh.angVelocity = linVelocities[k], angVelocities[k]
+                return True
 
-    def visit(c):
-        """Corrects constraint c if it is violated, and returns whether it was."""
-        body1, body2, r1, r2, refValue, upper = ties[c]
-        C, n = distance_error(add(body1.position, r1), add(body2.position, r2), refValue)
-        if not is_violated(C, upper, tolerance):
-            return False
-        project_positions(body1, body2, C, n)
-        # the points have stayed on one line, so n is unchanged
-        project_velocities(body1, body2, r1, r2, n, tolerance)
-        return True
-
-    if scheduling == "queue":
-        movable = {c: [b for b in (b1, b2) if not isFixed[b]] for c, b1, _, b2, *_ in table}
-        visits = queue(visit, movable, rows.total, maximumVisits)
-    else:
-        visits = sweep(visit, ties, rows.total, maximumVisits)
-    for b, body in bodies.items():
-        meshes[b].set_body_state(body)
-    return visits
-
-
-def sweep(visit, constraints, total, maximumVisits):
-    """Visits constraints in order until `total` visits in a row find no violation.
-
-    visit : function of an index; constraints : dict or set of the indices that can be corrected
-    Returns the number of visits.
-    """
-    visits = satisfiedInARow = 0
-    while satisfiedInARow < total and visits < maximumVisits:
-        c = visits % total
-        satisfiedInARow = 0 if c in constraints and visit(c) else satisfiedInARow + 1
-        visits += 1
-    return visits
+            schedule = queue if step.constraintScheduling == "queue" else sweep
+            visits = schedule(visit, rows.movable_ends(), rows.total, maximumVisits)
+        report.constraintVisits = visits
+        check_states(meshes, "contacts and constraints")

@@ -83,7 +83,9 @@ def run_asked_mode(options):
     """Runs the mode that the options select. Returns the exit code."""
     SceneSimulation.submitted = None
     if options.functions is not None:
-        SceneSimulation.submitted = SubmittedSteps(options.functions, bool(options.our_loop))
+        # the coursework's run_timestep has no broad phase
+        inOurLoop = bool(options.our_loop) or "broad_phase" in options
+        SceneSimulation.submitted = SubmittedSteps(options.functions, inOurLoop)
         used = [item for item in commandLine.SETTING_OPTIONS.items() if item[0] in options]
         parameters = {commandLine.option_name(dest): one.parameter for dest, one in used}
         SceneSimulation.submitted.check_options(parameters)

@@ -19,10 +19,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "benchmar
 import benchmark
 import benchmarkPiles
 import numpy as np
+import rbs.stepping.gridstep
 from laws import ROOT, heap_scene, scene
 
 import rbs.stepping.batches
-import rbs.stepping.gridstep
 from Quaternion import QConj, QRotate
 from rbs.scenes.simulation import Settings, Simulation
 

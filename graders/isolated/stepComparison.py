@@ -28,8 +28,8 @@ from Quaternion import QRotate
 from rbs.program.submissions import describe
 from rbs.program.submittedsteps import SubmittedSteps, basic_step
 from rbs.scenes.simulation import Simulation
-from rbs.stepping.bodies import GRAVITY, StateError
-from rbs.stepping.settings import Settings
+from rbs.stepping.bodies import StateError
+from rbs.stepping.settings import GRAVITY, Settings
 
 # Relative to its scale, the difference from which a number differs from ours. The scale is the
 # largest length, speed or angular speed in the scene, or the number's own size. Rounding in a call

@@ -49,7 +49,7 @@ class Hull:
     edgeTail : (E,), row in `vertices` of the start of the edge
     edgeVector : (E, 3), from there to its end, along directions[f1] × directions[f2]
     edgeFaces : (E, 2), adjacent faces f1, f2; the arc between their normals is the edge's Gauss map
-    radius : largest |v|; width : least extent along one of the directions; volume
+    radius : largest |v|; volume
     """
 
     def __init__(self, points):
@@ -87,22 +87,49 @@ class Hull:
         self.vertexIndex = np.sort(qhull.vertices)
         self.vertices = vertices = points[self.vertexIndex]
         self.directions = normals / lengths
-        adjacent = self.vertexIndex.searchsorted(triangles).ravel(), face.repeat(3)
-        vertex, self.vertexFaces = np.unique(adjacent, axis=1)
+        ends = self.vertexIndex.searchsorted(triangles)
+        vertex, self.vertexFaces = np.unique((ends.ravel(), face.repeat(3)), axis=1)
         self.vertexFaceCount = np.bincount(vertex)
         self.edgeTail = self.vertexIndex.searchsorted(tail)
         self.edgeVector = points[head] - points[tail]
         self.edgeFaces = np.stack((face[i], face[neighbours[i, j]]), axis=1)
-        heights = dot(self.directions.T[:, :, None], vertices.T[:, None, :])
-        self.offsets = heights.max(axis=1)
         self.radius = math.sqrt(dot(vertices.T, vertices.T).max())
-        self.width = np.ptp(heights, axis=1).min()
-        isCorner = heights >= self.offsets[:, None] - FEATURE_TOLERANCE * self.radius
-        face, corners = np.nonzero(isCorner)
+        face, corners = self._find_corners(face.repeat(3), ends)
         u = tangents(self.directions.T)
         axes = (take(axis, face, axis=1) for axis in (u, cross(self.directions.T, u)))
         order = by_angle(face, *(dot(axis, vertices[corners].T) for axis in axes))
         self.corners, self.cornerCount = corners[order], np.bincount(face)
+
+    def _find_corners(self, face, ends):
+        """Sets the offsets; returns the faces and vertices (ΣC,) of all corners, face by face.
+
+        face : (3 T,), of each corner of the T triangles; ends : (T, 3), rows in `vertices`
+
+        A vertex is a corner if it lies at most FEATURE_TOLERANCE below its face's plane. On a
+        convex hull, all vertices above a level are connected, so that the search goes from the
+        triangles' corners to their neighbours.
+        """
+        count, depth = len(self.vertices), FEATURE_TOLERANCE * self.radius
+        links = np.unique(ends[:, [0, 1, 1, 2, 2, 0, 1, 0, 2, 1, 0, 2]].reshape(-1, 2), axis=0)
+        degree = np.bincount(links[:, 0])
+        start = degree.cumsum() - degree
+        self.offsets = np.full(len(self.directions), -np.inf)
+        known, found = np.zeros(0, dtype=np.intp), face * count + ends.ravel()
+        while len(found):
+            face, heights = found // count, self._heights(found)
+            np.maximum.at(self.offsets, face, heights)
+            new = np.setdiff1d(found[heights >= self.offsets[face] - depth], known)
+            known = np.union1d(known, new)
+            face, vertex = np.divmod(new, count)
+            row, link = ranges(start[vertex], degree[vertex])
+            found = face[row] * count + links[link, 1]
+        isCorner = self._heights(known) >= self.offsets[known // count] - depth
+        return np.divmod(known[isCorner], count)
+
+    def _heights(self, keys):
+        """Heights (K,) along the directions d of the vertices v, for keys d · V + v (K,)."""
+        direction, vertex = np.divmod(keys, len(self.vertices))
+        return dot(self.directions[direction].T, self.vertices[vertex].T)
 
 
 def build_hull(points):
@@ -131,9 +158,17 @@ def _hull_of_bytes(data):
         hull = Hull(points)
     except QhullError:
         hull = None
-    if hull is None or hull.width < LEAST_ASPECT * np.ptp(points, axis=0).max():
+    if hull is None or _is_flat(hull, LEAST_ASPECT * np.ptp(points, axis=0).max()):
         raise ValueError("the points are flat, so their hull has no volume")
     return hull
+
+
+def _is_flat(hull, least):
+    """Whether the extent of a hull along one of its directions is less than `least`."""
+    # a ball about the mean lies in the hull; mostly it is large enough
+    if 2.0 * (hull.offsets - hull.directions @ hull.vertices.mean(axis=0)).min() >= least:
+        return False
+    return any(np.ptp(hull.vertices @ direction) < least for direction in hull.directions)
 
 
 def tangents(normal):

@@ -13,12 +13,30 @@ ZERO = (0.0, 0.0, 0.0)
 
 def floats(value, count):
     """Returns an array of any shape with `count` entries as a tuple of Python floats."""
-    return tuple(np.asarray(value, dtype=np.float64).reshape(count).tolist())
+    isPlain = type(value) is np.ndarray and value.dtype.char == "d" and value.size == count
+    value = value.ravel() if isPlain else np.asarray(value, dtype=np.float64).reshape(count)
+    return tuple(value.tolist())
 
 
 def number(value):
     """Returns a number, or an array that holds one, as a Python float."""
     return value if type(value) is float else floats(value, 1)[0]
+
+
+def vector(row):
+    """`floats` of three, twice as fast for an array (1, 3)."""
+    try:
+        ((x, y, z),) = row.tolist()
+    except (AttributeError, TypeError, ValueError):
+        return floats(row, 3)
+    return x, y, z
+
+
+def row(vector):
+    """Returns a vector of three floats as an array (1, 3)."""
+    result = np.empty((1, 3))
+    result[0, 0], result[0, 1], result[0, 2] = vector
+    return result
 
 
 def add(a, b):

@@ -134,7 +134,8 @@ def make_parser():
         action="store_true",
         help="with --functions: replace the run_timestep in DIR by this project's loop, and call "
         "the other functions and the Mesh in DIR. The coursework's released run_timestep loses a "
-        "corrected velocity, and stops too early if there are many constraints",
+        "corrected velocity, and stops too early if there are many constraints. --broad-phase "
+        "selects this loop, too",
     )
 
     add_physics_options(parser)

@@ -5,7 +5,6 @@ which gets its state before a step and gives it back afterwards.
 """
 
 import inspect
-import itertools
 from difflib import get_close_matches
 from functools import partial
 from hashlib import sha256
@@ -17,13 +16,15 @@ from rbs.program.submissions import SubmissionError, brief, describe, load_submi
 from rbs.scenes.messages import print_note
 from rbs.scenes.scenefiles import scene_rows
 from rbs.stepping.bodies import STATE_WIDTHS, StateError
-from RBSFunctions import run_timestep, sweep
+from rbs.stepping.settings import BY_PARAMETER, DEFAULTS_IN_STEP
+from RBSFunctions import run_timestep
 
-# The parameters of run_timestep in order, with their defaults.
-DEFAULTS = {name: one.default for name, one in inspect.signature(run_timestep).parameters.items()}
-PARAMETERS = tuple(DEFAULTS)
-# The parameters of the coursework's run_timestep: four by position, the others by name.
-COURSEWORK_PARAMETERS = set(PARAMETERS[:8])
+# The parameters of the coursework's run_timestep.
+COURSEWORK_PARAMETERS = {
+    name
+    for name, one in inspect.signature(run_timestep).parameters.items()
+    if one.kind is one.POSITIONAL_OR_KEYWORD
+}
 
 # Relative, and in m: smaller differences between the two states leave the student's vertices alone.
 # They come from other ways to normalise quaternions.
@@ -36,7 +37,7 @@ class SubmittedSteps:
     Parameters
     ----------
     folder : of the student's modules
-    inOurLoop : whether `basic_step` replaces the student's run_timestep
+    inOurLoop : whether this project's run_timestep, with their functions, replaces the student's
 
     Attributes
     ----------
@@ -60,12 +61,15 @@ class SubmittedSteps:
         self.functions = submission.functions
         self._Mesh = self._function("Mesh")
         if inOurLoop:
-            self.run_timestep = partial(basic_step, self.functions)
+            self._Mesh = loop_mesh(self._Mesh)
+            taught = TaughtFunctions(self.functions)
+            self.run_timestep = partial(run_timestep, functions=taught)
+            self._known = COURSEWORK_PARAMETERS | {"broadPhase", "constraintScheduling"}
         else:
             self.run_timestep = self._function("run_timestep")
-        parameters = inspect.signature(self.run_timestep).parameters
-        takesAll = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
-        self._known = set(PARAMETERS if takesAll else parameters)
+            parameters = inspect.signature(self.run_timestep).parameters
+            takesAll = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
+            self._known = COURSEWORK_PARAMETERS | set(BY_PARAMETER) if takesAll else set(parameters)
         self._source = None
         self._attributes = set(STATE_WIDTHS) | {"currVertices"}
 
@@ -81,13 +85,13 @@ class SubmittedSteps:
         options : dict from the name of an option to that of its parameter
         """
         for option, parameter in options.items():
-            if parameter not in PARAMETERS[:5] and parameter not in self._known:
+            if parameter not in self._known and parameter not in ("timeStep", "CRCoeff"):
                 raise SubmissionError(
                     f"{option} cannot be used with these --functions: the run_timestep in "
                     f"{self.folder} has no parameter {parameter}"
                 )
 
-    def step(self, source, meshes, groundMesh, timeStep, CRCoeff, *arguments, **options):
+    def step(self, source, meshes, groundMesh, timeStep, CRCoeff, *coursework, settings, **options):
         """Makes one step of the program's meshes in place.
 
         source : the SceneSource of the meshes; the rest as for `run_timestep`. Parameters that the
@@ -96,12 +100,12 @@ class SubmittedSteps:
         Raises StateError if the student's step raises, lacks a parameter, or gives an invalid
         state. The meshes then stay as they were.
         """
-        options |= dict(zip(PARAMETERS[4:], arguments, strict=False))
-        for name in options.keys() - COURSEWORK_PARAMETERS:
-            if options[name] == DEFAULTS[name]:
-                del options[name]
-            elif name not in self._known:
-                raise StateError(f"the run_timestep in {self.folder} has no parameter {name}")
+        options |= dict(zip(("enforceConstraints", "constraints"), coursework, strict=False))
+        for name, value in settings.arguments().items():
+            if name not in COURSEWORK_PARAMETERS and value != DEFAULTS_IN_STEP[name]:
+                if name not in self._known:
+                    raise StateError(f"the run_timestep in {self.folder} has no parameter {name}")
+                options[name] = value
         options = {name: value for name, value in options.items() if name in self._known}
         try:
             theirs, ground = self.follow(meshes, source)
@@ -176,71 +180,57 @@ class SubmittedSteps:
         return state
 
 
-def basic_step(
-    functions,
-    meshes,
-    groundMesh,
-    timeStep,
-    CRCoeff,
-    enforceConstraints=True,
-    constraints=(),
-    maxIterations=1000,
-    tolerance=0.0,
-):
-    """The basic run_timestep, with another module's functions and meshes.
+class TaughtFunctions:
+    """A student's functions as the loop of `run_timestep` calls them."""
 
-    functions : module with `resolve_collision` and the two constraint functions; the rest as for
-        `run_timestep`. currVertices are updated whenever a mesh has moved
+    def __init__(self, functions):
+        self.resolve_position_constraint = functions.resolve_position_constraint
+        self.resolve_velocity_constraint = functions.resolve_velocity_constraint
+        self._resolve_collision = functions.resolve_collision
+
+    def resolve_collision(self, *contact):
+        self._resolve_collision(*contact)  # what it returns is not the coursework's
+
+
+def loop_mesh(Mesh):
+    """Returns a subclass of a student's Mesh with what the loop of `run_timestep` asks for.
+
+    currVertices are those of the present pose, whenever the student updates them.
     """
 
-    def move(mesh):
-        mesh.currVertices = QRotate(mesh.orientation, mesh.origVertices) + mesh.position
+    class LoopMesh(Mesh):
+        heldBox = _vertices = None
 
-    for mesh in meshes:
-        mesh.integrate_timestep(timeStep)
-        move(mesh)
-    for m1, m2 in itertools.combinations(meshes, 2):
-        isCollision, *contact = m1.detect_collision(m2)
-        if isCollision and not (m1.isFixed and m2.isFixed):
-            functions.resolve_collision(m1, m2, *contact, CRCoeff)
-            move(m1)
-            move(m2)
-    for mesh in meshes:
-        lowest = mesh.currVertices[mesh.currVertices[:, 1].argmin()].copy()
-        if lowest[1] <= 0.0 and not mesh.isFixed:
-            up = np.array([0.0, 1.0, 0.0])
-            functions.resolve_collision(mesh, groundMesh, lowest[1], up, lowest, CRCoeff)
-            move(mesh)
+        @property
+        def currVertices(self):
+            pose = np.asarray(self.position).tobytes() + np.asarray(self.orientation).tobytes()
+            if self._vertices is None or self._vertices[0] != pose:
+                vertices = QRotate(self.orientation, self.origVertices) + self.position
+                self._vertices = pose, vertices
+            return self._vertices[1]
 
-    def visit(c):
-        """Corrects constraint c if it is violated. Returns whether it was."""
-        m1, v1, m2, v2, refValue, upper = constraints[c]
-        pair = meshes[m1], meshes[m2]
-        position, linVelocity, angVelocity = (
-            [np.array(getattr(mesh, name)) for mesh in pair]
-            for name in ("position", "linVelocity", "angVelocity")
-        )
-        points = [pair[0].currVertices[[v1]], pair[1].currVertices[[v2]]]
-        invMasses = [mesh.invMass for mesh in pair]
-        wasValid, positions = functions.resolve_position_constraint(
-            position, points, refValue, invMasses, upper, tolerance
-        )
-        if wasValid:
-            return False
-        # the points move along the line that joins them, so the arms and the direction still hold
-        tensors = [mesh.get_rotated_inv_IT() for mesh in pair]
-        moving = linVelocity, angVelocity, invMasses, tensors, tolerance
-        _, *velocities = functions.resolve_velocity_constraint(position, points, *moving)
-        for mesh, *state in zip(pair, positions, *velocities, strict=True):
-            mesh.position, mesh.linVelocity, mesh.angVelocity = state
-            move(mesh)
-        return True
+        @currVertices.setter
+        def currVertices(self, vertices):
+            pass
 
-    if enforceConstraints and len(constraints) > 0:
-        ends = [(meshes[row[0]], meshes[row[2]]) for row in constraints]
-        isMovable = [m1 is not m2 and not (m1.isFixed and m2.isFixed) for m1, m2 in ends]
-        movable = set(np.flatnonzero(isMovable).tolist())
-        sweep(visit, movable, len(constraints), max(maxIterations, len(constraints)))
+        def detect_collision(self, m):
+            if self.isFixed and m.isFixed:
+                return False, 0.0, None, None
+            return super().detect_collision(m)
+
+        def bounding_box(self):
+            vertices = self.currVertices
+            return (*vertices.min(axis=0).tolist(), *vertices.max(axis=0).tolist())
+
+        def lowest_vertex(self):
+            if self.isFixed:
+                return None
+            return self.currVertices[self.currVertices[:, 1].argmin()].copy()
+
+        def arm(self, vertex):
+            return QRotate(self.orientation, self.origVertices[[vertex]])
+
+    return LoopMesh
 
 
 def _numbers(meshName, name, value, shape):

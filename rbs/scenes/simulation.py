@@ -150,22 +150,20 @@ class Simulation(Scene):
         large. The simulation then stays as it was before the step.
         """
         settings = self.settings
-        arguments = settings.arguments()
+        limits = {"solverState": self.solverState}
         if settings.contactSolver == "impulse":
-            arguments["maxIterations"] = self.max_iterations()
-            arguments["tolerance"] = CONSTRAINT_TOLERANCE  # a student's default may differ
+            # a student's default tolerance may differ
+            limits = {"maxIterations": self.max_iterations(), "tolerance": CONSTRAINT_TOLERANCE}
             self.solverState.clear()  # out of date after a step of this solver
-        else:
-            arguments["solverState"] = self.solverState
         begin = time.perf_counter()
         advance = run_timestep
         if self.submitted is not None:
             advance = partial(self.submitted.step, self.source)
+        scene = self.meshes, self.groundMesh, settings.timeStep, settings.restitution
+        scene += settings.enforceConstraints, self.constraints
         try:
             with np.errstate(all="ignore"):  # an overflow is reported in one line below
-                self.report = advance(
-                    self.meshes, self.groundMesh, constraints=self.constraints, **arguments
-                )
+                self.report = advance(*scene, settings=settings, **limits)
         except StateError as error:
             raise StateError(f"step {self.stepCount + 1} cannot be made: {error}") from None
         self.stepSeconds = time.perf_counter() - begin

@@ -16,8 +16,8 @@ from rbs.geometry.vectors import cross, dot, mat_vec, norm, rotate_tensor
 from rbs.softstep.detection import GROUND_AXES
 from rbs.softstep.manifolds import POINTS, turn_points
 from rbs.softstep.springs import Spring, lasting
-from rbs.stepping.bodies import GRAVITY
 from rbs.stepping.reports import GROUND
+from rbs.stepping.settings import GRAVITY
 
 # Natural frequency of contact springs, as a fraction of the substep frequency. A higher one makes
 # stacks bounce, because the impulses of one sweep per substep lag behind: with 0.2, a stack of

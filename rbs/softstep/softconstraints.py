@@ -136,7 +136,7 @@ class SoftConstraints:
 
 def _bounds(constraints, bodies):
     """Returns `SoftConstraints.key`; constraints of the same two points become one column."""
-    rows = ConstraintRows(constraints, bodies.isFixed, bodies.vertexCount, 0.0)
+    rows = ConstraintRows(constraints, bodies.meshes, 0.0)
     points = np.stack((rows.body1, rows.vertex1, rows.body2, rows.vertex2))
     points, first, row = np.unique(points, axis=1, return_index=True, return_inverse=True)
     lower, upper = np.full(len(first), -np.inf), np.full(len(first), np.inf)

@@ -18,75 +18,66 @@ from rbs.softstep.detection import detect
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
 from rbs.softstep.sleeping import Sleep
 from rbs.softstep.softconstraints import SoftConstraints
-from rbs.stepping.bodies import EARTH, Bodies, check_numbers, turned
+from rbs.stepping.bodies import Bodies, check_numbers, turned
 from rbs.stepping.reports import StepReport
+from rbs.stepping.settings import EARTH
 
 
-def soft_step(
-    meshes,
-    groundMesh,
-    timeStep,
-    CRCoeff,
-    closingOnly,
-    mu,
-    isGyroscopic,
-    gravity,
-    constraints,
-    substeps,
-    sleeping,
-    state,
-):
+def soft_step(meshes, groundMesh, constraints, step, state):
     """`run_timestep` with the soft-step solver; see there. Returns a `StepReport`.
 
-    state : `SolverState` or None; changed only at the end, when nothing can fail any more
+    step : from `step_arguments`; state : `SolverState` or None, changed only at the end, when
+        nothing can fail any more
     """
     report = StepReport()
-    if len(meshes) == 0 or timeStep == 0.0:
+    if len(meshes) == 0 or step.timeStep == 0.0:
         return report
     with report.phase("gather"):
-        bodies = Bodies(meshes, gravity)
+        bodies = Bodies(meshes, step.gravity)
         state = SolverState() if state is None else state
         kept = state.begun(bodies)
-        h = timeStep / substeps
+        h = step.timeStep / step.substeps
         ratio = h / (kept.substep or h)
-        isDisturbed = kept.sleep.disturbed(bodies) | (kept.gravity != gravity).any() | (ratio != 1)
-        kept.gravity, kept.substep = np.array(gravity), h
+        isDisturbed = (
+            kept.sleep.disturbed(bodies) | (kept.gravity != step.gravity).any() | (ratio != 1)
+        )
+        kept.gravity, kept.substep = np.array(step.gravity), h
         # if every body is either fixed or asleep, and undisturbed, there is nothing to do
-        if sleeping and ((kept.sleep.isAsleep != bodies.isFixed) & ~isDisturbed).all():
+        if step.sleeping and ((kept.sleep.isAsleep != bodies.isFixed) & ~isDisturbed).all():
             state.replace(kept)
             report.isAsleep = kept.sleep.isAsleep
             return report
         bodies.follow_orientations()
-        if isGyroscopic:
-            bodies.turn_gyroscopically(timeStep)
+        if step.gyroscopic:
+            bodies.turn_gyroscopically(step.timeStep)
         check_numbers(bodies.columns(), meshes, "the last step")
     with report.phase("collisions"):
         isStill = (kept.sleep.isAsleep | bodies.isFixed) & ~isDisturbed
-        manifolds, frames = detect(bodies, groundMesh is not None, isStill, kept, timeStep)
+        manifolds, frames = detect(bodies, groundMesh is not None, isStill, kept, step.timeStep)
         distances = SoftConstraints(constraints, bodies, kept)
         isAsleep = np.zeros(kept.count, dtype=bool)
-        if sleeping:
+        if step.sleeping:
             links = np.concatenate((manifolds.bodies(kept.count), distances.ends), axis=1)
             isLost = find_sorted(kept.manifolds.key, manifolds.key) < 0
             lost = kept.manifolds.bodies(kept.count)[:, isLost].ravel()
             isAsleep = kept.sleep.woken(bodies, isDisturbed, links, lost)
     with report.phase("contactSolver"):
         motion = Motion(bodies, isAsleep)
-        contacts = SoftContacts(manifolds, frames, motion, mu, timeStep, h, ratio)
+        contacts = SoftContacts(manifolds, frames, motion, step.mu, step.timeStep, h, ratio)
         distances.begin(motion, frames, h, ratio)
-        closing = contacts.impact_speeds(motion) if CRCoeff else None
-        _make_substeps(motion, contacts, distances, substeps, h)
+        closing = contacts.impact_speeds(motion) if step.CRCoeff else None
+        _make_substeps(motion, contacts, distances, step.substeps, h)
         manifolds = contacts.store(manifolds)
-        if CRCoeff:
-            contacts.restitute(motion, CRCoeff, closing, bodies, distances.ends)
+        if step.CRCoeff:
+            contacts.restitute(motion, step.CRCoeff, closing, bodies, distances.ends)
     with report.phase("writeBack"):
         bodies.motion, bodies.orientation = motion.result(bodies)
         check_numbers(bodies.columns(), meshes, "contacts and constraints")
         kept.manifolds = manifolds
-        if sleeping:
+        if step.sleeping:
             touching = manifolds.bodies(kept.count)[:, (manifolds.impulse > 0.0).any(axis=0)]
             links = np.concatenate((touching, distances.ends), axis=1)
-            kept.sleep = kept.sleep.settled(bodies, isAsleep, links, timeStep)
+            kept.sleep = kept.sleep.settled(bodies, isAsleep, links, step.timeStep)
         else:
             kept.sleep = Sleep.none(bodies)
         distances.store(kept)

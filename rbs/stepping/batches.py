@@ -9,7 +9,8 @@ Corrections move bodies, so the pairs that touch, and the facets that are neares
 not known beforehand. A pass is therefore speculative. It processes the pairs that are near each
 other, with the facets that are near, at the start. Afterwards, it looks at the positions at which
 it was each pair's turn: whether a pair that was not processed touched, and whether another facet
-was nearer. If so, this is corrected, and the pairs that depend on it are processed again.
+was nearer. If so, the pass is made again with what has been found. To make only those pairs again
+that depend on a correction saves less than a fiftieth of a step.
 """
 
 import itertools
@@ -23,7 +24,7 @@ from rbs.geometry.broadphase import grid_overlaps
 from rbs.geometry.facets import Pairs, find_facets
 from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE
 from rbs.geometry.vectors import dot, norm
-from rbs.stepping.kernels import shifts
+from rbs.stepping.kernels import position_corrections
 
 # Least margin of a body, as a fraction of its radius, and what is added to it, as a multiple of its
 # displacement in the step before. More makes more pairs to process; less makes more corrections.
@@ -97,34 +98,25 @@ class Pass:
 
     def run(self):
         """Separates the candidates that touch, as if in the order i < j: `Contacts`."""
-        contacts, wrong = Contacts.none(), indices(self.isExpected)
         while True:
-            contacts = self.process(wrong, contacts)
+            contacts = self.process_expected()
             b, after = contacts.bodies.ravel(), contacts.after.reshape(3, -1)
             self.displacement = np.zeros(len(self.margin))
             np.maximum.at(self.displacement, b, norm(after - take(self.start, b, axis=1)))
-            wrong = self._correct(contacts)
             # what comes first in the order i < j is not wrong again, so this ends
-            if len(wrong) == 0:
+            if not self._correct(contacts):
                 return contacts
+            self.bodies.position[:] = self.start
 
-    def process(self, wrong, contacts):
-        """Processes pairs, and all that depend on them, batch by batch: the new `Contacts`.
-
-        wrong : (W,), ranks of the pairs; contacts : `Contacts` so far
-        """
-        bodies, rank, isDue = self.bodies, indices(self.isExpected), np.zeros(len(self.keys), bool)
-        isDue[wrong] = True
+    def process_expected(self):
+        """Processes the expected pairs, batch by batch: `Contacts`."""
+        rank = indices(self.isExpected)
         pair = self.bodies_of(rank)
-        order, starts = in_batches(*pair, bodies.isFixed, isDue[rank])
+        order, starts = in_batches(*pair, self.bodies.isFixed)
         rank, pair = rank[order], take(pair, order, axis=1)
-        isDue[rank] = True
-        kept = contacts.of(indices(~isDue[contacts.rank]))
-        if len(contacts.rank):
-            bodies.position[:] = self._positions(kept, np.arange(len(self.start[0])), len(isDue))
         facets = self.facets.of_pairs(self.latest[rank])
-        batches = Batches(bodies, rank, pair, facets, starts)
-        found = [kept, *itertools.starmap(batches.process, itertools.pairwise(starts.tolist()))]
+        batches = Batches(self.bodies, rank, pair, facets, starts)
+        found = itertools.starmap(batches.process, itertools.pairwise(starts.tolist()))
         return Contacts(*(np.concatenate(column, axis=-1) for column in zip(*found, strict=True)))
 
     def bodies_of(self, rank):
@@ -141,10 +133,10 @@ class Pass:
         return take(position, order[last], axis=1)
 
     def _correct(self, contacts):
-        """Finds the facets of the pairs whose results are wrong; returns their ranks (W,)."""
+        """Finds the facets of the pairs whose results are wrong; returns whether there are any."""
         rank, t, axes, depth = self._doubtful(contacts)
         if len(rank) == 0:
-            return rank
+            return False
         pairs = Pairs(self.bodies.hulls, *self.bodies_of(rank), t).along(axes)
         facets = find_facets(pairs, np.zeros(len(rank)))
         penetration, normal = facets.minimal_penetrations(t)
@@ -152,13 +144,13 @@ class Pass:
         isWrong = np.where(touches, np.maximum(penetration, 0.0), -1.0) != depth
         # compares the bits, because 0.0 equals -0.0
         isWrong |= touches & (normal.view(np.int64) != axes.view(np.int64)).any(axis=0)
-        wrong = rank[isWrong]
-        if len(wrong):
-            self.isExpected[wrong] = True
-            self.latest[rank] = len(self.t[0]) + np.arange(len(rank))
-            self.t = np.append(self.t, t, axis=1)
-            self.facets = self.facets.joined(facets)
-        return wrong
+        if not isWrong.any():
+            return False
+        self.isExpected[rank[isWrong]] = True
+        self.latest[rank] = len(self.t[0]) + np.arange(len(rank))
+        self.t = np.append(self.t, t, axis=1)
+        self.facets = self.facets.joined(facets)
+        return True
 
     def _doubtful(self, contacts):
         """Pairs whose results are not proved: `(rank (m,), t (3, m), axes (3, m), depth (m,))`.
@@ -214,7 +206,7 @@ class Batches:
         relative to the start of the batch
     touchDepth, boxDepth : (P,), penetrations from which hulls touch, and beyond which their boxes
         surely overlap
-    weights : (2, P), `shifts` by 1
+    weights : (2, P), `position_corrections` by 1
     """
 
     def __init__(self, bodies, rank, pair, facets, starts):
@@ -224,7 +216,7 @@ class Batches:
         self.facetPair = (np.arange(len(rank)) - begin).repeat(np.diff(facets.start))
         size = take(bodies.hulls.radius, pair).sum(axis=0)
         self.touchDepth, self.boxDepth = -TOUCH_TOLERANCE * size, FEATURE_TOLERANCE * size
-        self.weights = shifts(take(bodies.invMass, pair), 1.0)
+        self.weights = position_corrections(take(bodies.invMass, pair), 1.0)
 
     def process(self, begin, end):
         """Separates the pairs from `begin` to `end` that touch; returns columns of `Contacts`."""
@@ -256,29 +248,24 @@ def boxes_meet(bodies, pair, position):
     return (box[:3] <= -box[3:, ::-1]).all(axis=(0, 1))
 
 
-def in_batches(first, second, isFixed, isDue):
+def in_batches(first, second, isFixed):
     """Assigns pairs to batches: `(order (P,), starts (B + 1,))`, of processing and in this order.
 
     The batch of a pair follows the last batches of its two bodies, so that pairs with a common
-    movable body keep their order. Pairs that are neither due nor depend on one that is are left
-    out. Without pairs, there is one empty batch.
-
-    isDue : (P,) bool
+    movable body keep their order. Without pairs, there is one empty batch.
     """
     isFixed = isFixed.tolist()
     last = [-1] * len(isFixed)
     batch = []
-    for i, j, due in zip(first.tolist(), second.tolist(), isDue.tolist(), strict=True):
-        number = last[i] if last[i] > last[j] else last[j]
-        if due or number >= 0:
-            number += 1
-            if not isFixed[i]:
-                last[i] = number
-            if not isFixed[j]:
-                last[j] = number
+    for i, j in zip(first.tolist(), second.tolist(), strict=True):
+        number = 1 + (last[i] if last[i] > last[j] else last[j])
+        if not isFixed[i]:
+            last[i] = number
+        if not isFixed[j]:
+            last[j] = number
         batch.append(number)
     batch = np.array(batch, dtype=np.intp)
-    order = batch.argsort(kind="stable")[np.count_nonzero(batch < 0) :]
+    order = batch.argsort(kind="stable")
     return order, batch[order].searchsorted(np.arange(batch.max(initial=0) + 2))
 
 
@@ -291,12 +278,6 @@ class Contacts(NamedTuple):
     normal: np.ndarray  # (3, H), unit, from the first body to the second
     before: np.ndarray  # (3, 2, H), positions of the bodies before the correction
     after: np.ndarray  # (3, 2, H), and after it
-
-    @classmethod
-    def none(cls):
-        """No contacts."""
-        none = np.zeros(0, dtype=np.intp), np.zeros((2, 0), dtype=np.intp)
-        return cls(*none, np.zeros(0), np.zeros((3, 0)), *np.zeros((2, 3, 2, 0)))
 
     def of(self, rows):
         """Returns these contacts."""

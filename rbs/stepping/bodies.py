@@ -17,6 +17,7 @@ from rbs.geometry.arrays import indices, ranges, row_minima, take
 from rbs.geometry.hulls import FEATURE_TOLERANCE, NO_HULL, HullSet, rotate_columns
 from rbs.geometry.triples import add, cross, divide, dot, floats, mat_vec, scale, sub, transpose
 from rbs.geometry.vectors import rotate_tensor
+from rbs.stepping.settings import EARTH
 
 # Largest number allowed in a state, in any unit. Products of four such numbers are still finite; no
 # useful scene comes near it.
@@ -47,6 +48,13 @@ def check_numbers(columns, meshes, when):
             b = int(isFine.all(axis=0).argmin())
             value = float(table[~isFine[:, b], b][0])
             raise StateError(f"body {b}, {meshes[b].name!r}: {name} holds {value:g} after {when}")
+
+
+def check_states(meshes, when):
+    """`check_numbers` of meshes."""
+    values = [getattr(mesh, name) for mesh in meshes for name in STATE_WIDTHS]
+    if values and not np.abs(np.concatenate(values, axis=None)).max() <= LARGEST_NUMBER:
+        check_numbers(state_columns(meshes), meshes, when)
 
 
 def check_distinct(meshes):
@@ -121,11 +129,6 @@ def _columns(meshes, name, width):
     return np.ascontiguousarray(table.reshape(-1, width).T, dtype=np.float64)
 
 
-# Gravitational acceleration along y, in m/s², and as a vector, the default of a step.
-GRAVITY = -9.8
-EARTH = (0.0, GRAVITY, 0.0)
-
-
 def turned(orientation, angle):
     """Unit orientations (4, n) after rotation by vectors φ (3, n): exp(φ/2) ∘ q."""
     rotation = exponentials((0.0, *(0.5 * angle)))
@@ -172,31 +175,21 @@ class Tables:
     def __init__(self, meshes):
         check_distinct(meshes)
         self.meshes, self.state = meshes, {}
-        self._counts, self._invITs = None, [None] * len(meshes)
         self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.vertices = np.ascontiguousarray(np.concatenate([m.origVertices for m in meshes]).T)
         self.hulls = HullSet([NO_HULL if m.hull is None else m.hull for m in meshes])
 
     def hold_all(self):
-        """Whether these tables hold the state of all meshes, and no mesh has attributes for it."""
-        # a state that has been read or assigned is one more attribute of a mesh
-        return all(mesh._tables is self for mesh in self.meshes) and (
-            self._counts == list(map(len, map(vars, self.meshes)))
-        )
+        """Whether the tables are the whole state: no mesh has read or been assigned any of it."""
+        if not all([mesh._tables is self for mesh in self.meshes]):
+            return False
+        own = [vars(mesh) for mesh in self.meshes]
+        return not any([name in attributes for name in STATE_WIDTHS for attributes in own])
 
     def columns(self):
         """Returns a copy of the state, as `state_columns`."""
         return {name: table[:, 0].T.copy(order="C") for name, table in self.state.items()}
-
-    def inverse_tensors(self):
-        """Returns the invIT of all meshes (9, n), and makes them rows of one table."""
-        if not all(mesh.invIT is row for mesh, row in zip(self.meshes, self._invITs, strict=True)):
-            self._invIT = np.array([mesh.invIT for mesh in self.meshes], dtype=np.float64)
-            self._invITs = list(self._invIT)
-            for mesh, row in zip(self.meshes, self._invITs, strict=True):
-                mesh.invIT = row
-        return np.ascontiguousarray(self._invIT.reshape(-1, 9).T)
 
     def keep(self, columns, holdsAll):
         """Takes over the state of the meshes from tables (w, n), as from `state_columns`.
@@ -213,7 +206,6 @@ class Tables:
                 for name in STATE_WIDTHS:
                     vars(mesh).pop(name, None)
                 mesh._tables, mesh._row = self, row
-            self._counts = list(map(len, map(vars, self.meshes)))
 
 
 # Tables of the present scenes. Building them costs more than a step of a small scene.
@@ -249,7 +241,7 @@ class Bodies:
         self._start = self.motion.copy()
         self.invMass = np.array([m.invMass for m in meshes], dtype=np.float64)
         self.isFixed = self.invMass == 0.0
-        self.restInvInertia = np.where(self.isFixed, 0.0, self._tables.inverse_tensors())
+        self.restInvInertia = np.where(self.isFixed, 0.0, _columns(meshes, "invIT", 9))
 
     position = property(lambda self: self.motion[0:3])
     velocity = property(lambda self: self.motion[3:9])

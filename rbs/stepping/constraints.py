@@ -11,7 +11,12 @@ import numpy as np
 from rbs.geometry.arrays import indices, take
 from rbs.geometry.triples import number
 from rbs.stepping.bodies import Bodies
-from rbs.stepping.kernels import distance_error, is_violated, shifts, stop
+from rbs.stepping.kernels import (
+    distance_error,
+    is_violated,
+    position_corrections,
+    resolve_velocity_constraint,
+)
 
 
 class ConstraintRows:
@@ -25,10 +30,11 @@ class ConstraintRows:
     body1, vertex1, body2, vertex2 : (C,); refValue : (C,); upper : (C,) bool
     """
 
-    def __init__(self, constraints, isFixed, vertexCount, tolerance):
-        """constraints, vertexCount : as for `constraint_rows`; isFixed : (n,)"""
+    def __init__(self, constraints, meshes, tolerance):
+        """constraints, tolerance : of `run_timestep`. Raises ValueError as `constraint_rows`."""
         self.total = len(constraints)
-        table = _table(constraints, vertexCount)
+        self.isFixed = isFixed = np.array([m.isFixed for m in meshes], dtype=bool)
+        table = _table(constraints, np.array([len(m.origVertices) for m in meshes], dtype=np.intp))
         ends, isUpper = table[:4].astype(np.intp), table[5] != 0
         movable = (ends[0] != ends[2]) & ~(isFixed[ends[0]] & isFixed[ends[2]])
         movable &= isUpper | (table[4] > tolerance)
@@ -36,10 +42,30 @@ class ConstraintRows:
         self.body1, self.vertex1, self.body2, self.vertex2 = ends[:, movable]
         self.refValue, self.upper = table[4, movable], isUpper[movable]
 
-    def tolist(self):
-        """Returns tuples `(index, body1, vertex1, body2, vertex2, refValue, upper)`."""
+    def movable_ends(self):
+        """Returns a dict from each index to the list of the constraint's bodies that can move."""
+        isFixed = self.isFixed.tolist()
+        ends = zip(self.body1.tolist(), self.body2.tolist(), strict=True)
+        return {
+            c: [b for b in pair if not isFixed[b]]
+            for c, pair in zip(self.index.tolist(), ends, strict=True)
+        }
+
+    def ties(self, meshes):
+        """Returns what visits need: a dict from each index to two meshes, the arms (1, 3) of the
+        points, refValue, upper, inverse masses, and inverse inertia tensors in world axes.
+        """
+        ends = np.union1d(self.body1, self.body2).tolist()
+        tensors = {b: meshes[b].get_rotated_inv_IT() for b in ends}
         names = "index body1 vertex1 body2 vertex2 refValue upper".split()
-        return list(zip(*(getattr(self, name).tolist() for name in names), strict=True))
+        ties = {}
+        for c, b1, v1, b2, v2, *bound in zip(
+            *(getattr(self, n).tolist() for n in names), strict=True
+        ):
+            m1, m2 = meshes[b1], meshes[b2]
+            constant = (m1.invMass, m2.invMass), (tensors[b1], tensors[b2])
+            ties[c] = m1, m2, m1.arm(v1), m2.arm(v2), *bound, *constant
+        return ties
 
 
 def constraint_rows(constraints, vertexCount):
@@ -76,6 +102,20 @@ def _table(constraints, vertexCount):
         c = int(np.isfinite(table[4]).argmin())
         raise ValueError(f"constraint {c}: the reference value must be finite")
     return table
+
+
+def sweep(visit, constraints, total, maximumVisits):
+    """Visits constraints in order until `total` visits in a row find no violation.
+
+    visit : function of an index; constraints : dict of the indices that can be corrected
+    Returns the number of visits.
+    """
+    visits = satisfiedInARow = 0
+    while satisfiedInARow < total and visits < maximumVisits:
+        c = visits % total
+        satisfiedInARow = 0 if c in constraints and visit(c) else satisfiedInARow + 1
+        visits += 1
+    return visits
 
 
 def queue(visit, constraints, total, maximumVisits):
@@ -125,7 +165,7 @@ def project_in_batches(meshes, rows, tolerance, maximumVisits):
     bodies.follow_orientations()
     ends, vertices = np.stack((rows.body1, rows.body2)), np.stack((rows.vertex1, rows.vertex2))
     arms = bodies.arms(ends, vertices)
-    coloured = coloured_batches(rows.body1, rows.body2, bodies.isFixed)
+    coloured = coloured_batches(rows.body1, rows.body2, rows.isFixed)
     left = rows.total - len(rows.index)  # satisfied visits, counted once per sweep
     visits = satisfiedInARow = 0
     while coloured and satisfiedInARow < len(rows.index) and visits < maximumVisits:
@@ -156,8 +196,9 @@ def visit_batch(bodies, rows, ends, arms, batch, tolerance):
     b, r, n = ends[:, batch[violated]], arms[..., batch[violated]], n[:, violated]
     invMasses = take(bodies.invMass, b)
     motion = take(bodies.motion, b, axis=1)
-    motion[:3] += shifts(invMasses, C[violated]) * n[:, None]
-    stop(motion[3:], invMasses, take(bodies.invInertia, b, axis=1), r, n, tolerance)
+    motion[:3] += position_corrections(invMasses, C[violated]) * n[:, None]
+    state = motion[3:], invMasses, take(bodies.invInertia, b, axis=1)
+    resolve_velocity_constraint(*state, r, n, tolerance)
     bodies.motion[:, b] = motion
     return True
 

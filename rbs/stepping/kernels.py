@@ -14,8 +14,8 @@ from rbs.geometry.vectors import cross, dot, mat_vec, norm
 SIGNS = np.array([[-1.0], [1.0]])
 
 
-def shifts(invMasses, distance):
-    """Displacements (2, m) of `project_positions` along n; not both masses may be infinite."""
+def position_corrections(invMasses, distance):
+    """`position_corrections`: displacements (2, m) along n."""
     return SIGNS * (invMasses / (invMasses[0] + invMasses[1])) * distance
 
 
@@ -25,12 +25,8 @@ def relative_velocity(velocity, arms):
     return atArms[:, 0] - atArms[:, 1]
 
 
-def inverse_effective_mass(invMasses, invInertias, arms, n):
-    """`inverse_effective_mass` of both bodies together: `(K (m,), turning (3, 2, m))`.
-
-    turning : I⁻¹ (r × n), change of the angular velocities by a unit impulse
-    """
-    rCrossN = cross(arms, n[:, None])
+def inverse_effective_mass(invMasses, invInertias, rCrossN):
+    """`inverse_effective_mass` of both bodies together: `(K (m,), turning (3, 2, m))`."""
     turning = mat_vec(invInertias, rCrossN)
     k = invMasses + dot(rCrossN, turning)
     return k[0] + k[1], turning
@@ -43,19 +39,20 @@ def apply_impulse(velocity, impulse, invMasses, turning, n):
     velocity[3:] += impulses * turning
 
 
-def collide(velocity, invMasses, invInertias, arms, n, K, turning, CRCoeff, closingOnly, mu):
+def collide(velocity, invMasses, invInertias, arms, n, K, turning, step):
     """Impulses of `resolve_collision`: `(impulse (m,), friction (3, m))`.
 
-    K, turning : from `inverse_effective_mass`. Changes the velocities in place.
+    K, turning : from `inverse_effective_mass`; step : CRCoeff, closingOnly and mu, as attributes.
+    Changes the velocities in place.
     """
-    change = (1.0 + CRCoeff) * dot(relative_velocity(velocity, arms), n)
-    if closingOnly:
+    change = (1.0 + step.CRCoeff) * dot(relative_velocity(velocity, arms), n)
+    if step.closingOnly:
         change = change * (change > 0.0)
     impulse = change / K
     apply_impulse(velocity, impulse, invMasses, turning, n)
-    if mu == 0.0:
+    if step.mu == 0.0:
         return impulse, np.zeros(n.shape)
-    return impulse, apply_friction(velocity, invMasses, invInertias, arms, n, mu * impulse)
+    return impulse, apply_friction(velocity, invMasses, invInertias, arms, n, step.mu * impulse)
 
 
 def apply_friction(velocity, invMasses, invInertias, arms, n, limit):
@@ -64,7 +61,7 @@ def apply_friction(velocity, invMasses, invInertias, arms, n, limit):
     across = u - dot(u, n) * n
     speed = norm(across)
     t = across / np.where(speed > 0.0, speed, 1.0)
-    K, turning = inverse_effective_mass(invMasses, invInertias, arms, t)
+    K, turning = inverse_effective_mass(invMasses, invInertias, cross(arms, t[:, None]))
     impulse = np.minimum(speed / K, np.maximum(limit, 0.0) + 0.0)
     apply_impulse(velocity, impulse, invMasses, turning, t)
     return impulse * t
@@ -84,8 +81,11 @@ def is_violated(C, upper, tolerance):
     return np.where(upper, C > tolerance, C < -tolerance)
 
 
-def stop(velocity, invMasses, invInertias, arms, n, tolerance):
-    """Applies the impulses of `resolve_velocity_constraint` to the velocities, in place."""
-    Jv = dot(relative_velocity(velocity, arms), n)
-    K, turning = inverse_effective_mass(invMasses, invInertias, arms, n)
-    apply_impulse(velocity, Jv * (abs(Jv) > tolerance) / K, invMasses, turning, n)
+def resolve_velocity_constraint(velocity, invMasses, invInertias, arms, n, tolerance):
+    """`resolve_velocity_constraint`: changes the velocities in place."""
+    rCrossN = cross(arms, n[:, None])
+    linear, angular = dot(n[:, None], velocity[:3]), dot(rCrossN, velocity[3:])
+    Jv = linear[0] + angular[0] - linear[1] - angular[1]
+    K, turning = inverse_effective_mass(invMasses, invInertias, rCrossN)
+    impulse = np.where(abs(Jv) > tolerance, -Jv / K, 0.0)
+    apply_impulse(velocity, -impulse, invMasses, turning, n)

@@ -4,7 +4,7 @@ import time
 from contextlib import contextmanager
 from typing import NamedTuple
 
-from rbs.geometry.triples import ZERO, add, floats, sub
+from rbs.geometry.triples import ZERO, add, floats, number, sub
 
 # Index of the ground as the second body of a contact.
 GROUND = -1
@@ -80,7 +80,7 @@ class StepReport:
 
         A negative depth, as on the ground, comes with a normal from body 2 to body 1.
         """
-        depth, normal = float(depth), floats(normal, 3)
+        depth, normal = number(depth), floats(normal, 3)
         if depth < 0.0 or j == GROUND:
             depth, normal = abs(depth), sub(ZERO, normal)
         impulse, *vectors = impulses or (0.0, ZERO, ZERO)

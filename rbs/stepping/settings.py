@@ -1,7 +1,7 @@
 """The settings of a step, each declared once.
 
-Command line, window, recordings and checks all read this table. From the top: the texts; `Setting`;
-the table; `Settings`, the values that a scene is simulated with; the check of `run_timestep`.
+Command line, window, recordings and `run_timestep` all read this table. From the top: `Setting`;
+the table; `Settings`, the values that a scene is simulated with; the arguments of `run_timestep`.
 """
 
 import math
@@ -9,46 +9,20 @@ import re
 import reprlib
 from contextlib import suppress
 from dataclasses import make_dataclass
+from types import SimpleNamespace
 
 from rbs.geometry.triples import floats, number
 
-CONSTRAINT_SCHEDULINGS = ("sweep", "queue", "batches")
 # m, and m/s: the violation of a constraint that is left uncorrected. Invisible on bodies of 5 to
 # 20 m. Smaller values take more constraint visits.
 CONSTRAINT_TOLERANCE = 1e-3
+# Most constraint visits in a step of the coursework.
+CONSTRAINT_VISITS = 1000
+# Gravitational acceleration along y, in m/s², and as a vector.
+GRAVITY = -9.8
+EARTH = (0.0, GRAVITY, 0.0)
 # Least and greatest value of a setting.
 UNIT, POSITIVE, ANY = (0.0, 1.0), (0.0, math.inf), (-math.inf, math.inf)
-# Texts of --help. The first sentence of each is the tooltip in the window, except where the option
-# switches off what the window switches on.
-HELP = {
-    "restitution": "how bouncy: the fraction of the approach speed that is returned, 0 to 1. With "
-    "1, bodies slowly gain energy, unless --solver soft-step is used",
-    "timeStep": "simulated seconds per step",
-    "gravity": "acceleration of free fall along −y, in m/s²",
-    "friction": "coefficient of friction between bodies and with the ground. Only --solver "
-    "soft-step slows a box that spins flat on another",
-    "contactSolver": "way to solve contacts: impulse, one by one, as in the coursework; soft-step, "
-    "all together. Piles rest only with soft-step",
-    "substeps": "substeps per step; more make contacts stiffer and take longer",
-    "sleeping": "simulate bodies at rest too. By default, they sleep until something disturbs them",
-    "broadPhase": "way to find possible contacts; grid is faster with many bodies, with identical "
-    "motion. all tests every pair; grid uses a uniform grid",
-    "closingOnly": "apply no impulse if bodies are already separating. By default, one is applied, "
-    "as in the coursework",
-    "gyroscopic": "let spinning bodies tumble, following Euler's equations. By default, the "
-    "angular velocity is constant in free flight",
-    "enforceConstraints": "ignore the distance constraints. They are solved last in a step and may "
-    "press bodies into the ground, much less so with --solver soft-step",
-    "constraintScheduling": "order in which constraints are visited. sweep visits them one by one, "
-    "repeatedly; queue gives the same result with fewer visits; batches visits many at once in "
-    "another order, for hundreds of constraints",
-    "maxIterations": "most constraint visits per step; each constraint is visited at least once "
-    "(default: 20 times the number of constraints, and at least 1000)",
-}
-TOOLTIPS = {
-    "sleeping": "skip bodies at rest until something disturbs them",
-    "enforceConstraints": "enforce the distance constraints",
-}
 
 
 class Setting:
@@ -56,8 +30,10 @@ class Setting:
 
     name : the field in `Settings` and in recordings
     default : or a tuple of the names to choose from, the default first
+    help : text of --help
     limits : least and greatest value; an infinite end stands for any finite value
     sliderEnds : ends of the slider in the window, or None for a field to type into
+    tooltip : in the window, by default the first sentence of help
     parameter : the parameter of `run_timestep`, by default the name
     limitsInStep, defaultInStep : of the parameter, by default as in the program
     option : on the command line, without dashes, by default from the name; "no-" switches a bool
@@ -66,20 +42,19 @@ class Setting:
     solver : the only contact solver that uses it, or None for all
     isOfConstraints : whether it affects distance constraints only
     kind : float, int, bool, or the tuple of names; by default that of the default
-    help, tooltip : from HELP and TOOLTIPS
     """
 
     solver, isOfConstraints = None, False
 
-    def __init__(self, name, default, limits=ANY, sliderEnds=None, **others):
+    def __init__(self, name, default, help="", limits=ANY, sliderEnds=None, **others):
         self.kind = default if isinstance(default, tuple) else type(default)
         self.default = self.defaultInStep = default[0] if self.kind is default else default
         self.limits = self.limitsInStep = limits
         self.name, self.parameter, self.sliderEnds = name, name, sliderEnds
         self.option = re.sub("[A-Z]", lambda letter: "-" + letter[0].lower(), name)
         self.label = (others.get("option", self.option) or "").replace("-", " ")
-        self.help = HELP.get(name, "")
-        tooltip = TOOLTIPS.get(name, self.help.partition(". ")[0])
+        self.help = help
+        tooltip = others.pop("tooltip", help.partition(". ")[0])
         self.tooltip = tooltip[:1].upper() + tooltip[1:]
         vars(self).update(others)
 
@@ -125,29 +100,147 @@ class Setting:
         return self.solver in (None, solver)
 
 
+IMPULSE, SOFT_STEP = {"solver": "impulse"}, {"solver": "soft-step"}
 LINKS = {"isOfConstraints": True}
-IMPULSE_LINKS = {"isOfConstraints": True, "solver": "impulse"}
 TABLE = (
-    Setting("restitution", 0.5, UNIT, UNIT, parameter="CRCoeff", limitsInStep=ANY),
-    Setting("timeStep", 0.02, (1e-12, 1e3), label="time step (s)", limitsInStep=POSITIVE),
-    Setting("gravity", 9.8, (0.0, 1000.0), (0.0, 20.0), label="gravity (m/s²)"),
-    Setting("friction", 0.0, POSITIVE, UNIT, parameter="mu"),
-    Setting("contactSolver", ("impulse", "soft-step"), option="solver"),
-    Setting("substeps", 6, (1, 1000), (1, 32), solver="soft-step"),
-    Setting("sleeping", True, option="no-sleeping", label="sleeping", solver="soft-step"),
-    Setting("broadPhase", ("all", "grid"), solver="impulse"),
-    Setting("closingOnly", False, label="approaching contacts only", solver="impulse"),
-    Setting("gyroscopic", False, label="gyroscopic torque"),
-    Setting("enforceConstraints", True, option="no-constraints", label="constraints", **LINKS),
-    Setting("constraintScheduling", CONSTRAINT_SCHEDULINGS, option="scheduling", **IMPULSE_LINKS),
     Setting(
-        "maxIterations", None, (0, 10**15), kind=int, defaultInStep=1000, label="", **IMPULSE_LINKS
+        "restitution",
+        0.5,
+        "how bouncy: the fraction of the approach speed that is returned, 0 to 1. With 1, bodies "
+        "slowly gain energy, unless --solver soft-step is used",
+        UNIT,
+        UNIT,
+        parameter="CRCoeff",
+        limitsInStep=ANY,
     ),
-    Setting("tolerance", CONSTRAINT_TOLERANCE, POSITIVE, option=None, label="", **IMPULSE_LINKS),
+    Setting(
+        "timeStep",
+        0.02,
+        "simulated seconds per step",
+        (1e-12, 1e3),
+        label="time step (s)",
+        limitsInStep=POSITIVE,
+    ),
+    Setting(
+        "gravity",
+        -GRAVITY,
+        "acceleration of free fall along −y, in m/s²",
+        (0.0, 1000.0),
+        (0.0, 20.0),
+        label="gravity (m/s²)",
+        defaultInStep=EARTH,
+    ),
+    Setting(
+        "friction",
+        0.0,
+        "coefficient of friction between bodies and with the ground. Only --solver soft-step "
+        "slows a box that spins flat on another",
+        POSITIVE,
+        UNIT,
+        parameter="mu",
+    ),
+    Setting(
+        "contactSolver",
+        ("impulse", "soft-step"),
+        "way to solve contacts: impulse, one by one, as in the coursework; soft-step, all "
+        "together. Piles rest only with soft-step",
+        option="solver",
+    ),
+    Setting(
+        "substeps",
+        6,
+        "substeps per step; more make contacts stiffer and take longer",
+        (1, 1000),
+        (1, 32),
+        **SOFT_STEP,
+    ),
+    Setting(
+        "sleeping",
+        True,
+        "simulate bodies at rest too. By default, they sleep until something disturbs them",
+        option="no-sleeping",
+        label="sleeping",
+        tooltip="skip bodies at rest until something disturbs them",
+        **SOFT_STEP,
+    ),
+    Setting(
+        "broadPhase",
+        ("all", "grid"),
+        "way to find possible contacts; grid is faster with many bodies, with identical motion. "
+        "all tests every pair; grid uses a uniform grid",
+        **IMPULSE,
+    ),
+    Setting(
+        "contactScheduling",
+        ("sequential", "batches"),
+        "way to resolve contacts; batches is faster with hundreds of bodies, with identical "
+        "motion. sequential resolves one contact after the other; batches resolves contacts that "
+        "share no movable body together, on arrays, and finds them by the grid",
+        option="contacts",
+        **IMPULSE,
+    ),
+    Setting(
+        "closingOnly",
+        False,
+        "apply no impulse if bodies are already separating. By default, one is applied, as in the "
+        "coursework",
+        label="approaching contacts only",
+        **IMPULSE,
+    ),
+    Setting(
+        "gyroscopic",
+        False,
+        "let spinning bodies tumble, following Euler's equations. By default, the angular velocity "
+        "is constant in free flight",
+        label="gyroscopic torque",
+    ),
+    Setting(
+        "enforceConstraints",
+        True,
+        "ignore the distance constraints. They are solved last in a step and may press bodies into "
+        "the ground, much less so with --solver soft-step",
+        option="no-constraints",
+        label="constraints",
+        tooltip="enforce the distance constraints",
+        **LINKS,
+    ),
+    Setting(
+        "constraintScheduling",
+        ("sweep", "queue", "batches"),
+        "order in which constraints are visited. sweep visits them one by one, repeatedly; queue "
+        "gives the same result with fewer visits; batches visits many at once in another order, "
+        "for hundreds of constraints",
+        option="scheduling",
+        **LINKS,
+        **IMPULSE,
+    ),
+    Setting(
+        "maxIterations",
+        None,
+        "most constraint visits per step; each constraint is visited at least once (default: 20 "
+        "times the number of constraints, and at least 1000)",
+        (0, 10**15),
+        kind=int,
+        defaultInStep=CONSTRAINT_VISITS,
+        label="",
+        **LINKS,
+        **IMPULSE,
+    ),
+    Setting(
+        "tolerance",
+        CONSTRAINT_TOLERANCE,
+        limits=POSITIVE,
+        option=None,
+        label="",
+        **LINKS,
+        **IMPULSE,
+    ),
 )
 # The settings that a user can choose, by field name.
 CHOSEN = {one.name: one for one in TABLE if one.option is not None}
 BY_OPTION = {one.option: one for one in CHOSEN.values()}
+BY_PARAMETER = {one.parameter: one for one in TABLE}
+DEFAULTS_IN_STEP = {one.parameter: one.defaultInStep for one in TABLE}
 
 
 def heeded(values, solver):
@@ -208,30 +301,35 @@ Settings.__doc__ = """The settings that a scene is simulated with. Fields: see T
     """
 
 
-def check_arguments(arguments):
-    """Returns the arguments of `run_timestep` that are settings, by parameter, as their kinds.
+def step_arguments(settings, given):
+    """Returns the settings of a step by parameter of `run_timestep`, as attributes.
 
-    arguments : dict of all its arguments. Raises ValueError for an invalid value, and for one that
-    the contact solver would ignore; TypeError for another ground or solverState.
+    settings : Settings or None; given : dict of arguments, which replace theirs
+
+    Raises TypeError for an unknown parameter; ValueError, which names it, for an invalid value or
+    one that the contact solver would ignore.
     """
-    kinds = {"groundMesh": ("Mesh", "invMass"), "solverState": ("SolverState", "begun")}
-    for name, (kind, attribute) in kinds.items():
-        value = arguments[name]
-        if value is not None and not hasattr(value, attribute):
-            raise TypeError(f"{name} must be a {kind} or None, not {reprlib.repr(value)}")
-    checked, solver = {}, arguments["contactSolver"]
-    for one in TABLE:
-        value = arguments[one.parameter]
+    values = DEFAULTS_IN_STEP.copy()
+    if settings is not None:
+        if not isinstance(settings, Settings):
+            raise TypeError(f"settings must be Settings, not {reprlib.repr(settings)}")
+        values |= settings.arguments()
+    for name, value in given.items():
+        if name not in BY_PARAMETER:
+            raise TypeError(f"run_timestep has no parameter {name}")
+        one = BY_PARAMETER[name]
         try:
-            if one.name == "gravity":
-                checked["gravity"] = _acceleration(value, one.limits[1])
-                continue
-            value = checked[one.parameter] = one.checked(value, one.limitsInStep)
+            if name == "gravity":
+                values[name] = _acceleration(value, one.limits[1])
+            else:
+                values[name] = one.checked(value, one.limitsInStep)
         except ValueError as error:
-            raise ValueError(f"{one.parameter} {error}") from None
-        if not one.isHeededBy(solver) and value != one.defaultInStep:
-            raise ValueError(f"{one.parameter} has no effect with contactSolver {solver!r}")
-    return checked
+            raise ValueError(f"{name} {error}") from None
+    solver = values["contactSolver"]
+    for name in given:
+        if not BY_PARAMETER[name].isHeededBy(solver) and values[name] != DEFAULTS_IN_STEP[name]:
+            raise ValueError(f"{name} has no effect with contactSolver {solver!r}")
+    return SimpleNamespace(**values)
 
 
 def _acceleration(gravity, most):

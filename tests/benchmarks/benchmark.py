@@ -23,7 +23,7 @@ import scipy
 from rbs.program.suggestions import recommended_values
 from rbs.scenes.scenefiles import find_scene, scene_name
 from rbs.scenes.simulation import Settings, Simulation
-from rbs.stepping.settings import CONSTRAINT_SCHEDULINGS
+from rbs.stepping.settings import CHOSEN
 
 
 def describe_machine():
@@ -88,8 +88,9 @@ def main():
     parser.add_argument("--steps", type=int, default=300, metavar="N")
     parser.add_argument("--from", type=int, default=100, metavar="K", dest="begin")
     parser.add_argument("--restitution", type=float, default=0.5, metavar="E")
-    names = {"nargs": "+", "choices": CONSTRAINT_SCHEDULINGS, "default": ["sweep"]}
-    text = ", ".join(CONSTRAINT_SCHEDULINGS)
+    known = CHOSEN["constraintScheduling"].kind
+    names = {"nargs": "+", "choices": known, "default": ["sweep"]}
+    text = ", ".join(known)
     parser.add_argument("--scheduling", metavar="NAME", help=text, **names)
     text = "with the settings that each scene recommends, and no body asleep"
     parser.add_argument("--recommended", action="store_true", help=text)

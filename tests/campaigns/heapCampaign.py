@@ -58,7 +58,10 @@ def make_heap(seed, count):
 @contextmanager
 def counting():
     """Counts the searches for facets and the passes over pairs within the block: a Counter."""
-    findFacets, process = rbs.stepping.batches.find_facets, rbs.stepping.batches.Pass.process
+    findFacets, process = (
+        rbs.stepping.batches.find_facets,
+        rbs.stepping.batches.Pass.process_expected,
+    )
     counts = Counter()
 
     def counted(name, function):
@@ -69,16 +72,19 @@ def counting():
         return call
 
     rbs.stepping.batches.find_facets = counted("searches", findFacets)
-    rbs.stepping.batches.Pass.process = counted("passes", process)
+    rbs.stepping.batches.Pass.process_expected = counted("passes", process)
     yield counts
-    rbs.stepping.batches.find_facets, rbs.stepping.batches.Pass.process = findFacets, process
+    rbs.stepping.batches.find_facets, rbs.stepping.batches.Pass.process_expected = (
+        findFacets,
+        process,
+    )
 
 
-def outcomes_of(seed, count, steps, broadPhase, mu):
+def outcomes_of(seed, count, steps, mu, **way):
     """`(outcomes, contacts)` of a heap: the `outcome` of each step, and its contacts."""
     meshes, outcomes, contacts = make_heap(seed, count), [], 0
     for _ in range(steps):
-        report = run_timestep(meshes, ground(), 0.02, 0.3, broadPhase=broadPhase, mu=mu)
+        report = run_timestep(meshes, ground(), 0.02, 0.3, mu=mu, **way)
         contacts += len(report.contacts)
         outcomes.append(outcome(meshes, report))
     return outcomes, contacts
@@ -93,13 +99,13 @@ def compare(seed, count, steps):
     """`(differing, contacts, counts)` of a heap: which of MARGINS give other bits;
     contacts; searches and passes with each of them, (3, 2)."""
     mu = 0.5 * (seed % 2)
-    expected, contacts = outcomes_of(seed, count, steps, "all", mu)
+    expected, contacts = outcomes_of(seed, count, steps, mu)
     differing, counts = [], []
     for margins, values in MARGINS.items():
         set_margins(values)
         try:
             with counting() as counted:
-                found, _ = outcomes_of(seed, count, steps, "grid", mu)
+                found, _ = outcomes_of(seed, count, steps, mu, contactScheduling="batches")
         finally:
             set_margins(USUAL)
         counts.append((counted["searches"], counted["passes"]))

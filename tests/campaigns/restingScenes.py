@@ -21,7 +21,7 @@ from oracles import DATA, penetrations
 
 from rbs.program.suggestions import apply_settings
 from rbs.scenes.simulation import Simulation
-from rbs.stepping.bodies import GRAVITY
+from rbs.stepping.settings import GRAVITY
 
 # Buildings: the number of steps, how far a body may move in them, and how fast it may be after
 # them. Joints are 1 mm wide, those of the dome up to 1 cm, and every contact gives by some

@@ -81,8 +81,7 @@ def test_batches_keep_the_order_of_pairs_that_share_a_moving_body():
     isFixed = rng.random(40) < 0.2
     pairs = np.unique(np.sort(rng.integers(0, 40, (400, 2)), axis=1), axis=0)
     pairs = pairs[(pairs[:, 0] < pairs[:, 1]) & ~isFixed[pairs].all(axis=1)]
-    isDue = np.ones(len(pairs), bool)
-    order, starts = rbs.stepping.batches.in_batches(*pairs.T, isFixed, isDue)
+    order, starts = rbs.stepping.batches.in_batches(*pairs.T, isFixed)
     assert sorted(order) == list(range(len(pairs))) == list(range(starts[-1]))
     batch = np.empty(len(pairs), dtype=int)
     batch[order] = np.arange(len(starts) - 1).repeat(np.diff(starts))
@@ -104,24 +103,27 @@ def test_margins_change_no_bit_of_heaps_of_mixed_sizes():
     assert small[1] > 1.5 * usual[1] > 0
 
 
+# Three ways to make the same step.
+WAYS = {"all": {}, "grid": {"broadPhase": "grid"}, "batches": {"contactScheduling": "batches"}}
+
+
 def assert_same_motion(scene, steps, restitution, **options):
-    """Steps a scene with both broad phases; returns the number of contacts between bodies."""
-    byAll, byGrid = load_scene_file(scene), load_scene_file(scene)
-    contacts = 0
+    """Steps a scene in all WAYS; returns the number of contacts between bodies."""
+    scenes, contacts = {way: load_scene_file(scene) for way in WAYS}, 0
     for step in range(steps):
-        reports = [
-            run_timestep(meshes, make_ground(), 0.02, restitution, broadPhase=name, **options)
-            for meshes, name in ((byAll, "all"), (byGrid, "grid"))
-        ]
-        assert outcome(byAll, reports[0]) == outcome(byGrid, reports[1]), step
-        contacts += sum(contact.body2 >= 0 for contact in reports[0].contacts)
+        outcomes = []
+        for way, meshes in scenes.items():
+            report = run_timestep(meshes, make_ground(), 0.02, restitution, **WAYS[way], **options)
+            outcomes.append(outcome(meshes, report))
+        assert outcomes[0] == outcomes[1] == outcomes[2], step
+        contacts += sum(contact.body2 >= 0 for contact in report.contacts)
     return contacts
 
 
 @pytest.mark.parametrize(
     "name, options", [("tet", {}), ("stress", {"mu": 0.4, "closingOnly": True})]
 )
-def test_grid_gives_the_same_bits(name, options):
+def test_all_ways_give_the_same_bits(name, options):
     contacts = assert_same_motion(DATA_FOLDER / f"{name}-scene.txt", 170, 0.5, **options)
     assert contacts > 10
 
@@ -130,14 +132,14 @@ def test_zeros_keep_their_sign_on_the_ground():
     """Cubes beside each other, with positions and velocities of 0.0 and -0.0, on the ground."""
     outcomes, signs = [], itertools.product((0.0, -0.0), repeat=3)
     rows = [np.array(row) for row in signs]
-    for broadPhase in ("all", "grid"):
+    for way in WAYS.values():
         meshes = [box_body(1.0, 1.0, 1.0, (2.0 * k, 0.4, z)) for k, (_, _, z) in enumerate(rows)]
         for mesh, row in zip(meshes, rows, strict=True):
             mesh.linVelocity, mesh.angVelocity = row, row[::-1]
-        report = run_timestep(meshes, make_ground(), 0.0, 0.5, broadPhase=broadPhase)
+        report = run_timestep(meshes, make_ground(), 0.0, 0.5, **way)
         assert len(report.contacts) == 8
         outcomes.append(outcome(meshes, report))
-    assert outcomes[0] == outcomes[1]
+    assert outcomes[0] == outcomes[1] == outcomes[2]
     state = np.array([(mesh.linVelocity, mesh.angVelocity) for mesh in meshes])
     assert 0 < np.signbit(state[state == 0.0]).sum() < (state == 0.0).sum()
 
@@ -163,7 +165,7 @@ def test_bodies_thrown_far_out_of_a_huge_one_leave_those_that_they_touched(side,
 
     monkeypatch.setattr(rbs.stepping.batches, "find_facets", watched)
     outcomes = []
-    for broadPhase in ("all", "grid"):
+    for way in WAYS.values():
         rng = np.random.default_rng(1)
         turn = quaternion([0, 1, 0], 20)
         sides = 2 * side, 4 * side, 3 * side
@@ -175,15 +177,16 @@ def test_bodies_thrown_far_out_of_a_huge_one_leave_those_that_they_touched(side,
                 place = (20.0 * (k % 7), y, 20.0 * (k // 7))
                 cube = box_body(1.0, 1.0, 1.0, place, orientation=turn, isFixed=y > 0)
                 meshes.append(cube)
-        report = run_timestep(meshes, None, 1e-6, 0.0, broadPhase=broadPhase)
+        report = run_timestep(meshes, None, 1e-6, 0.0, **way)
         outcomes.append(outcome(meshes, report))
         assert len(report.contacts) >= 20
-    assert outcomes[0] == outcomes[1]
-    assert max(anew) > 10  # many at once, in the grid's batches
+    assert outcomes[0] == outcomes[1] == outcomes[2]
+    assert max(anew) > 10  # many at once, in the batches
 
 
+@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
 @pytest.mark.parametrize("isPushedFirst", [True, False])
-def test_a_body_pushed_over_a_gap_within_its_box_hits_in_the_same_step(isPushedFirst):
+def test_a_body_pushed_over_a_gap_within_its_box_hits_in_the_same_step(isPushedFirst, way):
     """Seen from above, a square beside a diamond: their boxes overlap, they are 0.41 apart.
 
     A fixed diamond pushes the square by 0.8 along the diagonal: over the gap, into the other one.
@@ -195,7 +198,7 @@ def test_a_body_pushed_over_a_gap_within_its_box_hits_in_the_same_step(isPushedF
     place = np.array([2.0, 0.0, 2.0]) + (1.0 + np.sqrt(2) - 0.8) * diagonal
     pusher = box_body(2.0, 2.0, 2.0, place, orientation=turn, isFixed=True)
     meshes = [pusher, square, diamond] if isPushedFirst else [pusher, diamond, square]
-    contacts = run_timestep(meshes, None, 1e-6, 0.0, broadPhase="grid").contacts
+    contacts = run_timestep(meshes, None, 1e-6, 0.0, **way).contacts
     k = meshes.index(square)
     assert [(contact.body1, contact.body2) for contact in contacts] == [(0, k), (1, 2)]
     gap = (2.0 - np.sqrt(2)) / np.sqrt(2)
@@ -214,12 +217,12 @@ def test_a_body_that_is_pushed_to_and_fro_hits_what_it_meets_on_the_way():
         return box_body(1.0, height, 1.0, place, orientation=turn, isFixed=isFixed)
 
     outcomes = []
-    for broadPhase in ("all", "grid"):
+    for way in WAYS.values():
         meshes = slab(0.0, 0.0, 2.4, isFixed=False), slab(-0.9, 0.0, 1.0)
         meshes = [*meshes, slab(1.05, 0.6, 1.0), slab(0.98, -0.6, 1.0)]
-        report = run_timestep(meshes, None, 1e-6, 0.5, broadPhase=broadPhase)
+        report = run_timestep(meshes, None, 1e-6, 0.5, **way)
         outcomes.append(outcome(meshes, report))
-    assert outcomes[0] == outcomes[1]
+    assert outcomes[0] == outcomes[1] == outcomes[2]
     assert [(contact.body1, contact.body2) for contact in report.contacts] == [
         (0, 1),
         (0, 2),

@@ -25,7 +25,8 @@ from rbs.softstep import step as softstep
 from rbs.softstep.detection import Frames
 from rbs.softstep.manifolds import contact_normals, pair_corners, place_points
 from rbs.softstep.step import SolverState
-from rbs.stepping.bodies import GRAVITY, Bodies
+from rbs.stepping.bodies import Bodies
+from rbs.stepping.settings import GRAVITY
 from RBSFunctions import run_timestep
 
 H = 0.02

@@ -37,14 +37,23 @@ REPLACED = {
     "bounding_box_collision": (Mesh, lambda self, m: False, "mixed"),
     "get_rotated_inv_IT": (Mesh, lambda self: 2.0 * self.invIT, "mixed"),
     "resolve_collision": (RBSFunctions, bouncing_off_nothing, "mixed"),
-    # the formulas of resolve_position_constraint and resolve_velocity_constraint
-    "project_positions": (RBSFunctions, lambda body1, body2, C, n: (0.0, 0.0), "cube"),
-    "project_velocities": (RBSFunctions, lambda body1, body2, r1, r2, n, t: True, "cube"),
+    "resolve_position_constraint": (RBSFunctions, lambda x, p, ref, w, u, t: (True, x), "cube"),
+    "resolve_velocity_constraint": (
+        RBSFunctions,
+        lambda x, p, v, omega, w, invIT, t: (True, v, omega),
+        "cube",
+    ),
+}
+MODES = {
+    "default": {},
+    "grid": {"broadPhase": "grid"},
+    "queue": {"constraintScheduling": "queue"},
 }
 
 
+@pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("name", REPLACED)
-def test_each_function_of_the_coursework_is_called_and_seen_in_the_motion(name, monkeypatch):
+def test_each_function_of_the_coursework_is_called_and_seen_in_the_motion(name, mode, monkeypatch):
     """The same bits where one only passes on, with the coursework's number of arguments."""
     owner, replacement, scene = REPLACED[name]
     original, calls = getattr(owner, name), []
@@ -59,7 +68,7 @@ def test_each_function_of_the_coursework_is_called_and_seen_in_the_motion(name, 
         monkeypatch.setattr(owner, name, function)
         meshes, constraints = load(scene)
         for _ in range(130):  # until the bodies have met each other and the ground
-            run_timestep(meshes, ground(), 0.02, 0.5, constraints=constraints)
+            run_timestep(meshes, ground(), 0.02, 0.5, constraints=constraints, **MODES[mode])
         states.append(state_of(meshes))
     assert len(calls) > 3 and np.array_equal(states[0], states[1])
     assert np.abs(states[0] - states[2]).max() > 0.01
@@ -80,7 +89,7 @@ def test_an_exception_leaves_the_meshes_as_they_were(broadPhase, monkeypatch):
     constraints = [[0, 0, 1, 0, 1.0, True]]
     options = {"constraints": constraints, "broadPhase": broadPhase}
     with monkeypatch.context() as patch, pytest.raises(RuntimeError):
-        patch.setattr(RBSFunctions, "project_velocities", failing)
+        patch.setattr(RBSFunctions, "resolve_velocity_constraint", failing)
         run_timestep(meshes, ground(), 0.02, 0.5, **options)
     assert np.array_equal(state_of(meshes), before)
     report = run_timestep(meshes, ground(), 0.02, 0.5, **options)

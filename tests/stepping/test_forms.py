@@ -1,5 +1,7 @@
 """The two forms of each formula give the same bits: for a pair in floats, for many in arrays."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from oracles import SHAPES, body, random_quaternions, state_of
@@ -142,7 +144,7 @@ def test_contacts(e, closingOnly, mu):
     rng, invMasses, invInertias, motion, n = random_pairs(4)
     depth, point = rng.uniform(0, 1, COUNT), rng.normal(size=(3, COUNT))
     after = motion.copy()
-    shift = kernels.shifts(invMasses, depth)
+    shift = kernels.position_corrections(invMasses, depth)
     after[:3] += shift * n[:, None]
     arms = (point + shift[1] * n)[:, None] - after[:3]
     impulse, friction = kernels.collide(
@@ -151,10 +153,8 @@ def test_contacts(e, closingOnly, mu):
         invInertias,
         arms,
         n,
-        *kernels.inverse_effective_mass(invMasses, invInertias, arms, n),
-        e,
-        closingOnly,
-        mu,
+        *kernels.inverse_effective_mass(invMasses, invInertias, vectors.cross(arms, n[:, None])),
+        SimpleNamespace(CRCoeff=e, closingOnly=closingOnly, mu=mu),
     )
     sliding = limited = 0
     for c in range(COUNT):
@@ -189,9 +189,9 @@ def test_constraints(upper):
     arms, tolerance = points - motion[:3], 0.3
     C, n = kernels.distance_error(points[:, 0], points[:, 1], refValue)
     isViolated = kernels.is_violated(C, np.full(COUNT, upper), tolerance)
-    moved = motion[:3] + kernels.shifts(invMasses, C) * n[:, None]
+    moved = motion[:3] + kernels.position_corrections(invMasses, C) * n[:, None]
     velocity = motion[3:].copy()
-    kernels.stop(velocity, invMasses, invInertias, arms, n, tolerance)
+    kernels.resolve_velocity_constraint(velocity, invMasses, invInertias, arms, n, tolerance)
     stopped = 0
     for c in range(COUNT):
         (w1, I1, x1, v1, omega1), (w2, I2, x2, v2, omega2) = states_of(
@@ -208,7 +208,7 @@ def test_constraints(upper):
         wasValid, *velocities = resolve_velocity_constraint(
             (x1, x2), (p1, p2), (v1, v2), (omega1, omega2), (w1, w2), (I1, I2), tolerance
         )
-        found = np.array(velocities).transpose(0, 3, 1, 2).reshape(6, 2)
+        found = np.reshape(velocities, (2, 2, 3)).transpose(0, 2, 1).reshape(6, 2)
         assert np.array_equal(found, velocity[..., c])
         stopped += not wasValid
     assert 200 < np.count_nonzero(isViolated) < 1800 and stopped > 1000

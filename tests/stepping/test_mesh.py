@@ -19,7 +19,7 @@ from oracles import (
 )
 
 from Quaternion import Q2RotMatrix
-from rbs.stepping.bodies import GRAVITY
+from rbs.stepping.settings import GRAVITY
 from RBSFunctions import Mesh, refresh_vertices, resolve_collision, run_timestep
 
 # Sums over some hundred tetrahedra in double precision.

@@ -30,6 +30,7 @@ WRONG = {
     "substeps": [0, 1001, 2.5, math.inf, math.nan, None],
     "sleeping": ["no", None, 2],
     "broadPhase": ["tree"],
+    "contactScheduling": ["queue", None],
     "closingOnly": ["yes"],
     "gyroscopic": [None],
     "enforceConstraints": ["no", None],
@@ -62,6 +63,7 @@ def test_a_wrong_value_is_refused_by_name_and_changes_nothing(one):
 
 OTHER_VALUES = {"substeps": 3, "sleeping": False, "broadPhase": "grid", "closingOnly": True}
 OTHER_VALUES |= {"constraintScheduling": "queue", "maxIterations": 7}
+OTHER_VALUES |= {"contactScheduling": "batches"}
 
 
 @pytest.mark.parametrize("name", OTHER_VALUES)

@@ -1,4 +1,4 @@
-"""The step of `--broad-phase grid` for many bodies, bitwise identical to the loop over all pairs.
+"""A step with its contacts in batches, on arrays, bitwise identical to the loop over all pairs.
 
 `find_contacts` detects contacts and corrects positions. The impulses follow, which is possible
 because within a step no position depends on a velocity.
@@ -11,54 +11,55 @@ import numpy as np
 from rbs.geometry.arrays import take
 from rbs.geometry.hulls import FEATURE_TOLERANCE
 from rbs.geometry.patches import contact_points
+from rbs.geometry.vectors import cross
 from rbs.stepping.batches import find_contacts, in_batches
 from rbs.stepping.bodies import Bodies, check_numbers
-from rbs.stepping.kernels import collide, inverse_effective_mass, shifts
-from rbs.stepping.reports import GROUND, StepReport
+from rbs.stepping.kernels import collide, inverse_effective_mass, position_corrections
+from rbs.stepping.reports import GROUND
 
 
-def grid_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic, gravity):
-    """The part of `run_timestep` before the constraints; see there. Returns the `StepReport`."""
-    report = StepReport()
+def batch_step(meshes, groundMesh, step, report):
+    """The part of `run_timestep` before the constraints; see there.
+
+    step : from `step_arguments`; report : StepReport of the step
+    """
     if len(meshes) == 0:
-        return report
+        return
     with report.phase("gather"):
-        bodies = Bodies(meshes, gravity)
+        bodies = Bodies(meshes, step.gravity)
     with report.phase("integrate"):
-        if gyroscopic:
-            bodies.turn_gyroscopically(timeStep)
-        bodies.fly(timeStep)
+        if step.gyroscopic:
+            bodies.turn_gyroscopically(step.timeStep)
+        bodies.fly(step.timeStep)
         check_numbers(bodies.columns(), meshes, "free flight")
     with report.phase("collisions"):
         contacts, report.candidatePairs = find_contacts(bodies)
-        apply_impulses(bodies, contacts, (CRCoeff, closingOnly, mu), report)
+        apply_impulses(bodies, contacts, step, report)
     with report.phase("ground"):
         if groundMesh is not None:
-            _resolve_ground(bodies, groundMesh, (CRCoeff, closingOnly, mu), report)
+            _resolve_ground(bodies, groundMesh, step, report)
     with report.phase("writeBack"):
         check_numbers(bodies.columns(), meshes, "contacts")
         bodies.write_back()
-    return report
 
 
-def apply_impulses(bodies, contacts, settings, report):
+def apply_impulses(bodies, contacts, step, report):
     """Applies the impulses by batch; whatever ignores velocities is computed for all at once."""
     if len(contacts.rank) == 0:
         return
-    isDue = np.ones(len(contacts.rank), bool)
-    order, starts = in_batches(*contacts.bodies, bodies.isFixed, isDue)
+    order, starts = in_batches(*contacts.bodies, bodies.isFixed)
     rank, ends, depth, n, before, after = contacts.of(order)
     radius = take(bodies.hulls.radius, ends)
     t, tolerance = before[:, 1] - before[:, 0], FEATURE_TOLERANCE * (radius[0] + radius[1])
     penPoint = contact_points(bodies.hulls, *ends, t, n, tolerance) + before[:, 1]
     invMasses, invInertias = take(bodies.invMass, ends), take(bodies.invInertia, ends, axis=1)
-    arms = (penPoint + shifts(invMasses, depth)[1] * n)[:, None] - after
-    K, turning = inverse_effective_mass(invMasses, invInertias, arms, n)
+    arms = (penPoint + position_corrections(invMasses, depth)[1] * n)[:, None] - after
+    K, turning = inverse_effective_mass(invMasses, invInertias, cross(arms, n[:, None]))
     impulses, frictions = [], []
     for some in itertools.starmap(slice, itertools.pairwise(starts.tolist())):
         velocity = take(bodies.velocity, ends[:, some], axis=1)
         contact = (table[..., some] for table in (invMasses, invInertias, arms, n, K, turning))
-        impulse, friction = collide(velocity, *contact, *settings)
+        impulse, friction = collide(velocity, *contact, step)
         bodies.velocity[:, ends[:, some]] = velocity
         impulses.append(impulse)
         frictions.append(friction)
@@ -66,7 +67,7 @@ def apply_impulses(bodies, contacts, settings, report):
     report.add_columns(rank, *ends, depth, n, penPoint, impulse, friction, arms[:, 0])
 
 
-def _resolve_ground(bodies, groundMesh, settings, report):
+def _resolve_ground(bodies, groundMesh, step, report):
     """Applies `resolve_collision` to every body that reaches the ground, at its lowest vertex.
 
     The ground is body 2. The body moves up, against the normal, by the depth of the vertex.
@@ -80,11 +81,11 @@ def _resolve_ground(bodies, groundMesh, settings, report):
     invMasses, invInertias = np.zeros((2, len(b))), np.zeros((9, 2, len(b)))
     invMasses[0], invInertias[:, 0] = bodies.invMass[b], bodies.invInertia[:, b]
     depth, n = -penPoint[1], -np.tile([[0.0], [1.0], [0.0]], len(b))  # zeros are -0.0
-    shift = shifts(invMasses, depth)
+    shift = position_corrections(invMasses, depth)
     motion[:3] += shift * n[:, None]
     arms = (penPoint + shift[1] * n)[:, None] - motion[:3]
-    K, turning = inverse_effective_mass(invMasses, invInertias, arms, n)
-    impulse, friction = collide(motion[3:], invMasses, invInertias, arms, n, K, turning, *settings)
+    K, turning = inverse_effective_mass(invMasses, invInertias, cross(arms, n[:, None]))
+    impulse, friction = collide(motion[3:], invMasses, invInertias, arms, n, K, turning, step)
     bodies.motion[:, b] = motion[:, 0]
     rank, second = np.full(len(b), np.iinfo(np.intp).max), np.full(len(b), GROUND)  # last
     report.add_columns(rank, b, second, depth, n, penPoint, impulse, friction, arms[:, 0])
