@@ -343,7 +343,7 @@ def tumble():
 @silent
 def pulling():
     """Share of the impulses in a collapsing heap that pull bodies together."""
-    simulation = Simulation(heap_scene(200), Settings(broadPhase="grid"))
+    simulation = Simulation(heap_scene(200), Settings(contactScheduling="batches"))
     impulses = []
     for _ in range(300):
         simulation.step()

@@ -54,7 +54,7 @@ PAIR_SIZES = (100, 200, 500, 1000, 2000)
 @panel
 def pairs(axis):
     """Pairs of boxes tested against the number of bodies, with the overlaps as a floor."""
-    heaps = [heap(count, HEAP_STEP, broadPhase="grid") for count in PAIR_SIZES]
+    heaps = [heap(count, HEAP_STEP, contactScheduling="batches") for count in PAIR_SIZES]
     rows = np.array([pairs_tested(one.meshes) for one in heaps])
     n = np.array(PAIR_SIZES)
     for values, colour, mark, label in (
@@ -85,14 +85,14 @@ SAME_BODIES, SAME_STEPS = 200, 100
 @silent
 def bits():
     """Largest difference between grid and loop; when the same heap in another order is 1 m away."""
-    loop, grid = heap(SAME_BODIES), heap(SAME_BODIES, broadPhase="grid")
+    loop, grid = heap(SAME_BODIES), heap(SAME_BODIES, contactScheduling="batches")
     difference = 0.0
     for _ in range(SAME_STEPS):
         loop.step()
         grid.step()
         states = loop.state(), grid.state()
         difference = max(difference, *(abs(states[0][k] - states[1][k]).max() for k in states[0]))
-    forward, backward = (heap(SAME_BODIES, broadPhase="grid") for _ in range(2))
+    forward, backward = (heap(SAME_BODIES, contactScheduling="batches") for _ in range(2))
     bodies = list(backward.meshes)
     backward.meshes.reverse()
     while True:
@@ -119,7 +119,7 @@ def batches():
         return in_batches
 
     with replaced(rbs.stepping.batches, "in_batches", wrapper):
-        simulation = heap(HEAP, HEAP_STEP, broadPhase="grid")
+        simulation = heap(HEAP, HEAP_STEP, contactScheduling="batches")
         pairs, count, _ = next(call for call in reversed(calls) if call[2])
         calls.clear()
         for _ in range(LATER):
@@ -140,7 +140,7 @@ def schedules():
     for name in SCHEDULED:
         visits, places = {}, {}
         for schedule in ("sweep", "queue"):
-            simulation = scene(name, constraintScheduling=schedule, broadPhase="grid")
+            simulation = scene(name, constraintScheduling=schedule, contactScheduling="batches")
             with (
                 counted(RBSFunctions, "sweep", visits, schedule),
                 counted(rbs.stepping.constraints, "queue", visits, schedule),
@@ -176,7 +176,7 @@ def standing():
     """By how many centimetres the tops of a stack and of a pyramid sink in ten seconds."""
     numbers = {"seconds": 10}
     for name, height in (("stack", 20 * BOX[1]), ("pyramid", 15 * BOX[1])):
-        for key, settings in (("Basic", {"broadPhase": "grid"}), ("Soft", SOFT)):
+        for key, settings in (("Basic", {"contactScheduling": "batches"}), ("Soft", SOFT)):
             simulation = Simulation(find_scene(name), Settings(**RESTING, **settings))
             top = max(simulation.meshes, key=lambda mesh: mesh.position[0, 1])
             for _ in range(round(10 / H)):
@@ -247,10 +247,10 @@ def choice():
     """Milliseconds per step of a collapsing heap, and where the faster step changes."""
     steps = {int(n): row for n, row in read_times()["steps"].items()}
     looped = [n for n, row in steps.items() if "all pairs" in row]
-    faster = [n for n in looped if steps[n]["all pairs"][1] <= steps[n]["grid"][1]]
+    faster = [n for n in looped if steps[n]["all pairs"][1] <= steps[n]["batches"][1]]
     most, last, net = max(steps), max(looped), read_times()["schedules"]["net"]
-    gain = steps[last]["all pairs"][1] / steps[last]["grid"][1]
-    grid, soft = steps[most]["grid"][1], steps[most]["soft step"][1]
+    gain = steps[last]["all pairs"][1] / steps[last]["batches"][1]
+    grid, soft = steps[most]["batches"][1], steps[most]["soft step"][1]
     numbers = {"loop": max(faster, default=0), "looped": last, "gain": gain}
     return numbers | {
         "most": most,

@@ -79,7 +79,7 @@ class Pair(NamedTuple):
 
     def halves(self):
         """Yields the simulations of both halves, with 0 or 1."""
-        for k, settings in enumerate(({"broadPhase": "grid"}, SOFT)):
+        for k, settings in enumerate(({"contactScheduling": "batches"}, SOFT)):
             yield k, self.make(**settings)
 
 

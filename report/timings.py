@@ -19,10 +19,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "benchmar
 import benchmark
 import benchmarkPiles
 import numpy as np
-import rbs.stepping.gridstep
 from laws import ROOT, heap_scene, scene
 
 import rbs.stepping.batches
+import rbs.stepping.batchstep
 from Quaternion import QConj, QRotate
 from rbs.scenes.simulation import Settings, Simulation
 
@@ -131,14 +131,14 @@ def timed(module, name, seconds):
 
 def measure_steps(count):
     """Returns step → quartiles, on a collapsing heap, and the parts of a grid step in per cent."""
-    settings = {"all pairs": {}, "grid": {"broadPhase": "grid"}, "soft step": AWAKE}
+    settings = {"all pairs": {}, "batches": {"contactScheduling": "batches"}, "soft step": AWAKE}
     if count > MOST_LOOPED:
         del settings["all pairs"]
     runs = {
         name: Simulation(heap_scene(count), Settings(**RESTING, **kind))
         for name, kind in settings.items()
     }
-    start = Simulation(heap_scene(count), Settings(**RESTING, broadPhase="grid"))
+    start = Simulation(heap_scene(count), Settings(**RESTING, contactScheduling="batches"))
     for _ in range(150):
         start.step()
     for run in runs.values():
@@ -148,8 +148,8 @@ def measure_steps(count):
     with (
         timed(rbs.stepping.batches, "grid_overlaps", parts),
         timed(rbs.stepping.batches, "find_facets", parts),
-        timed(rbs.stepping.gridstep, "find_contacts", parts),
-        timed(rbs.stepping.gridstep, "apply_impulses", parts),
+        timed(rbs.stepping.batchstep, "find_contacts", parts),
+        timed(rbs.stepping.batchstep, "apply_impulses", parts),
     ):
         for _ in range(20):
             begin = time.process_time()
@@ -162,7 +162,9 @@ def measure_steps(count):
 
 def measure_schedules(name):
     """Returns schedule → quartiles of a whole step of a scene with constraints."""
-    runs = {one: scene(name, constraintScheduling=one, broadPhase="grid") for one in SCHEDULES}
+    runs = {
+        one: scene(name, constraintScheduling=one, contactScheduling="batches") for one in SCHEDULES
+    }
     times = in_turns({one: run.step for one, run in runs.items()}, warm=40)
     return {one: spread(values) for one, values in times.items()}
 

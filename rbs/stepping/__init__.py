@@ -1,12 +1,13 @@
 """The step for many bodies: the formulas of RBSFunctions.py on arrays.
 
-`run_timestep` passes its meshes to `grid_step` or `project_constraints`. In reading order:
+`run_timestep` enters these modules by its settings. In reading order:
 
     settings     table of settings with their bounds and messages
     bodies       tables of the meshes' state, and checks of it
     reports      per-step diagnostics: contacts, counters and timings
     kernels      impulses and corrections on arrays of contacts
+    pairs        the broad phase of `broadPhase="grid"`
     batches      contacts in ordered batches: detection and position correction
-    gridstep     the step of `broadPhase="grid"`
+    batchstep    the step of `contactScheduling="batches"`
     constraints  schedules of distance constraints: sweep, queue, batches
 """

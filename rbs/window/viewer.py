@@ -276,13 +276,14 @@ class Viewer:
         self._suggest()
 
     def _suggest(self):
-        """Offers the broad phase that is faster for many bodies, or a speed for few."""
+        """Offers the schedule of contacts that is faster for many bodies, or a speed for few."""
         settings, count = self.simulation.settings, len(self.simulation.meshes)
-        isAll = (settings.contactSolver, settings.broadPhase) == ("impulse", "all")
+        isSlow = (settings.contactSolver, settings.contactScheduling) == ("impulse", "sequential")
         if count > MANY_BODIES:
-            if isAll and not self.isReplay and not self.simulation.submitted:
-                text = f'{count} bodies: broad phase "grid" is faster, with identical motion'
-                self._offer(text, "Switch", lambda: settings.change("broadPhase", "grid"))
+            if isSlow and not self.isReplay and not self.simulation.submitted:
+                text = f'{count} bodies: contacts in "batches" are faster, with identical motion'
+                act = partial(settings.change, "contactScheduling", "batches")
+                self._offer(text, "Use batches", act)
             return  # they may be too slow for real time as it is
         height = refresh_vertices(self.simulation.meshes)[:, 1].max(initial=0.0)
         fall = math.sqrt(2.0 * height / settings.gravity) if settings.gravity > 0.0 else 1.0

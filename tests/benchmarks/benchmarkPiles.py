@@ -56,7 +56,8 @@ class Material(NamedTuple):
 
 
 MATERIALS = {"no friction": Material(0.0, 0.5), "friction 0.5": Material(0.5, 0.0)}
-OWN = {"all pairs": {}, "grid": {"broadPhase": "grid"}, "soft step": {"contactSolver": "soft-step"}}
+OWN = {"all pairs": {}, "grid": {"broadPhase": "grid"}}
+OWN |= {"batches": {"contactScheduling": "batches"}, "soft step": {"contactSolver": "soft-step"}}
 QUARTILES = ["milliseconds", "low quartile", "high quartile"]
 COLUMNS = ["kind", "bodies", "material", "run", "steps", *QUARTILES, "candidate pairs", "contacts"]
 COLUMNS += ["contacts a body", *PHASES, "peak memory MB"]
@@ -187,7 +188,7 @@ def make_runs(scene, count, material, options):
     runs = {
         name: OwnRun(scene, material, **settings)
         for name, settings in OWN.items()
-        if name != "all pairs" or count <= options.all_up_to
+        if name not in ("all pairs", "grid") or count <= options.all_up_to
     }
     for name in options.peers:
         try:
@@ -329,7 +330,7 @@ def main():
                 (grid,) = [
                     other["milliseconds"]
                     for other in new
-                    if (other["run"], group_of(other)) == ("grid", group_of(row))
+                    if (other["run"], group_of(other)) == ("batches", group_of(row))
                 ]
                 print_row(row, float(grid))
             rows += new

@@ -52,6 +52,10 @@ MOST_EXACT_POINTS = 20
 SIZES = (1e-30, 1e-12, 1e-6, 1e6, 1e11)
 
 
+# The broad phase and the schedule of contacts in each way to make the same step.
+WAYS = (("all", "sequential"), ("grid", "sequential"), ("all", "batches"))
+
+
 def unit_shape(name):
     vertices = oracles.vertices_of(name)
     return vertices / np.abs(vertices).max(axis=0)
@@ -241,8 +245,12 @@ def bits(rng, counts):
     isBatched = len(scene.constraints) > 0 and rng.random() < 0.4
     schedulings = ["batches"] if isBatched else ["sweep", "queue"]
     ways = [
-        {"broadPhase": broadPhase, "constraintScheduling": scheduling}
-        for broadPhase in ("all", "grid")
+        {
+            "broadPhase": broadPhase,
+            "contactScheduling": contacts,
+            "constraintScheduling": scheduling,
+        }
+        for broadPhase, contacts in WAYS
         for scheduling in schedulings
     ]
     runs = [scene.meshes() for _ in ways]
@@ -325,11 +333,16 @@ def changes(rng, counts):
             expected = turned(mesh.origVertices, mesh.orientation[0]) + mesh.position
             if not np.abs(mesh.currVertices - expected).max() <= 1e-12 * np.abs(expected).max():
                 return [f"step {step}: currVertices are not those of the pose"]
-        broadPhase = str(rng.choice(["all", "grid"]))
-        outcomes = [scene.step(m, broadPhase=broadPhase) for m in (meshes, fresh)]
+        broadPhase, contacts = WAYS[rng.integers(len(WAYS))]
+        outcomes = [
+            scene.step(m, broadPhase=broadPhase, contactScheduling=contacts)
+            for m in (meshes, fresh)
+        ]
         counts["steps"] += 1
         counts["contacts"] += outcomes[0][1].count("Contact(")
-        if found := differences(f"step {step}, {broadPhase}, changed and new", *outcomes):
+        if found := differences(
+            f"step {step}, {broadPhase}, {contacts}, changed and new", *outcomes
+        ):
             return found
         if outcomes[0][1].startswith("refused"):
             counts["refused in words"] += 1

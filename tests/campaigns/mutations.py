@@ -54,9 +54,9 @@ rbs/stepping/kernels.py: velocities of points in arrays, swapped factors (forms)
 RBSFunctions.py: restitution, a sign (timestep)
     (1.0 + e) -> (1.0 - e)
 RBSFunctions.py: inverse effective mass at a contact, a sign (timestep)
-    body1.invMass + dot(r1CrossN, turning1) -> body1.invMass - dot(r1CrossN, turning1)
+    invMass + dot(rCrossN, turning), -> invMass - dot(rCrossN, turning),
 RBSFunctions.py: position correction, the other weight (timestep)
-    -(body1.invMass / total * distance) -> -(body2.invMass / total * distance)
+    -(invMass1 / total * distance) -> -(invMass2 / total * distance)
 RBSFunctions.py: friction across the normal, a sign (friction)
     mul_add(u, -dot(u, n), n) -> mul_add(u, dot(u, n), n)
 RBSFunctions.py: friction within its cone, no limit (friction)
@@ -66,11 +66,11 @@ rbs/stepping/kernels.py: friction of many contacts, no limit (forms)
 RBSFunctions.py: lower bound of a constraint, a sign (constraints)
     else C < -tolerance -> else C < tolerance
 RBSFunctions.py: constraint without a direction, a sign (constraints)
-    COINCIDENT_DIRECTION = (0.0, 1.0 -> COINCIDENT_DIRECTION = (0.0, -1.0
+    if length > 0.0 else UPWARDS -> if length > 0.0 else scale(-1.0, UPWARDS)
 rbs/stepping/kernels.py: constraints without a direction in arrays, a sign (forms)
     [[0.0], [1.0], [0.0]] -> [[0.0], [-1.0], [0.0]]
 GJK.py: support function, the wrong end (gjk)
-    dot(v, vertices2).argmax() -> dot(v, vertices2).argmin()
+    (direction @ vertices2).argmax() -> (direction @ vertices2).argmin()
 rbs/geometry/facets.py: facets that may become the nearest, half the margin (facets)
     extra = 2.0 * margin -> extra = 1.0 * margin
 rbs/geometry/facets.py: faces above one point, all left out (facets)
@@ -97,16 +97,20 @@ RBSFunctions.py: box of one hull, the wrong extreme (timestep)
     hullVertices.max(axis=1) -> hullVertices.min(axis=1)
 rbs/geometry/facets.py: facets, faces of the second hull are not turned round (gjk)
     np.where(row < half, 1.0, -1.0) -> np.where(row < half, 1.0, 1.0)
-rbs/stepping/gridstep.py: normal of the ground, signs of its zeros (broadPhase)
+rbs/stepping/batchstep.py: normal of the ground, signs of its zeros (broadPhase)
     -np.tile([[0.0], [1.0], [0.0]] -> np.tile([[0.0], [-1.0], [0.0]]
-rbs/stepping/gridstep.py: impulses of a batch, the wrong body's position (broadPhase)
+rbs/stepping/batchstep.py: impulses of a batch, the wrong body's position (broadPhase)
     * n)[:, None] - after -> * n)[:, None] - before
 rbs/stepping/batches.py: missed pairs, the displacement of one body only (broadPhase)
     take(self.displacement, self.pairs.second) -> 0.0
 GJK.py: cached axis, its sign (timestep)
     lowest + dot(axis, t) - highest -> highest - lowest - dot(axis, t)
-RBSFunctions.py: kept box, the orientation is not looked at (mesh)
-    pose = self.position.tobytes() + self.orientation.tobytes() -> pose = self.position.tobytes()
+RBSFunctions.py: boxes of a loop, those of bodies that are moved (broadPhase)
+    hold_boxes((m1, m2)) -> hold_boxes(())
+rbs/stepping/pairs.py: broad phase, bodies that leave their reach (broadPhase)
+    (_column(box) >= reach[:, b]).all() -> True
+RBSFunctions.py: Jacobian of a constraint, a sign (constraints)
+    - dot(n, v2) - dot(r2CrossN, omega2) -> - dot(n, v2) + dot(r2CrossN, omega2)
 rbs/stepping/constraints.py: queue, what depends on the second body stays clean (constraints)
     for b in constraints[c]: -> for b in constraints[c][:1]:
 rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)
@@ -145,12 +149,12 @@ rbs/softstep/contacts.py: restitution, whatever energy it asks for (softstep)
     np.where(a + b > left, -> np.where(a + b > np.inf,
 rbs/geometry/facets.py: validity of facets, the way moved is left out (broadPhase)
     penetration + norm(shift) <= self -> penetration <= self
-rbs/stepping/batches.py: corrections of a pass, pairs that depend on one are left (broadPhase)
-    if due or number >= 0: -> if due:
+rbs/stepping/batches.py: a pass that is made again, from where the last one ended (broadPhase)
+    self.bodies.position[:] = self.start -> pass
 rbs/stepping/batches.py: checks of a pass, positions at the end (broadPhase)
     event[order].searchsorted(b * width + rank -> event[order].searchsorted(b * width + width - 1
 rbs/stepping/bodies.py: states in tables, what a caller assigns is not looked at (mesh)
-    self._counts == list(map(len, map(vars, self.meshes))) -> True
+    name in attributes for name -> False for name
 rbs/softstep/detection.py: near pairs, a fixed body that is moved (softstep)
     grid_overlaps(frames.box, isStill) -> grid_overlaps(frames.box, isStill | bodies.isFixed)
 rbs/softstep/detection.py: manifolds of fast bodies, on the ground, too (softstep)

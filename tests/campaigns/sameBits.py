@@ -1,4 +1,4 @@
-"""Steps scenes pair by pair and with the accelerated step, and compares the states bit by bit.
+"""Steps scenes pair by pair, by the grid and in batches, and compares the states bit by bit.
 
     python tests/campaigns/sameBits.py [SCENE …] [--steps 500] [--mu 0.4]
 
@@ -22,15 +22,17 @@ from oracles import outcome
 from rbs.scenes.scenefiles import DATA_FOLDER, find_scene
 from rbs.scenes.simulation import Settings, Simulation
 
+# Ways to make the same step.
+WAYS = {"all": {}, "grid": {"broadPhase": "grid"}, "batches": {"contactScheduling": "batches"}}
+
 
 def compare(scene, steps, mu):
     """`(bodies, contacts, step, seconds)`: contacts between bodies; step, the first that differs.
 
-    seconds : the median time of a step, with each broad phase
+    seconds : the median time of a step, in each of the WAYS
     """
     simulations = [
-        Simulation(find_scene(scene), Settings(broadPhase=name, friction=mu))
-        for name in ("all", "grid")
+        Simulation(find_scene(scene), Settings(friction=mu, **way)) for way in WAYS.values()
     ]
     contacts, seconds = 0, []
     for step in range(1, steps + 1):
@@ -40,8 +42,8 @@ def compare(scene, steps, mu):
             simulation.step()
             spent.append(time.perf_counter() - start)
         seconds.append(spent)
-        one, other = (outcome(simulation.meshes, simulation.report) for simulation in simulations)
-        if one != other:
+        outcomes = [outcome(simulation.meshes, simulation.report) for simulation in simulations]
+        if any(other != outcomes[0] for other in outcomes):
             return len(simulations[0].meshes), contacts, step, np.median(seconds, axis=0)
         contacts += sum(contact.body2 >= 0 for contact in simulations[0].report.contacts)
     return len(simulations[0].meshes), contacts, None, np.median(seconds, axis=0)
@@ -56,15 +58,16 @@ def main():
     paths = [str(path) for path in sorted(DATA_FOLDER.glob("*-scene.txt"))]
     # hours, pair by pair
     scenes = options.scenes or [p for p in paths if "pile_1000" not in p and "heap-" not in p]
-    print(f"{'scene':28} {'bodies':>6} {'contacts':>8}   ms a step: all, grid   same bits")
+    print(f"{'scene':28} {'bodies':>6} {'contacts':>8}   ms a step: {', '.join(WAYS)}   same bits")
     differs = False
     for scene in scenes:
         bodies, contacts, step, seconds = compare(scene, options.steps, options.mu)
         name = Path(scene).name.removesuffix("-scene.txt")
         verdict = f"yes, {options.steps} steps" if step is None else f"NO, from step {step}"
         print(
-            f"{name:28} {bodies:6d} {contacts:8d}   {1e3 * seconds[0]:9.2f} {1e3 * seconds[1]:9.2f}"
-            f"   {verdict}",
+            f"{name:28} {bodies:6d} {contacts:8d}  "
+            + "".join(f" {1e3 * one:9.2f}" for one in seconds)
+            + f"   {verdict}",
             flush=True,
         )
         differs |= step is not None

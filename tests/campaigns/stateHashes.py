@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from rbs.scenes.scenefiles import find_scene, list_scenes
 from rbs.scenes.simulation import Settings, Simulation
 
-# Scene, steps, settings: contacts of all shapes, constraints, friction, the arrays of the grid.
+# Scene, steps, settings: contacts of all shapes, constraints, friction, contacts on arrays.
 RUNS = (
     ("mixed", 300, {}),
     ("tower", 300, {}),
@@ -29,7 +29,7 @@ RUNS = (
     ("roll", 300, {"friction": 0.4, "closingOnly": True}),
     ("cube", 200, {}),
     ("net", 30, {"constraintScheduling": "batches"}),
-    ("pile_200", 80, {"broadPhase": "grid"}),
+    ("pile_200", 80, {"contactScheduling": "batches"}),
 )
 
 

@@ -185,6 +185,15 @@ def test_bodies_thrown_far_out_of_a_huge_one_leave_those_that_they_touched(side,
 
 
 @pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
+def test_a_body_pushed_out_of_its_box_hits_what_it_is_pushed_into(way):
+    """At the start, the boxes of the second and third body are 0.2 apart."""
+    meshes = [box_body(1.0, 1.0, 1.0, (x, 0.0, 0.0), isFixed=x != 0.6) for x in (0.0, 0.6, 1.8)]
+    contacts = run_timestep(meshes, None, 1e-6, 0.0, **way).contacts
+    assert [(contact.body1, contact.body2) for contact in contacts] == [(0, 1), (1, 2)]
+    assert [contact.depth for contact in contacts] == pytest.approx([0.4, 0.2])
+
+
+@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
 @pytest.mark.parametrize("isPushedFirst", [True, False])
 def test_a_body_pushed_over_a_gap_within_its_box_hits_in_the_same_step(isPushedFirst, way):
     """Seen from above, a square beside a diamond: their boxes overlap, they are 0.41 apart.

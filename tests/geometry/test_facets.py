@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from oracles import IDENTITY, SHAPES, box_body, random_quaternions, vertices_of
+from scipy.spatial.transform import Rotation
 
 from Quaternion import Q2RotMatrix
-from rbs.geometry import facets as search
+from rbs.geometry import facets as search, vectors
 from rbs.geometry.facets import LEAST_GAP, Pairs
 from rbs.geometry.hulls import FEATURE_TOLERANCE, TOUCH_TOLERANCE, HullSet, build_hull
 from rbs.geometry.patches import Polygons, contact_points, overlap_corners
@@ -268,3 +269,26 @@ def test_sides_in_line_that_do_not_meet_leave_nothing_beyond_their_ends():
         assert not row.any()
         assert along.min() == pytest.approx(u0, abs=1e-8)
         assert along.max() == pytest.approx(u0 + u1, abs=1e-8)
+
+
+def test_a_hulls_corners_and_offsets_are_those_of_all_its_vertices():
+    """The search from neighbour to neighbour finds what a table of all heights has.
+
+    The cube has 98 points on each face, of which Qhull's triangles have four, and the ball has none
+    but corners. Both are turned, so that points lie off the faces' planes by rounding.
+    """
+    rng = np.random.default_rng(5)
+    turn = Rotation.from_quat(rng.normal(size=4)).as_matrix()
+    grid = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 8)] * 3)).reshape(3, -1).T
+    ball = rng.normal(size=(600, 3))
+    corners = []
+    for points in (grid @ turn.T, ball / np.linalg.norm(ball, axis=1)[:, None]):
+        hull = build_hull(points)
+        table = vectors.dot(hull.directions.T[:, :, None], hull.vertices.T[:, None, :])
+        assert np.array_equal(hull.offsets, table.max(axis=1))
+        isCorner = table >= hull.offsets[:, None] - FEATURE_TOLERANCE * hull.radius
+        found = np.split(hull.corners, hull.cornerCount.cumsum()[:-1])
+        for face, row in zip(found, isCorner, strict=True):
+            assert sorted(face) == np.flatnonzero(row).tolist()
+        corners.append(hull.cornerCount)
+    assert len(corners[0]) == 6 and (corners[1] == 3).all() and len(corners[1]) == 1196

@@ -15,10 +15,12 @@ from rbs.stepping.bodies import LARGEST_NUMBER, StateError
 from RBSFunctions import run_timestep
 
 G = 9.8
-broadPhases = pytest.mark.parametrize("broadPhase", ["all", "grid"])
+ways = pytest.mark.parametrize(
+    "way", [{}, {"contactScheduling": "batches"}], ids=["default", "batches"]
+)
 
 
-@broadPhases
+@ways
 @pytest.mark.parametrize(
     "name, value",
     [
@@ -28,8 +30,8 @@ broadPhases = pytest.mark.parametrize("broadPhase", ["all", "grid"])
         ("angVelocity", 1e80),
     ],
 )
-def test_a_wrong_number_stops_at_the_step_and_names_the_body(name, value, broadPhase):
-    simulation = Simulation(DATA / "mixed-scene.txt", Settings(broadPhase=broadPhase))
+def test_a_wrong_number_stops_at_the_step_and_names_the_body(name, value, way):
+    simulation = Simulation(DATA / "mixed-scene.txt", Settings(**way))
     for _ in range(5):
         simulation.step()
     mesh = simulation.meshes[4]
@@ -104,8 +106,8 @@ def test_mass_ratios_follow_the_closed_form(ratio):
     assert other.position[0, 0] - one.position[0, 0] == pytest.approx(12.0, rel=1e-14)
 
 
-@broadPhases
-def test_a_body_that_crosses_another_within_a_step_does_not_see_it(broadPhase):
+@ways
+def test_a_body_that_crosses_another_within_a_step_does_not_see_it(way):
     """A box of 2 m flies at a wall of 1 m: where it passes both ends within a step, it is free."""
     h = 0.02
     for speed, isHit in ((50.0, True), (1e3, False), (1e6, False)):
@@ -114,7 +116,7 @@ def test_a_body_that_crosses_another_within_a_step_does_not_see_it(broadPhase):
         bullet.linVelocity = np.array([[speed, 0.0, 0.0]])
         contacts = 0
         for _ in range(1 if isHit else 2):
-            report = run_timestep([bullet, wall], None, h, 0.5, broadPhase=broadPhase)
+            report = run_timestep([bullet, wall], None, h, 0.5, **way)
             contacts += len(report.contacts)
         assert contacts == isHit, speed
         if isHit:

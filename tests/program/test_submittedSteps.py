@@ -80,6 +80,31 @@ def test_a_right_solution_moves_the_bodies_as_ours_does(scene, more, tmp_path, p
         assert np.array_equal(positions(scene, *options), with_our_loop)
 
 
+# What a student may have instead of each function that our loop calls.
+BROKEN = {
+    "integrate_timestep": "Mesh.integrate_timestep = lambda self, h: None",
+    "detect_collision": "Mesh.detect_collision = lambda self, m: (False, [], [], [])",
+    "resolve_collision": "resolve_collision = lambda *contact: None",
+    "resolve_position_constraint": "resolve_position_constraint = lambda x, *rest: (True, x)",
+    "resolve_velocity_constraint": "resolve_velocity_constraint = lambda x, p, v, w, *_: (1, v, w)",
+}
+
+
+LOOPS = ["--our-loop", "--broad-phase grid", "--our-loop --scheduling queue"]
+
+
+@pytest.mark.parametrize("options", LOOPS)
+def test_our_loop_calls_each_function_of_a_student(options, tmp_path, positions):
+    runs = []
+    for name in ("", *BROKEN):
+        student = write_submission(tmp_path / f"student {name}")
+        with (student / "RBSFunctions.py").open("a") as file:
+            file.write(f"\n\n{BROKEN.get(name, '')}\n")
+        runs.append(positions("tower_chain", "--functions", student, *options.split()))
+    for name, broken in zip(BROKEN, runs[1:], strict=True):
+        assert np.abs(broken - runs[0]).max() > 1e-3, name
+
+
 def test_a_mistake_shows(tmp_path, positions):
     student = write_submission(tmp_path / "student", MISTAKES["explicit-euler"])
     ours, theirs = positions("singlebox"), positions("singlebox", "--functions", student)

@@ -388,7 +388,7 @@ def test_tangles_by_the_literal_loop():
 
 def load(name, scheduling="sweep"):
     """The `Simulation` of a scene with its constraints."""
-    settings = Settings(constraintScheduling=scheduling, broadPhase="grid")
+    settings = Settings(constraintScheduling=scheduling, contactScheduling="batches")
     return Simulation(DATA / f"{name}-scene.txt", settings)
 
 

@@ -10,7 +10,9 @@ import RBSFunctions
 from RBSFunctions import Mesh, resolve_collision, run_timestep
 from RigidBodySimulation import load_constraint_file, load_scene_file
 
-broadPhases = pytest.mark.parametrize("broadPhase", ["all", "grid"])
+ways = pytest.mark.parametrize(
+    "way", [{}, {"contactScheduling": "batches"}], ids=["default", "batches"]
+)
 
 
 def load(name):
@@ -74,8 +76,8 @@ def test_each_function_of_the_coursework_is_called_and_seen_in_the_motion(name, 
     assert np.abs(states[0] - states[2]).max() > 0.01
 
 
-@broadPhases
-def test_an_exception_leaves_the_meshes_as_they_were(broadPhase, monkeypatch):
+@ways
+def test_an_exception_leaves_the_meshes_as_they_were(way, monkeypatch):
     """The exception is raised within the constraints, after collisions have been resolved."""
     meshes = [
         box_body(2.0, 2.0, 2.0, (0.0, 0.9, 0.0), orientation=quaternion([0, 0, 1], 3)),
@@ -87,7 +89,7 @@ def test_an_exception_leaves_the_meshes_as_they_were(broadPhase, monkeypatch):
         raise RuntimeError("not written yet")
 
     constraints = [[0, 0, 1, 0, 1.0, True]]
-    options = {"constraints": constraints, "broadPhase": broadPhase}
+    options = {"constraints": constraints, **way}
     with monkeypatch.context() as patch, pytest.raises(RuntimeError):
         patch.setattr(RBSFunctions, "resolve_velocity_constraint", failing)
         run_timestep(meshes, ground(), 0.02, 0.5, **options)
@@ -105,38 +107,38 @@ REFUSED = [
 ]
 
 
-@broadPhases
-def test_what_is_not_there_is_refused_by_name(broadPhase):
+@ways
+def test_what_is_not_there_is_refused_by_name(way):
     meshes = [box_body(1.0, 1.0, 1.0, (3.0 * k, 50.0, 0.0)) for k in range(2)]
     before = state_of(meshes)
     for row, said in REFUSED:
         constraints = [[0, 0, 1, 0, 9.0, True], row]
         with pytest.raises(ValueError, match=f"constraint 1: .*{said}"):
-            run_timestep(meshes, None, 0.02, 0.5, constraints=constraints, broadPhase=broadPhase)
+            run_timestep(meshes, None, 0.02, 0.5, constraints=constraints, **way)
     with pytest.raises(ValueError, match="mesh 2, 'box', is listed twice"):
-        run_timestep([*meshes, meshes[1]], None, 0.02, 0.5, broadPhase=broadPhase)
+        run_timestep([*meshes, meshes[1]], None, 0.02, 0.5, **way)
     assert np.array_equal(state_of(meshes), before)
 
 
-@broadPhases
-def test_fixed_has_one_meaning(broadPhase):
+@ways
+def test_fixed_has_one_meaning(way):
     """Fixed at the start, by assignment or by its inverse mass, a body stays; freed, it falls."""
-    for way in ("start", "isFixed", "invMass"):
-        lower = box_body(2.0, 2.0, 2.0, (0.0, 50.0, 0.0), isFixed=way == "start")
+    for how in ("start", "isFixed", "invMass"):
+        lower = box_body(2.0, 2.0, 2.0, (0.0, 50.0, 0.0), isFixed=how == "start")
         upper = box_body(2.0, 2.0, 2.0, (0.3, 51.9, 0.0))
-        if way == "isFixed":
+        if how == "isFixed":
             lower.isFixed = True
-        elif way == "invMass":
+        elif how == "invMass":
             lower.invMass = 0.0  # its inverse inertia is kept, and counts for nothing
         upper.linVelocity = np.array([[0.5, -3.0, 0.2]])
         assert lower.isFixed and not upper.isFixed
-        report = run_timestep([lower, upper], None, 0.02, 0.5, mu=0.3, broadPhase=broadPhase)
+        report = run_timestep([lower, upper], None, 0.02, 0.5, mu=0.3, **way)
         assert len(report.contacts) == 1
         assert np.array_equal(state_of([lower])[0, :3], [0.0, 50.0, 0.0])
         assert not state_of([lower])[0, 7:].any()
-        if way == "start":
+        if how == "start":
             expected = state_of([upper])
         assert np.array_equal(state_of([upper]), expected)
     lower.isFixed = False
-    run_timestep([lower], None, 0.02, 0.5, broadPhase=broadPhase)
+    run_timestep([lower], None, 0.02, 0.5, **way)
     assert lower.position[0, 1] < 50.0

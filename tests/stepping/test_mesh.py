@@ -259,15 +259,29 @@ def test_what_a_caller_writes_counts_and_what_a_caller_keeps_stays():
     assert np.array_equal(meshes[0].currVertices, lowest)
 
 
-def test_rows_of_the_grid_step_keep_their_values_for_who_keeps_them():
+def test_rows_of_a_step_on_arrays_keep_their_values_for_who_keeps_them():
     meshes = boxes(2)
-    stepped(meshes, broadPhase="grid")
+    stepped(meshes, contactScheduling="batches")
     for part in (lambda row: row, lambda row: row[0], lambda row: row.T):
         kept = part(meshes[1].position)
         before = kept.copy()
-        stepped(meshes, broadPhase="grid")
+        stepped(meshes, contactScheduling="batches")
         assert np.array_equal(kept, before)
         assert not np.array_equal(part(meshes[1].position), before)
+
+
+@pytest.mark.parametrize("way", [{"contactScheduling": "batches"}, {"contactSolver": "soft-step"}])
+def test_other_attributes_do_not_hide_an_assigned_state(way):
+    """One attribute less and one more: as many as the step has left."""
+    (mesh,) = meshes = boxes(1)
+    mesh.colour = "red"
+    stepped(meshes, **way)
+    stepped(meshes, **way)
+    del mesh.colour
+    mesh.position = np.array([[1.0, 90.0, 2.0]])
+    for _ in range(10):
+        stepped(meshes, **way)
+    assert mesh.position[0, [0, 2]] == pytest.approx([1.0, 2.0]) and mesh.position[0, 1] < 90.0
 
 
 def test_states_in_tables_are_those_of_a_loop_whatever_a_caller_does():
@@ -294,7 +308,7 @@ def test_states_in_tables_are_those_of_a_loop_whatever_a_caller_does():
         value = rng.normal(size=(1, 4 if name == "orientation" else 3))
         copies = [copy.copy(many[k]), copy.deepcopy(many[k]), pickle.loads(pickle.dumps(many[k]))]
         before = many[k].position.copy()
-        for meshes, options in ((ones, {}), (many, {"broadPhase": "grid"})):
+        for meshes, options in ((ones, {}), (many, {"contactScheduling": "batches"})):
             change(meshes[k], name, value)
             stepped(meshes[:4] if k % 2 else meshes, **options)
             stepped(meshes, **options)

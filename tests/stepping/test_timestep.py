@@ -266,15 +266,19 @@ def small_scene():
 
 
 @pytest.mark.parametrize(
-    ("closingOnly", "steps", "broadPhase"),
-    [(False, 100, "all"), (False, 100, "grid"), (True, 50, "grid")],
+    ("closingOnly", "steps", "way"),
+    [
+        (False, 100, {}),
+        (False, 100, {"contactScheduling": "batches"}),
+        (True, 50, {"broadPhase": "grid"}),
+    ],
 )
-def test_a_step_is_the_literal_loop(closingOnly, steps, broadPhase):
-    """Both the default and the accelerated step give the same bits as the loop."""
+def test_a_step_is_the_literal_loop(closingOnly, steps, way):
+    """The default, the grid and the step on arrays give the same bits as the loop."""
     fast, slow = small_scene(), small_scene()
     seen = Counter()
     for _ in range(steps):
-        options = {"closingOnly": closingOnly, "broadPhase": broadPhase}
+        options = {"closingOnly": closingOnly, **way}
         report = run_timestep(fast, ground(), H, 0.5, **options)
         contacts = literal_step(slow, ground(), H, 0.5, closingOnly)
         assert [(contact.body1, contact.body2) for contact in report.contacts] == contacts
@@ -287,8 +291,8 @@ def test_a_step_is_the_literal_loop(closingOnly, steps, broadPhase):
     assert len(pairs) >= 6 and len(seen) - len(pairs) >= 3 and seen.total() > 40
 
 
-@pytest.mark.parametrize("broadPhase", ["all", "grid"])
-def test_save_restore_and_step_on_gives_the_same_bits(broadPhase):
+@pytest.mark.parametrize("way", [{}, {"contactScheduling": "batches"}], ids=["default", "batches"])
+def test_save_restore_and_step_on_gives_the_same_bits(way):
     """Positions, orientations and velocities are all of the state.
 
     Whatever a step remembers of the one before may save time, but reaches no result: new meshes
@@ -297,8 +301,7 @@ def test_save_restore_and_step_on_gives_the_same_bits(broadPhase):
 
     def go(meshes, steps):
         return sum(
-            len(run_timestep(meshes, ground(), H, 0.5, broadPhase=broadPhase).contacts)
-            for _ in range(steps)
+            len(run_timestep(meshes, ground(), H, 0.5, **way).contacts) for _ in range(steps)
         )
 
     meshes = load_scene_file(DATA / "mixed-scene.txt")

@@ -365,7 +365,7 @@ def test_the_grid_is_offered_for_many_bodies(viewer):
     text, _, switch = viewer.offer
     assert viewer.saved == text and "403 bodies" in text
     switch()
-    assert viewer.simulation.settings.broadPhase == "grid" and viewer.saved == ""
+    assert viewer.simulation.settings.contactScheduling == "batches" and viewer.saved == ""
 
 
 def test_a_speed_is_offered_where_gravity_looks_slow_or_fast(viewer):
