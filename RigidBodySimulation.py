@@ -32,8 +32,8 @@ from rbs.program.opening import list_files, open_replay
 from rbs.program.options import given_settings
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.program.suggestions import SceneOpener, apply_settings, note_recommended
-from rbs.recordings.recording import Recorder, Recording, RecordingError
-from rbs.recordings.replay import check_functions, resume, verify
+from rbs.recordings.recording import Recorder, Recording
+from rbs.recordings.replay import resume, verify
 from rbs.recordings.statistics import PlotWriter, StatsWriter, step_quantities
 from rbs.scenes import scenefiles
 from rbs.scenes.files import check_outputs
@@ -81,17 +81,10 @@ def main(arguments=None):
 
 def run_asked_mode(options):
     """Runs the mode that the options select. Returns the exit code."""
-    SceneSimulation.submitted = None
-    if options.functions is not None:
-        # the coursework's run_timestep has no broad phase
-        inOurLoop = bool(options.our_loop) or "broad_phase" in options
-        SceneSimulation.submitted = SubmittedSteps(options.functions, inOurLoop)
-        used = [item for item in commandLine.SETTING_OPTIONS.items() if item[0] in options]
-        parameters = {commandLine.option_name(dest): one.parameter for dest, one in used}
-        SceneSimulation.submitted.check_options(parameters)
+    submitted = submitted_steps(options)
     if options.verify is not None:
-        return verify_as_asked(options)
-    simulation = simulation_of(options)
+        return verify_as_asked(options, submitted)
+    simulation = simulation_of(options, submitted)
     outputs = [one for one in "record stats plot video export".split() if one in options]
     inputs = [one for one in (options.replay, options.resume, options.camera) if one]
     check_outputs(
@@ -106,14 +99,29 @@ def run_asked_mode(options):
     return open_window_or_fall_back(simulation, options, pictureOptions, opener)
 
 
-def simulation_of(options):
-    """Returns the Simulation or Replay that the options select."""
+def submitted_steps(options):
+    """Returns the SubmittedSteps of --functions, or None. Raises SubmissionError."""
+    if options.functions is None:
+        return None
+    # the coursework's run_timestep has no broad phase
+    inOurLoop = bool(options.our_loop) or "broad_phase" in options
+    submitted = SubmittedSteps(options.functions, inOurLoop)
+    used = [item for item in commandLine.SETTING_OPTIONS.items() if item[0] in options]
+    submitted.check_options({commandLine.option_name(dest): one.parameter for dest, one in used})
+    return submitted
+
+
+def simulation_of(options, submitted):
+    """Returns the Simulation or Replay that the options select.
+
+    submitted : SubmittedSteps of a simulation, or None
+    """
     if options.replay is not None:
         return open_replay(options.replay)
     if options.resume is not None:
         recording = Recording(options.resume)
         step = recording.lastStep if options.from_step is None else options.from_step
-        simulation = resume(recording, step)
+        simulation = resume(recording, step, submitted=submitted)
         try:
             simulation.settings = simulation.settings.changed(**given_settings(options))
         except IgnoredSetting as error:
@@ -123,6 +131,7 @@ def simulation_of(options):
         scenefiles.find_scene(options.scene or commandLine.DEFAULT_SCENE),
         constraintPath=options.constraints,
         allowOutsideMeshes=options.allow_outside_meshes,
+        submitted=submitted,
     )
     apply_settings(simulation, given_settings(options), ignores_recommendations(options))
     return simulation
@@ -203,17 +212,12 @@ def open_window_or_fall_back(simulation, options, pictureOptions, opener):
     return headless.run_without_window(simulation, steps_of(simulation, options), writers)
 
 
-def verify_as_asked(options):
-    """Runs --verify. Returns the exit code, 0 or 1."""
+def verify_as_asked(options, submitted):
+    """Runs --verify. Returns the exit code, 0 or 1. Raises RecordingError."""
     recording = Recording(options.verify)
     steps = f"steps {recording.firstStep}–{recording.lastStep}"
-    check_functions(recording, SceneSimulation.submitted)
     with headless.step_progress(recording.lastStep - recording.firstStep) as advance:
-        try:
-            wrong = verify(recording, advance)
-        except RecordingError as error:
-            print_error(error)
-            return 1
+        wrong = verify(recording, advance, submitted)
     path = shown_path(recording.path)
     if not wrong:
         print(f"{path}: {steps} are identical, bit for bit")

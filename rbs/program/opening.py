@@ -25,24 +25,24 @@ class ListedFile(NamedTuple):
     path: Path
 
 
-def open_file(path, allowOutsideMeshes=False):
+def open_file(path, allowOutsideMeshes=False, submitted=None):
     """Opens a scene file as a Simulation, or a recording as a Replay.
 
-    allowOutsideMeshes : see `load_scene_file`
+    allowOutsideMeshes : see `load_scene_file`; submitted : see `Simulation`
     Raises SceneError or RecordingError.
     """
     if Path(path).suffix in RECORDING_ENDINGS:
-        return open_replay(path)
-    return Simulation(path, allowOutsideMeshes=allowOutsideMeshes)
+        return open_replay(path, submitted)
+    return Simulation(path, allowOutsideMeshes=allowOutsideMeshes, submitted=submitted)
 
 
-def open_replay(path):
+def open_replay(path, submitted=None):
     """Opens a recording as a Replay, with a note if a student's functions made it."""
     recording = Recording(path)
     if recording.functions:
         folder = recording.functionsFolder
         print_note(f"{shown_path(path)}: recorded with the functions in {folder}")
-    return Replay(recording)
+    return Replay(recording, submitted)
 
 
 def find_file(text, folder):

@@ -93,14 +93,14 @@ class SceneOpener:
     """Opens files for the window, each scene with the settings that it recommends.
 
     Settings given on the command line, or changed in the window, are kept from scene to scene if
-    the solver uses them.
+    the solver uses them, and so are a student's functions.
     """
 
     def __init__(self, simulation, given, isBasic=False, allowOutsideMeshes=False):
         """simulation : the first one in the window; given, isBasic : see `apply_settings`"""
         self._begun = None if simulation.isReplay else replace(simulation.settings)
         self._given, self._isBasic = dict(given), isBasic
-        self._allowOutsideMeshes = allowOutsideMeshes
+        self._allowOutsideMeshes, self._submitted = allowOutsideMeshes, simulation.submitted
 
     def __call__(self, text, settings, folder="."):
         """Returns a Simulation or Replay; see `open_file`.
@@ -108,7 +108,7 @@ class SceneOpener:
         text, folder : see `find_file`; folder is that of the last scene
         settings : of the last scene, or None if there was none
         """
-        opened = open_file(find_file(text, folder), self._allowOutsideMeshes)
+        opened = open_file(find_file(text, folder), self._allowOutsideMeshes, self._submitted)
         if isinstance(opened, Simulation):
             if settings is not None and self._begun is not None:
                 begun = asdict(self._begun)

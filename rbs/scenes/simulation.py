@@ -40,9 +40,15 @@ class Simulation(Scene):
     startSettings, a copy of the settings at the start.
     """
 
-    submitted = None  # `SubmittedSteps` that replace run_timestep
-
-    def __init__(self, scene, settings=None, constraintPath=None, *, allowOutsideMeshes=False):
+    def __init__(
+        self,
+        scene,
+        settings=None,
+        constraintPath=None,
+        *,
+        allowOutsideMeshes=False,
+        submitted=None,
+    ):
         """Loads the scene. Raises SceneError.
 
         Parameters
@@ -51,7 +57,9 @@ class Simulation(Scene):
         settings : Settings, by default the coursework's behaviour
         constraintPath : by default NAME-constraints.txt of NAME-scene.txt, if it exists
         allowOutsideMeshes : see `load_scene_file`
+        submitted : `SubmittedSteps` that replace run_timestep, or None
         """
+        self.submitted = submitted
         self.settings = Settings() if settings is None else settings
         self.startSettings = replace(self.settings)
         self.groundMesh = ground()

@@ -45,10 +45,11 @@ class Scene:
     report, stepSeconds : the last step's `StepReport` and duration, or None
     reportError : why a replay's step has no report, or ""
     recommended : text of the recommended settings that are used, or ""
+    submitted : `SubmittedSteps`, if a student's functions make the steps, or None
     isReplay : whether it is a Replay, with `seek`, firstStep, lastStep and lastTime
     """
 
-    source = scenePath = groundMesh = settings = report = stepSeconds = None
+    source = scenePath = groundMesh = settings = report = stepSeconds = submitted = None
     meshes = constraints = ()
     stepCount, time = 0, 0.0
     recommended = reportError = ""

@@ -307,7 +307,8 @@ class Viewer:
     def continue_here(self):
         """Replaces a replay by a simulation that goes on from the present step."""
         try:
-            simulation = resume(self.simulation.recording, self.simulation.stepCount)
+            replay = self.simulation
+            simulation = resume(replay.recording, replay.stepCount, submitted=replay.submitted)
         except RecordingError as error:
             self.message = str(error)
             return

@@ -255,6 +255,25 @@ def test_a_recording_belongs_to_the_functions_that_made_it(tmp_path, program):
     assert_refused("theirs.h5", *given)
 
 
+def test_functions_belong_to_the_simulation_that_was_given_them(program, tmp_path):
+    """One after the other and in turns, in one process."""
+    student = write_submission(tmp_path / "student", MISTAKES["explicit-euler"])
+    alone = Simulation(DATA / "singlebox-scene.txt")
+    for _ in range(20):
+        alone.step()
+    given = "--functions", student, "--steps", 20, "--record", "s.h5"
+    assert program("singlebox", *given)[0] == 0
+    after = Simulation(DATA / "singlebox-scene.txt")
+    other = Simulation(DATA / "singlebox-scene.txt", submitted=SubmittedSteps(student))
+    for _ in range(20):
+        after.step()
+        other.step()
+    assert after.state()["positions"].tobytes() == alone.state()["positions"].tobytes()
+    theirs = Recording("s.h5").frame(20)["positions"]
+    assert other.state()["positions"].tobytes() == theirs.tobytes()
+    assert np.abs(theirs - after.state()["positions"]).max() > 1e-3
+
+
 def test_a_resumed_run_has_the_same_bits_also_of_the_smallest_spin(tmp_path):
     """The upper box lands flat on the lower one: what turns it is the rounding alone."""
     shutil.copy(DATA / "box.mesh", tmp_path)
