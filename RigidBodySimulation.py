@@ -38,7 +38,7 @@ from rbs.recordings.statistics import PlotWriter, StatsWriter, step_quantities
 from rbs.scenes import scenefiles
 from rbs.scenes.files import check_outputs
 from rbs.scenes.meshfiles import load_mesh_file
-from rbs.scenes.messages import InputError, print_error, reason_of, shown_path
+from rbs.scenes.messages import InputError, print_error, shown_path
 from rbs.scenes.scenefiles import load_constraint_file, load_scene_file
 from rbs.scenes.simulation import Simulation as SceneSimulation
 from rbs.stepping.settings import IgnoredSetting, Settings
@@ -55,8 +55,8 @@ FALLBACK_PICTURES = 5
 def main(arguments=None):
     """Runs the command line.
 
-    Returns the exit code: 0; 1 if --verify finds a difference; 2 for bad input; 3 if a number of a
-    run becomes invalid; 130 after Ctrl-C; 143 after kill.
+    Returns the exit code: 0; 1 if --verify finds a difference; 2 for bad input, or if an output cannot
+    be written; 3 if a number of a run becomes invalid; 130 after Ctrl-C; 143 after kill.
     """
     options = commandLine.parse_options(arguments)
     with warnings.catch_warnings(), headless.signals_handled(headless.interrupt):
@@ -66,12 +66,8 @@ def main(arguments=None):
             sys.stdout.reconfigure(errors="backslashreplace")
         try:
             return run_asked_mode(options)
-        except (InputError, ImportError) as error:
-            print_error(error)
-        except OSError as error:
-            print_error(f"{error.filename or 'cannot write'}: {reason_of(error)}")
-        except MemoryError:
-            print_error("not enough memory")
+        except headless.EXPECTED_ERRORS as error:
+            print_error(headless.message_of(error))
         except KeyboardInterrupt as error:
             number = error.args[0] if error.args else signal.SIGINT
             print_error(f"stopped by {headless.SIGNAL_NAMES[number]}")
