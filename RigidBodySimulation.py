@@ -55,8 +55,8 @@ FALLBACK_PICTURES = 5
 def main(arguments=None):
     """Runs the command line.
 
-    Returns the exit code: 0; 1 if --verify finds a difference; 2 for bad input, or if an output cannot
-    be written; 3 if a number of a run becomes invalid; 130 after Ctrl-C; 143 after kill.
+    Returns the exit code: 0; 1 if --verify finds a difference; 2 for bad input, or if an output
+    cannot be written; 3 if a number of a run becomes invalid; 130 after Ctrl-C; 143 after kill.
     """
     options = commandLine.parse_options(arguments)
     with warnings.catch_warnings(), headless.signals_handled(headless.interrupt):

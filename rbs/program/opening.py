@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rbs.program.catalogue import SCENES
-from rbs.recordings.recording import RECORDING_ENDINGS, Recording
+from rbs.recordings.recording import Recording, is_recording_name
 from rbs.recordings.replay import Replay
 from rbs.scenes.messages import print_note, shown_path
 from rbs.scenes.scenefiles import DATA_FOLDER, SCENE_ENDING, find_scene, list_scenes, scene_name
@@ -31,7 +31,7 @@ def open_file(path, allowOutsideMeshes=False, submitted=None):
     allowOutsideMeshes : see `load_scene_file`; submitted : see `Simulation`
     Raises SceneError or RecordingError.
     """
-    if Path(path).suffix in RECORDING_ENDINGS:
+    if is_recording_name(path):
         return open_replay(path, submitted)
     return Simulation(path, allowOutsideMeshes=allowOutsideMeshes, submitted=submitted)
 
@@ -82,7 +82,7 @@ def list_files(folder):
     listed += [
         ListedFile(BESIDE, path.name, "a recording", path)
         for path in sorted(folder.iterdir())
-        if path.suffix in RECORDING_ENDINGS
+        if is_recording_name(path)
     ]
     names = {one.name for one in listed}
     ours = {scene_name(path): path for path in list_scenes(DATA_FOLDER)}

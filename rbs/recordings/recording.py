@@ -70,6 +70,11 @@ STATE_BYTES = 8 * sum(STATE_WIDTHS.values())
 QUOTE_LENGTH = 80
 
 
+def is_recording_name(path):
+    """Returns whether a path ends like that of a recording."""
+    return Path(path).suffix.lower() in RECORDING_ENDINGS
+
+
 class RecordingError(InputError):
     """A recording that cannot be used or written. The message reads "file: cause"."""
 

@@ -69,13 +69,15 @@ def atomic_write(path):
 
 def check_writable(path):
     """Raises OSError, naming `path`, unless a file can be written there. Changes no file."""
-    partial = partial_path(path)
-    isNew = not partial.exists()
-    if isNew or partial.is_file() or partial.is_dir():  # opening and closing a pipe would end it
-        with named_errors(path):
+    with named_errors(path):
+        partial = partial_path(path)
+        isNew = not partial.exists()
+        if (
+            isNew or partial.is_file() or partial.is_dir()
+        ):  # opening and closing a pipe would end it
             open(partial, "ab").close()
-    if isNew:
-        partial.unlink()
+        if isNew:
+            partial.unlink()
 
 
 def check_outputs(outputs, inputs):

@@ -7,8 +7,9 @@ import os
 import sys
 from pathlib import Path
 
-# The beginning of every message on stderr.
-PROGRAM_NAME = "RigidBodySimulation.py"
+# The beginning of every message on stderr: the installed command, or the script.
+INSTALLED_NAME, SCRIPT_NAME = "rigid-body-simulation", "RigidBodySimulation.py"
+PROGRAM_NAME = INSTALLED_NAME if Path(sys.argv[0]).stem == INSTALLED_NAME else SCRIPT_NAME
 
 
 class InputError(ValueError):

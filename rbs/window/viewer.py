@@ -20,7 +20,7 @@ from rbs.appearance.pictureoptions import video_timing
 from rbs.pictures.cameras import apply_camera, kept_camera, load_camera, save_camera
 from rbs.pictures.capture import Video, save_picture
 from rbs.recordings.encoder import VideoError
-from rbs.recordings.recording import RECORDING_ENDINGS, Recorder, RecordingError
+from rbs.recordings.recording import Recorder, RecordingError, is_recording_name
 from rbs.recordings.replay import resume
 from rbs.scenes import changes
 from rbs.scenes.files import folder_opener
@@ -318,7 +318,7 @@ class Viewer:
 
     def open_beside(self, way):
         """Opens the next scene in the list, or the one before if `way` is -1."""
-        files = [one for one in self.files() if one.path.suffix not in RECORDING_ENDINGS]
+        files = [one for one in self.files() if not is_recording_name(one.path)]
         names = [one.name for one in files]
         place = names.index(self.name()) + way if self.name() in names else 0
         self.open(files[place % len(files)].path)
