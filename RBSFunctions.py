@@ -336,6 +336,8 @@ class Mesh:
             vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
             used, faces = np.unique(faces, return_inverse=True)
             vertices, faces = vertices[used], faces.reshape(-1, 3)
+            if not np.isfinite(vertices).all():
+                raise ValueError("a vertex is not finite")
             vertices, faces, tets = fill_surface(vertices, orient_surface(vertices, faces))
         except (IndexError, TypeError, ValueError) as error:
             raise ValueError(f"mesh {name}: {error}") from None
@@ -398,7 +400,10 @@ class Mesh:
         outer += sums[:, :, None] * sums[:, None, :]
         covariance = self.density * (volumes[:, None, None] / 20.0 * outer).sum(axis=0)
         self.IT = np.trace(covariance) * np.eye(3) - covariance
-        self.hull = build_hull(self.origVertices)
+        try:
+            self.hull = build_hull(self.origVertices)
+        except ValueError as error:
+            raise ValueError(f"mesh {self.name}: {error}") from None
         self.hullVolume = self.hull.volume
 
     @property

@@ -3,9 +3,9 @@
     python graders/make_reference.py [--out DIR] [--convention exact|released-2024]
 
 Needs mpmath (pip install mpmath). The three files have the keys and shapes of the coursework's own
-(contract, section 3). The random states are doubles, taken as exact numbers; the results come from
-`reference`, in 50 digits, and are rounded to doubles at the end. `--convention released-2024`
-reproduces the quirks of the released data. Two runs write the same bytes.
+(see `reference.graderData`). The random states are doubles, taken as exact numbers; the results
+come from `reference`, in 50 digits, and are rounded to doubles at the end. `--convention
+released-2024` reproduces the quirks of the released data. Two runs write the same bytes.
 """
 
 import argparse
@@ -114,7 +114,7 @@ def make_integration_data(convention):
     results = integrate(*(data[f"random{key}"] for key in WIDTHS), exact(model.TIME_STEP))
     for key, array in zip(WIDTHS, results, strict=True):
         data[f"result{key}"] = array.copy()
-        if convention == RELEASED_2024:  # quirk 3 of the contract: only sample 0 has a result
+        if convention == RELEASED_2024:  # quirk 3: only sample 0 has a result
             data[f"result{key}"][1:] = 0.0
     return doubles(data, INTEGRATION_LAYOUT)
 

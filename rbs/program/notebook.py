@@ -65,7 +65,12 @@ class Simulation(simulation.Simulation):
             recorder.note(self, change)
 
     def steps(self, count):
-        """Yields the StepReport of each of `count` steps, and shows the progress in a terminal."""
+        """Yields the StepReport of each of `count` steps, and shows the progress in a terminal.
+
+        Raises ValueError if count < 0.
+        """
+        if count < 0:
+            raise ValueError(f"count must be 0 or more, not {count}")
         with step_progress(count) as advance:
             for _ in range(count):
                 self.step()
@@ -73,7 +78,7 @@ class Simulation(simulation.Simulation):
                 yield self.report
 
     def run(self, count):
-        """Makes `count` steps; returns the simulation."""
+        """Makes `count` steps; returns the simulation. Raises ValueError if count < 0."""
         for _ in self.steps(count):
             pass
         return self

@@ -72,9 +72,8 @@ def check_writable(path):
     with named_errors(path):
         partial = partial_path(path)
         isNew = not partial.exists()
-        if (
-            isNew or partial.is_file() or partial.is_dir()
-        ):  # opening and closing a pipe would end it
+        # a pipe would end if it were opened and closed
+        if isNew or partial.is_file() or partial.is_dir():
             open(partial, "ab").close()
         if isNew:
             partial.unlink()

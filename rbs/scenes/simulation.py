@@ -121,8 +121,13 @@ class Simulation(Scene):
     def restore(self, state):
         """Returns to a `State` of this simulation; the next steps have the same bits again.
 
-        Bodies that were added since are removed; `meshes` is then a new list.
+        Bodies that were added since are removed; `meshes` is then a new list. Raises ValueError if
+        the state has another number of bodies.
         """
+        least, most, count = self.sceneCount, len(self.meshes), len(state.isFixed)
+        if not least <= count <= most:
+            bodies = counted(count, "body")
+            raise ValueError(f"a state of {bodies} is not one of {self!r}")
         if len(self.meshes) > len(state.isFixed):
             self.meshes = self.meshes[: len(state.isFixed)]
         for mesh, isFixed in zip(self.meshes, state.isFixed, strict=True):

@@ -259,13 +259,18 @@ class IgnoredSetting(ValueError):
 class _Values:
     """The methods of `Settings`."""
 
+    def __setattr__(self, name, value):
+        """Sets a field. Raises AttributeError if there is none, ValueError for an invalid value."""
+        if name not in CHOSEN:
+            raise AttributeError(f"there is no setting {name}; there are {', '.join(CHOSEN)}")
+        try:
+            super().__setattr__(name, CHOSEN[name].checked(value))
+        except ValueError as error:
+            raise ValueError(f"{name} {error}") from None
+
     def __post_init__(self):
-        """Checks all values. Raises ValueError, naming the setting."""
+        """Raises IgnoredSetting if the solver ignores a value."""
         for name, one in CHOSEN.items():
-            try:
-                setattr(self, name, one.checked(getattr(self, name)))
-            except ValueError as error:
-                raise ValueError(f"{name} {error}") from None
             if not one.isHeededBy(self.contactSolver) and getattr(self, name) != one.default:
                 raise IgnoredSetting(one, self.contactSolver)
 

@@ -315,7 +315,7 @@ def test_a_whole_sweep_at_least(scheduling, maxIterations):
 
 
 def literal_sweep(meshes, constraints, maxIterations, tolerance):
-    """The constraint stage as the contract words it, on meshes. Returns two numbers of visits.
+    """The constraint stage as the coursework words it, on meshes. Returns two numbers of visits.
 
     The first is the sweep's. The second counts those of them that a dirty flag allows: of what can
     be corrected at all, the first visit, and any after one of its two meshes has moved.

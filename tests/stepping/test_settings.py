@@ -53,12 +53,22 @@ def test_a_wrong_value_is_refused_by_name_and_changes_nothing(one):
                 Settings(**{"contactSolver": solver, one.name: value})
             with pytest.raises(ValueError, match=f"^{one.name} must be "):
                 settings.change(one.name, value)
+            with pytest.raises(ValueError, match=f"^{one.name} must be "):
+                setattr(settings, one.name, value)
         if value not in ALLOWED_IN_STEP.get(one.name, ()):
             with pytest.raises(ValueError, match=f"^{one.parameter} must be "):
                 run_timestep(
                     [], ground(), **{"timeStep": 0.02, "CRCoeff": 0.5, one.parameter: value}
                 )
     assert asdict(settings) == before
+
+
+def test_a_misspelt_setting_is_refused():
+    settings = Settings()
+    with pytest.raises(AttributeError, match="no setting frcition; there are restitution, "):
+        settings.frcition = 3
+    settings.friction = 3
+    assert asdict(settings) == asdict(Settings(friction=3.0))
 
 
 OTHER_VALUES = {"substeps": 3, "sleeping": False, "broadPhase": "grid", "closingOnly": True}
