@@ -229,7 +229,7 @@ def test_a_corner_hit_in_numbers():
 
 
 def literal_step(meshes, groundMesh, timeStep, e, closingOnly=False):
-    """`run_timestep` as the coursework words it, by the meshes' own methods. Returns its contacts."""
+    """`run_timestep` as the coursework words it, by the meshes' methods. Returns its contacts."""
     contacts = []
     for mesh in meshes:
         mesh.integrate_timestep(timeStep)
