@@ -28,7 +28,7 @@ from rbs.scenes.textfiles import plain_float, plain_int
 from rbs.stepping.settings import BY_OPTION
 
 # The scene that runs if none is named.
-DEFAULT_SCENE = "mixed"
+DEFAULT_SCENE = "heap"
 # Ten seconds with the default time step, long enough for every scene in data/ to settle.
 DEFAULT_STEPS = 500
 # Steps between screenshots: five pictures per simulated second with the default time step.
