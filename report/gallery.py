@@ -1,8 +1,7 @@
 """Draws the README's gallery with the program itself: `python report/gallery.py [NAME ...]`.
 
-Each picture is the last one of a run of the command line, in the studio
-look. It is drawn at twice the size and scaled down. Videos have one camera, which sees their first
-and their last moment.
+Each picture is the last one of a run of the command line, in the studio look. It is drawn at twice
+the size and scaled down. Videos have one camera, which sees their first and their last moment.
 """
 
 import shlex

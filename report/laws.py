@@ -95,7 +95,7 @@ def scene(name, **settings):
 
 @lru_cache
 def heap_scene(count):
-    """Returns the path of a dense heap from data/make_pile.py, which collapses when released."""
+    """Returns the path of a dense heap from make_pile.py, which collapses when released."""
     from benchmarkPiles import make_scene
 
     return make_scene("heap", count, tempfile.mkdtemp())
@@ -487,7 +487,7 @@ ROLL_SPEED, ROLL_MU, RADIUS = 20.0, 0.5, 6.0
 
 def ball(subdivisions):
     """A ball of 10 · 4ⁿ + 2 vertices on the ground; the first one is data/ball.mesh."""
-    sys.path.insert(0, str(DATA))
+    sys.path.insert(0, str(DATA / "scripts"))
     from make_data import make_ellipsoid
 
     points, faces = (np.array(one) for one in make_ellipsoid(*3 * [RADIUS], subdivisions)[:2])
