@@ -803,11 +803,11 @@ def resolve_constraints(meshes, constraints, step, report, taught):
     A visit corrects the positions of two bodies if their constraint is violated, then their
     velocities. See rbs/stepping/constraints.py for the schedules of visits.
     """
-    if len(constraints) == 0:
-        return
-    from rbs.stepping.constraints import ConstraintRows, project_in_batches, queue, sweep
-
     with report.phase("constraints"):
+        if len(constraints) == 0:
+            return
+        from rbs.stepping.constraints import ConstraintRows, project_in_batches, queue, sweep
+
         rows = ConstraintRows(constraints, meshes, step.tolerance)
         maximumVisits = max(step.maxIterations, rows.total)
         if step.constraintScheduling == "batches":

@@ -2,8 +2,8 @@
 
 Each of the student's steps begins with our state. Each call of a function that the coursework asks
 for is repeated with ours, on the same input. If all calls agree but the step does not, the step is
-repeated with `basic_step`, our loop around the student's functions: the difference is the first
-call that the two make in another order, or in another state.
+repeated in `our_loop`, around the student's functions: the difference is the first call that the
+two make in another order, or in another state.
 """
 
 import copy
@@ -26,7 +26,7 @@ from verdict.bodies import match_inertia
 import RBSFunctions
 from Quaternion import QRotate
 from rbs.program.submissions import describe
-from rbs.program.submittedsteps import SubmittedSteps, basic_step
+from rbs.program.submittedsteps import SubmittedSteps, our_loop
 from rbs.scenes.simulation import Simulation
 from rbs.stepping.bodies import StateError
 from rbs.stepping.settings import GRAVITY, Settings
@@ -70,7 +70,7 @@ class Comparison:
         self.driven.settings = ours.settings
         self.steps = self.driven.submitted = SubmittedSteps(folder)
         self.runTimestep = self.steps.run_timestep
-        self.ourLoop = partial(basic_step, self.steps.functions)
+        self.ourLoop = partial(our_loop, self.steps.functions)
         self.shadows = [*Simulation(ours.source).meshes, self.driven.groundMesh]
         meshes, ground = self.steps.follow(ours.meshes, ours.source)
         self.theirs = [*meshes, ground]

@@ -6,8 +6,9 @@ which gets its state before a step and gives it back afterwards.
 
 import inspect
 from difflib import get_close_matches
-from functools import partial
+from functools import cache, partial
 from hashlib import sha256
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -37,7 +38,7 @@ class SubmittedSteps:
     Parameters
     ----------
     folder : of the student's modules
-    inOurLoop : whether this project's run_timestep, with their functions, replaces the student's
+    inOurLoop : whether `our_loop` replaces the student's run_timestep
 
     Attributes
     ----------
@@ -61,9 +62,7 @@ class SubmittedSteps:
         self.functions = submission.functions
         self._Mesh = self._function("Mesh")
         if inOurLoop:
-            self._Mesh = loop_mesh(self._Mesh)
-            taught = TaughtFunctions(self.functions)
-            self.run_timestep = partial(run_timestep, functions=taught)
+            self.run_timestep = partial(our_loop, self.functions)
             self._known = COURSEWORK_PARAMETERS | {"broadPhase", "constraintScheduling"}
         else:
             self.run_timestep = self._function("run_timestep")
@@ -180,18 +179,31 @@ class SubmittedSteps:
         return state
 
 
-class TaughtFunctions:
-    """A student's functions as the loop of `run_timestep` calls them."""
+def our_loop(functions, meshes, groundMesh, *arguments, **options):
+    """This project's run_timestep, with the functions and meshes of another module.
 
-    def __init__(self, functions):
-        self.resolve_position_constraint = functions.resolve_position_constraint
-        self.resolve_velocity_constraint = functions.resolve_velocity_constraint
-        self._resolve_collision = functions.resolve_collision
+    functions : the module; the rest as for `run_timestep`
+    """
+    taught = SimpleNamespace(**vars(functions))
 
-    def resolve_collision(self, *contact):
-        self._resolve_collision(*contact)  # what it returns is not the coursework's
+    def resolve_collision(*contact):
+        functions.resolve_collision(*contact)  # what a student's returns is not the coursework's
+
+    taught.resolve_collision = resolve_collision
+    theirs = [mesh for mesh in (*meshes, groundMesh) if mesh is not None]
+    kinds = [type(mesh) for mesh in theirs]
+    for mesh, kind in zip(theirs, kinds, strict=True):
+        mesh.__class__ = loop_mesh(kind)
+    try:
+        run_timestep(meshes, groundMesh, *arguments, functions=taught, **options)
+    finally:
+        for mesh, kind in zip(theirs, kinds, strict=True):
+            vertices = mesh.currVertices
+            mesh.__class__ = kind
+            mesh.currVertices = vertices
 
 
+@cache
 def loop_mesh(Mesh):
     """Returns a subclass of a student's Mesh with what the loop of `run_timestep` asks for.
 
@@ -199,12 +211,12 @@ def loop_mesh(Mesh):
     """
 
     class LoopMesh(Mesh):
-        heldBox = _vertices = None
+        heldBox, _vertices = None, (None, None)
 
         @property
         def currVertices(self):
             pose = np.asarray(self.position).tobytes() + np.asarray(self.orientation).tobytes()
-            if self._vertices is None or self._vertices[0] != pose:
+            if self._vertices[0] != pose:
                 vertices = QRotate(self.orientation, self.origVertices) + self.position
                 self._vertices = pose, vertices
             return self._vertices[1]

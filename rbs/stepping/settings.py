@@ -177,6 +177,7 @@ TABLE = (
         "motion. sequential resolves one contact after the other; batches resolves contacts that "
         "share no movable body together, on arrays, and finds them by the grid",
         option="contacts",
+        label="contact schedule",
         **IMPULSE,
     ),
     Setting(
