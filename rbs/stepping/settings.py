@@ -130,7 +130,7 @@ IMPULSE_LINKS = {"isOfConstraints": True, "solver": "impulse"}
 TABLE = (
     Setting("restitution", 0.5, UNIT, UNIT, parameter="CRCoeff", limitsInStep=ANY),
     Setting("timeStep", 0.02, (1e-12, 1e3), label="time step (s)", limitsInStep=POSITIVE),
-    Setting("gravity", 9.8, (0.0, 1000.0), (0.0, 20.0), label="gravity (m/s²)"),
+    Setting("gravity", 9.8, (-1000.0, 1000.0), (0.0, 20.0), label="gravity (m/s²)"),
     Setting("friction", 0.0, POSITIVE, UNIT, parameter="mu"),
     Setting("contactSolver", ("impulse", "soft-step"), option="solver"),
     Setting("substeps", 6, (1, 1000), (1, 32), solver="soft-step"),

@@ -13,6 +13,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import fmean
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,8 +41,20 @@ MANY_BODIES = 100
 PLOTTED_STEPS = 500
 # m/s that a push adds to the velocity of the centre of mass.
 DEFAULT_PUSH = 8.0
-# Message if the user drags, shoots or records in a replay.
+# Message if the user drags or shoots in a replay.
 UNCHANGEABLE = 'Recordings are read-only. "Continue from here" makes a simulation of it'
+
+
+class Moment(NamedTuple):
+    """A moment of a simulation, to go back to: its State, report and list of meshes.
+
+    settings : those to return to if what followed has changed them, else None
+    """
+
+    state: dict
+    report: object
+    meshes: list
+    settings: dict | None = None
 
 
 class Viewer:
@@ -59,10 +72,12 @@ class Viewer:
     video, recorder, picture : files that are being written, or None
     look : one of LOOKS, for pictures
     isMeasuring, history : whether `history`, rows (time, quantities), grows
+    moments, place : Moments that can be gone to, and the number of those before the present one,
+        which is itself among them only after going back
     """
 
     def __init__(self, simulation, view, openFile, listFiles, measure, look="plain"):
-        """openFile(text, settings, folder) returns a Simulation or Replay, or raises ValueError.
+        """openFile(text, folder) returns a Simulation or Replay, or raises ValueError.
         listFiles(folder) returns a list of ListedFile, measure(simulation) a dict of floats.
         """
         self.simulation = simulation
@@ -78,12 +93,11 @@ class Viewer:
         self.isMeasuring = False
         self.history = deque(maxlen=PLOTTED_STEPS)
         self._openFile, self._listFiles, self._measure = openFile, listFiles, measure
-        self._settings = None if self.isReplay else simulation.settings
         self._suggest()
         # Per step and per frame: the seconds of the whole and of its parts.
         self._steps, self._frames = deque(maxlen=TIMED_STEPS), deque(maxlen=TIMED_STEPS)
         self._spent = {}  # seconds of the present frame, by activity
-        self._past = deque()  # (state, report) before each of the last steps
+        self.moments, self.place = [], 0
         self._isMoved = False  # whether the dragged body was moved while paused
 
     @property
@@ -146,7 +160,7 @@ class Viewer:
             self._film()
             return True
         self._end_move()
-        past = simulation.state(), simulation.report
+        moment = self._moment()
         if self.grab is not None:
             mesh = simulation.meshes[self.grab.body]
             self._change(self.grab.change(mesh, simulation.settings.timeStep))
@@ -157,9 +171,7 @@ class Viewer:
             self.isPlaying = False
             self.message = str(error)
             return False
-        self._past.append(past)
-        while len(self._past) > kept_states(len(simulation.meshes)):
-            self._past.popleft()
+        self._keep(moment)
         if simulation.report is not None:
             self._steps.append({"step": simulation.stepSeconds, **simulation.report.seconds})
         if self.recorder is not None:
@@ -195,56 +207,89 @@ class Viewer:
         self._show()
 
     def step_back(self):
-        """Goes back by a step, and pauses. A recording by hand ends."""
+        """Goes back by a step, or undoes what was done since, and pauses."""
         simulation = self.simulation
-        self.message = ""
-        if self.isReplay:
-            self.seek(simulation.stepCount - 1)
-            return
-        self.isPlaying = False
-        if not self._past:
-            self.message = "No earlier step is kept; R starts over"
-            return
-        self.stop_recording()
         self.release()
-        state, report = self._past.pop()
-        simulation.restore(state)
-        simulation.report = report
-        while self.history and self.history[-1][0] > simulation.time:
-            self.history.pop()
+        self.isPlaying = False
+        self.message = ""
+        if self.isReplay and simulation.stepCount > simulation.firstStep:
+            self.seek(simulation.stepCount - 1)
+        elif self.place > 0:
+            self.seek(self.place - 1)
+        else:
+            isFirst = self.isReplay or simulation.stepCount == 0
+            self.message = "This is the first step." if isFirst else "No earlier step is kept"
+
+    def seek(self, place):
+        """Goes to a step of a replay, or to a place in `moments`, and pauses. Files end."""
+        self.isPlaying = False
+        self.release()
+        simulation = self.simulation
+        if self.isReplay:
+            simulation.seek(place)
+            self.history.clear()
+        else:
+            self.stop_files()
+            if self.place == len(self.moments):
+                self.moments.append(self._moment())
+            crossed = [one.settings for one in self.moments[place : self.place] if one.settings]
+            vars(simulation.settings).update(crossed[0] if crossed else {})
+            moment, self.place = self.moments[place], place
+            simulation.meshes = list(moment.meshes)
+            simulation.restore(moment.state)
+            simulation.report = moment.report
+            while self.history and self.history[-1][0] > simulation.time:
+                self.history.pop()
         self.view.refresh()
 
-    def seek(self, step):
-        """Moves a replay to a step, and pauses."""
-        self.isPlaying = False
-        self.simulation.seek(step)
-        self.history.clear()
-        self.view.refresh()
+    def last_place(self):
+        """Returns the last place that can be gone to: the latest moment."""
+        return max(self.place, len(self.moments) - 1)
+
+    def _moment(self, settings=None):
+        simulation = self.simulation
+        return Moment(simulation.state(), simulation.report, list(simulation.meshes), settings)
+
+    def _keep(self, moment):
+        """Adds the moment before something new to `moments`, in place of later ones."""
+        self.moments[self.place :] = [moment]
+        del self.moments[: -kept_states(len(moment.meshes))]
+        self.place = len(self.moments)
 
     def reset(self):
-        """Starts over with the settings of the start, and pauses."""
+        """Starts over with the settings of the scene, and pauses."""
         if not self.isReplay:
-            vars(self.simulation.settings).update(vars(self.simulation.startSettings))
+            self.restore_settings()
         self.restart()
 
     def restart(self):
         """Starts over with the present settings and camera, and pauses."""
-        self.stop_recording()
+        self.stop_files()
         self.release()
         self.isPlaying = False
         self.message = ""
+        if not self.isReplay and (self.simulation.stepCount or self.simulation.changes):
+            self._keep(self._moment())
         self.simulation.reset()
         self._forget()
         self.view.refresh()
 
     def _forget(self):
-        for memory in (self.history, self._steps, self._frames, self._past):
+        for memory in (self.history, self._steps, self._frames):
             memory.clear()
+
+    def restore_settings(self):
+        """Gives the scene the settings with which it was opened."""
+        settings = self.simulation.settings
+        if settings != self.simulation.startSettings:
+            self._keep(self._moment(dict(vars(settings))))
+            vars(settings).update(vars(self.simulation.startSettings))
+            self.view.refresh()
 
     # Files.
 
     def open(self, path):
-        """Opens another scene or recording, paused, or a camera. Settings are kept.
+        """Opens another scene or recording, paused, with its own settings; or a camera.
 
         If it cannot be opened, the reason is in `message`. path : also as a user types it
         """
@@ -253,7 +298,7 @@ class Viewer:
             if Path(path).suffix == ".json":
                 apply_camera(load_camera(os.path.expanduser(path)))
                 return
-            simulation = self._openFile(path, self._settings, self.simulation.scenePath.parent)
+            simulation = self._openFile(path, self.simulation.scenePath.parent)
         except ValueError as error:
             self.message = str(error)
             return
@@ -264,13 +309,11 @@ class Viewer:
         self._show_other(simulation)
 
     def _show_other(self, simulation):
-        self.stop_video()
-        self.stop_recording()
+        self.stop_files()
         self.release()
         self.isPlaying = False
         self.simulation = simulation
-        if not self.isReplay:
-            self._settings = simulation.settings
+        self.moments, self.place = [], 0
         self._forget()
         self.view.rebuild(simulation)
         self._suggest()
@@ -282,7 +325,7 @@ class Viewer:
         if count > MANY_BODIES:
             if isAll and not self.isReplay and not self.simulation.submitted:
                 text = f'{count} bodies: broad phase "grid" is faster, with identical motion'
-                self._offer(text, "Switch", lambda: settings.change("broadPhase", "grid"))
+                self._offer(text, "Use grid", lambda: settings.change("broadPhase", "grid"))
             return  # they may be too slow for real time as it is
         height = refresh_vertices(self.simulation.meshes)[:, 1].max(initial=0.0)
         fall = math.sqrt(2.0 * height / settings.gravity) if settings.gravity > 0.0 else 1.0
@@ -311,6 +354,7 @@ class Viewer:
             self.message = str(error)
             return
         simulation.startSettings = replace(simulation.settings)
+        self.message = ""
         with kept_camera():
             self._show_other(simulation)
 
@@ -428,11 +472,10 @@ class Viewer:
         if self.recorder is not None:
             self.stop_recording()
             return
-        self.message = UNCHANGEABLE if self.isReplay else ""
-        if not self.isReplay:
-            with self._reporting("recorder"):
-                self.recorder = Recorder(self._out_path("recording", ".h5"))
-                self.recorder.add(self.simulation)
+        self.message = ""
+        with self._reporting("recorder"):
+            self.recorder = Recorder(self._out_path("recording", ".h5"))
+            self.recorder.add(self.simulation)
 
     def stop_recording(self):
         """Ends the recording, if there is one, after the last step."""
@@ -443,6 +486,11 @@ class Viewer:
                 self._tell_saved(self.recorder.path, counted(steps, "step"))
             self.recorder = None
 
+    def stop_files(self):
+        """Ends the video and the recording, if there are any."""
+        self.stop_video()
+        self.stop_recording()
+
     # Bodies.
 
     def _change(self, change):
@@ -450,6 +498,13 @@ class Viewer:
         self.simulation.change(change)
         if self.recorder is not None:
             self.recorder.note(self.simulation, change)
+
+    def _act(self, change):
+        """Makes a `Change` that can be undone, and draws it."""
+        self._end_move()
+        self._keep(self._moment())
+        self._change(change)
+        self.view.refresh()
 
     def grab_at(self, pixel):
         """Starts dragging the body at a pixel, by the visible point."""
@@ -477,6 +532,8 @@ class Viewer:
             mesh = self.simulation.meshes[self.grab.body]
             way = self.grab.target - self.grab.point(mesh)
             if not self.isPlaying and way.any():
+                if not self._isMoved:
+                    self._keep(self._moment())
                 mesh.position = mesh.position + way
                 self._isMoved = True
                 self.view.refresh()
@@ -512,8 +569,7 @@ class Viewer:
         elif len(simulation.meshes) - simulation.sceneCount >= MOST_SHOTS:
             self.message = f"Limit of {MOST_SHOTS} balls reached; R removes them"
         else:
-            self._change(shot(simulation.meshes, self.view.size, *self.view.aim(pixel)))
-            self.view.refresh()
+            self._act(shot(simulation.meshes, self.view.size, *self.view.aim(pixel)))
 
     def pick_at(self, pixel):
         """Selects the body at a pixel, or none."""
@@ -528,13 +584,11 @@ class Viewer:
         """Pushes the selected body along a unit direction (3,), at the clicked point."""
         mesh = self.picked()
         impulse = mesh.mass * self.pushSpeed * np.asarray(direction)
-        self._change(changes.push(self.view.picked, impulse, self.view.picked_point()))
-        self.view.refresh()
+        self._act(changes.push(self.view.picked, impulse, self.view.picked_point()))
 
     def set_fixed(self, isFixed):
         """Fixes or frees the selected body."""
-        self._change(changes.fix(self.view.picked, isFixed))
-        self.view.refresh()
+        self._act(changes.fix(self.view.picked, isFixed))
 
     # Numbers.
 

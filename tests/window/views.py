@@ -10,7 +10,7 @@ from rbs.window.viewer import Viewer
 
 def make_viewer(simulation, view, isBasic=True):
     """A Viewer that opens scenes with or without the settings that they recommend."""
-    opener = SceneOpener(simulation, {}, isBasic=isBasic)
+    opener = SceneOpener({}, isBasic=isBasic)
     return Viewer(simulation, view, opener, list_files, step_quantities)
 
 

@@ -116,7 +116,7 @@ def main(scene, statusPath):
         simulation = open_file(scene)
         if not simulation.isReplay:
             apply_settings(simulation, {})
-        opener = SceneOpener(simulation, {})
+        opener = SceneOpener({})
         show_window(simulation, backend, opener, list_files, step_quantities)
     except KeyboardInterrupt:
         pass
