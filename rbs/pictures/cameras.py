@@ -75,15 +75,17 @@ def save_camera(path):
 
 @contextmanager
 def kept_camera():
-    """Restores Polyscope's camera at the end of the `with` block."""
+    """Restores Polyscope's camera, and what it orbits about, after the `with` block."""
     import polyscope as ps
 
+    centre = ps.get_view_center()
     matrix = ps.get_camera_view_matrix()
     angle = ps.get_view_camera_parameters().get_fov_vertical_deg()
     try:
         yield
     finally:
         apply_camera({"viewMat": matrix, "fov": angle})
+        ps.set_view_center_raw(centre)
 
 
 def point_still_camera(meshes):

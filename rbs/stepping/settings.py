@@ -136,7 +136,7 @@ TABLE = (
     Setting("substeps", 6, (1, 1000), (1, 32), solver="soft-step"),
     Setting("sleeping", True, option="no-sleeping", label="sleeping", solver="soft-step"),
     Setting("broadPhase", ("all", "grid"), solver="impulse"),
-    Setting("closingOnly", False, label="approaching contacts only", solver="impulse"),
+    Setting("closingOnly", False, label="push only approaching bodies", solver="impulse"),
     Setting("gyroscopic", False, label="gyroscopic torque"),
     Setting("enforceConstraints", True, option="no-constraints", label="constraints", **LINKS),
     Setting("constraintScheduling", CONSTRAINT_SCHEDULINGS, option="scheduling", **IMPULSE_LINKS),

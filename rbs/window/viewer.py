@@ -197,7 +197,6 @@ class Viewer:
         if self.isMeasuring:
             self.history.append((self.simulation.time, self._measure(self.simulation)))
         self.view.refresh()
-        self._show_grab()
 
     def step_once(self):
         """Makes a single step, and pauses."""
@@ -278,12 +277,15 @@ class Viewer:
         for memory in (self.history, self._steps, self._frames):
             memory.clear()
 
-    def restore_settings(self):
-        """Gives the scene the settings with which it was opened."""
-        settings = self.simulation.settings
-        if settings != self.simulation.startSettings:
+    def restore_settings(self, name=None):
+        """Gives the scene the settings, or the one of this name, with which it was opened."""
+        settings, begun = self.simulation.settings, self.simulation.startSettings
+        if settings != begun:
             self._keep(self._moment(dict(vars(settings))))
-            vars(settings).update(vars(self.simulation.startSettings))
+            if name is None:
+                vars(settings).update(vars(begun))
+            else:
+                settings.change(name, getattr(begun, name))
             self.view.refresh()
 
     # Files.
@@ -537,7 +539,6 @@ class Viewer:
                 mesh.position = mesh.position + way
                 self._isMoved = True
                 self.view.refresh()
-            self._show_grab()
 
     def _end_move(self):
         """Makes a change of what has moved the dragged body while paused."""
@@ -549,14 +550,13 @@ class Viewer:
     def release(self):
         """Ends the drag. The body keeps its velocity."""
         self._end_move()
-        if self.grab is not None:
-            self.grab = None
-            self.view.show_spring(None)
+        self.grab = None
 
-    def _show_grab(self):
-        if self.grab is not None:
-            mesh = self.simulation.meshes[self.grab.body]
-            self.view.show_spring((self.grab.point(mesh), self.grab.target))
+    def drag_force(self):
+        """Returns the mean force of the spring over a step, in newtons."""
+        mesh, timeStep = self.simulation.meshes[self.grab.body], self.simulation.settings.timeStep
+        impulse = self.grab.change(mesh, timeStep).numbers[:3]
+        return math.hypot(*impulse) / timeStep
 
     def shoot(self, pixel):
         """Shoots a ball from the camera towards a pixel."""

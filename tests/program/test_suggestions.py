@@ -5,10 +5,9 @@ import shutil
 import pytest
 from program import DATA, call
 
-from rbs.program.suggestions import SceneOpener, apply_settings, recommended_values
+from rbs.program.suggestions import SceneOpener, recommended_values
 from rbs.recordings.recording import Recording
 from rbs.scenes.scenefiles import SceneSource
-from rbs.scenes.simulation import Simulation
 from rbs.scenes.textfiles import SceneError
 from rbs.stepping.settings import Settings
 

@@ -378,7 +378,7 @@ def test_fixed_body_stands_still_and_a_freed_one_falls_as_before(viewer):
 
 
 def test_dragged_body_follows_the_hand_and_flies_on_when_it_is_let_go(viewer):
-    view, mesh = viewer.view, viewer.simulation.meshes[2]
+    mesh = viewer.simulation.meshes[2]
     viewer.grab_at((-1, 0.0))
     assert viewer.grab is None
     viewer.grab_at((2, 1.0))
@@ -386,7 +386,7 @@ def test_dragged_body_follows_the_hand_and_flies_on_when_it_is_let_go(viewer):
     np.testing.assert_allclose(viewer.grab.target, mesh.position[0] + [1.0, 0.0, 0.0])
     viewer.isPlaying = True
     viewer.drag_to((0, 15.0))
-    np.testing.assert_allclose(view.spring[1], [0.0, 30.0, 15.0])
+    np.testing.assert_allclose(viewer.grab.target, [0.0, 30.0, 15.0])
     for _ in range(60):
         viewer.step_once()
     # It hangs there, and swings.
@@ -397,7 +397,7 @@ def test_dragged_body_follows_the_hand_and_flies_on_when_it_is_let_go(viewer):
         viewer.step_once()
     speed = mesh.linVelocity[0, 2]
     viewer.release()
-    assert speed > 10.0 and viewer.grab is None and view.spring is None
+    assert speed > 10.0 and viewer.grab is None
     viewer.step_once()
     assert mesh.linVelocity[0, 2] == speed
 
@@ -569,14 +569,13 @@ def test_all_steps_of_a_paused_session_can_be_read(viewer, monkeypatch):
 # --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("hasTimeline", [False, True])
 @pytest.mark.parametrize("hasSide", [False, True])
 @pytest.mark.parametrize("size", [(800, 500), (1920, 1080)])
-def test_panels_are_at_the_edges_and_beside_the_picture(size, hasSide, hasTimeline):
+def test_panels_are_at_the_edges_and_beside_the_picture(size, hasSide):
     width, height = size
-    layout = arrange(width, height, hasSide, hasTimeline)
+    layout = arrange(width, height, hasSide)
     boxes = [box for box in layout if box is not None]
-    assert len(boxes) == 2 + hasSide + hasTimeline
+    assert len(boxes) == 3 + hasSide
     covered = np.zeros((height, width), dtype=int)
     for left, top, wide, high in boxes:
         assert left >= 0 and top >= 0 and left + wide <= width and top + high <= height
@@ -588,5 +587,5 @@ def test_panels_are_at_the_edges_and_beside_the_picture(size, hasSide, hasTimeli
 
 
 def test_panels_grow_with_the_scale_of_the_monitor():
-    small, large = arrange(1280, 720, True, True), arrange(2560, 1440, True, True, 2.0)
+    small, large = arrange(1280, 720, True), arrange(2560, 1440, True, 2.0)
     assert [tuple(2 * length for length in box) for box in small] == [tuple(box) for box in large]

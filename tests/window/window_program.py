@@ -27,8 +27,6 @@ WIDGETS = "Button Selectable BeginCombo InputDouble InputTextWithHint Checkbox C
 WIDGETS = (WIDGETS + "SliderInt SliderFloat").split()
 # A field's rectangle holds its label, and buttons: its number is at the left.
 INTO_FIELD = 15.0
-# Frames per second that the panel has asked for.
-FRAME_RATES = [0]
 
 
 def noting(draw, places):
@@ -71,7 +69,7 @@ def status_of(panel):
         "layout": panel.layout,
         "positions": [mesh.position[0].tolist() for mesh in simulation.meshes],
         "windowSize": ps.get_window_size(),
-        "frameRate": FRAME_RATES[-1],
+        "frameRate": panel.frameRate,
         "changes": [one.kind for one in getattr(simulation, "changes", ())],
         "bodies": [project(mesh.position[0]) for mesh in simulation.meshes],
     }
@@ -92,13 +90,7 @@ def main(scene, statusPath):
     places, frameCount = {}, itertools.count()
     for kind in WIDGETS:
         setattr(psim, kind, noting(getattr(psim, kind), places))
-    frame, set_max_fps = Panel.frame, ps.set_max_fps
-
-    def told_rate(rate):
-        FRAME_RATES.append(rate)
-        set_max_fps(rate)
-
-    ps.set_max_fps = told_rate
+    frame = Panel.frame
 
     def told_frame(panel):
         places.clear()
