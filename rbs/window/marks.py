@@ -75,11 +75,14 @@ def _draw_arrows(ink, view, begins, ends, colour):
         ink.AddTriangleFilled(*triangle, colour)
 
 
-def draw_legend(rows, picture):
-    """Draws rows (text, (r, g, b)), if any, in the lower right corner of the picture, a Box."""
+def draw_legend(rows, picture, above):
+    """Draws rows (text, (r, g, b)), if any, in the lower right corner of the picture, a Box.
+
+    above : pixels from its lower edge
+    """
     if not rows:
         return
-    corner = picture.left + picture.width, picture.top + picture.height
+    corner = picture.left + picture.width, picture.top + picture.height - above
     psim.SetNextWindowPos(corner, psim.ImGuiCond_Always, (1.0, 1.0))
     psim.SetNextWindowSizeConstraints((0, 0), (picture.width, picture.height))
     psim.SetNextWindowBgAlpha(0.7)

@@ -58,8 +58,8 @@ MARK = 0xFF8C1AE6
 MESSAGE_SECONDS = 20.0
 # Most frames per second; the same while idle; and seconds without input or playing until idle.
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
-# What is shown until the mouse or a key has done something with a body.
-HINT = "Ctrl + drag throws a body · B shoots · H shows all keys"
+# What is shown until one of these has been used, and its height in pixels.
+HINT, HINT_HEIGHT = "Ctrl + drag throws a body · B shoots · H shows all keys", 34
 # Names of choices in the lists, where the option's own is too short.
 CHOICES = {"impulse": "impulses, one by one", "soft-step": "soft step: piles rest"}
 CHOICES |= {"all": "all pairs", "plain": "as in the window"}
@@ -151,7 +151,8 @@ class Panel:
             if self.layout.side is not None:
                 self._draw_side()
             self._draw_timeline()
-        draw_legend(self.viewer.view.legend(), self.layout.picture)
+        isHint = text == self.hint
+        draw_legend(self.viewer.view.legend(), self.layout.picture, isHint * scaled(HINT_HEIGHT))
         if text:
             self._draw_message(text, isError)
         if self.isHelpShown:

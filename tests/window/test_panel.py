@@ -20,7 +20,7 @@ from rbs.scenes.changes import fix
 from rbs.scenes.grabbing import shot
 from rbs.scenes.simulation import Simulation
 from rbs.stepping.settings import CHOSEN, Settings
-from rbs.window.panel import Panel
+from rbs.window.panel import CHOICES, Panel
 from rbs.window.playback import SPEEDS
 
 
@@ -158,7 +158,7 @@ def test_every_setting_is_changed_by_its_widget(hands, panel, solver):
         if isinstance(one.kind, tuple):
             for name in (*one.kind, before):
                 hands.click(one.label)
-                hands.click(name)
+                hands.click(CHOICES.get(name, name))
                 assert getattr(settings, one.name) == name
         else:
             hands.click(one.label, along=60.0)  # beside the handle of a slider at its low end
@@ -176,7 +176,7 @@ def test_every_control_says_what_it_is_for_unless_an_error_is_shown(
     polyscope.frame_tick()
     widgets.clear()
     polyscope.frame_tick()
-    kinds = [kind for kind, _, _ in widgets]
+    kinds = [kind for kind, _, _ in widgets if kind != "CollapsingHeader"]
     assert len(kinds) > 80
     for k in range(0, len(kinds), 2):
         assert kinds[k] != "SetItemTooltip" == kinds[k + 1], widgets[k]
@@ -213,8 +213,8 @@ def test_widgets_write_nothing_while_nobody_touches_them(polyscope, hands, panel
 def test_panel_goes_on_after_a_picture_with_a_legend(polyscope, hands, panel, monkeypatch):
     panel.viewer.view.hasLegend = True
     panel.viewer.view.show("velocities", True)
-    hands.click("Save")
-    hands.click("Picture")
+    for label in ("Simulation", "Display", "Save", "Picture"):
+        hands.click(label)
     assert panel.viewer.saved.endswith("/out/mixed/picture_000000.png")
     hands.key("Key_S")
     assert panel.viewer.simulation.stepCount == 1

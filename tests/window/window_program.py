@@ -24,7 +24,7 @@ from rbs.window.panel import Panel, show_window
 from rbs.window.playback import speed_name
 
 WIDGETS = "Button Selectable BeginCombo InputDouble InputTextWithHint Checkbox CollapsingHeader "
-WIDGETS = (WIDGETS + "SliderInt SliderFloat").split()
+WIDGETS = (WIDGETS + "SliderInt SliderFloat SmallButton").split()
 # A field's rectangle holds its label, and buttons: its number is at the left.
 INTO_FIELD = 15.0
 
