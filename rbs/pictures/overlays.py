@@ -16,6 +16,7 @@ from rbs.appearance.colours import (
     FRICTION_COLOUR,
     IMPULSE_COLOUR,
     NORMAL_COLOUR,
+    RESTING_COLOUR,
     TRAIL_COLOUR,
     VELOCITY_COLOUR,
 )
@@ -151,16 +152,22 @@ class Overlays:
                 np.array([c.normal for c in contacts]),
             )
             arrows = -NORMAL_LENGTH * self.memory.longestArrow * normals
+            colour = RESTING_COLOUR if self._isAtRest() else NORMAL_COLOUR
             self.onTop[name] = [
-                (draw_arrows, (middles, arrows, NORMAL_COLOUR, ARROW_RADIUS)),
-                (draw_lines, (points, edges, NORMAL_COLOUR, PATCH_RADIUS)),
+                (draw_arrows, (middles, arrows, colour, ARROW_RADIUS)),
+                (draw_lines, (points, edges, colour, PATCH_RADIUS)),
             ]
 
-    def _contact_meaning(self):
+    def _isAtRest(self):
+        """Whether all contacts are those of sleeping bodies."""
         report = self._view.simulation.report
-        isSome = report is not None and report.hasSleepers
-        only = "; awake bodies only" if isSome else ""
-        return f"contact area and normal (on the body listed first{only})"
+        if report is None or not report.hasSleepers:
+            return False
+        return all(report.isAsleep[contact.body1] for contact in self._contacts)
+
+    def _contact_meaning(self):
+        last = "last " if self._contacts and self._isAtRest() else ""
+        return f"{last}contact area and normal (on the body listed first)"
 
     def _draw_impulses(self, name, vertices):
         contacts, points = self._contacts, self._contactPoints

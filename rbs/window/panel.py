@@ -40,8 +40,9 @@ from rbs.window.widgets import (
     scaled,
 )
 
-# Pixels: width of the labels beside fields, and indent of the parts of a sum.
-LABEL_WIDTH, INDENT = 128, 18
+# Pixels: width of the labels beside fields, indent of the parts of a sum, and width of the button
+# beside a changed setting.
+LABEL_WIDTH, INDENT, MARK_WIDTH = 128, 18, 18
 # Pixels. A shorter movement between pressing and releasing the button counts as a click; a longer
 # one turns the camera.
 CLICK_PIXELS = 4.0
@@ -340,6 +341,7 @@ class Panel:
         """Draws the settings that the solver uses."""
         simulation = self.viewer.simulation
         settings = simulation.settings
+        right = psim.GetCursorPosX() + psim.GetContentRegionAvail()[0]
         for one in CHOSEN.values():
             isHeeded = one.isHeededBy(settings.contactSolver)
             if not one.label or not isHeeded or one.isOfConstraints and not simulation.constraints:
@@ -355,7 +357,7 @@ class Panel:
             else:
                 draw_slider(*row, *one.sliderEnds, *last)
             if value != begun:
-                psim.SameLine(psim.GetWindowWidth() - scaled(24))
+                psim.SameLine(right - scaled(MARK_WIDTH))
                 if psim.SmallButton(f"×###restore {one.name}"):
                     self.viewer.restore_settings(one.name)
                 Tooltips.tell(f"Changed. A click restores {CHOICES.get(begun, begun)}")
