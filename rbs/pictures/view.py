@@ -30,7 +30,7 @@ from rbs.appearance.drawables import ConstraintLines, flatten_meshes, ground_lin
 from rbs.appearance.framing import VIEW_DIRECTION, frame_camera, main_bodies
 from rbs.appearance.pictureoptions import OVERLAYS, PICTURE_SIZE
 from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
-from rbs.pictures.cameras import kept_camera, point_still_camera
+from rbs.pictures.cameras import kept_camera, look, point_still_camera, present_camera
 from rbs.pictures.overlays import CONTACT_OVERLAYS, WITHIN_BODIES, Overlays
 from RBSFunctions import refresh_vertices
 
@@ -218,13 +218,8 @@ class SceneView:
         fieldOfView = ps.get_view_camera_parameters().get_fov_vertical_deg()
         margins = self._margins if margins is None else margins
         size = ps.get_window_size()
-        self._look(*frame_camera(points, direction, fieldOfView, size, margins))
+        look(*frame_camera(points, direction, fieldOfView, size, margins))
         self._framed = points, self._eye(), direction
-
-    def _look(self, eye, target):
-        """Points the camera. It orbits about its target, which Polyscope would not let it do."""
-        ps.look_at(eye, target)
-        ps.set_view_center_raw(target)
 
     def keep_above_ground(self):
         """Raises a camera that has been turned below the ground."""
@@ -233,7 +228,7 @@ class SceneView:
         if eye[1] < lowest:
             eye[1] = lowest
             target[1] = max(target[1], 0.0)
-            self._look(eye, target)
+            look(eye, target)
 
     def set_margins(self, margins, size):
         """Sets the pixels that panels cover at the left, top, right and bottom of the window.
@@ -291,8 +286,7 @@ class SceneView:
     def picture_camera(self):
         """Returns size in pixels and camera, as from `load_camera`, of a picture of the window."""
         with self.whole_width():
-            angle = ps.get_view_camera_parameters().get_fov_vertical_deg()
-            return ps.get_window_size(), {"viewMat": ps.get_camera_view_matrix(), "fov": angle}
+            return ps.get_window_size(), present_camera()
 
     def memory(self):
         """Returns the data of pictures from earlier steps: dict, for `recall`."""
@@ -338,7 +332,7 @@ class SceneView:
         way, self._lastFocus = focus - self._lastFocus, focus
         if self.follows and way.any():
             target = np.array(ps.get_view_center(), dtype=np.float64) + way
-            self._look(self._eye() + way, target)
+            look(self._eye() + way, target)
             self.spread_ground()
 
     def refresh(self):
