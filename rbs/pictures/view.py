@@ -222,13 +222,14 @@ class SceneView:
         self._framed = points, self._eye(), direction
 
     def keep_above_ground(self):
-        """Raises a camera that has been turned below the ground."""
+        """Raises a camera that has been turned below the ground, at its distance."""
         eye, lowest = self._eye(), LOWEST_EYE * self._size
         target = np.array(ps.get_view_center(), dtype=np.float64)
         if eye[1] < lowest:
-            eye[1] = lowest
-            target[1] = max(target[1], 0.0)
-            look(eye, target)
+            target[1] = max(target[1], lowest)
+            arm, down = eye - target, lowest - target[1]
+            across = math.sqrt(max(arm @ arm - down * down, 0.0)) / math.hypot(arm[0], arm[2])
+            look(target + [across * arm[0], down, across * arm[2]], target)
 
     def set_margins(self, margins, size):
         """Sets the pixels that panels cover at the left, top, right and bottom of the window.

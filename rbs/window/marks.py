@@ -14,6 +14,8 @@ from rbs.window.widgets import scaled
 WIDTH, HEAD = 2.0, 9.0
 # Half the width of a head, relative to its length.
 HEAD_WIDTH = 0.4
+# Units of force, in newtons.
+UNITS = ("GN", 1e9), ("MN", 1e6), ("kN", 1e3), ("N", 1.0)
 
 
 def draw_marks(viewer):
@@ -43,7 +45,8 @@ def draw_marks(viewer):
 
 def force_text(force):
     """Returns a force in newtons as text."""
-    return f"{force / 1e3:.2g} kN" if force >= 1e3 else f"{force:.0f} N"
+    unit, size = next((one for one in UNITS if force >= one[1]), UNITS[-1])
+    return f"{force / size:.3g} {unit}"
 
 
 def _packed(colour):

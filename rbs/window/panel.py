@@ -152,7 +152,7 @@ class Panel:
             if self.layout.side is not None:
                 self._draw_side()
             self._draw_timeline()
-        isHint = text == self.hint
+        isHint = bool(text) and text == self.hint
         draw_legend(self.viewer.view.legend(), self.layout.picture, isHint * scaled(HINT_HEIGHT))
         if text:
             self._draw_message(text, isError)

@@ -398,7 +398,9 @@ def test_the_camera_stays_above_the_ground(ps):
     ps.set_view_center_raw((0.0, 10.0, 0.0))
     view.keep_above_ground()
     x, y, z = ps.get_view_camera_parameters().get_position()
-    assert (x, z) == pytest.approx((30.0, 60.0), rel=1e-4) and 0.0 < y < 0.02 * view.size
+    assert x / z == pytest.approx(0.5, rel=1e-4) and 0.0 < y < 0.02 * view.size
+    distances = [np.linalg.norm(arm) for arm in ([30.0, -50.0, 60.0], [x, y - 10.0, z])]
+    assert distances[1] == pytest.approx(distances[0], rel=1e-4)
 
 
 # Time step, pictures a second and steps between pictures that are asked for; the last two as used.
