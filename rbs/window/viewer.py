@@ -35,7 +35,8 @@ from RBSFunctions import refresh_vertices
 
 # Frames, and steps, over which timings are averaged: half a second of playing.
 TIMED_STEPS = 25
-# Number of bodies above which the grid is suggested, and up to which a speed is.
+# Number of bodies above which the grid is suggested, and up to which a speed is; up to which plots
+# grow while they are not shown, since their numbers take milliseconds for more.
 MANY_BODIES = 100
 # Steps that the plots show.
 PLOTTED_STEPS = 500
@@ -194,7 +195,7 @@ class Viewer:
 
     def _show(self):
         """Draws the present state and adds it to the plots."""
-        if self.isMeasuring:
+        if self.isMeasuring or len(self.simulation.meshes) <= MANY_BODIES:
             self.history.append((self.simulation.time, self._measure(self.simulation)))
         self.view.refresh()
 
