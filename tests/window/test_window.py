@@ -342,3 +342,30 @@ def test_panels_stay_at_the_edges_whatever_the_size(session):
             assert x - 15.0 + width <= main[2] and y < size[1], name
     window.key("n", lambda status: status["layout"][1] is None)
     window.key("n", lambda status: status["layout"][1] is not None)
+
+
+def test_the_camera_orbits_about_the_scene_again_after_it_has_followed_a_body(session):
+    window = session(DATA / "mixed-scene.txt")
+    first = window.status()
+    window.click_at(*first["bodies"][2])
+    window.await_status(lambda status: status["picked"] == 2)
+    window.click("camera follows selection", lambda status: status["follows"])
+    window.key("space", lambda status: status["step"] > 20)
+    window.key("b", lambda status: status["bodyCount"] > 15)
+    window.key("space", lambda status: not status["isPlaying"])
+    window.key("r", lambda status: status["step"] == 0)
+    window.click("camera follows selection", lambda status: not status["follows"])
+    window.key("bracketright", lambda status: status["scene"] == "tower-scene.txt")
+    window.key("bracketleft", lambda status: status["scene"] == "mixed-scene.txt")
+    for _ in range(2):
+        before = window.status()["bodies"]
+        window.move_to(300, 60)  # the sky
+        window.xdotool("mousedown", 1)
+        for x in range(320, 520, 20):
+            window.move_to(x, 60)
+        window.xdotool("mouseup", 1)
+        after = window.await_status(
+            lambda status, before=before: np.abs(np.subtract(status["bodies"], before)).max() > 50
+        )["bodies"]
+        assert all(0 < x < 1000 and 0 < y < 700 for x, y in after)
+        window.key("f")

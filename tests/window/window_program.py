@@ -61,6 +61,7 @@ def status_of(panel):
         "plotted": len(viewer.history),
         "bodyCount": len(simulation.meshes),
         "speed": speed_name(viewer.playback.speed),
+        "follows": view.follows,
         "restitution": simulation.settings.restitution,
         "isTyping": bool(psim.GetIO().WantTextInput),
         "isHelpShown": panel.isHelpShown,
