@@ -331,6 +331,20 @@ def test_broken_file_shows_its_error_and_keeps_the_current_scene(viewer, tmp_pat
     assert viewer.message == ""
 
 
+def test_what_cannot_be_opened_is_told_in_a_sentence(viewer, tmp_path):
+    viewer.open("stres")
+    assert viewer.message == "No scene 'stres'. Did you mean stress?"
+    viewer.open(str(tmp_path))
+    assert viewer.message == f"{tmp_path} is a folder."
+
+
+def test_scenes_are_listed_when_the_folder_of_the_present_one_is_gone(viewer, tmp_path):
+    viewer.simulation.scenePath = tmp_path / "gone" / "mine-scene.txt"
+    assert "tower" in [one.name for one in viewer.files()]
+    viewer.open_beside(1)
+    assert viewer.message == "" and viewer.name() != "mine"
+
+
 @pytest.mark.parametrize("method", ["add", "save"])
 @pytest.mark.parametrize("name", ["video", "recorder"])
 def test_a_file_that_cannot_be_written_ends_and_is_reported(viewer, name, method):
