@@ -102,7 +102,7 @@ def run_asked_mode(options):
     if commandLine.WITHOUT_WINDOW & set(options):
         return run_as_asked(simulation, options, pictureOptions)
     choices = given_settings(options), ignores_recommendations(options)
-    opener = SceneOpener(simulation, *choices, options.allow_outside_meshes)
+    opener = SceneOpener(*choices, options.allow_outside_meshes)
     return open_window_or_fall_back(simulation, options, pictureOptions, opener)
 
 
