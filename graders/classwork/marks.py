@@ -60,13 +60,13 @@ def marks_of(outcome, scheme):
     scenes = [(f"{one.name}: {one.problem}", not one.problem) for one in outcome.scenes]
     tried = {SCENE_MARKS: scenes}
     for quantity in (one for grade in outcome.grades.values() for one in grade.quantities):
-        tried.setdefault(quantity.part.split()[0], []).append((quantity.name, quantity.isRight))
+        tried.setdefault(quantity.part.split()[0], []).append((quantity.name, quantity.share))
     marks = {}
     for name, (most, free) in scheme.items():
-        counted = [one for one in tried.get(name, ()) if not one[1] or one[0] not in free]
-        wrong = [text for text, isRight in counted if not isRight]
+        counted = [one for one in tried.get(name, ()) if one[1] < 1 or one[0] not in free]
+        wrong = [text for text, share in counted if share < 1]
         if tried.get(name):
-            given = most * (1 - len(wrong) / max(1, len(counted)))
+            given = most * sum(share for _text, share in counted) / max(1, len(counted))
             marks[name] = round(given, 2), most, wrong
     return marks
 

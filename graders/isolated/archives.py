@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from rbs.program.submissions import SUBMITTED_MODULES, SubmissionError
+from rbs.program.submissions import SUPPLIED, SubmissionError
 
 TARS = (".tar", ".tar.gz", ".tgz")
 ARCHIVES = (".zip", *TARS)
@@ -36,7 +36,7 @@ LONGEST_NAME = 80
 DOWNLOAD = re.compile(
     r"(.+?)(?:_late)?_(\d+)_(?:\d+|assignsubmission_file)(?:_(.*))?", re.IGNORECASE
 )
-MODULE_FILES = {f"{name}.py".lower(): f"{name}.py" for name in SUBMITTED_MODULES}
+MODULE_FILES = {f"{name}.py".lower(): f"{name}.py" for name in ("RBSFunctions", *SUPPLIED)}
 FUNCTIONS = "rbsfunctions.py"
 LOOSE = "a loose {} file is not read: put RBSFunctions.py and what it needs into a folder or a ZIP"
 

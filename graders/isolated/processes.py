@@ -112,7 +112,8 @@ def run_isolated(graders, folder, dataFolder, data, limits):
     data : dict from a grader's module to its data, which the process reads from dataFolder
     limits : with `seconds` for each part, and `megabytes`
 
-    Returns a dict from a grader's module to a list of (Part, Results).
+    Returns a dict from a grader's module to a list of (Part, Results). Raises SubmissionError with
+    a remedy if the modules cannot be imported for a reason that is not the student's mistake.
     """
     parts = {
         (one.module, part.name): part for one in graders for part in one.asked(data[one.module])
@@ -151,6 +152,8 @@ def _run(order, folder, limits):
                 answer = json.loads(line)
                 isLoaded = isLoaded or "loaded" in answer
                 cause = answer.get("refused")
+                if answer.get("remedy"):
+                    raise SubmissionError(cause, answer["remedy"])
                 if "part" in answer:
                     contents[tuple(answer["part"])] = answer["results"]
         said = trace.read_text(errors="replace") if trace.exists() else ""

@@ -39,6 +39,7 @@ TOLERANCE = 1e-9
 # Quantities of a new mesh, of a state, and of results, each with its scale.
 BUILT = {"origVertices": "own", "invMass": "own", "invIT": "own"}
 STATE = {"position": "length", "orientation": "own", "linVelocity": "speed", "angVelocity": "spin"}
+STATES = (*STATE, "currVertices")  # the last of which the released ground lacks
 CONTACT = {"depth": "length", "intNormal": "own", "intPosition": "length"}
 VELOCITIES = {"correctedLinVelocities": "speed", "correctedAngVelocities": "spin"}
 RETURNED = {
@@ -72,6 +73,7 @@ class Comparison:
         self.runTimestep = self.steps.run_timestep
         self.ourLoop = partial(basic_step, self.steps.functions)
         self.shadows = [*Simulation(ours.source).meshes, self.driven.groundMesh]
+        self.remarks |= dict.fromkeys(self.steps.remarks, 0)
         meshes, ground = self.steps.follow(ours.meshes, ours.source)
         self.theirs = [*meshes, ground]
         self.index = {id(mesh): k for k, mesh in enumerate(self.theirs)}
@@ -79,7 +81,7 @@ class Comparison:
         for mesh, shadow in zip(meshes, self.shadows, strict=False):
             # in a turned pose, which tells R from its transpose
             before, mesh.orientation = mesh.orientation, TURN.copy()
-            self.remarks |= dict.fromkeys(match_inertia(mesh, shadow.IT), 1)
+            self.remarks |= dict.fromkeys(match_inertia(mesh, shadow.IT), 0)
             mesh.orientation = before
             pair = [[getattr(one, name, None) for name in BUILT] for one in (shadow, mesh)]
             self.compare(f"Mesh: {{}} of {shadow.name}", BUILT, *pair, type(mesh).__init__)
@@ -157,8 +159,10 @@ class Comparison:
 
     def states(self):
         """The states of the student's meshes, a dict of arrays for each."""
-        names = *STATE, "currVertices"
-        return [{name: np.array(getattr(mesh, name)) for name in names} for mesh in self.theirs]
+        return [
+            {name: np.array(getattr(mesh, name)) for name in STATES if hasattr(mesh, name)}
+            for mesh in self.theirs
+        ]
 
     def watched(self, function, own):
         """Wraps a function: calls are repeated with our own, and recorded if they move bodies."""
@@ -296,7 +300,7 @@ def main():
             comparison.step()
             answer |= {"steps": ours.stepCount, "problem": comparison.problem}
             answer["remarks"] = [
-                f"from step {k} on: {one}" for one, k in comparison.remarks.items()
+                f"from step {k} on: {one}" * (k > 0) or one for one, k in comparison.remarks.items()
             ]
             answer["largest"] = float(comparison.largest)
             Path(order["answer"]).write_text(json.dumps(answer), encoding="utf-8")

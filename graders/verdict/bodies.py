@@ -119,9 +119,13 @@ class Bodies:
     def _matched(self, mesh, k):
         if k > 0 and 1 in self._data["solids"]:  # other results do not depend on the inertia
             isReleased = self._data["convention"] == RELEASED_2024
-            remarks = match_inertia(mesh, self._data["solids"][k].tensor, isReleased)
-            self.remarks += [one for one in remarks if one not in self.remarks]
+            for one in match_inertia(mesh, self._data["solids"][k].tensor, isReleased):
+                self.remark(one)
         return mesh
+
+    def remark(self, text):
+        """Adds a remark, once."""
+        self.remarks += [text] * (text not in self.remarks)
 
 
 def match_inertia(mesh, right, isReleased=False):

@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from reference.graderData import ERROR_BOUND, EXACT
 
-from verdict.hints import explain
+from verdict.hints import FRICTION, acts_across, explain
+
+UNSHAPED = "; hint: QExp returns (4,) for a body that does not spin: QExp(...).reshape(1, 4)"
 
 
 @dataclass(frozen=True)
@@ -17,6 +19,7 @@ class Quantity:
     error : the largest error, NaN if a number is missing, None if nothing was compared; the number
         of differences if the quantity is a bool (isFlag)
     worst : the sample with the largest error, or None; count : number of samples compared
+    share : of the samples that are right, if nothing was computed in the others; else 0 or 1
     """
 
     part: str
@@ -26,6 +29,7 @@ class Quantity:
     worst: int | None
     count: int
     isRight: bool
+    share: float
 
     def cells(self):
         """The row as texts: name, error, sample, number of samples."""
@@ -35,7 +39,8 @@ class Quantity:
             error = "not a number"
         else:
             error = f"{int(self.error)} differ" if self.isFlag else f"{self.error:.3e}"
-        return self.name, error, "-" if self.worst is None else str(self.worst), str(self.count)
+        sample = "-" if self.worst is None else str(self.worst)
+        return self.name, error, sample, str(self.count), "" if self.isRight else "<-- wrong"
 
 
 @dataclass
@@ -64,18 +69,19 @@ class Grade:
 
     def verdict(self):
         """The last line of the report."""
-        below, count, wrong = f"below {ERROR_BOUND:g}", len(self.quantities), self.failures
+        below, count, wrong = f"below {ERROR_BOUND:g}", len(self.quantities), len(self.failures)
         if wrong:
-            return f"FAIL: {len(wrong)} of {count} quantities are not {below}: {'; '.join(wrong)}"
+            parts = dict.fromkeys(one.part.split()[0] for one in self.quantities if not one.isRight)
+            return f"FAIL: {wrong} of {count} quantities are wrong, of {', '.join(parts)}"
         return f"PASS: all {count} quantities {below}, largest error {self.largest_error:.3e}"
 
     def table(self):
         """The lines of the table, with three blanks between columns."""
-        rows = [("quantity", "largest error", "at sample", "samples")]
+        rows = [("quantity", "largest error", "at sample", "samples", "")]
         rows += [quantity.cells() for quantity in self.quantities]
-        first, *others = (max(map(len, column)) for column in zip(*rows, strict=True))
-        rows = [(name.ljust(first), *map(str.rjust, cells, others)) for name, *cells in rows]
-        return ["   ".join(row) for row in rows]
+        first, *others, _mark = (max(map(len, column)) for column in zip(*rows, strict=True))
+        rows = [(name.ljust(first), *map(str.rjust, row, others), row[-1]) for name, *row in rows]
+        return ["   ".join(row).rstrip() for row in rows]
 
     def report(self):
         """Prints head, table, notes and verdict."""
@@ -91,8 +97,16 @@ def make_grade(grader, outcomes, data):
     if data["convention"] != EXACT:
         remarks.append(f"data of the convention {data['convention']}")
     grade = Grade(grader.title, list(dict.fromkeys(remarks)))
-    for function in dict.fromkeys(part.function for part, _results in outcomes):
-        _add_function(grade, function, [o for o in outcomes if o[0].function == function], data)
+    counted = [one for one in outcomes if not one[0].advice]
+    for function in dict.fromkeys(part.function for part, _results in counted):
+        _add_function(grade, function, [o for o in counted if o[0].function == function], data)
+    known = " ".join(text for _what, text in grade.notes)
+    for part, results in outcomes:
+        for key in part.shapes if part.advice else ():
+            one = _compared(part, key, results, part.expected(data)[key], part.samples(data))
+            cause = results.problems.get(key, [f"{key} differs by {one.error or 0:.1e}"])[0]
+            if not one.isRight and cause not in known:
+                grade.remarks.append(f"{key}: wrong, but not graded{part.advice} ({cause})")
     return grade
 
 
@@ -107,6 +121,7 @@ def _add_function(grade, function, outcomes, data):
             if not grade.quantities[-1].isRight:
                 wrong.add(key)
         for key, (cause, count, first) in results.problems.items():
+            cause += UNSHAPED * _fails_unspun(part, results.values[key], data)
             where = f" (in {count} of {len(tried)} samples, first in {first})"
             where = where if count < len(tried) else ""
             causes.setdefault(cause, (where, []))[1].append(key)
@@ -117,10 +132,21 @@ def _add_function(grade, function, outcomes, data):
     for key, texts in explain(function, [(p, r.values) for p, r in outcomes], data).items():
         for text in texts:
             hints.setdefault(text, set()).add(key)
+    if function == "resolve_collision" and not hints and acts_across(outcomes[0], data):
+        hints[FRICTION] = wrong
     for text, keys in hints.items():
         note = text if text.startswith("not implemented") else f"hint: {text}"
         what = function if keys >= wrong else _named(keys, parts, wrong.intersection)
         grade.notes.append((what, note))
+
+
+def _fails_unspun(part, values, data):
+    """Whether integrate_timestep fails for the bodies that do not spin, and for no others."""
+    tried = part.samples(data)
+    isUnspun = ~np.any(data["randomAngVelocities"][tried] != 0.0, axis=1)
+    isMissing = np.isnan(values[tried]).any(axis=1)
+    isAsked = part.function == "integrate_timestep" and isUnspun.any()
+    return isAsked and np.array_equal(isMissing, isUnspun)
 
 
 def _named(keys, parts, quantities):
@@ -137,7 +163,7 @@ def _compared(part, key, results, wanted, samples):
     isFlag, hasProblem = part.shapes[key] is bool, key in results.problems
     values = results.values[key]
     if len(samples) == 0 or hasProblem and not np.isfinite(values).any():
-        return Quantity(part.name, key, None, isFlag, None, 0, not hasProblem)
+        return Quantity(part.name, key, None, isFlag, None, 0, not hasProblem, not hasProblem)
     # A NaN on either side makes its row's error NaN, which max and argmax put first.
     with np.errstate(all="ignore"):
         errors = np.abs(values - wanted)[samples].max(axis=1)
@@ -145,5 +171,7 @@ def _compared(part, key, results, wanted, samples):
         errors[np.isnan(errors)] = 1.0  # a missing flag is wrong
     error = float(errors.sum() if isFlag else errors.max())
     worst = int(samples[np.argmax(errors)]) if np.any(errors != 0) else None
-    isRight = bool(np.all(errors < ERROR_BOUND)) and not hasProblem
-    return Quantity(part.name, key, error, isFlag, worst, len(samples), isRight)
+    isRightAt, isMissing = errors < ERROR_BOUND, np.isnan(values[samples]).any(axis=1)
+    isRight = bool(np.all(isRightAt)) and not hasProblem
+    share = float(np.mean(isRightAt)) if np.all(isRightAt | isMissing) else 0.0
+    return Quantity(part.name, key, error, isFlag, worst, len(samples), isRight, share)

@@ -43,7 +43,7 @@ class SubmittedSteps:
     ----------
     folder : the same, resolved
     digest : of the Python files and inOurLoop; recordings identify the functions by it
-    functions : the module RBSFunctions
+    functions : the module RBSFunctions; remarks : list of str, which modules were supplied
     run_timestep : the function that makes the steps
 
     Raises
@@ -58,7 +58,9 @@ class SubmittedSteps:
         files = sorted(self.folder.glob("*.py"))
         texts = [file.name.encode() + b"\0" + file.read_bytes() + b"\0" for file in files]
         self.digest = sha256(b"".join(texts) + b"our loop" * inOurLoop).hexdigest()
-        self.functions = submission.functions
+        self.functions, self.remarks = submission.functions, submission.remarks
+        for remark in self.remarks:
+            print_note(f"{self.folder}: {remark}")
         self._Mesh = self._function("Mesh")
         if inOurLoop:
             self._Mesh = loop_mesh(self._Mesh)
