@@ -10,9 +10,10 @@ from isolated.archives import find_submission, modules_of
 from isolated.processes import add_limit_arguments, run_isolated
 from reference.graderData import DATA_DIRECTORY, printable
 from verdict.bodies import Bodies
-from verdict.gradeReport import make_grade
+from verdict.gradeReport import explained, make_grade
 
 from classwork.likeness import origin_remarks
+from classwork.marks import DEFAULT_SCHEME, load_scheme
 from rbs.program.options import OneLineParser
 from rbs.scenes.messages import InputError
 
@@ -25,6 +26,9 @@ def run_grader(description, grader):
     parser = make_parser(description)
     text = "grade RBSFunctions.py and Quaternion.py in this folder (default: the project's own)"
     parser.add_argument("--modules", metavar="DIR", help=text)
+    form = {"metavar": "SAMPLE", "nargs": "?", "type": int, "const": -1}
+    text = "print a sample with our intermediate values (default: the first that fails)"
+    parser.add_argument("--explain", **form, help=text)
 
     def main(arguments):
         data = grader.load(arguments.data)
@@ -42,9 +46,31 @@ def run_grader(description, grader):
                 remarks += [f"modules {arguments.modules}", *found, *origin_remarks(folder)]
         grade.remarks += map(printable, remarks)
         grade.report()
+        if arguments.explain is not None:
+            sample = None if arguments.explain < 0 else arguments.explain
+            print("", *map(printable, explained(grade.outcomes, data, sample)), sep="\n")
+        print(f"What next: {what_next(grader, grade, data)}")
         return FAILED if grade.failures else PASSED
 
     return run_program(parser, main)
+
+
+# The stages of the way through the coursework.
+NEXT = {
+    "integrationGrading": "ResolveCollisionsGrading.py grades the next stage",
+    "ResolveCollisionsGrading": "Constraints.py grades the next stage",
+    "Constraints": "compare.py compares your simulation with ours, step by step",
+}
+
+
+def what_next(grader, grade, data):
+    """The function to write or to mend next, and its marks, or the next program."""
+    wrong = [one.part.split()[0] for one in grade.quantities if not one.isRight]
+    if not wrong:
+        return NEXT[grader.module]
+    marks = load_scheme(DEFAULT_SCHEME, [grader], {grader.module: data}, isWhole=False)
+    most = marks[wrong[0]].most if wrong[0] in marks else 0.0
+    return f"{wrong[0]}, {most:g} marks; --explain shows the first sample that fails"
 
 
 def make_parser(description):

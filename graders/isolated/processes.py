@@ -47,9 +47,14 @@ def add_limit_arguments(parser, seconds=30):
 
 @contextmanager
 def copied(folder):
-    """Yields the path of a copy of a folder, and removes it in the end."""
+    """Yields the path of a copy of a folder or None, beside one of ../data, and removes both."""
     with tempfile.TemporaryDirectory(prefix="running-", ignore_cleanup_errors=True) as place:
-        yield Path(shutil.copytree(folder, Path(place).resolve() / "work"))
+        work = Path(place).resolve() / "work"
+        work.mkdir()
+        if folder is not None:
+            shutil.copytree(folder.with_name("data"), work.with_name("data"))
+            shutil.copytree(folder, work, dirs_exist_ok=True)
+        yield work
 
 
 def run_limited(words, folder, seconds, megabytes, errors=subprocess.DEVNULL):

@@ -157,16 +157,18 @@ class Comparison:
 
     # ---- Calls ----------------------------------------------------------------------------------
 
-    def states(self):
-        """The states of the student's meshes, a dict of arrays for each."""
-        return [
-            {name: np.array(getattr(mesh, name)) for name in STATES if hasattr(mesh, name)}
-            for mesh in self.theirs
-        ]
+    def states(self, bodies=None):
+        """The states of the student's meshes, or of some: a dict from number to dict of arrays."""
+        return {
+            k: {name: np.array(getattr(mesh, name)) for name in STATES if hasattr(mesh, name)}
+            for k, mesh in enumerate(self.theirs)
+            if bodies is None or k in bodies
+        }
 
     def watched(self, function, own):
         """Wraps a function: calls are repeated with our own, and recorded if they move bodies."""
         name, parameters = own.__name__, list(inspect.signature(own).parameters)
+        isMove = not RETURNED[name]
         isPosition = name == "resolve_position_constraint"
 
         @wraps(function)
@@ -174,21 +176,24 @@ class Comparison:
             given += tuple(options.values())
             if self.problem:
                 return function(*given)
-            states = self.states()
             bodies = [self.index[id(one)] for one in given if id(one) in self.index]
             if not bodies:  # constraints receive positions, which tell the bodies
-                COMs = np.array([state["position"].ravel() for state in states[:-1]])
+                COMs = np.array([mesh.position.ravel() for mesh in self.theirs[:-1]])
                 bodies = [int(abs(COMs - one).sum(axis=1).argmin()) for one in given[0]]
             shadows = [self.shadows[k] for k in bodies]
+            states = self.states(None if isMove else bodies)
             label = f"{name}({', '.join(mesh.name for mesh in shadows)})"
             isFree = not all(mesh.isFixed for mesh in shadows)
-            copies = [one if id(one) in self.index else copy.deepcopy(one) for one in given]
+            isKept = [id(one) in self.index or not self.isChecked for one in given]
+            copies = [
+                a if kept else copy.deepcopy(a) for a, kept in zip(given, isKept, strict=True)
+            ]
             result = function(*given)
             if isPosition:
                 self.visits.append(bool(result[0]))
-            if isFree and (not RETURNED[name] or isPosition and not result[0]):
+            if isFree and (isMove or isPosition and not result[0]):
                 depth = abs(np.ravel(given[2])[0]) if name == "resolve_collision" else math.inf
-                self.events.append((label, bodies, states, depth))
+                self.events.append((label, bodies, states if isMove else self.states(), depth))
             if not self.isChecked or self.problem or not isFree and name == "detect_collision":
                 return result
             for mesh, k in zip(shadows, bodies, strict=True):
@@ -197,7 +202,7 @@ class Comparison:
             known = [self.index.get(id(one)) for one in copies]
             pairs = zip(known, copies, strict=True)
             ours = own(*(one if k is None else self.shadows[k] for k, one in pairs))
-            for mesh, k in zip(shadows, () if RETURNED[name] else bodies, strict=False):
+            for mesh, k in zip(shadows, bodies if isMove else (), strict=False):
                 pair = ([getattr(one, what) for what in STATE] for one in (mesh, self.theirs[k]))
                 self.compare(f"{label}: {{}} of {mesh.name}", STATE, *pair, function)
             pair = (ours, result) if len(RETURNED[name]) > 1 else ((ours,), (result,))
@@ -227,7 +232,8 @@ class Comparison:
         """The largest difference of numbers, relative to their scale."""
         ours, theirs = as_arrays(ours, theirs)
         scale = max(self.scales[kind], np.abs(ours).max(), sys.float_info.min)
-        return np.nan_to_num(np.abs(theirs - ours).max() / scale, nan=math.inf)
+        gap = float(np.abs(theirs - ours).max()) / scale
+        return math.inf if math.isnan(gap) else gap
 
     def compare(self, what, kinds, ours, theirs, function):
         """Records the first quantity that differs.
@@ -257,7 +263,10 @@ class Comparison:
     def stale(self, states):
         """Names the meshes whose currVertices do not fit position and orientation; "" if none."""
         names = []
-        for state, shadow in zip(states[:-1], self.shadows, strict=False):
+        for k, state in states.items():
+            if k == len(self.theirs) - 1:  # the ground
+                continue
+            shadow = self.shadows[k]
             vertices = QRotate(state["orientation"].reshape(1, 4), shadow.origVertices)
             vertices = vertices + state["position"].reshape(1, 3)
             if self.gap(vertices, state["currVertices"], "length") > TOLERANCE:

@@ -106,7 +106,9 @@ def integration(data, mistakes=NONE):
     turn = unless(mistakes, exponential(pure), names, first, first)
     product = multiply(q, turn) if "quaternion order" in mistakes else multiply(turn, q)
     newQ = unless(mistakes, product, "orientation left; first order", q, unit(product))
-    return {f"result{name}": a for name, a in zip(WIDTHS, (x + shift, newQ, newV, w), strict=True)}
+    results = dict(zip(WIDTHS, (x + shift, newQ, newV, w), strict=True))
+    results = {f"result{name}": one for name, one in results.items()}
+    return results | {"seen": {"new velocity": newV, "ω h/2": half, "exp(ω h/2)": turn}}
 
 
 def further_integration(data, mistakes=NONE):
@@ -183,7 +185,8 @@ def world_inverse_tensors(data, k, q, mistakes):
 def rotated_tensors(data, mistakes=NONE):
     """World inverse inertia tensors of mesh 2, (n, 9), in units of `tensor_unit`."""
     tensors = world_inverse_tensors(data, 2, unit(data["randomOrientations"]), mistakes)
-    return {"rotated inverse inertia": tensors.reshape(-1, 9) / tensor_unit(data)}
+    seen = {"R": rotation_matrices(data["randomOrientations"]), "R I⁻¹ Rᵀ": tensors}
+    return {"rotated inverse inertia": tensors.reshape(-1, 9) / tensor_unit(data), "seen": seen}
 
 
 def tensor_unit(data):
@@ -208,6 +211,7 @@ class Pair:
         both = [moving if k == 2 else rest for k in ends]
         self.x, self.q, self.v, self.w = (list(column) for column in zip(*both, strict=True))
         self.q = [unit(q) for q in self.q]
+        self.seen = {}  # intermediate values of `push`, for `--explain`
         self.R = [rotation_matrices(q) for q in self.q]
         self.invMass, T = [0.0, 0.0], [np.zeros((n, 3, 3))] * 2
         for end, k in enumerate(ends):
@@ -259,6 +263,9 @@ class Pair:
         K = unless(mistakes, sum(self.invMass) + turning, "K without inverse mass", squares)
         j = factor * closing / K
         j = unless(mistakes, j, "impulse's sign; impulse left", -j, 0.0 * j)
+        J = np.hstack([n, crosses[0], -n, -crosses[1]])
+        self.seen = {"r1": arms[0], "r2": arms[1], "n": n, "J": J}
+        self.seen |= {"u·n = J v": closing, "K": K, "j, λ": j}
         names = "angular velocities left; angular impulse's sign; "
         for k, sign in ((0, -1.0), (1, 1.0)):
             own = names + f"angular impulse {k + 1}'s sign; J's last block's sign"
@@ -331,7 +338,8 @@ def resolution(data, mistakes=NONE):
     pair = Pair(data, mistakes)
     resolve(pair, *contacts_of(data), RESTITUTION, mistakes)
     columns = (pair.x, pair.q, pair.v, pair.w)
-    return {f"result{name}": np.array(one) for name, one in zip(WIDTHS, columns, strict=True)}
+    results = {f"result{name}": np.array(one) for name, one in zip(WIDTHS, columns, strict=True)}
+    return results | {"seen": pair.seen}
 
 
 def further_resolution(data, mistakes=NONE):
@@ -382,7 +390,7 @@ def position_constraints(data, mistakes=NONE):
 
     Flags (n,), positions (2, n, 3); and flags for tolerances that C is within, and beyond.
     """
-    results = {}
+    results = {"seen": {}}
     for bound, factor in BOUNDS.items():
         pair, isUpper = Pair(data, NONE), bound == "Upper"
         point1, point2 = constrained_points(data, pair, mistakes)
@@ -395,6 +403,7 @@ def position_constraints(data, mistakes=NONE):
         names = "correction left; correction's sign; direction of any length"
         shift = unless(mistakes, shift, names, 0.0 * shift, -shift, scaled(length, shift))
         pair.move_apart(shift, mistakes)
+        results["seen"] |= {"p1": point1, "p2": point2, "n": unit(gap), f"C, {bound}": C}
         results[f"positionWasValid{bound}"] = flags(wasValid, mistakes)
         results[f"correctedPositions{bound}"] = np.array(pair.x)
         for place, unitsOfC in TOLERANCES.items():
@@ -427,6 +436,7 @@ def velocity_constraints(data, mistakes=NONE):
     after = np.where(wasValid[:, None], before, [pair.v, pair.w])
     after = unless(mistakes, after, "linear and angular exchanged", after[::-1])
     results = {"correctedLinVelocities": after[0], "correctedAngVelocities": after[1]}
+    results["seen"] = pair.seen
     rates = distance_rates(data) if mistakes else Jv
     for place, factor in TOLERANCES.items():
         results[f"|J v| {place} the tolerance"] = flags(are_valid(factor * rates), mistakes)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from reference.graderData import ERROR_BOUND, EXACT
 
+from rbs.scenes.messages import InputError
 from verdict.hints import FRICTION, acts_across, explain
 
 UNSHAPED = "; hint: QExp returns (4,) for a body that does not spin: QExp(...).reshape(1, 4)"
@@ -49,12 +50,14 @@ class Grade:
 
     title, remarks : head of the report; quantities : list of Quantity
     notes : list of (names of quantities or of the function, text): causes and hints
+    outcomes : list of (Part, Results), which all of it was made from
     """
 
     title: str
     remarks: list
     quantities: list = field(default_factory=list)
     notes: list = field(default_factory=list)
+    outcomes: list = field(default_factory=list)
 
     @property
     def failures(self):
@@ -96,7 +99,7 @@ def make_grade(grader, outcomes, data):
     remarks = [*grader.remarks(data), *(text for _, one in outcomes for text in one.remarks)]
     if data["convention"] != EXACT:
         remarks.append(f"data of the convention {data['convention']}")
-    grade = Grade(grader.title, list(dict.fromkeys(remarks)))
+    grade = Grade(grader.title, list(dict.fromkeys(remarks)), outcomes=outcomes)
     counted = [one for one in outcomes if not one[0].advice]
     for function in dict.fromkeys(part.function for part, _results in counted):
         _add_function(grade, function, [o for o in counted if o[0].function == function], data)
@@ -108,6 +111,53 @@ def make_grade(grader, outcomes, data):
             if not one.isRight and cause not in known:
                 grade.remarks.append(f"{key}: wrong, but not graded{part.advice} ({cause})")
     return grade
+
+
+# What `--explain` shows of the data.
+INPUTS = "random depth intNormal intPosition refValues"
+
+
+def explained(outcomes, data, sample=None):
+    """Returns lines on a sample: inputs, our intermediate values, and both results.
+
+    They are those of the first part that fails, or of the first one.
+    sample : or None for the first that fails
+    """
+    failing = [
+        one for one in outcomes if not one[0].advice and _first_wrong(*one, data) is not None
+    ]
+    part, results = (failing or outcomes)[0]
+    expected, count = part.expected(data), len(data["randomPositions"])
+    sample = _first_wrong(part, results, data) or 0 if sample is None else sample
+    if not 0 <= sample < count:
+        raise InputError(f"there is no sample {sample}, only 0 to {count - 1}")
+    rows = [(key, data[key]) for key in data if any(map(key.startswith, INPUTS.split()))]
+    lines = [f"Sample {sample} of {part.name}", "inputs (mesh 1 is at rest at the origin)"]
+    lines += [f"    {key:<28}{_row(rows, sample)}" for key, rows in rows]
+    lines.append("our intermediate values")
+    seen = part.model(data).get("seen", {})
+    lines += [f"    {key:<28}{_row(rows, sample)}" for key, rows in seen.items()]
+    for key in part.shapes:
+        cause = results.problems.get(key, ("",))[0]
+        lines += [f"{key}", f"    theirs  {_row(results.values[key], sample)} {cause}".rstrip()]
+        lines += [f"    ours    {_row(expected[key], sample)}"]
+    return lines
+
+
+def _first_wrong(part, results, data):
+    samples, expected = part.samples(data), part.expected(data)
+    for key in part.shapes:
+        some = part.comparable(key, samples, results.values, expected)
+        errors = np.abs(results.values[key] - expected[key])[some].max(axis=1)
+        if not np.all(errors < ERROR_BOUND):
+            return int(some[np.argmin(errors < ERROR_BOUND)])
+    return None
+
+
+def _row(rows, sample):
+    return np.array2string(
+        np.ravel(rows[sample]), precision=6, suppress_small=True, max_line_width=200
+    )
 
 
 def _add_function(grade, function, outcomes, data):

@@ -25,6 +25,8 @@ COURSEWORK_PARAMETERS = {
     for name, one in inspect.signature(run_timestep).parameters.items()
     if one.kind is one.POSITIONAL_OR_KEYWORD
 }
+# What students call our `mu`.
+FRICTION_NAMES = ("mu", "friction", "frictionCoeff", "μ")
 
 # Relative, and in m: smaller differences between the two states leave the student's vertices alone.
 # They come from other ways to normalise quaternions.
@@ -62,16 +64,19 @@ class SubmittedSteps:
         for remark in self.remarks:
             print_note(f"{self.folder}: {remark}")
         self._Mesh = self._function("Mesh")
+        self.run_timestep = self._function("run_timestep")
+        self._place = "resolve_collision" if inOurLoop else "run_timestep"
+        parameters = inspect.signature(self._function(self._place)).parameters
+        takesAll = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
+        self._known = COURSEWORK_PARAMETERS | set(BY_PARAMETER) if takesAll else set(parameters)
+        self._friction = next((name for name in FRICTION_NAMES if name in parameters), "mu")
+        self._known |= {"mu"} if self._friction in parameters else set()
         if inOurLoop:
             self._Mesh = loop_mesh(self._Mesh)
-            taught = TaughtFunctions(self.functions)
+            taught = TaughtFunctions(self.functions, self._friction)
             self.run_timestep = partial(run_timestep, functions=taught)
-            self._known = COURSEWORK_PARAMETERS | {"broadPhase", "constraintScheduling"}
-        else:
-            self.run_timestep = self._function("run_timestep")
-            parameters = inspect.signature(self.run_timestep).parameters
-            takesAll = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
-            self._known = COURSEWORK_PARAMETERS | set(BY_PARAMETER) if takesAll else set(parameters)
+            ours = COURSEWORK_PARAMETERS | {"broadPhase", "constraintScheduling"}
+            self._known = ours | ({"mu"} & self._known)
         self._source = None
         self._attributes = set(STATE_WIDTHS) | {"currVertices"}
 
@@ -89,7 +94,7 @@ class SubmittedSteps:
         for option, parameter in options.items():
             if parameter not in self._known and parameter not in ("timeStep", "CRCoeff"):
                 raise SubmissionError(
-                    f"{option} cannot be used with these --functions: the run_timestep in "
+                    f"{option} cannot be used with these --functions: the {self._place} in "
                     f"{self.folder} has no parameter {parameter}"
                 )
 
@@ -106,14 +111,17 @@ class SubmittedSteps:
         for name, value in settings.arguments().items():
             if name not in COURSEWORK_PARAMETERS and value != DEFAULTS_IN_STEP[name]:
                 if name not in self._known:
-                    raise StateError(f"the run_timestep in {self.folder} has no parameter {name}")
+                    raise StateError(f"the {self._place} in {self.folder} has no parameter {name}")
                 options[name] = value
         options = {name: value for name, value in options.items() if name in self._known}
+        if "mu" in options and self._place == "run_timestep":
+            options[self._friction] = options.pop("mu")
         try:
             theirs, ground = self.follow(meshes, source)
             self.run_timestep(theirs, ground, timeStep, CRCoeff, **options)
-        except KeyboardInterrupt:
-            raise
+        except KeyboardInterrupt as error:
+            place = describe(error, self.folder).rpartition(": KeyboardInterrupt")[0]
+            raise KeyboardInterrupt(*error.args, f" at {place}" * bool(place)) from None
         except BaseException as error:  # a student's function may raise anything
             raise StateError(describe(error, self.folder)) from None
         self._note_misspelt(theirs)
@@ -183,15 +191,19 @@ class SubmittedSteps:
 
 
 class TaughtFunctions:
-    """A student's functions as the loop of `run_timestep` calls them."""
+    """A student's functions as the loop of `run_timestep` calls them.
 
-    def __init__(self, functions):
+    friction : what the student's resolve_collision calls the last argument of ours
+    """
+
+    def __init__(self, functions, friction):
         self.resolve_position_constraint = functions.resolve_position_constraint
         self.resolve_velocity_constraint = functions.resolve_velocity_constraint
-        self._resolve_collision = functions.resolve_collision
+        self._resolve_collision, self._friction = functions.resolve_collision, friction
 
     def resolve_collision(self, *contact):
-        self._resolve_collision(*contact)  # what it returns is not the coursework's
+        options = {self._friction: contact[-1]} if len(contact) > 6 else {}
+        self._resolve_collision(*contact[:6], **options)  # returns what is not the coursework's
 
 
 def loop_mesh(Mesh):

@@ -1,0 +1,99 @@
+"""Measures what helps a marker to decide; `compare.measured` runs this script within limits."""
+
+import inspect
+import json
+import os
+import re
+import sys
+from functools import partial
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+from reference.graderData import give_up_names
+
+from rbs.program.submittedsteps import SubmittedSteps
+from rbs.scenes.scenefiles import find_scene
+from rbs.scenes.simulation import Simulation
+from rbs.stepping.settings import Settings
+
+TIME_STEP, STEPS, FRICTION = 0.02, 100, (0.1, 0.3, 0.6)
+
+
+def simulated(steps, scene, count, friction=0.0):
+    """Yields the Simulation of a scene by the student's functions, at the start and after steps."""
+    settings = Settings(timeStep=TIME_STEP, restitution=0.5, friction=friction)
+    simulation = Simulation(find_scene(scene), settings)
+    simulation.submitted = steps
+    yield simulation
+    for _ in range(count):
+        simulation.step()
+        yield simulation
+
+
+def energy(steps):
+    """The energy of a run."""
+    states = simulated(steps, "mixed", STEPS)
+    values = [1e-6 * (one.kinetic_energy() + one.potential_energy()) for one in states]
+    first, most, last = values[0], max(values), values[-1]
+    return f"energy in mixed: {first:.3g} MJ, at most {most:.3g} MJ, {last:.3g} MJ after 2 s"
+
+
+def slides(steps):
+    """How far bodies slide on average, with three coefficients of friction."""
+    distances = []
+    for friction in FRICTION:
+        *_, end = simulated(steps, "slide", STEPS, friction)
+        starts = Simulation(end.source).meshes
+        moves = [
+            one.position - other.position for one, other in zip(end.meshes, starts, strict=True)
+        ]
+        distances.append(max(float(np.hypot(move[0, 0], move[0, 2])) for move in moves))
+    shown = ", ".join(f"{one:.3g}" for one in distances)
+    return f"slid {shown} m in 2 s with μ = {', '.join(map(str, FRICTION))}"
+
+
+def pairs(steps):
+    """How many pairs a step tests, also with a switch of the student's grid."""
+    parameters = inspect.signature(steps.run_timestep).parameters
+    names = [name for name in parameters if re.search("grid|broad|cell|hash", name, re.IGNORECASE)]
+    *_, end = simulated(steps, "stress", 0)
+    mesh, tested, original = (
+        type(steps.follow(end.meshes, end.source)[0][0]),
+        [0],
+        steps.run_timestep,
+    )
+    detect = mesh.detect_collision
+
+    def counted(*given):
+        tested[-1] += 1
+        return detect(*given)
+
+    mesh.detect_collision, texts = counted, []
+    for options in ({}, *({name: value} for name in names[:1] for value in (False, True))):
+        steps.run_timestep = partial(original, **options)
+        list(simulated(steps, "stress", 1))
+        texts.append(f"{tested[-1]}" + "".join(f" with {k}={v}" for k, v in options.items()))
+        tested.append(0)
+    count = len(end.meshes)
+    return f"tests {', '.join(texts)} of {count * (count - 1) // 2} pairs of stress in a step"
+
+
+def main():
+    """Writes a dict from the number of a section to lines."""
+    give_up_names()
+    answer = {"1": [], "3": []}
+    steps = SubmittedSteps(Path.cwd())
+    for section, measure in (("1", energy), ("3", slides), ("3", pairs)):
+        try:
+            answer[section].append(measure(steps))
+        except Exception as error:
+            cause = re.sub("the run_timestep in .* has", "run_timestep has", str(error))
+            answer[section].append(f"{measure.__name__}: {cause}")
+        Path(sys.argv[1]).write_text(json.dumps(answer), encoding="utf-8")
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()
