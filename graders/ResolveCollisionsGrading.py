@@ -100,13 +100,7 @@ GRADER = Grader(
     COLLISION_LAYOUT,
     (
         Part("detect_collision", FOUND, detect, model.detection, **EXACT_ONLY),
-        Part(
-            "get_rotated_inv_IT",
-            {TENSOR: 9},
-            rotate_tensor,
-            model.rotated_tensors,
-            isExtra=True,
-        ),
+        Part("get_rotated_inv_IT", {TENSOR: 9}, rotate_tensor, model.rotated_tensors, isExtra=True),
         Part("resolve_collision", STATES, resolve, model.resolution),
         Part(FURTHER, UNSEEN, resolve_further, model.further_resolution, **EXTRA),
         Part(ALONE, FIXED, resolve_fixed, model.further_resolution, **EXTRA, advice=GUARD),

@@ -24,13 +24,7 @@ import ResolveCollisionsGrading
 from classwork import graderProgram, sheets
 from classwork.graderProgram import FAILED, PASSED
 from classwork.likeness import fingerprint, origin_remarks, write_likeness
-from classwork.marks import (
-    DEFAULT_SCHEME,
-    load_scheme,
-    marks_row,
-    merge_marks,
-    write_gradescope,
-)
+from classwork.marks import DEFAULT_SCHEME, load_scheme, marks_row, merge_marks, write_gradescope
 from compare import SCENES, compare_scene, measured
 from isolated.archives import Entry, digest_of, documents_of, find_submissions, modules_of
 from isolated.processes import stop_all
@@ -107,8 +101,6 @@ def grade_entry(entry, isKnown, data, arguments):
             outcome.grades = grades
     except SubmissionError as error:
         outcome.refusal, outcome.remedy = str(error), error.remedy
-        if error.remedy:
-            outcome.refusal = f"{error.remedy}: {error}"
     except Exception as error:  # a bug of ours must not cost the others their grades
         outcome.refusal = printable(f"cannot be graded: {type(error).__name__}: {error}")
     outcome.seconds = time.perf_counter() - begin

@@ -18,6 +18,7 @@ from rbs.program.options import OneLineParser
 from rbs.scenes.messages import InputError
 
 PASSED, FAILED, BAD_DATA = 0, 1, 2
+FIRST = -1  # the sample that --explain shows by default
 STOPPED = 130  # 128 + SIGINT, the shell's code for a program that Ctrl-C ended
 
 
@@ -26,7 +27,7 @@ def run_grader(description, grader):
     parser = make_parser(description)
     text = "grade RBSFunctions.py and Quaternion.py in this folder (default: the project's own)"
     parser.add_argument("--modules", metavar="DIR", help=text)
-    form = {"metavar": "SAMPLE", "nargs": "?", "type": int, "const": -1}
+    form = {"metavar": "SAMPLE", "nargs": "?", "type": int, "const": FIRST}
     text = "print a sample with our intermediate values (default: the first that fails)"
     parser.add_argument("--explain", **form, help=text)
 
@@ -44,33 +45,31 @@ def run_grader(description, grader):
                 given = {grader.module: data}
                 (grade,) = grade_submission([grader], folder, given, arguments).values()
                 remarks += [f"modules {arguments.modules}", *found, *origin_remarks(folder)]
-        grade.remarks += map(printable, remarks)
-        grade.report()
-        if arguments.explain is not None:
-            sample = None if arguments.explain < 0 else arguments.explain
-            print("", *map(printable, explained(grade.outcomes, data, sample)), sep="\n")
-        print(f"What next: {what_next(grader, grade, data)}")
+        grade.remarks += remarks
+        sample = None if arguments.explain == FIRST else arguments.explain
+        shown = explained(grade.outcomes, data, sample) if arguments.explain is not None else ()
+        grade.report(shown, what_next(grader, grade, data) if arguments.modules else ())
         return FAILED if grade.failures else PASSED
 
     return run_program(parser, main)
 
 
-# The stages of the way through the coursework.
+# What follows when a grader passes.
 NEXT = {
-    "integrationGrading": "ResolveCollisionsGrading.py grades the next stage",
-    "ResolveCollisionsGrading": "Constraints.py grades the next stage",
-    "Constraints": "compare.py compares your simulation with ours, step by step",
+    "integrationGrading": "ResolveCollisionsGrading.py",
+    "ResolveCollisionsGrading": "Constraints.py",
+    "Constraints": "compare.py, which compares your simulation with ours step by step",
 }
 
 
 def what_next(grader, grade, data):
-    """The function to write or to mend next, and its marks, or the next program."""
+    """Names the function to write or to mend next, and its marks, or the next program."""
     wrong = [one.part.split()[0] for one in grade.quantities if not one.isRight]
     if not wrong:
-        return NEXT[grader.module]
-    marks = load_scheme(DEFAULT_SCHEME, [grader], {grader.module: data}, isWhole=False)
-    most = marks[wrong[0]].most if wrong[0] in marks else 0.0
-    return f"{wrong[0]}, {most:g} marks; --explain shows the first sample that fails"
+        return [f"Next: {NEXT[grader.module]}"]
+    scheme = load_scheme(DEFAULT_SCHEME, [grader], {grader.module: data}, isWhole=False)
+    marks = f", {scheme[wrong[0]].most:g} marks" if wrong[0] in scheme else ""
+    return [f"Next: {wrong[0]}{marks}; --explain shows the first sample that fails"]
 
 
 def make_parser(description):

@@ -146,7 +146,7 @@ def _run(order, folder, limits):
     Returns a dict from (module, part) to results as `Results.as_json` gives them, whether the
     modules could be imported, and why the process ended.
     """
-    contents, isLoaded, cause = {}, False, None
+    contents, isLoaded, cause, remedy = {}, False, None, None
     with copied(folder) as work:
         answers, trace = work.parent / "answers.jsonl", work.parent / "trace.txt"
         places = {"folder": str(work), "answers": str(answers), "trace": str(trace)}
@@ -157,11 +157,12 @@ def _run(order, folder, limits):
                 answer = json.loads(line)
                 isLoaded = isLoaded or "loaded" in answer
                 cause = answer.get("refused")
-                if answer.get("remedy"):
-                    raise SubmissionError(cause, answer["remedy"])
+                remedy = answer.get("remedy")
                 if "part" in answer:
                     contents[tuple(answer["part"])] = answer["results"]
         said = trace.read_text(errors="replace") if trace.exists() else ""
+    if remedy:
+        raise SubmissionError(cause, remedy)
     if code is None or "Timeout (" in said:
         reason = f"stopped after {limits.seconds:g} s"
     elif code < 0:

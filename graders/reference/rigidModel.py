@@ -12,12 +12,7 @@ the results of collisions and constraints with 50 digits.
 from collections import namedtuple
 
 import numpy as np
-from released.physics2024 import (
-    INERTIA_DIVISOR,
-    in_world_axes,
-    mass_properties,
-    rotation_matrices,
-)
+from released.physics2024 import INERTIA_DIVISOR, in_world_axes, mass_properties, rotation_matrices
 
 from rbs.scenes.messages import InputError
 from reference.graderData import RELEASED_2024, WIDTHS

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from reference.graderData import ERROR_BOUND, EXACT
+from reference.graderData import ERROR_BOUND, EXACT, printable
 
 from rbs.scenes.messages import InputError
 from verdict.hints import FRICTION, acts_across, explain
@@ -86,12 +86,13 @@ class Grade:
         rows = [(name.ljust(first), *map(str.rjust, row, others), row[-1]) for name, *row in rows]
         return ["   ".join(row).rstrip() for row in rows]
 
-    def report(self):
-        """Prints head, table, notes and verdict."""
-        print(self.title, *self.remarks, "", *self.table(), "", sep="\n")
-        for what, text in self.notes:
-            print(f"{what}: {text}")
-        print("\n" * bool(self.notes) + self.verdict())
+    def report(self, *blocks):
+        """Prints head, table, notes, further blocks of lines, and verdict."""
+        notes = [f"{what}: {text}" for what, text in self.notes]
+        head = [self.title, *self.remarks]
+        for block in filter(None, (head, self.table(), notes, *blocks)):
+            print(*map(printable, block), "", sep="\n")
+        print(self.verdict())
 
 
 def make_grade(grader, outcomes, data):

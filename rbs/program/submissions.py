@@ -163,6 +163,7 @@ def load_submission(folder, keepsNames=True):
         cause, remedy = describe(error, folder), _remedy(error)
         if isinstance(error, ImportError) and error.name in hidden:
             cause = cause.partition("ModuleNotFoundError")[0] + f"there is no {error.name}.py"
+        cause += f"; to do: {remedy}" * bool(remedy)
         raise SubmissionError(f"cannot be imported: {cause}", remedy) from None
     finally:
         if not keepsNames:

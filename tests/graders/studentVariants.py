@@ -367,7 +367,8 @@ def hints_of(grades):
     """The notes of grades, and what was replaced, as lines."""
     lines = []
     for grade in grades:
-        lines += [text for text in grade.remarks if "replaced for this verdict" in text]
+        told = "replaced for this verdict", "not graded", "gives lists"
+        lines += [text for text in grade.remarks if any(one in text for one in told)]
         lines += [f"{what}: {text}" for what, text in grade.notes]
     return list(dict.fromkeys(lines))
 
