@@ -32,11 +32,12 @@ from rbs.stepping.settings import BY_OPTION
 
 COMPARISON = Path(__file__).resolve().parent / "isolated" / "stepComparison.py"
 MEASURES = COMPARISON.with_name("measures.py")
-# A fall, many collisions, and constraints, with the item that each has marks of; with pictures
-# every so many steps.
-SCENES = {"singlebox": "scenes", "mixed": "scenes", "tower_chain": "constraint scenes"}
+# A fall, many collisions, and constraints: the item of the marks, and the steps that are compared;
+# with pictures every so many steps.
+SCENES = {"singlebox": ("scenes", 100), "mixed": ("scenes", 100)}
+SCENES |= {"tower_chain": ("constraint scenes", 60)}
+EVERY, SIZE = 30, "320x180"
 STEPS, TIME_STEP, RESTITUTION = 150, 0.02, 0.5
-FEWER_STEPS, EVERY, SIZE = 100, 50, "320x180"
 USUAL = {"constraints": None, "steps": STEPS, "timeStep": TIME_STEP, "restitution": RESTITUTION}
 # Address space for drawing, in addition to the submission's own: OpenGL in software.
 DRAWING_MEGABYTES = 2048
@@ -64,7 +65,7 @@ class SceneResult:
     @property
     def item(self):
         """The item of the scheme of marks."""
-        return SCENES.get(self.name, "scenes")
+        return SCENES[self.name][0]
 
 
 def compare_steps(scene, folder, limits, **order):
@@ -98,8 +99,9 @@ def compare_scene(scene, folder, target, limits):
     Steps that agree with ours look like ours, which are drawn once for all submissions.
     target : folder for the pictures; the others are those of `compare_steps`
     """
-    result = compare_steps(scene, folder, limits, steps=FEWER_STEPS)
-    if result.problem or result.steps < FEWER_STEPS:
+    steps = SCENES[scene][1]
+    result = compare_steps(scene, folder, limits, steps=steps)
+    if result.problem or result.steps < steps:
         frames, problem = _frames(scene, folder, limits.seconds, limits.megabytes)
     else:
         with _isDrawing:
@@ -118,7 +120,7 @@ def _frames(scene, functions, seconds, megabytes):
     with copied(functions) as work, tempfile.TemporaryFile("w+", encoding="utf-8") as said:
         words = [PROJECT_DIRECTORY / "RigidBodySimulation.py", scene]
         words += ["--functions", work] if functions else ["--basic"]
-        words += ["--time-step", TIME_STEP, "--steps", FEWER_STEPS, "--every", EVERY]
+        words += ["--time-step", TIME_STEP, "--steps", SCENES[scene][1], "--every", EVERY]
         words += ["--size", SIZE, "--screenshots", work.parent / "frames"]
         code, problem = run_limited(words, work, seconds, megabytes + DRAWING_MEGABYTES, said), ""
         if code != 0:

@@ -140,9 +140,11 @@ def _marker_rows(outcome, marks, scheme, folder):
     lines = ["## By the marker", "", "| item | of | marks | see |", "|---|--:|--:|---|"]
     for name, item in scheme.items():
         if not marks[name]:
-            found = outcome.documents if "report" in name else outcome.measures.get(item.section[0])
+            see = [*map(_plain, outcome.measures.get(item.section[0], ()))]
+            for text, target in outcome.documents if "report" in name else ():
+                see.append(f"[{_plain(text)}]({_relative(target.resolve(), folder)})")
             seen = [one.name for one in outcome.scenes if scheme[one.item].section == item.section]
-            see = _plain("; ".join(found or [])) + f" pictures of {', '.join(seen)}" * bool(seen)
+            see = "; ".join(see + [f"pictures of {', '.join(seen)}"] * bool(seen))
             lines.append(f"| {_plain(name)} | {item.most:g} |  | {see} |")
     return [*lines, ""]
 
@@ -156,10 +158,14 @@ def _contact_sheet(scene, folder):
     """The pictures of a scene in a row, with their times below."""
     lines = [f"### {scene.name}", "", _plain(scene.problem or "The steps agree with ours."), ""]
     lines += _listed(scene.remarks)
-    paths = [os.path.relpath(path, folder).replace(os.sep, "/") for _time, path in scene.pictures]
-    rows = [f"![{scene.name}]({quote(path)})" for path in paths], [":-:"] * len(paths)
+    paths = [_relative(path, folder) for _time, path in scene.pictures]
+    rows = [f"![{scene.name}]({path})" for path in paths], [":-:"] * len(paths)
     rows += ([f"{time:g} s" for time, _path in scene.pictures],)
     return lines + [f"| {' | '.join(row)} |" for row in rows if paths] + [""]
+
+
+def _relative(path, folder):
+    return quote(os.path.relpath(path, folder).replace(os.sep, "/"))
 
 
 def _plain(text):

@@ -194,9 +194,13 @@ def modules_of(entry):
 
 
 def documents_of(entry):
-    """The names of the report and the videos in a submission."""
+    """The report and the videos in a submission: pairs (name, path of it or of its archive)."""
     with ExitStack() as stack, suppress(Exception):
-        return ["/".join(p) for p, _ in _members(entry, stack) if p[-1].lower().endswith(DOCUMENTS)]
+        loose = dict(entry.files)
+        names = [parts for parts, _opener in _members(entry, stack)]
+        names = ["/".join(parts) for parts in names if parts[-1].lower().endswith(DOCUMENTS)]
+        paths = (loose.get(one, entry.path / one) for one in names)
+        return [(a, b if b.exists() else entry.path) for a, b in zip(names, paths, strict=True)]
     return []
 
 

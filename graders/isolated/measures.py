@@ -41,7 +41,11 @@ def energy(steps):
 
 
 def slides(steps):
-    """How far bodies slide on average, with three coefficients of friction."""
+    """How far a body slides at most, with three coefficients of friction."""
+    if not steps.has_friction():
+        steps = SubmittedSteps(Path.cwd(), inOurLoop=True)
+    if not steps.has_friction():
+        return "no function has a coefficient of friction"
     distances = []
     for friction in FRICTION:
         *_, end = simulated(steps, "slide", STEPS, friction)
@@ -89,8 +93,7 @@ def main():
         try:
             answer[section].append(measure(steps))
         except Exception as error:
-            cause = re.sub("the run_timestep in .* has", "run_timestep has", str(error))
-            answer[section].append(f"{measure.__name__}: {cause}")
+            answer[section].append(f"{measure.__name__}: {error}")
         Path(sys.argv[1]).write_text(json.dumps(answer), encoding="utf-8")
     os._exit(0)
 

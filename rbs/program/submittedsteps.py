@@ -64,9 +64,9 @@ class SubmittedSteps:
         for remark in self.remarks:
             print_note(f"{self.folder}: {remark}")
         self._Mesh = self._function("Mesh")
-        self.run_timestep = self._function("run_timestep")
         self._place = "resolve_collision" if inOurLoop else "run_timestep"
-        parameters = inspect.signature(self._function(self._place)).parameters
+        self.run_timestep = self._function(self._place)
+        parameters = inspect.signature(self.run_timestep).parameters
         takesAll = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
         self._known = COURSEWORK_PARAMETERS | set(BY_PARAMETER) if takesAll else set(parameters)
         self._friction = next((name for name in FRICTION_NAMES if name in parameters), "mu")
@@ -79,6 +79,10 @@ class SubmittedSteps:
             self._known = ours | ({"mu"} & self._known)
         self._source = None
         self._attributes = set(STATE_WIDTHS) | {"currVertices"}
+
+    def has_friction(self):
+        """Returns whether the student's functions take a coefficient of friction."""
+        return "mu" in self._known
 
     def _function(self, name):
         function = getattr(self.functions, name, None)
