@@ -26,7 +26,7 @@ from isolated.processes import add_limit_arguments, copied, run_limited
 from reference.graderData import PROJECT_DIRECTORY, printable
 
 from rbs.program.options import POSITIVE_NUMBER, OneLineParser, setting_type
-from rbs.program.submissions import brief
+from rbs.program.submissions import SubmissionError, brief
 from rbs.scenes.scenefiles import SceneSource, find_scene
 from rbs.stepping.settings import BY_OPTION
 
@@ -160,6 +160,8 @@ def main(given):
     order |= {"steps": given.steps, "timeStep": given.time_step, "restitution": given.restitution}
     with modules_of(find_submission(given.code)) as (folder, remarks):
         result = compare_steps(given.scene, folder, given, **order)
+    if result.problem.startswith("cannot be imported"):
+        raise SubmissionError(result.problem)
     agree = f"{result.steps} steps agree; the largest relative difference is {result.largest:.1e}"
     for line in (*remarks, *result.remarks, result.problem or agree):
         print(printable(line))

@@ -44,7 +44,7 @@ DOWNLOAD = re.compile(
     r"(.+?)(?:_late)?_(\d+)_(?:\d+|assignsubmission_file)(?:_(.*))?", re.IGNORECASE
 )
 # Blackboard's and other names of attempts.
-ATTEMPT = re.compile(r"(.+?)_attempt_(\d[\d-]*)(?:_.*)?", re.IGNORECASE)
+ATTEMPT = re.compile(r"(.+?)_attempt_(\d[\d-]*)(?:[_.].*)?", re.IGNORECASE)
 STUDENT_ID = re.compile(r"(?<![^\W_])([a-z]?\d{5,10})(?![^\W_])", re.IGNORECASE)
 MODULES = {name.lower(): f"{name}.py" for name in ("RBSFunctions", *SUPPLIED)}
 # A module's name, perhaps with what browsers and file managers add.
@@ -94,24 +94,21 @@ def find_submissions(paths):
         else:
             exists = "not a folder, a ZIP or a tar" if path.exists() else "no such file or folder"
             raise SubmissionError(f"{path}: {exists}")
-    entries, attempts = {}, {}
-    for one in found:
+    entries, last, others = {}, {}, {}
+    for one in sorted(found, key=lambda one: [int(x) for x in re.findall(r"\d+", one[1].stem)]):
         if attempt := ATTEMPT.fullmatch(one[1].name):
-            order = tuple(map(int, re.findall(r"\d+", attempt[2]))), one[1].name
-            attempts.setdefault(attempt[1], []).append((order, attempt[2], one))
-    others = {}
-    for tries in map(sorted, attempts.values()):
-        found = [one for one in found if one not in [other for *_, other in tries[:-1]]]
-        texts = [
-            f"attempt {name} is not graded, because {tries[-1][1]} is later" for _, name, _ in tries
-        ]
-        others[tries[-1][2][1]] = tuple(texts[:-1])
+            if attempt[1] in last:
+                found.remove(last[attempt[1]])
+                others.setdefault(attempt[1], []).append(last[attempt[1]][1].name)
+            last[attempt[1]] = one
     for stem, path, files in found:
         names = itertools.chain([stem], (f"{stem}-{number}" for number in itertools.count(2)))
         name = next(name for name in names if name.lower() not in entries)
         download, number = DOWNLOAD.fullmatch(path.stem), STUDENT_ID.search(path.name)
         number = download[2] if download else number[1] if number else ""
-        entries[name.lower()] = Entry(name, path, files, number, others.get(path, ()))
+        told = others.get(attempt[1], ()) if (attempt := ATTEMPT.fullmatch(path.name)) else ()
+        remarks = tuple(f"{one} is not graded, because this attempt is later" for one in told)
+        entries[name.lower()] = Entry(name, path, files, number, remarks)
     return list(entries.values())
 
 

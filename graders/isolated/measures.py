@@ -21,7 +21,7 @@ from rbs.stepping.settings import Settings
 TIME_STEP, STEPS, FRICTION = 0.02, 100, (0.1, 0.3, 0.6)
 
 
-def simulated(steps, scene, count, friction=0.0):
+def simulated(steps, scene, friction=0.0, count=STEPS):
     """Yields the Simulation of a scene by the student's functions, at the start and after steps."""
     settings = Settings(timeStep=TIME_STEP, restitution=0.5, friction=friction)
     simulation = Simulation(find_scene(scene), settings)
@@ -34,7 +34,7 @@ def simulated(steps, scene, count, friction=0.0):
 
 def energy(steps):
     """The energy of a run."""
-    states = simulated(steps, "mixed", STEPS)
+    states = simulated(steps, "mixed")
     values = [1e-6 * (one.kinetic_energy() + one.potential_energy()) for one in states]
     first, most, last = values[0], max(values), values[-1]
     return f"energy in mixed: {first:.3g} MJ, at most {most:.3g} MJ, {last:.3g} MJ after 2 s"
@@ -46,28 +46,19 @@ def slides(steps):
         steps = SubmittedSteps(Path.cwd(), inOurLoop=True)
     if not steps.has_friction():
         return "no function has a coefficient of friction"
-    distances = []
+    shown = []
     for friction in FRICTION:
-        *_, end = simulated(steps, "slide", STEPS, friction)
-        starts = Simulation(end.source).meshes
-        moves = [
-            one.position - other.position for one, other in zip(end.meshes, starts, strict=True)
-        ]
-        distances.append(max(float(np.hypot(move[0, 0], move[0, 2])) for move in moves))
-    shown = ", ".join(f"{one:.3g}" for one in distances)
-    return f"slid {shown} m in 2 s with μ = {', '.join(map(str, FRICTION))}"
+        start, *_, end = (one.state()["positions"] for one in simulated(steps, "slide", friction))
+        shown.append(f"{np.hypot(*(end - start)[:, [0, 2]].T).max():.3g}")
+    return f"slid {', '.join(shown)} m in 2 s with μ = {', '.join(map(str, FRICTION))}"
 
 
 def pairs(steps):
     """How many pairs a step tests, also with a switch of the student's grid."""
     parameters = inspect.signature(steps.run_timestep).parameters
     names = [name for name in parameters if re.search("grid|broad|cell|hash", name, re.IGNORECASE)]
-    *_, end = simulated(steps, "stress", 0)
-    mesh, tested, original = (
-        type(steps.follow(end.meshes, end.source)[0][0]),
-        [0],
-        steps.run_timestep,
-    )
+    original, tested, (start,) = steps.run_timestep, [0], simulated(steps, "stress", count=0)
+    mesh = type(steps.follow(start.meshes, start.source)[0][0])
     detect = mesh.detect_collision
 
     def counted(*given):
@@ -77,10 +68,10 @@ def pairs(steps):
     mesh.detect_collision, texts = counted, []
     for options in ({}, *({name: value} for name in names[:1] for value in (False, True))):
         steps.run_timestep = partial(original, **options)
-        list(simulated(steps, "stress", 1))
+        list(simulated(steps, "stress", count=1))
         texts.append(f"{tested[-1]}" + "".join(f" with {k}={v}" for k, v in options.items()))
         tested.append(0)
-    count = len(end.meshes)
+    count = len(start.meshes)
     return f"tests {', '.join(texts)} of {count * (count - 1) // 2} pairs of stress in a step"
 
 

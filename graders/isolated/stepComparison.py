@@ -25,7 +25,7 @@ from verdict.bodies import match_inertia
 
 import RBSFunctions
 from Quaternion import QRotate
-from rbs.program.submissions import describe
+from rbs.program.submissions import SubmissionError, describe
 from rbs.program.submittedsteps import SubmittedSteps, basic_step
 from rbs.scenes.simulation import Simulation
 from rbs.stepping.bodies import StateError
@@ -313,6 +313,8 @@ def main():
             ]
             answer["largest"] = float(comparison.largest)
             Path(order["answer"]).write_text(json.dumps(answer), encoding="utf-8")
+    except SubmissionError as error:
+        answer["problem"] = str(error)
     except Exception as error:
         answer["problem"] = describe(error, Path.cwd())
     Path(order["answer"]).write_text(json.dumps(answer), encoding="utf-8")

@@ -143,7 +143,7 @@ add("again", {"RBSFunctions (1).py": TEXT, "Quaternion.py": QUATERNION}, RIGHT, 
 parts = {"part1/RBSFunctions.py": "x = 1\n", "part2/RBSFunctions.py": TEXT}
 add("parts.zip", zipped(parts), RIGHT, "modules found in part2")
 add("s1234567_attempt_1", {"RBSFunctions.py": "", "x.txt": ""}, name=None)
-add("s1234567_attempt_2", SOLUTION, RIGHT, "attempt 1 is not graded", name="s1234567")
+add("s1234567_attempt_2", SOLUTION, RIGHT, "s1234567_attempt_1 is not graded", name="s1234567")
 add("pdf_11_22_report.pdf", b"%PDF", "has no RBSFunctions.py", name="pdf")
 add("loose.pdf", b"%PDF", "a loose .pdf file is not read", name="loose.pdf")
 add("both_12_assignsubmission_file_x.zip", zipped(SOLUTION), name="both")

@@ -19,6 +19,7 @@ from reference.graderData import (
 )
 
 GRADERS = ROOT / "graders"
+PATH = [str(GRADERS), str(DATA), str(ROOT)]
 FILES = {
     "integrationGrading.py": "integration.data",
     "ResolveCollisionsGrading.py": "collision-resolution.data",
@@ -182,7 +183,7 @@ def test_several_pickle_protocols_are_read(protocol, tmp_path):
     ],
 )
 def test_the_reference_knows_nothing_of_the_simulation_nor_the_graders_of_mpmath(modules, absent):
-    program = f"import sys; sys.path[:0] = {[str(GRADERS), str(ROOT)]!r}; import {modules}; "
+    program = f"import sys; sys.path[:0] = {PATH!r}; import {modules}; "
     program += f"sys.exit(len({absent!r} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", program], timeout=120).returncode == 0
 
