@@ -36,8 +36,7 @@ MEASURES = COMPARISON.with_name("measures.py")
 # with pictures every so many steps.
 SCENES = {"singlebox": ("scenes", 100), "mixed": ("scenes", 100)}
 SCENES |= {"tower_chain": ("constraint scenes", 60)}
-EVERY, SIZE = 30, "320x180"
-STEPS, TIME_STEP, RESTITUTION = 150, 0.02, 0.5
+EVERY, SIZE, STEPS, TIME_STEP, RESTITUTION = 30, "320x180", 150, 0.02, 0.5
 USUAL = {"constraints": None, "steps": STEPS, "timeStep": TIME_STEP, "restitution": RESTITUTION}
 # Address space for drawing, in addition to the submission's own: OpenGL in software.
 DRAWING_MEGABYTES = 2048

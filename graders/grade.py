@@ -43,12 +43,10 @@ LAST = ("total", "of", "seconds", "contents", "remarks")  # columns of marks.csv
 class Outcome:
     """The result of grading a submission.
 
-    name, path : as they are shown
-    grades : dict from a grader's module to its Grade
+    name, path : as they are shown; grades : dict from a grader's module to its Grade
     refusal : why the submission was not graded, or ""; remedy : what would let it be graded
     id, digest, documents, measures : of the submission, as in `archives` and `compare`
-    scenes : list of `compare.SceneResult`
-    seconds : time that grading took
+    scenes : list of `compare.SceneResult`; seconds : time that grading took
     fingerprint : of its code, for `likeness`
     """
 
@@ -121,9 +119,8 @@ class Ledger:
         self.marks, self.grades = {}, {}
         if arguments.resume:
             rows = sheets.read_rows(self._out / "marks.csv", self._columns)
-            self.marks = {
-                r["submission"]: r for r in rows if digests.get(r["submission"]) == r["contents"]
-            }
+            rows = [row for row in rows if digests.get(row["submission"]) == row["contents"]]
+            self.marks = {row["submission"]: row for row in rows}
             for row in sheets.read_rows(self._out / "grades.csv", sheets.GRADES):
                 if row["submission"] in self.marks:
                     self.grades.setdefault(row["submission"], []).append(row)
@@ -163,7 +160,8 @@ def anonymous(entries, path):
         row = dict(zip(KEY, (f"{len(rows) + 1:03}", one.name, str(one.path)), strict=True))
         rows.setdefault(row["path"], row)
     sheets.write_rows(path, KEY, sorted(rows.values(), key=lambda row: row["id"]))
-    entries = [replace(one, name=rows[str(one.path)]["id"], isAnonymous=True) for one in entries]
+    changed = {"isAnonymous": True, "remarks": ()}  # which name the earlier attempts
+    entries = [replace(one, name=rows[str(one.path)]["id"], **changed) for one in entries]
     return sorted(entries, key=lambda one: one.name)
 
 
@@ -240,8 +238,10 @@ def grade_all(entries, ledger, data, arguments):
 
 def merge(arguments, scheme):
     """Adds a marker's numbers to marks.csv; returns the exit code."""
-    path = arguments.out / "marks.csv"
-    columns = ("submission", "id", "path", "state", *scheme, *LAST)
+    path, columns = (
+        arguments.out / "marks.csv",
+        ("submission", "id", "path", "state", *scheme, *LAST),
+    )
     rows = sheets.read_rows(path, columns)
     incomplete = merge_marks(arguments.merge, rows, scheme)
     sheets.write_rows(path, columns, rows)

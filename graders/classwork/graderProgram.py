@@ -55,11 +55,8 @@ def run_grader(description, grader):
 
 
 # What follows when a grader passes.
-NEXT = {
-    "integrationGrading": "ResolveCollisionsGrading.py",
-    "ResolveCollisionsGrading": "Constraints.py",
-    "Constraints": "compare.py, which compares your simulation with ours step by step",
-}
+NEXT = {"integrationGrading": "ResolveCollisionsGrading.py"}
+NEXT |= {"ResolveCollisionsGrading": "Constraints.py", "Constraints": "compare.py"}
 
 
 def what_next(grader, grade, data):

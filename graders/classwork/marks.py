@@ -107,6 +107,8 @@ def merge_marks(path, rows, scheme):
     with open(path, encoding="utf-8-sig", newline="") as file:
         for number, given in enumerate(csv.DictReader(file), start=2):
             name = re.sub(FORMULA, r"\2", given.get("submission") or "")
+            if other := [one for one in given if one not in (rows or [given])[0]]:
+                raise InputError(f"{path}: '{other[0]}' is no column of marks.csv")
             for item in scheme:
                 text = (given.get(item) or "").strip().replace(",", ".")
                 try:

@@ -29,6 +29,7 @@ TARS = (".tar", ".tar.gz", ".tgz")
 ARCHIVES = (".zip", *TARS)
 # Loose files that are refused by name, because they may be somebody's work.
 UNREAD = (".7z", ".rar", ".py", ".pdf")
+OTHER_DATA = shutil.ignore_patterns("*.data", "*.py")  # results, and what made them
 # What a marker reads and watches.
 DOCUMENTS = (".pdf", ".docx", ".odt", ".mp4", ".mov", ".avi", ".mkv", ".webm", ".gif")
 # Folders without a solution, in lower case; those that begin with a dot are skipped, too.
@@ -76,9 +77,8 @@ class Entry:
 def find_submissions(paths):
     """Returns the list of Entry in these paths, each a submission or a folder of submissions.
 
-    An archive is a submission, and so is a folder with RBSFunctions.py in it or in its `code`. In
-    any other folder, each archive and each folder is one. Of a student's attempts, the last is.
-    Raises SubmissionError.
+    An archive is one, and so is a folder with RBSFunctions.py in it or in its `code`. In any other
+    folder, each archive and folder is. Only a student's last attempt is. Raises SubmissionError.
     """
     found = []
     for path in map(Path, paths):
@@ -176,9 +176,7 @@ def modules_of(entry):
             with ExitStack() as stack:
                 remarks = _take(_members(entry, stack), folder, entry.isAnonymous)
             if not (data := folder.with_name("data")).exists():
-                shutil.copytree(
-                    DATA_DIRECTORY, data, ignore=shutil.ignore_patterns("*.data", "*.py")
-                )
+                shutil.copytree(DATA_DIRECTORY, data, ignore=OTHER_DATA)
         except SubmissionError:
             raise
         except OSError as error:
@@ -193,11 +191,10 @@ def modules_of(entry):
 def documents_of(entry):
     """The report and the videos in a submission: pairs (name, path of it or of its archive)."""
     with ExitStack() as stack, suppress(Exception):
-        loose = dict(entry.files)
-        names = [parts for parts, _opener in _members(entry, stack)]
-        names = ["/".join(parts) for parts in names if parts[-1].lower().endswith(DOCUMENTS)]
-        paths = (loose.get(one, entry.path / one) for one in names)
-        return [(a, b if b.exists() else entry.path) for a, b in zip(names, paths, strict=True)]
+        names = ["/".join(parts) for parts, _opener in _members(entry, stack)]
+        found = [(a, dict(entry.files).get(a, entry.path / a)) for a in names]
+        found = [(a, b if b.exists() else entry.path) for a, b in found]
+        return [one for one in found if one[0].lower().endswith(DOCUMENTS)]
     return []
 
 
@@ -307,9 +304,7 @@ def _take(members, target, isAnonymous):
             continue
         left -= len(content)
         if parts[-1].endswith(".py") and content[:2] in (b"\xff\xfe", b"\xfe\xff"):
-            remarks.append(
-                f"{parts[-1]} is in UTF-16, which Python does not read; it was converted"
-            )
+            remarks.append(f"{parts[-1]} is in UTF-16, which Python cannot read; converted")
             content = content.decode("utf-16").encode()
         path = target.with_name(parts[0]).joinpath(*parts[1:])
         path.parent.mkdir(parents=True, exist_ok=True)

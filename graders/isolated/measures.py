@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import math
 import os
 import re
 import sys
@@ -18,12 +19,12 @@ from rbs.scenes.scenefiles import find_scene
 from rbs.scenes.simulation import Simulation
 from rbs.stepping.settings import Settings
 
-TIME_STEP, STEPS, FRICTION = 0.02, 100, (0.1, 0.3, 0.6)
+STEPS, FRICTION = 100, (0.1, 0.3, 0.6)
 
 
 def simulated(steps, scene, friction=0.0, count=STEPS):
     """Yields the Simulation of a scene by the student's functions, at the start and after steps."""
-    settings = Settings(timeStep=TIME_STEP, restitution=0.5, friction=friction)
+    settings = Settings(timeStep=0.02, restitution=0.5, friction=friction)
     simulation = Simulation(find_scene(scene), settings)
     simulation.submitted = steps
     yield simulation
@@ -35,9 +36,8 @@ def simulated(steps, scene, friction=0.0, count=STEPS):
 def energy(steps):
     """The energy of a run."""
     states = simulated(steps, "mixed")
-    values = [1e-6 * (one.kinetic_energy() + one.potential_energy()) for one in states]
-    first, most, last = values[0], max(values), values[-1]
-    return f"energy in mixed: {first:.3g} MJ, at most {most:.3g} MJ, {last:.3g} MJ after 2 s"
+    E = [1e-6 * (one.kinetic_energy() + one.potential_energy()) for one in states]
+    return f"energy in mixed: {E[0]:.3g} MJ, at most {max(E):.3g} MJ, {E[-1]:.3g} MJ after 2 s"
 
 
 def slides(steps):
@@ -71,15 +71,14 @@ def pairs(steps):
         list(simulated(steps, "stress", count=1))
         texts.append(f"{tested[-1]}" + "".join(f" with {k}={v}" for k, v in options.items()))
         tested.append(0)
-    count = len(start.meshes)
-    return f"tests {', '.join(texts)} of {count * (count - 1) // 2} pairs of stress in a step"
+    most = math.comb(len(start.meshes), 2)
+    return f"tests {', '.join(texts)} of {most} pairs of stress in a step"
 
 
 def main():
     """Writes a dict from the number of a section to lines."""
     give_up_names()
-    answer = {"1": [], "3": []}
-    steps = SubmittedSteps(Path.cwd())
+    answer, steps = {"1": [], "3": []}, SubmittedSteps(Path.cwd())
     for section, measure in (("1", energy), ("3", slides), ("3", pairs)):
         try:
             answer[section].append(measure(steps))

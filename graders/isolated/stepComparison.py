@@ -184,10 +184,8 @@ class Comparison:
             states = self.states(None if isMove else bodies)
             label = f"{name}({', '.join(mesh.name for mesh in shadows)})"
             isFree = not all(mesh.isFixed for mesh in shadows)
-            isKept = [id(one) in self.index or not self.isChecked for one in given]
-            copies = [
-                a if kept else copy.deepcopy(a) for a, kept in zip(given, isKept, strict=True)
-            ]
+            kept = self.index if self.isChecked else set(map(id, given))
+            copies = [one if id(one) in kept else copy.deepcopy(one) for one in given]
             result = function(*given)
             if isPosition:
                 self.visits.append(bool(result[0]))
@@ -313,10 +311,9 @@ def main():
             ]
             answer["largest"] = float(comparison.largest)
             Path(order["answer"]).write_text(json.dumps(answer), encoding="utf-8")
-    except SubmissionError as error:
-        answer["problem"] = str(error)
     except Exception as error:
-        answer["problem"] = describe(error, Path.cwd())
+        isOwn = isinstance(error, SubmissionError)
+        answer["problem"] = str(error) if isOwn else describe(error, Path.cwd())
     Path(order["answer"]).write_text(json.dumps(answer), encoding="utf-8")
     os._exit(0)  # skips exit handlers and threads of the submission
 

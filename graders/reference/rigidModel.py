@@ -281,11 +281,9 @@ class Pair:
         c1, c2 = (np.cross(arm, n) for arm in arms)
         (m1, m2), (T1, T2) = self.invMass, self.invTensor
         Jv = dot(n, self.v[0]) + dot(c1, self.v[1]) - dot(n, self.w[0]) - dot(c2, self.w[1])
-        blocks = (
-            ((m1, n), (m2, c1), (T1, -n), (T2, -c2))
-            if inJ
-            else ((m1, n), (T1, c1), (m2, -n), (T2, -c2))
-        )
+        blocks = ((m1, n), (T1, c1), (m2, -n), (T2, -c2))
+        if inJ:
+            blocks = ((m1, n), (m2, c1), (T1, -n), (T2, -c2))
         changes = [np.sum(M * b[:, None], axis=2) if np.ndim(M) else M * b for M, b in blocks]
         K = sum(dot(b, change) for (_M, b), change in zip(blocks, changes, strict=True))
         moved = (old - scaled(Jv / K, d) for old, d in zip(self.v + self.w, changes, strict=True))
@@ -296,15 +294,8 @@ class Pair:
 
 
 def detection(data, mistakes=NONE):
-    """isCollision (n,), depth (n,), intNormal and intPosition (n, 3), taken from the data."""
-    keys = "isCollision", "depth", "intNormal", "intPosition"
-    isCollision, depth, normal, point = (data[key] for key in keys)
-    depth = unless(mistakes, depth, "depth's sign", -depth)
-    point = unless(mistakes, point, "point of mesh 1", point + scaled(depth, normal))
-    normal = unless(mistakes, normal, "normal's sign", -normal)
-    if "normal and point exchanged" in mistakes:
-        normal, point = point, normal
-    return dict(zip(keys, (isCollision, depth, normal, point), strict=True))
+    """isCollision (n,), depth (n,), intNormal and intPosition (n, 3): the data's own."""
+    return {key: data[key] for key in ("isCollision", "depth", "intNormal", "intPosition")}
 
 
 def contacts_of(data):

@@ -45,11 +45,11 @@ class Bodies:
     remarks : list of str, what was replaced
     """
 
-    def __init__(self, functions, quaternion, data):
+    def __init__(self, functions, quaternion, data, remarks=()):
         self._modules = {"RBSFunctions": functions, "Quaternion": quaternion}
         self._data = data
         self._originals = {}
-        self.remarks = []
+        self.remarks = list(remarks)
 
     def function(self, name, module="RBSFunctions"):
         """Returns a graded function. Raises NotWritten if the module lacks it."""

@@ -185,6 +185,9 @@ def test_a_markers_numbers_are_merged_into_totals_of_100(marked, tmp_path, run):
         refused = run("grade.py", "--merge", given, "--out", out)
         assert refused.returncode == 2
         assert refused.stderr == f"grade.py: {given}, line 2: {cause}\n"
+    given.write_text("submission,reprot\ns1234567,3\n")
+    refused = run("grade.py", "--merge", given, "--out", out)
+    assert refused.stderr == f"grade.py: {given}: 'reprot' is no column of marks.csv\n"
     assert rows_in(out / "marks.csv") == rows
 
 
