@@ -16,7 +16,6 @@ from rbs.scenes.files import atomic_write
 from rbs.scenes.messages import InputError
 
 DEFAULT_SCHEME = Path(__file__).resolve().parents[1] / "marks.ini"
-SCENE_ITEMS = ("scenes", "constraint scenes")
 MARKER = "by the marker"
 
 
@@ -36,7 +35,7 @@ def load_scheme(path, graders, data, hasScenes=True, isWhole=True):
 
     Returns a dict from name to Item.
     """
-    free = {name: [] if hasScenes else None for name in SCENE_ITEMS}
+    free = {name: [] if hasScenes else None for name in ("scenes", "constraint scenes")}
     for grader in graders:
         for part in grader.parts:
             free.setdefault(part.function, []).extend(_free(part, data[grader.module]))

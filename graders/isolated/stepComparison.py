@@ -2,7 +2,7 @@
 
 Each of the student's steps begins with our state. Each call of a function that the coursework asks
 for is repeated with ours, on the same input. If all calls agree but the step does not, the step is
-repeated with `basic_step`, our loop around the student's functions: the difference is the first
+repeated with our loop around the student's functions: the difference is the first
 call that the two make in another order, or in another state.
 """
 
@@ -14,7 +14,7 @@ import math
 import os
 import sys
 import time
-from functools import partial, wraps
+from functools import wraps
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -26,7 +26,7 @@ from verdict.bodies import match_inertia
 import RBSFunctions
 from Quaternion import QRotate
 from rbs.program.submissions import SubmissionError, describe
-from rbs.program.submittedsteps import SubmittedSteps, basic_step
+from rbs.program.submittedsteps import SubmittedSteps, TaughtFunctions, loop_mesh
 from rbs.scenes.simulation import Simulation
 from rbs.stepping.bodies import StateError
 from rbs.stepping.settings import GRAVITY, Settings
@@ -71,7 +71,6 @@ class Comparison:
         self.driven.settings = ours.settings
         self.steps = self.driven.submitted = SubmittedSteps(folder)
         self.runTimestep = self.steps.run_timestep
-        self.ourLoop = partial(basic_step, self.steps.functions)
         self.shadows = [*Simulation(ours.source).meshes, self.driven.groundMesh]
         self.remarks |= dict.fromkeys(self.steps.remarks, 0)
         meshes, ground = self.steps.follow(ours.meshes, ours.source)
@@ -105,7 +104,7 @@ class Comparison:
             if gap <= TOLERANCE:
                 self.largest = max(self.largest, gap)
             elif not self.problem:
-                self.explain(events, visits, *self.run(start, self.ourLoop, False))
+                self.explain(events, visits, *self.run(start, self.our_loop, False))
             if self.stale(events[-1][2]):
                 self.remark("currVertices, which are drawn, are out of date at the end of a step")
         except StateError as error:
@@ -126,6 +125,17 @@ class Comparison:
         self.driven.set_state(start)
         self.driven.step()
         return [*self.events, (END, [], self.states(), math.inf)], self.visits
+
+    def our_loop(self, meshes, *given, **options):
+        """Our run_timestep with the student's functions, and meanwhile with a Mesh that fits it."""
+        kind = type(self.theirs[-1])
+        for mesh in meshes:
+            mesh.__class__ = loop_mesh(kind)
+        taught = TaughtFunctions(self.steps.functions, "mu")
+        RBSFunctions.run_timestep(meshes, *given, functions=taught, **options)
+        for mesh in meshes:
+            vertices, mesh.__class__ = mesh.currVertices, kind
+            vars(mesh)["currVertices"] = vertices  # unless it is a property, which comes first
 
     def explain(self, events, visits, loopEvents, loopVisits):
         """Finds where the student's run_timestep differs from ours, unless rounding decided."""

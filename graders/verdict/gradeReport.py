@@ -115,10 +115,6 @@ def make_grade(grader, outcomes, data):
     return grade
 
 
-# What `--explain` shows of the data.
-INPUTS = "random depth intNormal intPosition refValues"
-
-
 def explained(outcomes, data, sample=None):
     """Returns lines on a sample of the first part that fails: inputs, our values, both results.
 
@@ -131,7 +127,8 @@ def explained(outcomes, data, sample=None):
     sample = _first_wrong(part, results, data) or 0 if sample is None else sample
     if not 0 <= sample < count:
         raise InputError(f"there is no sample {sample}, only 0 to {count - 1}")
-    rows = [(key, data[key]) for key in data if any(map(key.startswith, INPUTS.split()))]
+    inputs = "random", "depth", "intNormal", "intPosition", "refValues"
+    rows = [(key, data[key]) for key in data if key.startswith(inputs)]
     lines = [f"Sample {sample} of {part.name}", "inputs (mesh 1 is at rest at the origin)"]
     lines += [f"    {key:<28}{_row(rows, sample)}" for key, rows in rows]
     lines.append("our intermediate values")

@@ -204,7 +204,7 @@ class Part:
                 for key, value, *what in self.compute(bodies, data, sample):
                     missing.remove(key)
                     if isinstance(value, list) and self.function.startswith("resolve"):
-                        bodies.remark(LISTS.format(self.function))
+                        bodies.remarks[LISTS.format(self.function)] = None
                     with results.attempt(sample, [key]):
                         if isinstance(value, Exception):
                             raise value

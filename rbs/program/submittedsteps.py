@@ -206,8 +206,10 @@ class TaughtFunctions:
         self._resolve_collision, self._friction = functions.resolve_collision, friction
 
     def resolve_collision(self, *contact):
-        options = {self._friction: contact[-1]} if len(contact) > 6 else {}
-        self._resolve_collision(*contact[:6], **options)  # returns what is not the coursework's
+        m1, m2, depth, normal, point, CRCoeff, *others = contact
+        options = {self._friction: others[-1]} if others else {}
+        contact = depth, np.array(normal), np.array(point), CRCoeff
+        self._resolve_collision(m1, m2, *contact, **options)  # returns what the loop must not see
 
 
 def loop_mesh(Mesh):
