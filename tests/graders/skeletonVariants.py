@@ -5,7 +5,13 @@ five stubs with the formulas of the coursework's text, without guards that no re
 """
 # ruff: noqa: E501
 
-from studentVariants import FIXTURES
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import handIns
+from studentVariants import FIXTURES, ROOT
 
 SKELETON = FIXTURES / "skeleton"
 TEXT = (SKELETON / "RBSFunctions.py").read_text(encoding="utf-8")
@@ -196,3 +202,36 @@ MISTAKES = {
         "",
     ),
 }
+
+
+def write_table():
+    """Grades the skeleton, the solution and its variants, and writes `submissions/skeleton.md`."""
+    files = {"solution": BOTH} | {name: variant(*edits) for name, (edits, _) in MISTAKES.items()}
+    files["skeleton"] = {"RBSFunctions.py": TEXT, "Quaternion.py": QUATERNION}
+    with tempfile.TemporaryDirectory() as place:
+        source, out = Path(place) / "in", Path(place) / "out"
+        for name, content in files.items():
+            written(source / name, content)
+        command = [sys.executable, ROOT / "graders" / "grade.py", source, "--out", out]
+        subprocess.run(command, capture_output=True, check=False)
+        grades, marks = (handIns.rows_in(out / f"{one}.csv") for one in ("grades", "marks"))
+    lines = [HEAD]
+    for name in files:
+        rows, total = grades[name], marks[name][0]["total"]
+        notes = " / ".join(filter(None, (row["notes"] for row in rows)))
+        fails = sum(int(row["of"]) - int(row["passed"]) for row in rows)
+        lines.append(f"| {name} | {fails} | {total} | {notes.replace('|', '/')} |\n")
+    (FIXTURES / "skeleton.md").write_text("".join(lines), encoding="utf-8")
+
+
+HEAD = """# The skeleton's variants and their hints
+
+Written by `python tests/graders/skeletonVariants.py`; each is one change of the right solution on
+top of the skeleton. Marks are of 30.
+
+| variant | fails | marks | causes and hints |
+|---|--:|--:|---|
+"""
+
+if __name__ == "__main__":
+    write_table()

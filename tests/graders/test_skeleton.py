@@ -15,6 +15,7 @@ from skeletonVariants import (
     BOTH,
     MISTAKES,
     QUATERNION,
+    SKELETON,
     TEXT,
     UNSHAPED,
     WHOLE,
@@ -81,6 +82,14 @@ def test_each_variant_gets_its_verdict_and_hint(name, graded):
     notes = " ".join(row["notes"] for row in graded[0][name]).strip()
     assert (hint in notes) and bool(notes) == bool(hint), notes
     assert notes.count("hint: ") == notes.count(hint) or not hint, notes  # and no other one
+
+
+def test_the_table_is_up_to_date(graded):
+    lines = (SKELETON.parent / "skeleton.md").read_text("utf-8").splitlines()
+    cells = {line[2:].split(" | ")[0]: line[2:-2].split(" | ") for line in lines if "| " in line}
+    for name in (*MISTAKES, "skeleton"):
+        notes = " / ".join(row["notes"] for row in graded[0][name] if row["notes"])
+        assert cells[name][2:] == [graded[1][name][0]["total"], notes.replace("|", "/")], name
 
 
 def test_the_skeleton_gets_nothing_and_a_share_counts(graded):
