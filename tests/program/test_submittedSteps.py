@@ -30,6 +30,7 @@ STEPS = 60
 def program(tmp_path, monkeypatch, capsys):
     """Runs the program in a folder of its own: (exit code, output, errors)."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Simulation, "submitted", None)  # for the tests after these
     return lambda *arguments: call(capsys, *arguments)
 
 
