@@ -74,7 +74,8 @@ def main(arguments=None):
             print_error("not enough memory")
         except KeyboardInterrupt as error:
             number = error.args[0] if error.args else signal.SIGINT
-            print_error(f"stopped by {headless.SIGNAL_NAMES[number]}")
+            where = error.args[1] if len(error.args) > 1 else ""
+            print_error(f"stopped by {headless.SIGNAL_NAMES[number]}{where}")
             return 128 + number
     return 2
 
