@@ -808,38 +808,38 @@ def resolve_constraints(meshes, constraints, step, report, taught):
     A visit corrects the positions of two bodies if their constraint is violated, then their
     velocities. See rbs/stepping/constraints.py for the schedules of visits.
     """
-    if len(constraints) == 0:
-        return
-    from rbs.stepping.constraints import ConstraintRows, project_in_batches, queue, sweep
-
     with report.phase("constraints"):
+        if len(constraints) == 0:
+            return
+        from rbs.stepping.constraints import ConstraintRows, project_in_batches, queue, sweep
+
         rows = ConstraintRows(constraints, meshes, step.tolerance)
         maximumVisits = max(step.maxIterations, rows.total)
         if step.constraintScheduling == "batches":
             check_methods(meshes, taught)
             visits = project_in_batches(meshes, rows, step.tolerance, maximumVisits)
         else:
-            ties = rows.ties(meshes)
+            ties, tolerance = rows.ties(meshes), step.tolerance
 
             def visit(c):
                 """Corrects constraint c if it is violated, and returns whether it was."""
                 m1, m2, arm1, arm2, refValue, upper, invMasses, tensors = ties[c]
-                positions = m1.position, m2.position
-                points = m1.position + arm1, m2.position + arm2
-                positionWasValid, corrected = taught.resolve_position_constraint(
-                    positions, points, refValue, invMasses, upper, step.tolerance
+                positions = x1, x2 = m1.position, m2.position
+                points = x1 + arm1, x2 + arm2
+                positionWasValid, (x1, x2) = taught.resolve_position_constraint(
+                    positions, points, refValue, invMasses, upper, tolerance
                 )
                 if positionWasValid:
                     return False
                 # the points stay on one line, so that arms and direction still hold
                 velocities = (m1.linVelocity, m2.linVelocity), (m1.angVelocity, m2.angVelocity)
-                _, linVelocities, angVelocities = taught.resolve_velocity_constraint(
-                    positions, points, *velocities, invMasses, tensors, step.tolerance
+                _, (v1, v2), (omega1, omega2) = taught.resolve_velocity_constraint(
+                    positions, points, *velocities, invMasses, tensors, tolerance
                 )
-                for k, mesh in ((0, m1), (1, m2)):
-                    if invMasses[k]:
-                        mesh.position = corrected[k]
-                        mesh.linVelocity, mesh.angVelocity = linVelocities[k], angVelocities[k]
+                if invMasses[0]:
+                    m1.position, m1.linVelocity, m1.angVelocity = x1, v1, omega1
+                if invMasses[1]:
+                    m2.position, m2.linVelocity, m2.angVelocity = x2, v2, omega2
                 return True
 
             schedule = queue if step.constraintScheduling == "queue" else sweep

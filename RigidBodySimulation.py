@@ -70,7 +70,8 @@ def main(arguments=None):
             print_error(headless.message_of(error))
         except KeyboardInterrupt as error:
             number = error.args[0] if error.args else signal.SIGINT
-            print_error(f"stopped by {headless.SIGNAL_NAMES[number]}")
+            where = error.args[1] if len(error.args) > 1 else ""
+            print_error(f"stopped by {headless.SIGNAL_NAMES[number]}{where}")
             return 128 + number
     return 2
 
@@ -91,7 +92,7 @@ def run_asked_mode(options):
     if commandLine.WITHOUT_WINDOW & set(options):
         return run_as_asked(simulation, options, pictureOptions)
     choices = given_settings(options), ignores_recommendations(options)
-    opener = SceneOpener(simulation, *choices, options.allow_outside_meshes)
+    opener = SceneOpener(*choices, options.allow_outside_meshes, submitted)
     return open_window_or_fall_back(simulation, options, pictureOptions, opener)
 
 

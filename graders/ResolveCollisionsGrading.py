@@ -49,22 +49,25 @@ def contact_of(data, sample):
 
 
 def resolve_further(bodies, data, sample):
-    """Resolves with a fixed mesh, and with the ground as `run_timestep` does.
-
-    There the depth is negative, and the mesh that touches the ground may be fixed, too.
-    """
+    """Resolves with a fixed mesh, and with the ground, where the depth is negative."""
     meshes = bodies.resting(isFixed=True), bodies.moving(sample)
     bodies.function("resolve_collision")(*meshes, *contact_of(data, sample), model.RESTITUTION)
     yield "a fixed mesh's state", state_of(meshes[0])
-    for name, isFixed in (("on the ground", False), ("fixed on the ground", True)):
-        mesh = bodies.moving(sample, isFixed)
-        depth, _normal, point = contact_of(data, sample)
-        contact = -depth, model.UP.copy(), point, model.GROUND_RESTITUTION
-        bodies.function("resolve_collision")(mesh, bodies.ground(), *contact)
-        state = state_of(mesh)
-        if isFixed and np.isnan(state).any():
-            state = WrongResult("resolve_collision divides 0 by 0 if both meshes are fixed")
-        yield name, state
+    yield "on the ground", on_ground(bodies, data, sample, False)
+
+
+def resolve_fixed(bodies, data, sample):
+    """Resolves a fixed mesh on the ground, which the released `run_timestep` asks for, too."""
+    state = on_ground(bodies, data, sample, True)
+    yield "fixed on the ground", WrongResult("0 / 0") if np.isnan(state).any() else state
+
+
+def on_ground(bodies, data, sample, isFixed):
+    mesh = bodies.moving(sample, isFixed)
+    depth, _normal, point = contact_of(data, sample)
+    contact = -depth, model.UP.copy(), point, model.GROUND_RESTITUTION
+    bodies.function("resolve_collision")(mesh, bodies.ground(), *contact)
+    return state_of(mesh)
 
 
 def colliding_samples(data):
@@ -82,7 +85,13 @@ FOUND = CONTACT | {"isCollision": bool}
 EXACT_ONLY = {"conditional": tuple(CONTACT)[1:], "conventions": (EXACT,)}
 STATES = {f"result{name}, mesh {k}": width for name, width in WIDTHS.items() for k in (1, 2)}
 FURTHER = "resolve_collision with fixed meshes and the ground"
-UNSEEN = {"a fixed mesh's state": 13, "on the ground": 13, "fixed on the ground": 13}
+UNSEEN = {"a fixed mesh's state": 13, "on the ground": 13}
+FIXED = {"fixed on the ground": 13}
+GUARD = (
+    ": begin resolve_collision with `if m1.invMass + m2.invMass == 0: return`. A scene with a "
+    "fixed body on the ground needs that, such as wrecking_ball"
+)
+ALONE = "resolve_collision of a fixed mesh on the ground"
 EXTRA = {"samples": colliding_samples, "isExtra": True}
 GRADER = Grader(
     "ResolveCollisionsGrading",
@@ -91,15 +100,10 @@ GRADER = Grader(
     COLLISION_LAYOUT,
     (
         Part("detect_collision", FOUND, detect, model.detection, **EXACT_ONLY),
-        Part(
-            "get_rotated_inv_IT",
-            {TENSOR: 9},
-            rotate_tensor,
-            model.rotated_tensors,
-            isExtra=True,
-        ),
+        Part("get_rotated_inv_IT", {TENSOR: 9}, rotate_tensor, model.rotated_tensors, isExtra=True),
         Part("resolve_collision", STATES, resolve, model.resolution),
         Part(FURTHER, UNSEEN, resolve_further, model.further_resolution, **EXTRA),
+        Part(ALONE, FIXED, resolve_fixed, model.further_resolution, **EXTRA, advice=GUARD),
     ),
     remarks,
 )

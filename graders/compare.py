@@ -9,11 +9,12 @@ All steps run in a process of their own, within the limits. The exit code is 0 i
 """
 
 import argparse
+import functools
 import json
 import re
-import shutil
 import sys
 import tempfile
+import threading
 import time
 import warnings
 from dataclasses import dataclass, field
@@ -25,14 +26,17 @@ from isolated.processes import add_limit_arguments, copied, run_limited
 from reference.graderData import PROJECT_DIRECTORY, printable
 
 from rbs.program.options import POSITIVE_NUMBER, OneLineParser, setting_type
-from rbs.program.submissions import brief
+from rbs.program.submissions import SubmissionError, brief
 from rbs.scenes.scenefiles import SceneSource, find_scene
 from rbs.stepping.settings import BY_OPTION
 
 COMPARISON = Path(__file__).resolve().parent / "isolated" / "stepComparison.py"
-# A fall, many collisions, and constraints; with pictures every so many steps.
-SCENES = ("singlebox", "mixed", "tower_chain")
-STEPS, EVERY, TIME_STEP, RESTITUTION, SIZE = 150, 50, 0.02, 0.5, "320x180"
+MEASURES = COMPARISON.with_name("measures.py")
+# A fall, many collisions, and constraints: the item of the marks, and the steps that are compared;
+# with pictures every so many steps.
+SCENES = {"singlebox": ("scenes", 100), "mixed": ("scenes", 100)}
+SCENES |= {"tower_chain": ("constraint scenes", 60)}
+EVERY, SIZE, STEPS, TIME_STEP, RESTITUTION = 30, "320x180", 150, 0.02, 0.5
 USUAL = {"constraints": None, "steps": STEPS, "timeStep": TIME_STEP, "restitution": RESTITUTION}
 # Address space for drawing, in addition to the submission's own: OpenGL in software.
 DRAWING_MEGABYTES = 2048
@@ -56,6 +60,11 @@ class SceneResult:
     remarks: list = field(default_factory=list)
     largest: float = 0.0
     pictures: list = field(default_factory=list)
+
+    @property
+    def item(self):
+        """The item of the scheme of marks."""
+        return SCENES[self.name][0]
 
 
 def compare_steps(scene, folder, limits, **order):
@@ -84,27 +93,60 @@ def compare_steps(scene, folder, limits, **order):
 
 
 def compare_scene(scene, folder, target, limits):
-    """Compares the steps of a scene, and draws the student's; returns a SceneResult.
+    """Compares the steps of a scene, and draws them; returns a SceneResult.
 
+    Steps that agree with ours look like ours, which are drawn once for all submissions.
     target : folder for the pictures; the others are those of `compare_steps`
     """
-    result = compare_steps(scene, folder, limits)
-    with copied(folder) as work, tempfile.TemporaryFile("w+", encoding="utf-8") as said:
-        words = [PROJECT_DIRECTORY / "RigidBodySimulation.py", scene, "--functions", work]
-        words += ["--time-step", TIME_STEP, "--steps", STEPS, "--every", EVERY, "--size", SIZE]
-        words += ["--screenshots", work.parent / "frames"]
-        megabytes = limits.megabytes + DRAWING_MEGABYTES
-        if run_limited(words, work, limits.seconds, megabytes, said) != 0:
-            said.seek(0)
-            line = (said.read().splitlines() or [f"stopped after {limits.seconds:g} s"])[-1]
-            result.remarks.append(brief(f"not all pictures: {line}"))
-        target.mkdir(parents=True, exist_ok=True)
-        for frame in sorted(work.parent.glob("frames/frame_*.png")):
-            step = int(re.sub(r"\D", "", frame.stem))
-            path = target / f"{scene}_{step:04d}.png"
-            shutil.copyfile(frame, path)
-            result.pictures.append((step * TIME_STEP, path))
+    steps = SCENES[scene][1]
+    result = compare_steps(scene, folder, limits, steps=steps)
+    if result.problem or result.steps < steps:
+        frames, problem = _frames(scene, folder, limits.seconds, limits.megabytes)
+    else:
+        with _isDrawing:
+            frames, problem = _our_frames(scene, limits.seconds, limits.megabytes)
+    result.remarks += [problem] if problem else []
+    target.mkdir(parents=True, exist_ok=True)
+    for step, frame in frames:
+        path = target / f"{scene}_{step:04d}.png"
+        path.write_bytes(frame)
+        result.pictures.append((step * TIME_STEP, path))
     return result
+
+
+def _frames(scene, functions, seconds, megabytes):
+    """Draws a scene; returns [(step, PNG)], and a problem or "". functions : a folder, or None"""
+    with copied(functions) as work, tempfile.TemporaryFile("w+", encoding="utf-8") as said:
+        words = [PROJECT_DIRECTORY / "RigidBodySimulation.py", scene]
+        words += ["--functions", work] if functions else ["--basic"]
+        words += ["--time-step", TIME_STEP, "--steps", SCENES[scene][1], "--every", EVERY]
+        words += ["--size", SIZE, "--screenshots", work.parent / "frames"]
+        code, problem = run_limited(words, work, seconds, megabytes + DRAWING_MEGABYTES, said), ""
+        if code != 0:
+            said.seek(0)
+            line = (said.read().splitlines() or [f"stopped after {seconds:g} s"])[-1]
+            problem = brief(f"not all pictures: {line}")
+        paths = sorted(work.parent.glob("frames/frame_*.png"))
+        return [(int(re.sub(r"\D", "", one.stem)), one.read_bytes()) for one in paths], problem
+
+
+def measured(folder, limits):
+    """Returns a dict from the number of a section to lines that help a marker."""
+    with copied(folder) as work:
+        answer = work.parent / "answer.json"
+        run_limited([MEASURES, answer], work, limits.seconds, limits.megabytes)
+        try:
+            return json.loads(answer.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return {}
+
+
+_isDrawing = threading.Lock()
+
+
+@functools.cache
+def _our_frames(scene, seconds, megabytes):
+    return _frames(scene, None, seconds, megabytes)
 
 
 def main(given):
@@ -117,6 +159,8 @@ def main(given):
     order |= {"steps": given.steps, "timeStep": given.time_step, "restitution": given.restitution}
     with modules_of(find_submission(given.code)) as (folder, remarks):
         result = compare_steps(given.scene, folder, given, **order)
+    if result.problem.startswith("cannot be imported"):
+        raise SubmissionError(result.problem)
     agree = f"{result.steps} steps agree; the largest relative difference is {result.largest:.1e}"
     for line in (*remarks, *result.remarks, result.problem or agree):
         print(printable(line))

@@ -10,13 +10,15 @@ from isolated.archives import find_submission, modules_of
 from isolated.processes import add_limit_arguments, run_isolated
 from reference.graderData import DATA_DIRECTORY, printable
 from verdict.bodies import Bodies
-from verdict.gradeReport import make_grade
+from verdict.gradeReport import explained, make_grade
 
 from classwork.likeness import origin_remarks
+from classwork.marks import DEFAULT_SCHEME, load_scheme
 from rbs.program.options import OneLineParser
 from rbs.scenes.messages import InputError
 
 PASSED, FAILED, BAD_DATA = 0, 1, 2
+FIRST = -1  # the sample that --explain shows by default
 STOPPED = 130  # 128 + SIGINT, the shell's code for a program that Ctrl-C ended
 
 
@@ -25,6 +27,9 @@ def run_grader(description, grader):
     parser = make_parser(description)
     text = "grade RBSFunctions.py and Quaternion.py in this folder (default: the project's own)"
     parser.add_argument("--modules", metavar="DIR", help=text)
+    form = {"metavar": "SAMPLE", "nargs": "?", "type": int, "const": FIRST}
+    text = "print a sample with our intermediate values (default: the first that fails)"
+    parser.add_argument("--explain", **form, help=text)
 
     def main(arguments):
         data = grader.load(arguments.data)
@@ -40,11 +45,28 @@ def run_grader(description, grader):
                 given = {grader.module: data}
                 (grade,) = grade_submission([grader], folder, given, arguments).values()
                 remarks += [f"modules {arguments.modules}", *found, *origin_remarks(folder)]
-        grade.remarks += map(printable, remarks)
-        grade.report()
+        grade.remarks += remarks
+        sample = None if arguments.explain == FIRST else arguments.explain
+        shown = explained(grade.outcomes, data, sample) if arguments.explain is not None else ()
+        grade.report(shown, what_next(grader, grade, data) if arguments.modules else ())
         return FAILED if grade.failures else PASSED
 
     return run_program(parser, main)
+
+
+# What follows when a grader passes.
+NEXT = {"integrationGrading": "ResolveCollisionsGrading.py"}
+NEXT |= {"ResolveCollisionsGrading": "Constraints.py", "Constraints": "compare.py"}
+
+
+def what_next(grader, grade, data):
+    """Names the function to write or to mend next, and its marks, or the next program."""
+    wrong = [one.part.split()[0] for one in grade.quantities if not one.isRight]
+    if not wrong:
+        return [f"Next: {NEXT[grader.module]}"]
+    scheme = load_scheme(DEFAULT_SCHEME, [grader], {grader.module: data}, isWhole=False)
+    marks = f", {scheme[wrong[0]].most:g} marks" if wrong[0] in scheme else ""
+    return [f"Next: {wrong[0]}{marks}; --explain shows the first sample that fails"]
 
 
 def make_parser(description):

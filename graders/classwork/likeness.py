@@ -1,7 +1,8 @@
 """Measures the likeness of submissions by the shape of their code. Pairs are listed, not judged.
 
-A file is reduced to the sequence of its syntax tree's nodes, without names, numbers, texts,
-comments, docstrings and imports. Runs of consecutive nodes are compared.
+Of a file, the functions that the coursework asks for are compared, and those that they call; all
+others are the skeleton's. They are reduced to the sequence of their syntax tree's nodes, without
+names, numbers, texts, comments, docstrings and imports. Runs of consecutive nodes are compared.
 """
 
 import ast
@@ -17,6 +18,8 @@ from classwork.sheets import write_rows
 RUN = 12
 # Runs of the shortest file that can be told from others.
 FEWEST = 200
+ASKED = """resolve_velocity_constraint resolve_position_constraint resolve_collision
+get_rotated_inv_IT integrate_timestep""".split()
 # The likeness from which a pair is listed.
 REPORTED = 0.6
 LEFT_OUT = (ast.expr_context, ast.Import, ast.ImportFrom, ast.arguments, ast.alias)
@@ -29,7 +32,12 @@ def fingerprint(folder):
         tree = ast.parse((folder / "RBSFunctions.py").read_bytes())
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
         return frozenset()
-    nodes = [type(node).__name__ for node in _walk(tree)]
+    known = {one.name: one for one in ast.walk(tree) if isinstance(one, ast.FunctionDef)}
+    names = [name for name in ASKED if name in known]
+    for name in names:  # which grows
+        called = (getattr(one, "attr", getattr(one, "id", "")) for one in ast.walk(known[name]))
+        names += [one for one in dict.fromkeys(called) if one in known and one not in names]
+    nodes = [type(node).__name__ for name in names for node in _walk(known[name])]
     runs = (" ".join(nodes[k : k + RUN]) for k in range(len(nodes) - RUN + 1))
     return frozenset(zlib.crc32(run.encode()) for run in runs)
 

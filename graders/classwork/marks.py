@@ -1,28 +1,41 @@
 """Marks a submission by a scheme in a file, and writes Gradescope's results.json."""
 
 import configparser
+import csv
 import json
+import re
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from reference.graderData import ERROR_BOUND
 from verdict.hints import mistakes_of
 
+from classwork.sheets import FORMULA
 from rbs.scenes.files import atomic_write
 from rbs.scenes.messages import InputError
 
 DEFAULT_SCHEME = Path(__file__).resolve().parents[1] / "marks.ini"
-SCENE_MARKS = "scenes"
+MARKER = "by the marker"
 
 
-def load_scheme(path, graders, data):
-    """Reads the marks of each function. Raises InputError, OSError.
+class Item(NamedTuple):
+    """An item of the scheme. free : quantities that do not count, or None if it is the marker's"""
 
-    data : dict from a grader's module to its data
+    most: float
+    free: list | None
+    section: str
 
-    Returns a dict from each name to (its marks, quantities that do not count).
+
+def load_scheme(path, graders, data, hasScenes=True, isWhole=True):
+    """Reads the marks of each item. Raises InputError, OSError.
+
+    data : dict from a grader's module to its data; hasScenes : whether scenes are graded
+    isWhole : whether each item is the marker's or belongs to one of the graders
+
+    Returns a dict from name to Item.
     """
-    free = {SCENE_MARKS: []}
+    free = {name: [] if hasScenes else None for name in ("scenes", "constraint scenes")}
     for grader in graders:
         for part in grader.parts:
             free.setdefault(part.function, []).extend(_free(part, data[grader.module]))
@@ -31,11 +44,12 @@ def load_scheme(path, graders, data):
     scheme = {}
     try:
         parser.read_string(path.read_text("utf-8-sig"), str(path))
-        items = [item for heading in parser.sections() for item in parser[heading].items()]
-        for name, text in items:
-            if name not in free:
-                raise ValueError(f"'{name}' is not one of {', '.join(free)}")
-            scheme[name] = float(text), free[name]
+        for section in parser.sections():
+            for name, text in parser[section].items():
+                if isWhole and name not in free and not text.endswith(MARKER):
+                    raise ValueError(f"'{name}' is not one of {', '.join(free)}, nor {MARKER}")
+                most = float(text.removesuffix(MARKER))
+                scheme[name] = Item(most, free.get(name), section)
     except (configparser.Error, ValueError) as problem:
         raise InputError(f"{path}: {problem}") from None
     return scheme
@@ -54,39 +68,72 @@ def _free(part, data):
 
 
 def marks_of(outcome, scheme):
-    """Returns a dict from each graded part of the scheme to (marks, maximum, what is wrong)."""
-    if outcome.refusal:
-        return {name: (0.0, most, [outcome.refusal]) for name, (most, _free) in scheme.items()}
-    scenes = [(f"{one.name}: {one.problem}", not one.problem) for one in outcome.scenes]
-    tried = {SCENE_MARKS: scenes}
+    """Returns a dict from each graded item of the scheme to (marks, maximum, what is wrong)."""
+    tried, marks = {}, {}
+    for one in outcome.scenes:
+        tried.setdefault(one.item, []).append((f"{one.name}: {one.problem}", not one.problem))
     for quantity in (one for grade in outcome.grades.values() for one in grade.quantities):
-        tried.setdefault(quantity.part.split()[0], []).append((quantity.name, quantity.isRight))
-    marks = {}
-    for name, (most, free) in scheme.items():
-        counted = [one for one in tried.get(name, ()) if not one[1] or one[0] not in free]
-        wrong = [text for text, isRight in counted if not isRight]
+        tried.setdefault(quantity.part.split()[0], []).append((quantity.name, quantity.share))
+    for name, (most, free, _section) in scheme.items():
+        counted = [one for one in tried.get(name, ()) if one[1] < 1 or one[0] not in free]
         if tried.get(name):
-            given = most * (1 - len(wrong) / max(1, len(counted)))
-            marks[name] = round(given, 2), most, wrong
+            given = most * sum(share for _text, share in counted) / max(1, len(counted))
+            marks[name] = round(given, 2), most, [text for text, share in counted if share < 1]
     return marks
 
 
 def marks_row(outcome, scheme):
-    """Returns columns of marks.csv: each part, empty if not graded, and "total" and "of"."""
+    """Returns columns of marks.csv: each item, empty if not graded, and "total" and "of"."""
     given = marks_of(outcome, scheme)
-    row = dict.fromkeys(scheme, "") | {name: f"{one[0]:g}" for name, one in given.items()}
-    total, most = (sum(one[k] for one in given.values()) for k in (0, 1))
-    return row | {"total": f"{round(total, 2):g}", "of": f"{most:g}"}
+    row = dict.fromkeys((*scheme, "total", "of"), "")
+    row |= {name: f"{one[0]:g}" for name, one in given.items()}
+    return row | (_total(row, scheme) if given else {})
 
 
-def write_gradescope(path, outcome, scheme):
+def _total(row, scheme):
+    filled = {name: float(row[name]) for name in scheme if row[name]}
+    total, most = sum(filled.values()), sum(scheme[name].most for name in filled)
+    return {"total": f"{round(total, 2):g}", "of": f"{most:g}"}
+
+
+def merge_marks(path, rows, scheme):
+    """Puts a marker's numbers into rows of marks.csv; returns the names of incomplete rows.
+
+    path : of a CSV file with "submission" and items; cells that are empty leave the row's. Raises
+        InputError, OSError.
+    """
+    known = {row["submission"]: row for row in rows}
+    with open(path, encoding="utf-8-sig", newline="") as file:
+        for number, given in enumerate(csv.DictReader(file), start=2):
+            name = re.sub(FORMULA, r"\2", given.get("submission") or "")
+            if other := [one for one in given if one not in (rows or [given])[0]]:
+                raise InputError(f"{path}: '{other[0]}' is no column of marks.csv")
+            for item in scheme:
+                text = (given.get(item) or "").strip().replace(",", ".")
+                try:
+                    known[name][item] = f"{float(text):g}" if text else known[name][item]
+                    if text and not 0 <= float(text) <= scheme[item].most:
+                        raise ValueError
+                except KeyError:
+                    raise InputError(f"{path}, line {number}: no submission '{name}'") from None
+                except ValueError:
+                    cause = f"{item} is {text}, not 0 to {scheme[item].most:g}"
+                    raise InputError(f"{path}, line {number}: {cause}") from None
+    for row in rows:
+        row |= _total(row, scheme)
+    return [row["submission"] for row in rows if not all(row[item] for item in scheme)]
+
+
+def write_gradescope(path, outcome, scheme, failing="visible"):
     """Writes results.json as Gradescope expects it of an autograder. Raises OSError.
 
+    failing : the visibility of failing tests: visible, hidden, after_due_date or after_published
     https://gradescope-autograders.readthedocs.io/en/latest/specs/
     """
     tests, given = [], marks_of(outcome, scheme)
     for name, (marks, most, wrong) in given.items():
-        test = {"name": name, "score": marks, "max_score": most, "visibility": "visible"}
+        test = {"name": name, "score": marks, "max_score": most}
+        test["visibility"] = failing if wrong else "visible"
         tests.append(test | {"output": f"wrong: {'; '.join(wrong)}" if wrong else "right"})
     notes = [f"{what}: {text}" for grade in outcome.grades.values() for what, text in grade.notes]
     results = {

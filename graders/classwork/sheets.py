@@ -33,7 +33,8 @@ def rows_of(outcome):
     row |= {"submission": outcome.name, "path": outcome.path}
     row |= {"remarks": BETWEEN.join(outcome.remarks), "passed": "0"}
     if outcome.refusal:
-        return [row | {"notes": outcome.refusal, "failed": "everything: refused"}]
+        state = outcome.state if outcome.remedy else "everything: refused"
+        return [row | {"notes": outcome.refusal, "failed": state}]
     rows = []
     for module, grade in outcome.grades.items():
         failed = dict.fromkeys(one.part for one in grade.quantities if not one.isRight)
@@ -94,25 +95,27 @@ def _split(cell):
 
 
 def summary_of(rows, marks):
-    """Returns lines on the class: its marks, the parts that fail, and the commonest notes.
+    """Returns lines on the class: marks, failing parts, commonest notes, and what needs attention.
 
     rows : of grades.csv; marks : dict from a submission's name to its row of marks.csv
     """
-    totals = [float(row["total"]) for row in marks.values()]
+    totals = [float(row["total"]) for row in marks.values() if row["total"]] or [0.0]
+    waiting = [row for row in marks.values() if row["state"] == "needs attention"]
     failed = Counter(part for row in rows for part in _split(row["failed"]))
     notes = Counter(note for row in rows for note in _split(row["notes"]))
     return [
         f"marks: mean {statistics.mean(totals):.1f}, median {statistics.median(totals):g}",
+        *(f"needs attention: {row['submission']}: {printable(row['remarks'])}" for row in waiting),
         *(f"{count:4} of {len(marks)} fail: {part}" for part, count in failed.most_common()),
         *(f"{count:4} x {printable(note)}" for note, count in notes.most_common(MOST_NOTES)),
     ]
 
 
-def write_sheet(path, outcome, marks):
+def write_sheet(path, outcome, marks, scheme):
     """Writes a submission's Markdown sheet; marks : its row of marks.csv. Raises OSError."""
     lines = [f"# {_plain(outcome.name)}", ""]
     if outcome.refusal:
-        lines += [f"Not graded: {_plain(outcome.refusal)}", ""]
+        lines += [f"Not graded, {outcome.state}: {_plain(outcome.refusal)}", ""]
     else:
         verdict = "passes" if passes(rows_of(outcome)) else "does not pass"
         text = f"a quantity passes if its largest error is below {ERROR_BOUND:g}."
@@ -124,11 +127,26 @@ def write_sheet(path, outcome, marks):
         lines += _listed(f"{what}: {text}" for what, text in grade.notes)
         lines += [f"    {line}" for line in [*grade.table(), "", grade.verdict()]] + [""]
         lines += _listed(grade.remarks)
+    lines += [] if outcome.refusal else _marker_rows(outcome, marks, scheme, path.parent)
     lines += ["## Scenes", ""] * bool(outcome.scenes)
     for scene in outcome.scenes:
         lines += _contact_sheet(scene, path.parent)
     with atomic_write(path) as partial, open(partial, "w", encoding="utf-8", newline="\n") as file:
         file.write("\n".join(lines).rstrip() + "\n")
+
+
+def _marker_rows(outcome, marks, scheme, folder):
+    """The items by the marker, and what helps to decide."""
+    lines = ["## By the marker", "", "| item | of | marks | see |", "|---|--:|--:|---|"]
+    for name, item in scheme.items():
+        if not marks[name]:
+            see = [*map(_plain, outcome.measures.get(item.section[0], ()))]
+            for text, target in outcome.documents if "report" in name else ():
+                see.append(f"[{_plain(text)}]({_relative(target.resolve(), folder)})")
+            seen = [one.name for one in outcome.scenes if scheme[one.item].section == item.section]
+            see = "; ".join(see + [f"pictures of {', '.join(seen)}"] * bool(seen))
+            lines.append(f"| {_plain(name)} | {item.most:g} |  | {see} |")
+    return [*lines, ""]
 
 
 def _listed(texts):
@@ -140,10 +158,14 @@ def _contact_sheet(scene, folder):
     """The pictures of a scene in a row, with their times below."""
     lines = [f"### {scene.name}", "", _plain(scene.problem or "The steps agree with ours."), ""]
     lines += _listed(scene.remarks)
-    paths = [os.path.relpath(path, folder).replace(os.sep, "/") for _time, path in scene.pictures]
-    rows = [f"![{scene.name}]({quote(path)})" for path in paths], [":-:"] * len(paths)
+    paths = [_relative(path, folder) for _time, path in scene.pictures]
+    rows = [f"![{scene.name}]({path})" for path in paths], [":-:"] * len(paths)
     rows += ([f"{time:g} s" for time, _path in scene.pictures],)
     return lines + [f"| {' | '.join(row)} |" for row in rows if paths] + [""]
+
+
+def _relative(path, folder):
+    return quote(os.path.relpath(path, folder).replace(os.sep, "/"))
 
 
 def _plain(text):

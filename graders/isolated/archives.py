@@ -1,29 +1,37 @@
 """Finds submissions in folders, names them, and reads them from folders, ZIPs and tars.
 
-Only the folder with RBSFunctions.py and its subfolders are read, and a copy of them is used. Links
-are never followed, and no name can lead out of the copy.
+Only the folder with RBSFunctions.py, its subfolders and `data` are read, and copied. Links are
+never followed, and no name can lead out of the copy.
 """
 
+import ast
 import itertools
 import os
 import re
+import shutil
 import stat
 import tarfile
 import tempfile
 import unicodedata
 import zipfile
 import zlib
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
+from hashlib import sha256
 from pathlib import Path
 
-from rbs.program.submissions import SUBMITTED_MODULES, SubmissionError
+from reference.graderData import DATA_DIRECTORY
+
+from rbs.program.submissions import SUPPLIED, SubmissionError
 
 TARS = (".tar", ".tar.gz", ".tgz")
 ARCHIVES = (".zip", *TARS)
 # Loose files that are refused by name, because they may be somebody's work.
-UNREAD = (".7z", ".rar", ".py")
+UNREAD = (".7z", ".rar", ".py", ".pdf")
+OTHER_DATA = shutil.ignore_patterns("*.data", "*.py")  # results, and what made them
+# What a marker reads and watches.
+DOCUMENTS = (".pdf", ".docx", ".odt", ".mp4", ".mov", ".avi", ".mkv", ".webm", ".gif")
 # Folders without a solution, in lower case; those that begin with a dot are skipped, too.
 SKIPPED = {"__pycache__", "__macosx", "env", "venv", "node_modules", "site-packages"}
 # The most that a solution needs, in bytes and files. Larger or further files are left out.
@@ -36,8 +44,13 @@ LONGEST_NAME = 80
 DOWNLOAD = re.compile(
     r"(.+?)(?:_late)?_(\d+)_(?:\d+|assignsubmission_file)(?:_(.*))?", re.IGNORECASE
 )
-MODULE_FILES = {f"{name}.py".lower(): f"{name}.py" for name in SUBMITTED_MODULES}
-FUNCTIONS = "rbsfunctions.py"
+# Blackboard's and other names of attempts.
+ATTEMPT = re.compile(r"(.+?)_attempt_(\d[\d-]*)(?:[_.].*)?", re.IGNORECASE)
+STUDENT_ID = re.compile(r"(?<![^\W_])([a-z]?\d{5,10})(?![^\W_])", re.IGNORECASE)
+MODULES = {name.lower(): f"{name}.py" for name in ("RBSFunctions", *SUPPLIED)}
+# A module's name, perhaps with what browsers and file managers add.
+MODULE = re.compile(r"(\w+?)(?: ?\(\d+\)|[ _-]+(?:copy|\d+))?\.py", re.IGNORECASE)
+FUNCTIONS = "RBSFunctions.py"
 LOOSE = "a loose {} file is not read: put RBSFunctions.py and what it needs into a folder or a ZIP"
 
 
@@ -45,13 +58,16 @@ LOOSE = "a loose {} file is not read: put RBSFunctions.py and what it needs into
 class Entry:
     """A submission: a unique name that any file can have, and a path.
 
-    files : pairs (name, path) if the submission consists of loose files, as from Canvas
+    files : pairs (name, path) of loose files, as from Canvas
+    id : of the student, or ""; remarks : on other attempts
     isAnonymous : whether no text may name its folders
     """
 
     name: str
     path: Path
     files: tuple = ()
+    id: str = ""
+    remarks: tuple = ()
     isAnonymous: bool = False
 
 
@@ -61,13 +77,13 @@ class Entry:
 def find_submissions(paths):
     """Returns the list of Entry in these paths, each a submission or a folder of submissions.
 
-    An archive is a submission, and so is a folder with RBSFunctions.py in it or in its `code`. In
-    any other folder, each archive and each folder is one. Raises SubmissionError.
+    An archive is one, and so is a folder with RBSFunctions.py in it or in its `code`. In any other
+    folder, each archive and folder is. Only a student's last attempt is. Raises SubmissionError.
     """
     found = []
     for path in map(Path, paths):
         tops = [one for one in (path, path / "code") if one.is_dir()]
-        names = [file.name.lower() for one in tops for file in one.iterdir()]
+        names = [_module(file.name) for one in tops for file in one.iterdir()]
         if _is_archive(path) or FUNCTIONS in names:
             found.append((_name_of(path), path, ()))
         elif path.is_dir():
@@ -78,11 +94,21 @@ def find_submissions(paths):
         else:
             exists = "not a folder, a ZIP or a tar" if path.exists() else "no such file or folder"
             raise SubmissionError(f"{path}: {exists}")
-    entries = {}
+    entries, last, others = {}, {}, {}
+    for one in sorted(found, key=lambda one: [int(x) for x in re.findall(r"\d+", one[1].stem)]):
+        if attempt := ATTEMPT.fullmatch(one[1].name):
+            if attempt[1] in last:
+                found.remove(last[attempt[1]])
+                others.setdefault(attempt[1], []).append(last[attempt[1]][1].name)
+            last[attempt[1]] = one
     for stem, path, files in found:
         names = itertools.chain([stem], (f"{stem}-{number}" for number in itertools.count(2)))
         name = next(name for name in names if name.lower() not in entries)
-        entries[name.lower()] = Entry(name, path, files)
+        download, number = DOWNLOAD.fullmatch(path.stem), STUDENT_ID.search(path.name)
+        number = download[2] if download else number[1] if number else ""
+        told = others.get(attempt[1], ()) if (attempt := ATTEMPT.fullmatch(path.name)) else ()
+        remarks = tuple(f"{one} is not graded, because this attempt is later" for one in told)
+        entries[name.lower()] = Entry(name, path, files, number, remarks)
     return list(entries.values())
 
 
@@ -93,19 +119,22 @@ def find_submission(path):
 
 def _inside(folder):
     """The submissions in a folder, in order: (name, path, loose files)."""
-    found, loose = [], {}
+    found, loose = {}, {}
     for path in sorted(folder.iterdir()):
         if _is_skipped(path.name):
             continue
         download, ending = DOWNLOAD.fullmatch(path.name), path.suffix.lower()
+        key = download.group(1, 2) if download else path
         if path.is_dir() or _is_archive(path):
-            found.append((_name_of(path), path, ()))
-        elif download and ending == ".py":
+            found[key if key not in found else path] = _name_of(path), path
+        elif download and ending in (".py", *DOCUMENTS):
             file = re.sub(r"-\d+(\.\w+)$", r"\1", download[3] or "")  # submitted again
-            loose.setdefault(download.group(1, 2), []).append((file, path))
+            loose.setdefault(key, []).append((file, path))
         elif ending in UNREAD:
-            found.append((plain(path.name), path, ()))
-    return found + [(plain(who), files[0][1], tuple(files)) for (who, _), files in loose.items()]
+            found[path] = plain(path.name), path
+    for key, files in loose.items():
+        found.setdefault(key, (plain(key[0]), files[0][1]))
+    return [(*one, tuple(loose.get(key, ()))) for key, one in found.items()]
 
 
 def _is_archive(path):
@@ -121,7 +150,7 @@ def _name_of(path):
     name = path.resolve().name
     if path.is_file():
         name = re.sub(r"(\.tar)?\.\w+$", "", name)
-    download = DOWNLOAD.fullmatch(name)
+    download = DOWNLOAD.fullmatch(name) or ATTEMPT.fullmatch(name)
     return plain(download[1] if download else name)
 
 
@@ -142,10 +171,12 @@ def modules_of(entry):
     Raises SubmissionError if RBSFunctions.py is missing, or the submission cannot be read.
     """
     with tempfile.TemporaryDirectory(prefix="submission-", ignore_cleanup_errors=True) as place:
-        folder = Path(place).resolve()
+        folder = Path(place).resolve() / "code"
         try:
             with ExitStack() as stack:
                 remarks = _take(_members(entry, stack), folder, entry.isAnonymous)
+            if not (data := folder.with_name("data")).exists():
+                shutil.copytree(DATA_DIRECTORY, data, ignore=OTHER_DATA)
         except SubmissionError:
             raise
         except OSError as error:
@@ -154,7 +185,27 @@ def modules_of(entry):
             raise SubmissionError("is not a ZIP or tar, or is damaged") from None
         except RuntimeError:
             raise SubmissionError("is encrypted, or compressed in an unknown way") from None
-        yield folder, remarks
+        yield folder, [*entry.remarks, *remarks]
+
+
+def documents_of(entry):
+    """The report and the videos in a submission: pairs (name, path of it or of its archive)."""
+    with ExitStack() as stack, suppress(Exception):
+        names = ["/".join(parts) for parts, _opener in _members(entry, stack)]
+        found = [(a, dict(entry.files).get(a, entry.path / a)) for a in names]
+        found = [(a, b if b.exists() else entry.path) for a, b in found]
+        return [one for one in found if one[0].lower().endswith(DOCUMENTS)]
+    return []
+
+
+def digest_of(entry):
+    """A text that differs if any file of a submission does."""
+    digest = sha256()
+    paths = sorted(_walked(entry.path)) if entry.path.is_dir() else [entry.path]
+    for path in [*paths, *(path for _name, path in entry.files)]:
+        with suppress(OSError):
+            digest.update(path.name.encode("utf-8", "replace") + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def _members(entry, stack):
@@ -162,11 +213,12 @@ def _members(entry, stack):
 
     Archives among them are opened, too, if RBSFunctions.py is not among the files.
     """
-    if entry.files:
-        return [((name,), partial(open, path, "rb")) for name, path in entry.files]
+    loose = [((name,), partial(open, path, "rb")) for name, path in entry.files]
+    if loose and loose[0][1].args[0] == entry.path:
+        return loose
     if not entry.path.is_dir() and not _is_archive(entry.path):
         raise SubmissionError(LOOSE.format(entry.path.suffix))
-    members = list(_opened(entry.path, stack))
+    members = [*_opened(entry.path, stack), *loose]
     if not _folders_in(members):
         for parts, opener in members[:]:
             if parts[-1].lower().endswith(ARCHIVES):
@@ -200,14 +252,25 @@ def _walked(folder):
         yield from (path for path in paths if path.is_file() and not path.is_symlink())
 
 
+def _module(name):
+    """The module whose file has this name, perhaps as RBSFunctions (1).py, or ""."""
+    match = MODULE.fullmatch(name)
+    return MODULES.get(match[1].lower(), "") if match else ""
+
+
 def _folders_in(members):
-    """The folders with an RBSFunctions.py, the uppermost first."""
-    folders = {parts[:-1] for parts, _ in members if parts[-1].lower() == FUNCTIONS}
-    return sorted(folders, key=lambda folder: (len(folder), folder))
+    """The folders with an RBSFunctions.py: the uppermost first, of these that with most code."""
+    folders = {}
+    for parts, opener in members:
+        if _module(parts[-1]) == FUNCTIONS:
+            with suppress(SyntaxError, ValueError, RecursionError, MemoryError), opener() as source:
+                folders.setdefault(parts[:-1], 0)
+                folders[parts[:-1]] = len(list(ast.walk(ast.parse(source.read(LARGEST_FILE)))))
+    return sorted(folders, key=lambda folder: (len(folder), -folders[folder], folder))
 
 
 def _take(members, target, isAnonymous):
-    """Copies the student's modules, and the files beside and below them; returns remarks."""
+    """Copies the student's modules, the files beside and below them, and data; returns remarks."""
     if not (folders := _folders_in(members)):
         unread = [one for one in UNREAD[:2] for parts, _ in members if parts[-1].endswith(one)]
         more = f"; its {unread[0]} file is not read" if unread else ""
@@ -217,22 +280,33 @@ def _take(members, target, isAnonymous):
     remarks = [f"modules found in {shown[0]}"] if top else []
     remarks += [f"another RBSFunctions.py, in {one}, is not graded" for one in shown[1:]]
 
-    wanted = [(p[len(top) :], one) for p, one in members if p[: len(top)] == top != p]
+    wanted = [(("code", *p[len(top) :]), one) for p, one in members if p[: len(top)] == top != p]
     wanted.sort(key=lambda one: len(one[0]))
-    names = {parts[0] for parts, _ in wanted}
-    left, lost = MOST_BYTES, len(wanted[MOST_FILES:])
+    names = {parts[1] for parts, _ in wanted}
+    if "Quaternion.py" not in map(_module, names):
+        for parts, opener in [one for one in members if _module(one[0][-1]) == "Quaternion.py"][:1]:
+            wanted.insert(0, (("code", "Quaternion.py"), opener))
+            remarks.append(f"Quaternion.py found in {'a folder' if isAnonymous else parts[-2:][0]}")
+    for folder in (*top[:-1], "data"), (*top, "data"):  # what is ../data for the student
+        inside = [(p, one) for p, one in members if p[: len(folder)] == folder != p]
+        wanted += [(("data", *p[len(folder) :]), one) for p, one in inside]
+    left, lost, taken = MOST_BYTES, len(wanted[MOST_FILES:]), set()
     for parts, opener in wanted[:MOST_FILES]:
-        right = MODULE_FILES.get(parts[0].lower())
-        if len(parts) == 1 and right and right not in names:
-            remarks.append(f"{parts[0]} is read as {right}")
-            parts = (right,)
+        right = _module(parts[1]) if parts[0] == "code" and len(parts) == 2 else ""
+        if right and right not in names | taken:
+            remarks.append(f"{parts[1]} is read as {right}")
+            parts = "code", right
+            taken.add(right)
         with opener() as source:
             content = source.read(LARGEST_FILE + 1)
         if len(content) > min(LARGEST_FILE, left):
-            lost += parts[-1].endswith(".py")
+            lost += parts[-1].endswith((".py", ".txt", ".mesh", ".off", ".data"))
             continue
         left -= len(content)
-        path = target.joinpath(*parts)
+        if parts[-1].endswith(".py") and content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            remarks.append(f"{parts[-1]} is in UTF-16, which Python cannot read; converted")
+            content = content.decode("utf-16").encode()
+        path = target.with_name(parts[0]).joinpath(*parts[1:])
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
     return remarks + [f"{lost} files are left out: too many or too large"] * bool(lost)

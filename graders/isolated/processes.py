@@ -47,9 +47,14 @@ def add_limit_arguments(parser, seconds=30):
 
 @contextmanager
 def copied(folder):
-    """Yields the path of a copy of a folder, and removes it in the end."""
+    """Yields the path of a copy of a folder or None, beside one of ../data, and removes both."""
     with tempfile.TemporaryDirectory(prefix="running-", ignore_cleanup_errors=True) as place:
-        yield Path(shutil.copytree(folder, Path(place).resolve() / "work"))
+        work = Path(place).resolve() / "work"
+        work.mkdir()
+        if folder is not None:
+            shutil.copytree(folder.with_name("data"), work.with_name("data"))
+            shutil.copytree(folder, work, dirs_exist_ok=True)
+        yield work
 
 
 def run_limited(words, folder, seconds, megabytes, errors=subprocess.DEVNULL):
@@ -112,7 +117,8 @@ def run_isolated(graders, folder, dataFolder, data, limits):
     data : dict from a grader's module to its data, which the process reads from dataFolder
     limits : with `seconds` for each part, and `megabytes`
 
-    Returns a dict from a grader's module to a list of (Part, Results).
+    Returns a dict from a grader's module to a list of (Part, Results). Raises SubmissionError with
+    a remedy if the modules cannot be imported for a reason that is not the student's mistake.
     """
     parts = {
         (one.module, part.name): part for one in graders for part in one.asked(data[one.module])
@@ -140,7 +146,7 @@ def _run(order, folder, limits):
     Returns a dict from (module, part) to results as `Results.as_json` gives them, whether the
     modules could be imported, and why the process ended.
     """
-    contents, isLoaded, cause = {}, False, None
+    contents, isLoaded, cause, remedy = {}, False, None, None
     with copied(folder) as work:
         answers, trace = work.parent / "answers.jsonl", work.parent / "trace.txt"
         places = {"folder": str(work), "answers": str(answers), "trace": str(trace)}
@@ -151,9 +157,12 @@ def _run(order, folder, limits):
                 answer = json.loads(line)
                 isLoaded = isLoaded or "loaded" in answer
                 cause = answer.get("refused")
+                remedy = answer.get("remedy")
                 if "part" in answer:
                     contents[tuple(answer["part"])] = answer["results"]
         said = trace.read_text(errors="replace") if trace.exists() else ""
+    if remedy:
+        raise SubmissionError(cause, remedy)
     if code is None or "Timeout (" in said:
         reason = f"stopped after {limits.seconds:g} s"
     elif code < 0:

@@ -2,8 +2,8 @@
 
 Each of the student's steps begins with our state. Each call of a function that the coursework asks
 for is repeated with ours, on the same input. If all calls agree but the step does not, the step is
-repeated with `basic_step`, our loop around the student's functions: the difference is the first
-call that the two make in another order, or in another state.
+repeated in `our_loop`, around the student's functions: the difference is the first call that the
+two make in another order, or in another state.
 """
 
 import copy
@@ -25,8 +25,8 @@ from verdict.bodies import match_inertia
 
 import RBSFunctions
 from Quaternion import QRotate
-from rbs.program.submissions import describe
-from rbs.program.submittedsteps import SubmittedSteps, basic_step
+from rbs.program.submissions import SubmissionError, describe
+from rbs.program.submittedsteps import SubmittedSteps, our_loop
 from rbs.scenes.simulation import Simulation
 from rbs.stepping.bodies import StateError
 from rbs.stepping.settings import GRAVITY, Settings
@@ -39,6 +39,7 @@ TOLERANCE = 1e-9
 # Quantities of a new mesh, of a state, and of results, each with its scale.
 BUILT = {"origVertices": "own", "invMass": "own", "invIT": "own"}
 STATE = {"position": "length", "orientation": "own", "linVelocity": "speed", "angVelocity": "spin"}
+STATES = (*STATE, "currVertices")  # the last of which the released ground lacks
 CONTACT = {"depth": "length", "intNormal": "own", "intPosition": "length"}
 VELOCITIES = {"correctedLinVelocities": "speed", "correctedAngVelocities": "spin"}
 RETURNED = {
@@ -70,8 +71,9 @@ class Comparison:
         self.driven.settings = ours.settings
         self.steps = self.driven.submitted = SubmittedSteps(folder)
         self.runTimestep = self.steps.run_timestep
-        self.ourLoop = partial(basic_step, self.steps.functions)
+        self.ourLoop = partial(our_loop, self.steps.functions)
         self.shadows = [*Simulation(ours.source).meshes, self.driven.groundMesh]
+        self.remarks |= dict.fromkeys(self.steps.remarks, 0)
         meshes, ground = self.steps.follow(ours.meshes, ours.source)
         self.theirs = [*meshes, ground]
         self.index = {id(mesh): k for k, mesh in enumerate(self.theirs)}
@@ -79,7 +81,7 @@ class Comparison:
         for mesh, shadow in zip(meshes, self.shadows, strict=False):
             # in a turned pose, which tells R from its transpose
             before, mesh.orientation = mesh.orientation, TURN.copy()
-            self.remarks |= dict.fromkeys(match_inertia(mesh, shadow.IT), 1)
+            self.remarks |= dict.fromkeys(match_inertia(mesh, shadow.IT), 0)
             mesh.orientation = before
             pair = [[getattr(one, name, None) for name in BUILT] for one in (shadow, mesh)]
             self.compare(f"Mesh: {{}} of {shadow.name}", BUILT, *pair, type(mesh).__init__)
@@ -155,14 +157,18 @@ class Comparison:
 
     # ---- Calls ----------------------------------------------------------------------------------
 
-    def states(self):
-        """The states of the student's meshes, a dict of arrays for each."""
-        names = *STATE, "currVertices"
-        return [{name: np.array(getattr(mesh, name)) for name in names} for mesh in self.theirs]
+    def states(self, bodies=None):
+        """The states of the student's meshes, or of some: a dict from number to dict of arrays."""
+        return {
+            k: {name: np.array(getattr(mesh, name)) for name in STATES if hasattr(mesh, name)}
+            for k, mesh in enumerate(self.theirs)
+            if bodies is None or k in bodies
+        }
 
     def watched(self, function, own):
         """Wraps a function: calls are repeated with our own, and recorded if they move bodies."""
         name, parameters = own.__name__, list(inspect.signature(own).parameters)
+        isMove = not RETURNED[name]
         isPosition = name == "resolve_position_constraint"
 
         @wraps(function)
@@ -170,21 +176,22 @@ class Comparison:
             given += tuple(options.values())
             if self.problem:
                 return function(*given)
-            states = self.states()
             bodies = [self.index[id(one)] for one in given if id(one) in self.index]
             if not bodies:  # constraints receive positions, which tell the bodies
-                COMs = np.array([state["position"].ravel() for state in states[:-1]])
+                COMs = np.array([mesh.position.ravel() for mesh in self.theirs[:-1]])
                 bodies = [int(abs(COMs - one).sum(axis=1).argmin()) for one in given[0]]
             shadows = [self.shadows[k] for k in bodies]
+            states = self.states(None if isMove else bodies)
             label = f"{name}({', '.join(mesh.name for mesh in shadows)})"
             isFree = not all(mesh.isFixed for mesh in shadows)
-            copies = [one if id(one) in self.index else copy.deepcopy(one) for one in given]
+            kept = self.index if self.isChecked else set(map(id, given))
+            copies = [one if id(one) in kept else copy.deepcopy(one) for one in given]
             result = function(*given)
             if isPosition:
                 self.visits.append(bool(result[0]))
-            if isFree and (not RETURNED[name] or isPosition and not result[0]):
+            if isFree and (isMove or isPosition and not result[0]):
                 depth = abs(np.ravel(given[2])[0]) if name == "resolve_collision" else math.inf
-                self.events.append((label, bodies, states, depth))
+                self.events.append((label, bodies, states if isMove else self.states(), depth))
             if not self.isChecked or self.problem or not isFree and name == "detect_collision":
                 return result
             for mesh, k in zip(shadows, bodies, strict=True):
@@ -193,7 +200,7 @@ class Comparison:
             known = [self.index.get(id(one)) for one in copies]
             pairs = zip(known, copies, strict=True)
             ours = own(*(one if k is None else self.shadows[k] for k, one in pairs))
-            for mesh, k in zip(shadows, () if RETURNED[name] else bodies, strict=False):
+            for mesh, k in zip(shadows, bodies if isMove else (), strict=False):
                 pair = ([getattr(one, what) for what in STATE] for one in (mesh, self.theirs[k]))
                 self.compare(f"{label}: {{}} of {mesh.name}", STATE, *pair, function)
             pair = (ours, result) if len(RETURNED[name]) > 1 else ((ours,), (result,))
@@ -223,7 +230,8 @@ class Comparison:
         """The largest difference of numbers, relative to their scale."""
         ours, theirs = as_arrays(ours, theirs)
         scale = max(self.scales[kind], np.abs(ours).max(), sys.float_info.min)
-        return np.nan_to_num(np.abs(theirs - ours).max() / scale, nan=math.inf)
+        gap = float(np.abs(theirs - ours).max()) / scale
+        return math.inf if math.isnan(gap) else gap
 
     def compare(self, what, kinds, ours, theirs, function):
         """Records the first quantity that differs.
@@ -253,7 +261,10 @@ class Comparison:
     def stale(self, states):
         """Names the meshes whose currVertices do not fit position and orientation; "" if none."""
         names = []
-        for state, shadow in zip(states[:-1], self.shadows, strict=False):
+        for k, state in states.items():
+            if k == len(self.theirs) - 1:  # the ground
+                continue
+            shadow = self.shadows[k]
             vertices = QRotate(state["orientation"].reshape(1, 4), shadow.origVertices)
             vertices = vertices + state["position"].reshape(1, 3)
             if self.gap(vertices, state["currVertices"], "length") > TOLERANCE:
@@ -296,12 +307,13 @@ def main():
             comparison.step()
             answer |= {"steps": ours.stepCount, "problem": comparison.problem}
             answer["remarks"] = [
-                f"from step {k} on: {one}" for one, k in comparison.remarks.items()
+                f"from step {k} on: {one}" * (k > 0) or one for one, k in comparison.remarks.items()
             ]
             answer["largest"] = float(comparison.largest)
             Path(order["answer"]).write_text(json.dumps(answer), encoding="utf-8")
     except Exception as error:
-        answer["problem"] = describe(error, Path.cwd())
+        isOwn = isinstance(error, SubmissionError)
+        answer["problem"] = str(error) if isOwn else describe(error, Path.cwd())
     Path(order["answer"]).write_text(json.dumps(answer), encoding="utf-8")
     os._exit(0)  # skips exit handlers and threads of the submission
 

@@ -73,10 +73,10 @@ def grade(order):
         try:
             submission = load_submission(folder)
         except SubmissionError as error:
-            return answer(refused=str(error))
+            return answer(refused=str(error), remedy=error.remedy)
         answer(loaded=True)
-        modules = submission.functions, submission.quaternion
-        bodies = {module: Bodies(*modules, one) for module, one in data.items()}
+        *modules, told = submission.functions, submission.quaternion, submission.remarks
+        bodies = {module: Bodies(*modules, one, told) for module, one in data.items()}
         for module, name in order["parts"]:
             start_clock()
             (part,) = (one for one in graders[module].parts if one.name == name)

@@ -1,7 +1,7 @@
 """The graders' data and physics, written apart from the simulation that they judge.
 
 `graderData` reads the data files; `rigidModel` computes every result in plain NumPy, with and
-without known mistakes; `referencePhysics` has what `make_reference.py` needs beside it. Importing
+without known mistakes. Importing
 any of them lets graders that are started anywhere find the project's modules.
 """
 

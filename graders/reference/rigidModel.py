@@ -12,12 +12,7 @@ the results of collisions and constraints with 50 digits.
 from collections import namedtuple
 
 import numpy as np
-from released.physics2024 import (
-    INERTIA_DIVISOR,
-    in_world_axes,
-    mass_properties,
-    rotation_matrices,
-)
+from released.physics2024 import INERTIA_DIVISOR, in_world_axes, mass_properties, rotation_matrices
 
 from rbs.scenes.messages import InputError
 from reference.graderData import RELEASED_2024, WIDTHS
@@ -106,7 +101,9 @@ def integration(data, mistakes=NONE):
     turn = unless(mistakes, exponential(pure), names, first, first)
     product = multiply(q, turn) if "quaternion order" in mistakes else multiply(turn, q)
     newQ = unless(mistakes, product, "orientation left; first order", q, unit(product))
-    return {f"result{name}": a for name, a in zip(WIDTHS, (x + shift, newQ, newV, w), strict=True)}
+    results = dict(zip(WIDTHS, (x + shift, newQ, newV, w), strict=True))
+    results = {f"result{name}": one for name, one in results.items()}
+    return results | {"seen": {"new velocity": newV, "ω h/2": half, "exp(ω h/2)": turn}}
 
 
 def further_integration(data, mistakes=NONE):
@@ -165,24 +162,26 @@ def solids_of(data):
     return solids
 
 
-def world_inverse_tensors(data, k, R, mistakes):
-    """Inverse inertia tensors (n, 3, 3) in world axes: R I⁻¹ Rᵀ, or the release's."""
+def world_inverse_tensors(data, k, q, mistakes):
+    """Inverse inertia tensors (n, 3, 3) of orientations q: R I⁻¹ Rᵀ, or the release's."""
+    R = rotation_matrices(q[:, [3, 0, 1, 2]] if "tensor's scalar last" in mistakes else q)
     body, isReleased = data["solids"][k], data["convention"] == RELEASED_2024
     offset = body.centre @ body.centre * np.eye(3) - np.outer(body.centre, body.centre)
     tensor = body.tensor + ("tensor about the origin" in mistakes) * body.mass * offset  # Steiner
     tensor = tensor / (INERTIA_DIVISOR if isReleased else 1)
     inverse = tensor if "tensor not inverted" in mistakes else inverse_of(tensor)
     unturned = [np.broadcast_to(one, R.shape) for one in (np.eye(3), inverse)]
-    names = "tensor is the identity; tensor not turned; tensor turned the other way"
-    other = in_world_axes(R, inverse, not isReleased)
-    return unless(mistakes, in_world_axes(R, inverse, isReleased), names, *unturned, other)
+    names = "tensor is the identity; tensor not turned; tensor turned once; "
+    others = *unturned, R @ inverse, in_world_axes(R, inverse, not isReleased)
+    right = in_world_axes(R, inverse, isReleased)
+    return unless(mistakes, right, names + "tensor turned the other way", *others)
 
 
 def rotated_tensors(data, mistakes=NONE):
     """World inverse inertia tensors of mesh 2, (n, 9), in units of `tensor_unit`."""
-    R = rotation_matrices(data["randomOrientations"])
-    tensors = world_inverse_tensors(data, 2, R, mistakes)
-    return {"rotated inverse inertia": tensors.reshape(-1, 9) / tensor_unit(data)}
+    tensors = world_inverse_tensors(data, 2, unit(data["randomOrientations"]), mistakes)
+    seen = {"R": rotation_matrices(data["randomOrientations"]), "R I⁻¹ Rᵀ": tensors}
+    return {"rotated inverse inertia": tensors.reshape(-1, 9) / tensor_unit(data), "seen": seen}
 
 
 def tensor_unit(data):
@@ -207,12 +206,13 @@ class Pair:
         both = [moving if k == 2 else rest for k in ends]
         self.x, self.q, self.v, self.w = (list(column) for column in zip(*both, strict=True))
         self.q = [unit(q) for q in self.q]
+        self.seen = {}  # intermediate values of `push`, for `--explain`
         self.R = [rotation_matrices(q) for q in self.q]
         self.invMass, T = [0.0, 0.0], [np.zeros((n, 3, 3))] * 2
         for end, k in enumerate(ends):
             if k and (k not in fixed or "fixed is free" in mistakes):
                 self.invMass[end] = 1.0 / data["solids"][k].mass
-                T[end] = world_inverse_tensors(data, k, self.R[end], mistakes)
+                T[end] = world_inverse_tensors(data, k, self.q[end], mistakes)
         names = "tensor of mesh 1 for mesh 2; tensor of mesh 2 for mesh 1; tensors exchanged"
         self.invTensor = unless(mistakes, T, names, [T[0], T[0]], [T[1], T[1]], [T[1], T[0]])
 
@@ -236,7 +236,9 @@ class Pair:
     def closing_speed(self, arms, n, mistakes):
         """(v1 − v2)·n of the points at the arms."""
         sign = unless(mistakes, 1.0, "closing speed of the COMs; r × ω", 0.0, -1.0)
-        v1, v2 = (v + sign * np.cross(w, r) for v, w, r in zip(self.v, self.w, arms, strict=True))
+        signs = sign, -sign if "J's last block's sign" in mistakes else sign
+        each = zip(self.v, self.w, arms, signs, strict=True)
+        v1, v2 = (v + sign * np.cross(w, r) for v, w, r, sign in each)
         return dot(v1 - v2, n)
 
     def push(self, arms, n, factor, mistakes):
@@ -247,36 +249,53 @@ class Pair:
         crosses = [np.cross(arm, n) for arm in arms]
         both = list(zip(self.invTensor, crosses, strict=True))
         changes = [np.sum(T * c[:, None], axis=2) for T, c in both]
-        turning = sum(dot(c, change) for c, change in zip(crosses, changes, strict=True))
+        turning = [dot(c, change) for c, change in zip(crosses, changes, strict=True)]
         closing = self.closing_speed(arms, n, mistakes)
         closing = unless(mistakes, closing, "closing only", np.maximum(closing, 0.0))
-        inverseMass = sum(self.invMass) + ("no rotational term" not in mistakes) * turning
-        j = factor * closing / inverseMass
+        names = "no rotational term; no rotational term of mesh 1; no rotational term of mesh 2"
+        turning = unless(mistakes, sum(turning), names, 0.0, turning[1], turning[0])
+        squares = 2.0 + sum(dot(c, c) for c in crosses)
+        K = unless(mistakes, sum(self.invMass) + turning, "K without inverse mass", squares)
+        j = factor * closing / K
         j = unless(mistakes, j, "impulse's sign; impulse left", -j, 0.0 * j)
-        names = "angular velocities left; angular impulse's sign"
-        spin = unless(mistakes, 1.0, names, 0.0, -1.0)
+        J = np.hstack([n, crosses[0], -n, -crosses[1]])
+        self.seen = {"r1": arms[0], "r2": arms[1], "n": n, "J": J}
+        self.seen |= {"u·n = J v": closing, "K": K, "j, λ": j}
+        names = "angular velocities left; angular impulse's sign; "
         for k, sign in ((0, -1.0), (1, 1.0)):
+            own = names + f"angular impulse {k + 1}'s sign; J's last block's sign"
+            spin = unless(mistakes, 1.0, own, 0.0, -1.0, -1.0, -1.0 if k else 1.0)
+            push = -sign if f"linear impulse {k + 1}'s sign" in mistakes else sign
             invMass = unless(mistakes, self.invMass[k], "impulse without inverse mass", 1.0)
             change = unless(mistakes, changes[k], "spin without inertia", crosses[k])
             if not {f"velocity {k + 1} lost", f"velocities {k + 1} lost"} & mistakes:
-                self.v[k] = self.v[k] + sign * invMass * scaled(j, n)
+                self.v[k] = self.v[k] + push * invMass * scaled(j, n)
             if f"velocities {k + 1} lost" not in mistakes:
                 self.w[k] = self.w[k] + spin * sign * scaled(j, change)
+
+    def push_scrambled(self, arms, n, inJ):
+        """A constraint's impulse if the velocities are in the order v1, v2, ω1, ω2.
+
+        inJ : whether J is in this order instead, and the velocities and M⁻¹ are not
+        """
+        c1, c2 = (np.cross(arm, n) for arm in arms)
+        (m1, m2), (T1, T2) = self.invMass, self.invTensor
+        Jv = dot(n, self.v[0]) + dot(c1, self.v[1]) - dot(n, self.w[0]) - dot(c2, self.w[1])
+        blocks = ((m1, n), (T1, c1), (m2, -n), (T2, -c2))
+        if inJ:
+            blocks = ((m1, n), (m2, c1), (T1, -n), (T2, -c2))
+        changes = [np.sum(M * b[:, None], axis=2) if np.ndim(M) else M * b for M, b in blocks]
+        K = sum(dot(b, change) for (_M, b), change in zip(blocks, changes, strict=True))
+        moved = (old - scaled(Jv / K, d) for old, d in zip(self.v + self.w, changes, strict=True))
+        self.v[0], self.v[1], self.w[0], self.w[1] = moved
 
 
 # ---- Collisions ---------------------------------------------------------------------------------
 
 
 def detection(data, mistakes=NONE):
-    """isCollision (n,), depth (n,), intNormal and intPosition (n, 3), taken from the data."""
-    keys = "isCollision", "depth", "intNormal", "intPosition"
-    isCollision, depth, normal, point = (data[key] for key in keys)
-    depth = unless(mistakes, depth, "depth's sign", -depth)
-    point = unless(mistakes, point, "point of mesh 1", point + scaled(depth, normal))
-    normal = unless(mistakes, normal, "normal's sign", -normal)
-    if "normal and point exchanged" in mistakes:
-        normal, point = point, normal
-    return dict(zip(keys, (isCollision, depth, normal, point), strict=True))
+    """isCollision (n,), depth (n,), intNormal and intPosition (n, 3): the data's own."""
+    return {key: data[key] for key in ("isCollision", "depth", "intNormal", "intPosition")}
 
 
 def contacts_of(data):
@@ -305,7 +324,8 @@ def resolution(data, mistakes=NONE):
     pair = Pair(data, mistakes)
     resolve(pair, *contacts_of(data), RESTITUTION, mistakes)
     columns = (pair.x, pair.q, pair.v, pair.w)
-    return {f"result{name}": np.array(one) for name, one in zip(WIDTHS, columns, strict=True)}
+    results = {f"result{name}": np.array(one) for name, one in zip(WIDTHS, columns, strict=True)}
+    return results | {"seen": pair.seen}
 
 
 def further_resolution(data, mistakes=NONE):
@@ -334,8 +354,9 @@ def constrained_points(data, pair, mistakes):
     return [R @ restPoint + x for R, x in zip(pair.R, pair.x, strict=True)]
 
 
-def is_valid(C, isUpper, tolerance, mistakes):
+def is_valid(C, isUpper, tolerance, refValue, mistakes):
     """Whether a bound is satisfied: C ≤ tolerance (upper) or C ≥ −tolerance (lower)."""
+    tolerance = tolerance * (refValue if "tolerance times refValue" in mistakes else 1.0)
     upper = C <= unless(mistakes, tolerance, "no tolerance", 0.0)
     names = "no tolerance; lower tolerance's sign"
     lower = C >= unless(mistakes, -tolerance, names, 0.0, tolerance)
@@ -344,30 +365,37 @@ def is_valid(C, isUpper, tolerance, mistakes):
     return unless(mistakes, wasValid, "always valid; never valid", always, never)
 
 
+def flags(wasValid, mistakes):
+    """The flags that are returned, (n,)."""
+    names = "flag inverted; flag true; flag false"
+    return unless(mistakes, wasValid, names, ~wasValid, wasValid | True, wasValid & False)
+
+
 def position_constraints(data, mistakes=NONE):
     """Results of `resolve_position_constraint` for both bounds: flags and corrected positions.
 
     Flags (n,), positions (2, n, 3); and flags for tolerances that C is within, and beyond.
     """
-    results = {}
-    isInverted = "flag inverted" in mistakes
+    results = {"seen": {}}
     for bound, factor in BOUNDS.items():
         pair, isUpper = Pair(data, NONE), bound == "Upper"
         point1, point2 = constrained_points(data, pair, mistakes)
         gap = point1 - point2
         length = np.sqrt(dot(gap, gap))
-        C = length - factor * data["refValues"][:, 0]
-        wasValid = is_valid(C, isUpper, POSITION_TOLERANCE, mistakes)
+        refValue = factor * data["refValues"][:, 0]
+        C = length - refValue
+        wasValid = is_valid(C, isUpper, POSITION_TOLERANCE, refValue, mistakes)
         shift = scaled(np.where(wasValid, 0.0, C), unit(gap))
         names = "correction left; correction's sign; direction of any length"
         shift = unless(mistakes, shift, names, 0.0 * shift, -shift, scaled(length, shift))
         pair.move_apart(shift, mistakes)
-        results[f"positionWasValid{bound}"] = wasValid != isInverted
+        results["seen"] |= {"p1": point1, "p2": point2, "n": unit(gap), f"C, {bound}": C}
+        results[f"positionWasValid{bound}"] = flags(wasValid, mistakes)
         results[f"correctedPositions{bound}"] = np.array(pair.x)
         for place, unitsOfC in TOLERANCES.items():
-            wasValid = is_valid(C, isUpper, unitsOfC * np.abs(C), mistakes)
-            results[f"C {place} the tolerance, {bound}"] = wasValid != isInverted
-    return results | {"two fixed meshes": np.full(len(C), not isInverted)}
+            wasValid = is_valid(C, isUpper, unitsOfC * np.abs(C), refValue, mistakes)
+            results[f"C {place} the tolerance, {bound}"] = flags(wasValid, mistakes)
+    return results | {"two fixed meshes": flags(np.full(len(C), True), mistakes)}
 
 
 def velocity_constraints(data, mistakes=NONE):
@@ -381,21 +409,24 @@ def velocity_constraints(data, mistakes=NONE):
     n, arms = unit(points[0] - points[1]), pair.arms(points, mistakes)
     Jv = np.abs(pair.closing_speed(arms, n, mistakes))
     before = np.array([pair.v, pair.w])
-    pair.push(arms, n, 1.0, mistakes)
+    if {"J's blocks scrambled", "v's blocks scrambled"} & mistakes:
+        pair.push_scrambled(arms, n, "J's blocks scrambled" in mistakes)
+    else:
+        pair.push(arms, n, 1.0, mistakes)
 
     def are_valid(tolerance):
         valid = Jv <= unless(mistakes, tolerance, "no tolerance", 0.0)
-        return (valid | ("always valid" in mistakes)) != ("flag inverted" in mistakes)
+        return valid | ("always valid" in mistakes)
 
     wasValid = are_valid(VELOCITY_TOLERANCE)
-    isKept = wasValid != ("flag inverted" in mistakes)
-    after = np.where(isKept[:, None], before, [pair.v, pair.w])
+    after = np.where(wasValid[:, None], before, [pair.v, pair.w])
     after = unless(mistakes, after, "linear and angular exchanged", after[::-1])
     results = {"correctedLinVelocities": after[0], "correctedAngVelocities": after[1]}
+    results["seen"] = pair.seen
     rates = distance_rates(data) if mistakes else Jv
     for place, factor in TOLERANCES.items():
-        results[f"|J v| {place} the tolerance"] = are_valid(factor * rates)
-    return results | {"velocityWasValid": wasValid}
+        results[f"|J v| {place} the tolerance"] = flags(are_valid(factor * rates), mistakes)
+    return results | {"velocityWasValid": flags(wasValid, mistakes)}
 
 
 def distance_rates(data):

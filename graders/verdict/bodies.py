@@ -42,14 +42,14 @@ class Bodies:
 
     functions, quaternion : the graded modules RBSFunctions and Quaternion
     data : as `Grader.load` returns them
-    remarks : list of str, what was replaced
+    remarks : dict from str to None, what was replaced, and what else is told
     """
 
-    def __init__(self, functions, quaternion, data):
+    def __init__(self, functions, quaternion, data, remarks=()):
         self._modules = {"RBSFunctions": functions, "Quaternion": quaternion}
         self._data = data
         self._originals = {}
-        self.remarks = []
+        self.remarks = dict.fromkeys(remarks)
 
     def function(self, name, module="RBSFunctions"):
         """Returns a graded function. Raises NotWritten if the module lacks it."""
@@ -120,7 +120,7 @@ class Bodies:
         if k > 0 and 1 in self._data["solids"]:  # other results do not depend on the inertia
             isReleased = self._data["convention"] == RELEASED_2024
             remarks = match_inertia(mesh, self._data["solids"][k].tensor, isReleased)
-            self.remarks += [one for one in remarks if one not in self.remarks]
+            self.remarks |= dict.fromkeys(remarks)
         return mesh
 
 

@@ -4,9 +4,12 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from reference.graderData import ERROR_BOUND, EXACT
+from reference.graderData import ERROR_BOUND, EXACT, printable
 
-from verdict.hints import explain
+from rbs.scenes.messages import InputError
+from verdict.hints import FRICTION, acts_across, explain
+
+UNSHAPED = "; hint: QExp returns (4,) for a body that does not spin: QExp(...).reshape(1, 4)"
 
 
 @dataclass(frozen=True)
@@ -17,6 +20,7 @@ class Quantity:
     error : the largest error, NaN if a number is missing, None if nothing was compared; the number
         of differences if the quantity is a bool (isFlag)
     worst : the sample with the largest error, or None; count : number of samples compared
+    share : of the samples that are right, if nothing was computed in the others; else 0 or 1
     """
 
     part: str
@@ -26,6 +30,7 @@ class Quantity:
     worst: int | None
     count: int
     isRight: bool
+    share: float
 
     def cells(self):
         """The row as texts: name, error, sample, number of samples."""
@@ -35,7 +40,8 @@ class Quantity:
             error = "not a number"
         else:
             error = f"{int(self.error)} differ" if self.isFlag else f"{self.error:.3e}"
-        return self.name, error, "-" if self.worst is None else str(self.worst), str(self.count)
+        sample = "-" if self.worst is None else str(self.worst)
+        return self.name, error, sample, str(self.count), "" if self.isRight else "<-- wrong"
 
 
 @dataclass
@@ -44,12 +50,14 @@ class Grade:
 
     title, remarks : head of the report; quantities : list of Quantity
     notes : list of (names of quantities or of the function, text): causes and hints
+    outcomes : list of (Part, Results), which all of it was made from
     """
 
     title: str
     remarks: list
     quantities: list = field(default_factory=list)
     notes: list = field(default_factory=list)
+    outcomes: list = field(default_factory=list)
 
     @property
     def failures(self):
@@ -64,25 +72,28 @@ class Grade:
 
     def verdict(self):
         """The last line of the report."""
-        below, count, wrong = f"below {ERROR_BOUND:g}", len(self.quantities), self.failures
+        count, wrong = len(self.quantities), [one for one in self.quantities if not one.isRight]
         if wrong:
-            return f"FAIL: {len(wrong)} of {count} quantities are not {below}: {'; '.join(wrong)}"
-        return f"PASS: all {count} quantities {below}, largest error {self.largest_error:.3e}"
+            parts = ", ".join(dict.fromkeys(one.part.split()[0] for one in wrong))
+            return f"FAIL: {len(wrong)} of {count} quantities are wrong, of {parts}"
+        bound = f"{ERROR_BOUND:g}, largest error {self.largest_error:.3e}"
+        return f"PASS: all {count} quantities below {bound}"
 
     def table(self):
         """The lines of the table, with three blanks between columns."""
-        rows = [("quantity", "largest error", "at sample", "samples")]
+        rows = [("quantity", "largest error", "at sample", "samples", "")]
         rows += [quantity.cells() for quantity in self.quantities]
-        first, *others = (max(map(len, column)) for column in zip(*rows, strict=True))
-        rows = [(name.ljust(first), *map(str.rjust, cells, others)) for name, *cells in rows]
-        return ["   ".join(row) for row in rows]
+        first, *others, _mark = (max(map(len, column)) for column in zip(*rows, strict=True))
+        rows = [(name.ljust(first), *map(str.rjust, row, others), row[-1]) for name, *row in rows]
+        return ["   ".join(row).rstrip() for row in rows]
 
-    def report(self):
-        """Prints head, table, notes and verdict."""
-        print(self.title, *self.remarks, "", *self.table(), "", sep="\n")
-        for what, text in self.notes:
-            print(f"{what}: {text}")
-        print("\n" * bool(self.notes) + self.verdict())
+    def report(self, *blocks):
+        """Prints head, table, notes, further blocks of lines, and verdict."""
+        notes = [f"{what}: {text}" for what, text in self.notes]
+        head = [self.title, *self.remarks]
+        for block in filter(None, (head, self.table(), notes, *blocks)):
+            print(*map(printable, block), "", sep="\n")
+        print(self.verdict())
 
 
 def make_grade(grader, outcomes, data):
@@ -90,10 +101,59 @@ def make_grade(grader, outcomes, data):
     remarks = [*grader.remarks(data), *(text for _, one in outcomes for text in one.remarks)]
     if data["convention"] != EXACT:
         remarks.append(f"data of the convention {data['convention']}")
-    grade = Grade(grader.title, list(dict.fromkeys(remarks)))
-    for function in dict.fromkeys(part.function for part, _results in outcomes):
-        _add_function(grade, function, [o for o in outcomes if o[0].function == function], data)
+    grade = Grade(grader.title, list(dict.fromkeys(remarks)), outcomes=outcomes)
+    counted = [one for one in outcomes if not one[0].advice]
+    for function in dict.fromkeys(part.function for part, _results in counted):
+        _add_function(grade, function, [o for o in counted if o[0].function == function], data)
+    known = " ".join(text for _what, text in grade.notes)
+    for part, results in outcomes:
+        for key in part.shapes if part.advice else ():
+            one = _compared(part, key, results, part.expected(data)[key], part.samples(data))
+            cause = results.problems.get(key, [f"{key} differs by {one.error or 0:.1e}"])[0]
+            if not one.isRight and cause not in known:
+                grade.remarks.append(f"{key}: wrong, but not graded{part.advice} ({cause})")
     return grade
+
+
+def explained(outcomes, data, sample=None):
+    """Returns lines on a sample of the first part that fails: inputs, our values, both results.
+
+    sample : or None for the first that fails
+    """
+    counted = [one for one in outcomes if not one[0].advice]
+    failing = [one for one in counted if _first_wrong(*one, data) is not None]
+    part, results = (failing or outcomes)[0]
+    expected, count = part.expected(data), len(data["randomPositions"])
+    sample = _first_wrong(part, results, data) or 0 if sample is None else sample
+    if not 0 <= sample < count:
+        raise InputError(f"there is no sample {sample}, only 0 to {count - 1}")
+    inputs = "random", "depth", "intNormal", "intPosition", "refValues"
+    rows = [(key, data[key]) for key in data if key.startswith(inputs)]
+    lines = [f"Sample {sample} of {part.name}", "inputs (mesh 1 is at rest at the origin)"]
+    lines += [f"    {key:<28}{_row(rows, sample)}" for key, rows in rows]
+    lines.append("our intermediate values")
+    seen = part.model(data).get("seen", {})
+    lines += [f"    {key:<28}{_row(rows, sample)}" for key, rows in seen.items()]
+    for key in part.shapes:
+        cause = results.problems.get(key, ("",))[0]
+        lines += [f"{key}", f"    theirs  {_row(results.values[key], sample)} {cause}".rstrip()]
+        lines += [f"    ours    {_row(expected[key], sample)}"]
+    return lines
+
+
+def _first_wrong(part, results, data):
+    samples, expected = part.samples(data), part.expected(data)
+    for key in part.shapes:
+        some = part.comparable(key, samples, results.values, expected)
+        errors = np.abs(results.values[key] - expected[key])[some].max(axis=1)
+        if not np.all(errors < ERROR_BOUND):
+            return int(some[np.argmin(errors < ERROR_BOUND)])
+    return None
+
+
+def _row(rows, sample):
+    form = {"precision": 6, "suppress_small": True, "max_line_width": 200}
+    return np.array2string(np.ravel(rows[sample]), **form)
 
 
 def _add_function(grade, function, outcomes, data):
@@ -107,6 +167,7 @@ def _add_function(grade, function, outcomes, data):
             if not grade.quantities[-1].isRight:
                 wrong.add(key)
         for key, (cause, count, first) in results.problems.items():
+            cause += UNSHAPED * _fails_unspun(part, results.values[key], data)
             where = f" (in {count} of {len(tried)} samples, first in {first})"
             where = where if count < len(tried) else ""
             causes.setdefault(cause, (where, []))[1].append(key)
@@ -117,10 +178,21 @@ def _add_function(grade, function, outcomes, data):
     for key, texts in explain(function, [(p, r.values) for p, r in outcomes], data).items():
         for text in texts:
             hints.setdefault(text, set()).add(key)
+    if function == "resolve_collision" and not hints and acts_across(outcomes[0], data):
+        hints[FRICTION] = wrong
     for text, keys in hints.items():
         note = text if text.startswith("not implemented") else f"hint: {text}"
         what = function if keys >= wrong else _named(keys, parts, wrong.intersection)
         grade.notes.append((what, note))
+
+
+def _fails_unspun(part, values, data):
+    """Whether integrate_timestep fails for the bodies that do not spin, and for no others."""
+    tried = part.samples(data)
+    isUnspun = ~np.any(data["randomAngVelocities"][tried] != 0.0, axis=1)
+    isMissing = np.isnan(values[tried]).any(axis=1)
+    isAsked = part.function == "integrate_timestep" and isUnspun.any()
+    return isAsked and np.array_equal(isMissing, isUnspun)
 
 
 def _named(keys, parts, quantities):
@@ -137,7 +209,7 @@ def _compared(part, key, results, wanted, samples):
     isFlag, hasProblem = part.shapes[key] is bool, key in results.problems
     values = results.values[key]
     if len(samples) == 0 or hasProblem and not np.isfinite(values).any():
-        return Quantity(part.name, key, None, isFlag, None, 0, not hasProblem)
+        return Quantity(part.name, key, None, isFlag, None, 0, not hasProblem, not hasProblem)
     # A NaN on either side makes its row's error NaN, which max and argmax put first.
     with np.errstate(all="ignore"):
         errors = np.abs(values - wanted)[samples].max(axis=1)
@@ -145,5 +217,9 @@ def _compared(part, key, results, wanted, samples):
         errors[np.isnan(errors)] = 1.0  # a missing flag is wrong
     error = float(errors.sum() if isFlag else errors.max())
     worst = int(samples[np.argmax(errors)]) if np.any(errors != 0) else None
-    isRight = bool(np.all(errors < ERROR_BOUND)) and not hasProblem
-    return Quantity(part.name, key, error, isFlag, worst, len(samples), isRight)
+    isRightAt, isMissing = errors < ERROR_BOUND, np.isnan(values[samples]).any(axis=1)
+    isRight = bool(np.all(isRightAt)) and not hasProblem
+    # half of the samples do not call resolve_collision
+    isShared = np.all(isRightAt | isMissing) and part.function != "resolve_collision"
+    share = float(np.mean(isRightAt)) if isRight or isShared else 0.0
+    return Quantity(part.name, key, error, isFlag, worst, len(samples), isRight, share)

@@ -46,6 +46,22 @@ def mistakes_of(function):
     return [one for family in families for one in TABLE if one.function == family]
 
 
+FRICTION = "friction acts, though the call names no coefficient: its default must be 0"
+
+
+def acts_across(outcome, data):
+    """Whether velocities differ by an impulse across the normal: friction that is not asked for.
+
+    outcome : (Part, Results) of `resolve_collision`
+    """
+    part, results = outcome
+    hit, n, expected = data["isCollision"], data["intNormal"], part.expected(data)
+    keys = [f"resultLinVelocities, mesh {k}" for k in (1, 2)]
+    one, two = ((results.values[key] - expected[key])[hit] for key in keys)
+    along = [np.sum(error * n[hit], axis=1) for error in (one, two)]
+    return bool(np.all(np.abs(along) < ERROR_BOUND) and np.abs(two).max() > ERROR_BOUND)
+
+
 def explain(function, outcomes, data):
     """Explains the wrong numbers of a function.
 

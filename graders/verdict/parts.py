@@ -16,6 +16,7 @@ from rbs.program.submissions import brief, describe
 from rbs.scenes.messages import InputError
 
 ATTRIBUTES = ("position", "orientation", "linVelocity", "angVelocity")  # as in WIDTHS
+LISTS = "{} gives lists where run_timestep needs arrays: in a scene, the next step fails"
 # The number of samples that are tried if the data do not hold the expected results.
 FEW = 20
 
@@ -174,6 +175,7 @@ class Part:
     conditional : quantities that mean something only if the first quantity is true, both as
         computed and as expected
     isExtra : whether the data lack the expected results
+    advice : if not empty, the part does not count, and this is the remark if it fails
     conventions : those in which the part is graded
     """
 
@@ -184,6 +186,7 @@ class Part:
     samples: Callable = every_sample
     conditional: tuple = ()
     isExtra: bool = False
+    advice: str = ""
     conventions: tuple = CONVENTIONS
 
     @property
@@ -200,12 +203,14 @@ class Part:
             with results.attempt(sample, missing), np.errstate(all="ignore"):
                 for key, value, *what in self.compute(bodies, data, sample):
                     missing.remove(key)
+                    if isinstance(value, list) and self.function.startswith("resolve"):
+                        bodies.remarks[LISTS.format(self.function)] = None
                     with results.attempt(sample, [key]):
                         if isinstance(value, Exception):
                             raise value
                         row = numbers(value, self.shapes[key], *what or [key])
                         results.values[key][sample] = row
-        results.remarks = bodies.remarks
+        results.remarks = list(bodies.remarks)
         return results
 
     def expected(self, data):

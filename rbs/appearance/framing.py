@@ -27,16 +27,7 @@ def frame_still(meshes, size):
     The camera is low and sees the bodies and their shadows in the sun, except bodies flung far from
     the others. size : width and height of the picture in pixels
     """
-    refresh_vertices(meshes)
-    middles = np.array([np.mean(mesh.currVertices, axis=0) for mesh in meshes])
-    away = np.linalg.norm(middles - np.median(middles, axis=0), axis=1)
-    sizes = [np.linalg.norm(np.ptp(mesh.currVertices, axis=0)) for mesh in meshes]
-    order = np.argsort(away, kind="stable")
-    reach = np.maximum.accumulate((away + sizes)[order])
-    isGap = away[order][1:] > FLUNG * reach[:-1]
-    isGap[: math.ceil(MAIN_SHARE * len(meshes)) - 1] = False
-    main = order[: 1 + isGap.argmax()] if isGap.any() else order
-    vertices = np.concatenate([meshes[b].currVertices for b in main])
+    vertices = refresh_vertices([meshes[body] for body in main_bodies(meshes)])
     width, height = size
     margins = 0, STILL_MARGIN * height, 0, STILL_MARGIN * height
     how = STILL_DIRECTION, STILL_ANGLE, (width, height), margins
@@ -51,6 +42,19 @@ def frame_still(meshes, size):
         if are_seen(shadows, eye, target, STILL_ANGLE, width / height):
             break
     return eye, target
+
+
+def main_bodies(meshes):
+    """Returns the indices of the bodies except those flung far from the others."""
+    refresh_vertices(meshes)
+    middles = np.array([np.mean(mesh.currVertices, axis=0) for mesh in meshes])
+    away = np.linalg.norm(middles - np.median(middles, axis=0), axis=1)
+    sizes = [np.linalg.norm(np.ptp(mesh.currVertices, axis=0)) for mesh in meshes]
+    order = np.argsort(away, kind="stable")
+    reach = np.maximum.accumulate((away + sizes)[order])
+    isGap = away[order][1:] > FLUNG * reach[:-1]
+    isGap[: math.ceil(MAIN_SHARE * len(meshes)) - 1] = False
+    return order[: 1 + isGap.argmax()] if isGap.any() else order
 
 
 def are_seen(points, eye, target, fieldOfView, aspect):

@@ -54,7 +54,7 @@ def load_camera(path):
 
 
 def apply_camera(camera):
-    """Applies a camera from `load_camera` to Polyscope.
+    """Applies a camera from `load_camera` to Polyscope, with what it orbits about, if "centre".
 
     Polyscope's `set_view_from_json` would also change the window's size and the clipping range, and
     not the field of view.
@@ -63,6 +63,8 @@ def apply_camera(camera):
 
     ps.set_vertical_fov_degrees(camera["fov"])
     ps.set_camera_view_matrix(camera["viewMat"])
+    if "centre" in camera:
+        ps.set_view_center_raw(camera["centre"])
 
 
 def save_camera(path):
@@ -75,15 +77,21 @@ def save_camera(path):
 
 @contextmanager
 def kept_camera():
-    """Restores Polyscope's camera at the end of the `with` block."""
-    import polyscope as ps
-
-    matrix = ps.get_camera_view_matrix()
-    angle = ps.get_view_camera_parameters().get_fov_vertical_deg()
+    """Restores Polyscope's camera after the `with` block."""
+    camera = present_camera()
     try:
         yield
     finally:
-        apply_camera({"viewMat": matrix, "fov": angle})
+        apply_camera(camera)
+
+
+def present_camera():
+    """Returns Polyscope's camera as from `load_camera`, with "centre", what it orbits about."""
+    import polyscope as ps
+
+    angle = ps.get_view_camera_parameters().get_fov_vertical_deg()
+    matrix, centre = ps.get_camera_view_matrix(), ps.get_view_center()
+    return {"viewMat": matrix, "fov": angle, "centre": centre}
 
 
 def point_still_camera(meshes):
@@ -92,4 +100,12 @@ def point_still_camera(meshes):
 
     eye, target = frame_still(meshes, ps.get_window_size())
     ps.set_vertical_fov_degrees(STILL_ANGLE)
+    look(eye, target)
+
+
+def look(eye, target):
+    """Points Polyscope's camera at a target, about which it then orbits."""
+    import polyscope as ps
+
     ps.look_at(eye, target)
+    ps.set_view_center_raw(target)  # otherwise the centre stays as far away as before

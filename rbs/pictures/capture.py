@@ -1,6 +1,6 @@
 """Pictures and videos of a scene, drawn off-screen or from the window.
 
-Reading order: starting Polyscope; pictures in either look; the legend; series of pictures; videos.
+Reading order: starting Polyscope; pictures in either look; series of pictures; videos.
 """
 
 import math
@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import polyscope as ps
-import polyscope.imgui as psim
 from PIL import Image
 from tqdm import tqdm
 
@@ -57,9 +56,10 @@ def take_picture(view, isTransparent=False, isStill=True):
 
     isStill : bool; True allows a slower and better picture than a frame of a video
     """
-    if view.studio is not None:
-        return view.studio.take(view, isTransparent, isStill)
-    return _with_legend(_take_plain(view, isTransparent, isStill), view)
+    with view.overlays.in_picture():
+        if view.studio is not None:
+            return view.studio.take(view, isTransparent, isStill)
+        return _with_legend(_take_plain(view, isTransparent, isStill), view)
 
 
 def _with_legend(picture, view):
@@ -145,13 +145,11 @@ def _draw(view, isTransparent):
         shot = ps.screenshot_to_buffer(transparent_bg=isTransparent)
         return shot if isTransparent else shot[:, :, :3]
 
-    view.set_see_through(False)
     shots = [_with_soft_shadows(shoot, view) if isTransparent else shoot()]
     if view.isSeeThrough:
         view.show_bodies(False)
         shots.append(_with_soft_shadows(shoot, view) if isTransparent else shoot())
         view.show_bodies(True)
-        view.set_see_through(True)
         mixed = (1.0 - SEEN_THROUGH) * shots[0] + SEEN_THROUGH * shots[1].astype(np.float32)
         return np.rint(mixed).astype(np.uint8)
     return shots[0]
@@ -168,15 +166,6 @@ def _with_soft_shadows(shoot, view):
     isShadow = (shot[:, :, 3] == 0) & (withShadows[:, :, 3] > 0)
     shot[isShadow] = (0, 0, 0, round(255 * SHADOW_OPACITY))
     return shot
-
-
-def draw_legend(rows):
-    """Draws rows (text, (r, g, b)) into the current panel."""
-    flags = psim.ImGuiColorEditFlags_NoTooltip
-    for text, colour in rows:
-        psim.ColorButton(text, (*colour, 1.0), flags, (psim.GetFontSize(), psim.GetFontSize()))
-        psim.SameLine()
-        psim.Text(text)
 
 
 class PictureSeries:

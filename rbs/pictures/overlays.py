@@ -4,6 +4,7 @@ Reading order: `Overlays`; the painter and the legend of each overlay; arrows an
 """
 
 import math
+from contextlib import contextmanager
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,6 +16,7 @@ from rbs.appearance.colours import (
     FRICTION_COLOUR,
     IMPULSE_COLOUR,
     NORMAL_COLOUR,
+    RESTING_COLOUR,
     TRAIL_COLOUR,
     VELOCITY_COLOUR,
 )
@@ -23,6 +25,9 @@ from rbs.stepping.bodies import state_columns
 
 # Overlays that show the contacts of the last steps.
 CONTACT_OVERLAYS = frozenset({"contacts", "impulses", "friction impulses"})
+# Overlays at or within bodies: drawn on top of the window's picture; pictures show them through the
+# bodies.
+WITHIN_BODIES = CONTACT_OVERLAYS | {"velocities"}
 # Length of the longest impulse, relative to the scene's size; its limit, relative to the median
 # body, so that arrows do not cover each other; and length of contact normals, relative to it.
 LONGEST_IMPULSE = 0.1
@@ -53,13 +58,15 @@ OUT_OF_SIGHT = -1e9
 class Overlays:
     """Overlays of a `SceneView`.
 
+    onTop : of the overlays WITHIN_BODIES, by name: list of (`draw_arrows` or `draw_lines`, its
+        arguments after the name)
     memory : their data from earlier steps: longestArrow in metres, heldContacts, trail and
         trailStep; it may come from another view
     """
 
     def __init__(self, view):
         self._view = view
-        self.memory = None
+        self.memory, self.onTop = None, {}
 
     def restart(self, size, bodySize):
         """Forgets all steps. size, bodySize : of the scene and of a typical body, in metres"""
@@ -73,7 +80,22 @@ class Overlays:
     def remove(self, name):
         """Removes an overlay, and restarts the trails."""
         remove_overlay(name)
+        self.onTop.pop(name, None)
         self.memory.trail = []
+
+    @contextmanager
+    def in_picture(self):
+        """Draws all overlays in Polyscope's picture within the `with` block."""
+        self._draw_within(True)
+        yield
+        self._draw_within(self._view.callback is None)
+
+    def _draw_within(self, isInPicture):
+        for name, parts in self.onTop.items():
+            if not (parts and isInPicture):
+                remove_overlay(name)
+            for draw, arguments in parts if isInPicture else ():
+                draw(name, *arguments)
 
     def refresh(self, vertices):
         """Draws the visible overlays. vertices : (V, 3), of all bodies"""
@@ -82,9 +104,11 @@ class Overlays:
             self._extend_trails()
         if CONTACT_OVERLAYS & shown:
             self._find_contacts()
+        self.onTop = {}
         for name, paint in _PAINTERS.items():
             if name in shown:
                 paint(self, name, vertices)
+        self._draw_within(self._view.callback is None)
 
     def meanings(self):
         """Returns the legend of the visible overlays: rows (text, (r, g, b))."""
@@ -120,23 +144,30 @@ class Overlays:
     def _draw_contacts(self, name, vertices):
         """Draws each pair's points with their outline, and one normal from their middle."""
         contacts, points = self._contacts, self._contactPoints
-        if not contacts:
-            remove_overlay(name)
-        else:
+        self.onTop[name] = []
+        if contacts:
             edges, middles, normals = contact_patches(
                 np.array([(c.body1, c.body2) for c in contacts]),
                 points,
                 np.array([c.normal for c in contacts]),
             )
             arrows = -NORMAL_LENGTH * self.memory.longestArrow * normals
-            draw_arrows(name, middles, arrows, NORMAL_COLOUR)
-            draw_lines(name, points, edges, NORMAL_COLOUR, PATCH_RADIUS)
+            colour = RESTING_COLOUR if self._isAtRest() else NORMAL_COLOUR
+            self.onTop[name] = [
+                (draw_arrows, (middles, arrows, colour, ARROW_RADIUS)),
+                (draw_lines, (points, edges, colour, PATCH_RADIUS)),
+            ]
+
+    def _isAtRest(self):
+        """Whether all contacts are those of sleeping bodies."""
+        report = self._view.simulation.report
+        if report is None or not report.hasSleepers:
+            return False
+        return all(report.isAsleep[contact.body1] for contact in self._contacts)
 
     def _contact_meaning(self):
-        report = self._view.simulation.report
-        isSome = report is not None and report.hasSleepers
-        only = "; awake bodies only" if isSome else ""
-        return f"contact area and normal (on the body listed first{only})"
+        last = "last " if self._contacts and self._isAtRest() else ""
+        return f"{last}contact area and normal (on the body listed first)"
 
     def _draw_impulses(self, name, vertices):
         contacts, points = self._contacts, self._contactPoints
@@ -144,13 +175,15 @@ class Overlays:
         # body 1 receives the opposite of the impulse on body 2
         arrows = -normals * np.array([c.impulse for c in contacts]).reshape(-1, 1)
         # thicker than the normals, with which they coincide
-        draw_arrows(name, points, self._scaled(arrows), IMPULSE_COLOUR, 1.5 * ARROW_RADIUS)
+        some = points, self._scaled(arrows), IMPULSE_COLOUR, 1.5 * ARROW_RADIUS
+        self.onTop[name] = [(draw_arrows, some)]
 
     def _draw_friction(self, name, vertices):
         contacts, points = self._contacts, self._contactPoints
         arrows = -np.array([c.friction for c in contacts]).reshape(-1, 3)
         some = arrows.any(axis=1)
-        draw_arrows(name, points[some], self._scaled(arrows[some]), FRICTION_COLOUR)
+        some = points[some], self._scaled(arrows[some]), FRICTION_COLOUR, ARROW_RADIUS
+        self.onTop[name] = [(draw_arrows, some)]
 
     def _scaled(self, arrows):
         longest = np.linalg.norm(arrows, axis=1).max(initial=0.0)
@@ -174,7 +207,8 @@ class Overlays:
             vertices, view.faces, view.bodyOfFace, columns["position"].T, velocities
         )
         moves = velocities.any(axis=1)  # a fixed body has no velocity
-        draw_arrows(name, points[moves], VELOCITY_SECONDS * velocities[moves], VELOCITY_COLOUR)
+        some = points[moves], VELOCITY_SECONDS * velocities[moves], VELOCITY_COLOUR, ARROW_RADIUS
+        self.onTop[name] = [(draw_arrows, some)]
 
     def _draw_boxes(self, name, vertices):
         low, high = (side[:MOST_BOXES] for side in self._view.boxes(vertices))
@@ -246,7 +280,7 @@ def remove_overlay(name):
     ps.remove_curve_network(name, error_if_absent=False)
 
 
-def draw_arrows(name, points, arrows, colour, radius=ARROW_RADIUS):
+def draw_arrows(name, points, arrows, colour, radius):
     """Draws points (m, 3) with arrows (m, 3) in metres, replacing those of this name."""
     points, arrows = _filled_up(points, OUT_OF_SIGHT), _filled_up(arrows, 0.0)
     if ps.has_point_cloud(name) and ps.get_point_cloud(name).n_points() == len(points):

@@ -80,7 +80,6 @@ class Studio:
         meshes = view.simulation.meshes
         hasGround = "ground" in view.shown and not isTransparent
         vertices, faces, bodyOfFace = flatten_meshes(meshes)
-        view.set_see_through(False)
         with bodies_only(view, vertices, faces) as (mesh, overlays):
             camera = Camera()
             hidden = SEEN_THROUGH if view.isSeeThrough else 0.0
@@ -106,7 +105,6 @@ class Studio:
                     lambda fraction: progress(0.4 * fraction),
                 )
                 self._lit = lit
-        view.set_see_through(view.isSeeThrough)
         shades = Shades(self.light, camera, numbers, view, hasGround, isTransparent)
         picture = shades.picture(lambda fraction: progress(0.4 + 0.6 * fraction))
         return picture if overlay is None else laid_over(overlay, picture)

@@ -9,44 +9,39 @@ its attributes.
 Reading order: starting Polyscope; `SceneView`.
 """
 
+import math
 from contextlib import contextmanager
 
 import numpy as np
 import polyscope as ps
+from scipy.spatial import ConvexHull
 
 from Quaternion import QConj, QRotate
 from rbs.appearance.colours import (
     BACKGROUND,
     CREASE_COLOUR,
     GROUND_COLOUR,
-    MARK_COLOUR,
-    PICKED_COLOUR,
     REPORT_COLOURINGS,
     SHADOW_COLOUR,
     BodyColours,
     constraint_legend,
 )
 from rbs.appearance.drawables import ConstraintLines, flatten_meshes, ground_lines
-from rbs.appearance.framing import VIEW_DIRECTION, frame_camera
+from rbs.appearance.framing import VIEW_DIRECTION, frame_camera, main_bodies
 from rbs.appearance.pictureoptions import OVERLAYS, PICTURE_SIZE
 from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
-from rbs.pictures.cameras import kept_camera, point_still_camera
-from rbs.pictures.overlays import CONTACT_OVERLAYS, POINT_RADIUS, Overlays, draw_lines
+from rbs.pictures.cameras import kept_camera, look, point_still_camera, present_camera
+from rbs.pictures.overlays import CONTACT_OVERLAYS, WITHIN_BODIES, Overlays
 from RBSFunctions import refresh_vertices
 
 # Layers that can be switched on and off.
 LAYERS = ("ground", "shadows", *OVERLAYS)
-# Overlays drawn at or within bodies, which then become transparent. In the window, Polyscope
-# averages all surfaces along a ray, including the ground. VIVIDNESS is the factor by which colours
-# are moved away from the ground's to compensate; less leaves bodies pale.
-SEE_THROUGH = CONTACT_OVERLAYS | {"velocities"}
-VIVIDNESS = 1.3
 # Pixels, the width of an edge on each of its faces.
 CREASE_WIDTH = 1.0
 # Half the width of constraints, relative to the scene's size.
 CONSTRAINT_RADIUS = 1.2e-3
 # The ground, in sizes of the scene: its visible radius; the camera's usual distance from its
-# target; the shift and the factor of the view beyond which the ground follows; and the distance at
+# target; the steps of shift and of growth in which the ground follows the view; and the distance at
 # which Polyscope clips, with a small margin.
 GROUND_REACH = 9.0
 USUAL_DISTANCE = 1.6
@@ -54,6 +49,8 @@ GROUND_SHIFT, GROUND_GROWTH = 0.5, 1.6
 FAR_CLIP = 19.0
 # Cosine of the least angle to the vertical at which a direction of the camera is kept.
 STEEPEST = 0.99
+# Least height of the camera above the ground, as a fraction of the scene's size.
+LOWEST_EYE = 0.01
 # Start of a shot, as a fraction of the way from the camera to its target.
 SHOT_BEGIN = 0.4
 # Height of shadows above the ground, relative to the scene's size: the least that does not flicker
@@ -91,7 +88,7 @@ class SceneView:
     squareSide : side of the ground's squares in metres
     groundPlace : middle (3,) of the ground, and size of what stands on it in metres
     hasLegend, isSmooth : whether pictures have a legend; whether the window's edges are smooth
-    follows : whether the camera follows the selected body, or the centre of all
+    follows : whether the camera follows the selected body
     studio : `StudioLook` if pictures have that look, or None
     callback : function that draws the panels in each frame, or None
     """
@@ -100,15 +97,16 @@ class SceneView:
         self._margins = (0, 0, 0, 0)  # pixels covered by panels: left, top, right, bottom
         self._windowSize = None
         self.callback = self.studio = None
-        self._overlays = Overlays(self)
+        self.overlays = Overlays(self)
         self.colouring = "body"
         self.shown = {"ground", "shadows"}
-        self.hasLegend = self._follows = self.isSmooth = self._isVivid = False
+        self.hasLegend = self.follows = self.isSmooth = False
         self.rebuild(simulation)
 
     def rebuild(self, simulation):
         """Registers the bodies of a new scene and points the camera at them."""
         self.simulation = simulation
+        self.groundPlace = None
         self.pick(None)
         vertices, _, _ = flatten_meshes(simulation.meshes)
         ground = vertices * [1.0, 0.0, 1.0]
@@ -117,14 +115,12 @@ class SceneView:
         self._size = float(np.linalg.norm(high - low))
         ps.set_length_scale(self._size)
         ps.set_bounding_box(low, high)
-        self.show_spring(None)
         vertices = self._register_bodies()
         bodySize = np.median(np.linalg.norm(np.subtract(*self.boxes(vertices)), axis=1))
-        self._overlays.restart(self._size, bodySize)
+        self.overlays.restart(self._size, bodySize)
         self._register_constraints(vertices)
-        self._lastFocus = self._focus()
         self._point_camera(points)
-        self._move_ground()
+        self.spread_ground()
         for name in LAYERS:
             self._show_layer(name)
         self.refresh()
@@ -180,21 +176,17 @@ class SceneView:
             self.pick(None)
         self._register_bodies()
         self._shadows.set_enabled("shadows" in self.shown)
-        self.set_see_through(self.isSeeThrough)
 
     def spread_ground(self):
-        """Moves the ground below the camera's target, if that has moved far enough."""
+        """Moves the ground below the camera's target, in steps that depend on the view alone."""
         middle = np.array(ps.get_view_center(), dtype=np.float64)
         distance = float(np.linalg.norm(self._eye() - middle))
-        size = max(self._size, distance / USUAL_DISTANCE)
-        if self.groundPlace is not None:
-            lastMiddle, lastSize = self.groundPlace
-            if (
-                np.linalg.norm((middle - lastMiddle)[[0, 2]]) < GROUND_SHIFT * lastSize
-                and 1.0 / GROUND_GROWTH < size / lastSize < GROUND_GROWTH
-            ):
-                return
-        self.groundPlace = middle, size
+        growth = round(math.log(max(distance / USUAL_DISTANCE / self._size, 1.0), GROUND_GROWTH))
+        size = self._size * GROUND_GROWTH**growth
+        middle = GROUND_SHIFT * size * np.round(middle / (GROUND_SHIFT * size))
+        if self.groundPlace == (tuple(middle), size):
+            return
+        self.groundPlace = tuple(middle), size
         # Polyscope clips everything beyond
         reach = min(GROUND_REACH * size, max(FAR_CLIP * self._size - distance, 2.0 * self._size))
         vertices, faces, colours, self.squareSide = ground_lines(size, middle, reach)
@@ -226,8 +218,18 @@ class SceneView:
         fieldOfView = ps.get_view_camera_parameters().get_fov_vertical_deg()
         margins = self._margins if margins is None else margins
         size = ps.get_window_size()
-        ps.look_at(*frame_camera(points, direction, fieldOfView, size, margins))
+        look(*frame_camera(points, direction, fieldOfView, size, margins))
         self._framed = points, self._eye(), direction
+
+    def keep_above_ground(self):
+        """Raises a camera that has been turned below the ground, at its distance."""
+        eye, lowest = self._eye(), LOWEST_EYE * self._size
+        target = np.array(ps.get_view_center(), dtype=np.float64)
+        if eye[1] < lowest:
+            target[1] = max(target[1], lowest)
+            arm, down = eye - target, lowest - target[1]
+            across = math.sqrt(max(arm @ arm - down * down, 0.0)) / math.hypot(arm[0], arm[2])
+            look(target + [across * arm[0], down, across * arm[2]], target)
 
     def set_margins(self, margins, size):
         """Sets the pixels that panels cover at the left, top, right and bottom of the window.
@@ -243,7 +245,7 @@ class SceneView:
     def _is_framed(self):
         """Whether the camera has not moved since it framed the scene."""
         _, eye, _ = self._framed
-        return np.allclose(self._eye(), eye, rtol=1e-4)
+        return np.allclose(self._eye(), eye, rtol=1e-4, atol=1e-4 * self._size)
 
     def _eye(self):
         """Position of the camera, (3,)."""
@@ -252,27 +254,27 @@ class SceneView:
     def frame_all(self):
         """Points the camera at all bodies in their present poses, in its present direction.
 
-        If it has not moved since the last time, it takes the usual direction.
+        Bodies flung far from the others are left out. If the camera has not moved since the last
+        time, it takes the usual direction.
         """
         direction = -np.array(ps.get_view_camera_parameters().get_look_dir())
         if self._is_framed() or abs(direction[1]) > STEEPEST:
             direction = VIEW_DIRECTION
-        vertices = refresh_vertices(self.simulation.meshes)
+        meshes = self.simulation.meshes
+        vertices = refresh_vertices([meshes[body] for body in main_bodies(meshes)])
         points = np.concatenate([vertices, vertices * [1.0, 0.0, 1.0]])
         self._point_camera(points, direction=direction)
-        self._lastFocus = self._focus()
         self.spread_ground()
 
-    def centre_at(self, pixel):
-        """Turns the camera to the body at a pixel; it then orbits and zooms about its centre."""
-        body, _ = self.body_at(pixel)
-        if body is not None:
-            ps.set_view_center_and_look_at(self.simulation.meshes[body].position[0])
+    def centre_picked(self):
+        """Turns the camera to the selected body; it then orbits and zooms about its centre."""
+        if self.picked is not None:
+            ps.set_view_center_and_look_at(self.simulation.meshes[self.picked].position[0])
 
     def frame_still(self):
         """Points the camera at the present bodies from a low position."""
         point_still_camera(self.simulation.meshes)
-        self._move_ground()
+        self.spread_ground()
 
     @contextmanager
     def framed_still(self):
@@ -280,25 +282,17 @@ class SceneView:
         with kept_camera():
             self.frame_still()
             yield
-        self._move_ground()
-
-    def _move_ground(self):
-        """Moves the ground below the camera's target, however small the distance."""
-        self.groundPlace = None
         self.spread_ground()
 
     def picture_camera(self):
         """Returns size in pixels and camera, as from `load_camera`, of a picture of the window."""
         with self.whole_width():
-            angle = ps.get_view_camera_parameters().get_fov_vertical_deg()
-            return ps.get_window_size(), {"viewMat": ps.get_camera_view_matrix(), "fov": angle}
+            return ps.get_window_size(), present_camera()
 
     def memory(self):
-        """Returns the data of pictures from earlier steps and selections: dict, for `recall`."""
+        """Returns the data of pictures from earlier steps: dict, for `recall`."""
         names = (
             "_size",
-            "picked",
-            "pickedPoint",
             "colouring",
             "shown",
             "hasLegend",
@@ -306,14 +300,14 @@ class SceneView:
             "groundPlace",
             "squareSide",
         )
-        return {name: vars(self)[name] for name in names} | {"overlays": self._overlays.memory}
+        return {name: vars(self)[name] for name in names} | {"overlays": self.overlays.memory}
 
     def recall(self, memory):
         """Adopts the `memory` of another SceneView, so that pictures look the same."""
         self.shown = memory["shown"]
         for name in LAYERS:
             self._show_layer(name)
-        self._overlays.memory = memory["overlays"]
+        self.overlays.memory = memory["overlays"]
         vars(self).update({name: memory[name] for name in memory if name != "overlays"})
         ps.set_length_scale(self._size)
         self.refresh()
@@ -331,33 +325,15 @@ class SceneView:
             if isFramed:
                 self._point_camera(points, direction=direction)
 
-    @property
-    def follows(self):
-        """Whether the camera follows the selected body, or the centre of all."""
-        return self._follows
-
-    @follows.setter
-    def follows(self, follows):
-        if follows and not self._follows:
-            self._lastFocus = self._focus()
-        self._follows = follows
-
-    def _focus(self):
-        """Point (3,) that the camera follows: the selected body, or the centre of the free ones."""
-        free = [mesh.position[0] for mesh in self.simulation.meshes if not mesh.isFixed]
-        if self.picked is not None:
-            return self.simulation.meshes[self.picked].position[0].copy()
-        return np.mean(free, axis=0) if free else np.zeros(3)
-
     def _follow(self):
-        """Moves the camera by the displacement of its focus since the last call."""
-        if not self._follows:
+        """Moves the camera, if it follows, by the selected body's way since the last call."""
+        if self.picked is None:
             return
-        focus = self._focus()
+        focus = self.simulation.meshes[self.picked].position[0].copy()
         way, self._lastFocus = focus - self._lastFocus, focus
-        if way.any():
+        if self.follows and way.any():
             target = np.array(ps.get_view_center(), dtype=np.float64) + way
-            ps.look_at(self._eye() + way, target)
+            look(self._eye() + way, target)
             self.spread_ground()
 
     def refresh(self):
@@ -381,8 +357,7 @@ class SceneView:
         if len(self._constraintLines.ends):
             self._lines.set_enabled(self.simulation.settings.enforceConstraints)
         self._refresh_colours()
-        self._overlays.refresh(self._vertices)
-        self._refresh_mark()
+        self.overlays.refresh(self._vertices)
 
     @property
     def showsReport(self):
@@ -391,10 +366,7 @@ class SceneView:
 
     def body_colours(self):
         """RGB of every body, (n, 3), in the current colouring."""
-        colours = self.bodyColours.of(self.simulation, self.colouring)
-        if self.picked is not None:
-            colours[self.picked] = PICKED_COLOUR
-        return colours
+        return self.bodyColours.of(self.simulation, self.colouring)
 
     def colour_by(self, colouring):
         """Colours the bodies by a name of COLOURINGS."""
@@ -404,8 +376,6 @@ class SceneView:
     def _refresh_colours(self):
         """Colours of the bodies in their light."""
         colours = self.body_colours()
-        if self._isVivid:
-            colours = np.clip(GROUND_COLOUR + VIVIDNESS * (colours - GROUND_COLOUR), 0.0, 1.0)
         if self._colours is not None and np.array_equal(colours, self._colours):
             return
         self._colours = colours
@@ -424,7 +394,7 @@ class SceneView:
         rows = self.bodyColours.legend(self.simulation, self.colouring)
         if len(self._constraintLines.ends) and self.simulation.settings.enforceConstraints:
             rows += constraint_legend()
-        return rows + self._overlays.meanings()
+        return rows + self.overlays.meanings()
 
     def toggle(self, name):
         """Switches one of LAYERS on if it is off, and off if it is on."""
@@ -445,20 +415,12 @@ class SceneView:
         elif name == "shadows":
             self._shadows.set_enabled(name in self.shown)
         else:
-            self._overlays.remove(name)
-            self.set_see_through(self.isSeeThrough)
+            self.overlays.remove(name)
 
     @property
     def isSeeThrough(self):
-        """Whether bodies are transparent."""
-        return bool(SEE_THROUGH & self.shown)
-
-    def set_see_through(self, isOn):
-        """Makes bodies transparent in the window; pictures are blended from two instead."""
-        ps.set_transparency_mode("simple" if isOn else "none")
-        if isOn != self._isVivid:
-            self._isVivid = isOn
-            self._refresh_colours()
+        """Whether bodies are transparent in pictures."""
+        return bool(WITHIN_BODIES & self.shown)
 
     def boxes(self, vertices):
         """Bounding boxes of the bodies: low, high (n, 3)."""
@@ -478,7 +440,7 @@ class SceneView:
     @contextmanager
     def hidden(self):
         """Hides the scene within the `with` block; yields the structures drawn over bodies."""
-        names = ("constraints", "spring", "picked point", *OVERLAYS)
+        names = ("constraints", *OVERLAYS)
         overlays = [ps.get_curve_network(name) for name in names if ps.has_curve_network(name)]
         overlays += [ps.get_point_cloud(name) for name in names if ps.has_point_cloud(name)]
         overlays = [one for one in overlays if one.is_enabled()]
@@ -502,6 +464,7 @@ class SceneView:
         """Sets the function that draws the panels in each frame; None removes it."""
         self.callback = callback
         ps.set_user_callback(callback)
+        self.overlays.refresh(self._vertices)
 
     def set_resizable(self, isResizable):
         ps.set_window_resizable(isResizable)
@@ -509,9 +472,9 @@ class SceneView:
     def pick(self, body, point=None):
         """Marks a body, by index, and a world point (3,) on it; None marks nothing."""
         self.picked, self.pickedPoint = body, None
-        self._lastFocus = self._focus()
         if body is not None:
             mesh = self.simulation.meshes[body]
+            self._lastFocus = mesh.position[0].copy()
             self.pickedPoint = QRotate(QConj(mesh.orientation), point - mesh.position)[0]
 
     def picked_point(self):
@@ -525,8 +488,6 @@ class SceneView:
         The result is (None, None) if there is no body.
         """
         hit = ps.pick(screen_coords=pixel)
-        if hit.is_hit and hit.structure_name == "picked point":
-            return self.picked, hit.position
         if not hit.is_hit or hit.structure_name != "solids":
             return None, None
         return int(self.bodyOfFace[hit.structure_data["index"]]), hit.position
@@ -549,20 +510,21 @@ class SceneView:
         begin[1] = max(begin[1], 0.05 * self._size)
         return begin, ray / np.linalg.norm(ray)
 
-    def show_spring(self, ends):
-        """Shows the spring that drags a body, between two points (2, 3); None removes it."""
-        if ends is None:
-            ps.remove_curve_network("spring", error_if_absent=False)
-        elif ps.has_curve_network("spring"):
-            ps.get_curve_network("spring").update_node_positions(np.array(ends))
-        else:
-            draw_lines("spring", np.array(ends), np.array([[0, 1]]), PICKED_COLOUR)
+    def pixels_of(self, points):
+        """Pixels (n, 2) at which points (n, 3) are seen; NaN behind the camera."""
+        camera = ps.get_view_camera_parameters()
+        axes = camera.get_right_dir(), camera.get_up_dir(), camera.get_look_dir()
+        x, y, depth = np.array(axes) @ (np.reshape(points, (-1, 3)) - self._eye()).T
+        width, height = ps.get_window_size()
+        angle = math.radians(camera.get_fov_vertical_deg())
+        scale = height / (2.0 * math.tan(angle / 2.0) * np.where(depth > 0.0, depth, np.nan))
+        return np.stack([0.5 * width + scale * x, 0.5 * height - scale * y], axis=1)
 
-    def _refresh_mark(self):
-        if self.picked is None:
-            ps.remove_point_cloud("picked point", error_if_absent=False)
-        elif ps.has_point_cloud("picked point"):
-            ps.get_point_cloud("picked point").update_point_positions(self.picked_point()[None])
-        else:
-            options = {"color": MARK_COLOUR, "radius": 2.0 * POINT_RADIUS}
-            ps.register_point_cloud("picked point", self.picked_point()[None], **options)
+    def picked_outline(self):
+        """Pixels (k, 2) around the selected body, which is convex; none behind the camera."""
+        first = self._firstVertex[self.picked]
+        count = len(self.simulation.meshes[self.picked].origVertices)
+        pixels = self.pixels_of(self._vertices[first : first + count])
+        if not np.isfinite(pixels).all():
+            return np.zeros((0, 2))
+        return pixels[ConvexHull(pixels, "QJ").vertices]

@@ -7,6 +7,7 @@ Units: metres, kilograms, seconds.
 
 import signal
 import statistics
+import threading
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
@@ -21,6 +22,8 @@ SIGNAL_NAMES = {
     for name, text in {"SIGINT": "Ctrl-C", "SIGTERM": "kill", "SIGHUP": "a hang-up"}.items()
     if hasattr(signal, name)
 }
+# Seconds that a student's step may take after the first signal.
+PATIENCE = 2.0
 # Joules per unit, from the largest unit down.
 ENERGY_UNITS = {"TJ": 1e12, "GJ": 1e9, "MJ": 1e6, "kJ": 1e3}
 
@@ -37,7 +40,7 @@ def run_without_window(simulation, steps, writers=()):
     outputs.save(simulation)
     if run.failure:
         print_error(run.failure)
-        return 3
+        return 128 + run.stoppedBy if run.stoppedBy else 3
     if run.stoppedBy:
         return 128 + run.stoppedBy
     return 2 if outputs.haveFailed else 0
@@ -109,7 +112,7 @@ class Run:
 
     stepSeconds: list
     stoppedBy: int = 0  # the number of a signal
-    failure: str = ""  # the message of a StateError
+    failure: str = ""  # the message of a StateError, or where a student's step was stopped
 
 
 def run_steps(simulation, steps, outputs):
@@ -126,8 +129,8 @@ def run_steps(simulation, steps, outputs):
     Run
         Its times are empty for a replay.
     """
-    run = Run([])
-    with signals_noted() as noted, step_progress(steps) as advance:
+    run, hasStudents = Run([]), simulation.submitted is not None
+    with signals_noted(PATIENCE if hasStudents else None) as noted, step_progress(steps) as advance:
         outputs.add(simulation)
         for _ in range(steps):
             if outputs.areLost:
@@ -139,6 +142,13 @@ def run_steps(simulation, steps, outputs):
                 simulation.step()
             except StateError as error:
                 run.failure = str(error)
+                break
+            except KeyboardInterrupt as error:
+                if not hasStudents:
+                    raise
+                run.stoppedBy = noted[0]
+                step, name = simulation.stepCount + 1, SIGNAL_NAMES[noted[0]]
+                run.failure = f"step {step} was stopped by {name}{error.args[-1]}"
                 break
             if simulation.stepSeconds is not None:
                 run.stepSeconds.append(simulation.stepSeconds)
@@ -169,20 +179,30 @@ def signals_handled(handle):
 
 
 @contextmanager
-def signals_noted():
+def signals_noted(patience=None):
     """Yields a list that collects the numbers of signals, so that a run can end after its step.
 
-    A second signal raises KeyboardInterrupt, in case a step never ends.
+    A second signal raises KeyboardInterrupt, in case a step never ends. It comes by itself after
+    `patience` seconds, if they are given.
     """
-    noted = []
+    noted, again = [], None
 
     def note(number, frame):
+        nonlocal again
         if noted:
             raise KeyboardInterrupt(number)
         noted.append(number)
+        if patience is not None:
+            again = threading.Timer(patience, signal.raise_signal, [number])
+            again.daemon = True
+            again.start()
 
     with signals_handled(note):
-        yield noted
+        try:
+            yield noted
+        finally:
+            if again is not None:
+                again.cancel()
 
 
 def interrupt(number, frame):
@@ -208,7 +228,7 @@ def summarise(simulation, run, startEnergies):
         "steps": f"{simulation.stepCount} of {simulation.settings.timeStep:g} s: "
         f"{simulation.time:.6g} s simulated"
         + (f", stopped by {SIGNAL_NAMES[run.stoppedBy]}" if run.stoppedBy else "")
-        + ", stopped by an error" * bool(run.failure),
+        + ", stopped by an error" * bool(run.failure and not run.stoppedBy),
         "time per step": stepTime,
         "kinetic energy": f"{shown_energy(kinetic)} at the start, "
         f"{shown_energy(simulation.kinetic_energy())} now",

@@ -7,10 +7,15 @@ from typing import NamedTuple
 from rbs.program.catalogue import SCENES
 from rbs.recordings.recording import Recording, is_recording_name
 from rbs.recordings.replay import Replay
-from rbs.scenes.messages import print_note, shown_path
-from rbs.scenes.scenefiles import DATA_FOLDER, SCENE_ENDING, find_scene, list_scenes, scene_name
+from rbs.scenes.messages import InputError, print_note, shown_path
+from rbs.scenes.scenefiles import (
+    DATA_FOLDER,
+    SCENE_ENDING,
+    list_scenes,
+    scene_name,
+    similar_scenes,
+)
 from rbs.scenes.simulation import Simulation
-from rbs.scenes.textfiles import SceneError
 
 # Heading of the files beside the current scene, in the window's list.
 BESIDE = "beside this scene"
@@ -56,7 +61,7 @@ def find_file(text, folder):
 
     Raises
     ------
-    SceneError
+    InputError
         If nothing matches.
     """
     path, folder = Path(os.path.expanduser(text)), Path(folder)
@@ -64,8 +69,12 @@ def find_file(text, folder):
         if os.path.isfile(place):
             return place
     if path.name == str(text) and not path.suffix:
-        return find_scene(text)
-    raise SceneError(text, None, "no such file")
+        ours = DATA_FOLDER / f"{text}{SCENE_ENDING}"
+        if ours.is_file():
+            return ours
+        similar = " or ".join(similar_scenes(text))
+        raise InputError(f"No scene '{text}'." + f" Did you mean {similar}?" * bool(similar))
+    raise InputError(f"{text} is a folder." if path.is_dir() else f"{text}: no such file")
 
 
 def list_files(folder):
@@ -81,7 +90,7 @@ def list_files(folder):
         ]
     listed += [
         ListedFile(BESIDE, path.name, "a recording", path)
-        for path in sorted(folder.iterdir())
+        for path in sorted(folder.glob("*"))  # the folder may have been removed
         if is_recording_name(path)
     ]
     names = {one.name for one in listed}

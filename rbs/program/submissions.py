@@ -8,6 +8,7 @@ Loading a submission runs its code with the rights of the user.
 """
 
 import importlib
+import re
 import sys
 import traceback
 from contextlib import contextmanager
@@ -24,15 +25,23 @@ PROGRAM_FOLDER = Path(__file__).resolve().parents[2]
 # installed package contains them, as it does `rbs.scenes.scenefiles.DATA_FOLDER`.
 _INSTALLED = PROGRAM_FOLDER / "rbs" / "released"
 STAND_INS = _INSTALLED if _INSTALLED.is_dir() else PROGRAM_FOLDER / "graders" / "released"
-# The modules of a submission. The second may be missing if the first does not import it.
-SUBMITTED_MODULES = ("RBSFunctions", "Quaternion")
+# Further ones that the coursework supplies, and that are supplied if a submission lacks them.
+SUPPLIED = ("Quaternion", "RBSLoadVis", "InitializeCCD", "RigidBodySimulation")
+# Packages that students import, and what pip calls them.
+_NAMES = "numba torch seaborn pandas sympy matplotlib scipy jax tensorflow trimesh networkx plotly"
+PACKAGES = dict.fromkeys(_NAMES.split())
+PACKAGES |= {"cv2": "opencv-python", "sklearn": "scikit-learn", "PIL": "pillow"}
 
 
 class SubmissionError(InputError):
-    """A submission cannot be loaded. The message gives the cause in one line."""
+    """A submission cannot be loaded. The message gives the cause in one line.
 
-    def __init__(self, cause):
+    remedy : what lets it be imported, if that is not a matter of the student's code; or ""
+    """
+
+    def __init__(self, cause, remedy=""):
         super().__init__(brief(cause))
+        self.remedy = remedy
 
 
 def brief(text, limit=300):
@@ -93,15 +102,15 @@ class Submission:
     """A student's loaded modules.
 
     folder : their folder
-    functions, quaternion : the modules RBSFunctions and Quaternion. Both are RBSFunctions if there
-        is no Quaternion.py
-    missing : names of the missing modules
+    functions, quaternion : the modules RBSFunctions and Quaternion. Both are RBSFunctions if that
+        defines the quaternions itself
+    remarks : list of str, which modules were supplied
     """
 
     folder: Path
     functions: ModuleType
     quaternion: ModuleType
-    missing: tuple
+    remarks: list
 
 
 def check_folder(folder):
@@ -116,8 +125,8 @@ def check_folder(folder):
 def load_submission(folder, keepsNames=True):
     """Imports a student's modules.
 
-    Imports look in the folder first, then among the stand-ins for the released modules. This
-    project's modules are hidden, so that none replaces a module that the folder lacks.
+    Imports look in the folder first, then among the stand-ins for the released modules, and last
+    among those of `SUPPLIED` that this project has. Its other modules are hidden.
 
     Parameters
     ----------
@@ -132,33 +141,52 @@ def load_submission(folder, keepsNames=True):
     Raises
     ------
     SubmissionError
-        If the modules cannot be imported; with file and line if they are known.
+        If the modules cannot be imported; with file and line if they are known, and a remedy if a
+        package, a file or a display is missing.
     """
     check_folder(folder)
     folder = Path(folder).resolve()
-    lacking = [name for name in OUR_MODULES if not (folder / f"{name}.py").is_file()]
-    missing = tuple(name for name in SUBMITTED_MODULES if name in lacking)
-    dropped = _give_up_names({path.stem for path in folder.iterdir()} | set(lacking))
-    sys.modules.update(dict.fromkeys(lacking))  # None: no import finds them
-    theirs = [str(folder), str(STAND_INS)]
+    lacking = {*OUR_MODULES, *SUPPLIED} - {path.stem for path in folder.glob("*.py")}
+    dropped = _give_up_names({path.stem for path in folder.iterdir()} | lacking)
+    hidden = lacking - set(SUPPLIED)
+    sys.modules.update(dict.fromkeys(hidden))  # None: no import finds them
+    theirs = [str(folder), str(STAND_INS), str(STAND_INS / "ours")]
     sys.path[:0] = theirs
     try:
-        functions = importlib.import_module("RBSFunctions")
-        quaternion = functions if missing else importlib.import_module("Quaternion")
+        quaternion = functions = importlib.import_module("RBSFunctions")
+        supplied = [name for name in SUPPLIED if name in lacking and name in sys.modules]
+        if "Quaternion" not in lacking or not hasattr(functions, "QRotate"):
+            quaternion = importlib.import_module("Quaternion")
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # a student's module may raise anything, even SystemExit
-        cause = describe(error, folder)
-        if isinstance(error, ImportError) and error.name in lacking:
+        cause, remedy = describe(error, folder), _remedy(error)
+        if isinstance(error, ImportError) and error.name in hidden:
             cause = cause.partition("ModuleNotFoundError")[0] + f"there is no {error.name}.py"
-        raise SubmissionError(f"cannot be imported: {cause}") from None
+        cause += f"; to do: {remedy}" * bool(remedy)
+        raise SubmissionError(f"cannot be imported: {cause}", remedy) from None
     finally:
         if not keepsNames:
-            sys.path[:] = sys.path[2:] + theirs
+            sys.path[:] = sys.path[3:] + theirs
             for name in lacking:
                 sys.modules.pop(name, None)
             sys.modules.update(dropped)
-    return Submission(folder, functions, quaternion, missing)
+    remarks = [f"{one}.py is not in the submission; the coursework supplies it" for one in supplied]
+    return Submission(folder, functions, quaternion, remarks)
+
+
+def _remedy(error):
+    """What to do if an import fails for a reason that is not the student's mistake, or ""."""
+    if isinstance(error, ModuleNotFoundError):
+        name = (error.name or "").partition(".")[0]
+        if name in PACKAGES:
+            return f"pip install {PACKAGES[name] or name}"
+        return f"add the file {name}.py, or the package of that name"
+    if isinstance(error, EOFError):
+        return "remove the input() that is called during the import"
+    if re.search(r"display|GLFW|OpenGL|libGL|\bX11\b", str(error)):
+        return "remove what opens a window during the import"
+    return ""
 
 
 def _give_up_names(names):
@@ -172,7 +200,7 @@ def _give_up_names(names):
         module = sys.modules[name]
         file = getattr(module, "__file__", None)
         isStandIn = file is not None and STAND_INS in (
-            Path(file).resolve().parent,
+            *Path(file).resolve().parents[:2],
             Path(file).resolve().parent / "released",
         )
         if isStandIn or _is_ours(module):

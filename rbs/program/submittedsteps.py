@@ -6,8 +6,9 @@ which gets its state before a step and gives it back afterwards.
 
 import inspect
 from difflib import get_close_matches
-from functools import partial
+from functools import cache, partial
 from hashlib import sha256
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -25,6 +26,8 @@ COURSEWORK_PARAMETERS = {
     for name, one in inspect.signature(run_timestep).parameters.items()
     if one.kind is one.POSITIONAL_OR_KEYWORD
 }
+# What students call our `mu`.
+FRICTION_NAMES = ("mu", "friction", "frictionCoeff", "μ")
 
 # Relative, and in m: smaller differences between the two states leave the student's vertices alone.
 # They come from other ways to normalise quaternions.
@@ -37,13 +40,13 @@ class SubmittedSteps:
     Parameters
     ----------
     folder : of the student's modules
-    inOurLoop : whether this project's run_timestep, with their functions, replaces the student's
+    inOurLoop : whether `our_loop` replaces the student's run_timestep
 
     Attributes
     ----------
     folder : the same, resolved
     digest : of the Python files and inOurLoop; recordings identify the functions by it
-    functions : the module RBSFunctions
+    functions : the module RBSFunctions; remarks : list of str, which modules were supplied
     run_timestep : the function that makes the steps
 
     Raises
@@ -58,20 +61,27 @@ class SubmittedSteps:
         files = sorted(self.folder.glob("*.py"))
         texts = [file.name.encode() + b"\0" + file.read_bytes() + b"\0" for file in files]
         self.digest = sha256(b"".join(texts) + b"our loop" * inOurLoop).hexdigest()
-        self.functions = submission.functions
+        self.functions, self.remarks = submission.functions, submission.remarks
+        for remark in self.remarks:
+            print_note(f"{self.folder}: {remark}")
         self._Mesh = self._function("Mesh")
+        self._place = "resolve_collision" if inOurLoop else "run_timestep"
+        self.run_timestep = self._function(self._place)
+        parameters = inspect.signature(self.run_timestep).parameters
+        takesAll = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
+        self._known = COURSEWORK_PARAMETERS | set(BY_PARAMETER) if takesAll else set(parameters)
+        self._friction = next((name for name in FRICTION_NAMES if name in parameters), "mu")
+        self._known |= {"mu"} if self._friction in parameters else set()
         if inOurLoop:
-            self._Mesh = loop_mesh(self._Mesh)
-            taught = TaughtFunctions(self.functions)
-            self.run_timestep = partial(run_timestep, functions=taught)
-            self._known = COURSEWORK_PARAMETERS | {"broadPhase", "constraintScheduling"}
-        else:
-            self.run_timestep = self._function("run_timestep")
-            parameters = inspect.signature(self.run_timestep).parameters
-            takesAll = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
-            self._known = COURSEWORK_PARAMETERS | set(BY_PARAMETER) if takesAll else set(parameters)
+            self.run_timestep = partial(our_loop, self.functions, friction=self._friction)
+            ours = COURSEWORK_PARAMETERS | {"broadPhase", "constraintScheduling"}
+            self._known = ours | ({"mu"} & self._known)
         self._source = None
         self._attributes = set(STATE_WIDTHS) | {"currVertices"}
+
+    def has_friction(self):
+        """Returns whether the student's functions take a coefficient of friction."""
+        return "mu" in self._known
 
     def _function(self, name):
         function = getattr(self.functions, name, None)
@@ -87,7 +97,7 @@ class SubmittedSteps:
         for option, parameter in options.items():
             if parameter not in self._known and parameter not in ("timeStep", "CRCoeff"):
                 raise SubmissionError(
-                    f"{option} cannot be used with these --functions: the run_timestep in "
+                    f"{option} cannot be used with these --functions: the {self._place} in "
                     f"{self.folder} has no parameter {parameter}"
                 )
 
@@ -104,14 +114,17 @@ class SubmittedSteps:
         for name, value in settings.arguments().items():
             if name not in COURSEWORK_PARAMETERS and value != DEFAULTS_IN_STEP[name]:
                 if name not in self._known:
-                    raise StateError(f"the run_timestep in {self.folder} has no parameter {name}")
+                    raise StateError(f"the {self._place} in {self.folder} has no parameter {name}")
                 options[name] = value
         options = {name: value for name, value in options.items() if name in self._known}
+        if "mu" in options and self._place == "run_timestep":
+            options[self._friction] = options.pop("mu")
         try:
             theirs, ground = self.follow(meshes, source)
             self.run_timestep(theirs, ground, timeStep, CRCoeff, **options)
-        except KeyboardInterrupt:
-            raise
+        except KeyboardInterrupt as error:
+            place = describe(error, self.folder).rpartition(": KeyboardInterrupt")[0]
+            raise KeyboardInterrupt(*error.args, f" at {place}" * bool(place)) from None
         except BaseException as error:  # a student's function may raise anything
             raise StateError(describe(error, self.folder)) from None
         self._note_misspelt(theirs)
@@ -180,18 +193,34 @@ class SubmittedSteps:
         return state
 
 
-class TaughtFunctions:
-    """A student's functions as the loop of `run_timestep` calls them."""
+def our_loop(functions, meshes, groundMesh, *arguments, friction="mu", **options):
+    """This project's run_timestep, with the functions and meshes of another module.
 
-    def __init__(self, functions):
-        self.resolve_position_constraint = functions.resolve_position_constraint
-        self.resolve_velocity_constraint = functions.resolve_velocity_constraint
-        self._resolve_collision = functions.resolve_collision
+    functions : the module; friction : what its resolve_collision calls the last argument of ours;
+        the rest as for `run_timestep`
+    """
+    taught = SimpleNamespace(**vars(functions))
 
-    def resolve_collision(self, *contact):
-        self._resolve_collision(*contact)  # what it returns is not the coursework's
+    def resolve_collision(m1, m2, depth, normal, point, CRCoeff, *others):
+        named = {friction: others[-1]} if others else {}
+        contact = depth, np.array(normal), np.array(point), CRCoeff
+        functions.resolve_collision(m1, m2, *contact, **named)  # returns what the loop must not see
+
+    taught.resolve_collision = resolve_collision
+    theirs = [mesh for mesh in (*meshes, groundMesh) if mesh is not None]
+    kinds = [type(mesh) for mesh in theirs]
+    for mesh, kind in zip(theirs, kinds, strict=True):
+        mesh.__class__ = loop_mesh(kind)
+    try:
+        run_timestep(meshes, groundMesh, *arguments, functions=taught, **options)
+    finally:
+        for mesh, kind in zip(theirs, kinds, strict=True):
+            vertices = mesh.currVertices
+            mesh.__class__ = kind
+            vars(mesh)["currVertices"] = vertices
 
 
+@cache
 def loop_mesh(Mesh):
     """Returns a subclass of a student's Mesh with what the loop of `run_timestep` asks for.
 
@@ -199,12 +228,12 @@ def loop_mesh(Mesh):
     """
 
     class LoopMesh(Mesh):
-        heldBox = _vertices = None
+        heldBox, _vertices = None, (None, None)
 
         @property
         def currVertices(self):
             pose = np.asarray(self.position).tobytes() + np.asarray(self.orientation).tobytes()
-            if self._vertices is None or self._vertices[0] != pose:
+            if self._vertices[0] != pose:
                 vertices = QRotate(self.orientation, self.origVertices) + self.position
                 self._vertices = pose, vertices
             return self._vertices[1]

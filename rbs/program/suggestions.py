@@ -6,7 +6,7 @@ The words are the names of command-line options without dashes. From the top: re
 recommendations; applying them; opening further scenes in the window.
 """
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 from rbs.program.opening import find_file, open_file
 from rbs.scenes.messages import InputError, print_note, short, shown_path
@@ -92,34 +92,26 @@ def apply_settings(simulation, given, isBasic=False):
 class SceneOpener:
     """Opens files for the window, each scene with the settings that it recommends.
 
-    Settings given on the command line, or changed in the window, are kept from scene to scene if
-    the solver uses them, and so are a student's functions.
+    Settings given on the command line override them in every scene if the solver uses them. A
+    student's functions are kept from scene to scene.
     """
 
-    def __init__(self, simulation, given, isBasic=False, allowOutsideMeshes=False):
-        """simulation : the first one in the window; given, isBasic : see `apply_settings`"""
-        self._begun = None if simulation.isReplay else replace(simulation.settings)
+    def __init__(self, given, isBasic=False, allowOutsideMeshes=False, submitted=None):
+        """given, isBasic : see `apply_settings`; allowOutsideMeshes, submitted : see `open_file`"""
         self._given, self._isBasic = dict(given), isBasic
-        self._allowOutsideMeshes, self._submitted = allowOutsideMeshes, simulation.submitted
+        self._allowOutsideMeshes, self._submitted = allowOutsideMeshes, submitted
 
-    def __call__(self, text, settings, folder="."):
+    def __call__(self, text, folder="."):
         """Returns a Simulation or Replay; see `open_file`.
 
         text, folder : see `find_file`; folder is that of the last scene
-        settings : of the last scene, or None if there was none
         """
         opened = open_file(find_file(text, folder), self._allowOutsideMeshes, self._submitted)
         if isinstance(opened, Simulation):
-            if settings is not None and self._begun is not None:
-                begun = asdict(self._begun)
-                self._given |= {
-                    name: value for name, value in asdict(settings).items() if value != begun[name]
-                }
             recommended = {} if self._isBasic else recommended_values(opened.source)
             solver = self._given.get("contactSolver", recommended.get("contactSolver"))
             solver = solver or CHOSEN["contactSolver"].default
             apply_settings(opened, heeded(self._given, solver), self._isBasic)
-            self._begun = replace(opened.settings)
             note_recommended(opened)
         return opened
 

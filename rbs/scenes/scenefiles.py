@@ -248,10 +248,15 @@ def find_scene(name):
         return ours
     if os.path.exists(path):  # path.exists() may raise
         return path
-    known = [scene_name(scene) for scene in list_scenes(DATA_FOLDER)]
-    similar = get_close_matches(str(name), known)
+    similar = similar_scenes(name)
     cause = "no such scene or file; --help lists the scenes"
     raise SceneError(name, None, cause + f"; similar: {', '.join(similar)}" * bool(similar))
+
+
+def similar_scenes(name):
+    """Returns the names of up to three scenes in data/ that are similar to a name."""
+    known = [scene_name(scene) for scene in list_scenes(DATA_FOLDER)]
+    return get_close_matches(str(name), known)
 
 
 def list_scenes(folder):

@@ -110,11 +110,11 @@ def sweep(visit, constraints, total, maximumVisits):
     visit : function of an index; constraints : dict of the indices that can be corrected
     Returns the number of visits.
     """
-    visits = satisfiedInARow = 0
+    visits = satisfiedInARow = c = 0
     while satisfiedInARow < total and visits < maximumVisits:
-        c = visits % total
         satisfiedInARow = 0 if c in constraints and visit(c) else satisfiedInARow + 1
         visits += 1
+        c = c + 1 if c + 1 < total else 0
     return visits
 
 

@@ -125,7 +125,7 @@ TABLE = (
         "gravity",
         -GRAVITY,
         "acceleration of free fall along −y, in m/s²",
-        (0.0, 1000.0),
+        (-1000.0, 1000.0),
         (0.0, 20.0),
         label="gravity (m/s²)",
         defaultInStep=EARTH,
@@ -177,6 +177,7 @@ TABLE = (
         "motion. sequential resolves one contact after the other; batches resolves contacts that "
         "share no movable body together, on arrays, and finds them by the grid",
         option="contacts",
+        label="contact schedule",
         **IMPULSE,
     ),
     Setting(
@@ -184,7 +185,7 @@ TABLE = (
         False,
         "apply no impulse if bodies are already separating. By default, one is applied, as in the "
         "coursework",
-        label="approaching contacts only",
+        label="push only approaching bodies",
         **IMPULSE,
     ),
     Setting(

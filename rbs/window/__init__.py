@@ -7,6 +7,7 @@ In reading order:
     viewer          the actions of buttons, keys and mouse
     layout          positions of the panels
     widgets         buttons, fields and tables of a panel
+    marks           what is drawn on top of the picture
     plots           plots of energy, momentum and errors
     helppanel       table of keys and mouse actions
     panel           the window: panels, keys and mouse

@@ -7,12 +7,12 @@ from rbs.window.widgets import scaled
 KEYS = {
     "Space": "play, pause",
     "S, Right": "one step forward",
-    "Left": "one step back",
+    "Left, Ctrl + Z": "one step back, or undo",
     "R": "start over, keeping your settings",
     "Shift + R": "start over, with the scene's own settings",
     "[, ]": "the scene before, the next scene",
     "B": "shoot a ball at the mouse",
-    "F": "fit everything in view; twice: usual direction",
+    "F": "fit all in view, except what has fled; twice: usual direction",
     "1 to 9": "ground, shadows, overlays: see Display",
     "Tab": "show or hide all panels",
     "N": "show or hide the readout",
@@ -21,12 +21,12 @@ KEYS = {
 }
 MOUSE = {
     "click": "select a body: readout, push, fix",
-    "double-click": "orbit and zoom about that body",
+    "double-click": "orbit and zoom about a body",
     "Ctrl + drag": "drag a body, and throw it; while paused, move it",
     "drag": "orbit",
     "Shift + drag, right drag": "pan",
     "wheel": "zoom",
-    "drop a file": "open a scene, a recording or a camera",
+    "drop a file": "open a scene, a recording or a viewpoint",
 }
 # Pixels, the width of the left column.
 INDENT = 180

@@ -13,7 +13,7 @@ COLUMN_SHARE, LEAST_COLUMN, MOST_COLUMN = 0.25, 260, 420
 ROOMY_WIDTH = 1000
 # Height from which the settings are shown by default.
 ROOMY_HEIGHT = 640
-TIMELINE_HEIGHT = 78
+TIMELINE_HEIGHT = 40
 
 
 class Box(NamedTuple):
@@ -26,11 +26,11 @@ class Box(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """The Boxes of a window. `side` and `timeline` are None if they are hidden."""
+    """The Boxes of a window. `side` is None if it is hidden."""
 
     main: Box
     side: Box | None
-    timeline: Box | None
+    timeline: Box
     picture: Box
 
     def margins(self, width, height):
@@ -39,18 +39,18 @@ class Layout(NamedTuple):
         return left, top, width - left - wide, height - top - high
 
 
-def arrange(width, height, hasSide, hasTimeline, scale=1.0):
-    """Returns the Layout of a window, with or without the right column and the timeline.
+def arrange(width, height, hasSide, scale=1.0):
+    """Returns the Layout of a window, with or without the right column.
 
     scale : of the monitor
     """
     column = round(min(max(COLUMN_SHARE * width, scale * LEAST_COLUMN), scale * MOST_COLUMN))
     right = width - column if hasSide else width
     strip = round(scale * TIMELINE_HEIGHT)
-    bottom = height - strip if hasTimeline else height
+    bottom = height - strip
     return Layout(
         main=Box(0, 0, column, height),
         side=Box(right, 0, column, height) if hasSide else None,
-        timeline=Box(column, bottom, right - column, strip) if hasTimeline else None,
+        timeline=Box(column, bottom, right - column, strip),
         picture=Box(column, 0, right - column, bottom),
     )

@@ -15,7 +15,7 @@ import polyscope.imgui as psim
 
 from rbs.appearance.colours import COLOURINGS, PICKED_COLOUR
 from rbs.appearance.pictureoptions import LOOKS, PictureOptions
-from rbs.pictures.capture import draw_legend, start_view
+from rbs.pictures.capture import start_view
 from rbs.pictures.overlays import MOST_BOXES, MOST_TRAILS, TRAIL_LENGTH, VELOCITY_SECONDS
 from rbs.pictures.view import LAYERS
 from rbs.scenes.messages import counted
@@ -23,13 +23,15 @@ from rbs.stepping.reports import PHASES
 from rbs.stepping.settings import CHOSEN
 from rbs.window.helppanel import draw_help
 from rbs.window.layout import ROOMY_HEIGHT, ROOMY_WIDTH, arrange
-from rbs.window.playback import MOST_STATES, SPEEDS, speed_name
+from rbs.window.marks import draw_legend, draw_marks
+from rbs.window.playback import SPEEDS, speed_name
 from rbs.window.plots import ALL_PLOTS, PLOTS, Plots
 from rbs.window.viewer import Viewer
 from rbs.window.widgets import (
     ERROR_TEXT,
     NumberField,
     Tooltips,
+    clamped,
     draw_check,
     draw_choice,
     draw_slider,
@@ -38,12 +40,14 @@ from rbs.window.widgets import (
     scaled,
 )
 
-# Pixels: width of the labels beside fields, and indent of the parts of a sum.
-LABEL_WIDTH, INDENT = 112, 18
+# Pixels: width of the labels beside fields, indent of the parts of a sum, and width of the button
+# beside a changed setting.
+LABEL_WIDTH, INDENT, MARK_WIDTH = 128, 18, 18
 # Pixels. A shorter movement between pressing and releasing the button counts as a click; a longer
 # one turns the camera.
 CLICK_PIXELS = 4.0
-# Seconds between the clicks of a double-click, each of which takes a frame or two.
+# Seconds between the clicks of a double-click, each of which takes a frame or two. Until then, no
+# panel opens that would move the picture.
 DOUBLE_CLICK_SECONDS = 0.6
 # Time steps in seconds: change by the buttons + and -, least and greatest one.
 TIME_STEPS = 0.005, 1e-4, 1.0
@@ -55,6 +59,11 @@ MARK = 0xFF8C1AE6
 MESSAGE_SECONDS = 20.0
 # Most frames per second; the same while idle; and seconds without input or playing until idle.
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
+# What is shown until one of these has been used, and its height in pixels.
+HINT, HINT_HEIGHT = "Ctrl + drag throws a body · B shoots · H shows all keys", 34
+# Names of choices in the lists, where the option's own is too short.
+CHOICES = {"impulse": "impulses, one by one", "soft-step": "soft step: piles rest"}
+CHOICES |= {"all": "all pairs", "plain": "as in the window"}
 # Tooltips of the switches in the section Display.
 TOOLTIPS = {
     "ground": "Plane y = 0, with lines",
@@ -102,18 +111,22 @@ class Panel:
     """The window's panels, keys and mouse, which show a Viewer and call its functions.
 
     Attributes: viewer; path, text of the field that opens a file; isHelpShown; areHidden, all
-    panels; isSideShown, the readout, None if the window's width decides; layout, of the last frame.
+    panels; isSideShown, the readout, None if the window's width decides; layout, of the last frame;
+    hint, a line for beginners, or "".
     """
 
     def __init__(self, viewer):
         self.viewer = viewer
         self.path = ""
         self._timeStep = NumberField(CHOSEN["timeStep"], *TIME_STEPS)
+        self.hint, self.frameRate = HINT, FRAME_RATE
         self.isHelpShown = self.areHidden = False
         self.isSideShown = self.layout = None
         self.plots = Plots()
         self._lastFrame = self._lastAction = time.perf_counter()
-        self._dropped = self._pressedAt = None
+        self._dropped = self._pressedAt = self._sideLess = None
+        self._lastClick = -DOUBLE_CLICK_SECONDS
+        ps.set_max_fps(-1)  # with a limit, Polyscope would wait by keeping a core busy
         self._told = None, 0.0  # the message that is shown, and its time
 
     def dropped(self, paths):
@@ -128,54 +141,63 @@ class Panel:
         self._handle_keys()
         self._handle_mouse()
         self.lay_out()
+        self.viewer.view.keep_above_ground()
         self.viewer.view.spread_ground()
         self.viewer.watch_picture()
+        draw_marks(self.viewer)
         text, isError = self._message()
         Tooltips.areHidden = isError
         if not self.areHidden:
             self._draw_main()
             if self.layout.side is not None:
                 self._draw_side()
-            if self.layout.timeline is not None:
-                self._draw_timeline()
+            self._draw_timeline()
+        isHint = bool(text) and text == self.hint
+        draw_legend(self.viewer.view.legend(), self.layout.picture, isHint * scaled(HINT_HEIGHT))
         if text:
             self._draw_message(text, isError)
         if self.isHelpShown:
             left, top, width, height = self.layout.picture
             centre = left + width / 2, top + height / 2
             self.isHelpShown = draw_help(centre, (width, height))
+        self._choose_quality()
         now = time.perf_counter()
         self.viewer.play(now - self._lastFrame)
         self._lastFrame = now
-        self._choose_quality(now)
 
     def lay_out(self):
         """Arranges the panels for the window's size, and sets the margins of the view."""
         width, height = ps.get_window_size()
         hasSide = width >= scaled(ROOMY_WIDTH) if self.isSideShown is None else self.isSideShown
-        hasSide = hasSide or self.viewer.picked() is not None
-        self.layout = arrange(width, height, hasSide, self.viewer.isReplay, scaled(1))
+        hasSide = hasSide or self.viewer.view.picked not in (None, self._sideLess)
+        if self.layout is not None and self._is_clicking():
+            hasSide = self.layout.side is not None
+        self.layout = arrange(width, height, hasSide, scaled(1))
         margins = (0, 0, 0, 0) if self.areHidden else self.layout.margins(width, height)
         self.viewer.view.set_margins(margins, (width, height))
 
-    def toggle_side(self):
-        """Shows or hides the readout. Hiding it also deselects the body."""
-        self.isSideShown = self.layout.side is None
-        if not self.isSideShown and self.viewer.picked() is not None:
-            self.viewer.view.pick(None)
-            self.viewer.view.refresh()
+    def _is_clicking(self):
+        """Whether a click in the picture may go on, as a double-click."""
+        since = time.perf_counter() - self._lastClick
+        return self._pressedAt is not None or since < DOUBLE_CLICK_SECONDS
 
-    def _choose_quality(self, now):
-        """Smooths edges while bodies and camera rest, which takes longer to draw, and lowers the
-        frame rate while idle, so that a waiting window does not occupy a core.
+    def toggle_side(self):
+        """Shows or hides the readout. Another selection shows it again."""
+        self.isSideShown = self.layout.side is None
+        self._sideLess = None if self.isSideShown else self.viewer.view.picked
+
+    def _choose_quality(self):
+        """Smooths edges while bodies and camera rest, which takes longer to draw, and waits until
+        the next frame is due: longer while idle, so that a paused window hardly uses the processor.
         """
-        io, isPlaying = psim.GetIO(), self.viewer.isPlaying
+        io, isPlaying, now = psim.GetIO(), self.viewer.isPlaying, time.perf_counter()
         isHeld = any(psim.IsMouseDown(k) for k in range(3))
         isUsed = any(io.MouseDelta) or isHeld or io.MouseWheel or io.WantTextInput
         if isPlaying or isUsed or self._isKeyDown:
             self._lastAction = now
-        ps.set_max_fps(IDLE_RATE if now - self._lastAction > IDLE_SECONDS else FRAME_RATE)
         self.viewer.view.set_supersampling(not isPlaying and (io.WantCaptureMouse or not isHeld))
+        self.frameRate = IDLE_RATE if now - self._lastAction > IDLE_SECONDS else FRAME_RATE
+        time.sleep(max(1.0 / self.frameRate - (now - self._lastFrame), 0.0))
 
     def _handle_keys(self):
         io, viewer = psim.GetIO(), self.viewer
@@ -184,11 +206,12 @@ class Panel:
             return
         repeating = {"S RightArrow": viewer.step_once, "LeftArrow": viewer.step_back}
         acts = repeating | {
+            "Z": viewer.step_back if io.KeyCtrl else lambda: None,
             "Space": viewer.toggle_play,
             "R": viewer.reset if io.KeyShift else viewer.restart,
             "LeftBracket": lambda: viewer.open_beside(-1),
             "RightBracket": lambda: viewer.open_beside(1),
-            "B": lambda: viewer.shoot(tuple(io.MousePos)),
+            "B": self._shoot,
             "F": viewer.view.frame_all,
             "N": self.toggle_side,
             "Tab": lambda: self._toggle("areHidden"),
@@ -206,19 +229,25 @@ class Panel:
 
     def _toggle(self, name):
         setattr(self, name, not getattr(self, name))
+        self.hint = ""
+
+    def _shoot(self):
+        self.viewer.shoot(tuple(psim.GetIO().MousePos))
+        self.hint = ""
 
     def _handle_mouse(self):
-        """Selects a body with a click, and drags one with Ctrl."""
+        """Selects a body with a click, centres it with another one, and drags one with Ctrl."""
         io, viewer = psim.GetIO(), self.viewer
         mouse = tuple(io.MousePos)
         io.MouseDoubleClickTime = DOUBLE_CLICK_SECONDS
-        if psim.IsMouseClicked(0) and not io.WantCaptureMouse:
+        if psim.IsMouseDoubleClicked(0) and not io.WantCaptureMouse:
+            viewer.view.centre_picked()  # whatever is there since the first click
+        elif psim.IsMouseClicked(0) and not io.WantCaptureMouse:
             if io.KeyCtrl:
                 viewer.grab_at(mouse)
+                self.hint = self.hint if viewer.grab is None else ""
             else:
                 self._pressedAt = mouse
-        if psim.IsMouseDoubleClicked(0) and not io.WantCaptureMouse:
-            viewer.view.centre_at(mouse)
         if viewer.grab is not None:
             if psim.IsMouseDown(0):
                 viewer.drag_to(mouse)
@@ -227,6 +256,7 @@ class Panel:
         if psim.IsMouseReleased(0) and self._pressedAt is not None:
             if math.dist(self._pressedAt, mouse) < CLICK_PIXELS:
                 viewer.pick_at(self._pressedAt)
+                self._lastClick = time.perf_counter()
             self._pressedAt = None
 
     # The main column.
@@ -246,26 +276,17 @@ class Panel:
         self._draw_files()
         isRoomy = self.layout.main.height >= scaled(ROOMY_HEIGHT)
         isReplay = self.viewer.isReplay
-        if not isReplay and self._section("Simulation", isRoomy, "Physics settings"):
+        if not isReplay and self._section("Simulation", isRoomy):
             self._draw_settings()
-        if self._section("Display", False, "Colours and overlays"):
+        if self._section("Display", isRoomy):
             self._draw_display()
-        if self._section("Save", False, "Pictures, videos, recordings and viewpoints"):
+        if self._section("Save", False):
             self._draw_save()
-        rows = self.viewer.view.legend()
-        if rows:
-            psim.Separator()
-            psim.PushTextWrapPos(0.0)
-            draw_legend(rows)
-            psim.PopTextWrapPos()
         psim.PopItemWidth()
         psim.End()
 
-    def _section(self, title, isOpen, tooltip):
-        flags = psim.ImGuiTreeNodeFlags_DefaultOpen if isOpen else 0
-        isShown = psim.CollapsingHeader(title, flags)
-        Tooltips.tell(tooltip)
-        return isShown
+    def _section(self, title, isOpen):
+        return psim.CollapsingHeader(title, psim.ImGuiTreeNodeFlags_DefaultOpen if isOpen else 0)
 
     def _buttons(self, *rows):
         """Draws a row of equally wide buttons (label, function, tooltip)."""
@@ -284,7 +305,7 @@ class Panel:
         play = "Pause###play" if viewer.isPlaying else "Play###play"
         self._buttons(
             (play, viewer.toggle_play, "Space: play or pause"),
-            ("Back", viewer.step_back, f"Left: one step back, up to {MOST_STATES}"),
+            ("Back", viewer.step_back, "Left or Ctrl + Z: one step back, or undo"),
             ("Step", viewer.step_once, "S or Right: one step forward"),
             ("Reset", viewer.restart, "R: start over, keeping your settings"),
         )
@@ -314,34 +335,42 @@ class Panel:
         Tooltips.tell("Open a scene by path or name, a recording (.h5) or a viewpoint (.json)")
         if entered and self.path.strip():
             viewer.open(self.path.strip())
-        if viewer.simulation.recommended:
-            psim.TextWrapped(f"Scene settings: {viewer.simulation.recommended}")
-            Tooltips.tell("Settings recommended by the scene file. Shift + R restores them.")
+            self.path = self.path if viewer.message else ""
 
     def _draw_settings(self):
         """Draws the settings that the solver uses."""
         simulation = self.viewer.simulation
         settings = simulation.settings
+        right = psim.GetCursorPosX() + psim.GetContentRegionAvail()[0]
         for one in CHOSEN.values():
             isHeeded = one.isHeededBy(settings.contactSolver)
             if not one.label or not isHeeded or one.isOfConstraints and not simulation.constraints:
                 continue
-            row = one.label, getattr(settings, one.name)
-            last = partial(self._set, one.name), one.tooltip
+            value, begun = getattr(settings, one.name), getattr(simulation.startSettings, one.name)
+            row, last = (one.label, value), (partial(self._set, one.name), one.tooltip)
             if one.name == "timeStep":
                 self._tell(self._timeStep.draw(settings))
             elif one.kind is bool:
                 draw_check(*row, *last)
             elif one.sliderEnds is None:
-                draw_choice(*row, one.kind, *last)
+                draw_choice(*row, one.kind, *last, CHOICES)
             else:
-                self._tell(draw_slider(*row, *one.sliderEnds, *last))
-        if settings != simulation.startSettings:
-            tooltip = "Shift + R: start over, with the scene's own settings"
-            self._buttons(("Scene settings", self.viewer.reset, tooltip))
+                draw_slider(*row, *one.sliderEnds, *last)
+            if value != begun:
+                psim.SameLine(right - scaled(MARK_WIDTH))
+                if psim.SmallButton(f"×###restore {one.name}"):
+                    self.viewer.restore_settings(one.name)
+                Tooltips.tell(f"Changed. A click restores {CHOICES.get(begun, begun)}")
+        psim.BeginDisabled(settings == simulation.startSettings)
+        tooltip = "Undo all changes of settings. Shift + R also starts over"
+        self._buttons(("Restore the scene's settings", self.viewer.restore_settings, tooltip))
+        psim.EndDisabled()
 
     def _set(self, name, value):
-        """Changes a setting."""
+        """Changes a setting, as far as its limits allow."""
+        if isinstance(value, int | float):
+            value, message = clamped(CHOSEN[name].label, value, *CHOSEN[name].limits)
+            self._tell(message)
         self.viewer.simulation.settings.change(name, value)
         self.viewer.view.refresh()
 
@@ -353,9 +382,11 @@ class Panel:
         view = self.viewer.view
         tooltip = "Quantity that the bodies' colours show"
         draw_choice("colours", view.colouring, COLOURINGS, view.colour_by, tooltip)
-        self._buttons(("Frame all", view.frame_all, "F: fit everything in view"))
-        tooltip = "Camera follows the selected body, or the centre of all"
-        draw_check("follow", view.follows, partial(setattr, view, "follows"), tooltip)
+        tooltip = "F: fit all bodies in view, except any flung far away"
+        self._buttons(("Frame all", view.frame_all, tooltip))
+        tooltip = "Camera moves with the selected body"
+        act = partial(setattr, view, "follows")
+        draw_check("camera follows selection", view.follows, act, tooltip)
         for digit, name in enumerate(LAYERS, 1):
             tooltip = f"{digit}: {TOOLTIPS[name]}"
             draw_check(name, name in view.shown, partial(view.show, name), tooltip)
@@ -365,23 +396,25 @@ class Panel:
         tooltip = "Save the viewpoint to out/; drop the file here, or pass it to --camera"
         self._buttons(
             ("Picture", viewer.save_picture, "Save this view as a PNG, without panels, to out/"),
-            ("Camera", viewer.save_camera, tooltip),
+            ("Viewpoint", viewer.save_camera, tooltip),
         )
         tooltip = (
             "Look of saved pictures: plain, as in the window; or studio, with sky light and soft "
             "shadows, which takes seconds"
         )
-        draw_choice("look", viewer.look, LOOKS, partial(setattr, viewer, "look"), tooltip)
+        act = partial(setattr, viewer, "look")
+        draw_choice("look", viewer.look, LOOKS, act, tooltip, CHOICES)
         video = "Video###video" if viewer.video is None else "Stop video###video"
         record = "Record###record" if viewer.recorder is None else "Stop recording###record"
         tooltip = (
             "Record every step until Stop recording, including your own drags, pushes and shots, "
             "for --replay, --resume and --verify (.h5 in out/)"
         )
-        self._buttons(
-            (video, viewer.toggle_video, "Film from now until Stop video (.mp4 in out/)"),
-            (record, viewer.toggle_recording, tooltip),
-        )
+        about = "Film from now until Stop video (.mp4 in out/)"
+        self._buttons((video, viewer.toggle_video, about))
+        psim.BeginDisabled(viewer.isReplay)
+        self._buttons((record, viewer.toggle_recording, tooltip))
+        psim.EndDisabled()
         if viewer.video is not None:
             psim.TextWrapped(viewer.video.summary(viewer.simulation)[1])
         if viewer.recorder is not None:
@@ -396,9 +429,9 @@ class Panel:
         if viewer.picked() is not None:
             self._draw_body()
         self._draw_numbers()
-        if self._section("Milliseconds", True, "Time per phase, averaged over the last steps"):
+        if self._section("Timing", True):
             self._draw_milliseconds()
-        viewer.isMeasuring = self._section("Plots", False, "Energy, momentum and errors over time")
+        viewer.isMeasuring = self._section("Plots", False)
         if viewer.isMeasuring:
             plots, act = [ALL_PLOTS, *PLOTS], partial(setattr, self.plots, "chosen")
             draw_choice("plot", self.plots.chosen, plots, act, "All plots, or a single large one")
@@ -409,14 +442,18 @@ class Panel:
     def _draw_numbers(self):
         simulation = self.viewer.simulation
         square = self.viewer.view.squareSide
-        psim.Text(f"{counted(len(simulation.meshes), 'body')} · floor squares {square:g} m")
+        meshes = simulation.meshes
+        fixed = sum(mesh.isFixed for mesh in meshes)
+        kinds = counted(len(meshes) - fixed, "body") + f", {fixed} fixed" * bool(fixed)
+        psim.Text(f"{kinds} · floor squares {square:g} m")
         psim.Text(f"step {simulation.stepCount}, {simulation.time:.2f} s simulated")
         report = simulation.report
         if report is not None:
             if report.hasSleepers:
-                psim.Text(f"{report.contactCount} contacts of awake bodies")
-            else:
-                psim.Text(counted(report.contactCount, "contact"))
+                asleep = int(report.isAsleep.sum())
+                isAll = asleep + fixed >= len(meshes)
+                psim.Text(f"all {asleep} bodies asleep" if isAll else f"{asleep} bodies asleep")
+            psim.Text(counted(report.contactCount, "contact"))
             psim.Text(counted(report.candidatePairs, "candidate pair"))
             if simulation.constraints:
                 bounds = counted(len(simulation.constraints), "constraint")
@@ -445,8 +482,8 @@ class Panel:
         mass = f"{mesh.mass / 1e3:.4g} t" if mesh.mass >= 1e3 else f"{mesh.mass:.4g} kg"
         psim.TextWrapped(f"mass {mass}, density {mesh.density:g} kg/m³")
         centre = "centre", mesh.position[0], "m"
-        v = "v", mesh.linVelocity[0], "m/s"
-        draw_vectors([centre, v, ("angular", mesh.angVelocity[0], "rad/s")])
+        velocity = "velocity", mesh.linVelocity[0], "m/s"
+        draw_vectors([centre, velocity, ("angular velocity", mesh.angVelocity[0], "rad/s")])
         if not viewer.isReplay:
             self._draw_body_buttons()
         psim.Separator()
@@ -459,8 +496,7 @@ class Panel:
         isFixed = viewer.picked().isFixed
         psim.BeginDisabled(isFixed)
         act, tooltip = partial(setattr, viewer, "pushSpeed"), "Speed that a push adds"
-        slider = "push", viewer.pushSpeed, 0.0, MOST_PUSH, act, tooltip, "%.1f m/s"
-        self._tell(draw_slider(*slider))
+        draw_slider("push", viewer.pushSpeed, 0.0, MOST_PUSH, act, tooltip, "%.1f m/s")
         camera = ps.get_view_camera_parameters()
         right = np.array(camera.get_right_dir())
         directions = {
@@ -477,22 +513,27 @@ class Panel:
     # The timeline and messages.
 
     def _draw_timeline(self):
-        viewer, replay = self.viewer, self.viewer.simulation
+        viewer, simulation = self.viewer, self.viewer.simulation
         flags = psim.ImGuiWindowFlags_NoTitleBar | psim.ImGuiWindowFlags_NoScrollbar
         self._begin("Timeline", self.layout.timeline, self.layout.timeline.height, flags)
-        if psim.Button("Continue from here"):
-            viewer.continue_here()
-        Tooltips.tell("Simulate on from this step, with its settings")
-        psim.SameLine()
-        psim.Text(f"{replay.time:.2f} of {replay.lastTime:.2f} s   {replay.recording.path.name}")
+        shown, numbers = f"step {simulation.stepCount}", (viewer.place, 0, viewer.last_place())
+        about = f"{simulation.time:.2f} s. Drag to go back, up to {numbers[2]} steps"
+        if viewer.isReplay:
+            if psim.Button("Continue from here"):
+                viewer.continue_here()
+            Tooltips.tell("Simulate on from this step, with its settings")
+            psim.SameLine()
+            shown = f"step %d of {simulation.lastStep}"
+            numbers = simulation.stepCount, simulation.firstStep, simulation.lastStep
+            about = f"{simulation.time:.2f} of {simulation.lastTime:.2f} s. Drag, or type a step"
+            about += " after Ctrl-click"
         psim.SetNextItemWidth(-1.0)
-        numbers = replay.stepCount, replay.firstStep, replay.lastStep
-        shown, flags = f"step %d of {replay.lastStep}", psim.ImGuiSliderFlags_AlwaysClamp
-        moved, step = psim.SliderInt("###step", *numbers, shown, flags)
-        Tooltips.tell("Drag, or Ctrl-click to type a step")
-        self._mark_changes(replay)
-        if moved:
-            viewer.seek(step)
+        moved, place = psim.SliderInt("###step", *numbers, shown, psim.ImGuiSliderFlags_AlwaysClamp)
+        Tooltips.tell(about)
+        if viewer.simulation is simulation and moved:
+            viewer.seek(place)
+        if viewer.isReplay:
+            self._mark_changes(viewer.simulation)
         psim.End()
 
     def _mark_changes(self, replay):
@@ -508,6 +549,8 @@ class Panel:
         """Returns (message, whether it is an error). Messages expire after a while."""
         viewer = self.viewer
         text, now = viewer.message or viewer.saved, time.perf_counter()
+        if self.hint and not (text or self.areHidden or viewer.isReplay):
+            return self.hint, False
         if text != self._told[0]:
             self._told = text, now
         if now - self._told[1] > MESSAGE_SECONDS:
@@ -515,9 +558,12 @@ class Panel:
         return text, bool(viewer.message)
 
     def _draw_message(self, text, isError):
-        """Draws a message over the upper edge of the picture."""
-        left, top, width, _ = self.layout.picture
-        psim.SetNextWindowPos((left, top), psim.ImGuiCond_Always)
+        """Draws a message over the upper edge of the picture, or the hint over the lower one."""
+        left, top, width, height = self.layout.picture
+        place, pivot = (
+            ((left, top + height), (0, 1)) if text == self.hint else ((left, top), (0, 0))
+        )
+        psim.SetNextWindowPos(place, psim.ImGuiCond_Always, pivot)
         psim.SetNextWindowSizeConstraints((width, 0), (width, scaled(200)))
         psim.SetNextWindowBgAlpha(0.9)
         flags = psim.ImGuiWindowFlags_NoTitleBar | psim.ImGuiWindowFlags_AlwaysAutoResize

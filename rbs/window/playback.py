@@ -6,16 +6,17 @@ Nothing here draws. Units: seconds.
 import math
 import time
 from collections import deque
+from itertools import repeat
 
 # Speeds relative to real time. The last makes as many steps as possible.
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, math.inf)
-# Seconds of stepping per frame. After them the frame is drawn, so that a scene too slow for real
-# time plays in slow motion and the window stays responsive. More make the window sluggish; fewer
-# slow the scene down.
-STEPPING_SECONDS = 0.02
+# Least and most seconds of stepping per frame, and between them as many as the frame takes to draw.
+# After them the frame is drawn, so that a scene too slow for real time plays in slow motion and the
+# window stays responsive. More make the window sluggish; fewer slow the scene down.
+STEPPING_SECONDS, MOST_STEPPING_SECONDS = 0.02, 0.1
 # Seconds of simulation that are caught up after a pause in drawing, such as while the window is
 # dragged. More make the scene leap. A replay, whose steps take no time, catches up with more.
-CATCH_UP_SECONDS, REPLAY_CATCH_UP_SECONDS = 0.1, 1.0
+CATCH_UP_SECONDS, REPLAY_CATCH_UP_SECONDS = 0.25, 1.0
 # States that are kept to step back to: their number, and the number of bodies in all of them, which
 # limits their memory to about 200 MB.
 MOST_STATES, MOST_KEPT_BODIES = 500, 100_000
@@ -58,6 +59,7 @@ class Playback:
         """Clears the steps that are due, and the pace."""
         self._due = 0.0  # simulated seconds still to be played
         self._paces = deque()  # per frame: its seconds, and the simulated ones
+        self._stepping = 0.0  # seconds that the steps of the last frame have taken
 
     def due(self, elapsed, timeStep, isReplay=False):
         """Returns the number of steps of timeStep that are due `elapsed` seconds after the last
@@ -76,12 +78,13 @@ class Playback:
         step : function that makes one step of timeStep and returns whether to continue
         """
         begin = time.perf_counter()
-        if self.speed == math.inf:
-            while step() and time.perf_counter() - begin < STEPPING_SECONDS:
-                pass
-            return
-        for _ in range(self.due(elapsed, timeStep)):
-            if not step() or time.perf_counter() - begin > STEPPING_SECONDS:
+        drawing = elapsed - self._stepping
+        most = min(max(STEPPING_SECONDS, drawing), MOST_STEPPING_SECONDS)
+        isUnlimited, self._stepping = self.speed == math.inf, 0.0
+        for _ in repeat(0) if isUnlimited else range(self.due(elapsed, timeStep)):
+            goesOn = step()
+            self._stepping = time.perf_counter() - begin
+            if not goesOn or self._stepping >= most:
                 break
 
     def note(self, elapsed, simulated):

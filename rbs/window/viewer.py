@@ -13,6 +13,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import fmean
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,14 +35,27 @@ from RBSFunctions import refresh_vertices
 
 # Frames, and steps, over which timings are averaged: half a second of playing.
 TIMED_STEPS = 25
-# Number of bodies above which the grid is suggested, and up to which a speed is.
+# Number of bodies above which the grid is suggested, and up to which a speed is; up to which plots
+# grow while they are not shown, since their numbers take milliseconds for more.
 MANY_BODIES = 100
 # Steps that the plots show.
 PLOTTED_STEPS = 500
 # m/s that a push adds to the velocity of the centre of mass.
 DEFAULT_PUSH = 8.0
-# Message if the user drags, shoots or records in a replay.
+# Message if the user drags or shoots in a replay.
 UNCHANGEABLE = 'Recordings are read-only. "Continue from here" makes a simulation of it'
+
+
+class Moment(NamedTuple):
+    """A moment of a simulation, to go back to: its State, report and list of meshes.
+
+    settings : those to return to if what followed has changed them, else None
+    """
+
+    state: dict
+    report: object
+    meshes: list
+    settings: dict | None = None
 
 
 class Viewer:
@@ -59,10 +73,12 @@ class Viewer:
     video, recorder, picture : files that are being written, or None
     look : one of LOOKS, for pictures
     isMeasuring, history : whether `history`, rows (time, quantities), grows
+    moments, place : Moments that can be gone to, and the number of those before the present one,
+        which is itself among them only after going back
     """
 
     def __init__(self, simulation, view, openFile, listFiles, measure, look="plain"):
-        """openFile(text, settings, folder) returns a Simulation or Replay, or raises ValueError.
+        """openFile(text, folder) returns a Simulation or Replay, or raises ValueError.
         listFiles(folder) returns a list of ListedFile, measure(simulation) a dict of floats.
         """
         self.simulation = simulation
@@ -78,12 +94,11 @@ class Viewer:
         self.isMeasuring = False
         self.history = deque(maxlen=PLOTTED_STEPS)
         self._openFile, self._listFiles, self._measure = openFile, listFiles, measure
-        self._settings = None if self.isReplay else simulation.settings
         self._suggest()
         # Per step and per frame: the seconds of the whole and of its parts.
         self._steps, self._frames = deque(maxlen=TIMED_STEPS), deque(maxlen=TIMED_STEPS)
         self._spent = {}  # seconds of the present frame, by activity
-        self._past = deque()  # (state, report) before each of the last steps
+        self.moments, self.place = [], 0
         self._isMoved = False  # whether the dragged body was moved while paused
 
     @property
@@ -146,7 +161,7 @@ class Viewer:
             self._film()
             return True
         self._end_move()
-        past = simulation.state(), simulation.report
+        moment = self._moment()
         if self.grab is not None:
             mesh = simulation.meshes[self.grab.body]
             self._change(self.grab.change(mesh, simulation.settings.timeStep))
@@ -157,9 +172,7 @@ class Viewer:
             self.isPlaying = False
             self.message = str(error)
             return False
-        self._past.append(past)
-        while len(self._past) > kept_states(len(simulation.meshes)):
-            self._past.popleft()
+        self._keep(moment)
         if simulation.report is not None:
             self._steps.append({"step": simulation.stepSeconds, **simulation.report.seconds})
         if self.recorder is not None:
@@ -182,10 +195,9 @@ class Viewer:
 
     def _show(self):
         """Draws the present state and adds it to the plots."""
-        if self.isMeasuring:
+        if self.isMeasuring or len(self.simulation.meshes) <= MANY_BODIES:
             self.history.append((self.simulation.time, self._measure(self.simulation)))
         self.view.refresh()
-        self._show_grab()
 
     def step_once(self):
         """Makes a single step, and pauses."""
@@ -195,56 +207,92 @@ class Viewer:
         self._show()
 
     def step_back(self):
-        """Goes back by a step, and pauses. A recording by hand ends."""
+        """Goes back by a step, or undoes what was done since, and pauses."""
         simulation = self.simulation
-        self.message = ""
-        if self.isReplay:
-            self.seek(simulation.stepCount - 1)
-            return
-        self.isPlaying = False
-        if not self._past:
-            self.message = "No earlier step is kept; R starts over"
-            return
-        self.stop_recording()
         self.release()
-        state, report = self._past.pop()
-        simulation.restore(state)
-        simulation.report = report
-        while self.history and self.history[-1][0] > simulation.time:
-            self.history.pop()
+        self.isPlaying = False
+        self.message = ""
+        if self.isReplay and simulation.stepCount > simulation.firstStep:
+            self.seek(simulation.stepCount - 1)
+        elif self.place > 0:
+            self.seek(self.place - 1)
+        else:
+            isFirst = self.isReplay or simulation.stepCount == 0
+            self.message = "This is the first step." if isFirst else "No earlier step is kept"
+
+    def seek(self, place):
+        """Goes to a step of a replay, or to a place in `moments`, and pauses. Files end."""
+        self.isPlaying = False
+        self.release()
+        simulation = self.simulation
+        if self.isReplay:
+            simulation.seek(place)
+            self.history.clear()
+        else:
+            self.stop_files()
+            if self.place == len(self.moments):
+                self.moments.append(self._moment())
+            crossed = [one.settings for one in self.moments[place : self.place] if one.settings]
+            vars(simulation.settings).update(crossed[0] if crossed else {})
+            moment, self.place = self.moments[place], place
+            simulation.meshes = list(moment.meshes)
+            simulation.restore(moment.state)
+            simulation.report = moment.report
+            while self.history and self.history[-1][0] > simulation.time:
+                self.history.pop()
         self.view.refresh()
 
-    def seek(self, step):
-        """Moves a replay to a step, and pauses."""
-        self.isPlaying = False
-        self.simulation.seek(step)
-        self.history.clear()
-        self.view.refresh()
+    def last_place(self):
+        """Returns the last place that can be gone to: the latest moment."""
+        return max(self.place, len(self.moments) - 1)
+
+    def _moment(self, settings=None):
+        simulation = self.simulation
+        return Moment(simulation.state(), simulation.report, list(simulation.meshes), settings)
+
+    def _keep(self, moment):
+        """Adds the moment before something new to `moments`, in place of later ones."""
+        self.moments[self.place :] = [moment]
+        del self.moments[: -kept_states(len(moment.meshes))]
+        self.place = len(self.moments)
 
     def reset(self):
-        """Starts over with the settings of the start, and pauses."""
+        """Starts over with the settings of the scene, and pauses."""
         if not self.isReplay:
-            vars(self.simulation.settings).update(vars(self.simulation.startSettings))
+            self.restore_settings()
         self.restart()
 
     def restart(self):
         """Starts over with the present settings and camera, and pauses."""
-        self.stop_recording()
+        self.stop_files()
         self.release()
         self.isPlaying = False
         self.message = ""
+        if not self.isReplay and (self.simulation.stepCount or self.simulation.changes):
+            self._keep(self._moment())
         self.simulation.reset()
         self._forget()
         self.view.refresh()
 
     def _forget(self):
-        for memory in (self.history, self._steps, self._frames, self._past):
+        for memory in (self.history, self._steps, self._frames):
             memory.clear()
+
+    def restore_settings(self, name=None):
+        """Gives the scene the settings, or the one of this name, with which it was opened."""
+        settings, begun = self.simulation.settings, self.simulation.startSettings
+        if settings != begun:
+            self._keep(self._moment(dict(vars(settings))))
+            if name is None:
+                vars(settings).update(vars(begun))
+            else:
+                settings.change(name, getattr(begun, name))
+            self.view.refresh()
 
     # Files.
 
     def open(self, path):
-        """Opens another scene or recording, paused, or a camera. Settings are kept.
+        """Opens another scene or recording, paused, with its own settings; or a camera.
 
         If it cannot be opened, the reason is in `message`. path : also as a user types it
         """
@@ -253,7 +301,7 @@ class Viewer:
             if Path(path).suffix == ".json":
                 apply_camera(load_camera(os.path.expanduser(path)))
                 return
-            simulation = self._openFile(path, self._settings, self.simulation.scenePath.parent)
+            simulation = self._openFile(path, self.simulation.scenePath.parent)
         except ValueError as error:
             self.message = str(error)
             return
@@ -264,13 +312,11 @@ class Viewer:
         self._show_other(simulation)
 
     def _show_other(self, simulation):
-        self.stop_video()
-        self.stop_recording()
+        self.stop_files()
         self.release()
         self.isPlaying = False
         self.simulation = simulation
-        if not self.isReplay:
-            self._settings = simulation.settings
+        self.moments, self.place = [], 0
         self._forget()
         self.view.rebuild(simulation)
         self._suggest()
@@ -313,6 +359,7 @@ class Viewer:
             self.message = str(error)
             return
         simulation.startSettings = replace(simulation.settings)
+        self.message = ""
         with kept_camera():
             self._show_other(simulation)
 
@@ -430,11 +477,10 @@ class Viewer:
         if self.recorder is not None:
             self.stop_recording()
             return
-        self.message = UNCHANGEABLE if self.isReplay else ""
-        if not self.isReplay:
-            with self._reporting("recorder"):
-                self.recorder = Recorder(self._out_path("recording", ".h5"))
-                self.recorder.add(self.simulation)
+        self.message = ""
+        with self._reporting("recorder"):
+            self.recorder = Recorder(self._out_path("recording", ".h5"))
+            self.recorder.add(self.simulation)
 
     def stop_recording(self):
         """Ends the recording, if there is one, after the last step."""
@@ -445,6 +491,11 @@ class Viewer:
                 self._tell_saved(self.recorder.path, counted(steps, "step"))
             self.recorder = None
 
+    def stop_files(self):
+        """Ends the video and the recording, if there are any."""
+        self.stop_video()
+        self.stop_recording()
+
     # Bodies.
 
     def _change(self, change):
@@ -452,6 +503,13 @@ class Viewer:
         self.simulation.change(change)
         if self.recorder is not None:
             self.recorder.note(self.simulation, change)
+
+    def _act(self, change):
+        """Makes a `Change` that can be undone, and draws it."""
+        self._end_move()
+        self._keep(self._moment())
+        self._change(change)
+        self.view.refresh()
 
     def grab_at(self, pixel):
         """Starts dragging the body at a pixel, by the visible point."""
@@ -479,10 +537,11 @@ class Viewer:
             mesh = self.simulation.meshes[self.grab.body]
             way = self.grab.target - self.grab.point(mesh)
             if not self.isPlaying and way.any():
+                if not self._isMoved:
+                    self._keep(self._moment())
                 mesh.position = mesh.position + way
                 self._isMoved = True
                 self.view.refresh()
-            self._show_grab()
 
     def _end_move(self):
         """Makes a change of what has moved the dragged body while paused."""
@@ -494,14 +553,13 @@ class Viewer:
     def release(self):
         """Ends the drag. The body keeps its velocity."""
         self._end_move()
-        if self.grab is not None:
-            self.grab = None
-            self.view.show_spring(None)
+        self.grab = None
 
-    def _show_grab(self):
-        if self.grab is not None:
-            mesh = self.simulation.meshes[self.grab.body]
-            self.view.show_spring((self.grab.point(mesh), self.grab.target))
+    def drag_force(self):
+        """Returns the mean force of the spring over a step, in newtons."""
+        mesh, timeStep = self.simulation.meshes[self.grab.body], self.simulation.settings.timeStep
+        impulse = self.grab.change(mesh, timeStep).numbers[:3]
+        return math.hypot(*impulse) / timeStep
 
     def shoot(self, pixel):
         """Shoots a ball from the camera towards a pixel."""
@@ -514,8 +572,7 @@ class Viewer:
         elif len(simulation.meshes) - simulation.sceneCount >= MOST_SHOTS:
             self.message = f"Limit of {MOST_SHOTS} balls reached; R removes them"
         else:
-            self._change(shot(simulation.meshes, self.view.size, *self.view.aim(pixel)))
-            self.view.refresh()
+            self._act(shot(simulation.meshes, self.view.size, *self.view.aim(pixel)))
 
     def pick_at(self, pixel):
         """Selects the body at a pixel, or none."""
@@ -530,13 +587,11 @@ class Viewer:
         """Pushes the selected body along a unit direction (3,), at the clicked point."""
         mesh = self.picked()
         impulse = mesh.mass * self.pushSpeed * np.asarray(direction)
-        self._change(changes.push(self.view.picked, impulse, self.view.picked_point()))
-        self.view.refresh()
+        self._act(changes.push(self.view.picked, impulse, self.view.picked_point()))
 
     def set_fixed(self, isFixed):
         """Fixes or frees the selected body."""
-        self._change(changes.fix(self.view.picked, isFixed))
-        self.view.refresh()
+        self._act(changes.fix(self.view.picked, isFixed))
 
     # Numbers.
 

@@ -1,5 +1,7 @@
 """Widgets of the window's panels: tooltips, fields, lists, tables of numbers."""
 
+from textwrap import fill
+
 import polyscope as ps
 import polyscope.imgui as psim
 
@@ -9,6 +11,8 @@ ERROR_TEXT = (1.0, 0.45, 0.40, 1.0)
 LINE_INDENT, LIST_WIDTH, LIST_HEIGHT = 140, 560, 460
 # Pixels: width of a number in a table, and the gap beside it.
 NUMBER_WIDTH, GAP = 64, 8
+# Characters in a line of a tooltip, at most.
+TOOLTIP_WIDTH = 60
 
 
 def scaled(pixels):
@@ -23,9 +27,20 @@ class Tooltips:
 
     @classmethod
     def tell(cls, text):
-        """Sets the tooltip of the last widget."""
-        if text and not cls.areHidden:
-            psim.SetItemTooltip(text)
+        """Sets the tooltip of the last widget: beside its panel, which it must not cover."""
+        if not text or cls.areHidden:
+            return
+        if psim.IsItemHovered(psim.ImGuiHoveredFlags_ForTooltip):
+            left, (_, top), (_, bottom) = (
+                psim.GetWindowPos()[0],
+                psim.GetItemRectMin(),
+                psim.GetItemRectMax(),
+            )
+            if left == 0:
+                psim.SetNextWindowPos((psim.GetWindowWidth() + scaled(GAP), top))
+            else:
+                psim.SetNextWindowPos((left - scaled(GAP), bottom), 0, (1.0, 1.0))
+        psim.SetItemTooltip(fill(text, TOOLTIP_WIDTH))
 
 
 class NumberField:
@@ -74,8 +89,8 @@ def draw_check(label, value, act, tooltip):
         act(value)
 
 
-def draw_choice(label, current, names, act, tooltip):
-    """Draws a list; act(name) is called when a name is chosen.
+def draw_choice(label, current, names, act, tooltip, shown=None):
+    """Draws a list; act(name) is called when a name is chosen. shown : names as they are shown
 
     names : list of names, or of (heading, name, description, …), or a function that returns such a
         list, called while the list is open
@@ -83,7 +98,8 @@ def draw_choice(label, current, names, act, tooltip):
     if callable(names):
         width = scaled(LIST_WIDTH)
         psim.SetNextWindowSizeConstraints((width, 0), (width, scaled(LIST_HEIGHT)))
-    isOpen = psim.BeginCombo(label, current, psim.ImGuiComboFlags_HeightLargest)
+    shown = shown or {}
+    isOpen = psim.BeginCombo(label, shown.get(current, current), psim.ImGuiComboFlags_HeightLargest)
     if not isOpen:
         Tooltips.tell(tooltip)
         return
@@ -94,7 +110,7 @@ def draw_choice(label, current, names, act, tooltip):
         if group != lastGroup:
             psim.SeparatorText(group)
             lastGroup = group
-        if psim.Selectable(name, selected=name == current):
+        if psim.Selectable(shown.get(name, name), selected=name == current):
             act(name)
         if name == current and psim.IsWindowAppearing():
             psim.SetScrollHereY()
@@ -109,17 +125,15 @@ def draw_choice(label, current, names, act, tooltip):
 def draw_slider(label, value, low, high, act, tooltip, shown="%.3f"):
     """Draws a slider for a float or an int; act(value) is called when it is moved.
 
-    A value can be typed after Ctrl-click. Returns a message if it was clamped, or "".
+    A value can be typed after Ctrl-click, also beyond the ends.
     """
     if isinstance(value, int):
         isMoved, moved = psim.SliderInt(label, value, low, high, "%d")
     else:
         isMoved, moved = psim.SliderFloat(label, value, low, high, shown)
     Tooltips.tell(tooltip)
-    moved, message = clamped(label, round(moved, 3), low, high)
     if isMoved:
-        act(moved)
-    return message
+        act(round(moved, 3))
 
 
 def draw_table(rows, indent=0):
@@ -134,16 +148,12 @@ def draw_table(rows, indent=0):
 
 
 def draw_vectors(rows):
-    """Draws rows (name, three numbers, unit), numbers flush right."""
-    left, right = psim.GetCursorPosX(), psim.GetContentRegionAvail()[0]
-    unitWidth = max(psim.CalcTextSize(unit)[0] for _, _, unit in rows)
-    nameWidth = max(psim.CalcTextSize(name)[0] for name, _, _ in rows)
-    column = (right - unitWidth - nameWidth - scaled(GAP)) / 3.0
+    """Draws rows (name, three numbers, unit): a line with name and unit, and one of numbers."""
+    left, column = psim.GetCursorPosX(), psim.GetContentRegionAvail()[0] / 3.0
     for name, numbers, unit in rows:
-        psim.Text(name)
-        for k, number in enumerate(f"{value:.2f}" for value in numbers):
-            end = left + nameWidth + (k + 1) * column
-            psim.SameLine(end - psim.CalcTextSize(number)[0])
+        psim.Text(f"{name} ({unit})")
+        for k, number in enumerate(f"{round(value, 2) + 0.0:.2f}" for value in numbers):
+            if k:
+                psim.SameLine()
+            psim.SetCursorPosX(left + (k + 1) * column - psim.CalcTextSize(number)[0])
             psim.Text(number)
-        psim.SameLine(left + right - unitWidth)
-        psim.Text(unit)

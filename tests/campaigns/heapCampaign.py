@@ -96,11 +96,12 @@ def set_margins(values):
 
 
 def compare(seed, count, steps):
-    """`(differing, contacts, counts)` of a heap: which of MARGINS give other bits;
-    contacts; searches and passes with each of them, (3, 2)."""
+    """`(differing, contacts, counts)` of a heap: what gives other bits, of MARGINS and the grid;
+    contacts; searches and passes with each of MARGINS, (3, 2)."""
     mu = 0.5 * (seed % 2)
     expected, contacts = outcomes_of(seed, count, steps, mu)
-    differing, counts = [], []
+    found, _ = outcomes_of(seed, count, steps, mu, broadPhase="grid")
+    differing, counts = ["of the grid"] * (found != expected), []
     for margins, values in MARGINS.items():
         set_margins(values)
         try:

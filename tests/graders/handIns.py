@@ -136,7 +136,26 @@ add("inner seven_8_assignsubmission_file", {"x.7z": b"7z"}, refusal, name="inner
 add("loose.py", b"print(1)\n", "a loose .py file is not read", name="loose.py")
 # missing modules, or several
 add("only quaternion", {"Quaternion.py": QUATERNION}, "has no RBSFunctions.py")
-add("no quaternion", {"RBSFunctions.py": TEXT}, WRONG, "there is no Quaternion.py")
+add("no quaternion", {"RBSFunctions.py": TEXT}, RIGHT, "the coursework supplies it")
+apart = {"a/RBSFunctions.py": TEXT, "given/Quaternion.py": QUATERNION}
+add("apart.zip", zipped(apart), RIGHT, "Quaternion.py found in given")
+add("again", {"RBSFunctions (1).py": TEXT, "Quaternion.py": QUATERNION}, RIGHT, "(1).py is read as")
+parts = {"part1/RBSFunctions.py": "x = 1\n", "part2/RBSFunctions.py": TEXT}
+add("parts.zip", zipped(parts), RIGHT, "modules found in part2")
+add("s1234567_attempt_1", {"RBSFunctions.py": "", "x.txt": ""}, name=None)
+add("s1234567_attempt_2", SOLUTION, RIGHT, "s1234567_attempt_1 is not graded", name="s1234567")
+add("pdf_11_22_report.pdf", b"%PDF", "has no RBSFunctions.py", name="pdf")
+add("loose.pdf", b"%PDF", "a loose .pdf file is not read", name="loose.pdf")
+add("both_12_assignsubmission_file_x.zip", zipped(SOLUTION), name="both")
+add("both_12_assignsubmission_file_report.pdf", b"%PDF", name=None)
+# what they need
+reads = "open('../data/own.txt').read()", "open('../data/cube-scene.txt').read()"
+add("data.zip", zipped({f"code/{k}": v for k, v in top(reads[0]).items()} | {"data/own.txt": "1"}))
+add("no data.zip", zipped(top(reads[1])))
+add("numba", top("import numba"), "to do: pip install numba")
+add("helper", top("import helpers"), "to do: add the file helpers.py, or the package")
+add("asks first", top("input('scene? ')"), "to do: remove the input()")
+add("window", top("raise RuntimeError('no display name')"), "to do: remove what opens a window")
 add("own quaternion", {"RBSFunctions.py": QUATERNION + TEXT.replace("from Quat", "#Quat")})
 empty = {"Quaternion.py": QUATERNION, "code/RBSFunctions.py": ""}
 add("empty", empty, WRONG, "RBSFunctions.py has no Mesh")
@@ -150,6 +169,7 @@ add("half", edited(*HALF_DONE), WRONG, "not implemented")
 add("bom", with_text(b"\xef\xbb\xbf" + TEXT.encode()))
 add("crlf", {k: v.replace(b"\n", b"\r\n") for k, v in SOLUTION.items()})
 latin = LATIN.encode("latin-1")
+add("utf-16", with_text(TEXT.encode("utf-16")), RIGHT, "is in UTF-16")
 add("latin", with_text(latin), WRONG, "cannot be imported: RBSFunctions.py")
 add("latin declared", with_text(b"# coding: latin-1\n" + latin))
 add("tabs", with_text(TEXT.replace("    ", "\t")))
@@ -183,11 +203,12 @@ stop = "stopped after 4 s while the modules were imported, at RBSFunctions.py:1"
 add("endless import", top("while True: pass"), WRONG, stop)
 
 EXPECTED = {name: (fate, text) for _, name, fate, text in HAND_INS.values() if name}
-assert len(EXPECTED) == 47
+assert len(EXPECTED) == 61
 # The files that a test grades; `main` grades all.
 PART = """Möller, 王伟.zip, roe_5001_77_RBSFunctions-1.py, roe_5001_78_Quaternion.py, seven.7z,
-no quaternion, empty, lower, skeleton, half, bom, latin, locked.zip, copy, ours, borrowing, asks,
-=SUM(1).zip, exits, crashes, endless, endless import""".replace("\n", " ").split(", ")
+no quaternion, again, s1234567_attempt_1, s1234567_attempt_2, data.zip, no data.zip, numba,
+asks first, utf-16, empty, lower, skeleton, half, bom, latin, locked.zip, copy, ours, borrowing,
+asks, =SUM(1).zip, exits, crashes, endless, endless import""".replace("\n", " ").split(", ")
 EXPECTED_OF_PART = {HAND_INS[file][1]: HAND_INS[file][2:] for file in PART if HAND_INS[file][1]}
 
 

@@ -19,6 +19,7 @@ from reference.graderData import (
 )
 
 GRADERS = ROOT / "graders"
+PATH = [str(GRADERS), str(DATA / "scripts"), str(ROOT)]
 FILES = {
     "integrationGrading.py": "integration.data",
     "ResolveCollisionsGrading.py": "collision-resolution.data",
@@ -52,7 +53,7 @@ def reported_errors(output):
     errors = {}
     for line in output.splitlines():
         cells = re.split(r"\s{3,}", line.strip())
-        if len(cells) == 4 and cells[0] != "quantity":
+        if len(cells) in (4, 5) and cells[0] != "quantity":
             errors[cells[0]] = float(cells[1].removesuffix(" differ"))
     return errors
 
@@ -65,7 +66,7 @@ def load(name):
 
 
 @pytest.mark.parametrize(
-    ("grader", "count"), [(INTEGRATION, 8), (COLLISIONS, 16), (CONSTRAINTS, 18)]
+    ("grader", "count"), [(INTEGRATION, 6), (COLLISIONS, 15), (CONSTRAINTS, 18)]
 )
 def test_the_simulation_passes_on_our_data(grader, count, run, tmp_path):
     graded = run(grader, cwd=tmp_path)
@@ -182,7 +183,7 @@ def test_several_pickle_protocols_are_read(protocol, tmp_path):
     ],
 )
 def test_the_reference_knows_nothing_of_the_simulation_nor_the_graders_of_mpmath(modules, absent):
-    program = f"import sys; sys.path[:0] = {[str(GRADERS), str(ROOT)]!r}; import {modules}; "
+    program = f"import sys; sys.path[:0] = {PATH!r}; import {modules}; "
     program += f"sys.exit(len({absent!r} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", program], timeout=120).returncode == 0
 

@@ -35,7 +35,8 @@ def notes_of(process):
     _head, _table, *middle, last = process.stdout.rstrip("\n").split("\n\n")
     assert last.startswith("FAIL:" if process.returncode else "PASS:")
     count = int(re.match(r"FAIL: (\d+)", last).group(1)) if process.returncode else 0
-    return middle[0].splitlines() if middle else [], count
+    lines = middle[0].splitlines() if middle else []
+    return [line for line in lines if not line.startswith("Next: ")], count
 
 
 # ---- A class ------------------------------------------------------------------------------------
@@ -50,7 +51,7 @@ def test_each_hand_in_is_found_and_read_and_stays_as_it_was(tmp_path):
     plain = 0
     for entry in entries:
         fate, text = EXPECTED[entry.name]
-        if fate not in (RIGHT, WRONG):
+        if fate not in (RIGHT, WRONG) and "to do: " not in fate:
             with pytest.raises(SubmissionError, match=re.escape(fate)), modules_of(entry):
                 pass
             continue
@@ -117,14 +118,15 @@ def test_marks_sheets_and_results_agree(graded):
     assert set(marks) == set(EXPECTED_OF_PART)
     for name, (row,) in marks.items():
         results = json.loads((out / "gradescope" / name / "results.json").read_text("utf-8"))
-        assert row["of"] == "35"
-        assert float(row["total"]) == pytest.approx(results["score"])
-        assert sum(test["max_score"] for test in results["tests"]) == 35
+        isRefused = grades[name][0]["grader"] == "-"
+        assert row["of"] == ("" if isRefused else "30")  # a refusal is no mark
+        assert float(row["total"] or 0) == pytest.approx(results["score"])
+        assert sum(test["max_score"] for test in results["tests"]) == (0 if isRefused else 30)
         assert sum(test["score"] for test in results["tests"]) == pytest.approx(results["score"])
         sheet = (out / f"{name}.md").read_text("utf-8")
         for note in " | ".join(one["notes"] for one in grades[name]).split(" | "):
             assert note in sheet.replace("\\", "")
-        assert (EXPECTED_OF_PART[name][0] == RIGHT) == (row["total"] == "35")
+        assert (EXPECTED_OF_PART[name][0] == RIGHT) == (row["total"] == "30")
     assert marks["skeleton"][0]["total"] == "0"  # nothing for what stays right of itself
     assert 0 < float(marks["half"][0]["total"]) < 20
     assert "\x1b" not in (out / "=SUM(1).md").read_text("utf-8")
@@ -168,7 +170,7 @@ def test_another_scheme_of_marks_which_cannot_be_resumed_with(tmp_path, run):
     options = ("--out", tmp_path / "out", "--marks", scheme)
     assert run("grade.py", tmp_path / "student", *options).returncode == 1
     ((row,),) = rows_in(tmp_path / "out" / "marks.csv").values()
-    assert 0 < float(row["resolve_collision"]) < 8 and "scenes" not in row
+    assert 0 < float(row["resolve_collision"]) < 8 and row["scenes"] == ""
     assert row["get_rotated_inv_IT"] == "2" and row["of"] == "10"
     scheme.write_text("[a]\nresolve_collision = 8\n")
     graded = run("grade.py", tmp_path / "student", *options, "--resume")
@@ -246,11 +248,10 @@ def test_missed_contacts_and_nan_fail(edit, failing):
 UNLOADABLE = (
     ("def f(:\n", "cannot be imported: RBSFunctions.py:1: SyntaxError: "),
     ("import sys\nsys.exit('bye')\n", "cannot be imported: RBSFunctions.py:2: SystemExit: bye"),
-    ("import Quaternion, GJK\n", "cannot be imported: RBSFunctions.py:1: there is no GJK.py"),
 )
 
 
-@pytest.mark.parametrize("case", UNLOADABLE, ids=("syntax", "exit", "nothing of ours"))
+@pytest.mark.parametrize("case", UNLOADABLE, ids=("syntax", "exit"))
 def test_modules_that_cannot_be_imported_fail_everything_with_the_cause(case, tmp_path, run):
     text, cause = case
     write_submission(tmp_path / "student")

@@ -103,7 +103,7 @@ def children(pid):
         ("grade.py student --jobs 0", "must be 1 or more, not 0"),
         ("grade.py student --out file.txt", "file.txt: File exists"),
         ("grade.py student --marks file.txt", "file.txt: File contains no section headers."),
-        ("grade.py student --marks odd.ini", "'gravity' is not one of scenes, integrate_timestep"),
+        ("grade.py student --marks odd.ini", "'gravity' is not one of scenes, constraint scenes"),
         ("integrationGrading.py --modules nowhere", "nowhere: no such file or folder"),
         ("integrationGrading.py --modules empty", "empty: no submission in this folder"),
         ("Constraints.py --time-limit 0", "must be 0.1 or more, not 0.0"),

@@ -221,7 +221,6 @@ def test_the_ground_hides_what_has_sunk_into_it_and_is_left_out_when_it_is_switc
 
 def test_another_process_draws_the_same_picture(tmp_path):
     view = view_of(box_body(4, 4, 4, (0, 2, 0)), box_body(1, 1, 1, (3, 0.5, 1)))
-    view.pick(1, np.array([3.0, 1.0, 1.0]))
     view.show("trails", True)
     view.studio = StudioLook(framesAnew=False)
     picture = PictureProcess(tmp_path / "p.png", view)

@@ -9,7 +9,7 @@ import pytest
 from opengl import pixel_of
 from program import DATA
 
-from rbs.appearance.colours import COLOURINGS, FIXED_COLOUR, PICKED_COLOUR, VIRIDIS
+from rbs.appearance.colours import COLOURINGS, FIXED_COLOUR, VIRIDIS
 from rbs.appearance.drawables import SHADOW_SLANT
 from rbs.appearance.pictureoptions import OVERLAYS, SEEN_THROUGH, VIDEO_ENDINGS, video_timing
 from rbs.appearance.pixels import averaged, with_legend
@@ -206,9 +206,18 @@ def test_picked_body_is_marked(ps, view):
     mesh = view.simulation.meshes[0]
     view.pick(0, front(mesh))
     np.testing.assert_allclose(view.picked_point(), front(mesh))
-    view.refresh()
-    # A metre beside the mark that lies over the point.
-    assert shows(picture(ps)[pixel_of(ps, front(mesh) + [2.0, 0.0, 0.0])], PICKED_COLOUR)
+    colours = view.body_colours()
+    view.pick(None)
+    np.testing.assert_array_equal(view.body_colours(), colours)  # what is fixed stays recognisable
+    view.pick(0, front(mesh))
+    # The outline holds all vertices, and each of its corners is one of them.
+    outline = view.picked_outline()
+    pixels = np.array([pixel_of(ps, vertex)[::-1] for vertex in mesh.currVertices])
+    away = np.abs(outline[:, None] - pixels[None]).max(axis=2)
+    assert len(outline) >= 4 and away.min(axis=1).max() <= 1.0
+    for low_or_high in (np.min, np.max):
+        ends = low_or_high(outline, axis=0), low_or_high(pixels, axis=0)
+        np.testing.assert_allclose(*ends, atol=1.0)
 
 
 def test_overlays_are_drawn_from_the_present_state_and_go_away(ps):
@@ -352,7 +361,46 @@ def test_frame_all_and_follow_keep_the_bodies_in_the_picture(ps):
     # The ground has come along: below all bodies it is grey, unlike the sky.
     assert np.ptp(picture(ps)[pixel_of(ps, [300.0, 0.0, -200.0])]) < 0.05
     view.follows = True
+    pixels_after([9.0, 0.0, 7.0])  # nothing is selected, so nothing is followed
+    assert not np.allclose(before, pixels_after(0.0), atol=1.0)
+    before = pixels_after([-9.0, 0.0, -7.0])
+    view.pick(1, meshes[1].position[0])
     np.testing.assert_allclose(pixels_after([-900.0, 0.0, -700.0]), before, atol=1.0)
+    # The camera orbits about what it follows, and about all after `frame_all`.
+    middle = np.mean([mesh.position[0] for mesh in meshes], axis=0)
+    assert np.linalg.norm(np.array(ps.get_view_center()) - middle) < view.size
+    view.follows = False
+    meshes[2].position = meshes[2].position + [5000.0, 0.0, 0.0]
+    view.frame_all()
+    view.frame_all()
+    assert np.linalg.norm(np.array(ps.get_view_center()) - middle) < view.size
+    view.refresh()
+    assert are_seen(np.delete(pixels_after(0.0), 2, axis=0)) and not are_seen(
+        pixels_after(0.0)[2:3]
+    )
+
+
+def test_the_ground_is_the_same_for_the_same_view(ps):
+    view = SceneView(Simulation(DATA / "mixed-scene.txt"))
+    places = {}
+    for distance in (1.0, 3.0, 9.0, 27.0, 9.0, 3.0, 1.0):
+        ps.look_at((0.0, distance * view.size, distance * view.size), (0.0, 0.0, 0.0))
+        ps.set_view_center_raw((0.0, 0.0, 0.0))
+        view.spread_ground()
+        found = view.groundPlace, view.squareSide
+        assert places.setdefault(distance, found) == found
+    assert len({side for _, side in places.values()}) >= 3
+
+
+def test_the_camera_stays_above_the_ground(ps):
+    view = SceneView(Simulation(DATA / "mixed-scene.txt"))
+    ps.look_at((30.0, -40.0, 60.0), (0.0, 10.0, 0.0))
+    ps.set_view_center_raw((0.0, 10.0, 0.0))
+    view.keep_above_ground()
+    x, y, z = ps.get_view_camera_parameters().get_position()
+    assert x / z == pytest.approx(0.5, rel=1e-4) and 0.0 < y < 0.02 * view.size
+    distances = [np.linalg.norm(arm) for arm in ([30.0, -50.0, 60.0], [x, y - 10.0, z])]
+    assert distances[1] == pytest.approx(distances[0], rel=1e-4)
 
 
 # Time step, pictures a second and steps between pictures that are asked for; the last two as used.

@@ -5,10 +5,9 @@ import shutil
 import pytest
 from program import DATA, call
 
-from rbs.program.suggestions import SceneOpener, apply_settings, recommended_values
+from rbs.program.suggestions import SceneOpener, recommended_values
 from rbs.recordings.recording import Recording
 from rbs.scenes.scenefiles import SceneSource
-from rbs.scenes.simulation import Simulation
 from rbs.scenes.textfiles import SceneError
 from rbs.stepping.settings import Settings
 
@@ -89,28 +88,20 @@ def test_recommendations_are_used_reported_and_recorded(make_scene, capsys, word
     assert call(capsys, "--verify", "r.h5")[::2] == (0, "")  # a recording has its settings in it
 
 
-def opened(name, **given):
-    simulation = Simulation(DATA / f"{name}-scene.txt")
-    apply_settings(simulation, given)
-    return simulation
-
-
-def test_in_the_window_each_scene_has_what_it_recommends_and_what_was_changed_by_hand(capsys):
+def test_in_the_window_each_scene_has_its_own_settings_and_what_was_given(capsys):
     stack, slide, tower = (DATA / f"{name}-scene.txt" for name in ("stack", "slide", "tower"))
-    first = opened("tower")
-    opener = SceneOpener(first, {})
-    assert opener(slide, first.settings).settings == Settings(friction=0.2)
+    opener = SceneOpener({})
+    changed = opener(slide)
+    assert changed.settings == Settings(friction=0.2)
     assert "slide-scene.txt" in capsys.readouterr().err
-    settings = opener(tower, Settings(friction=0.2, timeStep=0.01)).settings
-    assert settings == Settings(timeStep=0.01)
-    settings.broadPhase = "grid"
-    settings = opener(stack, settings).settings  # whose solver ignores the broad phase
-    assert settings == Settings(timeStep=0.01, **STANDING)
-    settings.friction = 0.9
-    expected = Settings(timeStep=0.01, friction=0.9, broadPhase="grid")
-    assert opener(slide, settings).settings == expected
-    # Options that are given hold for all scenes.
-    first = opened("tower", restitution=0.9)
-    second = SceneOpener(first, {"restitution": 0.9})(slide, first.settings)
-    assert second.settings == Settings(restitution=0.9, friction=0.2) == second.startSettings
-    assert SceneOpener(opened("tower"), {}, isBasic=True)(slide, None).settings == Settings()
+    changed.settings.change("gravity", 0.0)
+    assert opener(tower).settings == Settings()
+    assert opener(stack).settings == Settings(**STANDING)
+    assert opener(slide).settings == Settings(friction=0.2)
+    # Options that are given hold for all scenes whose solver uses them.
+    opener = SceneOpener({"restitution": 0.9, "broadPhase": "grid"})
+    second = opener(slide)
+    expected = Settings(restitution=0.9, friction=0.2, broadPhase="grid")
+    assert second.settings == expected == second.startSettings
+    assert opener(stack).settings == Settings(**STANDING | {"restitution": 0.9})
+    assert SceneOpener({}, isBasic=True)(slide).settings == Settings()

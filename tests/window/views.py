@@ -10,7 +10,7 @@ from rbs.window.viewer import Viewer
 
 def make_viewer(simulation, view, isBasic=True):
     """A Viewer that opens scenes with or without the settings that they recommend."""
-    opener = SceneOpener(simulation, {}, isBasic=isBasic)
+    opener = SceneOpener({}, isBasic=isBasic)
     return Viewer(simulation, view, opener, list_files, step_quantities)
 
 
@@ -25,7 +25,7 @@ class StillView:
     def __init__(self, simulation):
         self.simulation = simulation
         self.refreshed = self.rebuilt = 0
-        self.picked = self.spring = None
+        self.picked = None
 
     def refresh(self):
         self.refreshed += 1
@@ -39,9 +39,6 @@ class StillView:
 
     def set_resizable(self, isResizable):
         pass
-
-    def show_spring(self, ends):
-        self.spring = ends
 
     def body_at(self, pixel):
         body, x = pixel

@@ -24,11 +24,9 @@ from rbs.window.panel import Panel, show_window
 from rbs.window.playback import speed_name
 
 WIDGETS = "Button Selectable BeginCombo InputDouble InputTextWithHint Checkbox CollapsingHeader "
-WIDGETS = (WIDGETS + "SliderInt SliderFloat").split()
+WIDGETS = (WIDGETS + "SliderInt SliderFloat SmallButton").split()
 # A field's rectangle holds its label, and buttons: its number is at the left.
 INTO_FIELD = 15.0
-# Frames per second that the panel has asked for.
-FRAME_RATES = [0]
 
 
 def noting(draw, places):
@@ -63,6 +61,7 @@ def status_of(panel):
         "plotted": len(viewer.history),
         "bodyCount": len(simulation.meshes),
         "speed": speed_name(viewer.playback.speed),
+        "follows": view.follows,
         "restitution": simulation.settings.restitution,
         "isTyping": bool(psim.GetIO().WantTextInput),
         "isHelpShown": panel.isHelpShown,
@@ -71,7 +70,7 @@ def status_of(panel):
         "layout": panel.layout,
         "positions": [mesh.position[0].tolist() for mesh in simulation.meshes],
         "windowSize": ps.get_window_size(),
-        "frameRate": FRAME_RATES[-1],
+        "frameRate": panel.frameRate,
         "changes": [one.kind for one in getattr(simulation, "changes", ())],
         "bodies": [project(mesh.position[0]) for mesh in simulation.meshes],
     }
@@ -92,13 +91,7 @@ def main(scene, statusPath):
     places, frameCount = {}, itertools.count()
     for kind in WIDGETS:
         setattr(psim, kind, noting(getattr(psim, kind), places))
-    frame, set_max_fps = Panel.frame, ps.set_max_fps
-
-    def told_rate(rate):
-        FRAME_RATES.append(rate)
-        set_max_fps(rate)
-
-    ps.set_max_fps = told_rate
+    frame = Panel.frame
 
     def told_frame(panel):
         places.clear()
@@ -116,7 +109,7 @@ def main(scene, statusPath):
         simulation = open_file(scene)
         if not simulation.isReplay:
             apply_settings(simulation, {})
-        opener = SceneOpener(simulation, {})
+        opener = SceneOpener({})
         show_window(simulation, backend, opener, list_files, step_quantities)
     except KeyboardInterrupt:
         pass

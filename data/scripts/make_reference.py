@@ -1,6 +1,6 @@
 """Write the project's grader data: random states, and the results of exact physics.
 
-    python graders/make_reference.py [--out DIR] [--convention exact|released-2024]
+    python data/scripts/make_reference.py [--out DIR] [--convention exact|released-2024]
 
 Needs mpmath (pip install mpmath). The three files have the keys and shapes of the coursework's own
 (see `reference.graderData`). The random states are doubles, taken as exact numbers; the results
@@ -10,9 +10,13 @@ released-2024` reproduces the quirks of the released data. Two runs write the sa
 
 import argparse
 import pickle
+import sys
 from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "graders"))
+
 from reference import rigidModel as model
 from reference.graderData import (
     COLLISION_LAYOUT,
@@ -24,7 +28,7 @@ from reference.graderData import (
     RELEASED_2024,
     WIDTHS,
 )
-from reference.referencePhysics import detect_collision, exact, integrate
+from referencePhysics import detect_collision, exact, integrate
 
 SAMPLE_COUNT = 100
 

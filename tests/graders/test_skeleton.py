@@ -1,0 +1,232 @@
+"""The released skeleton as students have it, and a right solution on top of it."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+
+import pytest
+from handIns import rows_in
+from oracles import ROOT
+from skeletonVariants import (
+    ALONE,
+    BOTH,
+    MISTAKES,
+    QUATERNION,
+    SKELETON,
+    TEXT,
+    UNSHAPED,
+    WHOLE,
+    variant,
+    written,
+)
+
+GRADERS = ("integrationGrading.py", "ResolveCollisionsGrading.py", "Constraints.py")
+HAND_INS = {"alone": ALONE, "both": BOTH, "whole": WHOLE}
+SUPPLIED = "Quaternion.py is not in the submission; the coursework supplies it"
+
+
+# ---- A right solution ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", HAND_INS)
+@pytest.mark.parametrize("grader", GRADERS)
+def test_a_right_solution_passes_alone_and_with_what_is_supplied(grader, name, tmp_path, run):
+    graded = run(grader, "--modules", written(tmp_path / "a", HAND_INS[name]))
+    assert graded.returncode == 0, graded.stdout + graded.stderr
+    assert "<-- wrong" not in graded.stdout
+    assert (SUPPLIED in graded.stdout) == (name == "alone")
+    if grader == "integrationGrading.py":
+        told = "wrong, but not graded, because the coursework supplies QExp (Quaternion.py:"
+        assert (f"QExp of several rows: {told}" in graded.stdout) == (name != "alone")
+    if grader == "ResolveCollisionsGrading.py":
+        assert re.search(
+            "fixed on the ground: wrong, but not graded: .*wrecking_ball", graded.stdout
+        )
+
+
+@pytest.mark.parametrize("name", HAND_INS)
+def test_its_steps_agree(name, tmp_path, run):
+    compared = run("compare.py", written(tmp_path / "a", HAND_INS[name]), "mixed", "--steps", 40)
+    assert compared.returncode == 0, compared.stdout
+    assert compared.stdout.splitlines()[-1].startswith("40 steps agree")
+
+
+def test_a_fixed_body_on_the_ground_needs_the_guard(tmp_path, run):
+    """Which the graders tell, and the coursework's scenes do not ask for."""
+    for name, files, code in (("a", BOTH, 1), ("b", variant(*MISTAKES["guarded"][0]), 0)):
+        compared = run("compare.py", written(tmp_path / name, files), "wrecking_ball", "--steps", 9)
+        assert compared.returncode == code, compared.stdout
+        assert ("ZeroDivisionError" in compared.stdout) == bool(code)
+
+
+# ---- Mistakes -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def graded(tmp_path_factory, run):
+    """The grades of all variants, in one run: (rows of grades.csv, rows of marks.csv)."""
+    place = tmp_path_factory.mktemp("variants")
+    for name, (edits, _hint) in MISTAKES.items():
+        written(place / "in" / name, variant(*edits))
+    written(place / "in" / "skeleton", {"RBSFunctions.py": TEXT, "Quaternion.py": QUATERNION})
+    assert run("grade.py", place / "in", "--out", place / "out").returncode == 1
+    return rows_in(place / "out" / "grades.csv"), rows_in(place / "out" / "marks.csv")
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_each_variant_gets_its_verdict_and_hint(name, graded):
+    hint = MISTAKES[name][1]
+    notes = " ".join(row["notes"] for row in graded[0][name]).strip()
+    assert (hint in notes) and bool(notes) == bool(hint), notes
+    assert notes.count("hint: ") == notes.count(hint) or not hint, notes  # and no other one
+
+
+def test_the_table_is_up_to_date(graded):
+    lines = (SKELETON.parent / "skeleton.md").read_text("utf-8").splitlines()
+    cells = {line[2:].split(" | ")[0]: line[2:-2].split(" | ") for line in lines if "| " in line}
+    for name in (*MISTAKES, "skeleton"):
+        notes = " / ".join(row["notes"] for row in graded[0][name] if row["notes"])
+        assert cells[name][2:] == [graded[1][name][0]["total"], notes.replace("|", "/")], name
+
+
+def test_the_skeleton_gets_nothing_and_a_share_counts(graded):
+    marks = {name: float(row["total"]) for name, (row,) in graded[1].items()}
+    assert marks["skeleton"] == 0.0
+    assert marks["guarded"] == marks["lists"] == marks["NumPy's zeros"] > marks["no-reshape"]
+    assert float(graded[1]["no-reshape"][0]["integrate_timestep"]) == pytest.approx(6.3)
+    assert "gives lists where run_timestep needs arrays" in graded[0]["lists"][0]["remarks"]
+
+
+def test_a_wrong_exponential_of_ones_own_is_told_and_costs_nothing(tmp_path, run):
+    """Where integrate_timestep does not call it."""
+    own = "\nright = QExp\nQExp = lambda q: np.hstack([np.cos(q[:, :1]), q[:, 1:]])\n"
+    files = variant(("QExp(half)", "right(half)"), **{"Quaternion.py": QUATERNION + own})
+    graded = run(GRADERS[0], "--modules", written(tmp_path / "a", files))
+    assert graded.returncode == 0
+    assert re.search("QExp of one row: wrong, but not graded, .*differs by [1-9]", graded.stdout)
+
+
+# ---- For the student ----------------------------------------------------------------------------
+
+
+def test_what_comes_next_and_the_functions_that_are_wrong(tmp_path, run):
+    skeleton = written(tmp_path / "a", {"RBSFunctions.py": TEXT})
+    graded = run(GRADERS[0], "--modules", skeleton)
+    assert "\nNext: integrate_timestep, 7 marks; --explain" in graded.stdout
+    last = graded.stdout.splitlines()[-1]
+    assert last == "FAIL: 3 of 6 quantities are wrong, of integrate_timestep"
+    assert graded.stdout.count("<-- wrong") == 3
+    right = run(GRADERS[0], "--modules", written(tmp_path / "b", ALONE))
+    assert "\nNext: ResolveCollisionsGrading.py\n" in right.stdout
+
+
+def test_a_sample_is_explained_with_our_intermediate_values(tmp_path, run):
+    """The change of mesh 2's velocity is j n / m: every row gives the same mass."""
+    student = written(tmp_path / "a", variant(*MISTAKES["lambda-without-mass"][0]))
+    lines = run(GRADERS[2], "--modules", student, "--explain").stdout.splitlines()
+    first = lines.index("Sample 0 of resolve_velocity_constraint")
+    shown = dict(
+        re.fullmatch(r" {4}(.{28})\[(.*)\]", one).groups()
+        for one in lines[first:]
+        if "      [" in one
+    )
+    shown = {key.strip(): [float(one) for one in row.split()] for key, row in shown.items()}
+    start, n, (j,) = (shown[key] for key in ("randomLinVelocities", "n", "j, λ"))
+    at = lines.index("correctedLinVelocities, mesh 2")
+    theirs, ours = (re.findall(r"-?[\d.]+", lines[at + k]) for k in (1, 2))
+    assert theirs != ours
+    masses = [j * b / (float(a) - c) for a, b, c in zip(ours, n, start, strict=True)]
+    assert masses == pytest.approx([masses[0]] * 3, rel=1e-2) and masses[0] > 1.0
+    assert len(shown["J"]) == 12 and shown["u·n = J v"] != [0.0] and shown["K"][0] > 0.0
+
+
+def test_there_are_only_so_many_samples(run):
+    ended = run(GRADERS[0], "--explain", 100)
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert ended.stderr == "integrationGrading.py: there is no sample 100, only 0 to 99\n"
+
+
+# ---- For the marker -----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def marked(tmp_path_factory, run):
+    """A folder with `in` and `out`: a solution with a report, and two untouched skeletons."""
+    place = tmp_path_factory.mktemp("class")
+    written(place / "in" / "s1234567", ALONE | {"report.pdf": "%PDF"})
+    for name in ("untouched", "untouched too"):
+        written(place / "in" / name, {"RBSFunctions.py": TEXT, "Quaternion.py": QUATERNION})
+    assert run("grade.py", place / "in", "--out", place / "out").returncode == 1
+    return place
+
+
+def test_untouched_skeletons_are_not_alike(marked):
+    assert (marked / "out" / "likeness.csv").read_text("utf-8-sig").count("\n") == 1
+
+
+def test_what_is_not_graded_is_left_to_the_marker_with_links(marked):
+    row = rows_in(marked / "out" / "marks.csv")["s1234567"][0]
+    assert (row["id"], row["state"], row["total"], row["of"]) == ("s1234567", "graded", "30", "30")
+    empty = {name for name, text in row.items() if text == ""}
+    assert {"scenes", "constraint scenes", "extension", "report"} <= empty
+    sheet = (marked / "out" / "s1234567.md").read_text("utf-8")
+    assert "| report | 25 |  | [report.pdf](../in/s1234567/report.pdf) |" in sheet
+
+
+def test_a_markers_numbers_are_merged_into_totals_of_100(marked, tmp_path, run):
+    out, given = tmp_path / "out", tmp_path / "marker.csv"
+    shutil.copytree(marked / "out", out)
+    items = "scenes,constraint scenes,extension,report on the extension,report"
+    items += ",report on constraints,report on the basic simulation"
+    given.write_text(f'submission,{items}\ns1234567,10,5,"7,5",4,20,4,9\nuntouched,0,0,,,,,\n')
+    merged = run("grade.py", "--merge", given, "--out", out)
+    assert (merged.returncode, merged.stderr) == (1, "")
+    assert merged.stdout.startswith("1 of 3 are complete; totals in ")
+    assert "\nincomplete: untouched\nincomplete: untouched too\n" in merged.stdout
+    rows = rows_in(out / "marks.csv")
+    assert (rows["s1234567"][0]["total"], rows["s1234567"][0]["of"]) == ("89.5", "100")
+    assert rows["untouched"][0]["of"] == "45"
+    for text, cause in (("s1234567,99", "report is 99, not 0 to 25"), ("x,1", "no submission 'x'")):
+        given.write_text(f"submission,report\n{text}\n")
+        refused = run("grade.py", "--merge", given, "--out", out)
+        assert refused.returncode == 2
+        assert refused.stderr == f"grade.py: {given}, line 2: {cause}\n"
+    given.write_text("submission,reprot\ns1234567,3\n")
+    refused = run("grade.py", "--merge", given, "--out", out)
+    assert refused.stderr == f"grade.py: {given}: 'reprot' is no column of marks.csv\n"
+    assert rows_in(out / "marks.csv") == rows
+
+
+def test_a_submission_that_was_replaced_is_graded_again(marked, tmp_path, run):
+    shutil.copytree(marked, tmp_path / "class")
+    source, out = tmp_path / "class" / "in", tmp_path / "class" / "out"
+    before = rows_in(out / "marks.csv")
+    (source / "untouched" / "RBSFunctions.py").write_text(variant()["RBSFunctions.py"])
+    run("grade.py", source, "--out", out, "--resume")
+    after = rows_in(out / "marks.csv")
+    assert (before["untouched"][0]["total"], after["untouched"][0]["total"]) == ("0", "30")
+    assert before["untouched too"] == after["untouched too"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Gradescope runs Linux")
+def test_gradescope_runs_it_in_its_layout(tmp_path):
+    """/autograder/source, submission and results, as its documentation has them."""
+    (tmp_path / "source").symlink_to(ROOT)
+    path = f"{os.path.dirname(sys.executable)}{os.pathsep}{os.environ['PATH']}"
+    form = {"env": os.environ | {"AUTOGRADER_ROOT": str(tmp_path), "PATH": path}}
+    program = ROOT / "graders" / "gradescope" / "run_autograder"
+    for files, options in ((variant(UNSHAPED), ["--failing", "hidden"]), ({"report.pdf": ""}, [])):
+        shutil.rmtree(tmp_path / "submission", ignore_errors=True)
+        written(tmp_path / "submission", {f"my code/{name}": text for name, text in files.items()})
+        ended = subprocess.run([program, *options], capture_output=True, timeout=120, **form)
+        assert ended.returncode == 0, ended.stderr
+        results = json.loads((tmp_path / "results" / "results.json").read_text("utf-8"))
+        if options:
+            shown = {one["name"]: one["visibility"] for one in results["tests"]}
+            assert results["score"] == pytest.approx(29.3)
+            assert [name for name in shown if shown[name] == "hidden"] == ["integrate_timestep"]
+        else:
+            assert (results["score"], results["output"]) == (0, "has no RBSFunctions.py")

@@ -1,0 +1,76 @@
+"""What is drawn on top of the picture, seen in the window's list of lines."""
+
+import numpy as np
+import pytest
+from opengl import pixel_of
+from program import DATA
+from views import make_viewer
+
+from rbs.pictures.view import SceneView
+from rbs.scenes.simulation import Simulation
+from rbs.window import marks
+
+
+class Ink:
+    """A list of what is drawn, instead of ImGui's."""
+
+    def __init__(self):
+        self.drawn = []
+
+    def __getattr__(self, name):
+        return lambda *arguments: self.drawn.append((name, *arguments))
+
+
+@pytest.fixture
+def ink(monkeypatch, polyscope):
+    result = Ink()
+    monkeypatch.setattr(marks.psim, "GetBackgroundDrawList", lambda: result)
+    return result
+
+
+def test_overlays_lie_on_top_in_the_window_and_in_the_scene_in_pictures(polyscope, ink):
+    simulation = Simulation(DATA / "mixed-scene.txt")
+    simulation.step()
+    view = SceneView(simulation)
+    viewer = make_viewer(simulation, view)
+    view.show("velocities", True)
+    assert polyscope.has_point_cloud("velocities")  # nothing but pictures, so far
+    view.set_callback(lambda: None)
+    assert not polyscope.has_point_cloud("velocities")
+    marks.draw_marks(viewer)
+    kinds = [kind for kind, *_ in ink.drawn]
+    free = sum(not mesh.isFixed for mesh in simulation.meshes)
+    assert kinds.count("AddLine") == kinds.count("AddTriangleFilled") == free
+    for _, begin, end, *_ in (one for one in ink.drawn if one[0] == "AddLine"):
+        assert end[1] > begin[1]  # all fall
+    with view.overlays.in_picture():
+        assert polyscope.has_point_cloud("velocities")
+    assert not polyscope.has_point_cloud("velocities")
+    view.set_callback(None)
+
+
+def test_a_drag_shows_the_point_the_spring_and_its_force(polyscope, ink):
+    simulation = Simulation(DATA / "mixed-scene.txt")
+    viewer = make_viewer(simulation, SceneView(simulation))
+    mesh = simulation.meshes[2]
+    viewer.grab_at(tuple(reversed(pixel_of(polyscope, mesh.position[0]))))
+    body = simulation.meshes[viewer.grab.body]
+    viewer.isPlaying = True
+    viewer.grab.target = viewer.grab.point(body) + [0.0, 1.0, 0.0]
+    marks.draw_marks(viewer)
+    drawn = {kind: arguments for kind, *arguments in ink.drawn}
+    ends = np.array(drawn["AddLine"][:2])
+    places = [viewer.grab.point(body), viewer.grab.target]
+    expected = [pixel_of(polyscope, place)[::-1] for place in places]
+    np.testing.assert_allclose(ends, expected, atol=1.0)
+    # critically damped at 2 Hz, and 1 m long, against the mass that a step feels
+    stiffness = body.mass * (4.0 * np.pi) ** 2
+    assert 0.3 * stiffness < viewer.drag_force() < stiffness
+    assert drawn["AddText"][2] == marks.force_text(viewer.drag_force())
+
+
+@pytest.mark.parametrize(
+    ("force", "text"), [(0.25, "0.25 N"), (731.4, "731 N"), (1600.0, "1.6 kN"), (1.6e6, "1.6 MN")]
+)
+def test_forces_have_units_that_fit(force, text):
+    assert marks.force_text(force) == text
