@@ -44,6 +44,9 @@ RESTITUTION_SWEEPS = 16
 # Largest product of the numbers of bodies and manifolds with which G is a dense matrix. More costs
 # time in large scenes, less in small ones, a tenth of a step.
 MOST_DENSE = 10_000
+# Slip speed down to which friction is at its limit where points slide, as a fraction of the speed
+# that gravity adds per substep. With more, what should hold creeps; with less, rounding counts.
+LEAST_SLIP = 1e-4
 # ε_ijk, as a matrix of rows i k that turns x into the matrix of x ×.
 LEVI_CIVITA = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)
 # Least divisor, in place of zero.
@@ -100,6 +103,7 @@ class SoftContacts:
         self.separation = self.gap + self.offset
         self.started = self.impulse[:POINTS]
         self.least = self.mass * (motion.fallRate * h)
+        self.leastSlip = LEAST_SLIP * max(motion.fallRate, -GRAVITY) * h
         self.nothing, self.total, self.change = np.zeros((3, 7, self.count))
         self.pending = self.nothing
 
@@ -127,14 +131,18 @@ class SoftContacts:
 
         X, XM : (6, 6, m + 1), X and M⁻¹ Xᵀ; R : (6, 7, M), transposed; GT : (m + 1, M), of G
         limits : (2, 4, M), of friction and of the twist about n, per normal impulse
+        levers : (4, 4, M), of each point 1, -y, x and x² + y² with its coordinates x along t1 and y
+            along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
 
         Returns r × e of the rows, with the arms r from the two COMs: (3, 7, 2, M).
         """
         isPoint, n, count = self.isPoint, self.normal, len(motion.invMass)
         weight = isPoint / np.maximum(np.add.reduce(isPoint), 1)
         middle = np.add.reduce(weight * self.arm, axis=1)
-        lever = norm(cross(self.arm - middle[:, None], n[:, None]))
-        self.limits = np.stack((mu * isPoint, mu * isPoint * lever))
+        arm = self.arm - middle[:, None]
+        x, y = dot(arm, self.tangent1[:, None]), dot(arm, self.tangent2[:, None])
+        self.levers = np.stack((np.ones_like(x), -y, x, x * x + y * y))
+        self.limits = mu * isPoint * np.sqrt(self.levers[::3])
 
         axes, arms = np.zeros((2, 3, 7, self.count))
         axes[:, :POINTS], axes[:, 4], axes[:, 5] = n[:, None], self.tangent1, self.tangent2
@@ -172,6 +180,7 @@ class SoftContacts:
 
         mass : (4, M), of each point alone; K[k] : (3 - k, M), response of the speeds of the points
             after point k to its impulse, times their masses
+        frictionMass : (6, M), entries xx, xy, xz, yy, yz, zz of A⁻¹ of the friction rows alone
         slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
             impulses and the present speeds make them slip
         """
@@ -190,11 +199,16 @@ class SoftContacts:
         K = self.mass * A[:POINTS, :POINTS]
         self.K = [K[k, k + 1 :] for k in range(POINTS)]
         friction = A[POINTS:, POINTS:]  # symmetric
+        isSpun = self.limits[1].any(axis=0)  # a single point resists no spin
+        friction[2, :2] *= isSpun
+        friction[:2, 2] *= isSpun
         inverse = cross(friction[:, [1, 2, 0]], friction[:, [2, 0, 1]])
         determinant = dot(friction[:, 0], inverse[:, 0])
         inverse /= np.where(determinant > 0.0, determinant, 1.0)
+        self.frictionMass = inverse[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
         ofNormals = np.einsum("ikm,kjm->ijm", inverse, A[POINTS:, :POINTS])
         self.slip = np.concatenate((ofNormals, inverse), axis=1)
+        self.slip[2] *= isSpun
 
     def impact_speeds(self, motion):
         """Normal speeds (4, M) at which points meet after free flight has closed their gaps s.
@@ -251,7 +265,8 @@ class SoftContacts:
         """Solves all manifolds from the measured motion: λ ← s (λ - m (u + bias)), λ ≥ 0.
 
         The points of a manifold are visited in order, as in the Gauss-Seidel method, and then
-        friction. Alternating the order would make tall stacks sway.
+        friction. Alternating the order would make tall stacks sway. In the soft sweep, what slides
+        keeps its friction up to the limit, because `_slide` takes as long as all the rest.
         """
         before, speed, change = self.impulse, self.speed, self.change
         impulse = self.impulse = np.empty_like(before)
@@ -264,15 +279,58 @@ class SoftContacts:
                 left[k + 1 :] -= K * change[k]
         change[POINTS:] = speed[POINTS:]
         friction = before[POINTS:] - np.einsum("irm,rm->im", self.slip, change)
-        # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
         limit = np.einsum("ikm,km->im", self.limits, impulse[:POINTS])
-        size = friction * friction
-        size[0] += size[1]
-        size = np.sqrt(size[::2])
-        share, twistShare = limit / np.maximum(np.maximum(size, limit), TINY)
-        np.multiply(friction[:2], share, out=impulse[4:6])
-        np.multiply(friction[2], twistShare, out=impulse[6])
+        # the points cannot share the friction S and the twist T among them: some slide if about
+        # (S/L)² + (T/M)² > 1 with the limits L of S alone and M of T alone
+        scale = (1.0 / np.where(limit > 0.0, limit, np.inf))[[0, 0, 1]]
+        size = norm(scale * friction)
+        slides = size > 1.0
+        if softness is not None:
+            share = np.maximum(1.0 - norm(scale * before[POINTS:]), 0.0) / np.maximum(size, 1.0)
+            friction = np.where(slides, before[POINTS:] + share * friction, friction)
+        np.multiply(friction, scale[0] > 0.0, out=impulse[POINTS:])
+        slides = indices(slides) if softness is None else ()
+        if len(slides):
+            sliding = self._slide(slides, take(friction, slides, axis=1))
+            for row, value in zip(impulse[POINTS:], sliding, strict=True):
+                row[slides] = value
         self.pending = impulse - before
+
+    def _slide(self, some, sticking):
+        """Friction (3, K) of manifolds `some`, each point's against its slip and at most μ λ.
+
+        sticking : (3, K), f*, impulses that would stop the slip w = A (f - f*) of the rows
+
+        A point that slips by u = Bᵀ w receives -μ λ u/|u|. With c = μ λ/|u| for the measured |u|
+        and C = Σ B c Bᵀ, f = -C w, and thus w = -(A⁻¹ + C)⁻¹ f*. A point that the result would let
+        slip faster than c is for receives no more than μ λ.
+        """
+        levers, w = take(self.levers, some, axis=2), take(self.speed[POINTS:], some, axis=1)
+        limit = take(self.limits[0], some, axis=1) * take(self.impulse[:POINTS], some, axis=1)
+
+        def slip(w):
+            u1, u2 = w[0] + levers[1] * w[2], w[1] + levers[2] * w[2]
+            return np.sqrt(u1 * u1 + u2 * u2)
+
+        def response(c):
+            """Entries (4, K) of C: xx and yy, xz, yz, zz."""
+            return np.einsum("ikm,km->im", levers, c)
+
+        speed = np.maximum(slip(w), self.leastSlip)
+        c, cxz, cyz, czz = response(limit / speed)
+        xx, xy, xz, yy, yz, zz = take(self.frictionMass, some, axis=1)
+        # elimination in the symmetric matrix
+        xx, xz, yz = xx + c, xz + cxz, yz + cyz
+        a, b = xy / xx, xz / xx
+        yy, yz, zz = yy + c - a * xy, yz - a * xz, zz + czz - b * xz
+        c = yz / yy
+        x, y, z = -sticking
+        y = y - a * x
+        z = (z - b * x - c * y) / (zz - c * yz)
+        y = y / yy - c * z
+        x = x / xx - a * y - b * z
+        c, cxz, cyz, czz = response(limit / np.maximum(speed, slip((x, y, z))))
+        return -(c * x + cxz * z), -(c * y + cyz * z), -(cxz * x + cyz * y + czz * z)
 
     def restitute(self, motion, CRCoeff, closing, bodies, links):
         """Lets points that met faster than gravity accelerates them in a step separate with e times

@@ -425,16 +425,17 @@ def test_a_chain_holds_its_load_and_gains_no_energy():
         gap = np.linalg.norm(meshes[i].currVertices[0] - meshes[i + 1].currVertices[0])
         joints += [[i, 0, i + 1, 0, gap, True], [i, 0, i + 1, 0, 0.8 * gap, False]]
     start = -GRAVITY * sum(m.mass * m.position[0, 1] for m in meshes[1:])
-    state = SolverState()
+    state, lowest = SolverState(), np.inf
     for _ in range(150):
         simulate(meshes, 1, state, constraints=joints)
+        lowest = min(lowest, meshes[4].position[0, 1])
         energy = sum(0.5 * m.mass * (m.linVelocity**2).sum() for m in meshes)
         energy -= GRAVITY * sum(m.mass * m.position[0, 1] for m in meshes[1:])
         assert energy < start * (1 + 1e-3)
         for i, v, j, w, bound, upper in joints:
             distance = np.linalg.norm(meshes[i].currVertices[v] - meshes[j].currVertices[w])
             assert (distance - bound) * (1 if upper else -1) < 0.1
-    assert meshes[4].position[0, 1] < 25  # it has swung down
+    assert lowest < 17  # it has swung down
 
 
 def test_bounds_that_coincide_hold_a_distance_both_ways():
