@@ -51,15 +51,15 @@ from rbs.stepping.bodies import (
     TableRow,
     check_distinct,
     check_numbers,
-    gyroscopic_velocity,
     state_columns,
+    torque_free_velocities,
     undone_on_error,
 )
 from rbs.stepping.reports import GROUND, StepReport
 
 # Methods of Mesh that the loop over all pairs calls, and the other steps do not.
 STEP_METHODS = "bounding_box_collision detect_collision lowest_vertex get_rotated_inv_IT".split()
-STEP_METHODS += "integrate_timestep apply_gyroscopic_term".split()
+STEP_METHODS += "integrate_timestep integrate_tumbling".split()
 # Direction that separates coincident constraint points, for which no direction is preferred.
 COINCIDENT_DIRECTION = (0.0, 1.0, 0.0)
 
@@ -152,9 +152,8 @@ def all_pairs_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyros
     contactSettings = (CRCoeff, closingOnly, mu) if closingOnly or mu else (CRCoeff,)
     with report.phase("integrate"):
         for mesh in meshes:
-            if gyroscopic:
-                mesh.apply_gyroscopic_term(timeStep)
-            mesh.integrate_timestep(*flight)
+            integrate = mesh.integrate_tumbling if gyroscopic else mesh.integrate_timestep
+            integrate(*flight)
         check_numbers(state_columns(meshes), meshes, "free flight")
     with report.phase("collisions"):
         for (i, m1), (j, m2) in itertools.combinations(enumerate(meshes), 2):
@@ -378,11 +377,15 @@ class Mesh:
         self.linVelocity, self.position = _row(linVelocity), _row(position)
         self.orientation = _row((w, x, y, z)) / length
 
-    def apply_gyroscopic_term(self, timeStep):
-        """Applies the gyroscopic torque to the angular velocity; see `gyroscopic_velocity`."""
+    def integrate_tumbling(self, timeStep, gravity=EARTH):
+        """`integrate_timestep` with constant angular momentum; see `torque_free_velocities`."""
         if not self.isFixed:
-            state = floats(self.angVelocity, 3), floats(self.orientation, 4), floats(self.IT, 9)
-            self.angVelocity = _row(gyroscopic_velocity(*state, number(timeStep)))
+            state = floats(self.angVelocity, 3), floats(self.orientation, 4)
+            tensors = floats(self.IT, 9), floats(self.invIT, 9)
+            mean, end = torque_free_velocities(*state, *tensors, number(timeStep))
+            self.angVelocity = _row(mean)
+            self.integrate_timestep(timeStep, gravity)
+            self.angVelocity = _row(end)
 
     def bounding_box_collision(self, m):
         """Whether the axis-aligned boxes of this mesh and of m overlap or touch."""

@@ -180,7 +180,8 @@ class SoftContacts:
 
         mass : (4, M), of each point alone; K[k] : (3 - k, M), response of the speeds of the points
             after point k to its impulse, times their masses
-        frictionMass : (6, M), entries xx, xy, xz, yy, yz, zz of A⁻¹ of the friction rows alone
+        frictionResponse, frictionMass : (6, M), entries xx, xy, xz, yy, yz, zz of A and A⁻¹ of the
+            friction rows alone
         slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
             impulses and the present speeds make them slip
         """
@@ -205,7 +206,8 @@ class SoftContacts:
         inverse = cross(friction[:, [1, 2, 0]], friction[:, [2, 0, 1]])
         determinant = dot(friction[:, 0], inverse[:, 0])
         inverse /= np.where(determinant > 0.0, determinant, 1.0)
-        self.frictionMass = inverse[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+        entries = [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]
+        self.frictionMass, self.frictionResponse = inverse[entries], friction[entries]
         ofNormals = np.einsum("ikm,kjm->ijm", inverse, A[POINTS:, :POINTS])
         self.slip = np.concatenate((ofNormals, inverse), axis=1)
         self.slip[2] *= isSpun
@@ -291,19 +293,21 @@ class SoftContacts:
         np.multiply(friction, scale[0] > 0.0, out=impulse[POINTS:])
         slides = indices(slides) if softness is None else ()
         if len(slides):
-            sliding = self._slide(slides, take(friction, slides, axis=1))
+            sliding = self._slide(slides, take(friction, slides, axis=1), size[slides])
             for row, value in zip(impulse[POINTS:], sliding, strict=True):
                 row[slides] = value
         self.pending = impulse - before
 
-    def _slide(self, some, sticking):
+    def _slide(self, some, sticking, size):
         """Friction (3, K) of manifolds `some`, each point's against its slip and at most μ λ.
 
         sticking : (3, K), f*, impulses that would stop the slip w = A (f - f*) of the rows
+        size : (K,), about what f* is to be divided by to reach the limit
 
-        A point that slips by u = Bᵀ w receives -μ λ u/|u|. With c = μ λ/|u| for the measured |u|
-        and C = Σ B c Bᵀ, f = -C w, and thus w = -(A⁻¹ + C)⁻¹ f*. A point that the result would let
-        slip faster than c is for receives no more than μ λ.
+        A point that slips by u = Bᵀ w receives -μ λ u/|u|. With c = μ λ/|u| for an estimate of |u|
+        and C = Σ B c Bᵀ, f = -C w, and thus w = -(A⁻¹ + C)⁻¹ f*. A point that would then slip
+        faster than estimated receives no more than μ λ. The estimate is the measured slip or, if
+        that is less, the slip with f = f*/size.
         """
         levers, w = take(self.levers, some, axis=2), take(self.speed[POINTS:], some, axis=1)
         limit = take(self.limits[0], some, axis=1) * take(self.impulse[:POINTS], some, axis=1)
@@ -316,7 +320,10 @@ class SoftContacts:
             """Entries (4, K) of C: xx and yy, xz, yz, zz."""
             return np.einsum("ikm,km->im", levers, c)
 
-        speed = np.maximum(slip(w), self.leastSlip)
+        xx, xy, xz, yy, yz, zz = take(self.frictionResponse, some, axis=1)
+        x, y, z = sticking * (1.0 / size - 1.0)
+        scaled = xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
+        speed = np.maximum(np.minimum(slip(w), slip(scaled)), self.leastSlip)
         c, cxz, cyz, czz = response(limit / speed)
         xx, xy, xz, yy, yz, zz = take(self.frictionMass, some, axis=1)
         # elimination in the symmetric matrix

@@ -58,7 +58,9 @@ def soft_step(
             return report
         bodies.follow_orientations()
         if isGyroscopic:
-            bodies.turn_gyroscopically(timeStep)
+            momenta = bodies.angular_momenta()
+            bodies.motion[6:9] = bodies.tumbling_velocities(timeStep)[0]
+            momenta -= bodies.angular_momenta()
         check_numbers(bodies.columns(), meshes, "the last step")
     with report.phase("collisions"):
         isStill = (kept.sleep.isAsleep | bodies.isFixed) & ~isDisturbed
@@ -80,7 +82,12 @@ def soft_step(
         if CRCoeff:
             contacts.restitute(motion, CRCoeff, closing, bodies, distances.ends)
     with report.phase("writeBack"):
-        bodies.motion, bodies.orientation = motion.result(bodies)
+        bodies.motion, orientation = motion.result(bodies)
+        if isGyroscopic:
+            momenta += bodies.angular_momenta()  # with all impulses
+        bodies.orientation = orientation
+        if isGyroscopic:
+            bodies.set_angular_momenta(momenta)
         check_numbers(bodies.columns(), meshes, "contacts and constraints")
         kept.manifolds = manifolds
         if sleeping:

@@ -25,9 +25,7 @@ def grid_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyroscopic
     with report.phase("gather"):
         bodies = Bodies(meshes, gravity)
     with report.phase("integrate"):
-        if gyroscopic:
-            bodies.turn_gyroscopically(timeStep)
-        bodies.fly(timeStep)
+        bodies.fly(timeStep, gyroscopic)
         check_numbers(bodies.columns(), meshes, "free flight")
     with report.phase("collisions"):
         contacts, report.candidatePairs = find_contacts(bodies)

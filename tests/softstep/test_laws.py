@@ -18,3 +18,11 @@ def test_friction_opposes_the_slip_of_each_corner(sides, velocity, spin):
     x, _, z = velocity
     predicted = np.hypot(*laws.four_corners(sides[::-1], (z, x), spin, 0.3))
     assert laws.slide(sides, velocity, spin, 0.3, **laws.SOFT) == pytest.approx(predicted, rel=0.02)
+
+
+@pytest.mark.parametrize("step", [laws.BASIC, laws.BASIC | {"broadPhase": "grid"}, laws.SOFT])
+def test_a_tumbling_body_keeps_its_angular_momentum_and_flips_as_eulers_equation_has_it(step):
+    momentum, energy, flips = laws.tumbling(step, 20.0)
+    predicted = laws.tumbling_ode(laws.box_body(*laws.SPINNER, (0, 0, 0)).IT, 20.0)
+    assert momentum < 1e-12 and energy < 1e-3
+    assert len(predicted) >= 4 and flips == pytest.approx(predicted, abs=0.02)
