@@ -154,6 +154,8 @@ def all_pairs_step(meshes, groundMesh, timeStep, CRCoeff, closingOnly, mu, gyros
         for mesh in meshes:
             integrate = mesh.integrate_tumbling if gyroscopic else mesh.integrate_timestep
             integrate(*flight)
+            if mesh.isFixed:
+                mesh.follow_velocity(timeStep)
         check_numbers(state_columns(meshes), meshes, "free flight")
     with report.phase("collisions"):
         for (i, m1), (j, m2) in itertools.combinations(enumerate(meshes), 2):
@@ -218,7 +220,8 @@ class Mesh:
     density : mass per volume, > 0
     position : (1, 3), COM in the world
     orientation : (1, 4), quaternion from rest to world, not zero; normalised on entry
-    isFixed : bool; a fixed mesh has infinite mass and never moves
+    isFixed : bool; a fixed mesh has infinite mass, and moves only if it is given a velocity
+        afterwards: as a conveyor, turntable or paddle, which contacts see and do not change
 
     Attributes
     ----------
@@ -365,9 +368,15 @@ class Mesh:
         Semi-implicit Euler: v ← v + g h, COM ← COM + v h with the new velocity, and
         orientation ← exp(ω h/2) ∘ orientation. The angular velocity stays.
         """
-        if self.isFixed:
-            return
-        h = number(timeStep)
+        if not self.isFixed:
+            self._fly(number(timeStep), gravity)
+
+    def follow_velocity(self, timeStep):
+        """Moves a fixed mesh that has been given a velocity, as `integrate_timestep` others."""
+        if self.linVelocity.any() or self.angVelocity.any():
+            self._fly(number(timeStep), ZERO)
+
+    def _fly(self, h, gravity):
         linVelocity = mul_add(floats(self.linVelocity, 3), h, gravity)
         position = mul_add(floats(self.position, 3), h, linVelocity)
         turn = exponential((0.0, *scale(0.5, scale(h, floats(self.angVelocity, 3)))))
@@ -446,7 +455,7 @@ class Mesh:
         return Body.from_arrays(self.invMass, invInertia, *vectors)
 
     def set_body_state(self, body):
-        """Stores the position and velocities of a `Body`. An immovable mesh does not change."""
+        """Stores the position and velocities of a `Body`. An immovable mesh keeps its own."""
         if body.invMass != 0.0:
             self.position = _row(body.position)
             self.linVelocity = _row(body.linVelocity)

@@ -53,7 +53,52 @@ LEVI_CIVITA = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)
 TINY = np.finfo(float).tiny
 
 
-class SoftContacts:
+class PlacedManifolds:
+    """Geometry of manifolds `rows` (M,) in world axes.
+
+    first, second : (M,), bodies; the ground is body n
+    t : (3, M), see `Frames.translations`; normal, tangent1, tangent2 : (3, M), unit
+    arm : (3, 4, M), from the first COM to the points on the first body
+    gap : (4, M), separation at the start of the step, along the normal
+    """
+
+    def __init__(self, manifolds, frames, rows):
+        self.rows, self.count = rows, len(rows)
+        manifolds = manifolds.rows(rows)
+        self.first, self.second = manifolds.bodies(frames.count)
+        self.start1 = take(frames.position, self.first, axis=1)
+        self.t = frames.translations(self.first, self.second)
+        self.isPoint = manifolds.isPoint
+        axes = np.stack((manifolds.normal, manifolds.tangent), axis=1)
+        vectors = np.concatenate((axes, manifolds.anchor1), axis=1)
+        turned = turn_points(take(frames.rotation, self.first, axis=1), vectors)
+        axes = np.where(self.second == frames.count, GROUND_AXES, turned[:, :2])
+        self.normal, self.tangent1, self.arm = axes[:, 0], axes[:, 1], turned[:, 2:]
+        self.tangent2 = cross(self.normal, self.tangent1)
+        across = turn_points(take(frames.rotation, self.second, axis=1), manifolds.anchor2)
+        self.gap = dot(across + self.t[:, None] - self.arm, self.normal[:, None])
+
+    def tell(self, report, total):
+        """Reports every point that touches or received an impulse, at the start of the step.
+
+        total : (7, M), impulses of the rows, see `SoftContacts`
+
+        A manifold's friction is divided in proportion to the normal impulses of its points.
+        """
+        impulse, friction = total[:POINTS], total[POINTS:]
+        k, m = np.nonzero((impulse > 0.0) | (self.isPoint & (self.gap <= 0.0)))
+        total = np.add.reduce(impulse)
+        share = friction[:2] / np.where(total > 0.0, total, 1.0)
+        friction = self.tangent1 * share[0] + self.tangent2 * share[1]
+        first, second, normal = self.first[m], self.second[m], self.normal[:, m]
+        arm, impulse = self.arm[:, k, m], impulse[k, m]
+        ground = len(report.isAsleep)
+        other, depth = np.where(second == ground, GROUND, second), -self.gap[k, m]
+        columns = first, other, np.maximum(depth, 0.0), normal, self.start1[:, m] + arm, impulse
+        report.add_columns(first * (ground + 1) + second, *columns, friction[:, m] * impulse, arm)
+
+
+class SoftContacts(PlacedManifolds):
     """Contacts of a step as velocity constraints, for M manifolds at once.
 
     A manifold has seven rows, each with a speed and an impulse λ: the normal speeds u of its four
@@ -80,14 +125,12 @@ class SoftContacts:
         """
         self.h = h
         self.fall = motion.fallRate * timeStep  # speed that gravity adds in a step
-        ends = manifolds.bodies(frames.count)
-        columns = take(motion.column, ends)
-        self.rows = indices((columns < len(motion.moving)).any(axis=0))
+        columns = take(motion.column, manifolds.bodies(frames.count))
+        isMovable = (motion.invMass[columns] > 0.0).any(axis=0)
+        self.others = indices(~isMovable)
+        super().__init__(manifolds, frames, indices(isMovable))
         manifolds = manifolds.rows(self.rows)
-        self.first, self.second = take(ends, self.rows, axis=1)
         self.ends = take(columns, self.rows, axis=1)
-        self.count = len(self.rows)
-        self._place(manifolds, frames)
         self._make_responses(motion, self._make_factors(frames, motion, mu))
         # Penetration is pushed out at up to √(g r) of the smaller body. If this were faster, bodies
         # that start inside each other would burst apart.
@@ -106,25 +149,6 @@ class SoftContacts:
         self.leastSlip = LEAST_SLIP * max(motion.fallRate, -GRAVITY) * h
         self.nothing, self.total, self.change = np.zeros((3, 7, self.count))
         self.pending = self.nothing
-
-    def _place(self, manifolds, frames):
-        """Computes the manifolds' geometry in world axes.
-
-        t : (3, M), see `Frames.translations`; normal, tangent1, tangent2 : (3, M), unit
-        arm : (3, 4, M), from the first COM to the points on the first body
-        gap : (4, M), separation at the start of the step, along the normal
-        """
-        self.start1 = take(frames.position, self.first, axis=1)
-        self.t = frames.translations(self.first, self.second)
-        self.isPoint = manifolds.isPoint
-        axes = np.stack((manifolds.normal, manifolds.tangent), axis=1)
-        vectors = np.concatenate((axes, manifolds.anchor1), axis=1)
-        turned = turn_points(take(frames.rotation, self.first, axis=1), vectors)
-        axes = np.where(self.second == frames.count, GROUND_AXES, turned[:, :2])
-        self.normal, self.tangent1, self.arm = axes[:, 0], axes[:, 1], turned[:, 2:]
-        self.tangent2 = cross(self.normal, self.tangent1)
-        across = turn_points(take(frames.rotation, self.second, axis=1), manifolds.anchor2)
-        self.gap = dot(across + self.t[:, None] - self.arm, self.normal[:, None])
 
     def _make_factors(self, frames, motion, mu):
         """Computes the factors of J and M⁻¹ Jᵀ, and the limits of friction.
@@ -370,23 +394,6 @@ class SoftContacts:
             values[name][..., self.rows] = value
         return manifolds.renewed(**values)
 
-    def tell(self, report):
-        """Reports every point that touches or received an impulse, at the start of the step.
-
-        A manifold's friction is divided in proportion to the normal impulses of its points.
-        """
-        impulse, friction = self.total[:POINTS], self.total[POINTS:]
-        k, m = np.nonzero((impulse > 0.0) | (self.isPoint & (self.gap <= 0.0)))
-        total = np.add.reduce(impulse)
-        share = friction[:2] / np.where(total > 0.0, total, 1.0)
-        friction = self.tangent1 * share[0] + self.tangent2 * share[1]
-        first, second, normal = self.first[m], self.second[m], self.normal[:, m]
-        arm, impulse = self.arm[:, k, m], impulse[k, m]
-        ground = len(report.isAsleep)
-        other, depth = np.where(second == ground, GROUND, second), -self.gap[k, m]
-        columns = first, other, np.maximum(depth, 0.0), normal, self.start1[:, m] + arm, impulse
-        report.add_columns(first * (ground + 1) + second, *columns, friction[:, m] * impulse, arm)
-
 
 def energy_share(bodies, motion, before, links):
     """Returns the fraction (m,) of restitution's velocity changes that energy permits.
@@ -417,6 +424,8 @@ def energy_share(bodies, motion, before, links):
     a = np.bincount(island, 0.5 * products(orientation, change, change))
     b = np.bincount(island, products(orientation, before, change))
     left = np.bincount(island, limit)
+    works = np.bincount(island, motion.invMass[:-1] == 0.0) > 0.0  # a kinematic body does work
+    left = np.where(works, np.maximum(left, a + b), left)
     root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
     share = np.where(a + b > left, (root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 1.0)
     return np.clip(share, 0.0, 1.0)[island]

@@ -153,8 +153,8 @@ def torque_free_velocities(angVelocity, orientation, inertia, invInertia, timeSt
 
     Without torque, L = I ω is constant in world axes, and ω = I⁻¹ L follows from the orientation
     alone. After a rotation by the vector θ from the start, with its matrix E, ω = E I₀⁻¹ Eᵀ L, and
-    θ' = ω - θ × ω/2 + θ × (θ × ω)/12 - θ × (θ × (θ × (θ × ω)))/720 + …. Four stages of Runge and Kutta integrate θ (Munthe-Kaas:
-    Runge-Kutta Methods on Lie Groups. BIT 38, 1998).
+    θ' = ω - θ × ω/2 + θ × (θ × ω)/12 - θ × (θ × (θ × (θ × ω)))/720 + …. Four stages of Runge and
+    Kutta integrate θ (Munthe-Kaas: Runge-Kutta Methods on Lie Groups. BIT 38, 1998).
     """
     rotation = rotation_matrices(orientation)
     momentum = mat_vec(rotate_tensor(rotation, inertia), angVelocity)
@@ -249,7 +249,7 @@ class Bodies:
 
     motion : (9, n), made up of position, linVelocity and angVelocity, (3, n) each; the last two
         together are velocity
-    orientation : (4, n); isFixed : (n,) bool
+    orientation : (4, n); isFixed : (n,) bool; isKinematic : (n,) bool, fixed bodies with a velocity
     invMass : (n,); invInertia : (9, n), world axes, row by row; both 0 if fixed
     box : (6, n), bounding boxes in the world at the last `follow_orientations`: least coordinates,
         then negated greatest ones; inf for a mesh without vertices
@@ -270,9 +270,10 @@ class Bodies:
         columns = self._tables.columns() if self._isHeld else state_columns(meshes)
         self.orientation = columns.pop("orientation")
         self.motion = np.concatenate(tuple(columns.values()))
-        self._start = self.motion.copy()
+        self._start, self.hulls = self.motion.copy(), self._tables.hulls
         self.invMass = np.array([m.invMass for m in meshes], dtype=np.float64)
         self.isFixed = self.invMass == 0.0
+        self.isKinematic = self.isFixed & self.velocity.any(axis=0)
         self.restInvInertia = np.where(self.isFixed, 0.0, self._tables.inverse_tensors())
 
     position = property(lambda self: self.motion[0:3])
@@ -290,16 +291,18 @@ class Bodies:
         return {name: getattr(self, name) for name in STATE_WIDTHS}
 
     def fly(self, timeStep, gyroscopic=False):
-        """Integrates free flight of the bodies that are not fixed, as the methods of `Mesh`."""
+        """Integrates free flight, as the methods of `Mesh`; nothing accelerates fixed bodies."""
         mean = end = self.angVelocity
         if gyroscopic:
             mean, end = self.tumbling_velocities(timeStep)
-        linVelocity = self.linVelocity + timeStep * np.reshape(self.gravity, (3, 1))
+        fall = timeStep * np.where(self.isFixed, 0.0, np.reshape(self.gravity, (3, 1)))
+        linVelocity = self.linVelocity + fall
         position = self.position + timeStep * linVelocity
         orientation = turned(self.orientation, timeStep * mean)
         moved = np.concatenate((position, linVelocity, end))
-        self.motion = np.where(self.isFixed, self.motion, moved)
-        self.orientation = np.where(self.isFixed, self.orientation, orientation)
+        stays = self.isFixed & ~self.isKinematic
+        self.motion = np.where(stays, self.motion, moved)
+        self.orientation = np.where(stays, self.orientation, orientation)
         self.follow_orientations()
 
     def tumbling_velocities(self, timeStep):
@@ -336,6 +339,33 @@ class Bodies:
         """Returns the boxes of the bodies b (m,) at the positions (3, m), as in `box`."""
         return take(self._relativeBox, b, axis=1) + np.concatenate((position, -position))
 
+    def start_moved(self, position, orientation, timeStep):
+        """Makes fixed bodies that have been moved from these poses move in this step instead.
+
+        position, orientation : (3, n), (4, n). A body starts there and has the velocity that brings
+            it to where it is, unless it has one of its own, or has jumped by more than its radius
+        """
+        way = self.position - position
+        w, *xyz = multiply(self.orientation, (orientation[0], *-orientation[1:]))
+        xyz = np.where(w < 0.0, -1.0, 1.0) * xyz
+        sine = np.sqrt((xyz * xyz).sum(axis=0))
+        turn = xyz * (2.0 * np.arctan2(sine, np.abs(w)) / np.where(sine > 0.0, sine, 1.0))
+        isMoved = way.any(axis=0) | (self.orientation != orientation).any(axis=0)
+        isMoved &= self.isFixed & ~self.isKinematic
+        isMoved &= np.sqrt((way * way).sum(axis=0)) <= self.hulls.radius
+        self._end = isMoved, self._start, self.orientation
+        if isMoved.any():
+            moving = np.concatenate((position, way / timeStep, turn / timeStep))
+            self.motion = np.where(isMoved, moving, self.motion)
+            self.orientation = np.where(isMoved, orientation, self.orientation)
+            self.isKinematic = self.isKinematic | isMoved
+
+    def end_moved(self):
+        """Ends the motion of `start_moved` exactly where the bodies were, at rest."""
+        isMoved, motion, orientation = self._end
+        self.motion = np.where(isMoved, motion, self.motion)
+        self.orientation = np.where(isMoved, orientation, self.orientation)
+
     def lowest_points(self):
         """`(b (m,), point (3, m))`: bodies that reach y ≤ 0, and their first lowest vertices."""
         # lowest vertex of the hull; rounding may put another vertex of the mesh below it
@@ -352,6 +382,6 @@ class Bodies:
         return b, take(vertices, index[below], axis=1) + take(self.position, b, axis=1)
 
     def write_back(self):
-        """Leaves the state in the meshes' tables; fixed meshes keep theirs."""
-        self.motion = np.where(self.isFixed, self._start, self.motion)
+        """Leaves the state in the meshes' tables; fixed meshes without a velocity keep theirs."""
+        self.motion = np.where(self.isFixed & ~self.isKinematic, self._start, self.motion)
         self._tables.keep(self.columns(), self._isHeld)
