@@ -312,8 +312,10 @@ class SoftContacts(PlacedManifolds):
         size = norm(scale * friction)
         slides = size > 1.0
         if softness is not None:
-            share = np.maximum(1.0 - norm(scale * before[POINTS:]), 0.0) / np.maximum(size, 1.0)
-            friction = np.where(slides, before[POINTS:] + share * friction, friction)
+            used = np.maximum(norm(scale * before[POINTS:]), TINY)
+            kept = np.minimum(1.0 / used, 1.0) * before[POINTS:]
+            share = np.maximum(1.0 - used, 0.0) / np.maximum(size, 1.0)
+            friction = np.where(slides, kept + share * friction, friction)
         np.multiply(friction, scale[0] > 0.0, out=impulse[POINTS:])
         slides = indices(slides) if softness is None else ()
         if len(slides):
@@ -330,8 +332,8 @@ class SoftContacts(PlacedManifolds):
 
         A point that slips by u = Bᵀ w receives -μ λ u/|u|. With c = μ λ/|u| for an estimate of |u|
         and C = Σ B c Bᵀ, f = -C w, and thus w = -(A⁻¹ + C)⁻¹ f*. A point that would then slip
-        faster than estimated receives no more than μ λ. The estimate is the measured slip or, if
-        that is less, the slip with f = f*/size.
+        faster than estimated receives no more than μ λ. The estimate is the slip with f = f*/size,
+        scaled down to the measured slip of all points; that of each would make spins oscillate.
         """
         levers, w = take(self.levers, some, axis=2), take(self.speed[POINTS:], some, axis=1)
         limit = take(self.limits[0], some, axis=1) * take(self.impulse[:POINTS], some, axis=1)
@@ -347,7 +349,9 @@ class SoftContacts(PlacedManifolds):
         xx, xy, xz, yy, yz, zz = take(self.frictionResponse, some, axis=1)
         x, y, z = sticking * (1.0 / size - 1.0)
         scaled = xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
-        speed = np.maximum(np.minimum(slip(w), slip(scaled)), self.leastSlip)
+        speed = slip(scaled)
+        speed *= np.minimum(slip(w).sum(axis=0) / np.maximum(speed.sum(axis=0), TINY), 1.0)
+        speed = np.maximum(speed, self.leastSlip)
         c, cxz, cyz, czz = response(limit / speed)
         xx, xy, xz, yy, yz, zz = take(self.frictionMass, some, axis=1)
         # elimination in the symmetric matrix
