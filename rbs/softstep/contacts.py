@@ -1,10 +1,10 @@
 """Contacts of the soft step: velocity constraints on all manifolds, and restitution.
 
 All manifolds are solved simultaneously from the same velocities, so that the result depends on
-their order only by rounding, which a pile may amplify to 1e-5 m. For convergence, the mass of a body is
-split between its manifolds, while the impulses act on the whole body (Tonge, Benevolenski,
-Voroshilov: Mass Splitting for Jitter-Free Parallel Rigid Body Simulation. SIGGRAPH 2012). Over-relaxation makes
-impulses travel faster through a stack.
+their order only by rounding, which a pile may amplify to 1e-5 m. For convergence, the mass of a
+body is split between its manifolds, while the impulses act on the whole body (Tonge, Benevolenski,
+Voroshilov: Mass Splitting for Jitter-Free Parallel Rigid Body Simulation. SIGGRAPH 2012).
+Over-relaxation makes impulses travel faster through a stack.
 """
 
 import numpy as np
