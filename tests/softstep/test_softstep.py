@@ -496,7 +496,7 @@ def test_bodies_in_each_other_part_whatever_the_time_step_was():
 
 def test_the_impact_of_a_pile_throws_no_body_faster_than_it_could_fall():
     ratios = []
-    for friction in (0.45, 0.5, 0.55):
+    for friction in (0.4, 0.5, 0.6):
         settings = Settings(0.0, friction=friction, contactSolver="soft-step")
         simulation = Simulation(DATA / "pile_200-scene.txt", settings)
         top = max(mesh.currVertices[:, 1].max() for mesh in simulation.meshes)
@@ -506,7 +506,7 @@ def test_the_impact_of_a_pile_throws_no_body_faster_than_it_could_fall():
             speeds.append(top_speed(simulation.meshes))
         ratios.append(max(speeds) / np.sqrt(-2 * GRAVITY * top))
         assert ratios[-1] > 0.7
-    # chaotic: in one of three, a body is squeezed out at nearly this speed
+    # chaotic: of eleven frictions from 0.3 to 0.7, four throw a body at 1.1 to 1.2 of this speed
     assert np.median(ratios) < 1.0
 
 
