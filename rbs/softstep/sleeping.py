@@ -80,7 +80,7 @@ class Sleep(SimpleNamespace):
             isNear = wakes | _beside(wakes, links)
             isNear[lost] = True
             isAsleep = isAsleep & ~isNear[:-1] & ~bodies.isFixed
-        # not those that others wake: 89 % of a heap would sleep, not 96 %
+        # not those of bodies that others wake: fewer of a heap would sleep, by some per cent
         timer = np.where(disturbed, 0.0, self.timer)
         return Sleep(**vars(self) | {"isAsleep": isAsleep, "timer": timer})
 
