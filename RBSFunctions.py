@@ -54,8 +54,8 @@ from rbs.stepping.bodies import (
     TableRow,
     check_distinct,
     check_states,
-    gyroscopic_velocity,
     state_columns,
+    torque_free_velocities,
     undone_on_error,
 )
 from rbs.stepping.reports import GROUND, StepReport
@@ -151,8 +151,11 @@ def integrate(meshes, step, report):
     with report.phase("integrate"):
         for mesh in meshes:
             if step.gyroscopic:
-                mesh.apply_gyroscopic_term(step.timeStep)
-            mesh.integrate_timestep(*flight)
+                mesh.integrate_tumbling(*flight)
+            else:
+                mesh.integrate_timestep(*flight)
+            if mesh.isFixed:
+                mesh.follow_velocity(step.timeStep)
         check_states(meshes, "free flight")
 
 
@@ -272,7 +275,8 @@ class Mesh:
     density : mass per volume, > 0
     position : (1, 3), COM in the world
     orientation : (1, 4), quaternion from rest to world, not zero; normalised on entry
-    isFixed : bool; a fixed mesh has infinite mass and never moves
+    isFixed : bool; a fixed mesh has infinite mass, and moves only if it is given a velocity
+        afterwards: as a conveyor, turntable or paddle, which contacts see and do not change
 
     Attributes
     ----------
@@ -428,9 +432,15 @@ class Mesh:
         Semi-implicit Euler: v ← v + g h, COM ← COM + v h with the new velocity, and
         orientation ← exp(ω h/2) ∘ orientation. The angular velocity stays.
         """
-        if self.isFixed:
-            return
-        h = number(timeStep)
+        if not self.isFixed:
+            self._fly(number(timeStep), gravity)
+
+    def follow_velocity(self, timeStep):
+        """Moves a fixed mesh that has been given a velocity, as `integrate_timestep` others."""
+        if self.linVelocity.any() or self.angVelocity.any():
+            self._fly(number(timeStep), ZERO)
+
+    def _fly(self, h, gravity):
         linVelocity = mul_add(vector(self.linVelocity), h, gravity)
         position = mul_add(vector(self.position), h, linVelocity)
         turn = exponential((0.0, *scale(0.5, scale(h, vector(self.angVelocity)))))
@@ -440,11 +450,15 @@ class Mesh:
         self.linVelocity, self.position = row(linVelocity), row(position)
         self.orientation = np.array([[w / length, x / length, y / length, z / length]])
 
-    def apply_gyroscopic_term(self, timeStep):
-        """Applies the gyroscopic torque to the angular velocity; see `gyroscopic_velocity`."""
+    def integrate_tumbling(self, timeStep, gravity=EARTH):
+        """`integrate_timestep` with constant angular momentum; see `torque_free_velocities`."""
         if not self.isFixed:
-            state = vector(self.angVelocity), floats(self.orientation, 4), floats(self.IT, 9)
-            self.angVelocity = row(gyroscopic_velocity(*state, number(timeStep)))
+            state = vector(self.angVelocity), floats(self.orientation, 4)
+            tensors = floats(self.IT, 9), floats(self.invIT, 9)
+            mean, end = torque_free_velocities(*state, *tensors, number(timeStep))
+            self.angVelocity = row(mean)
+            self.integrate_timestep(timeStep, gravity)
+            self.angVelocity = row(end)
 
     def bounding_box_collision(self, m):
         """Whether the axis-aligned boxes of this mesh and of m overlap or touch."""
@@ -503,7 +517,7 @@ class Mesh:
         return Body.from_arrays(self.invMass, invInertia, *vectors)
 
     def set_body_state(self, body):
-        """Stores the position and velocities of a `Body`. An immovable mesh does not change."""
+        """Stores the position and velocities of a `Body`. An immovable mesh keeps its own."""
         if body.invMass != 0.0:
             self.position = row(body.position)
             self.linVelocity = row(body.linVelocity)

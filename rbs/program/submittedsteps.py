@@ -242,6 +242,9 @@ def loop_mesh(Mesh):
         def currVertices(self, vertices):
             pass
 
+        def follow_velocity(self, timeStep):
+            pass
+
         def detect_collision(self, m):
             if self.isFixed and m.isFixed:
                 return False, 0.0, None, None

@@ -122,10 +122,12 @@ def shown(value):
 
 
 def note_recommended(simulation):
-    """Prints a line if a scene uses settings that it recommends."""
+    """Prints a line if a scene uses settings that it recommends, and if its step is too long."""
     if simulation.recommended:
         path = shown_path(simulation.scenePath)
         print_note(
             f"using the settings recommended in {path} ({simulation.recommended}); --basic "
             "ignores them"
         )
+    if not simulation.isReplay:
+        print_note(simulation.step_advice())

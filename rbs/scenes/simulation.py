@@ -3,6 +3,7 @@
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
 
+import math
 import time
 from dataclasses import replace
 from functools import partial
@@ -21,6 +22,9 @@ from RBSFunctions import ground, run_timestep
 # along a chain several times, and the coursework's limit, which holds for few constraints.
 SWEEPS = 20
 LEAST_VISITS = 1000
+# Largest g h², by which a body falls into another within a step, as a fraction of the thickness of
+# the thinnest body. With more, bodies rest inside each other.
+MOST_FALL = 0.2
 
 
 class State(dict):
@@ -155,6 +159,22 @@ class Simulation(Scene):
         if self.settings.maxIterations is not None:
             return self.settings.maxIterations
         return max(LEAST_VISITS, SWEEPS * len(self.constraints))
+
+    def step_advice(self):
+        """Returns a line if the time step is too long for the thinnest body that moves, or ""."""
+        moving = [m for m in self.meshes if not m.isFixed]
+        if not moving or self.settings.gravity == 0.0:
+            return ""
+        thinnest = min(moving, key=lambda mesh: mesh.hull.offsets.min())
+        width = 2.0 * float(thinnest.hull.offsets.min())
+        limit = math.sqrt(MOST_FALL * width / self.settings.gravity)
+        if self.settings.timeStep <= limit:
+            return ""
+        h, least = self.settings.timeStep, float(f"{0.7 * limit:.1g}")
+        return (
+            f"a time step of {h:g} s is too long for {thinnest.name}, {width:.3g} m thin: bodies "
+            f"may rest inside each other; use {least:g} s"
+        )
 
     def step(self):
         """Makes one time step.

@@ -1,9 +1,10 @@
 """Contacts of the soft step: velocity constraints on all manifolds, and restitution.
 
-All manifolds are solved simultaneously from the same velocities, so that the result does not depend
-on an order. For convergence, the mass of a body is split between its manifolds, while the impulses
-act on the whole body (Tonge, Benevolenski, Voroshilov: Mass Splitting for Jitter-Free Parallel
-Rigid Body Simulation. SIGGRAPH 2012). Over-relaxation makes impulses travel faster through a stack.
+All manifolds are solved simultaneously from the same velocities, so that the result depends on
+their order only by rounding, which a pile may amplify to 1e-5 m. For convergence, the mass of a
+body is split between its manifolds, while the impulses act on the whole body (Tonge, Benevolenski,
+Voroshilov: Mass Splitting for Jitter-Free Parallel Rigid Body Simulation. SIGGRAPH 2012).
+Over-relaxation makes impulses travel faster through a stack.
 """
 
 import numpy as np
@@ -44,13 +45,61 @@ RESTITUTION_SWEEPS = 16
 # Largest product of the numbers of bodies and manifolds with which G is a dense matrix. More costs
 # time in large scenes, less in small ones, a tenth of a step.
 MOST_DENSE = 10_000
+# Slip speed down to which friction is at its limit where points slide, as a fraction of the speed
+# that gravity adds per substep. With more, what should hold creeps; with less, rounding counts.
+LEAST_SLIP = 1e-4
 # ε_ijk, as a matrix of rows i k that turns x into the matrix of x ×.
 LEVI_CIVITA = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)
 # Least divisor, in place of zero.
 TINY = np.finfo(float).tiny
 
 
-class SoftContacts:
+class PlacedManifolds:
+    """Geometry of manifolds `rows` (M,) in world axes.
+
+    first, second : (M,), bodies; the ground is body n
+    t : (3, M), see `Frames.translations`; normal, tangent1, tangent2 : (3, M), unit
+    arm : (3, 4, M), from the first COM to the points on the first body
+    gap : (4, M), separation at the start of the step, along the normal
+    """
+
+    def __init__(self, manifolds, frames, rows):
+        self.rows, self.count = rows, len(rows)
+        manifolds = manifolds.rows(rows)
+        self.first, self.second = manifolds.bodies(frames.count)
+        self.start1 = take(frames.position, self.first, axis=1)
+        self.t = frames.translations(self.first, self.second)
+        self.isPoint = manifolds.isPoint
+        axes = np.stack((manifolds.normal, manifolds.tangent), axis=1)
+        vectors = np.concatenate((axes, manifolds.anchor1), axis=1)
+        turned = turn_points(take(frames.rotation, self.first, axis=1), vectors)
+        axes = np.where(self.second == frames.count, GROUND_AXES, turned[:, :2])
+        self.normal, self.tangent1, self.arm = axes[:, 0], axes[:, 1], turned[:, 2:]
+        self.tangent2 = cross(self.normal, self.tangent1)
+        across = turn_points(take(frames.rotation, self.second, axis=1), manifolds.anchor2)
+        self.gap = dot(across + self.t[:, None] - self.arm, self.normal[:, None])
+
+    def tell(self, report, total):
+        """Reports every point that touches or received an impulse, at the start of the step.
+
+        total : (7, M), impulses of the rows, see `SoftContacts`
+
+        A manifold's friction is divided in proportion to the normal impulses of its points.
+        """
+        impulse, friction = total[:POINTS], total[POINTS:]
+        k, m = np.nonzero((impulse > 0.0) | (self.isPoint & (self.gap <= 0.0)))
+        total = np.add.reduce(impulse)
+        share = friction[:2] / np.where(total > 0.0, total, 1.0)
+        friction = self.tangent1 * share[0] + self.tangent2 * share[1]
+        first, second, normal = self.first[m], self.second[m], self.normal[:, m]
+        arm, impulse = self.arm[:, k, m], impulse[k, m]
+        ground = len(report.isAsleep)
+        other, depth = np.where(second == ground, GROUND, second), -self.gap[k, m]
+        columns = first, other, np.maximum(depth, 0.0), normal, self.start1[:, m] + arm, impulse
+        report.add_columns(first * (ground + 1) + second, *columns, friction[:, m] * impulse, arm)
+
+
+class SoftContacts(PlacedManifolds):
     """Contacts of a step as velocity constraints, for M manifolds at once.
 
     A manifold has seven rows, each with a speed and an impulse λ: the normal speeds u of its four
@@ -77,14 +126,12 @@ class SoftContacts:
         """
         self.h = h
         self.fall = motion.fallRate * timeStep  # speed that gravity adds in a step
-        ends = manifolds.bodies(frames.count)
-        columns = take(motion.column, ends)
-        self.rows = indices((columns < len(motion.moving)).any(axis=0))
+        columns = take(motion.column, manifolds.bodies(frames.count))
+        isMovable = (motion.invMass[columns] > 0.0).any(axis=0)
+        self.others = indices(~isMovable)
+        super().__init__(manifolds, frames, indices(isMovable))
         manifolds = manifolds.rows(self.rows)
-        self.first, self.second = take(ends, self.rows, axis=1)
         self.ends = take(columns, self.rows, axis=1)
-        self.count = len(self.rows)
-        self._place(manifolds, frames)
         self._make_responses(motion, self._make_factors(frames, motion, mu))
         # Penetration is pushed out at up to √(g r) of the smaller body. If this were faster, bodies
         # that start inside each other would burst apart.
@@ -100,41 +147,27 @@ class SoftContacts:
         self.separation = self.gap + self.offset
         self.started = self.impulse[:POINTS]
         self.least = self.mass * (motion.fallRate * h)
+        self.leastSlip = LEAST_SLIP * max(motion.fallRate, -GRAVITY) * h
         self.nothing, self.total, self.change = np.zeros((3, 7, self.count))
         self.pending = self.nothing
-
-    def _place(self, manifolds, frames):
-        """Computes the manifolds' geometry in world axes.
-
-        t : (3, M), see `Frames.translations`; normal, tangent1, tangent2 : (3, M), unit
-        arm : (3, 4, M), from the first COM to the points on the first body
-        gap : (4, M), separation at the start of the step, along the normal
-        """
-        self.start1 = take(frames.position, self.first, axis=1)
-        self.t = frames.translations(self.first, self.second)
-        self.isPoint = manifolds.isPoint
-        axes = np.stack((manifolds.normal, manifolds.tangent), axis=1)
-        vectors = np.concatenate((axes, manifolds.anchor1), axis=1)
-        turned = turn_points(take(frames.rotation, self.first, axis=1), vectors)
-        axes = np.where(self.second == frames.count, GROUND_AXES, turned[:, :2])
-        self.normal, self.tangent1, self.arm = axes[:, 0], axes[:, 1], turned[:, 2:]
-        self.tangent2 = cross(self.normal, self.tangent1)
-        across = turn_points(take(frames.rotation, self.second, axis=1), manifolds.anchor2)
-        self.gap = dot(across + self.t[:, None] - self.arm, self.normal[:, None])
 
     def _make_factors(self, frames, motion, mu):
         """Computes the factors of J and M⁻¹ Jᵀ, and the limits of friction.
 
         X, XM : (6, 6, m + 1), X and M⁻¹ Xᵀ; R : (6, 7, M), transposed; GT : (m + 1, M), of G
         limits : (2, 4, M), of friction and of the twist about n, per normal impulse
+        levers : (4, 4, M), of each point 1, -y, x and x² + y² with its coordinates x along t1 and y
+            along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
 
         Returns r × e of the rows, with the arms r from the two COMs: (3, 7, 2, M).
         """
         isPoint, n, count = self.isPoint, self.normal, len(motion.invMass)
         weight = isPoint / np.maximum(np.add.reduce(isPoint), 1)
         middle = np.add.reduce(weight * self.arm, axis=1)
-        lever = norm(cross(self.arm - middle[:, None], n[:, None]))
-        self.limits = np.stack((mu * isPoint, mu * isPoint * lever))
+        arm = self.arm - middle[:, None]
+        x, y = dot(arm, self.tangent1[:, None]), dot(arm, self.tangent2[:, None])
+        self.levers = np.stack((np.ones_like(x), -y, x, x * x + y * y))
+        self.limits = mu * isPoint * np.sqrt(self.levers[::3])
 
         axes, arms = np.zeros((2, 3, 7, self.count))
         axes[:, :POINTS], axes[:, 4], axes[:, 5] = n[:, None], self.tangent1, self.tangent2
@@ -172,6 +205,8 @@ class SoftContacts:
 
         mass : (4, M), of each point alone; K[k] : (3 - k, M), response of the speeds of the points
             after point k to its impulse, times their masses
+        frictionResponse, frictionMass : (6, M), entries xx, xy, xz, yy, yz, zz of A and A⁻¹ of the
+            friction rows alone
         slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
             impulses and the present speeds make them slip
         """
@@ -190,11 +225,17 @@ class SoftContacts:
         K = self.mass * A[:POINTS, :POINTS]
         self.K = [K[k, k + 1 :] for k in range(POINTS)]
         friction = A[POINTS:, POINTS:]  # symmetric
+        isSpun = self.limits[1].any(axis=0)  # a single point resists no spin
+        friction[2, :2] *= isSpun
+        friction[:2, 2] *= isSpun
         inverse = cross(friction[:, [1, 2, 0]], friction[:, [2, 0, 1]])
         determinant = dot(friction[:, 0], inverse[:, 0])
         inverse /= np.where(determinant > 0.0, determinant, 1.0)
+        entries = [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]
+        self.frictionMass, self.frictionResponse = inverse[entries], friction[entries]
         ofNormals = np.einsum("ikm,kjm->ijm", inverse, A[POINTS:, :POINTS])
         self.slip = np.concatenate((ofNormals, inverse), axis=1)
+        self.slip[2] *= isSpun
 
     def impact_speeds(self, motion):
         """Normal speeds (4, M) at which points meet after free flight has closed their gaps s.
@@ -251,7 +292,8 @@ class SoftContacts:
         """Solves all manifolds from the measured motion: λ ← s (λ - m (u + bias)), λ ≥ 0.
 
         The points of a manifold are visited in order, as in the Gauss-Seidel method, and then
-        friction. Alternating the order would make tall stacks sway.
+        friction. Alternating the order would make tall stacks sway. In the soft sweep, what slides
+        keeps its friction up to the limit, because `_slide` takes as long as all the rest.
         """
         before, speed, change = self.impulse, self.speed, self.change
         impulse = self.impulse = np.empty_like(before)
@@ -264,15 +306,67 @@ class SoftContacts:
                 left[k + 1 :] -= K * change[k]
         change[POINTS:] = speed[POINTS:]
         friction = before[POINTS:] - np.einsum("irm,rm->im", self.slip, change)
-        # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
         limit = np.einsum("ikm,km->im", self.limits, impulse[:POINTS])
-        size = friction * friction
-        size[0] += size[1]
-        size = np.sqrt(size[::2])
-        share, twistShare = limit / np.maximum(np.maximum(size, limit), TINY)
-        np.multiply(friction[:2], share, out=impulse[4:6])
-        np.multiply(friction[2], twistShare, out=impulse[6])
+        # the points cannot share the friction S and the twist T among them: some slide if about
+        # (S/L)² + (T/M)² > 1 with the limits L of S alone and M of T alone
+        scale = (1.0 / np.where(limit > 0.0, limit, np.inf))[[0, 0, 1]]
+        size = norm(scale * friction)
+        slides = size > 1.0
+        if softness is not None:
+            used = np.maximum(norm(scale * before[POINTS:]), TINY)
+            kept = np.minimum(1.0 / used, 1.0) * before[POINTS:]
+            share = np.maximum(1.0 - used, 0.0) / np.maximum(size, 1.0)
+            friction = np.where(slides, kept + share * friction, friction)
+        np.multiply(friction, scale[0] > 0.0, out=impulse[POINTS:])
+        slides = indices(slides) if softness is None else ()
+        if len(slides):
+            sliding = self._slide(slides, take(friction, slides, axis=1), size[slides])
+            for row, value in zip(impulse[POINTS:], sliding, strict=True):
+                row[slides] = value
         self.pending = impulse - before
+
+    def _slide(self, some, sticking, size):
+        """Friction (3, K) of manifolds `some`, each point's against its slip and at most μ λ.
+
+        sticking : (3, K), f*, impulses that would stop the slip w = A (f - f*) of the rows
+        size : (K,), about what f* is to be divided by to reach the limit
+
+        A point that slips by u = Bᵀ w receives -μ λ u/|u|. With c = μ λ/|u| for an estimate of |u|
+        and C = Σ B c Bᵀ, f = -C w, and thus w = -(A⁻¹ + C)⁻¹ f*. A point that would then slip
+        faster than estimated receives no more than μ λ. The estimate is the slip with f = f*/size,
+        scaled down to the measured slip of all points; that of each would make spins oscillate.
+        """
+        levers, w = take(self.levers, some, axis=2), take(self.speed[POINTS:], some, axis=1)
+        limit = take(self.limits[0], some, axis=1) * take(self.impulse[:POINTS], some, axis=1)
+
+        def slip(w):
+            u1, u2 = w[0] + levers[1] * w[2], w[1] + levers[2] * w[2]
+            return np.sqrt(u1 * u1 + u2 * u2)
+
+        def response(c):
+            """Entries (4, K) of C: xx and yy, xz, yz, zz."""
+            return np.einsum("ikm,km->im", levers, c)
+
+        xx, xy, xz, yy, yz, zz = take(self.frictionResponse, some, axis=1)
+        x, y, z = sticking * (1.0 / size - 1.0)
+        scaled = xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
+        speed = slip(scaled)
+        speed *= np.minimum(slip(w).sum(axis=0) / np.maximum(speed.sum(axis=0), TINY), 1.0)
+        speed = np.maximum(speed, self.leastSlip)
+        c, cxz, cyz, czz = response(limit / speed)
+        xx, xy, xz, yy, yz, zz = take(self.frictionMass, some, axis=1)
+        # elimination in the symmetric matrix
+        xx, xz, yz = xx + c, xz + cxz, yz + cyz
+        a, b = xy / xx, xz / xx
+        yy, yz, zz = yy + c - a * xy, yz - a * xz, zz + czz - b * xz
+        c = yz / yy
+        x, y, z = -sticking
+        y = y - a * x
+        z = (z - b * x - c * y) / (zz - c * yz)
+        y = y / yy - c * z
+        x = x / xx - a * y - b * z
+        c, cxz, cyz, czz = response(limit / np.maximum(speed, slip((x, y, z))))
+        return -(c * x + cxz * z), -(c * y + cyz * z), -(cxz * x + cyz * y + czz * z)
 
     def restitute(self, motion, CRCoeff, closing, bodies, links):
         """Lets points that met faster than gravity accelerates them in a step separate with e times
@@ -305,23 +399,6 @@ class SoftContacts:
             values[name][..., self.rows] = value
         return manifolds.renewed(**values)
 
-    def tell(self, report):
-        """Reports every point that touches or received an impulse, at the start of the step.
-
-        A manifold's friction is divided in proportion to the normal impulses of its points.
-        """
-        impulse, friction = self.total[:POINTS], self.total[POINTS:]
-        k, m = np.nonzero((impulse > 0.0) | (self.isPoint & (self.gap <= 0.0)))
-        total = np.add.reduce(impulse)
-        share = friction[:2] / np.where(total > 0.0, total, 1.0)
-        friction = self.tangent1 * share[0] + self.tangent2 * share[1]
-        first, second, normal = self.first[m], self.second[m], self.normal[:, m]
-        arm, impulse = self.arm[:, k, m], impulse[k, m]
-        ground = len(report.isAsleep)
-        other, depth = np.where(second == ground, GROUND, second), -self.gap[k, m]
-        columns = first, other, np.maximum(depth, 0.0), normal, self.start1[:, m] + arm, impulse
-        report.add_columns(first * (ground + 1) + second, *columns, friction[:, m] * impulse, arm)
-
 
 def energy_share(bodies, motion, before, links):
     """Returns the fraction (m,) of restitution's velocity changes that energy permits.
@@ -352,6 +429,8 @@ def energy_share(bodies, motion, before, links):
     a = np.bincount(island, 0.5 * products(orientation, change, change))
     b = np.bincount(island, products(orientation, before, change))
     left = np.bincount(island, limit)
+    works = np.bincount(island, motion.invMass[:-1] == 0.0) > 0.0  # a kinematic body does work
+    left = np.where(works, np.maximum(left, a + b), left)
     root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
     share = np.where(a + b > left, (root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 1.0)
     return np.clip(share, 0.0, 1.0)[island]

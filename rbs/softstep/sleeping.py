@@ -5,8 +5,9 @@ slow for a while. Box2D and Bullet put whole islands to sleep instead. In a heap
 island, a few rolling bodies would keep nearly all of it awake.
 
 A sleeping body has no velocity, and supports others like a fixed one. It wakes if it or a body that
-it touches has been moved from outside, if one of its contacts is lost, or if a body that touches it
-is fast again. Waking therefore spreads by one body per step.
+it touches has been moved from outside, if one of its contacts or constraints is lost, if a body
+that touches it is fast again, or if gravity, friction or the length of a substep has changed.
+Waking therefore spreads by one body per step.
 """
 
 from types import SimpleNamespace
@@ -68,27 +69,32 @@ class Sleep(SimpleNamespace):
         return np.concatenate(columns).any(axis=0)
 
     def woken(self, bodies, disturbed, links, lost):
-        """Returns `isAsleep` (n,) at the start of a step.
+        """Returns the `Sleep` at the start of a step. The timers of disturbed bodies start anew.
 
         disturbed : (n,); links : (2, L), bodies that touch or are tied; the ground is body n
         lost : (K,), bodies that have lost a contact
         """
-        if not self.isAsleep.any():
-            return self.isAsleep
-        wakes = np.append(disturbed | ~_are_slow(bodies), False)
-        isStirred = wakes | _beside(wakes, links)
-        isStirred[lost] = True
-        return self.isAsleep & ~isStirred[:-1] & ~bodies.isFixed
+        isAsleep = self.isAsleep
+        if isAsleep.any():
+            wakes = np.append(disturbed | bodies.isKinematic | ~_are_slow(bodies), False)
+            isNear = wakes | _beside(wakes, links)
+            isNear[lost] = True
+            isAsleep = isAsleep & ~isNear[:-1] & ~bodies.isFixed
+        # not those of bodies that others wake: fewer of a heap would sleep, by some per cent
+        timer = np.where(disturbed, 0.0, self.timer)
+        return Sleep(**vars(self) | {"isAsleep": isAsleep, "timer": timer})
 
-    def settled(self, bodies, isAsleep, links, timeStep):
+    def settled(self, bodies, links, timeStep):
         """Returns the `Sleep` at the end of a step, and stops bodies that fall asleep.
 
-        isAsleep : (n,), in the step; links : as for `woken`
+        links : as for `woken`, which has returned this one
         """
-        isStill = isAsleep | bodies.isFixed
+        isAsleep = self.isAsleep
+        isStill = isAsleep | (bodies.isFixed & ~bodies.isKinematic)
         timer = np.where(isStill | _are_slow(bodies), self.timer + timeStep, 0.0)
         isStarting = speeds(bodies) > STARTING * bodies.fallRate * SLEEP_SECONDS
-        isAwake = np.append(~isStill & (isStarting | (timer < SLEEP_SECONDS)), False)
+        isRestless = bodies.isKinematic | isStarting | (timer < SLEEP_SECONDS)
+        isAwake = np.append(~isStill & isRestless, False)
         isAsleep = isAsleep | (~(isAwake | _beside(isAwake, links))[:-1] & ~bodies.isFixed)
         bodies.motion[3:9] = np.where(isAsleep, 0.0, bodies.velocity)
         return Sleep.of(bodies, isAsleep, timer)

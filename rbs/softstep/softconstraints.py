@@ -38,8 +38,8 @@ class SoftConstraints:
     key : (6, R), body, vertex, body, vertex, lower, upper; ends, vertices : (2, R)
     """
 
-    def __init__(self, constraints, bodies, kept):
-        self.key = _bounds(constraints, bodies) if len(constraints) else np.zeros((6, 0))
+    def __init__(self, key, bodies, kept):
+        self.key = key
         self.ends, self.vertices = (self.key[k:4:2].astype(np.intp) for k in (0, 1))
         self.lower, self.upper = self.key[4:]
         self.isRigid = self.lower >= self.upper
@@ -134,8 +134,18 @@ class SoftConstraints:
                 self.visits += len(batch)
 
 
-def _bounds(constraints, bodies):
+def changed_ends(key, before):
+    """Bodies (K,) of constraints that one of two `SoftConstraints.key`s has and the other not."""
+    if np.array_equal(key, before):
+        return np.zeros(0, dtype=np.intp)
+    columns, count = np.unique(np.concatenate((key, before), axis=1), axis=1, return_counts=True)
+    return columns[0:4:2, count == 1].ravel().astype(np.intp)
+
+
+def bounds(constraints, bodies):
     """Returns `SoftConstraints.key`; constraints of the same two points become one column."""
+    if len(constraints) == 0:
+        return np.zeros((6, 0))
     rows = ConstraintRows(constraints, bodies.meshes, 0.0)
     points = np.stack((rows.body1, rows.vertex1, rows.body2, rows.vertex2))
     points, first, row = np.unique(points, axis=1, return_index=True, return_inverse=True)

@@ -13,14 +13,13 @@ Constants are relative: times are in substeps, speeds in √(g r).
 import numpy as np
 
 from rbs.geometry.arrays import find_sorted, indices, take
-from rbs.softstep.contacts import SoftContacts
-from rbs.softstep.detection import detect
+from rbs.softstep.contacts import PlacedManifolds, SoftContacts
+from rbs.softstep.detection import Frames, detect
 from rbs.softstep.manifolds import NO_MANIFOLDS, Manifolds
 from rbs.softstep.sleeping import Sleep
-from rbs.softstep.softconstraints import SoftConstraints
+from rbs.softstep.softconstraints import SoftConstraints, bounds, changed_ends
 from rbs.stepping.bodies import Bodies, check_numbers, turned
 from rbs.stepping.reports import StepReport
-from rbs.stepping.settings import EARTH
 
 
 def soft_step(meshes, groundMesh, constraints, step, state):
@@ -38,31 +37,42 @@ def soft_step(meshes, groundMesh, constraints, step, state):
         kept = state.begun(bodies)
         h = step.timeStep / step.substeps
         ratio = h / (kept.substep or h)
-        isDisturbed = (
-            kept.sleep.disturbed(bodies) | (kept.gravity != step.gravity).any() | (ratio != 1)
-        )
-        kept.gravity, kept.substep = np.array(step.gravity), h
+        surroundings = np.array([*step.gravity, step.mu, groundMesh is not None])
+        isOther = (np.abs(surroundings - kept.surroundings) > 0.0).any() | (ratio != 1)
+        key = bounds(constraints, bodies)
+        isStirred = np.zeros(kept.count, dtype=bool) | isOther
+        ends = changed_ends(key, kept.constraint)
+        isStirred[ends[ends < kept.count]] = True
+        isDisturbed = kept.sleep.disturbed(bodies) | (isStirred & ~bodies.isFixed)
+        kept.surroundings, kept.substep = surroundings, h
+        bodies.start_moved(kept.sleep.position, kept.sleep.orientation, step.timeStep)
         # if every body is either fixed or asleep, and undisturbed, there is nothing to do
-        if step.sleeping and ((kept.sleep.isAsleep != bodies.isFixed) & ~isDisturbed).all():
+        isBusy = isDisturbed | bodies.isKinematic | (kept.sleep.isAsleep == bodies.isFixed)
+        if step.sleeping and not isBusy.any():
             state.replace(kept)
             report.isAsleep = kept.sleep.isAsleep
+            report.add_later(lambda: _tell_resting(report, bodies, kept.manifolds, step.substeps))
             return report
         bodies.follow_orientations()
         if step.gyroscopic:
-            bodies.turn_gyroscopically(step.timeStep)
+            momenta = bodies.angular_momenta()
+            bodies.motion[6:9] = bodies.tumbling_velocities(step.timeStep)[0]
+            momenta -= bodies.angular_momenta()
         check_numbers(bodies.columns(), meshes, "the last step")
     with report.phase("collisions"):
-        isStill = (kept.sleep.isAsleep | bodies.isFixed) & ~isDisturbed
+        isStill = kept.sleep.isAsleep | (bodies.isFixed & ~bodies.isKinematic)
+        isStill &= ~isDisturbed
         manifolds, frames = detect(bodies, groundMesh is not None, isStill, kept, step.timeStep)
-        distances = SoftConstraints(constraints, bodies, kept)
-        isAsleep = np.zeros(kept.count, dtype=bool)
-        if step.sleeping:
+        distances = SoftConstraints(key, bodies, kept)
+        if not step.sleeping:
+            sleep = Sleep.none(bodies)
+        else:
             links = np.concatenate((manifolds.bodies(kept.count), distances.ends), axis=1)
             isLost = find_sorted(kept.manifolds.key, manifolds.key) < 0
             lost = kept.manifolds.bodies(kept.count)[:, isLost].ravel()
-            isAsleep = kept.sleep.woken(bodies, isDisturbed, links, lost)
+            sleep = kept.sleep.woken(bodies, isDisturbed, links, lost)
     with report.phase("contactSolver"):
-        motion = Motion(bodies, isAsleep)
+        motion = Motion(bodies, sleep.isAsleep)
         contacts = SoftContacts(manifolds, frames, motion, step.mu, step.timeStep, h, ratio)
         distances.begin(motion, frames, h, ratio)
         closing = contacts.impact_speeds(motion) if step.CRCoeff else None
@@ -71,13 +81,19 @@ def soft_step(meshes, groundMesh, constraints, step, state):
         if step.CRCoeff:
             contacts.restitute(motion, step.CRCoeff, closing, bodies, distances.ends)
     with report.phase("writeBack"):
-        bodies.motion, bodies.orientation = motion.result(bodies)
+        bodies.motion, orientation = motion.result(bodies)
+        if step.gyroscopic:
+            momenta += bodies.angular_momenta()  # with all impulses
+        bodies.orientation = orientation
+        if step.gyroscopic:
+            bodies.set_angular_momenta(momenta)
+        bodies.end_moved()
         check_numbers(bodies.columns(), meshes, "contacts and constraints")
         kept.manifolds = manifolds
         if step.sleeping:
             touching = manifolds.bodies(kept.count)[:, (manifolds.impulse > 0.0).any(axis=0)]
             links = np.concatenate((touching, distances.ends), axis=1)
-            kept.sleep = kept.sleep.settled(bodies, isAsleep, links, step.timeStep)
+            kept.sleep = sleep.settled(bodies, links, step.timeStep)
         else:
             kept.sleep = Sleep.none(bodies)
         distances.store(kept)
@@ -85,8 +101,24 @@ def soft_step(meshes, groundMesh, constraints, step, state):
         state.replace(kept)
     report.isAsleep, report.candidatePairs = kept.sleep.isAsleep, len(kept.pairKey)
     report.constraintVisits = distances.visits
-    contacts.tell(report)
+    contacts.tell(report, contacts.total)
+    if sleep.isAsleep.any():
+        resting = manifolds.taken(contacts.others)
+        report.add_later(lambda: _tell_resting(report, bodies, resting, step.substeps, frames))
     return report
+
+
+def _tell_resting(report, bodies, manifolds, substeps, frames=None):
+    """Reports contacts between sleeping or fixed bodies, with the impulses of their last substep.
+
+    frames : `Frames`, made if there are none
+    """
+    if frames is None:
+        bodies.follow_orientations()
+        frames = Frames(bodies, 0.0)
+    placed = PlacedManifolds(manifolds, frames, indices(manifolds.impulse.any(axis=0)))
+    total = np.concatenate((manifolds.impulse, manifolds.friction))[:, placed.rows]
+    placed.tell(report, substeps * total)
 
 
 def _make_substeps(motion, contacts, distances, substeps, h):
@@ -108,7 +140,9 @@ def _make_substeps(motion, contacts, distances, substeps, h):
 
 
 class Motion:
-    """Velocities of the m bodies that are neither fixed nor asleep, and displacements in the step.
+    """Velocities of the m bodies that move, and displacements in the step.
+
+    These are neither asleep nor fixed, or kinematic: then no impulse changes their velocity.
 
     The last of m + 1 columns stands for everything that is still: the other bodies and the ground.
 
@@ -119,7 +153,7 @@ class Motion:
     """
 
     def __init__(self, bodies, isAsleep):
-        self.moving = indices(~(isAsleep | bodies.isFixed))
+        self.moving = indices(~(isAsleep | bodies.isFixed) | bodies.isKinematic)
         count = len(self.moving)
         self.column = np.full(len(isAsleep) + 1, count)
         self.column[self.moving] = np.arange(count)
@@ -129,7 +163,8 @@ class Motion:
         self.velocity[:, :-1] = take(bodies.velocity, self.moving, axis=1)
         self.invMass[:-1] = bodies.invMass[self.moving]
         self.invInertia[:, :-1] = take(bodies.invInertia, self.moving, axis=1)
-        self.gravity[:, :-1] = np.reshape(bodies.gravity, (3, 1))
+        isFree = ~bodies.isFixed[self.moving]
+        self.gravity[:, :-1] = isFree * np.reshape(bodies.gravity, (3, 1))
         self.fallRate = bodies.fallRate
         self.way = np.zeros((6, count + 1))
         self.shift, self.turn = self.way[:3], self.way[3:]
@@ -164,7 +199,8 @@ class SolverState:
     manifolds : `Manifolds`; sleep : `Sleep`
     pairKey, pairAxis : (P,), i · (count + 1) + j of the pairs i < j with nearby boxes that were not
         both still, and (3, P), their axes of separation or penetration; 0 if unknown
-    gravity : (3,), m/s²; substep : s, of the last step, or 0. Another of either wakes all bodies
+    surroundings : (5,), gravity in m/s², friction, and whether there is ground; NaN before the
+        first step; substep : s, or 0. Another of these wakes all bodies
     constraint : (6, R), keys of the distance constraints, see `SoftConstraints`
     constraintImpulse, constraintOffset : (R,), as in `Manifolds`
     """
@@ -176,7 +212,7 @@ class SolverState:
         """Forgets everything, so that the next step starts cold."""
         self.count, self.manifolds, self.sleep = None, NO_MANIFOLDS, None
         self.pairKey, self.pairAxis = np.zeros(0, dtype=np.int64), np.zeros((3, 0))
-        self.constraint, self.gravity = np.zeros((6, 0)), np.array(EARTH)
+        self.constraint, self.surroundings = np.zeros((6, 0)), np.full(5, np.nan)
         self.constraintImpulse = self.constraintOffset = np.zeros(0)
         self.substep = 0.0
 

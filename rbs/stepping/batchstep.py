@@ -28,9 +28,7 @@ def batch_step(meshes, groundMesh, step, report):
     with report.phase("gather"):
         bodies = Bodies(meshes, step.gravity)
     with report.phase("integrate"):
-        if step.gyroscopic:
-            bodies.turn_gyroscopically(step.timeStep)
-        bodies.fly(step.timeStep)
+        bodies.fly(step.timeStep, step.gyroscopic)
         check_numbers(bodies.columns(), meshes, "free flight")
     with report.phase("collisions"):
         contacts, report.candidatePairs = find_contacts(bodies)

@@ -42,7 +42,7 @@ class StepReport:
     """
 
     def __init__(self):
-        self._contacts, self._pending = [], []
+        self._contacts, self._pending, self._later = [], [], []
         self.candidatePairs = self.constraintVisits = 0
         self.seconds, self.isAsleep = {}, None
 
@@ -57,7 +57,7 @@ class StepReport:
     def contacts(self):
         """Contacts in the order i < j, the ground last: list of `Contact`."""
         rows = []
-        for columns in self._pending:
+        for columns in self._columns():
             rows += zip(*((column.T + 0).tolist() for column in columns), strict=True)
         self._pending = []
         for _, i, j, depth, n, point, impulse, friction, arm in sorted(rows):
@@ -68,11 +68,11 @@ class StepReport:
     @property
     def contactCount(self):
         """Number of contacts, without listing them."""
-        return len(self._contacts) + sum(len(columns[0]) for columns in self._pending)
+        return len(self._contacts) + sum(len(columns[0]) for columns in self._columns())
 
     @property
     def hasSleepers(self):
-        """Whether any bodies sleep; contacts between sleeping bodies are not listed."""
+        """Whether any bodies sleep; contacts between these are those before they fell asleep."""
         return self.isAsleep is not None and bool(self.isAsleep.any())
 
     def add_contact(self, i, j, depth, normal, point, impulses):
@@ -95,6 +95,15 @@ class StepReport:
             (3, m)
         """
         self._pending.append(columns)
+
+    def add_later(self, tell):
+        """Adds contacts by a function that calls `add_columns` when somebody asks for them."""
+        self._later.append(tell)
+
+    def _columns(self):
+        while self._later:
+            self._later.pop()()
+        return self._pending
 
     @contextmanager
     def phase(self, name):

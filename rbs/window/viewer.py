@@ -87,7 +87,7 @@ class Viewer:
         self.playback = Playback()
         self.pushSpeed = DEFAULT_PUSH
         self.grab = None
-        self.message = self.saved = ""
+        self.message, self.saved = "" if simulation.isReplay else simulation.step_advice(), ""
         self.offer = None
         self.video = self.recorder = self.picture = None
         self.look = look

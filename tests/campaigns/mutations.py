@@ -118,13 +118,15 @@ rbs/softstep/manifolds.py: reduction to four points, the wrong side (softstep)
 rbs/softstep/manifolds.py: normal at a ridge, a sign (scenesRest)
     normal[:, ridge] + weight[other] -> normal[:, ridge] - weight[other]
 rbs/softstep/sleeping.py: waking, a lost contact wakes no body (softstep)
-    isStirred[lost] = True -> isStirred[lost] = False
+    isNear[lost] = True -> isNear[lost] = False
 rbs/softstep/springs.py: soft contact, a coefficient (softstep)
     a2 = self._angle * a1 -> a2 = self._angle
 rbs/softstep/contacts.py: split masses, more than the whole (softstep)
     np.maximum(count / RELAXATION, 1.0) -> count / RELAXATION
 rbs/softstep/contacts.py: friction of a manifold, no coefficient (softstep)
-    mu * isPoint, mu * isPoint * lever -> isPoint, isPoint * lever
+    mu * isPoint * np.sqrt -> isPoint * np.sqrt
+rbs/softstep/contacts.py: friction of points that slide, the spin left out (laws)
+    w[0] + levers[1] * w[2] -> w[0]
 rbs/softstep/contacts.py: restitution, the fall within the step (softstep)
     speed * speed + gain -> speed * speed
 rbs/softstep/softconstraints.py: soft distance constraint, the sign of the second body (softstep)
@@ -144,7 +146,7 @@ rbs/softstep/contacts.py: growth of impulses, no limit (softstep)
 rbs/softstep/contacts.py: penetration, pushed out as fast as springs do it (softstep)
     self.spring.rate * self.separation, self.push) -> self.spring.rate * self.separation, -np.inf)
 rbs/softstep/sleeping.py: sleeping, what starts to slide (softstep)
-    (isStarting | (timer < SLEEP_SECONDS)) -> (timer < SLEEP_SECONDS)
+    isStarting | (timer < SLEEP_SECONDS) -> (timer < SLEEP_SECONDS)
 rbs/softstep/contacts.py: restitution, whatever energy it asks for (softstep)
     np.where(a + b > left, -> np.where(a + b > np.inf,
 rbs/geometry/facets.py: validity of facets, the way moved is left out (broadPhase)

@@ -42,7 +42,7 @@ def in_sight(buffer):
     return sum(abs(buffer.get_value(k).as_tuple()[0]) < 1e6 for k in range(buffer.size()))
 
 
-def test_view_outlines_the_manifolds_of_bodies_awake():
+def test_view_outlines_the_manifolds_of_bodies_awake_and_asleep():
     """A stack that falls asleep: 19 patches of four points between boxes, and one on the ground."""
     backend = require_opengl()
     import polyscope
@@ -65,7 +65,9 @@ def test_view_outlines_the_manifolds_of_bodies_awake():
     while not simulation.report.isAsleep.all():
         simulation.step()
         assert simulation.stepCount < 200
-    listed = "contact area and normal (on the body listed first; awake bodies only)"
-    assert view.legend()[0][0] == listed
+    view.refresh()
+    points = polyscope.get_point_cloud("contacts").get_buffer("points")
+    assert in_sight(points) == 20
+    assert view.legend()[0][0] == "last contact area and normal (on the body listed first)"
     view.show("contacts", False)
     assert not polyscope.has_curve_network("contacts") and not polyscope.has_point_cloud("contacts")

@@ -123,15 +123,11 @@ def test_free_flight():
                 meshes.append(mesh)
             if inTables:
                 bodies = Bodies(meshes)
-                if gyroscopic:
-                    bodies.turn_gyroscopically(0.02)
-                bodies.fly(0.02)
+                bodies.fly(0.02, gyroscopic)
                 bodies.write_back()
             else:
                 for mesh in meshes:
-                    if gyroscopic:
-                        mesh.apply_gyroscopic_term(0.02)
-                    mesh.integrate_timestep(0.02)
+                    (mesh.integrate_tumbling if gyroscopic else mesh.integrate_timestep)(0.02)
             runs.append(state_of(meshes))
         assert runs[0].tobytes() == runs[1].tobytes()
 

@@ -1,0 +1,423 @@
+"""Compares experiments with closed forms, with independent predictors, and with other engines.
+
+    python tests/benchmarks/laws.py                    all rows
+    python tests/benchmarks/laws.py slides elastic     these rows
+
+Each line gives the experiment, what is predicted, and what each step does; MuJoCo and PyBullet as
+well where they are installed and the experiment suits them. Lengths are in metres, and a step is
+0.02 s unless the row says otherwise.
+"""
+
+import argparse
+import importlib.util
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from benchmarkPiles import Material, MuJoCoRun, PyBulletRun
+from oracles import box_body, ground, penetrations, rotation
+
+from rbs.softstep.step import SolverState
+from RBSFunctions import run_timestep
+
+G, TIME_STEP = 9.8, 0.02
+BASIC, SOFT = {"closingOnly": True}, {"contactSolver": "soft-step"}
+STEPS = {"basic": BASIC, "soft": SOFT}
+
+
+def run(meshes, seconds, timeStep=TIME_STEP, e=0.0, before=None, hasGround=True, **settings):
+    """Makes steps with friction 0.5 unless it is given; before : called with each step's number."""
+    settings = {"mu": 0.5, "solverState": SolverState(), **settings}
+    for k in range(round(seconds / timeStep)):
+        if before is not None:
+            before(k, settings)
+        run_timestep(meshes, ground() if hasGround else None, timeStep, e, **settings)
+    return meshes
+
+
+def tell(what, predicted, **measured):
+    values = ", ".join(f"{name} {value:.4g}" for name, value in measured.items())
+    print(f"{what:<58} predicted {predicted:<8.4g} {values}", flush=True)
+
+
+# --------------------------------------------------------------------------------------------------
+# Friction
+# --------------------------------------------------------------------------------------------------
+
+
+def four_corners(sides, velocity, spin, mu):
+    """Displacement (2,) of a box that slides on its four lower corners until it rests.
+
+    Each corner has friction against its slip. The forces tilt the loads by the moments about the
+    COM: of all loads in balance, those nearest to a quarter each are taken.
+    """
+    a, b, c = sides
+    corners = 0.5 * np.array([(a, c), (-a, c), (-a, -c), (a, -c)])
+    inertia = (a * a + c * c) / 12  # per mass
+
+    def forces(state):
+        angle, v, spin = state[2], state[3:5], state[5]
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        arms = corners @ turn.T
+        slip = v + spin * np.stack((-arms[:, 1], arms[:, 0]), axis=1)
+        direction = -slip / np.maximum(np.linalg.norm(slip, axis=1), 1e-9)[:, None]
+        # Σ N = m g, and Σ N (r + (b/2) μ direction) = 0: no moment about horizontal axes
+        arms_ = arms - 0.5 * b * mu * -direction
+        rows = np.vstack((np.ones(4), arms_.T))
+        loads = 0.25 * G + np.linalg.pinv(rows) @ (np.array([G, 0, 0]) - rows @ np.full(4, G / 4))
+        push = mu * loads[:, None] * direction
+        return push.sum(axis=0), (arms[:, 0] * push[:, 1] - arms[:, 1] * push[:, 0]).sum()
+
+    def derivative(_, state):
+        push, twist = forces(state)
+        return np.concatenate((state[3:6], push, [twist / inertia]))
+
+    def rests(_, state):
+        return np.linalg.norm(state[3:5]) + abs(state[5]) - 0.01
+
+    rests.terminal = True
+    start = np.array([0, 0, 0, *velocity, spin])
+    found = solve_ivp(derivative, (0, 20), start, events=rests, max_step=0.002)
+    return found.y[:2, -1]
+
+
+def slide(sides, velocity, spin, mu, before=None, **settings):
+    """Distance that a box slides on the ground, with the plane's axes z and x."""
+    mesh = box_body(*sides, (0, sides[1] / 2, 0))
+    mesh.linVelocity, mesh.angVelocity = np.array([velocity]), np.array([[0.0, spin, 0.0]])
+    run([mesh], 8, mu=mu, before=before, **settings)
+    return np.hypot(mesh.position[0, 0], mesh.position[0, 2])
+
+
+def peers(sides, velocity, spin, mu):
+    """The same distance in the other engines that are installed."""
+    found = {}
+    for name, kind in (("mujoco", MuJoCoRun), ("pybullet", PyBulletRun)):
+        if importlib.util.find_spec(name):
+            mesh = box_body(*sides, (0, sides[1] / 2, 0))
+            engine = kind(SimpleNamespace(meshes=[mesh]), Material(mu, 0.0))
+            if name == "mujoco":
+                # the velocity of a free joint, with the spin in the principal axes of the body
+                turn = np.zeros(9)
+                engine.mujoco.mju_quat2Mat(turn, engine.data.qpos[3:7])
+                engine.data.qvel[:3] = velocity
+                engine.data.qvel[3:] = turn.reshape(3, 3).T @ (0.0, spin, 0.0)
+                start = engine.data.qpos[:3].copy()
+            else:
+                engine.pybullet.resetBaseVelocity(1, velocity, (0, spin, 0), engine.client)
+                start = np.array(engine.pybullet.getBasePositionAndOrientation(1, engine.client)[0])
+            for _ in range(round(8 / TIME_STEP)):
+                engine.step()
+            if name == "mujoco":
+                end = engine.data.qpos[:3]
+            else:
+                end = np.array(engine.pybullet.getBasePositionAndOrientation(1, engine.client)[0])
+            found[name] = np.hypot(*(end - start)[[0, 2]])
+    return found
+
+
+def slides():
+    square, long = (1.0, 0.5, 1.0), (2.0, 0.5, 1.0)
+    cases = [(square, (3.0, 0.0, 0.0), spin) for spin in (0.0, 5.0, 10.0, 20.0)]
+    cases += [(square, (3 * np.cos(a), 0.0, 3 * np.sin(a)), 10.0) for a in np.radians((30, 45))]
+    # a blow of 3 m/s across the long side, 0.25 and 0.5 m off the centre
+    cases += [(long, (0.0, 0.0, 3.0), -3.0 * arm / (5 / 12)) for arm in (0.25, 0.5)]
+    for sides, velocity, spin in cases:
+        x, _, z = velocity
+        # the predictor's plane has the axes z and x, so that its turns are those about y
+        turned = sides[2], sides[1], sides[0]
+        predicted = np.hypot(*four_corners(turned, (z, x), spin, 0.3))
+        ours = {n: slide(sides, velocity, spin, 0.3, **s) for n, s in STEPS.items()}
+        text = f"slide: {sides[0]:g} wide, ({x:.3g}, {z:.3g}) m/s, {spin:.3g} rad/s, mu 0.3"
+        tell(text, predicted, **ours, **peers(sides, velocity, spin, 0.3))
+
+
+# --------------------------------------------------------------------------------------------------
+# Sleeping
+# --------------------------------------------------------------------------------------------------
+
+
+def disturbances():
+    """Name → (function of the step, settings) of what should wake a box that sleeps after 2 s."""
+
+    def tilt(k, settings):
+        angle = np.radians(min(max(k - 100, 0) * 0.1, 31.0))
+        settings["gravity"] = (G * np.sin(angle), -G * np.cos(angle), 0.0)
+
+    def tilted(k, settings):
+        settings["gravity"] = (G * np.sin(0.35), -G * np.cos(0.35), 0.0)
+        settings["mu"] = 1.0 if k < 100 else 0.0
+
+    return {"gravity tilted by 0.1° a step to 31°, mu 0.5": tilt, "mu 1 to 0 at 20°": tilted}
+
+
+def tilted_distance(name, sleeping):
+    """Distance of a box of 1 m after 10 s."""
+    mesh = box_body(1, 1, 1, (0, 0.5, 0))
+    run([mesh], 10, before=disturbances()[name], sleeping=sleeping, **SOFT)
+    return mesh.position[0, 0]
+
+
+def pushed_speed(share, sleeping):
+    """Speed after 4 s of a box without friction that is pushed with `share` of g from 2 s on."""
+    mesh = box_body(1, 1, 1, (0, 0.5, 0))
+
+    def push(k, settings):
+        if k >= 100:
+            mesh.linVelocity = mesh.linVelocity + [[share * G * TIME_STEP, 0.0, 0.0]]
+
+    run([mesh], 4, before=push, sleeping=sleeping, mu=0.0, **SOFT)
+    return mesh.linVelocity[0, 0]
+
+
+def hanging_fall():
+    """Fall of a box within 0.5 s after its tie to a fixed one is removed, after 3 s of hanging."""
+    meshes = [box_body(1, 1, 1, (0, 10, 0), isFixed=True), box_body(1, 1, 1, (0, 8, 0))]
+    upper = np.flatnonzero(meshes[1].origVertices[:, 1] > 0)
+    lower = np.flatnonzero(meshes[0].origVertices[:, 1] < 0)
+    ties = [[0, a, 1, b, 1.0, True] for a, b in zip(lower, upper, strict=True)]
+    start = []
+
+    def remove(k, settings):
+        settings["constraints"] = ties if k < 150 else []
+        if k == 150:
+            start.append(meshes[1].position[0, 1])
+
+    run(meshes, 3.5, before=remove, **SOFT)
+    return start[0] - meshes[1].position[0, 1]
+
+
+def sleepers():
+    for name in disturbances():
+        awake, asleep = (tilted_distance(name, sleeping) for sleeping in (False, True))
+        tell(f"slept on: {name}, distance", awake, soft=asleep)
+    tell("slept on: pushed by 0.05 g for 2 s, mu 0, speed", 0.1 * G, soft=pushed_speed(0.05, True))
+    fall = G * (TIME_STEP / 6) ** 2 * 150 * 151 / 2  # of semi-implicit Euler in six substeps
+    tell("slept on: tie removed, fall in 0.5 s", fall, soft=hanging_fall())
+    tell("slept on: weight on the ground's contacts, of m g", 1.0, soft=resting_weight())
+
+
+def resting_weight(steps=100):
+    """Part of the weight of two boxes, one on the other, that a sleeping ground contact reports."""
+    meshes = [box_body(1, 1, 1, (0, 0.5 + k, 0)) for k in range(2)]
+    settings = {"mu": 0.5, "solverState": SolverState(), **SOFT}
+    for _ in range(steps):
+        report = run_timestep(meshes, ground(), TIME_STEP, 0.0, **settings)
+    assert report.isAsleep.all()
+    push = sum(c.impulse for c in report.contacts if c.body2 < 0)
+    return push / TIME_STEP / (2 * meshes[0].mass * G)
+
+
+# --------------------------------------------------------------------------------------------------
+# Bodies that move others
+# --------------------------------------------------------------------------------------------------
+
+
+def carried(kind, settings):
+    """What a body that is fixed and has a velocity does to one that it touches, after 2 s."""
+    if kind == "conveyor":
+        floor = box_body(20, 1, 4, (0, 0.5, 0), isFixed=True)
+        floor.linVelocity = np.array([[0.5, 0.0, 0.0]])
+        rider = box_body(1, 0.5, 1, (0, 1.25, 0))
+        run([floor, rider], 2, **settings)
+        return rider.position[0, 0]
+    if kind == "turntable":
+        floor = box_body(6, 1, 6, (0, 0.5, 0), isFixed=True)
+        floor.angVelocity = np.array([[0.0, 0.5, 0.0]])
+        rider = box_body(1, 0.5, 1, (1.5, 1.25, 0))
+        rider.linVelocity, rider.angVelocity = np.array([[0.0, 0.0, -0.75]]), floor.angVelocity
+        run([floor, rider], 2, **settings)
+        return np.degrees(np.arctan2(-rider.position[0, 2], rider.position[0, 0]))
+    paddle = box_body(0.2, 4, 4, (-1, 2, 0), isFixed=True)
+    paddle.linVelocity = np.array([[1.0, 0.0, 0.0]])
+    if kind == "paddle, by position":
+        paddle.linVelocity[:] = 0.0
+    ball = box_body(0.5, 0.5, 0.5, (0, 2, 0))
+
+    def move(_, settings):
+        if kind == "paddle, by position":
+            paddle.position = paddle.position + [[TIME_STEP, 0.0, 0.0]]
+
+    run([paddle, ball], 2, before=move, hasGround=False, gravity=(0, 0, 0), e=1.0, **settings)
+    return ball.linVelocity[0, 0]
+
+
+def carriers():
+    # it slides until it has the speed of the belt: v t - v²/(2 μ g)
+    cases = {"conveyor": 2 * 0.5 - 0.25 / (2 * 0.5 * G), "turntable": np.degrees(1.0)}
+    cases |= {"paddle": 2.0, "paddle, by position": 2.0}
+    for kind, predicted in cases.items():
+        found = {name: carried(kind, settings) for name, settings in STEPS.items()}
+        tell(f"carried: {kind}, 2 s, m or degrees or m/s", predicted, **found)
+
+
+# --------------------------------------------------------------------------------------------------
+# Restitution
+# --------------------------------------------------------------------------------------------------
+
+
+def row_energy(count, gap, settings, timeStep=0.01):
+    """Part of the energy that the last of a row has, and the sum, after the first has hit it."""
+    meshes = [box_body(1, 1, 1, (0, 0, 0)) for _ in range(count)]
+    width = 1.0
+    for k, mesh in enumerate(meshes):
+        first = 0.5 if k == 0 else 0.0
+        mesh.position = np.array([[(width + gap) * k - first, 0.0, 0.0]])
+    meshes[0].linVelocity = np.array([[1.0, 0.0, 0.0]])
+    seconds = 1.0 + gap * count
+    run(meshes, seconds, timeStep, 1.0, hasGround=False, gravity=(0, 0, 0), mu=0.0, **settings)
+    energies = np.array([(m.linVelocity**2).sum() for m in meshes])
+    return energies[-1], energies.sum()
+
+
+def elastic():
+    for count in (5, 7, 9):
+        for gap in (0.0, 1e-4, 1e-3, 0.05):
+            found = {n: row_energy(count, gap, s)[0] for n, s in STEPS.items()}
+            tell(f"elastic: {count} cubes {1e3 * gap:g} mm apart, energy of the last", 1, **found)
+
+
+def plastic_rest(settings):
+    """Speed and spin after a cube has landed flat at 4.4 m/s without restitution."""
+    mesh = box_body(1, 1, 1, (0, 1.5, 0))
+    speeds = []
+
+    def watch(k, _):
+        speeds.append((abs(mesh.linVelocity[0, 1]), np.linalg.norm(mesh.angVelocity)))
+
+    run([mesh], 0.6, before=watch, e=0.0, **settings)
+    speeds = np.array(speeds)
+    hit = speeds[:, 0].argmax() + 1
+    return speeds[hit, 0] / speeds[hit - 1, 0], speeds[hit:, 1].max()
+
+
+def plastic():
+    found = {name: plastic_rest(settings) for name, settings in STEPS.items()}
+    tell("landing, e 0: part of the speed left", 0, **{n: v[0] for n, v in found.items()})
+    tell("landing, e 0: largest spin, rad/s", 0, **{n: v[1] for n, v in found.items()})
+
+
+# --------------------------------------------------------------------------------------------------
+# Tumbling
+# --------------------------------------------------------------------------------------------------
+
+SPINNER, SPIN = (1.0, 0.2, 0.5), np.array([0.01, 0.01, 5.0])  # about the middle axis
+
+
+def tumbling_ode(inertia, seconds):
+    """Times at which the body's middle axis turns over, by Euler's equation in body axes."""
+
+    def derivative(_, w):
+        return -np.linalg.solve(inertia, np.cross(w, inertia @ w))
+
+    def flip(_, w):
+        return w[2]
+
+    found = solve_ivp(derivative, (0, seconds), SPIN, events=flip, rtol=1e-11, atol=1e-12)
+    return found.t_events[0]
+
+
+def tumbling(settings, seconds=60.0, timeStep=TIME_STEP):
+    """(largest change of |L|, of the energy, times of flips), relative."""
+    mesh = box_body(*SPINNER, (0, 0, 0))
+    mesh.angVelocity = SPIN[None].copy()
+    track, middle = [], []
+
+    def watch(*_):
+        turn = rotation(mesh.orientation[0]).as_matrix()
+        momentum = turn @ mesh.IT @ turn.T @ mesh.angVelocity[0]
+        track.append((*momentum, mesh.angVelocity[0] @ momentum))
+        middle.append((turn.T @ mesh.angVelocity[0])[2])
+
+    settings = {"gyroscopic": True, "hasGround": False, "gravity": (0, 0, 0), **settings}
+    run([mesh], seconds, timeStep, before=watch, **settings)
+    track, middle = np.array(track), np.array(middle)
+    change = np.linalg.norm(track[:, :3] - track[0, :3], axis=1) / np.linalg.norm(track[0, :3])
+    k = np.flatnonzero(middle[:-1] * middle[1:] < 0)
+    flips = timeStep * (k + middle[k] / (middle[k] - middle[k + 1]))
+    return change.max(), np.abs(track[:, 3] / track[0, 3] - 1).max(), flips
+
+
+def spins():
+    flips = tumbling_ode(box_body(*SPINNER, (0, 0, 0)).IT, 60.0)
+    found = {n: tumbling(s) for n, s in {**STEPS, "grid": BASIC | {"broadPhase": "grid"}}.items()}
+    tell("tumbling 60 s: largest relative change of L", 0, **{n: v[0] for n, v in found.items()})
+    tell("tumbling 60 s: of the energy", 0, **{n: v[1] for n, v in found.items()})
+    tell("tumbling 60 s: flips", len(flips), **{n: len(v[2]) for n, v in found.items()})
+    first = {n: v[2][0] if len(v[2]) else np.nan for n, v in found.items()}
+    tell("tumbling 60 s: first flip, s", flips[0], **first)
+    late = {n: v[2][-1] if len(v[2]) else np.nan for n, v in found.items()}
+    tell("tumbling 60 s: last flip, s", flips[-1], **late)
+
+
+# --------------------------------------------------------------------------------------------------
+# Small bodies and pendulums
+# --------------------------------------------------------------------------------------------------
+
+
+def sizes():
+    for size in (0.003, 0.004, 0.01, 0.1):
+        found = {}
+        for name, settings in STEPS.items():
+            mesh = box_body(size, size, size, (0, 0.75 * size, 0))
+            run([mesh], 2, **settings)
+            found[name] = -mesh.currVertices[:, 1].min() / size
+        tell(f"cube of {1e3 * size:g} mm on the ground: depth, of its size", 0, **found)
+        found = {}
+        for name, settings in STEPS.items():
+            cubes = [box_body(size, size, size, (0, (0.55 + 1.05 * k) * size, 0)) for k in range(4)]
+            run(cubes, 4, **settings)
+            found[name] = penetrations(cubes).max(initial=0.0) / size
+        tell(f"four cubes of {1e3 * size:g} mm in a stack: overlap, of their size", 0, **found)
+
+
+def swing_energy(settings, seconds=30.0):
+    """Part of the energy that a pendulum of 10° has left, of two ties to fixed points."""
+    length, angle = 2.0, np.radians(10)
+    anchor, bob = box_body(1, 1, 1, (0, 10, 0), isFixed=True), box_body(0.2, 0.2, 0.2, (0, 0, 0))
+    corner = int(anchor.origVertices.sum(axis=1).argmin())
+    tip = int(bob.origVertices.sum(axis=1).argmax())
+    point, arm = anchor.currVertices[corner], bob.origVertices[tip]
+    string = np.array([-np.sin(angle), np.cos(angle), 0.0])  # from the bob to the point
+    turn, _ = Rotation.align_vectors([string], [arm])
+    bob.orientation = turn.as_quat()[None, [3, 0, 1, 2]]
+    reach = length + np.linalg.norm(arm)
+    bob.position = (point - reach * string)[None]
+    low, energies = point[1] - reach, []
+
+    def watch(*_):
+        height = bob.position[0, 1] - low
+        energies.append(0.5 * (bob.linVelocity**2).sum() + G * height)
+
+    tie = [[0, corner, 1, tip, length, upper] for upper in (True, False)]
+    run([anchor, bob], seconds, before=watch, constraints=tie, **settings)
+    return np.mean(energies[-100:]) / np.mean(energies[:100])
+
+
+def pendulum():
+    found = {name: swing_energy(settings) for name, settings in STEPS.items()}
+    tell("pendulum of 10°: energy left after 30 s", 1, **found)
+
+
+ROWS = {f.__name__: f for f in (slides, sleepers, carriers, elastic, plastic, spins)}
+ROWS |= {f.__name__: f for f in (sizes, pendulum)}
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("rows", metavar="ROW", nargs="*", choices=[[], *ROWS], help=", ".join(ROWS))
+    for name in parser.parse_args().rows or ROWS:
+        ROWS[name]()
+
+
+if __name__ == "__main__":
+    main()
