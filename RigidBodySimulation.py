@@ -27,9 +27,9 @@ from rbs.appearance.pictureoptions import (
 )
 from rbs.pictures.backends import find_backend
 from rbs.program import headless, options as commandLine
-from rbs.program.notebook import Simulation
 from rbs.program.opening import list_files, open_replay
 from rbs.program.options import given_settings
+from rbs.program.pythoninterface import Simulation
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.program.suggestions import SceneOpener, apply_settings, note_recommended
 from rbs.recordings.recording import Recorder, Recording
@@ -40,7 +40,7 @@ from rbs.scenes.files import check_outputs
 from rbs.scenes.meshfiles import load_mesh_file
 from rbs.scenes.messages import InputError, print_error, shown_path
 from rbs.scenes.scenefiles import load_constraint_file, load_scene_file
-from rbs.scenes.simulation import Simulation as SceneSimulation
+from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import IgnoredSetting, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 

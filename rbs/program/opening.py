@@ -15,7 +15,7 @@ from rbs.scenes.scenefiles import (
     scene_name,
     similar_scenes,
 )
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 
 # Heading of the files beside the current scene, in the window's list.
 BESIDE = "beside this scene"
@@ -31,14 +31,14 @@ class ListedFile(NamedTuple):
 
 
 def open_file(path, allowOutsideMeshes=False, submitted=None):
-    """Opens a scene file as a Simulation, or a recording as a Replay.
+    """Opens a scene file as a SceneSimulation, or a recording as a Replay.
 
-    allowOutsideMeshes : see `load_scene_file`; submitted : see `Simulation`
+    allowOutsideMeshes : see `load_scene_file`; submitted : see `SceneSimulation`
     Raises SceneError or RecordingError.
     """
     if is_recording_name(path):
         return open_replay(path, submitted)
-    return Simulation(path, allowOutsideMeshes=allowOutsideMeshes, submitted=submitted)
+    return SceneSimulation(path, allowOutsideMeshes=allowOutsideMeshes, submitted=submitted)
 
 
 def open_replay(path, submitted=None):

@@ -11,11 +11,11 @@ import numpy as np
 
 from rbs.recordings.recording import QUOTE_LENGTH, RecordingError
 from rbs.scenes.messages import one_line
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.state import Scene
 from rbs.softstep.step import SolverState
 from rbs.stepping.bodies import StateError
-from rbs.stepping.settings import CHOSEN
+from rbs.stepping.settings import SETTINGS
 
 
 class Replay(Scene):
@@ -45,7 +45,7 @@ class Replay(Scene):
             first: restored_settings(recording, first, simulation.settings)
             for first, _ in recording.settingsHistory
         }
-        self._again = None  # Simulation that makes steps again
+        self._again = None  # SceneSimulation that makes steps again
         self.reset()
 
     def seek(self, step):
@@ -105,12 +105,12 @@ class Replay(Scene):
 
 
 def recorded_scene(recording, submitted=None):
-    """Returns the Simulation of a recording's scene, at its start. Raises RecordingError.
+    """Returns the SceneSimulation of a recording's scene, at its start. Raises RecordingError.
 
     submitted : `SubmittedSteps` that make its steps, or None
     """
     with recording.reading():
-        return Simulation(recording.source, submitted=submitted)
+        return SceneSimulation(recording.source, submitted=submitted)
 
 
 def check_functions(recording, submitted):
@@ -130,7 +130,7 @@ def check_functions(recording, submitted):
 
 
 def resume(recording, step, simulation=None, *, submitted=None):
-    """Returns a Simulation that continues a recording after a step with the same bits.
+    """Returns a SceneSimulation that continues a recording after a step with the same bits.
 
     The settings are those of the next recorded step; later changes are ignored. The state of the
     soft-step solver is recorded only every few steps, so the steps since the last one are repeated.
@@ -253,7 +253,7 @@ def restored_settings(recording, step, settings):
     Raises RecordingError if a recorded setting is unknown or invalid.
     """
     _, fields = recording.settings_at(step)
-    unknown = sorted(set(fields) - set(CHOSEN))
+    unknown = sorted(set(fields) - set(SETTINGS))
     if unknown:
         raise recording.error(
             f"it has a setting unknown to this version: {one_line(unknown[0], QUOTE_LENGTH)}"

@@ -1,4 +1,4 @@
-"""`Simulation`, a scene with its settings and its steps.
+"""`SceneSimulation`, a scene with its settings and its steps.
 
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
@@ -36,7 +36,7 @@ class State(dict):
     """
 
 
-class Simulation(Scene):
+class SceneSimulation(Scene):
     """A scene that is simulated.
 
     Attributes, besides those of `Scene`: solverState, kept by the soft-step solver for the next
@@ -95,7 +95,7 @@ class Simulation(Scene):
 
         Returns
         -------
-        Simulation
+        SceneSimulation
 
         Raises
         ------
@@ -105,9 +105,10 @@ class Simulation(Scene):
         return cls(BodySource.of_meshes(meshes, constraints, name), settings)
 
     def __repr__(self):
-        name, bodies = scene_name(self.scenePath), counted(len(self.meshes), "body")
+        kind, name = type(self).__name__, scene_name(self.scenePath)
+        bodies = counted(len(self.meshes), "body")
         links = counted(len(self.constraints), "constraint")
-        return f"Simulation({name!r}, {bodies}, {links}, step {self.stepCount}, {self.time:g} s)"
+        return f"{kind}({name!r}, {bodies}, {links}, step {self.stepCount}, {self.time:g} s)"
 
     def reset(self):
         """Restores the start. If added bodies are removed, `meshes` becomes a new list."""

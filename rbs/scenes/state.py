@@ -31,7 +31,7 @@ _ROWS = {
 
 
 class Scene:
-    """Bodies and constraints in some state; the base of `Simulation` and `Replay`.
+    """Bodies and constraints in some state; the base of `SceneSimulation` and `Replay`.
 
     Views and writers use only these attributes and methods.
 

@@ -20,7 +20,7 @@ from rbs.pictures.overlays import MOST_BOXES, MOST_TRAILS, TRAIL_LENGTH, VELOCIT
 from rbs.pictures.view import LAYERS
 from rbs.scenes.messages import counted
 from rbs.stepping.reports import PHASES
-from rbs.stepping.settings import CHOSEN
+from rbs.stepping.settings import SETTINGS
 from rbs.window.helppanel import draw_help
 from rbs.window.layout import ROOMY_HEIGHT, ROOMY_WIDTH, arrange
 from rbs.window.marks import draw_legend, draw_marks
@@ -118,7 +118,7 @@ class Panel:
     def __init__(self, viewer):
         self.viewer = viewer
         self.path = ""
-        self._timeStep = NumberField(CHOSEN["timeStep"], *TIME_STEPS)
+        self._timeStep = NumberField(SETTINGS["timeStep"], *TIME_STEPS)
         self.hint, self.frameRate = HINT, FRAME_RATE
         self.isHelpShown = self.areHidden = False
         self.isSideShown = self.layout = None
@@ -342,9 +342,9 @@ class Panel:
         simulation = self.viewer.simulation
         settings = simulation.settings
         right = psim.GetCursorPosX() + psim.GetContentRegionAvail()[0]
-        for one in CHOSEN.values():
-            isHeeded = one.isHeededBy(settings.contactSolver)
-            if not one.label or not isHeeded or one.isOfConstraints and not simulation.constraints:
+        for one in SETTINGS.values():
+            isUsed = one.is_used_by(settings.contactSolver)
+            if not one.label or not isUsed or one.isOfConstraints and not simulation.constraints:
                 continue
             value, begun = getattr(settings, one.name), getattr(simulation.startSettings, one.name)
             row, last = (one.label, value), (partial(self._set, one.name), one.tooltip)
@@ -369,7 +369,7 @@ class Panel:
     def _set(self, name, value):
         """Changes a setting, as far as its limits allow."""
         if isinstance(value, int | float):
-            value, message = clamped(CHOSEN[name].label, value, *CHOSEN[name].limits)
+            value, message = clamped(SETTINGS[name].label, value, *SETTINGS[name].limits)
             self._tell(message)
         self.viewer.simulation.settings.change(name, value)
         self.viewer.view.refresh()

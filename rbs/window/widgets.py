@@ -50,7 +50,7 @@ class NumberField:
     """
 
     def __init__(self, setting, step, low, high):
-        """setting : from CHOSEN; step : change by the buttons + and -"""
+        """setting : from SETTINGS; step : change by the buttons + and -"""
         self._name, self._label, self._tooltip = setting.name, setting.label, setting.tooltip
         self._step, self._low, self._high = step, low, high
         self._typed = None

@@ -34,7 +34,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from benchmark import describe_machine
 
 from rbs.scenes.scenefiles import DATA_FOLDER
-from rbs.scenes.simulation import Settings, Simulation
+from rbs.scenes.simulation import SceneSimulation, Settings
 from rbs.stepping.reports import PHASES
 
 TIME_STEP = 0.02
@@ -68,7 +68,7 @@ class OwnRun:
 
     def __init__(self, scene, material, **settings):
         settings = Settings(material.restitution, TIME_STEP, friction=material.friction, **settings)
-        self.simulation = Simulation(scene, settings)
+        self.simulation = SceneSimulation(scene, settings)
 
     def step(self):
         self.simulation.step()
@@ -192,7 +192,7 @@ def make_runs(scene, count, material, options):
     }
     for name in options.peers:
         try:
-            runs[name] = PEERS[name][1](Simulation(scene), material)
+            runs[name] = PEERS[name][1](SceneSimulation(scene), material)
         except (ValueError, MemoryError) as error:  # some do not take so many
             print(f"{name} left out at {count} bodies: {error}")
     return runs

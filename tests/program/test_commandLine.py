@@ -20,7 +20,7 @@ import rbs.program.options
 from rbs import __version__
 from rbs.program.opening import list_files, open_file
 from rbs.recordings.recording import Recording
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.state import STATE_NAMES
 from RigidBodySimulation import FALLBACK_PICTURES, load_constraint_file, load_scene_file
 
@@ -30,7 +30,7 @@ onLinux = pytest.mark.skipif(
 
 
 def test_reset_leads_to_the_same_bits_again():
-    simulation = Simulation(DATA / "mixed-scene.txt")
+    simulation = SceneSimulation(DATA / "mixed-scene.txt")
     begin, ends = simulation.state(), []
     for _ in range(2):
         for _ in range(80):
@@ -48,7 +48,7 @@ def test_reset_leads_to_the_same_bits_again():
 def test_headless_run_ends_with_a_summary_of_what_happened(capsys):
     code, output, _ = call(capsys, "mixed", "--basic", "--headless", "--steps", 120)
     summary = {line[:17].strip(): line[18:] for line in output.splitlines()}
-    simulation = Simulation(DATA / "mixed-scene.txt")
+    simulation = SceneSimulation(DATA / "mixed-scene.txt")
     for _ in range(120):
         simulation.step()
     y, name = simulation.lowest_point()

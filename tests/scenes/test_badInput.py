@@ -13,7 +13,7 @@ import pytest
 from program import CAMERA, call, record, run
 from test_loading import BROKEN, FILES, TETRAHEDRON, broken, write
 
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.textfiles import SceneError
 from RigidBodySimulation import load_scene_file
 
@@ -89,7 +89,7 @@ def outside(folder):
 def test_mesh_outside_of_the_scenes_folder_is_read_only_when_asked_for(outside, capsys, name):
     scene = f"scenes/{name}-scene.txt"
     assert_refused(outside.parent, capsys, [scene, *RECORDED], f"{scene}:2: ", "--allow-outside")
-    for load in (load_scene_file, Simulation):
+    for load in (load_scene_file, SceneSimulation):
         with pytest.raises(SceneError, match="outside the scene's folder"):
             load(scene)
     (mesh,) = load_scene_file(scene, allowOutsideMeshes=True)
@@ -171,7 +171,7 @@ def test_scene_that_is_none(folder, capsys, scene):
 
 @pytest.mark.parametrize("name", [*FILES, "r.h5"])
 def test_a_run_does_not_write_over_what_it_reads(folder, capsys, name):
-    record("r.h5", Simulation("a-scene.txt"), 1)
+    record("r.h5", SceneSimulation("a-scene.txt"), 1)
     arguments = ["--resume", "r.h5", "--record"] if name == "r.h5" else ["a-scene.txt", "--stats"]
     message = f"{arguments[-1]} ./{name}: not written, because this run reads it"
     assert_refused(folder, capsys, [*arguments, f"./{name}"], message)

@@ -13,7 +13,7 @@ from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from rbs.scenes.files import atomic_write, check_outputs, partial_path
 from rbs.scenes.messages import InputError
-from rbs.scenes.simulation import Simulation as SceneSimulation
+from rbs.scenes.simulation import SceneSimulation
 from RigidBodySimulation import main
 
 OLD = b"an older file"

@@ -1,4 +1,4 @@
-"""Simulations from Python, with recordings and pictures: `Simulation` as a notebook wants it.
+"""The Python interface: `Simulation`, with recordings and pictures, for programs and notebooks.
 
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
@@ -10,12 +10,12 @@ from rbs.appearance.pictureoptions import PictureOptions
 from rbs.pictures.backends import find_backend
 from rbs.program.headless import step_progress
 from rbs.recordings.recording import Recorder
-from rbs.scenes import simulation
 from rbs.scenes.messages import InputError
 from rbs.scenes.scenefiles import SceneSource, find_scene
+from rbs.scenes.simulation import SceneSimulation
 
 
-class Simulation(simulation.Simulation):
+class Simulation(SceneSimulation):
     """A scene that is simulated from Python.
 
     Parameters
