@@ -33,7 +33,7 @@ PICTURES = {
     "net": ("net", 140),
     "pile": ("pile_200", 110),
     "stress": ("stress --friction 0.5 --show velocities contacts impulses --legend", 160),
-    "heap": ("heap", 1000),
+    "heap": ("heap", 600),
     "card_house": ('card_house --show contacts impulses "friction impulses" --legend', 15),
     "arch": ("arch --show contacts impulses --legend", 20),
     "arch_blow": ("arch_blow", 190),

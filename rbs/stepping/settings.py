@@ -294,9 +294,8 @@ class _Values:
 
     def arguments(self):
         """Returns a dict of arguments for `run_timestep`, without any that the solver ignores."""
-        values = used_settings(vars(self), self.contactSolver) | {
-            "gravity": (0.0, -self.gravity, 0.0)
-        }
+        values = used_settings(vars(self), self.contactSolver)
+        values["gravity"] = 0.0, -self.gravity, 0.0
         return {SETTINGS[name].parameter: value for name, value in values.items()}
 
 

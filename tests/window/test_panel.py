@@ -402,8 +402,8 @@ class RandomUser:
 
     def do_setting(self):
         settings = self.viewer.simulation.settings
-        heeded = [one for one in SETTINGS.values() if one.solver in (None, settings.contactSolver)]
-        one = self.choice(one for one in heeded if one.label)
+        used = [one for one in SETTINGS.values() if one.solver in (None, settings.contactSolver)]
+        one = self.choice(one for one in used if one.label)
         if self.viewer.isReplay:
             return False
         if one.kind is bool:
@@ -420,10 +420,8 @@ class RandomUser:
         if one.name != "contactSolver":
             self.expected[one.name] = value
         else:  # settings that the new solver ignores get their defaults
-            ignored = [
-                other.name for other in SETTINGS.values() if other.solver not in (None, value)
-            ]
-            self.expected |= {name: SETTINGS[name].default for name in ignored} | {one.name: value}
+            ignored = [other for other in SETTINGS.values() if other.solver not in (None, value)]
+            self.expected |= {other.name: other.default for other in ignored} | {one.name: value}
 
 
 def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
