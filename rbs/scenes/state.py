@@ -18,7 +18,7 @@ STATE_NAMES = {
     "linVelocities": "linVelocity",
     "angVelocities": "angVelocity",
 }
-STATE_WIDTHS = {plural: bodies.STATE_WIDTHS[name] for plural, name in STATE_NAMES.items()}
+ARRAY_WIDTHS = {plural: bodies.STATE_WIDTHS[name] for plural, name in STATE_NAMES.items()}
 # Shapes of the attributes of a body that its energies and momenta depend on.
 _ROWS = {
     "mass": (1,),

@@ -54,7 +54,7 @@ rbs/stepping/kernels.py: velocities of points in arrays, swapped factors (forms)
 RBSFunctions.py: restitution, a sign (timestep)
     (1.0 + e) -> (1.0 - e)
 RBSFunctions.py: inverse effective mass at a contact, a sign (timestep)
-    invMass + dot(rCrossN, turning), -> invMass - dot(rCrossN, turning),
+    invMass + dot(rCrossN, response), -> invMass - dot(rCrossN, response),
 RBSFunctions.py: position correction, the other weight (timestep)
     -(invMass1 / total * distance) -> -(invMass2 / total * distance)
 RBSFunctions.py: friction across the normal, a sign (friction)
