@@ -43,7 +43,7 @@ PLOTTED_STEPS = 500
 # m/s that a push adds to the velocity of the centre of mass.
 DEFAULT_PUSH = 8.0
 # Message if the user drags or shoots in a replay.
-UNCHANGEABLE = 'Recordings are read-only. "Continue from here" makes a simulation of it'
+UNCHANGEABLE = 'A recording is read-only; "Continue from here" turns it into a simulation'
 
 
 class Moment(NamedTuple):
