@@ -24,6 +24,8 @@ SIGNAL_NAMES = {
 }
 # Seconds that a student's step may take after the first signal.
 PATIENCE = 2.0
+# Errors that input, disk and memory cause, each with a message for the user.
+EXPECTED_ERRORS = (InputError, ImportError, OSError, MemoryError)
 # Joules per unit, from the largest unit down.
 ENERGY_UNITS = {"TJ": 1e12, "GJ": 1e9, "MJ": 1e6, "kJ": 1e3}
 
@@ -93,10 +95,6 @@ def show(text):
     """Prints a text, unless its reader has gone, which must not cost the outputs."""
     with suppress(BrokenPipeError):
         print(text)
-
-
-# Errors that input, disk and memory cause, each with a message for the user.
-EXPECTED_ERRORS = (InputError, ImportError, OSError, MemoryError)
 
 
 def message_of(error):
