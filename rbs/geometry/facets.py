@@ -117,10 +117,74 @@ def find_facets(pairs, margin, separation=None):
 
 
 def all_facets(pairs):
-    """Finds all `Facets` of P ≥ 1 pairs; faster than `find_facets` for one pair with few edges."""
-    search = _FacetSearch(pairs)
-    search.find_all()
-    return Facets.gathered(search.found, search.completeUpTo)
+    """Finds all `Facets` of one pair; faster than `find_facets` if it has few edges."""
+    hulls, bodies = pairs.hulls, (pairs.first, pairs.second)
+    (normalA, offsetA, vertexA, *edgesA), (normalB, offsetB, vertexB, *edgesB) = (
+        _features(hulls, *body.tolist()) for body in bodies
+    )
+    levelB = dot(normalA[:, :, None], vertexB[:, None]).min(axis=1)
+    levelA = dot(normalB[:, :, None], vertexA[:, None]).min(axis=1)
+    (vectorA, tailA, arcA), (vectorB, tailB, arcB) = edgesA, edgesB
+    # all combinations of edges; see `_FacetSearch._add_edge_pairs`
+    r = dot(arcA[..., None], vectorB[:, None, None])
+    s = -dot(arcB[:, :, None], vectorA[:, None, :, None])
+    a, b = ((r[0] * r[1] < 0) & (s[0] * s[1] < 0) & (s[0] * r[1] > 0)).nonzero()
+    spanning = vectorA[:, a], vectorB[:, b], tailA[:, a], tailB[:, b], r[:, a, b], s[:, a, b]
+    normal, offset, spans, isDoubtful = _spanned_facets(*spanning)
+    doubtful = indices(isDoubtful)
+    if len(doubtful):
+        ends = (body.repeat(len(doubtful)) for body in bodies)
+        offset[doubtful] = support_offsets(hulls, *ends, normal[:, doubtful])
+    normal, offset = normal[:, spans], offset[spans]
+    normal = np.concatenate((normalA, -normalB, normal), axis=1)
+    offset = np.concatenate((offsetA - levelB, offsetB - levelA, offset))
+    return Facets(np.array([0, len(offset)]), normal, offset, np.array([np.inf]))
+
+
+def _features(hulls, b):
+    """Features of body b: normals (3, F) and offsets (F,) of its faces; its vertices (3, V); its
+    edges: vectors (3, E), tails (3, E), and normals of both faces (3, 2, E).
+    """
+    face, vertex, edge = (
+        slice(start[b], start[b] + count[b])
+        for start, count in (
+            (hulls.faceStart, hulls.faceCount),
+            (hulls.vertexStart, hulls.vertexCount),
+            (hulls.edgeStart, hulls.edgeCount),
+        )
+    )
+    normals, vertices = hulls.normals[:, face], hulls.vertices[:, vertex]
+    vectors = mat_vec(hulls.rotation[:, b], hulls.edges[:, edge])
+    tails = take(vertices, hulls.edgeTail[edge], axis=1)
+    return (
+        normals,
+        hulls.offsets[face],
+        vertices,
+        vectors,
+        tails,
+        take(normals, hulls.edgeFaces[:, edge], axis=1),
+    )
+
+
+def _spanned_facets(vectorA, vectorB, tailA, tailB, r, s):
+    """Facets that edges of A and B (K,) span: `(normal, offset, spans (K,), isDoubtful (K,))`.
+
+    r, s : (2, K), see `_FacetSearch._add_edge_pairs`
+    spans : whether the edges are not parallel; isDoubtful : whether rounding may make arcs cross
+        that only touch. The plane of such a facet must be moved outwards to support the hulls, so
+        that no vertex lies beyond it
+    """
+    lengthA2, lengthB2 = dot(vectorA, vectorA), dot(vectorB, vectorB)
+    normal = cross(vectorA, vectorB)
+    sine2 = dot(normal, normal)
+    spans = sine2 > PARALLEL_SINE**2 * lengthA2 * lengthB2
+    normal = normal / np.where(spans, np.copysign(np.sqrt(sine2), r[0]), 1.0)
+    # removes the components that rounding leaves along nearly parallel edges
+    normal = normal - vectorA * (dot(normal, vectorA) / lengthA2)
+    normal = normal - vectorB * (dot(normal, vectorB) / lengthB2)
+    normal = normal / np.sqrt(np.where(spans, dot(normal, normal), 1.0))
+    sine2 = np.minimum((r * r).min(axis=0) / lengthB2, (s * s).min(axis=0) / lengthA2)
+    return normal, dot(normal, tailA - tailB), spans, spans & (sine2 < SURE_SINE**2)
 
 
 class Facets:
@@ -219,11 +283,6 @@ class _FacetSearch:
         self.row, face = ranges(take(hulls.faceStart, self.own), self.count)
         self.normal, self.offset = take(hulls.normals, face, axis=1), take(hulls.offsets, face)
 
-    def find_all(self):
-        self.completeUpTo = np.full(len(self.own) // 2, np.inf)
-        self.found.append(self._face_facets(np.arange(len(self.row))))
-        self._add_edge_pairs(self.completeUpTo, *self._list_edges(np.arange(len(self.own))))
-
     def find_near(self, margin, leastDepth):
         """Finds the facets within the margin (P,), if the depth is at least leastDepth (P,)."""
         pairs = self.pairs
@@ -307,7 +366,6 @@ class _FacetSearch:
         own = take(self.own, row)
         normals = take(self.normal, faces, axis=1)
         vector = mat_vec(take(hulls.rotation, own, axis=1), take(hulls.edges, edge, axis=1))
-        length2 = dot(vector, vector)
         tail = take(hulls.vertices, take(hulls.edgeTail, edge) + hulls.vertexStart[own], axis=1)
 
         # all combinations of a pair's edges, a of the first hull and b of the second
@@ -322,25 +380,13 @@ class _FacetSearch:
         kept = indices((s[0] * s[1] < 0) & (s[0] * r[1] > 0))
         a, b, r, s = take(a, kept), take(b, kept), take(r, kept, axis=1), take(s, kept, axis=1)
 
-        pair, vectorA, vectorB = take(row, a), take(vector, a, axis=1), take(vector, b, axis=1)
-        lengthA2, lengthB2 = take(length2, a), take(length2, b)
-        normal = cross(vectorA, vectorB)
-        sine2 = dot(normal, normal)
-        spans = sine2 > PARALLEL_SINE**2 * lengthA2 * lengthB2
-        normal = normal / np.where(spans, np.copysign(np.sqrt(sine2), r[0]), 1.0)
-        # removes the components that rounding leaves along nearly parallel edges
-        normal = normal - vectorA * (dot(normal, vectorA) / lengthA2)
-        normal = normal - vectorB * (dot(normal, vectorB) / lengthB2)
-        normal = normal / np.sqrt(np.where(spans, dot(normal, normal), 1.0))
-        offset = dot(normal, take(tail, a, axis=1) - take(tail, b, axis=1))
+        pair = take(row, a)
+        edges = [take(table, ends, axis=1) for table in (vector, tail) for ends in (a, b)]
+        normal, offset, spans, isDoubtful = _spanned_facets(*edges, r, s)
         isNear = offset - dot(normal, take(self.t, pair, axis=1)) <= take(bound, pair)
         near = indices(isNear & spans)
         pair, normal, offset = take(pair, near), take(normal, near, axis=1), take(offset, near)
-
-        # Rounding may make two arcs cross that only touch. The plane of such a facet is moved
-        # outwards to support the hulls, so that no vertex lies beyond it.
-        sine2 = np.minimum((r * r).min(axis=0) / lengthB2, (s * s).min(axis=0) / lengthA2)
-        doubtful = indices(take(sine2, near) < SURE_SINE**2)
+        doubtful = indices(take(isDoubtful, near))
         if len(doubtful):
             bodies = take(self.own, pair[doubtful]), take(self.other, pair[doubtful])
             offset[doubtful] = support_offsets(hulls, *bodies, take(normal, doubtful, axis=1))

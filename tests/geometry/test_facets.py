@@ -61,7 +61,12 @@ def find_facets(hulls, first, second, t, margin, axes=None):
 
 
 def all_facets(hulls, first, second, t):
-    return search.all_facets(Pairs(hulls, first, second, t))
+    """Those of all pairs, found one after the other."""
+    pairs = Pairs(hulls, first, second, t)
+    found = [search.all_facets(pairs.of(np.array([p]))) for p in range(len(first))]
+    columns = [(one.normal, one.offset, one.completeUpTo) for one in found]
+    start = np.cumsum([0, *(len(one.offset) for one in found)])
+    return search.Facets(start, *(np.concatenate(c, axis=-1) for c in zip(*columns, strict=True)))
 
 
 def nearest(facets, p, t):
