@@ -21,6 +21,7 @@ from rbs.appearance.colours import (
     VELOCITY_COLOUR,
 )
 from rbs.appearance.drawables import box_lines, contact_patches, grid_cells, surface_points
+from rbs.scenes.messages import measured
 from rbs.stepping.bodies import state_columns
 
 # Overlays that show the contacts of the last steps.
@@ -53,6 +54,18 @@ POINT_RADIUS = 4e-3
 LINE_RADIUS = 8e-4
 # Metres; a coordinate beyond all that the camera sees.
 OUT_OF_SIGHT = -1e9
+# What each overlay shows.
+EXPLAINED = {
+    "contacts": "Contact points, and normals towards the body listed first. A recording makes its "
+    "steps again for them, with the soft step up to 100 after a jump",
+    "impulses": "Normal impulses, the pushes at contacts, on the body listed first, relative to "
+    "the largest one",
+    "friction impulses": "Friction impulses on the body listed first",
+    "velocities": f"Velocity of each centre: the distance covered in {VELOCITY_SECONDS:g} s",
+    "bounding boxes": f"Axis-aligned bounding boxes of the first {MOST_BOXES} bodies",
+    "grid cells": f"Cells of the broad phase that contain bodies, up to {MOST_BOXES} columns",
+    "trails": f"Paths of up to {MOST_TRAILS} bodies over the last {TRAIL_LENGTH} frames",
+}
 
 
 class Overlays:
@@ -193,7 +206,7 @@ class Overlays:
         longest = max((math.hypot(*impulse(contact)) for contact in self._contacts), default=0.0)
         if longest == 0.0:
             return f"no {what} this step"
-        return f"{what} (longest: {longest:.2g} N s)"
+        return f"{what} (longest: {measured(longest, 'N s')})"
 
     def _velocity_scale(self):
         speed = self._view.squareSide / VELOCITY_SECONDS
