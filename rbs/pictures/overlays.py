@@ -127,6 +127,8 @@ class Overlays:
         """Returns the legend of the visible overlays: rows (text, (r, g, b))."""
         shown, error = self._view.shown, self._view.simulation.reportError
         rows = [(text(self), colour) for name, (text, colour) in _MEANINGS.items() if name in shown]
+        if "contacts" in shown and self._isAtRest():
+            rows[0] = f"last {rows[0][0]}", RESTING_COLOUR
         if error and CONTACT_OVERLAYS & shown:
             rows.append((f"contacts unknown: {error}", NORMAL_COLOUR))
         return rows
@@ -172,15 +174,11 @@ class Overlays:
             ]
 
     def _isAtRest(self):
-        """Whether all contacts are those of sleeping bodies."""
+        """Whether there are contacts, all of them of sleeping bodies."""
         report = self._view.simulation.report
-        if report is None or not report.hasSleepers:
+        if report is None or not report.hasSleepers or not self._contacts:
             return False
         return all(report.isAsleep[contact.body1] for contact in self._contacts)
-
-    def _contact_meaning(self):
-        last = "last " if self._contacts and self._isAtRest() else ""
-        return f"{last}contact area and normal (on the body listed first)"
 
     def _draw_impulses(self, name, vertices):
         contacts, points = self._contacts, self._contactPoints
@@ -267,7 +265,10 @@ _PAINTERS = {
 
 # Legend text of each overlay, as a function of the Overlays, and its colour.
 _MEANINGS = {
-    "contacts": (lambda overlays: overlays._contact_meaning(), NORMAL_COLOUR),
+    "contacts": (
+        lambda overlays: "contact area and normal (on the body listed first)",
+        NORMAL_COLOUR,
+    ),
     "impulses": (
         lambda overlays: overlays._impulse_scale(
             "normal impulse", lambda contact: [contact.impulse]

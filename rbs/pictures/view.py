@@ -118,7 +118,7 @@ class SceneView:
         bodySize = np.median(np.linalg.norm(np.subtract(*self.boxes(vertices)), axis=1))
         self.overlays.restart(self._size, bodySize)
         self._register_constraints(vertices)
-        self._point_camera(points)
+        self._point_camera(framed_points(simulation.meshes, simulation.constraints))
         self.spread_ground()
         for name in LAYERS:
             self._show_layer(name)

@@ -29,9 +29,9 @@ from rbs.window.plots import Plots
 from rbs.window.viewer import Viewer
 from rbs.window.widgets import Tooltips, scaled
 
-# Pixels: width of the labels beside fields, indent of the parts of a sum, and width of the button
-# beside a changed setting.
-LABEL_WIDTH, INDENT, MARK_WIDTH = 128, 18, 18
+# Pixels: width of the labels beside fields, of the longest switch in Display, and of the button
+# beside a changed setting; indent of the parts of a sum.
+LABEL_WIDTH, SWITCH_WIDTH, MARK_WIDTH, INDENT = 128, 150, 18, 18
 # Pixels. A shorter movement between pressing and releasing the button counts as a click; a longer
 # one turns the camera.
 CLICK_PIXELS = 4.0
@@ -47,7 +47,7 @@ FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
 # What is shown until one of these has been used, and its height in pixels.
 HINT, HINT_HEIGHT = "Ctrl + drag throws a body · B shoots · H shows all keys", 34
 # Names of choices in the lists, where the option's own is too short.
-CHOICES = {"impulse": "impulses, one by one", "soft-step": "soft step: piles rest"}
+CHOICES = {"impulse": "impulses in turn", "soft-step": "soft step: piles rest"}
 CHOICES |= {"all": "all pairs", "plain": "as in the window"}
 
 
@@ -256,15 +256,18 @@ class Panel:
         )
         names, act = {one: speed_name(one) for one in SPEEDS}, partial(setattr, playback, "speed")
         tooltip = "Speed, relative to real time"
-        widgets.draw_choice("speed", playback.speed, SPEEDS, act, tooltip, names)
+        widgets.draw_choice("###speed", playback.speed, SPEEDS, act, tooltip, names)
+        pace = playback.pace()
+        psim.SameLine()
+        psim.Text("paused" if pace is None else f"{pace:.2g} × real time")
         if viewer.isReplay:
             act = partial(setattr, playback, "isBackwards")
             widgets.draw_check("backwards", playback.isBackwards, act, "Play backwards")
-        pace = playback.pace()
-        psim.Text("paused" if pace is None else f"{pace:.2g} × real time")
+        tooltip = "F: fit all bodies in view, except any flung far away"
         self._buttons(
             ("Help", partial(self._toggle, "isHelpShown"), "H, F1 or ?: keys and mouse actions"),
             ("Readout", self.toggle_side, "N: counts, timings and plots, on the right"),
+            ("Frame all", viewer.view.frame_all, tooltip),
         )
 
     def _draw_files(self):
@@ -322,12 +325,13 @@ class Panel:
         view = self.viewer.view
         tooltip = "Quantity that the bodies' colours show"
         widgets.draw_choice("colours", view.colouring, COLOURINGS, view.colour_by, tooltip)
-        tooltip = "F: fit all bodies in view, except any flung far away"
-        self._buttons(("Frame all", view.frame_all, tooltip))
         act, tooltip = partial(setattr, view, "follows"), "Camera moves with the selected body"
         widgets.draw_check("camera follows selection", view.follows, act, tooltip)
+        second = 0.55 * psim.GetContentRegionAvail()[0]
         for digit, (name, shows) in enumerate(LAYERS.items(), 1):
             act = partial(view.show, name)
+            if digit % 2 == 0 and second > scaled(SWITCH_WIDTH):  # in two columns
+                psim.SameLine(second)
             widgets.draw_check(name, name in view.shown, act, f"{digit}: {shows}")
 
     def _draw_save(self):

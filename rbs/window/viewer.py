@@ -561,12 +561,10 @@ class Viewer:
 
 
 def _mean_milliseconds(rows, rest):
-    """Returns a dict of means in ms: the whole, its parts, and the rest, named `rest`.
-
-    rows : dicts of seconds, the whole first, then its parts. Without rows, the result is empty.
-    """
-    names = list(dict.fromkeys(name for row in rows for name in row))
+    """Returns means in ms of rows, dicts of seconds: the whole, its parts, and the rest, if any."""
+    names = dict.fromkeys(name for row in rows for name in row)
     means = {name: 1e3 * fmean(row.get(name, 0.0) for row in rows) for name in names}
     if means:
-        means[rest] = means[names[0]] - sum(means[name] for name in names[1:])
+        whole, *parts = means.values()
+        means[rest] = whole - sum(parts)
     return means

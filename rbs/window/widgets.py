@@ -123,10 +123,8 @@ def draw_slider(label, value, low, high, act, tooltip, shown="%.3f"):
 
     A value can be typed after Ctrl-click, also beyond the ends.
     """
-    if isinstance(value, int):
-        isMoved, moved = psim.SliderInt(label, value, low, high, "%d")
-    else:
-        isMoved, moved = psim.SliderFloat(label, value, low, high, shown)
+    slide, shown = (psim.SliderInt, "%d") if isinstance(value, int) else (psim.SliderFloat, shown)
+    isMoved, moved = slide(label, value, low, high, shown)
     Tooltips.tell(tooltip)
     if isMoved:
         act(round(moved, 3))
