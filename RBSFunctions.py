@@ -340,6 +340,8 @@ class Mesh:
             vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
             used, faces = np.unique(faces, return_inverse=True)
             vertices, faces = vertices[used], faces.reshape(-1, 3)
+            if not np.isfinite(vertices).all():
+                raise ValueError("a vertex is not finite")
             vertices, faces, tets = fill_surface(vertices, orient_surface(vertices, faces))
         except (IndexError, TypeError, ValueError) as error:
             raise ValueError(f"mesh {name}: {error}") from None
@@ -402,7 +404,10 @@ class Mesh:
         outer += sums[:, :, None] * sums[:, None, :]
         covariance = self.density * (volumes[:, None, None] / 20.0 * outer).sum(axis=0)
         self.IT = np.trace(covariance) * np.eye(3) - covariance
-        self.hull = build_hull(self.origVertices)
+        try:
+            self.hull = build_hull(self.origVertices)
+        except ValueError as error:
+            raise ValueError(f"mesh {self.name}: {error}") from None
         self.hullVolume = self.hull.volume
 
     @property
@@ -642,18 +647,18 @@ def resolve_collision(m1, m2, depth, contactNormal, penPoint, CRCoeff, closingOn
     if depth < 0.0 or (depth == 0.0 and len(m2.origVertices) == 0):
         depth, n = -depth, scale(-1.0, n)
 
-    shift1, shift2 = position_corrections(body1.invMass, body2.invMass, depth)
-    body1.position = mul_add(body1.position, shift1, n)
-    body2.position = mul_add(body2.position, shift2, n)
-    point = mul_add(point, shift2, n)
+    correction1, correction2 = position_corrections(body1.invMass, body2.invMass, depth)
+    body1.position = mul_add(body1.position, correction1, n)
+    body2.position = mul_add(body2.position, correction2, n)
+    point = mul_add(point, correction2, n)
     r1, r2 = sub(point, body1.position), sub(point, body2.position)
 
-    k1, turning1 = inverse_effective_mass(body1.invMass, body1.invInertia, cross(r1, n))
-    k2, turning2 = inverse_effective_mass(body2.invMass, body2.invInertia, cross(r2, n))
+    k1, response1 = inverse_effective_mass(body1.invMass, body1.invInertia, cross(r1, n))
+    k2, response2 = inverse_effective_mass(body2.invMass, body2.invInertia, cross(r2, n))
     j = (1.0 + e) * dot(relative_velocity(body1, body2, r1, r2), n) / (k1 + k2)
     if closingOnly:
         j = j * (j > 0.0)
-    apply_impulse(body1, body2, j, n, turning1, turning2)
+    apply_impulse(body1, body2, j, n, response1, response2)
     friction = apply_friction(body1, body2, r1, r2, n, mu * j) if mu else ZERO
     m1.set_body_state(body1)
     m2.set_body_state(body2)
@@ -679,21 +684,21 @@ def relative_velocity(body1, body2, r1, r2):
 
 
 def inverse_effective_mass(invMass, invInertia, rCrossN):
-    """Response of a body to a unit impulse n at an arm r: `(k, turning)`. K is the sum of both k.
+    """Response of a body to a unit impulse n at an arm r: `(k, response)`. K is the sum of both k.
 
-    turning : I⁻¹ (r × n), the change of the angular velocity
+    response : I⁻¹ (r × n), the change of the angular velocity
     k : the change along n of the velocity at the arm. The motion of the COM contributes m⁻¹, and
         the rotation ((I⁻¹ (r × n)) × r) · n = (r × n) · I⁻¹ (r × n)
     """
-    turning = mat_vec(invInertia, rCrossN)
-    return invMass + dot(rCrossN, turning), turning
+    response = mat_vec(invInertia, rCrossN)
+    return invMass + dot(rCrossN, response), response
 
 
-def apply_impulse(body1, body2, j, n, turning1, turning2):
+def apply_impulse(body1, body2, j, n, response1, response2):
     """Applies -j n to body 1 and +j n to body 2: v ← v ∓ j m⁻¹ n and ω ← ω ∓ j I⁻¹ (r × n)."""
-    for body, impulse, turning in ((body1, -j, turning1), (body2, j, turning2)):
+    for body, impulse, response in ((body1, -j, response1), (body2, j, response2)):
         body.linVelocity = mul_add(body.linVelocity, impulse * body.invMass, n)
-        body.angVelocity = mul_add(body.angVelocity, impulse, turning)
+        body.angVelocity = mul_add(body.angVelocity, impulse, response)
 
 
 def apply_friction(body1, body2, r1, r2, n, limit):
@@ -710,10 +715,10 @@ def apply_friction(body1, body2, r1, r2, n, limit):
     across = mul_add(u, -dot(u, n), n)
     speed = norm(across)
     t = divide(across, speed or 1.0)
-    k1, turning1 = inverse_effective_mass(body1.invMass, body1.invInertia, cross(r1, t))
-    k2, turning2 = inverse_effective_mass(body2.invMass, body2.invInertia, cross(r2, t))
+    k1, response1 = inverse_effective_mass(body1.invMass, body1.invInertia, cross(r1, t))
+    k2, response2 = inverse_effective_mass(body2.invMass, body2.invInertia, cross(r2, t))
     j = min(speed / (k1 + k2), max(limit, 0.0) + 0.0)  # turns -0.0 into 0.0
-    apply_impulse(body1, body2, j, t, turning1, turning2)
+    apply_impulse(body1, body2, j, t, response1, response2)
     return scale(j, t)
 
 
@@ -749,8 +754,8 @@ def resolve_position_constraint(
     if invMass1 + invMass2 == 0.0:
         return False, currPositions
     x1, x2 = vector(currPositions[0]), vector(currPositions[1])
-    shift1, shift2 = position_corrections(invMass1, invMass2, C)
-    return False, (row(mul_add(x1, shift1, n)), row(mul_add(x2, shift2, n)))
+    correction1, correction2 = position_corrections(invMass1, invMass2, C)
+    return False, (row(mul_add(x1, correction1, n)), row(mul_add(x2, correction2, n)))
 
 
 def resolve_velocity_constraint(
@@ -789,13 +794,13 @@ def resolve_velocity_constraint(
     invMass1, invMass2 = number(invMasses[0]), number(invMasses[1])
     if abs(Jv) <= number(tolerance) or invMass1 + invMass2 == 0.0:
         return abs(Jv) <= tolerance, currLinVelocities, currAngVelocities
-    k1, turning1 = inverse_effective_mass(invMass1, floats(invInertiaTensors[0], 9), r1CrossN)
-    k2, turning2 = inverse_effective_mass(invMass2, floats(invInertiaTensors[1], 9), r2CrossN)
+    k1, response1 = inverse_effective_mass(invMass1, floats(invInertiaTensors[0], 9), r1CrossN)
+    k2, response2 = inverse_effective_mass(invMass2, floats(invInertiaTensors[1], 9), r2CrossN)
     impulse = -Jv / (k1 + k2)
     return (
         False,
         (row(mul_add(v1, impulse * invMass1, n)), row(mul_add(v2, -impulse * invMass2, n))),
-        (row(mul_add(omega1, impulse, turning1)), row(mul_add(omega2, -impulse, turning2))),
+        (row(mul_add(omega1, impulse, response1)), row(mul_add(omega2, -impulse, response2))),
     )
 
 

@@ -27,20 +27,20 @@ from rbs.appearance.pictureoptions import (
 )
 from rbs.pictures.backends import find_backend
 from rbs.program import headless, options as commandLine
-from rbs.program.notebook import Simulation
 from rbs.program.opening import list_files, open_replay
 from rbs.program.options import given_settings
+from rbs.program.pythoninterface import Simulation
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.program.suggestions import SceneOpener, apply_settings, note_recommended
-from rbs.recordings.recording import Recorder, Recording, RecordingError
-from rbs.recordings.replay import check_functions, resume, verify
+from rbs.recordings.recording import Recorder, Recording
+from rbs.recordings.replay import resume, verify
 from rbs.recordings.statistics import PlotWriter, StatsWriter, step_quantities
 from rbs.scenes import scenefiles
 from rbs.scenes.files import check_outputs
 from rbs.scenes.meshfiles import load_mesh_file
-from rbs.scenes.messages import InputError, print_error, reason_of, shown_path
+from rbs.scenes.messages import InputError, print_error, shown_path
 from rbs.scenes.scenefiles import load_constraint_file, load_scene_file
-from rbs.scenes.simulation import Simulation as SceneSimulation
+from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import IgnoredSetting, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
@@ -55,8 +55,8 @@ FALLBACK_PICTURES = 5
 def main(arguments=None):
     """Runs the command line.
 
-    Returns the exit code: 0; 1 if --verify finds a difference; 2 for bad input; 3 if a number of a
-    run becomes invalid; 130 after Ctrl-C; 143 after kill.
+    Returns the exit code: 0; 1 if --verify finds a difference; 2 for bad input, or if an output
+    cannot be written; 3 if a number of a run becomes invalid; 130 after Ctrl-C; 143 after kill.
     """
     options = commandLine.parse_options(arguments)
     with warnings.catch_warnings(), headless.signals_handled(headless.interrupt):
@@ -66,12 +66,8 @@ def main(arguments=None):
             sys.stdout.reconfigure(errors="backslashreplace")
         try:
             return run_asked_mode(options)
-        except (InputError, ImportError) as error:
-            print_error(error)
-        except OSError as error:
-            print_error(f"{error.filename or 'cannot write'}: {reason_of(error)}")
-        except MemoryError:
-            print_error("not enough memory")
+        except headless.EXPECTED_ERRORS as error:
+            print_error(headless.message_of(error))
         except KeyboardInterrupt as error:
             number = error.args[0] if error.args else signal.SIGINT
             where = error.args[1] if len(error.args) > 1 else ""
@@ -82,17 +78,10 @@ def main(arguments=None):
 
 def run_asked_mode(options):
     """Runs the mode that the options select. Returns the exit code."""
-    SceneSimulation.submitted = None
-    if options.functions is not None:
-        # the coursework's run_timestep has no broad phase
-        inOurLoop = bool(options.our_loop) or "broad_phase" in options
-        SceneSimulation.submitted = SubmittedSteps(options.functions, inOurLoop)
-        used = [item for item in commandLine.SETTING_OPTIONS.items() if item[0] in options]
-        parameters = {commandLine.option_name(dest): one.parameter for dest, one in used}
-        SceneSimulation.submitted.check_options(parameters)
+    submitted = submitted_steps(options)
     if options.verify is not None:
-        return verify_as_asked(options)
-    simulation = simulation_of(options)
+        return verify_as_asked(options, submitted)
+    simulation = simulation_of(options, submitted)
     outputs = [one for one in "record stats plot video export".split() if one in options]
     inputs = [one for one in (options.replay, options.resume, options.camera) if one]
     check_outputs(
@@ -103,18 +92,33 @@ def run_asked_mode(options):
     if commandLine.WITHOUT_WINDOW & set(options):
         return run_as_asked(simulation, options, pictureOptions)
     choices = given_settings(options), ignores_recommendations(options)
-    opener = SceneOpener(*choices, options.allow_outside_meshes)
+    opener = SceneOpener(*choices, options.allow_outside_meshes, submitted)
     return open_window_or_fall_back(simulation, options, pictureOptions, opener)
 
 
-def simulation_of(options):
-    """Returns the Simulation or Replay that the options select."""
+def submitted_steps(options):
+    """Returns the SubmittedSteps of --functions, or None. Raises SubmissionError."""
+    if options.functions is None:
+        return None
+    # the coursework's run_timestep has no broad phase
+    inOurLoop = bool(options.our_loop) or "broad_phase" in options
+    submitted = SubmittedSteps(options.functions, inOurLoop)
+    used = [item for item in commandLine.SETTING_OPTIONS.items() if item[0] in options]
+    submitted.check_options({commandLine.option_name(dest): one.parameter for dest, one in used})
+    return submitted
+
+
+def simulation_of(options, submitted):
+    """Returns the Simulation or Replay that the options select.
+
+    submitted : SubmittedSteps of a simulation, or None
+    """
     if options.replay is not None:
         return open_replay(options.replay)
     if options.resume is not None:
         recording = Recording(options.resume)
         step = recording.lastStep if options.from_step is None else options.from_step
-        simulation = resume(recording, step)
+        simulation = resume(recording, step, submitted=submitted)
         try:
             simulation.settings = simulation.settings.changed(**given_settings(options))
         except IgnoredSetting as error:
@@ -124,6 +128,7 @@ def simulation_of(options):
         scenefiles.find_scene(options.scene or commandLine.DEFAULT_SCENE),
         constraintPath=options.constraints,
         allowOutsideMeshes=options.allow_outside_meshes,
+        submitted=submitted,
     )
     apply_settings(simulation, given_settings(options), ignores_recommendations(options))
     return simulation
@@ -204,17 +209,12 @@ def open_window_or_fall_back(simulation, options, pictureOptions, opener):
     return headless.run_without_window(simulation, steps_of(simulation, options), writers)
 
 
-def verify_as_asked(options):
-    """Runs --verify. Returns the exit code, 0 or 1."""
+def verify_as_asked(options, submitted):
+    """Runs --verify. Returns the exit code, 0 or 1. Raises RecordingError."""
     recording = Recording(options.verify)
     steps = f"steps {recording.firstStep}–{recording.lastStep}"
-    check_functions(recording, SceneSimulation.submitted)
     with headless.step_progress(recording.lastStep - recording.firstStep) as advance:
-        try:
-            wrong = verify(recording, advance)
-        except RecordingError as error:
-            print_error(error)
-            return 1
+        wrong = verify(recording, advance, submitted)
     path = shown_path(recording.path)
     if not wrong:
         print(f"{path}: {steps} are identical, bit for bit")

@@ -3,7 +3,8 @@
     python graders/integrationGrading.py [--data DIR]
     python graders/integrationGrading.py --modules DIR    a student's RBSFunctions and Quaternion
 
-The released data hold a result for one sample only (quirk 3 of the contract), which is graded.
+The released data hold a result for one sample only (quirk 3 in graders/README.md), which is
+graded.
 """
 
 import sys

@@ -1,8 +1,7 @@
 """Draws the README's gallery with the program itself: `python report/gallery.py [NAME ...]`.
 
-Each picture is the last one of a run of the command line, at a moment of action, in the studio
-look. It is drawn at twice the size and scaled down. Videos have one camera, which sees their first
-and their last moment.
+Each picture is the last one of a run of the command line, in the studio look. It is drawn at twice
+the size and scaled down. Videos have one camera, which sees their first and their last moment.
 """
 
 import shlex
@@ -34,7 +33,7 @@ PICTURES = {
     "net": ("net", 140),
     "pile": ("pile_200", 110),
     "stress": ("stress --friction 0.5 --show velocities contacts impulses --legend", 160),
-    "heap": ("heap", 210),
+    "heap": ("heap", 600),
     "card_house": ('card_house --show contacts impulses "friction impulses" --legend', 15),
     "arch": ("arch --show contacts impulses --legend", 20),
     "arch_blow": ("arch_blow", 190),

@@ -22,15 +22,15 @@ import style
 
 from Quaternion import QConj, QRotate
 from rbs.scenes.scenefiles import find_scene
-from rbs.scenes.simulation import Settings, Simulation
+from rbs.scenes.simulation import SceneSimulation, Settings
 from rbs.softstep.step import SolverState
-from rbs.stepping.settings import CHOSEN
+from rbs.stepping.settings import SETTINGS
 from RBSFunctions import Mesh, ground as make_ground, run_timestep
 from RigidBodySimulation import load_mesh_file
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT / "data"
-G, H, E = (CHOSEN[name].default for name in ("gravity", "timeStep", "restitution"))
+G, H, E = (SETTINGS[name].default for name in ("gravity", "timeStep", "restitution"))
 BOX = np.array([12.0, 6.0, 8.0])  # sizes of data/box.mesh
 SOFT = {"contactSolver": "soft-step"}
 STEPS = (H, H / 2, H / 4)
@@ -90,12 +90,12 @@ def finish(steps):
 
 
 def scene(name, **settings):
-    return Simulation(find_scene(name), Settings(**settings))
+    return SceneSimulation(find_scene(name), Settings(**settings))
 
 
 @lru_cache
 def heap_scene(count):
-    """Returns the path of a dense heap from data/make_pile.py, which collapses when released."""
+    """Returns the path of a dense heap from make_pile.py, which collapses when released."""
     from benchmarkPiles import make_scene
 
     return make_scene("heap", count, tempfile.mkdtemp())
@@ -128,7 +128,7 @@ def overlap_of(meshes):
 def settings():
     """Settings of the experiments that the text quotes."""
     sizes = " × ".join(f"{side:g}" for side in BOX)
-    return {"h": H, "e": E, "g": G, "box": sizes, "substeps": CHOSEN["substeps"].default}
+    return {"h": H, "e": E, "g": G, "box": sizes, "substeps": SETTINGS["substeps"].default}
 
 
 # --------------------------------------------------------------------------------------------------
@@ -343,7 +343,7 @@ def tumble():
 @silent
 def pulling():
     """Share of the impulses in a collapsing heap that pull bodies together."""
-    simulation = Simulation(heap_scene(200), Settings(contactScheduling="batches"))
+    simulation = SceneSimulation(heap_scene(200), Settings(contactScheduling="batches"))
     impulses = []
     for _ in range(300):
         simulation.step()
@@ -487,7 +487,7 @@ ROLL_SPEED, ROLL_MU, RADIUS = 20.0, 0.5, 6.0
 
 def ball(subdivisions):
     """A ball of 10 · 4ⁿ + 2 vertices on the ground; the first one is data/ball.mesh."""
-    sys.path.insert(0, str(DATA))
+    sys.path.insert(0, str(DATA / "scripts"))
     from make_data import make_ellipsoid
 
     points, faces = (np.array(one) for one in make_ellipsoid(*3 * [RADIUS], subdivisions)[:2])

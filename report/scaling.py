@@ -16,14 +16,14 @@ import rbs.stepping.constraints
 import RBSFunctions
 from rbs.geometry.broadphase import grid_overlaps
 from rbs.scenes.scenefiles import find_scene
-from rbs.scenes.simulation import Settings, Simulation
+from rbs.scenes.simulation import SceneSimulation, Settings
 
 HEAP, HEAP_STEP = 1000, 150  # by then, a heap has begun to collapse
 LATER = 50  # steps after that one
 
 
 def heap(count, steps=0, **settings):
-    simulation = Simulation(heap_scene(count), Settings(**RESTING, **settings))
+    simulation = SceneSimulation(heap_scene(count), Settings(**RESTING, **settings))
     for _ in range(steps):
         simulation.step()
     return simulation
@@ -177,7 +177,7 @@ def standing():
     numbers = {"seconds": 10}
     for name, height in (("stack", 20 * BOX[1]), ("pyramid", 15 * BOX[1])):
         for key, settings in (("Basic", {"contactScheduling": "batches"}), ("Soft", SOFT)):
-            simulation = Simulation(find_scene(name), Settings(**RESTING, **settings))
+            simulation = SceneSimulation(find_scene(name), Settings(**RESTING, **settings))
             top = max(simulation.meshes, key=lambda mesh: mesh.position[0, 1])
             for _ in range(round(10 / H)):
                 simulation.step()

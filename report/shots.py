@@ -21,7 +21,7 @@ from rbs.pictures.backends import find_backend
 from rbs.pictures.capture import StudioLook, start_view, take_picture
 from rbs.recordings.encoder import Encoder
 from rbs.scenes.files import atomic_write
-from rbs.scenes.simulation import Settings, Simulation
+from rbs.scenes.simulation import SceneSimulation, Settings
 
 FOLDER = Path(__file__).resolve().parent
 TALL, WIDE, VIDEO = (880, 990), (880, 700), (640, 720)  # sizes of a half
@@ -64,7 +64,7 @@ class Camera(NamedTuple):
 class Pair(NamedTuple):
     """A scene with the basic step, by grid, and with the soft step.
 
-    make : function of settings that returns a Simulation
+    make : function of settings that returns a SceneSimulation
     effect : function of a simulation, `(point (3,), word, whether it is to be marked)`
     steps : of the video; every : steps per frame; still : step of the still, or None, and its size
     """
@@ -84,7 +84,7 @@ class Pair(NamedTuple):
 
 
 def stack_scene(**settings):
-    return Simulation.from_meshes(stacked(), settings=Settings(**settings), name="stack")
+    return SceneSimulation.from_meshes(stacked(), settings=Settings(**settings), name="stack")
 
 
 def deepest_overlap(simulation):

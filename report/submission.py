@@ -25,7 +25,7 @@ VIDEOS = ("stack", "cube", "slope", "pyramid")
 CODE = {
     ".": (*MODULES, "LICENSE", "pyproject.toml"),
     "rbs": ("**/*.py",),
-    "data": ("*.mesh", "*.off", "*.txt", "*.data", "*.py"),
+    "data": ("*.mesh", "*.off", "*.txt", "*.data", "scripts/*.py"),
     "graders": ("**/*.py", "**/*.md", "*.ini"),
 }
 # Time of every file in the ZIP, the earliest possible one.

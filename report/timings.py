@@ -24,7 +24,7 @@ from laws import ROOT, heap_scene, scene
 import rbs.stepping.batches
 import rbs.stepping.batchstep
 from Quaternion import QConj, QRotate
-from rbs.scenes.simulation import Settings, Simulation
+from rbs.scenes.simulation import SceneSimulation, Settings
 
 TIMES = Path(__file__).resolve().parent / "times.json"
 STATES = ROOT / "out" / "report"
@@ -61,8 +61,8 @@ def in_turns(steps, warm=WARM):
 
 
 def heap_at_rest(count):
-    """Returns a heap that the soft step has brought to rest, `Simulation`; kept in out/report."""
-    simulation = Simulation(heap_scene(count), Settings(**RESTING, **AWAKE))
+    """Returns a SceneSimulation of a heap at rest by the soft step; kept in out/report."""
+    simulation = SceneSimulation(heap_scene(count), Settings(**RESTING, **AWAKE))
     path = STATES / f"heap_{count}.npz"
     if not path.exists():
         for _ in range(AT_REST):
@@ -135,10 +135,10 @@ def measure_steps(count):
     if count > MOST_LOOPED:
         del settings["all pairs"]
     runs = {
-        name: Simulation(heap_scene(count), Settings(**RESTING, **kind))
+        name: SceneSimulation(heap_scene(count), Settings(**RESTING, **kind))
         for name, kind in settings.items()
     }
-    start = Simulation(heap_scene(count), Settings(**RESTING, contactScheduling="batches"))
+    start = SceneSimulation(heap_scene(count), Settings(**RESTING, contactScheduling="batches"))
     for _ in range(150):
         start.step()
     for run in runs.values():

@@ -74,7 +74,7 @@ def box_body(x, y, z, position, **settings):
 
 
 def ground():
-    """The ground as the contract has it."""
+    """The ground as the coursework has it."""
     return Mesh(
         "ground",
         np.zeros((0, 3)),

@@ -16,16 +16,16 @@ from reference.graderData import give_up_names
 
 from rbs.program.submittedsteps import SubmittedSteps
 from rbs.scenes.scenefiles import find_scene
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
 
 STEPS, FRICTION = 100, (0.1, 0.3, 0.6)
 
 
 def simulated(steps, scene, friction=0.0, count=STEPS):
-    """Yields the Simulation of a scene by the student's functions, at the start and after steps."""
+    """Yields the simulation of a scene by a student's functions, at the start and after steps."""
     settings = Settings(timeStep=0.02, restitution=0.5, friction=friction)
-    simulation = Simulation(find_scene(scene), settings)
+    simulation = SceneSimulation(find_scene(scene), settings)
     simulation.submitted = steps
     yield simulation
     for _ in range(count):

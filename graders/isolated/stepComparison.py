@@ -27,7 +27,7 @@ import RBSFunctions
 from Quaternion import QRotate
 from rbs.program.submissions import SubmissionError, describe
 from rbs.program.submittedsteps import SubmittedSteps, our_loop
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.bodies import StateError
 from rbs.stepping.settings import GRAVITY, Settings
 
@@ -58,7 +58,7 @@ END = "the end of the step"
 class Comparison:
     """Steps of a scene by our functions and by a student's, from the same states.
 
-    folder : of the student's modules; ours : Simulation
+    folder : of the student's modules; ours : SceneSimulation
 
     problem : the first difference, or ""
     largest : the largest relative difference of numbers that agree
@@ -67,12 +67,15 @@ class Comparison:
 
     def __init__(self, folder, ours):
         self.problem, self.remarks, self.largest, self.number = "", {}, 0.0, 1
-        self.ours, self.driven = ours, Simulation(ours.source)  # the student's functions move these
+        self.ours, self.driven = (
+            ours,
+            SceneSimulation(ours.source),
+        )  # the student's functions move these
         self.driven.settings = ours.settings
         self.steps = self.driven.submitted = SubmittedSteps(folder)
         self.runTimestep = self.steps.run_timestep
         self.ourLoop = partial(our_loop, self.steps.functions)
-        self.shadows = [*Simulation(ours.source).meshes, self.driven.groundMesh]
+        self.shadows = [*SceneSimulation(ours.source).meshes, self.driven.groundMesh]
         self.remarks |= dict.fromkeys(self.steps.remarks, 0)
         meshes, ground = self.steps.follow(ours.meshes, ours.source)
         self.theirs = [*meshes, ground]
@@ -298,7 +301,7 @@ def main():
     answer = {"steps": 0, "problem": "", "remarks": [], "largest": 0.0}
     give_up_names()
     settings = Settings(timeStep=order["timeStep"], restitution=order["restitution"])
-    ours = Simulation(order["scene"], settings, order["constraints"])
+    ours = SceneSimulation(order["scene"], settings, order["constraints"])
     try:
         comparison = Comparison(Path.cwd(), ours)
         while not comparison.problem and ours.stepCount < order["steps"]:

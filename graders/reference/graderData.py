@@ -1,8 +1,8 @@
 """Reads grader data, and checks them against their layout.
 
-Grader data are Python pickles (contract, section 3). A pickle is a program that may call any
-function it names, so the unpickler admits a handful of names only. `make_reference.py` uses this
-module, too, so it knows nothing of the simulation.
+Grader data are Python pickles, with the keys and shapes in the layouts below. A pickle is a program
+that may call any function it names, so the unpickler admits a handful of names only.
+`make_reference.py` uses this module, too, so it knows nothing of the simulation.
 """
 
 import codecs
@@ -17,7 +17,7 @@ from reference import PROJECT_DIRECTORY
 
 DATA_DIRECTORY = PROJECT_DIRECTORY / "data"
 
-# The right physics, and those of the coursework's 2024 release (quirks 1 to 3 of the contract).
+# The right physics, and those of the 2024 release (quirks 1 to 3 in graders/README.md).
 CONVENTIONS = EXACT, RELEASED_2024 = "exact", "released-2024"
 
 # The largest absolute error allowed. Quantities are of size 1 to 100 and take a few dozen

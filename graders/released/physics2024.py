@@ -1,6 +1,6 @@
 """The inertia of the coursework's 2024 reference solution, which its grader data were made with.
 
-It has two quirks, which are implemented in this module only (contract, section 4):
+It has two quirks, which are implemented in this module only:
 
 1. The tensor is six times too small: the integral over a tetrahedron uses its volume instead of
    the Jacobian determinant, which is 6 × volume.

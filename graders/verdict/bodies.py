@@ -1,7 +1,7 @@
 """Makes the meshes that are graded, of the student's class and with the inertia behind the data.
 
-A right inertia tensor and the release's (contract, section 4) are exchanged where the data need it,
-because the skeleton's tensor is not the student's work.
+A right inertia tensor and the release's, which is six times too small, are exchanged where the data
+need it, because the skeleton's tensor is not the student's work.
 """
 
 import copy

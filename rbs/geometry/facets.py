@@ -75,7 +75,7 @@ class Pairs:
         return self
 
     def of(self, rows):
-        """Returns these pairs (Q,) of them."""
+        """Returns the selected pairs (Q,)."""
         result = copy.copy(self)
         for name, column in vars(self).items():
             if name != "hulls":

@@ -253,7 +253,7 @@ class HullSet:
         self.entryCount = self.vertexCount + self.faceCount + self.edgeCount
 
     def rotated(self, rotation, vertices=None):
-        """Returns hulls that are at rest at other rotations.
+        """Returns a copy of these rest hulls, rotated.
 
         rotation : (9, n), matrices row by row; vertices : (3, ΣV), rotated vertices, if known
         """

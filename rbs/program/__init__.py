@@ -2,12 +2,12 @@
 
 In reading order:
 
-    catalogue       a line about each scene in data/
-    opening         opening scenes and recordings by name
-    suggestions     settings that a scene file recommends
-    options         the options of the command line
-    headless        runs without a window, and their summary
-    notebook        `Simulation` for Python programs and notebooks
-    submissions     loading a student's modules
-    submittedsteps  time steps by a student's functions
+    catalogue        a line about each scene in data/
+    opening          opening scenes and recordings by name
+    suggestions      settings that a scene file recommends
+    options          the options of the command line
+    headless         runs without a window, and their summary
+    pythoninterface  `Simulation` for Python programs and notebooks
+    submissions      loading a student's modules
+    submittedsteps   time steps by a student's functions
 """

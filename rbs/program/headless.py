@@ -1,6 +1,6 @@
-"""Runs without a window: stepping, signals, and the summary at the end.
+"""Runs without a window: stepping, outputs, signals, and the summary at the end.
 
-From the top: `run_without_window`; stepping, with its progress; signals; the summary.
+From the top: `run_without_window`; outputs; stepping, with its progress; signals; the summary.
 
 Units: metres, kilograms, seconds.
 """
@@ -8,12 +8,12 @@ Units: metres, kilograms, seconds.
 import signal
 import statistics
 import threading
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 from tqdm import tqdm
 
-from rbs.scenes.messages import print_error, shown_path
+from rbs.scenes.messages import InputError, print_error, reason_of, shown_path
 from rbs.stepping.bodies import StateError
 
 # Names of the signals that ask a program to end, for messages. Windows has no SIGHUP.
@@ -24,30 +24,84 @@ SIGNAL_NAMES = {
 }
 # Seconds that a student's step may take after the first signal.
 PATIENCE = 2.0
+# Errors that input, disk and memory cause, each with a message for the user.
+EXPECTED_ERRORS = (InputError, ImportError, OSError, MemoryError)
 # Joules per unit, from the largest unit down.
 ENERGY_UNITS = {"TJ": 1e12, "GJ": 1e9, "MJ": 1e6, "kJ": 1e3}
 
 
 def run_without_window(simulation, steps, writers=()):
-    """Runs a simulation, writes its outputs and prints the summary. Returns the exit code.
+    """Runs a simulation, prints the summary and saves the outputs. Returns the exit code.
 
-    Parameters
-    ----------
-    writers : list
-        Each has `add(simulation)`, called at the start and after every step, then
-        `save(simulation)` and `summary(simulation)`, the name and text of a row. See `Recorder`.
+    writers : see `Outputs`
     """
     startEnergies = simulation.kinetic_energy(), simulation.potential_energy()
-    run = run_steps(simulation, steps, [writer.add for writer in writers])
-    for writer in writers:
-        writer.save(simulation)
-    print(summarise(simulation, run, startEnergies))
-    for writer in writers:
-        print("{:<17} {}".format(*writer.summary(simulation)))
+    outputs = Outputs(writers)
+    run = run_steps(simulation, steps, outputs)
+    show(summarise(simulation, run, startEnergies))
+    outputs.save(simulation)
     if run.failure:
         print_error(run.failure)
         return 128 + run.stoppedBy if run.stoppedBy else 3
-    return 128 + run.stoppedBy if run.stoppedBy else 0
+    if run.stoppedBy:
+        return 128 + run.stoppedBy
+    return 2 if outputs.haveFailed else 0
+
+
+class Outputs:
+    """The outputs of a run. One that fails is closed and reported, and the others go on.
+
+    Attributes: haveFailed, whether an output has failed; areLost, whether all have.
+    """
+
+    def __init__(self, writers):
+        """writers : list
+
+        Each has `add(simulation)`, called at the start and after every step, `save(simulation)`,
+        `summary(simulation)`, the name and text of a row, and `close()`. See `Recorder`.
+        """
+        self._writers, self.haveFailed = list(writers), False
+
+    @property
+    def areLost(self):
+        return self.haveFailed and not self._writers
+
+    def add(self, simulation):
+        """Adds the present state of the simulation to each output."""
+        for writer in list(self._writers):
+            with self._alone(writer):
+                writer.add(simulation)
+
+    def save(self, simulation):
+        """Saves each output, and prints its row of the summary."""
+        for writer in list(self._writers):
+            with self._alone(writer):
+                writer.save(simulation)
+                show("{:<17} {}".format(*writer.summary(simulation)))
+
+    @contextmanager
+    def _alone(self, writer):
+        try:
+            yield
+        except EXPECTED_ERRORS as error:
+            print_error(message_of(error))
+            self.haveFailed = True
+            self._writers.remove(writer)
+            with suppress(OSError):
+                writer.close()
+
+
+def show(text):
+    """Prints a text, unless its reader has gone, which must not cost the outputs."""
+    with suppress(BrokenPipeError):
+        print(text)
+
+
+def message_of(error):
+    """Returns the line that tells the user of one of the EXPECTED_ERRORS."""
+    if isinstance(error, OSError):
+        return f"{error.filename or 'cannot write'}: {reason_of(error)}"
+    return "not enough memory" if isinstance(error, MemoryError) else error
 
 
 @dataclass
@@ -59,23 +113,26 @@ class Run:
     failure: str = ""  # the message of a StateError, or where a student's step was stopped
 
 
-def run_steps(simulation, steps, observers=()):
-    """Simulates `steps` steps, or fewer if a signal arrives or a number becomes invalid.
+def run_steps(simulation, steps, outputs):
+    """Simulates `steps` steps.
+
+    Ends earlier if a signal arrives, a number becomes invalid, or all outputs have failed.
 
     Parameters
     ----------
-    observers : functions of the simulation, called at its start and after every step
+    outputs : `Outputs` of the run
 
     Returns
     -------
     Run
         Its times are empty for a replay.
     """
-    run, hasStudents = Run([]), getattr(simulation, "submitted", None) is not None
+    run, hasStudents = Run([]), simulation.submitted is not None
     with signals_noted(PATIENCE if hasStudents else None) as noted, step_progress(steps) as advance:
-        for observe in observers:
-            observe(simulation)
+        outputs.add(simulation)
         for _ in range(steps):
+            if outputs.areLost:
+                break
             if noted:
                 run.stoppedBy = noted[0]
                 break
@@ -93,8 +150,7 @@ def run_steps(simulation, steps, observers=()):
                 break
             if simulation.stepSeconds is not None:
                 run.stepSeconds.append(simulation.stepSeconds)
-            for observe in observers:
-                observe(simulation)
+            outputs.add(simulation)
             advance()
     return run
 

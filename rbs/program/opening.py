@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rbs.program.catalogue import SCENES
-from rbs.recordings.recording import RECORDING_ENDINGS, Recording
+from rbs.recordings.recording import Recording, is_recording_name
 from rbs.recordings.replay import Replay
 from rbs.scenes.messages import InputError, print_note, shown_path
 from rbs.scenes.scenefiles import (
@@ -15,7 +15,7 @@ from rbs.scenes.scenefiles import (
     scene_name,
     similar_scenes,
 )
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 
 # Heading of the files beside the current scene, in the window's list.
 BESIDE = "beside this scene"
@@ -30,24 +30,24 @@ class ListedFile(NamedTuple):
     path: Path
 
 
-def open_file(path, allowOutsideMeshes=False):
-    """Opens a scene file as a Simulation, or a recording as a Replay.
+def open_file(path, allowOutsideMeshes=False, submitted=None):
+    """Opens a scene file as a SceneSimulation, or a recording as a Replay.
 
-    allowOutsideMeshes : see `load_scene_file`
+    allowOutsideMeshes : see `load_scene_file`; submitted : see `SceneSimulation`
     Raises SceneError or RecordingError.
     """
-    if Path(path).suffix in RECORDING_ENDINGS:
-        return open_replay(path)
-    return Simulation(path, allowOutsideMeshes=allowOutsideMeshes)
+    if is_recording_name(path):
+        return open_replay(path, submitted)
+    return SceneSimulation(path, allowOutsideMeshes=allowOutsideMeshes, submitted=submitted)
 
 
-def open_replay(path):
+def open_replay(path, submitted=None):
     """Opens a recording as a Replay, with a note if a student's functions made it."""
     recording = Recording(path)
     if recording.functions:
         folder = recording.functionsFolder
         print_note(f"{shown_path(path)}: recorded with the functions in {folder}")
-    return Replay(recording)
+    return Replay(recording, submitted)
 
 
 def find_file(text, folder):
@@ -91,7 +91,7 @@ def list_files(folder):
     listed += [
         ListedFile(BESIDE, path.name, "a recording", path)
         for path in sorted(folder.glob("*"))  # the folder may have been removed
-        if path.suffix in RECORDING_ENDINGS
+        if is_recording_name(path)
     ]
     names = {one.name for one in listed}
     ours = {scene_name(path): path for path in list_scenes(DATA_FOLDER)}

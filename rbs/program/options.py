@@ -9,6 +9,7 @@ import re
 import sys
 from pathlib import Path
 
+from rbs import __version__
 from rbs.appearance.colours import COLOURINGS
 from rbs.appearance.pictureoptions import (
     FASTEST_VIDEO,
@@ -27,7 +28,7 @@ from rbs.scenes.textfiles import plain_float, plain_int
 from rbs.stepping.settings import BY_OPTION
 
 # The scene that runs if none is named.
-DEFAULT_SCENE = "mixed"
+DEFAULT_SCENE = "heap"
 # Ten seconds with the default time step, long enough for every scene in data/ to settle.
 DEFAULT_STEPS = 500
 # Steps between screenshots: five pictures per simulated second with the default time step.
@@ -35,14 +36,14 @@ DEFAULT_EVERY = 10
 # Largest number of steps, or of visits: more than time allows, and exact as a float.
 MOST_STEPS = 10**15
 # The beginning and the end of --help.
-INTRODUCTION = """\
+INTRODUCTION = f"""\
 Simulates and shows rigid bodies that fall, collide and bounce.
 
-  RigidBodySimulation.py                                  the mixed scene, in a window
-  RigidBodySimulation.py tower                            another scene; see the list below
-  RigidBodySimulation.py stress --video stress.mp4        a video
-  RigidBodySimulation.py bridge --record bridge.h5        a recording
-  RigidBodySimulation.py --replay bridge.h5               its replay
+  {PROGRAM_NAME}                                  the {DEFAULT_SCENE} scene, in a window
+  {PROGRAM_NAME} tower                            another scene; see the list below
+  {PROGRAM_NAME} stress --video stress.mp4        a video
+  {PROGRAM_NAME} bridge --record bridge.h5        a recording
+  {PROGRAM_NAME} --replay bridge.h5               its replay
 
 Without a display, the program draws the scene off-screen into out/<scene> and prints a summary."""
 SCENE_LIST = "scenes:\n" + "\n".join(
@@ -50,21 +51,23 @@ SCENE_LIST = "scenes:\n" + "\n".join(
     for group, lines in SCENES.items()
 )
 # An example for each group of options.
-PHYSICS_EXAMPLES = "RigidBodySimulation.py stress --friction 0.5 --restitution 0.2"
-CONSTRAINT_EXAMPLES = "RigidBodySimulation.py bridge --scheduling queue"
-OUTPUT_EXAMPLES = """\
-RigidBodySimulation.py stress --screenshots out/stress --every 25
-RigidBodySimulation.py bridge --video bridge.mp4 --steps 300"""
-RECORDING_EXAMPLES = """\
-RigidBodySimulation.py tower --record tower.h5 --stats tower.csv --steps 1000
-RigidBodySimulation.py --replay tower.h5
-RigidBodySimulation.py --resume tower.h5 --from 500 --friction 0.4"""
+PHYSICS_EXAMPLES = f"{PROGRAM_NAME} stress --friction 0.5 --restitution 0.2"
+CONSTRAINT_EXAMPLES = f"{PROGRAM_NAME} bridge --scheduling queue"
+OUTPUT_EXAMPLES = f"""\
+{PROGRAM_NAME} stress --screenshots out/stress --every 25
+{PROGRAM_NAME} bridge --video bridge.mp4 --steps 300"""
+RECORDING_EXAMPLES = f"""\
+{PROGRAM_NAME} tower --record tower.h5 --stats tower.csv --steps 1000
+{PROGRAM_NAME} --replay tower.h5
+{PROGRAM_NAME} --resume tower.h5 --from 500 --friction 0.4"""
 
 # The options that change settings, by their argparse names.
 SETTING_OPTIONS = {option.replace("-", "_"): one for option, one in BY_OPTION.items()}
 WITHOUT_WINDOW = frozenset(
     {"headless", "screenshots", "video", "record", "stats", "plot", "export"}
 )
+# Options of what is drawn.
+OF_PICTURES = frozenset({"size", "look", "camera", "colours", "show", "legend"})
 # Options that exclude each other, and why.
 CONFLICTS = {
     "replay": (
@@ -78,7 +81,7 @@ CONFLICTS = {
     "verify": (
         {*SETTING_OPTIONS, "scene", "constraints", "basic", "steps", "every"}
         | WITHOUT_WINDOW - {"headless"}
-        | {"look"},
+        | OF_PICTURES,
         "it only repeats the recording, with its scene and settings",
     ),
     "video": ({"transparent"}, "videos cannot be transparent"),
@@ -136,6 +139,13 @@ def make_parser():
         "the other functions and the Mesh in DIR. The coursework's released run_timestep loses a "
         "corrected velocity, and stops too early if there are many constraints. --broad-phase "
         "selects this loop, too",
+    )
+
+    parser.add_argument(
+        "--version",
+        action="version",
+        version=f"{PROGRAM_NAME} {__version__}",
+        help="print the version",
     )
 
     add_physics_options(parser)
@@ -225,7 +235,7 @@ def add_output_options(parser):
     output.add_argument(
         "--video",
         metavar="FILE",
-        type=option_type(str, checked_video, "path"),
+        type=path_type("a video", *VIDEO_ENDINGS),
         help="draw a video, .mp4 or .gif, without a window",
     )
     output.add_argument(
@@ -300,7 +310,7 @@ def add_recording_options(parser):
     recordings.add_argument(
         "--record",
         metavar="FILE.h5",
-        type=option_type(str, checked_recording, "path"),
+        type=path_type("a recording", *RECORDING_ENDINGS),
         help="record the state at the start and after every step, without a window. The file can "
         "be read while it grows, and after a crash",
     )
@@ -342,13 +352,13 @@ def add_recording_options(parser):
     recordings.add_argument(
         "--plot",
         metavar="FILE.png",
-        type=PATH,
+        type=path_type("a plot", ".png"),
         help="plot the same quantities over time, without a window. Needs matplotlib",
     )
     recordings.add_argument(
         "--export",
         metavar="FILE.glb",
-        type=option_type(str, checked_export, "path"),
+        type=path_type("an export", ".glb"),
         help="write the run as an animated glTF 2.0 file, for Blender and other 3-D programs, "
         "without a window. Needs pygltflib",
     )
@@ -374,8 +384,9 @@ def check_options(parser, options):
     for dest, (companions, cause) in COMPANIONS.items():
         if dest in given and not given & companions:
             parser.error(f"{option_name(dest)} {cause}")
-    if "look" in given and given & WITHOUT_WINDOW and not given & {"screenshots", "video"}:
-        parser.error("--look needs --screenshots or --video, or the window")
+    if given & WITHOUT_WINDOW and not given & {"screenshots", "video"}:
+        for dest in sorted(given & OF_PICTURES):
+            parser.error(f"{option_name(dest)} needs --screenshots or --video, or the window")
     for mode, (others, cause) in CONFLICTS.items():
         for dest in sorted(given & others if mode in given else ()):
             parser.error(f"{option_name(dest)} cannot be used with {option_name(mode)}: {cause}")
@@ -449,34 +460,19 @@ def checked_size(text):
     return size
 
 
-def checked_video(path):
-    """Returns a path that ends like a video. Raises ValueError."""
-    if Path(path).suffix.lower() not in VIDEO_ENDINGS:
-        endings = " or ".join(VIDEO_ENDINGS)
-        raise ValueError(f"the name of a video must end in {endings}, not '{path}'")
-    return path
+def path_type(kind, *endings):
+    """Returns an argparse type for paths of files of a kind, which end like this in any case."""
 
+    def check(path):
+        if endings and Path(path).suffix.lower() not in endings:
+            raise ValueError(f"the name of {kind} must end in {' or '.join(endings)}, not '{path}'")
+        if not path:
+            raise ValueError(f"the name of {kind} must not be empty")
+        if path == "-":
+            raise ValueError(f"must name {kind}; standard input and output cannot be used")
+        return path
 
-def checked_export(path):
-    """Returns a path that ends in .glb. Raises ValueError."""
-    if Path(path).suffix.lower() != ".glb":
-        raise ValueError(f"the name of an export must end in .glb, not '{path}'")
-    return path
-
-
-def checked_recording(path):
-    """Returns a path that ends like a recording. Raises ValueError."""
-    if Path(path).suffix not in RECORDING_ENDINGS:
-        endings = " or ".join(RECORDING_ENDINGS)
-        raise ValueError(f"the name of a recording must end in {endings}, not '{path}'")
-    return path
-
-
-def checked_path(path):
-    """Returns a path that is not empty. Raises ValueError."""
-    if not path:
-        raise ValueError("the name of a file or folder must not be empty")
-    return path
+    return option_type(str, check, "path")
 
 
 def checked_rate(value):
@@ -489,4 +485,4 @@ def checked_rate(value):
 # Types of option values.
 WHOLE_NUMBER = option_type(plain_int, at_least(0, MOST_STEPS), "whole number")
 POSITIVE_NUMBER = option_type(plain_int, at_least(1, MOST_STEPS), "whole number")
-PATH = option_type(str, checked_path, "path")
+PATH = path_type("a file or folder")

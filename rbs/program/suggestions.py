@@ -11,9 +11,9 @@ from dataclasses import replace
 from rbs.program.opening import find_file, open_file
 from rbs.scenes.messages import InputError, print_note, short, shown_path
 from rbs.scenes.scenefiles import suggestion_lines
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.textfiles import SceneError
-from rbs.stepping.settings import BY_OPTION, CHOSEN, IgnoredSetting, Settings, heeded
+from rbs.stepping.settings import BY_OPTION, SETTINGS, IgnoredSetting, Settings, used_settings
 
 
 def recommended_values(source):
@@ -79,7 +79,7 @@ def apply_settings(simulation, given, isBasic=False):
         raise InputError(cause) from None
     used = [
         one
-        for name, one in CHOSEN.items()
+        for name, one in SETTINGS.items()
         if name in recommended and getattr(simulation.settings, name) == recommended[name]
     ]
     simulation.recommended = ", ".join(
@@ -92,25 +92,26 @@ def apply_settings(simulation, given, isBasic=False):
 class SceneOpener:
     """Opens files for the window, each scene with the settings that it recommends.
 
-    Settings given on the command line override them in every scene if the solver uses them.
+    Settings given on the command line override them in every scene if the solver uses them. A
+    student's functions are kept from scene to scene.
     """
 
-    def __init__(self, given, isBasic=False, allowOutsideMeshes=False):
-        """given, isBasic : see `apply_settings`; allowOutsideMeshes : see `load_scene_file`"""
+    def __init__(self, given, isBasic=False, allowOutsideMeshes=False, submitted=None):
+        """given, isBasic : see `apply_settings`; allowOutsideMeshes, submitted : see `open_file`"""
         self._given, self._isBasic = dict(given), isBasic
-        self._allowOutsideMeshes = allowOutsideMeshes
+        self._allowOutsideMeshes, self._submitted = allowOutsideMeshes, submitted
 
     def __call__(self, text, folder="."):
-        """Returns a Simulation or Replay; see `open_file`.
+        """Returns a SceneSimulation or Replay; see `open_file`.
 
         text, folder : see `find_file`; folder is that of the last scene
         """
-        opened = open_file(find_file(text, folder), self._allowOutsideMeshes)
-        if isinstance(opened, Simulation):
+        opened = open_file(find_file(text, folder), self._allowOutsideMeshes, self._submitted)
+        if isinstance(opened, SceneSimulation):
             recommended = {} if self._isBasic else recommended_values(opened.source)
             solver = self._given.get("contactSolver", recommended.get("contactSolver"))
-            solver = solver or CHOSEN["contactSolver"].default
-            apply_settings(opened, heeded(self._given, solver), self._isBasic)
+            solver = solver or SETTINGS["contactSolver"].default
+            apply_settings(opened, used_settings(self._given, solver), self._isBasic)
             note_recommended(opened)
         return opened
 

@@ -41,7 +41,7 @@ from rbs.scenes.changes import from_record, initial_changes, to_record
 from rbs.scenes.files import named_errors, partial_path, put_in_place
 from rbs.scenes.messages import InputError, one_line, reason_of, shown_path
 from rbs.scenes.scenefiles import BodySource, SceneSource
-from rbs.scenes.state import STATE_NAMES, STATE_WIDTHS
+from rbs.scenes.state import ARRAY_WIDTHS, STATE_NAMES
 
 RECORDING_ENDINGS = (".h5", ".hdf5")
 FORMAT = "rigid-body recording 1"
@@ -65,9 +65,14 @@ MESH_PARTS = ("vertices", "faces", "tets")
 # Bytes reserved for HDF5's own tables and for chunks that are not full yet.
 SPARE_BYTES = 1 << 20
 # Bytes of the state of one body.
-STATE_BYTES = 8 * sum(STATE_WIDTHS.values())
+STATE_BYTES = 8 * sum(ARRAY_WIDTHS.values())
 # Characters, the most that are quoted from a library's message about a damaged file.
 QUOTE_LENGTH = 80
+
+
+def is_recording_name(path):
+    """Returns whether a path ends like that of a recording."""
+    return Path(path).suffix.lower() in RECORDING_ENDINGS
 
 
 class RecordingError(InputError):
@@ -218,7 +223,7 @@ class Recorder:
             _set_attributes(file.create_group(f"meshes/{k}"), {"file": fileName})
             for part, values in zip(MESH_PARTS, arrays, strict=True):
                 self._write_whole(f"meshes/{k}/{part}", values)
-        for name, width in STATE_WIDTHS.items():
+        for name, width in ARRAY_WIDTHS.items():
             self._make_series(name, "<f8", (self._bodyCount, width), (None, width))
         self._make_series("times", "<f8")
         self._make_series("events", "u1")

@@ -11,11 +11,11 @@ import numpy as np
 
 from rbs.recordings.recording import QUOTE_LENGTH, RecordingError
 from rbs.scenes.messages import one_line
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.state import Scene
 from rbs.softstep.step import SolverState
 from rbs.stepping.bodies import StateError
-from rbs.stepping.settings import CHOSEN
+from rbs.stepping.settings import SETTINGS
 
 
 class Replay(Scene):
@@ -28,9 +28,9 @@ class Replay(Scene):
 
     isReplay = True
 
-    def __init__(self, recording):
+    def __init__(self, recording, submitted=None):
         """Starts at the first recorded step. Raises RecordingError or SceneError."""
-        self.recording = recording
+        self.recording, self.submitted = recording, submitted
         simulation = recorded_scene(recording)
         self.source, self.scenePath = simulation.source, simulation.scenePath
         self.groundMesh, self.constraints = simulation.groundMesh, simulation.constraints
@@ -45,7 +45,7 @@ class Replay(Scene):
             first: restored_settings(recording, first, simulation.settings)
             for first, _ in recording.settingsHistory
         }
-        self._again = None  # Simulation that makes steps again
+        self._again = None  # SceneSimulation that makes steps again
         self.reset()
 
     def seek(self, step):
@@ -83,7 +83,7 @@ class Replay(Scene):
             return
         try:
             if self._again is None or self._again.stepCount != self.stepCount - 1:
-                self._again = self._again or recorded_scene(self.recording)
+                self._again = self._again or recorded_scene(self.recording, self.submitted)
                 self._again.reset()
                 resume(self.recording, self.stepCount - 1, self._again)
             step_again(self.recording, self.stepCount, self._again)
@@ -104,10 +104,13 @@ class Replay(Scene):
         self.seek(self.firstStep)
 
 
-def recorded_scene(recording):
-    """Returns the Simulation of a recording's scene, at its start. Raises RecordingError."""
+def recorded_scene(recording, submitted=None):
+    """Returns the SceneSimulation of a recording's scene, at its start. Raises RecordingError.
+
+    submitted : `SubmittedSteps` that make its steps, or None
+    """
     with recording.reading():
-        return Simulation(recording.source)
+        return SceneSimulation(recording.source, submitted=submitted)
 
 
 def check_functions(recording, submitted):
@@ -126,8 +129,8 @@ def check_functions(recording, submitted):
         raise recording.error(f"it was not made with the functions in {submitted.folder}")
 
 
-def resume(recording, step, simulation=None):
-    """Returns a Simulation that continues a recording after a step with the same bits.
+def resume(recording, step, simulation=None, *, submitted=None):
+    """Returns a SceneSimulation that continues a recording after a step with the same bits.
 
     The settings are those of the next recorded step; later changes are ignored. The state of the
     soft-step solver is recorded only every few steps, so the steps since the last one are repeated.
@@ -136,13 +139,14 @@ def resume(recording, step, simulation=None):
     ----------
     step : number of the recorded step
     simulation : of this recording's scene at its start; loaded if None
+    submitted : `SubmittedSteps` of a simulation that is loaded
 
     Raises
     ------
     RecordingError
         If the step is not recorded, or cannot be restored bit for bit.
     """
-    simulation = simulation or recorded_scene(recording)
+    simulation = simulation or recorded_scene(recording, submitted)
     check_functions(recording, simulation.submitted)
     frame, start = recording.frame(step), step
     settings = [fields for first, fields in recording.settingsHistory if first <= step]
@@ -185,12 +189,13 @@ def redo(recording, change, simulation):
         simulation.change(change)
 
 
-def verify(recording, advance=None):
+def verify(recording, advance=None, submitted=None):
     """Simulates a recording again and compares the states bit for bit.
 
     Parameters
     ----------
     advance : function, called after every step
+    submitted : `SubmittedSteps` that make the steps, or None
 
     Returns
     -------
@@ -200,9 +205,11 @@ def verify(recording, advance=None):
     Raises
     ------
     RecordingError
-        If the recording cannot be read, or its settings are invalid.
+        If the recording cannot be read, was not made with these functions, or its settings are
+        invalid.
     """
-    simulation = recorded_scene(recording)
+    check_functions(recording, submitted)
+    simulation = recorded_scene(recording, submitted)
     first = recording.firstStep
     if first > 0:  # the steps before were not recorded
         simulation = resume(recording, first, simulation)
@@ -246,7 +253,7 @@ def restored_settings(recording, step, settings):
     Raises RecordingError if a recorded setting is unknown or invalid.
     """
     _, fields = recording.settings_at(step)
-    unknown = sorted(set(fields) - set(CHOSEN))
+    unknown = sorted(set(fields) - set(SETTINGS))
     if unknown:
         raise recording.error(
             f"it has a setting unknown to this version: {one_line(unknown[0], QUOTE_LENGTH)}"

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from rbs.scenes.files import atomic_write, named_errors, partial_path, put_in_place
-from rbs.scenes.messages import shown_path
+from rbs.scenes.messages import counted, print_note, shown_path
 from rbs.scenes.scenefiles import scene_name
 from rbs.stepping.reports import PHASES
 
@@ -72,6 +72,7 @@ class StatsWriter:
     def __init__(self, path):
         """Raises OSError, naming `path`, if it cannot be written."""
         self.path, self._partial = Path(path), partial_path(path)
+        self._isEnded = False
         with named_errors(path):
             self._file = open(self._partial, "w", encoding="utf-8", newline="", buffering=1)
             self._writer = csv.writer(self._file, lineterminator="\n")
@@ -91,12 +92,23 @@ class StatsWriter:
         with named_errors(self.path):
             self._file.close()
             put_in_place(self._partial, self.path)
+        self._isEnded = True
 
     def close(self):
-        """Removes a table that was not saved."""
+        """Ends a table that was not saved. Its complete rows are kept in FILE.part.csv."""
         with suppress(OSError):  # a full disk may prevent the last write
             self._file.close()
-        if self._partial.is_file() and self._partial != self.path:
+        isEnded, self._isEnded = self._isEnded, True
+        if isEnded or not self._partial.is_file():
+            return
+        with open(self._partial, "rb+") as file:
+            content = file.read()
+            file.truncate(content.rfind(b"\n") + 1)
+        count = content.count(b"\n") - 1  # without the heading
+        if count > 0:
+            kept = f"{counted(count, 'row')} kept in {shown_path(self._partial)}"
+            print_note(f"{self.path}: not complete; {kept}")
+        else:
             self._partial.unlink()
 
     def summary(self, simulation):
@@ -114,8 +126,6 @@ class PlotWriter:
         except ImportError:
             raise ImportError("--plot needs matplotlib: pip install matplotlib") from None
         self.path = Path(path)
-        with named_errors(path):
-            partial_path(path).parent.stat()
         self._rows = []
 
     def add(self, simulation):

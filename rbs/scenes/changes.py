@@ -1,7 +1,7 @@
 """Changes that a user makes to the bodies between two steps, and how they are recorded.
 
 A body can be pushed (dragging pushes it in every step), moved, fixed, freed, or added. All changes
-go through `Simulation.change`, so that they can be recorded and repeated bit for bit.
+go through `SceneSimulation.change`, so that they can be recorded and repeated bit for bit.
 
 Units: metres, kilograms, seconds.
 """

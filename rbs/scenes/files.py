@@ -67,8 +67,23 @@ def atomic_write(path):
             partial.unlink()
 
 
+def check_writable(path):
+    """Raises OSError, naming `path`, unless a file can be written there. Changes no file."""
+    with named_errors(path):
+        partial = partial_path(path)
+        isNew = not partial.exists()
+        # a pipe would end if it were opened and closed
+        if isNew or partial.is_file() or partial.is_dir():
+            open(partial, "ab").close()
+        if isNew:
+            partial.unlink()
+
+
 def check_outputs(outputs, inputs):
-    """Raises InputError if a run would overwrite one of its inputs, or write one file twice.
+    """Checks the output files of a run before it begins.
+
+    Raises InputError if the run would overwrite one of its inputs, or write one file twice, and
+    OSError if a file cannot be written.
 
     Parameters
     ----------
@@ -81,6 +96,8 @@ def check_outputs(outputs, inputs):
         if target in taken:
             raise InputError(f"{option} {path}: not written, because {taken[target]}")
         taken[target] = f"{option} writes it too"
+    for path in outputs.values():
+        check_writable(path)
 
 
 def folder_opener(folder):

@@ -23,7 +23,7 @@ from rbs.scenes.textfiles import LineReader, SceneError
 
 # m. Beyond, few digits are left for the shape of a body of ordinary size. Products of three such
 # coordinates are far from overflowing.
-LARGEST_COORDINATE = 1e9
+LARGEST_IN_FILE = 1e9
 # Least volume of a tetrahedron, relative to the cube of the mesh's extent; smaller ones count as
 # flat. Far above the rounding of a volume, and far below the thinnest tetrahedra of usual meshes.
 FLAT_VOLUME = 1e-13
@@ -127,7 +127,7 @@ def _read_medit_section(reader, keyword, fields, sections):
         lines.append(reader.lineNumber)
         reader.number(row[-1], "the reference number")
         if keyword == "Vertices":
-            table.append(reader.numbers(row[:-1], "a coordinate", LARGEST_COORDINATE))
+            table.append(reader.numbers(row[:-1], "a coordinate", LARGEST_IN_FILE))
         else:
             table.append(_read_corners(reader, row[:-1], 1, len(sections["Vertices"])))
     return np.array(table, dtype=np.float64 if keyword == "Vertices" else np.int64), lines
@@ -176,7 +176,7 @@ def _read_off(reader):
     faceCount = reader.integer(counts[1], "the number of faces", low=4)
     vertices = np.array(
         [
-            reader.numbers(row, "a coordinate", LARGEST_COORDINATE)
+            reader.numbers(row, "a coordinate", LARGEST_IN_FILE)
             for row in reader.rows(vertexCount, "vertex", columns=3)
         ]
     )

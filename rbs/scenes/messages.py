@@ -7,8 +7,9 @@ import os
 import sys
 from pathlib import Path
 
-# The beginning of every message on stderr.
-PROGRAM_NAME = "RigidBodySimulation.py"
+# The beginning of every message on stderr: the installed command, or the script.
+INSTALLED_NAME, SCRIPT_NAME = "rigid-body-simulation", "RigidBodySimulation.py"
+PROGRAM_NAME = INSTALLED_NAME if Path(sys.argv[0]).stem == INSTALLED_NAME else SCRIPT_NAME
 # Prefixes of units, and their values.
 PREFIXES = {"G": 1e9, "M": 1e6, "k": 1e3, "": 1.0}
 

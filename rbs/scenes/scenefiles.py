@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from rbs.geometry.triples import floats
-from rbs.scenes.meshfiles import LARGEST_COORDINATE, load_mesh_file
+from rbs.scenes.meshfiles import LARGEST_IN_FILE, load_mesh_file
 from rbs.scenes.messages import short
 from rbs.scenes.textfiles import LineReader, SceneError, read_text
 from rbs.stepping.bodies import STATE_WIDTHS
@@ -88,7 +88,7 @@ def _make_bodies(reader, shapes, allowOutsideMeshes=False):
         if density <= 0.0:
             raise reader.error(f"the density must be positive, not {row[1]}")
         isFixed = bool(reader.integer(row[2], "isFixed", 0, 1))
-        position = reader.numbers(row[3:6], "a coordinate", LARGEST_COORDINATE)
+        position = reader.numbers(row[3:6], "a coordinate", LARGEST_IN_FILE)
         orientation = reader.numbers(row[6:10], "the quaternion")
         largest = max(map(abs, orientation))
         if largest == 0.0:

@@ -1,4 +1,4 @@
-"""`Simulation`, a scene with its settings and its steps.
+"""`SceneSimulation`, a scene with its settings and its steps.
 
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
@@ -36,7 +36,7 @@ class State(dict):
     """
 
 
-class Simulation(Scene):
+class SceneSimulation(Scene):
     """A scene that is simulated.
 
     Attributes, besides those of `Scene`: solverState, kept by the soft-step solver for the next
@@ -44,9 +44,15 @@ class Simulation(Scene):
     startSettings, a copy of the settings at the start.
     """
 
-    submitted = None  # `SubmittedSteps` that replace run_timestep
-
-    def __init__(self, scene, settings=None, constraintPath=None, *, allowOutsideMeshes=False):
+    def __init__(
+        self,
+        scene,
+        settings=None,
+        constraintPath=None,
+        *,
+        allowOutsideMeshes=False,
+        submitted=None,
+    ):
         """Loads the scene. Raises SceneError.
 
         Parameters
@@ -55,7 +61,9 @@ class Simulation(Scene):
         settings : Settings, by default the coursework's behaviour
         constraintPath : by default NAME-constraints.txt of NAME-scene.txt, if it exists
         allowOutsideMeshes : see `load_scene_file`
+        submitted : `SubmittedSteps` that replace run_timestep, or None
         """
+        self.submitted = submitted
         self.settings = Settings() if settings is None else settings
         self.startSettings = replace(self.settings)
         self.groundMesh = ground()
@@ -87,7 +95,7 @@ class Simulation(Scene):
 
         Returns
         -------
-        Simulation
+        SceneSimulation
 
         Raises
         ------
@@ -97,9 +105,10 @@ class Simulation(Scene):
         return cls(BodySource.of_meshes(meshes, constraints, name), settings)
 
     def __repr__(self):
-        name, bodies = scene_name(self.scenePath), counted(len(self.meshes), "body")
+        kind, name = type(self).__name__, scene_name(self.scenePath)
+        bodies = counted(len(self.meshes), "body")
         links = counted(len(self.constraints), "constraint")
-        return f"Simulation({name!r}, {bodies}, {links}, step {self.stepCount}, {self.time:g} s)"
+        return f"{kind}({name!r}, {bodies}, {links}, step {self.stepCount}, {self.time:g} s)"
 
     def reset(self):
         """Restores the start. If added bodies are removed, `meshes` becomes a new list."""
@@ -117,8 +126,13 @@ class Simulation(Scene):
     def restore(self, state):
         """Returns to a `State` of this simulation; the next steps have the same bits again.
 
-        Bodies that were added since are removed; `meshes` is then a new list.
+        Bodies that were added since are removed; `meshes` is then a new list. Raises ValueError if
+        the state has another number of bodies.
         """
+        least, most, count = self.sceneCount, len(self.meshes), len(state.isFixed)
+        if not least <= count <= most:
+            bodies = counted(count, "body")
+            raise ValueError(f"a state of {bodies} is not one of {self!r}")
         if len(self.meshes) > len(state.isFixed):
             self.meshes = self.meshes[: len(state.isFixed)]
         for mesh, isFixed in zip(self.meshes, state.isFixed, strict=True):

@@ -18,7 +18,7 @@ STATE_NAMES = {
     "linVelocities": "linVelocity",
     "angVelocities": "angVelocity",
 }
-STATE_WIDTHS = {plural: bodies.STATE_WIDTHS[name] for plural, name in STATE_NAMES.items()}
+ARRAY_WIDTHS = {plural: bodies.STATE_WIDTHS[name] for plural, name in STATE_NAMES.items()}
 # Shapes of the attributes of a body that its energies and momenta depend on.
 _ROWS = {
     "mass": (1,),
@@ -31,7 +31,7 @@ _ROWS = {
 
 
 class Scene:
-    """Bodies and constraints in some state; the base of `Simulation` and `Replay`.
+    """Bodies and constraints in some state; the base of `SceneSimulation` and `Replay`.
 
     Views and writers use only these attributes and methods.
 
@@ -45,10 +45,11 @@ class Scene:
     report, stepSeconds : the last step's `StepReport` and duration, or None
     reportError : why a replay's step has no report, or ""
     recommended : text of the recommended settings that are used, or ""
+    submitted : `SubmittedSteps`, if a student's functions make the steps, or None
     isReplay : whether it is a Replay, with `seek`, firstStep, lastStep and lastTime
     """
 
-    source = scenePath = groundMesh = settings = report = stepSeconds = None
+    source = scenePath = groundMesh = settings = report = stepSeconds = submitted = None
     meshes = constraints = ()
     stepCount, time = 0, 0.0
     recommended = reportError = ""

@@ -36,7 +36,7 @@ FACET_MARGIN = 0.5
 
 
 def find_contacts(bodies):
-    """Corrects the positions of bodies that touch: `(Contacts, number of candidate pairs)`."""
+    """Corrects the positions of bodies that touch: `(PairContacts, number of candidate pairs)`."""
     memory, start = memory_of(tuple(bodies.meshes)), bodies.position.copy()
     margin = LEAST_MARGIN * bodies.hulls.radius + MARGIN_GROWTH * memory.displacement
     while True:
@@ -97,7 +97,7 @@ class Pass:
         self.isExpected, self.latest = self.gap <= reach, np.arange(len(first))
 
     def run(self):
-        """Separates the candidates that touch, as if in the order i < j: `Contacts`."""
+        """Separates the candidates that touch, as if in the order i < j: `PairContacts`."""
         while True:
             contacts = self.process_expected()
             b, after = contacts.bodies.ravel(), contacts.after.reshape(3, -1)
@@ -109,7 +109,7 @@ class Pass:
             self.bodies.position[:] = self.start
 
     def process_expected(self):
-        """Processes the expected pairs, batch by batch: `Contacts`."""
+        """Processes the expected pairs, batch by batch: `PairContacts`."""
         rank = indices(self.isExpected)
         pair = self.bodies_of(rank)
         order, starts = in_batches(*pair, self.bodies.isFixed)
@@ -117,7 +117,8 @@ class Pass:
         facets = self.facets.of_pairs(self.latest[rank])
         batches = Batches(self.bodies, rank, pair, facets, starts)
         found = itertools.starmap(batches.process, itertools.pairwise(starts.tolist()))
-        return Contacts(*(np.concatenate(column, axis=-1) for column in zip(*found, strict=True)))
+        columns = zip(*found, strict=True)
+        return PairContacts(*(np.concatenate(column, axis=-1) for column in columns))
 
     def bodies_of(self, rank):
         """Bodies (2, m) of the pairs of these ranks (m,)."""
@@ -163,8 +164,9 @@ class Pass:
         shift = contacts.translations() - take(self.t, latest, axis=1)
         stale = contacts.of(indices(~self.facets.still_valid(latest, contacts.depth, shift)))
         # other pairs that their axes may not separate any more
-        way = take(self.displacement, self.pairs.first) + take(self.displacement, self.pairs.second)
-        rank = indices((way >= self.gap) & ~self.isExpected)
+        displacement = take(self.displacement, self.pairs.first)
+        displacement += take(self.displacement, self.pairs.second)
+        rank = indices((displacement >= self.gap) & ~self.isExpected)
         position = self._positions(contacts, self.bodies_of(rank), rank)
         t, axes = position[:, 1] - position[:, 0], take(self.axes, rank, axis=1)
         gap = self.gap[rank] + dot(axes, t - take(self.pairs.t, rank, axis=1))
@@ -219,7 +221,7 @@ class Batches:
         self.weights = position_corrections(take(bodies.invMass, pair), 1.0)
 
     def process(self, begin, end):
-        """Separates the pairs from `begin` to `end` that touch; returns columns of `Contacts`."""
+        """Separates the pairs from `begin` to `end` that touch; returns `PairContacts` columns."""
         bodies, facets, some = self.bodies, self.facets, slice(begin, end)
         pair = self.pair[:, some]
         position = take(bodies.position, pair, axis=1)
@@ -269,7 +271,7 @@ def in_batches(first, second, isFixed):
     return order, batch[order].searchsorted(np.arange(batch.max(initial=0) + 2))
 
 
-class Contacts(NamedTuple):
+class PairContacts(NamedTuple):
     """The H pairs that touched in a pass; those with a common movable body in the order i < j."""
 
     rank: np.ndarray  # (H,), ascending in the order i < j
@@ -281,7 +283,7 @@ class Contacts(NamedTuple):
 
     def of(self, rows):
         """Returns these contacts."""
-        return Contacts(*(take(column, rows, axis=-1) for column in self))
+        return PairContacts(*(take(column, rows, axis=-1) for column in self))
 
     def translations(self):
         """Translations (3, H) from the first body to the second, before the correction."""

@@ -28,7 +28,7 @@ def batch_step(meshes, groundMesh, step, report):
     with report.phase("gather"):
         bodies = Bodies(meshes, step.gravity)
     with report.phase("integrate"):
-        bodies.fly(step.timeStep, step.gyroscopic)
+        bodies.integrate(step.timeStep, step.gyroscopic)
         check_numbers(bodies.columns(), meshes, "free flight")
     with report.phase("collisions"):
         contacts, report.candidatePairs = find_contacts(bodies)
@@ -52,11 +52,11 @@ def apply_impulses(bodies, contacts, step, report):
     penPoint = contact_points(bodies.hulls, *ends, t, n, tolerance) + before[:, 1]
     invMasses, invInertias = take(bodies.invMass, ends), take(bodies.invInertia, ends, axis=1)
     arms = (penPoint + position_corrections(invMasses, depth)[1] * n)[:, None] - after
-    K, turning = inverse_effective_mass(invMasses, invInertias, cross(arms, n[:, None]))
+    K, response = inverse_effective_mass(invMasses, invInertias, cross(arms, n[:, None]))
     impulses, frictions = [], []
     for some in itertools.starmap(slice, itertools.pairwise(starts.tolist())):
         velocity = take(bodies.velocity, ends[:, some], axis=1)
-        contact = (table[..., some] for table in (invMasses, invInertias, arms, n, K, turning))
+        contact = (table[..., some] for table in (invMasses, invInertias, arms, n, K, response))
         impulse, friction = collide(velocity, *contact, step)
         bodies.velocity[:, ends[:, some]] = velocity
         impulses.append(impulse)
@@ -79,11 +79,11 @@ def _resolve_ground(bodies, groundMesh, step, report):
     invMasses, invInertias = np.zeros((2, len(b))), np.zeros((9, 2, len(b)))
     invMasses[0], invInertias[:, 0] = bodies.invMass[b], bodies.invInertia[:, b]
     depth, n = -penPoint[1], -np.tile([[0.0], [1.0], [0.0]], len(b))  # zeros are -0.0
-    shift = position_corrections(invMasses, depth)
-    motion[:3] += shift * n[:, None]
-    arms = (penPoint + shift[1] * n)[:, None] - motion[:3]
-    K, turning = inverse_effective_mass(invMasses, invInertias, cross(arms, n[:, None]))
-    impulse, friction = collide(motion[3:], invMasses, invInertias, arms, n, K, turning, step)
+    correction = position_corrections(invMasses, depth)
+    motion[:3] += correction * n[:, None]
+    arms = (penPoint + correction[1] * n)[:, None] - motion[:3]
+    K, response = inverse_effective_mass(invMasses, invInertias, cross(arms, n[:, None]))
+    impulse, friction = collide(motion[3:], invMasses, invInertias, arms, n, K, response, step)
     bodies.motion[:, b] = motion[:, 0]
     rank, second = np.full(len(b), np.iinfo(np.intp).max), np.full(len(b), GROUND)  # last
     report.add_columns(rank, b, second, depth, n, penPoint, impulse, friction, arms[:, 0])

@@ -253,7 +253,7 @@ class Bodies:
     def __init__(self, meshes, gravity=EARTH):
         """Reads the state of at least one mesh.
 
-        Call `fly` or `follow_orientations` before using what depends on the orientations.
+        Call `integrate` or `follow_orientations` before using what depends on the orientations.
         """
         self.meshes, self.gravity, self.fallRate = meshes, gravity, math.hypot(*gravity)
         self._tables = tables_of(tuple(meshes))
@@ -282,7 +282,7 @@ class Bodies:
         """Returns the state as a dict: for each name in STATE_WIDTHS, a table (w, n)."""
         return {name: getattr(self, name) for name in STATE_WIDTHS}
 
-    def fly(self, timeStep, gyroscopic=False):
+    def integrate(self, timeStep, gyroscopic=False):
         """Integrates free flight, as the methods of `Mesh`; nothing accelerates fixed bodies."""
         mean = end = self.angVelocity
         if gyroscopic:
@@ -337,17 +337,17 @@ class Bodies:
         position, orientation : (3, n), (4, n). A body starts there and has the velocity that brings
             it to where it is, unless it has one of its own, or has jumped by more than its radius
         """
-        way = self.position - position
+        displacement = self.position - position
         w, *xyz = multiply(self.orientation, (orientation[0], *-orientation[1:]))
         xyz = np.where(w < 0.0, -1.0, 1.0) * xyz
         sine = np.sqrt((xyz * xyz).sum(axis=0))
         turn = xyz * (2.0 * np.arctan2(sine, np.abs(w)) / np.where(sine > 0.0, sine, 1.0))
-        isMoved = way.any(axis=0) | (self.orientation != orientation).any(axis=0)
+        isMoved = displacement.any(axis=0) | (self.orientation != orientation).any(axis=0)
         isMoved &= self.isFixed & ~self.isKinematic
-        isMoved &= np.sqrt((way * way).sum(axis=0)) <= self.hulls.radius
+        isMoved &= np.sqrt((displacement * displacement).sum(axis=0)) <= self.hulls.radius
         self._end = isMoved, self._start, self.orientation
         if isMoved.any():
-            moving = np.concatenate((position, way / timeStep, turn / timeStep))
+            moving = np.concatenate((position, displacement / timeStep, turn / timeStep))
             self.motion = np.where(isMoved, moving, self.motion)
             self.orientation = np.where(isMoved, orientation, self.orientation)
             self.isKinematic = self.isKinematic | isMoved

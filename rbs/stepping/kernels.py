@@ -26,30 +26,30 @@ def relative_velocity(velocity, arms):
 
 
 def inverse_effective_mass(invMasses, invInertias, rCrossN):
-    """`inverse_effective_mass` of both bodies together: `(K (m,), turning (3, 2, m))`."""
-    turning = mat_vec(invInertias, rCrossN)
-    k = invMasses + dot(rCrossN, turning)
-    return k[0] + k[1], turning
+    """`inverse_effective_mass` of both bodies together: `(K (m,), response (3, 2, m))`."""
+    response = mat_vec(invInertias, rCrossN)
+    k = invMasses + dot(rCrossN, response)
+    return k[0] + k[1], response
 
 
-def apply_impulse(velocity, impulse, invMasses, turning, n):
+def apply_impulse(velocity, impulse, invMasses, response, n):
     """`apply_impulse`: applies impulses (m,) to the velocities, in place."""
     impulses = impulse * SIGNS
     velocity[:3] += impulses * invMasses * n[:, None]
-    velocity[3:] += impulses * turning
+    velocity[3:] += impulses * response
 
 
-def collide(velocity, invMasses, invInertias, arms, n, K, turning, step):
+def collide(velocity, invMasses, invInertias, arms, n, K, response, step):
     """Impulses of `resolve_collision`: `(impulse (m,), friction (3, m))`.
 
-    K, turning : from `inverse_effective_mass`; step : CRCoeff, closingOnly and mu, as attributes.
+    K, response : from `inverse_effective_mass`; step : CRCoeff, closingOnly and mu, as attributes.
     Changes the velocities in place.
     """
     change = (1.0 + step.CRCoeff) * dot(relative_velocity(velocity, arms), n)
     if step.closingOnly:
         change = change * (change > 0.0)
     impulse = change / K
-    apply_impulse(velocity, impulse, invMasses, turning, n)
+    apply_impulse(velocity, impulse, invMasses, response, n)
     if step.mu == 0.0:
         return impulse, np.zeros(n.shape)
     return impulse, apply_friction(velocity, invMasses, invInertias, arms, n, step.mu * impulse)
@@ -61,9 +61,9 @@ def apply_friction(velocity, invMasses, invInertias, arms, n, limit):
     across = u - dot(u, n) * n
     speed = norm(across)
     t = across / np.where(speed > 0.0, speed, 1.0)
-    K, turning = inverse_effective_mass(invMasses, invInertias, cross(arms, t[:, None]))
+    K, response = inverse_effective_mass(invMasses, invInertias, cross(arms, t[:, None]))
     impulse = np.minimum(speed / K, np.maximum(limit, 0.0) + 0.0)
-    apply_impulse(velocity, impulse, invMasses, turning, t)
+    apply_impulse(velocity, impulse, invMasses, response, t)
     return impulse * t
 
 
@@ -86,6 +86,6 @@ def resolve_velocity_constraint(velocity, invMasses, invInertias, arms, n, toler
     rCrossN = cross(arms, n[:, None])
     linear, angular = dot(n[:, None], velocity[:3]), dot(rCrossN, velocity[3:])
     Jv = linear[0] + angular[0] - linear[1] - angular[1]
-    K, turning = inverse_effective_mass(invMasses, invInertias, rCrossN)
+    K, response = inverse_effective_mass(invMasses, invInertias, rCrossN)
     impulse = np.where(abs(Jv) > tolerance, -Jv / K, 0.0)
-    apply_impulse(velocity, -impulse, invMasses, turning, n)
+    apply_impulse(velocity, -impulse, invMasses, response, n)

@@ -97,7 +97,7 @@ class Setting:
                 text = self.kind(text)
         return self.checked(text)
 
-    def isHeededBy(self, solver):
+    def is_used_by(self, solver):
         """Returns whether the contact solver of this name uses it."""
         return self.solver in (None, solver)
 
@@ -182,15 +182,15 @@ TABLE = (
     Setting("tolerance", CONSTRAINT_TOLERANCE, POSITIVE, option=None, label="", **IMPULSE_LINKS),
 )
 # The settings that a user can choose, by field name.
-CHOSEN = {one.name: one for one in TABLE if one.option is not None}
-BY_OPTION = {one.option: one for one in CHOSEN.values()}
+SETTINGS = {one.name: one for one in TABLE if one.option is not None}
+BY_OPTION = {one.option: one for one in SETTINGS.values()}
 BY_PARAMETER = {one.parameter: one for one in TABLE}
 DEFAULTS_IN_STEP = {one.parameter: one.defaultInStep for one in TABLE}
 
 
-def heeded(values, solver):
+def used_settings(values, solver):
     """Returns those of the values, a dict by field of `Settings`, that a contact solver uses."""
-    return {name: value for name, value in values.items() if CHOSEN[name].isHeededBy(solver)}
+    return {name: value for name, value in values.items() if SETTINGS[name].is_used_by(solver)}
 
 
 class IgnoredSetting(ValueError):
@@ -204,19 +204,24 @@ class IgnoredSetting(ValueError):
 class _Values:
     """The methods of `Settings`."""
 
+    def __setattr__(self, name, value):
+        """Sets a field. Raises AttributeError if there is none, ValueError for an invalid value."""
+        if name not in SETTINGS:
+            raise AttributeError(f"there is no setting {name}; there are {', '.join(SETTINGS)}")
+        try:
+            super().__setattr__(name, SETTINGS[name].checked(value))
+        except ValueError as error:
+            raise ValueError(f"{name} {error}") from None
+
     def __post_init__(self):
-        """Checks all values. Raises ValueError, naming the setting."""
-        for name, one in CHOSEN.items():
-            try:
-                setattr(self, name, one.checked(getattr(self, name)))
-            except ValueError as error:
-                raise ValueError(f"{name} {error}") from None
-            if not one.isHeededBy(self.contactSolver) and getattr(self, name) != one.default:
+        """Raises IgnoredSetting if the solver ignores a value."""
+        for name, one in SETTINGS.items():
+            if not one.is_used_by(self.contactSolver) and getattr(self, name) != one.default:
                 raise IgnoredSetting(one, self.contactSolver)
 
     def __repr__(self):
-        values = {name: getattr(self, name) for name in CHOSEN}
-        chosen = [f"{n}={v!r}" for n, v in values.items() if v != CHOSEN[n].default]
+        values = {name: getattr(self, name) for name in SETTINGS}
+        chosen = [f"{n}={v!r}" for n, v in values.items() if v != SETTINGS[n].default]
         return f"Settings({', '.join(chosen)})"
 
     def changed(self, **values):
@@ -225,7 +230,7 @@ class _Values:
         Raises ValueError for an invalid value, or one that the solver ignores.
         """
         solver = values.get("contactSolver", self.contactSolver)
-        return Settings(**{**heeded(vars(self), solver), **values})
+        return Settings(**{**used_settings(vars(self), solver), **values})
 
     def change(self, name, value):
         """Changes a field in place. Raises ValueError as `changed` does, changing nothing."""
@@ -233,11 +238,12 @@ class _Values:
 
     def arguments(self):
         """Returns a dict of arguments for `run_timestep`, without any that the solver ignores."""
-        values = heeded(vars(self), self.contactSolver) | {"gravity": (0.0, -self.gravity, 0.0)}
-        return {CHOSEN[name].parameter: value for name, value in values.items()}
+        values = used_settings(vars(self), self.contactSolver)
+        values["gravity"] = 0.0, -self.gravity, 0.0
+        return {SETTINGS[name].parameter: value for name, value in values.items()}
 
 
-_fields = [(one.name, object, one.default) for one in CHOSEN.values()]
+_fields = [(one.name, object, one.default) for one in SETTINGS.values()]
 Settings = make_dataclass("Settings", _fields, bases=(_Values,), repr=False)
 Settings.__module__ = __name__
 Settings.__doc__ = """The settings that a scene is simulated with. Fields: see TABLE.
@@ -272,7 +278,7 @@ def step_arguments(settings, given):
             raise ValueError(f"{name} {error}") from None
     solver = values["contactSolver"]
     for name in given:
-        if not BY_PARAMETER[name].isHeededBy(solver) and values[name] != DEFAULTS_IN_STEP[name]:
+        if not BY_PARAMETER[name].is_used_by(solver) and values[name] != DEFAULTS_IN_STEP[name]:
             raise ValueError(f"{name} has no effect with contactSolver {solver!r}")
     return SimpleNamespace(**values)
 

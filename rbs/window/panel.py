@@ -19,7 +19,7 @@ from rbs.pictures.capture import start_view
 from rbs.pictures.view import LAYERS
 from rbs.scenes.messages import counted
 from rbs.stepping.reports import PHASES
-from rbs.stepping.settings import CHOSEN
+from rbs.stepping.settings import SETTINGS
 from rbs.window import widgets
 from rbs.window.helppanel import draw_help
 from rbs.window.layout import ROOMY_HEIGHT, ROOMY_WIDTH, arrange
@@ -52,7 +52,7 @@ CHOICES |= {"all": "all pairs", "plain": "as in the window"}
 
 
 def show_window(simulation, backend, openFile, listFiles, measure, pictureOptions=None):
-    """Opens the window on a Simulation or a Replay. Returns when it is closed.
+    """Opens the window on a SceneSimulation or a Replay. Returns when it is closed.
 
     backend : see `start_view`; pictureOptions : PictureOptions, or None; others : see `Viewer`
     """
@@ -286,9 +286,9 @@ class Panel:
         simulation = self.viewer.simulation
         settings = simulation.settings
         right = psim.GetCursorPosX() + psim.GetContentRegionAvail()[0]
-        for one in CHOSEN.values():
-            isHeeded = one.isHeededBy(settings.contactSolver)
-            if not one.label or not isHeeded or one.isOfConstraints and not simulation.constraints:
+        for one in SETTINGS.values():
+            isUsed = one.is_used_by(settings.contactSolver)
+            if not one.label or not isUsed or one.isOfConstraints and not simulation.constraints:
                 continue
             value, begun = getattr(settings, one.name), getattr(simulation.startSettings, one.name)
             row, last = (one.label, value), (partial(self._set, one.name), one.tooltip)
@@ -312,7 +312,7 @@ class Panel:
 
     def _set(self, name, value):
         """Changes a setting, as far as its limits allow."""
-        wanted, one = value, CHOSEN[name]
+        wanted, one = value, SETTINGS[name]
         if isinstance(value, int | float):
             low, high = TIME_STEPS if name == "timeStep" else one.limits
             value = min(max(value, low), high)

@@ -21,7 +21,7 @@ from rbs.appearance.pictureoptions import video_timing
 from rbs.pictures.cameras import apply_camera, kept_camera, load_camera, save_camera
 from rbs.pictures.capture import Video, save_picture
 from rbs.pictures.pictureprocess import PictureProcess
-from rbs.recordings.recording import RECORDING_ENDINGS, Recorder
+from rbs.recordings.recording import Recorder, is_recording_name
 from rbs.recordings.replay import resume
 from rbs.scenes import changes
 from rbs.scenes.files import folder_opener
@@ -40,7 +40,7 @@ MANY_BODIES, PLOTTED_STEPS = 100, 500
 # m/s that a push adds to the velocity of the centre of mass.
 DEFAULT_PUSH = 8.0
 # Message if the user drags or shoots in a replay.
-UNCHANGEABLE = 'Recordings are read-only. "Continue from here" makes a simulation of it'
+UNCHANGEABLE = 'A recording is read-only; "Continue from here" turns it into a simulation'
 
 
 class Moment(NamedTuple):
@@ -57,7 +57,7 @@ class Viewer:
 
     Attributes
     ----------
-    simulation, view : Simulation or Replay; SceneView
+    simulation, view : SceneSimulation or Replay; SceneView
     isPlaying, playback : whether it plays; Playback, with the speed
     pushSpeed, grab : m/s; Grab of the dragged body, or None
     message, saved : an error, and a line about the last file written, or ""
@@ -70,7 +70,7 @@ class Viewer:
     """
 
     def __init__(self, simulation, view, openFile, listFiles, measure, look="plain"):
-        """openFile(text, folder) returns a Simulation or Replay, or raises ValueError.
+        """openFile(text, folder) returns a SceneSimulation or Replay, or raises ValueError.
         listFiles(folder) returns a list of ListedFile, measure(simulation) a dict of floats.
         """
         self.simulation, self.view, self.playback, self.look = simulation, view, Playback(), look
@@ -332,13 +332,14 @@ class Viewer:
         """Replaces a replay by a simulation that goes on from the present step."""
         self.message = ""
         with self._reporting(), kept_camera():
-            simulation = resume(self.simulation.recording, self.simulation.stepCount)
+            replay = self.simulation
+            simulation = resume(replay.recording, replay.stepCount, submitted=replay.submitted)
             simulation.startSettings = replace(simulation.settings)
             self._show_other(simulation)
 
     def open_beside(self, way):
         """Opens the next scene in the list, or the one before if `way` is -1."""
-        files = [one for one in self.files() if one.path.suffix not in RECORDING_ENDINGS]
+        files = [one for one in self.files() if not is_recording_name(one.path)]
         names = [one.name for one in files]
         place = names.index(self.name()) + way if self.name() in names else 0
         self.open(files[place % len(files)].path)

@@ -36,7 +36,7 @@ from rbs.appearance.drawables import (
 from rbs.appearance.framing import FRAME_MARGIN, VIEW_DIRECTION, frame_camera
 from rbs.geometry.broadphase import grid_overlaps
 from rbs.scenes.grabbing import shot
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
 
 
@@ -77,7 +77,7 @@ def test_islands_are_free_bodies_joined_by_contacts():
 
 
 def test_balls_are_coloured_by_sleep_before_their_first_step():
-    simulation = Simulation(DATA / "tower-scene.txt", Settings(contactSolver="soft-step"))
+    simulation = SceneSimulation(DATA / "tower-scene.txt", Settings(contactSolver="soft-step"))
     simulation.step()
     simulation.report.isAsleep[1] = True
     meshes = simulation.meshes
@@ -149,7 +149,7 @@ def test_colours_of_constraint_lines_show_how_taut_they_are(name):
 
 
 def test_bounds_of_two_vertices_are_one_line_and_the_tighter_ones_count():
-    simulation = Simulation(DATA / "cube-scene.txt")
+    simulation = SceneSimulation(DATA / "cube-scene.txt")
     lines = ConstraintLines(simulation)
     assert len(simulation.constraints) == 56 and lines.ends.shape == (28, 2)
     vertices = np.concatenate([mesh.currVertices for mesh in simulation.meshes])
@@ -182,7 +182,7 @@ def test_camera_sees_all_of_a_scene_beside_the_panels_as_large_as_possible(margi
 
 
 def test_velocity_arrows_begin_where_they_leave_the_body():
-    simulation = Simulation(DATA / "cube-scene.txt")
+    simulation = SceneSimulation(DATA / "cube-scene.txt")
     centres = np.concatenate([mesh.position for mesh in simulation.meshes])
     directions = np.random.default_rng(2).normal(size=centres.shape)
     directions[0] = 0.0

@@ -9,7 +9,7 @@ import pytest
 from rbs.appearance.gltf import GltfWriter
 from rbs.recordings.recording import Recording
 from rbs.scenes.scenefiles import DATA_FOLDER
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 from RigidBodySimulation import main
 
 pytest.importorskip("pygltflib")
@@ -71,7 +71,7 @@ def test_poses_are_those_of_the_recording(exported):
 
 def test_lines_join_the_vertices_of_constraints(exported):
     glb, recording = exported
-    simulation = Simulation(recording.source)
+    simulation = SceneSimulation(recording.source)
     simulation.set_state(recording.frame(30))
     m1, v1, m2, v2, *_ = simulation.constraints[0]
     ends = [simulation.meshes[m].currVertices[v] for m, v in ((m1, v1), (m2, v2))]
@@ -92,7 +92,7 @@ def test_each_shape_is_stored_once_and_in_real_time(exported):
 
 
 def test_constraints_that_are_let_go_midway_keep_their_lines(tmp_path):
-    simulation = Simulation(DATA_FOLDER / "bridge-scene.txt")
+    simulation = SceneSimulation(DATA_FOLDER / "bridge-scene.txt")
     writer = GltfWriter(tmp_path / "b.glb")
     for isTied in (True, False, True):
         simulation.settings.change("enforceConstraints", isTied)

@@ -7,7 +7,7 @@ from program import DATA
 
 from rbs.appearance.drawables import SHADOW_SLANT
 from rbs.appearance.shading import SHADOW_BLUR, FloorShadows, LitSurface, poses_of
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 
 HALF_TURN = np.array([[0.0, 0.0, 1.0, 0.0]])
 
@@ -17,7 +17,7 @@ def scene_of(folder, names):
     for name in set(names):
         (folder / name).write_bytes((DATA / name).read_bytes())
     (folder / "row-scene.txt").write_text("\n".join([str(len(names)), *rows]))
-    return Simulation(folder / "row-scene.txt")
+    return SceneSimulation(folder / "row-scene.txt")
 
 
 def test_vertices_are_split_at_creases_and_keep_their_places(tmp_path):

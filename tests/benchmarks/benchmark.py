@@ -22,8 +22,8 @@ import scipy
 
 from rbs.program.suggestions import recommended_values
 from rbs.scenes.scenefiles import find_scene, scene_name
-from rbs.scenes.simulation import Settings, Simulation
-from rbs.stepping.settings import CHOSEN
+from rbs.scenes.simulation import SceneSimulation, Settings
+from rbs.stepping.settings import SETTINGS
 
 
 def describe_machine():
@@ -40,8 +40,8 @@ def describe_machine():
 
 
 def recommended_simulation(scene):
-    """`Simulation` with the settings that the scene recommends, except that no body sleeps."""
-    simulation = Simulation(scene)
+    """`SceneSimulation` with the settings that the scene recommends, except that no body sleeps."""
+    simulation = SceneSimulation(scene)
     values = recommended_values(simulation.source)
     if "contactSolver" in values:
         values["sleeping"] = False
@@ -88,7 +88,7 @@ def main():
     parser.add_argument("--steps", type=int, default=300, metavar="N")
     parser.add_argument("--from", type=int, default=100, metavar="K", dest="begin")
     parser.add_argument("--restitution", type=float, default=0.5, metavar="E")
-    known = CHOSEN["constraintScheduling"].kind
+    known = SETTINGS["constraintScheduling"].kind
     names = {"nargs": "+", "choices": known, "default": ["sweep"]}
     text = ", ".join(known)
     parser.add_argument("--scheduling", metavar="NAME", help=text, **names)
@@ -102,7 +102,7 @@ def main():
         material = "recommended settings"
     else:
         simulations = [
-            Simulation(scene, Settings(options.restitution, constraintScheduling=scheduling))
+            SceneSimulation(scene, Settings(options.restitution, constraintScheduling=scheduling))
             for scene, scheduling in runs
         ]
         material = f"restitution {options.restitution:g}"

@@ -3,7 +3,7 @@
     python tests/benchmarks/benchmarkPiles.py --sizes 50 200 1000 --kinds pile --windows 200-300
     python tests/benchmarks/benchmarkPiles.py --sizes 200 1000 --kinds heap --peers PyBullet
 
-Scenes are those of data/make_pile.py. Each is run without friction and with it; see MATERIALS. For
+Scenes are those of make_pile.py. Each is run without friction and with it; see MATERIALS. For
 each kind, size and material, the runs take turns step by step, so that a busy machine is busy for
 all of them: the loop over all pairs up to --all-up-to bodies, the grid and the soft step. With
 --peers also MuJoCo (Newton's method or CG) and PyBullet (`pip install mujoco pybullet`): on the
@@ -34,7 +34,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from benchmark import describe_machine
 
 from rbs.scenes.scenefiles import DATA_FOLDER
-from rbs.scenes.simulation import Settings, Simulation
+from rbs.scenes.simulation import SceneSimulation, Settings
 from rbs.stepping.reports import PHASES
 
 TIME_STEP = 0.02
@@ -68,7 +68,7 @@ class OwnRun:
 
     def __init__(self, scene, material, **settings):
         settings = Settings(material.restitution, TIME_STEP, friction=material.friction, **settings)
-        self.simulation = Simulation(scene, settings)
+        self.simulation = SceneSimulation(scene, settings)
 
     def step(self):
         self.simulation.step()
@@ -174,8 +174,8 @@ PEERS = {
 
 
 def make_scene(kind, count, folder, seed=1):
-    """A scene file of data/make_pile.py, in `folder`, with the meshes beside it."""
-    command = [sys.executable, DATA_FOLDER / "make_pile.py", str(count), *KINDS[kind]]
+    """A scene file of data/scripts/make_pile.py, in `folder`, with the meshes beside it."""
+    command = [sys.executable, DATA_FOLDER / "scripts" / "make_pile.py", str(count), *KINDS[kind]]
     path = Path(folder) / f"{kind}_{count}-scene.txt"
     subprocess.run([*command, "--seed", str(seed), "--out", path], check=True)
     for mesh in DATA_FOLDER.glob("*.mesh"):
@@ -192,7 +192,7 @@ def make_runs(scene, count, material, options):
     }
     for name in options.peers:
         try:
-            runs[name] = PEERS[name][1](Simulation(scene), material)
+            runs[name] = PEERS[name][1](SceneSimulation(scene), material)
         except (ValueError, MemoryError) as error:  # some do not take so many
             print(f"{name} left out at {count} bodies: {error}")
     return runs

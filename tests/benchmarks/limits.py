@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from oracles import box_body
 
 from rbs.scenes.scenefiles import find_scene
-from rbs.scenes.simulation import Settings, Simulation
+from rbs.scenes.simulation import SceneSimulation, Settings
 
 WAYS = {
     "basic": {},
@@ -34,7 +34,7 @@ def energy_gain(name, **settings):
     name : a scene, or "flat cube" for a cube of 1 m that falls 1 m on its lower side
     """
     scene = find_scene("singlebox" if name == "flat cube" else name)
-    simulation = Simulation(scene, Settings(restitution=1.0, **settings))
+    simulation = SceneSimulation(scene, Settings(restitution=1.0, **settings))
     if name == "flat cube":
         simulation.meshes = [box_body(1.0, 1.0, 1.0, (0.0, 1.5, 0.0))]
     energies = []
@@ -49,7 +49,7 @@ def spin_left(**settings):
     top = box_body(2.0, 2.0, 2.0, (0.0, 3.0, 0.0))
     top.angVelocity = np.array([[0.0, 10.0, 0.0]])
     settings = Settings(restitution=0.0, friction=0.5, **settings)
-    simulation = Simulation(find_scene("singlebox"), settings)
+    simulation = SceneSimulation(find_scene("singlebox"), settings)
     simulation.meshes = [box_body(10.0, 2.0, 10.0, (0.0, 1.0, 0.0), isFixed=True), top]
     for _ in range(200):
         simulation.step()
@@ -61,7 +61,7 @@ def depth_below_ground(steps, isPassedAgain=False, **settings):
 
     isPassedAgain : whether every body that is in the ground after a step is lifted out of it
     """
-    simulation = Simulation(find_scene("cube"), Settings(**settings))
+    simulation = SceneSimulation(find_scene("cube"), Settings(**settings))
     depths, violation = [], 0.0
     for _ in range(steps):
         simulation.step()

@@ -29,10 +29,10 @@ from oracles import BOX, body, box_body, ground, penetrations, restore, rotation
 
 from rbs.scenes.scenefiles import DATA_FOLDER, load_scene_file
 from rbs.softstep.step import SolverState
-from rbs.stepping.settings import CHOSEN
+from rbs.stepping.settings import SETTINGS
 from RBSFunctions import Mesh, run_timestep
 
-TIME_STEP, FRICTION, SUBSTEPS = 0.02, 0.5, CHOSEN["substeps"].default
+TIME_STEP, FRICTION, SUBSTEPS = 0.02, 0.5, SETTINGS["substeps"].default
 
 
 class Pile:

@@ -19,7 +19,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from rbs.scenes.scenefiles import find_scene
-from rbs.scenes.simulation import Settings, Simulation
+from rbs.scenes.simulation import SceneSimulation, Settings
 
 # Scene: steps, settings, and the most m that a vertex may be below the ground. Constraints come
 # after the ground in a step and may pull a body below it, by 0.738 m when the cube lands.
@@ -81,7 +81,7 @@ def run_long(name, steps=None):
     """Runs a scene, and prints what was measured; returns whether all bounds hold."""
     most, settings, depth = RUNS[name]
     steps, begin = steps or most, time.perf_counter()
-    simulation = Simulation(find_scene(name), Settings(**settings))
+    simulation = SceneSimulation(find_scene(name), Settings(**settings))
     watch = Watch(simulation, steps)
     for _ in range(steps):
         simulation.step()

@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from oracles import DATA, penetrations
 
 from rbs.program.suggestions import apply_settings
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import GRAVITY
 
 # Buildings: the number of steps, how far a body may move in them, and how fast it may be after
@@ -36,9 +36,9 @@ STANDING = {
 
 
 def open_scene(name):
-    """A `Simulation` as the program opens it, without sleep."""
+    """A `SceneSimulation` as the program opens it, without sleep."""
     path = DATA / f"{name}-scene.txt"
-    simulation = Simulation(path)
+    simulation = SceneSimulation(path)
     apply_settings(simulation, {"sleeping": False})
     return simulation
 

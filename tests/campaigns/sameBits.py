@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from oracles import outcome
 
 from rbs.scenes.scenefiles import DATA_FOLDER, find_scene
-from rbs.scenes.simulation import Settings, Simulation
+from rbs.scenes.simulation import SceneSimulation, Settings
 
 # Ways to make the same step.
 WAYS = {"all": {}, "grid": {"broadPhase": "grid"}, "batches": {"contactScheduling": "batches"}}
@@ -32,7 +32,7 @@ def compare(scene, steps, mu):
     seconds : the median time of a step, in each of the WAYS
     """
     simulations = [
-        Simulation(find_scene(scene), Settings(friction=mu, **way)) for way in WAYS.values()
+        SceneSimulation(find_scene(scene), Settings(friction=mu, **way)) for way in WAYS.values()
     ]
     contacts, seconds = 0, []
     for step in range(1, steps + 1):

@@ -19,7 +19,7 @@ import scipy
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from rbs.scenes.scenefiles import find_scene, list_scenes
-from rbs.scenes.simulation import Settings, Simulation
+from rbs.scenes.simulation import SceneSimulation, Settings
 
 # Scene, steps, settings: contacts of all shapes, constraints, friction, contacts on arrays.
 RUNS = (
@@ -35,7 +35,7 @@ RUNS = (
 
 def state_hash(scene, steps, settings):
     """The hash, as 32 hexadecimal digits, of the state after so many steps."""
-    simulation = Simulation(find_scene(scene), Settings(**settings))
+    simulation = SceneSimulation(find_scene(scene), Settings(**settings))
     for _ in range(steps):
         simulation.step()
     content = b"".join(values.tobytes() for values in simulation.state().values())

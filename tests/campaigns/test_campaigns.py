@@ -18,7 +18,7 @@ from oracles import (
 import GJK
 import RBSFunctions
 from rbs.scenes.scenefiles import find_scene
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 from rbs.softstep.step import SolverState
 
 # How many cases hit all that a campaign is for, and counts that must not be 0.
@@ -122,7 +122,7 @@ def test_bounds_hold_in_a_short_run(capsys):
 
 
 def test_long_runs_notice_what_they_watch():
-    simulation = Simulation(find_scene("tower"))
+    simulation = SceneSimulation(find_scene("tower"))
     watch, mesh = Watch(simulation, 10), simulation.meshes[3]
     mesh.orientation = mesh.orientation * (1 + 3e-12)
     mesh.currVertices = mesh.currVertices - (0.0, 100.0, 0.0)

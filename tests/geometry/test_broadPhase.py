@@ -242,7 +242,7 @@ def test_a_body_that_is_pushed_to_and_fro_hits_what_it_meets_on_the_way():
 
 def test_piles_are_made_as_asked():
     def pile(*arguments):
-        command = [sys.executable, DATA_FOLDER / "make_pile.py", *map(str, arguments)]
+        command = [sys.executable, DATA_FOLDER / "scripts" / "make_pile.py", *map(str, arguments)]
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
     assert pile(200) == (DATA_FOLDER / "pile_200-scene.txt").read_text()

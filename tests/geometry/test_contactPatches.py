@@ -6,7 +6,7 @@ from oracles import DATA, random_quaternions, turned
 
 from rbs.appearance.drawables import contact_patches
 from rbs.program.suggestions import apply_settings
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 
 SQUARE = np.array([(-1, 0, -2), (1, 0, 2), (-1, 0, 2), (1, 0, -2)], dtype=float)
 UP = np.array([0.0, 1.0, 0.0])
@@ -51,7 +51,7 @@ def test_view_outlines_the_manifolds_of_bodies_awake_and_asleep():
 
     start_polyscope(backend)
     path = DATA / "stack-scene.txt"
-    simulation = Simulation(path)
+    simulation = SceneSimulation(path)
     apply_settings(simulation, {})
     view = SceneView(simulation)
     view.show("contacts", True)

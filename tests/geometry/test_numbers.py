@@ -10,7 +10,7 @@ from oracles import body, box_body, ground, state_of
 from program import DATA, record, run
 
 from rbs.recordings.recording import Recording
-from rbs.scenes.simulation import Settings, Simulation
+from rbs.scenes.simulation import SceneSimulation, Settings
 from rbs.stepping.bodies import LARGEST_NUMBER, StateError
 from RBSFunctions import run_timestep
 
@@ -31,7 +31,7 @@ ways = pytest.mark.parametrize(
     ],
 )
 def test_a_wrong_number_stops_at_the_step_and_names_the_body(name, value, way):
-    simulation = Simulation(DATA / "mixed-scene.txt", Settings(**way))
+    simulation = SceneSimulation(DATA / "mixed-scene.txt", Settings(**way))
     for _ in range(5):
         simulation.step()
     mesh = simulation.meshes[4]
@@ -55,7 +55,7 @@ def test_a_wrong_number_stops_at_the_step_and_names_the_body(name, value, way):
 
 
 def test_program_ends_with_one_line_and_keeps_the_recording(tmp_path):
-    simulation = Simulation(DATA / "mixed-scene.txt")
+    simulation = SceneSimulation(DATA / "mixed-scene.txt")
     simulation.step()
     # 1.8e73 m a step: it leaves the numbers' range after some dozen of them
     simulation.meshes[4].linVelocity = np.array([[0.9 * LARGEST_NUMBER, 0.0, 0.0]])

@@ -6,7 +6,7 @@ import sys
 import pytest
 from oracles import ROOT
 
-sys.path.insert(0, str(ROOT / "data"))
+sys.path.insert(0, str(ROOT / "data" / "scripts"))
 sys.path.insert(0, str(ROOT / "graders"))
 
 import make_reference

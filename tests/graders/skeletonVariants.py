@@ -1,6 +1,6 @@
 """The skeleton as a student has it, a right solution on top of it, and variants of that.
 
-`submissions/skeleton` has the traits that the contract states (section 5). The solution fills its
+`submissions/skeleton` has the traits of the coursework's released skeleton. The solution fills its
 five stubs with the formulas of the coursework's text, without guards that no released datum needs.
 """
 # ruff: noqa: E501

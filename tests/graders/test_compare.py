@@ -12,7 +12,7 @@ from oracles import DATA
 from studentVariants import EARLY, HOSTILE, LOST, RIGHT, SMALL_TENSOR, VARIANTS, write_submission
 
 from rbs.program.submittedsteps import SubmittedSteps
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
 
 # Two pairs that are linked, one of them from below the ground on; the first body is fixed there.
@@ -62,7 +62,7 @@ def scene(tmp_path_factory):
 def compared(folder, scene, edits, steps=STEPS):
     """The Comparison of an edited solution, after so many steps or the first difference."""
     student = write_submission(folder / "student", edits)
-    ours = Simulation(scene, Settings(timeStep=0.02, restitution=0.5))
+    ours = SceneSimulation(scene, Settings(timeStep=0.02, restitution=0.5))
     with np.errstate(all="ignore"):
         comparison = Comparison(student, ours)
         while not comparison.problem and ours.stepCount < steps:
@@ -139,7 +139,7 @@ def test_a_touch_of_no_depth_is_nobodys_mistake(scene, tmp_path):
     ]
     comparison = compared(tmp_path, touching, stricter, 1)
     assert (comparison.problem, comparison.remarks) == ("", {})
-    alone = Simulation(touching)
+    alone = SceneSimulation(touching)
     alone.submitted = SubmittedSteps(tmp_path / "student")
     alone.step()
     ours, theirs = (one.state()["linVelocities"][:, 1] for one in (comparison.ours, alone))

@@ -19,7 +19,7 @@ from reference.graderData import (
 )
 
 GRADERS = ROOT / "graders"
-PATH = [str(GRADERS), str(DATA), str(ROOT)]
+PATH = [str(GRADERS), str(DATA / "scripts"), str(ROOT)]
 FILES = {
     "integrationGrading.py": "integration.data",
     "ResolveCollisionsGrading.py": "collision-resolution.data",

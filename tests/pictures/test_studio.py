@@ -20,7 +20,7 @@ from rbs.pictures.cameras import kept_camera
 from rbs.pictures.capture import StudioLook, start_view, take_picture
 from rbs.pictures.facenumbers import Camera
 from rbs.pictures.pictureprocess import PictureProcess
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
 
 SIZE = (160, 90)
@@ -120,7 +120,7 @@ def test_normals_of_flat_sides_round_sides_and_edges():
     assert (skin.rimCount == 4).all() and abs(skin.radius - 2.0 * 0.035) < 1e-9
     assert len(np.unique(skin.group)) == 6 and face_neighbours(mesh.faces).shape == (12, 3)
     # the side of a cylinder is one surface, whose normals point away from the axis
-    mesh = Simulation(DATA / "single_cylinder-scene.txt").meshes[0]
+    mesh = SceneSimulation(DATA / "single_cylinder-scene.txt").meshes[0]
     skin = Skin(mesh.origVertices, mesh.faces)
     count = [len(np.unique(skin.normal[skin.group == g].round(6), axis=0)) for g in range(3)]
     onSide = np.flatnonzero(skin.group == np.argmax(count))
@@ -135,7 +135,7 @@ def test_normals_of_flat_sides_round_sides_and_edges():
 def test_the_same_scene_twice_has_the_same_bytes_and_keeps_its_maps(monkeypatch):
     import polyscope as ps
 
-    meshes = Simulation(DATA / "stress-scene.txt").meshes
+    meshes = SceneSimulation(DATA / "stress-scene.txt").meshes
     view, one = view_of(*meshes, size=(80, 45)), studio.Studio(studio.VIDEO_DIRECTIONS)
     first, light = one.take(view), one.light
     with kept_camera():
@@ -159,7 +159,7 @@ def test_a_body_that_was_flung_away_leaves_picture_and_maps_as_they_were():
 
 @pytest.mark.parametrize("scene", ["stress", "wrecking_ball", "net"])
 def test_stills_show_all_bodies_and_shadows_from_low_down(scene):
-    view = view_of(*Simulation(DATA / f"{scene}-scene.txt").meshes)
+    view = view_of(*SceneSimulation(DATA / f"{scene}-scene.txt").meshes)
     camera = Camera()
     assert 10.0 < math.degrees(math.asin(-camera.ahead[1])) < 20.0
     vertices = np.concatenate([mesh.currVertices for mesh in view.simulation.meshes])

@@ -17,7 +17,7 @@ from rbs.pictures.cameras import apply_camera, load_camera, save_camera
 from rbs.pictures.capture import SHADOW_OPACITY, Video, take_picture
 from rbs.pictures.overlays import HELD_CONTACT_STEPS
 from rbs.pictures.view import LAYERS, SceneView
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 from RBSFunctions import refresh_vertices
 
 # Shading changes brightness and saturation, and moves the hue by less than this on a circle of
@@ -42,7 +42,7 @@ def boxes(tmp_path, ps):
     def make(rows):
         lines = [f"box.mesh {density} {fixed} {x} {y} 0 1 0 0 0" for density, fixed, x, y in rows]
         (tmp_path / "a-scene.txt").write_text("\n".join([str(len(rows)), *lines]))
-        return SceneView(Simulation(tmp_path / "a-scene.txt"))
+        return SceneView(SceneSimulation(tmp_path / "a-scene.txt"))
 
     return make
 
@@ -108,14 +108,14 @@ def test_bodies_move_in_the_picture_as_they_do_in_the_scene(ps, view):
 
 
 def test_constraints_are_drawn_only_while_they_are_enforced(ps):
-    simulation = Simulation(DATA / "cube-scene.txt")
+    simulation = SceneSimulation(DATA / "cube-scene.txt")
     view = SceneView(simulation)
     lines = ps.get_curve_network("constraints")
     assert (lines.n_edges(), lines.is_enabled()) == (28, True)
     simulation.settings.enforceConstraints = False
     view.refresh()
     assert not lines.is_enabled()
-    view.rebuild(Simulation(DATA / "tet-scene.txt"))
+    view.rebuild(SceneSimulation(DATA / "tet-scene.txt"))
     assert not ps.has_curve_network("constraints")
 
 
@@ -177,7 +177,7 @@ def hit_by(ray, eye, meshes):
 
 
 def test_click_picks_the_body_that_a_ray_through_the_pixel_hits(ps):
-    view = SceneView(Simulation(DATA / "stack-scene.txt"))
+    view = SceneView(SceneSimulation(DATA / "stack-scene.txt"))
     meshes = view.simulation.meshes
     camera = ps.get_view_camera_parameters()
     axes = np.array([camera.get_right_dir(), camera.get_up_dir(), camera.get_look_dir()])
@@ -221,7 +221,7 @@ def test_picked_body_is_marked(ps, view):
 
 
 def test_overlays_are_drawn_from_the_present_state_and_go_away(ps):
-    simulation = Simulation(DATA / "stress-scene.txt")
+    simulation = SceneSimulation(DATA / "stress-scene.txt")
     simulation.settings.friction = 0.5
     view = SceneView(simulation)
     for name in OVERLAYS:
@@ -246,7 +246,7 @@ def test_overlays_are_drawn_from_the_present_state_and_go_away(ps):
 
 
 def test_overlays_are_moved_and_registered_only_when_they_have_outgrown_their_room(ps, monkeypatch):
-    view = SceneView(Simulation(DATA / "mixed-scene.txt"))
+    view = SceneView(SceneSimulation(DATA / "mixed-scene.txt"))
     shown = [name for name in OVERLAYS if name != "trails"]  # which start anew when switched on
     for name in shown:
         view.show(name, True)
@@ -342,7 +342,7 @@ def test_legends_are_in_proportion_to_the_picture():
 
 
 def test_frame_all_and_follow_keep_the_bodies_in_the_picture(ps):
-    view = SceneView(Simulation(DATA / "mixed-scene.txt"))
+    view = SceneView(SceneSimulation(DATA / "mixed-scene.txt"))
     meshes, (width, height) = view.simulation.meshes, ps.get_window_size()
 
     def pixels_after(shift):
@@ -381,7 +381,7 @@ def test_frame_all_and_follow_keep_the_bodies_in_the_picture(ps):
 
 
 def test_the_ground_is_the_same_for_the_same_view(ps):
-    view = SceneView(Simulation(DATA / "mixed-scene.txt"))
+    view = SceneView(SceneSimulation(DATA / "mixed-scene.txt"))
     places = {}
     for distance in (1.0, 3.0, 9.0, 27.0, 9.0, 3.0, 1.0):
         ps.look_at((0.0, distance * view.size, distance * view.size), (0.0, 0.0, 0.0))
@@ -393,7 +393,7 @@ def test_the_ground_is_the_same_for_the_same_view(ps):
 
 
 def test_the_camera_stays_above_the_ground(ps):
-    view = SceneView(Simulation(DATA / "mixed-scene.txt"))
+    view = SceneView(SceneSimulation(DATA / "mixed-scene.txt"))
     ps.look_at((30.0, -40.0, 60.0), (0.0, 10.0, 0.0))
     ps.set_view_center_raw((0.0, 10.0, 0.0))
     view.keep_above_ground()

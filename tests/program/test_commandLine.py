@@ -14,11 +14,13 @@ import numpy as np
 import pytest
 from opengl import require_opengl
 from oracles import ROOT
-from program import CAMERA, DATA, by_hand, call, environment, run, start, summary_of
+from program import CAMERA, DATA, PROGRAM, by_hand, call, environment, run, start, summary_of
 
 import rbs.program.options
+from rbs import __version__
+from rbs.program.opening import list_files, open_file
 from rbs.recordings.recording import Recording
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.state import STATE_NAMES
 from RigidBodySimulation import FALLBACK_PICTURES, load_constraint_file, load_scene_file
 
@@ -28,7 +30,7 @@ onLinux = pytest.mark.skipif(
 
 
 def test_reset_leads_to_the_same_bits_again():
-    simulation = Simulation(DATA / "mixed-scene.txt")
+    simulation = SceneSimulation(DATA / "mixed-scene.txt")
     begin, ends = simulation.state(), []
     for _ in range(2):
         for _ in range(80):
@@ -46,7 +48,7 @@ def test_reset_leads_to_the_same_bits_again():
 def test_headless_run_ends_with_a_summary_of_what_happened(capsys):
     code, output, _ = call(capsys, "mixed", "--basic", "--headless", "--steps", 120)
     summary = {line[:17].strip(): line[18:] for line in output.splitlines()}
-    simulation = Simulation(DATA / "mixed-scene.txt")
+    simulation = SceneSimulation(DATA / "mixed-scene.txt")
     for _ in range(120):
         simulation.step()
     y, name = simulation.lowest_point()
@@ -178,6 +180,31 @@ def test_what_is_missing_is_reported_in_one_line(tmp_path, case):
     assert message in line and process.returncode == code
     assert ("3 of 0.02 s" in process.stdout) == (code == 0)
     assert {path.name for path in tmp_path.iterdir()} <= {"fakes"}
+
+
+def test_the_installed_command_calls_itself_by_its_name(tmp_path):
+    script = tmp_path / "rigid-body-simulation"
+    script.write_text("from RigidBodySimulation import command\ncommand()\n")
+    for word, code in ("--version", 0), ("--help", 0), ("nosuch", 2), ("--no", 2):
+        process = subprocess.run(
+            [sys.executable, script, word],
+            env=environment(PYTHONPATH=str(ROOT)),
+            capture_output=True,
+            text=True,
+        )
+        said = process.stdout + process.stderr
+        assert process.returncode == code and script.name in said and PROGRAM.name not in said, said
+        assert word != "--version" or said == f"{script.name} {__version__}\n"
+
+
+def test_endings_count_in_any_case(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    outputs = "--record R.H5 --plot P.PNG --export E.GLB"
+    assert call(capsys, "tet", "--steps", 2, *outputs.split())[0] == 0
+    names = {"R.H5", "P.PNG", "E.GLB"}
+    assert {path.name for path in tmp_path.iterdir()} == names
+    listed = {one.path.name for one in list_files(tmp_path)}
+    assert "R.H5" in listed and open_file("R.H5").isReplay
 
 
 def test_help_names_every_option_and_scene(capsys, monkeypatch):

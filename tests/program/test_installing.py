@@ -8,7 +8,7 @@ import zipfile
 
 import pytest
 from oracles import ROOT
-from program import environment
+from program import DATA, environment
 from studentVariants import STUDENT
 
 BUILD = "import setuptools.build_meta as b, sys; print(b.build_{}(sys.argv[1]))"
@@ -46,14 +46,10 @@ def test_an_installed_program_needs_no_checkout(tmp_path):
     wheel = call(folder, "-c", BUILD.format("wheel"), tmp_path, path=tools).splitlines()[-1]
     with zipfile.ZipFile(tmp_path / wheel) as archive:
         archive.extractall(site)
-    shipped = {path.name for path in (site / "rbs" / "data").iterdir()} - {
-        "__pycache__",
-        "README.md",
-    }
-    assert shipped == {path.name for path in (ROOT / "data").iterdir()} - {
-        "__pycache__",
-        "README.md",
-    }
+    shipped = {path.name for path in (site / "rbs" / "data").iterdir()}
+    used = {path.name for ending in ("mesh", "off", "txt") for path in DATA.glob(f"*.{ending}")}
+    assert shipped == used and len(used) > 50
+    assert not list(site.glob("**/make_*.py")) and not list(site.glob("**/*.data"))
     (entries,) = site.glob("*.dist-info/entry_points.txt")
     assert "rigid-body-simulation = RigidBodySimulation:command" in entries.read_text()
     program = "-c", "import RigidBodySimulation as r; raise SystemExit(r.command())"

@@ -19,7 +19,7 @@ from rbs.program.submittedsteps import SubmittedSteps
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import resume
 from rbs.scenes.scenefiles import fields_of
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.state import STATE_NAMES
 from RigidBodySimulation import load_constraint_file, load_mesh_file, load_scene_file
 
@@ -30,7 +30,6 @@ STEPS = 60
 def program(tmp_path, monkeypatch, capsys):
     """Runs the program in a folder of its own: (exit code, output, errors)."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(Simulation, "submitted", None)  # for the tests after these
     return lambda *arguments: call(capsys, *arguments)
 
 
@@ -127,7 +126,7 @@ def test_a_com_that_is_not_subtracted_shows_in_the_vertices(tmp_path):
     (tmp_path / "tetrahedron.mesh").write_text(content)
     scene = tmp_path / "a-scene.txt"
     scene.write_text("1\ntetrahedron.mesh 1 0 0 50 0 1 0 0 0\n")
-    simulation = Simulation(scene)
+    simulation = SceneSimulation(scene)
     steps = SubmittedSteps(student)
     rest = simulation.meshes[0].origVertices
     offset = load_mesh_file(tmp_path / "tetrahedron.mesh")[0][0] - rest[0]
@@ -140,7 +139,7 @@ def test_a_com_that_is_not_subtracted_shows_in_the_vertices(tmp_path):
 
 
 def test_the_window_may_reset_fix_and_free_bodies(tmp_path):
-    simulation = Simulation(DATA / "mixed-scene.txt")
+    simulation = SceneSimulation(DATA / "mixed-scene.txt")
     simulation.submitted = SubmittedSteps(write_submission(tmp_path / "student"))
     for _ in range(30):
         simulation.step()
@@ -217,7 +216,7 @@ def test_our_loop_takes_the_place_of_the_released_one(tmp_path, program):
 
 def test_a_step_that_fails_changes_nothing(tmp_path):
     edit = ("    up = np.array([[0.0, 1.0, 0.0]])\n", "    raise ValueError\n")
-    simulation = Simulation(DATA / "mixed-scene.txt")
+    simulation = SceneSimulation(DATA / "mixed-scene.txt")
     simulation.submitted = SubmittedSteps(write_submission(tmp_path / "student", [edit]))
     before = simulation.state()
     with pytest.raises(ArithmeticError, match=r"step 1 cannot be made: RBSFunctions.py:\d+ in"):
@@ -259,15 +258,34 @@ def test_a_recording_belongs_to_the_functions_that_made_it(tmp_path, program):
     assert_refused("theirs.h5", *given)
 
 
+def test_functions_belong_to_the_simulation_that_was_given_them(program, tmp_path):
+    """One after the other and in turns, in one process."""
+    student = write_submission(tmp_path / "student", MISTAKES["explicit-euler"])
+    alone = SceneSimulation(DATA / "singlebox-scene.txt")
+    for _ in range(20):
+        alone.step()
+    given = "--functions", student, "--steps", 20, "--record", "s.h5"
+    assert program("singlebox", *given)[0] == 0
+    after = SceneSimulation(DATA / "singlebox-scene.txt")
+    other = SceneSimulation(DATA / "singlebox-scene.txt", submitted=SubmittedSteps(student))
+    for _ in range(20):
+        after.step()
+        other.step()
+    assert after.state()["positions"].tobytes() == alone.state()["positions"].tobytes()
+    theirs = Recording("s.h5").frame(20)["positions"]
+    assert other.state()["positions"].tobytes() == theirs.tobytes()
+    assert np.abs(theirs - after.state()["positions"]).max() > 1e-3
+
+
 def test_a_resumed_run_has_the_same_bits_also_of_the_smallest_spin(tmp_path):
     """The upper box lands flat on the lower one: what turns it is the rounding alone."""
     shutil.copy(DATA / "box.mesh", tmp_path)
     scene = tmp_path / "a-scene.txt"
     scene.write_text("2\nbox.mesh 1 1 0.1 9.3 0.7 1 0 0 0\nbox.mesh 1 0 0.1 35 0.7 1 0 0 0\n")
-    simulation = Simulation(scene)
+    simulation = SceneSimulation(scene)
     simulation.submitted = SubmittedSteps(write_submission(tmp_path / "student"))
     recording = Recording(record(tmp_path / "a.h5", simulation, 110))
-    again = Simulation(recording.source)
+    again = SceneSimulation(recording.source)
     again.submitted = SubmittedSteps(tmp_path / "student")
     resume(recording, 105, again)
     assert 0.0 < np.abs(again.meshes[1].angVelocity).max() < 1e-12

@@ -4,6 +4,7 @@ import csv
 import shutil
 import signal
 import time
+from contextlib import suppress
 
 import h5py
 import numpy as np
@@ -15,7 +16,7 @@ from rbs.recordings.recording import SOLVER_STEPS, Recorder, Recording, Recordin
 from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.statistics import QUANTITY_UNITS
 from rbs.scenes import changes
-from rbs.scenes.simulation import Settings, Simulation
+from rbs.scenes.simulation import SceneSimulation, Settings
 from rbs.scenes.state import STATE_NAMES
 
 STRESS = DATA / "stress-scene.txt"
@@ -47,7 +48,7 @@ def test_recording_holds_every_step_as_stepping_by_hand_gives_it(tmp_path, capsy
 
 
 def test_old_recording_stays_until_the_new_one_is_whole(tmp_path):
-    path, simulation = tmp_path / "r.h5", Simulation(DATA / "tet-scene.txt")
+    path, simulation = tmp_path / "r.h5", SceneSimulation(DATA / "tet-scene.txt")
     record(path, simulation, 3)
     old = path.read_bytes()
     simulation.reset()
@@ -68,7 +69,11 @@ def test_a_recording_is_read_while_it_grows(tmp_path, monkeypatch):
     """Up to the last flush, for which it waits a while or for some MB; then only goes on."""
     monkeypatch.setattr("rbs.recordings.recording.FLUSH_SECONDS", 1e9)
     monkeypatch.setattr("rbs.recordings.recording.PENDING_BYTES", 41 * 13 * 8 * 10)
-    simulation, recorder, path = Simulation(STRESS), Recorder(tmp_path / "r.h5"), tmp_path / "r.h5"
+    simulation, recorder, path = (
+        SceneSimulation(STRESS),
+        Recorder(tmp_path / "r.h5"),
+        tmp_path / "r.h5",
+    )
     counts = []
     for _ in range(25):
         recorder.add(simulation)
@@ -86,7 +91,7 @@ def test_a_recording_is_read_while_it_grows(tmp_path, monkeypatch):
 @pytest.fixture(scope="module")
 def chain(tmp_path_factory):
     """(path of a recording of 60 steps, its states): tied bodies, and settings that change."""
-    simulation = Simulation(DATA / "tower_chain-scene.txt")
+    simulation = SceneSimulation(DATA / "tower_chain-scene.txt")
     states = []
 
     def keep_and_change(simulation, step):
@@ -101,7 +106,7 @@ def chain(tmp_path_factory):
 
 def test_replay_stands_where_the_simulation_stood_and_simulates_nothing(chain):
     path, states = chain
-    replay, live = Replay(Recording(path)), Simulation(DATA / "tower_chain-scene.txt")
+    replay, live = Replay(Recording(path)), SceneSimulation(DATA / "tower_chain-scene.txt")
     assert replay.report is replay.stepSeconds is None
     for step in range(61):
         assert replay.stepCount == step and replay.time == live.time
@@ -151,14 +156,16 @@ def test_round_trip_without_the_scene(tmp_path, monkeypatch, capsys, solver, ste
 @pytest.fixture(scope="module")
 def standing(tmp_path_factory):
     """A recording of 130 soft steps, in which boxes hit the ground and each other."""
-    simulation = Simulation(STRESS, Settings(friction=0.5, contactSolver="soft-step"))
+    simulation = SceneSimulation(STRESS, Settings(friction=0.5, contactSolver="soft-step"))
     return record(tmp_path_factory.mktemp("soft") / "r.h5", simulation, 130)
 
 
 @pytest.mark.parametrize("step", [7, 104, 130])
 def test_soft_steps_are_resumed_with_the_same_bits(standing, monkeypatch, step):
-    steps, make = [], Simulation.step
-    monkeypatch.setattr(Simulation, "step", lambda self: (steps.append(self.stepCount), make(self)))
+    steps, make = [], SceneSimulation.step
+    monkeypatch.setattr(
+        SceneSimulation, "step", lambda self: (steps.append(self.stepCount), make(self))
+    )
     recording = Recording(standing)
     simulation = resume(recording, step)
     kept = 130 if step == 130 else step // SOLVER_STEPS * SOLVER_STEPS
@@ -197,7 +204,7 @@ def test_what_was_changed_in_a_recording_is_found(chain, tmp_path, capsys, case)
     edit, cause = EDITS[case]
     path = edited(chain[0], tmp_path / "d.h5", edit)
     code, _, errors = call(capsys, "--verify", path)
-    assert code in (1, 2) and errors.count("\n") == 1
+    assert code == (1 if " differs" in cause else 2) and errors.count("\n") == 1
     assert errors.startswith(f"RigidBodySimulation.py: {path}: {cause}")
 
 
@@ -224,7 +231,7 @@ def test_damaged_bytes_are_told_in_one_line(chain, tmp_path, capsys):
     for bad in damaged + [content[:end] for end in ends]:
         path.write_bytes(bad)
         code, _, errors = call(capsys, "--verify", path)
-        assert (code, errors.count("\n")) in ((0, 0), (1, 1), (2, 1)), errors
+        assert (code, errors.count("\n")) in ((0, 0), (2, 1)), errors
         assert not code or "it is damaged (" in errors or "not a recording" in errors
         codes.append(code)
     assert 0 not in codes[:2] + codes[-5:] and codes.count(0) < 12  # the others are in no use
@@ -234,8 +241,11 @@ def test_damaged_bytes_are_told_in_one_line(chain, tmp_path, capsys):
 def test_a_signal_leaves_what_was_simulated(tmp_path, number):
     process = start(tmp_path, "stress", "--steps", 10**5, "--record", "r.h5", "--stats", "s.csv")
     table = tmp_path / "s.part.csv"
-    while not table.exists() or table.read_text().count("\n") < 100:
+    count = 0
+    while count < 100:
         assert process.poll() is None, process.communicate()[1]
+        with suppress(FileNotFoundError):  # it is tried out, and then begun
+            count = table.read_text().count("\n")
     if number == signal.SIGKILL:  # all but the last second is kept
         time.sleep(2.0)
     steps = table.read_text().count("\n") - 2  # the heading, and the start
@@ -269,7 +279,7 @@ def test_statistics_are_those_of_an_independent_computation(tmp_path, capsys):
     assert list(table) == ["step", *units] and len(table["step"]) == 101
     assert table["contacts"][0] == table["collisionsTime (ms)"][0] == ""
 
-    simulation = Simulation(STRESS, Settings(restitution=0.8, timeStep=0.04))
+    simulation = SceneSimulation(STRESS, Settings(restitution=0.8, timeStep=0.04))
     contacts = 0
     for step in range(101):
         got = {name: float(column[step]) for name, column in table.items() if column[step]}
@@ -304,7 +314,7 @@ def test_statistics_of_constraints_and_of_a_replay(chain, tmp_path, capsys):
     assert call(capsys, scene, "--steps", "70", "--stats", path)[0] == 0
     table = table_of(path)
     visits, violations = table["constraintVisits"][1:], table["largestViolation (m)"]
-    simulation = Simulation(scene)
+    simulation = SceneSimulation(scene)
     for step in range(70):
         simulation.step()
         assert int(visits[step]) == simulation.report.constraintVisits >= 16
@@ -323,7 +333,7 @@ def test_plot_is_a_picture(tmp_path, capsys):
 
 
 def test_the_solver_s_state_at_the_end_is_kept_whenever_the_last_flush_was(tmp_path):
-    simulation = Simulation(DATA / "stack-scene.txt")
+    simulation = SceneSimulation(DATA / "stack-scene.txt")
     simulation.settings = simulation.settings.changed(contactSolver="soft-step")
     recorder = Recorder(tmp_path / "r.h5")
     for step in range(4):
@@ -338,7 +348,7 @@ def test_the_solver_s_state_at_the_end_is_kept_whenever_the_last_flush_was(tmp_p
 
 @pytest.mark.parametrize("name", ["tower", "stack"])
 def test_contacts_of_a_replay_are_those_of_the_run(tmp_path, name):
-    simulation = Simulation(DATA / f"{name}-scene.txt")
+    simulation = SceneSimulation(DATA / f"{name}-scene.txt")
     if name == "stack":
         simulation.settings.change("contactSolver", "soft-step")
     recorder, contacts = Recorder(tmp_path / "r.h5"), {}

@@ -13,7 +13,7 @@ import pytest
 from program import CAMERA, call, record, run
 from test_loading import BROKEN, FILES, TETRAHEDRON, broken, write
 
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.textfiles import SceneError
 from RigidBodySimulation import load_scene_file
 
@@ -63,6 +63,7 @@ def test_what_is_no_file_is_not_read(folder, capsys, name, isFolder):
     if isFolder:
         (folder / name).mkdir()
     options = ["--camera", "camera.json", "--constraints", "a-constraints.txt", *RECORDED]
+    options += ["--screenshots", "p"]
     lines = {} if isFolder else {"cube.off": "a-scene.txt:2: ", "t.mesh": "a-scene.txt:4: "}
     assert_refused(folder, capsys, ["a-scene.txt", *options], lines.get(name, f"{name}: "))
 
@@ -88,7 +89,7 @@ def outside(folder):
 def test_mesh_outside_of_the_scenes_folder_is_read_only_when_asked_for(outside, capsys, name):
     scene = f"scenes/{name}-scene.txt"
     assert_refused(outside.parent, capsys, [scene, *RECORDED], f"{scene}:2: ", "--allow-outside")
-    for load in (load_scene_file, Simulation):
+    for load in (load_scene_file, SceneSimulation):
         with pytest.raises(SceneError, match="outside the scene's folder"):
             load(scene)
     (mesh,) = load_scene_file(scene, allowOutsideMeshes=True)
@@ -108,7 +109,7 @@ def test_camera_that_cannot_be_used(folder, capsys):
     cameras += [json.dumps(CAMERA | {"viewMat": [0] * count}) for count in (15, 16)]
     for text in (*cameras, json.dumps(CAMERA | {"fov": 180})):
         write(folder, "camera.json", text)
-        arguments = ["a-scene.txt", "--camera", "camera.json", *RECORDED]
+        arguments = ["a-scene.txt", "--camera", "camera.json", *RECORDED, "--screenshots", "p"]
         assert_refused(folder, capsys, arguments, "camera.json: this is not a Polyscope camera")
 
 
@@ -133,9 +134,21 @@ OPTIONS = [
     ("--video v.mp4 --screenshots s --transparent", "--transparent cannot be used with --video"),
     ("--replay r.h5", "SCENE cannot be used with --replay"),
     ("--video v.mp4 --time-step 200", "v.mp4: "),
-    ("--camera camera.json --stats ./camera.json", "--stats ./camera.json: not written"),
+    (
+        "--camera camera.json --screenshots p --stats ./camera.json",
+        "--stats ./camera.json: not written",
+    ),
     ("--export b.gltf", "argument --export: "),
-    ("--look studio", "--look "),
+    ("--plot p.pdf", "argument --plot: the name of a plot must end in .png"),
+    ("--record r.h5x", "argument --record: the name of a recording must end in .h5 or .hdf5"),
+    ("--stats -", "argument --stats: must name a file"),
+    ("--screenshots -", "argument --screenshots: must name a file or folder"),
+    ("--look studio", "--look needs --screenshots or --video, or the window"),
+    ("--show contacts", "--show needs --screenshots or --video, or the window"),
+    ("--colours speed", "--colours needs --screenshots or --video, or the window"),
+    ("--legend --stats s.csv", "--legend needs --screenshots or --video, or the window"),
+    ("--size 320x180", "--size needs --screenshots or --video, or the window"),
+    ("--camera camera.json", "--camera needs --screenshots or --video, or the window"),
     ("--look nice --screenshots p", "argument --look: "),
     ("--record no/r.h5", "no/r.h5: No such file"),
     ("--stats folder.mesh", "folder.mesh: Is a directory"),
@@ -158,7 +171,7 @@ def test_scene_that_is_none(folder, capsys, scene):
 
 @pytest.mark.parametrize("name", [*FILES, "r.h5"])
 def test_a_run_does_not_write_over_what_it_reads(folder, capsys, name):
-    record("r.h5", Simulation("a-scene.txt"), 1)
+    record("r.h5", SceneSimulation("a-scene.txt"), 1)
     arguments = ["--resume", "r.h5", "--record"] if name == "r.h5" else ["a-scene.txt", "--stats"]
     message = f"{arguments[-1]} ./{name}: not written, because this run reads it"
     assert_refused(folder, capsys, [*arguments, f"./{name}"], message)

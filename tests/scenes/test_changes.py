@@ -14,7 +14,7 @@ from rbs.recordings.recording import Recorder, Recording, RecordingError
 from rbs.recordings.replay import Replay, resume, verify
 from rbs.scenes import changes
 from rbs.scenes.grabbing import GRAB_FREQUENCY, Grab, shot, spring_impulse
-from rbs.scenes.simulation import Settings, Simulation
+from rbs.scenes.simulation import SceneSimulation, Settings
 from rbs.scenes.state import STATE_NAMES
 
 OMEGA = 2.0 * math.pi * GRAB_FREQUENCY
@@ -63,7 +63,7 @@ def test_spring_is_stable_whatever_it_holds_and_wherever(name, density, timeStep
 
 @pytest.mark.parametrize("solver", ["impulse", "soft-step"])
 def test_shot_ball_hits_what_stands_in_its_way_and_is_gone_after_a_reset(solver):
-    simulation = Simulation(DATA / "stack-scene.txt", Settings(contactSolver=solver))
+    simulation = SceneSimulation(DATA / "stack-scene.txt", Settings(contactSolver=solver))
     count, box = len(simulation.meshes), simulation.meshes[5].position[0]
     position = box + [0.0, 0.0, 25.0]
     simulation.change(shot(simulation.meshes, 60.0, position, [0.0, 0.0, -1.0]))
@@ -81,7 +81,7 @@ def test_shot_ball_hits_what_stands_in_its_way_and_is_gone_after_a_reset(solver)
 
 
 def test_push_changes_momentum_by_the_impulse_and_spin_by_its_moment():
-    simulation = Simulation(DATA / "mixed-scene.txt")
+    simulation = SceneSimulation(DATA / "mixed-scene.txt")
     for _ in range(30):
         simulation.step()
     mesh = simulation.meshes[3]
@@ -98,7 +98,7 @@ def test_push_changes_momentum_by_the_impulse_and_spin_by_its_moment():
 def played(request, tmp_path_factory):
     """A recording of the mixed scene with hands in it: path, states by step."""
     settings = Settings(friction=0.5, contactSolver=request.param)
-    simulation = Simulation(DATA / "mixed-scene.txt", settings)
+    simulation = SceneSimulation(DATA / "mixed-scene.txt", settings)
     meshes, states = simulation.meshes, []
     # Before the recording begins.
     simulation.change(changes.push(3, [0.0, 3e4, 0.0], meshes[3].position[0]))
@@ -205,7 +205,7 @@ def test_bodies_that_are_none_are_refused_in_one_line(played, tmp_path, case):
 
 
 def test_state_is_that_of_the_meshes_whatever_was_stepped_or_changed_last():
-    one, other = (Simulation(DATA / "tower-scene.txt") for _ in range(2))
+    one, other = (SceneSimulation(DATA / "tower-scene.txt") for _ in range(2))
     for simulation in (one, other, one):
         simulation.step()
     one.meshes[2].position = one.meshes[2].position + 1.0

@@ -1,4 +1,4 @@
-"""The meshes and scenes under data/: made by data/make_data.py, and what they promise.
+"""The meshes and scenes under data/: made by data/scripts/make_data.py, and what they promise.
 
 The files are read by two small parsers of this test's own, so that a fault in the project's
 loaders cannot hide one in the data.
@@ -108,7 +108,7 @@ def exact_heights(vertices, faces):
 
 def test_script_reproduces_the_files(tmp_path):
     folder = tmp_path / "new" / "folder"
-    command = [sys.executable, DATA / "make_data.py", "--out", folder]
+    command = [sys.executable, DATA / "scripts" / "make_data.py", "--out", folder]
     subprocess.run(command, cwd=tmp_path, check=True)
     made = {path.name for path in folder.iterdir()}
     ours = {path.name for ending in ("mesh", "off", "txt") for path in DATA.glob(f"*.{ending}")}
@@ -167,8 +167,8 @@ def test_scene_starts_above_the_ground_with_its_bodies_apart(name):
 def test_heap_is_packed_box_to_box(tmp_path):
     """As high as it is wide, and the same bytes each time."""
     for name in ("heap.txt", "again.txt"):
-        command = [sys.executable, DATA / "make_pile.py", "60", "--heap", "--out", tmp_path / name]
-        subprocess.run(command, check=True)
+        words = "60", "--heap", "--out", tmp_path / name
+        subprocess.run([sys.executable, DATA / "scripts/make_pile.py", *words], check=True)
     assert (tmp_path / "heap.txt").read_bytes() == (tmp_path / "again.txt").read_bytes()
     bodies = read_scene(tmp_path / "heap.txt")
     hulls = placed_corners(bodies)

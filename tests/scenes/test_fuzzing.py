@@ -23,7 +23,7 @@ from rbs.geometry.surfaces import tetrahedron_volumes
 from rbs.recordings.recording import Recorder, Recording, RecordingError
 from rbs.recordings.replay import Replay, verify
 from rbs.scenes.scenefiles import NonConvexWarning
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.textfiles import SceneError
 from RigidBodySimulation import load_mesh_file
 
@@ -115,7 +115,7 @@ def check_mesh(path):
 
 def check_scene(path):
     """Bodies, and bounds between them, that can be simulated."""
-    simulation = Simulation("a-scene.txt")
+    simulation = SceneSimulation("a-scene.txt")
     for mesh in simulation.meshes:
         assert 0.0 < mesh.mass < math.inf and np.isfinite(mesh.invIT).all()
         assert abs(np.linalg.norm(mesh.orientation) - 1.0) < 1e-12
@@ -140,7 +140,7 @@ def test_text_file(folder, name, check):
 def test_recording(folder, monkeypatch, isKilled):
     """Whole, and as a killed run leaves it."""
     monkeypatch.setattr(rbs.recordings.recording, "READ_ATTEMPTS", 10)  # else it would take long
-    simulation = Simulation("a-scene.txt")
+    simulation = SceneSimulation("a-scene.txt")
     if isKilled:
         recorder = Recorder("r.h5")
         for _ in range(3):

@@ -2,14 +2,19 @@
 
 import errno
 import os
+import subprocess
+import sys
 
 import pytest
-from program import call
+from opengl import require_opengl
+from program import PROGRAM, call, environment, run, summary_of
 
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from rbs.scenes.files import atomic_write, check_outputs, partial_path
 from rbs.scenes.messages import InputError
+from rbs.scenes.simulation import SceneSimulation
+from RigidBodySimulation import main
 
 OLD = b"an older file"
 
@@ -30,13 +35,80 @@ def test_full_disk_keeps_what_was_recorded_or_the_old_file(tmp_path, monkeypatch
     monkeypatch.setattr("rbs.recordings.recording.FLUSH_SECONDS", 0.0)
     monkeypatch.setattr(os, "posix_fallocate", allocate_a_few)
     code, output, errors = call(capsys, "tet", "--steps", 50, "--record", path)
-    assert (code, output) == (2, "")
+    assert code == 2 and "stopped" not in output
+    assert 3 < int(summary_of(output)["steps"].split()[0]) < 50  # nothing is left to run for
     assert errors == f"RigidBodySimulation.py: {path}: {os.strerror(errno.ENOSPC)}\n"
     assert [one.name for one in tmp_path.iterdir()] == ["r.h5"]
     if isOld:
         assert path.read_bytes() == OLD
     else:
         assert Recording(path).lastStep > 3 and verify(Recording(path)) == ""
+
+
+FAKE_FFMPEG = """#!/bin/sh
+head -c 100000 >/dev/null
+echo "killed in mid-run" >&2
+exit 1
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no limits of file sizes")
+def test_outputs_that_fail_do_not_take_the_others_down(tmp_path):
+    """A file may have 30 kB: too little for the recording, some rows of the table, the plot."""
+    import resource
+
+    pytest.importorskip("matplotlib")
+    outputs = {"--record": "r.h5", "--stats": "s.csv", "--plot": "p.png", "--export": "e.glb"}
+    words = [word for pair in outputs.items() for word in pair]
+    process = subprocess.run(
+        [sys.executable, PROGRAM, "singletet", "--steps", "200", *words],
+        cwd=tmp_path,
+        env=environment(),
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000)),
+        capture_output=True,
+        text=True,
+    )
+    lines = [line.removeprefix("RigidBodySimulation.py: ") for line in process.stderr.splitlines()]
+    begins = ["r.h5: ", "s.csv: ", "s.csv: not complete", "p.png: "]
+    assert process.returncode == 2 and len(lines) == len(begins), process.stderr
+    assert all(line.startswith(begin) for line, begin in zip(lines, begins, strict=True)), lines
+    assert "200 of 0.02 s" in process.stdout
+    assert process.stdout.splitlines()[-1].startswith("export            e.glb: 201 steps")
+    rows = (tmp_path / "s.part.csv").read_text(encoding="utf-8").splitlines()
+    assert 50 < len(rows) < 201 and len({row.count(",") for row in rows}) == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"s.part.csv", "e.glb"}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the encoder is a shell script")
+def test_video_whose_encoder_ends_does_not_take_the_statistics_down(tmp_path):
+    require_opengl()
+    pytest.importorskip("imageio_ffmpeg", reason="pip install imageio-ffmpeg")
+    ffmpeg = tmp_path / "ffmpeg"
+    ffmpeg.write_text(FAKE_FFMPEG)
+    ffmpeg.chmod(0o755)
+    words = "tet --steps 60 --size 160x120 --video v.mp4 --stats s.csv"
+    process = run(tmp_path, *words.split(), IMAGEIO_FFMPEG_EXE=str(ffmpeg))
+    (line,) = process.stderr.splitlines()
+    assert process.returncode == 2 and line.endswith(
+        "v.mp4: the video is incomplete: killed in mid-run"
+    )
+    assert process.stdout.splitlines()[-1] == "statistics        s.csv"
+    assert (tmp_path / "s.csv").read_text(encoding="utf-8").count("\n") == 62
+    assert not list(tmp_path.glob("v*"))
+
+
+@pytest.mark.parametrize("option", ["--stats", "--plot", "--export", "--record", "--video"])
+def test_output_that_cannot_be_written_is_refused_before_the_run(tmp_path, monkeypatch, option):
+    """No matter which one of several it is; nothing is left behind."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(SceneSimulation, "step", None)
+    ending = {"--stats": "csv", "--plot": "png", "--export": "glb", "--record": "h5"}
+    target = f"/missing/a.{ending.get(option, 'mp4')}"
+    with pytest.raises(OSError) as raised:
+        check_outputs({"--before": "b.csv", option: target, "--after": "c.csv"}, [])
+    assert raised.value.filename == target
+    assert main(["tet", "--headless", option, target]) == 2
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_file_is_written_whole_or_not_at_all(tmp_path):

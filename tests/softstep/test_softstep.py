@@ -20,7 +20,7 @@ from rbs.geometry.facets import Pairs
 from rbs.geometry.hulls import HullSet, tangents
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import resume, verify
-from rbs.scenes.simulation import Settings, Simulation
+from rbs.scenes.simulation import SceneSimulation, Settings
 from rbs.softstep import step as softstep
 from rbs.softstep.detection import Frames
 from rbs.softstep.manifolds import contact_normals, pair_corners, place_points
@@ -499,7 +499,7 @@ def test_the_impact_of_a_pile_throws_no_body_faster_than_it_could_fall():
     ratios = []
     for friction in (0.4, 0.5, 0.6):
         settings = Settings(0.0, friction=friction, contactSolver="soft-step")
-        simulation = Simulation(DATA / "pile_200-scene.txt", settings)
+        simulation = SceneSimulation(DATA / "pile_200-scene.txt", settings)
         top = max(mesh.currVertices[:, 1].max() for mesh in simulation.meshes)
         speeds = []
         for _ in range(200):
@@ -525,7 +525,7 @@ def test_what_is_saved_and_restored_goes_on_with_the_same_bits():
 
 def test_a_recording_can_be_verified_and_resumed_anywhere(tmp_path):
     settings = Settings(0.0, friction=0.5, contactSolver="soft-step")
-    simulation = Simulation(DATA / "tower-scene.txt", settings)
+    simulation = SceneSimulation(DATA / "tower-scene.txt", settings)
 
     whole = Recording(record(tmp_path / "whole.h5", simulation, 120))
     # This one begins with a solver that remembers.

@@ -26,8 +26,8 @@ from scipy.linalg import block_diag, eigh
 from scipy.spatial.transform import Rotation
 
 import rbs.stepping.constraints
-from rbs.scenes.simulation import Settings, Simulation
-from rbs.stepping.settings import CHOSEN, CONSTRAINT_TOLERANCE
+from rbs.scenes.simulation import SceneSimulation, Settings
+from rbs.stepping.settings import CONSTRAINT_TOLERANCE, SETTINGS
 from RBSFunctions import resolve_position_constraint, resolve_velocity_constraint, run_timestep
 from RigidBodySimulation import load_constraint_file
 
@@ -35,7 +35,7 @@ G = 9.8
 H = 0.02  # seconds
 UP = np.array([0.0, 1.0, 0.0])
 
-schedulings = pytest.mark.parametrize("scheduling", CHOSEN["constraintScheduling"].kind)
+schedulings = pytest.mark.parametrize("scheduling", SETTINGS["constraintScheduling"].kind)
 
 
 def step(meshes, groundMesh, constraints, scheduling="sweep", **options):
@@ -315,7 +315,7 @@ def test_a_whole_sweep_at_least(scheduling, maxIterations):
 
 
 def literal_sweep(meshes, constraints, maxIterations, tolerance):
-    """The constraint stage as the contract words it, on meshes. Returns two numbers of visits.
+    """The constraint stage as the coursework words it, on meshes. Returns two numbers of visits.
 
     The first is the sweep's. The second counts those of them that a dirty flag allows: of what can
     be corrected at all, the first visit, and any after one of its two meshes has moved.
@@ -387,9 +387,9 @@ def test_tangles_by_the_literal_loop():
 
 
 def load(name, scheduling="sweep"):
-    """The `Simulation` of a scene with its constraints."""
+    """The `SceneSimulation` of a scene with its constraints."""
     settings = Settings(constraintScheduling=scheduling, contactScheduling="batches")
-    return Simulation(DATA / f"{name}-scene.txt", settings)
+    return SceneSimulation(DATA / f"{name}-scene.txt", settings)
 
 
 # The number of steps; the largest part of the sweep's visits that the queue makes in them; and the

@@ -123,7 +123,7 @@ def test_free_flight():
                 meshes.append(mesh)
             if inTables:
                 bodies = Bodies(meshes)
-                bodies.fly(0.02, gyroscopic)
+                bodies.integrate(0.02, gyroscopic)
                 bodies.write_back()
             else:
                 for mesh in meshes:

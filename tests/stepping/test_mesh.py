@@ -40,7 +40,7 @@ def assembled(volume, centre, secondMoments):
 
 
 def in_closed_form(name):
-    """Uses the sizes in data/make_data.py. For a body with mean squares x², y², z² about its COM
+    """Uses the sizes in make_data.py. For a body with mean squares x², y², z² about its COM
     that is symmetric enough, the tensor is V diag(y² + z², z² + x², x² + y²).
     """
     centre = np.zeros(3)

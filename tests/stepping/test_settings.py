@@ -8,13 +8,13 @@ from oracles import ground
 from program import call
 
 from rbs.program.options import make_parser
-from rbs.stepping.settings import CHOSEN, TABLE, Settings
+from rbs.stepping.settings import SETTINGS, TABLE, Settings
 from RBSFunctions import run_timestep
 
 
 def test_every_setting_is_an_option_and_explains_itself():
     options = make_parser().format_help()
-    for one in CHOSEN.values():
+    for one in SETTINGS.values():
         assert f"--{one.option}" in options and one.help
         assert one.tooltip and bool(one.label) == (one.name != "maxIterations")
         assert one.checked(one.default) == one.default
@@ -53,12 +53,22 @@ def test_a_wrong_value_is_refused_by_name_and_changes_nothing(one):
                 Settings(**{"contactSolver": solver, one.name: value})
             with pytest.raises(ValueError, match=f"^{one.name} must be "):
                 settings.change(one.name, value)
+            with pytest.raises(ValueError, match=f"^{one.name} must be "):
+                setattr(settings, one.name, value)
         if value not in ALLOWED_IN_STEP.get(one.name, ()):
             with pytest.raises(ValueError, match=f"^{one.parameter} must be "):
                 run_timestep(
                     [], ground(), **{"timeStep": 0.02, "CRCoeff": 0.5, one.parameter: value}
                 )
     assert asdict(settings) == before
+
+
+def test_a_misspelt_setting_is_refused():
+    settings = Settings()
+    with pytest.raises(AttributeError, match="no setting frcition; there are restitution, "):
+        settings.frcition = 3
+    settings.friction = 3
+    assert asdict(settings) == asdict(Settings(friction=3.0))
 
 
 OTHER_VALUES = {"substeps": 3, "sleeping": False, "broadPhase": "grid", "closingOnly": True}
@@ -68,7 +78,7 @@ OTHER_VALUES |= {"contactScheduling": "batches"}
 
 @pytest.mark.parametrize("name", OTHER_VALUES)
 def test_what_the_solver_ignores_is_refused_by_name(capsys, name):
-    one, value = CHOSEN[name], OTHER_VALUES[name]
+    one, value = SETTINGS[name], OTHER_VALUES[name]
     other = "impulse" if one.solver == "soft-step" else "soft-step"
     with pytest.raises(ValueError, match=f"^{name} has no effect with contactSolver {other}"):
         Settings(**{"contactSolver": other, name: value})

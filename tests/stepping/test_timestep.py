@@ -218,7 +218,7 @@ def test_a_corner_hit_in_numbers():
     resolve_collision(fixed, cube, 0.0, UP, (0.5, -0.5, 0.5), 0.5)
     assert cube.linVelocity[0] == pytest.approx([0, -5, 0], abs=1e-14)
     assert cube.angVelocity[0] == pytest.approx([-9, 0, 9], abs=1e-13)
-    # As the contract has it for the ground: mesh first, a negative depth, the normal upwards.
+    # As the coursework has it for the ground: mesh first, a negative depth, the normal upwards.
     twin = set_motion(box_body(1, 1, 1, (0, 0.4, 0)), (0, -8, 0))
     resolve_collision(twin, ground(), -0.1, UP, (0.5, -0.1, 0.5), 0.5)
     # It moves up by 0.1 to y = 0.5, while the point of contact stays at y = -0.1, which the lever
@@ -229,7 +229,7 @@ def test_a_corner_hit_in_numbers():
 
 
 def literal_step(meshes, groundMesh, timeStep, e, closingOnly=False):
-    """`run_timestep` as the contract words it, by the meshes' own methods. Returns its contacts."""
+    """`run_timestep` as the coursework words it, by the meshes' methods. Returns its contacts."""
     contacts = []
     for mesh in meshes:
         mesh.integrate_timestep(timeStep)

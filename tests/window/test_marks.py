@@ -8,7 +8,7 @@ from views import make_viewer
 
 from rbs.pictures.view import SceneView
 from rbs.scenes.messages import measured
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 from rbs.window import marks
 
 
@@ -30,7 +30,7 @@ def ink(monkeypatch, polyscope):
 
 
 def test_overlays_lie_on_top_in_the_window_and_in_the_scene_in_pictures(polyscope, ink):
-    simulation = Simulation(DATA / "mixed-scene.txt")
+    simulation = SceneSimulation(DATA / "mixed-scene.txt")
     simulation.step()
     view = SceneView(simulation)
     viewer = make_viewer(simulation, view)
@@ -51,7 +51,7 @@ def test_overlays_lie_on_top_in_the_window_and_in_the_scene_in_pictures(polyscop
 
 
 def test_a_drag_shows_the_point_the_spring_and_its_force(polyscope, ink):
-    simulation = Simulation(DATA / "mixed-scene.txt")
+    simulation = SceneSimulation(DATA / "mixed-scene.txt")
     viewer = make_viewer(simulation, SceneView(simulation))
     mesh = simulation.meshes[2]
     viewer.grab_at(tuple(reversed(pixel_of(polyscope, mesh.position[0]))))

@@ -18,8 +18,8 @@ from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay, restored_settings, verify
 from rbs.scenes.changes import fix
 from rbs.scenes.grabbing import shot
-from rbs.scenes.simulation import Simulation
-from rbs.stepping.settings import CHOSEN, Settings
+from rbs.scenes.simulation import SceneSimulation
+from rbs.stepping.settings import SETTINGS, Settings
 from rbs.window.panel import CHOICES, Panel
 from rbs.window.playback import SPEEDS
 
@@ -30,7 +30,7 @@ def panel(polyscope, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     polyscope.set_window_size(560, 720)
     monkeypatch.setattr(polyscope, "set_SSAA_factor", lambda factor: None)  # takes most of the time
-    simulation = Simulation(DATA / "mixed-scene.txt")
+    simulation = SceneSimulation(DATA / "mixed-scene.txt")
     result = Panel(make_viewer(simulation, SceneView(simulation)))
     result.viewer.view.set_callback(result.frame)
     polyscope.frame_tick()
@@ -154,8 +154,8 @@ def test_every_setting_is_changed_by_its_widget(hands, panel, solver):
     panel.viewer.open(DATA / "cube-scene.txt")
     settings, counts = panel.viewer.simulation.settings, Counter()
     settings.change("contactSolver", solver)
-    for one in CHOSEN.values():
-        if not one.label or not one.isHeededBy(solver) or one.name == "timeStep":
+    for one in SETTINGS.values():
+        if not one.label or not one.is_used_by(solver) or one.name == "timeStep":
             continue
         before = getattr(settings, one.name)
         if isinstance(one.kind, tuple):
@@ -193,7 +193,7 @@ def test_every_control_says_what_it_is_for_unless_an_error_is_shown(
 def test_widgets_write_nothing_while_nobody_touches_them(polyscope, hands, panel, tmp_path, kind):
     viewer, solver = panel.viewer, "impulse" if kind == "recording" else kind
     settings = Settings(friction=0.4, restitution=0.7, contactSolver=solver)
-    simulation = Simulation(DATA / "cube-scene.txt", settings)
+    simulation = SceneSimulation(DATA / "cube-scene.txt", settings)
     if kind == "recording":
         simulation = Replay(Recording(record(tmp_path / "cube.h5", simulation, 3)))
     viewer.simulation, viewer.pushSpeed = simulation, 0.4
@@ -368,7 +368,7 @@ class RandomUser:
         self.viewer.open(name)
         assert self.viewer.message == ""
         self.scenes.add(name)
-        simulation = Simulation(DATA / f"{name}-scene.txt")
+        simulation = SceneSimulation(DATA / f"{name}-scene.txt")
         self.expected = asdict(Settings(**recommended_values(simulation.source)))
 
     def do_open_recording(self):
@@ -402,8 +402,8 @@ class RandomUser:
 
     def do_setting(self):
         settings = self.viewer.simulation.settings
-        heeded = [one for one in CHOSEN.values() if one.solver in (None, settings.contactSolver)]
-        one = self.choice(one for one in heeded if one.label)
+        used = [one for one in SETTINGS.values() if one.solver in (None, settings.contactSolver)]
+        one = self.choice(one for one in used if one.label)
         if self.viewer.isReplay:
             return False
         if one.kind is bool:
@@ -420,8 +420,8 @@ class RandomUser:
         if one.name != "contactSolver":
             self.expected[one.name] = value
         else:  # settings that the new solver ignores get their defaults
-            ignored = [other.name for other in CHOSEN.values() if other.solver not in (None, value)]
-            self.expected |= {name: CHOSEN[name].default for name in ignored} | {one.name: value}
+            ignored = [other for other in SETTINGS.values() if other.solver not in (None, value)]
+            self.expected |= {other.name: other.default for other in ignored} | {one.name: value}
 
 
 def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
@@ -442,9 +442,9 @@ def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
 
     recordings = []
     for name, solver in (("tower", "impulse"), ("stack", "soft-step")):
-        simulation = Simulation(DATA / f"{name}-scene.txt", Settings(contactSolver=solver))
+        simulation = SceneSimulation(DATA / f"{name}-scene.txt", Settings(contactSolver=solver))
         recordings.append(record(tmp_path / f"{name}.h5", simulation, 12, change_by_hand))
-    simulation = Simulation(DATA / "mixed-scene.txt")
+    simulation = SceneSimulation(DATA / "mixed-scene.txt")
     view = SceneView(simulation)
     viewer = make_viewer(simulation, view, isBasic=False)
     panel = Panel(viewer)

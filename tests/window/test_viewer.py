@@ -16,7 +16,7 @@ from rbs.program.opening import open_file
 from rbs.program.suggestions import apply_settings
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
 from rbs.window.layout import TIMELINE_HEIGHT, arrange
 from rbs.window.playback import STEPPING_SECONDS, Playback, fitting_speed
@@ -26,14 +26,14 @@ from rbs.window.playback import STEPPING_SECONDS, Playback, fitting_speed
 def viewer(tmp_path, monkeypatch):
     """A Viewer of the mixed scene that draws nothing, in a folder of its own."""
     monkeypatch.chdir(tmp_path)
-    simulation = Simulation(DATA / "mixed-scene.txt")
+    simulation = SceneSimulation(DATA / "mixed-scene.txt")
     return make_viewer(simulation, StillView(simulation))
 
 
 @pytest.fixture
 def replay(tmp_path):
     """A Viewer of a recording of 40 steps of the tower that draws nothing."""
-    path = record(tmp_path / "tower.h5", Simulation(DATA / "tower-scene.txt"), 40)
+    path = record(tmp_path / "tower.h5", SceneSimulation(DATA / "tower-scene.txt"), 40)
     simulation = open_file(path)
     return make_viewer(simulation, StillView(simulation))
 
@@ -152,7 +152,7 @@ def test_replay_plays_both_ways_and_stops_at_its_ends(replay, clock):
 
 @pytest.mark.parametrize("solver", ["impulse", "soft-step"])
 def test_milliseconds_of_phases_add_up_to_those_of_the_step(solver):
-    simulation = Simulation(DATA / "tower-scene.txt", Settings(contactSolver=solver))
+    simulation = SceneSimulation(DATA / "tower-scene.txt", Settings(contactSolver=solver))
     viewer, seconds = make_viewer(simulation, StillView(simulation)), []
     for _ in range(3):
         viewer.step_once()
@@ -190,7 +190,7 @@ def test_time_of_filming_and_reading_is_kept_apart_from_simulating(
 
 
 def test_reset_restores_what_the_scene_began_with_and_restart_does_not():
-    simulation = Simulation(DATA / "slide-scene.txt")
+    simulation = SceneSimulation(DATA / "slide-scene.txt")
     apply_settings(simulation, {})
     viewer = make_viewer(simulation, StillView(simulation), isBasic=False)
     start = simulation.state()["positions"]
@@ -212,7 +212,7 @@ def test_reset_restores_what_the_scene_began_with_and_restart_does_not():
 
 
 def test_a_scene_opens_with_its_own_settings_whatever_was_changed_before():
-    simulation = Simulation(DATA / "mixed-scene.txt")
+    simulation = SceneSimulation(DATA / "mixed-scene.txt")
     viewer = make_viewer(simulation, StillView(simulation), isBasic=False)
     viewer.simulation.settings.change("gravity", 0.0)
     viewer.open("stress")
@@ -445,7 +445,7 @@ def test_shots_are_counted_and_gone_with_a_reset(viewer, monkeypatch):
 
 @pytest.mark.parametrize("name", ["mixed", "stack"])
 def test_steps_are_taken_back_bit_by_bit(tmp_path, monkeypatch, name):
-    simulation = Simulation(DATA / f"{name}-scene.txt")
+    simulation = SceneSimulation(DATA / f"{name}-scene.txt")
     apply_settings(simulation, {})
     viewer, states = make_viewer(simulation, StillView(simulation)), []
     viewer.step_back()

@@ -16,7 +16,7 @@ from program import DATA, record
 
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
-from rbs.scenes.simulation import Simulation
+from rbs.scenes.simulation import SceneSimulation
 
 # Seconds that one effect may take on a busy machine without a graphics card.
 PATIENCE = 120.0
@@ -239,7 +239,7 @@ def test_scenes_are_opened_from_the_list_and_by_what_is_typed(session):
 
 
 def test_a_replay_in_the_window_is_scrubbed(session, tmp_path):
-    recording = record(tmp_path / "tower.h5", Simulation(DATA / "tower-scene.txt"), 40)
+    recording = record(tmp_path / "tower.h5", SceneSimulation(DATA / "tower-scene.txt"), 40)
     window = session(recording, (800, 500))
     status = window.status()
     assert "friction" not in status["places"]

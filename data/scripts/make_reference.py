@@ -1,11 +1,11 @@
 """Write the project's grader data: random states, and the results of exact physics.
 
-    python data/make_reference.py [--out DIR] [--convention exact|released-2024]
+    python data/scripts/make_reference.py [--out DIR] [--convention exact|released-2024]
 
 Needs mpmath (pip install mpmath). The three files have the keys and shapes of the coursework's own
-(contract, section 3). The random states are doubles, taken as exact numbers; the results come from
-`reference`, in 50 digits, and are rounded to doubles at the end. `--convention released-2024`
-reproduces the quirks of the released data. Two runs write the same bytes.
+(see `reference.graderData`). The random states are doubles, taken as exact numbers; the results
+come from `reference`, in 50 digits, and are rounded to doubles at the end. `--convention
+released-2024` reproduces the quirks of the released data. Two runs write the same bytes.
 """
 
 import argparse
@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "graders"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "graders"))
 
 from reference import rigidModel as model
 from reference.graderData import (
@@ -118,7 +118,7 @@ def make_integration_data(convention):
     results = integrate(*(data[f"random{key}"] for key in WIDTHS), exact(model.TIME_STEP))
     for key, array in zip(WIDTHS, results, strict=True):
         data[f"result{key}"] = array.copy()
-        if convention == RELEASED_2024:  # quirk 3 of the contract: only sample 0 has a result
+        if convention == RELEASED_2024:  # quirk 3: only sample 0 has a result
             data[f"result{key}"][1:] = 0.0
     return doubles(data, INTEGRATION_LAYOUT)
 

@@ -73,6 +73,26 @@ def test_what_is_no_mesh_and_constraints_of_nothing_are_refused():
         Simulation.from_meshes(boxes(), [[0, 0, 7, 0, 1.0, True]])
 
 
+def test_a_state_of_another_scene_is_refused_and_changes_nothing():
+    simulation = Simulation("mixed").run(3)
+    before = simulation.state()
+    for other in (Simulation("singlebox"), Simulation("tet")):
+        bodies = "1 body" if len(other.meshes) == 1 else "25 bodies"
+        with pytest.raises(ValueError, match=rf"^a state of {bodies} is not one of .*'mixed', 15"):
+            simulation.restore(other.state())
+    assert len(simulation.meshes) == 15 and simulation.stepCount == 3
+    assert all(
+        values.tobytes() == before[name].tobytes() for name, values in simulation.state().items()
+    )
+
+
+def test_a_negative_number_of_steps_is_refused():
+    simulation = Simulation("singlebox")
+    with pytest.raises(ValueError, match="count must be 0 or more, not -1"):
+        simulation.run(-1)
+    assert simulation.run(0).stepCount == 0
+
+
 def test_reprs_say_what_matters():
     simulation = Simulation("tower_chain").run(2)
     assert re.match(
@@ -124,3 +144,10 @@ def test_a_surface_becomes_a_body_as_scipy_and_trimesh_hand_it_out():
     np.testing.assert_allclose(np.diag(body.IT), 96.0 / 12.0 * (square.sum() - square))
     with pytest.raises(ValueError, match="hole: the surface is not closed"):
         Mesh.from_surface("hole", hull.points, hull.simplices[1:], 1.0)
+    points = hull.points.copy()
+    points[hull.vertices[0], 1] = np.nan
+    with pytest.raises(ValueError, match="mesh lost: a vertex is not finite"):
+        Mesh.from_surface("lost", points, hull.simplices, 1.0)
+    for scale, message in (([1, 1, 1e-8], "the points are flat"), (1e12, "a coordinate is not")):
+        with pytest.raises(ValueError, match=f"mesh thin: {message}"):
+            Mesh.from_surface("thin", hull.points * scale, hull.simplices, 1.0)

@@ -1,4 +1,4 @@
-"""Simulations from Python, with recordings and pictures: `Simulation` as a notebook wants it.
+"""The Python interface: `Simulation`, with recordings and pictures, for programs and notebooks.
 
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
@@ -10,12 +10,12 @@ from rbs.appearance.pictureoptions import PictureOptions
 from rbs.pictures.backends import find_backend
 from rbs.program.headless import step_progress
 from rbs.recordings.recording import Recorder
-from rbs.scenes import simulation
 from rbs.scenes.messages import InputError
 from rbs.scenes.scenefiles import SceneSource, find_scene
+from rbs.scenes.simulation import SceneSimulation
 
 
-class Simulation(simulation.Simulation):
+class Simulation(SceneSimulation):
     """A scene that is simulated from Python.
 
     Parameters
@@ -65,7 +65,12 @@ class Simulation(simulation.Simulation):
             recorder.note(self, change)
 
     def steps(self, count):
-        """Yields the StepReport of each of `count` steps, and shows the progress in a terminal."""
+        """Yields the StepReport of each of `count` steps, and shows the progress in a terminal.
+
+        Raises ValueError if count < 0.
+        """
+        if count < 0:
+            raise ValueError(f"count must be 0 or more, not {count}")
         with step_progress(count) as advance:
             for _ in range(count):
                 self.step()
@@ -73,7 +78,7 @@ class Simulation(simulation.Simulation):
                 yield self.report
 
     def run(self, count):
-        """Makes `count` steps; returns the simulation."""
+        """Makes `count` steps; returns the simulation. Raises ValueError if count < 0."""
         for _ in self.steps(count):
             pass
         return self

@@ -1,7 +1,7 @@
-"""Write the project's own meshes and scenes: `python data/make_data.py [--out DIR]`.
+"""Write the project's own meshes and scenes: `python data/scripts/make_data.py [--out DIR]`.
 
-Every file is written beside this script, or into DIR. The numbers depend only on this file, so all
-machines write the same bytes.
+Every file is written into the folder above this script, or into DIR. The numbers depend only on
+this file, so all machines write the same bytes.
 
 Units: metres and kilograms. The y axis points up and the ground is the plane y = 0.
 """
@@ -844,8 +844,9 @@ def scene_lines(bodies):
 
 def main():
     parser = argparse.ArgumentParser(description="Write the project's own meshes and scenes.")
-    text = "output folder (default: beside this script)"
-    parser.add_argument("--out", type=Path, metavar="DIR", default=Path(__file__).parent, help=text)
+    text = "output folder (default: the folder above this script)"
+    ours = Path(__file__).resolve().parent.parent
+    parser.add_argument("--out", type=Path, metavar="DIR", default=ours, help=text)
     folder = parser.parse_args().out
     folder.mkdir(parents=True, exist_ok=True)
 

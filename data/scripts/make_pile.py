@@ -1,14 +1,14 @@
-"""Write a scene of N bodies that fall into a pile: `python data/make_pile.py N > FILE-scene.txt`.
+"""Write a scene of N bodies that fall into a pile, to standard output or a file.
 
-    python data/make_pile.py 1000 --out data/pile_1000-scene.txt
-    python data/make_pile.py 1000 --spread --shapes box octahedron --seed 7 --out wide-scene.txt
-    python data/make_pile.py 1000 --heap --out heap-scene.txt
+    python data/scripts/make_pile.py 1000 --out data/pile_1000-scene.txt
+    python data/scripts/make_pile.py 1000 --spread --shapes box octahedron --seed 7 --out wide.txt
+    python data/scripts/make_pile.py 1000 --heap --out heap-scene.txt
 
 The bodies have random orientations and do not touch at the start. They lie on a jittered lattice: a
 block of four layers, which falls and covers the ground, or with --spread a single wide layer with
 few collisions. With --heap they are packed bounding box to bounding box into a block as high as
 wide, up to 130 m, which collapses into a heap. The scene recommends settings with which the bodies
-come to rest. The same arguments give the same bytes. The scene must lie in this folder, beside its
+come to rest. The same arguments give the same bytes. The scene must lie in data/, beside its
 meshes. heap-scene.txt, pile_200-scene.txt and pile_1000-scene.txt are made here.
 """
 
