@@ -189,8 +189,9 @@ class SceneView:
         # Polyscope clips everything beyond
         reach = min(GROUND_REACH * size, max(FAR_CLIP * self._size - distance, 2.0 * self._size))
         vertices, faces, colours, self.squareSide = ground_lines(size, middle, reach)
+        # drawn last, by its name, so that what bodies hide takes no time
         self._ground = ps.register_surface_mesh(
-            "ground", vertices, faces, material="flat", enabled="ground" in self.shown
+            "terrain", vertices, faces, material="flat", enabled="ground" in self.shown
         )
         self._ground.add_color_quantity("lines", colours, defined_on="vertices", enabled=True)
 
