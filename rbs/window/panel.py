@@ -205,7 +205,10 @@ class Panel:
             else:
                 self._pressedAt = mouse
         if viewer.grab is not None:
-            viewer.drag_to(mouse) if psim.IsMouseDown(0) else viewer.release()
+            if psim.IsMouseDown(0):
+                viewer.drag_to(mouse)
+            else:
+                viewer.release()
         if psim.IsMouseReleased(0) and self._pressedAt is not None:
             if math.dist(self._pressedAt, mouse) < CLICK_PIXELS:
                 viewer.pick_at(self._pressedAt)

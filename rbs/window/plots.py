@@ -74,10 +74,5 @@ class Plots:
             implot.EndPlot()
         implot.PopStyleVar()
         place = len(times) - 1 if cursor is None else int(np.argmin(np.abs(times - cursor)))
-        psim.TextWrapped(reading(times[place], list(names), values[place]))
-
-
-def reading(time, names, values):
-    """Returns the values of the curves at a time, in one line."""
-    numbers = ", ".join(f"{name} {value:.3g}" for name, value in zip(names, values, strict=True))
-    return f"at {time:.2f} s: {numbers}"
+        numbers = (f"{name} {value:.3g}" for name, value in zip(names, values[place], strict=True))
+        psim.TextWrapped(f"at {times[place]:.2f} s: {', '.join(numbers)}")
