@@ -57,6 +57,22 @@ def main_bodies(meshes):
     return order[: 1 + isGap.argmax()] if isGap.any() else order
 
 
+def framed_points(meshes, constraints):
+    """Returns what a view shows: points (n, 3) of the bodies except outliers, and below them.
+
+    Of bodies tied to fixed ones it also shows their mirror images at the vertical line through the
+    middle of these, because there they swing.
+    """
+    vertices = [refresh_vertices([meshes[body] for body in main_bodies(meshes)])]
+    tied = [meshes[body] for body in sorted({body for one in constraints for body in one[0:3:2]})]
+    fixed, free = ([one for one in tied if one.isFixed == isFixed] for isFixed in (True, False))
+    if fixed and free:
+        middle = np.mean([mesh.position[0] for mesh in fixed], axis=0)
+        vertices.append(middle + (refresh_vertices(free) - middle) * [-1.0, 1.0, -1.0])
+    points = np.concatenate(vertices)
+    return np.concatenate([points, points * [1.0, 0.0, 1.0]])
+
+
 def are_seen(points, eye, target, fieldOfView, aspect):
     """Whether a camera sees all points (n, 3), with a small margin around them."""
     backward, right, up = view_axes(eye - target)

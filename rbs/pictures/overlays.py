@@ -21,6 +21,7 @@ from rbs.appearance.colours import (
     VELOCITY_COLOUR,
 )
 from rbs.appearance.drawables import box_lines, contact_patches, grid_cells, surface_points
+from rbs.scenes.messages import measured
 from rbs.stepping.bodies import state_columns
 
 # Overlays that show the contacts of the last steps.
@@ -53,6 +54,18 @@ POINT_RADIUS = 4e-3
 LINE_RADIUS = 8e-4
 # Metres; a coordinate beyond all that the camera sees.
 OUT_OF_SIGHT = -1e9
+# What each overlay shows.
+EXPLAINED = {
+    "contacts": "Contact points, and normals towards the body listed first. A recording makes its "
+    "steps again for them, with the soft step up to 100 after a jump",
+    "impulses": "Normal impulses, the pushes at contacts, on the body listed first, relative to "
+    "the largest one",
+    "friction impulses": "Friction impulses on the body listed first",
+    "velocities": f"Velocity of each centre: the distance covered in {VELOCITY_SECONDS:g} s",
+    "bounding boxes": f"Axis-aligned bounding boxes of the first {MOST_BOXES} bodies",
+    "grid cells": f"Cells of the broad phase that contain bodies, up to {MOST_BOXES} columns",
+    "trails": f"Paths of up to {MOST_TRAILS} bodies over the last {TRAIL_LENGTH} frames",
+}
 
 
 class Overlays:
@@ -114,6 +127,8 @@ class Overlays:
         """Returns the legend of the visible overlays: rows (text, (r, g, b))."""
         shown, error = self._view.shown, self._view.simulation.reportError
         rows = [(text(self), colour) for name, (text, colour) in _MEANINGS.items() if name in shown]
+        if "contacts" in shown and self._isAtRest():
+            rows[0] = f"last {rows[0][0]}", RESTING_COLOUR
         if error and CONTACT_OVERLAYS & shown:
             rows.append((f"contacts unknown: {error}", NORMAL_COLOUR))
         return rows
@@ -159,15 +174,11 @@ class Overlays:
             ]
 
     def _isAtRest(self):
-        """Whether all contacts are those of sleeping bodies."""
+        """Whether there are contacts, all of them of sleeping bodies."""
         report = self._view.simulation.report
-        if report is None or not report.hasSleepers:
+        if report is None or not report.hasSleepers or not self._contacts:
             return False
         return all(report.isAsleep[contact.body1] for contact in self._contacts)
-
-    def _contact_meaning(self):
-        last = "last " if self._contacts and self._isAtRest() else ""
-        return f"{last}contact area and normal (on the body listed first)"
 
     def _draw_impulses(self, name, vertices):
         contacts, points = self._contacts, self._contactPoints
@@ -193,7 +204,7 @@ class Overlays:
         longest = max((math.hypot(*impulse(contact)) for contact in self._contacts), default=0.0)
         if longest == 0.0:
             return f"no {what} this step"
-        return f"{what} (longest: {longest:.2g} N s)"
+        return f"{what} (longest: {measured(longest, 'N s')})"
 
     def _velocity_scale(self):
         speed = self._view.squareSide / VELOCITY_SECONDS
@@ -254,7 +265,10 @@ _PAINTERS = {
 
 # Legend text of each overlay, as a function of the Overlays, and its colour.
 _MEANINGS = {
-    "contacts": (lambda overlays: overlays._contact_meaning(), NORMAL_COLOUR),
+    "contacts": (
+        lambda overlays: "contact area and normal (on the body listed first)",
+        NORMAL_COLOUR,
+    ),
     "impulses": (
         lambda overlays: overlays._impulse_scale(
             "normal impulse", lambda contact: [contact.impulse]

@@ -27,15 +27,14 @@ from rbs.appearance.colours import (
     constraint_legend,
 )
 from rbs.appearance.drawables import ConstraintLines, flatten_meshes, ground_lines
-from rbs.appearance.framing import VIEW_DIRECTION, frame_camera, main_bodies
+from rbs.appearance.framing import VIEW_DIRECTION, frame_camera, framed_points
 from rbs.appearance.pictureoptions import OVERLAYS, PICTURE_SIZE
 from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
 from rbs.pictures.cameras import kept_camera, look, point_still_camera, present_camera
-from rbs.pictures.overlays import CONTACT_OVERLAYS, WITHIN_BODIES, Overlays
-from RBSFunctions import refresh_vertices
+from rbs.pictures.overlays import CONTACT_OVERLAYS, EXPLAINED, WITHIN_BODIES, Overlays
 
-# Layers that can be switched on and off.
-LAYERS = ("ground", "shadows", *OVERLAYS)
+# Layers that can be switched on and off, and what they show.
+LAYERS = {"ground": "Plane y = 0, with lines", "shadows": "Shadows cast on the floor", **EXPLAINED}
 # Pixels, the width of an edge on each of its faces.
 CREASE_WIDTH = 1.0
 # Half the width of constraints, relative to the scene's size.
@@ -119,7 +118,7 @@ class SceneView:
         bodySize = np.median(np.linalg.norm(np.subtract(*self.boxes(vertices)), axis=1))
         self.overlays.restart(self._size, bodySize)
         self._register_constraints(vertices)
-        self._point_camera(points)
+        self._point_camera(framed_points(simulation.meshes, simulation.constraints))
         self.spread_ground()
         for name in LAYERS:
             self._show_layer(name)
@@ -190,8 +189,9 @@ class SceneView:
         # Polyscope clips everything beyond
         reach = min(GROUND_REACH * size, max(FAR_CLIP * self._size - distance, 2.0 * self._size))
         vertices, faces, colours, self.squareSide = ground_lines(size, middle, reach)
+        # drawn last, by its name, so that what bodies hide takes no time
         self._ground = ps.register_surface_mesh(
-            "ground", vertices, faces, material="flat", enabled="ground" in self.shown
+            "terrain", vertices, faces, material="flat", enabled="ground" in self.shown
         )
         self._ground.add_color_quantity("lines", colours, defined_on="vertices", enabled=True)
 
@@ -260,9 +260,7 @@ class SceneView:
         direction = -np.array(ps.get_view_camera_parameters().get_look_dir())
         if self._is_framed() or abs(direction[1]) > STEEPEST:
             direction = VIEW_DIRECTION
-        meshes = self.simulation.meshes
-        vertices = refresh_vertices([meshes[body] for body in main_bodies(meshes)])
-        points = np.concatenate([vertices, vertices * [1.0, 0.0, 1.0]])
+        points = framed_points(self.simulation.meshes, self.simulation.constraints)
         self._point_camera(points, direction=direction)
         self.spread_ground()
 

@@ -10,6 +10,8 @@ from pathlib import Path
 # The beginning of every message on stderr: the installed command, or the script.
 INSTALLED_NAME, SCRIPT_NAME = "rigid-body-simulation", "RigidBodySimulation.py"
 PROGRAM_NAME = INSTALLED_NAME if Path(sys.argv[0]).stem == INSTALLED_NAME else SCRIPT_NAME
+# Prefixes of units, and their values.
+PREFIXES = {"G": 1e9, "M": 1e6, "k": 1e3, "": 1.0}
 
 
 class InputError(ValueError):
@@ -51,6 +53,17 @@ def counted(count, noun):
     """Returns a count with its noun: 1 contact, 2 contacts, 3 bodies."""
     plural = noun[:-1] + "ies" if noun.endswith("y") else noun + "s"
     return f"{count} {noun if count == 1 else plural}"
+
+
+def prefix_of(value):
+    """Returns the largest of PREFIXES whose value is reached, or none."""
+    return next((prefix for prefix, size in PREFIXES.items() if not value < size), "")
+
+
+def measured(value, unit):
+    """Returns a quantity of 0 or more in few digits: 0.25 N, 1.6 kN."""
+    prefix = prefix_of(value)
+    return f"{value / PREFIXES[prefix]:.3g} {prefix}{unit}"
 
 
 def shown_path(path):

@@ -2,13 +2,12 @@
 
 In reading order:
 
-    playback        number of steps per frame, and the pace
-    pictureprocess  studio pictures drawn by another process
-    viewer          the actions of buttons, keys and mouse
-    layout          positions of the panels
-    widgets         buttons, fields and tables of a panel
-    marks           what is drawn on top of the picture
-    plots           plots of energy, momentum and errors
-    helppanel       table of keys and mouse actions
-    panel           the window: panels, keys and mouse
+    playback   number of steps per frame, and the pace
+    viewer     the actions of buttons, keys and mouse
+    layout     positions of the panels
+    widgets    buttons, fields and tables of a panel
+    marks      what is drawn on top of the picture
+    plots      plots of energy, momentum and errors
+    helppanel  table of keys and mouse actions
+    panel      the window: panels, keys and mouse
 """

@@ -2,7 +2,7 @@
 
 import polyscope.imgui as psim
 
-from rbs.window.widgets import scaled
+from rbs.window.widgets import begin_panel, scaled
 
 KEYS = {
     "Space": "play, pause",
@@ -32,13 +32,11 @@ MOUSE = {
 INDENT = 180
 
 
-def draw_help(centre, most):
-    """Draws the panel. Returns whether it stays open. centre, most : pixels, place and limit."""
-    psim.SetNextWindowPos(centre, psim.ImGuiCond_Always, (0.5, 0.5))
-    psim.SetNextWindowSizeConstraints((0, 0), most)
-    psim.SetNextWindowBgAlpha(1.0)
-    flags = psim.ImGuiWindowFlags_AlwaysAutoResize | psim.ImGuiWindowFlags_NoCollapse
-    psim.Begin("Help", flags=flags | psim.ImGuiWindowFlags_NoMove)
+def draw_help(picture):
+    """Draws the panel in the middle of the picture, a Box. Returns whether it stays open."""
+    left, top, width, height = picture
+    middle = left + width / 2, top + height / 2
+    begin_panel("Help", middle, (0, 0), (width, height), pivot=(0.5, 0.5), alpha=1.0)
     for title, rows in (("Keys", KEYS), ("Mouse", MOUSE)):
         psim.SeparatorText(title)
         for name, text in rows.items():

@@ -9,10 +9,8 @@ from typing import NamedTuple
 
 # Width of a column, as a fraction of the window's, and its least and greatest width.
 COLUMN_SHARE, LEAST_COLUMN, MOST_COLUMN = 0.25, 260, 420
-# Width from which both columns are shown by default.
-ROOMY_WIDTH = 1000
-# Height from which the settings are shown by default.
-ROOMY_HEIGHT = 640
+# Width from which both columns are shown by default, and height from which the settings are.
+ROOMY_WIDTH, ROOMY_HEIGHT = 1000, 640
 TIMELINE_HEIGHT = 40
 
 
@@ -40,12 +38,9 @@ class Layout(NamedTuple):
 
 
 def arrange(width, height, hasSide, scale=1.0):
-    """Returns the Layout of a window, with or without the right column.
-
-    scale : of the monitor
-    """
+    """Returns the Layout of a window, with or without the right column. scale : of the monitor"""
     column = round(min(max(COLUMN_SHARE * width, scale * LEAST_COLUMN), scale * MOST_COLUMN))
-    right = width - column if hasSide else width
+    right = width - column * hasSide
     strip = round(scale * TIMELINE_HEIGHT)
     bottom = height - strip
     return Layout(

@@ -8,14 +8,13 @@ import polyscope.imgui as psim
 
 from rbs.appearance.colours import MARK_COLOUR, PICKED_COLOUR
 from rbs.pictures.overlays import draw_arrows
-from rbs.window.widgets import scaled
+from rbs.scenes.messages import measured
+from rbs.window.widgets import begin_panel, scaled
 
 # Pixels: width of lines, and of those of contact areas; length of an arrow's head, at most.
 WIDTH, HEAD = 2.0, 9.0
 # Half the width of a head, relative to its length.
 HEAD_WIDTH = 0.4
-# Units of force, in newtons.
-UNITS = ("GN", 1e9), ("MN", 1e6), ("kN", 1e3), ("N", 1.0)
 
 
 def draw_marks(viewer):
@@ -24,32 +23,25 @@ def draw_marks(viewer):
     for parts in view.overlays.onTop.values():
         for draw, (points, others, colour, _) in parts:
             if draw is draw_arrows:
-                _draw_arrows(ink, view, points, points + others, _packed(colour))
+                _draw_arrows(ink, view, points, points + others, packed(colour))
             elif len(others):
-                _draw_lines(ink, view.pixels_of(points)[others], _packed(colour))
+                _draw_lines(ink, view.pixels_of(points)[others], packed(colour))
     if view.picked is not None:
         outline = view.picked_outline()
-        _draw_lines(
-            ink, np.stack([outline, np.roll(outline, 1, axis=0)], 1), _packed(PICKED_COLOUR)
-        )
+        sides = np.stack([outline, np.roll(outline, 1, axis=0)], axis=1)
+        _draw_lines(ink, sides, packed(PICKED_COLOUR))
         _draw_point(ink, view.pixels_of(view.picked_point())[0], MARK_COLOUR)
     if viewer.grab is not None:
         mesh = viewer.simulation.meshes[viewer.grab.body]
         ends = view.pixels_of([viewer.grab.point(mesh), viewer.grab.target])
-        _draw_lines(ink, ends[None], _packed(PICKED_COLOUR))
+        _draw_lines(ink, ends[None], packed(PICKED_COLOUR))
         _draw_point(ink, ends[0], PICKED_COLOUR)
         place = (ends[1] + scaled(12)).tolist()
         if viewer.isPlaying and np.isfinite(place).all():
-            ink.AddText(place, _packed((0.0, 0.0, 0.0)), force_text(viewer.drag_force()))
+            ink.AddText(place, packed((0.0, 0.0, 0.0)), measured(viewer.drag_force(), "N"))
 
 
-def force_text(force):
-    """Returns a force in newtons as text."""
-    unit, size = next((one for one in UNITS if force >= one[1]), UNITS[-1])
-    return f"{force / size:.3g} {unit}"
-
-
-def _packed(colour):
+def packed(colour):
     """Returns an RGB colour as ImGui's number: opacity, blue, green, red."""
     red, green, blue = (round(255 * part) for part in colour)
     return 0xFF << 24 | blue << 16 | green << 8 | red
@@ -57,7 +49,7 @@ def _packed(colour):
 
 def _draw_point(ink, pixel, colour):
     if np.isfinite(pixel).all():
-        ink.AddCircleFilled(pixel.tolist(), scaled(4), _packed(colour))
+        ink.AddCircleFilled(pixel.tolist(), scaled(4), packed(colour))
 
 
 def _draw_lines(ink, ends, colour):
@@ -86,13 +78,9 @@ def draw_legend(rows, picture, above):
     if not rows:
         return
     corner = picture.left + picture.width, picture.top + picture.height - above
-    psim.SetNextWindowPos(corner, psim.ImGuiCond_Always, (1.0, 1.0))
-    psim.SetNextWindowSizeConstraints((0, 0), (picture.width, picture.height))
-    psim.SetNextWindowBgAlpha(0.7)
-    flags = psim.ImGuiWindowFlags_NoTitleBar | psim.ImGuiWindowFlags_AlwaysAutoResize
-    psim.Begin("Legend", flags=flags | psim.ImGuiWindowFlags_NoInputs)
+    begin_panel("Legend", corner, (0, 0), picture[2:], "NoTitleBar NoInputs", (1.0, 1.0), 0.7)
+    flags, side = psim.ImGuiColorEditFlags_NoTooltip, psim.GetFontSize()
     for text, colour in rows:
-        flags, side = psim.ImGuiColorEditFlags_NoTooltip, psim.GetFontSize()
         psim.ColorButton(text, (*colour, 1.0), flags, (side, side))
         psim.SameLine()
         psim.Text(text)

@@ -16,78 +16,45 @@ import polyscope.imgui as psim
 from rbs.appearance.colours import COLOURINGS, PICKED_COLOUR
 from rbs.appearance.pictureoptions import LOOKS, PictureOptions
 from rbs.pictures.capture import start_view
-from rbs.pictures.overlays import MOST_BOXES, MOST_TRAILS, TRAIL_LENGTH, VELOCITY_SECONDS
 from rbs.pictures.view import LAYERS
 from rbs.scenes.messages import counted
 from rbs.stepping.reports import PHASES
 from rbs.stepping.settings import SETTINGS
+from rbs.window import widgets
 from rbs.window.helppanel import draw_help
 from rbs.window.layout import ROOMY_HEIGHT, ROOMY_WIDTH, arrange
-from rbs.window.marks import draw_legend, draw_marks
+from rbs.window.marks import draw_legend, draw_marks, packed
 from rbs.window.playback import SPEEDS, speed_name
-from rbs.window.plots import ALL_PLOTS, PLOTS, Plots
+from rbs.window.plots import Plots
 from rbs.window.viewer import Viewer
-from rbs.window.widgets import (
-    ERROR_TEXT,
-    NumberField,
-    Tooltips,
-    clamped,
-    draw_check,
-    draw_choice,
-    draw_slider,
-    draw_table,
-    draw_vectors,
-    scaled,
-)
+from rbs.window.widgets import Tooltips, scaled
 
-# Pixels: width of the labels beside fields, indent of the parts of a sum, and width of the button
-# beside a changed setting.
-LABEL_WIDTH, INDENT, MARK_WIDTH = 128, 18, 18
+# Pixels: width of the labels beside fields, of the longest switch in Display, and of the button
+# beside a changed setting; indent of the parts of a sum.
+LABEL_WIDTH, SWITCH_WIDTH, MARK_WIDTH, INDENT = 128, 150, 18, 18
 # Pixels. A shorter movement between pressing and releasing the button counts as a click; a longer
 # one turns the camera.
 CLICK_PIXELS = 4.0
 # Seconds between the clicks of a double-click, each of which takes a frame or two. Until then, no
 # panel opens that would move the picture.
 DOUBLE_CLICK_SECONDS = 0.6
-# Time steps in seconds: change by the buttons + and -, least and greatest one.
-TIME_STEPS = 0.005, 1e-4, 1.0
-# m/s, the end of the slider for pushes.
-MOST_PUSH = 40.0
-# Marks on the timeline: opacity, blue, green and red of PICKED_COLOUR.
-MARK = 0xFF8C1AE6
-# Seconds that a message is shown.
-MESSAGE_SECONDS = 20.0
+# Time steps in seconds: change by the buttons + and -; least and greatest one.
+TIME_STEP_CHANGE, TIME_STEPS = 0.005, (1e-4, 1.0)
+# m/s, the end of the slider for pushes; and seconds that a message is shown.
+MOST_PUSH, MESSAGE_SECONDS = 40.0, 20.0
 # Most frames per second; the same while idle; and seconds without input or playing until idle.
 FRAME_RATE, IDLE_RATE, IDLE_SECONDS = 60, 5, 0.5
 # What is shown until one of these has been used, and its height in pixels.
 HINT, HINT_HEIGHT = "Ctrl + drag throws a body · B shoots · H shows all keys", 34
 # Names of choices in the lists, where the option's own is too short.
-CHOICES = {"impulse": "impulses, one by one", "soft-step": "soft step: piles rest"}
+CHOICES = {"impulse": "impulses in turn", "soft-step": "soft step: piles rest"}
 CHOICES |= {"all": "all pairs", "plain": "as in the window"}
-# Tooltips of the switches in the section Display.
-TOOLTIPS = {
-    "ground": "Plane y = 0, with lines",
-    "shadows": "Shadows cast on the floor",
-    "contacts": "Contact points, and normals towards the body listed first. A recording makes its "
-    "steps again for them, with the soft step up to 100 after a jump",
-    "impulses": "Normal impulses on the body listed first, relative to the largest one",
-    "friction impulses": "Friction impulses on the body listed first",
-    "velocities": f"Velocity of each centre: the distance covered in {VELOCITY_SECONDS:g} s",
-    "bounding boxes": f"Axis-aligned bounding boxes of the first {MOST_BOXES} bodies",
-    "grid cells": f"Cells of the broad phase that contain bodies, up to {MOST_BOXES} columns",
-    "trails": f"Paths of up to {MOST_TRAILS} bodies over the last {TRAIL_LENGTH} frames",
-}
 
 
 def show_window(simulation, backend, openFile, listFiles, measure, pictureOptions=None):
-    """Opens the window on a simulation or a replay. Returns when it is closed.
+    """Opens the window on a SceneSimulation or a Replay. Returns when it is closed.
 
-    Parameters
-    ----------
-    simulation : Simulation or Replay
-    backend : see `start_view`
-    openFile, listFiles, measure : see `Viewer`
-    pictureOptions : PictureOptions, or None
+    backend : see `start_view`; pictureOptions : PictureOptions, or None; others : see `Viewer`
     """
     options = pictureOptions or PictureOptions()
     view = start_view(simulation, backend, replace(options, look="plain"))
@@ -101,8 +68,7 @@ def show_window(simulation, backend, openFile, listFiles, measure, pictureOption
     try:
         ps.show()
     finally:
-        viewer.stop_video()
-        viewer.stop_recording()
+        viewer.stop_files()
         view.set_callback(None)
         ps.clear_files_dropped_callback()
 
@@ -110,19 +76,17 @@ def show_window(simulation, backend, openFile, listFiles, measure, pictureOption
 class Panel:
     """The window's panels, keys and mouse, which show a Viewer and call its functions.
 
-    Attributes: viewer; path, text of the field that opens a file; isHelpShown; areHidden, all
-    panels; isSideShown, the readout, None if the window's width decides; layout, of the last frame;
-    hint, a line for beginners, or "".
+    Attributes: viewer; isHelpShown; areHidden, all panels; isSideShown, the readout, None if the
+    window's width decides; layout, of the last frame; hint, a line for beginners, or "".
     """
 
     def __init__(self, viewer):
         self.viewer = viewer
-        self.path = ""
-        self._timeStep = NumberField(SETTINGS["timeStep"], *TIME_STEPS)
-        self.hint, self.frameRate = HINT, FRAME_RATE
+        self._path = ""  # text of the field that opens a file
+        self._timeStep = widgets.NumberField()
+        self.hint, self.frameRate, self.plots = HINT, FRAME_RATE, Plots()
         self.isHelpShown = self.areHidden = False
         self.isSideShown = self.layout = None
-        self.plots = Plots()
         self._lastFrame = self._lastAction = time.perf_counter()
         self._dropped = self._pressedAt = self._sideLess = None
         self._lastClick = -DOUBLE_CLICK_SECONDS
@@ -135,9 +99,9 @@ class Panel:
 
     def frame(self):
         """Polyscope's callback for each frame: keys, panels, and the steps that are due."""
-        if self._dropped is not None:
-            self.viewer.open(self._dropped)
-            self._dropped = None
+        dropped, self._dropped = self._dropped, None
+        if dropped is not None:
+            self.viewer.open(dropped)
         self._handle_keys()
         self._handle_mouse()
         self.lay_out()
@@ -157,9 +121,7 @@ class Panel:
         if text:
             self._draw_message(text, isError)
         if self.isHelpShown:
-            left, top, width, height = self.layout.picture
-            centre = left + width / 2, top + height / 2
-            self.isHelpShown = draw_help(centre, (width, height))
+            self.isHelpShown = draw_help(self.layout.picture)
         self._choose_quality()
         now = time.perf_counter()
         self.viewer.play(now - self._lastFrame)
@@ -170,16 +132,12 @@ class Panel:
         width, height = ps.get_window_size()
         hasSide = width >= scaled(ROOMY_WIDTH) if self.isSideShown is None else self.isSideShown
         hasSide = hasSide or self.viewer.view.picked not in (None, self._sideLess)
-        if self.layout is not None and self._is_clicking():
-            hasSide = self.layout.side is not None
+        since = time.perf_counter() - self._lastClick
+        if self.layout is not None and (self._pressedAt or since < DOUBLE_CLICK_SECONDS):
+            hasSide = self.layout.side is not None  # a click may go on, as a double-click
         self.layout = arrange(width, height, hasSide, scaled(1))
         margins = (0, 0, 0, 0) if self.areHidden else self.layout.margins(width, height)
         self.viewer.view.set_margins(margins, (width, height))
-
-    def _is_clicking(self):
-        """Whether a click in the picture may go on, as a double-click."""
-        since = time.perf_counter() - self._lastClick
-        return self._pressedAt is not None or since < DOUBLE_CLICK_SECONDS
 
     def toggle_side(self):
         """Shows or hides the readout. Another selection shows it again."""
@@ -216,10 +174,9 @@ class Panel:
             "N": self.toggle_side,
             "Tab": lambda: self._toggle("areHidden"),
             "H F1 Slash" if io.KeyShift else "H F1": lambda: self._toggle("isHelpShown"),
-            "Escape": lambda: self._toggle("isHelpShown") if self.isHelpShown else None,
+            "Escape": lambda: setattr(self, "isHelpShown", False),
         }
-        for digit, name in enumerate(LAYERS, 1):
-            acts[str(digit)] = partial(viewer.view.toggle, name)
+        acts |= {str(k): partial(viewer.view.toggle, name) for k, name in enumerate(LAYERS, 1)}
         for names, act in acts.items():
             keys = [getattr(psim, f"ImGuiKey_{name}") for name in names.split()]
             self._isKeyDown |= any(psim.IsKeyDown(key) for key in keys)
@@ -238,8 +195,7 @@ class Panel:
     def _handle_mouse(self):
         """Selects a body with a click, centres it with another one, and drags one with Ctrl."""
         io, viewer = psim.GetIO(), self.viewer
-        mouse = tuple(io.MousePos)
-        io.MouseDoubleClickTime = DOUBLE_CLICK_SECONDS
+        mouse, io.MouseDoubleClickTime = tuple(io.MousePos), DOUBLE_CLICK_SECONDS
         if psim.IsMouseDoubleClicked(0) and not io.WantCaptureMouse:
             viewer.view.centre_picked()  # whatever is there since the first click
         elif psim.IsMouseClicked(0) and not io.WantCaptureMouse:
@@ -261,32 +217,24 @@ class Panel:
 
     # The main column.
 
-    def _begin(self, title, box, least=0, flags=0):
-        """Begins a panel as wide as a Box, and as high as its content, within limits."""
-        psim.SetNextWindowPos((box.left, box.top), psim.ImGuiCond_Always)
-        psim.SetNextWindowSizeConstraints((box.width, least), (box.width, box.height))
-        flags |= psim.ImGuiWindowFlags_NoMove | psim.ImGuiWindowFlags_AlwaysAutoResize
-        flags |= psim.ImGuiWindowFlags_NoCollapse | psim.ImGuiWindowFlags_NoBringToFrontOnFocus
-        psim.Begin(title, flags=flags)
+    def _begin(self, title, box):
+        """Begins a column, with room for labels beside its fields."""
+        widgets.begin_panel(title, box[:2], (box.width, 0), box[2:], "NoBringToFrontOnFocus")
+        psim.PushItemWidth(psim.GetContentRegionAvail()[0] - scaled(LABEL_WIDTH))
 
     def _draw_main(self):
         self._begin("Rigid bodies", self.layout.main)
-        psim.PushItemWidth(psim.GetContentRegionAvail()[0] - scaled(LABEL_WIDTH))
         self._draw_controls()
         self._draw_files()
         isRoomy = self.layout.main.height >= scaled(ROOMY_HEIGHT)
-        isReplay = self.viewer.isReplay
-        if not isReplay and self._section("Simulation", isRoomy):
+        if not self.viewer.isReplay and widgets.draw_section("Simulation", isRoomy):
             self._draw_settings()
-        if self._section("Display", isRoomy):
+        if widgets.draw_section("Display", isRoomy):
             self._draw_display()
-        if self._section("Save", False):
+        if widgets.draw_section("Save"):
             self._draw_save()
         psim.PopItemWidth()
         psim.End()
-
-    def _section(self, title, isOpen):
-        return psim.CollapsingHeader(title, psim.ImGuiTreeNodeFlags_DefaultOpen if isOpen else 0)
 
     def _buttons(self, *rows):
         """Draws a row of equally wide buttons (label, function, tooltip)."""
@@ -309,33 +257,32 @@ class Panel:
             ("Step", viewer.step_once, "S or Right: one step forward"),
             ("Reset", viewer.restart, "R: start over, keeping your settings"),
         )
-        speeds = {speed_name(speed): speed for speed in SPEEDS}
-
-        def set_speed(name):
-            playback.speed = speeds[name]
-
+        names, act = {one: speed_name(one) for one in SPEEDS}, partial(setattr, playback, "speed")
         tooltip = "Speed, relative to real time"
-        draw_choice("speed", speed_name(playback.speed), list(speeds), set_speed, tooltip)
+        widgets.draw_choice("###speed", playback.speed, SPEEDS, act, tooltip, names)
+        pace = playback.pace()
+        psim.SameLine()
+        psim.Text("paused" if pace is None else f"{pace:.2g} × real time")
         if viewer.isReplay:
             act = partial(setattr, playback, "isBackwards")
-            draw_check("backwards", playback.isBackwards, act, "Play backwards")
-        pace = playback.pace()
-        psim.Text("paused" if pace is None else f"{pace:.2g} × real time")
+            widgets.draw_check("backwards", playback.isBackwards, act, "Play backwards")
+        tooltip = "F: fit all bodies in view, except any flung far away"
         self._buttons(
             ("Help", partial(self._toggle, "isHelpShown"), "H, F1 or ?: keys and mouse actions"),
             ("Readout", self.toggle_side, "N: counts, timings and plots, on the right"),
+            ("Frame all", viewer.view.frame_all, tooltip),
         )
 
     def _draw_files(self):
         viewer = self.viewer
         tooltip = "Scenes of this project, and files beside this scene; [ and ]: scene before, next"
-        draw_choice("scene", viewer.name(), viewer.files, viewer.open_listed, tooltip)
+        widgets.draw_choice("scene", viewer.name(), viewer.files, viewer.open_listed, tooltip)
         flags = psim.ImGuiInputTextFlags_EnterReturnsTrue | psim.ImGuiInputTextFlags_AutoSelectAll
-        entered, self.path = psim.InputTextWithHint("open", "name or path", self.path, flags)
+        entered, self._path = psim.InputTextWithHint("open", "name or path", self._path, flags)
         Tooltips.tell("Open a scene by path or name, a recording (.h5) or a viewpoint (.json)")
-        if entered and self.path.strip():
-            viewer.open(self.path.strip())
-            self.path = self.path if viewer.message else ""
+        if entered and self._path.strip():
+            viewer.open(self._path.strip())
+            self._path = self._path if viewer.message else ""
 
     def _draw_settings(self):
         """Draws the settings that the solver uses."""
@@ -349,13 +296,13 @@ class Panel:
             value, begun = getattr(settings, one.name), getattr(simulation.startSettings, one.name)
             row, last = (one.label, value), (partial(self._set, one.name), one.tooltip)
             if one.name == "timeStep":
-                self._tell(self._timeStep.draw(settings))
+                self._timeStep.draw(*row, TIME_STEP_CHANGE, *last)
             elif one.kind is bool:
-                draw_check(*row, *last)
+                widgets.draw_check(*row, *last)
             elif one.sliderEnds is None:
-                draw_choice(*row, one.kind, *last, CHOICES)
+                widgets.draw_choice(*row, one.kind, *last, CHOICES)
             else:
-                draw_slider(*row, *one.sliderEnds, *last)
+                widgets.draw_slider(*row, *one.sliderEnds, *last)
             if value != begun:
                 psim.SameLine(right - scaled(MARK_WIDTH))
                 if psim.SmallButton(f"×###restore {one.name}"):
@@ -368,28 +315,27 @@ class Panel:
 
     def _set(self, name, value):
         """Changes a setting, as far as its limits allow."""
+        wanted, one = value, SETTINGS[name]
         if isinstance(value, int | float):
-            value, message = clamped(SETTINGS[name].label, value, *SETTINGS[name].limits)
-            self._tell(message)
+            low, high = TIME_STEPS if name == "timeStep" else one.limits
+            value = min(max(value, low), high)
+            if value != wanted:
+                self.viewer.message = f"{one.label} is limited to {low:g} to {high:g}"
         self.viewer.simulation.settings.change(name, value)
         self.viewer.view.refresh()
-
-    def _tell(self, message):
-        """Shows a message, unless it is empty."""
-        self.viewer.message = message or self.viewer.message
 
     def _draw_display(self):
         view = self.viewer.view
         tooltip = "Quantity that the bodies' colours show"
-        draw_choice("colours", view.colouring, COLOURINGS, view.colour_by, tooltip)
-        tooltip = "F: fit all bodies in view, except any flung far away"
-        self._buttons(("Frame all", view.frame_all, tooltip))
-        tooltip = "Camera moves with the selected body"
-        act = partial(setattr, view, "follows")
-        draw_check("camera follows selection", view.follows, act, tooltip)
-        for digit, name in enumerate(LAYERS, 1):
-            tooltip = f"{digit}: {TOOLTIPS[name]}"
-            draw_check(name, name in view.shown, partial(view.show, name), tooltip)
+        widgets.draw_choice("colours", view.colouring, COLOURINGS, view.colour_by, tooltip)
+        act, tooltip = partial(setattr, view, "follows"), "Camera moves with the selected body"
+        widgets.draw_check("camera follows selection", view.follows, act, tooltip)
+        second = 0.55 * psim.GetContentRegionAvail()[0]
+        for digit, (name, shows) in enumerate(LAYERS.items(), 1):
+            act = partial(view.show, name)
+            if digit % 2 == 0 and second > scaled(SWITCH_WIDTH):  # in two columns
+                psim.SameLine(second)
+            widgets.draw_check(name, name in view.shown, act, f"{digit}: {shows}")
 
     def _draw_save(self):
         viewer = self.viewer
@@ -398,20 +344,14 @@ class Panel:
             ("Picture", viewer.save_picture, "Save this view as a PNG, without panels, to out/"),
             ("Viewpoint", viewer.save_camera, tooltip),
         )
-        tooltip = (
-            "Look of saved pictures: plain, as in the window; or studio, with sky light and soft "
-            "shadows, which takes seconds"
-        )
+        tooltip = "Look of saved pictures. Studio has sky light and soft shadows; it takes seconds"
         act = partial(setattr, viewer, "look")
-        draw_choice("look", viewer.look, LOOKS, act, tooltip, CHOICES)
+        widgets.draw_choice("look", viewer.look, LOOKS, act, tooltip, CHOICES)
         video = "Video###video" if viewer.video is None else "Stop video###video"
         record = "Record###record" if viewer.recorder is None else "Stop recording###record"
-        tooltip = (
-            "Record every step until Stop recording, including your own drags, pushes and shots, "
-            "for --replay, --resume and --verify (.h5 in out/)"
-        )
-        about = "Film from now until Stop video (.mp4 in out/)"
-        self._buttons((video, viewer.toggle_video, about))
+        tooltip = "Record all steps, drags, pushes and shots, for --replay, --resume and --verify"
+        tooltip += " (.h5 in out/)"
+        self._buttons((video, viewer.toggle_video, "Film until Stop video (.mp4 in out/)"))
         psim.BeginDisabled(viewer.isReplay)
         self._buttons((record, viewer.toggle_recording, tooltip))
         psim.EndDisabled()
@@ -425,34 +365,29 @@ class Panel:
     def _draw_side(self):
         viewer = self.viewer
         self._begin("Readout", self.layout.side)
-        psim.PushItemWidth(psim.GetContentRegionAvail()[0] - scaled(LABEL_WIDTH))
         if viewer.picked() is not None:
             self._draw_body()
+            psim.Separator()
         self._draw_numbers()
-        if self._section("Timing", True):
+        if widgets.draw_section("Timing", True):
             self._draw_milliseconds()
-        viewer.isMeasuring = self._section("Plots", False)
+        viewer.isMeasuring = widgets.draw_section("Plots")
         if viewer.isMeasuring:
-            plots, act = [ALL_PLOTS, *PLOTS], partial(setattr, self.plots, "chosen")
-            draw_choice("plot", self.plots.chosen, plots, act, "All plots, or a single large one")
-            self.plots.draw(viewer.history, self.layout.side.height - psim.GetCursorPosY())
+            self.plots.draw(viewer.history, self.layout.side.height)
         psim.PopItemWidth()
         psim.End()
 
     def _draw_numbers(self):
         simulation = self.viewer.simulation
-        square = self.viewer.view.squareSide
-        meshes = simulation.meshes
-        fixed = sum(mesh.isFixed for mesh in meshes)
-        kinds = counted(len(meshes) - fixed, "body") + f", {fixed} fixed" * bool(fixed)
-        psim.Text(f"{kinds} · floor squares {square:g} m")
+        report, count = simulation.report, len(simulation.meshes)
+        fixed = sum(mesh.isFixed for mesh in simulation.meshes)
+        kinds = counted(count - fixed, "body") + f", {fixed} fixed" * bool(fixed)
+        psim.Text(f"{kinds} · floor squares {self.viewer.view.squareSide:g} m")
         psim.Text(f"step {simulation.stepCount}, {simulation.time:.2f} s simulated")
-        report = simulation.report
         if report is not None:
             if report.hasSleepers:
                 asleep = int(report.isAsleep.sum())
-                isAll = asleep + fixed >= len(meshes)
-                psim.Text(f"all {asleep} bodies asleep" if isAll else f"{asleep} bodies asleep")
+                psim.Text("all " * (asleep + fixed >= count) + f"{asleep} bodies asleep")
             psim.Text(counted(report.contactCount, "contact"))
             psim.Text(counted(report.candidatePairs, "candidate pair"))
             if simulation.constraints:
@@ -461,15 +396,14 @@ class Panel:
 
     def _draw_milliseconds(self):
         frame, step = self.viewer.frame_milliseconds(), self.viewer.step_milliseconds()
-        wholes = {name: f"{name}, of which" for name in ("frame", "step")}
-        names = {**PHASES, "gather": "read bodies", **wholes}
+        names = {**PHASES, "gather": "read bodies"}
+        names |= {"frame": "frame, of which", "step": "step, of which"}
         if frame:
             psim.Text(f"{1e3 / frame['frame']:.0f} fps ({frame['frame']:.0f} ms)")
             Tooltips.tell("Frames per second while playing, and the time of each")
-            draw_table([(f"{ms:.1f}", names.get(name, name)) for name, ms in frame.items()], INDENT)
-            psim.Separator()
-        if step:
-            draw_table([(f"{ms:.2f}", names.get(name, name)) for name, ms in step.items()], INDENT)
+        for means, digits in ((frame, 1), (step, 2)):
+            rows = [(f"{ms:.{digits}f}", names.get(name, name)) for name, ms in means.items()]
+            widgets.draw_table(rows, INDENT)
         if not frame and not step:
             psim.Text("No data yet: press Play.")
 
@@ -481,41 +415,30 @@ class Panel:
         psim.Text(f"{mesh.name}, {'fixed' if mesh.isFixed else 'free'}")
         mass = f"{mesh.mass / 1e3:.4g} t" if mesh.mass >= 1e3 else f"{mesh.mass:.4g} kg"
         psim.TextWrapped(f"mass {mass}, density {mesh.density:g} kg/m³")
-        centre = "centre", mesh.position[0], "m"
-        velocity = "velocity", mesh.linVelocity[0], "m/s"
-        draw_vectors([centre, velocity, ("angular velocity", mesh.angVelocity[0], "rad/s")])
-        if not viewer.isReplay:
-            self._draw_body_buttons()
-        psim.Separator()
-
-    def _draw_body_buttons(self):
-        viewer, isFixed = self.viewer, self.viewer.picked().isFixed
-        if psim.Button("Free###fix" if isFixed else "Fix###fix"):
-            viewer.set_fixed(not isFixed)
+        widgets.draw_vector("centre (m)", mesh.position[0])
+        widgets.draw_vector("velocity (m/s)", mesh.linVelocity[0])
+        widgets.draw_vector("angular velocity (rad/s)", mesh.angVelocity[0])
+        if viewer.isReplay:
+            return
+        if psim.Button("Free###fix" if mesh.isFixed else "Fix###fix"):
+            viewer.set_fixed(not mesh.isFixed)
         Tooltips.tell("Fix or free this body. A fixed body has infinite mass")
-        isFixed = viewer.picked().isFixed
-        psim.BeginDisabled(isFixed)
+        psim.BeginDisabled(mesh.isFixed)
         act, tooltip = partial(setattr, viewer, "pushSpeed"), "Speed that a push adds"
-        draw_slider("push", viewer.pushSpeed, 0.0, MOST_PUSH, act, tooltip, "%.1f m/s")
+        widgets.draw_slider("push", viewer.pushSpeed, 0.0, MOST_PUSH, act, tooltip, "%.1f m/s")
         camera = ps.get_view_camera_parameters()
         right = np.array(camera.get_right_dir())
-        directions = {
-            "Away": np.array(camera.get_look_dir()),
-            "Left": -right,
-            "Right": right,
-            "Up": np.array([0.0, 1.0, 0.0]),
-        }
+        ways = {"Away": camera.get_look_dir(), "Left": -right, "Right": right, "Up": (0, 1, 0)}
         tooltip = "Push at the point that was clicked"
-        rows = ((name, partial(viewer.push, way), tooltip) for name, way in directions.items())
-        self._buttons(*rows)
+        self._buttons(*((name, partial(viewer.push, way), tooltip) for name, way in ways.items()))
         psim.EndDisabled()
 
     # The timeline and messages.
 
     def _draw_timeline(self):
         viewer, simulation = self.viewer, self.viewer.simulation
-        flags = psim.ImGuiWindowFlags_NoTitleBar | psim.ImGuiWindowFlags_NoScrollbar
-        self._begin("Timeline", self.layout.timeline, self.layout.timeline.height, flags)
+        box, flags = self.layout.timeline, "NoTitleBar NoScrollbar NoBringToFrontOnFocus"
+        widgets.begin_panel("Timeline", box[:2], box[2:], box[2:], flags)
         shown, numbers = f"step {simulation.stepCount}", (viewer.place, 0, viewer.last_place())
         about = f"{simulation.time:.2f} s. Drag to go back, up to {numbers[2]} steps"
         if viewer.isReplay:
@@ -525,25 +448,21 @@ class Panel:
             psim.SameLine()
             shown = f"step %d of {simulation.lastStep}"
             numbers = simulation.stepCount, simulation.firstStep, simulation.lastStep
-            about = f"{simulation.time:.2f} of {simulation.lastTime:.2f} s. Drag, or type a step"
-            about += " after Ctrl-click"
+            about = f"{simulation.time:.2f} of {simulation.lastTime:.2f} s. Ctrl-click: type a step"
         psim.SetNextItemWidth(-1.0)
         moved, place = psim.SliderInt("###step", *numbers, shown, psim.ImGuiSliderFlags_AlwaysClamp)
         Tooltips.tell(about)
         if viewer.simulation is simulation and moved:
             viewer.seek(place)
-        if viewer.isReplay:
-            self._mark_changes(viewer.simulation)
+        if viewer.simulation is simulation and viewer.isReplay:
+            # marks before steps at which something was done by hand
+            (left, top), (right, _) = psim.GetItemRectMin(), psim.GetItemRectMax()
+            perStep = (right - left) / max(simulation.lastStep - simulation.firstStep, 1)
+            for step in sorted({step for step, _ in simulation.recording.changes}):
+                x = left + perStep * (step - simulation.firstStep)
+                ends = (x, top - scaled(5)), (x, top + scaled(5))
+                psim.GetWindowDrawList().AddLine(*ends, packed(PICKED_COLOUR), scaled(2))
         psim.End()
-
-    def _mark_changes(self, replay):
-        """Marks the steps before which something was done by hand, above the slider."""
-        (left, top), (right, _) = psim.GetItemRectMin(), psim.GetItemRectMax()
-        perStep = (right - left) / max(replay.lastStep - replay.firstStep, 1)
-        for step in sorted({step for step, _ in replay.recording.changes}):
-            x = left + perStep * (step - replay.firstStep)
-            ends = (x, top - scaled(5)), (x, top + scaled(5))
-            psim.GetWindowDrawList().AddLine(*ends, MARK, scaled(2))
 
     def _message(self):
         """Returns (message, whether it is an error). Messages expire after a while."""
@@ -560,21 +479,16 @@ class Panel:
     def _draw_message(self, text, isError):
         """Draws a message over the upper edge of the picture, or the hint over the lower one."""
         left, top, width, height = self.layout.picture
-        place, pivot = (
-            ((left, top + height), (0, 1)) if text == self.hint else ((left, top), (0, 0))
-        )
-        psim.SetNextWindowPos(place, psim.ImGuiCond_Always, pivot)
-        psim.SetNextWindowSizeConstraints((width, 0), (width, scaled(200)))
-        psim.SetNextWindowBgAlpha(0.9)
-        flags = psim.ImGuiWindowFlags_NoTitleBar | psim.ImGuiWindowFlags_AlwaysAutoResize
-        offer = self.viewer.offer
+        side, offer = int(text == self.hint), self.viewer.offer
         isOffer = offer is not None and offer[0] == text
-        psim.Begin("Message", flags=flags | (0 if isOffer else psim.ImGuiWindowFlags_NoInputs))
+        place, sizes = (left, top + side * height), ((width, 0), (width, scaled(200)))
+        flags = "NoTitleBar" if isOffer else "NoTitleBar NoInputs"
+        widgets.begin_panel("Message", place, *sizes, flags, (0, side), 0.9)
         if isOffer:
             if psim.Button(offer[1]):
                 offer[2]()
             psim.SameLine()
-        colour = ERROR_TEXT if isError else psim.GetStyleColorVec4(psim.ImGuiCol_Text)
+        colour = widgets.ERROR_TEXT if isError else psim.GetStyleColorVec4(psim.ImGuiCol_Text)
         psim.PushStyleColor(psim.ImGuiCol_Text, colour)
         psim.TextWrapped(text)
         psim.PopStyleColor()

@@ -51,8 +51,7 @@ class Playback:
     """Plays steps at a speed. Attributes: speed, one of SPEEDS; isBackwards, for recordings."""
 
     def __init__(self):
-        self.speed = 1.0
-        self.isBackwards = False
+        self.speed, self.isBackwards = 1.0, False
         self.stop()
 
     def stop(self):

@@ -20,26 +20,23 @@ import numpy as np
 from rbs.appearance.pictureoptions import video_timing
 from rbs.pictures.cameras import apply_camera, kept_camera, load_camera, save_camera
 from rbs.pictures.capture import Video, save_picture
-from rbs.recordings.encoder import VideoError
-from rbs.recordings.recording import Recorder, RecordingError, is_recording_name
+from rbs.pictures.pictureprocess import PictureProcess
+from rbs.recordings.recording import Recorder, is_recording_name
 from rbs.recordings.replay import resume
 from rbs.scenes import changes
 from rbs.scenes.files import folder_opener
 from rbs.scenes.grabbing import MOST_SHOTS, Grab, shot
-from rbs.scenes.messages import counted, reason_of
+from rbs.scenes.messages import InputError, counted, reason_of
 from rbs.scenes.scenefiles import scene_name
 from rbs.stepping.bodies import StateError
-from rbs.window.pictureprocess import PictureProcess
 from rbs.window.playback import Playback, fitting_speed, kept_states, speed_name
 from RBSFunctions import refresh_vertices
 
 # Frames, and steps, over which timings are averaged: half a second of playing.
 TIMED_STEPS = 25
-# Number of bodies above which the grid is suggested, and up to which a speed is; up to which plots
-# grow while they are not shown, since their numbers take milliseconds for more.
-MANY_BODIES = 100
-# Steps that the plots show.
-PLOTTED_STEPS = 500
+# Number of bodies above which batches are suggested, and up to which a speed is; up to which plots
+# grow while they are not shown, since their numbers take milliseconds for more. Steps in plots.
+MANY_BODIES, PLOTTED_STEPS = 100, 500
 # m/s that a push adds to the velocity of the centre of mass.
 DEFAULT_PUSH = 8.0
 # Message if the user drags or shoots in a replay.
@@ -47,15 +44,12 @@ UNCHANGEABLE = 'A recording is read-only; "Continue from here" turns it into a s
 
 
 class Moment(NamedTuple):
-    """A moment of a simulation, to go back to: its State, report and list of meshes.
-
-    settings : those to return to if what followed has changed them, else None
-    """
+    """A moment of a simulation, to go back to: its State, report and list of meshes."""
 
     state: dict
     report: object
     meshes: list
-    settings: dict | None = None
+    settings: dict | None = None  # to return to, if what followed has changed them
 
 
 class Viewer:
@@ -63,11 +57,9 @@ class Viewer:
 
     Attributes
     ----------
-    simulation : Simulation or Replay
-    view : SceneView
+    simulation, view : SceneSimulation or Replay; SceneView
     isPlaying, playback : whether it plays; Playback, with the speed
-    pushSpeed : m/s
-    grab : Grab of the dragged body, or None
+    pushSpeed, grab : m/s; Grab of the dragged body, or None
     message, saved : an error, and a line about the last file written, or ""
     offer : (text, label, function): the button beside the message `text`; or None
     video, recorder, picture : files that are being written, or None
@@ -78,20 +70,14 @@ class Viewer:
     """
 
     def __init__(self, simulation, view, openFile, listFiles, measure, look="plain"):
-        """openFile(text, folder) returns a Simulation or Replay, or raises ValueError.
+        """openFile(text, folder) returns a SceneSimulation or Replay, or raises ValueError.
         listFiles(folder) returns a list of ListedFile, measure(simulation) a dict of floats.
         """
-        self.simulation = simulation
-        self.view = view
-        self.isPlaying = False
-        self.playback = Playback()
+        self.simulation, self.view, self.playback, self.look = simulation, view, Playback(), look
+        self.isPlaying = self.isMeasuring = False
         self.pushSpeed = DEFAULT_PUSH
-        self.grab = None
         self.message, self.saved = "" if simulation.isReplay else simulation.step_advice(), ""
-        self.offer = None
-        self.video = self.recorder = self.picture = None
-        self.look = look
-        self.isMeasuring = False
+        self.grab = self.offer = self.video = self.recorder = self.picture = None
         self.history = deque(maxlen=PLOTTED_STEPS)
         self._openFile, self._listFiles, self._measure = openFile, listFiles, measure
         self._suggest()
@@ -232,8 +218,8 @@ class Viewer:
             self.stop_files()
             if self.place == len(self.moments):
                 self.moments.append(self._moment())
-            crossed = [one.settings for one in self.moments[place : self.place] if one.settings]
-            vars(simulation.settings).update(crossed[0] if crossed else {})
+            crossed = (one.settings for one in self.moments[place : self.place] if one.settings)
+            vars(simulation.settings).update(next(crossed, {}))
             moment, self.place = self.moments[place], place
             simulation.meshes = list(moment.meshes)
             simulation.restore(moment.state)
@@ -264,17 +250,18 @@ class Viewer:
 
     def restart(self):
         """Starts over with the present settings and camera, and pauses."""
-        self.stop_files()
-        self.release()
-        self.isPlaying = False
+        self._halt()
         self.message = ""
         if not self.isReplay and (self.simulation.stepCount or self.simulation.changes):
             self._keep(self._moment())
         self.simulation.reset()
-        self._forget()
         self.view.refresh()
 
-    def _forget(self):
+    def _halt(self):
+        """Pauses, ends files and the drag, and forgets plots and timings."""
+        self.isPlaying = False
+        self.stop_files()
+        self.release()
         for memory in (self.history, self._steps, self._frames):
             memory.clear()
 
@@ -283,41 +270,33 @@ class Viewer:
         settings, begun = self.simulation.settings, self.simulation.startSettings
         if settings != begun:
             self._keep(self._moment(dict(vars(settings))))
-            if name is None:
-                vars(settings).update(vars(begun))
-            else:
-                settings.change(name, getattr(begun, name))
+            values = vars(begun) if name is None else {name: getattr(begun, name)}
+            vars(settings).update(vars(settings.changed(**values)))
             self.view.refresh()
 
     # Files.
 
     def open(self, path):
-        """Opens another scene or recording, paused, with its own settings; or a camera.
+        """Opens a scene or recording, paused, with its own settings, or a camera; or says why not.
 
-        If it cannot be opened, the reason is in `message`. path : also as a user types it
+        path : also as a user types it
         """
         self.message = self.saved = ""
         try:
             if Path(path).suffix == ".json":
                 apply_camera(load_camera(os.path.expanduser(path)))
-                return
-            simulation = self._openFile(path, self.simulation.scenePath.parent)
+            else:
+                self._show_other(self._openFile(path, self.simulation.scenePath.parent))
         except ValueError as error:
             self.message = str(error)
-            return
         except (OSError, MemoryError) as error:
             cause = reason_of(error) if isinstance(error, OSError) else "not enough memory"
             self.message = f"{path}: cannot be read ({cause})"
-            return
-        self._show_other(simulation)
 
     def _show_other(self, simulation):
-        self.stop_files()
-        self.release()
-        self.isPlaying = False
+        self._halt()
         self.simulation = simulation
         self.moments, self.place = [], 0
-        self._forget()
         self.view.rebuild(simulation)
         self._suggest()
 
@@ -325,20 +304,19 @@ class Viewer:
         """Offers the schedule of contacts that is faster for many bodies, or a speed for few."""
         settings, count = self.simulation.settings, len(self.simulation.meshes)
         isSlow = (settings.contactSolver, settings.contactScheduling) == ("impulse", "sequential")
-        if count > MANY_BODIES:
+        if count > MANY_BODIES:  # they may be too slow for real time as it is
             if isSlow and not self.isReplay and not self.simulation.submitted:
                 text = f'{count} bodies: contacts in "batches" are faster, with identical motion'
                 act = partial(settings.change, "contactScheduling", "batches")
                 self._offer(text, "Use batches", act)
-            return  # they may be too slow for real time as it is
+            return
         height = refresh_vertices(self.simulation.meshes)[:, 1].max(initial=0.0)
         fall = math.sqrt(2.0 * height / settings.gravity) if settings.gravity > 0.0 else 1.0
         speed = fitting_speed(fall)
         if speed != 1.0 == self.playback.speed:
-            how = "slow" if speed > 1.0 else "fast"
-            text = f"Gravity looks {how} at 1 ×: a fall from the top takes {fall:.2g} s"
+            text = f"Gravity looks {'slow' if speed > 1.0 else 'fast'} at 1 ×: a fall from the top"
             act = partial(setattr, self.playback, "speed", speed)
-            self._offer(text, f"Play at {speed_name(speed)}", act)
+            self._offer(f"{text} takes {fall:.2g} s", f"Play at {speed_name(speed)}", act)
 
     def _offer(self, text, label, act):
         """Shows a message with a button, which acts and removes the message."""
@@ -352,15 +330,11 @@ class Viewer:
 
     def continue_here(self):
         """Replaces a replay by a simulation that goes on from the present step."""
-        try:
+        self.message = ""
+        with self._reporting(), kept_camera():
             replay = self.simulation
             simulation = resume(replay.recording, replay.stepCount, submitted=replay.submitted)
-        except RecordingError as error:
-            self.message = str(error)
-            return
-        simulation.startSettings = replace(simulation.settings)
-        self.message = ""
-        with kept_camera():
+            simulation.startSettings = replace(simulation.settings)
             self._show_other(simulation)
 
     def open_beside(self, way):
@@ -396,8 +370,7 @@ class Viewer:
         """Reports that a file was saved, and offers to open its folder."""
         path = Path(path).resolve()
         self.saved = ", ".join([f"saved {path}", *size])
-        openFolder = folder_opener(path.parent)
-        if openFolder is not None:
+        if openFolder := folder_opener(path.parent):
             self._offer(self.saved, "Open folder", openFolder)
 
     def _write(self, stem, ending, write):
@@ -413,9 +386,9 @@ class Viewer:
         """Reports an error of the `with` block, which ends the writer `name`, video or recorder."""
         try:
             yield
-        except (OSError, RecordingError, VideoError) as error:
-            isVideoError = isinstance(error, VideoError)
-            self.message = str(error) if isVideoError else f"cannot write: {reason_of(error)}"
+        except (OSError, InputError) as error:
+            isTold = isinstance(error, InputError)
+            self.message = str(error) if isTold else f"cannot write: {reason_of(error)}"
             if name is not None and getattr(self, name) is not None:
                 with suppress(OSError):  # reported above
                     getattr(self, name).close()
@@ -424,8 +397,6 @@ class Viewer:
 
     def save_picture(self):
         """Saves the view, without panels, as a PNG in out/<scene>."""
-        if self.picture is not None:
-            return
 
         def write(path):
             if self.look == "plain":
@@ -433,8 +404,9 @@ class Viewer:
             else:
                 self.picture = PictureProcess(path, self.view)
 
-        self._write(f"picture_{self.simulation.stepCount:06d}", ".png", write)
-        self.watch_picture()
+        if self.picture is None:
+            self._write(f"picture_{self.simulation.stepCount:06d}", ".png", write)
+            self.watch_picture()
 
     def watch_picture(self):
         """Shows the progress of a studio picture, if one is being drawn."""
@@ -454,8 +426,7 @@ class Viewer:
     def toggle_video(self):
         """Starts or ends a video."""
         if self.video is not None:
-            self.stop_video()
-            return
+            return self._stop("video", "frame")
         self.message = ""
         with self._reporting("video"):
             timing = video_timing(self.simulation.settings.timeStep)
@@ -463,38 +434,29 @@ class Viewer:
             self.view.set_resizable(False)  # all frames of a video have the same size
             self._film()
 
-    def stop_video(self):
-        """Ends the video, if one is being written."""
-        if self.video is not None:
-            with self._reporting("video"):
-                self.video.save(self.simulation)
-                self._tell_saved(self.video.path, counted(self.video.count, "frame"))
-            self.video = None
-            self.view.set_resizable(True)
-
     def toggle_recording(self):
         """Starts or ends a recording."""
         if self.recorder is not None:
-            self.stop_recording()
-            return
+            return self._stop("recorder", "step")
         self.message = ""
         with self._reporting("recorder"):
             self.recorder = Recorder(self._out_path("recording", ".h5"))
             self.recorder.add(self.simulation)
 
-    def stop_recording(self):
-        """Ends the recording, if there is one, after the last step."""
-        if self.recorder is not None:
-            with self._reporting("recorder"):
-                steps = self.recorder.frameCount - 1
-                self.recorder.save()
-                self._tell_saved(self.recorder.path, counted(steps, "step"))
-            self.recorder = None
-
     def stop_files(self):
         """Ends the video and the recording, if there are any."""
-        self.stop_video()
-        self.stop_recording()
+        self._stop("video", "frame")
+        self._stop("recorder", "step")
+
+    def _stop(self, name, unit):
+        writer = getattr(self, name)
+        if writer is not None:
+            with self._reporting(name):
+                count = writer.count if name == "video" else writer.frameCount - 1
+                writer.save(self.simulation)
+                self._tell_saved(writer.path, counted(count, unit))
+            setattr(self, name, None)
+            self.view.set_resizable(self.video is None)
 
     # Bodies.
 
@@ -517,13 +479,10 @@ class Viewer:
         body, point = self.view.body_at(pixel)
         if body is None:
             return
-        if self.isReplay:
-            self.message = UNCHANGEABLE
-        elif self.simulation.meshes[body].isFixed:
-            self.message = f"{self.simulation.meshes[body].name} is fixed"
-        else:
-            self.message = ""
-            self.grab = Grab(self.simulation.meshes[body], body, point)
+        mesh = self.simulation.meshes[body]
+        self.message = UNCHANGEABLE if self.isReplay else f"{mesh.name} is fixed" * mesh.isFixed
+        if not self.message:
+            self.grab = Grab(mesh, body, point)
             self._grabPixel, self._grabDistance = pixel, self.view.distance_of(point)
 
     def drag_to(self, pixel):
@@ -558,8 +517,7 @@ class Viewer:
     def drag_force(self):
         """Returns the mean force of the spring over a step, in newtons."""
         mesh, timeStep = self.simulation.meshes[self.grab.body], self.simulation.settings.timeStep
-        impulse = self.grab.change(mesh, timeStep).numbers[:3]
-        return math.hypot(*impulse) / timeStep
+        return math.hypot(*self.grab.change(mesh, timeStep).numbers[:3]) / timeStep
 
     def shoot(self, pixel):
         """Shoots a ball from the camera towards a pixel."""
@@ -585,15 +543,14 @@ class Viewer:
 
     def push(self, direction):
         """Pushes the selected body along a unit direction (3,), at the clicked point."""
-        mesh = self.picked()
-        impulse = mesh.mass * self.pushSpeed * np.asarray(direction)
+        impulse = self.picked().mass * self.pushSpeed * np.asarray(direction)
         self._act(changes.push(self.view.picked, impulse, self.view.picked_point()))
 
     def set_fixed(self, isFixed):
         """Fixes or frees the selected body."""
         self._act(changes.fix(self.view.picked, isFixed))
 
-    # Numbers.
+    # Timings.
 
     def step_milliseconds(self):
         """Returns mean milliseconds of the last steps: "step", each phase, and "other"."""
@@ -605,12 +562,10 @@ class Viewer:
 
 
 def _mean_milliseconds(rows, rest):
-    """Returns a dict of means in ms: the whole, its parts, and the rest, named `rest`.
-
-    rows : dicts of seconds, the whole first, then its parts. Without rows, the result is empty.
-    """
-    names = list(dict.fromkeys(name for row in rows for name in row))
+    """Returns means in ms of rows, dicts of seconds: the whole, its parts, and the rest, if any."""
+    names = dict.fromkeys(name for row in rows for name in row)
     means = {name: 1e3 * fmean(row.get(name, 0.0) for row in rows) for name in names}
     if means:
-        means[rest] = means[names[0]] - sum(means[name] for name in names[1:])
+        whole, *parts = means.values()
+        means[rest] = whole - sum(parts)
     return means

@@ -1,5 +1,8 @@
 """Widgets of the window's panels: tooltips, fields, lists, tables of numbers."""
 
+import math
+from functools import reduce
+from operator import or_
 from textwrap import fill
 
 import polyscope as ps
@@ -20,6 +23,19 @@ def scaled(pixels):
     return pixels * ps.get_ui_scale()
 
 
+def begin_panel(title, place, least, most, flags="", pivot=(0.0, 0.0), alpha=None):
+    """Begins a panel that is as large as its content, between the sizes `least` and `most`.
+
+    place : pixel of the part `pivot` of the panel; flags : names of ImGui's; alpha : opacity
+    """
+    psim.SetNextWindowPos(place, psim.ImGuiCond_Always, pivot)
+    psim.SetNextWindowSizeConstraints(least, most)
+    if alpha is not None:
+        psim.SetNextWindowBgAlpha(alpha)
+    names = ["AlwaysAutoResize", "NoMove", "NoCollapse", *flags.split()]
+    psim.Begin(title, flags=reduce(or_, (getattr(psim, f"ImGuiWindowFlags_{n}") for n in names)))
+
+
 class Tooltips:
     """Tooltips. `areHidden` while a message is shown, which they could cover."""
 
@@ -31,54 +47,36 @@ class Tooltips:
         if not text or cls.areHidden:
             return
         if psim.IsItemHovered(psim.ImGuiHoveredFlags_ForTooltip):
-            left, (_, top), (_, bottom) = (
-                psim.GetWindowPos()[0],
-                psim.GetItemRectMin(),
-                psim.GetItemRectMax(),
-            )
+            left, width, gap = psim.GetWindowPos()[0], psim.GetWindowWidth(), scaled(GAP)
             if left == 0:
-                psim.SetNextWindowPos((psim.GetWindowWidth() + scaled(GAP), top))
+                psim.SetNextWindowPos((width + gap, psim.GetItemRectMin()[1]))
             else:
-                psim.SetNextWindowPos((left - scaled(GAP), bottom), 0, (1.0, 1.0))
+                psim.SetNextWindowPos((left - gap, psim.GetItemRectMax()[1]), 0, (1.0, 1.0))
         psim.SetItemTooltip(fill(text, TOOLTIP_WIDTH))
 
 
 class NumberField:
-    """A field for a number, which takes effect with Enter or on leaving the field.
+    """A field for a number, which takes effect with Enter or on leaving the field."""
 
-    Values are clamped to the bounds.
-    """
+    _typed = math.nan
 
-    def __init__(self, setting, step, low, high):
-        """setting : from SETTINGS; step : change by the buttons + and -"""
-        self._name, self._label, self._tooltip = setting.name, setting.label, setting.tooltip
-        self._step, self._low, self._high = step, low, high
-        self._typed = None
+    def draw(self, label, value, step, act, tooltip):
+        """Draws the field; act(number) is called with what was typed, if it is a number.
 
-    def draw(self, settings):
-        """Draws the field; returns a message if a value was clamped, or "".
-
-        Text that is not a number changes nothing.
+        step : change by the buttons + and -
         """
-        value = getattr(settings, self._name)
-        changed, value = psim.InputDouble(self._label, value, self._step, 0.0, "%.4g")
-        Tooltips.tell(self._tooltip)
-        if changed:
+        isChanged, value = psim.InputDouble(label, value, step, 0.0, "%.4g")
+        Tooltips.tell(tooltip)
+        if isChanged:
             self._typed = value
-        if psim.IsItemDeactivatedAfterEdit() and self._typed is not None:
-            typed, self._typed = self._typed, None
-            if typed == typed:  # not NaN
-                typed, message = clamped(self._label, typed, self._low, self._high)
-                settings.change(self._name, typed)
-                return message
-        return ""
+        if psim.IsItemDeactivatedAfterEdit() and not math.isnan(self._typed):
+            act(self._typed)
+            self._typed = math.nan
 
 
-def clamped(label, value, low, high):
-    """Returns the nearest value within bounds, and a message if it is another one, or ""."""
-    nearest = min(max(value, low), high)
-    message = "" if nearest == value else f"{label} is limited to {low:g} to {high:g}"
-    return nearest, message
+def draw_section(title, isOpen=False):
+    """Draws the title of a section, open or not at first. Returns whether it is open."""
+    return psim.CollapsingHeader(title, psim.ImGuiTreeNodeFlags_DefaultOpen if isOpen else 0)
 
 
 def draw_check(label, value, act, tooltip):
@@ -99,10 +97,8 @@ def draw_choice(label, current, names, act, tooltip, shown=None):
         width = scaled(LIST_WIDTH)
         psim.SetNextWindowSizeConstraints((width, 0), (width, scaled(LIST_HEIGHT)))
     shown = shown or {}
-    isOpen = psim.BeginCombo(label, shown.get(current, current), psim.ImGuiComboFlags_HeightLargest)
-    if not isOpen:
-        Tooltips.tell(tooltip)
-        return
+    if not psim.BeginCombo(label, shown.get(current, current), psim.ImGuiComboFlags_HeightLargest):
+        return Tooltips.tell(tooltip)
     lastGroup = None
     names = names() if callable(names) else names
     rows = [name if isinstance(name, tuple) else (None, name, "") for name in names]
@@ -127,10 +123,8 @@ def draw_slider(label, value, low, high, act, tooltip, shown="%.3f"):
 
     A value can be typed after Ctrl-click, also beyond the ends.
     """
-    if isinstance(value, int):
-        isMoved, moved = psim.SliderInt(label, value, low, high, "%d")
-    else:
-        isMoved, moved = psim.SliderFloat(label, value, low, high, shown)
+    slide, shown = (psim.SliderInt, "%d") if isinstance(value, int) else (psim.SliderFloat, shown)
+    isMoved, moved = slide(label, value, low, high, shown)
     Tooltips.tell(tooltip)
     if isMoved:
         act(round(moved, 3))
@@ -147,13 +141,12 @@ def draw_table(rows, indent=0):
         psim.Text(text)
 
 
-def draw_vectors(rows):
-    """Draws rows (name, three numbers, unit): a line with name and unit, and one of numbers."""
+def draw_vector(name, values):
+    """Draws a line with a name, and one with three numbers, flush right in three columns."""
     left, column = psim.GetCursorPosX(), psim.GetContentRegionAvail()[0] / 3.0
-    for name, numbers, unit in rows:
-        psim.Text(f"{name} ({unit})")
-        for k, number in enumerate(f"{round(value, 2) + 0.0:.2f}" for value in numbers):
-            if k:
-                psim.SameLine()
-            psim.SetCursorPosX(left + (k + 1) * column - psim.CalcTextSize(number)[0])
-            psim.Text(number)
+    psim.Text(name)
+    for k, number in enumerate(f"{round(value, 2) + 0.0:.2f}" for value in values):
+        if k:
+            psim.SameLine()
+        psim.SetCursorPosX(left + (k + 1) * column - psim.CalcTextSize(number)[0])
+        psim.Text(number)

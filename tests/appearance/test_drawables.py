@@ -33,11 +33,18 @@ from rbs.appearance.drawables import (
     ground_lines,
     surface_points,
 )
-from rbs.appearance.framing import FRAME_MARGIN, VIEW_DIRECTION, frame_camera
+from rbs.appearance.framing import (
+    FRAME_MARGIN,
+    VIEW_DIRECTION,
+    are_seen,
+    frame_camera,
+    framed_points,
+)
 from rbs.geometry.broadphase import grid_overlaps
 from rbs.scenes.grabbing import shot
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
+from RBSFunctions import refresh_vertices
 
 
 def test_density_colours_are_logarithmic_and_keep_their_scale():
@@ -179,6 +186,21 @@ def test_camera_sees_all_of_a_scene_beside_the_panels_as_large_as_possible(margi
         assert min(x.min(), y.min()) >= rim and max(x.max(), y.max()) <= 1.0 - rim
         # The points touch the free rims of both sides, or of top and bottom.
         assert max(np.ptp(x), np.ptp(y)) == pytest.approx(1.0 - FRAME_MARGIN)
+
+
+def test_a_body_that_hangs_is_seen_while_it_swings():
+    settings = Settings(timeStep=0.05, restitution=1.0, contactSolver="soft-step")
+    simulation = SceneSimulation(DATA / "cradle-scene.txt", settings)
+    free = [mesh for mesh in simulation.meshes if not mesh.isFixed]
+    cameras = []
+    for constraints in (simulation.constraints, []):
+        points = framed_points(simulation.meshes, constraints)
+        cameras.append((*frame_camera(points, VIEW_DIRECTION, 45.0, (400, 600)), 45.0, 2 / 3))
+    seen = []
+    for _ in range(140):  # 7 s, half a swing
+        simulation.step()
+        seen.append([are_seen(refresh_vertices(free), *camera) for camera in cameras])
+    assert np.all(seen, axis=0).tolist() == [True, False]
 
 
 def test_velocity_arrows_begin_where_they_leave_the_body():

@@ -19,9 +19,9 @@ from rbs.pictures import studio
 from rbs.pictures.cameras import kept_camera
 from rbs.pictures.capture import StudioLook, start_view, take_picture
 from rbs.pictures.facenumbers import Camera
+from rbs.pictures.pictureprocess import PictureProcess
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
-from rbs.window.pictureprocess import PictureProcess
 
 SIZE = (160, 90)
 

@@ -7,6 +7,7 @@ from program import DATA
 from views import make_viewer
 
 from rbs.pictures.view import SceneView
+from rbs.scenes.messages import measured
 from rbs.scenes.simulation import SceneSimulation
 from rbs.window import marks
 
@@ -66,11 +67,11 @@ def test_a_drag_shows_the_point_the_spring_and_its_force(polyscope, ink):
     # critically damped at 2 Hz, and 1 m long, against the mass that a step feels
     stiffness = body.mass * (4.0 * np.pi) ** 2
     assert 0.3 * stiffness < viewer.drag_force() < stiffness
-    assert drawn["AddText"][2] == marks.force_text(viewer.drag_force())
+    assert drawn["AddText"][2] == measured(viewer.drag_force(), "N")
 
 
 @pytest.mark.parametrize(
     ("force", "text"), [(0.25, "0.25 N"), (731.4, "731 N"), (1600.0, "1.6 kN"), (1.6e6, "1.6 MN")]
 )
 def test_forces_have_units_that_fit(force, text):
-    assert marks.force_text(force) == text
+    assert measured(force, "N") == text

@@ -463,8 +463,7 @@ def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
         else:
             assert settings == user.expected
         where["replay" if viewer.isReplay else settings["contactSolver"]] += 1
-    viewer.stop_video()
-    viewer.stop_recording()
+    viewer.stop_files()
     viewer.release()
     view.set_callback(None)
     names = {name for name in vars(RandomUser) if name.startswith("do_")}

@@ -358,8 +358,7 @@ def test_a_file_that_cannot_be_written_ends_and_is_reported(viewer, name, method
     setattr(file, method, fail)
     setattr(viewer, name, file)
     viewer.step_once()
-    viewer.stop_video()
-    viewer.stop_recording()
+    viewer.stop_files()
     assert viewer.message == "cannot write: No space left on device"
     assert getattr(viewer, name) is None and viewer.simulation.stepCount == 1
     assert closed or (name, method) == ("video", "add")
@@ -514,14 +513,14 @@ def test_a_speed_is_offered_where_gravity_looks_slow_or_fast(viewer):
 def test_the_folder_of_a_saved_file_is_shown(viewer, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     viewer.toggle_recording()
-    viewer.stop_recording()
+    viewer.stop_files()
     assert "recording.h5" in viewer.saved and viewer.offer is None  # there is no file manager
     manager = tmp_path / ("open" if sys.platform == "darwin" else "xdg-open")
     manager.write_text(f'#!/bin/sh\necho "$1" > {tmp_path}/shown.part\n')
     manager.write_text(manager.read_text() + f"/bin/mv {tmp_path}/shown.part {tmp_path}/shown\n")
     manager.chmod(0o755)
     viewer.toggle_recording()
-    viewer.stop_recording()
+    viewer.stop_files()
     text, label, act = viewer.offer
     assert (text, label) == (viewer.saved, "Open folder")
     act()
@@ -574,7 +573,7 @@ def test_all_steps_of_a_paused_session_can_be_read(viewer, monkeypatch):
     for name, values in viewer.simulation.state().items():
         np.testing.assert_array_equal(frame[name], values)
     viewer.step_once()
-    viewer.stop_recording()
+    viewer.stop_files()
     assert Recording(path).lastStep == 8
 
 

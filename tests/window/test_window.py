@@ -316,8 +316,8 @@ def test_a_double_click_centres_a_body_and_the_readout_may_be_hidden(session, si
         window.key("n", lambda status: status["layout"][1] is None)
     first, middle = window.status(), np.array(size) / 2
     assert first["layout"][1] is None
-    window.move_to(*first["bodies"][2])
-    for _ in range(5):  # frames may take longer than a double-click
+    for _ in range(9):  # frames may take longer than a double-click
+        window.move_to(*window.status()["bodies"][2])
         window.xdotool("click", "--repeat", 2, "--delay", 60, 1)
         for _ in range(6):
             window.await_frame()

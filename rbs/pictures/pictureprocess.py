@@ -23,11 +23,11 @@ class PictureProcess:
         shown = Scene()
         for name in SHOWN_ATTRIBUTES:
             setattr(shown, name, getattr(view.simulation, name))
-        job = str(path), shown, view.memory(), *view.picture_camera()
         # not forked, because a copy of this process would share its connection to the display
         context = multiprocessing.get_context("spawn")
         self._receiver, sender = context.Pipe(duplex=False)
-        self._process = context.Process(target=_draw, args=(*job, sender))
+        job = str(path), shown, view.memory(), *view.picture_camera(), sender
+        self._process = context.Process(target=_draw, args=job)
         self._process.start()
         sender.close()
         self.fraction, self.error = 0.0, ""
@@ -39,11 +39,7 @@ class PictureProcess:
         """
         try:
             while self._receiver.poll():
-                said = self._receiver.recv()
-                if isinstance(said, str):
-                    self.error = said
-                else:
-                    self.fraction = said
+                vars(self).update(self._receiver.recv())
         except EOFError:
             self._process.join()
             if self._process.exitcode != 0 and not self.error:
@@ -58,7 +54,7 @@ def _draw(path, simulation, memory, size, camera, sender):
         options = PictureOptions(size, camera)
         view = start_view(simulation, Backend(OFFSCREEN_BACKEND), options)
         view.recall(memory)
-        view.studio = StudioLook(framesAnew=False, report=sender.send)
+        view.studio = StudioLook(False, lambda done: sender.send({"fraction": done}))
         save_picture(path, view)
     except Exception as error:  # any error is shown in the window
-        sender.send(one_line(error))
+        sender.send({"error": one_line(error)})
