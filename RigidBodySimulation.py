@@ -18,13 +18,13 @@ from pathlib import Path
 import numpy as np
 
 from rbs.appearance.drawables import flatten_meshes
-from rbs.appearance.gltf import GltfWriter
 from rbs.appearance.pictureoptions import (
     FASTEST_ENCODER,
     SLOWEST_VIDEO,
     PictureOptions,
     video_timing,
 )
+from rbs.exports.formats import export_writer
 from rbs.pictures.backends import find_backend
 from rbs.program import headless, options as commandLine
 from rbs.program.notebook import Simulation
@@ -167,7 +167,7 @@ def run_as_asked(simulation, options, pictureOptions):
             (options.record, Recorder),
             (options.stats, StatsWriter),
             (options.plot, PlotWriter),
-            (options.export, GltfWriter),
+            (options.export, export_writer),
         ):
             if path is not None:
                 start(writer(path))

@@ -20,6 +20,7 @@ from rbs.appearance.pictureoptions import (
     VIDEO_ENDINGS,
     VIDEO_RATE,
 )
+from rbs.exports.formats import EXPORT_ENDINGS
 from rbs.program.catalogue import SCENES
 from rbs.recordings.recording import RECORDING_ENDINGS
 from rbs.scenes.messages import PROGRAM_NAME, one_line, short
@@ -347,10 +348,11 @@ def add_recording_options(parser):
     )
     recordings.add_argument(
         "--export",
-        metavar="FILE.glb",
+        metavar="FILE",
         type=option_type(str, checked_export, "path"),
-        help="write the run as an animated glTF 2.0 file, for Blender and other 3-D programs, "
-        "without a window. Needs pygltflib",
+        help="write the run, without a window: as an .html page that plays it in any browser "
+        "(needs k3d), or as an animated glTF 2.0 file, .glb, for Blender and other 3-D programs "
+        "(needs pygltflib)",
     )
 
 
@@ -458,9 +460,10 @@ def checked_video(path):
 
 
 def checked_export(path):
-    """Returns a path that ends in .glb. Raises ValueError."""
-    if Path(path).suffix.lower() != ".glb":
-        raise ValueError(f"the name of an export must end in .glb, not '{path}'")
+    """Returns a path that ends like an export. Raises ValueError."""
+    if Path(path).suffix.lower() not in EXPORT_ENDINGS:
+        endings = " or ".join(EXPORT_ENDINGS)
+        raise ValueError(f"the name of an export must end in {endings}, not '{path}'")
     return path
 
 

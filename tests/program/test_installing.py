@@ -57,7 +57,7 @@ def test_an_installed_program_needs_no_checkout(tmp_path):
     (entries,) = site.glob("*.dist-info/entry_points.txt")
     assert "rigid-body-simulation = RigidBodySimulation:command" in entries.read_text()
     program = "-c", "import RigidBodySimulation as r; raise SystemExit(r.command())"
-    options = "--steps", 3, "--record", "r.h5", "--stats", "s.csv"
+    options = "--steps", 3, "--record", "r.h5", "--stats", "s.csv", "--export", "r.html"
     output = call(here, *program, "cube", *options, path=site)
     assert "constraints       " in output and str(site) in output
     assert "steps 0–3 are identical" in call(here, *program, "--verify", "r.h5", path=site)

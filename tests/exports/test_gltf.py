@@ -6,7 +6,7 @@ import struct
 import numpy as np
 import pytest
 
-from rbs.appearance.gltf import GltfWriter
+from rbs.exports.gltf import GltfWriter
 from rbs.recordings.recording import Recording
 from rbs.scenes.scenefiles import DATA_FOLDER
 from rbs.scenes.simulation import Simulation
