@@ -323,30 +323,86 @@ class Mesh:
 
     @classmethod
     def from_surface(
-        cls, name, vertices, faces, density, position=None, orientation=(1, 0, 0, 0), isFixed=False
+        cls,
+        name,
+        vertices,
+        faces=None,
+        density=None,
+        position=None,
+        orientation=(1, 0, 0, 0),
+        isFixed=False,
     ):
         """Makes a body of a closed surface, as SciPy's ConvexHull or trimesh have one.
 
-        vertices : (V, 3), in metres; those without a face are left out
+        vertices : (V, 3), in metres; those without a face are left out, and those in the same place
+            are merged. Or an object with vertices and faces, such as a trimesh.Trimesh
         faces : (F, 3) int, triangles, with their corners in any order
         position : (1, 3), COM in the world; None leaves the body where the vertices are
 
-        The rest is as for `Mesh`. Raises ValueError if the surface is not closed, or no point
-        inside sees all of it.
+        The rest is as for `Mesh`. Warns if the surface is not convex. Raises ValueError if it is
+        not closed, or no point inside sees all of it.
         """
-        from rbs.geometry.surfaces import fill_surface, orient_surface
+        from rbs.geometry.surfaces import (
+            clean_surface,
+            fill_surface,
+            orient_surface,
+            warn_unless_convex,
+        )
 
+        if faces is None:
+            vertices, faces = vertices.vertices, vertices.faces
         try:
             vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
-            used, faces = np.unique(faces, return_inverse=True)
-            vertices, faces = vertices[used], faces.reshape(-1, 3)
+            vertices, faces = clean_surface(vertices, faces.reshape(-1, 3))
             vertices, faces, tets = fill_surface(vertices, orient_surface(vertices, faces))
         except (IndexError, TypeError, ValueError) as error:
             raise ValueError(f"mesh {name}: {error}") from None
         mesh = cls(name, vertices, faces, tets, density, (0.0, 0.0, 0.0), orientation, isFixed)
         centre = vertices[-1] - mesh.origVertices[-1]
         mesh.position = mesh._numbers("position", centre if position is None else position, 3, 1)
+        warn_unless_convex(f"mesh {name}", mesh.volume, mesh.hullVolume, stacklevel=2)
         return mesh
+
+    @classmethod
+    def convex_hull(cls, points, density, position=None, name="hull", **others):
+        """Makes a body of the convex hull of points (n, 3), in metres.
+
+        position, and others, orientation and isFixed : as for `from_surface`
+        Raises ValueError if the hull has no volume.
+        """
+        from scipy.spatial import ConvexHull, QhullError
+
+        try:
+            hull = ConvexHull(np.array(points, dtype=np.float64))
+        except (QhullError, TypeError, ValueError):
+            raise ValueError(
+                f"mesh {name}: points must be rows of 3 finite numbers, four or more not in a plane"
+            ) from None
+        return cls.from_surface(name, hull.points, hull.simplices, density, position, **others)
+
+    @classmethod
+    def box(cls, size, density, position=(0.0, 0.0, 0.0), name="box", **others):
+        """Makes a box with these sides (3,) along x, y and z. Others: as for `convex_hull`."""
+        from rbs.geometry.surfaces import box_points
+
+        return cls.convex_hull(box_points(size), density, position, name, **others)
+
+    @classmethod
+    def sphere(cls, radius, density, position=(0.0, 0.0, 0.0), name="sphere", **others):
+        """Makes a polyhedron whose 162 corners lie on a ball. Others: as for `convex_hull`."""
+        from rbs.geometry.surfaces import sphere_points
+
+        return cls.convex_hull(sphere_points(radius), density, position, name, **others)
+
+    @classmethod
+    def cylinder(
+        cls, radius, height, density, position=(0.0, 0.0, 0.0), name="cylinder", sides=24, **others
+    ):
+        """Makes a cylinder around y, a prism of so many sides. Others: as for `convex_hull`."""
+        from rbs.geometry.surfaces import cylinder_points
+
+        points = cylinder_points(radius, height, sides)
+        return cls.convex_hull(points, density, position, name, **others)
 
     def __getstate__(self):
         """Returns the attributes for a copy, which has no table."""
@@ -357,6 +413,16 @@ class Mesh:
         mass = "fixed" if self.isFixed else f"{self.mass:.4g} kg"
         where = f"({x:.4g}, {y:.4g}, {z:.4g})"
         return f"Mesh({self.name!r}, {len(self.origVertices)} vertices, {mass}, at {where})"
+
+    def _repr_html_(self):
+        """Returns a drawing of the body as it is turned, and a line about it, for notebooks."""
+        from html import escape
+
+        from rbs.geometry.drawings import draw_shape
+
+        drawing = draw_shape(self.currVertices, self.faces) if len(self.faces) else ""
+        about = f"{self!r}, density {self.density:.4g} kg/m³, volume {self.volume:.4g} m³"
+        return f"<div>{drawing}<br>{escape(about)}</div>"
 
     def _numbers(self, what, value, width, count=None, dtype=np.float64):
         """Returns a copy as (count, width), or (n, width), of finite numbers; raises ValueError."""

@@ -25,6 +25,7 @@ from rbs.appearance.pictureoptions import (
     video_timing,
 )
 from rbs.exports.formats import export_writer
+from rbs.geometry.surfaces import NonConvexWarning
 from rbs.pictures.backends import find_backend
 from rbs.program import headless, options as commandLine
 from rbs.program.notebook import Simulation
@@ -60,7 +61,7 @@ def main(arguments=None):
     """
     options = commandLine.parse_options(arguments)
     with warnings.catch_warnings(), headless.signals_handled(headless.interrupt):
-        warnings.simplefilter("always", scenefiles.NonConvexWarning)
+        warnings.simplefilter("always", NonConvexWarning)
         warnings.showwarning = lambda message, *where: print_error(f"warning: {message}")
         if hasattr(sys.stdout, "reconfigure"):  # the terminal may lack characters of a name
             sys.stdout.reconfigure(errors="backslashreplace")

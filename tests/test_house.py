@@ -60,10 +60,12 @@ def foreign_privates(source, known):
 
     `from x import _y` and "x._y" in a text, as it is handed to monkeypatch, where x is one of the
     known modules; and `x._y` for any x but self and cls, unless the module defines _y itself or has
-    x from elsewhere. `_replace` and its like are what a named tuple offers to all.
+    x from elsewhere. `_replace` and its like are what a named tuple offers to all, and `_repr_html_`
+    is what notebooks call.
     """
     tree = ast.parse(source)
     found, elsewhere, own = set(), set(), {"_replace", "_asdict", "_fields", "_make"}
+    own.add("_repr_html_")
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             for alias in node.names:
@@ -158,6 +160,7 @@ def test_rooms_import_nothing_that_uses_them():
             "rbs.recordings.recording": {"h5py"},
             "rbs.appearance.pixels": {"PIL"},
             "rbs.pictures.capture": {"PIL"},
+            "rbs.program.results": {"PIL"},
             "rbs.exports.gltf": {"pygltflib"},
             "rbs.exports.page": {"k3d"},
         }

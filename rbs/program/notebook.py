@@ -4,18 +4,16 @@ Units: metres, kilograms, seconds. The y axis points up and the ground is the pl
 """
 
 from contextlib import contextmanager
-from functools import lru_cache
 
-from rbs.appearance.pictureoptions import PictureOptions
-from rbs.pictures.backends import find_backend
 from rbs.program.headless import step_progress
-from rbs.recordings.recording import Recorder
+from rbs.program.results import Results, check_ending
+from rbs.recordings.recording import RECORDING_ENDINGS, Recorder, Recording
+from rbs.recordings.replay import Replay
 from rbs.scenes import simulation
-from rbs.scenes.messages import InputError
-from rbs.scenes.scenefiles import SceneSource, find_scene
+from rbs.scenes.scenefiles import SceneSource, find_scene, scene_name
 
 
-class Simulation(simulation.Simulation):
+class Simulation(Results, simulation.Simulation):
     """A scene that is simulated from Python.
 
     Parameters
@@ -91,7 +89,10 @@ class Simulation(simulation.Simulation):
         ------
         OSError
             If the file cannot be written.
+        ValueError
+            If its name does not end in .h5 or .hdf5.
         """
+        check_ending(path, RECORDING_ENDINGS, "recording")
         recorder = Recorder(path)
         try:
             recorder.add(self)
@@ -102,32 +103,27 @@ class Simulation(simulation.Simulation):
             self._recorders = [one for one in self._recorders if one is not recorder]
             recorder.close()
 
-    def picture(self, path, **options):
-        """Draws the present state into a PNG file.
+    @staticmethod
+    def open(path):
+        """Opens a recording; returns an `OpenedRecording`, at its first step.
 
-        Parameters
-        ----------
-        path : str or Path
-        **options
-            The fields of `PictureOptions`: size (width, height) in pixels, look ("plain" or
-            "studio"), overlays, colouring, hasLegend, camera, isTransparent.
-
-        Raises
-        ------
-        InputError
-            If Polyscope cannot draw here.
+        Raises RecordingError if it cannot be read.
         """
-        options = PictureOptions(**options)
-        backend = _backend()
-        if backend.name is None:
-            raise InputError(f"no pictures: {backend.reason}. {backend.remedy}")
-        from rbs.pictures.capture import save_picture, start_view
-
-        view = start_view(self, backend, options)
-        save_picture(path, view, options.isTransparent)
+        return OpenedRecording(Recording(path))
 
 
-@lru_cache
-def _backend():
-    """The `Backend` for pictures; to find it takes a second."""
-    return find_backend(window=False)
+class OpenedRecording(Results, Replay):
+    """A recording that is opened from Python.
+
+    It has the attributes of a `Simulation`, and what can be made of one: `picture`, `video`,
+    `export`, `stats`, `show`. `seek(step)` goes to any step from `firstStep` to `lastStep`, `step`
+    to the next one. It cannot be changed; `--resume` continues a recording.
+    """
+
+    def change(self, change):
+        """Raises ValueError: a recording cannot be changed."""
+        raise ValueError("a recording cannot be changed; --resume continues it")
+
+    def __repr__(self):
+        name, steps = scene_name(self.scenePath), f"steps {self.firstStep} to {self.lastStep}"
+        return f"OpenedRecording({name!r}, {steps}, at {self.stepCount}, {self.time:g} s)"
