@@ -60,8 +60,8 @@ def foreign_privates(source, known):
 
     `from x import _y` and "x._y" in a text, as it is handed to monkeypatch, where x is one of the
     known modules; and `x._y` for any x but self and cls, unless the module defines _y itself or has
-    x from elsewhere. `_replace` and its like are what a named tuple offers to all, and `_repr_html_`
-    is what notebooks call.
+    x from elsewhere. `_replace` and its like are what a named tuple offers to all;
+    notebooks call `_repr_html_`.
     """
     tree = ast.parse(source)
     found, elsewhere, own = set(), set(), {"_replace", "_asdict", "_fields", "_make"}
