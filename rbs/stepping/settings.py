@@ -30,10 +30,8 @@ class Setting:
 
     name : the field in `Settings` and in recordings
     default : or a tuple of the names to choose from, the default first
-    help : text of --help
     limits : least and greatest value; an infinite end stands for any finite value
     sliderEnds : ends of the slider in the window, or None for a field to type into
-    tooltip : in the window, by default the first sentence of help
     parameter : the parameter of `run_timestep`, by default the name
     limitsInStep, defaultInStep : of the parameter, by default as in the program
     option : on the command line, without dashes, by default from the name; "no-" switches a bool
@@ -42,21 +40,25 @@ class Setting:
     solver : the only contact solver that uses it, or None for all
     isOfConstraints : whether it affects distance constraints only
     kind : float, int, bool, or the tuple of names; by default that of the default
+    help, tooltip : texts of --help and of the window, see `explained`
     """
 
-    solver, isOfConstraints = None, False
+    solver, isOfConstraints, help, tooltip = None, False, "", ""
 
-    def __init__(self, name, default, help="", limits=ANY, sliderEnds=None, **others):
+    def __init__(self, name, default, limits=ANY, sliderEnds=None, **others):
         self.kind = default if isinstance(default, tuple) else type(default)
         self.default = self.defaultInStep = default[0] if self.kind is default else default
         self.limits = self.limitsInStep = limits
         self.name, self.parameter, self.sliderEnds = name, name, sliderEnds
         self.option = re.sub("[A-Z]", lambda letter: "-" + letter[0].lower(), name)
         self.label = (others.get("option", self.option) or "").replace("-", " ")
-        self.help = help
-        tooltip = others.pop("tooltip", help.partition(". ")[0])
-        self.tooltip = tooltip[:1].upper() + tooltip[1:]
         vars(self).update(others)
+
+    def explained(self, help, tooltip=None):
+        """Sets the texts and returns the setting; the tooltip is by default the first sentence."""
+        self.help, tooltip = help, tooltip or help.partition(". ")[0]
+        self.tooltip = tooltip[:1].upper() + tooltip[1:]
+        return self
 
     def checked(self, value, limits=None):
         """Returns the value as its kind. Raises ValueError, to be read after the setting's name.
@@ -100,142 +102,84 @@ class Setting:
         return self.solver in (None, solver)
 
 
-IMPULSE, SOFT_STEP = {"solver": "impulse"}, {"solver": "soft-step"}
 LINKS = {"isOfConstraints": True}
+IMPULSE_LINKS = {"isOfConstraints": True, "solver": "impulse"}
 TABLE = (
-    Setting(
-        "restitution",
-        0.5,
+    Setting("restitution", 0.5, UNIT, UNIT, parameter="CRCoeff", limitsInStep=ANY).explained(
         "how bouncy: the fraction of the approach speed that is returned, 0 to 1. With 1, bodies "
-        "slowly gain energy, unless --solver soft-step is used",
-        UNIT,
-        UNIT,
-        parameter="CRCoeff",
-        limitsInStep=ANY,
+        "slowly gain energy, unless --solver soft-step is used"
+    ),
+    Setting("timeStep", 0.02, (1e-12, 1e3), label="time step (s)", limitsInStep=POSITIVE).explained(
+        "simulated seconds per step"
     ),
     Setting(
-        "timeStep",
-        0.02,
-        "simulated seconds per step",
-        (1e-12, 1e3),
-        label="time step (s)",
-        limitsInStep=POSITIVE,
+        "gravity", -GRAVITY, (-1e3, 1e3), (0.0, 20.0), label="gravity (m/s²)", defaultInStep=EARTH
+    ).explained("acceleration of free fall along −y, in m/s²"),
+    Setting("friction", 0.0, POSITIVE, UNIT, parameter="mu").explained(
+        "coefficient of friction between bodies and with the ground. Only --solver soft-step slows "
+        "a box that spins flat on another"
     ),
-    Setting(
-        "gravity",
-        -GRAVITY,
-        "acceleration of free fall along −y, in m/s²",
-        (-1000.0, 1000.0),
-        (0.0, 20.0),
-        label="gravity (m/s²)",
-        defaultInStep=EARTH,
-    ),
-    Setting(
-        "friction",
-        0.0,
-        "coefficient of friction between bodies and with the ground. Only --solver soft-step "
-        "slows a box that spins flat on another",
-        POSITIVE,
-        UNIT,
-        parameter="mu",
-    ),
-    Setting(
-        "contactSolver",
-        ("impulse", "soft-step"),
+    Setting("contactSolver", ("impulse", "soft-step"), option="solver").explained(
         "way to solve contacts: impulse, one by one, as in the coursework; soft-step, all "
-        "together. Piles rest only with soft-step",
-        option="solver",
+        "together. Piles rest only with soft-step"
     ),
-    Setting(
-        "substeps",
-        6,
-        "substeps per step; more make contacts stiffer and take longer",
-        (1, 1000),
-        (1, 32),
-        **SOFT_STEP,
+    Setting("substeps", 6, (1, 1000), (1, 32), solver="soft-step").explained(
+        "substeps per step; more make contacts stiffer and take longer"
     ),
-    Setting(
-        "sleeping",
-        True,
+    Setting("sleeping", True, option="no-sleeping", label="sleeping", solver="soft-step").explained(
         "simulate bodies at rest too. By default, they sleep until something disturbs them",
-        option="no-sleeping",
-        label="sleeping",
         tooltip="skip bodies at rest until something disturbs them",
-        **SOFT_STEP,
     ),
-    Setting(
-        "broadPhase",
-        ("all", "grid"),
+    Setting("broadPhase", ("all", "grid"), solver="impulse").explained(
         "way to find possible contacts; grid is faster with many bodies, with identical motion. "
-        "all tests every pair; grid uses a uniform grid",
-        **IMPULSE,
+        "all tests every pair; grid uses a uniform grid"
     ),
     Setting(
         "contactScheduling",
         ("sequential", "batches"),
-        "way to resolve contacts; batches is faster with hundreds of bodies, with identical "
-        "motion. sequential resolves one contact after the other; batches resolves contacts that "
-        "share no movable body together, on arrays, and finds them by the grid",
         option="contacts",
         label="contact schedule",
-        **IMPULSE,
+        solver="impulse",
+    ).explained(
+        "way to resolve contacts; batches is faster with hundreds of bodies, with identical "
+        "motion. sequential resolves one contact after the other; batches resolves contacts that "
+        "share no movable body together, on arrays, and finds them by the grid"
     ),
-    Setting(
-        "closingOnly",
-        False,
+    Setting("closingOnly", False, label="push only approaching bodies", solver="impulse").explained(
         "apply no impulse if bodies are already separating. By default, one is applied, as in the "
-        "coursework",
-        label="push only approaching bodies",
-        **IMPULSE,
+        "coursework"
     ),
-    Setting(
-        "gyroscopic",
-        False,
+    Setting("gyroscopic", False, label="gyroscopic torque").explained(
         "let spinning bodies tumble, following Euler's equations. By default, the angular velocity "
-        "is constant in free flight",
-        label="gyroscopic torque",
+        "is constant in free flight"
     ),
     Setting(
-        "enforceConstraints",
-        True,
+        "enforceConstraints", True, option="no-constraints", label="constraints", **LINKS
+    ).explained(
         "ignore the distance constraints. They are solved last in a step and may press bodies into "
         "the ground, much less so with --solver soft-step",
-        option="no-constraints",
-        label="constraints",
         tooltip="enforce the distance constraints",
-        **LINKS,
     ),
     Setting(
-        "constraintScheduling",
-        ("sweep", "queue", "batches"),
+        "constraintScheduling", ("sweep", "queue", "batches"), option="scheduling", **IMPULSE_LINKS
+    ).explained(
         "order in which constraints are visited. sweep visits them one by one, repeatedly; queue "
         "gives the same result with fewer visits; batches visits many at once in another order, "
-        "for hundreds of constraints",
-        option="scheduling",
-        **LINKS,
-        **IMPULSE,
+        "for hundreds of constraints"
     ),
     Setting(
         "maxIterations",
         None,
-        "most constraint visits per step; each constraint is visited at least once (default: 20 "
-        "times the number of constraints, and at least 1000)",
         (0, 10**15),
         kind=int,
         defaultInStep=CONSTRAINT_VISITS,
         label="",
-        **LINKS,
-        **IMPULSE,
+        **IMPULSE_LINKS,
+    ).explained(
+        "most constraint visits per step; each constraint is visited at least once (default: 20 "
+        "times the number of constraints, and at least 1000)"
     ),
-    Setting(
-        "tolerance",
-        CONSTRAINT_TOLERANCE,
-        limits=POSITIVE,
-        option=None,
-        label="",
-        **LINKS,
-        **IMPULSE,
-    ),
+    Setting("tolerance", CONSTRAINT_TOLERANCE, POSITIVE, option=None, label="", **IMPULSE_LINKS),
 )
 # The settings that a user can choose, by field name.
 CHOSEN = {one.name: one for one in TABLE if one.option is not None}

@@ -1,7 +1,7 @@
 """Compares experiments with closed forms, with independent predictors, and with other engines.
 
-    python tests/benchmarks/laws.py                    all rows
-    python tests/benchmarks/laws.py slides elastic     these rows
+    python tests/benchmarks/experiments.py                    all rows
+    python tests/benchmarks/experiments.py slides elastic     these rows
 
 Each line gives the experiment, what is predicted, and what each step does; MuJoCo and PyBullet as
 well where they are installed and the experiment suits them. Lengths are in metres, and a step is
@@ -347,7 +347,10 @@ def tumbling(settings, seconds=60.0, timeStep=TIME_STEP):
 
 def spins():
     flips = tumbling_ode(box_body(*SPINNER, (0, 0, 0)).IT, 60.0)
-    found = {n: tumbling(s) for n, s in {**STEPS, "grid": BASIC | {"broadPhase": "grid"}}.items()}
+    found = {
+        n: tumbling(s)
+        for n, s in {**STEPS, "batches": BASIC | {"contactScheduling": "batches"}}.items()
+    }
     tell("tumbling 60 s: largest relative change of L", 0, **{n: v[0] for n, v in found.items()})
     tell("tumbling 60 s: of the energy", 0, **{n: v[1] for n, v in found.items()})
     tell("tumbling 60 s: flips", len(flips), **{n: len(v[2]) for n, v in found.items()})
