@@ -9,8 +9,9 @@ from rbs.program.headless import step_progress
 from rbs.program.results import Results, check_ending
 from rbs.recordings.recording import RECORDING_ENDINGS, Recorder, Recording
 from rbs.recordings.replay import Replay
-from rbs.scenes import simulation
+from rbs.scenes import changes, simulation
 from rbs.scenes.scenefiles import SceneSource, find_scene, scene_name
+from RBSFunctions import Mesh
 
 
 class Simulation(Results, simulation.Simulation):
@@ -61,6 +62,57 @@ class Simulation(Results, simulation.Simulation):
         super().change(change)
         for recorder in self._recorders:
             recorder.note(self, change)
+
+    def push(self, body, impulse, point=None):
+        """Applies an impulse to a body before the next step.
+
+        Parameters
+        ----------
+        body : Mesh or int
+            One of `meshes`, or its index.
+        impulse : (3,)
+            In N s, in world axes.
+        point : (3,), optional
+            Where it is applied, in world axes. By default, at the centre of mass.
+
+        Raises
+        ------
+        ValueError
+            If it is no body of the simulation. So do the methods below.
+        """
+        index = self._index(body)
+        point = self.meshes[index].position if point is None else point
+        self.change(changes.push(index, impulse, point))
+
+    def move(self, body, position):
+        """Moves a body's centre of mass to a position (3,) before the next step."""
+        self.change(changes.move(self._index(body), position))
+
+    def fix(self, body, isFixed=True):
+        """Fixes a body, or frees it, before the next step."""
+        self.change(changes.fix(self._index(body), isFixed))
+
+    def add(self, mesh):
+        """Adds a copy of a Mesh with its pose and velocity; returns the copy, the last of `meshes`.
+
+        `reset` removes it.
+        """
+        if not isinstance(mesh, Mesh):
+            raise TypeError(f"mesh must be a Mesh, not {type(mesh).__name__}")
+        self.change(changes.add_mesh(len(self.meshes), mesh))
+        if mesh.isFixed:
+            self.fix(len(self.meshes) - 1)
+        return self.meshes[-1]
+
+    def _index(self, body):
+        """Returns the index of a Mesh of this simulation, or of a number. Raises ValueError."""
+        if isinstance(body, Mesh):
+            found = [k for k, mesh in enumerate(self.meshes) if mesh is body]
+        else:
+            found = [k for k in range(len(self.meshes)) if k == body]
+        if not found:
+            raise ValueError(f"{body!r} is no body of this simulation")
+        return found[0]
 
     def steps(self, count):
         """Yields the StepReport of each of `count` steps, and shows the progress in a terminal."""
