@@ -101,8 +101,7 @@ def show_window(simulation, backend, openFile, listFiles, measure, pictureOption
     try:
         ps.show()
     finally:
-        viewer.stop_video()
-        viewer.stop_recording()
+        viewer.stop_files()
         view.set_callback(None)
         ps.clear_files_dropped_callback()
 
@@ -411,7 +410,9 @@ class Panel:
             "for --replay, --resume and --verify (.h5 in out/)"
         )
         about = "Film from now until Stop video (.mp4 in out/)"
-        self._buttons((video, viewer.toggle_video, about))
+        page = "Web page###page" if viewer.page is None else "Stop page###page"
+        aboutPage = "Write a page that plays the run from now until Stop page (.html in out/)"
+        self._buttons((video, viewer.toggle_video, about), (page, viewer.toggle_page, aboutPage))
         psim.BeginDisabled(viewer.isReplay)
         self._buttons((record, viewer.toggle_recording, tooltip))
         psim.EndDisabled()

@@ -18,6 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rbs.appearance.pictureoptions import video_timing
+from rbs.exports.page import PageWriter
+from rbs.exports.poses import ExportError
 from rbs.pictures.cameras import apply_camera, kept_camera, load_camera, save_camera
 from rbs.pictures.capture import Video, save_picture
 from rbs.recordings.encoder import VideoError
@@ -70,7 +72,7 @@ class Viewer:
     grab : Grab of the dragged body, or None
     message, saved : an error, and a line about the last file written, or ""
     offer : (text, label, function): the button beside the message `text`; or None
-    video, recorder, picture : files that are being written, or None
+    video, page, recorder, picture : files that are being written, or None
     look : one of LOOKS, for pictures
     isMeasuring, history : whether `history`, rows (time, quantities), grows
     moments, place : Moments that can be gone to, and the number of those before the present one,
@@ -89,7 +91,7 @@ class Viewer:
         self.grab = None
         self.message, self.saved = "" if simulation.isReplay else simulation.step_advice(), ""
         self.offer = None
-        self.video = self.recorder = self.picture = None
+        self.video = self.page = self.recorder = self.picture = None
         self.look = look
         self.isMeasuring = False
         self.history = deque(maxlen=PLOTTED_STEPS)
@@ -185,6 +187,9 @@ class Viewer:
         if self.video is not None:
             with self._timed("filming"), self._reporting("video"):
                 self.video.add(self.simulation)
+        if self.page is not None:
+            with self._timed("filming"), self._reporting("page"):
+                self.page.add(self.simulation)
 
     @contextmanager
     def _timed(self, name):
@@ -409,12 +414,12 @@ class Viewer:
 
     @contextmanager
     def _reporting(self, name=None):
-        """Reports an error of the `with` block, which ends the writer `name`, video or recorder."""
+        """Reports an error of the `with` block, which ends the writer of this name."""
         try:
             yield
-        except (OSError, RecordingError, VideoError) as error:
-            isVideoError = isinstance(error, VideoError)
-            self.message = str(error) if isVideoError else f"cannot write: {reason_of(error)}"
+        except (OSError, RecordingError, VideoError, ExportError) as error:
+            isWhole = isinstance(error, VideoError | ExportError)
+            self.message = str(error) if isWhole else f"cannot write: {reason_of(error)}"
             if name is not None and getattr(self, name) is not None:
                 with suppress(OSError):  # reported above
                     getattr(self, name).close()
@@ -471,6 +476,24 @@ class Viewer:
             self.video = None
             self.view.set_resizable(True)
 
+    def toggle_page(self):
+        """Starts or ends a page that plays what is shown from now on in a browser."""
+        if self.page is not None:
+            self.stop_page()
+            return
+        self.message = ""
+        with self._reporting("page"):
+            self.page = PageWriter(self._out_path("page", ".html"))
+            self.page.add(self.simulation)
+
+    def stop_page(self):
+        """Writes the page, if there is one."""
+        if self.page is not None:
+            with self._reporting("page"):
+                self.page.save(self.simulation)
+                self._tell_saved(self.page.path)
+            self.page = None
+
     def toggle_recording(self):
         """Starts or ends a recording."""
         if self.recorder is not None:
@@ -491,8 +514,9 @@ class Viewer:
             self.recorder = None
 
     def stop_files(self):
-        """Ends the video and the recording, if there are any."""
+        """Ends the video, the page and the recording, if there are any."""
         self.stop_video()
+        self.stop_page()
         self.stop_recording()
 
     # Bodies.

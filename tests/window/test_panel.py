@@ -395,6 +395,10 @@ class RandomUser:
     def do_video(self):
         self.viewer.toggle_video()
 
+    def do_page(self):
+        self.viewer.toggle_page()
+        assert self.viewer.message == ""
+
     def do_recording(self):
         if self.viewer.isReplay:
             return False
