@@ -282,7 +282,7 @@ class Mesh:
     ----------
     currVertices : (V, 3), vertices in the world, at the present pose
     linVelocity, angVelocity : (1, 3), velocity of the COM, and angular velocity in rad/s
-    mass, invMass : floats; invMass is 0 if the mesh is fixed
+    density, mass, invMass : floats, the first two read-only; invMass is 0 if the mesh is fixed
     IT, invIT : (3, 3), inertia tensor about the COM at rest, and its inverse, 0 if fixed
     volume, hullVolume : of the tetrahedra, and of the convex hull, which is what collides
     hull : rbs.geometry.hulls.Hull
@@ -301,7 +301,7 @@ class Mesh:
         self.origVertices = self._numbers("origVertices", origVertices, 3)
         self.faces = self._numbers("faces", faces, 3, dtype=np.int64)
         self.tets = self._numbers("tets", tets, 4, dtype=np.int64)
-        self.density = float(self._numbers("density", density, 1, 1)[0, 0])
+        self._density = float(self._numbers("density", density, 1, 1)[0, 0])
         self.position = self._numbers("position", position, 3, 1)
         self.orientation = self._numbers("orientation", orientation, 4, 1)
         length = math.hypot(*self.orientation[0].tolist())
@@ -311,7 +311,7 @@ class Mesh:
         self.linVelocity = np.zeros((1, 3))
         self.angVelocity = np.zeros((1, 3))
 
-        self.mass, self.volume, self.hullVolume, self.hull = 0.0, 0.0, 0.0, None
+        self._mass, self.volume, self.hullVolume, self.hull = 0.0, 0.0, 0.0, None
         self.IT = np.zeros((3, 3))
         if len(self.origVertices) > 0:
             self._init_mass_properties()
@@ -454,7 +454,7 @@ class Mesh:
         e1, e2, e3 = (corners[:, k] - corners[:, 0] for k in (1, 2, 3))
         volumes = np.abs(np.sum(e1 * np.cross(e2, e3), axis=1)) / 6.0
         self.volume = float(volumes.sum())
-        self.mass = self.density * self.volume
+        self._mass = self.density * self.volume
         if not 0 < self.mass < math.inf:
             raise ValueError(
                 f"mesh {self.name}: density {self.density:g} and volume {self.volume:g} "
@@ -470,6 +470,16 @@ class Mesh:
         self.IT = np.trace(covariance) * np.eye(3) - covariance
         self.hull = build_hull(self.origVertices)
         self.hullVolume = self.hull.volume
+
+    @property
+    def density(self):
+        """Mass per volume. It cannot be assigned, because mass and inertia follow from it."""
+        return self._density
+
+    @property
+    def mass(self):
+        """Density times volume. It cannot be assigned, because inertia belongs to it."""
+        return self._mass
 
     @property
     def isFixed(self):

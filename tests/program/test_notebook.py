@@ -267,3 +267,38 @@ def test_a_video_is_filmed_in_real_time(tmp_path):
     assert simulation.video(tmp_path / "three.gif", 20, size=(64, 48)).stepCount == 20
     with Image.open(tmp_path / "three.gif") as film:
         assert film.n_frames == 11 and film.size == (64, 48)
+
+
+@pytest.mark.parametrize("solver", ["impulse", "soft-step"])
+@pytest.mark.parametrize("kind", [list, tuple])
+def test_rows_may_be_assigned_as_lists_and_tuples(solver, kind):
+    ends = []
+    for make in (kind, lambda row: np.array([row])):
+        simulation = Simulation.from_meshes(boxes(), settings=Settings(contactSolver=solver))
+        simulation.meshes[1].position = make((0.1, 4.5, 0.2))
+        simulation.meshes[1].linVelocity = make((1.0, 0.0, 0.5))
+        ends.append(simulation.run(20).state()["positions"])
+    np.testing.assert_array_equal(*ends)
+
+
+def test_mass_and_density_cannot_go_apart_from_inertia():
+    (mesh, *_) = boxes()
+    for name in ("mass", "density"):
+        with pytest.raises(AttributeError):
+            setattr(mesh, name, 1.0)
+    assert mesh.mass == mesh.density * mesh.volume and mesh.invMass == 1.0 / mesh.mass
+    assert copy.deepcopy(mesh).mass == pickle.loads(pickle.dumps(mesh)).mass == mesh.mass
+
+
+def test_restore_and_reset_restore_constraints():
+    simulation = Simulation.from_meshes(boxes(), CONSTRAINTS)
+    state = simulation.run(3).state()
+    simulation.constraints.append([1, 0, 2, 0, 2.0, True])
+    simulation.constraints[0][4] = 9.0
+    both = simulation.state()
+    simulation.restore(state)
+    assert simulation.constraints == CONSTRAINTS
+    simulation.restore(both)
+    assert len(simulation.constraints) == 3 and simulation.constraints[0][4] == 9.0
+    simulation.reset()
+    assert simulation.constraints == CONSTRAINTS
