@@ -5,16 +5,20 @@ shapes are stored once. A constraint is a line between its two vertices. pygltfl
 and is imported inside `GltfWriter`. Units: metres, seconds. The y axis points up, as in glTF.
 """
 
+import math
+
 import numpy as np
 
 from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, BodyColours, linear
 from rbs.appearance.drawables import corner_normals
-from rbs.exports.poses import ExportError, PoseWriter, continuous, placed
+from rbs.appearance.framing import STILL_ANGLE, view_axes
+from rbs.exports.poses import ASPECT, ExportError, PoseWriter, continuous, frame_run, placed
 from rbs.scenes.files import atomic_write, named_errors
 
 GLTF_REMEDY = "Install it: pip install pygltflib"
-# Side of the ground as a multiple of the scene's size, and roughness of surfaces, 0 to 1.
-GROUND_SIZE, ROUGHNESS = 6.0, 0.6
+# Side of the ground, and the farthest and nearest distance from the camera that is drawn, as
+# multiples of the scene's size; and roughness of surfaces, 0 to 1.
+GROUND_SIZE, FAR_CLIP, NEAR_CLIP, ROUGHNESS = 2.5, 100.0, 0.01, 0.6
 
 
 class GltfWriter(PoseWriter):
@@ -46,8 +50,10 @@ class GltfWriter(PoseWriter):
         if len(bodies):
             ends = placed(positions[:, bodies], orientations[:, bodies], points)
             document.add_lines(ends, CONSTRAINT_COLOURS[1])
+        camera, size = frame_run(meshes, positions, orientations)
+        document.add_camera(*camera, size)
         if simulation.groundMesh is not None:
-            document.add_ground(positions.reshape(-1, 3))
+            document.add_ground(camera[1], size)
         with named_errors(self.path), atomic_write(self.path) as partial:
             document.write(partial)
 
@@ -162,12 +168,26 @@ class _Document:
             self.animate(node, "rotation", np.roll(turns, -1, axis=1))
             self.animate(node, "scale", np.hstack([length, length, length]))
 
-    def add_ground(self, places):
-        """Adds a square at y = 0 below all positions (m, 3) of the bodies."""
-        low, high = places.min(axis=0), places.max(axis=0)
-        middle, half = (low + high) / 2.0, 0.5 * GROUND_SIZE * max(np.linalg.norm(high - low), 1.0)
+    def add_camera(self, eye, target, size):
+        """Adds a camera that looks from eye to target (3,); size : of the scene, in m."""
+        lens = self._gltf.Perspective(
+            yfov=math.radians(STILL_ANGLE),
+            aspectRatio=ASPECT[0] / ASPECT[1],
+            znear=NEAR_CLIP * size,
+            zfar=FAR_CLIP * size,
+        )
+        self.document.cameras.append(self._gltf.Camera(type="perspective", perspective=lens))
+        # a camera looks along its -z, with y up
+        backward, right, up = view_axes(eye - target)
+        node = self.document.nodes[self.node("camera", None)]
+        node.camera, node.matrix = 0, [*right, 0.0, *up, 0.0, *backward, 0.0, *eye, 1.0]
+        node.matrix = [float(number) for number in node.matrix]
+
+    def add_ground(self, middle, size):
+        """Adds a square at y = 0 below a point (3,); size : of the scene, in m."""
+        half = 0.5 * GROUND_SIZE * size
         corners = np.array([[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [1, 0, -1]]) * half
-        corners = corners + middle * [1.0, 0.0, 1.0]
+        corners = corners + middle * np.array([1.0, 0.0, 1.0])
         index = self.accessor(np.array([0, 1, 2, 0, 2, 3]), isIndex=True)
         normals = self.accessor(np.tile([0.0, 1.0, 0.0], (4, 1)))
         colour = GROUND_COLOUR

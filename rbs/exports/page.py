@@ -17,9 +17,9 @@ from rbs.appearance.colours import (
     SHADOW_COLOUR,
     BodyColours,
 )
-from rbs.appearance.drawables import BOX_CORNERS, SHADOW_SLANT, corner_normals, ground_lines
-from rbs.appearance.framing import STILL_ANGLE, VIEW_DIRECTION, frame_camera, main_bodies
-from rbs.exports.poses import ExportError, PoseWriter, placed
+from rbs.appearance.drawables import SHADOW_SLANT, corner_normals, ground_lines
+from rbs.appearance.framing import STILL_ANGLE
+from rbs.exports.poses import ASPECT, ExportError, PoseWriter, frame_run
 from rbs.scenes.files import atomic_write, named_errors
 from rbs.scenes.messages import counted
 from rbs.scenes.scenefiles import scene_name
@@ -28,11 +28,9 @@ from rbs.stepping.settings import CHOSEN
 K3D_REMEDY = "Install it: pip install k3d"
 # States per second, at most: as the frames of a video. The player interpolates between them.
 STATE_RATE = 25.0
-# States from which the camera is framed. More take longer.
-FRAMED_STATES = 8
-# Width and height of the picture that the camera is framed for, and what title and controls cover
-# of it at the left, top, right and bottom. The player goes further away in narrower windows.
-ASPECT, COVERED = (16, 9), (0.0, 0.7, 0.0, 0.7)
+# What title and controls cover of a picture of the size ASPECT, at the left, top, right and bottom.
+# The player goes further away in narrower windows.
+COVERED = (0.0, 0.7, 0.0, 0.7)
 # Radius of the visible ground, and of a constraint's line, relative to the size of the scene.
 REACH, LINE_RADIUS = 12.0, 0.002
 # Height of the shadows above the ground, relative to the size of the scene.
@@ -69,7 +67,7 @@ class PageWriter(PoseWriter):
             super().add(simulation)
         meshes = simulation.meshes
         positions, orientations, first = self.poses(len(meshes))
-        camera, size = self._camera(meshes, positions, orientations)
+        camera, size = frame_run(meshes, positions, orientations, COVERED)
         plot = self._k3d.plot(
             background_color=_packed(SEEN_BACKGROUND),
             camera_auto_fit=False,
@@ -107,21 +105,6 @@ class PageWriter(PoseWriter):
         folder = Path(__file__).parent
         page = plot.get_snapshot(6, additional_js_code=(folder / "player.js").read_text("utf-8"))
         return _with_controls(page, (folder / "player.html").read_text("utf-8"), simulation)
-
-    def _camera(self, meshes, positions, orientations):
-        """Returns the camera, `(position (3,), target (3,))`, and the size of the scene in m."""
-        main = main_bodies(meshes)
-        states = np.linspace(0, len(positions) - 1, FRAMED_STATES).round().astype(int)[:, None]
-        low, high = (
-            np.array([end(meshes[b].origVertices, axis=0) for b in main])
-            for end in (np.min, np.max)
-        )
-        corners = np.where(BOX_CORNERS, high[:, None], low[:, None])
-        place = np.broadcast_to(positions[states, main, None], (len(states), *corners.shape))
-        turn = np.broadcast_to(orientations[states, main, None], (*place.shape[:-1], 4))
-        points = placed(place, turn, corners).reshape(-1, 3)
-        camera = frame_camera(points, VIEW_DIRECTION, STILL_ANGLE, ASPECT, COVERED)
-        return camera, float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
 class _Shapes:

@@ -6,8 +6,14 @@ Units: metres, seconds. The y axis points up.
 import numpy as np
 
 from Quaternion import QRotate
-from rbs.appearance.drawables import ConstraintLines
+from rbs.appearance.drawables import BOX_CORNERS, ConstraintLines
+from rbs.appearance.framing import STILL_ANGLE, VIEW_DIRECTION, frame_camera, main_bodies
 from rbs.scenes.messages import InputError, shown_path
+
+# States from which the camera is framed. More take longer.
+FRAMED_STATES = 8
+# Width and height of the picture that the camera is framed for.
+ASPECT = (16, 9)
 
 
 class ExportError(InputError):
@@ -87,3 +93,23 @@ def placed(positions, orientations, points):
     """Returns points (..., 3) in body axes at the places of poses (..., 3) and (..., 4)."""
     turns = orientations.reshape(-1, 4), np.broadcast_to(points, positions.shape).reshape(-1, 3)
     return positions + QRotate(*turns).reshape(positions.shape)
+
+
+def frame_run(meshes, positions, orientations, covered=(0.0, 0.0, 0.0, 0.0)):
+    """Returns the camera of a run, `(position (3,), target (3,))`, and the size of the scene in m.
+
+    The camera has the vertical angle STILL_ANGLE and sees the bodies at all times, except those
+    that end far from the others. positions, orientations : (T, n, 3) and (T, n, 4); covered : of a
+    picture of the size ASPECT, at the left, top, right and bottom
+    """
+    main = main_bodies(meshes)
+    states = np.linspace(0, len(positions) - 1, FRAMED_STATES).round().astype(int)[:, None]
+    low, high = (
+        np.array([end(meshes[b].origVertices, axis=0) for b in main]) for end in (np.min, np.max)
+    )
+    corners = np.where(BOX_CORNERS, high[:, None], low[:, None])
+    place = np.broadcast_to(positions[states, main, None], (len(states), *corners.shape))
+    turn = np.broadcast_to(orientations[states, main, None], (*place.shape[:-1], 4))
+    points = placed(place, turn, corners).reshape(-1, 3)
+    camera = frame_camera(points, VIEW_DIRECTION, STILL_ANGLE, ASPECT, covered)
+    return camera, float(np.linalg.norm(np.ptp(points, axis=0)))

@@ -3,7 +3,14 @@
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from numpy.typing import ArrayLike
 
 from rbs.program.headless import step_progress
 from rbs.program.results import Results, check_ending
@@ -11,7 +18,12 @@ from rbs.recordings.recording import RECORDING_ENDINGS, Recorder, Recording
 from rbs.recordings.replay import Replay
 from rbs.scenes import changes, simulation
 from rbs.scenes.scenefiles import SceneSource, find_scene, scene_name
+from rbs.stepping.reports import StepReport
+from rbs.stepping.settings import Settings
 from RBSFunctions import Mesh
+
+if TYPE_CHECKING:
+    from typing import Self  # since Python 3.11
 
 
 class Simulation(Results, simulation.Simulation):
@@ -38,13 +50,18 @@ class Simulation(Results, simulation.Simulation):
         Contacts, counters and times of the last step.
     """
 
-    def __init__(self, scene, settings=None, constraintPath=None):
+    def __init__(
+        self,
+        scene: str | Path,
+        settings: Settings | None = None,
+        constraintPath: str | Path | None = None,
+    ) -> None:
         if not isinstance(scene, SceneSource):
             scene = SceneSource.of_files(find_scene(scene), constraintPath)
         self._recorders = []
         super().__init__(scene, settings)
 
-    def step(self):
+    def step(self) -> None:
         """Goes on by one time step.
 
         Raises
@@ -63,7 +80,7 @@ class Simulation(Results, simulation.Simulation):
         for recorder in self._recorders:
             recorder.note(self, change)
 
-    def push(self, body, impulse, point=None):
+    def push(self, body: Mesh | int, impulse: ArrayLike, point: ArrayLike | None = None) -> None:
         """Applies an impulse to a body before the next step.
 
         Parameters
@@ -84,15 +101,15 @@ class Simulation(Results, simulation.Simulation):
         point = self.meshes[index].position if point is None else point
         self.change(changes.push(index, impulse, point))
 
-    def move(self, body, position):
+    def move(self, body: Mesh | int, position: ArrayLike) -> None:
         """Moves a body's centre of mass to a position (3,) before the next step."""
         self.change(changes.move(self._index(body), position))
 
-    def fix(self, body, isFixed=True):
+    def fix(self, body: Mesh | int, isFixed: bool = True) -> None:
         """Fixes a body, or frees it, before the next step."""
         self.change(changes.fix(self._index(body), isFixed))
 
-    def add(self, mesh):
+    def add(self, mesh: Mesh) -> Mesh:
         """Adds a copy of a Mesh with its pose and velocity; returns the copy, the last of `meshes`.
 
         `reset` removes it.
@@ -114,7 +131,7 @@ class Simulation(Results, simulation.Simulation):
             raise ValueError(f"{body!r} is no body of this simulation")
         return found[0]
 
-    def steps(self, count):
+    def steps(self, count: int) -> Iterator[StepReport]:
         """Yields the StepReport of each of `count` steps, and shows the progress in a terminal."""
         with step_progress(count) as advance:
             for _ in range(count):
@@ -122,14 +139,14 @@ class Simulation(Results, simulation.Simulation):
                 advance()
                 yield self.report
 
-    def run(self, count):
+    def run(self, count: int) -> Self:
         """Makes `count` steps; returns the simulation."""
         for _ in self.steps(count):
             pass
         return self
 
     @contextmanager
-    def record(self, path):
+    def record(self, path: str | Path) -> Iterator[Self]:
         """Within it, the present state and each step go into a recording.
 
         Parameters
@@ -156,7 +173,7 @@ class Simulation(Results, simulation.Simulation):
             recorder.close()
 
     @staticmethod
-    def open(path):
+    def open(path: str | Path) -> OpenedRecording:
         """Opens a recording; returns an `OpenedRecording`, at its first step.
 
         Raises RecordingError if it cannot be read.

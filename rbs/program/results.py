@@ -4,12 +4,15 @@ From the top: `Results`, the base of `Simulation` and of opened recordings; the 
 the table of statistics; the options of pictures. Units: metres, kilograms, seconds.
 """
 
+from __future__ import annotations
+
 import base64
 import html
 import io
 from contextlib import closing
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,6 +33,11 @@ from rbs.recordings.statistics import step_quantities
 from rbs.scenes.messages import InputError, counted
 from rbs.scenes.scenefiles import scene_name
 
+if TYPE_CHECKING:
+    from typing import Self  # since Python 3.11
+
+    from PIL import Image
+
 # Steps of a run whose number is not given; of a recording, all that are left.
 DEFAULT_STEPS = 500
 # Width and height in pixels of the picture that a notebook shows of a simulation.
@@ -45,7 +53,7 @@ class Results:
     are left of a recording, and use the state at the start and after every step.
     """
 
-    def picture(self, path=None, **options):
+    def picture(self, path: str | Path | None = None, **options: Any) -> Image.Image:
         """Draws the present state; returns a Pillow image.
 
         Parameters
@@ -79,7 +87,14 @@ class Results:
                 return image
         return Image.fromarray(take_picture(view, options.isTransparent))
 
-    def video(self, path, steps=None, rate=None, every=None, **options):
+    def video(
+        self,
+        path: str | Path,
+        steps: int | None = None,
+        rate: float | None = None,
+        every: int | None = None,
+        **options: Any,
+    ) -> Self:
         """Goes on and films every `every`-th step; returns itself.
 
         Parameters
@@ -103,7 +118,7 @@ class Results:
 
         return self._write(Video(path, view, rate, every), steps)
 
-    def export(self, path, steps=None):
+    def export(self, path: str | Path, steps: int | None = None) -> Self:
         """Goes on and exports the run; returns itself.
 
         Parameters
@@ -120,7 +135,7 @@ class Results:
         check_ending(path, EXPORT_ENDINGS, "export")
         return self._write(export_writer(path), steps)
 
-    def stats(self, steps=None):
+    def stats(self, steps: int | None = None) -> dict[str, np.ndarray]:
         """Goes on and returns the quantities of every step: dict of arrays (steps + 1,).
 
         The names are "step" and those of `step_quantities`: energies and momenta, the largest
@@ -131,7 +146,7 @@ class Results:
         self._write(table, steps)
         return table.columns()
 
-    def show(self, steps=None):
+    def show(self, steps: int | None = None) -> Player:
         """Goes on and returns a `Player`, which a notebook shows: the run, to play and to orbit."""
         writer = PageWriter(None)
         self._follow(writer, steps)
@@ -154,7 +169,7 @@ class Results:
                 writer.add(self)
                 advance()
 
-    def _repr_html_(self):
+    def _repr_html_(self) -> str:
         """Returns a summary, and a picture if one can be drawn without a window."""
         rows = {
             "bodies": f"{len(self.meshes)} ({sum(mesh.isFixed for mesh in self.meshes)} fixed)",

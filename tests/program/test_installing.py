@@ -54,6 +54,7 @@ def test_an_installed_program_needs_no_checkout(tmp_path):
         "__pycache__",
         "README.md",
     }
+    assert (site / "rbs" / "py.typed").is_file()
     (entries,) = site.glob("*.dist-info/entry_points.txt")
     assert "rigid-body-simulation = RigidBodySimulation:command" in entries.read_text()
     program = "-c", "import RigidBodySimulation as r; raise SystemExit(r.command())"
