@@ -8,6 +8,7 @@ With s + 1 states of n bodies, the datasets are
 
     positions (s + 1, n, 3), orientations (s + 1, n, 4), linVelocities, angVelocities (s + 1, n, 3)
     times (s + 1,)          in s; written last, so that its length counts the complete states
+    names, masses, isFixed (n,)     of the bodies at the first state: UTF-8, kg, 0 or 1
     scene, constraints      texts of these files, as bytes in UTF-8
     meshes/K/vertices, faces, tets      mesh files; the attribute file is the name in the scene
     events                  lines of JSON, as bytes: changes before a step, see `Recorder`
@@ -16,8 +17,9 @@ With s + 1 states of n bodies, the datasets are
 
 The attributes are format, firstStep, bodies (of the scene), scene and constraints (file names),
 functions and functionsFolder (of a student, or ""), version and numpyVersion. The attributes of the
-group `settings` are the settings of the first state. All numbers are little-endian. All datasets
-have checksums. Rows of a body are zero until it is added.
+group `settings` are the settings of the first state. Only other programs read names, masses and
+isFixed, and the attributes `units` and `meaning` of datasets. All numbers are little-endian. All
+datasets have checksums. Rows of a body are zero until it is added.
 
 Units: metres, kilograms, seconds.
 """
@@ -62,6 +64,16 @@ SOLVER_STEPS = 100
 READ_ATTEMPTS = 30
 # The parts of a mesh, in the order of `load_mesh_file`.
 MESH_PARTS = ("vertices", "faces", "tets")
+# Attributes of the datasets, for other programs.
+MEANINGS = {
+    "positions": {"units": "m", "meaning": "centre of mass, x y z in world axes; y points up"},
+    "orientations": {"units": "1", "meaning": "unit quaternion w x y z, from body to world axes"},
+    "linVelocities": {"units": "m/s", "meaning": "of the centre of mass, x y z in world axes"},
+    "angVelocities": {"units": "rad/s", "meaning": "angular velocity, x y z in world axes"},
+    "times": {"units": "s", "meaning": "simulated time of each state"},
+    "masses": {"units": "kg", "meaning": "mass of each body, also if it is fixed"},
+    "isFixed": {"units": "1", "meaning": "1 if the body is fixed at the first state"},
+}
 # Bytes reserved for HDF5's own tables and for chunks that are not full yet.
 SPARE_BYTES = 1 << 20
 # Bytes of the state of one body.
@@ -218,9 +230,17 @@ class Recorder:
             _set_attributes(file.create_group(f"meshes/{k}"), {"file": fileName})
             for part, values in zip(MESH_PARTS, arrays, strict=True):
                 self._write_whole(f"meshes/{k}/{part}", values)
+        names = [mesh.name.encode("utf-8", "backslashreplace") for mesh in simulation.meshes]
+        length = max(map(len, names), default=1)
+        self._write_whole("names", np.array(names, h5py.string_dtype("utf-8", max(length, 1))))
+        self._write_whole("masses", np.array([mesh.mass for mesh in simulation.meshes], "<f8"))
+        self._write_whole("isFixed", np.array([mesh.isFixed for mesh in simulation.meshes], "u1"))
         for name, width in STATE_WIDTHS.items():
             self._make_series(name, "<f8", (self._bodyCount, width), (None, width))
         self._make_series("times", "<f8")
+        for name, meaning in MEANINGS.items():
+            if name in file:  # a scene may have no bodies
+                _set_attributes(file[name], meaning)
         self._make_series("events", "u1")
         self._make_series("solverIndex", "<i8", (3,), (3,))
         self._make_series("solverStates", "u1")

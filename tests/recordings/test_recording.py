@@ -46,6 +46,18 @@ def test_recording_holds_every_step_as_stepping_by_hand_gives_it(tmp_path, capsy
     assert not np.array_equal(expected["positions"], by_hand(scene, 130, 0.8, 0.03)["positions"])
 
 
+def test_a_recording_explains_itself_to_other_programs(tmp_path):
+    simulation = Simulation(DATA / "two_chain-scene.txt")
+    simulation.meshes[1].name = "čtverec"
+    with h5py.File(record(tmp_path / "run.h5", simulation, 2)) as file:
+        assert file["names"].asstr()[1] == "čtverec"
+        assert file["masses"][()].tolist() == [mesh.mass for mesh in simulation.meshes]
+        assert file["isFixed"][()].tolist() == [mesh.isFixed for mesh in simulation.meshes]
+        units = {name: file[name].attrs.get("units") for name in file}
+        assert units["linVelocities"] == b"m/s" and units["times"] == b"s"
+        assert file["orientations"].attrs["meaning"].startswith(b"unit quaternion w x y z")
+
+
 def test_old_recording_stays_until_the_new_one_is_whole(tmp_path):
     path, simulation = tmp_path / "r.h5", Simulation(DATA / "tet-scene.txt")
     record(path, simulation, 3)
