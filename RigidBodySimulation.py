@@ -220,9 +220,7 @@ def verify_as_asked(options):
     if not wrong:
         print(f"{path}: {steps} are identical, bit for bit")
         return 0
-    if recording.numpyVersion != np.__version__:
-        wrong += f" (recorded with NumPy {recording.numpyVersion}, now {np.__version__})"
-    print_error(f"{path}: {wrong}")
+    print_error(f"{path}: {wrong}{recording.origin()}")
     return 1
 
 

@@ -16,10 +16,10 @@ With s + 1 states of n bodies, the datasets are
     solverStates            the soft-step solver after that step, as an .npz file
 
 The attributes are format, firstStep, bodies (of the scene), scene and constraints (file names),
-functions and functionsFolder (of a student, or ""), version and numpyVersion. The attributes of the
-group `settings` are the settings of the first state. Only other programs read names, masses and
-isFixed, and the attributes `units` and `meaning` of datasets. All numbers are little-endian. All
-datasets have checksums. Rows of a body are zero until it is added.
+functions and functionsFolder (of a student, or ""), version, numpyVersion and processor. The
+attributes of the group `settings` are the settings of the first state. Only other programs read
+names, masses and isFixed, and the attributes `units` and `meaning` of datasets. All numbers are
+little-endian. All datasets have checksums. Rows of a body are zero until it is added.
 
 Units: metres, kilograms, seconds.
 """
@@ -29,10 +29,12 @@ import io
 import json
 import math
 import os
+import platform
 import time
 from bisect import bisect_right
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
+from functools import lru_cache
 from pathlib import Path
 
 import h5py
@@ -221,6 +223,7 @@ class Recorder:
                 "functionsFolder": "" if submitted is None else _shown_name(submitted.folder),
                 "version": __version__,
                 "numpyVersion": np.__version__,
+                "processor": processor_name(),
             },
         )
         _set_attributes(file.create_group("settings"), asdict(self._settings))
@@ -299,7 +302,7 @@ class Recording:
     settingsHistory : list of (step, dict), the settings from that step on
     changes : list of (step, Change), made by hand before that step, or before the recording
     functions, functionsFolder : digest of the student's functions and name of their folder, or ""
-    version, numpyVersion : of the program that recorded it
+    version, numpyVersion, processor : of the program that recorded it
     """
 
     def __init__(self, path):
@@ -324,6 +327,7 @@ class Recording:
             self.functions, self.functionsFolder, self.version, self.numpyVersion = (
                 head[name] for name in names
             )
+            self.processor = head.get("processor", "")  # older recordings lack it
             self.source = self._read_source(head)
             self._bodyCount = int(head["bodies"])
             self._read_events()
@@ -371,6 +375,19 @@ class Recording:
                 self.settingsHistory.append((event["step"], event["settings"]))
             else:
                 self.changes.append((event["step"], from_record(event["change"])))
+
+    def origin(self):
+        """Returns which NumPy and processor recorded it, if not those here, in parentheses; or "".
+
+        Elsewhere the last bits of a sum may differ, and then all that follows.
+        """
+        there = {"NumPy": self.numpyVersion, "on": self.processor}
+        here = {"NumPy": np.__version__, "on": processor_name()}
+        differing = [what for what in there if there[what] not in ("", here[what])]
+        if not differing:
+            return ""
+        then, now = (" ".join(f"{k} {one[k]}" for k in differing) for one in (there, here))
+        return f" (recorded {'with ' * (differing[0] == 'NumPy')}{then}, now {now})"
 
     def body_count(self, step):
         """Returns the number of bodies after a step."""
@@ -438,6 +455,16 @@ def _bytes_of(text):
 def _shown_name(path):
     """Returns a file's name, or "" for None. Bytes that are not Unicode become `?`."""
     return "" if path is None else path.name.encode("utf-8", "replace").decode("utf-8")
+
+
+@lru_cache
+def processor_name():
+    """Returns the name of this machine's processor, or of its architecture."""
+    with suppress(OSError), open("/proc/cpuinfo", encoding="utf-8") as lines:  # Linux
+        for line in lines:
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
 
 
 def _set_attributes(group, values):

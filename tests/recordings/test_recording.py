@@ -11,7 +11,13 @@ import pytest
 from program import DATA, by_hand, call, record, run, start, summary_of
 
 from rbs import __version__
-from rbs.recordings.recording import SOLVER_STEPS, Recorder, Recording, RecordingError
+from rbs.recordings.recording import (
+    SOLVER_STEPS,
+    Recorder,
+    Recording,
+    RecordingError,
+    processor_name,
+)
 from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.statistics import QUANTITY_UNITS
 from rbs.scenes import changes
@@ -211,6 +217,29 @@ def test_what_was_changed_in_a_recording_is_found(chain, tmp_path, capsys, case)
     code, _, errors = call(capsys, "--verify", path)
     assert code in (1, 2) and errors.count("\n") == 1
     assert errors.startswith(f"RigidBodySimulation.py: {path}: {cause}")
+
+
+@pytest.mark.parametrize(
+    ("attributes", "note"),
+    [
+        ({}, ""),
+        ({"processor": "Babbage 1"}, " (recorded on Babbage 1, now on {cpu})"),
+        ({"numpyVersion": "0.1"}, " (recorded with NumPy 0.1, now NumPy {numpy})"),
+        (
+            {"numpyVersion": "0.1", "processor": "Babbage 1"},
+            " (recorded with NumPy 0.1 on Babbage 1, now NumPy {numpy} on {cpu})",
+        ),
+    ],
+)
+def test_a_difference_names_another_processor_and_numpy(chain, tmp_path, capsys, attributes, note):
+    def edit(file):
+        file["positions"][33, 4, 1] = 3.5
+        file.attrs.update(attributes)
+
+    path = edited(chain[0], tmp_path / "d.h5", edit)
+    code, _, errors = call(capsys, "--verify", path)
+    note = note.format(numpy=np.__version__, cpu=processor_name())
+    assert code == 1 and errors.endswith(f"{note}\n")
 
 
 def test_resuming_takes_settings_and_needs_a_sound_step(standing, chain, tmp_path, capsys):
