@@ -467,12 +467,11 @@ def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
         else:
             assert settings == user.expected
         where["replay" if viewer.isReplay else settings["contactSolver"]] += 1
-    viewer.stop_video()
-    viewer.stop_recording()
+    viewer.stop_files()
     viewer.release()
     view.set_callback(None)
     names = {name for name in vars(RandomUser) if name.startswith("do_")}
-    assert len(names) == 25 and min(user.counts[name] for name in names) >= 10, user.counts
+    assert len(names) == 26 and min(user.counts[name] for name in names) >= 10, user.counts
     assert user.scenes == set(SMALL_SCENES) and len(where) == 3 and min(where.values()) >= 50, where
     made = list(tmp_path.glob("out/*/recording*.h5"))
     assert made and all(verify(Recording(path)) == "" for path in made)
