@@ -282,7 +282,7 @@ class Mesh:
     ----------
     currVertices : (V, 3), vertices in the world, at the present pose
     linVelocity, angVelocity : (1, 3), velocity of the COM, and angular velocity in rad/s
-    mass, invMass : floats; invMass is 0 if the mesh is fixed
+    density, mass, invMass : floats, the first two read-only; invMass is 0 if the mesh is fixed
     IT, invIT : (3, 3), inertia tensor about the COM at rest, and its inverse, 0 if fixed
     volume, hullVolume : of the tetrahedra, and of the convex hull, which is what collides
     hull : rbs.geometry.hulls.Hull
@@ -301,7 +301,7 @@ class Mesh:
         self.origVertices = self._numbers("origVertices", origVertices, 3)
         self.faces = self._numbers("faces", faces, 3, dtype=np.int64)
         self.tets = self._numbers("tets", tets, 4, dtype=np.int64)
-        self.density = float(self._numbers("density", density, 1, 1)[0, 0])
+        self._density = float(self._numbers("density", density, 1, 1)[0, 0])
         self.position = self._numbers("position", position, 3, 1)
         self.orientation = self._numbers("orientation", orientation, 4, 1)
         length = math.hypot(*self.orientation[0].tolist())
@@ -311,7 +311,7 @@ class Mesh:
         self.linVelocity = np.zeros((1, 3))
         self.angVelocity = np.zeros((1, 3))
 
-        self.mass, self.volume, self.hullVolume, self.hull = 0.0, 0.0, 0.0, None
+        self._mass, self.volume, self.hullVolume, self.hull = 0.0, 0.0, 0.0, None
         self.IT = np.zeros((3, 3))
         if len(self.origVertices) > 0:
             self._init_mass_properties()
@@ -323,23 +323,37 @@ class Mesh:
 
     @classmethod
     def from_surface(
-        cls, name, vertices, faces, density, position=None, orientation=(1, 0, 0, 0), isFixed=False
+        cls,
+        name,
+        vertices,
+        faces=None,
+        density=None,
+        position=None,
+        orientation=(1, 0, 0, 0),
+        isFixed=False,
     ):
         """Makes a body of a closed surface, as SciPy's ConvexHull or trimesh have one.
 
-        vertices : (V, 3), in metres; those without a face are left out
+        vertices : (V, 3), in metres; those without a face are left out, and those in the same place
+            are merged. Or an object with vertices and faces, such as a trimesh.Trimesh
         faces : (F, 3) int, triangles, with their corners in any order
         position : (1, 3), COM in the world; None leaves the body where the vertices are
 
-        The rest is as for `Mesh`. Raises ValueError if the surface is not closed, or no point
-        inside sees all of it.
+        The rest is as for `Mesh`. Warns if the surface is not convex. Raises ValueError if it is
+        not closed, or no point inside sees all of it.
         """
-        from rbs.geometry.surfaces import fill_surface, orient_surface
+        from rbs.geometry.surfaces import (
+            clean_surface,
+            fill_surface,
+            orient_surface,
+            warn_unless_convex,
+        )
 
+        if faces is None:
+            vertices, faces = vertices.vertices, vertices.faces
         try:
             vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
-            used, faces = np.unique(faces, return_inverse=True)
-            vertices, faces = vertices[used], faces.reshape(-1, 3)
+            vertices, faces = clean_surface(vertices, faces.reshape(-1, 3))
             if not np.isfinite(vertices).all():
                 raise ValueError("a vertex is not finite")
             vertices, faces, tets = fill_surface(vertices, orient_surface(vertices, faces))
@@ -348,7 +362,49 @@ class Mesh:
         mesh = cls(name, vertices, faces, tets, density, (0.0, 0.0, 0.0), orientation, isFixed)
         centre = vertices[-1] - mesh.origVertices[-1]
         mesh.position = mesh._numbers("position", centre if position is None else position, 3, 1)
+        warn_unless_convex(f"mesh {name}", mesh.volume, mesh.hullVolume, stacklevel=2)
         return mesh
+
+    @classmethod
+    def convex_hull(cls, points, density, position=None, name="hull", **others):
+        """Makes a body of the convex hull of points (n, 3), in metres.
+
+        position, and others, orientation and isFixed : as for `from_surface`
+        Raises ValueError if the hull has no volume.
+        """
+        from scipy.spatial import ConvexHull, QhullError
+
+        try:
+            hull = ConvexHull(np.array(points, dtype=np.float64))
+        except (QhullError, TypeError, ValueError):
+            raise ValueError(
+                f"mesh {name}: points must be rows of 3 finite numbers, four or more not in a plane"
+            ) from None
+        return cls.from_surface(name, hull.points, hull.simplices, density, position, **others)
+
+    @classmethod
+    def box(cls, size, density, position=(0.0, 0.0, 0.0), name="box", **others):
+        """Makes a box with these sides (3,) along x, y and z. Others: as for `convex_hull`."""
+        from rbs.geometry.surfaces import box_points
+
+        return cls.convex_hull(box_points(size), density, position, name, **others)
+
+    @classmethod
+    def sphere(cls, radius, density, position=(0.0, 0.0, 0.0), name="sphere", **others):
+        """Makes a polyhedron whose 162 corners lie on a ball. Others: as for `convex_hull`."""
+        from rbs.geometry.surfaces import sphere_points
+
+        return cls.convex_hull(sphere_points(radius), density, position, name, **others)
+
+    @classmethod
+    def cylinder(
+        cls, radius, height, density, position=(0.0, 0.0, 0.0), name="cylinder", sides=24, **others
+    ):
+        """Makes a cylinder around y, a prism of so many sides. Others: as for `convex_hull`."""
+        from rbs.geometry.surfaces import cylinder_points
+
+        points = cylinder_points(radius, height, sides)
+        return cls.convex_hull(points, density, position, name, **others)
 
     def __getstate__(self):
         """Returns the attributes for a copy, which has no table."""
@@ -359,6 +415,16 @@ class Mesh:
         mass = "fixed" if self.isFixed else f"{self.mass:.4g} kg"
         where = f"({x:.4g}, {y:.4g}, {z:.4g})"
         return f"Mesh({self.name!r}, {len(self.origVertices)} vertices, {mass}, at {where})"
+
+    def _repr_html_(self):
+        """Returns a drawing of the body as it is turned, and a line about it, for notebooks."""
+        from html import escape
+
+        from rbs.geometry.drawings import draw_shape
+
+        drawing = draw_shape(self.currVertices, self.faces) if len(self.faces) else ""
+        about = f"{self!r}, density {self.density:.4g} kg/m³, volume {self.volume:.4g} m³"
+        return f"<div>{drawing}<br>{escape(about)}</div>"
 
     def _numbers(self, what, value, width, count=None, dtype=np.float64):
         """Returns a copy as (count, width), or (n, width), of finite numbers; raises ValueError."""
@@ -390,7 +456,7 @@ class Mesh:
         e1, e2, e3 = (corners[:, k] - corners[:, 0] for k in (1, 2, 3))
         volumes = np.abs(np.sum(e1 * np.cross(e2, e3), axis=1)) / 6.0
         self.volume = float(volumes.sum())
-        self.mass = self.density * self.volume
+        self._mass = self.density * self.volume
         if not 0 < self.mass < math.inf:
             raise ValueError(
                 f"mesh {self.name}: density {self.density:g} and volume {self.volume:g} "
@@ -409,6 +475,16 @@ class Mesh:
         except ValueError as error:
             raise ValueError(f"mesh {self.name}: {error}") from None
         self.hullVolume = self.hull.volume
+
+    @property
+    def density(self):
+        """Mass per volume. It cannot be assigned, because mass and inertia follow from it."""
+        return self._density
+
+    @property
+    def mass(self):
+        """Density times volume. It cannot be assigned, because inertia belongs to it."""
+        return self._mass
 
     @property
     def isFixed(self):

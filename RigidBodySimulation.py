@@ -18,13 +18,14 @@ from pathlib import Path
 import numpy as np
 
 from rbs.appearance.drawables import flatten_meshes
-from rbs.appearance.gltf import GltfWriter
 from rbs.appearance.pictureoptions import (
     FASTEST_ENCODER,
     SLOWEST_VIDEO,
     PictureOptions,
     video_timing,
 )
+from rbs.exports.formats import export_writer
+from rbs.geometry.surfaces import NonConvexWarning
 from rbs.pictures.backends import find_backend
 from rbs.program import headless, options as commandLine
 from rbs.program.opening import list_files, open_replay
@@ -60,7 +61,7 @@ def main(arguments=None):
     """
     options = commandLine.parse_options(arguments)
     with warnings.catch_warnings(), headless.signals_handled(headless.interrupt):
-        warnings.simplefilter("always", scenefiles.NonConvexWarning)
+        warnings.simplefilter("always", NonConvexWarning)
         warnings.showwarning = lambda message, *where: print_error(f"warning: {message}")
         if hasattr(sys.stdout, "reconfigure"):  # the terminal may lack characters of a name
             sys.stdout.reconfigure(errors="backslashreplace")
@@ -172,7 +173,7 @@ def run_as_asked(simulation, options, pictureOptions):
             (options.record, Recorder),
             (options.stats, StatsWriter),
             (options.plot, PlotWriter),
-            (options.export, GltfWriter),
+            (options.export, export_writer),
         ):
             if path is not None:
                 start(writer(path))
@@ -219,9 +220,7 @@ def verify_as_asked(options, submitted):
     if not wrong:
         print(f"{path}: {steps} are identical, bit for bit")
         return 0
-    if recording.numpyVersion != np.__version__:
-        wrong += f" (recorded with NumPy {recording.numpyVersion}, now {np.__version__})"
-    print_error(f"{path}: {wrong}")
+    print_error(f"{path}: {wrong}{recording.origin()}")
     return 1
 
 

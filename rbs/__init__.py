@@ -10,6 +10,7 @@ above it in its package's list.
     scenes      files, meshes, scenes, and the simulation that steps them
     recordings  recordings of runs, replays, statistics
     appearance  what a scene looks like: colours, surfaces, light
+    exports     runs as files for 3-D programs and browsers
     pictures    pictures and videos, drawn with Polyscope
     window      panels, keys and the mouse
     program     command line, and runs without a window

@@ -10,5 +10,4 @@ In reading order:
     framing         viewpoints from which a scene is fully visible
     skins           normals across rounded edges, and contact shadows
     light           sky light, sunlight, and light from bodies and ground
-    gltf            export of a run to 3-D programs
 """

@@ -7,6 +7,7 @@ whatever else is in the array. In reading order:
     vectors     the same algebra on arrays of vectors
     arrays      indexing of long arrays in few calls
     surfaces    closed surfaces, turned outwards and filled with tetrahedra
+    drawings    drawings of a shape, for notebooks
     hulls       convex hulls, of one shape and of many bodies
     facets      depth and normal: the nearest facet of the Minkowski difference
     patches     contact point: the centroid of the contact patch

@@ -1,10 +1,38 @@
-"""Closed surfaces of triangles: turned outwards, filled with tetrahedra, and their volumes."""
+"""Closed surfaces of triangles: turned outwards, filled with tetrahedra, and their volumes.
+
+From the top: cleaning, orienting and filling a surface; areas and volumes; a warning about surfaces
+that are not convex; points of simple shapes.
+"""
+
+import warnings
 
 import numpy as np
 
 # Least depth of an inner point below the plane of each face, relative to the mesh's extent. Far
 # above the rounding of a distance. Larger values refuse more surfaces.
 INSIDE_MARGIN = 1e-9
+# Largest relative excess of the hull's volume over that of a convex mesh. Coordinates rounded to
+# four decimals make about 1e-5. Smaller values report dents that are invisible, larger ones hide
+# visible dents.
+CONVEXITY_TOLERANCE = 1e-4
+# Halvings of the edges of an icosahedron that make a sphere: 162 points, 97 % of its volume.
+SPHERE_HALVINGS = 2
+
+
+class NonConvexWarning(UserWarning):
+    """A mesh is not convex, and collides as its convex hull."""
+
+
+def clean_surface(vertices, faces):
+    """Merges vertices (V, 3) in the same place, and drops those that no face (F, 3) has.
+
+    Faces that lose a corner by it are dropped, too. The order stays otherwise.
+    """
+    _, first, merged = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
+    faces = first[merged.ravel()][faces]
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    used, faces = np.unique(faces, return_inverse=True)
+    return vertices[used], faces.reshape(-1, 3)
 
 
 def orient_surface(vertices, faces):
@@ -127,3 +155,47 @@ def not_closed(low, high, count):
         f"the surface is not closed: the edge between vertices {low} and {high} "
         f"belongs to {count} triangle{'s' * (count != 1)}, not to 2"
     )
+
+
+def warn_unless_convex(name, volume, hullVolume, stacklevel):
+    """Warns if a mesh, of this volume and that of its hull, is not convex.
+
+    stacklevel : 2 for the caller's caller, see `warnings.warn`
+    """
+    if hullVolume > volume * (1.0 + CONVEXITY_TOLERANCE):
+        warnings.warn(
+            f"{name} is not convex (volume {volume:.6g}, convex hull {hullVolume:.6g}) and "
+            "collides as its hull",
+            NonConvexWarning,
+            stacklevel=stacklevel + 1,
+        )
+
+
+def box_points(size):
+    """Returns the corners (8, 3) of a box with these sides (3,) around the origin."""
+    return (
+        np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]) * size
+    )
+
+
+def cylinder_points(radius, height, sides):
+    """Returns the corners (2 · sides, 3) of a regular prism around the y axis."""
+    angles = 2.0 * np.pi * np.arange(sides) / sides
+    rim = np.stack([radius * np.sin(angles), 0.0 * angles, radius * np.cos(angles)], axis=1)
+    half = np.array([0.0, height / 2.0, 0.0])
+    return np.concatenate([rim - half, rim + half])
+
+
+def sphere_points(radius):
+    """Returns 162 even points (162, 3) of a sphere: an icosahedron with its edges halved twice."""
+    golden = (1.0 + 5.0**0.5) / 2.0
+    one = np.array([[0.0, a, b * golden] for a in (-1.0, 1.0) for b in (-1.0, 1.0)])
+    points = np.concatenate([one, np.roll(one, 1, axis=1), np.roll(one, 2, axis=1)])
+    edge = 2.0
+    for _ in range(SPHERE_HALVINGS):
+        away = np.linalg.norm(points[:, None] - points, axis=2)
+        a, b = np.nonzero(np.triu(away, 1) * (away < 1.25 * edge))
+        middles = (points[a] + points[b]) / 2.0
+        middles *= np.linalg.norm(points[0]) / np.linalg.norm(middles, axis=1, keepdims=True)
+        points, edge = np.concatenate([points, middles]), edge / 2.0
+    return radius * points / np.linalg.norm(points, axis=1, keepdims=True)

@@ -21,6 +21,7 @@ from rbs.appearance.pictureoptions import (
     VIDEO_ENDINGS,
     VIDEO_RATE,
 )
+from rbs.exports.formats import EXPORT_ENDINGS
 from rbs.program.catalogue import SCENES
 from rbs.recordings.recording import RECORDING_ENDINGS
 from rbs.scenes.messages import PROGRAM_NAME, one_line, short
@@ -357,10 +358,11 @@ def add_recording_options(parser):
     )
     recordings.add_argument(
         "--export",
-        metavar="FILE.glb",
-        type=path_type("an export", ".glb"),
-        help="write the run as an animated glTF 2.0 file, for Blender and other 3-D programs, "
-        "without a window. Needs pygltflib",
+        metavar="FILE",
+        type=path_type("an export", *EXPORT_ENDINGS),
+        help="write the run, without a window: as an .html page that plays it in any browser "
+        "(needs k3d), or as an animated glTF 2.0 file, .glb, for Blender and other 3-D programs "
+        "(needs pygltflib)",
     )
 
 

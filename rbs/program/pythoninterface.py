@@ -3,19 +3,31 @@
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from rbs.appearance.pictureoptions import PictureOptions
-from rbs.pictures.backends import find_backend
+from numpy.typing import ArrayLike
+
 from rbs.program.headless import step_progress
-from rbs.recordings.recording import Recorder
-from rbs.scenes.messages import InputError
-from rbs.scenes.scenefiles import SceneSource, find_scene
+from rbs.program.results import Results, check_ending
+from rbs.recordings.recording import RECORDING_ENDINGS, Recorder, Recording
+from rbs.recordings.replay import Replay
+from rbs.scenes import changes
+from rbs.scenes.scenefiles import SceneSource, find_scene, scene_name
 from rbs.scenes.simulation import SceneSimulation
+from rbs.stepping.reports import StepReport
+from rbs.stepping.settings import Settings
+from RBSFunctions import Mesh
+
+if TYPE_CHECKING:
+    from typing import Self  # since Python 3.11
 
 
-class Simulation(SceneSimulation):
+class Simulation(Results, SceneSimulation):
     """A scene that is simulated from Python.
 
     Parameters
@@ -39,13 +51,18 @@ class Simulation(SceneSimulation):
         Contacts, counters and times of the last step.
     """
 
-    def __init__(self, scene, settings=None, constraintPath=None):
+    def __init__(
+        self,
+        scene: str | Path,
+        settings: Settings | None = None,
+        constraintPath: str | Path | None = None,
+    ) -> None:
         if not isinstance(scene, SceneSource):
             scene = SceneSource.of_files(find_scene(scene), constraintPath)
         self._recorders = []
         super().__init__(scene, settings)
 
-    def step(self):
+    def step(self) -> None:
         """Goes on by one time step.
 
         Raises
@@ -64,7 +81,58 @@ class Simulation(SceneSimulation):
         for recorder in self._recorders:
             recorder.note(self, change)
 
-    def steps(self, count):
+    def push(self, body: Mesh | int, impulse: ArrayLike, point: ArrayLike | None = None) -> None:
+        """Applies an impulse to a body before the next step.
+
+        Parameters
+        ----------
+        body : Mesh or int
+            One of `meshes`, or its index.
+        impulse : (3,)
+            In N s, in world axes.
+        point : (3,), optional
+            Where it is applied, in world axes. By default, at the centre of mass.
+
+        Raises
+        ------
+        ValueError
+            If it is no body of the simulation. So do the methods below.
+        """
+        index = self._index(body)
+        point = self.meshes[index].position if point is None else point
+        self.change(changes.push(index, impulse, point))
+
+    def move(self, body: Mesh | int, position: ArrayLike) -> None:
+        """Moves a body's centre of mass to a position (3,) before the next step."""
+        self.change(changes.move(self._index(body), position))
+
+    def fix(self, body: Mesh | int, isFixed: bool = True) -> None:
+        """Fixes a body, or frees it, before the next step."""
+        self.change(changes.fix(self._index(body), isFixed))
+
+    def add(self, mesh: Mesh) -> Mesh:
+        """Adds a copy of a Mesh with its pose and velocity; returns the copy, the last of `meshes`.
+
+        `reset` removes it.
+        """
+        if not isinstance(mesh, Mesh):
+            raise TypeError(f"mesh must be a Mesh, not {type(mesh).__name__}")
+        self.change(changes.add_mesh(len(self.meshes), mesh))
+        if mesh.isFixed:
+            self.fix(len(self.meshes) - 1)
+        return self.meshes[-1]
+
+    def _index(self, body):
+        """Returns the index of a Mesh of this simulation, or of a number. Raises ValueError."""
+        if isinstance(body, Mesh):
+            found = [k for k, mesh in enumerate(self.meshes) if mesh is body]
+        else:
+            found = [k for k in range(len(self.meshes)) if k == body]
+        if not found:
+            raise ValueError(f"{body!r} is no body of this simulation")
+        return found[0]
+
+    def steps(self, count: int) -> Iterator[StepReport]:
         """Yields the StepReport of each of `count` steps, and shows the progress in a terminal.
 
         Raises ValueError if count < 0.
@@ -77,14 +145,14 @@ class Simulation(SceneSimulation):
                 advance()
                 yield self.report
 
-    def run(self, count):
+    def run(self, count: int) -> Self:
         """Makes `count` steps; returns the simulation. Raises ValueError if count < 0."""
         for _ in self.steps(count):
             pass
         return self
 
     @contextmanager
-    def record(self, path):
+    def record(self, path: str | Path) -> Iterator[Self]:
         """Within it, the present state and each step go into a recording.
 
         Parameters
@@ -96,7 +164,10 @@ class Simulation(SceneSimulation):
         ------
         OSError
             If the file cannot be written.
+        ValueError
+            If its name does not end in .h5 or .hdf5.
         """
+        check_ending(path, RECORDING_ENDINGS, "recording")
         recorder = Recorder(path)
         try:
             recorder.add(self)
@@ -107,32 +178,27 @@ class Simulation(SceneSimulation):
             self._recorders = [one for one in self._recorders if one is not recorder]
             recorder.close()
 
-    def picture(self, path, **options):
-        """Draws the present state into a PNG file.
+    @staticmethod
+    def open(path: str | Path) -> OpenedRecording:
+        """Opens a recording; returns an `OpenedRecording`, at its first step.
 
-        Parameters
-        ----------
-        path : str or Path
-        **options
-            The fields of `PictureOptions`: size (width, height) in pixels, look ("plain" or
-            "studio"), overlays, colouring, hasLegend, camera, isTransparent.
-
-        Raises
-        ------
-        InputError
-            If Polyscope cannot draw here.
+        Raises RecordingError if it cannot be read.
         """
-        options = PictureOptions(**options)
-        backend = _backend()
-        if backend.name is None:
-            raise InputError(f"no pictures: {backend.reason}. {backend.remedy}")
-        from rbs.pictures.capture import save_picture, start_view
-
-        view = start_view(self, backend, options)
-        save_picture(path, view, options.isTransparent)
+        return OpenedRecording(Recording(path))
 
 
-@lru_cache
-def _backend():
-    """The `Backend` for pictures; to find it takes a second."""
-    return find_backend(window=False)
+class OpenedRecording(Results, Replay):
+    """A recording that is opened from Python.
+
+    It has the attributes of a `Simulation`, and what can be made of one: `picture`, `video`,
+    `export`, `stats`, `show`. `seek(step)` goes to any step from `firstStep` to `lastStep`, `step`
+    to the next one. It cannot be changed; `--resume` continues a recording.
+    """
+
+    def change(self, change):
+        """Raises ValueError: a recording cannot be changed."""
+        raise ValueError("a recording cannot be changed; --resume continues it")
+
+    def __repr__(self):
+        name, steps = scene_name(self.scenePath), f"steps {self.firstStep} to {self.lastStep}"
+        return f"OpenedRecording({name!r}, {steps}, at {self.stepCount}, {self.time:g} s)"

@@ -8,6 +8,7 @@ With s + 1 states of n bodies, the datasets are
 
     positions (s + 1, n, 3), orientations (s + 1, n, 4), linVelocities, angVelocities (s + 1, n, 3)
     times (s + 1,)          in s; written last, so that its length counts the complete states
+    names, masses, isFixed (n,)     of the bodies at the first state: UTF-8, kg, 0 or 1
     scene, constraints      texts of these files, as bytes in UTF-8
     meshes/K/vertices, faces, tets      mesh files; the attribute file is the name in the scene
     events                  lines of JSON, as bytes: changes before a step, see `Recorder`
@@ -15,9 +16,10 @@ With s + 1 states of n bodies, the datasets are
     solverStates            the soft-step solver after that step, as an .npz file
 
 The attributes are format, firstStep, bodies (of the scene), scene and constraints (file names),
-functions and functionsFolder (of a student, or ""), version and numpyVersion. The attributes of the
-group `settings` are the settings of the first state. All numbers are little-endian. All datasets
-have checksums. Rows of a body are zero until it is added.
+functions and functionsFolder (of a student, or ""), version, numpyVersion and processor. The
+attributes of the group `settings` are the settings of the first state. Only other programs read
+names, masses and isFixed, and the attributes `units` and `meaning` of datasets. All numbers are
+little-endian. All datasets have checksums. Rows of a body are zero until it is added.
 
 Units: metres, kilograms, seconds.
 """
@@ -27,10 +29,12 @@ import io
 import json
 import math
 import os
+import platform
 import time
 from bisect import bisect_right
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
+from functools import lru_cache
 from pathlib import Path
 
 import h5py
@@ -62,6 +66,16 @@ SOLVER_STEPS = 100
 READ_ATTEMPTS = 30
 # The parts of a mesh, in the order of `load_mesh_file`.
 MESH_PARTS = ("vertices", "faces", "tets")
+# Attributes of the datasets, for other programs.
+MEANINGS = {
+    "positions": {"units": "m", "meaning": "centre of mass, x y z in world axes; y points up"},
+    "orientations": {"units": "1", "meaning": "unit quaternion w x y z, from body to world axes"},
+    "linVelocities": {"units": "m/s", "meaning": "of the centre of mass, x y z in world axes"},
+    "angVelocities": {"units": "rad/s", "meaning": "angular velocity, x y z in world axes"},
+    "times": {"units": "s", "meaning": "simulated time of each state"},
+    "masses": {"units": "kg", "meaning": "mass of each body, also if it is fixed"},
+    "isFixed": {"units": "1", "meaning": "1 if the body is fixed at the first state"},
+}
 # Bytes reserved for HDF5's own tables and for chunks that are not full yet.
 SPARE_BYTES = 1 << 20
 # Bytes of the state of one body.
@@ -214,6 +228,7 @@ class Recorder:
                 "functionsFolder": "" if submitted is None else _shown_name(submitted.folder),
                 "version": __version__,
                 "numpyVersion": np.__version__,
+                "processor": processor_name(),
             },
         )
         _set_attributes(file.create_group("settings"), asdict(self._settings))
@@ -223,9 +238,17 @@ class Recorder:
             _set_attributes(file.create_group(f"meshes/{k}"), {"file": fileName})
             for part, values in zip(MESH_PARTS, arrays, strict=True):
                 self._write_whole(f"meshes/{k}/{part}", values)
+        names = [mesh.name.encode("utf-8", "backslashreplace") for mesh in simulation.meshes]
+        length = max(map(len, names), default=1)
+        self._write_whole("names", np.array(names, h5py.string_dtype("utf-8", max(length, 1))))
+        self._write_whole("masses", np.array([mesh.mass for mesh in simulation.meshes], "<f8"))
+        self._write_whole("isFixed", np.array([mesh.isFixed for mesh in simulation.meshes], "u1"))
         for name, width in ARRAY_WIDTHS.items():
             self._make_series(name, "<f8", (self._bodyCount, width), (None, width))
         self._make_series("times", "<f8")
+        for name, meaning in MEANINGS.items():
+            if name in file:  # a scene may have no bodies
+                _set_attributes(file[name], meaning)
         self._make_series("events", "u1")
         self._make_series("solverIndex", "<i8", (3,), (3,))
         self._make_series("solverStates", "u1")
@@ -284,7 +307,7 @@ class Recording:
     settingsHistory : list of (step, dict), the settings from that step on
     changes : list of (step, Change), made by hand before that step, or before the recording
     functions, functionsFolder : digest of the student's functions and name of their folder, or ""
-    version, numpyVersion : of the program that recorded it
+    version, numpyVersion, processor : of the program that recorded it
     """
 
     def __init__(self, path):
@@ -309,6 +332,7 @@ class Recording:
             self.functions, self.functionsFolder, self.version, self.numpyVersion = (
                 head[name] for name in names
             )
+            self.processor = head.get("processor", "")  # older recordings lack it
             self.source = self._read_source(head)
             self._bodyCount = int(head["bodies"])
             self._read_events()
@@ -356,6 +380,19 @@ class Recording:
                 self.settingsHistory.append((event["step"], event["settings"]))
             else:
                 self.changes.append((event["step"], from_record(event["change"])))
+
+    def origin(self):
+        """Returns which NumPy and processor recorded it, if not those here, in parentheses; or "".
+
+        Elsewhere the last bits of a sum may differ, and then all that follows.
+        """
+        there = {"NumPy": self.numpyVersion, "on": self.processor}
+        here = {"NumPy": np.__version__, "on": processor_name()}
+        differing = [what for what in there if there[what] not in ("", here[what])]
+        if not differing:
+            return ""
+        then, now = (" ".join(f"{k} {one[k]}" for k in differing) for one in (there, here))
+        return f" (recorded {'with ' * (differing[0] == 'NumPy')}{then}, now {now})"
 
     def body_count(self, step):
         """Returns the number of bodies after a step."""
@@ -423,6 +460,16 @@ def _bytes_of(text):
 def _shown_name(path):
     """Returns a file's name, or "" for None. Bytes that are not Unicode become `?`."""
     return "" if path is None else path.name.encode("utf-8", "replace").decode("utf-8")
+
+
+@lru_cache
+def processor_name():
+    """Returns the name of this machine's processor, or of its architecture."""
+    with suppress(OSError), open("/proc/cpuinfo", encoding="utf-8") as lines:  # Linux
+        for line in lines:
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
 
 
 def _set_attributes(group, values):

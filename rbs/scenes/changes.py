@@ -88,6 +88,14 @@ def add(body, shape, density, position, linVelocity):
     return Change("add", body, numbers, shape)
 
 
+def add_mesh(body, mesh):
+    """Returns the Change that adds a copy of a Mesh with index `body`, with its velocity."""
+    shape = Shape(mesh.name, *(part.copy() for part in (mesh.origVertices, mesh.faces, mesh.tets)))
+    state = mesh.position, mesh.orientation, mesh.linVelocity, mesh.angVelocity
+    numbers = (mesh.density, *(number for part in state for number in _floats(part)))
+    return Change("add", body, numbers, shape)
+
+
 def _floats(vector):
     return np.ravel(vector).astype(np.float64).tolist()
 

@@ -10,13 +10,13 @@ import json
 import math
 import os
 import re
-import warnings
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
 
+from rbs.geometry.surfaces import CONVEXITY_TOLERANCE, warn_unless_convex
 from rbs.geometry.triples import floats
 from rbs.scenes.meshfiles import LARGEST_IN_FILE, load_mesh_file
 from rbs.scenes.messages import short
@@ -38,14 +38,6 @@ SCENE_ENDING = "-scene.txt"
 CONSTRAINTS_ENDING = "-constraints.txt"
 # kg/m³. Larger ones are refused, before masses overflow. A neutron star has less than 1e19.
 LARGEST_DENSITY = 1e30
-# Largest relative excess of the hull's volume over that of a convex mesh. Coordinates rounded to
-# four decimals make about 1e-5. Smaller values report dents that are invisible, larger ones hide
-# visible dents.
-CONVEXITY_TOLERANCE = 1e-4
-
-
-class NonConvexWarning(UserWarning):
-    """A mesh is not convex, and collides as its convex hull."""
 
 
 def load_scene_file(path, allowOutsideMeshes=False):
@@ -105,7 +97,7 @@ def _make_bodies(reader, shapes, allowOutsideMeshes=False):
         meshes.append(mesh)
         if fileName not in seen:
             seen.add(fileName)
-            _warn_unless_convex(fileName, mesh)
+            warn_unless_convex(fileName, mesh.volume, mesh.hullVolume, stacklevel=3)
     reader.expect_end(f"{bodyCount} bodies")
     return meshes
 
@@ -320,17 +312,6 @@ def _make_body(reader, name, vertices, faces, tets, density, *state):
             f"that of their convex hull, {mesh.hullVolume:.6g}"
         )
     return mesh
-
-
-def _warn_unless_convex(fileName, mesh):
-    """Warns if a Mesh is not convex. The warning points at the caller that loads the scene."""
-    if mesh.hullVolume > mesh.volume * (1.0 + CONVEXITY_TOLERANCE):
-        warnings.warn(
-            f"{fileName} is not convex (volume {mesh.volume:.6g}, convex hull "
-            f"{mesh.hullVolume:.6g}) and collides as its hull",
-            NonConvexWarning,
-            stacklevel=3,
-        )
 
 
 def _read_end(reader, meshField, vertexField, meshes):

@@ -32,7 +32,7 @@ class State(dict):
 
     A dict of positions (n, 3), orientations (n, 4), linVelocities and angVelocities (n, 3).
     Attributes: stepCount; time in s; solver, the `SolverState` for the next step; isFixed, list of
-    bool; changes, as of the simulation.
+    bool; changes and constraints, as of the simulation.
     """
 
 
@@ -119,6 +119,7 @@ class SceneSimulation(Scene):
         state = State(super().state())
         state.stepCount, state.time = self.stepCount, self.time
         state.isFixed, state.changes = [mesh.isFixed for mesh in self.meshes], list(self.changes)
+        state.constraints = [list(row) for row in self.constraints]
         state.solver = SolverState()
         state.solver.replace(self.solverState)  # its arrays are never modified
         return state
@@ -141,6 +142,7 @@ class SceneSimulation(Scene):
         self.set_state(state)
         self.stepCount, self.time = state.stepCount, state.time
         self.changes = list(state.changes)
+        self.constraints = [list(row) for row in state.constraints]
         self.solverState = SolverState()
         self.solverState.replace(state.solver)
         self.report = self.stepSeconds = None

@@ -6,6 +6,7 @@ Reading order: the state of meshes as arrays, and its checks; free flight; `Bodi
 import math
 import reprlib
 from contextlib import contextmanager
+from copy import copy
 from functools import lru_cache
 
 import numpy as np
@@ -81,9 +82,7 @@ def undone_on_error(meshes, mayBeHalfDone):
     before = []
     try:
         if mayBeHalfDone:
-            before += [
-                (m, {name: getattr(m, name).copy() for name in STATE_WIDTHS}) for m in meshes
-            ]
+            before += [(m, {name: copy(getattr(m, name)) for name in STATE_WIDTHS}) for m in meshes]
         yield
     except BaseException as error:
         for mesh, state in before:

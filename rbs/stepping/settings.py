@@ -7,6 +7,7 @@ the table; `Settings`, the values that a scene is simulated with; the arguments 
 import math
 import re
 import reprlib
+import textwrap
 from contextlib import suppress
 from dataclasses import make_dataclass
 from types import SimpleNamespace
@@ -113,7 +114,7 @@ TABLE = (
         "simulated seconds per step"
     ),
     Setting(
-        "gravity", -GRAVITY, (-1e3, 1e3), (0.0, 20.0), label="gravity (m/s²)", defaultInStep=EARTH
+        "gravity", -GRAVITY, (-1e6, 1e6), (0.0, 20.0), label="gravity (m/s²)", defaultInStep=EARTH
     ).explained("acceleration of free fall along −y, in m/s²"),
     Setting("friction", 0.0, POSITIVE, UNIT, parameter="mu").explained(
         "coefficient of friction between bodies and with the ground. Only --solver soft-step slows "
@@ -243,13 +244,33 @@ class _Values:
         return {SETTINGS[name].parameter: value for name, value in values.items()}
 
 
-_fields = [(one.name, object, one.default) for one in SETTINGS.values()]
+def _described(one):
+    """Returns the lines about a field, for help(Settings)."""
+    low, high = one.limits
+    limits = f", {low:g} to {high:g}" if high < math.inf else f", {low:g} or more"
+    if one.kind is bool:
+        limits = ""
+    elif _KINDS[one.name] is str:
+        limits = f", one of {', '.join(map(repr, one.kind))}"
+    # the help of a switch is about the option, which may switch off
+    meaning = one.tooltip if one.kind is bool else one.help.partition(" (default")[0]
+    meaning = f"{meaning[:1].upper()}{meaning[1:]}.".replace("--solver ", "contactSolver ")
+    if one.solver is not None:
+        meaning += f" Only with contactSolver {one.solver}."
+    head = f"{one.name} : {_KINDS[one.name].__name__}{limits}, default {one.default!r}"
+    return "\n    ".join([head, *textwrap.wrap(meaning, 84, break_on_hyphens=False)])
+
+
+_KINDS = {name: one.kind if isinstance(one.kind, type) else str for name, one in SETTINGS.items()}
+_fields = [(name, _KINDS[name], one.default) for name, one in SETTINGS.items()]
 Settings = make_dataclass("Settings", _fields, bases=(_Values,), repr=False)
 Settings.__module__ = __name__
-Settings.__doc__ = """The settings that a scene is simulated with. Fields: see TABLE.
+Settings.__doc__ = f"""The settings of a simulation. The defaults give the coursework's behaviour.
 
-    The defaults give the coursework's behaviour.
-    """
+A value that is invalid, or that the contact solver ignores, raises ValueError.
+
+{chr(10).join(map(_described, SETTINGS.values()))}
+"""
 
 
 def step_arguments(settings, given):

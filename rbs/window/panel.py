@@ -351,7 +351,10 @@ class Panel:
         record = "Record###record" if viewer.recorder is None else "Stop recording###record"
         tooltip = "Record all steps, drags, pushes and shots, for --replay, --resume and --verify"
         tooltip += " (.h5 in out/)"
-        self._buttons((video, viewer.toggle_video, "Film until Stop video (.mp4 in out/)"))
+        about = "Film until Stop video (.mp4 in out/)"
+        page = "Web page###page" if viewer.page is None else "Stop page###page"
+        aboutPage = "Write a page that plays the run until Stop page (.html in out/)"
+        self._buttons((video, viewer.toggle_video, about), (page, viewer.toggle_page, aboutPage))
         psim.BeginDisabled(viewer.isReplay)
         self._buttons((record, viewer.toggle_recording, tooltip))
         psim.EndDisabled()

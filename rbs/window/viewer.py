@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rbs.appearance.pictureoptions import video_timing
+from rbs.exports.page import PageWriter
 from rbs.pictures.cameras import apply_camera, kept_camera, load_camera, save_camera
 from rbs.pictures.capture import Video, save_picture
 from rbs.pictures.pictureprocess import PictureProcess
@@ -62,7 +63,7 @@ class Viewer:
     pushSpeed, grab : m/s; Grab of the dragged body, or None
     message, saved : an error, and a line about the last file written, or ""
     offer : (text, label, function): the button beside the message `text`; or None
-    video, recorder, picture : files that are being written, or None
+    video, page, recorder, picture : files that are being written, or None
     look : one of LOOKS, for pictures
     isMeasuring, history : whether `history`, rows (time, quantities), grows
     moments, place : Moments that can be gone to, and the number of those before the present one,
@@ -77,7 +78,7 @@ class Viewer:
         self.isPlaying = self.isMeasuring = False
         self.pushSpeed = DEFAULT_PUSH
         self.message, self.saved = "" if simulation.isReplay else simulation.step_advice(), ""
-        self.grab = self.offer = self.video = self.recorder = self.picture = None
+        self.grab = self.offer = self.video = self.page = self.recorder = self.picture = None
         self.history = deque(maxlen=PLOTTED_STEPS)
         self._openFile, self._listFiles, self._measure = openFile, listFiles, measure
         self._suggest()
@@ -171,6 +172,9 @@ class Viewer:
         if self.video is not None:
             with self._timed("filming"), self._reporting("video"):
                 self.video.add(self.simulation)
+        if self.page is not None:
+            with self._timed("filming"), self._reporting("page"):
+                self.page.add(self.simulation)
 
     @contextmanager
     def _timed(self, name):
@@ -383,7 +387,7 @@ class Viewer:
 
     @contextmanager
     def _reporting(self, name=None):
-        """Reports an error of the `with` block, which ends the writer `name`, video or recorder."""
+        """Reports an error of the `with` block, which ends the writer of this name."""
         try:
             yield
         except (OSError, InputError) as error:
@@ -434,6 +438,16 @@ class Viewer:
             self.view.set_resizable(False)  # all frames of a video have the same size
             self._film()
 
+    def toggle_page(self):
+        """Starts or ends a page that plays what is shown from now on in a browser."""
+        if self.page is not None:
+            self._stop("page", "frame")
+            return
+        self.message = ""
+        with self._reporting("page"):
+            self.page = PageWriter(self._out_path("page", ".html"))
+            self.page.add(self.simulation)
+
     def toggle_recording(self):
         """Starts or ends a recording."""
         if self.recorder is not None:
@@ -444,15 +458,16 @@ class Viewer:
             self.recorder.add(self.simulation)
 
     def stop_files(self):
-        """Ends the video and the recording, if there are any."""
+        """Ends the video, the page and the recording, if there are any."""
         self._stop("video", "frame")
+        self._stop("page", "frame")
         self._stop("recorder", "step")
 
     def _stop(self, name, unit):
         writer = getattr(self, name)
         if writer is not None:
             with self._reporting(name):
-                count = writer.count if name == "video" else writer.frameCount - 1
+                count = writer.frameCount - 1 if name == "recorder" else writer.count
                 writer.save(self.simulation)
                 self._tell_saved(writer.path, counted(count, unit))
             setattr(self, name, None)

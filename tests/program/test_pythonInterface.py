@@ -1,10 +1,13 @@
 """Simulations from Python: from meshes, restored, recorded, drawn."""
 
+import base64
 import copy
+import io
 import pickle
 import re
 import subprocess
 import sys
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -13,6 +16,7 @@ from oracles import ROOT, box_body
 from PIL import Image
 from program import environment
 
+from rbs.geometry.surfaces import NonConvexWarning
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay, verify
 from RBSFunctions import Mesh
@@ -64,6 +68,39 @@ def test_a_recording_of_meshes_is_replayed_and_verified(solver, tmp_path):
     assert replay.potential_energy() == pytest.approx(
         sum(1.62 * m.mass * m.position[0, 1] for m in replay.meshes)
     )
+
+
+@pytest.mark.parametrize("solver", ["impulse", "soft-step"])
+def test_changes_by_methods_are_recorded_and_verified(solver, tmp_path):
+    settings = Settings(contactSolver=solver)
+    simulation = Simulation.from_meshes(boxes(), CONSTRAINTS, settings)
+    late = Mesh.sphere(0.5, 2.0, (0.3, 9, 0.1), "late", orientation=(1, 0.2, 0, 0))
+    late.linVelocity, late.angVelocity = np.array([[0, -2.0, 0]]), np.array([[0, 0, 3.0]])
+    with simulation.record(tmp_path / "run.h5"):
+        simulation.run(5).push(1, (900.0, 0, 0))
+        assert simulation.meshes[1].linVelocity[0, 0] > 5.0
+        before = simulation.meshes[2].angVelocity.copy()
+        simulation.push(simulation.meshes[2], (0, 0, 50.0), simulation.meshes[2].currVertices[0])
+        assert (simulation.meshes[2].angVelocity != before).any()
+        simulation.run(5).move(0, (5, 2, 5))
+        added = simulation.add(late)
+        assert added is simulation.meshes[3] is not late and added.angVelocity[0, 2] == 3.0
+        np.testing.assert_allclose(added.currVertices, late.currVertices, atol=1e-12)
+        simulation.run(5).fix(added)
+        post = simulation.add(Mesh.cylinder(0.2, 1.0, 1.0, (9, 0.5, 0), "post", isFixed=True))
+        assert post.isFixed and added.isFixed
+        simulation.run(5).fix(3, False)
+        simulation.run(5)
+    assert len(simulation.meshes) == 5 and not added.isFixed
+    assert verify(Recording(tmp_path / "run.h5")) == ""
+    opened = Simulation.open(tmp_path / "run.h5")
+    opened.seek(15)
+    assert [mesh.name for mesh in opened.meshes][3:] == ["late"]
+    simulation.reset()
+    assert len(simulation.meshes) == 3
+    for body in (late, 3, "late"):
+        with pytest.raises(ValueError, match="is no body of this simulation"):
+            simulation.fix(body)
 
 
 def test_what_is_no_mesh_and_constraints_of_nothing_are_refused():
@@ -151,3 +188,144 @@ def test_a_surface_becomes_a_body_as_scipy_and_trimesh_hand_it_out():
     for scale, message in (([1, 1, 1e-8], "the points are flat"), (1e12, "a coordinate is not")):
         with pytest.raises(ValueError, match=f"mesh thin: {message}"):
             Mesh.from_surface("thin", hull.points * scale, hull.simplices, 1.0)
+
+
+def test_shapes_have_the_masses_and_inertias_of_textbooks():
+    box = Mesh.box((2.0, 4.0, 6.0), 2.0, (1, 2, 3))
+    assert box.mass == pytest.approx(96.0) and box.position.tolist() == [[1, 2, 3]]
+    square = np.array([2.0, 4.0, 6.0]) ** 2
+    np.testing.assert_allclose(np.diag(box.IT), 96.0 / 12.0 * (square.sum() - square))
+    cylinder = Mesh.cylinder(0.5, 3.0, 4.0, sides=200, isFixed=True)
+    mass = 4.0 * np.pi * 0.25 * 3.0
+    assert cylinder.isFixed and cylinder.mass == pytest.approx(mass, rel=1e-3)
+    across = mass * (3.0 * 0.25 + 9.0) / 12.0
+    expected = [across, mass * 0.125, across]
+    np.testing.assert_allclose(np.diag(cylinder.IT), expected, rtol=1e-3)
+    sphere = Mesh.sphere(2.0, 1.0)
+    np.testing.assert_allclose(np.linalg.norm(sphere.hull.vertices, axis=1), 2.0)
+    assert 0.96 < sphere.mass / (32.0 / 3.0 * np.pi) < 1.0
+    hull = Mesh.convex_hull(np.concatenate([box.currVertices, [[1.2, 2.0, 3.0]]]), 2.0)
+    assert hull.mass == pytest.approx(96.0)
+    np.testing.assert_allclose(hull.position, [[1, 2, 3]], atol=1e-12)
+
+
+def test_points_without_a_hull_name_the_mesh():
+    for points in (np.zeros((5, 3)), np.eye(3), [[0, 0], [1, 1]], [[np.nan] * 3] * 5):
+        with pytest.raises(ValueError, match="mesh flat: points must be rows of 3"):
+            Mesh.convex_hull(points, 1.0, name="flat")
+
+
+def test_a_trimesh_is_merged_and_named_if_it_is_not_convex():
+    trimesh = pytest.importorskip("trimesh")
+    surface = trimesh.creation.cylinder(1.0, 2.0)
+    surface.unmerge_vertices()  # as in an STL file, each triangle has its own
+    body = Mesh.from_surface("drum", surface, density=3.0)
+    assert body.mass == pytest.approx(3.0 * surface.volume)
+    dented = trimesh.creation.box((1.0, 1.0, 1.0)).subdivide()
+    dented.vertices[np.abs(dented.vertices[:, 1]) > 0.4] *= [0.8, 1.0, 0.8]
+    dented.vertices[np.abs(dented.vertices[:, 1]) < 0.1] *= [0.6, 1.0, 0.6]
+    with pytest.warns(NonConvexWarning, match="mesh waist is not convex"):
+        Mesh.from_surface("waist", dented, density=1.0)
+
+
+def test_bad_options_are_refused_by_name(tmp_path):
+    simulation = Simulation.from_meshes(boxes())
+    for given, message in (
+        ({"look": "Studio"}, "look must be one of plain, studio, not 'Studio'"),
+        ({"overlays": "contact"}, "overlays must be one of contacts, .*, not 'contact'"),
+        ({"colouring": "mass"}, "colouring must be one of body, .*, not 'mass'"),
+        ({"camera": tmp_path / "none.json"}, "none.json: No such file"),
+        ({"size": (3, 3)}, "size must be "),
+        ({"path": "a.jpg"}, "the name of a picture must end in .png, not 'a.jpg'"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            simulation.picture(**given)
+    with pytest.raises(TypeError, match="unknown picture option colour; known are size, "):
+        simulation.picture(colour=1)
+    with pytest.raises(ValueError, match="must end in .h5 or .hdf5, not "):
+        with simulation.record(tmp_path / "run.csv"):
+            pass
+    with pytest.raises(ValueError, match="must end in .html or .glb, not "):
+        simulation.export("run.obj")
+    assert list(tmp_path.iterdir()) == [] and simulation.stepCount == 0
+
+
+def test_statistics_are_arrays_and_a_recording_is_opened(tmp_path):
+    simulation = Simulation.from_meshes(boxes(), settings=Settings(gravity=0.0), name="three")
+    with simulation.record(tmp_path / "three.h5"):
+        table = simulation.stats(20)
+    assert table["step"].tolist() == list(range(21)) and table["contacts"].dtype == float
+    np.testing.assert_allclose(table["totalEnergy"], table["totalEnergy"][0])
+    opened = Simulation.open(tmp_path / "three.h5")
+    assert repr(opened) == "OpenedRecording('three', steps 0 to 20, at 0, 0 s)"
+    again = opened.stats()
+    np.testing.assert_array_equal(again["kineticEnergy"], table["kineticEnergy"])
+    opened.seek(7)
+    assert len(opened.stats()["step"]) == 14
+    with pytest.raises(ValueError, match="cannot be changed"):
+        opened.change(None)
+
+
+def test_a_notebook_shows_simulation_player_and_mesh(tmp_path):
+    require_opengl()
+    pytest.importorskip("k3d")
+    simulation = Simulation.from_meshes(boxes(), name="a <b>")
+    html = simulation._repr_html_()
+    picture = base64.b64decode(re.search('base64,([^"]*)"', html)[1])
+    assert Image.open(io.BytesIO(picture)).size == (480, 270)
+    assert "a &lt;b&gt;" in html and "3 (0 fixed)" in html and "<b>a <b>" not in html
+    player = simulation.show(10)
+    assert simulation.stepCount == 10 and "a &lt;b&gt;" in player.page
+    assert player._repr_html_().startswith('<iframe srcdoc="&lt;!doctype html')
+    assert simulation.export(tmp_path / "run.html", 5) is simulation
+    assert simulation.stepCount == 15 and (tmp_path / "run.html").stat().st_size > 1e6
+    image = simulation.picture(size=(64, 48))
+    assert image.size == (64, 48)
+    drawing = ElementTree.fromstring(
+        re.search("<svg.*</svg>", simulation.meshes[0]._repr_html_())[0]
+    )
+    assert len(drawing) == 6  # three sides of a box are seen, of two triangles each
+
+
+def test_a_video_is_filmed_in_real_time(tmp_path):
+    require_opengl()
+    pytest.importorskip("imageio_ffmpeg")
+    simulation = Simulation.from_meshes(boxes())
+    assert simulation.video(tmp_path / "three.gif", 20, size=(64, 48)).stepCount == 20
+    with Image.open(tmp_path / "three.gif") as film:
+        assert film.n_frames == 11 and film.size == (64, 48)
+
+
+@pytest.mark.parametrize("solver", ["impulse", "soft-step"])
+@pytest.mark.parametrize("kind", [list, tuple])
+def test_rows_may_be_assigned_as_lists_and_tuples(solver, kind):
+    ends = []
+    for make in (kind, lambda row: np.array([row])):
+        simulation = Simulation.from_meshes(boxes(), settings=Settings(contactSolver=solver))
+        simulation.meshes[1].position = make((0.1, 4.5, 0.2))
+        simulation.meshes[1].linVelocity = make((1.0, 0.0, 0.5))
+        ends.append(simulation.run(20).state()["positions"])
+    np.testing.assert_array_equal(*ends)
+
+
+def test_mass_and_density_cannot_go_apart_from_inertia():
+    (mesh, *_) = boxes()
+    for name in ("mass", "density"):
+        with pytest.raises(AttributeError):
+            setattr(mesh, name, 1.0)
+    assert mesh.mass == mesh.density * mesh.volume and mesh.invMass == 1.0 / mesh.mass
+    assert copy.deepcopy(mesh).mass == pickle.loads(pickle.dumps(mesh)).mass == mesh.mass
+
+
+def test_restore_and_reset_restore_constraints():
+    simulation = Simulation.from_meshes(boxes(), CONSTRAINTS)
+    state = simulation.run(3).state()
+    simulation.constraints.append([1, 0, 2, 0, 2.0, True])
+    simulation.constraints[0][4] = 9.0
+    both = simulation.state()
+    simulation.restore(state)
+    assert simulation.constraints == CONSTRAINTS
+    simulation.restore(both)
+    assert len(simulation.constraints) == 3 and simulation.constraints[0][4] == 9.0
+    simulation.reset()
+    assert simulation.constraints == CONSTRAINTS

@@ -12,7 +12,13 @@ import pytest
 from program import DATA, by_hand, call, record, run, start, summary_of
 
 from rbs import __version__
-from rbs.recordings.recording import SOLVER_STEPS, Recorder, Recording, RecordingError
+from rbs.recordings.recording import (
+    SOLVER_STEPS,
+    Recorder,
+    Recording,
+    RecordingError,
+    processor_name,
+)
 from rbs.recordings.replay import Replay, resume, verify
 from rbs.recordings.statistics import QUANTITY_UNITS
 from rbs.scenes import changes
@@ -45,6 +51,18 @@ def test_recording_holds_every_step_as_stepping_by_hand_gives_it(tmp_path, capsy
         assert recording["scene"][()].tobytes() == scene.read_bytes()
     # The two ways of treating contacts that part must differ here, or the flag was not tested.
     assert not np.array_equal(expected["positions"], by_hand(scene, 130, 0.8, 0.03)["positions"])
+
+
+def test_a_recording_explains_itself_to_other_programs(tmp_path):
+    simulation = SceneSimulation(DATA / "two_chain-scene.txt")
+    simulation.meshes[1].name = "čtverec"
+    with h5py.File(record(tmp_path / "run.h5", simulation, 2)) as file:
+        assert file["names"].asstr()[1] == "čtverec"
+        assert file["masses"][()].tolist() == [mesh.mass for mesh in simulation.meshes]
+        assert file["isFixed"][()].tolist() == [mesh.isFixed for mesh in simulation.meshes]
+        units = {name: file[name].attrs.get("units") for name in file}
+        assert units["linVelocities"] == b"m/s" and units["times"] == b"s"
+        assert file["orientations"].attrs["meaning"].startswith(b"unit quaternion w x y z")
 
 
 def test_old_recording_stays_until_the_new_one_is_whole(tmp_path):
@@ -206,6 +224,29 @@ def test_what_was_changed_in_a_recording_is_found(chain, tmp_path, capsys, case)
     code, _, errors = call(capsys, "--verify", path)
     assert code == (1 if " differs" in cause else 2) and errors.count("\n") == 1
     assert errors.startswith(f"RigidBodySimulation.py: {path}: {cause}")
+
+
+@pytest.mark.parametrize(
+    ("attributes", "note"),
+    [
+        ({}, ""),
+        ({"processor": "Babbage 1"}, " (recorded on Babbage 1, now on {cpu})"),
+        ({"numpyVersion": "0.1"}, " (recorded with NumPy 0.1, now NumPy {numpy})"),
+        (
+            {"numpyVersion": "0.1", "processor": "Babbage 1"},
+            " (recorded with NumPy 0.1 on Babbage 1, now NumPy {numpy} on {cpu})",
+        ),
+    ],
+)
+def test_a_difference_names_another_processor_and_numpy(chain, tmp_path, capsys, attributes, note):
+    def edit(file):
+        file["positions"][33, 4, 1] = 3.5
+        file.attrs.update(attributes)
+
+    path = edited(chain[0], tmp_path / "d.h5", edit)
+    code, _, errors = call(capsys, "--verify", path)
+    note = note.format(numpy=np.__version__, cpu=processor_name())
+    assert code == 1 and errors.endswith(f"{note}\n")
 
 
 def test_resuming_takes_settings_and_needs_a_sound_step(standing, chain, tmp_path, capsys):

@@ -19,10 +19,9 @@ from program import record
 from test_loading import FILES, write
 
 import rbs.recordings.recording
-from rbs.geometry.surfaces import tetrahedron_volumes
+from rbs.geometry.surfaces import NonConvexWarning, tetrahedron_volumes
 from rbs.recordings.recording import Recorder, Recording, RecordingError
 from rbs.recordings.replay import Replay, verify
-from rbs.scenes.scenefiles import NonConvexWarning
 from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.textfiles import SceneError
 from RigidBodySimulation import load_mesh_file

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from oracles import COURSE, ROOT
 
-from rbs.geometry.surfaces import tetrahedron_volumes
+from rbs.geometry.surfaces import NonConvexWarning, tetrahedron_volumes
 from rbs.program.opening import find_file, list_files
-from rbs.scenes.scenefiles import NonConvexWarning, find_constraints, find_scene, scene_name
+from rbs.scenes.scenefiles import find_constraints, find_scene, scene_name
 from rbs.scenes.textfiles import SceneError
 from RigidBodySimulation import (
     load_constraint_file,
@@ -61,7 +61,7 @@ def rows_of(path):
     return [fields for fields in lines if not fields[0].startswith("#")][1:]
 
 
-@pytest.mark.filterwarnings("ignore::rbs.scenes.scenefiles.NonConvexWarning")
+@pytest.mark.filterwarnings("ignore::rbs.geometry.surfaces.NonConvexWarning")
 @parametrized_files("-scene.txt")
 def test_scene_file_loads_with_its_constraints(path):
     meshes, rows = load_scene_file(path), rows_of(path)

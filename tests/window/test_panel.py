@@ -395,6 +395,10 @@ class RandomUser:
     def do_video(self):
         self.viewer.toggle_video()
 
+    def do_page(self):
+        self.viewer.toggle_page()
+        assert self.viewer.message == ""
+
     def do_recording(self):
         if self.viewer.isReplay:
             return False
@@ -467,7 +471,7 @@ def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
     viewer.release()
     view.set_callback(None)
     names = {name for name in vars(RandomUser) if name.startswith("do_")}
-    assert len(names) == 25 and min(user.counts[name] for name in names) >= 10, user.counts
+    assert len(names) == 26 and min(user.counts[name] for name in names) >= 10, user.counts
     assert user.scenes == set(SMALL_SCENES) and len(where) == 3 and min(where.values()) >= 50, where
     made = list(tmp_path.glob("out/*/recording*.h5"))
     assert made and all(verify(Recording(path)) == "" for path in made)

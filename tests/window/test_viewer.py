@@ -562,6 +562,22 @@ def test_session_is_recorded_until_it_ends(viewer, end):
     assert verify(recording) == ""
 
 
+def test_a_page_has_what_was_shown_until_it_ends(viewer):
+    pytest.importorskip("k3d")
+    viewer.step_once()
+    viewer.toggle_page()
+    for step in range(9):
+        if step == 4:
+            viewer.shoot((0, 0))
+        viewer.step_once()
+    positions, _, first = viewer.page.poses(len(viewer.simulation.meshes))
+    assert len(positions) == 5 and first[-1] == 3 and not first[:-1].any()
+    viewer.reset()
+    page = Path("out/mixed/page.html").resolve()
+    assert viewer.page is None and viewer.saved == f"saved {page}"
+    assert "<title>mixed</title>" in page.read_text(encoding="utf-8")
+
+
 def test_all_steps_of_a_paused_session_can_be_read(viewer, monkeypatch):
     monkeypatch.setattr("rbs.recordings.recording.FLUSH_SECONDS", math.inf)
     viewer.toggle_recording()

@@ -6,7 +6,7 @@ import struct
 import numpy as np
 import pytest
 
-from rbs.appearance.gltf import GltfWriter
+from rbs.exports.gltf import GltfWriter
 from rbs.recordings.recording import Recording
 from rbs.scenes.scenefiles import DATA_FOLDER
 from rbs.scenes.simulation import SceneSimulation
@@ -103,3 +103,21 @@ def test_constraints_that_are_let_go_midway_keep_their_lines(tmp_path):
     (animation,) = glb.json["animations"]
     lengths = {len(glb.values(sampler["output"])) for sampler in animation["samplers"]}
     assert lengths == {3} and "constraint 0" in [node["name"] for node in glb.json["nodes"]]
+
+
+def test_the_ground_is_near_and_the_camera_sees_the_bodies(exported):
+    glb, recording = exported
+    nodes = {node["name"]: node for node in glb.json["nodes"]}
+    places = np.concatenate([recording.frame(step)["positions"] for step in range(0, 61, 10)])
+    mesh = glb.json["meshes"][nodes["ground"]["mesh"]]["primitives"][0]["attributes"]
+    ground = glb.values(mesh["POSITION"])
+    assert np.ptp(ground, axis=0).max() < 4.0 * np.ptp(places, axis=0).max()
+    assert (ground[:, [0, 2]].min(axis=0) < places[:, [0, 2]].min(axis=0)).all()
+    assert (ground[:, [0, 2]].max(axis=0) > places[:, [0, 2]].max(axis=0)).all()
+    (camera,) = glb.json["cameras"]
+    matrix = np.reshape(nodes["camera"]["matrix"], (4, 4)).T
+    assert np.linalg.det(matrix) == pytest.approx(1.0)
+    x, y, z, _ = np.linalg.inv(matrix) @ np.column_stack([places, np.ones(len(places))]).T
+    half = -z * np.tan(camera["perspective"]["yfov"] / 2.0)
+    assert (half > 0.0).all() and (np.abs(y) < half).all()
+    assert (np.abs(x) < half * camera["perspective"]["aspectRatio"]).all()

@@ -5,25 +5,24 @@ shapes are stored once. A constraint is a line between its two vertices. pygltfl
 and is imported inside `GltfWriter`. Units: metres, seconds. The y axis points up, as in glTF.
 """
 
+import math
+
 import numpy as np
 
 from rbs.appearance.colours import CONSTRAINT_COLOURS, GROUND_COLOUR, BodyColours, linear
-from rbs.appearance.drawables import ConstraintLines, corner_normals
+from rbs.appearance.drawables import corner_normals
+from rbs.appearance.framing import STILL_ANGLE, view_axes
+from rbs.exports.poses import ASPECT, ExportError, PoseWriter, continuous, frame_run, placed
 from rbs.scenes.files import atomic_write, named_errors
-from rbs.scenes.messages import InputError, shown_path
-from RBSFunctions import refresh_vertices
 
 GLTF_REMEDY = "Install it: pip install pygltflib"
-# Side of the ground as a multiple of the scene's size, and roughness of surfaces, 0 to 1.
-GROUND_SIZE, ROUGHNESS = 6.0, 0.6
+# Side of the ground, and the farthest and nearest distance from the camera that is drawn, as
+# multiples of the scene's size; and roughness of surfaces, 0 to 1.
+GROUND_SIZE, FAR_CLIP, NEAR_CLIP, ROUGHNESS = 2.5, 100.0, 0.01, 0.6
 
 
-class ExportError(InputError):
-    """A file that cannot be exported; one line."""
-
-
-class GltfWriter:
-    """Collects the states of a run and writes them at its end."""
+class GltfWriter(PoseWriter):
+    """Writes the states of a run at its end."""
 
     def __init__(self, path):
         """Raises ExportError if pygltflib is missing."""
@@ -31,60 +30,32 @@ class GltfWriter:
             import pygltflib
         except ImportError:
             raise ExportError(f"cannot export: pygltflib is missing. {GLTF_REMEDY}") from None
-        self.path = path
+        super().__init__(path)
         self._gltf = pygltflib
-        self._times, self._states, self._lines = [], [], []
-        self._constraints = None  # `ConstraintLines`, if the run starts with constraints
-
-    def add(self, simulation):
-        """Records the poses of the bodies."""
-        state = simulation.state()
-        isFirst, isTied = not self._times, simulation.settings.enforceConstraints
-        if isFirst and isTied and simulation.constraints:
-            self._constraints = ConstraintLines(simulation)
-        self._times.append(simulation.time)
-        self._states.append((state["positions"], state["orientations"]))
-        if self._constraints is not None:
-            nodes = self._constraints.nodes(refresh_vertices(simulation.meshes))
-            self._lines.append(nodes.reshape(-1, 2, 3))
 
     def save(self, simulation):
         """Writes the file, replacing an old one; raises OSError."""
-        document = _Document(self._gltf)
-        times = np.array(self._times) - self._times[0]
+        document, times = _Document(self._gltf), self.times()
         document.times = document.accessor(times, isBounded=True)
         meshes, colours = simulation.meshes, BodyColours(simulation.meshes).of(simulation, "body")
+        positions, orientations, first = self.poses(len(meshes))
         for b, mesh in enumerate(meshes):
             node = document.node(mesh.name, document.shape(mesh, colours[b]))
-            # bodies added during the run are hidden by a size of zero until then
-            first = next(k for k, (positions, _) in enumerate(self._states) if b < len(positions))
-            states = [self._states[max(k, first)] for k in range(len(times))]
-            document.animate(node, "translation", [positions[b] for positions, _ in states])
-            turns = _continuous(np.array([orientations[b] for _, orientations in states]))
-            document.animate(node, "rotation", np.roll(turns, -1, axis=1))  # scalar last
-            if first:
-                isThere = np.arange(len(times)) >= first
+            document.animate(node, "translation", positions[:, b])
+            document.animate(node, "rotation", np.roll(orientations[:, b], -1, axis=1))
+            if first[b]:  # bodies added during the run are hidden by a size of zero until then
+                isThere = np.arange(len(times)) >= first[b]
                 document.animate(node, "scale", np.repeat(isThere[:, None], 3, 1), "STEP")
-        if self._lines:
-            document.add_lines(np.array(self._lines), CONSTRAINT_COLOURS[1])
+        bodies, points = self.link_ends(meshes)
+        if len(bodies):
+            ends = placed(positions[:, bodies], orientations[:, bodies], points)
+            document.add_lines(ends, CONSTRAINT_COLOURS[1])
+        camera, size = frame_run(meshes, positions, orientations)
+        document.add_camera(*camera, size)
         if simulation.groundMesh is not None:
-            document.add_ground(np.concatenate([p for p, _ in self._states]))
+            document.add_ground(camera[1], size)
         with named_errors(self.path), atomic_write(self.path) as partial:
             document.write(partial)
-
-    def close(self):
-        """Does nothing: the file is written by `save`."""
-
-    def summary(self, simulation):
-        """Returns name and text of its row in the summary of a run."""
-        return "export", f"{shown_path(self.path)}: {len(self._times)} steps, real time"
-
-
-def _continuous(quaternions):
-    """The same rotations (T, 4), with the sign of each quaternion closest to the last one."""
-    turns = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
-    signs = np.concatenate([[1.0], np.where(turns, -1.0, 1.0)]).cumprod()
-    return signs[:, None] * quaternions
 
 
 class _Document:
@@ -193,16 +164,30 @@ class _Document:
             length = np.linalg.norm(along, axis=1, keepdims=True)
             node = self.node(f"constraint {r}", mesh)
             self.animate(node, "translation", begin)
-            turns = _continuous(_turns_from_y(along / np.where(length > 0.0, length, 1.0)))
+            turns = continuous(_turns_from_y(along / np.where(length > 0.0, length, 1.0)))
             self.animate(node, "rotation", np.roll(turns, -1, axis=1))
             self.animate(node, "scale", np.hstack([length, length, length]))
 
-    def add_ground(self, places):
-        """Adds a square at y = 0 below all positions (m, 3) of the bodies."""
-        low, high = places.min(axis=0), places.max(axis=0)
-        middle, half = (low + high) / 2.0, 0.5 * GROUND_SIZE * max(np.linalg.norm(high - low), 1.0)
+    def add_camera(self, eye, target, size):
+        """Adds a camera that looks from eye to target (3,); size : of the scene, in m."""
+        lens = self._gltf.Perspective(
+            yfov=math.radians(STILL_ANGLE),
+            aspectRatio=ASPECT[0] / ASPECT[1],
+            znear=NEAR_CLIP * size,
+            zfar=FAR_CLIP * size,
+        )
+        self.document.cameras.append(self._gltf.Camera(type="perspective", perspective=lens))
+        # a camera looks along its -z, with y up
+        backward, right, up = view_axes(eye - target)
+        node = self.document.nodes[self.node("camera", None)]
+        node.camera, node.matrix = 0, [*right, 0.0, *up, 0.0, *backward, 0.0, *eye, 1.0]
+        node.matrix = [float(number) for number in node.matrix]
+
+    def add_ground(self, middle, size):
+        """Adds a square at y = 0 below a point (3,); size : of the scene, in m."""
+        half = 0.5 * GROUND_SIZE * size
         corners = np.array([[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [1, 0, -1]]) * half
-        corners = corners + middle * [1.0, 0.0, 1.0]
+        corners = corners + middle * np.array([1.0, 0.0, 1.0])
         index = self.accessor(np.array([0, 1, 2, 0, 2, 3]), isIndex=True)
         normals = self.accessor(np.tile([0.0, 1.0, 0.0], (4, 1)))
         colour = GROUND_COLOUR

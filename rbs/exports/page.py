@@ -1,0 +1,181 @@
+"""Export of a run as one .html page, which plays it in any browser and requests nothing.
+
+K3D-jupyter draws; it is imported inside `PageWriter`. The page has one K3D mesh for each shape in
+each colour. `player.js`, in this folder, makes the bodies of it, moves them, and has the controls.
+Units: metres, seconds. The y axis points up.
+"""
+
+import html
+import re
+from pathlib import Path
+
+import numpy as np
+
+from rbs.appearance.colours import (
+    CONSTRAINT_COLOURS,
+    SEEN_BACKGROUND,
+    SHADOW_COLOUR,
+    BodyColours,
+)
+from rbs.appearance.drawables import SHADOW_SLANT, corner_normals, ground_lines
+from rbs.appearance.framing import STILL_ANGLE
+from rbs.exports.poses import ASPECT, ExportError, PoseWriter, frame_run
+from rbs.scenes.files import atomic_write, named_errors
+from rbs.scenes.messages import counted
+from rbs.scenes.scenefiles import scene_name
+from rbs.stepping.settings import SETTINGS
+
+K3D_REMEDY = "Install it: pip install k3d"
+# States per second, at most: as the frames of a video. The player interpolates between them.
+STATE_RATE = 25.0
+# What title and controls cover of a picture of the size ASPECT, at the left, top, right and bottom.
+# The player goes further away in narrower windows.
+COVERED = (0.0, 0.7, 0.0, 0.7)
+# Radius of the visible ground, and of a constraint's line, relative to the size of the scene.
+REACH, LINE_RADIUS = 12.0, 0.002
+# Height of the shadows above the ground, relative to the size of the scene.
+SHADOW_HEIGHT = 1e-3
+
+
+class PageWriter(PoseWriter):
+    """Writes the states of a run as a page at its end."""
+
+    def __init__(self, path):
+        """Raises ExportError if K3D is missing."""
+        try:
+            import k3d
+        except ImportError:
+            raise ExportError(f"cannot export: k3d is missing. {K3D_REMEDY}") from None
+        super().__init__(path)
+        self._k3d = k3d
+
+    def add(self, simulation):
+        """Keeps the poses of the bodies, if the last ones are old enough."""
+        every = max(1, round(1.0 / (STATE_RATE * simulation.settings.timeStep)))
+        if not self._steps or simulation.stepCount >= self._steps[-1] + every:
+            super().add(simulation)
+
+    def save(self, simulation):
+        """Writes the page, replacing an old one; raises OSError."""
+        page = self.page(simulation)
+        with named_errors(self.path), atomic_write(self.path) as partial:
+            partial.write_text(page, encoding="utf-8")
+
+    def page(self, simulation):
+        """Returns the page, which ends with the present state of the simulation."""
+        if simulation.stepCount != self._steps[-1]:
+            super().add(simulation)
+        meshes = simulation.meshes
+        positions, orientations, first = self.poses(len(meshes))
+        camera, size = frame_run(meshes, positions, orientations, COVERED)
+        plot = self._k3d.plot(
+            background_color=_packed(SEEN_BACKGROUND),
+            camera_auto_fit=False,
+            camera_fov=STILL_ANGLE,
+            camera_mode="orbit",
+            camera_up_axis="y",
+            grid_visible=False,
+            axes_helper=0.0,
+            menu_visibility=False,
+            renderer="simple",
+            lighting=2.0,
+            antialias=3,
+            logarithmic_depth_buffer=False,
+        )
+        plot.camera = [*camera[0], *camera[1], 0.0, 1.0, 0.0]
+        shapes = _Shapes(self._k3d, plot)
+        colours = BodyColours(meshes).of(simulation, "body")
+        bodies, points = self.link_ends(meshes)
+        data = {
+            "times": _bytes(self.times()),
+            "poses": _bytes(np.concatenate([positions, orientations], axis=2).swapaxes(0, 1)),
+            "first": first.tolist(),
+            "shapes": [shapes.of(mesh, colours[b]) for b, mesh in enumerate(meshes)],
+            "linkBodies": bodies.tolist(),
+            "linkPoints": points.tolist(),
+            "aspect": ASPECT[0] / ASPECT[1],
+        }
+        if len(bodies):
+            data["link"] = shapes.prism(LINE_RADIUS * size, CONSTRAINT_COLOURS[1])
+        if simulation.groundMesh is not None:
+            vertices, faces, seen, _ = ground_lines(size, camera[1], REACH * size)
+            data["ground"] = shapes.add(vertices, faces, colors=_packed(seen), wireframe=True)
+            data["shadow"] = [_packed(SHADOW_COLOUR), *SHADOW_SLANT, SHADOW_HEIGHT * size]
+        plot.custom_data = data
+        folder = Path(__file__).parent
+        page = plot.get_snapshot(6, additional_js_code=(folder / "player.js").read_text("utf-8"))
+        return _with_controls(page, (folder / "player.html").read_text("utf-8"), simulation)
+
+
+class _Shapes:
+    """The K3D meshes of a plot, one for each shape in each colour."""
+
+    def __init__(self, k3d, plot):
+        self._k3d, self._plot = k3d, plot
+        self._known = {}
+
+    def of(self, mesh, colour):
+        """Returns the number of a body's mesh in this colour."""
+        key = mesh.origVertices.tobytes(), mesh.faces.tobytes(), _packed(colour)
+        if key not in self._known:
+            corners = mesh.origVertices[mesh.faces].reshape(-1, 3)
+            normals = corner_normals(mesh.origVertices, mesh.faces).reshape(-1, 3)
+            corners, index = np.unique(
+                np.hstack([corners, normals]).astype(np.float32), axis=0, return_inverse=True
+            )
+            self._known[key] = self.add(
+                corners[:, :3],
+                index.reshape(-1, 3),
+                normals=corners[:, 3:],
+                color=_packed(colour),
+                flat_shading=False,
+            )
+        return self._known[key]
+
+    def prism(self, radius, colour):
+        """Returns the number of a thin prism along y, from 0 to 1."""
+        angles = np.arange(6) * np.pi / 3.0
+        ring = radius * np.stack([np.sin(angles), 0.0 * angles, np.cos(angles)], axis=1)
+        k, after = np.arange(6), (np.arange(6) + 1) % 6
+        faces = np.concatenate(
+            [np.stack([k, after, after + 6]), np.stack([k, after + 6, k + 6])], 1
+        )
+        return self.add(
+            np.concatenate([ring, ring + [0.0, 1.0, 0.0]]), faces.T, color=_packed(colour)
+        )
+
+    def add(self, vertices, faces, **options):
+        """Adds a mesh and returns its number."""
+        mesh = self._k3d.mesh(
+            np.ascontiguousarray(vertices, dtype=np.float32),
+            np.ascontiguousarray(faces, dtype=np.uint32),
+            **{"roughness": 0.6, **options},
+        )
+        self._plot += mesh
+        return mesh.id
+
+
+def _packed(colours):
+    """Returns (..., 3) sRGB colours as whole numbers, 0xRRGGBB: an int, or an array of them."""
+    parts = np.rint(255.0 * np.asarray(colours)).astype(np.uint32)
+    packed = parts[..., 0] << 16 | parts[..., 1] << 8 | parts[..., 2]
+    return packed if packed.ndim else int(packed)
+
+
+def _bytes(array):
+    return np.ascontiguousarray(array, dtype="<f4").tobytes()
+
+
+def _with_controls(page, controls, simulation):
+    """Returns K3D's page with the title, the controls, and a line about scene and settings."""
+    name, settings = scene_name(simulation.scenePath), simulation.settings
+    chosen = [
+        f"{one.option.replace('-', ' ')} {getattr(settings, field)}"
+        for field, one in SETTINGS.items()
+        if getattr(settings, field) != one.default and one.kind is not bool
+    ]
+    about = [counted(len(simulation.meshes), "body"), f"steps of {settings.timeStep:g} s", *chosen]
+    controls = controls.replace("[NAME]", html.escape(name))
+    controls = controls.replace("[ABOUT]", html.escape(" · ".join(about)))
+    page = re.sub("<title>.*?</title>", f"<title>{html.escape(name)}</title>", page, count=1)
+    return page.replace('<div id="canvasTarget"></div>', '<div id="canvasTarget"></div>' + controls)

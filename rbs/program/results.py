@@ -1,0 +1,286 @@
+"""What comes of a run, from Python: pictures, videos, pages, exports, statistics.
+
+From the top: `Results`, the base of `Simulation` and of opened recordings; the page in a notebook;
+the table of statistics; the options of pictures. Units: metres, kilograms, seconds.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from contextlib import closing
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rbs.appearance.colours import COLOURINGS
+from rbs.appearance.pictureoptions import (
+    LOOKS,
+    OVERLAYS,
+    PICTURE_SIZES,
+    VIDEO_ENDINGS,
+    PictureOptions,
+    video_timing,
+)
+from rbs.exports.formats import EXPORT_ENDINGS, export_writer
+from rbs.exports.page import PageWriter
+from rbs.pictures.backends import find_backend
+from rbs.program.headless import constraint_summary, shown_energy, step_progress
+from rbs.recordings.statistics import step_quantities
+from rbs.scenes.messages import InputError, counted
+from rbs.scenes.scenefiles import scene_name
+
+if TYPE_CHECKING:
+    from typing import Self  # since Python 3.11
+
+    from PIL import Image
+
+# Steps of a run whose number is not given; of a recording, all that are left.
+DEFAULT_STEPS = 500
+# Width and height in pixels of the picture that a notebook shows of a simulation.
+SMALL_SIZE = (480, 270)
+# Height in pixels of the player in a notebook.
+PLAYER_HEIGHT = 480
+
+
+class Results:
+    """The base of `Simulation` and of opened recordings: what is made of them.
+
+    `video`, `export`, `stats` and `show` go on by a number of steps, by default 500, or all that
+    are left of a recording, and use the state at the start and after every step.
+    """
+
+    def picture(self, path: str | Path | None = None, **options: Any) -> Image.Image:
+        """Draws the present state; returns a Pillow image.
+
+        Parameters
+        ----------
+        path : str or Path, optional
+            A .png file to write it to.
+        **options
+            The fields of `PictureOptions`: size (width, height) in pixels, look ("plain" or
+            "studio"), overlays, colouring, hasLegend, camera, isTransparent. A camera may also be
+            the path of a camera file.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If an option is unknown or invalid, or the path does not end in .png.
+        InputError
+            If Polyscope cannot draw here.
+        """
+        from PIL import Image
+
+        if path is not None:
+            check_ending(path, (".png",), "picture")
+        options = picture_options(options)
+        view = start_drawing(self, options)
+        from rbs.pictures.capture import save_picture, take_picture
+
+        if path is not None:
+            save_picture(path, view, options.isTransparent)
+            with Image.open(path) as image:
+                image.load()
+                return image
+        return Image.fromarray(take_picture(view, options.isTransparent))
+
+    def video(
+        self,
+        path: str | Path,
+        steps: int | None = None,
+        rate: float | None = None,
+        every: int | None = None,
+        **options: Any,
+    ) -> Self:
+        """Goes on and films every `every`-th step; returns itself.
+
+        Parameters
+        ----------
+        path : str or Path
+            An .mp4 or .gif file.
+        rate : frames per second; every : steps per frame. By default, such that it plays in real
+            time.
+        **options
+            As for `picture`.
+
+        Raises
+        ------
+        VideoError
+            If imageio-ffmpeg is missing.
+        """
+        check_ending(path, VIDEO_ENDINGS, "video")
+        rate, every = video_timing(self.settings.timeStep, rate, every)
+        view = start_drawing(self, picture_options(options))
+        from rbs.pictures.capture import Video
+
+        return self._write(Video(path, view, rate, every), steps)
+
+    def export(self, path: str | Path, steps: int | None = None) -> Self:
+        """Goes on and exports the run; returns itself.
+
+        Parameters
+        ----------
+        path : str or Path
+            An .html file, a page that plays the run in any browser, or a .glb file for 3-D
+            programs.
+
+        Raises
+        ------
+        ExportError
+            If k3d or pygltflib is missing.
+        """
+        check_ending(path, EXPORT_ENDINGS, "export")
+        return self._write(export_writer(path), steps)
+
+    def stats(self, steps: int | None = None) -> dict[str, np.ndarray]:
+        """Goes on and returns the quantities of every step: dict of arrays (steps + 1,).
+
+        The names are "step" and those of `step_quantities`: energies and momenta, the largest
+        violation, and from each step's report contacts, the deepest penetration and times. Unknown
+        numbers are NaN.
+        """
+        table = Table()
+        self._write(table, steps)
+        return table.columns()
+
+    def show(self, steps: int | None = None) -> Player:
+        """Goes on and returns a `Player`, which a notebook shows: the run, to play and to orbit."""
+        writer = PageWriter(None)
+        self._follow(writer, steps)
+        return Player(writer.page(self))
+
+    def _write(self, writer, steps):
+        with closing(writer):
+            self._follow(writer, steps)
+            writer.save(self)
+        return self
+
+    def _follow(self, writer, steps):
+        """Makes steps, and hands the state at the start and after each of them to a writer."""
+        if steps is None:
+            steps = self.lastStep - self.stepCount if self.isReplay else DEFAULT_STEPS
+        writer.add(self)
+        with step_progress(steps) as advance:
+            for _ in range(steps):
+                self.step()
+                writer.add(self)
+                advance()
+
+    def _repr_html_(self) -> str:
+        """Returns a summary, and a picture if one can be drawn without a window."""
+        rows = {
+            "bodies": f"{len(self.meshes)} ({sum(mesh.isFixed for mesh in self.meshes)} fixed)",
+            "constraints": constraint_summary(self),
+            "time": f"{self.time:.6g} s, {counted(self.stepCount, 'step')}",
+            "kinetic energy": shown_energy(self.kinetic_energy()),
+            "potential energy": shown_energy(self.potential_energy()),
+            "settings": repr(self.settings),
+        }
+        cells = "".join(
+            f"<tr><th>{name}</th><td>{html.escape(text)}</td></tr>" for name, text in rows.items()
+        )
+        title = f"<b>{html.escape(scene_name(self.scenePath))}</b>"
+        return f"<div>{title}{self._small_picture()}<table>{cells}</table></div>"
+
+    def _small_picture(self):
+        if backend().name is None or backend().opensWindow or not self.meshes:
+            return ""
+        content = io.BytesIO()
+        self.picture(size=SMALL_SIZE).save(content, "PNG")
+        text = base64.b64encode(content.getvalue()).decode("ascii")
+        return f'<br><img alt="the scene" src="data:image/png;base64,{text}">'
+
+
+class Player:
+    """A page that plays a run, as a notebook shows it. `page` is its HTML."""
+
+    def __init__(self, page):
+        self.page = page
+
+    def __repr__(self):
+        return f"Player({len(self.page) / 1e6:.1f} MB; a notebook shows it)"
+
+    def _repr_html_(self):
+        style = f"width: 100%; height: {PLAYER_HEIGHT}px; border: 0"
+        return f'<iframe srcdoc="{html.escape(self.page)}" style="{style}"></iframe>'
+
+
+class Table:
+    """A writer that keeps the quantities of every step, for `Results.stats`."""
+
+    def __init__(self):
+        self._rows = []
+
+    def add(self, simulation):
+        """Keeps the quantities of the present step."""
+        self._rows.append({"step": simulation.stepCount, **step_quantities(simulation)})
+
+    def columns(self):
+        """Returns the quantities as arrays, by name."""
+        return {name: np.array([row[name] for row in self._rows]) for name in self._rows[0]}
+
+    def save(self, simulation):
+        """Does nothing."""
+
+    def close(self):
+        """Does nothing."""
+
+
+def check_ending(path, endings, what):
+    """Raises ValueError unless the name of a file has one of these endings."""
+    if Path(path).suffix.lower() not in endings:
+        names = " or ".join(endings)
+        raise ValueError(f"the name of a {what} must end in {names}, not {str(path)!r}")
+
+
+def picture_options(given):
+    """Returns PictureOptions of a dict of options. Raises ValueError or TypeError, naming one."""
+    unknown = sorted(set(given) - set(vars(PictureOptions())))
+    if unknown:
+        known = ", ".join(vars(PictureOptions()))
+        raise TypeError(f"unknown picture option {unknown[0]}; known are {known}")
+    options = PictureOptions(**given)
+    if isinstance(options.overlays, str):
+        options.overlays = (options.overlays,)
+    for name, values, choices in (
+        ("look", [options.look], LOOKS),
+        ("colouring", [options.colouring], COLOURINGS),
+        ("overlays", options.overlays, OVERLAYS),
+    ):
+        for value in values:
+            if value not in choices:
+                raise ValueError(f"{name} must be one of {', '.join(choices)}, not {value!r}")
+    low, high = PICTURE_SIZES
+    size = np.asarray(options.size)
+    if (
+        size.shape != (2,)
+        or size.dtype.kind not in "iu"
+        or not low <= size.min() <= size.max() <= high
+    ):
+        raise ValueError(
+            f"size must be (width, height), from {low} to {high} pixels each, not {options.size!r}"
+        )
+    options.size = tuple(size.tolist())
+    if isinstance(options.camera, str | Path):
+        from rbs.pictures.cameras import load_camera
+
+        options.camera = load_camera(options.camera)
+    return options
+
+
+def start_drawing(simulation, options):
+    """Starts Polyscope; returns the `SceneView`. Raises InputError if it cannot draw here."""
+    if backend().name is None:
+        raise InputError(f"no pictures: {backend().reason}. {backend().remedy}")
+    from rbs.pictures.capture import start_view
+
+    return start_view(simulation, backend(), options)
+
+
+@lru_cache
+def backend():
+    """The `Backend` for pictures; to find it takes a second."""
+    return find_backend(window=False)

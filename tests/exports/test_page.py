@@ -1,0 +1,165 @@
+"""Pages that play a run, opened in Chromium."""
+
+import io
+import sys
+import time
+
+import numpy as np
+import pytest
+from browser import chromium, console_errors, requested
+from oracles import box_body
+from PIL import Image
+from program import call
+
+from rbs.exports.page import PageWriter
+from rbs.recordings.recording import Recording
+from rbs.scenes import changes
+from rbs.scenes.simulation import SceneSimulation
+from rbs.stepping.settings import Settings
+from RigidBodySimulation import main
+
+pytest.importorskip("k3d")
+# The matrix (16 numbers, column by column) that maps a point of the world into the picture.
+PROJECTION = """
+    const done = arguments[0];
+    K3DInstance.then((k3d) => {
+        const camera = k3d.getWorld().camera;
+        camera.updateMatrixWorld();
+        done([camera.projectionMatrix.elements, camera.matrixWorldInverse.elements]);
+    });
+"""
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """A run of `cradle` with friction, recorded, and the page of its replay: (path, Recording)."""
+    folder = tmp_path_factory.mktemp("page")
+    recording, page = folder / "run.h5", folder / "run.html"
+    options = ["--friction", "0.25", "--steps", "100", "--record", str(recording)]
+    assert main(["cradle", *options]) == 0
+    assert main(["--replay", str(recording), "--export", str(page)]) == 0
+    return page, Recording(recording)
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with chromium(tmp_path_factory.mktemp("profile")) as driver:
+        yield driver
+
+
+def shown(driver):
+    """What the page shows now, (height, width, 3)."""
+    picture = Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")
+    return np.asarray(picture).astype(int)
+
+
+def show(driver, seconds):
+    """Moves the timeline, which pauses the run; the picture."""
+    driver.execute_script(
+        "const line = document.getElementById('timeline'); line.value = arguments[0];"
+        "line.dispatchEvent(new Event('input'));",
+        seconds,
+    )
+    time.sleep(0.3)
+    return shown(driver)
+
+
+def text_of(driver, name):
+    return driver.execute_script("return document.getElementById(arguments[0]).innerText", name)
+
+
+def wait_for(condition, seconds=60):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def place_of(driver, point, picture):
+    """The pixel (row, column) of a point of the world."""
+    projection, view = driver.execute_async_script(PROJECTION)
+    projection, view = (np.reshape(m, (4, 4)).T for m in (projection, view))
+    x, y, _, w = projection @ view @ [*point, 1.0]
+    height, width = picture.shape[:2]
+    return round((1 - y / w) / 2 * height), round((1 + x / w) / 2 * width)
+
+
+def test_a_page_opens_from_a_file_and_plays_without_a_request_or_an_error(exported, browser):
+    page, _ = exported
+    browser.get(page.as_uri())
+    wait_for(lambda: text_of(browser, "time"))
+    assert browser.title == "cradle"
+    assert "friction 0.25" in text_of(browser, "title")
+    first = shown(browser)
+    wait_for(lambda: float(text_of(browser, "time").split()[0]) > 0.5)
+    assert (np.abs(shown(browser) - first).max(axis=2) > 40).sum() > 300
+    wait_for(lambda: text_of(browser, "time") == "2.00 s of 2.00 s")
+    assert text_of(browser, "play") == "▶"  # it ends, and can be played again
+    browser.execute_script("document.getElementById('play').click()")
+    wait_for(lambda: 0.0 < float(text_of(browser, "time").split()[0]) < 1.0)
+    browser.execute_script("document.getElementById('play').click()")
+    assert console_errors(browser) == []
+    assert requested(browser, page.as_uri()) == [page.as_uri()]
+
+
+def test_the_time_shown_is_the_time_drawn(exported, browser):
+    """At the pixel of a ball's centre is its colour, at that time and at no other."""
+    page, recording = exported
+    browser.get(page.as_uri())
+    wait_for(lambda: text_of(browser, "time"))
+    states = np.array([recording.frame(step)["positions"] for step in range(101)])
+    away = np.linalg.norm(states - states[0], axis=2)
+    step, body = np.unravel_index(away.argmax(), away.shape)
+    assert away[step, body] > 3.0
+    later = 0.02 * step
+    places = {0.0: states[0, body], later: states[step, body]}
+    pictures = {seconds: show(browser, seconds) for seconds in places}
+    assert text_of(browser, "time").startswith(f"{later:.2f} s of")
+    for seconds, other in ((0.0, later), (later, 0.0)):
+        pixel = place_of(browser, places[seconds], pictures[seconds])
+        colours = [pictures[one][pixel] for one in (seconds, other)]
+        assert np.ptp(colours[0]) > 60 and np.abs(colours[0] - colours[1]).max() > 60
+
+
+def test_bodies_appear_when_they_are_added_and_the_last_step_is_there(tmp_path):
+    simulation = SceneSimulation.from_meshes([box_body(1, 1, 1, (0, 3, 0))], name="one & <two>")
+    writer = PageWriter(tmp_path / "page.html")
+    writer.add(simulation)
+    shape = changes.Shape(
+        "late", *(getattr(simulation.meshes[0], n) for n in ("origVertices", "faces", "tets"))
+    )
+    for step in range(1, 12):
+        if step == 5:
+            simulation.change(changes.add(1, shape, 1.0, (3, 3, 0), (0, 0, 0)))
+        simulation.step()
+        writer.add(simulation)
+    page = writer.page(simulation)
+    positions, orientations, first = writer.poses(2)
+    assert first.tolist() == [0, 3] and len(positions) == 7  # the states of steps 0, 2 to 10, 11
+    np.testing.assert_array_equal(positions[-1, 1], simulation.meshes[1].position[0])
+    assert "<title>one &amp; &lt;two&gt;</title>" in page and "<two>" not in page
+
+
+def test_shapes_are_shared_and_resting_bodies_cost_nothing(tmp_path):
+    """A thousand bodies of one shape that do not move add less to the page than one that does."""
+    sizes = []
+    for count in (10, 1010):
+        meshes = [box_body(1, 1, 1, (3 * k, 0.5, 0), isFixed=True) for k in range(count)]
+        simulation = SceneSimulation.from_meshes(meshes, settings=Settings(gravity=0.0))
+        writer = PageWriter(tmp_path / "page.html")
+        for _ in range(100):
+            writer.add(simulation)
+            simulation.stepCount += 2
+        writer.save(simulation)
+        sizes.append((tmp_path / "page.html").stat().st_size)
+    moving = 1000 * 100 * 7 * 4
+    assert sizes[1] - sizes[0] < moving / 20
+
+
+def test_bad_names_and_a_missing_library_are_one_line(capsys, monkeypatch, tmp_path):
+    code, _, errors = call(capsys, "tet", "--steps", 1, "--export", tmp_path / "run.htm")
+    assert code == 2 and "must end in .html or .glb" in errors
+    monkeypatch.setitem(sys.modules, "k3d", None)
+    code, _, errors = call(capsys, "tet", "--steps", 1, "--export", tmp_path / "run.html")
+    assert code == 2 and errors.endswith("k3d is missing. Install it: pip install k3d\n")
+    assert not list(tmp_path.iterdir())
