@@ -45,13 +45,17 @@ RESTITUTION_SWEEPS = 16
 # Largest product of the numbers of bodies and manifolds with which G is a dense matrix. More costs
 # time in large scenes, less in small ones, a tenth of a step.
 MOST_DENSE = 10_000
+# Least slip at which friction opposes that of each point, in multiples of the speed that gravity
+# adds per step. With more, what slides to rest and spins has too much friction; with less, steps
+# take longer.
+FAST_SLIP = 1.0
 # Slip speed down to which friction is at its limit where points slide, as a fraction of the speed
 # that gravity adds per substep. With more, what should hold creeps; with less, rounding counts.
 LEAST_SLIP = 1e-4
 # ε_ijk, as a matrix of rows i k that turns x into the matrix of x ×.
 LEVI_CIVITA = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)
 # Least divisor, in place of zero.
-TINY = np.finfo(float).tiny
+TINY = 1e-100
 
 
 class PlacedManifolds:
@@ -124,7 +128,7 @@ class SoftContacts(PlacedManifolds):
 
         h : s, length of a substep, `ratio` times that of the last step
         """
-        self.h = h
+        self.h, self.timeStep = h, timeStep
         self.fall = motion.fallRate * timeStep  # speed that gravity adds in a step
         columns = take(motion.column, manifolds.bodies(frames.count))
         isMovable = (motion.invMass[columns] > 0.0).any(axis=0)
@@ -149,15 +153,18 @@ class SoftContacts(PlacedManifolds):
         self.least = self.mass * (motion.fallRate * h)
         self.leastSlip = LEAST_SLIP * max(motion.fallRate, -GRAVITY) * h
         self.nothing, self.total, self.change = np.zeros((3, 7, self.count))
-        self.pending = self.nothing
+        self.pending, self.sliders = self.nothing, None
 
     def _make_factors(self, frames, motion, mu):
         """Computes the factors of J and M⁻¹ Jᵀ, and the limits of friction.
 
-        X, XM : (6, 6, m + 1), X and M⁻¹ Xᵀ; R : (6, 7, M), transposed; GT : (m + 1, M), of G
+        X : (3, 3, m + 1), upper right part of X, the matrix of x ×
+        XM : (3, 6, m + 1), lower half of M⁻¹ Xᵀ; the upper one only divides forces by masses
+        R : (6, 7, M), transposed; GT : (m + 1, M), of G
         limits : (2, 4, M), of friction and of the twist about n, per normal impulse
         levers : (4, 4, M), of each point 1, -y, x and x² + y² with its coordinates x along t1 and y
             along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
+        gyration : (M,), mean of x² + y² over the points
 
         Returns r × e of the rows, with the arms r from the two COMs: (3, 7, 2, M).
         """
@@ -168,6 +175,7 @@ class SoftContacts(PlacedManifolds):
         x, y = dot(arm, self.tangent1[:, None]), dot(arm, self.tangent2[:, None])
         self.levers = np.stack((np.ones_like(x), -y, x, x * x + y * y))
         self.limits = mu * isPoint * np.sqrt(self.levers[::3])
+        self.gyration = np.add.reduce(weight * self.levers[3])
 
         axes, arms = np.zeros((2, 3, 7, self.count))
         axes[:, :POINTS], axes[:, 4], axes[:, 5] = n[:, None], self.tangent1, self.tangent2
@@ -184,12 +192,10 @@ class SoftContacts(PlacedManifolds):
         moments[:, 6] = n[:, None]
         self.R = np.concatenate((axes, moments[:, :, 2]))
 
-        self.X = np.eye(6)[:, :, None].repeat(count, axis=2)
-        self.X[:3, 3:] = LEVI_CIVITA @ position
-        self.XM = np.zeros((6, 6, count))
-        np.multiply(np.eye(3)[:, :, None], motion.invMass, out=self.XM[:3, :3])
+        self.X = LEVI_CIVITA @ position
         invInertia = motion.invInertia.reshape(3, 3, -1)
-        self.XM[3:] = np.einsum("ikn,jkn->ijn", invInertia, self.X[:, 3:])
+        ofForces = np.einsum("ikn,jkn->ijn", invInertia, self.X)
+        self.XM = np.concatenate((ofForces, invInertia), axis=1)
         row = np.arange(self.count)
         if count * self.count <= MOST_DENSE:
             self.GT = np.zeros((count, self.count))
@@ -205,8 +211,7 @@ class SoftContacts(PlacedManifolds):
 
         mass : (4, M), of each point alone; K[k] : (3 - k, M), response of the speeds of the points
             after point k to its impulse, times their masses
-        frictionResponse, frictionMass : (6, M), entries xx, xy, xz, yy, yz, zz of A and A⁻¹ of the
-            friction rows alone
+        frictionResponse, frictionMass : (3, 3, M), A and A⁻¹ of the friction rows alone
         slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
             impulses and the present speeds make them slip
         """
@@ -231,8 +236,7 @@ class SoftContacts(PlacedManifolds):
         inverse = cross(friction[:, [1, 2, 0]], friction[:, [2, 0, 1]])
         determinant = dot(friction[:, 0], inverse[:, 0])
         inverse /= np.where(determinant > 0.0, determinant, 1.0)
-        entries = [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]
-        self.frictionMass, self.frictionResponse = inverse[entries], friction[entries]
+        self.frictionResponse, self.frictionMass = friction, inverse
         ofNormals = np.einsum("ikm,kjm->ijm", inverse, A[POINTS:, :POINTS])
         self.slip = np.concatenate((ofNormals, inverse), axis=1)
         self.slip[2] *= isSpun
@@ -251,14 +255,17 @@ class SoftContacts(PlacedManifolds):
     def measure(self, motion):
         """Computes the speeds (7, M) of the rows; those of the points are > 0 if separating."""
         self.apply(motion)
-        moving = np.einsum("ijn,jn->in", self.X, motion.velocity)
+        moving = motion.velocity.copy()
+        moving[:3] += np.einsum("ijn,jn->in", self.X, moving[3:])
         relative = take(moving, self.ends[1], axis=1) - take(moving, self.ends[0], axis=1)
         self.speed = np.einsum("irm,im->rm", self.R, relative)
 
     def apply(self, motion):
         """Applies the impulses accumulated since the last call to the bodies."""
         wrench = self.GT @ np.einsum("irm,rm->im", self.R, self.pending).T
-        motion.velocity += np.einsum("ijn,jn->in", self.XM, np.ascontiguousarray(wrench.T))
+        wrench = np.ascontiguousarray(wrench.T)
+        motion.velocity[:3] += motion.invMass * wrench[:3]
+        motion.velocity[3:] += np.einsum("ijn,jn->in", self.XM, wrench)
         self.pending = self.nothing
 
     def warm_start(self):
@@ -275,6 +282,8 @@ class SoftContacts(PlacedManifolds):
         bias = np.maximum(np.maximum(self.spring.rate * self.separation, self.push), approach)
         softness = np.maximum(self.separation > 0.0, self.spring.softness)  # 1 for a gap
         self.measure(motion)
+        if self.sliders is None:
+            self.sliders = Sliders(self, self.timeStep)
         self._solve(bias, softness)
         self.measure(motion)
         closing = self.speed[:POINTS] + np.maximum(approach, 0.0)
@@ -293,7 +302,7 @@ class SoftContacts(PlacedManifolds):
 
         The points of a manifold are visited in order, as in the Gauss-Seidel method, and then
         friction. Alternating the order would make tall stacks sway. In the soft sweep, what slides
-        keeps its friction up to the limit, because `_slide` takes as long as all the rest.
+        keeps its friction, which would otherwise exceed the limit of the points.
         """
         before, speed, change = self.impulse, self.speed, self.change
         impulse = self.impulse = np.empty_like(before)
@@ -306,67 +315,22 @@ class SoftContacts(PlacedManifolds):
                 left[k + 1 :] -= K * change[k]
         change[POINTS:] = speed[POINTS:]
         friction = before[POINTS:] - np.einsum("irm,rm->im", self.slip, change)
+        # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
         limit = np.einsum("ikm,km->im", self.limits, impulse[:POINTS])
-        # the points cannot share the friction S and the twist T among them: some slide if about
-        # (S/L)² + (T/M)² > 1 with the limits L of S alone and M of T alone
-        scale = (1.0 / np.where(limit > 0.0, limit, np.inf))[[0, 0, 1]]
-        size = norm(scale * friction)
-        slides = size > 1.0
-        if softness is not None:
-            used = np.maximum(norm(scale * before[POINTS:]), TINY)
-            kept = np.minimum(1.0 / used, 1.0) * before[POINTS:]
-            share = np.maximum(1.0 - used, 0.0) / np.maximum(size, 1.0)
-            friction = np.where(slides, kept + share * friction, friction)
-        np.multiply(friction, scale[0] > 0.0, out=impulse[POINTS:])
-        slides = indices(slides) if softness is None else ()
-        if len(slides):
-            sliding = self._slide(slides, take(friction, slides, axis=1), size[slides])
-            for row, value in zip(impulse[POINTS:], sliding, strict=True):
-                row[slides] = value
+        sliding = self.sliders.rows
+        if softness is not None and len(sliding):
+            friction = np.where(self.sliders.isSlider, before[POINTS:], friction)
+        size = friction * friction
+        size[0] += size[1]
+        size = np.sqrt(size[::2])
+        share, twistShare = limit / np.maximum(np.maximum(size, limit), TINY)
+        np.multiply(friction[:2], share, out=impulse[4:6])
+        np.multiply(friction[2], twistShare, out=impulse[6])
+        if softness is None and len(sliding):
+            values = self.sliders.friction(impulse, friction, limit, speed)
+            for row, value in zip(impulse[POINTS:], values, strict=True):
+                row[sliding] = value
         self.pending = impulse - before
-
-    def _slide(self, some, sticking, size):
-        """Friction (3, K) of manifolds `some`, each point's against its slip and at most μ λ.
-
-        sticking : (3, K), f*, impulses that would stop the slip w = A (f - f*) of the rows
-        size : (K,), about what f* is to be divided by to reach the limit
-
-        A point that slips by u = Bᵀ w receives -μ λ u/|u|. With c = μ λ/|u| for an estimate of |u|
-        and C = Σ B c Bᵀ, f = -C w, and thus w = -(A⁻¹ + C)⁻¹ f*. A point that would then slip
-        faster than estimated receives no more than μ λ. The estimate is the slip with f = f*/size,
-        scaled down to the measured slip of all points; that of each would make spins oscillate.
-        """
-        levers, w = take(self.levers, some, axis=2), take(self.speed[POINTS:], some, axis=1)
-        limit = take(self.limits[0], some, axis=1) * take(self.impulse[:POINTS], some, axis=1)
-
-        def slip(w):
-            u1, u2 = w[0] + levers[1] * w[2], w[1] + levers[2] * w[2]
-            return np.sqrt(u1 * u1 + u2 * u2)
-
-        def response(c):
-            """Entries (4, K) of C: xx and yy, xz, yz, zz."""
-            return np.einsum("ikm,km->im", levers, c)
-
-        xx, xy, xz, yy, yz, zz = take(self.frictionResponse, some, axis=1)
-        x, y, z = sticking * (1.0 / size - 1.0)
-        scaled = xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
-        speed = slip(scaled)
-        speed *= np.minimum(slip(w).sum(axis=0) / np.maximum(speed.sum(axis=0), TINY), 1.0)
-        speed = np.maximum(speed, self.leastSlip)
-        c, cxz, cyz, czz = response(limit / speed)
-        xx, xy, xz, yy, yz, zz = take(self.frictionMass, some, axis=1)
-        # elimination in the symmetric matrix
-        xx, xz, yz = xx + c, xz + cxz, yz + cyz
-        a, b = xy / xx, xz / xx
-        yy, yz, zz = yy + c - a * xy, yz - a * xz, zz + czz - b * xz
-        c = yz / yy
-        x, y, z = -sticking
-        y = y - a * x
-        z = (z - b * x - c * y) / (zz - c * yz)
-        y = y / yy - c * z
-        x = x / xx - a * y - b * z
-        c, cxz, cyz, czz = response(limit / np.maximum(speed, slip((x, y, z))))
-        return -(c * x + cxz * z), -(c * y + cyz * z), -(cxz * x + cyz * y + czz * z)
 
     def restitute(self, motion, CRCoeff, closing, bodies, links):
         """Lets points that met faster than gravity accelerates them in a step separate with e times
@@ -398,6 +362,86 @@ class SoftContacts(PlacedManifolds):
             values[name] = getattr(manifolds, name).copy()
             values[name][..., self.rows] = value
         return manifolds.renewed(**values)
+
+
+class Sliders:
+    """Friction of manifolds `rows` (K,) whose points slide, each point's against its slip.
+
+    A point that slips by u = Bᵀ w, with the speeds w of the friction rows, receives -μ λ u/|u|.
+    """
+
+    def __init__(self, contacts, timeStep):
+        """Selects manifolds that slip fast and may touch within the step, by measured speeds."""
+        self.gyration, least = contacts.gyration, FAST_SLIP * max(contacts.fall, TINY)
+        isFast = self._mean_square(contacts.speed[POINTS:]) > least * least
+        closing = timeStep * (contacts.fall - contacts.speed[:POINTS])
+        isNear = contacts.isPoint & (contacts.separation < closing)
+        self.isSlider = isFast & isNear.any(axis=0) & contacts.limits[1].any(axis=0)
+        self.rows = some = indices(self.isSlider)
+        self.gyration = self.gyration[some]
+        self.levers, self.limits = take(contacts.levers, some, 2), take(contacts.limits[0], some, 1)
+        self.response = take(contacts.frictionResponse, some, 2)
+        self.mass, self.least = take(contacts.frictionMass, some, 2), contacts.leastSlip
+
+    def friction(self, impulse, sticking, limit, speed):
+        """Impulses (3, K) along the friction rows.
+
+        impulse : (7, M), of all rows, whose friction is that of points that stick
+        sticking : (3, M), f*, impulses that would stop the slip w = A (f - f*) of the rows
+        limit : (2, M), of friction and twist; speed : (7, M), of all rows
+        """
+        impulse, sticking = take(impulse, self.rows, 1), take(sticking, self.rows, 1)
+        # the points cannot share the friction S and the twist T among them: some slide if about
+        # (S/L)² + (T/M)² > 1 with the limits L of S alone and M of T alone
+        limit = np.maximum(take(limit, self.rows, 1), TINY)
+        size = norm(sticking / limit[[0, 0, 1]])
+        speed = take(speed[POINTS:], self.rows, 1)
+        sliding = self._sliding(impulse[:POINTS], sticking, np.maximum(size, 1.0), speed)
+        return np.where(size > 1.0, sliding, impulse[POINTS:])
+
+    def _sliding(self, impulse, sticking, size, speed):
+        """Friction (3, K) if points slide.
+
+        size : (K,), about what f* is to be divided by to reach the limit; speed : (3, K)
+
+        With c = μ λ/|u| for an estimate of |u| and C = Σ B c Bᵀ, f = -C w, and thus
+        w = -(A⁻¹ + C)⁻¹ f*. A point that would then slip faster than estimated receives no more
+        than μ λ. The estimate is the slip with f = f*/size, scaled down to the measured slip of all
+        points; that of each would make spins oscillate.
+        """
+        limit = self.limits * impulse
+        scaled = np.einsum("ijm,jm->im", self.response, sticking * (1.0 / size - 1.0))
+        ratio = self._mean_square(speed) / np.maximum(self._mean_square(scaled), TINY)
+        estimate = self._slip(scaled * np.sqrt(np.minimum(ratio, 1.0)))
+        np.maximum(estimate, self.least, out=estimate)
+        c, cxz, cyz, czz = np.einsum("ikm,km->im", self.levers, limit / estimate)
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = self.mass
+        # elimination in the symmetric matrix
+        xx, xz, yz = xx + c, xz + cxz, yz + cyz
+        a, b = xy / xx, xz / xx
+        yy, yz, zz = yy + c - a * xy, yz - a * xz, zz + czz - b * xz
+        c = yz / yy
+        x, y, z = w = -sticking
+        y -= a * x
+        z -= b * x + c * y
+        z /= zz - c * yz
+        y /= yy
+        y -= c * z
+        x /= xx
+        x -= a * y + b * z
+        limit /= np.maximum(estimate, self._slip(w))
+        c, cxz, cyz, czz = np.einsum("ikm,km->im", self.levers, limit)
+        return np.stack((-(c * x + cxz * z), -(c * y + cyz * z), -(cxz * x + cyz * y + czz * z)))
+
+    def _mean_square(self, w):
+        """Mean squares (K,) of `_slip`."""
+        x, y, z = w
+        return x * x + y * y + self.gyration * (z * z)
+
+    def _slip(self, w):
+        """Slip speeds (4, K) of the points; w : (3, K), speeds of the friction rows."""
+        u1, u2 = w[:2, None] + self.levers[1:3] * w[2]
+        return np.sqrt(u1 * u1 + u2 * u2)
 
 
 def energy_share(bodies, motion, before, links):
