@@ -7,6 +7,8 @@ Voroshilov: Mass Splitting for Jitter-Free Parallel Rigid Body Simulation. SIGGR
 Over-relaxation makes impulses travel faster through a stack.
 """
 
+from copy import copy
+
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
@@ -39,9 +41,17 @@ LOAD_GROWTH = 2.0
 # With more, a light body between a heavy one and the ground is pressed into both, and a collapsing
 # heap into itself; less costs time.
 HIT_STEPS = 10.0
-# Sweeps for restitution. More cost time. With fewer, a box that lands flat starts to spin, because
-# points disturb each other; with 8, a cradle's last ball rises to 90 % of the first one's height.
-RESTITUTION_SWEEPS = 16
+# Most sweeps for one round of bounces. More cost time. With fewer, a box that lands flat starts to
+# spin, because points disturb each other.
+BOUNCE_SWEEPS = 16
+# Most rounds of bounces in a step, each of those that the last one makes meet. More cost time; with
+# fewer than bodies in a row, a blow takes several steps to pass through it, and loses energy.
+BOUNCE_ROUNDS = 10
+# Least speed of such a bounce, as a fraction of the fastest one in the step. More delays blows that
+# have lost energy on their way; less costs time in heaps.
+BOUNCE_SHARE = 0.9
+# Largest error of a bounce, as a fraction of the largest speed of separation.
+BOUNCE_TOLERANCE = 1e-4
 # Largest product of the numbers of bodies and manifolds with which G is a dense matrix. More costs
 # time in large scenes, less in small ones, a tenth of a step.
 MOST_DENSE = 10_000
@@ -136,7 +146,8 @@ class SoftContacts(PlacedManifolds):
         super().__init__(manifolds, frames, indices(isMovable))
         manifolds = manifolds.rows(self.rows)
         self.ends = take(columns, self.rows, axis=1)
-        self._make_responses(motion, self._make_factors(frames, motion, mu))
+        self._make_factors(frames, motion, mu)
+        self._make_responses(motion)
         # Penetration is pushed out at up to √(g r) of the smaller body. If this were faster, bodies
         # that start inside each other would burst apart.
         radius = frames.sizes(self.first, self.second)[1]
@@ -150,6 +161,7 @@ class SoftContacts(PlacedManifolds):
             self.impulse *= ratio
         self.separation = self.gap + self.offset
         self.started = self.impulse[:POINTS]
+        self.carried = np.add.reduce(self.started) * (timeStep / h)  # in a step as the last substep
         self.least = self.mass * (motion.fallRate * h)
         self.leastSlip = LEAST_SLIP * max(motion.fallRate, -GRAVITY) * h
         self.nothing, self.total, self.change = np.zeros((3, 7, self.count))
@@ -165,8 +177,7 @@ class SoftContacts(PlacedManifolds):
         levers : (4, 4, M), of each point 1, -y, x and x² + y² with its coordinates x along t1 and y
             along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
         gyration : (M,), mean of x² + y² over the points
-
-        Returns r × e of the rows, with the arms r from the two COMs: (3, 7, 2, M).
+        moments : (3, 7, 2, M), r × e of the rows, with the arms r from the two COMs
         """
         isPoint, n, count = self.isPoint, self.normal, len(motion.invMass)
         weight = isPoint / np.maximum(np.add.reduce(isPoint), 1)
@@ -196,18 +207,11 @@ class SoftContacts(PlacedManifolds):
         invInertia = motion.invInertia.reshape(3, 3, -1)
         ofForces = np.einsum("ikn,jkn->ijn", invInertia, self.X)
         self.XM = np.concatenate((ofForces, invInertia), axis=1)
-        row = np.arange(self.count)
-        if count * self.count <= MOST_DENSE:
-            self.GT = np.zeros((count, self.count))
-            self.GT[self.ends[0], row], self.GT[self.ends[1], row] = -1.0, 1.0
-        else:
-            ends = self.ends.T.ravel()
-            signs, starts = np.tile((-1.0, 1.0), self.count), np.arange(0, 2 * self.count + 1, 2)
-            self.GT = csr_array((signs, ends, starts), shape=(self.count, count)).T
-        return moments[:, :, :2]
+        self.GT = differences(self.ends, count)
+        self.moments = moments[:, :, :2]
 
-    def _make_responses(self, motion, moments):
-        """Computes what follows from the responses A; moments : (3, 7, 2, M), r × e of the rows.
+    def _make_responses(self, motion):
+        """Computes what follows from the responses A.
 
         mass : (4, M), of each point alone; K[k] : (3 - k, M), response of the speeds of the points
             after point k to its impulse, times their masses
@@ -219,8 +223,8 @@ class SoftContacts(PlacedManifolds):
         count = np.bincount(ends, minlength=len(motion.invMass))
         load = np.maximum(count / RELAXATION, 1.0)
         invInertia = take(load * motion.invInertia, ends, axis=1).reshape(3, 3, 2, -1)
-        turning = np.einsum("ijem,jrem->riem", invInertia, moments).reshape(7, 6, -1)
-        moments = moments.transpose(1, 0, 2, 3).reshape(7, 6, -1)
+        turning = np.einsum("ijem,jrem->riem", invInertia, self.moments).reshape(7, 6, -1)
+        moments = self.moments.transpose(1, 0, 2, 3).reshape(7, 6, -1)
         A = np.einsum("rim,sim->rsm", moments, turning)
         invMass = take(load * motion.invMass, ends).reshape(2, -1).sum(axis=0)
         for row in (slice(0, POINTS), 4, 5):
@@ -317,7 +321,7 @@ class SoftContacts(PlacedManifolds):
         friction = before[POINTS:] - np.einsum("irm,rm->im", self.slip, change)
         # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
         limit = np.einsum("ikm,km->im", self.limits, impulse[:POINTS])
-        sliding = self.sliders.rows
+        sliding = () if self.sliders is None else self.sliders.rows
         if softness is not None and len(sliding):
             friction = np.where(self.sliders.isSlider, before[POINTS:], friction)
         size = friction * friction
@@ -334,25 +338,63 @@ class SoftContacts(PlacedManifolds):
 
     def restitute(self, motion, CRCoeff, closing, bodies, links):
         """Lets points that met faster than gravity accelerates them in a step separate with e times
-        that speed, as far as energy allows.
+        that speed, as far as energy allows; then those that this makes meet, and so on.
 
         closing : (4, M), from `impact_speeds`; links : (2, R), bodies connected by constraints
+
+        Other manifolds that took a blow within the substeps give it back before, so that they pass
+        it on in turn, as in a row of balls. What still closes after the last sweep bounces in the
+        next step.
         """
         bounces = (closing < -self.fall) & (self.total[:POINTS] > 0.0)
         if not bounces.any():
             return
-        bias = np.where(bounces, CRCoeff * closing, np.maximum(self.separation, 0.0) / self.h)
+        least = max(self.fall, -BOUNCE_SHARE * closing[bounces].min())
         self.apply(motion)
-        before, velocity = self.impulse, motion.velocity[:, :-1].copy()
-        for _ in range(RESTITUTION_SWEEPS):
+        before, velocity = self.total, motion.velocity[:, :-1].copy()
+        touches = (before[:POINTS] > 0.0) | (self.isPoint & (self.separation <= 0.0))
+        touches = self.isPoint & touches.any(axis=0)
+        load = np.add.reduce(before[:POINTS])
+        blow = load - self.carried
+        isBlow = (np.add.reduce(self.mass) * blow > self.fall) & ~bounces.any(axis=0)
+        self.total = before * np.where(isBlow, 1.0 - CRCoeff * blow / np.maximum(load, TINY), 1.0)
+        self.pending = self.total - before
+        for _ in range(BOUNCE_ROUNDS):
+            self.apply(motion)
+            some = indices(bounces.any(axis=0))
+            bias = np.where(bounces, CRCoeff * closing, np.maximum(self.separation, 0.0) / self.h)
+            self.total[:, some] = self._bounced(some, take(bias, some, 1), motion)
             self.measure(motion)
-            self._solve(bias)
-        self.apply(motion)
+            closing = self.speed[:POINTS]
+            bounces = touches & (closing < -least) & (self.separation < -self.timeStep * closing)
+            if not bounces.any():
+                break
         links = np.concatenate((self.ends, take(motion.column, links)), axis=1)
         share = energy_share(bodies, motion, velocity, links)
         motion.velocity[:, :-1] += (share - 1.0) * (motion.velocity[:, :-1] - velocity)
         share = take(share, self.ends.min(axis=0))  # of the first end that moves
-        self.total += share * (self.impulse - before)
+        self.total = before + share * (self.total - before)
+
+    def _bounced(self, some, bias, motion):
+        """Solves manifolds `some` (K,) alone, from the measured motion on; returns their `total`.
+
+        bias : (4, K)
+        """
+        part = copy(self)
+        for name in ("ends", "R", "moments", "limits", "isPoint", "change", "nothing"):
+            setattr(part, name, take(getattr(self, name), some, -1))
+        part._make_responses(motion)
+        part.GT = differences(part.ends, len(motion.invMass))
+        part.impulse, part.pending, part.sliders = take(self.total, some, 1), part.nothing, None
+        most = -BOUNCE_TOLERANCE * bias.min()
+        for _ in range(BOUNCE_SWEEPS):
+            part.measure(motion)
+            error = part.speed[:POINTS] + bias
+            if np.where(part.impulse[:POINTS] > 0.0, np.abs(error), -error).max() <= most:
+                break
+            part._solve(bias)
+        part.apply(motion)
+        return part.impulse
 
     def store(self, manifolds):
         """Returns the manifolds with the values from which the next step starts."""
@@ -362,6 +404,17 @@ class SoftContacts(PlacedManifolds):
             values[name] = getattr(manifolds, name).copy()
             values[name][..., self.rows] = value
         return manifolds.renewed(**values)
+
+
+def differences(ends, bodies):
+    """G, transposed: (bodies, M), -1 at the first and 1 at the second of `ends` (2, M)."""
+    count = ends.shape[1]
+    if bodies * count <= MOST_DENSE:
+        GT, row = np.zeros((bodies, count)), np.arange(count)
+        GT[ends[0], row], GT[ends[1], row] = -1.0, 1.0
+        return GT
+    signs, starts = np.tile((-1.0, 1.0), count), np.arange(0, 2 * count + 1, 2)
+    return csr_array((signs, ends.T.ravel(), starts), shape=(count, bodies)).T
 
 
 class Sliders:

@@ -22,6 +22,13 @@ def test_friction_opposes_the_slip_of_each_corner(sides, velocity, spin):
     assert laws.slide(sides, velocity, spin, 0.3, **laws.SOFT) == pytest.approx(predicted, rel=0.02)
 
 
+@pytest.mark.parametrize("count, gap", [(5, 0.0), (9, 0.0), (9, 1e-4), (9, 1e-3), (5, 0.05)])
+def test_the_last_of_an_elastic_row_has_nearly_all_of_the_energy(count, gap):
+    last, total = laws.row_energy(count, gap, laws.SOFT)
+    assert last > 0.99
+    assert total < 1.003  # what overlaps after the blow parts
+
+
 @pytest.mark.parametrize("step", [laws.BASIC, laws.BASIC | {"broadPhase": "grid"}, laws.SOFT])
 def test_a_tumbling_body_keeps_its_angular_momentum_and_flips_as_eulers_equation_has_it(step):
     momentum, energy, flips = laws.tumbling(step, 20.0)
