@@ -7,6 +7,8 @@ Voroshilov: Mass Splitting for Jitter-Free Parallel Rigid Body Simulation. SIGGR
 Over-relaxation makes impulses travel faster through a stack.
 """
 
+from copy import copy
+
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
@@ -39,19 +41,31 @@ LOAD_GROWTH = 2.0
 # With more, a light body between a heavy one and the ground is pressed into both, and a collapsing
 # heap into itself; less costs time.
 HIT_STEPS = 10.0
-# Sweeps for restitution. More cost time. With fewer, a box that lands flat starts to spin, because
-# points disturb each other; with 8, a cradle's last ball rises to 90 % of the first one's height.
-RESTITUTION_SWEEPS = 16
+# Most sweeps for one round of bounces. More cost time. With fewer, a box that lands flat starts to
+# spin, because points disturb each other.
+BOUNCE_SWEEPS = 16
+# Most rounds of bounces in a step, each of those that the last one makes meet. More cost time; with
+# fewer than bodies in a row, a blow takes several steps to pass through it, and loses energy.
+BOUNCE_ROUNDS = 10
+# Least speed of such a bounce, as a fraction of the fastest one in the step. More delays blows that
+# have lost energy on their way; less costs time in heaps.
+BOUNCE_SHARE = 0.9
+# Largest error of a bounce, as a fraction of the largest speed of separation.
+BOUNCE_TOLERANCE = 1e-4
 # Largest product of the numbers of bodies and manifolds with which G is a dense matrix. More costs
 # time in large scenes, less in small ones, a tenth of a step.
 MOST_DENSE = 10_000
+# Least slip at which friction opposes that of each point, in multiples of the speed that gravity
+# adds per step. With more, what slides to rest and spins has too much friction; with less, steps
+# take longer.
+FAST_SLIP = 1.0
 # Slip speed down to which friction is at its limit where points slide, as a fraction of the speed
 # that gravity adds per substep. With more, what should hold creeps; with less, rounding counts.
 LEAST_SLIP = 1e-4
 # ε_ijk, as a matrix of rows i k that turns x into the matrix of x ×.
 LEVI_CIVITA = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)
 # Least divisor, in place of zero.
-TINY = np.finfo(float).tiny
+TINY = 1e-100
 
 
 class PlacedManifolds:
@@ -124,7 +138,7 @@ class SoftContacts(PlacedManifolds):
 
         h : s, length of a substep, `ratio` times that of the last step
         """
-        self.h = h
+        self.h, self.timeStep = h, timeStep
         self.fall = motion.fallRate * timeStep  # speed that gravity adds in a step
         columns = take(motion.column, manifolds.bodies(frames.count))
         isMovable = (motion.invMass[columns] > 0.0).any(axis=0)
@@ -132,7 +146,8 @@ class SoftContacts(PlacedManifolds):
         super().__init__(manifolds, frames, indices(isMovable))
         manifolds = manifolds.rows(self.rows)
         self.ends = take(columns, self.rows, axis=1)
-        self._make_responses(motion, self._make_factors(frames, motion, mu))
+        self._make_factors(frames, motion, mu)
+        self._make_responses(motion)
         # Penetration is pushed out at up to √(g r) of the smaller body. If this were faster, bodies
         # that start inside each other would burst apart.
         radius = frames.sizes(self.first, self.second)[1]
@@ -146,20 +161,23 @@ class SoftContacts(PlacedManifolds):
             self.impulse *= ratio
         self.separation = self.gap + self.offset
         self.started = self.impulse[:POINTS]
+        self.carried = np.add.reduce(self.started) * (timeStep / h)  # in a step as the last substep
         self.least = self.mass * (motion.fallRate * h)
         self.leastSlip = LEAST_SLIP * max(motion.fallRate, -GRAVITY) * h
         self.nothing, self.total, self.change = np.zeros((3, 7, self.count))
-        self.pending = self.nothing
+        self.pending, self.sliders = self.nothing, None
 
     def _make_factors(self, frames, motion, mu):
         """Computes the factors of J and M⁻¹ Jᵀ, and the limits of friction.
 
-        X, XM : (6, 6, m + 1), X and M⁻¹ Xᵀ; R : (6, 7, M), transposed; GT : (m + 1, M), of G
+        X : (3, 3, m + 1), upper right part of X, the matrix of x ×
+        XM : (3, 6, m + 1), lower half of M⁻¹ Xᵀ; the upper one only divides forces by masses
+        R : (6, 7, M), transposed; GT : (m + 1, M), of G
         limits : (2, 4, M), of friction and of the twist about n, per normal impulse
         levers : (4, 4, M), of each point 1, -y, x and x² + y² with its coordinates x along t1 and y
             along t2 from the centre, so that it slips by t1 and t2 plus spin times -y and x
-
-        Returns r × e of the rows, with the arms r from the two COMs: (3, 7, 2, M).
+        gyration : (M,), mean of x² + y² over the points
+        moments : (3, 7, 2, M), r × e of the rows, with the arms r from the two COMs
         """
         isPoint, n, count = self.isPoint, self.normal, len(motion.invMass)
         weight = isPoint / np.maximum(np.add.reduce(isPoint), 1)
@@ -168,6 +186,7 @@ class SoftContacts(PlacedManifolds):
         x, y = dot(arm, self.tangent1[:, None]), dot(arm, self.tangent2[:, None])
         self.levers = np.stack((np.ones_like(x), -y, x, x * x + y * y))
         self.limits = mu * isPoint * np.sqrt(self.levers[::3])
+        self.gyration = np.add.reduce(weight * self.levers[3])
 
         axes, arms = np.zeros((2, 3, 7, self.count))
         axes[:, :POINTS], axes[:, 4], axes[:, 5] = n[:, None], self.tangent1, self.tangent2
@@ -184,29 +203,19 @@ class SoftContacts(PlacedManifolds):
         moments[:, 6] = n[:, None]
         self.R = np.concatenate((axes, moments[:, :, 2]))
 
-        self.X = np.eye(6)[:, :, None].repeat(count, axis=2)
-        self.X[:3, 3:] = LEVI_CIVITA @ position
-        self.XM = np.zeros((6, 6, count))
-        np.multiply(np.eye(3)[:, :, None], motion.invMass, out=self.XM[:3, :3])
+        self.X = LEVI_CIVITA @ position
         invInertia = motion.invInertia.reshape(3, 3, -1)
-        self.XM[3:] = np.einsum("ikn,jkn->ijn", invInertia, self.X[:, 3:])
-        row = np.arange(self.count)
-        if count * self.count <= MOST_DENSE:
-            self.GT = np.zeros((count, self.count))
-            self.GT[self.ends[0], row], self.GT[self.ends[1], row] = -1.0, 1.0
-        else:
-            ends = self.ends.T.ravel()
-            signs, starts = np.tile((-1.0, 1.0), self.count), np.arange(0, 2 * self.count + 1, 2)
-            self.GT = csr_array((signs, ends, starts), shape=(self.count, count)).T
-        return moments[:, :, :2]
+        ofForces = np.einsum("ikn,jkn->ijn", invInertia, self.X)
+        self.XM = np.concatenate((ofForces, invInertia), axis=1)
+        self.GT = differences(self.ends, count)
+        self.moments = moments[:, :, :2]
 
-    def _make_responses(self, motion, moments):
-        """Computes what follows from the responses A; moments : (3, 7, 2, M), r × e of the rows.
+    def _make_responses(self, motion):
+        """Computes what follows from the responses A.
 
         mass : (4, M), of each point alone; K[k] : (3 - k, M), response of the speeds of the points
             after point k to its impulse, times their masses
-        frictionResponse, frictionMass : (6, M), entries xx, xy, xz, yy, yz, zz of A and A⁻¹ of the
-            friction rows alone
+        frictionResponse, frictionMass : (3, 3, M), A and A⁻¹ of the friction rows alone
         slip : (3, 7, M), impulses along the friction rows that stop what changes of the normal
             impulses and the present speeds make them slip
         """
@@ -214,8 +223,8 @@ class SoftContacts(PlacedManifolds):
         count = np.bincount(ends, minlength=len(motion.invMass))
         load = np.maximum(count / RELAXATION, 1.0)
         invInertia = take(load * motion.invInertia, ends, axis=1).reshape(3, 3, 2, -1)
-        turning = np.einsum("ijem,jrem->riem", invInertia, moments).reshape(7, 6, -1)
-        moments = moments.transpose(1, 0, 2, 3).reshape(7, 6, -1)
+        turning = np.einsum("ijem,jrem->riem", invInertia, self.moments).reshape(7, 6, -1)
+        moments = self.moments.transpose(1, 0, 2, 3).reshape(7, 6, -1)
         A = np.einsum("rim,sim->rsm", moments, turning)
         invMass = take(load * motion.invMass, ends).reshape(2, -1).sum(axis=0)
         for row in (slice(0, POINTS), 4, 5):
@@ -231,8 +240,7 @@ class SoftContacts(PlacedManifolds):
         inverse = cross(friction[:, [1, 2, 0]], friction[:, [2, 0, 1]])
         determinant = dot(friction[:, 0], inverse[:, 0])
         inverse /= np.where(determinant > 0.0, determinant, 1.0)
-        entries = [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]
-        self.frictionMass, self.frictionResponse = inverse[entries], friction[entries]
+        self.frictionResponse, self.frictionMass = friction, inverse
         ofNormals = np.einsum("ikm,kjm->ijm", inverse, A[POINTS:, :POINTS])
         self.slip = np.concatenate((ofNormals, inverse), axis=1)
         self.slip[2] *= isSpun
@@ -251,14 +259,17 @@ class SoftContacts(PlacedManifolds):
     def measure(self, motion):
         """Computes the speeds (7, M) of the rows; those of the points are > 0 if separating."""
         self.apply(motion)
-        moving = np.einsum("ijn,jn->in", self.X, motion.velocity)
+        moving = motion.velocity.copy()
+        moving[:3] += np.einsum("ijn,jn->in", self.X, moving[3:])
         relative = take(moving, self.ends[1], axis=1) - take(moving, self.ends[0], axis=1)
         self.speed = np.einsum("irm,im->rm", self.R, relative)
 
     def apply(self, motion):
         """Applies the impulses accumulated since the last call to the bodies."""
         wrench = self.GT @ np.einsum("irm,rm->im", self.R, self.pending).T
-        motion.velocity += np.einsum("ijn,jn->in", self.XM, np.ascontiguousarray(wrench.T))
+        wrench = np.ascontiguousarray(wrench.T)
+        motion.velocity[:3] += motion.invMass * wrench[:3]
+        motion.velocity[3:] += np.einsum("ijn,jn->in", self.XM, wrench)
         self.pending = self.nothing
 
     def warm_start(self):
@@ -275,6 +286,8 @@ class SoftContacts(PlacedManifolds):
         bias = np.maximum(np.maximum(self.spring.rate * self.separation, self.push), approach)
         softness = np.maximum(self.separation > 0.0, self.spring.softness)  # 1 for a gap
         self.measure(motion)
+        if self.sliders is None:
+            self.sliders = Sliders(self, self.timeStep)
         self._solve(bias, softness)
         self.measure(motion)
         closing = self.speed[:POINTS] + np.maximum(approach, 0.0)
@@ -293,7 +306,7 @@ class SoftContacts(PlacedManifolds):
 
         The points of a manifold are visited in order, as in the Gauss-Seidel method, and then
         friction. Alternating the order would make tall stacks sway. In the soft sweep, what slides
-        keeps its friction up to the limit, because `_slide` takes as long as all the rest.
+        keeps its friction, which would otherwise exceed the limit of the points.
         """
         before, speed, change = self.impulse, self.speed, self.change
         impulse = self.impulse = np.empty_like(before)
@@ -306,89 +319,82 @@ class SoftContacts(PlacedManifolds):
                 left[k + 1 :] -= K * change[k]
         change[POINTS:] = speed[POINTS:]
         friction = before[POINTS:] - np.einsum("irm,rm->im", self.slip, change)
+        # Coulomb's law: at most μ Σ λ, and a twist of at most μ Σ λ times the lever arm
         limit = np.einsum("ikm,km->im", self.limits, impulse[:POINTS])
-        # the points cannot share the friction S and the twist T among them: some slide if about
-        # (S/L)² + (T/M)² > 1 with the limits L of S alone and M of T alone
-        scale = (1.0 / np.where(limit > 0.0, limit, np.inf))[[0, 0, 1]]
-        size = norm(scale * friction)
-        slides = size > 1.0
-        if softness is not None:
-            used = np.maximum(norm(scale * before[POINTS:]), TINY)
-            kept = np.minimum(1.0 / used, 1.0) * before[POINTS:]
-            share = np.maximum(1.0 - used, 0.0) / np.maximum(size, 1.0)
-            friction = np.where(slides, kept + share * friction, friction)
-        np.multiply(friction, scale[0] > 0.0, out=impulse[POINTS:])
-        slides = indices(slides) if softness is None else ()
-        if len(slides):
-            sliding = self._slide(slides, take(friction, slides, axis=1), size[slides])
-            for row, value in zip(impulse[POINTS:], sliding, strict=True):
-                row[slides] = value
+        sliding = () if self.sliders is None else self.sliders.rows
+        if softness is not None and len(sliding):
+            friction = np.where(self.sliders.isSlider, before[POINTS:], friction)
+        size = friction * friction
+        size[0] += size[1]
+        size = np.sqrt(size[::2])
+        share, twistShare = limit / np.maximum(np.maximum(size, limit), TINY)
+        np.multiply(friction[:2], share, out=impulse[4:6])
+        np.multiply(friction[2], twistShare, out=impulse[6])
+        if softness is None and len(sliding):
+            values = self.sliders.friction(impulse, friction, limit, speed)
+            for row, value in zip(impulse[POINTS:], values, strict=True):
+                row[sliding] = value
         self.pending = impulse - before
-
-    def _slide(self, some, sticking, size):
-        """Friction (3, K) of manifolds `some`, each point's against its slip and at most μ λ.
-
-        sticking : (3, K), f*, impulses that would stop the slip w = A (f - f*) of the rows
-        size : (K,), about what f* is to be divided by to reach the limit
-
-        A point that slips by u = Bᵀ w receives -μ λ u/|u|. With c = μ λ/|u| for an estimate of |u|
-        and C = Σ B c Bᵀ, f = -C w, and thus w = -(A⁻¹ + C)⁻¹ f*. A point that would then slip
-        faster than estimated receives no more than μ λ. The estimate is the slip with f = f*/size,
-        scaled down to the measured slip of all points; that of each would make spins oscillate.
-        """
-        levers, w = take(self.levers, some, axis=2), take(self.speed[POINTS:], some, axis=1)
-        limit = take(self.limits[0], some, axis=1) * take(self.impulse[:POINTS], some, axis=1)
-
-        def slip(w):
-            u1, u2 = w[0] + levers[1] * w[2], w[1] + levers[2] * w[2]
-            return np.sqrt(u1 * u1 + u2 * u2)
-
-        def response(c):
-            """Entries (4, K) of C: xx and yy, xz, yz, zz."""
-            return np.einsum("ikm,km->im", levers, c)
-
-        xx, xy, xz, yy, yz, zz = take(self.frictionResponse, some, axis=1)
-        x, y, z = sticking * (1.0 / size - 1.0)
-        scaled = xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
-        speed = slip(scaled)
-        speed *= np.minimum(slip(w).sum(axis=0) / np.maximum(speed.sum(axis=0), TINY), 1.0)
-        speed = np.maximum(speed, self.leastSlip)
-        c, cxz, cyz, czz = response(limit / speed)
-        xx, xy, xz, yy, yz, zz = take(self.frictionMass, some, axis=1)
-        # elimination in the symmetric matrix
-        xx, xz, yz = xx + c, xz + cxz, yz + cyz
-        a, b = xy / xx, xz / xx
-        yy, yz, zz = yy + c - a * xy, yz - a * xz, zz + czz - b * xz
-        c = yz / yy
-        x, y, z = -sticking
-        y = y - a * x
-        z = (z - b * x - c * y) / (zz - c * yz)
-        y = y / yy - c * z
-        x = x / xx - a * y - b * z
-        c, cxz, cyz, czz = response(limit / np.maximum(speed, slip((x, y, z))))
-        return -(c * x + cxz * z), -(c * y + cyz * z), -(cxz * x + cyz * y + czz * z)
 
     def restitute(self, motion, CRCoeff, closing, bodies, links):
         """Lets points that met faster than gravity accelerates them in a step separate with e times
-        that speed, as far as energy allows.
+        that speed, as far as energy allows; then those that this makes meet, and so on.
 
         closing : (4, M), from `impact_speeds`; links : (2, R), bodies connected by constraints
+
+        Other manifolds that took a blow within the substeps give it back before, so that they pass
+        it on in turn, as in a row of balls. What still closes after the last sweep bounces in the
+        next step.
         """
         bounces = (closing < -self.fall) & (self.total[:POINTS] > 0.0)
         if not bounces.any():
             return
-        bias = np.where(bounces, CRCoeff * closing, np.maximum(self.separation, 0.0) / self.h)
+        least = max(self.fall, -BOUNCE_SHARE * closing[bounces].min())
         self.apply(motion)
-        before, velocity = self.impulse, motion.velocity[:, :-1].copy()
-        for _ in range(RESTITUTION_SWEEPS):
+        before, velocity = self.total, motion.velocity[:, :-1].copy()
+        touches = (before[:POINTS] > 0.0) | (self.isPoint & (self.separation <= 0.0))
+        touches = self.isPoint & touches.any(axis=0)
+        load = np.add.reduce(before[:POINTS])
+        blow = load - self.carried
+        isBlow = (np.add.reduce(self.mass) * blow > self.fall) & ~bounces.any(axis=0)
+        self.total = before * np.where(isBlow, 1.0 - CRCoeff * blow / np.maximum(load, TINY), 1.0)
+        self.pending = self.total - before
+        for _ in range(BOUNCE_ROUNDS):
+            self.apply(motion)
+            some = indices(bounces.any(axis=0))
+            bias = np.where(bounces, CRCoeff * closing, np.maximum(self.separation, 0.0) / self.h)
+            self.total[:, some] = self._bounced(some, take(bias, some, 1), motion)
             self.measure(motion)
-            self._solve(bias)
-        self.apply(motion)
+            closing = self.speed[:POINTS]
+            bounces = touches & (closing < -least) & (self.separation < -self.timeStep * closing)
+            if not bounces.any():
+                break
         links = np.concatenate((self.ends, take(motion.column, links)), axis=1)
         share = energy_share(bodies, motion, velocity, links)
         motion.velocity[:, :-1] += (share - 1.0) * (motion.velocity[:, :-1] - velocity)
         share = take(share, self.ends.min(axis=0))  # of the first end that moves
-        self.total += share * (self.impulse - before)
+        self.total = before + share * (self.total - before)
+
+    def _bounced(self, some, bias, motion):
+        """Solves manifolds `some` (K,) alone, from the measured motion on; returns their `total`.
+
+        bias : (4, K)
+        """
+        part = copy(self)
+        for name in ("ends", "R", "moments", "limits", "isPoint", "change", "nothing"):
+            setattr(part, name, take(getattr(self, name), some, -1))
+        part._make_responses(motion)
+        part.GT = differences(part.ends, len(motion.invMass))
+        part.impulse, part.pending, part.sliders = take(self.total, some, 1), part.nothing, None
+        most = -BOUNCE_TOLERANCE * bias.min()
+        for _ in range(BOUNCE_SWEEPS):
+            part.measure(motion)
+            error = part.speed[:POINTS] + bias
+            if np.where(part.impulse[:POINTS] > 0.0, np.abs(error), -error).max() <= most:
+                break
+            part._solve(bias)
+        part.apply(motion)
+        return part.impulse
 
     def store(self, manifolds):
         """Returns the manifolds with the values from which the next step starts."""
@@ -398,6 +404,97 @@ class SoftContacts(PlacedManifolds):
             values[name] = getattr(manifolds, name).copy()
             values[name][..., self.rows] = value
         return manifolds.renewed(**values)
+
+
+def differences(ends, bodies):
+    """G, transposed: (bodies, M), -1 at the first and 1 at the second of `ends` (2, M)."""
+    count = ends.shape[1]
+    if bodies * count <= MOST_DENSE:
+        GT, row = np.zeros((bodies, count)), np.arange(count)
+        GT[ends[0], row], GT[ends[1], row] = -1.0, 1.0
+        return GT
+    signs, starts = np.tile((-1.0, 1.0), count), np.arange(0, 2 * count + 1, 2)
+    return csr_array((signs, ends.T.ravel(), starts), shape=(count, bodies)).T
+
+
+class Sliders:
+    """Friction of manifolds `rows` (K,) whose points slide, each point's against its slip.
+
+    A point that slips by u = Bᵀ w, with the speeds w of the friction rows, receives -μ λ u/|u|.
+    """
+
+    def __init__(self, contacts, timeStep):
+        """Selects manifolds that slip fast and may touch within the step, by measured speeds."""
+        self.gyration, least = contacts.gyration, FAST_SLIP * max(contacts.fall, TINY)
+        isFast = self._mean_square(contacts.speed[POINTS:]) > least * least
+        closing = timeStep * (contacts.fall - contacts.speed[:POINTS])
+        isNear = contacts.isPoint & (contacts.separation < closing)
+        self.isSlider = isFast & isNear.any(axis=0) & contacts.limits[1].any(axis=0)
+        self.rows = some = indices(self.isSlider)
+        self.gyration = self.gyration[some]
+        self.levers, self.limits = take(contacts.levers, some, 2), take(contacts.limits[0], some, 1)
+        self.response = take(contacts.frictionResponse, some, 2)
+        self.mass, self.least = take(contacts.frictionMass, some, 2), contacts.leastSlip
+
+    def friction(self, impulse, sticking, limit, speed):
+        """Impulses (3, K) along the friction rows.
+
+        impulse : (7, M), of all rows, whose friction is that of points that stick
+        sticking : (3, M), f*, impulses that would stop the slip w = A (f - f*) of the rows
+        limit : (2, M), of friction and twist; speed : (7, M), of all rows
+        """
+        impulse, sticking = take(impulse, self.rows, 1), take(sticking, self.rows, 1)
+        # the points cannot share the friction S and the twist T among them: some slide if about
+        # (S/L)² + (T/M)² > 1 with the limits L of S alone and M of T alone
+        limit = np.maximum(take(limit, self.rows, 1), TINY)
+        size = norm(sticking / limit[[0, 0, 1]])
+        speed = take(speed[POINTS:], self.rows, 1)
+        sliding = self._sliding(impulse[:POINTS], sticking, np.maximum(size, 1.0), speed)
+        return np.where(size > 1.0, sliding, impulse[POINTS:])
+
+    def _sliding(self, impulse, sticking, size, speed):
+        """Friction (3, K) if points slide.
+
+        size : (K,), about what f* is to be divided by to reach the limit; speed : (3, K)
+
+        With c = μ λ/|u| for an estimate of |u| and C = Σ B c Bᵀ, f = -C w, and thus
+        w = -(A⁻¹ + C)⁻¹ f*. A point that would then slip faster than estimated receives no more
+        than μ λ. The estimate is the slip with f = f*/size, scaled down to the measured slip of all
+        points; that of each would make spins oscillate.
+        """
+        limit = self.limits * impulse
+        scaled = np.einsum("ijm,jm->im", self.response, sticking * (1.0 / size - 1.0))
+        ratio = self._mean_square(speed) / np.maximum(self._mean_square(scaled), TINY)
+        estimate = self._slip(scaled * np.sqrt(np.minimum(ratio, 1.0)))
+        np.maximum(estimate, self.least, out=estimate)
+        c, cxz, cyz, czz = np.einsum("ikm,km->im", self.levers, limit / estimate)
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = self.mass
+        # elimination in the symmetric matrix
+        xx, xz, yz = xx + c, xz + cxz, yz + cyz
+        a, b = xy / xx, xz / xx
+        yy, yz, zz = yy + c - a * xy, yz - a * xz, zz + czz - b * xz
+        c = yz / yy
+        x, y, z = w = -sticking
+        y -= a * x
+        z -= b * x + c * y
+        z /= zz - c * yz
+        y /= yy
+        y -= c * z
+        x /= xx
+        x -= a * y + b * z
+        limit /= np.maximum(estimate, self._slip(w))
+        c, cxz, cyz, czz = np.einsum("ikm,km->im", self.levers, limit)
+        return np.stack((-(c * x + cxz * z), -(c * y + cyz * z), -(cxz * x + cyz * y + czz * z)))
+
+    def _mean_square(self, w):
+        """Mean squares (K,) of `_slip`."""
+        x, y, z = w
+        return x * x + y * y + self.gyration * (z * z)
+
+    def _slip(self, w):
+        """Slip speeds (4, K) of the points; w : (3, K), speeds of the friction rows."""
+        u1, u2 = w[:2, None] + self.levers[1:3] * w[2]
+        return np.sqrt(u1 * u1 + u2 * u2)
 
 
 def energy_share(bodies, motion, before, links):

@@ -7,7 +7,8 @@ island, a few rolling bodies would keep nearly all of it awake.
 A sleeping body has no velocity, and supports others like a fixed one. It wakes if it or a body that
 it touches has been moved from outside, if one of its contacts or constraints is lost, if a body
 that touches it is fast again, or if gravity, friction or the length of a substep has changed.
-Waking therefore spreads by one body per step.
+Waking therefore spreads by one body per step. Only with restitution, a blow wakes all sleepers that
+it may pass through, because one that still sleeps is like a wall.
 """
 
 from types import SimpleNamespace
@@ -68,17 +69,24 @@ class Sleep(SimpleNamespace):
         columns = [getattr(bodies, name) != getattr(self, name) for name in self.STATE]
         return np.concatenate(columns).any(axis=0)
 
-    def woken(self, bodies, disturbed, links, lost):
+    def woken(self, bodies, disturbed, links, lost, blow):
         """Returns the `Sleep` at the start of a step. The timers of disturbed bodies start anew.
 
         disturbed : (n,); links : (2, L), bodies that touch or are tied; the ground is body n
         lost : (K,), bodies that have lost a contact
+        blow : m/s, speed from which a body wakes all sleepers that its blow may pass through
         """
         isAsleep = self.isAsleep
         if isAsleep.any():
             wakes = np.append(disturbed | bodies.isKinematic | ~_are_slow(bodies), False)
             isNear = wakes | _beside(wakes, links)
             isNear[lost] = True
+            sleeps = np.append(isAsleep, False)
+            reached = _beside(np.append(speeds(bodies) > blow, False), links) & sleeps
+            count = 0
+            while count < (count := reached.sum()):
+                reached |= _beside(reached, links) & sleeps
+            isNear |= reached
             isAsleep = isAsleep & ~isNear[:-1] & ~bodies.isFixed
         # not those of bodies that others wake: fewer of a heap would sleep, by some per cent
         timer = np.where(disturbed, 0.0, self.timer)

@@ -21,6 +21,10 @@ from rbs.softstep.softconstraints import SoftConstraints, bounds, changed_ends
 from rbs.stepping.bodies import Bodies, check_numbers, turned
 from rbs.stepping.reports import StepReport
 
+# Speed of a blow that wakes all sleepers in its way, in multiples of the speed that gravity adds
+# per step. With less, bodies that roll keep heaps with restitution awake.
+BLOW_STEPS = 10.0
+
 
 def soft_step(meshes, groundMesh, constraints, step, state):
     """`run_timestep` with the soft-step solver; see there. Returns a `StepReport`.
@@ -70,7 +74,8 @@ def soft_step(meshes, groundMesh, constraints, step, state):
             links = np.concatenate((manifolds.bodies(kept.count), distances.ends), axis=1)
             isLost = find_sorted(kept.manifolds.key, manifolds.key) < 0
             lost = kept.manifolds.bodies(kept.count)[:, isLost].ravel()
-            sleep = kept.sleep.woken(bodies, isDisturbed, links, lost)
+            blow = BLOW_STEPS * bodies.fallRate * step.timeStep if step.CRCoeff else np.inf
+            sleep = kept.sleep.woken(bodies, isDisturbed, links, lost, blow)
     with report.phase("contactSolver"):
         motion = Motion(bodies, sleep.isAsleep)
         contacts = SoftContacts(manifolds, frames, motion, step.mu, step.timeStep, h, ratio)

@@ -8,6 +8,7 @@ import reprlib
 from contextlib import contextmanager
 from copy import copy
 from functools import lru_cache
+from operator import attrgetter, is_
 
 import numpy as np
 
@@ -131,7 +132,7 @@ def state_columns(meshes):
 
 def _columns(meshes, name, width):
     """Returns an attribute of `width` numbers of all meshes as a table (width, n)."""
-    values = [getattr(mesh, name) for mesh in meshes]
+    values = list(map(attrgetter(name), meshes))
     try:
         table = np.concatenate(values)
     except ValueError:  # slow path: different shapes, or no mesh
@@ -198,6 +199,7 @@ class Tables:
     def __init__(self, meshes):
         check_distinct(meshes)
         self.meshes, self.state = meshes, {}
+        self._invITs = [None] * len(meshes)
         self.vertexCount = np.array([len(m.origVertices) for m in meshes], dtype=np.intp)
         self.vertexStart = self.vertexCount.cumsum() - self.vertexCount
         self.vertices = np.ascontiguousarray(np.concatenate([m.origVertices for m in meshes]).T)
@@ -207,8 +209,17 @@ class Tables:
         """Whether the tables are the whole state: no mesh has read or been assigned any of it."""
         if not all([mesh._tables is self for mesh in self.meshes]):
             return False
-        own = [vars(mesh) for mesh in self.meshes]
+        own = [mesh.__dict__ for mesh in self.meshes]
         return not any([name in attributes for name in STATE_WIDTHS for attributes in own])
+
+    def inverse_tensors(self):
+        """Returns the invIT of all meshes (9, n), and makes them rows of one table."""
+        if not all(map(is_, map(attrgetter("invIT"), self.meshes), self._invITs)):
+            self._invIT = _columns(self.meshes, "invIT", 9)
+            self._invITs = list(self._invIT.T.reshape(-1, 3, 3))
+            for mesh, row in zip(self.meshes, self._invITs, strict=True):
+                mesh.invIT = row
+        return self._invIT
 
     def columns(self):
         """Returns a copy of the state, as `state_columns`."""
@@ -265,7 +276,7 @@ class Bodies:
         self.invMass = np.array([m.invMass for m in meshes], dtype=np.float64)
         self.isFixed = self.invMass == 0.0
         self.isKinematic = self.isFixed & self.velocity.any(axis=0)
-        self.restInvInertia = np.where(self.isFixed, 0.0, _columns(meshes, "invIT", 9))
+        self.restInvInertia = np.where(self.isFixed, 0.0, self._tables.inverse_tensors())
 
     position = property(lambda self: self.motion[0:3])
     velocity = property(lambda self: self.motion[3:9])

@@ -126,7 +126,7 @@ rbs/softstep/contacts.py: split masses, more than the whole (softstep)
 rbs/softstep/contacts.py: friction of a manifold, no coefficient (softstep)
     mu * isPoint * np.sqrt -> isPoint * np.sqrt
 rbs/softstep/contacts.py: friction of points that slide, the spin left out (experiments)
-    w[0] + levers[1] * w[2] -> w[0]
+    self.levers[1:3] * w[2] -> 0.0
 rbs/softstep/contacts.py: restitution, the fall within the step (softstep)
     speed * speed + gain -> speed * speed
 rbs/softstep/softconstraints.py: soft distance constraint, the sign of the second body (softstep)

@@ -29,7 +29,7 @@ from rbs.stepping.settings import GRAVITY
 STANDING = {
     "stack": (400, 20 * 0.007, 0.05),
     "pyramid": (150, 15 * 0.005, 5e-3),
-    "arch": (600, 0.05, 1e-4),
+    "arch": (400, 0.05, 1e-4),
     "dome": (200, 0.05, 1e-6),
     "card_house": (200, 0.05, 1e-6),
 }

@@ -52,7 +52,7 @@ def test_all_steps_pair_by_pair_agree_to_the_bit_with_gravity_askew():
 @pytest.mark.parametrize("degrees", [25.0, 28.0])
 def test_gravity_askew_is_a_slope(degrees):
     """With μ = 0.5, boxes slide from atan μ = 26.6° on: s = g (sin α - μ cos α) t²/2."""
-    angle, count = math.radians(degrees), 400
+    angle, count = math.radians(degrees), 200
     body = box_body(12, 6, 8, (0, 3, 0))
     pull, press = 9.8 * math.sin(angle), 9.8 * math.cos(angle)
     run([body], count, "soft step", gravity=(pull, -press, 0.0), mu=0.5)
