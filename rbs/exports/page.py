@@ -37,6 +37,24 @@ REACH, LINE_RADIUS = 12.0, 0.002
 SHADOW_HEIGHT = 1e-3
 
 
+# Height in pixels of the player in a notebook.
+PLAYER_HEIGHT = 480
+
+
+class Player:
+    """A page that plays a run, as a notebook shows it. `page` is its HTML."""
+
+    def __init__(self, page):
+        self.page = page
+
+    def __repr__(self):
+        return f"Player({len(self.page) / 1e6:.1f} MB; a notebook shows it)"
+
+    def _repr_html_(self):
+        style = f"width: 100%; height: {PLAYER_HEIGHT}px; border: 0"
+        return f'<iframe srcdoc="{html.escape(self.page)}" style="{style}"></iframe>'
+
+
 class PageWriter(PoseWriter):
     """Writes the states of a run as a page at its end."""
 

@@ -1,7 +1,7 @@
 """What comes of a run, from Python: pictures, videos, pages, exports, statistics.
 
-From the top: `Results`, the base of `Simulation` and of opened recordings; the page in a notebook;
-the table of statistics; the options of pictures. Units: metres, kilograms, seconds.
+From the top: `Results`, the base of `Simulation` and of opened recordings; the options of pictures.
+Units: metres, kilograms, seconds.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from rbs.appearance.pictureoptions import (
     video_timing,
 )
 from rbs.exports.formats import EXPORT_ENDINGS, export_writer
-from rbs.exports.page import PageWriter
+from rbs.exports.page import PageWriter, Player
 from rbs.pictures.backends import find_backend
 from rbs.program.headless import constraint_summary, shown_energy, step_progress
-from rbs.recordings.statistics import step_quantities
+from rbs.recordings.statistics import Table
 from rbs.scenes.messages import InputError, counted
 from rbs.scenes.scenefiles import scene_name
 
@@ -42,8 +42,6 @@ if TYPE_CHECKING:
 DEFAULT_STEPS = 500
 # Width and height in pixels of the picture that a notebook shows of a simulation.
 SMALL_SIZE = (480, 270)
-# Height in pixels of the player in a notebook.
-PLAYER_HEIGHT = 480
 
 
 class Results:
@@ -192,41 +190,6 @@ class Results:
         self.picture(size=SMALL_SIZE).save(content, "PNG")
         text = base64.b64encode(content.getvalue()).decode("ascii")
         return f'<br><img alt="the scene" src="data:image/png;base64,{text}">'
-
-
-class Player:
-    """A page that plays a run, as a notebook shows it. `page` is its HTML."""
-
-    def __init__(self, page):
-        self.page = page
-
-    def __repr__(self):
-        return f"Player({len(self.page) / 1e6:.1f} MB; a notebook shows it)"
-
-    def _repr_html_(self):
-        style = f"width: 100%; height: {PLAYER_HEIGHT}px; border: 0"
-        return f'<iframe srcdoc="{html.escape(self.page)}" style="{style}"></iframe>'
-
-
-class Table:
-    """A writer that keeps the quantities of every step, for `Results.stats`."""
-
-    def __init__(self):
-        self._rows = []
-
-    def add(self, simulation):
-        """Keeps the quantities of the present step."""
-        self._rows.append({"step": simulation.stepCount, **step_quantities(simulation)})
-
-    def columns(self):
-        """Returns the quantities as arrays, by name."""
-        return {name: np.array([row[name] for row in self._rows]) for name in self._rows[0]}
-
-    def save(self, simulation):
-        """Does nothing."""
-
-    def close(self):
-        """Does nothing."""
 
 
 def check_ending(path, endings, what):

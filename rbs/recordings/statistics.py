@@ -208,3 +208,24 @@ def plot_quantities(rows, path, title):
     for axes in panels[-1]:
         axes.set_xlabel("time (s)")
     figure.savefig(path, format="png")
+
+
+class Table:
+    """A writer that keeps the quantities of every step, for `Results.stats`."""
+
+    def __init__(self):
+        self._rows = []
+
+    def add(self, simulation):
+        """Keeps the quantities of the present step."""
+        self._rows.append({"step": simulation.stepCount, **step_quantities(simulation)})
+
+    def columns(self):
+        """Returns the quantities as arrays, by name."""
+        return {name: np.array([row[name] for row in self._rows]) for name in self._rows[0]}
+
+    def save(self, simulation):
+        """Does nothing."""
+
+    def close(self):
+        """Does nothing."""

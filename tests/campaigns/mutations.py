@@ -78,7 +78,7 @@ rbs/geometry/facets.py: faces above one point, all left out (facets)
 rbs/geometry/facets.py: edges, one of their faces is asked (facets)
     (nearOne | nearOther) == 0b111 -> (nearOne & nearOther) == 0b111
 rbs/geometry/facets.py: crossing arcs, antipodes too (gjk)
-    & (s[0] * r[1] > 0) -> & (s[0] * r[1] != 0)
+    & (s[0] * r[1] > 0)).nonzero() -> & (s[0] * r[1] != 0)).nonzero()
 rbs/geometry/hulls.py: approximate supports, rotated the wrong way (facets)
     = vec_mat(directions, -> = (lambda v, matrix: mat_vec(matrix, v))(directions,
 rbs/geometry/patches.py: contact at a vertex, a sign (gjk)
