@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING
 from numpy.typing import ArrayLike
 
 from rbs.program.headless import step_progress
-from rbs.program.results import Results, check_ending
+from rbs.program.results import Results
 from rbs.recordings.recording import RECORDING_ENDINGS, Recorder, Recording
 from rbs.recordings.replay import Replay
 from rbs.scenes import changes
+from rbs.scenes.files import check_ending
 from rbs.scenes.scenefiles import SceneSource, find_scene, scene_name
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.reports import StepReport

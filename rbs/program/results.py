@@ -30,6 +30,7 @@ from rbs.exports.page import PageWriter, Player
 from rbs.pictures.backends import find_backend
 from rbs.program.headless import constraint_summary, shown_energy, step_progress
 from rbs.recordings.statistics import Table
+from rbs.scenes.files import check_ending
 from rbs.scenes.messages import InputError, counted
 from rbs.scenes.scenefiles import scene_name
 
@@ -190,13 +191,6 @@ class Results:
         self.picture(size=SMALL_SIZE).save(content, "PNG")
         text = base64.b64encode(content.getvalue()).decode("ascii")
         return f'<br><img alt="the scene" src="data:image/png;base64,{text}">'
-
-
-def check_ending(path, endings, what):
-    """Raises ValueError unless the name of a file has one of these endings."""
-    if Path(path).suffix.lower() not in endings:
-        names = " or ".join(endings)
-        raise ValueError(f"the name of a {what} must end in {names}, not {str(path)!r}")
 
 
 def picture_options(given):

@@ -107,3 +107,10 @@ def folder_opener(folder):
     program = shutil.which("open" if sys.platform == "darwin" else "xdg-open")
     silent = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
     return program and (lambda: subprocess.Popen([program, folder], **silent))
+
+
+def check_ending(path, endings, what):
+    """Raises ValueError unless the name of a file has one of these endings."""
+    if Path(path).suffix.lower() not in endings:
+        names = " or ".join(endings)
+        raise ValueError(f"the name of a {what} must end in {names}, not {str(path)!r}")

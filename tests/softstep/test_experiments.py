@@ -4,7 +4,7 @@ import experiments as laws
 import numpy as np
 import pytest
 
-from rbs.scenes.simulation import Settings, Simulation
+from rbs.scenes.simulation import Settings
 
 
 @pytest.mark.parametrize(
