@@ -199,14 +199,13 @@ def our_loop(functions, meshes, groundMesh, *arguments, friction="mu", **options
     functions : the module; friction : what its resolve_collision calls the last argument of ours;
         the rest as for `run_timestep`
     """
-    taught = SimpleNamespace(**vars(functions))
 
     def resolve_collision(m1, m2, depth, normal, point, CRCoeff, *others):
         named = {friction: others[-1]} if others else {}
         contact = depth, np.array(normal), np.array(point), CRCoeff
         functions.resolve_collision(m1, m2, *contact, **named)  # returns what the loop must not see
 
-    taught.resolve_collision = resolve_collision
+    taught = SimpleNamespace(**vars(functions) | {"resolve_collision": resolve_collision})
     theirs = [mesh for mesh in (*meshes, groundMesh) if mesh is not None]
     kinds = [type(mesh) for mesh in theirs]
     for mesh, kind in zip(theirs, kinds, strict=True):
@@ -251,13 +250,12 @@ def loop_mesh(Mesh):
             return super().detect_collision(m)
 
         def bounding_box(self):
-            vertices = self.currVertices
-            return (*vertices.min(axis=0).tolist(), *vertices.max(axis=0).tolist())
+            low, high = self.currVertices.min(axis=0), self.currVertices.max(axis=0)
+            return (*low.tolist(), *high.tolist())
 
         def lowest_vertex(self):
-            if self.isFixed:
-                return None
-            return self.currVertices[self.currVertices[:, 1].argmin()].copy()
+            vertices = self.currVertices
+            return None if self.isFixed else vertices[vertices[:, 1].argmin()].copy()
 
         def arm(self, vertex):
             return QRotate(self.orientation, self.origVertices[[vertex]])

@@ -4,7 +4,7 @@ import experiments as laws
 import numpy as np
 import pytest
 
-from rbs.scenes.simulation import Settings
+from rbs.scenes.simulation import SceneSimulation, Settings
 
 
 @pytest.mark.parametrize(
@@ -84,9 +84,9 @@ def test_a_fixed_body_moves_with_its_velocity_in_all_steps(options):
 
 def test_a_step_that_is_too_long_for_a_small_body_is_told_with_one_that_is_not():
     cubes = [laws.box_body(size, size, size, (0, 0.75 * size, 0)) for size in (0.003, 1.0)]
-    simulation = Simulation.from_meshes(cubes[1:], settings=Settings(0.02))
+    simulation = SceneSimulation.from_meshes(cubes[1:], settings=Settings(0.02))
     assert simulation.step_advice() == ""
-    simulation = Simulation.from_meshes(cubes, settings=Settings(0.02))
+    simulation = SceneSimulation.from_meshes(cubes, settings=Settings(0.02))
     assert simulation.step_advice().startswith("a time step of 0.02 s is too long for")
     least = float(simulation.step_advice().split()[-2])
     assert 9.8 * least**2 < 0.2 * 0.003 < 9.8 * (2 * least) ** 2
