@@ -33,8 +33,9 @@ from rbs.stepping.settings import EARTH
 LARGEST_NUMBER = 1e75
 
 # glibc returns large freed arrays to the system, so that each step faults in the same pages anew, a
-# quarter of the grid step's time. It keeps arrays smaller than the largest one freed so far, up to
-# 32 MB (see M_MMAP_THRESHOLD in mallopt(3)). These bytes are never touched, and take no memory.
+# quarter of the time of a step in batches. It keeps arrays smaller than the largest one freed so
+# far, up to 32 MB (see M_MMAP_THRESHOLD in mallopt(3)). These bytes are never touched, and take no
+# memory.
 _freed = np.empty(31 << 20, dtype=np.uint8)
 del _freed
 
