@@ -189,7 +189,7 @@ def test_a_right_solution_passes_with_released_data(grader, tmp_path, released_d
 
 def collision_notes(edits):
     """The Grade of an edited solution in this process, and its notes as lines."""
-    grade = studentVariants.grades_of(edits)[1]
+    grade = studentVariants.grades_of(studentVariants.edited(edits))[1]
     return grade, [f"{what}: {text}" for what, text in grade.notes]
 
 
