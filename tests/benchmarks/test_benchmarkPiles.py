@@ -8,6 +8,7 @@ import benchmarkPiles
 import pytest
 
 
+@pytest.mark.slow
 def test_there_is_a_row_for_each_run_and_window(tmp_path):
     words = "--sizes 6 12 --kinds heap --windows 1-3 2-5 --all-up-to 6 --out".split()
     command = [sys.executable, benchmarkPiles.__file__, *words, tmp_path]

@@ -36,6 +36,7 @@ SHORT = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SHORT)
 def test_a_short_campaign_finds_nothing(name):
     cases, hits = SHORT[name]
@@ -77,6 +78,7 @@ def a_kept_box(patch):
     patch.setattr(RBSFunctions.Mesh, "bounding_box", kept)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "fault", "cases"),
     [
@@ -115,6 +117,7 @@ def test_oracles_of_depth_agree():
     assert 10 < hits < 35
 
 
+@pytest.mark.slow
 def test_bounds_hold_in_a_short_run(capsys):
     assert set(RUNS) == {"tower", "cube", "pile_200"}
     assert run_long("cube", 130) and run_long("pile_200", 15)

@@ -203,6 +203,7 @@ def test_what_cannot_be_compared_ends_it_with_2(scene, tmp_path, compare):
         assert cause in error
 
 
+@pytest.mark.slow
 def test_a_slow_program_is_compared_as_far_as_there_is_time(scene, tmp_path, compare):
     line = "    up = np.array([[0.0, 1.0, 0.0]])\n"
     slow = line, f"    import time\n    time.sleep(0.3)\n{line}"

@@ -85,6 +85,7 @@ def graded(tmp_path_factory):
     return place / "out", first, printed, errors
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
 def test_ctrl_c_keeps_what_is_graded(graded):
     code, said, count = graded[1]
@@ -92,10 +93,12 @@ def test_ctrl_c_keeps_what_is_graded(graded):
     assert said.startswith(f"grade.py: stopped with {count} of {len(EXPECTED_OF_PART)} graded")
 
 
+@pytest.mark.slow
 def test_each_gets_the_expected_outcome(graded):
     assert mismatches(graded[0], EXPECTED_OF_PART) == {}
 
 
+@pytest.mark.slow
 def test_the_table_says_the_same_where_letters_are_missing(graded):
     out, _first, printed, errors = graded
     assert errors == ""
@@ -112,6 +115,7 @@ def test_the_table_says_the_same_where_letters_are_missing(graded):
     assert f"2 of {len(EXPECTED_OF_PART)} fail: everything: refused" in printed
 
 
+@pytest.mark.slow
 def test_marks_sheets_and_results_agree(graded):
     out = graded[0]
     marks, grades = rows_in(out / "marks.csv"), rows_in(out / "grades.csv")
@@ -133,6 +137,7 @@ def test_marks_sheets_and_results_agree(graded):
     assert (out / "grades.csv").read_text("utf-8-sig").count("\n'=SUM(1),") == 3
 
 
+@pytest.mark.slow
 def test_copies_are_alike_and_others_are_not(graded):
     with open(graded[0] / "likeness.csv", encoding="utf-8-sig") as file:
         rows = [line.rstrip("\n").rsplit(",", 2) for line in file][1:]

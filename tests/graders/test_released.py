@@ -73,6 +73,7 @@ def test_a_students_solution_passes_and_mistakes_do_not(grader, place):
     assert max(errors_of(run(grader, place / "grading", STAND_INS))) > 0.01
 
 
+@pytest.mark.slow
 def test_each_variant_gets_the_hints_and_verdict_of_the_table(tmp_path):
     """The released graders judge a part of them here; the script that writes the table, all."""
     table = (studentVariants.FIXTURES / "variants.md").read_text(encoding="utf-8")

@@ -135,6 +135,7 @@ def test_text_file(folder, name, check):
     fuzz(f"{name} {check.__name__}", check_mutated, SceneError)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("isKilled", [False, True])
 def test_recording(folder, monkeypatch, isKilled):
     """Whole, and as a killed run leaves it."""
