@@ -107,7 +107,7 @@ def test_polyscope_is_imported_by_what_draws_only():
 
 
 def test_the_coursework_loads_few_files():
-    """What the steps of many bodies need is imported when a step is handed over to them."""
+    """Modules that only the steps on arrays need are imported when such a step is made."""
     program = "import sys, RBSFunctions; print(*sys.modules)"
     command = [sys.executable, "-c", program]
     loaded = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout

@@ -49,7 +49,7 @@ def test_a_short_campaign_finds_nothing(name):
 
 
 def too_tolerant(patch):
-    """Hulls that are a hundredth of their size apart touch."""
+    """Counts hulls as touching if they are a hundredth of their size apart."""
     patch.setattr(GJK, "TOUCH_TOLERANCE", 1e-2)
 
 

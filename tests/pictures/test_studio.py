@@ -37,7 +37,7 @@ def view_of(*meshes, size=SIZE, **options):
 
 
 def light_of(view, counts=studio.STILL_DIRECTIONS):
-    """The SceneLight of a picture, of a still where nothing else is said."""
+    """The SceneLight of a picture, by default of a still."""
     one = studio.Studio(counts)
     one.take(view)
     return one.light

@@ -93,7 +93,7 @@ BROKEN = {
 }
 
 
-LOOPS = ["--our-loop", "--broad-phase grid", "--our-loop --scheduling queue"]
+LOOPS = ["--our-loop", "--our-loop --broad-phase grid --scheduling queue"]
 
 
 @pytest.mark.parametrize("options", LOOPS)
