@@ -30,8 +30,7 @@ import numpy as np
 
 import GJK
 from Quaternion import exponential, multiply, rotation_matrices
-from rbs.geometry import vectors
-from rbs.geometry.hulls import build_hull, rotate_columns
+from rbs.geometry.hulls import RotatedHull, build_hull, rotate_columns
 from rbs.geometry.triples import (
     ZERO,
     add,
@@ -242,23 +241,6 @@ def check_methods(meshes, taught):
 # --------------------------------------------------------------------------------------------------
 # Mesh
 # --------------------------------------------------------------------------------------------------
-
-
-class RotatedHull:
-    """Geometry of a mesh at one orientation, as collision detection reads it.
-
-    hull : `Hull`, at rest; rotation : nine floats, matrix row by row
-    vertices : (3, V), relative to the COM; hullVertices : (3, Vh), the vertices of the hull
-    low, high : three floats each, bounding box of the hull relative to the COM
-    """
-
-    def __init__(self, mesh):
-        self.hull = mesh.hull
-        self.rotation = rotation_matrices(floats(mesh.orientation, 4))
-        self.vertices = vectors.mat_vec(np.array(self.rotation), mesh.origVertices.T)
-        self.hullVertices = self.vertices.take(self.hull.vertexIndex, axis=1)
-        self.low = self.hullVertices.min(axis=1).tolist()
-        self.high = self.hullVertices.max(axis=1).tolist()
 
 
 class Mesh:
@@ -566,7 +548,7 @@ class Mesh:
         """Returns the first lowest vertex in the world (3,), or None if the mesh is fixed."""
         if self.isFixed:
             return None
-        vertices = self.rotated_hull().vertices
+        vertices = self.rotated_hull().points
         x, y, z = vector(self.position)
         column = (vertices[1] + y).argmin()
         return vertices[:, column] + (x, y, z)
@@ -607,7 +589,8 @@ class Mesh:
         """Returns the `RotatedHull` at the present orientation; None without vertices."""
         orientation = self.orientation.tobytes()
         if self._rotatedHull[0] != orientation and self.hull is not None:
-            self._rotatedHull = orientation, RotatedHull(self)
+            rotation = rotation_matrices(floats(self.orientation, 4))
+            self._rotatedHull = orientation, RotatedHull(self.hull, self.origVertices, rotation)
         return self._rotatedHull[1]
 
     def bounding_box(self):
@@ -621,7 +604,7 @@ class Mesh:
 
     def arm(self, vertex):
         """Returns the vector (1, 3) from the COM to a rest vertex, rotated."""
-        return self.rotated_hull().vertices[:, vertex].reshape(1, 3)
+        return self.rotated_hull().points[:, vertex].reshape(1, 3)
 
     @property
     def currVertices(self):

@@ -86,8 +86,8 @@ def transpose(matrix):
 
 def rotate_tensor(rotation, tensor):
     """R T Rᵀ for a symmetric tensor T; symmetric to the last bit."""
-    rows = transpose([x for k in range(3) for x in mat_vec(rotation, tensor[k::3])])  # of R T
-    xx, yy, zz = (dot(rows[k : k + 3], rotation[k : k + 3]) for k in (0, 3, 6))
-    xy, xz = (dot(rows[0:3], rotation[k : k + 3]) for k in (3, 6))
-    yz = dot(rows[3:6], rotation[6:9])
-    return (xx, xy, xz, xy, yy, yz, xz, yz, zz)
+    x, y, z = zip(*(mat_vec(rotation, tensor[k::3]) for k in range(3)), strict=True)  # rows of R T
+    r0, r1, r2 = rotation[0:3], rotation[3:6], rotation[6:9]
+    xx, xy, xz = dot(x, r0), dot(x, r1), dot(x, r2)
+    yy, yz, zz = dot(y, r1), dot(y, r2), dot(z, r2)
+    return xx, xy, xz, xy, yy, yz, xz, yz, zz
