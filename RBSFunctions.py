@@ -495,7 +495,7 @@ class Mesh:
 
     def follow_velocity(self, timeStep):
         """Moves a fixed mesh that has been given a velocity, as `integrate_timestep` others."""
-        if self.linVelocity.any() or self.angVelocity.any():
+        if vector(self.linVelocity) != ZERO or vector(self.angVelocity) != ZERO:
             self._fly(number(timeStep), ZERO)
 
     def _fly(self, h, gravity):
