@@ -9,6 +9,7 @@ above it in its package's list.
     softstep    the contact solver in which piles come to rest
     scenes      files, meshes, scenes, and the simulation that steps them
     recordings  recordings of runs, replays, statistics
+    opening     opening scenes and recordings by name
     appearance  what a scene looks like: colours, surfaces, light
     exports     runs as files for 3-D programs and browsers
     pictures    pictures and videos, drawn with Polyscope

@@ -22,7 +22,7 @@ from rbs.appearance.pictureoptions import (
     VIDEO_RATE,
 )
 from rbs.exports.formats import EXPORT_ENDINGS
-from rbs.program.catalogue import SCENES
+from rbs.opening.catalogue import SCENES
 from rbs.recordings.recording import RECORDING_ENDINGS
 from rbs.scenes.messages import PROGRAM_NAME, one_line, short
 from rbs.scenes.textfiles import plain_float, plain_int
