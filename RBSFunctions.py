@@ -30,8 +30,7 @@ import numpy as np
 
 import GJK
 from Quaternion import exponential, multiply, rotation_matrices
-from rbs.geometry import vectors
-from rbs.geometry.hulls import build_hull, rotate_columns
+from rbs.geometry.hulls import RotatedHull, build_hull, rotate_columns
 from rbs.geometry.triples import (
     ZERO,
     add,
@@ -40,6 +39,7 @@ from rbs.geometry.triples import (
     dot,
     floats,
     mat_vec,
+    matrix,
     mul_add,
     norm,
     number,
@@ -242,23 +242,6 @@ def check_methods(meshes, taught):
 # --------------------------------------------------------------------------------------------------
 # Mesh
 # --------------------------------------------------------------------------------------------------
-
-
-class RotatedHull:
-    """Geometry of a mesh at one orientation, as collision detection reads it.
-
-    hull : `Hull`, at rest; rotation : nine floats, matrix row by row
-    vertices : (3, V), relative to the COM; hullVertices : (3, Vh), the vertices of the hull
-    low, high : three floats each, bounding box of the hull relative to the COM
-    """
-
-    def __init__(self, mesh):
-        self.hull = mesh.hull
-        self.rotation = rotation_matrices(floats(mesh.orientation, 4))
-        self.vertices = vectors.mat_vec(np.array(self.rotation), mesh.origVertices.T)
-        self.hullVertices = self.vertices.take(self.hull.vertexIndex, axis=1)
-        self.low = self.hullVertices.min(axis=1).tolist()
-        self.high = self.hullVertices.max(axis=1).tolist()
 
 
 class Mesh:
@@ -513,7 +496,7 @@ class Mesh:
 
     def follow_velocity(self, timeStep):
         """Moves a fixed mesh that has been given a velocity, as `integrate_timestep` others."""
-        if self.linVelocity.any() or self.angVelocity.any():
+        if vector(self.linVelocity) != ZERO or vector(self.angVelocity) != ZERO:
             self._fly(number(timeStep), ZERO)
 
     def _fly(self, h, gravity):
@@ -530,7 +513,7 @@ class Mesh:
         """`integrate_timestep` with constant angular momentum; see `torque_free_velocities`."""
         if not self.isFixed:
             state = vector(self.angVelocity), floats(self.orientation, 4)
-            tensors = floats(self.IT, 9), floats(self.invIT, 9)
+            tensors = matrix(self.IT), matrix(self.invIT)
             mean, end = torque_free_velocities(*state, *tensors, number(timeStep))
             self.angVelocity = row(mean)
             self.integrate_timestep(timeStep, gravity)
@@ -566,7 +549,7 @@ class Mesh:
         """Returns the first lowest vertex in the world (3,), or None if the mesh is fixed."""
         if self.isFixed:
             return None
-        vertices = self.rotated_hull().vertices
+        vertices = self.rotated_hull().points
         x, y, z = vector(self.position)
         column = (vertices[1] + y).argmin()
         return vertices[:, column] + (x, y, z)
@@ -574,7 +557,7 @@ class Mesh:
     def get_rotated_inv_IT(self):
         """Inverse inertia tensor in world axes, R I⁻¹ Rᵀ: (3, 3)."""
         rotation = rotation_matrices(floats(self.orientation, 4))
-        return np.array(rotate_tensor(rotation, floats(self.invIT, 9))).reshape(3, 3)
+        return np.array(rotate_tensor(rotation, matrix(self.invIT))).reshape(3, 3)
 
     def push(self, impulse, point):
         """Applies an impulse (3,), mass · speed, at a world point (3,), unless the mesh is fixed.
@@ -607,7 +590,8 @@ class Mesh:
         """Returns the `RotatedHull` at the present orientation; None without vertices."""
         orientation = self.orientation.tobytes()
         if self._rotatedHull[0] != orientation and self.hull is not None:
-            self._rotatedHull = orientation, RotatedHull(self)
+            rotation = rotation_matrices(floats(self.orientation, 4))
+            self._rotatedHull = orientation, RotatedHull(self.hull, self.origVertices, rotation)
         return self._rotatedHull[1]
 
     def bounding_box(self):
@@ -621,7 +605,7 @@ class Mesh:
 
     def arm(self, vertex):
         """Returns the vector (1, 3) from the COM to a rest vertex, rotated."""
-        return self.rotated_hull().vertices[:, vertex].reshape(1, 3)
+        return self.rotated_hull().points[:, vertex].reshape(1, 3)
 
     @property
     def currVertices(self):
@@ -679,7 +663,7 @@ class Body:
     def from_arrays(cls, invMass, invInertia, position, linVelocity, angVelocity):
         """Makes a body of a number and arrays of any shape."""
         velocities = vector(linVelocity), vector(angVelocity)
-        return cls(number(invMass), floats(invInertia, 9), vector(position), *velocities)
+        return cls(number(invMass), matrix(invInertia), vector(position), *velocities)
 
 
 class ContactImpulses(NamedTuple):
@@ -870,8 +854,8 @@ def resolve_velocity_constraint(
     invMass1, invMass2 = number(invMasses[0]), number(invMasses[1])
     if abs(Jv) <= number(tolerance) or invMass1 + invMass2 == 0.0:
         return abs(Jv) <= tolerance, currLinVelocities, currAngVelocities
-    k1, response1 = inverse_effective_mass(invMass1, floats(invInertiaTensors[0], 9), r1CrossN)
-    k2, response2 = inverse_effective_mass(invMass2, floats(invInertiaTensors[1], 9), r2CrossN)
+    k1, response1 = inverse_effective_mass(invMass1, matrix(invInertiaTensors[0]), r1CrossN)
+    k2, response2 = inverse_effective_mass(invMass2, matrix(invInertiaTensors[1]), r2CrossN)
     impulse = -Jv / (k1 + k2)
     return (
         False,
@@ -901,7 +885,13 @@ def resolve_constraints(meshes, constraints, step, report, taught):
     with report.phase("constraints"):
         if len(constraints) == 0:
             return
-        from rbs.stepping.constraints import ConstraintRows, project_in_batches, queue, sweep
+        from rbs.stepping.constraints import (
+            ConstraintRows,
+            InverseTensors,
+            project_in_batches,
+            queue,
+            sweep,
+        )
 
         rows = ConstraintRows(constraints, meshes, step.tolerance)
         maximumVisits = max(step.maxIterations, rows.total)
@@ -910,12 +900,19 @@ def resolve_constraints(meshes, constraints, step, report, taught):
             visits = project_in_batches(meshes, rows, step.tolerance, maximumVisits)
         else:
             ties, tolerance = rows.ties(meshes), step.tolerance
+            tensors = InverseTensors(meshes)
+            moves = [0] * len(meshes)  # number of corrections of each body
+            held = {c: (-1, None, None) for c in ties}  # when all points of c were last computed
 
             def visit(c):
                 """Corrects constraint c if it is violated, and returns whether it was."""
-                m1, m2, arm1, arm2, refValue, upper, invMasses, tensors = ties[c]
-                positions = x1, x2 = m1.position, m2.position
-                points = x1 + arm1, x2 + arm2
+                b1, b2, arm1, arm2, refValue, upper, invMasses = ties[c]
+                m1, m2, when = meshes[b1], meshes[b2], moves[b1] + moves[b2]
+                before, positions, points = held[c]
+                if before != when:
+                    positions = x1, x2 = m1.position, m2.position
+                    points = x1 + arm1, x2 + arm2
+                    held[c] = when, positions, points
                 positionWasValid, (x1, x2) = taught.resolve_position_constraint(
                     positions, points, refValue, invMasses, upper, tolerance
                 )
@@ -924,12 +921,14 @@ def resolve_constraints(meshes, constraints, step, report, taught):
                 # the points stay on one line, so that arms and direction still hold
                 velocities = (m1.linVelocity, m2.linVelocity), (m1.angVelocity, m2.angVelocity)
                 _, (v1, v2), (omega1, omega2) = taught.resolve_velocity_constraint(
-                    positions, points, *velocities, invMasses, tensors, tolerance
+                    positions, points, *velocities, invMasses, (tensors[b1], tensors[b2]), tolerance
                 )
                 if invMasses[0]:
                     m1.position, m1.linVelocity, m1.angVelocity = x1, v1, omega1
+                    moves[b1] += 1
                 if invMasses[1]:
                     m2.position, m2.linVelocity, m2.angVelocity = x2, v2, omega2
+                    moves[b2] += 1
                 return True
 
             schedule = queue if step.constraintScheduling == "queue" else sweep
