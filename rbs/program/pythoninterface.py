@@ -5,13 +5,14 @@ Units: metres, kilograms, seconds. The y axis points up and the ground is the pl
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
+from rbs.glass.events import Event
 from rbs.program.headless import step_progress
 from rbs.program.results import Results
 from rbs.recordings.recording import RECORDING_ENDINGS, Recorder, Recording
@@ -63,8 +64,13 @@ class Simulation(Results, SceneSimulation):
         self._recorders = []
         super().__init__(scene, settings)
 
-    def step(self) -> None:
+    def step(self, observer: Callable[[Event], None] | None = None) -> None:
         """Goes on by one time step.
+
+        Parameters
+        ----------
+        observer : function, optional
+            Called with each `Event` of the step, such as `list.append`. See rbs/glass/events.py.
 
         Raises
         ------
@@ -72,7 +78,7 @@ class Simulation(Results, SceneSimulation):
             If a number would become NaN, infinite or absurdly large. The simulation stays as it
             was before the step.
         """
-        super().step()
+        super().step(observer)
         for recorder in self._recorders:
             recorder.add(self)
 
