@@ -33,9 +33,10 @@ class Event(NamedTuple):
 
     kind : one of the kinds above
     bodies : indices of the meshes, or GROUND as the second one
-    before, after : `BodyState` of each body
+    before, after : lists of the `BodyState` of each body
     given : dict of what the call got, by the coursework's names. Of a contact: depth ≥ 0, normal
-        (3,) from body 1 to body 2, point (3,), CRCoeff, closingOnly and mu. Of a constraint: its
+        (3,) from body 1 to body 2, point (3,), CRCoeff, closingOnly and mu; of
+        friction, also the normal impulse. Of a constraint: its
         index, points, refValue, upper, tolerance, and isValid. Of a contact point of a step on
         arrays: depth, normal, arm, impulse, friction (3,), mu
     """
@@ -60,7 +61,7 @@ class Watch:
 
     def _tell(self, kind, meshes, before, after, **given):
         bodies = tuple(self._index[id(mesh)] for mesh in meshes)
-        self._observer(Event(kind, bodies, tuple(before), tuple(after), given))
+        self._observer(Event(kind, bodies, before, after, given))
 
     def tell_flights(self):
         """Tells of the flight of each body that moves, after all have flown."""
@@ -85,31 +86,18 @@ class Watch:
             yield i, j
 
     def resolving(self, resolve_collision):
-        """Returns `resolve_collision`, which tells of the contact and of what it did.
-
-        What the impulse changed along the normal is the normal impulse, and the rest friction.
-        """
+        """Returns `resolve_collision`, which tells of the contact and of what it did."""
 
         def resolve(m1, m2, depth, normal, point, CRCoeff, closingOnly=False, mu=0.0):
-            pair, isGround = (m1, m2), self._index[id(m2)] == GROUND
             extended = (closingOnly, mu) if closingOnly or mu else ()
-            d, n, p = (np.array(one, dtype=np.float64).ravel() for one in (depth, normal, point))
-            if isGround or d[0] < 0.0:
-                d, n = np.abs(d), -n
-            given = {"depth": float(d[0]), "normal": n, "point": p}
+            bodies, before = tuple(self._index[id(m)] for m in (m1, m2)), states_of((m1, m2))
+            given = contact(bodies, depth, normal, point)
             given |= {"CRCoeff": CRCoeff, "closingOnly": closingOnly, "mu": mu}
-            before = states_of(pair)
-            self._tell(GROUND_CONTACT if isGround else CONTACT, pair, before, before, **given)
-            impulses = resolve_collision(*pair, depth, normal, point, CRCoeff, *extended)
-            after = states_of(pair)
-            moved = [
-                one._replace(position=end.position) for one, end in zip(before, after, strict=True)
-            ]
-            self._tell(CORRECTION, pair, before, moved, **given)
-            pushed = without_friction(moved, after, p + after[1].position - before[1].position, n)
-            self._tell(IMPULSE, pair, moved, pushed if mu else after, **given)
-            if mu:
-                self._tell(FRICTION, pair, pushed, after, **given)
+            kind = GROUND_CONTACT if bodies[1] == GROUND else CONTACT
+            self._observer(Event(kind, bodies, before, before, given))
+            impulses = resolve_collision(m1, m2, depth, normal, point, CRCoeff, *extended)
+            for event in resolution(bodies, before, states_of((m1, m2)), given):
+                self._observer(event)
             return impulses
 
         return resolve
@@ -138,6 +126,34 @@ class Watch:
         """Tells of each contact of a step on arrays, with the states after the step."""
         for event in point_events(report, self._meshes, self._step.mu):
             self._observer(event)
+
+
+def contact(bodies, depth, normal, point):
+    """Returns depth ≥ 0, normal (3,) from body 1 to body 2, and point (3,) of a contact: dict."""
+    d, n, p = (np.array(one, dtype=np.float64).ravel() for one in (depth, normal, point))
+    isOpposite = bodies[1] == GROUND or d[0] < 0.0  # on the ground, it points into the body
+    return {"depth": abs(float(d[0])), "normal": -n if isOpposite else n, "point": p}
+
+
+def resolution(bodies, before, after, given):
+    """Returns the events of a contact's resolution: correction, impulse, and friction if mu > 0.
+
+    before, after : `BodyState` of both bodies; given : of the events
+
+    What changed the velocities along the normal is the normal impulse, and the rest friction.
+    """
+    n, mu = given["normal"], given["mu"]
+    moved = [a._replace(position=b.position) for a, b in zip(before, after, strict=True)]
+    point = given["point"] + after[1].position - before[1].position
+    pushed = _without_friction(moved, after, point, n) if mu else after
+    events = [
+        Event(CORRECTION, bodies, before, moved, given),
+        Event(IMPULSE, bodies, moved, pushed, given),
+    ]
+    if mu:
+        given = given | {"impulse": float(applied_impulse(moved, pushed) @ n)}
+        events.append(Event(FRICTION, bodies, pushed, after, given))
+    return events
 
 
 def states_of(meshes):
@@ -171,7 +187,7 @@ def applied_impulse(before, after):
     return (a1.linVelocity - b1.linVelocity) / (a1.invMass or 1.0)
 
 
-def without_friction(before, after, point, n):
+def _without_friction(before, after, point, n):
     """Returns the states (2) with only the part along n of the impulse between two moments.
 
     before, after : `BodyState` of both bodies; point : contact point (3,)
@@ -192,9 +208,9 @@ def point_events(report, meshes, mu):
 
     meshes : after the step; mu : coefficient of friction
     """
-    states, ground, events = states_of(meshes), states_of([None]), []
+    states, (ground,), events = states_of(meshes), states_of([None]), []
     for c in report.contacts:
-        pair = states[c.body1], (ground if c.body2 == GROUND else states[c.body2 : c.body2 + 1])[0]
+        pair = [states[c.body1], ground if c.body2 == GROUND else states[c.body2]]
         given = {"depth": c.depth, "normal": np.array(c.normal), "arm": np.array(c.arm)}
         given |= {"impulse": c.impulse, "friction": np.array(c.friction), "mu": mu}
         events.append(Event(POINT, (c.body1, c.body2), pair, pair, given))
