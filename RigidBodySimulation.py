@@ -26,16 +26,16 @@ from rbs.appearance.pictureoptions import (
 )
 from rbs.exports.formats import export_writer
 from rbs.geometry.surfaces import NonConvexWarning
+from rbs.opening.lookup import open_replay
+from rbs.opening.suggestions import SceneOpener, apply_settings, note_recommended
 from rbs.pictures.backends import find_backend
 from rbs.program import headless, options as commandLine
-from rbs.program.opening import list_files, open_replay
 from rbs.program.options import given_settings
 from rbs.program.pythoninterface import Simulation
 from rbs.program.submittedsteps import SubmittedSteps
-from rbs.program.suggestions import SceneOpener, apply_settings, note_recommended
 from rbs.recordings.recording import Recorder, Recording
 from rbs.recordings.replay import resume, verify
-from rbs.recordings.statistics import PlotWriter, StatsWriter, step_quantities
+from rbs.recordings.statistics import PlotWriter, StatsWriter
 from rbs.scenes import scenefiles
 from rbs.scenes.files import check_outputs
 from rbs.scenes.meshfiles import load_mesh_file
@@ -90,6 +90,8 @@ def run_asked_mode(options):
         inputs + simulation.source.files(),
     )
     pictureOptions = picture_options_of(options)
+    if options.trace is not None:
+        return headless.trace_step(simulation, *options.trace)
     if commandLine.WITHOUT_WINDOW & set(options):
         return run_as_asked(simulation, options, pictureOptions)
     choices = given_settings(options), ignores_recommendations(options)
@@ -192,7 +194,7 @@ def open_window_or_fall_back(simulation, options, pictureOptions, opener):
         from rbs.window.panel import show_window
 
         note_recommended(simulation)
-        show_window(simulation, backend, opener, list_files, step_quantities, pictureOptions)
+        show_window(simulation, backend, opener, pictureOptions)
         return 0
     writers = []
     if backend.name is None:

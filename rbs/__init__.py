@@ -10,6 +10,7 @@ above it in its package's list.
     glass       the events of a step, with the numbers of each formula
     scenes      files, meshes, scenes, and the simulation that steps them
     recordings  recordings of runs, replays, statistics
+    opening     opening scenes and recordings by name
     appearance  what a scene looks like: colours, surfaces, light
     exports     runs as files for 3-D programs and browsers
     pictures    pictures and videos, drawn with Polyscope

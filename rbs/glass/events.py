@@ -10,11 +10,17 @@ import numpy as np
 
 from rbs.stepping.reports import GROUND
 
-# What can happen. A contact is followed by its position correction, its impulse, and its friction
-# if there is any. A step on arrays tells of each contact point once, with its total impulses.
-FLIGHT, BOXES, CONTACT, GROUND_CONTACT = "free flight", "boxes overlap", "contact", "ground contact"
-CORRECTION, IMPULSE, FRICTION = "position correction", "impulse", "friction"
-CONSTRAINT, POINT = "constraint", "contact point"
+
+class Kind:
+    """What can happen.
+
+    A contact is followed by its position correction, its impulse, and its friction if there is any.
+    A step on arrays tells of each contact point once, with its total impulses.
+    """
+
+    FLIGHT, BOXES, CONTACT = "free flight", "boxes overlap", "contact"
+    GROUND_CONTACT, CORRECTION = "ground contact", "position correction"
+    IMPULSE, FRICTION, CONSTRAINT, POINT = "impulse", "friction", "constraint", "contact point"
 
 
 class BodyState(NamedTuple):
@@ -31,20 +37,19 @@ class BodyState(NamedTuple):
 class Event(NamedTuple):
     """One event of a step.
 
-    kind : one of the kinds above
+    kind : of `Kind`
     bodies : indices of the meshes, or GROUND as the second one
     before, after : lists of the `BodyState` of each body
     given : dict of what the call got, by the coursework's names. Of a contact: depth ≥ 0, normal
-        (3,) from body 1 to body 2, point (3,), CRCoeff, closingOnly and mu; of
-        friction, also the normal impulse. Of a constraint: its
-        index, points, refValue, upper, tolerance, and isValid. Of a contact point of a step on
-        arrays: depth, normal, arm, impulse, friction (3,), mu
+        (3,) from body 1 to body 2, point (3,), CRCoeff, closingOnly and mu; of friction, also the
+        normal impulse. Of a constraint: its index, points, refValue, upper, tolerance, and isValid.
+        Of a contact point of a step on arrays: depth, normal, arm, impulse, friction (3,), mu
     """
 
     kind: str
     bodies: tuple
-    before: tuple
-    after: tuple
+    before: list
+    after: list
     given: dict
 
 
@@ -70,7 +75,7 @@ class Watch:
             self._meshes, self._start, states_of(self._meshes), strict=True
         ):
             if not mesh.isFixed or (before.position != after.position).any():
-                self._tell(FLIGHT, [mesh], [before], [after], **given)
+                self._tell(Kind.FLIGHT, [mesh], [before], [after], **given)
 
     def pairs(self, pairs):
         """Yields the pairs, and tells of those whose bounding boxes overlap when it is their turn.
@@ -82,7 +87,7 @@ class Watch:
             a, b = np.array(m1.bounding_box()), np.array(m2.bounding_box())
             if (np.maximum(a, b)[:3] <= np.minimum(a, b)[3:]).all() and (m1.invMass or m2.invMass):
                 states = states_of((m1, m2))
-                self._tell(BOXES, (m1, m2), states, states)
+                self._tell(Kind.BOXES, (m1, m2), states, states)
             yield i, j
 
     def resolving(self, resolve_collision):
@@ -93,7 +98,7 @@ class Watch:
             bodies, before = tuple(self._index[id(m)] for m in (m1, m2)), states_of((m1, m2))
             given = contact(bodies, depth, normal, point)
             given |= {"CRCoeff": CRCoeff, "closingOnly": closingOnly, "mu": mu}
-            kind = GROUND_CONTACT if bodies[1] == GROUND else CONTACT
+            kind = Kind.GROUND_CONTACT if bodies[1] == GROUND else Kind.CONTACT
             self._observer(Event(kind, bodies, before, before, given))
             impulses = resolve_collision(m1, m2, depth, normal, point, CRCoeff, *extended)
             for event in resolution(bodies, before, states_of((m1, m2)), given):
@@ -117,7 +122,7 @@ class Watch:
             )
             isCorrected = visit(c)
             given |= {"tolerance": self._step.tolerance, "isValid": not isCorrected}
-            self._tell(CONSTRAINT, (m1, m2), before, states_of((m1, m2)), **given)
+            self._tell(Kind.CONSTRAINT, (m1, m2), before, states_of((m1, m2)), **given)
             return isCorrected
 
         return watched
@@ -147,12 +152,12 @@ def resolution(bodies, before, after, given):
     point = given["point"] + after[1].position - before[1].position
     pushed = _without_friction(moved, after, point, n) if mu else after
     events = [
-        Event(CORRECTION, bodies, before, moved, given),
-        Event(IMPULSE, bodies, moved, pushed, given),
+        Event(Kind.CORRECTION, bodies, before, moved, given),
+        Event(Kind.IMPULSE, bodies, moved, pushed, given),
     ]
     if mu:
         given = given | {"impulse": float(applied_impulse(moved, pushed) @ n)}
-        events.append(Event(FRICTION, bodies, pushed, after, given))
+        events.append(Event(Kind.FRICTION, bodies, pushed, after, given))
     return events
 
 
@@ -213,5 +218,5 @@ def point_events(report, meshes, mu):
         pair = [states[c.body1], ground if c.body2 == GROUND else states[c.body2]]
         given = {"depth": c.depth, "normal": np.array(c.normal), "arm": np.array(c.arm)}
         given |= {"impulse": c.impulse, "friction": np.array(c.friction), "mu": mu}
-        events.append(Event(POINT, (c.body1, c.body2), pair, pair, given))
+        events.append(Event(Kind.POINT, (c.body1, c.body2), pair, pair, given))
     return events

@@ -9,19 +9,7 @@ import math
 
 import numpy as np
 
-from rbs.glass.events import (
-    BOXES,
-    CONSTRAINT,
-    CONTACT,
-    CORRECTION,
-    FLIGHT,
-    FRICTION,
-    GROUND_CONTACT,
-    IMPULSE,
-    POINT,
-    applied_impulse,
-    world_inertia,
-)
+from rbs.glass.events import Kind, applied_impulse, world_inertia
 
 # Units by symbol; without digits of bodies and primes.
 UNITS = dict.fromkeys(["d", "p", "r", "COM", "C", "refValue", "tolerance"], "m") | {"h": "s"}
@@ -36,29 +24,29 @@ INVERSE_MASS = "1/kg"  # of K, and each of its terms
 MOTION = ("v{0}′ = v{0} {1} {2} m{0}⁻¹ n", "ω{0}′ = ω{0} {1} {2} I{0}⁻¹(r{0}×n)")
 K = "K = m1⁻¹ + m2⁻¹ + (r1×n)ᵀI1⁻¹(r1×n) + (r2×n)ᵀI2⁻¹(r2×n)"
 FORMULAS = {
-    FLIGHT: ("v′ = v + g h", "COM′ = COM + v′ h", "q′ = exp( ½ h ω ) ◦ q"),
-    BOXES: (),
-    CONTACT: ("depth d", "normal n , from body 1 to body 2", "point p of body 2"),
-    GROUND_CONTACT: ("depth d", "normal n , from the body into the ground", "lowest vertex p"),
-    CORRECTION: (
+    Kind.FLIGHT: ("v′ = v + g h", "COM′ = COM + v′ h", "q′ = exp( ½ h ω ) ◦ q"),
+    Kind.BOXES: (),
+    Kind.CONTACT: ("depth d", "normal n , from body 1 to body 2", "point p of body 2"),
+    Kind.GROUND_CONTACT: ("depth d", "normal n , from the body into the ground", "lowest vertex p"),
+    Kind.CORRECTION: (
         "w1 = m1⁻¹ / ( m1⁻¹ + m2⁻¹ )",
         "COM1′ = COM1 − w1 d n",
         "COM2′ = COM2 + w2 d n",
     ),
-    IMPULSE: (
+    Kind.IMPULSE: (
         "u = v1 + ω1 × r1 − ( v2 + ω2 × r2 )",
         K,
         "j = (1 + e ) u·n / K",
         *(one.format(1, "−", "j") for one in MOTION),
         *(one.format(2, "+", "j") for one in MOTION),
     ),
-    FRICTION: (
+    Kind.FRICTION: (
         "u = v1 + ω1 × r1 − ( v2 + ω2 × r2 )",
         "u·t along t",
         K.replace("×n", "×t"),
         "f = min( (u·t)/K , μj ) : the body result",
     ),
-    CONSTRAINT: (
+    Kind.CONSTRAINT: (
         "C = ‖p1−p2‖ − refValue : result",
         "COM1′ = COM1 − w1 C n",
         "COM2′ = COM2 + w2 C n",
@@ -68,7 +56,7 @@ FORMULAS = {
         *(one.format(1, "+", "λ") for one in MOTION),
         *(one.format(2, "−", "λ") for one in MOTION),
     ),
-    POINT: ("depth d", "normal n", "u·n after the step", "j along n", "|f| ≤ μj : result"),
+    Kind.POINT: ("depth d", "normal n", "u·n after the step", "j along n", "|f| ≤ μj : result"),
 }
 
 
@@ -86,7 +74,7 @@ def formulas(event):
     lines, usual = FORMULAS[event.kind], "(1 + e ) u·n / K"
     if event.given.get("closingOnly"):
         lines = [one.replace(usual, f"max( 0, {usual} )") for one in lines]
-    if event.kind == CONSTRAINT and event.given["isValid"]:
+    if event.kind == Kind.CONSTRAINT and event.given["isValid"]:
         return lines[:1]
     still = [f"{k}′ = " for k, one in enumerate(event.before, 1) if one.invMass == 0.0]
     return [one for one in lines if not any(text in one for text in still)]
@@ -109,17 +97,22 @@ def seen(event):
     isPair = len(event.before) == 2
     impulse = applied_impulse(event.before, event.after) if isPair else np.zeros(3)
     for symbol, along in (("j", 1.0), ("λ", -1.0)):
-        if symbol in computed and event.kind in (IMPULSE, CONSTRAINT):
+        if symbol in computed and event.kind in (Kind.IMPULSE, Kind.CONSTRAINT):
             found[symbol] = float(along * impulse @ computed["n"])
             if found[symbol]:
                 found["K"] = computed["K"] * computed[symbol] / found[symbol]
-    if event.kind == FRICTION:
+    if event.kind == Kind.FRICTION:
         found["f"] = float(impulse @ computed["t"])
     numbers = [""] if len(event.after) == 1 else ["1", "2"]
     for k, after in zip(numbers, event.after, strict=True):
         for name, value in zip(("COM", "q", "v", "ω"), after[:4], strict=True):
             found[f"{name}{k}′"] = value
     return {symbol: found[symbol] for symbol in computed if symbol in found}
+
+
+def values(event):
+    """Returns the value of each symbol as it was: `seen` where it is known, otherwise `terms`."""
+    return terms(event) | seen(event)
 
 
 def _flight(event, given):
@@ -248,6 +241,16 @@ def _point(event, given):
     return found
 
 
-_TERMS = {FLIGHT: _flight, CONTACT: _contact, GROUND_CONTACT: _contact, CORRECTION: _correction}
-_TERMS |= {IMPULSE: _impulse, FRICTION: _friction, CONSTRAINT: _constraint, POINT: _point}
-_TERMS[BOXES] = lambda event, given: {}
+_TERMS = {
+    Kind.FLIGHT: _flight,
+    Kind.CONTACT: _contact,
+    Kind.GROUND_CONTACT: _contact,
+    Kind.CORRECTION: _correction,
+}
+_TERMS |= {
+    Kind.IMPULSE: _impulse,
+    Kind.FRICTION: _friction,
+    Kind.CONSTRAINT: _constraint,
+    Kind.POINT: _point,
+}
+_TERMS[Kind.BOXES] = lambda event, given: {}

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from numpy.typing import ArrayLike
 
 from rbs.glass.events import Event
+from rbs.glass.trace import trace_lines
 from rbs.program.headless import step_progress
 from rbs.program.results import Results
 from rbs.recordings.recording import RECORDING_ENDINGS, Recorder, Recording
@@ -81,6 +82,18 @@ class Simulation(Results, SceneSimulation):
         super().step(observer)
         for recorder in self._recorders:
             recorder.add(self)
+
+    def trace(self, body: Mesh | int | None = None) -> str:
+        """Goes on by one time step, and returns a table of what happened in it.
+
+        Parameters
+        ----------
+        body : Mesh or int, optional
+            Only the events of this one.
+        """
+        events, index = [], None if body is None else self._index(body)
+        self.step(events.append)
+        return "\n".join(trace_lines(events, self.meshes, index))
 
     def change(self, change):
         """Applies a `Change` to the bodies; recordings know of it."""

@@ -51,14 +51,14 @@ CHOICES = {"impulse": "impulses in turn", "soft-step": "soft step: piles rest"}
 CHOICES |= {"all": "all pairs", "plain": "as in the window"}
 
 
-def show_window(simulation, backend, openFile, listFiles, measure, pictureOptions=None):
+def show_window(simulation, backend, opener, pictureOptions=None):
     """Opens the window on a SceneSimulation or a Replay. Returns when it is closed.
 
-    backend : see `start_view`; pictureOptions : PictureOptions, or None; others : see `Viewer`
+    backend : see `start_view`; opener : SceneOpener; pictureOptions : PictureOptions, or None
     """
     options = pictureOptions or PictureOptions()
     view = start_view(simulation, backend, replace(options, look="plain"))
-    viewer = Viewer(simulation, view, openFile, listFiles, measure, options.look)
+    viewer = Viewer(simulation, view, opener, options.look)
     panel = Panel(viewer)
     panel.lay_out()
     if options.camera is None:

@@ -19,11 +19,13 @@ import numpy as np
 
 from rbs.appearance.pictureoptions import video_timing
 from rbs.exports.page import PageWriter
+from rbs.opening.lookup import list_files
 from rbs.pictures.cameras import apply_camera, kept_camera, load_camera, save_camera
 from rbs.pictures.capture import Video, save_picture
 from rbs.pictures.pictureprocess import PictureProcess
 from rbs.recordings.recording import Recorder, is_recording_name
 from rbs.recordings.replay import resume
+from rbs.recordings.statistics import step_quantities
 from rbs.scenes import changes
 from rbs.scenes.files import folder_opener
 from rbs.scenes.grabbing import MOST_SHOTS, Grab, shot
@@ -70,17 +72,15 @@ class Viewer:
         which is itself among them only after going back
     """
 
-    def __init__(self, simulation, view, openFile, listFiles, measure, look="plain"):
-        """openFile(text, folder) returns a SceneSimulation or Replay, or raises ValueError.
-        listFiles(folder) returns a list of ListedFile, measure(simulation) a dict of floats.
-        """
+    def __init__(self, simulation, view, opener, look="plain"):
+        """opener : SceneOpener of the files that the user opens"""
         self.simulation, self.view, self.playback, self.look = simulation, view, Playback(), look
         self.isPlaying = self.isMeasuring = False
         self.pushSpeed = DEFAULT_PUSH
         self.message, self.saved = "" if simulation.isReplay else simulation.step_advice(), ""
         self.grab = self.offer = self.video = self.page = self.recorder = self.picture = None
         self.history = deque(maxlen=PLOTTED_STEPS)
-        self._openFile, self._listFiles, self._measure = openFile, listFiles, measure
+        self._opener = opener
         self._suggest()
         # Per step and per frame: the seconds of the whole and of its parts.
         self._steps, self._frames = deque(maxlen=TIMED_STEPS), deque(maxlen=TIMED_STEPS)
@@ -186,7 +186,7 @@ class Viewer:
     def _show(self):
         """Draws the present state and adds it to the plots."""
         if self.isMeasuring or len(self.simulation.meshes) <= MANY_BODIES:
-            self.history.append((self.simulation.time, self._measure(self.simulation)))
+            self.history.append((self.simulation.time, step_quantities(self.simulation)))
         self.view.refresh()
 
     def step_once(self):
@@ -290,7 +290,7 @@ class Viewer:
             if Path(path).suffix == ".json":
                 apply_camera(load_camera(os.path.expanduser(path)))
             else:
-                self._show_other(self._openFile(path, self.simulation.scenePath.parent))
+                self._show_other(self._opener.open(path, self.simulation.scenePath.parent))
         except ValueError as error:
             self.message = str(error)
         except (OSError, MemoryError) as error:
@@ -354,7 +354,7 @@ class Viewer:
 
     def files(self):
         """Returns a list of ListedFile: files beside the current scene, and the scenes in data/."""
-        return self._listFiles(self.simulation.scenePath.parent)
+        return list_files(self.simulation.scenePath.parent)
 
     def name(self):
         """Returns the name of the current scene."""

@@ -6,17 +6,7 @@ import numpy as np
 import pytest
 from oracles import ROOT
 
-from rbs.glass.events import (
-    BOXES,
-    CONSTRAINT,
-    CONTACT,
-    CORRECTION,
-    FLIGHT,
-    FRICTION,
-    GROUND_CONTACT,
-    IMPULSE,
-    POINT,
-)
+from rbs.glass.events import Kind
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import Settings
 from RBSFunctions import run_timestep
@@ -59,11 +49,11 @@ def test_observed_steps_have_the_same_bits_and_the_sum_of_their_events(scene, se
             assert np.abs(total - after).max() <= 1e-12 * max(1.0, np.abs(after).max())
             twinned = np.hstack([getattr(twin, name) for name in STATE])
             assert after.tobytes() == twinned.tobytes()
-    expected = {FLIGHT, BOXES, CORRECTION, IMPULSE}
-    expected |= {GROUND_CONTACT} if scene == "mixed" else {CONTACT}
-    expected |= {CONSTRAINT} if scene == "tower_chain" else set()
-    expected |= {CONTACT} & set(kinds)  # in mixed, without friction
-    assert set(kinds) == expected | ({FRICTION} if "friction" in settings else set())
+    expected = {Kind.FLIGHT, Kind.BOXES, Kind.CORRECTION, Kind.IMPULSE}
+    expected |= {Kind.GROUND_CONTACT} if scene == "mixed" else {Kind.CONTACT}
+    expected |= {Kind.CONSTRAINT} if scene == "tower_chain" else set()
+    expected |= {Kind.CONTACT} & set(kinds)  # in mixed, without friction
+    assert set(kinds) == expected | ({Kind.FRICTION} if "friction" in settings else set())
 
 
 def test_events_follow_each_other_without_gaps():
@@ -76,10 +66,10 @@ def test_events_follow_each_other_without_gaps():
                 last[body] = after
         kinds = [event.kind for event in events]
         for k, kind in enumerate(kinds):
-            if kind in (CONTACT, GROUND_CONTACT):
-                assert kinds[k + 1 : k + 4] == [CORRECTION, IMPULSE, FRICTION]
-            if kind == CONTACT:
-                assert kinds[k - 1] == BOXES and events[k - 1].bodies == events[k].bodies
+            if kind in (Kind.CONTACT, Kind.GROUND_CONTACT):
+                assert kinds[k + 1 : k + 4] == [Kind.CORRECTION, Kind.IMPULSE, Kind.FRICTION]
+            if kind == Kind.CONTACT:
+                assert kinds[k - 1] == Kind.BOXES and events[k - 1].bodies == events[k].bodies
 
 
 def test_events_agree_with_the_report():
@@ -87,15 +77,15 @@ def test_events_agree_with_the_report():
     events = events_of(simulation)
     contacts = simulation.report.contacts
     assert len(contacts) >= 2
-    heads = [e for e in events if e.kind in (CONTACT, GROUND_CONTACT)]
+    heads = [e for e in events if e.kind in (Kind.CONTACT, Kind.GROUND_CONTACT)]
     assert sorted(e.bodies for e in heads) == sorted((c.body1, c.body2) for c in contacts)
     for event in events:
-        if event.kind in (IMPULSE, FRICTION):
+        if event.kind in (Kind.IMPULSE, Kind.FRICTION):
             (contact,) = (c for c in contacts if (c.body1, c.body2) == event.bodies)
             free, sign = (0, -1.0) if event.before[0].invMass else (1, 1.0)
             a, b = event.before[free], event.after[free]
             given = contact.friction
-            if event.kind == IMPULSE:
+            if event.kind == Kind.IMPULSE:
                 given = contact.impulse * np.array(contact.normal)
             change = sign * (b.linVelocity - a.linVelocity) / a.invMass
             assert np.allclose(change, given, rtol=1e-9, atol=1e-9 * contact.impulse)
@@ -103,7 +93,7 @@ def test_events_agree_with_the_report():
 
 
 def test_visits_say_whether_a_constraint_was_valid():
-    events = [e for e in events_of(simulated("tower_chain", 60)) if e.kind == CONSTRAINT]
+    events = [e for e in events_of(simulated("tower_chain", 60)) if e.kind == Kind.CONSTRAINT]
     valid = Counter(event.given["isValid"] for event in events)
     assert min(valid[True], valid[False]) > 5
     for event in events:
@@ -117,7 +107,7 @@ def test_the_queue_visits_what_the_sweep_corrects():
     told = []
     for scheduling in ("sweep", "queue"):
         events = events_of(simulated("tower_chain", 60, constraintScheduling=scheduling))
-        visits = [e.given for e in events if e.kind == CONSTRAINT]
+        visits = [e.given for e in events if e.kind == Kind.CONSTRAINT]
         told.append([one["constraint"] for one in visits if not one["isValid"]])
     assert told[0] == told[1] and told[0]
 
@@ -135,7 +125,7 @@ def test_batches_are_observed_pair_by_pair_with_the_same_bits():
 def test_the_soft_step_tells_of_its_contact_points():
     simulation = simulated("slide", 60, contactSolver="soft-step", friction=0.5)
     events = events_of(simulation)
-    assert {event.kind for event in events} == {POINT} and len(events) > 4
+    assert {event.kind for event in events} == {Kind.POINT} and len(events) > 4
     for event, contact in zip(events, simulation.report.contacts, strict=True):
         assert event.given["impulse"] == contact.impulse
         limit = event.given["mu"] * contact.impulse
@@ -147,7 +137,7 @@ def test_an_observer_that_raises_leaves_the_meshes_unchanged():
     before = {name: rows.copy() for name, rows in simulation.state().items()}
 
     def stop(event):
-        if event.kind == IMPULSE:
+        if event.kind == Kind.IMPULSE:
             raise RuntimeError("enough")
 
     with pytest.raises(RuntimeError, match="enough"):

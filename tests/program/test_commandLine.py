@@ -18,7 +18,7 @@ from program import CAMERA, DATA, PROGRAM, by_hand, call, environment, run, star
 
 import rbs.program.options
 from rbs import __version__
-from rbs.program.opening import list_files, open_file
+from rbs.opening.lookup import list_files, open_file
 from rbs.recordings.recording import Recording
 from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.state import STATE_NAMES

@@ -8,7 +8,7 @@ import pytest
 from oracles import COURSE, ROOT
 
 from rbs.geometry.surfaces import NonConvexWarning, tetrahedron_volumes
-from rbs.program.opening import find_file, list_files
+from rbs.opening.lookup import find_file, list_files
 from rbs.scenes.scenefiles import find_constraints, find_scene, scene_name
 from rbs.scenes.textfiles import SceneError
 from RigidBodySimulation import (

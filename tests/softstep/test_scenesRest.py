@@ -4,7 +4,7 @@ import pytest
 from oracles import DATA
 from restingScenes import CHECKS
 
-from rbs.program.suggestions import recommended_values
+from rbs.opening.suggestions import recommended_values
 from rbs.scenes.scenefiles import SceneSource
 
 RESTING = {"contactSolver": "soft-step", "friction": 0.5, "restitution": 0.0}

@@ -12,8 +12,8 @@ from program import DATA, record
 from views import make_viewer
 
 from rbs.appearance.colours import COLOURINGS
+from rbs.opening.suggestions import recommended_values
 from rbs.pictures.view import LAYERS, SceneView
-from rbs.program.suggestions import recommended_values
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay, restored_settings, verify
 from rbs.scenes.changes import fix

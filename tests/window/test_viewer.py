@@ -12,8 +12,8 @@ import pytest
 from program import DATA, record
 from views import StillView, make_viewer
 
-from rbs.program.opening import open_file
-from rbs.program.suggestions import apply_settings
+from rbs.opening.lookup import open_file
+from rbs.opening.suggestions import apply_settings
 from rbs.recordings.recording import Recording
 from rbs.recordings.replay import verify
 from rbs.scenes.simulation import SceneSimulation

@@ -16,10 +16,9 @@ import numpy as np
 import polyscope as ps
 import polyscope.imgui as psim
 
+from rbs.opening.lookup import open_file
+from rbs.opening.suggestions import SceneOpener, apply_settings
 from rbs.pictures.backends import find_backend
-from rbs.program.opening import list_files, open_file
-from rbs.program.suggestions import SceneOpener, apply_settings
-from rbs.recordings.statistics import step_quantities
 from rbs.window.panel import Panel, show_window
 from rbs.window.playback import speed_name
 
@@ -109,8 +108,7 @@ def main(scene, statusPath):
         simulation = open_file(scene)
         if not simulation.isReplay:
             apply_settings(simulation, {})
-        opener = SceneOpener({})
-        show_window(simulation, backend, opener, list_files, step_quantities)
+        show_window(simulation, backend, SceneOpener())
     except KeyboardInterrupt:
         pass
 

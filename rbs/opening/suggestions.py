@@ -8,7 +8,7 @@ recommendations; applying them; opening further scenes in the window.
 
 from dataclasses import replace
 
-from rbs.program.opening import find_file, open_file
+from rbs.opening.lookup import find_file, open_file
 from rbs.scenes.messages import InputError, print_note, short, shown_path
 from rbs.scenes.scenefiles import suggestion_lines
 from rbs.scenes.simulation import SceneSimulation
@@ -96,12 +96,12 @@ class SceneOpener:
     student's functions are kept from scene to scene.
     """
 
-    def __init__(self, given, isBasic=False, allowOutsideMeshes=False, submitted=None):
+    def __init__(self, given=(), isBasic=False, allowOutsideMeshes=False, submitted=None):
         """given, isBasic : see `apply_settings`; allowOutsideMeshes, submitted : see `open_file`"""
         self._given, self._isBasic = dict(given), isBasic
         self._allowOutsideMeshes, self._submitted = allowOutsideMeshes, submitted
 
-    def __call__(self, text, folder="."):
+    def open(self, text, folder="."):
         """Returns a SceneSimulation or Replay; see `open_file`.
 
         text, folder : see `find_file`; folder is that of the last scene
