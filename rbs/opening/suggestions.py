@@ -129,5 +129,4 @@ def note_recommended(simulation):
             f"using the settings recommended in {path} ({simulation.recommended}); --basic "
             "ignores them"
         )
-    if not simulation.isReplay:
-        print_note(simulation.step_advice())
+    print_note(simulation.step_advice())

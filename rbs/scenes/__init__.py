@@ -8,7 +8,7 @@ In reading order:
     meshfiles   .mesh and .off files
     scenefiles  scene and constraint files
     state       poses and velocities of a scene, and its energies and momenta
-    simulation  a scene with its settings and its steps
     changes     changes made by hand, and how they are recorded
+    simulation  a scene with its settings and its steps
     grabbing    the spring that drags a body, and the ball that is shot
 """

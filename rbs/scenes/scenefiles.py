@@ -204,7 +204,7 @@ class BodySource(SceneSource):
             shape = names.setdefault(tuple(map(bytes, arrays)), str(len(names)))
             shapes.setdefault(shape, arrays)
             row = {"name": mesh.name, "shape": shape, "density": mesh.density}
-            row |= {"isFixed": mesh.isFixed}
+            row |= {"isFixed": mesh.isFixed, "load": mesh.load}
             row |= {state: floats(getattr(mesh, state), n) for state, n in STATE_WIDTHS.items()}
             bodies.append(row)
         vertexCount = np.array([len(mesh.origVertices) for mesh in meshes], dtype=np.intp)
@@ -218,6 +218,8 @@ class BodySource(SceneSource):
             shape = self.shapes[row["shape"]]
             state = row["density"], row["position"], row["orientation"], row["isFixed"]
             mesh = Mesh(row["name"], *shape, *state)
+            if row["load"] is not None:
+                mesh.set_force(*row["load"])
             for name in ("linVelocity", "angVelocity"):
                 setattr(mesh, name, np.reshape(row[name], (1, 3)).astype(np.float64))
             meshes.append(mesh)

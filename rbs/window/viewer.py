@@ -77,7 +77,7 @@ class Viewer:
         self.simulation, self.view, self.playback, self.look = simulation, view, Playback(), look
         self.isPlaying = self.isMeasuring = False
         self.pushSpeed = DEFAULT_PUSH
-        self.message, self.saved = "" if simulation.isReplay else simulation.step_advice(), ""
+        self.message, self.saved = simulation.step_advice(), ""
         self.grab = self.offer = self.video = self.page = self.recorder = self.picture = None
         self.history = deque(maxlen=PLOTTED_STEPS)
         self._opener = opener
@@ -91,7 +91,7 @@ class Viewer:
     @property
     def isReplay(self):
         """Whether a recording is shown instead of a simulation."""
-        return self.simulation.isReplay
+        return not self.simulation.isEditable
 
     # Time.
 
