@@ -13,7 +13,14 @@ from rbs.scenes.messages import InputError, print_note, short, shown_path
 from rbs.scenes.scenefiles import suggestion_lines
 from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.textfiles import SceneError
-from rbs.stepping.settings import BY_OPTION, SETTINGS, IgnoredSetting, Settings, used_settings
+from rbs.stepping.settings import (
+    BY_OPTION,
+    SETTINGS,
+    IgnoredSetting,
+    Settings,
+    shown,
+    used_settings,
+)
 
 
 def recommended_values(source):
@@ -114,11 +121,6 @@ class SceneOpener:
             apply_settings(opened, used_settings(self._given, solver), self._isBasic)
             note_recommended(opened)
         return opened
-
-
-def shown(value):
-    """Returns the value of a setting as text."""
-    return f"{value:g}" if isinstance(value, float) else value
 
 
 def note_recommended(simulation):

@@ -491,5 +491,5 @@ def _attributes_of(group):
             value = value.decode("utf-8")
         elif isinstance(value, h5py.Empty):
             value = None
-        found[name] = value.item() if isinstance(value, np.generic) else value
+        found[name] = value.tolist() if isinstance(value, np.generic | np.ndarray) else value
     return found

@@ -176,11 +176,12 @@ class SceneSimulation(Scene):
     def step_advice(self):
         """Returns a line if the time step is too long for the thinnest body that moves, or ""."""
         moving = [m for m in self.meshes if not m.isFixed]
-        if not moving or self.settings.gravity == 0.0:
+        fall = math.hypot(*self.settings.acceleration)
+        if not moving or fall == 0.0:
             return ""
         thinnest = min(moving, key=lambda mesh: mesh.hull.offsets.min())
         width = 2.0 * float(thinnest.hull.offsets.min())
-        limit = math.sqrt(MOST_FALL * width / self.settings.gravity)
+        limit = math.sqrt(MOST_FALL * width / fall)
         if self.settings.timeStep <= limit:
             return ""
         h, least = self.settings.timeStep, float(f"{0.7 * limit:.1g}")

@@ -165,12 +165,9 @@ class Scene:
         return np.sum(np.cross(r, mass * v) + QRotate(q, self._spin()[1]), axis=0)
 
     def potential_energy(self):
-        """Returns the potential energy of all free bodies above the ground, in J: m g y."""
-        return sum(
-            float(self.settings.gravity * mesh.mass * mesh.position[0, 1])
-            for mesh in self.meshes
-            if not mesh.isFixed
-        )
+        """Returns the potential energy of all free bodies, zero at the origin, in J: −m g · r."""
+        mass, r = self._free("mass", "position")
+        return float(-np.sum(mass * (r @ np.array(self.settings.acceleration))[:, None]))
 
     def largest_violation(self):
         """Returns the largest violation of a constraint, in m; 0 if none is violated."""

@@ -315,7 +315,8 @@ class Viewer:
                 self._offer(text, "Use batches", act)
             return
         height = refresh_vertices(self.simulation.meshes)[:, 1].max(initial=0.0)
-        fall = math.sqrt(2.0 * height / settings.gravity) if settings.gravity > 0.0 else 1.0
+        downwards = -settings.acceleration[1]
+        fall = math.sqrt(2.0 * height / downwards) if downwards > 0.0 else 1.0
         speed = fitting_speed(fall)
         if speed != 1.0 == self.playback.speed:
             text = f"Gravity looks {'slow' if speed > 1.0 else 'fast'} at 1 ×: a fall from the top"
