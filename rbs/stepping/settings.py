@@ -140,9 +140,7 @@ TABLE = (
     ),
     Gravity(
         "gravity", -GRAVITY, (-1e6, 1e6), (0.0, 20.0), label="gravity (m/s²)", defaultInStep=EARTH
-    ).explained(
-        "acceleration of free fall along −y in m/s², or its x,y,z as in --gravity=1,-9.8,0"
-    ),
+    ).explained("acceleration of free fall along −y, in m/s²; or three numbers, its x,y,z"),
     Setting("friction", 0.0, POSITIVE, UNIT, parameter="mu").explained(
         "coefficient of friction between bodies and with the ground. Only --solver soft-step slows "
         "a box that spins flat on another"
