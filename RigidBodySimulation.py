@@ -40,13 +40,13 @@ from rbs.scenes import scenefiles
 from rbs.scenes.files import check_outputs
 from rbs.scenes.meshfiles import load_mesh_file
 from rbs.scenes.messages import InputError, print_error, shown_path
-from rbs.scenes.scenefiles import load_constraint_file, load_scene_file
+from rbs.scenes.scenefiles import load_body, load_constraint_file, load_scene_file
 from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.settings import IgnoredSetting, Settings
 from RBSFunctions import Mesh, ground, run_timestep
 
 # Names for Python programs. The loaders have the coursework's names.
-__all__ = ["Mesh", "Settings", "Simulation", "ground", "main", "run_timestep"]
+__all__ = ["Mesh", "Settings", "Simulation", "ground", "load_body", "main", "run_timestep"]
 __all__ += ["flatten_meshes", "load_constraint_file", "load_mesh_file", "load_scene_file"]
 
 # Number of pictures that are drawn instead of a window if there is no display.
