@@ -23,7 +23,7 @@ from rbs.exports.poses import ASPECT, ExportError, PoseWriter, frame_run
 from rbs.scenes.files import atomic_write, named_errors
 from rbs.scenes.messages import counted
 from rbs.scenes.scenefiles import scene_name
-from rbs.stepping.settings import SETTINGS
+from rbs.stepping.settings import SETTINGS, shown
 
 K3D_REMEDY = "Install it: pip install k3d"
 # States per second, at most: as the frames of a video. The player interpolates between them.
@@ -188,7 +188,7 @@ def _with_controls(page, controls, simulation):
     """Returns K3D's page with the title, the controls, and a line about scene and settings."""
     name, settings = scene_name(simulation.scenePath), simulation.settings
     chosen = [
-        f"{one.option.replace('-', ' ')} {getattr(settings, field)}"
+        f"{one.option.replace('-', ' ')} {shown(getattr(settings, field))}"
         for field, one in SETTINGS.items()
         if getattr(settings, field) != one.default and one.kind is not bool
     ]

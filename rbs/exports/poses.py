@@ -9,6 +9,7 @@ from Quaternion import QRotate
 from rbs.appearance.drawables import BOX_CORNERS, ConstraintLines
 from rbs.appearance.framing import STILL_ANGLE, VIEW_DIRECTION, frame_camera, main_bodies
 from rbs.scenes.messages import InputError, shown_path
+from rbs.scenes.state import Writer
 
 # States from which the camera is framed. More take longer.
 FRAMED_STATES = 8
@@ -20,7 +21,7 @@ class ExportError(InputError):
     """A file that cannot be exported; one line."""
 
 
-class PoseWriter:
+class PoseWriter(Writer):
     """Collects the states of a run. Subclasses write them to a file at its end, in `save`."""
 
     def __init__(self, path):
@@ -77,9 +78,6 @@ class PoseWriter:
         counts = [len(mesh.origVertices) for mesh in meshes]
         body = np.repeat(np.arange(len(meshes)), counts)[self._lines.ends]
         return body, np.concatenate([mesh.origVertices for mesh in meshes])[self._lines.ends]
-
-    def close(self):
-        """Does nothing: the file is written by `save`."""
 
     def summary(self, simulation):
         """Returns name and text of its row in the summary of a run."""

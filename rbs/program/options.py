@@ -25,13 +25,12 @@ from rbs.exports.formats import EXPORT_ENDINGS
 from rbs.opening.catalogue import SCENES
 from rbs.recordings.recording import RECORDING_ENDINGS
 from rbs.scenes.messages import PROGRAM_NAME, one_line, short
+from rbs.scenes.state import DEFAULT_STEPS
 from rbs.scenes.textfiles import plain_float, plain_int
 from rbs.stepping.settings import BY_OPTION
 
 # The scene that runs if none is named.
 DEFAULT_SCENE = "heap"
-# Ten seconds with the default time step, long enough for every scene in data/ to settle.
-DEFAULT_STEPS = 500
 # Steps between screenshots: five pictures per simulated second with the default time step.
 DEFAULT_EVERY = 10
 # Largest number of steps, or of visits: more than time allows, and exact as a float.

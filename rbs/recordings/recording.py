@@ -19,7 +19,8 @@ The attributes are format, firstStep, bodies (of the scene), scene and constrain
 functions and functionsFolder (of a student, or ""), version, numpyVersion and processor. The
 attributes of the group `settings` are the settings of the first state. Only other programs read
 names, masses and isFixed, and the attributes `units` and `meaning` of datasets. All numbers are
-little-endian. All datasets have checksums. Rows of a body are zero until it is added.
+little-endian. All datasets have checksums. Rows follow the list of bodies after that step;
+rows beyond its end are zero.
 
 Units: metres, kilograms, seconds.
 """
@@ -45,7 +46,7 @@ from rbs.scenes.changes import from_record, initial_changes, to_record
 from rbs.scenes.files import named_errors, partial_path, put_in_place
 from rbs.scenes.messages import InputError, one_line, reason_of, shown_path
 from rbs.scenes.scenefiles import BodySource, SceneSource
-from rbs.scenes.state import ARRAY_WIDTHS, STATE_NAMES
+from rbs.scenes.state import ARRAY_WIDTHS, STATE_NAMES, Writer
 
 RECORDING_ENDINGS = (".h5", ".hdf5")
 FORMAT = "rigid-body recording 1"
@@ -96,7 +97,7 @@ class RecordingError(InputError):
         super().__init__(f"{path}: {cause}")
 
 
-class Recorder:
+class Recorder(Writer):
     """Writes the states of a simulation to a file, one by one.
 
     If a file of that name exists, the recording grows beside it as FILE.part.h5, and replaces it in
@@ -288,8 +289,9 @@ class Recorder:
         dataset = self._file[name]
         begin = dataset.shape[0]
         if len(values):
-            dataset.resize((begin + len(values), *values.shape[1:]))
-            dataset[begin:] = values
+            grown = np.maximum(dataset.shape[1:], values.shape[1:])
+            dataset.resize((begin + len(values), *grown.tolist()))
+            dataset[(slice(begin, None), *map(slice, values.shape[1:]))] = values
 
     def _keep_solver_state(self, step):
         content = io.BytesIO()
@@ -397,7 +399,7 @@ class Recording:
     def body_count(self, step):
         """Returns the number of bodies after a step."""
         return self._bodyCount + sum(
-            one.kind == "add" and when <= step for when, one in self.changes
+            {"add": 1, "remove": -1}.get(one.kind, 0) for when, one in self.changes if when <= step
         )
 
     def changes_before(self, step):
@@ -489,5 +491,5 @@ def _attributes_of(group):
             value = value.decode("utf-8")
         elif isinstance(value, h5py.Empty):
             value = None
-        found[name] = value.item() if isinstance(value, np.generic) else value
+        found[name] = value.tolist() if isinstance(value, np.generic | np.ndarray) else value
     return found
