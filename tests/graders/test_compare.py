@@ -173,10 +173,12 @@ def test_a_right_solution_agrees_in_each_scene_of_grade_py(name, compare):
 
 def test_a_difference_ends_it_with_1(scene, tmp_path, compare):
     student = write_submission(tmp_path / "a", VARIANTS["arms-exchanged"] + [SMALL_TENSOR])
-    code, (remark, line), errors = compare(student, scene, "--steps", 2)
+    code, (remark, line, *terms), errors = compare(student, scene, "--steps", 2)
     assert (code, errors) == (1, [])
     assert remark.startswith("IT is six times too small, as in the released skeleton")
     assert line.startswith("step 1: resolve_collision(box 3, ground): linVelocity of box 3 differs")
+    assert terms[0] == "position correction:" and "impulse:" in terms
+    assert sum(one.startswith("  K  ") and ", theirs " in one for one in terms) == 1
 
 
 @pytest.mark.parametrize(
