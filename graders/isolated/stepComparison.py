@@ -73,10 +73,8 @@ class Comparison:
     def __init__(self, folder, ours):
         self.problem, self.remarks, self.largest, self.number = "", {}, 0.0, 1
         self.terms = []
-        self.ours, self.driven = (
-            ours,
-            SceneSimulation(ours.source),
-        )  # the student's functions move these
+        self.ours = ours
+        self.driven = SceneSimulation(ours.source)  # the student's functions move its bodies
         self.driven.settings = ours.settings
         self.steps = self.driven.submitted = SubmittedSteps(folder)
         self.runTimestep = self.steps.run_timestep

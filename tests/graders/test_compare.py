@@ -182,11 +182,11 @@ def test_a_difference_ends_it_with_1(scene, tmp_path, compare):
 
 
 @pytest.mark.parametrize(
-    ("name", "cause"), [("endless-loop", "stopped after 5 s"), ("os-exit", "exit code 7")]
+    ("name", "cause"), [("endless-loop", "stopped after 3 s"), ("os-exit", "exit code 7")]
 )
 def test_a_process_that_ends_early_is_reported(name, cause, scene, tmp_path, compare):
     student = write_submission(tmp_path / "a", HOSTILE[name])
-    code, (line,), errors = compare(student, scene, "--time-limit", 5)
+    code, (line,), errors = compare(student, scene, "--time-limit", 3)
     assert (code, line, errors) == (1, f"step 1: {cause}", [])
 
 
