@@ -97,6 +97,7 @@ COMPANIONS = {
     "transparent": ({"screenshots"}, "needs --screenshots"),
     "our_loop": ({"functions"}, "needs --functions"),
     "from_step": ({"resume"}, "needs --resume"),
+    "record_contacts": ({"record"}, "needs --record"),
 }
 
 
@@ -313,6 +314,12 @@ def add_recording_options(parser):
         type=path_type("a recording", *RECORDING_ENDINGS),
         help="record the state at the start and after every step, without a window. The file can "
         "be read while it grows, and after a crash",
+    )
+    recordings.add_argument(
+        "--record-contacts",
+        action="store_true",
+        help="with --record: also record the contacts of each step, with point, normal, depth and "
+        "impulses, for other programs",
     )
     source = recordings.add_mutually_exclusive_group()
     source.add_argument(
