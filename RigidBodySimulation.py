@@ -174,7 +174,7 @@ def run_as_asked(simulation, options, pictureOptions):
             (options.record, partial(Recorder, hasContacts=bool(options.record_contacts))),
             (options.stats, StatsWriter),
             (options.plot, PlotWriter),
-            (options.export, export_writer),
+            (options.export, partial(export_writer, colouring=pictureOptions.colouring)),
         ):
             if path is not None:
                 start(writer(path))

@@ -282,7 +282,8 @@ def add_picture_options(parser):
         "--colours",
         metavar="NAME",
         choices=COLOURINGS,
-        help=f"quantity that the bodies' colours show: {', '.join(COLOURINGS)} (default: body)",
+        help="quantity that the bodies' colours show, also in an exported page: "
+        f"{', '.join(COLOURINGS)} (default: body)",
     )
     picture.add_argument(
         "--show",
@@ -394,6 +395,8 @@ def check_options(parser, options):
             parser.error(f"{option_name(dest)} {cause}")
     if given & WITHOUT_WINDOW and not given & {"screenshots", "video"}:
         for dest in sorted(given & OF_PICTURES):
+            if dest == "colours" and "export" in given:
+                continue
             parser.error(f"{option_name(dest)} needs --screenshots or --video, or the window")
     for mode, (others, cause) in CONFLICTS.items():
         for dest in sorted(given & others if mode in given else ()):
