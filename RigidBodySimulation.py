@@ -13,6 +13,7 @@ import signal
 import sys
 import warnings
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -172,10 +173,10 @@ def run_as_asked(simulation, options, pictureOptions):
                 view.studio.tell_cost(view, steps // timing[1] + 1)
             start(Video(options.video, view, *timing))
         for path, writer in (
-            (options.record, Recorder),
+            (options.record, partial(Recorder, hasContacts=bool(options.record_contacts))),
             (options.stats, StatsWriter),
             (options.plot, PlotWriter),
-            (options.export, export_writer),
+            (options.export, partial(export_writer, colouring=pictureOptions.colouring)),
         ):
             if path is not None:
                 start(writer(path))

@@ -181,13 +181,15 @@ class Simulation(Results, SceneSimulation):
         return found[0]
 
     @contextmanager
-    def record(self, path: str | Path) -> Iterator[Self]:
+    def record(self, path: str | Path, contacts: bool = False) -> Iterator[Self]:
         """Within it, the present state and each step go into a recording.
 
         Parameters
         ----------
         path : str or Path
             An .h5 file, which the program replays, resumes and verifies.
+        contacts : bool
+            Whether the contacts of each step are recorded, too; see `Recording.contacts`.
 
         Raises
         ------
@@ -197,7 +199,7 @@ class Simulation(Results, SceneSimulation):
             If its name does not end in .h5 or .hdf5.
         """
         check_ending(path, RECORDING_ENDINGS, "recording")
-        with closing(Recorder(path)) as recorder:
+        with closing(Recorder(path, contacts)) as recorder:
             with self.observed(recorder):
                 yield self
             recorder.save()
@@ -216,7 +218,8 @@ class OpenedRecording(Results, Replay):
 
     It has the attributes of a `Simulation`, and what can be made of one: `picture`, `video`,
     `export`, `stats`, `show`. `seek(step)` goes to any step from `firstStep` to `lastStep`, `step`
-    to the next one. It cannot be changed; `--resume` continues a recording.
+    to the next one; `contacts()` lists its contacts, if they were recorded. It cannot be changed;
+    `--resume` continues a recording.
     """
 
     def change(self, change):

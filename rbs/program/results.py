@@ -117,7 +117,7 @@ class Results:
 
         return self._write(Video(path, view, rate, every), steps)
 
-    def export(self, path: str | Path, steps: int | None = None) -> Self:
+    def export(self, path: str | Path, steps: int | None = None, colouring: str = "body") -> Self:
         """Goes on and exports the run; returns itself.
 
         Parameters
@@ -125,6 +125,8 @@ class Results:
         path : str or Path
             An .html file, a page that plays the run in any browser, or a .glb file for 3-D
             programs.
+        colouring : str
+            As for `picture`. In a .glb file, the colours are those of the last state.
 
         Raises
         ------
@@ -132,7 +134,8 @@ class Results:
             If k3d or pygltflib is missing.
         """
         check_ending(path, EXPORT_ENDINGS, "export")
-        return self._write(export_writer(path), steps)
+        picture_options({"colouring": colouring})  # checks it
+        return self._write(export_writer(path, colouring), steps)
 
     def stats(self, steps: int | None = None) -> dict[str, np.ndarray]:
         """Goes on and returns the quantities of every step: dict of arrays (steps + 1,).
@@ -145,9 +148,13 @@ class Results:
         self._write(table, steps)
         return table.columns()
 
-    def show(self, steps: int | None = None) -> Player:
-        """Goes on and returns a `Player`, which a notebook shows: the run, to play and to orbit."""
-        writer = PageWriter(None)
+    def show(self, steps: int | None = None, colouring: str = "body") -> Player:
+        """Goes on and returns a `Player`, which a notebook shows: the run, to play and to orbit.
+
+        colouring : as for `picture`
+        """
+        picture_options({"colouring": colouring})
+        writer = PageWriter(None, colouring)
         self._follow(writer, steps)
         return Player(writer.page(self))
 

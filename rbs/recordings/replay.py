@@ -5,8 +5,6 @@ From the top: `Replay`, used in place of a simulation; `resume` and `verify`; re
 Units: metres, kilograms, seconds.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from rbs.recordings.recording import QUOTE_LENGTH, RecordingError
@@ -16,7 +14,7 @@ from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.state import Scene
 from rbs.softstep.step import SolverState
 from rbs.stepping.bodies import StateError
-from rbs.stepping.settings import SETTINGS
+from rbs.stepping.settings import Settings
 
 
 class Replay(Scene):
@@ -44,8 +42,7 @@ class Replay(Scene):
         with recording.reading():  # makes all bodies, to find out now whether they can be made
             self._cast.after([one for _, one in self._changes])
         self._settings = {
-            first: restored_settings(recording, first, simulation.settings)
-            for first, _ in recording.settingsHistory
+            first: restored_settings(recording, first) for first, _ in recording.settingsHistory
         }
         self._again = None  # SceneSimulation that makes steps again
         self.reset()
@@ -64,6 +61,10 @@ class Replay(Scene):
         self.set_state(frame)
         self.stepCount, self.time = step, frame["times"]
         self.settings = self._settings[self.recording.settings_at(step)[0]]
+
+    def contacts(self):
+        """Returns the list of `Contact` of the present step, see `Recording.contacts`."""
+        return self.recording.contacts(self.stepCount)
 
     def find_report(self):
         """Makes the present step again, since recordings hold no contacts, and sets `report`.
@@ -161,15 +162,13 @@ def resume(recording, step, simulation=None, *, submitted=None):
         step_again(recording, k, simulation)
     if difference(simulation, frame):
         raise recording.error(f"step {step} cannot be resumed: {difference(simulation, frame)}")
-    simulation.settings = restored_settings(
-        recording, min(step + 1, recording.lastStep), simulation.settings
-    )
+    simulation.settings = restored_settings(recording, min(step + 1, recording.lastStep))
     return simulation
 
 
 def step_again(recording, step, simulation):
     """Repeats a recorded step, with its settings and the changes by hand before it."""
-    simulation.settings = restored_settings(recording, step, simulation.settings)
+    simulation.settings = restored_settings(recording, step)
     redo_changes(recording, step, simulation)
     simulation.step()
 
@@ -213,7 +212,7 @@ def verify(recording, advance=None, submitted=None):
         simulation = resume(recording, first, simulation)
     else:
         redo_changes(recording, first, simulation)
-        simulation.settings = restored_settings(recording, first, simulation.settings)
+        simulation.settings = restored_settings(recording, first)
     for step in range(first, recording.lastStep + 1):
         if step > first:
             try:
@@ -244,19 +243,10 @@ def difference(simulation, frame):
     return f"{name} by up to {largest[name]:.3g}"
 
 
-def restored_settings(recording, step, settings):
-    """Returns the settings of a recorded step.
-
-    settings : a Settings with the values of settings that the recording lacks
-    Raises RecordingError if a recorded setting is unknown or invalid.
-    """
+def restored_settings(recording, step):
+    """Returns the settings of a recorded step. Raises RecordingError if they are invalid."""
     _, fields = recording.settings_at(step)
-    unknown = sorted(set(fields) - set(SETTINGS))
-    if unknown:
-        raise recording.error(
-            f"it has a setting unknown to this version: {one_line(unknown[0], QUOTE_LENGTH)}"
-        )
     try:
-        return replace(settings, **fields)
-    except ValueError as error:
+        return Settings(**fields)
+    except (TypeError, ValueError) as error:
         raise recording.error(f"step {step}: {one_line(error, QUOTE_LENGTH)}") from None
