@@ -59,8 +59,9 @@ LARGEST_RATIO = 1e12
 GJK_PROGRESS = 1e-12
 GJK_ITERATIONS = 48
 
-# Number of edge combinations up to which enumerating all facets is faster. Affects speed only.
-FEW_COMBINATIONS = 4000
+# Number of distances between faces and vertices up to which `nearest_facet` is faster than
+# `find_facets`. Affects speed only.
+FEW_DISTANCES = 30_000
 
 _ZERO = np.zeros((1, 3))
 _ZERO.setflags(write=False)
@@ -142,7 +143,10 @@ def _collide(hull1, hull2, t, tolerance, patchTolerance, axis=None):
 
     tolerance : largest separation that counts as touching; patchTolerance : see `contact_point`
     """
-    if len(hull1.hull.edgeTail) * len(hull2.hull.edgeTail) <= FEW_COMBINATIONS:
+    shape1, shape2 = hull1.hull, hull2.hull
+    distances = len(shape1.offsets) * len(shape2.vertices)
+    distances += len(shape2.offsets) * len(shape1.vertices)
+    if distances <= FEW_DISTANCES:
         penetration, normal = nearest_facet(hull1, hull2, t)
     else:
         pairs = Pairs(hull_pair(hull1, hull2), *PAIR, np.array([t]).T)
