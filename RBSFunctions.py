@@ -83,6 +83,7 @@ def run_timestep(
     settings=None,
     functions=None,
     solverState=None,
+    observer=None,
     **others,
 ):
     """Advances a scene by one time step, in place. An exception leaves the meshes unchanged.
@@ -106,6 +107,9 @@ def run_timestep(
         `resolve_velocity_constraint` are called; by default, this one
     solverState : SolverState of rbs/softstep/step.py, carried from one soft step to the next and
         changed in place; None starts cold
+    observer : function of an `Event` of rbs/glass/events.py, which is called with each event of the
+        step. Contacts in batches then go pair by pair, with the same bits. The soft step tells of
+        contact points at its end, and constraints in batches of nothing
 
     Returns the step's `StepReport`.
 
@@ -120,27 +124,37 @@ def run_timestep(
     check_kind("groundMesh", groundMesh, "Mesh", "invMass")
     check_kind("solverState", solverState, "SolverState", "begun")
     constraints = constraints if step.enforceConstraints else ()
-    taught = functions or OURS
+    taught, watch = functions or OURS, None
     isOnArrays = step.contactSolver == "soft-step" or step.contactScheduling == "batches"
     # on arrays, nothing is changed before all has succeeded, apart from the constraints
-    with undone_on_error(meshes, not isOnArrays or len(constraints) > 0):
+    isUndone = not isOnArrays or len(constraints) > 0 or observer is not None
+    with undone_on_error(meshes, isUndone):
         if isOnArrays:
             check_methods(meshes, taught)
+        if observer is not None:
+            from rbs.glass.events import Watch
+
+            watch = Watch(observer, meshes, groundMesh, step)
         if step.contactSolver == "soft-step":
             from rbs.softstep.step import soft_step
 
-            return soft_step(meshes, groundMesh, constraints, step, solverState)
+            report = soft_step(meshes, groundMesh, constraints, step, solverState)
+            if watch is not None:
+                watch.tell_points(report)
+            return report
         report = StepReport()
-        if step.contactScheduling == "batches":
+        if step.contactScheduling == "batches" and watch is None:
             from rbs.stepping.batchstep import batch_step
 
             batch_step(meshes, groundMesh, step, report)
         else:
             check_distinct(meshes)
             integrate(meshes, step, report)
-            resolve_pairs(meshes, step, report, taught)
-            resolve_ground(meshes, groundMesh, step, report, taught)
-        resolve_constraints(meshes, constraints, step, report, taught)
+            if watch is not None:
+                watch.tell_flights()
+            resolve_pairs(meshes, step, report, taught, watch)
+            resolve_ground(meshes, groundMesh, step, report, taught, watch)
+        resolve_constraints(meshes, constraints, step, report, taught, watch)
     return report
 
 
@@ -159,41 +173,45 @@ def integrate(meshes, step, report):
         check_states(meshes, "free flight")
 
 
-def resolve_pairs(meshes, step, report, taught):
+def resolve_pairs(meshes, step, report, taught, watch=None):
     """Detects and resolves the collisions of all pairs i < j, in this order.
 
     Each detection sees the corrections of the earlier pairs. A broad phase leaves out pairs whose
     bounding boxes do not overlap when it is their turn, which changes nothing.
     """
     pairs, count = itertools.combinations(range(len(meshes)), 2), 0
+    resolve = taught.resolve_collision
     with report.phase("collisions"), boxes_held(meshes):
         if step.broadPhase == "grid":
             from rbs.stepping.pairs import grid_pairs
 
             pairs = grid_pairs(meshes)
+        if watch is not None:
+            pairs, resolve = watch.pairs(pairs), watch.resolving(resolve)
         for i, j in pairs:
             count += 1
             m1, m2 = meshes[i], meshes[j]
             isCollision, depth, normal, point = m1.detect_collision(m2)
             if isCollision:
                 contact = depth, normal, point
-                impulses = taught.resolve_collision(m1, m2, *contact, *contact_settings(step))
+                impulses = resolve(m1, m2, *contact, *contact_settings(step))
                 hold_boxes((m1, m2))
                 report.add_contact(i, j, *contact, impulses)
         report.candidatePairs = count
 
 
-def resolve_ground(meshes, groundMesh, step, report, taught):
+def resolve_ground(meshes, groundMesh, step, report, taught, watch=None):
     """Resolves the collision of each mesh whose lowest vertex has y ≤ 0 with the ground."""
+    resolve = taught.resolve_collision
+    if watch is not None:
+        resolve = watch.resolving(resolve)
     with report.phase("ground"):
         for i, mesh in enumerate(meshes if groundMesh is not None else ()):
             lowest = mesh.lowest_vertex()
             if lowest is not None and lowest[1] <= 0.0:
                 # the normal points into the body, and the depth is negative to match
                 contact = lowest[1], UPWARDS, lowest
-                impulses = taught.resolve_collision(
-                    mesh, groundMesh, *contact, *contact_settings(step)
-                )
+                impulses = resolve(mesh, groundMesh, *contact, *contact_settings(step))
                 report.add_contact(i, GROUND, *contact, impulses)
         check_states(meshes, "contacts")
 
@@ -876,7 +894,7 @@ def is_violated(C, upper, tolerance):
     return C > tolerance if upper else C < -tolerance
 
 
-def resolve_constraints(meshes, constraints, step, report, taught):
+def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
     """Visits constraints until all hold or the maximum is reached.
 
     A visit corrects the positions of two bodies if their constraint is violated, then their
@@ -931,6 +949,8 @@ def resolve_constraints(meshes, constraints, step, report, taught):
                     moves[b2] += 1
                 return True
 
+            if watch is not None:
+                visit = watch.visits(visit, ties)
             schedule = queue if step.constraintScheduling == "queue" else sweep
             visits = schedule(visit, rows.movable_ends(), rows.total, maximumVisits)
         report.constraintVisits = visits

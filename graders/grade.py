@@ -150,10 +150,10 @@ class Ledger:
 
 
 def anonymous(entries, path):
-    """Returns the entries under numbers, in a random order.
+    """Returns the entries with numbers, drawn at random, for names.
 
-    path : of the file that tells whose they are; numbers that are in it already are kept. Raises
-        OSError, SubmissionError.
+    path : of the file that tells whose they are; numbers in it already are kept. Raises OSError,
+        SubmissionError.
     """
     rows = {row["path"]: row for row in sheets.read_rows(path, KEY)}
     for one in random.sample(entries, len(entries)):

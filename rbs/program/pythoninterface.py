@@ -5,13 +5,15 @@ Units: metres, kilograms, seconds. The y axis points up and the ground is the pl
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
+from rbs.glass.events import Event
+from rbs.glass.trace import trace_lines
 from rbs.program.headless import step_progress
 from rbs.program.results import Results
 from rbs.recordings.recording import RECORDING_ENDINGS, Recorder, Recording
@@ -63,8 +65,13 @@ class Simulation(Results, SceneSimulation):
         self._recorders = []
         super().__init__(scene, settings)
 
-    def step(self) -> None:
+    def step(self, observer: Callable[[Event], None] | None = None) -> None:
         """Goes on by one time step.
+
+        Parameters
+        ----------
+        observer : function, optional
+            Called with each `Event` of the step, such as `list.append`. See rbs/glass/events.py.
 
         Raises
         ------
@@ -72,9 +79,21 @@ class Simulation(Results, SceneSimulation):
             If a number would become NaN, infinite or absurdly large. The simulation stays as it
             was before the step.
         """
-        super().step()
+        super().step(observer)
         for recorder in self._recorders:
             recorder.add(self)
+
+    def trace(self, body: Mesh | int | None = None) -> str:
+        """Goes on by one time step, and returns a table of what happened in it.
+
+        Parameters
+        ----------
+        body : Mesh or int, optional
+            Only the events of this one.
+        """
+        events, index = [], None if body is None else self._index(body)
+        self.step(events.append)
+        return "\n".join(trace_lines(events, self.meshes, index))
 
     def change(self, change):
         """Applies a `Change` to the bodies; recordings know of it."""

@@ -173,7 +173,7 @@ def first_failure(folder, names):
     names = dict.fromkeys(names.split())
     files = [str(next(folder.glob(f"tests/*/test_{name}.py"))) for name in names]
     process = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *files],
+        [sys.executable, "-m", "pytest", "-q", "-x", "-m", "", "-p", "no:cacheprovider", *files],
         cwd=folder,
         capture_output=True,
         text=True,

@@ -295,35 +295,6 @@ def test_closed_forms_on_a_lattice(name):
     assert expected == tuple(outcomes[kind] for kind in ("deep", "touching", "apart"))
 
 
-def test_lattice_clouds():
-    """Random points with small whole coordinates: coplanar, collinear and repeated ones abound.
-
-    Touching is exact here, so the answer has to be right without any band around it.
-    """
-    rng = np.random.default_rng(5)
-    outcomes = Counter()
-    for _ in range(500):
-        n, m, half = *rng.integers(4, 13, size=2), rng.integers(1, 4)
-        points1 = rng.integers(-half, half + 1, size=(n, 3)).astype(float)
-        points2 = rng.integers(-half, half + 1, size=(m, 3)) + rng.integers(-half, half + 1, size=3)
-        points2 = points2.astype(float)
-        if any(np.linalg.matrix_rank(points - points[0]) < 3 for points in (points1, points2)):
-            with pytest.raises(ValueError, match="flat"):
-                GJK.is_collide(points1, points2)
-            outcomes["flat"] += 1
-            continue
-        depth = minkowski_depth(points1, points2)[0]
-        # Facets with whole coordinates up to 12 miss the origin by 1/|n| > 1e-3, or not at all.
-        assert abs(depth) < 1e-12 or abs(depth) > 1e-3
-        result = GJK.is_collide(points1, points2)
-        if depth < -1e-12:
-            assert_apart(result)
-        else:
-            assert_contact(points1, points2, result, depth=max(depth, 0.0))
-        outcomes["apart" if depth < -1e-12 else "touching" if depth < 1e-12 else "deep"] += 1
-    assert min(outcomes[name] for name in ("apart", "touching", "deep", "flat")) > 15
-
-
 SIGNS = np.array(list(itertools.product([-1.0, 1.0], repeat=3)))
 
 
@@ -452,7 +423,7 @@ def test_what_is_no_solid_point_set_is_refused():
 
 
 def test_to_look_at_all_facets_or_at_the_near_ones_gives_the_same_bits(sweep, monkeypatch):
-    for pair in sweep:
+    for pair in sweep[::3]:
         answers = []
         for few in (0, 10**9):
             monkeypatch.setattr("GJK.FEW_DISTANCES", few)

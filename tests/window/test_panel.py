@@ -428,6 +428,7 @@ class RandomUser:
             self.expected |= {other.name: other.default for other in ignored} | {one.name: value}
 
 
+@pytest.mark.slow
 def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
     polyscope, tmp_path, monkeypatch, all_open
 ):

@@ -216,6 +216,7 @@ def test_a_session_in_the_window(session, tmp_path):
     assert window.process.returncode == 0
 
 
+@pytest.mark.slow
 def test_scenes_are_opened_from_the_list_and_by_what_is_typed(session):
     window = session(DATA / "tower-scene.txt", (800, 500))
     before = window.status()["places"]
@@ -238,6 +239,7 @@ def test_scenes_are_opened_from_the_list_and_by_what_is_typed(session):
         window.key("Escape", lambda status: not status["isHelpShown"])
 
 
+@pytest.mark.slow
 def test_a_replay_in_the_window_is_scrubbed(session, tmp_path):
     recording = record(tmp_path / "tower.h5", SceneSimulation(DATA / "tower-scene.txt"), 40)
     window = session(recording, (800, 500))
@@ -252,6 +254,7 @@ def test_a_replay_in_the_window_is_scrubbed(session, tmp_path):
     window.click("Play", lambda status: status["step"] == 0)
 
 
+@pytest.mark.slow
 def test_bodies_are_dragged_thrown_and_shot_and_the_recording_is_verified(session, tmp_path):
     window = session(DATA / "mixed-scene.txt")
     window.click("Simulation", lambda status: "friction" not in status["places"])
@@ -291,6 +294,7 @@ def test_bodies_are_dragged_thrown_and_shot_and_the_recording_is_verified(sessio
     assert verify(recording) == ""
 
 
+@pytest.mark.slow
 def test_keys_step_back_and_change_scenes_overlays_and_the_view(session):
     window = session(DATA / "mixed-scene.txt")
     first = window.status()
@@ -309,6 +313,7 @@ def test_keys_step_back_and_change_scenes_overlays_and_the_view(session):
     window.undo(lambda status: status["bodyCount"] == 15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(800, 500), (1000, 700)])
 def test_a_double_click_centres_a_body_and_the_readout_may_be_hidden(session, size):
     window = session(DATA / "mixed-scene.txt", size)
@@ -336,6 +341,7 @@ def test_a_double_click_centres_a_body_and_the_readout_may_be_hidden(session, si
     window.key("f", lambda status: np.allclose(status["bodies"], first["bodies"], atol=2.0))
 
 
+@pytest.mark.slow
 def test_panels_stay_at_the_edges_whatever_the_size(session):
     window = session(DATA / "tower-scene.txt", (800, 500))
     for size in ((800, 500), (1280, 720)):
@@ -355,6 +361,7 @@ def test_panels_stay_at_the_edges_whatever_the_size(session):
     window.key("n", lambda status: status["layout"][1] is not None)
 
 
+@pytest.mark.slow
 def test_the_camera_orbits_about_the_scene_again_after_it_has_followed_a_body(session):
     window = session(DATA / "mixed-scene.txt")
     first = window.status()
