@@ -24,6 +24,7 @@ import reprlib
 import sys
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -590,8 +591,8 @@ class Mesh:
     def body_state(self):
         """Returns the `Body` on which contacts and constraints operate."""
         invInertia = np.zeros((3, 3)) if self.isFixed else self.get_rotated_inv_IT()
-        vectors = self.position, self.linVelocity, self.angVelocity
-        return Body.from_arrays(self.invMass, invInertia, *vectors)
+        state = self.position, self.linVelocity, self.angVelocity
+        return Body(number(self.invMass), matrix(invInertia), *map(vector, state))
 
     def set_body_state(self, body):
         """Stores the position and velocities of a `Body`. An immovable mesh keeps its own."""
@@ -676,12 +677,6 @@ class Body:
     position: tuple
     linVelocity: tuple = ZERO
     angVelocity: tuple = ZERO
-
-    @classmethod
-    def from_arrays(cls, invMass, invInertia, position, linVelocity, angVelocity):
-        """Makes a body of a number and arrays of any shape."""
-        velocities = vector(linVelocity), vector(angVelocity)
-        return cls(number(invMass), matrix(invInertia), vector(position), *velocities)
 
 
 class ContactImpulses(NamedTuple):
@@ -903,13 +898,7 @@ def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
     with report.phase("constraints"):
         if len(constraints) == 0:
             return
-        from rbs.stepping.constraints import (
-            ConstraintRows,
-            InverseTensors,
-            project_in_batches,
-            queue,
-            sweep,
-        )
+        from rbs.stepping.constraints import ConstraintRows, project_in_batches, queue, sweep
 
         rows = ConstraintRows(constraints, meshes, step.tolerance)
         maximumVisits = max(step.maxIterations, rows.total)
@@ -918,9 +907,9 @@ def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
             visits = project_in_batches(meshes, rows, step.tolerance, maximumVisits)
         else:
             ties, tolerance = rows.ties(meshes), step.tolerance
-            tensors = InverseTensors(meshes)
-            moves = [0] * len(meshes)  # number of corrections of each body
-            held = {c: (-1, None, None) for c in ties}  # when all points of c were last computed
+            tensor = lru_cache(None)(lambda b: meshes[b].get_rotated_inv_IT())
+            moves = [0] * len(meshes)  # how often each body has been corrected
+            held = {c: (-1, None, None) for c in ties}  # corrections, COMs and points of last time
 
             def visit(c):
                 """Corrects constraint c if it is violated, and returns whether it was."""
@@ -939,7 +928,7 @@ def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
                 # the points stay on one line, so that arms and direction still hold
                 velocities = (m1.linVelocity, m2.linVelocity), (m1.angVelocity, m2.angVelocity)
                 _, (v1, v2), (omega1, omega2) = taught.resolve_velocity_constraint(
-                    positions, points, *velocities, invMasses, (tensors[b1], tensors[b2]), tolerance
+                    positions, points, *velocities, invMasses, (tensor(b1), tensor(b2)), tolerance
                 )
                 if invMasses[0]:
                     m1.position, m1.linVelocity, m1.angVelocity = x1, v1, omega1
@@ -952,6 +941,7 @@ def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
             if watch is not None:
                 visit = watch.visits(visit, ties)
             schedule = queue if step.constraintScheduling == "queue" else sweep
-            visits = schedule(visit, rows.movable_ends(), rows.total, maximumVisits)
+            movable = {c: [b for b in tie[:2] if not meshes[b].isFixed] for c, tie in ties.items()}
+            visits = schedule(visit, movable, rows.total, maximumVisits)
         report.constraintVisits = visits
         check_states(meshes, "contacts and constraints")

@@ -11,6 +11,7 @@ centre of the first hull to that of the second. A negative penetration is a sepa
 """
 
 import copy
+from typing import NamedTuple
 
 import numpy as np
 
@@ -137,20 +138,15 @@ def _spanned_facets(vectorA, vectorB, tailA, tailB, r, s):
     return normal, dot(normal, tailA - tailB), spans, spans & (sine2 < SURE_SINE**2)
 
 
-class Facets:
-    """Facets of the Minkowski differences of P pairs that can be nearest.
+class Facets(NamedTuple):
+    """Facets of the Minkowski differences of P pairs that can be nearest."""
 
-    start : (P + 1,); pair p has the columns start[p] … start[p + 1]
-    normal : (3, K), unit, the second body moves along it to separate; offset : (K,)
-    completeUpTo : (P,); all facets with a penetration up to this, at the translation of the search,
-        are included. -inf if the facets only prove separation
-    """
-
-    def __init__(self, start, normal, offset, completeUpTo):
-        self.start = start
-        self.normal = normal
-        self.offset = offset
-        self.completeUpTo = completeUpTo
+    start: np.ndarray  # (P + 1,); pair p has the columns start[p] … start[p + 1]
+    normal: np.ndarray  # (3, K), unit; the second body moves along it to separate
+    offset: np.ndarray  # (K,)
+    # (P,); all facets with a penetration up to this, at the translation of the search, are
+    # included. -inf if the facets only prove separation
+    completeUpTo: np.ndarray
 
     @classmethod
     def gathered(cls, found, completeUpTo):

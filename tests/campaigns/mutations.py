@@ -81,8 +81,8 @@ rbs/geometry/facets.py: crossing arcs in arrays, antipodes too (facets)
     (s[0] * s[1] < 0) & (s[0] * r[1] > 0) -> (s[0] * s[1] < 0)
 GJK.py: crossing arcs, antipodes too (gjk)
     s1 * s2 < 0.0 and s1 * r2 > 0.0 -> s1 * s2 < 0.0
-GJK.py: edges that may span a near facet, one vertex is asked (facets)
-    np.maximum.reduce(lesser, axis=1) <= bound -> lesser[:, 0] <= bound
+GJK.py: edges that may span a near facet, one of their faces is asked (facets)
+    lesser = np.minimum(depths -> lesser = np.maximum(depths
 GJK.py: contact at a crossing of edges, a sign (facets)
     dot(across, sub(a0, b0)) / denominator -> dot(across, sub(b0, a0)) / denominator
 RBSFunctions.py: points of a constraint, those before a correction (constraints)
