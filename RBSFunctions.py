@@ -30,7 +30,7 @@ import numpy as np
 
 import GJK
 from Quaternion import exponential, multiply, rotation_matrices
-from rbs.geometry.hulls import RotatedHull, build_hull, rotate_columns
+from rbs.geometry.hulls import FEATURE_TOLERANCE, RotatedHull, build_hull, rotate_columns
 from rbs.geometry.triples import (
     ZERO,
     add,
@@ -55,6 +55,7 @@ from rbs.stepping.bodies import (
     check_distinct,
     check_states,
     state_columns,
+    tables_of,
     torque_free_velocities,
     undone_on_error,
 )
@@ -164,10 +165,13 @@ def integrate(meshes, step, report):
     flight = (step.timeStep,) if step.gravity == EARTH else (step.timeStep, step.gravity)
     with report.phase("integrate"):
         for mesh in meshes:
+            own = flight
+            if getattr(mesh, "load", None) is not None:
+                own = step.timeStep, mesh.follow_load(step.timeStep, step.gravity)
             if step.gyroscopic:
-                mesh.integrate_tumbling(*flight)
+                mesh.integrate_tumbling(*own)
             else:
-                mesh.integrate_timestep(*flight)
+                mesh.integrate_timestep(*own)
             if mesh.isFixed:
                 mesh.follow_velocity(step.timeStep)
         check_states(meshes, "free flight")
@@ -285,6 +289,7 @@ class Mesh:
     linVelocity, angVelocity : (1, 3), velocity of the COM, and angular velocity in rad/s
     density, mass, invMass : floats, the first two read-only; invMass is 0 if the mesh is fixed
     IT, invIT : (3, 3), inertia tensor about the COM at rest, and its inverse, 0 if fixed
+    load : (force, torque) that act in each step, see `set_force`, or None
     volume, hullVolume : of the tetrahedra, and of the convex hull, which is what collides
     hull : rbs.geometry.hulls.Hull
     cachedAxes : dict, by the id of another mesh: the axis of separation or of least penetration
@@ -316,7 +321,7 @@ class Mesh:
         self.IT = np.zeros((3, 3))
         if len(self.origVertices) > 0:
             self._init_mass_properties()
-        self.isFixed = isFixed
+        self.isFixed, self.load = isFixed, None
         self.cachedAxes, self.heldBox = {}, None
         self._tables, self._row = None, 0  # where a step of many bodies has left the state
         # each after the bytes of the pose that it is valid for
@@ -527,6 +532,24 @@ class Mesh:
         self.linVelocity, self.position = row(linVelocity), row(position)
         self.orientation = np.array([[w / length, x / length, y / length, z / length]])
 
+    def set_force(self, force, torque=ZERO):
+        """Lets a force (3,) at the COM and a torque (3,) act from now on, in world axes.
+
+        They replace those before. In SI units, in N and N m.
+        """
+        load = tuple(self._numbers("force and torque", (force, torque), 3).ravel().tolist())
+        self.load = (load[:3], load[3:]) if any(load) else None
+
+    def follow_load(self, timeStep, gravity):
+        """Applies the torque for timeStep seconds: ω ← ω + R I⁻¹ Rᵀ τ h. A fixed mesh stays.
+
+        Returns g + F / m, the acceleration by gravity and the force.
+        """
+        force, torque = self.load
+        response = mat_vec(floats(self.get_rotated_inv_IT(), 9), torque)
+        self.angVelocity = row(mul_add(vector(self.angVelocity), number(timeStep), response))
+        return mul_add(gravity, self.invMass, force)
+
     def integrate_tumbling(self, timeStep, gravity=EARTH):
         """`integrate_timestep` with constant angular momentum; see `torque_free_velocities`."""
         if not self.isFixed:
@@ -620,6 +643,29 @@ class Mesh:
             return EMPTY_BOX
         rotated, position = self.rotated_hull(), vector(self.position)
         return add(rotated.low, position) + add(rotated.high, position)
+
+    def vertex_at(self, point):
+        """Returns the index of the rest vertex at a point (3,), relative to the COM.
+
+        If there is none, the point becomes the last vertex, which no face and no tetrahedron has.
+        Raises ValueError if the point lies outside the hull, where it would touch others.
+        """
+        point = self._numbers("point", point, 3, 1)
+        found = (self.origVertices == point).all(axis=1).nonzero()[0].tolist()
+        if found:
+            return found[0]
+        above = (self.hull.directions @ point[0] - self.hull.offsets).max()
+        if above > FEATURE_TOLERANCE * self.hull.radius:
+            raise ValueError(f"mesh {self.name}: the point lies {above:.3g} outside")
+        self.origVertices = np.concatenate([self.origVertices, point])
+        self.keep_vertices(len(self.origVertices))
+        return len(self.origVertices) - 1
+
+    def keep_vertices(self, count):
+        """Drops rest vertices that `vertex_at` has added, all after the first `count`."""
+        self.origVertices = self.origVertices[:count]
+        self._rotatedHull = self._currVertices = None, None
+        tables_of.cache_clear()  # they hold the vertices
 
     def arm(self, vertex):
         """Returns the vector (1, 3) from the COM to a rest vertex, rotated."""

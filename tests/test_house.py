@@ -89,6 +89,7 @@ def test_rooms_import_nothing_that_uses_them():
         allowed = set(known) | set(sys.stdlib_module_names)
         allowed |= {"numpy", "scipy", "tqdm", "polyscope", "matplotlib", "imageio_ffmpeg"}
         own = {
+            "rbs.scenes.meshfiles": {"trimesh"},
             "rbs.recordings.recording": {"h5py"},
             "rbs.appearance.pixels": {"PIL"},
             "rbs.pictures.capture": {"PIL"},

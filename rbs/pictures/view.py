@@ -134,7 +134,7 @@ class SceneView:
         meshes = self.simulation.meshes
         self.bodyColours = BodyColours(meshes)
         vertices, self.faces, self.bodyOfFace = flatten_meshes(meshes)
-        self._bodyCount = len(meshes)
+        self._shown = self._shown_bodies()
         self._surface = LitSurface(meshes)
         self._firstVertex = self._surface.firstVertex
         # Back faces are culled, because bodies are closed. Surfaces are drawn in alphabetical
@@ -167,13 +167,23 @@ class SceneView:
         self._poses = self._colours = None
         return vertices
 
-    def _follow_body_count(self):
-        """Registers the bodies again if some were added or removed; the camera stays."""
-        if len(self.simulation.meshes) == self._bodyCount:
+    def _shown_bodies(self):
+        """Returns what is registered: bodies with their vertices, and ends of constraints."""
+        bodies = [(mesh, len(mesh.origVertices)) for mesh in self.simulation.meshes]
+        return bodies, [row[:4] for row in self.simulation.constraints]
+
+    def _follow_bodies(self):
+        """Registers bodies and constraints again if some have changed; the camera stays."""
+        if self._shown_bodies() == self._shown:
             return
-        if self.picked is not None and self.picked >= len(self.simulation.meshes):
+        before, after = (list(some) for some in (self._shown[0], self.simulation.meshes))
+        if self.picked is not None and before[self.picked][0] not in after:
             self.pick(None)
-        self._register_bodies()
+        elif self.picked is not None:
+            self.picked = after.index(before[self.picked][0])
+        for (mesh, _), index in zip(before, self.bodyColours.index.tolist(), strict=True):
+            mesh.colourIndex = index  # it keeps its colour
+        self._register_constraints(self._register_bodies())
         self._shadows.set_enabled("shadows" in self.shown)
 
     def spread_ground(self):
@@ -339,7 +349,7 @@ class SceneView:
 
         What has not moved is not drawn again.
         """
-        self._follow_body_count()
+        self._follow_bodies()
         self._follow()
         if self.showsReport:
             self.simulation.find_report()

@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 
+from rbs.scenes.changes import Cast, Change
 from rbs.scenes.messages import counted
 from rbs.scenes.scenefiles import BodySource, SceneSource, scene_name
 from rbs.scenes.state import Scene
@@ -63,6 +64,7 @@ class SceneSimulation(Scene):
         allowOutsideMeshes : see `load_scene_file`
         submitted : `SubmittedSteps` that replace run_timestep, or None
         """
+        super().__init__()
         self.submitted = submitted
         self.settings = Settings() if settings is None else settings
         self.startSettings = replace(self.settings)
@@ -71,6 +73,7 @@ class SceneSimulation(Scene):
             scene = SceneSource.of_files(scene, constraintPath)
         self.source, self.scenePath = scene, scene.path
         self.meshes, self.constraints = scene.make(allowOutsideMeshes)
+        self._cast = Cast(self.meshes, self.constraints)
         self.changes, self.solverState = [], SolverState()
         self.stepCount, self.time = 0, 0.0
         self.stepSeconds = self.report = None
@@ -127,15 +130,16 @@ class SceneSimulation(Scene):
     def restore(self, state):
         """Returns to a `State` of this simulation; the next steps have the same bits again.
 
-        Bodies that were added since are removed; `meshes` is then a new list. Raises ValueError if
-        the state has another number of bodies.
+        If bodies were added or removed since, `meshes` becomes a new list. Raises ValueError if it
+        is no state of this scene.
         """
-        least, most, count = self.sceneCount, len(self.meshes), len(state.isFixed)
-        if not least <= count <= most:
-            bodies = counted(count, "body")
-            raise ValueError(f"a state of {bodies} is not one of {self!r}")
-        if len(self.meshes) > len(state.isFixed):
-            self.meshes = self.meshes[: len(state.isFixed)]
+        kinds = [one.kind for one in state.changes]
+        count = len(state.isFixed)
+        if count != self.sceneCount + kinds.count("add") - kinds.count("remove"):
+            raise ValueError(f"a state of {counted(count, 'body')} is not one of {self!r}")
+        now, then = ([c for c in some if not c.isInState] for some in (self.changes, state.changes))
+        if len(now) != len(then) or not all(map(Change.is_same, now, then)):
+            self.meshes, _ = self._cast.after(then)
         for mesh, isFixed in zip(self.meshes, state.isFixed, strict=True):
             if mesh.isFixed != isFixed:
                 mesh.isFixed = isFixed
@@ -149,13 +153,19 @@ class SceneSimulation(Scene):
 
     def change(self, change):
         """Applies a `Change` between two steps. Raises ValueError if that is impossible."""
-        change.apply(self.meshes)
+        change.apply(self.meshes, self.constraints)
+        if change.kind == "add":
+            self._cast.note(change, self.meshes[-1])
+        elif change.kind == "remove":
+            self.solverState.remove(change.body)
         self.changes.append(change)
+        for one in self.observers:
+            one.note(self, change)
 
     @property
     def sceneCount(self):
         """Number of bodies in the scene file, without added ones."""
-        return len(self._startState.isFixed)
+        return len(self._cast)
 
     def max_iterations(self):
         """Returns the limit of constraint visits in a step: the setting, or its default."""
@@ -166,11 +176,12 @@ class SceneSimulation(Scene):
     def step_advice(self):
         """Returns a line if the time step is too long for the thinnest body that moves, or ""."""
         moving = [m for m in self.meshes if not m.isFixed]
-        if not moving or self.settings.gravity == 0.0:
+        fall = math.hypot(*self.settings.acceleration)
+        if not moving or fall == 0.0:
             return ""
         thinnest = min(moving, key=lambda mesh: mesh.hull.offsets.min())
         width = 2.0 * float(thinnest.hull.offsets.min())
-        limit = math.sqrt(MOST_FALL * width / self.settings.gravity)
+        limit = math.sqrt(MOST_FALL * width / fall)
         if self.settings.timeStep <= limit:
             return ""
         h, least = self.settings.timeStep, float(f"{0.7 * limit:.1g}")
@@ -179,7 +190,7 @@ class SceneSimulation(Scene):
             f"may rest inside each other; use {least:g} s"
         )
 
-    def step(self, observer=None):
+    def advance(self, observer=None):
         """Makes one time step. observer : see `run_timestep`
 
         Raises StateError, naming step and body, if a number would become NaN, infinite or absurdly

@@ -4,6 +4,7 @@ Units: metres, kilograms, seconds.
 """
 
 import math
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from Quaternion import QConj, QRotate
 from rbs.stepping import bodies
 from RBSFunctions import refresh_vertices
 
+# Ten seconds with the default time step, long enough for every scene in data/ to settle.
+DEFAULT_STEPS = 500
 # The arrays of a state, and the attribute of a body that each holds.
 STATE_NAMES = {
     "positions": "position",
@@ -30,6 +33,25 @@ _ROWS = {
 }
 
 
+class Writer:
+    """Follows a run and writes what becomes of it: the base of all outputs.
+
+    It is one of the `observers` of a Scene. The methods do nothing unless a subclass has them.
+    """
+
+    def add(self, simulation):
+        """Takes the present state of a run, at its start and after every step."""
+
+    def note(self, simulation, change):
+        """Takes a `Change` that was made since the last state."""
+
+    def save(self, simulation):
+        """Completes the output after the last state. Raises OSError."""
+
+    def close(self):
+        """Ends an output that was not saved. Does nothing after `save`."""
+
+
 class Scene:
     """Bodies and constraints in some state; the base of `SceneSimulation` and `Replay`.
 
@@ -46,18 +68,50 @@ class Scene:
     reportError : why a replay's step has no report, or ""
     recommended : text of the recommended settings that are used, or ""
     submitted : `SubmittedSteps`, if a student's functions make the steps, or None
-    isReplay : whether it is a Replay, with `seek`, firstStep, lastStep and lastTime
+    isEditable : whether bodies and settings can be changed, and steps be made without end; if not,
+        it is a Replay, with `seek`, firstStep, lastStep and lastTime
+    observers : list of `Writer`s, which take the state after every step
     """
 
     source = scenePath = groundMesh = settings = report = stepSeconds = submitted = None
     meshes = constraints = ()
     stepCount, time = 0, 0.0
     recommended = reportError = ""
-    isReplay = False
+    isEditable = True
 
-    def step(self):
+    def __init__(self):
+        self.observers = []
+
+    def step(self, observer=None):
+        """Makes one step, and hands the new state to all observers.
+
+        observer : function of each `Event` of the step; see `run_timestep`
+        """
+        self.advance(observer)
+        for one in list(self.observers):
+            one.add(self)
+
+    def advance(self, observer=None):
         """Makes one step."""
         raise NotImplementedError
+
+    @contextmanager
+    def observed(self, writer):
+        """Within it, a writer takes the present state, and that after every step."""
+        writer.add(self)
+        self.observers.append(writer)
+        try:
+            yield self
+        finally:
+            self.observers.remove(writer)
+
+    def steps_of_run(self, count=None):
+        """Returns the steps that a run makes: count, by default 500."""
+        return DEFAULT_STEPS if count is None else count
+
+    def step_advice(self):
+        """Returns a line if the time step is too long for the scene, or ""."""
+        return ""
 
     def reset(self):
         """Goes back to the start."""
@@ -114,12 +168,9 @@ class Scene:
         return np.sum(np.cross(r, mass * v) + QRotate(q, self._spin()[1]), axis=0)
 
     def potential_energy(self):
-        """Returns the potential energy of all free bodies above the ground, in J: m g y."""
-        return sum(
-            float(self.settings.gravity * mesh.mass * mesh.position[0, 1])
-            for mesh in self.meshes
-            if not mesh.isFixed
-        )
+        """Returns the potential energy of all free bodies, zero at the origin, in J: −m g · r."""
+        mass, r = self._free("mass", "position")
+        return float(-np.sum(mass * (r @ np.array(self.settings.acceleration))[:, None]))
 
     def largest_violation(self):
         """Returns the largest violation of a constraint, in m; 0 if none is violated."""

@@ -526,7 +526,9 @@ def energy_share(bodies, motion, before, links):
     a = np.bincount(island, 0.5 * products(orientation, change, change))
     b = np.bincount(island, products(orientation, before, change))
     left = np.bincount(island, limit)
-    works = np.bincount(island, motion.invMass[:-1] == 0.0) > 0.0  # a kinematic body does work
+    # kinematic bodies and torques do work
+    isWorking = (motion.invMass == 0.0) | motion.spinUp.any(axis=0)
+    works = np.bincount(island, isWorking[:-1]) > 0.0
     left = np.where(works, np.maximum(left, a + b), left)
     root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
     share = np.where(a + b > left, (root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 1.0)

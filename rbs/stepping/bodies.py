@@ -261,7 +261,9 @@ class Bodies:
     box : (6, n), bounding boxes in the world at the last `follow_orientations`: least coordinates,
         then negated greatest ones; inf for a mesh without vertices
     hulls : HullSet, rotated to the orientations
-    gravity : three floats, acceleration of free fall; fallRate, its magnitude
+    fallRate : acceleration of free fall
+    acceleration : (6, n) or (6, 1), linear by gravity and forces, and angular by torques; those of
+        fixed bodies do not count; isDriven : (n,) bool, bodies on which a force or torque acts
     vertexCount, vertexStart : (n,), of each body in the table of all vertices
     """
 
@@ -270,7 +272,7 @@ class Bodies:
 
         Call `integrate` or `follow_orientations` before using what depends on the orientations.
         """
-        self.meshes, self.gravity, self.fallRate = meshes, gravity, math.hypot(*gravity)
+        self.meshes, self.fallRate = meshes, math.hypot(*gravity)
         self._tables = tables_of(tuple(meshes))
         self.vertexStart, self.vertexCount = self._tables.vertexStart, self._tables.vertexCount
         self._isHeld = self._tables.hold_all()
@@ -282,6 +284,17 @@ class Bodies:
         self.isFixed = self.invMass == 0.0
         self.isKinematic = self.isFixed & self.velocity.any(axis=0)
         self.restInvInertia = np.where(self.isFixed, 0.0, self._tables.inverse_tensors())
+        self.isDriven = np.array([m.load is not None for m in meshes])
+        self.acceleration = np.array([*gravity, 0.0, 0.0, 0.0]).reshape(6, 1)
+        if self.isDriven.any():
+            self._add_loads()
+
+    def _add_loads(self):
+        """Adds the accelerations by forces and torques, as `Mesh.follow_load`."""
+        load = np.array([np.ravel(m.load or np.zeros(6)) for m in self.meshes]).T
+        inverse = rotate_tensor(rotation_matrices(self.orientation), self.restInvInertia)
+        change = self.invMass * load[:3], np.stack(mat_vec(inverse, load[3:]))
+        self.acceleration = self.acceleration + np.concatenate(change)
 
     position = property(lambda self: self.motion[0:3])
     velocity = property(lambda self: self.motion[3:9])
@@ -299,10 +312,12 @@ class Bodies:
 
     def integrate(self, timeStep, gyroscopic=False):
         """Integrates free flight, as the methods of `Mesh`; nothing accelerates fixed bodies."""
+        if self.isDriven.any():
+            self.motion[6:9] = self.angVelocity + timeStep * self.acceleration[3:]
         mean = end = self.angVelocity
         if gyroscopic:
             mean, end = self.tumbling_velocities(timeStep)
-        fall = timeStep * np.where(self.isFixed, 0.0, np.reshape(self.gravity, (3, 1)))
+        fall = timeStep * np.where(self.isFixed, 0.0, self.acceleration[:3])
         linVelocity = self.linVelocity + fall
         position = self.position + timeStep * linVelocity
         orientation = turned(self.orientation, timeStep * mean)

@@ -19,7 +19,7 @@ from rbs.pictures.capture import start_view
 from rbs.pictures.view import LAYERS
 from rbs.scenes.messages import counted
 from rbs.stepping.reports import PHASES
-from rbs.stepping.settings import SETTINGS
+from rbs.stepping.settings import SETTINGS, shown
 from rbs.window import widgets
 from rbs.window.helppanel import draw_help
 from rbs.window.layout import ROOMY_HEIGHT, ROOMY_WIDTH, arrange
@@ -299,6 +299,8 @@ class Panel:
                 self._timeStep.draw(*row, TIME_STEP_CHANGE, *last)
             elif one.kind is bool:
                 widgets.draw_check(*row, *last)
+            elif isinstance(value, tuple):
+                psim.TextUnformatted(f"{shown(value)}  {one.label}")
             elif one.sliderEnds is None:
                 widgets.draw_choice(*row, one.kind, *last, CHOICES)
             else:

@@ -77,7 +77,7 @@ class Viewer:
         self.simulation, self.view, self.playback, self.look = simulation, view, Playback(), look
         self.isPlaying = self.isMeasuring = False
         self.pushSpeed = DEFAULT_PUSH
-        self.message, self.saved = "" if simulation.isReplay else simulation.step_advice(), ""
+        self.message, self.saved = simulation.step_advice(), ""
         self.grab = self.offer = self.video = self.page = self.recorder = self.picture = None
         self.history = deque(maxlen=PLOTTED_STEPS)
         self._opener = opener
@@ -91,7 +91,7 @@ class Viewer:
     @property
     def isReplay(self):
         """Whether a recording is shown instead of a simulation."""
-        return self.simulation.isReplay
+        return not self.simulation.isEditable
 
     # Time.
 
@@ -315,7 +315,8 @@ class Viewer:
                 self._offer(text, "Use batches", act)
             return
         height = refresh_vertices(self.simulation.meshes)[:, 1].max(initial=0.0)
-        fall = math.sqrt(2.0 * height / settings.gravity) if settings.gravity > 0.0 else 1.0
+        downwards = -settings.acceleration[1]
+        fall = math.sqrt(2.0 * height / downwards) if downwards > 0.0 else 1.0
         speed = fitting_speed(fall)
         if speed != 1.0 == self.playback.speed:
             text = f"Gravity looks {'slow' if speed > 1.0 else 'fast'} at 1 ×: a fall from the top"

@@ -183,7 +183,7 @@ def test_endings_count_in_any_case(tmp_path, capsys, monkeypatch):
     names = {"R.H5", "P.PNG", "E.GLB"}
     assert {path.name for path in tmp_path.iterdir()} == names
     listed = {one.path.name for one in list_files(tmp_path)}
-    assert "R.H5" in listed and open_file("R.H5").isReplay
+    assert "R.H5" in listed and not open_file("R.H5").isEditable
 
 
 def test_help_names_every_option_and_scene(capsys, monkeypatch):

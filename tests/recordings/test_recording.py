@@ -24,6 +24,7 @@ from rbs.recordings.statistics import QUANTITY_UNITS
 from rbs.scenes import changes
 from rbs.scenes.simulation import SceneSimulation, Settings
 from rbs.scenes.state import STATE_NAMES
+from RigidBodySimulation import Simulation
 
 STRESS = DATA / "stress-scene.txt"
 
@@ -48,7 +49,7 @@ def test_recording_holds_every_step_as_stepping_by_hand_gives_it(tmp_path, capsy
         assert settings["closingOnly"] and isinstance(settings["maxIterations"], h5py.Empty)
         assert head["scene"] == b"mixed-scene.txt" and head["constraints"] == b""
         assert head["version"].decode() == __version__
-        assert recording["scene"][()].tobytes() == scene.read_bytes()
+        assert recording["scene"].asstr()[0] == scene.read_text() and recording["scene"].fletcher32
     # The two ways of treating contacts that part must differ here, or the flag was not tested.
     assert not np.array_equal(expected["positions"], by_hand(scene, 130, 0.8, 0.03)["positions"])
 
@@ -63,6 +64,34 @@ def test_a_recording_explains_itself_to_other_programs(tmp_path):
         units = {name: file[name].attrs.get("units") for name in file}
         assert units["linVelocities"] == b"m/s" and units["times"] == b"s"
         assert file["orientations"].attrs["meaning"].startswith(b"unit quaternion w x y z")
+
+
+@pytest.mark.parametrize("solver", ["impulse", "soft-step"])
+def test_contacts_are_recorded_if_wanted(tmp_path, capsys, solver):
+    """As the step's report has them, from the command line and from Python, in any HDF5 reader."""
+    words = ["tower", "--steps", 120, "--record-contacts", "--solver", solver]
+    assert call(capsys, *words, "--record", tmp_path / "r.h5")[0] == 0
+    assert call(capsys, "--verify", tmp_path / "r.h5")[0] == 0
+    simulation = Simulation("tower", Settings(contactSolver=solver))
+    opened = Simulation.open(tmp_path / "r.h5")
+    count = 0
+    with simulation.record(tmp_path / "p.h5", contacts=True):
+        for report in simulation.steps(120):
+            opened.step()
+            assert opened.contacts() == report.contacts
+            count += len(report.contacts)
+    files = (h5py.File(tmp_path / name, locking=False) for name in ("r.h5", "p.h5"))
+    with next(files) as one, next(files) as other:
+        table = one["contacts"][()]
+        assert len(table) == count > 20 and table.tobytes() == other["contacts"][()].tobytes()
+        assert (table["depth"] >= 0.0).all() and set(table["body2"]) >= {-1, 1}
+        assert one["contacts"].fletcher32 and one["events"].dtype.kind == "S"
+        assert one["contacts"].attrs["meaning"].startswith(b"body2 is -1 for the ground")
+    record(tmp_path / "bare.h5", simulation, 1)
+    with pytest.raises(RecordingError, match="contacts are not recorded; see --record-"):
+        Recording(tmp_path / "bare.h5").contacts(120)
+    code, _, errors = call(capsys, "tower", "--headless", "--record-contacts")
+    assert code == 2 and "--record-contacts needs --record" in errors
 
 
 def test_old_recording_stays_until_the_new_one_is_whole(tmp_path):
@@ -211,7 +240,7 @@ def put(name, place, value):
 EDITS = {
     "a position": (put("positions", (33, 4, 1), 3.5), "step 33 differs: positions by up to "),
     "the sign of a zero": (put("angVelocities", (0, 0, 0), -0.0), "step 0 differs: angVelocities"),
-    "the scene": (put("scene", 0, ord("?")), "it is damaged"),
+    "the scene": (put("scene", 0, b"?"), "it is damaged"),
     "no state": (lambda file: file["times"].resize(0, axis=0), "it has no states"),
     "a setting": (put("settings", "friction", -1.0), "step 0: friction must be "),
 }

@@ -100,7 +100,7 @@ def main(scene, statusPath):
         sys.exit(backend.reason)
     try:
         simulation = open_file(scene)
-        if not simulation.isReplay:
+        if simulation.isEditable:
             apply_settings(simulation, {})
         show_window(simulation, backend, SceneOpener())
     except KeyboardInterrupt:
