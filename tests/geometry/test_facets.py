@@ -206,7 +206,7 @@ def test_a_cached_axis_decides_nothing_where_hulls_nearly_touch(gap):
 
 
 def test_facets_serve_every_translation_within_their_margin(batch):
-    """Planes made at t with a margin r know the nearest facet, to the bit, wherever t + Δ goes."""
+    """Facets found at t with a margin r hold the nearest one, to the bit, at t + Δ for |Δ| < r."""
     rng = np.random.default_rng(10)
     margin = 0.05 * (batch.hulls.radius[batch.first] + batch.hulls.radius[batch.second])
     facets = find_facets(batch.hulls, batch.first, batch.second, batch.t, margin)
