@@ -158,6 +158,7 @@ class SceneSimulation(Scene):
             self._cast.note(change, self.meshes[-1])
         elif change.kind == "remove":
             self.solverState.remove(change.body)
+            self.report = None  # it has the indices of before
         self.changes.append(change)
         for one in self.observers:
             one.note(self, change)

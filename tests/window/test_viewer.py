@@ -570,7 +570,7 @@ def test_a_page_has_what_was_shown_until_it_ends(viewer):
         if step == 4:
             viewer.shoot((0, 0))
         viewer.step_once()
-    positions, _, first = viewer.page.poses(len(viewer.simulation.meshes))
+    positions, _, _, (first, _) = viewer.page.poses()
     assert len(positions) == 5 and first[-1] == 3 and not first[:-1].any()
     viewer.reset()
     page = Path("out/mixed/page.html").resolve()
