@@ -30,8 +30,7 @@ import numpy as np
 
 import GJK
 from Quaternion import exponential, multiply, rotation_matrices
-from rbs.geometry import vectors
-from rbs.geometry.hulls import FEATURE_TOLERANCE, build_hull, rotate_columns
+from rbs.geometry.hulls import FEATURE_TOLERANCE, RotatedHull, build_hull, rotate_columns
 from rbs.geometry.triples import (
     ZERO,
     add,
@@ -40,6 +39,7 @@ from rbs.geometry.triples import (
     dot,
     floats,
     mat_vec,
+    matrix,
     mul_add,
     norm,
     number,
@@ -84,6 +84,7 @@ def run_timestep(
     settings=None,
     functions=None,
     solverState=None,
+    observer=None,
     **others,
 ):
     """Advances a scene by one time step, in place. An exception leaves the meshes unchanged.
@@ -107,6 +108,9 @@ def run_timestep(
         `resolve_velocity_constraint` are called; by default, this one
     solverState : SolverState of rbs/softstep/step.py, carried from one soft step to the next and
         changed in place; None starts cold
+    observer : function of an `Event` of rbs/glass/events.py, which is called with each event of the
+        step. Contacts in batches then go pair by pair, with the same bits. The soft step tells of
+        contact points at its end, and constraints in batches of nothing
 
     Returns the step's `StepReport`.
 
@@ -121,27 +125,37 @@ def run_timestep(
     check_kind("groundMesh", groundMesh, "Mesh", "invMass")
     check_kind("solverState", solverState, "SolverState", "begun")
     constraints = constraints if step.enforceConstraints else ()
-    taught = functions or OURS
+    taught, watch = functions or OURS, None
     isOnArrays = step.contactSolver == "soft-step" or step.contactScheduling == "batches"
     # on arrays, nothing is changed before all has succeeded, apart from the constraints
-    with undone_on_error(meshes, not isOnArrays or len(constraints) > 0):
+    isUndone = not isOnArrays or len(constraints) > 0 or observer is not None
+    with undone_on_error(meshes, isUndone):
         if isOnArrays:
             check_methods(meshes, taught)
+        if observer is not None:
+            from rbs.glass.events import Watch
+
+            watch = Watch(observer, meshes, groundMesh, step)
         if step.contactSolver == "soft-step":
             from rbs.softstep.step import soft_step
 
-            return soft_step(meshes, groundMesh, constraints, step, solverState)
+            report = soft_step(meshes, groundMesh, constraints, step, solverState)
+            if watch is not None:
+                watch.tell_points(report)
+            return report
         report = StepReport()
-        if step.contactScheduling == "batches":
+        if step.contactScheduling == "batches" and watch is None:
             from rbs.stepping.batchstep import batch_step
 
             batch_step(meshes, groundMesh, step, report)
         else:
             check_distinct(meshes)
             integrate(meshes, step, report)
-            resolve_pairs(meshes, step, report, taught)
-            resolve_ground(meshes, groundMesh, step, report, taught)
-        resolve_constraints(meshes, constraints, step, report, taught)
+            if watch is not None:
+                watch.tell_flights()
+            resolve_pairs(meshes, step, report, taught, watch)
+            resolve_ground(meshes, groundMesh, step, report, taught, watch)
+        resolve_constraints(meshes, constraints, step, report, taught, watch)
     return report
 
 
@@ -163,41 +177,45 @@ def integrate(meshes, step, report):
         check_states(meshes, "free flight")
 
 
-def resolve_pairs(meshes, step, report, taught):
+def resolve_pairs(meshes, step, report, taught, watch=None):
     """Detects and resolves the collisions of all pairs i < j, in this order.
 
     Each detection sees the corrections of the earlier pairs. A broad phase leaves out pairs whose
     bounding boxes do not overlap when it is their turn, which changes nothing.
     """
     pairs, count = itertools.combinations(range(len(meshes)), 2), 0
+    resolve = taught.resolve_collision
     with report.phase("collisions"), boxes_held(meshes):
         if step.broadPhase == "grid":
             from rbs.stepping.pairs import grid_pairs
 
             pairs = grid_pairs(meshes)
+        if watch is not None:
+            pairs, resolve = watch.pairs(pairs), watch.resolving(resolve)
         for i, j in pairs:
             count += 1
             m1, m2 = meshes[i], meshes[j]
             isCollision, depth, normal, point = m1.detect_collision(m2)
             if isCollision:
                 contact = depth, normal, point
-                impulses = taught.resolve_collision(m1, m2, *contact, *contact_settings(step))
+                impulses = resolve(m1, m2, *contact, *contact_settings(step))
                 hold_boxes((m1, m2))
                 report.add_contact(i, j, *contact, impulses)
         report.candidatePairs = count
 
 
-def resolve_ground(meshes, groundMesh, step, report, taught):
+def resolve_ground(meshes, groundMesh, step, report, taught, watch=None):
     """Resolves the collision of each mesh whose lowest vertex has y ≤ 0 with the ground."""
+    resolve = taught.resolve_collision
+    if watch is not None:
+        resolve = watch.resolving(resolve)
     with report.phase("ground"):
         for i, mesh in enumerate(meshes if groundMesh is not None else ()):
             lowest = mesh.lowest_vertex()
             if lowest is not None and lowest[1] <= 0.0:
                 # the normal points into the body, and the depth is negative to match
                 contact = lowest[1], UPWARDS, lowest
-                impulses = taught.resolve_collision(
-                    mesh, groundMesh, *contact, *contact_settings(step)
-                )
+                impulses = resolve(mesh, groundMesh, *contact, *contact_settings(step))
                 report.add_contact(i, GROUND, *contact, impulses)
         check_states(meshes, "contacts")
 
@@ -246,23 +264,6 @@ def check_methods(meshes, taught):
 # --------------------------------------------------------------------------------------------------
 # Mesh
 # --------------------------------------------------------------------------------------------------
-
-
-class RotatedHull:
-    """Geometry of a mesh at one orientation, as collision detection reads it.
-
-    hull : `Hull`, at rest; rotation : nine floats, matrix row by row
-    vertices : (3, V), relative to the COM; hullVertices : (3, Vh), the vertices of the hull
-    low, high : three floats each, bounding box of the hull relative to the COM
-    """
-
-    def __init__(self, mesh):
-        self.hull = mesh.hull
-        self.rotation = rotation_matrices(floats(mesh.orientation, 4))
-        self.vertices = vectors.mat_vec(np.array(self.rotation), mesh.origVertices.T)
-        self.hullVertices = self.vertices.take(self.hull.vertexIndex, axis=1)
-        self.low = self.hullVertices.min(axis=1).tolist()
-        self.high = self.hullVertices.max(axis=1).tolist()
 
 
 class Mesh:
@@ -518,7 +519,7 @@ class Mesh:
 
     def follow_velocity(self, timeStep):
         """Moves a fixed mesh that has been given a velocity, as `integrate_timestep` others."""
-        if self.linVelocity.any() or self.angVelocity.any():
+        if vector(self.linVelocity) != ZERO or vector(self.angVelocity) != ZERO:
             self._fly(number(timeStep), ZERO)
 
     def _fly(self, h, gravity):
@@ -553,7 +554,7 @@ class Mesh:
         """`integrate_timestep` with constant angular momentum; see `torque_free_velocities`."""
         if not self.isFixed:
             state = vector(self.angVelocity), floats(self.orientation, 4)
-            tensors = floats(self.IT, 9), floats(self.invIT, 9)
+            tensors = matrix(self.IT), matrix(self.invIT)
             mean, end = torque_free_velocities(*state, *tensors, number(timeStep))
             self.angVelocity = row(mean)
             self.integrate_timestep(timeStep, gravity)
@@ -589,7 +590,7 @@ class Mesh:
         """Returns the first lowest vertex in the world (3,), or None if the mesh is fixed."""
         if self.isFixed:
             return None
-        vertices = self.rotated_hull().vertices
+        vertices = self.rotated_hull().points
         x, y, z = vector(self.position)
         column = (vertices[1] + y).argmin()
         return vertices[:, column] + (x, y, z)
@@ -597,7 +598,7 @@ class Mesh:
     def get_rotated_inv_IT(self):
         """Inverse inertia tensor in world axes, R I⁻¹ Rᵀ: (3, 3)."""
         rotation = rotation_matrices(floats(self.orientation, 4))
-        return np.array(rotate_tensor(rotation, floats(self.invIT, 9))).reshape(3, 3)
+        return np.array(rotate_tensor(rotation, matrix(self.invIT))).reshape(3, 3)
 
     def push(self, impulse, point):
         """Applies an impulse (3,), mass · speed, at a world point (3,), unless the mesh is fixed.
@@ -630,7 +631,8 @@ class Mesh:
         """Returns the `RotatedHull` at the present orientation; None without vertices."""
         orientation = self.orientation.tobytes()
         if self._rotatedHull[0] != orientation and self.hull is not None:
-            self._rotatedHull = orientation, RotatedHull(self)
+            rotation = rotation_matrices(floats(self.orientation, 4))
+            self._rotatedHull = orientation, RotatedHull(self.hull, self.origVertices, rotation)
         return self._rotatedHull[1]
 
     def bounding_box(self):
@@ -667,7 +669,7 @@ class Mesh:
 
     def arm(self, vertex):
         """Returns the vector (1, 3) from the COM to a rest vertex, rotated."""
-        return self.rotated_hull().vertices[:, vertex].reshape(1, 3)
+        return self.rotated_hull().points[:, vertex].reshape(1, 3)
 
     @property
     def currVertices(self):
@@ -725,7 +727,7 @@ class Body:
     def from_arrays(cls, invMass, invInertia, position, linVelocity, angVelocity):
         """Makes a body of a number and arrays of any shape."""
         velocities = vector(linVelocity), vector(angVelocity)
-        return cls(number(invMass), floats(invInertia, 9), vector(position), *velocities)
+        return cls(number(invMass), matrix(invInertia), vector(position), *velocities)
 
 
 class ContactImpulses(NamedTuple):
@@ -916,8 +918,8 @@ def resolve_velocity_constraint(
     invMass1, invMass2 = number(invMasses[0]), number(invMasses[1])
     if abs(Jv) <= number(tolerance) or invMass1 + invMass2 == 0.0:
         return abs(Jv) <= tolerance, currLinVelocities, currAngVelocities
-    k1, response1 = inverse_effective_mass(invMass1, floats(invInertiaTensors[0], 9), r1CrossN)
-    k2, response2 = inverse_effective_mass(invMass2, floats(invInertiaTensors[1], 9), r2CrossN)
+    k1, response1 = inverse_effective_mass(invMass1, matrix(invInertiaTensors[0]), r1CrossN)
+    k2, response2 = inverse_effective_mass(invMass2, matrix(invInertiaTensors[1]), r2CrossN)
     impulse = -Jv / (k1 + k2)
     return (
         False,
@@ -938,7 +940,7 @@ def is_violated(C, upper, tolerance):
     return C > tolerance if upper else C < -tolerance
 
 
-def resolve_constraints(meshes, constraints, step, report, taught):
+def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
     """Visits constraints until all hold or the maximum is reached.
 
     A visit corrects the positions of two bodies if their constraint is violated, then their
@@ -947,7 +949,13 @@ def resolve_constraints(meshes, constraints, step, report, taught):
     with report.phase("constraints"):
         if len(constraints) == 0:
             return
-        from rbs.stepping.constraints import ConstraintRows, project_in_batches, queue, sweep
+        from rbs.stepping.constraints import (
+            ConstraintRows,
+            InverseTensors,
+            project_in_batches,
+            queue,
+            sweep,
+        )
 
         rows = ConstraintRows(constraints, meshes, step.tolerance)
         maximumVisits = max(step.maxIterations, rows.total)
@@ -956,12 +964,19 @@ def resolve_constraints(meshes, constraints, step, report, taught):
             visits = project_in_batches(meshes, rows, step.tolerance, maximumVisits)
         else:
             ties, tolerance = rows.ties(meshes), step.tolerance
+            tensors = InverseTensors(meshes)
+            moves = [0] * len(meshes)  # number of corrections of each body
+            held = {c: (-1, None, None) for c in ties}  # when all points of c were last computed
 
             def visit(c):
                 """Corrects constraint c if it is violated, and returns whether it was."""
-                m1, m2, arm1, arm2, refValue, upper, invMasses, tensors = ties[c]
-                positions = x1, x2 = m1.position, m2.position
-                points = x1 + arm1, x2 + arm2
+                b1, b2, arm1, arm2, refValue, upper, invMasses = ties[c]
+                m1, m2, when = meshes[b1], meshes[b2], moves[b1] + moves[b2]
+                before, positions, points = held[c]
+                if before != when:
+                    positions = x1, x2 = m1.position, m2.position
+                    points = x1 + arm1, x2 + arm2
+                    held[c] = when, positions, points
                 positionWasValid, (x1, x2) = taught.resolve_position_constraint(
                     positions, points, refValue, invMasses, upper, tolerance
                 )
@@ -970,14 +985,18 @@ def resolve_constraints(meshes, constraints, step, report, taught):
                 # the points stay on one line, so that arms and direction still hold
                 velocities = (m1.linVelocity, m2.linVelocity), (m1.angVelocity, m2.angVelocity)
                 _, (v1, v2), (omega1, omega2) = taught.resolve_velocity_constraint(
-                    positions, points, *velocities, invMasses, tensors, tolerance
+                    positions, points, *velocities, invMasses, (tensors[b1], tensors[b2]), tolerance
                 )
                 if invMasses[0]:
                     m1.position, m1.linVelocity, m1.angVelocity = x1, v1, omega1
+                    moves[b1] += 1
                 if invMasses[1]:
                     m2.position, m2.linVelocity, m2.angVelocity = x2, v2, omega2
+                    moves[b2] += 1
                 return True
 
+            if watch is not None:
+                visit = watch.visits(visit, ties)
             schedule = queue if step.constraintScheduling == "queue" else sweep
             visits = schedule(visit, rows.movable_ends(), rows.total, maximumVisits)
         report.constraintVisits = visits

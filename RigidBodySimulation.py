@@ -91,6 +91,8 @@ def run_asked_mode(options):
         inputs + simulation.source.files(),
     )
     pictureOptions = picture_options_of(options)
+    if options.trace is not None:
+        return headless.trace_step(simulation, *options.trace)
     if commandLine.WITHOUT_WINDOW & set(options):
         return run_as_asked(simulation, options, pictureOptions)
     choices = given_settings(options), ignores_recommendations(options)

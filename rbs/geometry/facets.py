@@ -116,60 +116,10 @@ def find_facets(pairs, margin, separation=None):
     return Facets.gathered(found, completeUpTo)
 
 
-def all_facets(pairs):
-    """Finds all `Facets` of one pair; faster than `find_facets` if it has few edges."""
-    hulls, bodies = pairs.hulls, (pairs.first, pairs.second)
-    (normalA, offsetA, vertexA, *edgesA), (normalB, offsetB, vertexB, *edgesB) = (
-        _features(hulls, *body.tolist()) for body in bodies
-    )
-    levelB = dot(normalA[:, :, None], vertexB[:, None]).min(axis=1)
-    levelA = dot(normalB[:, :, None], vertexA[:, None]).min(axis=1)
-    (vectorA, tailA, arcA), (vectorB, tailB, arcB) = edgesA, edgesB
-    # all combinations of edges; see `_FacetSearch._add_edge_pairs`
-    r = dot(arcA[..., None], vectorB[:, None, None])
-    s = -dot(arcB[:, :, None], vectorA[:, None, :, None])
-    a, b = ((r[0] * r[1] < 0) & (s[0] * s[1] < 0) & (s[0] * r[1] > 0)).nonzero()
-    spanning = vectorA[:, a], vectorB[:, b], tailA[:, a], tailB[:, b], r[:, a, b], s[:, a, b]
-    normal, offset, spans, isDoubtful = _spanned_facets(*spanning)
-    doubtful = indices(isDoubtful)
-    if len(doubtful):
-        ends = (body.repeat(len(doubtful)) for body in bodies)
-        offset[doubtful] = support_offsets(hulls, *ends, normal[:, doubtful])
-    normal, offset = normal[:, spans], offset[spans]
-    normal = np.concatenate((normalA, -normalB, normal), axis=1)
-    offset = np.concatenate((offsetA - levelB, offsetB - levelA, offset))
-    return Facets(np.array([0, len(offset)]), normal, offset, np.array([np.inf]))
-
-
-def _features(hulls, b):
-    """Features of body b: normals (3, F) and offsets (F,) of its faces; its vertices (3, V); its
-    edges: vectors (3, E), tails (3, E), and normals of both faces (3, 2, E).
-    """
-    face, vertex, edge = (
-        slice(start[b], start[b] + count[b])
-        for start, count in (
-            (hulls.faceStart, hulls.faceCount),
-            (hulls.vertexStart, hulls.vertexCount),
-            (hulls.edgeStart, hulls.edgeCount),
-        )
-    )
-    normals, vertices = hulls.normals[:, face], hulls.vertices[:, vertex]
-    vectors = mat_vec(hulls.rotation[:, b], hulls.edges[:, edge])
-    tails = take(vertices, hulls.edgeTail[edge], axis=1)
-    return (
-        normals,
-        hulls.offsets[face],
-        vertices,
-        vectors,
-        tails,
-        take(normals, hulls.edgeFaces[:, edge], axis=1),
-    )
-
-
 def _spanned_facets(vectorA, vectorB, tailA, tailB, r, s):
     """Facets that edges of A and B (K,) span: `(normal, offset, spans (K,), isDoubtful (K,))`.
 
-    r, s : (2, K), see `_FacetSearch._add_edge_pairs`
+    r, s : (2, K), see `_FacetSearch.add_edge_pairs`
     spans : whether the edges are not parallel; isDoubtful : whether rounding may make arcs cross
         that only touch. The plane of such a facet must be moved outwards to support the hulls, so
         that no vertex lies beyond it
@@ -310,7 +260,7 @@ class _FacetSearch:
         self.completeUpTo = np.where(isComplete, depth + 2.0 * margin, -np.inf)
         edge, faces = self._list_edges(indices(np.concatenate((isComplete, isComplete))))
         kept = self._edges_near(faces, bound, first, second)
-        self._add_edge_pairs(bound, take(edge, kept), take(faces, kept, axis=1))
+        self.add_edge_pairs(bound, take(edge, kept), take(faces, kept, axis=1))
 
     def _depths_below_faces(self, vertex):
         """Depths (F,) of the vertex (2 P,) of each row's other hull below the row's faces."""
@@ -352,7 +302,7 @@ class _FacetSearch:
         nearOne, nearOther = take(near, faces)
         return indices((nearOne | nearOther) == 0b111)
 
-    def _add_edge_pairs(self, bound, edge, faces):
+    def add_edge_pairs(self, bound, edge, faces):
         """Adds the facets with a penetration ≤ bound (P,) that edges span, see `_list_edges`.
 
         An edge of A with the arc α1 α2 and an edge of B with the arc β1 β2 span a facet of A - B if

@@ -7,7 +7,7 @@ Lengths are in the unit of the points, and tolerances are relative to the size o
 
 import copy
 import math
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -169,6 +169,28 @@ def _is_flat(hull, least):
     if 2.0 * (hull.offsets - hull.directions @ hull.vertices.mean(axis=0)).min() >= least:
         return False
     return any(np.ptp(hull.vertices @ direction) < least for direction in hull.directions)
+
+
+class RotatedHull:
+    """The hull of a point set at one orientation, of one body.
+
+    hull : `Hull`, at rest; rotation : nine floats, matrix row by row
+    points : (3, n), the rotated point set; vertices : (3, V), those of the hull
+    low, high : three floats each, bounding box of the hull
+    """
+
+    def __init__(self, hull, points, rotation):
+        """points : (n, 3), at rest."""
+        self.hull, self.rotation = hull, rotation
+        self.points = mat_vec(np.array(rotation), points.T)
+        self.vertices = self.points.take(hull.vertexIndex, axis=1)
+        self.low = self.vertices.min(axis=1).tolist()
+        self.high = self.vertices.max(axis=1).tolist()
+
+    @cached_property
+    def normals(self):
+        """Outward unit normals (3, F) of the faces."""
+        return mat_vec(np.array(self.rotation), self.hull.directions.T)
 
 
 def tangents(normal):

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 from tqdm import tqdm
 
-from rbs.scenes.messages import InputError, print_error, reason_of, shown_path
+from rbs.glass.trace import trace_lines
+from rbs.scenes.messages import InputError, print_error, reason_of, short, shown_path
 from rbs.scenes.state import Writer
 from rbs.stepping.bodies import StateError
 
@@ -99,6 +100,36 @@ def message_of(error):
     if isinstance(error, OSError):
         return f"{error.filename or 'cannot write'}: {reason_of(error)}"
     return "not enough memory" if isinstance(error, MemoryError) else error
+
+
+def trace_step(simulation, step, body=None):
+    """Simulates up to a step, and prints the events of this one. Returns the exit code.
+
+    step : number ≥ 1; body : index or name of the body whose events are printed, as text, or None
+    """
+    if step <= simulation.stepCount:
+        raise InputError(f"--trace: the first step is {simulation.stepCount + 1}, not {step}")
+    index = body if body is None else body_index(simulation.meshes, body)
+    run, events = run_steps(simulation, step - 1 - simulation.stepCount, Outputs([])), []
+    if not run.failure and not run.stoppedBy:
+        try:
+            simulation.step(events.append)
+        except StateError as error:
+            run.failure = str(error)
+    show("\n".join(trace_lines(events, simulation.meshes, index)))
+    if run.failure:
+        print_error(run.failure)
+    return 128 + run.stoppedBy if run.stoppedBy else 3 * bool(run.failure)
+
+
+def body_index(meshes, text):
+    """Returns the index of a body, given by number or name. Raises InputError."""
+    names = [mesh.name for mesh in meshes]
+    if text in names:
+        return names.index(text)
+    if text.isdecimal() and int(text) < len(names):
+        return int(text)
+    raise InputError(f"--trace: no body '{short(text)}'; there are 0 to {len(names) - 1}")
 
 
 @dataclass

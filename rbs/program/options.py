@@ -64,7 +64,7 @@ RECORDING_EXAMPLES = f"""\
 # The options that change settings, by their argparse names.
 SETTING_OPTIONS = {option.replace("-", "_"): one for option, one in BY_OPTION.items()}
 WITHOUT_WINDOW = frozenset(
-    {"headless", "screenshots", "video", "record", "stats", "plot", "export"}
+    {"headless", "trace", "screenshots", "video", "record", "stats", "plot", "export"}
 )
 # Options of what is drawn.
 OF_PICTURES = frozenset({"size", "look", "camera", "colours", "show", "legend"})
@@ -77,6 +77,10 @@ CONFLICTS = {
     "resume": (
         {"scene", "constraints", "basic"},
         "scene and settings come from the recording",
+    ),
+    "trace": (
+        {"replay", "verify", "steps", "every"} | WITHOUT_WINDOW - {"headless", "trace"},
+        "it only prints the events of one step; --resume traces a step of a recording",
     ),
     "verify": (
         {*SETTING_OPTIONS, "scene", "constraints", "basic", "steps", "every"}
@@ -226,6 +230,15 @@ def add_output_options(parser):
         type=WHOLE_NUMBER,
         help=f"number of steps of a run without a window (default: {DEFAULT_STEPS}; with --replay, "
         "all that are recorded)",
+    )
+    output.add_argument(
+        "--trace",
+        metavar="STEP[:BODY]",
+        type=option_type(str, traced_step, "step"),
+        help="print what happens in a step, event by event, with the numbers of each formula: free "
+        "flight, contacts, corrections, impulses, friction, constraints. Only events of BODY, a "
+        "number (from 0) or a name. Two outputs can be compared by diff. With --functions, this "
+        "project's loop calls them, as with --our-loop",
     )
     output.add_argument(
         "--screenshots",
@@ -458,6 +471,12 @@ def at_least(low, high):
         return value
 
     return check
+
+
+def traced_step(text):
+    """Returns (step, body) of a text like "70" or "70:box 3", without a body None."""
+    step, colon, body = text.partition(":")
+    return POSITIVE_NUMBER(step), body if colon else None
 
 
 def checked_size(text):

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from Quaternion import QConj, QRotate
+from rbs.glass.trace import trace_lines
 from rbs.program.results import Results
 from rbs.recordings.recording import RECORDING_ENDINGS, Recorder, Recording
 from rbs.recordings.replay import Replay
@@ -62,6 +63,18 @@ class Simulation(Results, SceneSimulation):
         if not isinstance(scene, SceneSource):
             scene = SceneSource.of_files(find_scene(scene), constraintPath)
         super().__init__(scene, settings)
+
+    def trace(self, body: Mesh | int | None = None) -> str:
+        """Goes on by one time step, and returns a table of what happened in it.
+
+        Parameters
+        ----------
+        body : Mesh or int, optional
+            Only the events of this one.
+        """
+        events, index = [], None if body is None else self._index(body)
+        self.step(events.append)
+        return "\n".join(trace_lines(events, self.meshes, index))
 
     def push(self, body: Mesh | int, impulse: ArrayLike, point: ArrayLike | None = None) -> None:
         """Applies an impulse to a body before the next step.

@@ -92,8 +92,8 @@ class Replay(Scene):
         left = self.lastStep - self.stepCount
         return left if count is None else min(count, left)
 
-    def advance(self):
-        """Goes on by one step, unless it is the last."""
+    def advance(self, observer=None):
+        """Goes on by one step, unless it is the last. A recording has no events."""
         if self.stepCount < self.lastStep:
             self.seek(self.stepCount + 1)
 

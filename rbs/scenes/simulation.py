@@ -191,17 +191,17 @@ class SceneSimulation(Scene):
             f"may rest inside each other; use {least:g} s"
         )
 
-    def advance(self):
-        """Makes one time step.
+    def advance(self, observer=None):
+        """Makes one time step. observer : see `run_timestep`
 
         Raises StateError, naming step and body, if a number would become NaN, infinite or absurdly
         large. The simulation then stays as it was before the step.
         """
         settings = self.settings
-        limits = {"solverState": self.solverState}
+        limits = {"solverState": self.solverState, "observer": observer}
         if settings.contactSolver == "impulse":
             # a student's default tolerance may differ
-            limits = {"maxIterations": self.max_iterations(), "tolerance": CONSTRAINT_TOLERANCE}
+            limits |= {"maxIterations": self.max_iterations(), "tolerance": CONSTRAINT_TOLERANCE}
             self.solverState.clear()  # out of date after a step of this solver
         begin = time.perf_counter()
         advance = run_timestep

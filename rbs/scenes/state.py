@@ -82,13 +82,16 @@ class Scene:
     def __init__(self):
         self.observers = []
 
-    def step(self):
-        """Makes one step, and hands the new state to all observers."""
-        self.advance()
+    def step(self, observer=None):
+        """Makes one step, and hands the new state to all observers.
+
+        observer : function of each `Event` of the step; see `run_timestep`
+        """
+        self.advance(observer)
         for one in list(self.observers):
             one.add(self)
 
-    def advance(self):
+    def advance(self, observer=None):
         """Makes one step."""
         raise NotImplementedError
 

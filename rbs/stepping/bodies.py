@@ -6,7 +6,6 @@ Reading order: the state of meshes as arrays, and its checks; free flight; `Bodi
 import math
 import reprlib
 from contextlib import contextmanager
-from copy import copy
 from functools import lru_cache
 from operator import attrgetter, is_
 
@@ -45,6 +44,7 @@ FLIGHT_PARTS = 4
 
 # Attributes that form the state of a mesh, and how many numbers each has.
 STATE_WIDTHS = {"position": 3, "orientation": 4, "linVelocity": 3, "angVelocity": 3}
+_state = attrgetter(*STATE_WIDTHS)
 
 
 class StateError(ArithmeticError):
@@ -66,8 +66,12 @@ def check_numbers(columns, meshes, when):
 
 def check_states(meshes, when):
     """`check_numbers` of meshes."""
-    values = [getattr(mesh, name) for mesh in meshes for name in STATE_WIDTHS]
-    if values and not np.abs(np.concatenate(values, axis=None)).max() <= LARGEST_NUMBER:
+    values = [value for mesh in meshes for value in _state(mesh)]
+    try:
+        table = np.concatenate(values, axis=1)
+    except ValueError:  # slow path: different shapes, or no mesh
+        table = np.concatenate([np.zeros(1), *values], axis=None)
+    if not np.abs(table).max() <= LARGEST_NUMBER:
         check_numbers(state_columns(meshes), meshes, when)
 
 
@@ -81,14 +85,14 @@ def check_distinct(meshes):
 @contextmanager
 def undone_on_error(meshes, mayBeHalfDone):
     """Within it, an error restores the meshes' state if mayBeHalfDone; see also `_name_fault`."""
-    before = []
+    before = {}
     try:
         if mayBeHalfDone:
-            before += [(m, {name: copy(getattr(m, name)) for name in STATE_WIDTHS}) for m in meshes]
+            before = state_columns(meshes)
         yield
     except BaseException as error:
-        for mesh, state in before:
-            for name, value in state.items():
+        for name, columns in before.items():
+            for mesh, value in zip(meshes, columns.T[:, None].copy(), strict=True):
                 setattr(mesh, name, value)
         if isinstance(error, AttributeError | TypeError | ValueError):
             _name_fault(meshes)

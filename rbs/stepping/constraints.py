@@ -52,20 +52,27 @@ class ConstraintRows:
         }
 
     def ties(self, meshes):
-        """Returns what visits need: a dict from each index to two meshes, the arms (1, 3) of the
-        points, refValue, upper, inverse masses, and inverse inertia tensors in world axes.
+        """Returns what visits need: a dict from each index to both bodies, the arms (1, 3) of the
+        points, refValue, upper, and the inverse masses.
         """
-        ends = np.union1d(self.body1, self.body2).tolist()
-        tensors = {b: meshes[b].get_rotated_inv_IT() for b in ends}
         names = "index body1 vertex1 body2 vertex2 refValue upper".split()
+        columns = (getattr(self, name).tolist() for name in names)
         ties = {}
-        for c, b1, v1, b2, v2, *bound in zip(
-            *(getattr(self, n).tolist() for n in names), strict=True
-        ):
+        for c, b1, v1, b2, v2, *bound in zip(*columns, strict=True):
             m1, m2 = meshes[b1], meshes[b2]
-            constant = (m1.invMass, m2.invMass), (tensors[b1], tensors[b2])
-            ties[c] = m1, m2, m1.arm(v1), m2.arm(v2), *bound, *constant
+            ties[c] = b1, b2, m1.arm(v1), m2.arm(v2), *bound, (m1.invMass, m2.invMass)
         return ties
+
+
+class InverseTensors(dict):
+    """Inverse inertia tensors (3, 3) in world axes, by index of the mesh; computed when needed."""
+
+    def __init__(self, meshes):
+        self._meshes = meshes
+
+    def __missing__(self, b):
+        self[b] = self._meshes[b].get_rotated_inv_IT()
+        return self[b]
 
 
 def constraint_rows(constraints, vertexCount):

@@ -281,6 +281,7 @@ def test_a_picture_is_drawn(tmp_path):
         assert picture.size == (320, 180) and np.ptp(np.asarray(picture)[..., 0]) > 50
 
 
+@pytest.mark.slow
 def test_the_readmes_example_runs_in_an_empty_folder(tmp_path):
     require_opengl()
     text = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -395,13 +395,6 @@ def test_statistics_of_constraints_and_of_a_replay(chain, tmp_path, capsys):
     assert set(table["contacts"]) == {""} and "" not in table["totalEnergy (J)"]
 
 
-def test_plot_is_a_picture(tmp_path, capsys):
-    pytest.importorskip("matplotlib")
-    code, output, _ = call(capsys, "tower_chain", "--steps", "10", "--plot", tmp_path / "ä p.png")
-    assert code == 0 and output.splitlines()[-1].startswith("plot   ")
-    assert (tmp_path / "ä p.png").stat().st_size > 20_000
-
-
 def test_the_solver_s_state_at_the_end_is_kept_whenever_the_last_flush_was(tmp_path):
     simulation = SceneSimulation(DATA / "stack-scene.txt")
     simulation.settings = simulation.settings.changed(contactSolver="soft-step")

@@ -29,7 +29,6 @@ import rbs.stepping.constraints
 from rbs.scenes.simulation import SceneSimulation, Settings
 from rbs.stepping.settings import CONSTRAINT_TOLERANCE, SETTINGS
 from RBSFunctions import resolve_position_constraint, resolve_velocity_constraint, run_timestep
-from RigidBodySimulation import load_constraint_file
 
 G = 9.8
 H = 0.02  # seconds
@@ -568,22 +567,3 @@ def test_pendulum_has_the_period_of_its_linearised_equations(case):
     # It swings on: the corrections cost amplitude, but less than a quarter of it in 3.3 periods.
     last = x[-round(period / H) :]
     assert 0.75 * x[0] < np.abs(last).max() < 1.01 * x[0]
-
-
-def test_a_cube_of_tied_bodies_falls_as_one():
-    """The distances of all bodies stay within the tolerance, so the whole is as good as rigid."""
-    simulation = load("cube")
-    tied = np.array([row[:4] for row in simulation.constraints if row[5]])
-    assert len(tied) == 28
-    constraints = load_constraint_file(DATA / "cube-constraints.txt", simulation.meshes)
-    assert constraints == simulation.constraints
-    for _ in range(130):
-        simulation.step()
-        assert simulation.report.constraintVisits < simulation.max_iterations()
-        assert violations(simulation.meshes, constraints).max() <= CONSTRAINT_TOLERANCE + 1e-12
-    # Left to themselves they would not have kept together: the ground tears them apart.
-    simulation.reset()
-    simulation.settings.enforceConstraints = False
-    for _ in range(130):
-        simulation.step()
-    assert violations(simulation.meshes, constraints).max() > 1.0
