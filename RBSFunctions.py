@@ -38,6 +38,7 @@ from rbs.geometry.triples import (
     divide,
     dot,
     floats,
+    inverse_symmetric,
     mat_vec,
     matrix,
     mul_add,
@@ -506,7 +507,8 @@ class Mesh:
         if isFixed or len(self.origVertices) == 0:
             self.invMass, self.invIT = 0.0, np.zeros((3, 3))
         else:
-            self.invMass, self.invIT = 1.0 / self.mass, np.linalg.inv(self.IT)
+            self.invMass = 1.0 / self.mass
+            self.invIT = np.array(inverse_symmetric(floats(self.IT, 9))).reshape(3, 3)
 
     def integrate_timestep(self, timeStep, gravity=EARTH):
         """Integrates timeStep seconds of free flight, with gravity g. A fixed mesh does not change.
@@ -605,10 +607,10 @@ class Mesh:
 
         With r from the COM to the point, v ← v + J / m and ω ← ω + R I⁻¹ Rᵀ (r × J).
         """
-        arm = np.reshape(point, (1, 3)) - self.position
-        torque = np.cross(arm, np.reshape(impulse, (1, 3)))
-        self.linVelocity = self.linVelocity + self.invMass * np.reshape(impulse, (1, 3))
-        self.angVelocity = self.angVelocity + torque @ self.get_rotated_inv_IT().T
+        J, arm = floats(impulse, 3), sub(floats(point, 3), vector(self.position))
+        response = mat_vec(floats(self.get_rotated_inv_IT(), 9), cross(arm, J))
+        self.linVelocity = row(mul_add(vector(self.linVelocity), self.invMass, J))
+        self.angVelocity = row(add(vector(self.angVelocity), response))
 
     def body_state(self):
         """Returns the `Body` on which contacts and constraints operate."""

@@ -200,7 +200,7 @@ class Simulation(Results, SceneSimulation):
         """
         check_ending(path, RECORDING_ENDINGS, "recording")
         with closing(Recorder(path, contacts)) as recorder:
-            with self.observed(recorder):
+            with self.followed_by(recorder):
                 yield self
             recorder.save()
 

@@ -160,7 +160,7 @@ class SceneSimulation(Scene):
             self.solverState.remove(change.body)
             self.report = None  # it has the indices of before
         self.changes.append(change)
-        for one in self.observers:
+        for one in self.writers:
             one.note(self, change)
 
     @property

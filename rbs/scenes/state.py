@@ -36,7 +36,7 @@ _ROWS = {
 class Writer:
     """Follows a run and writes what becomes of it: the base of all outputs.
 
-    It is one of the `observers` of a Scene. The methods do nothing unless a subclass has them.
+    It is one of the `writers` of a Scene. The methods do nothing unless a subclass has them.
     """
 
     def add(self, simulation):
@@ -70,7 +70,7 @@ class Scene:
     submitted : `SubmittedSteps`, if a student's functions make the steps, or None
     isEditable : whether bodies and settings can be changed, and steps be made without end; if not,
         it is a Replay, with `seek`, firstStep, lastStep and lastTime
-    observers : list of `Writer`s, which take the state after every step
+    writers : list of `Writer`s, which take the state after every step
     """
 
     source = scenePath = groundMesh = settings = report = stepSeconds = submitted = None
@@ -80,15 +80,15 @@ class Scene:
     isEditable = True
 
     def __init__(self):
-        self.observers = []
+        self.writers = []
 
     def step(self, observer=None):
-        """Makes one step, and hands the new state to all observers.
+        """Makes one step, and hands the new state to all writers.
 
         observer : function of each `Event` of the step; see `run_timestep`
         """
         self.advance(observer)
-        for one in list(self.observers):
+        for one in list(self.writers):
             one.add(self)
 
     def advance(self, observer=None):
@@ -96,14 +96,14 @@ class Scene:
         raise NotImplementedError
 
     @contextmanager
-    def observed(self, writer):
+    def followed_by(self, writer):
         """Within it, a writer takes the present state, and that after every step."""
         writer.add(self)
-        self.observers.append(writer)
+        self.writers.append(writer)
         try:
             yield self
         finally:
-            self.observers.remove(writer)
+            self.writers.remove(writer)
 
     def steps_of_run(self, count=None):
         """Returns the steps that a run makes: count, by default 500."""
