@@ -222,7 +222,7 @@ class OpenedRecording(Results, Replay):
     `--resume` continues a recording.
     """
 
-    def change(self, change):
+    def change(self, change: changes.Change) -> None:
         """Raises ValueError: a recording cannot be changed."""
         raise ValueError("a recording cannot be changed; --resume continues it")
 

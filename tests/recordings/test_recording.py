@@ -304,10 +304,10 @@ def test_the_bits_do_not_depend_on_kernels_of_blas_or_numpy():
     """Stones whose bits were others with LAPACK's inverse, or with sums of impulses by BLAS."""
     found = []
     old = {"OPENBLAS_CORETYPE": "Prescott", "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX2 FMA3"}
-    for changes in ({}, {"OPENBLAS_CORETYPE": "Haswell"}, old):
+    for others in ({}, {"OPENBLAS_CORETYPE": "Haswell"}, old):
         command = [sys.executable, "-W", "ignore", "-c", KERNELS]
-        changes |= {"PYTHONPATH": str(ROOT)}
-        process = subprocess.run(command, env=environment(**changes), capture_output=True)
+        others |= {"PYTHONPATH": str(ROOT)}
+        process = subprocess.run(command, env=environment(**others), capture_output=True)
         assert process.returncode == 0, process.stderr
         found.append(process.stdout.split())
     assert len(found[0]) == 3 and found[0][0] == found[0][1] != found[0][2]
