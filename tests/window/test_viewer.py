@@ -171,7 +171,8 @@ def test_time_of_filming_and_reading_is_kept_apart_from_simulating(
 
         return act
 
-    monkeypatch.setattr(viewer.simulation, "step", takes(0.001))
+    monkeypatch.setattr(viewer.simulation, "advance", takes(0.001))
+    viewer.simulation.stepSeconds = 0.001
     monkeypatch.setattr(replay.simulation, "seek", takes(0.002))
     viewer.video = SimpleNamespace(add=takes(0.016))
     for one in (viewer, replay):
