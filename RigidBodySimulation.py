@@ -54,7 +54,7 @@ __all__ += ["flatten_meshes", "load_constraint_file", "load_mesh_file", "load_sc
 FALLBACK_PICTURES = 5
 
 
-def main(arguments=None):
+def main(arguments: list[str] | None = None) -> int:
     """Runs the command line.
 
     Returns the exit code: 0; 1 if --verify finds a difference; 2 for bad input, or if an output

@@ -191,6 +191,8 @@ class SceneView:
             self.picked = after.index(before[self.picked][0])
         for (mesh, _), index in zip(before, self.bodyColours.index.tolist(), strict=True):
             mesh.colourIndex = index  # it keeps its colour
+        if len(after) <= len(before):  # indices have changed
+            self.overlays.memory.trail, self.overlays.memory.heldContacts = [], {}
         self._register_constraints(self._register_bodies())
         self._shadows.set_enabled("shadows" in self.shown)
 
