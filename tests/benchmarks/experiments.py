@@ -284,9 +284,9 @@ def elastic():
             tell(f"elastic: {count} cubes {1e3 * gap:g} mm apart, energy of the last", 1, **found)
 
 
-def plastic_rest(settings):
-    """Speed and spin after a cube has landed flat at 4.4 m/s without restitution."""
-    mesh = box_body(1, 1, 1, (0, 1.5, 0))
+def plastic_rest(settings, height=1.5):
+    """Part of the speed, and spin, after a cube has landed flat from a height at e = 0."""
+    mesh = box_body(1, 1, 1, (0, height, 0))
     speeds = []
 
     def watch(k, _):
