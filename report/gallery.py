@@ -16,8 +16,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from rbs.appearance.framing import frame_still
 from rbs.appearance.pictureoptions import PictureOptions
+from rbs.opening.suggestions import apply_settings
 from rbs.pictures.backends import find_backend
-from rbs.program.suggestions import apply_settings
 from rbs.recordings.encoder import Encoder
 from rbs.scenes.files import atomic_write
 from RigidBodySimulation import Simulation, main
