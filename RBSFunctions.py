@@ -1,9 +1,9 @@
 """The coursework: rigid bodies, their integration, collisions, constraints and the time step.
 
 Reading order: `run_timestep`, which follows the coursework's text; `Mesh`; contacts with friction;
-distance constraints. What is not the coursework has rooms of its own, which a step enters by a
-setting only: a broad phase (rbs/stepping/pairs.py), contacts on arrays (rbs/stepping/batchstep.py),
-and the soft step (rbs/softstep/step.py).
+distance constraints. What goes beyond the coursework stands in other modules, which a step calls
+only if a setting asks for it: a broad phase (rbs/stepping/pairs.py), contacts on arrays
+(rbs/stepping/batchstep.py), and the soft step (rbs/softstep/step.py).
 
 Lengths and masses have the units of the scene, time is in seconds, and gravity is by default 9.8
 length units per second squared along -y. Vectors of one mesh are rows (1, 3), and quaternions are
@@ -18,15 +18,21 @@ Position based dynamics, 2007. Velocity constraints: Catto, Modeling and solving
 Developers Conference 2009.
 """
 
+from __future__ import annotations
+
 import itertools
 import math
 import reprlib
 import sys
+from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import lru_cache
+from types import ModuleType
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 import GJK
 from Quaternion import exponential, multiply, rotation_matrices
@@ -38,6 +44,7 @@ from rbs.geometry.triples import (
     divide,
     dot,
     floats,
+    inverse_symmetric,
     mat_vec,
     matrix,
     mul_add,
@@ -60,7 +67,13 @@ from rbs.stepping.bodies import (
     undone_on_error,
 )
 from rbs.stepping.reports import GROUND, StepReport
-from rbs.stepping.settings import CONSTRAINT_TOLERANCE, CONSTRAINT_VISITS, EARTH, step_arguments
+from rbs.stepping.settings import (
+    CONSTRAINT_TOLERANCE,
+    CONSTRAINT_VISITS,
+    EARTH,
+    Settings,
+    step_arguments,
+)
 
 # This module, whatever its name stands for later: a student's module may take it.
 OURS = sys.modules[__name__]
@@ -72,21 +85,21 @@ EMPTY_BOX = (math.inf,) * 3 + (-math.inf,) * 3
 
 
 def run_timestep(
-    meshes,
-    groundMesh,
-    timeStep,
-    CRCoeff,
-    enforceConstraints=True,
-    constraints=(),
-    maxIterations=CONSTRAINT_VISITS,
-    tolerance=CONSTRAINT_TOLERANCE,
+    meshes: list[Mesh],
+    groundMesh: Mesh | None,
+    timeStep: float,
+    CRCoeff: float,
+    enforceConstraints: bool = True,
+    constraints: Sequence = (),
+    maxIterations: int = CONSTRAINT_VISITS,
+    tolerance: float = CONSTRAINT_TOLERANCE,
     *,
-    settings=None,
-    functions=None,
-    solverState=None,
-    observer=None,
-    **others,
-):
+    settings: Settings | None = None,
+    functions: ModuleType | None = None,
+    solverState: Any = None,
+    observer: Callable | None = None,
+    **others: Any,
+) -> StepReport:
     """Advances a scene by one time step, in place. An exception leaves the meshes unchanged.
 
     Parameters
@@ -221,14 +234,14 @@ def resolve_ground(meshes, groundMesh, step, report, taught, watch=None):
 
 
 def contact_settings(step):
-    """Returns the last arguments of `resolve_collision`: the coursework's only, if they do."""
+    """Returns the last arguments of `resolve_collision`; by default, only the coursework's."""
     extended = step.closingOnly or step.mu
     return (step.CRCoeff, step.closingOnly, step.mu) if extended else (step.CRCoeff,)
 
 
 @contextmanager
 def boxes_held(meshes):
-    """Within it, bounding boxes are computed once, and then by `hold_boxes` of bodies that move."""
+    """Context in which each mesh keeps its bounding box until `hold_boxes` computes it anew."""
     try:
         hold_boxes(meshes)
         yield
@@ -238,7 +251,7 @@ def boxes_held(meshes):
 
 
 def hold_boxes(meshes):
-    """Computes the bounding boxes of meshes, which keep them."""
+    """Computes the bounding boxes of meshes and stores them as heldBox."""
     for mesh in meshes:
         mesh.heldBox = None
         mesh.heldBox = mesh.bounding_box()
@@ -251,7 +264,7 @@ def check_kind(name, value, kind, attribute):
 
 
 def check_methods(meshes, taught):
-    """Raises ValueError if a step on arrays would not call functions or an overridden method."""
+    """Raises ValueError if a step on arrays would ignore given functions or overridden methods."""
     if taught is not OURS:
         raise ValueError("functions would not be called on arrays")
     for kind in dict.fromkeys(map(type, meshes)):
@@ -280,8 +293,8 @@ class Mesh:
     density : mass per volume, > 0
     position : (1, 3), COM in the world
     orientation : (1, 4), quaternion from rest to world, not zero; normalised on entry
-    isFixed : bool; a fixed mesh has infinite mass, and moves only if it is given a velocity
-        afterwards: as a conveyor, turntable or paddle, which contacts see and do not change
+    isFixed : bool; a fixed mesh has infinite mass. It moves only if it is given a velocity
+        afterwards, like a conveyor, a turntable or a paddle; contacts do not change that velocity
 
     Attributes
     ----------
@@ -293,8 +306,8 @@ class Mesh:
     volume, hullVolume : of the tetrahedra, and of the convex hull, which is what collides
     hull : rbs.geometry.hulls.Hull
     cachedAxes : dict, by the id of another mesh: the axis of separation or of least penetration
-        last found, and whether the two touched, which only save time
-    heldBox : bounding box that counts until the mesh has been moved, see `boxes_held`, or None
+        last found, and whether the two touched. It saves time and changes no result
+    heldBox : bounding box, valid until the mesh is moved, see `boxes_held`; or None
 
     Raises ValueError if an argument has the wrong shape or value, an index is out of range, or
     vertices have no mass.
@@ -302,7 +315,17 @@ class Mesh:
 
     position, orientation, linVelocity, angVelocity = (TableRow() for _ in range(4))
 
-    def __init__(self, name, origVertices, faces, tets, density, position, orientation, isFixed):
+    def __init__(
+        self,
+        name: str,
+        origVertices: ArrayLike,
+        faces: ArrayLike,
+        tets: ArrayLike,
+        density: float,
+        position: ArrayLike,
+        orientation: ArrayLike,
+        isFixed: bool,
+    ) -> None:
         self.name = name
         self.origVertices = self._numbers("origVertices", origVertices, 3)
         self.faces = self._numbers("faces", faces, 3, dtype=np.int64)
@@ -330,18 +353,18 @@ class Mesh:
     @classmethod
     def from_surface(
         cls,
-        name,
-        vertices,
-        faces=None,
-        density=None,
-        position=None,
-        orientation=(1, 0, 0, 0),
-        isFixed=False,
-    ):
-        """Makes a body of a closed surface, as SciPy's ConvexHull or trimesh have one.
+        name: str,
+        vertices: Any,
+        faces: ArrayLike | None = None,
+        density: float | None = None,
+        position: ArrayLike | None = None,
+        orientation: ArrayLike = (1, 0, 0, 0),
+        isFixed: bool = False,
+    ) -> Mesh:
+        """Makes a body from a closed surface, such as that of SciPy's ConvexHull or a trimesh.
 
-        vertices : (V, 3), in metres; those without a face are left out, and those in the same place
-            are merged. Or an object with vertices and faces, such as a trimesh.Trimesh
+        vertices : (V, 3), in metres. Vertices in the same place are merged, and those without a
+            face dropped. An object with vertices and faces, such as a trimesh.Trimesh, will do, too
         faces : (F, 3) int, triangles, with their corners in any order
         position : (1, 3), COM in the world; None leaves the body where the vertices are
 
@@ -372,8 +395,15 @@ class Mesh:
         return mesh
 
     @classmethod
-    def convex_hull(cls, points, density, position=None, name="hull", **others):
-        """Makes a body of the convex hull of points (n, 3), in metres.
+    def convex_hull(
+        cls,
+        points: ArrayLike,
+        density: float,
+        position: ArrayLike | None = None,
+        name: str = "hull",
+        **others: Any,
+    ) -> Mesh:
+        """Makes a body from the convex hull of points (n, 3), in metres.
 
         position, and others, orientation and isFixed : as for `from_surface`
         Raises ValueError if the hull has no volume.
@@ -389,14 +419,28 @@ class Mesh:
         return cls.from_surface(name, hull.points, hull.simplices, density, position, **others)
 
     @classmethod
-    def box(cls, size, density, position=(0.0, 0.0, 0.0), name="box", **others):
+    def box(
+        cls,
+        size: ArrayLike,
+        density: float,
+        position: ArrayLike = ZERO,
+        name: str = "box",
+        **others: Any,
+    ) -> Mesh:
         """Makes a box with these sides (3,) along x, y and z. Others: as for `convex_hull`."""
         from rbs.geometry.surfaces import box_points
 
         return cls.convex_hull(box_points(size), density, position, name, **others)
 
     @classmethod
-    def sphere(cls, radius, density, position=(0.0, 0.0, 0.0), name="sphere", **others):
+    def sphere(
+        cls,
+        radius: float,
+        density: float,
+        position: ArrayLike = ZERO,
+        name: str = "sphere",
+        **others: Any,
+    ) -> Mesh:
         """Makes a polyhedron whose 162 corners lie on a ball. Others: as for `convex_hull`."""
         from rbs.geometry.surfaces import sphere_points
 
@@ -404,8 +448,15 @@ class Mesh:
 
     @classmethod
     def cylinder(
-        cls, radius, height, density, position=(0.0, 0.0, 0.0), name="cylinder", sides=24, **others
-    ):
+        cls,
+        radius: float,
+        height: float,
+        density: float,
+        position: ArrayLike = ZERO,
+        name: str = "cylinder",
+        sides: int = 24,
+        **others: Any,
+    ) -> Mesh:
         """Makes a cylinder around y, a prism of so many sides. Others: as for `convex_hull`."""
         from rbs.geometry.surfaces import cylinder_points
 
@@ -423,7 +474,7 @@ class Mesh:
         return f"Mesh({self.name!r}, {len(self.origVertices)} vertices, {mass}, at {where})"
 
     def _repr_html_(self):
-        """Returns a drawing of the body as it is turned, and a line about it, for notebooks."""
+        """Returns a drawing of the body at its orientation and a caption, for notebooks."""
         from html import escape
 
         from rbs.geometry.drawings import draw_shape
@@ -483,22 +534,22 @@ class Mesh:
         self.hullVolume = self.hull.volume
 
     @property
-    def density(self):
+    def density(self) -> float:
         """Mass per volume. It cannot be assigned, because mass and inertia follow from it."""
         return self._density
 
     @property
-    def mass(self):
+    def mass(self) -> float:
         """Density times volume. It cannot be assigned, because inertia belongs to it."""
         return self._mass
 
     @property
-    def isFixed(self):
+    def isFixed(self) -> bool:
         """Whether the mesh cannot move. Assigning True fixes it at rest, and False frees it."""
         return self.invMass == 0.0
 
     @isFixed.setter
-    def isFixed(self, isFixed):
+    def isFixed(self, isFixed: bool) -> None:
         if isFixed not in (True, False):
             raise ValueError(f"mesh {self.name}: isFixed must be True or False, not {isFixed!r}")
         if isFixed:
@@ -506,23 +557,24 @@ class Mesh:
         if isFixed or len(self.origVertices) == 0:
             self.invMass, self.invIT = 0.0, np.zeros((3, 3))
         else:
-            self.invMass, self.invIT = 1.0 / self.mass, np.linalg.inv(self.IT)
+            self.invMass = 1.0 / self.mass
+            self.invIT = np.array(inverse_symmetric(floats(self.IT, 9))).reshape(3, 3)
 
-    def integrate_timestep(self, timeStep, gravity=EARTH):
+    def integrate_timestep(self, timeStep: float, gravity: tuple = EARTH) -> None:
         """Integrates timeStep seconds of free flight, with gravity g. A fixed mesh does not change.
 
         Semi-implicit Euler: v ← v + g h, COM ← COM + v h with the new velocity, and
         orientation ← exp(ω h/2) ∘ orientation. The angular velocity stays.
         """
         if not self.isFixed:
-            self._fly(number(timeStep), gravity)
+            self._integrate(number(timeStep), gravity)
 
-    def follow_velocity(self, timeStep):
-        """Moves a fixed mesh that has been given a velocity, as `integrate_timestep` others."""
+    def follow_velocity(self, timeStep: float) -> None:
+        """Moves a fixed mesh by the velocity that it has been given, if any."""
         if vector(self.linVelocity) != ZERO or vector(self.angVelocity) != ZERO:
-            self._fly(number(timeStep), ZERO)
+            self._integrate(number(timeStep), ZERO)
 
-    def _fly(self, h, gravity):
+    def _integrate(self, h, gravity):
         linVelocity = mul_add(vector(self.linVelocity), h, gravity)
         position = mul_add(vector(self.position), h, linVelocity)
         turn = exponential((0.0, *scale(0.5, scale(h, vector(self.angVelocity)))))
@@ -532,7 +584,7 @@ class Mesh:
         self.linVelocity, self.position = row(linVelocity), row(position)
         self.orientation = np.array([[w / length, x / length, y / length, z / length]])
 
-    def set_force(self, force, torque=ZERO):
+    def set_force(self, force: ArrayLike, torque: ArrayLike = ZERO) -> None:
         """Lets a force (3,) at the COM and a torque (3,) act from now on, in world axes.
 
         They replace those before. In SI units, in N and N m.
@@ -540,7 +592,7 @@ class Mesh:
         load = tuple(self._numbers("force and torque", (force, torque), 3).ravel().tolist())
         self.load = (load[:3], load[3:]) if any(load) else None
 
-    def follow_load(self, timeStep, gravity):
+    def follow_load(self, timeStep: float, gravity: tuple) -> tuple:
         """Applies the torque for timeStep seconds: ω ← ω + R I⁻¹ Rᵀ τ h. A fixed mesh stays.
 
         Returns g + F / m, the acceleration by gravity and the force.
@@ -550,7 +602,7 @@ class Mesh:
         self.angVelocity = row(mul_add(vector(self.angVelocity), number(timeStep), response))
         return mul_add(gravity, self.invMass, force)
 
-    def integrate_tumbling(self, timeStep, gravity=EARTH):
+    def integrate_tumbling(self, timeStep: float, gravity: tuple = EARTH) -> None:
         """`integrate_timestep` with constant angular momentum; see `torque_free_velocities`."""
         if not self.isFixed:
             state = vector(self.angVelocity), floats(self.orientation, 4)
@@ -560,14 +612,14 @@ class Mesh:
             self.integrate_timestep(timeStep, gravity)
             self.angVelocity = row(end)
 
-    def bounding_box_collision(self, m):
+    def bounding_box_collision(self, m: Mesh) -> bool:
         """Whether the axis-aligned boxes of this mesh and of m overlap or touch."""
         a, b = self.heldBox or self.bounding_box(), m.heldBox or m.bounding_box()
         if a[0] > b[3] or b[0] > a[3] or a[1] > b[4] or b[1] > a[4]:
             return False
         return a[2] <= b[5] and b[2] <= a[5]
 
-    def detect_collision(self, m):
+    def detect_collision(self, m: Mesh) -> tuple:
         """Tests the convex hulls of this mesh and of m for collision at their present poses.
 
         Returns `(isCollision, depth, intNormal, intPosition)` as `GJK.is_collide` does, with this
@@ -586,7 +638,7 @@ class Mesh:
             return GJK.NO_COLLISION
         return True, depth, row(normal), row(add(point, position2))
 
-    def lowest_vertex(self):
+    def lowest_vertex(self) -> np.ndarray | None:
         """Returns the first lowest vertex in the world (3,), or None if the mesh is fixed."""
         if self.isFixed:
             return None
@@ -595,39 +647,39 @@ class Mesh:
         column = (vertices[1] + y).argmin()
         return vertices[:, column] + (x, y, z)
 
-    def get_rotated_inv_IT(self):
+    def get_rotated_inv_IT(self) -> np.ndarray:
         """Inverse inertia tensor in world axes, R I⁻¹ Rᵀ: (3, 3)."""
         rotation = rotation_matrices(floats(self.orientation, 4))
         return np.array(rotate_tensor(rotation, matrix(self.invIT))).reshape(3, 3)
 
-    def push(self, impulse, point):
+    def push(self, impulse: ArrayLike, point: ArrayLike) -> None:
         """Applies an impulse (3,), mass · speed, at a world point (3,), unless the mesh is fixed.
 
         With r from the COM to the point, v ← v + J / m and ω ← ω + R I⁻¹ Rᵀ (r × J).
         """
-        arm = np.reshape(point, (1, 3)) - self.position
-        torque = np.cross(arm, np.reshape(impulse, (1, 3)))
-        self.linVelocity = self.linVelocity + self.invMass * np.reshape(impulse, (1, 3))
-        self.angVelocity = self.angVelocity + torque @ self.get_rotated_inv_IT().T
+        J, arm = floats(impulse, 3), sub(floats(point, 3), vector(self.position))
+        response = mat_vec(floats(self.get_rotated_inv_IT(), 9), cross(arm, J))
+        self.linVelocity = row(mul_add(vector(self.linVelocity), self.invMass, J))
+        self.angVelocity = row(add(vector(self.angVelocity), response))
 
-    def body_state(self):
+    def body_state(self) -> Body:
         """Returns the `Body` on which contacts and constraints operate."""
         invInertia = np.zeros((3, 3)) if self.isFixed else self.get_rotated_inv_IT()
-        vectors = self.position, self.linVelocity, self.angVelocity
-        return Body.from_arrays(self.invMass, invInertia, *vectors)
+        state = self.position, self.linVelocity, self.angVelocity
+        return Body(number(self.invMass), matrix(invInertia), *map(vector, state))
 
-    def set_body_state(self, body):
+    def set_body_state(self, body: Body) -> None:
         """Stores the position and velocities of a `Body`. An immovable mesh keeps its own."""
         if body.invMass != 0.0:
             self.position = row(body.position)
             self.linVelocity = row(body.linVelocity)
             self.angVelocity = row(body.angVelocity)
 
-    def pose(self):
+    def pose(self) -> bytes:
         """Returns the bytes of position and orientation, which differ after a change in place."""
         return self.position.tobytes() + self.orientation.tobytes()
 
-    def rotated_hull(self):
+    def rotated_hull(self) -> RotatedHull | None:
         """Returns the `RotatedHull` at the present orientation; None without vertices."""
         orientation = self.orientation.tobytes()
         if self._rotatedHull[0] != orientation and self.hull is not None:
@@ -635,7 +687,7 @@ class Mesh:
             self._rotatedHull = orientation, RotatedHull(self.hull, self.origVertices, rotation)
         return self._rotatedHull[1]
 
-    def bounding_box(self):
+    def bounding_box(self) -> tuple:
         """Returns the least and greatest x, y, z of the hull in the world: six floats."""
         if self.heldBox is not None:
             return self.heldBox
@@ -644,7 +696,7 @@ class Mesh:
         rotated, position = self.rotated_hull(), vector(self.position)
         return add(rotated.low, position) + add(rotated.high, position)
 
-    def vertex_at(self, point):
+    def vertex_at(self, point: ArrayLike) -> int:
         """Returns the index of the rest vertex at a point (3,), relative to the COM.
 
         If there is none, the point becomes the last vertex, which no face and no tetrahedron has.
@@ -661,35 +713,35 @@ class Mesh:
         self.keep_vertices(len(self.origVertices))
         return len(self.origVertices) - 1
 
-    def keep_vertices(self, count):
+    def keep_vertices(self, count: int) -> None:
         """Drops rest vertices that `vertex_at` has added, all after the first `count`."""
         self.origVertices = self.origVertices[:count]
         self._rotatedHull = self._currVertices = None, None
         tables_of.cache_clear()  # they hold the vertices
 
-    def arm(self, vertex):
+    def arm(self, vertex: int) -> np.ndarray:
         """Returns the vector (1, 3) from the COM to a rest vertex, rotated."""
         return self.rotated_hull().points[:, vertex].reshape(1, 3)
 
     @property
-    def currVertices(self):
+    def currVertices(self) -> np.ndarray:
         """Vertices in the world (V, 3), read-only. An assignment lasts until the pose changes."""
         if self._currVertices[0] != self.pose():
             refresh_vertices([self])
         return self._currVertices[1]
 
     @currVertices.setter
-    def currVertices(self, vertices):
+    def currVertices(self, vertices: np.ndarray) -> None:
         self._currVertices = self.pose(), vertices
 
 
-def ground():
+def ground() -> Mesh:
     """Returns the ground y ≤ 0: a fixed Mesh without vertices, at the origin."""
     return Mesh("ground", [], [], [], 0.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), True)
 
 
 def refresh_vertices(meshes):
-    """Returns the currVertices of all meshes (ΣV, 3), read-only; the missing ones in one pass."""
+    """Returns the currVertices of all meshes (ΣV, 3), read-only; computes outdated ones at once."""
     poses = [m.pose() for m in meshes]
     stale = [k for k, m in enumerate(meshes) if m._currVertices[0] != poses[k]]
     if stale:
@@ -722,12 +774,6 @@ class Body:
     position: tuple
     linVelocity: tuple = ZERO
     angVelocity: tuple = ZERO
-
-    @classmethod
-    def from_arrays(cls, invMass, invInertia, position, linVelocity, angVelocity):
-        """Makes a body of a number and arrays of any shape."""
-        velocities = vector(linVelocity), vector(angVelocity)
-        return cls(number(invMass), matrix(invInertia), vector(position), *velocities)
 
 
 class ContactImpulses(NamedTuple):
@@ -949,13 +995,7 @@ def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
     with report.phase("constraints"):
         if len(constraints) == 0:
             return
-        from rbs.stepping.constraints import (
-            ConstraintRows,
-            InverseTensors,
-            project_in_batches,
-            queue,
-            sweep,
-        )
+        from rbs.stepping.constraints import ConstraintRows, project_in_batches, queue, sweep
 
         rows = ConstraintRows(constraints, meshes, step.tolerance)
         maximumVisits = max(step.maxIterations, rows.total)
@@ -964,9 +1004,9 @@ def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
             visits = project_in_batches(meshes, rows, step.tolerance, maximumVisits)
         else:
             ties, tolerance = rows.ties(meshes), step.tolerance
-            tensors = InverseTensors(meshes)
-            moves = [0] * len(meshes)  # number of corrections of each body
-            held = {c: (-1, None, None) for c in ties}  # when all points of c were last computed
+            tensor = lru_cache(None)(lambda b: meshes[b].get_rotated_inv_IT())
+            moves = [0] * len(meshes)  # how often each body has been corrected
+            held = {c: (-1, None, None) for c in ties}  # corrections, COMs and points of last time
 
             def visit(c):
                 """Corrects constraint c if it is violated, and returns whether it was."""
@@ -985,7 +1025,7 @@ def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
                 # the points stay on one line, so that arms and direction still hold
                 velocities = (m1.linVelocity, m2.linVelocity), (m1.angVelocity, m2.angVelocity)
                 _, (v1, v2), (omega1, omega2) = taught.resolve_velocity_constraint(
-                    positions, points, *velocities, invMasses, (tensors[b1], tensors[b2]), tolerance
+                    positions, points, *velocities, invMasses, (tensor(b1), tensor(b2)), tolerance
                 )
                 if invMasses[0]:
                     m1.position, m1.linVelocity, m1.angVelocity = x1, v1, omega1
@@ -998,6 +1038,7 @@ def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
             if watch is not None:
                 visit = watch.visits(visit, ties)
             schedule = queue if step.constraintScheduling == "queue" else sweep
-            visits = schedule(visit, rows.movable_ends(), rows.total, maximumVisits)
+            movable = {c: [b for b in tie[:2] if not meshes[b].isFixed] for c, tie in ties.items()}
+            visits = schedule(visit, movable, rows.total, maximumVisits)
         report.constraintVisits = visits
         check_states(meshes, "contacts and constraints")

@@ -89,6 +89,17 @@ def mat_vec(matrix, v):
     )
 
 
+def inverse_symmetric(matrix):
+    """Inverse of a symmetric matrix of nine floats, by cofactors: unlike LAPACK's, with the same
+    bits on every processor. Raises ZeroDivisionError if the determinant is 0.
+    """
+    a, b, c, _, d, e, _, _, f = matrix
+    x, y, z = d * f - e * e, c * e - b * f, b * e - c * d
+    determinant = a * x + b * y + c * z
+    u, v, w = a * f - c * c, b * c - a * e, a * d - b * b
+    return tuple(one / determinant for one in (x, y, z, y, u, v, z, v, w))
+
+
 def transpose(matrix):
     return (*matrix[0::3], *matrix[1::3], *matrix[2::3])
 

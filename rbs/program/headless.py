@@ -159,7 +159,7 @@ def run_steps(simulation, steps, outputs):
     with ExitStack() as stack:
         noted = stack.enter_context(signals_noted(PATIENCE if hasStudents else None))
         advance = stack.enter_context(step_progress(steps))
-        stack.enter_context(simulation.observed(outputs))
+        stack.enter_context(simulation.followed_by(outputs))
         for _ in range(steps):
             if outputs.areLost:
                 break

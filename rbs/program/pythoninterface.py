@@ -200,7 +200,7 @@ class Simulation(Results, SceneSimulation):
         """
         check_ending(path, RECORDING_ENDINGS, "recording")
         with closing(Recorder(path, contacts)) as recorder:
-            with self.observed(recorder):
+            with self.followed_by(recorder):
                 yield self
             recorder.save()
 
@@ -222,7 +222,7 @@ class OpenedRecording(Results, Replay):
     `--resume` continues a recording.
     """
 
-    def change(self, change):
+    def change(self, change: changes.Change) -> None:
         """Raises ValueError: a recording cannot be changed."""
         raise ValueError("a recording cannot be changed; --resume continues it")
 

@@ -185,7 +185,7 @@ class Results:
 
     def _follow(self, writer, steps):
         """Makes steps, observed by a writer."""
-        with self.observed(writer):
+        with self.followed_by(writer):
             self.run(self.steps_of_run(steps))
 
     def _repr_html_(self) -> str:

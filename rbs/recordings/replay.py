@@ -5,15 +5,19 @@ From the top: `Replay`, used in place of a simulation; `resume` and `verify`; re
 Units: metres, kilograms, seconds.
 """
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
-from rbs.recordings.recording import QUOTE_LENGTH, RecordingError
+from rbs.recordings.recording import QUOTE_LENGTH, Recording, RecordingError
 from rbs.scenes.changes import Cast
 from rbs.scenes.messages import one_line
 from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.state import Scene
 from rbs.softstep.step import SolverState
 from rbs.stepping.bodies import StateError
+from rbs.stepping.reports import Contact
 from rbs.stepping.settings import Settings
 
 
@@ -27,7 +31,7 @@ class Replay(Scene):
 
     isEditable = False
 
-    def __init__(self, recording, submitted=None):
+    def __init__(self, recording: Recording, submitted: Any = None) -> None:
         """Starts at the first recorded step. Raises RecordingError or SceneError."""
         super().__init__()
         self.recording, self.submitted = recording, submitted
@@ -47,7 +51,7 @@ class Replay(Scene):
         self._again = None  # SceneSimulation that makes steps again
         self.reset()
 
-    def seek(self, step):
+    def seek(self, step: int) -> None:
         """Puts the bodies into their state after a step, or after the nearest recorded one."""
         step = min(max(int(step), self.firstStep), self.lastStep)
         if step != self.stepCount:
@@ -62,11 +66,11 @@ class Replay(Scene):
         self.stepCount, self.time = step, frame["times"]
         self.settings = self._settings[self.recording.settings_at(step)[0]]
 
-    def contacts(self):
+    def contacts(self) -> list[Contact]:
         """Returns the list of `Contact` of the present step, see `Recording.contacts`."""
         return self.recording.contacts(self.stepCount)
 
-    def find_report(self):
+    def find_report(self) -> None:
         """Makes the present step again, since recordings hold no contacts, and sets `report`.
 
         If the step before was made again last, that is one step. Otherwise, with the soft-step
@@ -87,17 +91,17 @@ class Replay(Scene):
         else:
             self.report = self._again.report
 
-    def steps_of_run(self, count=None):
+    def steps_of_run(self, count: int | None = None) -> int:
         """Returns the steps that a run makes: those that are left, at most count."""
         left = self.lastStep - self.stepCount
         return left if count is None else min(count, left)
 
-    def advance(self, observer=None):
+    def advance(self, observer: Callable | None = None) -> None:
         """Goes on by one step, unless it is the last. A recording has no events."""
         if self.stepCount < self.lastStep:
             self.seek(self.stepCount + 1)
 
-    def reset(self):
+    def reset(self) -> None:
         """Goes back to the first step."""
         self.seek(self.firstStep)
 

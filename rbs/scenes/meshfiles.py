@@ -8,6 +8,7 @@ Units: metres. Faces are counter-clockwise seen from outside; all indices count 
 
 import io
 import os
+from pathlib import Path
 
 import numpy as np
 
@@ -36,7 +37,7 @@ VOLUME_TOLERANCE = 1e-9
 _MEDIT_SECTIONS = {"Vertices": 3, "Triangles": 3, "Tetrahedra": 4}
 
 
-def load_mesh_file(path):
+def load_mesh_file(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Reads a tetrahedral mesh (.mesh, MEDIT text) or a closed surface (.off, .obj, .stl, .ply).
 
     The last three are read by trimesh, and vertices in the same place are merged.

@@ -15,6 +15,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rbs.geometry.surfaces import CONVEXITY_TOLERANCE, warn_unless_convex
 from rbs.geometry.triples import floats
@@ -40,7 +41,7 @@ CONSTRAINTS_ENDING = "-constraints.txt"
 LARGEST_DENSITY = 1e30
 
 
-def load_scene_file(path, allowOutsideMeshes=False):
+def load_scene_file(path: str | Path, allowOutsideMeshes: bool = False) -> list[Mesh]:
     """Reads a scene: the number of bodies, then `meshfile density isFixed x y z qw qx qy qz` each.
 
     Mesh files are looked up beside the scene file. Their names may contain blanks, and `\\`
@@ -102,7 +103,13 @@ def _make_bodies(reader, shapes, allowOutsideMeshes=False):
     return meshes
 
 
-def load_body(path, density, position=None, orientation=(1.0, 0.0, 0.0, 0.0), isFixed=False):
+def load_body(
+    path: str | Path,
+    density: float,
+    position: ArrayLike | None = None,
+    orientation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
+    isFixed: bool = False,
+) -> Mesh:
     """Reads a mesh file, see `load_mesh_file`; returns the Mesh, named after the file.
 
     density : kg/m³; position : (3,), of the COM; None leaves the body where the file has it
@@ -118,7 +125,7 @@ def load_body(path, density, position=None, orientation=(1.0, 0.0, 0.0, 0.0), is
     return mesh
 
 
-def load_constraint_file(path, meshes):
+def load_constraint_file(path: str | Path, meshes: list[Mesh]) -> list[list]:
     """Reads distance constraints: their number, then `m1 v1 m2 v2 lower upper` each.
 
     The distance between vertex v1 of mesh m1 and vertex v2 of mesh m2, counted from 0, stays

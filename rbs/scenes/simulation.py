@@ -3,10 +3,14 @@
 Units: metres, kilograms, seconds. The y axis points up and the ground is the plane y = 0.
 """
 
+from __future__ import annotations
+
 import math
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,7 +21,10 @@ from rbs.scenes.state import Scene
 from rbs.softstep.step import SolverState
 from rbs.stepping.bodies import StateError
 from rbs.stepping.settings import CONSTRAINT_TOLERANCE, Settings
-from RBSFunctions import ground, run_timestep
+from RBSFunctions import Mesh, ground, run_timestep
+
+if TYPE_CHECKING:
+    from typing import Self  # since Python 3.11
 
 # Limits of the constraint visits in a step: sweeps over all constraints, enough for a pull to pass
 # along a chain several times, and the coursework's limit, which holds for few constraints.
@@ -80,7 +87,13 @@ class SceneSimulation(Scene):
         self._startState = self.state()
 
     @classmethod
-    def from_meshes(cls, meshes, constraints=(), settings=None, name="scene"):
+    def from_meshes(
+        cls,
+        meshes: list[Mesh],
+        constraints: Sequence = (),
+        settings: Settings | None = None,
+        name: str = "scene",
+    ) -> Self:
         """Makes a simulation of meshes, without files.
 
         The simulation has copies of the meshes, with their velocities: they are the state that
@@ -113,11 +126,11 @@ class SceneSimulation(Scene):
         links = counted(len(self.constraints), "constraint")
         return f"{kind}({name!r}, {bodies}, {links}, step {self.stepCount}, {self.time:g} s)"
 
-    def reset(self):
+    def reset(self) -> None:
         """Restores the start. If added bodies are removed, `meshes` becomes a new list."""
         self.restore(self._startState)
 
-    def state(self):
+    def state(self) -> State:
         """Returns a copy of the present state, a `State`."""
         state = State(super().state())
         state.stepCount, state.time = self.stepCount, self.time
@@ -127,7 +140,7 @@ class SceneSimulation(Scene):
         state.solver.replace(self.solverState)  # its arrays are never modified
         return state
 
-    def restore(self, state):
+    def restore(self, state: State) -> None:
         """Returns to a `State` of this simulation; the next steps have the same bits again.
 
         If bodies were added or removed since, `meshes` becomes a new list. Raises ValueError if it
@@ -151,29 +164,30 @@ class SceneSimulation(Scene):
         self.solverState.replace(state.solver)
         self.report = self.stepSeconds = None
 
-    def change(self, change):
+    def change(self, change: Change) -> None:
         """Applies a `Change` between two steps. Raises ValueError if that is impossible."""
         change.apply(self.meshes, self.constraints)
         if change.kind == "add":
             self._cast.note(change, self.meshes[-1])
         elif change.kind == "remove":
             self.solverState.remove(change.body)
+            self.report = None  # it has the indices of before
         self.changes.append(change)
-        for one in self.observers:
+        for one in self.writers:
             one.note(self, change)
 
     @property
-    def sceneCount(self):
+    def sceneCount(self) -> int:
         """Number of bodies in the scene file, without added ones."""
         return len(self._cast)
 
-    def max_iterations(self):
+    def max_iterations(self) -> int:
         """Returns the limit of constraint visits in a step: the setting, or its default."""
         if self.settings.maxIterations is not None:
             return self.settings.maxIterations
         return max(LEAST_VISITS, SWEEPS * len(self.constraints))
 
-    def step_advice(self):
+    def step_advice(self) -> str:
         """Returns a line if the time step is too long for the thinnest body that moves, or ""."""
         moving = [m for m in self.meshes if not m.isFixed]
         fall = math.hypot(*self.settings.acceleration)
@@ -190,7 +204,7 @@ class SceneSimulation(Scene):
             f"may rest inside each other; use {least:g} s"
         )
 
-    def advance(self, observer=None):
+    def advance(self, observer: Callable | None = None) -> None:
         """Makes one time step. observer : see `run_timestep`
 
         Raises StateError, naming step and body, if a number would become NaN, infinite or absurdly

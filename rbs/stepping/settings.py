@@ -4,6 +4,8 @@ Command line, window, recordings and `run_timestep` all read this table. From th
 the table; `Settings`, the values that a scene is simulated with; the arguments of `run_timestep`.
 """
 
+from __future__ import annotations
+
 import math
 import re
 import reprlib
@@ -11,10 +13,14 @@ import textwrap
 from contextlib import suppress
 from dataclasses import make_dataclass
 from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rbs.geometry.triples import floats, number
+
+if TYPE_CHECKING:
+    from typing import Self  # since Python 3.11
 
 # m, and m/s: the violation of a constraint that is left uncorrected. Invisible on bodies of 5 to
 # 20 m. Smaller values take more constraint visits.
@@ -257,7 +263,7 @@ class _Values:
         chosen = [f"{n}={v!r}" for n, v in values.items() if v != SETTINGS[n].default]
         return f"Settings({', '.join(chosen)})"
 
-    def changed(self, **values):
+    def changed(self, **values: Any) -> Self:
         """Returns a copy with other values. A new solver resets the settings that it ignores.
 
         Raises ValueError for an invalid value, or one that the solver ignores.
@@ -265,16 +271,16 @@ class _Values:
         solver = values.get("contactSolver", self.contactSolver)
         return Settings(**{**used_settings(vars(self), solver), **values})
 
-    def change(self, name, value):
+    def change(self, name: str, value: Any) -> None:
         """Changes a field in place. Raises ValueError as `changed` does, changing nothing."""
         vars(self).update(vars(self.changed(**{name: value})))
 
     @property
-    def acceleration(self):
+    def acceleration(self) -> tuple:
         """Acceleration of free fall (x, y, z) in m/s²."""
         return self.gravity if isinstance(self.gravity, tuple) else (0.0, -self.gravity, 0.0)
 
-    def arguments(self):
+    def arguments(self) -> dict[str, Any]:
         """Returns a dict of arguments for `run_timestep`, without any that the solver ignores."""
         values = used_settings(vars(self), self.contactSolver)
         values["gravity"] = self.acceleration
@@ -299,7 +305,8 @@ def _described(one):
 
 
 _KINDS = {name: one.kind if isinstance(one.kind, type) else str for name, one in SETTINGS.items()}
-_fields = [(name, _KINDS[name], one.default) for name, one in SETTINGS.items()]
+_types = _KINDS | {"gravity": float | tuple}
+_fields = [(name, _types[name], one.default) for name, one in SETTINGS.items()]
 Settings = make_dataclass("Settings", _fields, bases=(_Values,), repr=False)
 Settings.__module__ = __name__
 Settings.__doc__ = f"""The settings of a simulation. The defaults give the coursework's behaviour.

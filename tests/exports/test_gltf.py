@@ -97,7 +97,7 @@ def test_other_libraries_open_the_file(tmp_path):
     simulation = Simulation("tower_chain")
     start, meshes = simulation.state()["positions"], list(simulation.meshes)
     writer = GltfWriter(tmp_path / "run.glb")
-    with simulation.observed(writer):
+    with simulation.followed_by(writer):
         simulation.run(10).remove(1)
         simulation.run(10)
     writer.save(simulation)

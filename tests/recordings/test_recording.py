@@ -1,15 +1,19 @@
 """Recordings: what they hold, replaying, resuming and verifying them, damage; statistics."""
 
 import csv
+import platform
 import shutil
 import signal
+import subprocess
+import sys
 import time
 from contextlib import suppress
 
 import h5py
 import numpy as np
 import pytest
-from program import DATA, by_hand, call, record, run, start, summary_of
+from oracles import ROOT
+from program import DATA, by_hand, call, environment, record, run, start, summary_of
 
 from rbs import __version__
 from rbs.recordings.recording import (
@@ -276,6 +280,38 @@ def test_a_difference_names_another_processor_and_numpy(chain, tmp_path, capsys,
     code, _, errors = call(capsys, "--verify", path)
     note = note.format(numpy=np.__version__, cpu=processor_name())
     assert code == 1 and errors.endswith(f"{note}\n")
+
+
+KERNELS = """
+import sys
+import numpy as np
+from RigidBodySimulation import Mesh, Settings, Simulation
+
+rng, stones = np.random.default_rng(1), []
+for k in range(25):
+    place = rng.uniform(-3, 3), 3 + 0.8 * k, rng.uniform(-3, 3)
+    stones.append(Mesh.convex_hull(rng.normal(size=(30, 3)), 100.0, place))
+for settings in ({}, {"contactScheduling": "batches"}, {"contactSolver": "soft-step"}):
+    simulation = Simulation.from_meshes(stones, settings=Settings(friction=0.5, **settings))
+    simulation.push(20, (900.0, 0.0, 0.0), (0.0, 20.0, 0.0))
+    simulation.run(100)
+    print(b"".join(rows.tobytes() for rows in simulation.state().values()).hex())
+"""
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="these kernels are for x86-64")
+def test_the_bits_do_not_depend_on_kernels_of_blas_or_numpy():
+    """Stones whose bits were others with LAPACK's inverse, or with sums of impulses by BLAS."""
+    found = []
+    old = {"OPENBLAS_CORETYPE": "Prescott", "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX2 FMA3"}
+    for others in ({}, {"OPENBLAS_CORETYPE": "Haswell"}, old):
+        command = [sys.executable, "-W", "ignore", "-c", KERNELS]
+        others |= {"PYTHONPATH": str(ROOT)}
+        process = subprocess.run(command, env=environment(**others), capture_output=True)
+        assert process.returncode == 0, process.stderr
+        found.append(process.stdout.split())
+    assert len(found[0]) == 3 and found[0][0] == found[0][1] != found[0][2]
+    assert found[0] == found[1] == found[2]
 
 
 def test_resuming_takes_settings_and_needs_a_sound_step(standing, chain, tmp_path, capsys):
