@@ -15,10 +15,9 @@ B, or the parallelogram of an edge of A and an edge of B whose arcs on the Gauss
 
 `is_collide` has three stages. First, GJK searches for a separating axis and stops at the first one
 [1, 2]. If it finds none, the facets of M near t are determined from the faces and, with the Gauss
-map [3], from the edge pairs. If there are many edge pairs, a bound excludes most of them: the
-penetration of a facet with the normal n is at least n · (a - b - t) for any points a of A and b of
-B. Finally, the two features that support the minimal facet give the contact point. As n_k and h_k
-do not depend on t, the facets of a pair remain valid while its bodies only translate.
+map [3], from the edge pairs. A bound excludes most of them: the penetration of a facet with the
+normal n is at least n · (a - b - t) for any points a of A and b of B. Finally, the two features
+that support the nearest facet give the contact point.
 
 A simulation step first tries the axis of the step before, which separates most pairs that are
 apart. For a pair that touched then, it leaves out GJK.
@@ -59,8 +58,9 @@ LARGEST_RATIO = 1e12
 GJK_PROGRESS = 1e-12
 GJK_ITERATIONS = 48
 
-# Number of edge combinations up to which enumerating all facets is faster. Affects speed only.
-FEW_COMBINATIONS = 4000
+# Number of distances between faces and vertices up to which `nearest_facet` is faster than
+# `find_facets`. Affects speed only.
+FEW_DISTANCES = 30_000
 
 _ZERO = np.zeros((1, 3))
 _ZERO.setflags(write=False)
@@ -142,7 +142,10 @@ def _collide(hull1, hull2, t, tolerance, patchTolerance, axis=None):
 
     tolerance : largest separation that counts as touching; patchTolerance : see `contact_point`
     """
-    if len(hull1.hull.edgeTail) * len(hull2.hull.edgeTail) <= FEW_COMBINATIONS:
+    shape1, shape2 = hull1.hull, hull2.hull
+    distances = len(shape1.offsets) * len(shape2.vertices)
+    distances += len(shape2.offsets) * len(shape1.vertices)
+    if distances <= FEW_DISTANCES:
         penetration, normal = nearest_facet(hull1, hull2, t)
     else:
         pairs = Pairs(hull_pair(hull1, hull2), *PAIR, np.array([t]).T)
@@ -151,25 +154,22 @@ def _collide(hull1, hull2, t, tolerance, patchTolerance, axis=None):
         penetration, normal = float(found[0][0]), tuple(found[1][:, 0].tolist())
     if penetration < -tolerance:
         return False, 0.0, normal, None
-    return (
-        True,
-        max(penetration, 0.0),
-        normal,
-        contact_point(hull1, hull2, t, normal, patchTolerance),
-    )
+    point = contact_point(hull1, hull2, t, normal, patchTolerance)
+    return True, max(penetration, 0.0), normal, point
 
 
 def nearest_facet(hull1, hull2, t):
-    """Returns `(penetration, normal)` along the nearest facet, a float and a tuple of 3.
+    """Returns `(penetration, normal)` along the nearest facet: a float, negative for a separation,
+    and a tuple of 3.
 
-    The bits are those of `find_facets`. An edge spans no facet nearer than the nearest face if a
-    vertex of the other hull lies deeper below both of its faces than below that one.
+    The bits are those of `find_facets`. An edge cannot span the nearest facet if a vertex of the
+    other hull lies deeper below both adjacent faces than the least penetration along any face.
     """
     margin = FEATURE_TOLERANCE * (hull1.hull.radius + hull2.hull.radius)  # far above rounding
     sides = (hull1, hull2, t, 1.0), (hull2, hull1, scale(-1.0, t), -1.0)
     depths, penetrations = [], []
     for own, other, shift, _ in sides:
-        # (F, V), of the other's vertices below the faces; by BLAS, and thus a hint
+        # (F, V), of the other's vertices below these faces. Uses BLAS, so a hint only
         heights = own.normals.T @ other.vertices
         depths.append((own.hull.offsets - np.array(shift) @ own.normals)[:, None] - heights)
         penetrations.append(np.maximum.reduce(depths[-1], axis=1).tolist())
@@ -191,9 +191,9 @@ def nearest_facet(hull1, hull2, t):
 
 
 def spanned_facet(hull1, hull2, edge1, edge2):
-    """Returns `(normal, offset)` if two edges span a facet, otherwise None.
+    """Returns `(normal, offset)` of the facet that two edges span, or None.
 
-    edge1, edge2 : from `_edges_near`. See `_FacetSearch.add_edge_pairs` for the conditions.
+    edge1, edge2 : from `_edges_near`. `_FacetSearch.add_edge_pairs` derives the conditions.
     """
     e1, tail1, face1, face2 = edge1
     e2, tail2, face3, face4 = edge2
@@ -226,9 +226,11 @@ def support_level(hull, direction):
 
 
 def _edges_near(hull, depths, bound):
-    """Edges whose facets may have a penetration ≤ bound: list of (vector, tail, face normals).
+    """Returns the edges of a hull that may span a facet with a penetration ≤ bound.
 
-    depths : (F, V), of the other hull's vertices below the faces
+    depths : (F, V), of the other hull's vertices below the faces of this one
+
+    The result is a list of (vector, tail, normal of one face, normal of the other), tuples of 3.
     """
     shape, (face1, face2) = hull.hull, hull.hull.edgeFaces.T
     lesser = np.minimum(depths.take(face1, axis=0), depths.take(face2, axis=0))
@@ -240,12 +242,11 @@ def _edges_near(hull, depths, bound):
 
 
 def contact_point(hull1, hull2, t, normal, tolerance):
-    """Contact point on the second hull, from its centre: a tuple of 3.
+    """Returns the contact point on the second hull, relative to its centre: a tuple of 3.
 
     tolerance : distance from a supporting plane up to which vertices belong to its feature
 
-    A vertex that touches, or where two edges cross, see `Features.sharp_points`, with the same
-    bits. Otherwise, the centre of the contact patch.
+    The bits are those of `contact_points`, which computes the centres of contact patches.
     """
     features = []
     for hull, direction in ((hull1, scale(-1.0, normal)), (hull2, normal)):

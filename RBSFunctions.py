@@ -1,9 +1,9 @@
 """The coursework: rigid bodies, their integration, collisions, constraints and the time step.
 
 Reading order: `run_timestep`, which follows the coursework's text; `Mesh`; contacts with friction;
-distance constraints. What is not the coursework has rooms of its own, which a step enters by a
-setting only: a broad phase (rbs/stepping/pairs.py), contacts on arrays (rbs/stepping/batchstep.py),
-and the soft step (rbs/softstep/step.py).
+distance constraints. What goes beyond the coursework stands in other modules, which a step calls
+only if a setting asks for it: a broad phase (rbs/stepping/pairs.py), contacts on arrays
+(rbs/stepping/batchstep.py), and the soft step (rbs/softstep/step.py).
 
 Lengths and masses have the units of the scene, time is in seconds, and gravity is by default 9.8
 length units per second squared along -y. Vectors of one mesh are rows (1, 3), and quaternions are
@@ -27,6 +27,7 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -233,14 +234,14 @@ def resolve_ground(meshes, groundMesh, step, report, taught, watch=None):
 
 
 def contact_settings(step):
-    """Returns the last arguments of `resolve_collision`: the coursework's only, if they do."""
+    """Returns the last arguments of `resolve_collision`; by default, only the coursework's."""
     extended = step.closingOnly or step.mu
     return (step.CRCoeff, step.closingOnly, step.mu) if extended else (step.CRCoeff,)
 
 
 @contextmanager
 def boxes_held(meshes):
-    """Within it, bounding boxes are computed once, and then by `hold_boxes` of bodies that move."""
+    """Context in which each mesh keeps its bounding box until `hold_boxes` computes it anew."""
     try:
         hold_boxes(meshes)
         yield
@@ -250,7 +251,7 @@ def boxes_held(meshes):
 
 
 def hold_boxes(meshes):
-    """Computes the bounding boxes of meshes, which keep them."""
+    """Computes the bounding boxes of meshes and stores them as heldBox."""
     for mesh in meshes:
         mesh.heldBox = None
         mesh.heldBox = mesh.bounding_box()
@@ -263,7 +264,7 @@ def check_kind(name, value, kind, attribute):
 
 
 def check_methods(meshes, taught):
-    """Raises ValueError if a step on arrays would not call functions or an overridden method."""
+    """Raises ValueError if a step on arrays would ignore given functions or overridden methods."""
     if taught is not OURS:
         raise ValueError("functions would not be called on arrays")
     for kind in dict.fromkeys(map(type, meshes)):
@@ -292,8 +293,8 @@ class Mesh:
     density : mass per volume, > 0
     position : (1, 3), COM in the world
     orientation : (1, 4), quaternion from rest to world, not zero; normalised on entry
-    isFixed : bool; a fixed mesh has infinite mass, and moves only if it is given a velocity
-        afterwards: as a conveyor, turntable or paddle, which contacts see and do not change
+    isFixed : bool; a fixed mesh has infinite mass. It moves only if it is given a velocity
+        afterwards, like a conveyor, a turntable or a paddle; contacts do not change that velocity
 
     Attributes
     ----------
@@ -305,8 +306,8 @@ class Mesh:
     volume, hullVolume : of the tetrahedra, and of the convex hull, which is what collides
     hull : rbs.geometry.hulls.Hull
     cachedAxes : dict, by the id of another mesh: the axis of separation or of least penetration
-        last found, and whether the two touched, which only save time
-    heldBox : bounding box that counts until the mesh has been moved, see `boxes_held`, or None
+        last found, and whether the two touched. It saves time and changes no result
+    heldBox : bounding box, valid until the mesh is moved, see `boxes_held`; or None
 
     Raises ValueError if an argument has the wrong shape or value, an index is out of range, or
     vertices have no mass.
@@ -360,10 +361,10 @@ class Mesh:
         orientation: ArrayLike = (1, 0, 0, 0),
         isFixed: bool = False,
     ) -> Mesh:
-        """Makes a body of a closed surface, as SciPy's ConvexHull or trimesh have one.
+        """Makes a body from a closed surface, such as that of SciPy's ConvexHull or a trimesh.
 
-        vertices : (V, 3), in metres; those without a face are left out, and those in the same place
-            are merged. Or an object with vertices and faces, such as a trimesh.Trimesh
+        vertices : (V, 3), in metres. Vertices in the same place are merged, and those without a
+            face dropped. An object with vertices and faces, such as a trimesh.Trimesh, will do, too
         faces : (F, 3) int, triangles, with their corners in any order
         position : (1, 3), COM in the world; None leaves the body where the vertices are
 
@@ -402,7 +403,7 @@ class Mesh:
         name: str = "hull",
         **others: Any,
     ) -> Mesh:
-        """Makes a body of the convex hull of points (n, 3), in metres.
+        """Makes a body from the convex hull of points (n, 3), in metres.
 
         position, and others, orientation and isFixed : as for `from_surface`
         Raises ValueError if the hull has no volume.
@@ -473,7 +474,7 @@ class Mesh:
         return f"Mesh({self.name!r}, {len(self.origVertices)} vertices, {mass}, at {where})"
 
     def _repr_html_(self):
-        """Returns a drawing of the body as it is turned, and a line about it, for notebooks."""
+        """Returns a drawing of the body at its orientation and a caption, for notebooks."""
         from html import escape
 
         from rbs.geometry.drawings import draw_shape
@@ -566,14 +567,14 @@ class Mesh:
         orientation ← exp(ω h/2) ∘ orientation. The angular velocity stays.
         """
         if not self.isFixed:
-            self._fly(number(timeStep), gravity)
+            self._integrate(number(timeStep), gravity)
 
     def follow_velocity(self, timeStep: float) -> None:
-        """Moves a fixed mesh that has been given a velocity, as `integrate_timestep` others."""
+        """Moves a fixed mesh by the velocity that it has been given, if any."""
         if vector(self.linVelocity) != ZERO or vector(self.angVelocity) != ZERO:
-            self._fly(number(timeStep), ZERO)
+            self._integrate(number(timeStep), ZERO)
 
-    def _fly(self, h, gravity):
+    def _integrate(self, h, gravity):
         linVelocity = mul_add(vector(self.linVelocity), h, gravity)
         position = mul_add(vector(self.position), h, linVelocity)
         turn = exponential((0.0, *scale(0.5, scale(h, vector(self.angVelocity)))))
@@ -664,8 +665,8 @@ class Mesh:
     def body_state(self) -> Body:
         """Returns the `Body` on which contacts and constraints operate."""
         invInertia = np.zeros((3, 3)) if self.isFixed else self.get_rotated_inv_IT()
-        vectors = self.position, self.linVelocity, self.angVelocity
-        return Body.from_arrays(self.invMass, invInertia, *vectors)
+        state = self.position, self.linVelocity, self.angVelocity
+        return Body(number(self.invMass), matrix(invInertia), *map(vector, state))
 
     def set_body_state(self, body: Body) -> None:
         """Stores the position and velocities of a `Body`. An immovable mesh keeps its own."""
@@ -740,7 +741,7 @@ def ground() -> Mesh:
 
 
 def refresh_vertices(meshes):
-    """Returns the currVertices of all meshes (ΣV, 3), read-only; the missing ones in one pass."""
+    """Returns the currVertices of all meshes (ΣV, 3), read-only; computes outdated ones at once."""
     poses = [m.pose() for m in meshes]
     stale = [k for k, m in enumerate(meshes) if m._currVertices[0] != poses[k]]
     if stale:
@@ -773,12 +774,6 @@ class Body:
     position: tuple
     linVelocity: tuple = ZERO
     angVelocity: tuple = ZERO
-
-    @classmethod
-    def from_arrays(cls, invMass, invInertia, position, linVelocity, angVelocity):
-        """Makes a body of a number and arrays of any shape."""
-        velocities = vector(linVelocity), vector(angVelocity)
-        return cls(number(invMass), matrix(invInertia), vector(position), *velocities)
 
 
 class ContactImpulses(NamedTuple):
@@ -1000,13 +995,7 @@ def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
     with report.phase("constraints"):
         if len(constraints) == 0:
             return
-        from rbs.stepping.constraints import (
-            ConstraintRows,
-            InverseTensors,
-            project_in_batches,
-            queue,
-            sweep,
-        )
+        from rbs.stepping.constraints import ConstraintRows, project_in_batches, queue, sweep
 
         rows = ConstraintRows(constraints, meshes, step.tolerance)
         maximumVisits = max(step.maxIterations, rows.total)
@@ -1015,9 +1004,9 @@ def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
             visits = project_in_batches(meshes, rows, step.tolerance, maximumVisits)
         else:
             ties, tolerance = rows.ties(meshes), step.tolerance
-            tensors = InverseTensors(meshes)
-            moves = [0] * len(meshes)  # number of corrections of each body
-            held = {c: (-1, None, None) for c in ties}  # when all points of c were last computed
+            tensor = lru_cache(None)(lambda b: meshes[b].get_rotated_inv_IT())
+            moves = [0] * len(meshes)  # how often each body has been corrected
+            held = {c: (-1, None, None) for c in ties}  # corrections, COMs and points of last time
 
             def visit(c):
                 """Corrects constraint c if it is violated, and returns whether it was."""
@@ -1036,7 +1025,7 @@ def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
                 # the points stay on one line, so that arms and direction still hold
                 velocities = (m1.linVelocity, m2.linVelocity), (m1.angVelocity, m2.angVelocity)
                 _, (v1, v2), (omega1, omega2) = taught.resolve_velocity_constraint(
-                    positions, points, *velocities, invMasses, (tensors[b1], tensors[b2]), tolerance
+                    positions, points, *velocities, invMasses, (tensor(b1), tensor(b2)), tolerance
                 )
                 if invMasses[0]:
                     m1.position, m1.linVelocity, m1.angVelocity = x1, v1, omega1
@@ -1049,6 +1038,7 @@ def resolve_constraints(meshes, constraints, step, report, taught, watch=None):
             if watch is not None:
                 visit = watch.visits(visit, ties)
             schedule = queue if step.constraintScheduling == "queue" else sweep
-            visits = schedule(visit, rows.movable_ends(), rows.total, maximumVisits)
+            movable = {c: [b for b in tie[:2] if not meshes[b].isFixed] for c, tie in ties.items()}
+            visits = schedule(visit, movable, rows.total, maximumVisits)
         report.constraintVisits = visits
         check_states(meshes, "contacts and constraints")

@@ -67,7 +67,7 @@ def main(arguments: list[str] | None = None) -> int:
         if hasattr(sys.stdout, "reconfigure"):  # the terminal may lack characters of a name
             sys.stdout.reconfigure(errors="backslashreplace")
         try:
-            return run_asked_mode(options)
+            return run_mode(options)
         except headless.EXPECTED_ERRORS as error:
             print_error(headless.message_of(error))
         except KeyboardInterrupt as error:
@@ -78,11 +78,11 @@ def main(arguments: list[str] | None = None) -> int:
     return 2
 
 
-def run_asked_mode(options):
+def run_mode(options):
     """Runs the mode that the options select. Returns the exit code."""
     submitted = submitted_steps(options)
     if options.verify is not None:
-        return verify_as_asked(options, submitted)
+        return run_verify(options, submitted)
     simulation = simulation_of(options, submitted)
     outputs = [one for one in "record stats plot video export".split() if one in options]
     inputs = [one for one in (options.replay, options.resume, options.camera) if one]
@@ -94,7 +94,7 @@ def run_asked_mode(options):
     if options.trace is not None:
         return headless.trace_step(simulation, *options.trace)
     if commandLine.WITHOUT_WINDOW & set(options):
-        return run_as_asked(simulation, options, pictureOptions)
+        return run_headless(simulation, options, pictureOptions)
     choices = given_settings(options), ignores_recommendations(options)
     opener = SceneOpener(*choices, options.allow_outside_meshes, submitted)
     return open_window_or_fall_back(simulation, options, pictureOptions, opener)
@@ -143,7 +143,7 @@ def ignores_recommendations(options):
     return bool(options.basic or options.functions)
 
 
-def run_as_asked(simulation, options, pictureOptions):
+def run_headless(simulation, options, pictureOptions):
     """Runs without a window and writes the outputs. Returns the exit code."""
     steps = simulation.steps_of_run(options.steps)
     timing = None if options.video is None else video_timing_of(simulation, options)
@@ -213,7 +213,7 @@ def open_window_or_fall_back(simulation, options, pictureOptions, opener):
     return headless.run_without_window(simulation, steps, writers)
 
 
-def verify_as_asked(options, submitted):
+def run_verify(options, submitted):
     """Runs --verify. Returns the exit code, 0 or 1. Raises RecordingError."""
     recording = Recording(options.verify)
     steps = f"steps {recording.firstStep}–{recording.lastStep}"

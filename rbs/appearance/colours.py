@@ -9,7 +9,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from rbs.softstep.contacts import islands
+from rbs.geometry.broadphase import islands
 
 BACKGROUND = (0.62, 0.70, 0.80)
 # BACKGROUND after Polyscope's tone mapping, which does not change flat surfaces.

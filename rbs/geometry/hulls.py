@@ -216,7 +216,7 @@ def by_angle(row, u, v):
     return np.lexsort((turn, row))
 
 
-# In a `HullSet`, any hull stands for a mesh without vertices: its empty box touches nothing.
+# Stands for a mesh without vertices in a `HullSet`. Any hull would do: the mesh's box is empty.
 NO_HULL = build_hull(np.eye(4, 3))
 
 

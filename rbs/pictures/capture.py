@@ -123,17 +123,17 @@ def _take_plain(view, isTransparent, isStill):
         view.set_supersampling(True)
     # Polyscope needs both a background without opacity, and the request to keep it
     ps.set_background_color((*BACKGROUND, 0.0 if isTransparent else 1.0))
-    if factor > 1:
-        ps.set_window_size(factor * width, factor * height)
-    try:
-        with view.whole_width():
+    with view.whole_width():
+        try:
+            if factor > 1:
+                ps.set_window_size(factor * width, factor * height)
             picture = _draw(view, isTransparent)
-    finally:
-        ps.set_background_color((*BACKGROUND, 1.0))
-        if isChanged:
-            view.set_supersampling(isSmooth)
-        if factor > 1:
-            ps.set_window_size(width, height)
+        finally:
+            ps.set_background_color((*BACKGROUND, 1.0))
+            if isChanged:
+                view.set_supersampling(isSmooth)
+            if factor > 1:
+                ps.set_window_size(width, height)
     if factor > 1:
         picture = averaged(picture, factor)
     return picture

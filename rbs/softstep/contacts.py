@@ -11,10 +11,10 @@ from copy import copy
 
 import numpy as np
 from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from Quaternion import rotation_matrices
 from rbs.geometry.arrays import indices, take
+from rbs.geometry.broadphase import islands
 from rbs.geometry.vectors import cross, dot, mat_vec, norm, rotate_tensor
 from rbs.softstep.detection import GROUND_AXES
 from rbs.softstep.manifolds import POINTS, turn_points
@@ -541,15 +541,3 @@ def energy_share(bodies, motion, before, links):
     root = np.sqrt(np.maximum(b * b + 4.0 * a * left, 0.0))
     share = np.where(a + b > left, (root - b) / np.where(a > 0.0, 2.0 * a, 1.0), 1.0)
     return np.clip(share, 0.0, 1.0)[island]
-
-
-def islands(links, isFree):
-    """Returns the island (n,) of each body, a number from 0: its connected component.
-
-    links : (2, L), connected bodies; n or -1 is the ground
-    isFree : (n,) bool; bodies that are not free, and the ground, connect nothing
-    """
-    count = len(isFree)
-    first, second = links[:, np.append(isFree, False)[links].all(axis=0)]
-    graph = csr_array((np.ones(len(first)), (first, second)), shape=(count, count))
-    return connected_components(graph, directed=False)[1]

@@ -84,7 +84,10 @@ def check_distinct(meshes):
 
 @contextmanager
 def undone_on_error(meshes, mayBeHalfDone):
-    """Within it, an error restores the meshes' state if mayBeHalfDone; see also `_name_fault`."""
+    """Context that restores the meshes' state after an error, if mayBeHalfDone.
+
+    Where an invalid mesh is the cause, the error names it.
+    """
     before = {}
     try:
         if mayBeHalfDone:
@@ -100,7 +103,7 @@ def undone_on_error(meshes, mayBeHalfDone):
 
 
 def _name_fault(meshes):
-    """Raises TypeError or ValueError if something is no Mesh, or has no numbers as its state."""
+    """Raises TypeError or ValueError for the first thing that is not a Mesh with a valid state."""
     if not isinstance(meshes, list | tuple):
         raise TypeError(f"meshes must be a list of Mesh, not {reprlib.repr(meshes)}") from None
     for b, mesh in enumerate(meshes):
@@ -247,7 +250,7 @@ class Tables:
                 mesh._tables, mesh._row = self, row
 
 
-# Tables of the present scenes. Building them costs more than a step of a small scene.
+# Tables of the scenes in use. Building them costs more than a step of a small scene.
 tables_of = lru_cache(maxsize=4)(Tables)
 
 
@@ -362,10 +365,11 @@ class Bodies:
         return take(self._relativeBox, b, axis=1) + np.concatenate((position, -position))
 
     def start_moved(self, position, orientation, timeStep):
-        """Makes fixed bodies that have been moved from these poses move in this step instead.
+        """Makes fixed bodies that somebody has moved since the last step move during this one.
 
-        position, orientation : (3, n), (4, n). A body starts there and has the velocity that brings
-            it to where it is, unless it has one of its own, or has jumped by more than its radius
+        position, orientation : (3, n), (4, n), poses after the last step. A body starts from there
+            with the velocity that brings it to its present pose, unless it has a velocity of its
+            own, or has jumped by more than its radius
         """
         displacement = self.position - position
         w, *xyz = multiply(self.orientation, (orientation[0], *-orientation[1:]))
@@ -404,6 +408,6 @@ class Bodies:
         return b, take(vertices, index[below], axis=1) + take(self.position, b, axis=1)
 
     def write_back(self):
-        """Leaves the state in the meshes' tables; fixed meshes without a velocity keep theirs."""
+        """Stores the state of the meshes; fixed meshes without a velocity keep theirs."""
         self.motion = np.where(self.isFixed & ~self.isKinematic, self._start, self.motion)
         self._tables.keep(self.columns(), self._isHeld)

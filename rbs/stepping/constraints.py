@@ -42,15 +42,6 @@ class ConstraintRows:
         self.body1, self.vertex1, self.body2, self.vertex2 = ends[:, movable]
         self.refValue, self.upper = table[4, movable], isUpper[movable]
 
-    def movable_ends(self):
-        """Returns a dict from each index to the list of the constraint's bodies that can move."""
-        isFixed = self.isFixed.tolist()
-        ends = zip(self.body1.tolist(), self.body2.tolist(), strict=True)
-        return {
-            c: [b for b in pair if not isFixed[b]]
-            for c, pair in zip(self.index.tolist(), ends, strict=True)
-        }
-
     def ties(self, meshes):
         """Returns what visits need: a dict from each index to both bodies, the arms (1, 3) of the
         points, refValue, upper, and the inverse masses.
@@ -62,17 +53,6 @@ class ConstraintRows:
             m1, m2 = meshes[b1], meshes[b2]
             ties[c] = b1, b2, m1.arm(v1), m2.arm(v2), *bound, (m1.invMass, m2.invMass)
         return ties
-
-
-class InverseTensors(dict):
-    """Inverse inertia tensors (3, 3) in world axes, by index of the mesh; computed when needed."""
-
-    def __init__(self, meshes):
-        self._meshes = meshes
-
-    def __missing__(self, b):
-        self[b] = self._meshes[b].get_rotated_inv_IT()
-        return self[b]
 
 
 def constraint_rows(constraints, vertexCount):

@@ -92,9 +92,9 @@ class StepReport:
         """
         self._columns.append(columns)
 
-    def add_later(self, tell):
-        """Adds contacts by a function that calls `add_columns` when somebody asks for them."""
-        self._later.append(tell)
+    def add_later(self, function):
+        """Adds contacts by a function that calls `add_columns`, once somebody asks for them."""
+        self._later.append(function)
 
     def _add_late(self):
         while self._later:

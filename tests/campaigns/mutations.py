@@ -77,13 +77,19 @@ rbs/geometry/facets.py: faces above one point, all left out (facets)
     (first <= bound) & (second <= bound) -> (first <= bound) & (first > second)
 rbs/geometry/facets.py: edges, one of their faces is asked (facets)
     (nearOne | nearOther) == 0b111 -> (nearOne & nearOther) == 0b111
-rbs/geometry/facets.py: crossing arcs, antipodes too (gjk)
-    & (s[0] * r[1] > 0)) -> & (s[0] * r[1] != 0))
-GJK.py: crossing arcs of a pair, antipodes too (gjk)
-    and s1 * r2 > 0.0 -> and s1 * r2 != 0.0
+rbs/geometry/facets.py: crossing arcs in arrays, antipodes too (facets)
+    (s[0] * s[1] < 0) & (s[0] * r[1] > 0) -> (s[0] * s[1] < 0)
+GJK.py: crossing arcs, antipodes too (gjk)
+    s1 * s2 < 0.0 and s1 * r2 > 0.0 -> s1 * s2 < 0.0
+GJK.py: edges that may span a near facet, one of their faces is asked (facets)
+    lesser = np.minimum(depths -> lesser = np.maximum(depths
+GJK.py: contact at a crossing of edges, a sign (facets)
+    dot(across, sub(a0, b0)) / denominator -> dot(across, sub(b0, a0)) / denominator
+RBSFunctions.py: points of a constraint, those before a correction (constraints)
+    if before != when: -> if points is None:
 rbs/geometry/hulls.py: approximate supports, rotated the wrong way (facets)
     = vec_mat(directions, -> = (lambda v, matrix: mat_vec(matrix, v))(directions,
-rbs/geometry/patches.py: contact at a vertex, a sign (gjk)
+rbs/geometry/patches.py: contact at a vertex, a sign (facets)
     self.level - dot(n, a0) -> self.level + dot(n, a0)
 rbs/geometry/patches.py: clipping of the patch, a sign (gjk)
     (insideB[crosses] - headA[crosses]) -> (insideB[crosses] + headA[crosses])
@@ -97,7 +103,7 @@ rbs/stepping/bodies.py: boxes of hulls, the wrong extreme (broadPhase)
     high = np.maximum.reduceat -> high = np.minimum.reduceat
 rbs/geometry/hulls.py: box of one hull, the wrong extreme (timestep)
     self.vertices.max(axis=1) -> self.vertices.min(axis=1)
-rbs/geometry/facets.py: facets, faces of the second hull are not turned round (gjk)
+rbs/geometry/facets.py: facets, faces of the second hull are not turned round (facets)
     np.where(row < half, 1.0, -1.0) -> np.where(row < half, 1.0, 1.0)
 rbs/stepping/batchstep.py: normal of the ground, signs of its zeros (broadPhase)
     -np.tile([[0.0], [1.0], [0.0]] -> np.tile([[0.0], [-1.0], [0.0]]
@@ -106,7 +112,7 @@ rbs/stepping/batchstep.py: impulses of a batch, the wrong body's position (broad
 rbs/stepping/batches.py: missed pairs, the displacement of one body only (broadPhase)
     take(self.displacement, self.pairs.second) -> 0.0
 GJK.py: cached axis, its sign (timestep)
-    .min() + dot(axis, t) - -> .min() - dot(axis, t) -
+    if gap > LEAST_GAP * size: -> if -gap > LEAST_GAP * size:
 RBSFunctions.py: boxes of a loop, those of bodies that are moved (broadPhase)
     hold_boxes((m1, m2)) -> hold_boxes(())
 rbs/stepping/pairs.py: broad phase, bodies that leave their reach (broadPhase)

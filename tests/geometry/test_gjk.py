@@ -426,7 +426,7 @@ def test_to_look_at_all_facets_or_at_the_near_ones_gives_the_same_bits(sweep, mo
     for pair in sweep[::3]:
         answers = []
         for few in (0, 10**9):
-            monkeypatch.setattr("GJK.FEW_COMBINATIONS", few)
+            monkeypatch.setattr("GJK.FEW_DISTANCES", few)
             answers.append(GJK.is_collide(pair.points1, pair.points2))
         for one, other in zip(*answers, strict=True):
             assert np.array_equal(one, other), pair.label

@@ -62,17 +62,6 @@ def test_our_modules_pass_the_released_graders_by_one_switch(grader, place):
         assert max(errors_of(run(grader, folder, STAND_INS, OURS))) < BOUND
 
 
-@pytest.mark.parametrize("grader", GRADERS)
-def test_a_students_solution_passes_and_mistakes_do_not(grader, place):
-    studentVariants.write_submission(place / "code", studentVariants.RELEASED)
-    assert max(errors_of(run(grader, place / "grading", STAND_INS))) < BOUND
-    shutil.rmtree(place / "code")
-    names = ("quaternion-order", "no-rotational-term", "bounds-swapped")
-    mistake = studentVariants.MISTAKES[dict(zip(GRADERS, names, strict=True))[grader]]
-    studentVariants.write_submission(place / "code", studentVariants.released(mistake))
-    assert max(errors_of(run(grader, place / "grading", STAND_INS))) > 0.01
-
-
 @pytest.mark.slow
 def test_each_variant_gets_the_hints_and_verdict_of_the_table(tmp_path):
     """The released graders judge a part of them here; the script that writes the table, all."""
@@ -86,10 +75,11 @@ def test_each_variant_gets_the_hints_and_verdict_of_the_table(tmp_path):
         cells = studentVariants.row(name, place if isJudged else None)
         assert cells == expected[: len(cells)]
     passing = {name for name, (_, fails, *_rest) in rows.items() if fails == "0"}
-    right = {*studentVariants.RIGHT, "lists", "guarded", "NumPy's zeros"}
-    assert passing == right | {"two-fixed", "qexp-shape"}
+    onSkeleton = {"lists", "guarded", "NumPy's zeros"}
+    assert passing == {*studentVariants.RIGHT, *onSkeleton, "two-fixed", "qexp-shape"}
     # Those with the skeleton's tensor.
-    assert {name for name in passing if rows[name][-1] != "passes"} == {"small-tensor", "released"}
+    failing = {name for name in passing if rows[name][-1] != "passes"}
+    assert failing == {"small-tensor", "released"} | onSkeleton
 
 
 def test_the_switch_has_two_positions(place):

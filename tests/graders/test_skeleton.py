@@ -77,7 +77,7 @@ def test_a_fixed_body_on_the_ground_needs_the_guard(tmp_path, run):
 
 
 def test_a_wrong_exponential_of_ones_own_is_told_and_costs_nothing(tmp_path, run):
-    """Where integrate_timestep does not call it."""
+    """As long as integrate_timestep does not call it."""
     own = "\nright = QExp\nQExp = lambda q: np.hstack([np.cos(q[:, :1]), q[:, 1:]])\n"
     files = variant(("QExp(half)", "right(half)"), **{"Quaternion.py": QUATERNION + own})
     graded = run(GRADERS[0], "--modules", written(tmp_path / "a", files))

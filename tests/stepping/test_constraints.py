@@ -26,6 +26,7 @@ from scipy.linalg import block_diag, eigh
 from scipy.spatial.transform import Rotation
 
 import rbs.stepping.constraints
+import RBSFunctions
 from rbs.scenes.simulation import SceneSimulation, Settings
 from rbs.stepping.settings import CONSTRAINT_TOLERANCE, SETTINGS
 from RBSFunctions import resolve_position_constraint, resolve_velocity_constraint, run_timestep
@@ -420,6 +421,32 @@ def test_queue_and_sweep_agree_to_the_bit(name, steps, share, ending):
     assert made <= share
     assert ended >= ending * steps
     assert corrected >= 3
+
+
+def test_corrections_in_place_count_in_the_next_visit():
+    """Functions may change the arrays that they are given, and return these."""
+    before, corrections = [], []
+
+    def positions_in_place(positions, *others):
+        wasValid, corrected = resolve_position_constraint(positions, *others)
+        before[:] = np.copy(positions)
+        for given, new in zip(positions, corrected, strict=True):
+            given[:] = new
+        corrections.append(not wasValid)
+        return wasValid, positions
+
+    def velocities(positions, *others):
+        return resolve_velocity_constraint(before, *others)
+
+    scenes = [load("two_chain") for _ in range(2)]
+    functions = vars(RBSFunctions) | {"resolve_position_constraint": positions_in_place}
+    functions = SimpleNamespace(**functions | {"resolve_velocity_constraint": velocities})
+    for _ in range(60):
+        for scene, taught in zip(scenes, (None, functions), strict=True):
+            settings = {"maxIterations": scene.max_iterations(), "functions": taught}
+            step(scene.meshes, scene.groundMesh, scene.constraints, **settings)
+        assert np.array_equal(*(state_of(scene.meshes) for scene in scenes))
+    assert sum(corrections) > 500 and corrections.count(False) > 500
 
 
 @pytest.fixture

@@ -146,7 +146,7 @@ def test_tumbling_box_on_the_ground(e):
 
 
 def kinetic_energy(states, masses, tensors):
-    """states : (2, 13). tensors : of the bodies, in world axes; nothing for a mass of 0."""
+    """Energy of two bodies. states : (2, 13); tensors : in world axes; a mass of 0 adds nothing."""
     v, w = states[:, 7:10], states[:, 10:]
     return sum(0.5 * (masses[k] * v[k] @ v[k] + w[k] @ tensors[k] @ w[k]) for k in range(2))
 

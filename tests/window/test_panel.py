@@ -494,7 +494,7 @@ def test_random_actions_raise_nothing_and_change_only_what_they_are_for(
         assert simulation.is_finite() and "is limited to" not in viewer.message
         settings = asdict(simulation.settings)
         if viewer.isReplay:
-            now = restored_settings(simulation.recording, simulation.stepCount, Settings())
+            now = restored_settings(simulation.recording, simulation.stepCount)
             assert settings == asdict(now)
         else:
             assert settings == user.expected
