@@ -456,8 +456,8 @@ class Recording:
             table = self._file["contacts"]
             begin, end = np.searchsorted(table["step"], (step, step + 1))
             return [
-                Contact(*(tuple(v) if np.ndim(v) else v for v in row[1:]))
-                for row in (one.tolist() for one in table[begin:end])
+                Contact(*(tuple(v.tolist()) if np.ndim(v) else v for v in one.tolist()[1:]))
+                for one in table[begin:end]
             ]
 
     def solver_state(self, step):
