@@ -8,7 +8,6 @@ import pickle
 import re
 import subprocess
 import sys
-from contextlib import suppress
 from dataclasses import fields
 from typing import get_type_hints
 from xml.etree import ElementTree
@@ -23,7 +22,7 @@ from program import environment
 import RigidBodySimulation as api
 from rbs.geometry.surfaces import NonConvexWarning
 from rbs.program.pythoninterface import OpenedRecording
-from rbs.recordings.recording import Recording, RecordingError
+from rbs.recordings.recording import Recording
 from rbs.recordings.replay import Replay, verify
 from RBSFunctions import Mesh
 from RigidBodySimulation import Settings, Simulation, run_timestep
@@ -137,11 +136,10 @@ def test_removals_links_and_forces_are_recorded_verified_and_restored(solver, tm
         opened.seek(step)
         assert (len(opened.meshes), len(opened.constraints)) == (count, ties)
         assert opened.largest_violation() < 0.2
-    for left, step in enumerate((20, 20, 30, 40, 60)):
+    for left, step in ((0, 20), (2, 30)):  # the force, and the link
         changed = Recording(tmp_path / "run.h5")
         assert changed.changes.pop(left)[0] == step + 1
-        with suppress(IndexError, RecordingError):  # some changes depend on others
-            assert " differs: " in verify(changed)
+        assert " differs: " in verify(changed)
     # back to what has been removed, and forth again with the same bits
     simulation.restore(pickle.loads(pickle.dumps(state)))
     assert simulation.meshes[0] is first and simulation.meshes[3] is late
@@ -229,17 +227,17 @@ def test_a_box_that_hangs_by_its_centre_swings_as_a_pendulum(solver):
     """T = 2π √(L / g) for small angles; the box does not turn, as no torque acts on it."""
     bob = Mesh.box((0.2, 0.3, 0.2), 100.0, (0, 2, 0), "bob")
     hook = Mesh.box((0.5, 0.5, 0.5), 100.0, (0, 4.25, 0), "hook", isFixed=True)
-    settings = Settings(contactSolver=solver, timeStep=0.005)
+    settings = Settings(contactSolver=solver, timeStep=0.01)
     simulation = Simulation.from_meshes([bob, hook], settings=settings)
     simulation.constrain(0, (0, 2, 0), 1, (0, 4, 0), lower=0.0)
     simulation.push(0, (0.3 * bob.mass, 0, 0))
-    xs = [simulation.meshes[0].position[0, 0] for _ in simulation.steps(1200)]
+    xs = [simulation.meshes[0].position[0, 0] for _ in simulation.steps(600)]
     assert 0.12 < max(xs) < 0.14 and abs(simulation.meshes[0].angVelocity).max() < 1e-9
     signs = np.sign(xs)
-    upwards = 0.005 * np.flatnonzero((signs[1:] > 0) & (signs[:-1] <= 0))
+    upwards = 0.01 * np.flatnonzero((signs[1:] > 0) & (signs[:-1] <= 0))
     assert len(upwards) == 2
-    assert np.diff(upwards) == pytest.approx(2 * np.pi * np.sqrt(2.0 / 9.8), rel=2e-3)
-    assert simulation.largest_violation() < 2e-3
+    assert np.diff(upwards) == pytest.approx(2 * np.pi * np.sqrt(2.0 / 9.8), rel=5e-3)
+    assert simulation.largest_violation() < 5e-3
 
 
 def test_what_is_no_mesh_and_constraints_of_nothing_are_refused():
