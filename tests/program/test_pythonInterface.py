@@ -158,6 +158,9 @@ def test_what_cannot_be_linked_is_refused():
     simulation = Simulation.from_meshes(boxes())
     with pytest.raises(ValueError, match="the point lies 17.* outside"):
         simulation.constrain(0, (0, 20, 0), 1, 0)
+    with pytest.raises(ValueError, match="the point lies"):
+        simulation.constrain(0, simulation.meshes[0].position, 1, (0, 20, 0))
+    assert len(simulation.meshes[0].origVertices) == 8  # and nothing has changed
     with pytest.raises(ValueError, match="0 ≤ lower ≤ upper, not 2.0 and 1.0"):
         simulation.constrain(0, 0, 1, 0, 2.0, 1.0)
     assert simulation.constraints == [] and simulation.changes == []
