@@ -6,6 +6,7 @@ Reading order: `Overlays`; the painter and the legend of each overlay; arrows an
 import math
 from contextlib import contextmanager
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 import polyscope as ps
@@ -68,6 +69,18 @@ EXPLAINED = {
 }
 
 
+class Highlight(NamedTuple):
+    """What a picture shows of a moment within a step.
+
+    poses : (7, n), of the bodies, see `poses_of`; bodies : list of those that stand out
+    arrows : dict of name and (point (3,), arrow (3,) in metres, colour)
+    """
+
+    poses: np.ndarray
+    bodies: list
+    arrows: dict
+
+
 class Overlays:
     """Overlays of a `SceneView`.
 
@@ -117,10 +130,16 @@ class Overlays:
             self._extend_trails()
         if CONTACT_OVERLAYS & shown:
             self._find_contacts()
+        highlight = self._view.highlight
+        arrows = {} if highlight is None else highlight.arrows
+        for name in self.onTop.keys() - arrows.keys() - shown:
+            remove_overlay(name)
         self.onTop = {}
         for name, paint in _PAINTERS.items():
             if name in shown:
                 paint(self, name, vertices)
+        for name, (point, arrow, colour) in arrows.items():
+            self.onTop[name] = [(draw_arrows, (point[None], arrow[None], colour, ARROW_RADIUS))]
         self._draw_within(self._view.callback is None)
 
     def meanings(self):

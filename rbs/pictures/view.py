@@ -50,6 +50,8 @@ FAR_CLIP = 19.0
 STEEPEST = 0.99
 # Least height of the camera above the ground, as a fraction of the scene's size.
 LOWEST_EYE = 0.01
+# Colour towards which bodies turn pale beside those that stand out, and how far, 0 to 1.
+PALE_COLOUR, PALENESS = np.array([0.88, 0.88, 0.88]), 0.8
 # Start of a shot, as a fraction of the way from the camera to its target.
 SHOT_BEGIN = 0.4
 # Height of shadows above the ground, relative to the scene's size: the least that does not flicker
@@ -87,6 +89,7 @@ class SceneView:
     squareSide : side of the ground's squares in metres
     groundPlace : middle (3,) of the ground, and size of what stands on it in metres
     hasLegend, isSmooth : whether pictures have a legend; whether the window's edges are smooth
+    highlight : `Highlight` of a moment within a step, or None
     follows : whether the camera follows the selected body
     studio : `StudioLook` if pictures have that look, or None
     callback : function that draws the panels in each frame, or None
@@ -95,7 +98,7 @@ class SceneView:
     def __init__(self, simulation):
         self._margins = (0, 0, 0, 0)  # pixels covered by panels: left, top, right, bottom
         self._windowSize = None
-        self.callback = self.studio = None
+        self.callback = self.studio = self.highlight = None
         self.overlays = Overlays(self)
         self.colouring = "body"
         self.shown = {"ground", "shadows"}
@@ -105,7 +108,7 @@ class SceneView:
     def rebuild(self, simulation):
         """Registers the bodies of a new scene and points the camera at them."""
         self.simulation = simulation
-        self.groundPlace = None
+        self.groundPlace = self.highlight = None
         self.pick(None)
         vertices, _, _ = flatten_meshes(simulation.meshes)
         ground = vertices * [1.0, 0.0, 1.0]
@@ -343,7 +346,7 @@ class SceneView:
         self._follow()
         if self.showsReport:
             self.simulation.find_report()
-        poses = poses_of(self.simulation.meshes)
+        poses = poses_of(self.simulation.meshes) if self.highlight is None else self.highlight.poses
         if not np.array_equal(poses, self._poses):
             self._poses, self._colours = poses, None
             self._vertices = self._surface.place(poses)
@@ -360,11 +363,21 @@ class SceneView:
     @property
     def showsReport(self):
         """Whether the picture shows something of the last step's report."""
-        return bool(CONTACT_OVERLAYS & self.shown) or self.colouring in REPORT_COLOURINGS
+        return self.showsContacts or self.colouring in REPORT_COLOURINGS
+
+    @property
+    def showsContacts(self):
+        """Whether contacts are drawn."""
+        return bool(CONTACT_OVERLAYS & self.shown)
 
     def body_colours(self):
         """RGB of every body, (n, 3), in the current colouring."""
-        return self.bodyColours.of(self.simulation, self.colouring)
+        colours = self.bodyColours.of(self.simulation, self.colouring)
+        if self.highlight is not None:
+            others = np.setdiff1d(np.arange(len(colours)), self.highlight.bodies)
+            colours = colours.copy()
+            colours[others] += PALENESS * (PALE_COLOUR - colours[others])
+        return colours
 
     def colour_by(self, colouring):
         """Colours the bodies by a name of COLOURINGS."""
@@ -438,7 +451,7 @@ class SceneView:
     @contextmanager
     def hidden(self):
         """Hides the scene within the `with` block; yields the structures drawn over bodies."""
-        names = ("constraints", *OVERLAYS)
+        names = dict.fromkeys(("constraints", *OVERLAYS, *self.overlays.onTop))
         overlays = [ps.get_curve_network(name) for name in names if ps.has_curve_network(name)]
         overlays += [ps.get_point_cloud(name) for name in names if ps.has_point_cloud(name)]
         overlays = [one for one in overlays if one.is_enabled()]
