@@ -34,10 +34,10 @@ from rbs.scenes.simulation import SceneSimulation
 from rbs.stepping.bodies import StateError
 from rbs.stepping.settings import GRAVITY, Settings
 
-# Relative to its scale, the difference from which a number differs from ours. The scale is the
-# largest length, speed or angular speed in the scene, or the number's own size. Rounding in a call
-# stays below 1e-13, and mistakes are seldom below 1e-5. Below this depth, relative to the length,
-# rounding decides whether bodies touch.
+# The difference, relative to its scale, above which a number counts as another one. The scale is
+# the largest length, speed or angular speed in the scene, or the number's own size. Rounding in a
+# call stays below 1e-13, and mistakes are seldom below 1e-5. Below this depth, relative to the
+# length, rounding decides whether bodies touch.
 TOLERANCE = 1e-9
 # Quantities of a new mesh, of a state, and of results, each with its scale.
 BUILT = {"origVertices": "own", "invMass": "own", "invIT": "own"}
@@ -73,10 +73,8 @@ class Comparison:
     def __init__(self, folder, ours):
         self.problem, self.remarks, self.largest, self.number = "", {}, 0.0, 1
         self.terms = []
-        self.ours, self.driven = (
-            ours,
-            SceneSimulation(ours.source),
-        )  # the student's functions move these
+        self.ours = ours
+        self.driven = SceneSimulation(ours.source)  # the student's functions move its bodies
         self.driven.settings = ours.settings
         self.steps = self.driven.submitted = SubmittedSteps(folder)
         self.runTimestep = self.steps.run_timestep
@@ -102,7 +100,7 @@ class Comparison:
     # ---- Steps ----------------------------------------------------------------------------------
 
     def step(self):
-        """Makes a step of both; sets `problem` at the first difference."""
+        """Steps both simulations; sets `problem` at the first difference."""
         self.set_scales()
         self.number, start = self.ours.stepCount + 1, self.ours.state()
         try:
@@ -332,7 +330,7 @@ def as_arrays(ours, theirs):
 
 
 def shown(ours, theirs):
-    """The largest difference of numbers, and their rows there; a NaN is the largest."""
+    """A text with the largest difference, and both rows there; a NaN counts as the largest."""
     ours, theirs = as_arrays(ours, theirs)
     distance = np.abs(theirs - ours)
     at = np.unravel_index(distance.argmax(), ours.shape)

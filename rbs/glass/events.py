@@ -114,7 +114,8 @@ class Watch:
         """
 
         def watched(c):
-            m1, m2, arm1, arm2, refValue, upper, *_ = ties[c]
+            b1, b2, arm1, arm2, refValue, upper, *_ = ties[c]
+            m1, m2 = self._meshes[b1], self._meshes[b2]
             before = states_of((m1, m2))
             given = {"constraint": c, "refValue": refValue, "upper": bool(upper)}
             given["points"] = tuple(

@@ -8,13 +8,14 @@ Units: metres, kilograms, seconds.
 import signal
 import statistics
 import threading
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 
 from tqdm import tqdm
 
 from rbs.glass.trace import trace_lines
 from rbs.scenes.messages import InputError, print_error, reason_of, short, shown_path
+from rbs.scenes.state import Writer
 from rbs.stepping.bodies import StateError
 
 # Names of the signals that ask a program to end, for messages. Windows has no SIGHUP.
@@ -49,18 +50,14 @@ def run_without_window(simulation, steps, writers=()):
     return 2 if outputs.haveFailed else 0
 
 
-class Outputs:
-    """The outputs of a run. One that fails is closed and reported, and the others go on.
+class Outputs(Writer):
+    """Several outputs of a run. One that fails is closed and reported, and the others go on.
 
     Attributes: haveFailed, whether an output has failed; areLost, whether all have.
     """
 
     def __init__(self, writers):
-        """writers : list
-
-        Each has `add(simulation)`, called at the start and after every step, `save(simulation)`,
-        `summary(simulation)`, the name and text of a row, and `close()`. See `Recorder`.
-        """
+        """writers : list of Writer, with `summary(simulation)`, name and text of a row"""
         self._writers, self.haveFailed = list(writers), False
 
     @property
@@ -159,8 +156,10 @@ def run_steps(simulation, steps, outputs):
         Its times are empty for a replay.
     """
     run, hasStudents = Run([]), simulation.submitted is not None
-    with signals_noted(PATIENCE if hasStudents else None) as noted, step_progress(steps) as advance:
-        outputs.add(simulation)
+    with ExitStack() as stack:
+        noted = stack.enter_context(signals_noted(PATIENCE if hasStudents else None))
+        advance = stack.enter_context(step_progress(steps))
+        stack.enter_context(simulation.followed_by(outputs))
         for _ in range(steps):
             if outputs.areLost:
                 break
@@ -181,7 +180,6 @@ def run_steps(simulation, steps, outputs):
                 break
             if simulation.stepSeconds is not None:
                 run.stepSeconds.append(simulation.stepSeconds)
-            outputs.add(simulation)
             advance()
     return run
 
@@ -245,7 +243,7 @@ def summarise(simulation, run, startEnergies):
     fixedCount = sum(mesh.isFixed for mesh in meshes)
     kinetic, potential = startEnergies
     y, lowestName = simulation.lowest_point()
-    stepTime = "none (a recording)" if simulation.isReplay else "no step was made"
+    stepTime = "no step was made" if simulation.isEditable else "none (a recording)"
     if run.stepSeconds:
         median = statistics.median(run.stepSeconds)
         stepTime = f"{1e3 * median:.2f} ms median, {sum(run.stepSeconds):.1f} s in total"

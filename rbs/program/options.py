@@ -25,13 +25,12 @@ from rbs.exports.formats import EXPORT_ENDINGS
 from rbs.opening.catalogue import SCENES
 from rbs.recordings.recording import RECORDING_ENDINGS
 from rbs.scenes.messages import PROGRAM_NAME, one_line, short
+from rbs.scenes.state import DEFAULT_STEPS
 from rbs.scenes.textfiles import plain_float, plain_int
 from rbs.stepping.settings import BY_OPTION
 
 # The scene that runs if none is named.
 DEFAULT_SCENE = "heap"
-# Ten seconds with the default time step, long enough for every scene in data/ to settle.
-DEFAULT_STEPS = 500
 # Steps between screenshots: five pictures per simulated second with the default time step.
 DEFAULT_EVERY = 10
 # Largest number of steps, or of visits: more than time allows, and exact as a float.
@@ -102,6 +101,7 @@ COMPANIONS = {
     "transparent": ({"screenshots"}, "needs --screenshots"),
     "our_loop": ({"functions"}, "needs --functions"),
     "from_step": ({"resume"}, "needs --resume"),
+    "record_contacts": ({"record"}, "needs --record"),
 }
 
 
@@ -295,7 +295,8 @@ def add_picture_options(parser):
         "--colours",
         metavar="NAME",
         choices=COLOURINGS,
-        help=f"quantity that the bodies' colours show: {', '.join(COLOURINGS)} (default: body)",
+        help="quantity that the bodies' colours show, also in an exported page: "
+        f"{', '.join(COLOURINGS)} (default: body)",
     )
     picture.add_argument(
         "--show",
@@ -327,6 +328,12 @@ def add_recording_options(parser):
         type=path_type("a recording", *RECORDING_ENDINGS),
         help="record the state at the start and after every step, without a window. The file can "
         "be read while it grows, and after a crash",
+    )
+    recordings.add_argument(
+        "--record-contacts",
+        action="store_true",
+        help="with --record: also record the contacts of each step, with point, normal, depth and "
+        "impulses, for other programs",
     )
     source = recordings.add_mutually_exclusive_group()
     source.add_argument(
@@ -401,6 +408,8 @@ def check_options(parser, options):
             parser.error(f"{option_name(dest)} {cause}")
     if given & WITHOUT_WINDOW and not given & {"screenshots", "video"}:
         for dest in sorted(given & OF_PICTURES):
+            if dest == "colours" and "export" in given:
+                continue
             parser.error(f"{option_name(dest)} needs --screenshots or --video, or the window")
     for mode, (others, cause) in CONFLICTS.items():
         for dest in sorted(given & others if mode in given else ()):

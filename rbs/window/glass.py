@@ -51,7 +51,7 @@ class Glass:
     def _find_events(self):
         """Returns the events of the last step, and sets a message if there are none."""
         simulation, events = self.viewer.simulation, []
-        if simulation.isReplay:
+        if self.viewer.isReplay:
             simulation.find_report(events.append)
             self.viewer.message = simulation.reportError
         elif simulation.settings.contactSolver == "soft-step":
@@ -74,7 +74,7 @@ class Glass:
         try:
             simulation.meshes = list(last[-1].meshes)
             simulation.restore(last[-1].state)
-            simulation.step(observer)
+            simulation.advance(observer)
             pairs = zip(simulation.state().values(), now.values(), strict=True)
             isSame = all(np.array_equal(*pair) for pair in pairs)
         except StateError:
@@ -243,18 +243,17 @@ class Glass:
         left, top, width, height = picture
         size = width, self.height
         flags = "NoTitleBar HorizontalScrollbar"
-        widgets.begin_panel("Event", (left, top + height), size, size, flags, (0.0, 1.0), 0.92)
-        for label, act in (("<###eventBack", self.back), (">###eventNext", self.next)):
-            if psim.SmallButton(label):
-                act()
+        with widgets.panel("Event", (left, top + height), size, size, flags, (0.0, 1.0), 0.92):
+            for label, act in (("<###eventBack", self.back), (">###eventNext", self.next)):
+                if psim.SmallButton(label):
+                    act()
+                psim.SameLine()
+            isClosed = psim.SmallButton("Close###eventClose")
             psim.SameLine()
-        isClosed = psim.SmallButton("Close###eventClose")
-        psim.SameLine()
-        event = self.events[self.place] if self.events else event
-        number = f"{self.place + 1} of {len(self.events or ())}"
-        psim.Text(f"{number}: {heading(event, self.viewer.simulation.meshes)}")
-        self._draw_formulas(event, width)
-        psim.End()
+            event = self.events[self.place] if self.events else event
+            number = f"{self.place + 1} of {len(self.events or ())}"
+            psim.Text(f"{number}: {heading(event, self.viewer.simulation.meshes)}")
+            self._draw_formulas(event, width)
         if isClosed:
             self.close()
 

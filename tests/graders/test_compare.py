@@ -182,11 +182,11 @@ def test_a_difference_ends_it_with_1(scene, tmp_path, compare):
 
 
 @pytest.mark.parametrize(
-    ("name", "cause"), [("endless-loop", "stopped after 5 s"), ("os-exit", "exit code 7")]
+    ("name", "cause"), [("endless-loop", "stopped after 3 s"), ("os-exit", "exit code 7")]
 )
 def test_a_process_that_ends_early_is_reported(name, cause, scene, tmp_path, compare):
     student = write_submission(tmp_path / "a", HOSTILE[name])
-    code, (line,), errors = compare(student, scene, "--time-limit", 5)
+    code, (line,), errors = compare(student, scene, "--time-limit", 3)
     assert (code, line, errors) == (1, f"step 1: {cause}", [])
 
 
@@ -205,6 +205,7 @@ def test_what_cannot_be_compared_ends_it_with_2(scene, tmp_path, compare):
         assert cause in error
 
 
+@pytest.mark.slow
 def test_a_slow_program_is_compared_as_far_as_there_is_time(scene, tmp_path, compare):
     line = "    up = np.array([[0.0, 1.0, 0.0]])\n"
     slow = line, f"    import time\n    time.sleep(0.3)\n{line}"

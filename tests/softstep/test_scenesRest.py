@@ -16,6 +16,7 @@ def test_scenes_recommend_what_they_rest_with():
         assert values == RESTING or name == "cradle", name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["stack", "card_house", "ramp", "round_tower", "cradle"])
 def test_scene_shows_what_it_is_named_for(name):
     CHECKS[name]()
