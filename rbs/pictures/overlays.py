@@ -30,6 +30,8 @@ CONTACT_OVERLAYS = frozenset({"contacts", "impulses", "friction impulses"})
 # Overlays at or within bodies: drawn on top of the window's picture; pictures show them through the
 # bodies.
 WITHIN_BODIES = CONTACT_OVERLAYS | {"velocities"}
+# Colour of our bodies beside a student's.
+GHOST_COLOUR = (0.35, 0.0, 0.60)
 # Length of the longest impulse, relative to the scene's size; its limit, relative to the median
 # body, so that arrows do not cover each other; and length of contact normals, relative to it.
 LONGEST_IMPULSE = 0.1
@@ -140,12 +142,16 @@ class Overlays:
                 paint(self, name, vertices)
         for name, (point, arrow, colour) in arrows.items():
             self.onTop[name] = [(draw_arrows, (point[None], arrow[None], colour, ARROW_RADIUS))]
+        if ghosts := self._view.ghost_lines():
+            self.onTop["ghosts"] = [(draw_lines, (*ghosts, GHOST_COLOUR, LINE_RADIUS))]
         self._draw_within(self._view.callback is None)
 
     def meanings(self):
         """Returns the legend of the visible overlays: rows (text, (r, g, b))."""
         shown, error = self._view.shown, self._view.simulation.reportError
         rows = [(text(self), colour) for name, (text, colour) in _MEANINGS.items() if name in shown]
+        if self._view.simulation.beside is not None:
+            rows.append(("our bodies beside these", GHOST_COLOUR))
         if "contacts" in shown and self._isAtRest():
             rows[0] = f"last {rows[0][0]}", RESTING_COLOUR
         if error and CONTACT_OVERLAYS & shown:

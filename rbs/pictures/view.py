@@ -30,9 +30,12 @@ from rbs.appearance.drawables import ConstraintLines, flatten_meshes, ground_lin
 from rbs.appearance.framing import VIEW_DIRECTION, frame_camera, framed_points
 from rbs.appearance.pictureoptions import OVERLAYS, PICTURE_SIZE
 from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
+from rbs.glass.beside import Beside
 from rbs.pictures.cameras import kept_camera, look, point_still_camera, present_camera
 from rbs.pictures.clipping import clip_drawing
 from rbs.pictures.overlays import CONTACT_OVERLAYS, EXPLAINED, WITHIN_BODIES, Overlays
+from rbs.scenes.simulation import SceneSimulation
+from RBSFunctions import refresh_vertices
 
 # Layers that can be switched on and off, and what they show.
 LAYERS = {"ground": "Plane y = 0, with lines", "shadows": "Shadows cast on the floor", **EXPLAINED}
@@ -121,6 +124,9 @@ class SceneView:
         self._size = float(np.linalg.norm(high - low))
         ps.set_length_scale(self._size)
         ps.set_bounding_box(low, high)
+        if simulation.submitted is not None and simulation.isEditable and not simulation.beside:
+            ours = SceneSimulation(simulation.source, simulation.settings)
+            simulation.beside = Beside(ours, simulation)
         vertices = self._register_bodies()
         bodySize = np.median(np.linalg.norm(np.subtract(*self.boxes(vertices)), axis=1))
         self.overlays.restart(self._size, bodySize)
@@ -468,6 +474,16 @@ class SceneView:
     def isSeeThrough(self):
         """Whether bodies are transparent in pictures."""
         return bool(WITHIN_BODIES & self.shown)
+
+    def ghost_lines(self):
+        """Returns the edges of our free bodies beside a student's, (V, 3) and (E, 2), or None."""
+        if self.simulation.beside is None:
+            return None
+        meshes = self.simulation.beside.ours.meshes
+        isFree = np.repeat([not m.isFixed for m in meshes], [len(m.origVertices) for m in meshes])
+        corners = self._surface.source[self._surface.faces]
+        edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)[self._surface.isCrease]
+        return refresh_vertices(meshes), np.unique(np.sort(edges[isFree[edges[:, 0]]]), axis=0)
 
     def boxes(self, vertices):
         """Bounding boxes of the bodies: low, high (n, 3)."""

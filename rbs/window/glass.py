@@ -4,6 +4,7 @@ From the top: which events; which one; what the picture shows of it; the panels.
 """
 
 import math
+from functools import partial
 
 import numpy as np
 import polyscope.imgui as psim
@@ -278,7 +279,16 @@ class Glass:
         psim.Dummy((1.0, 1.0))
 
     def draw_list(self):
-        """Draws the buttons and the list of the step's events, for the readout."""
+        """Draws the buttons and the list of the step's events, for the readout.
+
+        With --functions, also where their run first differs from ours.
+        """
+        if (beside := self.viewer.simulation.beside) is not None:
+            told = [one for one in beside.difference if "theirs" in one or one.startswith("step")]
+            psim.TextWrapped("\n".join(told) or "no difference from our steps so far")
+            act, tip = partial(setattr, beside, "restartsEachStep"), "As graders/compare.py does"
+            each = "their steps start from our state"
+            widgets.draw_check(each, beside.restartsEachStep, act, tip)
         for label, act, tooltip in (
             ("Previous event", self.back, "Shift + E: the event before, within the last step"),
             ("Next event", self.next, "E: the next event; after the last one, the next step's"),
