@@ -13,7 +13,14 @@ from rbs.scenes.messages import InputError, print_note, short, shown_path
 from rbs.scenes.scenefiles import suggestion_lines
 from rbs.scenes.simulation import SceneSimulation
 from rbs.scenes.textfiles import SceneError
-from rbs.stepping.settings import BY_OPTION, SETTINGS, IgnoredSetting, Settings, used_settings
+from rbs.stepping.settings import (
+    BY_OPTION,
+    SETTINGS,
+    IgnoredSetting,
+    Settings,
+    shown,
+    used_settings,
+)
 
 
 def recommended_values(source):
@@ -116,11 +123,6 @@ class SceneOpener:
         return opened
 
 
-def shown(value):
-    """Returns the value of a setting as text."""
-    return f"{value:g}" if isinstance(value, float) else value
-
-
 def note_recommended(simulation):
     """Prints a line if a scene uses settings that it recommends, and if its step is too long."""
     if simulation.recommended:
@@ -129,5 +131,4 @@ def note_recommended(simulation):
             f"using the settings recommended in {path} ({simulation.recommended}); --basic "
             "ignores them"
         )
-    if not simulation.isReplay:
-        print_note(simulation.step_advice())
+    print_note(simulation.step_advice())

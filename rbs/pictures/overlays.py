@@ -25,6 +25,8 @@ from rbs.appearance.drawables import box_lines, contact_patches, grid_cells, sur
 from rbs.scenes.messages import measured
 from rbs.stepping.bodies import state_columns
 
+# Colour of our bodies beside a student's.
+GHOST_COLOUR = (0.35, 0.0, 0.60)
 # Length of the longest impulse, relative to the scene's size; its limit, relative to the median
 # body, so that arrows do not cover each other; and length of contact normals, relative to it.
 LONGEST_IMPULSE = 0.1
@@ -94,6 +96,18 @@ def overlay(name, shows, colour, meaning, ofContacts=False):
     return declare
 
 
+class Highlight(NamedTuple):
+    """What a picture shows of a moment within a step.
+
+    poses : (7, n), of the bodies, see `poses_of`; bodies : list of those that stand out
+    arrows : dict of name and (point (3,), arrow (3,) in metres, colour)
+    """
+
+    poses: np.ndarray
+    bodies: list
+    arrows: dict
+
+
 class Overlays:
     """Overlays of a `SceneView`.
 
@@ -130,6 +144,11 @@ class Overlays:
         if self.needContacts:
             self._find_contacts()
         self.onTop = {n: one.paint(self) or [] for n, one in OVERLAYS.items() if n in shown}
+        if (highlight := self._view.highlight) is not None:
+            for name, (point, arrow, colour) in highlight.arrows.items():
+                self.onTop[name] = [Arrows(point[None], arrow[None], colour)]
+        if ghosts := self._view.ghost_lines():
+            self.onTop["ghosts"] = [Lines(*ghosts, GHOST_COLOUR)]
 
     @property
     def needContacts(self):
@@ -140,6 +159,8 @@ class Overlays:
         """Returns the legend of the visible overlays: rows (text, (r, g, b))."""
         shown, error = self._view.shown, self._view.simulation.reportError
         rows = [(one.meaning(self), one.colour) for n, one in OVERLAYS.items() if n in shown]
+        if self._view.simulation.beside is not None:
+            rows.append(("our bodies beside these", GHOST_COLOUR))
         if "contacts" in shown and self._isAtRest():
             rows[0] = f"last {rows[0][0]}", RESTING_COLOUR
         if error and self.needContacts:

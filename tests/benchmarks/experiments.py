@@ -205,7 +205,7 @@ def sleepers():
 
 
 def resting_weight(steps=100):
-    """Part of the weight of two boxes, one on the other, that a sleeping ground contact reports."""
+    """The ground's push on two stacked, sleeping boxes, as a fraction of their weight."""
     meshes = [box_body(1, 1, 1, (0, 0.5 + k, 0)) for k in range(2)]
     settings = {"mu": 0.5, "solverState": SolverState(), **SOFT}
     for _ in range(steps):
@@ -235,6 +235,17 @@ def carried(kind, settings):
         rider.linVelocity, rider.angVelocity = np.array([[0.0, 0.0, -0.75]]), floor.angVelocity
         run([floor, rider], 2, **settings)
         return np.degrees(np.arctan2(-rider.position[0, 2], rider.position[0, 0]))
+    if kind == "belt that stays":
+        belt = box_body(4, 1, 4, (0, 0.5, 0), isFixed=True)
+        belt.linVelocity = np.array([[0.5, 0.0, 0.0]])
+        start = belt.position.copy()
+        rider = box_body(1, 0.5, 1, (0, 1.25, 0))
+
+        def put_back(*_):
+            belt.position = start
+
+        run([belt, rider], 2, before=put_back, **settings)
+        return rider.position[0, 0]
     paddle = box_body(0.2, 4, 4, (-1, 2, 0), isFixed=True)
     paddle.linVelocity = np.array([[1.0, 0.0, 0.0]])
     if kind == "paddle, by position":
@@ -251,7 +262,8 @@ def carried(kind, settings):
 
 def carriers():
     # it slides until it has the speed of the belt: v t - v²/(2 μ g)
-    cases = {"conveyor": 2 * 0.5 - 0.25 / (2 * 0.5 * G), "turntable": np.degrees(1.0)}
+    cases = dict.fromkeys(("conveyor", "belt that stays"), 2 * 0.5 - 0.25 / (2 * 0.5 * G))
+    cases |= {"turntable": np.degrees(1.0)}
     cases |= {"paddle": 2.0, "paddle, by position": 2.0}
     for kind, predicted in cases.items():
         found = {name: carried(kind, settings) for name, settings in STEPS.items()}
@@ -284,9 +296,9 @@ def elastic():
             tell(f"elastic: {count} cubes {1e3 * gap:g} mm apart, energy of the last", 1, **found)
 
 
-def plastic_rest(settings):
-    """Speed and spin after a cube has landed flat at 4.4 m/s without restitution."""
-    mesh = box_body(1, 1, 1, (0, 1.5, 0))
+def plastic_rest(settings, height=1.5):
+    """Part of the speed, and spin, after a cube has landed flat from a height at e = 0."""
+    mesh = box_body(1, 1, 1, (0, height, 0))
     speeds = []
 
     def watch(k, _):

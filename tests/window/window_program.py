@@ -20,7 +20,6 @@ from rbs.opening.lookup import open_file
 from rbs.opening.suggestions import SceneOpener, apply_settings
 from rbs.pictures.backends import find_backend
 from rbs.window.panel import Panel, show_window
-from rbs.window.playback import speed_name
 
 WIDGETS = "Button Selectable BeginCombo InputDouble InputTextWithHint Checkbox CollapsingHeader "
 WIDGETS = (WIDGETS + "SliderInt SliderFloat SmallButton").split()
@@ -47,7 +46,6 @@ def status_of(panel):
     mesh = viewer.picked()
     return {
         "scene": simulation.scenePath.name,
-        "isReplay": viewer.isReplay,
         "isPlaying": viewer.isPlaying,
         "step": simulation.stepCount,
         "friction": simulation.settings.friction,
@@ -59,11 +57,7 @@ def status_of(panel):
         "saved": viewer.saved,
         "plotted": len(viewer.history),
         "bodyCount": len(simulation.meshes),
-        "speed": speed_name(viewer.playback.speed),
         "follows": view.follows,
-        "restitution": simulation.settings.restitution,
-        "isTyping": bool(psim.GetIO().WantTextInput),
-        "isHelpShown": panel.isHelpShown,
         "grabbed": None if viewer.grab is None else viewer.grab.body,
         "recorded": viewer.recorder and viewer.recorder.frameCount,
         "layout": panel.layout,
@@ -106,7 +100,7 @@ def main(scene, statusPath):
         sys.exit(backend.reason)
     try:
         simulation = open_file(scene)
-        if not simulation.isReplay:
+        if simulation.isEditable:
             apply_settings(simulation, {})
         show_window(simulation, backend, SceneOpener())
     except KeyboardInterrupt:
