@@ -31,8 +31,8 @@ from rbs.appearance.framing import VIEW_DIRECTION, frame_camera, framed_points
 from rbs.appearance.pictureoptions import PICTURE_SIZE
 from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
 from rbs.glass.beside import Beside
+from rbs.pictures.backends import clip_drawing
 from rbs.pictures.cameras import kept_camera, look, point_still_camera, present_camera
-from rbs.pictures.clipping import clip_drawing
 from rbs.pictures.overlays import OVERLAYS, Overlays
 from rbs.scenes.simulation import SceneSimulation
 from RBSFunctions import refresh_vertices

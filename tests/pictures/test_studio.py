@@ -1,7 +1,6 @@
 """The studio look: its light against closed forms, and what pictures hold. Drawn off-screen."""
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,6 +20,7 @@ from rbs.pictures.capture import StudioLook, start_view, take_picture
 from rbs.pictures.facenumbers import Camera
 from rbs.pictures.pictureprocess import PictureProcess
 from rbs.scenes.simulation import SceneSimulation
+from rbs.scenes.state import Scene
 from rbs.stepping.settings import Settings
 
 SIZE = (160, 90)
@@ -28,9 +28,8 @@ SIZE = (160, 90)
 
 def view_of(*meshes, size=SIZE, **options):
     """A SceneView of bodies in the studio look."""
-    simulation = SimpleNamespace(
-        meshes=list(meshes), constraints=[], report=None, reportError="", stepCount=0
-    )
+    simulation = Scene()
+    simulation.meshes = list(meshes)
     simulation.settings = Settings()
     options = PictureOptions(size, look="studio", **options)
     return start_view(simulation, require_opengl(), options)
