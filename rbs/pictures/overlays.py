@@ -1,8 +1,7 @@
 """Overlays: contacts, impulses, velocities, boxes and trails.
 
 Each is declared once, by `@overlay` above the method that makes it. Those at or within bodies are
-drawn on top of the picture, by `draw_marks`; the others are lines in Polyscope, which is
-imported inside the functions that use it. Reading order: `Overlays`; lines.
+drawn on top of the picture, by `draw_marks`; the others are lines in Polyscope.
 """
 
 import math

@@ -111,7 +111,6 @@ class Panel:
         self.viewer.view.spread_ground()
         self.viewer.watch_picture()
         self.glass.draw(self.layout.picture)
-        draw_marks(self.viewer)
         text, isError = self._message()
         Tooltips.areHidden = isError
         if not self.areHidden:
@@ -129,6 +128,7 @@ class Panel:
         self._choose_quality()
         now = time.perf_counter()
         self.viewer.play(now - self._lastFrame)
+        draw_marks(self.viewer)  # where the bodies are now
         self._lastFrame = now
 
     def lay_out(self):
