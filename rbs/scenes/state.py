@@ -84,12 +84,14 @@ class Scene:
     reportError : why a replay's step has no report, or ""
     recommended : text of the recommended settings that are used, or ""
     submitted : `SubmittedSteps`, if a student's functions make the steps, or None
+    beside : `Beside`, our simulation that goes along with a student's, or None
     isEditable : whether bodies and settings can be changed, and steps be made without end; if not,
         it is a Replay, with `seek`, firstStep, lastStep and lastTime
     writers : list of `Writer`s, which take the state after every step
     """
 
     source = scenePath = groundMesh = settings = report = stepSeconds = submitted = None
+    beside = None
     meshes = constraints = ()
     stepCount, time = 0, 0.0
     recommended = reportError = ""
