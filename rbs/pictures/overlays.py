@@ -6,6 +6,7 @@ Reading order: `Overlays`; the painter and the legend of each overlay; arrows an
 import math
 from contextlib import contextmanager
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 import polyscope as ps
@@ -29,6 +30,8 @@ CONTACT_OVERLAYS = frozenset({"contacts", "impulses", "friction impulses"})
 # Overlays at or within bodies: drawn on top of the window's picture; pictures show them through the
 # bodies.
 WITHIN_BODIES = CONTACT_OVERLAYS | {"velocities"}
+# Colour of our bodies beside a student's.
+GHOST_COLOUR = (0.35, 0.0, 0.60)
 # Length of the longest impulse, relative to the scene's size; its limit, relative to the median
 # body, so that arrows do not cover each other; and length of contact normals, relative to it.
 LONGEST_IMPULSE = 0.1
@@ -66,6 +69,18 @@ EXPLAINED = {
     "grid cells": f"Cells of the broad phase that contain bodies, up to {MOST_BOXES} columns",
     "trails": f"Paths of up to {MOST_TRAILS} bodies over the last {TRAIL_LENGTH} frames",
 }
+
+
+class Highlight(NamedTuple):
+    """What a picture shows of a moment within a step.
+
+    poses : (7, n), of the bodies, see `poses_of`; bodies : list of those that stand out
+    arrows : dict of name and (point (3,), arrow (3,) in metres, colour)
+    """
+
+    poses: np.ndarray
+    bodies: list
+    arrows: dict
 
 
 class Overlays:
@@ -117,16 +132,26 @@ class Overlays:
             self._extend_trails()
         if CONTACT_OVERLAYS & shown:
             self._find_contacts()
+        highlight = self._view.highlight
+        arrows = {} if highlight is None else highlight.arrows
+        for name in self.onTop.keys() - arrows.keys() - shown:
+            remove_overlay(name)
         self.onTop = {}
         for name, paint in _PAINTERS.items():
             if name in shown:
                 paint(self, name, vertices)
+        for name, (point, arrow, colour) in arrows.items():
+            self.onTop[name] = [(draw_arrows, (point[None], arrow[None], colour, ARROW_RADIUS))]
+        if ghosts := self._view.ghost_lines():
+            self.onTop["ghosts"] = [(draw_lines, (*ghosts, GHOST_COLOUR, LINE_RADIUS))]
         self._draw_within(self._view.callback is None)
 
     def meanings(self):
         """Returns the legend of the visible overlays: rows (text, (r, g, b))."""
         shown, error = self._view.shown, self._view.simulation.reportError
         rows = [(text(self), colour) for name, (text, colour) in _MEANINGS.items() if name in shown]
+        if self._view.simulation.beside is not None:
+            rows.append(("our bodies beside these", GHOST_COLOUR))
         if "contacts" in shown and self._isAtRest():
             rows[0] = f"last {rows[0][0]}", RESTING_COLOUR
         if error and CONTACT_OVERLAYS & shown:

@@ -17,10 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rbs.appearance.camerafiles import load_camera
 from rbs.appearance.pictureoptions import video_timing
 from rbs.exports.page import PageWriter
 from rbs.opening.lookup import list_files
-from rbs.pictures.cameras import apply_camera, kept_camera, load_camera, save_camera
+from rbs.pictures.cameras import apply_camera, kept_camera, save_camera
 from rbs.pictures.capture import Video, save_picture
 from rbs.pictures.pictureprocess import PictureProcess
 from rbs.recordings.recording import Recorder, is_recording_name
