@@ -22,7 +22,8 @@ from rbs.stepping.bodies import Bodies, check_numbers, turned
 from rbs.stepping.reports import StepReport
 
 # Speed of a blow that wakes all sleepers in its way, in multiples of the speed that gravity adds
-# per step. With less, bodies that roll keep heaps with restitution awake.
+# per step. With less, bodies that roll keep heaps with restitution awake: with 3, at restitution
+# 0.2, 63 % of a heap of 200 sleep after 1000 steps, not 82 %.
 BLOW_STEPS = 10.0
 
 
