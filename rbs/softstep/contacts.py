@@ -93,7 +93,7 @@ class PlacedManifolds:
         across = turn_points(take(frames.rotation, self.second, axis=1), manifolds.anchor2)
         self.gap = dot(across + self.t[:, None] - self.arm, self.normal[:, None])
 
-    def tell(self, report, total):
+    def add_to_report(self, report, total):
         """Reports every point that touches or received an impulse, at the start of the step.
 
         total : (7, M), impulses of the rows, see `SoftContacts`
@@ -225,9 +225,9 @@ class SoftContacts(PlacedManifolds):
         count = np.bincount(ends, minlength=len(motion.invMass))
         load = np.maximum(count / RELAXATION, 1.0)
         invInertia = take(load * motion.invInertia, ends, axis=1).reshape(3, 3, 2, -1)
-        turning = np.einsum("ijem,jrem->riem", invInertia, self.moments).reshape(7, 6, -1)
+        angular = np.einsum("ijem,jrem->riem", invInertia, self.moments).reshape(7, 6, -1)
         moments = self.moments.transpose(1, 0, 2, 3).reshape(7, 6, -1)
-        A = np.einsum("rim,sim->rsm", moments, turning)
+        A = np.einsum("rim,sim->rsm", moments, angular)
         invMass = take(load * motion.invMass, ends).reshape(2, -1).sum(axis=0)
         for row in (slice(0, POINTS), 4, 5):
             A[row, row] += invMass
@@ -301,7 +301,7 @@ class SoftContacts(PlacedManifolds):
             self.measure(motion)
         self.separation += self.h * self.speed[:POINTS]
 
-    def relaxing_sweep(self):
+    def relax(self):
         """Removes the velocity added by the springs."""
         self._solve(np.maximum(self.separation, 0.0) / self.h)
         self.total += self.impulse
