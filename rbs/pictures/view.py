@@ -28,17 +28,18 @@ from rbs.appearance.colours import (
 )
 from rbs.appearance.drawables import ConstraintLines, flatten_meshes, ground_lines
 from rbs.appearance.framing import VIEW_DIRECTION, frame_camera, framed_points
-from rbs.appearance.pictureoptions import OVERLAYS, PICTURE_SIZE
+from rbs.appearance.pictureoptions import PICTURE_SIZE
 from rbs.appearance.shading import FloorShadows, LitSurface, poses_of
 from rbs.glass.beside import Beside
+from rbs.pictures.backends import clip_drawing
 from rbs.pictures.cameras import kept_camera, look, point_still_camera, present_camera
-from rbs.pictures.clipping import clip_drawing
-from rbs.pictures.overlays import CONTACT_OVERLAYS, EXPLAINED, WITHIN_BODIES, Overlays
+from rbs.pictures.overlays import OVERLAYS, Overlays
 from rbs.scenes.simulation import SceneSimulation
 from RBSFunctions import refresh_vertices
 
 # Layers that can be switched on and off, and what they show.
-LAYERS = {"ground": "Plane y = 0, with lines", "shadows": "Shadows cast on the floor", **EXPLAINED}
+LAYERS = {"ground": "Plane y = 0, with lines", "shadows": "Shadows cast on the floor"}
+LAYERS |= {name: one.shows for name, one in OVERLAYS.items()}
 # Pixels, the width of an edge on each of its faces.
 CREASE_WIDTH = 1.0
 # In the moving picture of the window, which is not supersampled: wider and paler, since thin dark
@@ -337,6 +338,9 @@ class SceneView:
             "bodyColours",
             "groundPlace",
             "squareSide",
+            "picked",
+            "pickedPoint",
+            "_lastFocus",
         )
         return {name: vars(self)[name] for name in names} | {"overlays": self.overlays.memory}
 
@@ -405,12 +409,7 @@ class SceneView:
     @property
     def showsReport(self):
         """Whether the picture shows something of the last step's report."""
-        return self.showsContacts or self.colouring in REPORT_COLOURINGS
-
-    @property
-    def showsContacts(self):
-        """Whether contacts are drawn."""
-        return bool(CONTACT_OVERLAYS & self.shown)
+        return self.overlays.needContacts or self.colouring in REPORT_COLOURINGS
 
     def body_colours(self):
         """RGB of every body, (n, 3), in the current colouring."""
@@ -470,11 +469,6 @@ class SceneView:
         else:
             self.overlays.remove(name)
 
-    @property
-    def isSeeThrough(self):
-        """Whether bodies are transparent in pictures."""
-        return bool(WITHIN_BODIES & self.shown)
-
     def ghost_lines(self):
         """Returns the edges of our free bodies beside a student's, (V, 3) and (E, 2), or None."""
         if self.simulation.beside is None:
@@ -492,10 +486,6 @@ class SceneView:
             np.maximum.reduceat(vertices, self._firstVertex),
         )
 
-    def show_bodies(self, isShown):
-        """Shows or hides the bodies."""
-        self._bodies.set_enabled(isShown)
-
     def show_shadows(self, isShown):
         """Shows or hides the shadows, regardless of `shown`."""
         self._shadows.set_enabled(isShown)
@@ -503,9 +493,8 @@ class SceneView:
     @contextmanager
     def hidden(self):
         """Hides the scene within the `with` block; yields the structures drawn over bodies."""
-        names = dict.fromkeys(("constraints", *OVERLAYS, *self.overlays.onTop))
+        names = ("constraints", *OVERLAYS)
         overlays = [ps.get_curve_network(name) for name in names if ps.has_curve_network(name)]
-        overlays += [ps.get_point_cloud(name) for name in names if ps.has_point_cloud(name)]
         overlays = [one for one in overlays if one.is_enabled()]
         scene = [self._bodies, self._shadows, self._ground]
         scene = [one for one in scene if one.is_enabled()]
@@ -531,14 +520,13 @@ class SceneView:
         ps.set_user_callback(callback)
         self._clip()
         self._style_edges()
-        self.overlays.refresh(self._vertices)
 
     def set_resizable(self, isResizable):
         ps.set_window_resizable(isResizable)
 
     def pick(self, body, point=None):
         """Marks a body, by index, and a world point (3,) on it; None marks nothing."""
-        self.picked, self.pickedPoint = body, None
+        self.picked, self.pickedPoint, self._lastFocus = body, None, None
         if body is not None:
             mesh = self.simulation.meshes[body]
             self._lastFocus = mesh.position[0].copy()

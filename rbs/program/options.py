@@ -14,7 +14,6 @@ from rbs.appearance.colours import COLOURINGS
 from rbs.appearance.pictureoptions import (
     FASTEST_VIDEO,
     LOOKS,
-    OVERLAYS,
     PICTURE_SIZE,
     PICTURE_SIZES,
     SLOWEST_VIDEO,
@@ -23,6 +22,7 @@ from rbs.appearance.pictureoptions import (
 )
 from rbs.exports.formats import EXPORT_ENDINGS
 from rbs.opening.catalogue import SCENES
+from rbs.pictures.overlays import OVERLAYS
 from rbs.recordings.recording import RECORDING_ENDINGS
 from rbs.scenes.messages import PROGRAM_NAME, one_line, short
 from rbs.scenes.state import DEFAULT_STEPS
@@ -301,7 +301,7 @@ def add_picture_options(parser):
     picture.add_argument(
         "--show",
         metavar="NAME",
-        choices=OVERLAYS,
+        choices=[*OVERLAYS],
         action="extend",
         nargs="+",
         help=f"overlays to draw: {', '.join(OVERLAYS)}",

@@ -21,7 +21,6 @@ from rbs.appearance.camerafiles import load_camera
 from rbs.appearance.colours import COLOURINGS
 from rbs.appearance.pictureoptions import (
     LOOKS,
-    OVERLAYS,
     PICTURE_SIZES,
     VIDEO_ENDINGS,
     PictureOptions,
@@ -30,6 +29,7 @@ from rbs.appearance.pictureoptions import (
 from rbs.exports.formats import EXPORT_ENDINGS, export_writer
 from rbs.exports.page import PageWriter, Player
 from rbs.pictures.backends import find_backend
+from rbs.pictures.overlays import OVERLAYS
 from rbs.program.headless import constraint_summary, shown_energy, step_progress
 from rbs.recordings.statistics import Table
 from rbs.scenes.files import check_ending

@@ -163,7 +163,7 @@ class Glass:
     def click(self, pixel):
         """Shows the contact whose arrow is at a pixel, if any. Returns whether there is one."""
         viewer, report = self.viewer, self.viewer.simulation.report
-        if not viewer.view.showsContacts or report is None or not report.contacts:
+        if not viewer.view.overlays.needContacts or report is None or not report.contacts:
             return False
         meshes = viewer.simulation.meshes
         points = np.array([meshes[c.body1].position[0] + c.arm for c in report.contacts])

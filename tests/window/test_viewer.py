@@ -536,7 +536,7 @@ def test_a_speed_is_offered_where_gravity_looks_slow_or_fast(viewer):
     assert viewer.playback.speed == 4.0 and viewer.saved == ""
     viewer.open("two_chain")
     assert viewer.saved == ""  # the user has chosen a speed
-    falls = {0.0: 0.1, 0.2: 0.1, 0.25: 1.0, 5.0: 1.0, 5.4: 2.0, 100.0: 4.0}
+    falls = {0.0: 0.01, 0.2: 0.1, 0.25: 1.0, 5.0: 1.0, 5.4: 2.0, 100.0: 4.0}
     assert {fall: fitting_speed(fall) for fall in falls} == falls
 
 
