@@ -544,20 +544,20 @@ class IslandEnergies:
         """bodies : `Bodies`, at the start of the step; links : (2, L), columns that touch or are
         tied
         """
-        meshes = [bodies.meshes[b] for b in motion.moving]
-        self._motion, self._mass = motion, np.array([m.mass for m in meshes])
-        tensors = np.array([m.IT.ravel() for m in meshes]).T
-        start = take(bodies.velocity, motion.moving, axis=1)
-        orientations = take(bodies.orientation, motion.moving, axis=1), motion.orientations(bodies)
+        moving = motion.moving
+        self._motion, self._mass = motion, np.array([bodies.meshes[b].mass for b in moving])
+        tensors, start = take(bodies.inertias(), moving, 1), take(bodies.velocity, moving, 1)
+        atEnd = np.stack(rotation_matrices(motion.orientations(bodies)))
         self._inertia, atEnd = (
-            np.stack(rotate_tensor(np.stack(rotation_matrices(q)), tensors)) for q in orientations
+            np.stack(rotate_tensor(rotation, tensors))
+            for rotation in (take(bodies.hulls.rotation, moving, 1), atEnd)
         )
         self._limit = 0.5 * self._products(start, start)
         self._limit += self._mass * dot(motion.gravity, motion.shift)[:-1]
         self._inertia = atEnd
         self.free = start.copy()
         self.free[:3] += timeStep * motion.gravity[:, :-1]
-        self._island = islands(links, np.ones(len(meshes), dtype=bool))
+        self._island = islands(links, np.ones(len(moving), dtype=bool))
         # kinematic bodies and torques do work
         isWorking = (motion.invMass == 0.0) | motion.spinUp.any(axis=0)
         self._works = np.bincount(self._island, isWorking[:-1]) > 0.0

@@ -332,15 +332,19 @@ class Bodies:
 
     def tumbling_velocities(self, timeStep):
         """`(mean, end)` (3, n) each, see `torque_free_velocities`."""
-        inertia = _columns(self.meshes, "IT", 9)
+        inertia = self.inertias()
         state = self.angVelocity, self.orientation, inertia, self.restInvInertia
         both = torque_free_velocities(*state, timeStep)
         return [np.where(self.isFixed, self.angVelocity, np.stack(one)) for one in both]
 
+    def inertias(self):
+        """Inertia tensors (9, n) in the bodies' frames."""
+        return _columns(self.meshes, "IT", 9)
+
     def angular_momenta(self):
         """Angular momenta (3, n) about the COMs, in world axes."""
         rotation = rotation_matrices(self.orientation)
-        inertia = rotate_tensor(rotation, _columns(self.meshes, "IT", 9))
+        inertia = rotate_tensor(rotation, self.inertias())
         return np.stack(mat_vec(inertia, self.angVelocity))
 
     def set_angular_momenta(self, momenta):
