@@ -35,11 +35,11 @@ import style
 
 FOLDER = Path(__file__).resolve().parent
 FIGURES, NUMBERS = FOLDER / "figures", FOLDER / "numbers.json"
-STILLS = ["still_heap", *(f"still_{name}" for name, pair in shots.PAIRS.items() if pair.still)]
+STILLS = [f"still_{name}" for name in shots.STILLS]
 VIDEOS = [f"video_{name}" for name in shots.PAIRS]
-TIMED = ("parts", "engines", "choice")
+TIMED = ("growth", "schedules", "engines")
 EXPERIMENTS = (*laws.PANELS, *laws.SILENT)
-MOST_PAGES, MOST_WORDS = 3, 1700
+MOST_PAGES, MOST_WORDS = 3, 1600
 assert scaling  # registers experiments
 
 
