@@ -86,12 +86,23 @@ def run_parts(names, isDrawn=True):
     return numbers, failed
 
 
+# What the text has besides words: comments, settings, formulas, references, table code, units.
+CODE = (
+    r"//[^\n]*|^#(let|import|show|set)[^\n]*|^    \[#f\(100[^\n]*",
+    r"#formula\(\$.*?\$\)|\$[^$]*\$",
+    r"@\w+|#\w[\w.]*(\([^()]*\))?|\.\.(row|part)\(\"?\w*|\bto\([\w.]+",
+    r"\"[^\"]*\"|\b\w+(\.\w+)*\([^()\[\]]*\)|\d(pt|cm|em)\b",
+    r"\b(kind|scope|float|clearance|columns|align|stroke|inset|position|supplement|caption): *\w*"
+    r"|\b(top|bottom|auto), |(left|right)(, (left|right))+",
+)
+
+
 def words(text):
-    """Number of words of running text in report.typ: captions and table, no code and formulas."""
-    text = re.sub(r"//[^\n]*|^#(let|import|show|set)[^\n]*", " ", text, flags=re.MULTILINE)
-    text = re.sub(r"#formula\(\$.*?\$\)|\$[^$]*\$", " x ", text, flags=re.DOTALL)
-    text = re.sub(r"@\w+|#\w[\w.]*(\([^()]*\))?", " x ", text)
-    return len(re.findall(r"[A-Za-z’'-]{2,}", re.sub(r"\"[^\"]*\"", " ", text)))
+    """Number of words of running text in report.typ, with captions and tables."""
+    for pattern in CODE:
+        flags = re.DOTALL if "formula" in pattern else re.MULTILINE
+        text = re.sub(pattern, " ", text, flags=flags)
+    return len(re.findall(r"[A-Za-z’'-]{2,}", text))
 
 
 def typeset():

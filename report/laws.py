@@ -144,34 +144,35 @@ def settings():
 def contact(axis):
     """Diagram of a corner contact: centres, arms, normal, impulses and friction."""
     axis.axis("off")
-    axis.set(xlim=(-0.3, 10.6), ylim=(-0.2, 8.2), aspect="equal")
+    axis.set(xlim=(0, 15.5), ylim=(-0.1, 6.9), aspect="equal")
 
     def square(corner, angle, width, height, colour):
         turned = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
         corners = corner + np.array([(0, 0), (width, 0), (width, height), (0, height)]) @ turned
-        axis.fill(*corners.T, facecolor=colour, edgecolor="0.3", linewidth=0.6, alpha=0.55)
+        axis.fill(*corners.T, facecolor=colour, edgecolor="0.3", linewidth=0.6, alpha=0.5)
         return corners.mean(axis=0)
 
-    def arrow(start, end, name, place, colour, width=1.2):
+    def arrow(start, shift, name, place, colour, width=1.0):
         options = {"arrowstyle": "-|>", "color": colour, "linewidth": width, "mutation_scale": 7}
-        axis.annotate("", end, start, arrowprops=options | {"shrinkA": 0, "shrinkB": 0})
-        axis.text(*place, name, color=colour, fontsize=8, ha="center", va="center")
+        options |= {"shrinkA": 0, "shrinkB": 0}
+        axis.annotate("", np.add(start, shift), start, arrowprops=options)
+        axis.text(*np.add(start, place), name, color=colour, fontsize=8, ha="center", va="center")
 
-    q = np.array([4.6, 3.0])
-    first = square((0.2, 0.2), 0.0, 8.4, 2.8, style.ORANGE)
-    second = square(q, 0.5, 4.6, 2.7, style.SKY)
-    for name, place, shift in (("$x_1$", first, (0.55, -0.45)), ("$x_2$", second, (0.55, 0.35))):
+    q = np.array([8.6, 2.9])
+    first = square((1.2, 0.1), 0.0, 9.4, 2.8, style.ORANGE)
+    second = square(q, 0.3, 5.2, 2.3, style.SKY)
+    for name, place, shift in (("$x_1$", first, (-0.2, 0.55)), ("$x_2$", second, (0.55, 0.3))):
         axis.plot(*place, "o", color=style.BLACK, markersize=2.5)
         axis.text(*np.add(place, shift), name, fontsize=8, ha="center", va="center")
-    arrow(first, q, "$r_1$", (4.0, 2.15), style.BLACK, 0.8)
-    arrow(second, q, "$r_2$", (5.9, 3.95), style.BLACK, 0.8)
-    arrow(q, q + [0, 3.6], "$j n$", q + [-0.75, 3.2], style.BLUE)
-    arrow(q, q - [0, 2.4], "$-j n$", q + [0.75, -2.15], style.BLUE)
-    arrow(q, q + [-2.7, 0], r"$-j_\tau \tau$", q + [-2.3, 0.5], style.VERMILION)
-    arrow(q + [3.3, 0], q + [5.0, 0], "sliding", q + [4.2, 0.5], style.GREY, 0.8)
-    arrow(q, q + [0, 1.5], "$n$", q + [-0.45, 1.3], style.GREEN, 1.6)
+    arrow(first, q - first, "$r_1$", (1.9, 0.25), style.BLACK, 0.7)
+    arrow(second, q - second, "$r_2$", (-0.3, -0.9), style.BLACK, 0.7)
+    arrow(q, (0, 3.4), "$j n$", (-0.75, 3.0), style.BLUE)
+    arrow(q, (0, -2.6), "$-j n$", (0.95, -2.2), style.BLUE)
+    arrow(q, (-2.9, 0), r"$-j_\tau \tau$", (-2.4, 0.6), style.VERMILION)
+    arrow(q, (0, 1.4), "$n$", (-0.5, 1.2), style.GREEN, 1.6)
+    arrow((12.3, 1.6), (2.4, 0), r"sliding, $\tau$", (1.1, -0.65), style.GREY, 0.8)
     axis.plot(*q, "o", color=style.BLACK, markersize=2.5)
-    axis.text(*(q + [-0.5, -0.42]), "$q$", fontsize=8, ha="center", va="center")
+    axis.text(*(q + [0.5, -0.5]), "$q$", fontsize=8, ha="center", va="center")
 
 
 # --------------------------------------------------------------------------------------------------
@@ -236,12 +237,9 @@ def stack(axis):
             depths.append(overlap_of(meshes))
         shown = np.array(depths[:STACK_STEPS]) / (G * h * h)
         axis.plot(shown, color=colour)
-        # all curves begin alike, so names stand where they have parted
         ends.append(depths[STACK_STEPS - 1])
         atEqualTime.append(depths[-1])
-    names = [f"h = {h:g} s" for h in STEPS]
-    for k, (name, colour) in enumerate(zip(names, COLOURS, strict=True)):
-        axis.text(0.04, 0.93 - 0.12 * k, name, color=colour, fontsize=7, transform=axis.transAxes)
+    style.name_lines(axis, {f"h = {h:g} s": one for h, one in zip(STEPS, COLOURS, strict=True)})
     axis.set(xlabel="steps", ylabel="overlap / gh²", xlim=(0, STACK_STEPS), ylim=(0, None))
     soft, meshes, reverse = stacked(), stacked(), stacked()
     finish(run(soft, STACK_STEPS, **SOFT))
@@ -638,7 +636,7 @@ def slope(axis):
     soft = [slide(angle, **SOFT, sleeping=False) for angle in angles]
     speeds = np.array(soft) / SLIDE_SECONDS / (G * H)
     axis.plot(angles, speeds, "^-", color=style.GREEN)
-    axis.annotate("soft step", (5, 0.12), color=style.GREEN, fontsize=7)
+    axis.annotate("soft step", (5, 0.22), color=style.GREEN, fontsize=7)
     critical = math.degrees(math.atan(MU))
     axis.axvline(critical, color=style.GREY, linewidth=0.8, linestyle=":")
     axis.annotate(

@@ -56,15 +56,19 @@ def pairs(axis):
     heaps = [heap(count, HEAP_STEP, contactScheduling="batches") for count in PAIR_SIZES]
     rows = np.array([pairs_tested(one.meshes) for one in heaps])
     n = np.array(PAIR_SIZES)
-    for values, colour, mark, label, place in (
-        (n * (n - 1) / 2, style.BLACK, ":", "all pairs", (110, 4e5)),
-        (rows[:, 1], style.VERMILION, "^-", "one sorted axis", (550, 3.2e5)),
-        (rows[:, 0], style.BLUE, "s-", "grid", (1500, 4.6e3)),
-        (rows[:, 2], style.GREEN, "o--", "overlapping", (420, 250)),
+    names = {}
+    for values, colour, mark, label in (
+        (n * (n - 1) / 2, style.BLACK, ":", "all pairs"),
+        (rows[:, 1], style.VERMILION, "^-", "one sorted axis"),
+        (rows[:, 0], style.BLUE, "s-", "grid"),
+        (rows[:, 2], style.GREEN, "o--", "overlapping"),
     ):
         axis.loglog(n, values, mark, color=colour)
-        axis.annotate(label, place, color=colour, fontsize=7)
-    axis.set(xlabel="bodies", ylabel="pairs of boxes tested", ylim=(60, 6e6))
+        names[label] = colour
+    style.name_lines(axis, names)
+    axis.set(
+        xlabel="bodies", ylabel="pairs of boxes tested", ylim=(60, 3e9), yticks=[1e2, 1e4, 1e6]
+    )
     tested, along, overlapping = rows[PAIR_SIZES.index(HEAP)]
     start = pairs_tested(heap(HEAP).meshes)
     return {
@@ -83,14 +87,19 @@ SAME_BODIES, SAME_STEPS = 200, 100
 
 @silent
 def bits():
-    """Largest difference between grid and loop; when the same heap in another order is 1 m away."""
-    loop, grid = heap(SAME_BODIES), heap(SAME_BODIES, contactScheduling="batches")
+    """Largest difference from the loop; when the same heap in another order is 1 m away."""
+    loop, *others = (
+        heap(SAME_BODIES, **one)
+        for one in ({}, {"broadPhase": "grid"}, {"contactScheduling": "batches"})
+    )
     difference = 0.0
     for _ in range(SAME_STEPS):
         loop.step()
-        grid.step()
-        states = loop.state(), grid.state()
-        difference = max(difference, *(abs(states[0][k] - states[1][k]).max() for k in states[0]))
+        state = loop.state()
+        for other in others:
+            other.step()
+            rows = other.state()
+            difference = max(difference, *(abs(state[key] - rows[key]).max() for key in state))
     forward, backward = (heap(SAME_BODIES, contactScheduling="batches") for _ in range(2))
     bodies = list(backward.meshes)
     backward.meshes.reverse()
@@ -206,14 +215,8 @@ def growth(axis):
     """Milliseconds per step of a collapsing heap: loop, grid, batches, soft step."""
     steps = {int(n): row for n, row in read_times()["steps"].items()}
     draw_times(axis, steps, WAYS, list)
-    axis.set(ylim=(0.3, 600), xlim=(3, 9000))
-    for name, place in (
-        ("loop", (150, 150)),
-        ("grid", (900, 45)),
-        ("batches", (5.0, 0.5)),
-        ("soft step", (4.0, 5.5)),
-    ):
-        axis.annotate(name, place, color=WAYS[name][0], fontsize=7)
+    axis.set(ylim=(0.3, 3e4), xlim=(3, 9000), yticks=[1, 10, 100, 1000])
+    style.name_lines(axis, {name: colour for name, (colour, _) in WAYS.items()})
     most, looped = max(steps), max(n for n, row in steps.items() if "loop" in row)
     numbers = {"most": most, "looped": looped, "least": min(steps)}
     for name, key in zip(WAYS, ("loop", "grid", "batches", "soft"), strict=True):
@@ -236,15 +239,14 @@ def schedules(axis):
     for k, (kind, colour) in enumerate(zip(SCHEDULES, colours, strict=True)):
         medians = [times[name][kind][1] / times[name]["sweep"][1] for name in SCENES]
         axis.bar(np.arange(len(SCENES)) + 0.27 * (k - 1), medians, width=0.25, color=colour)
-        # above the first scene, where there is room
-        axis.text(1.3, 1.93 - 0.17 * k, kind, color=colour, fontsize=7)
         for name in SCENES:
             numbers.setdefault(name, {})[kind] = times[name][kind][1]
     for row in numbers.values():
         row["gained"] = 100 * (1 - row["queue"] / row["sweep"])
         row["batchesGain"] = row["sweep"] / row["batches"]
+    style.name_lines(axis, dict(zip(SCHEDULES, colours, strict=True)))
     axis.set_xticks(range(len(SCENES)), list(SCENES.values()), fontsize=7)
-    axis.set(ylabel="time / time of the sweep", ylim=(0, 2.1))
+    axis.set(ylabel="relative time", ylim=(0, 1.75))
     axis.grid(False)
     return numbers
 
@@ -272,15 +274,10 @@ def engines(axis):
                 own[key] = rows[n][name]["ms"][1]
                 own[f"{key}Overlap"] = 100 * rows[n][name]["overlap"]
                 own[f"{key}Speed"] = 100 * rows[n][name]["speed"]
-    axis.set(ylim=(1, 2e3), xlim=(150, 9000))
+    axis.set(ylim=(1, 3e4), xlim=(150, 9000), yticks=[1, 10, 100, 1000])
     axis.set_xticks(list(sizes.values()), list(map(str, sizes.values())))
     axis.minorticks_off()
-    for name, place in (
-        ("soft step", (1500, 10)),
-        ("PyBullet", (170, 11)),
-        ("MuJoCo, CG", (170, 22)),
-        ("MuJoCo", (260, 420)),
-    ):
-        text = {"MuJoCo": "MuJoCo Newton", "MuJoCo, CG": "MuJoCo CG"}.get(name, name)
-        axis.annotate(text, place, color=ENGINES[name][0], fontsize=7)
+    names = {name: colour for name, (colour, _) in ENGINES.items()}
+    axis.text(1150, 450, "MuJoCo, Newton", color=names.pop("MuJoCo"), fontsize=7)
+    style.name_lines(axis, names)
     return numbers

@@ -50,7 +50,7 @@ RATE = 25
 VERMILION, GREEN, DARK, PAPER = (213, 94, 0), (0, 130, 95), (40, 43, 48), (255, 255, 255)
 LABELS = (("basic step", VERMILION), ("soft step", GREEN))
 BAND = 0.075  # height of the band of words, as a fraction of a half's width
-HALF = (640, 672)  # of a video, without the band
+HALF = (640, 592)  # of a video, without the band
 
 
 class Camera(NamedTuple):
@@ -174,13 +174,13 @@ PAIRS = {
     "pyramid": Pair(
         partial(scene, "pyramid", **RESTING),
         along_row,
-        Camera((96, 64, 350), (0, 43, 0), 31),
+        Camera((96, 64, 350), (0, 44, 0), 37),
         top_of_pyramid,
         0,
         300,
         4,
         140,
-        (1000, 560),
+        (1000, 440),
     ),
 }
 
@@ -303,7 +303,7 @@ def strobe():
     image = Image.fromarray(picture)
     draw, font = ImageDraw.Draw(image), ImageFont.load_default(34)
     for lane, label in zip(LANES, LABELS, strict=True):
-        x, y = STROBE_CAMERA.pixel((1.3, 0.0, lane + 0.9), STROBE)
+        x, y = STROBE_CAMERA.pixel((2.2, 0.0, lane + 1.75), STROBE)
         draw.text((x, y), label[0], label[1], font, anchor="lm")
     return np.asarray(image)
 

@@ -14,7 +14,7 @@ CENTIMETRE = 1 / 2.54
 # Width and height of a panel, and those of the diagram.
 QUARTER, SIZES = (
     (4.4 * CENTIMETRE, 4.0 * CENTIMETRE),
-    {"contact": (6.0 * CENTIMETRE, 4.5 * CENTIMETRE)},
+    {"contact": (8.2 * CENTIMETRE, 3.7 * CENTIMETRE)},
 )
 # Typst sets the text of plots in the report's own type; this one has the nearest widths.
 MEASURED_TYPE, TYPE = "STIXGeneral", "New Computer Modern"
@@ -45,6 +45,17 @@ SETTINGS = {
     "svg.hashsalt": "rigid bodies",
     "svg.fonttype": "none",
 }
+
+
+def name_lines(axis, names, place=(0.04, 0.95)):
+    """Writes the names of lines, text → colour, one below the other.
+
+    place : of the first one's upper left corner, as fractions of the panel
+    """
+    x, y = place
+    for k, (name, colour) in enumerate(names.items()):
+        at = {"transform": axis.transAxes, "va": "top", "fontsize": 7}
+        axis.text(x, y - 0.115 * k, name, color=colour, **at)
 
 
 def draw(function, path):
