@@ -88,9 +88,9 @@ def run_parts(names, isDrawn=True):
 
 # What the text has besides words: comments, settings, formulas, references, table code, units.
 CODE = (
-    r"//[^\n]*|^#(let|import|show|set)[^\n]*|^    \[#f\(100[^\n]*",
+    r"//[^\n]*|^#(let|import|show|set)[^\n]*",
     r"#formula\(\$.*?\$\)|\$[^$]*\$",
-    r"@\w+|#\w[\w.]*(\([^()]*\))?|\.\.(row|part)\(\"?\w*|\bto\([\w.]+",
+    r"@\w+|#\w[\w.]*(\([^()]*\))?|\.\.(row|part)\([\w.]*|\bto\([\w.]+",
     r"\"[^\"]*\"|\b\w+(\.\w+)*\([^()\[\]]*\)|\d(pt|cm|em)\b",
     r"\b(kind|scope|float|clearance|columns|align|stroke|inset|position|supplement|caption): *\w*"
     r"|\b(top|bottom|auto), |(left|right)(, (left|right))+",

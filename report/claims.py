@@ -103,10 +103,10 @@ CLAIMS = [
     Claim("Cure", "bounces are no better", "bounce.cured", ">", 0.53),
     Claim("Cure", "but with the basic step and h/6", "bounce.sixth", "<", 0.51),
     Claim("Cure", "small steps alone: still a sixth of the sway", "ablation.small.sway", ">", 1),
-    Claim("Cure", "and a sixth of the creep / m", "ablation.small.creep", ">", 0.1),
+    Claim("Cure", "and a sixth of the creep / cm", "ablation.small.creep", ">", 10),
     Claim("Cure", "and the tall stack falls / m", "ablation.small.sink", ">", 20),
     Claim("Cure", "shared contacts alone stop rocking / (°/s)", "ablation.shared.sway", "<", 0.01),
-    Claim("Cure", "and creep / m", "ablation.shared.creep", "<", 0.001),
+    Claim("Cure", "and creep / cm", "ablation.shared.creep", "<", 0.1),
     Claim("Cure", "but the tall stack sinks / m", "ablation.shared.sink", ">", 1),
     Claim("Cure", "with both it does not / m", "ablation.both.sink", "<", 0.1),
     Claim("Cure", "the stack of twenty stands: sinks / cm", "standing.stackSoft", "<", 10),
@@ -141,6 +141,10 @@ CLAIMS = [
     slower("and MuJoCo with CG", "MuJoCoCG.middle", ">", "middle"),
     slower("at 5000, so is MuJoCo with CG", "MuJoCoCG.most", ">", "most"),
     slower("at 200, PyBullet is faster", "PyBullet.least", "<", "least"),
+    slower("its overlap is not the larger / cm", "PyBullet.middleOverlap", ">", "middleOverlap"),
+    slower("nor its speed / (cm/s)", "PyBullet.middleSpeed", ">", "middleSpeed"),
+    slower("MuJoCo overlaps more / cm", "MuJoCoCG.middleOverlap", ">", "middleOverlap"),
+    slower("and is faster / (cm/s)", "MuJoCoCG.middleSpeed", ">", "middleSpeed"),
     Claim("Limits", "a box on a thousandth of it sinks in / cm", "ratios.thousandSoft", ">", 10),
     Claim(
         "Limits", "more than on a hundredth / cm", "ratios.thousandSoft", ">", "ratios.hundredSoft"

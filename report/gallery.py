@@ -58,9 +58,9 @@ def by_shape(meshes):
 
 def in_brick(meshes):
     """Brick reds for boxes, iron for the ball, steel for its chain."""
-    own = {"ball": IRON, "octahedron": STEEL}
+    own, some = {"ball": IRON, "octahedron": STEEL}, np.random.default_rng(3)
     kinds = [mesh.name.split()[0] for mesh in meshes]
-    return rgb(own.get(kind, BRICKS[5 * k * k % 6]) for k, kind in enumerate(kinds))
+    return rgb(own.get(kind, BRICKS[some.integers(len(BRICKS))]) for kind in kinds)
 
 
 def in_stone(meshes):
@@ -150,7 +150,7 @@ PICTURES = {
         "wrecking_ball", 282, colours=in_brick, camera=((-23, 4.5, 17.5), (4.5, 12.5, -1), 47)
     ),
     "net": Shot("net", 140),
-    "pile": Shot("pile_200", 150, colours=by_shape, camera=((113, 74, 244), (3, 6, 0), 31)),
+    "pile": Shot("pile_200", 150, colours=by_shape, camera=((108, 74, 246), (-2, 6, 0), 31)),
     "stress": Shot(
         "stress",
         160,
@@ -183,7 +183,7 @@ class Film(NamedTuple):
 WIDE_WALL, WIDE_BALL = ((-28, 12, -118), (0, 26, 6), 38), ((-34, 9, 48), (2, 15, 0), 40)
 VIDEOS = {
     "wall.mp4": Film(PICTURES["wall"]._replace(step=210, camera=WIDE_WALL), 460, 2),
-    "dominoes.mp4": Film(PICTURES["dominoes"]._replace(step=150), 1150, 8),
+    "dominoes.mp4": Film(PICTURES["dominoes"]._replace(step=150), 1480, 8),
     "wrecking_ball.gif": Film(
         PICTURES["wrecking_ball"]._replace(step=190, camera=WIDE_BALL), 360, 4, (480, 270), 12.5
     ),

@@ -715,7 +715,7 @@ TALL, TALL_SECONDS = 20, 10
 
 @silent
 def ablation():
-    """Rocking, creep, overlap and sinking, with small steps and shared contacts apart."""
+    """Rocking in °/s, creep, overlap in cm, sinking in m: small steps and shared contacts apart."""
     numbers = {"tall": TALL, "seconds": TALL_SECONDS}
     for name, (h, options) in PARTS.items():
         awake = options | {"sleeping": False} if options else {}
@@ -726,8 +726,8 @@ def ablation():
         top = max(mesh.position[0, 1] for mesh in stacks[1])
         numbers[name] = {
             "sway": rocking(h, **awake)[0],
-            "creep": slide(GENTLE, h, **awake),
-            "overlap": overlap_of(stacks[0]),
+            "creep": 100 * slide(GENTLE, h, **awake),
+            "overlap": 100 * overlap_of(stacks[0]),
             "sink": float(BOX[1] * (TALL - 0.5) - top),
         }
     return numbers
@@ -745,6 +745,17 @@ def ratios():
             finish(run(meshes, round(5.0 / H), e=0.0, mu=0.5, **options))
             numbers[name + key] = 100 * overlap_of(meshes)
             numbers[f"{name}{key}Height"] = float(heavy.position[0, 1])
+    return numbers
+
+
+@silent
+def sleepers():
+    """Speed in cm/s left after 10 s to boxes that slide without friction, asleep or not."""
+    numbers = {}
+    for name, speed, options in (("slow", 0.01, {}), ("awake", 0.01, {"sleeping": False})):
+        mesh = throw(box(BOX, (0, BOX[1] / 2, 0)), (speed, 0, 0))
+        finish(run([mesh], round(10.0 / H), e=0.0, **SOFT, **options))
+        numbers |= {name: 100 * float(mesh.linVelocity[0, 0]), "speed": 100 * speed}
     return numbers
 
 

@@ -363,6 +363,7 @@ def videos():
                 first = step + 1
         numbers[name] = max(0, math.ceil((first - pair.first) / pair.every / RATE))
     numbers |= {"rampAngle": RAMP, "rampSeconds": RAMP_SECONDS}
+    numbers |= {"rampLeast": min(RAMP_FRICTION), "rampMost": max(RAMP_FRICTION)}
     return numbers
 
 
