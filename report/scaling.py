@@ -278,6 +278,6 @@ def engines(axis):
     axis.set_xticks(list(sizes.values()), list(map(str, sizes.values())))
     axis.minorticks_off()
     names = {name: colour for name, (colour, _) in ENGINES.items()}
-    axis.text(1150, 450, "MuJoCo, Newton", color=names.pop("MuJoCo"), fontsize=7)
+    axis.text(1150, 450, "Newton", color=names.pop("MuJoCo"), fontsize=7)
     style.name_lines(axis, names)
     return numbers
